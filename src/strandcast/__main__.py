@@ -1,0 +1,5 @@
+"""`python -m strandcast`."""
+
+from strandcast.cli import main
+
+main()

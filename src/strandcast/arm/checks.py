@@ -1,0 +1,107 @@
+"""What can be wrong with an arm's file, each problem in one sentence."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from strandcast.arm.extract import joints_out_of_order, joints_out_of_plane
+from strandcast.arm.settings import ArmKeys
+from strandcast.arm.urdf import JointLimit
+
+Problem = tuple[str, str, str]  # field, what is wrong, fix
+
+
+def name_problems(keys: ArmKeys, said: dict[str, JointLimit], model: mujoco.MjModel) -> list[Problem]:
+    """Find joints and links that the URDF does not have, or that the file forgets."""
+    found = []
+    for where, names in (("throw.joints", keys.throw.joints), ("throw.held", list(keys.throw.held))):
+        found += [
+            (where, f"the URDF has no moving joint {name!r}", f"one of: {', '.join(said)}")
+            for name in names
+            if name not in said
+        ]
+    both = set(keys.throw.joints) & set(keys.throw.held)
+    found += [("throw.held", f"{name!r} is in throw.joints too", "name it once") for name in sorted(both)]
+    twice = {name for name in keys.throw.joints if keys.throw.joints.count(name) > 1}
+    found += [("throw.joints", f"{name!r} is named twice", "name it once") for name in sorted(twice)]
+    forgotten = [name for name in said if name not in keys.throw.joints and name not in keys.throw.held]
+    found += [
+        ("throw.held", f"joint {name!r} of the URDF neither moves nor is held", f"add `{name} = <rad>`")
+        for name in forgotten
+    ]
+    links = [model.body(b).name for b in range(1, model.nbody)]
+    if keys.clamp.link not in links:
+        found.append(
+            ("clamp.link", f"the URDF has no link {keys.clamp.link!r}", f"one of: {', '.join(links)}")
+        )
+    return found
+
+
+def number_problems(keys: ArmKeys, said: dict[str, JointLimit]) -> list[Problem]:
+    """Find lists of the wrong length, limits that the URDF does not give, ranges upside down."""
+    count = len(keys.throw.joints)
+    lists = {
+        "limits.acceleration_rad_s2": keys.limits.acceleration_rad_s2,
+        "limits.jerk_rad_s3": keys.limits.jerk_rad_s3,
+        "start.position_rad": keys.start.position_rad,
+        "servo.delay_s": keys.servo.delay_s,
+        "servo.natural_frequency_rad_s": keys.servo.natural_frequency_rad_s,
+        "servo.damping_ratio": keys.servo.damping_ratio,
+        "servo.gain": keys.servo.gain,
+    }
+    found = [
+        (where, f"{len(values)} numbers for {count} moving joints", "one number per joint of throw.joints")
+        for where, values in lists.items()
+        if values is not None and len(values) != count
+    ]
+    for name in keys.throw.joints:
+        found += _limit_problems(keys, name, said[name])
+    for where, pair in (("workspace.x_m", keys.workspace.x_m), ("workspace.y_m", keys.workspace.y_m)):
+        if pair[0] >= pair[1]:
+            found.append((where, f"{pair[0]} is not below {pair[1]}", "give the lower end first"))
+    return found
+
+
+def _limit_problems(keys: ArmKeys, name: str, said: JointLimit) -> list[Problem]:
+    where = f"{keys.urdf} <joint name={name!r}> <limit>"
+    if said.kind == "prismatic":
+        return [("throw.joints", f"{name!r} slides", "only turning joints can move in a throw")]
+    missing = [
+        key
+        for key, value in (("velocity", said.velocity_rad_s), ("effort", said.effort_n_m))
+        if value is None
+    ]
+    if said.kind == "revolute":
+        missing += [
+            key for key, value in (("lower", said.lower_rad), ("upper", said.upper_rad)) if value is None
+        ]
+    found = [(where, f"has no {key}", "add it to the URDF; no motion is planned without") for key in missing]
+    room = 2.0 * keys.margins.position_rad
+    if said.kind == "revolute" and not missing and said.upper_rad - said.lower_rad <= room:  # type: ignore[operator]
+        found.append((where, f"leaves no range within margins.position_rad = {room / 2}", "widen it"))
+    return found
+
+
+def geometry_problems(keys: ArmKeys, model: mujoco.MjModel, plane: np.ndarray) -> list[Problem]:
+    """Find a plane that is none, joints that do not turn in it, joints out of order."""
+    if not np.allclose(plane @ plane.T, np.eye(2), atol=1e-6):
+        return [("throw.plane_x, plane_y", "are not at right angles", "give two perpendicular directions")]
+    joints = tuple(keys.throw.joints)
+    found: list[Problem] = [
+        (
+            "throw.joints",
+            f"the axis of {name!r} is {np.degrees(tilt):.1f}° off the plane's normal",
+            "choose joints that are parallel, or mend throw.plane_x, plane_y or throw.held",
+        )
+        for name, tilt in joints_out_of_plane(model, joints, keys.throw.held, plane).items()
+    ]
+    found += [
+        (
+            "throw.joints",
+            f"{name!r} is not on the way from the joint before it to {keys.clamp.link!r}",
+            "name the joints from the base to the hand",
+        )
+        for name in joints_out_of_order(model, joints, keys.clamp.link)
+    ]
+    return found

@@ -1,0 +1,253 @@
+"""Print calibration boards and marker sheets at true size, as PDF (vector) or PNG (with its dpi)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch, Rectangle
+from matplotlib.path import Path as Outline
+
+from strandcast.camera.markers import CharucoBoard, marker_cells, opencv_board
+from strandcast.errors import StrandcastError
+from strandcast.records.files import atomic_write
+
+PAGES_MM = {
+    "A4": (210, 297),
+    "A3": (297, 420),
+    "A2": (420, 594),
+    "A1": (594, 841),
+    "A0": (841, 1189),
+    "letter": (216, 279),
+}
+MARGIN_MM = 12.0
+FOOT_MM = 22.0  # the ruler and the words below the pattern
+QUIET_ZONE_SHARE = 0.2  # white around a marker, of its side: detectors need it
+RULER_MM = 100
+
+
+def write_charuco(
+    board: CharucoBoard, path: str | Path, title: str = "", page: str = "auto", dpi: int = 600
+) -> list[Path]:
+    """Write a ChArUco board at true size and return the files written.
+
+    Parameters
+    ----------
+    board
+        Sizes in metres.
+    path
+        ``.pdf`` (vector) or ``.png`` (with `dpi` in its metadata).
+    title
+        Words printed on the page before the board's facts.
+    page
+        ``A4`` … ``A0``, ``letter``, or ``auto``: the smallest A size that holds it.
+    dpi
+        Resolution of a PNG.
+    """
+    width_mm, height_mm = board.columns * board.square_m * 1e3, board.rows * board.square_m * 1e3
+    figure, axes, page_mm = _page(page, width_mm, height_mm)
+    left, bottom = (page_mm[0] - width_mm) / 2, FOOT_MM + (page_mm[1] - FOOT_MM - height_mm) / 2
+    _fill(axes, charuco_cells_mm(board) + np.array([left, bottom, 0.0, 0.0]))
+    words = (
+        f"{title or 'ChArUco board'}: {board.columns} x {board.rows} squares of {board.square_m * 1e3:g} mm, "
+        f"markers {board.marker_m * 1e3:g} mm, {board.dictionary}, "
+        f"ids 0-{board.columns * board.rows // 2 - 1}" + (", legacy pattern" if board.legacy else "")
+    )
+    _foot(axes, words, page_mm)
+    return _save([figure], Path(path), dpi)
+
+
+def write_markers(
+    ids: Sequence[int],
+    size_m: float,
+    dictionary: str,
+    path: str | Path,
+    title: str = "",
+    page: str = "A4",
+    dpi: int = 600,
+) -> list[Path]:
+    """Write single ArUco markers at true size, as many to a page as fit, each with its id, and cutting lines.
+
+    Several pages become one PDF, or PNG files numbered ``name-1.png``, ``name-2.png`` …
+    Parameters as in `write_charuco`; `size_m` is the side of the black square.
+    """
+    if len(set(ids)) != len(ids) or not ids:
+        raise StrandcastError(
+            "SC-C004",
+            f"marker ids {list(ids)} are empty or hold one twice",
+            field="ids",
+            fix="give each id once",
+        )
+    side_mm = size_m * 1e3
+    pitch_mm = side_mm * (1 + 2 * QUIET_ZONE_SHARE) + 4.0
+    _, _, page_mm = _page(page, pitch_mm, pitch_mm)
+    across = int((page_mm[0] - 2 * MARGIN_MM) // pitch_mm)
+    down = int((page_mm[1] - FOOT_MM - MARGIN_MM) // pitch_mm)
+    figures = []
+    for first in range(0, len(ids), across * down):
+        shown = list(ids[first : first + across * down])
+        figure, axes, _ = _page(page, pitch_mm, pitch_mm)
+        for place, marker in enumerate(shown):
+            centre = np.array(
+                [
+                    MARGIN_MM + pitch_mm * (place % across + 0.5),
+                    page_mm[1] - MARGIN_MM - pitch_mm * (place // across + 0.5),
+                ]
+            )
+            _draw_marker(
+                axes, marker_cells(dictionary, marker), centre, side_mm, pitch_mm, f"{dictionary} id {marker}"
+            )
+        listed = ", ".join(str(marker) for marker in shown)
+        _foot(axes, f"{title or 'ArUco markers'}: {dictionary}, ids {listed}, side {side_mm:g} mm", page_mm)
+        figures.append(figure)
+    return _save(figures, Path(path), dpi)
+
+
+def charuco_cells_mm(board: CharucoBoard) -> np.ndarray:
+    """Return the black rectangles (cells, 4) [mm]: left, bottom, width, height; origin bottom left, y up."""
+    pattern = opencv_board(board)
+    square, height = board.square_m * 1e3, board.rows * board.square_m * 1e3
+    rectangles, white = [], set()
+    for marker, corners in zip(np.asarray(pattern.getIds()).reshape(-1), pattern.getObjPoints(), strict=True):
+        left, top = np.asarray(corners).reshape(4, -1)[0, :2] * 1e3  # the board's y runs down its image
+        white.add((int(left // square), int(top // square)))
+        rectangles += _runs_mm(
+            marker_cells(board.dictionary, int(marker)), left, height - top, board.marker_m * 1e3
+        )
+    for row in range(board.rows):
+        for column in range(board.columns):
+            if (column, row) not in white:
+                rectangles.append((column * square, height - (row + 1) * square, square, square))
+    return np.array(rectangles)
+
+
+def _runs_mm(
+    cells: np.ndarray, left_mm: float, top_mm: float, side_mm: float
+) -> list[tuple[float, float, float, float]]:
+    """Return a marker's black cells, merged along rows, as rectangles."""
+    cell = side_mm / len(cells)
+    rectangles = []
+    for row, line in enumerate(cells):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], line.astype(np.int8), [0]])))
+        for start, stop in edges.reshape(-1, 2):
+            rectangles.append(
+                (left_mm + start * cell, top_mm - (row + 1) * cell, (stop - start) * cell, cell)
+            )
+    return rectangles
+
+
+def _page(page: str, width_mm: float, height_mm: float) -> tuple[Figure, Axes, tuple[float, float]]:
+    """Return an empty page with axes in millimetres that holds a pattern of the given size."""
+    for name, size in _candidates(page):
+        for page_mm in (size, size[::-1]):
+            if width_mm <= page_mm[0] - 2 * MARGIN_MM and height_mm <= page_mm[1] - MARGIN_MM - FOOT_MM:
+                figure = Figure(figsize=(page_mm[0] / 25.4, page_mm[1] / 25.4), facecolor="white")
+                FigureCanvasAgg(figure)
+                axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, page_mm[0]), ylim=(0, page_mm[1]))
+                axes.axis("off")
+                return figure, axes, (float(page_mm[0]), float(page_mm[1]))
+        if page != "auto":
+            raise StrandcastError(
+                "SC-C005",
+                f"a pattern of {width_mm:.0f} x {height_mm:.0f} mm does not fit {name}",
+                field="page",
+                fix="give a larger page, or auto, or smaller squares",
+            )
+    raise StrandcastError(
+        "SC-C005",
+        f"a pattern of {width_mm:.0f} x {height_mm:.0f} mm does not fit A0",
+        field="board",
+        fix="sizes are in metres: 40 mm is 0.04",
+    )
+
+
+def _candidates(page: str) -> Iterator[tuple[str, tuple[int, int]]]:
+    if page != "auto" and page not in PAGES_MM:
+        raise StrandcastError(
+            "SC-C005",
+            f"there is no page {page!r}",
+            field="page",
+            fix=f"use one of auto, {', '.join(PAGES_MM)}",
+        )
+    for name, size in PAGES_MM.items():
+        if page == name or (page == "auto" and name.startswith("A")):
+            yield name, size
+
+
+def _fill(axes: Axes, rectangles_mm: np.ndarray) -> None:
+    """Fill rectangles as one outline: drawn apart, neighbours would show a light seam."""
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
+    points = rectangles_mm[:, None, :2] + corners[None] * rectangles_mm[:, None, 2:]
+    codes = np.tile(
+        [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY], len(points)
+    )
+    axes.add_patch(
+        PathPatch(Outline(points.reshape(-1, 2), codes), facecolor="black", linewidth=0, snap=False)
+    )
+
+
+def _draw_marker(
+    axes: Axes, cells: np.ndarray, centre_mm: np.ndarray, side_mm: float, pitch_mm: float, words: str
+) -> None:
+    left, top = centre_mm[0] - side_mm / 2, centre_mm[1] + side_mm / 2
+    _fill(axes, np.array(_runs_mm(cells, left, top, side_mm)))
+    corner = centre_mm - pitch_mm / 2
+    axes.add_patch(
+        Rectangle((corner[0], corner[1]), pitch_mm, pitch_mm, fill=False, edgecolor="0.75", linewidth=0.3)
+    )
+    axes.text(centre_mm[0], corner[1] + 1.0, words, ha="center", va="bottom", fontsize=5, color="0.4")
+
+
+def _foot(axes: Axes, words: str, page_mm: tuple[float, float]) -> None:
+    """Print the words and a ruler of known length, to be held against a real one."""
+    left, base = (page_mm[0] - RULER_MM) / 2, 11.0
+    axes.plot([left, left + RULER_MM], [base, base], color="black", linewidth=0.5, solid_capstyle="butt")
+    for tick in range(0, RULER_MM + 1, 10):
+        axes.plot(
+            [left + tick] * 2, [base, base + (3.0 if tick % 50 == 0 else 1.5)], color="black", linewidth=0.3
+        )
+    axes.text(
+        page_mm[0] / 2,
+        base - 1.0,
+        f"this ruler is {RULER_MM} mm long: print at 100 %, without fitting to page",
+        ha="center",
+        va="top",
+        fontsize=6,
+    )
+    axes.text(
+        page_mm[0] / 2,
+        base + 4.0,
+        words,
+        ha="center",
+        va="bottom",
+        fontsize=min(7, page_mm[0] / len(words) * 4),
+    )
+
+
+def _save(figures: list[Figure], path: Path, dpi: int) -> list[Path]:
+    if path.suffix.lower() == ".pdf":
+        with atomic_write(path) as temporary, PdfPages(temporary, metadata={"CreationDate": None}) as pages:
+            for figure in figures:
+                pages.savefig(figure)
+        return [path]
+    if path.suffix.lower() != ".png":
+        raise StrandcastError(
+            "SC-C006",
+            f"cannot write a board as {path.suffix or 'a file without suffix'}",
+            file=path,
+            fix="end the file's name in .pdf or .png",
+        )
+    numbered = (
+        [path]
+        if len(figures) == 1
+        else [path.with_name(f"{path.stem}-{number + 1}{path.suffix}") for number in range(len(figures))]
+    )
+    for figure, file in zip(figures, numbered, strict=True):
+        with atomic_write(file) as temporary:
+            figure.savefig(temporary, dpi=dpi, metadata={"Software": None})
+    return numbered

@@ -1,0 +1,105 @@
+"""Pixel to metre and back, through the lens' distortion, for points in the plane or in front of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strandcast.records.camera import Camera, Lens
+
+NEWTON_STEPS = 20
+CONVERGED = 1e-12  # of normalised picture coordinates: about 1e-9 px
+
+
+def metre_to_pixel(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> np.ndarray:
+    """Project points of the motion plane into the picture.
+
+    Parameters
+    ----------
+    camera
+        Lens and pose.
+    xy_m
+        (..., 2), world metres.
+    offset_m
+        Height of the points over the plane of the markers, towards the camera.
+
+    Returns
+    -------
+    ndarray (..., 2)
+        Pixels; NaN behind the camera.
+    """
+    xy_m = np.asarray(xy_m, float)
+    rotation, shift = np.array(camera.rotation), np.array(camera.translation_m)
+    seen = xy_m @ rotation[:, :2].T + rotation[:, 2] * offset_m + shift
+    depth = np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
+    return distort(camera.lens, seen[..., :2] / depth)
+
+
+def pixel_to_metre(camera: Camera, uv_px: np.ndarray, offset_m: float = 0.0) -> np.ndarray:
+    """Return where pixels (..., 2) lie in the motion plane, or `offset_m` in front of it: (..., 2) [m].
+
+    The inverse of `metre_to_pixel`; NaN where the pixel's ray does not meet the plane.
+    """
+    rays = undistort(camera.lens, np.asarray(uv_px, float))
+    rotation, shift = np.array(camera.rotation), np.array(camera.translation_m)
+    directions = rays @ rotation[:2] + rotation[2]
+    eye = -rotation.T @ shift
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = (offset_m - eye[2]) / directions[..., 2:]
+    return np.where(reach > 0, eye[:2] + reach * directions[..., :2], np.nan)
+
+
+def pixel_per_metre(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> np.ndarray:
+    """Return the Jacobian (..., 2, 2) [px/m] of `metre_to_pixel` at points (..., 2): d(u, v) / d(x, y)."""
+    xy_m, step_m = np.asarray(xy_m, float), 1e-5
+    columns = [
+        (metre_to_pixel(camera, xy_m + step, offset_m) - metre_to_pixel(camera, xy_m - step, offset_m))
+        / (2 * step_m)
+        for step in step_m * np.eye(2)
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def metre_per_pixel(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> np.ndarray:
+    """Return the local scale (...) [m/px] at points (..., 2): side of the square that a pixel covers."""
+    return 1.0 / np.sqrt(np.abs(np.linalg.det(pixel_per_metre(camera, xy_m, offset_m))))
+
+
+def distort(lens: Lens, rays: np.ndarray) -> np.ndarray:
+    """Return the pixels (..., 2) of undistorted rays (..., 2) = X/Z, Y/Z."""
+    matrix = np.array(lens.matrix)
+    return _bend(np.array(lens.distortion), rays)[0] @ matrix[:2, :2].T + matrix[:2, 2]
+
+
+def undistort(lens: Lens, uv_px: np.ndarray) -> np.ndarray:
+    """Return the undistorted rays (..., 2) of pixels (..., 2), by Newton's method; NaN where it fails."""
+    matrix = np.array(lens.matrix)
+    wanted = (uv_px - matrix[:2, 2]) @ np.linalg.inv(matrix[:2, :2]).T
+    rays = wanted.copy()
+    coefficients = np.array(lens.distortion)
+    for _ in range(NEWTON_STEPS):
+        bent, slope = _bend(coefficients, rays)
+        miss = wanted - bent
+        if not np.nanmax(np.abs(miss), initial=0.0) > CONVERGED:
+            break
+        determinant = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
+        step_x = (slope[..., 1, 1] * miss[..., 0] - slope[..., 0, 1] * miss[..., 1]) / determinant
+        step_y = (slope[..., 0, 0] * miss[..., 1] - slope[..., 1, 0] * miss[..., 0]) / determinant
+        rays = rays + np.stack([step_x, step_y], axis=-1)
+    off = np.abs(wanted - _bend(coefficients, rays)[0]).max(axis=-1, keepdims=True)
+    return np.where(off < 1e3 * CONVERGED, rays, np.nan)
+
+
+def _bend(coefficients: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Apply OpenCV's k1, k2, p1, p2, k3 to rays (..., 2); return them and the slope (..., 2, 2)."""
+    k1, k2, p1, p2, k3 = coefficients
+    x, y = rays[..., 0], rays[..., 1]
+    square = x * x + y * y
+    radial = 1.0 + square * (k1 + square * (k2 + square * k3))
+    radial_slope = k1 + square * (2.0 * k2 + square * 3.0 * k3)  # d radial / d square
+    bent_x = x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x)
+    bent_y = y * radial + p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y
+    cross = 2.0 * x * y * radial_slope + 2.0 * p1 * x + 2.0 * p2 * y
+    slope_x = radial + 2.0 * x * x * radial_slope + 2.0 * p1 * y + 6.0 * p2 * x
+    slope_y = radial + 2.0 * y * y * radial_slope + 6.0 * p1 * y + 2.0 * p2 * x
+    slope = np.stack([np.stack([slope_x, cross], -1), np.stack([cross, slope_y], -1)], -2)
+    return np.stack([bent_x, bent_y], axis=-1), slope

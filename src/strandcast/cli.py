@@ -1,0 +1,169 @@
+"""The command line: a thin door to the same functions that the rules call."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from strandcast.errors import INTERRUPTED, StrandcastError
+
+# Heavy imports live inside the commands: `strandcast judge` must not pay for OpenCV.
+
+app = typer.Typer(
+    name="strandcast",
+    help="From raw high-speed video and a robot log to fitted string physics, the next throw, and a report.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+bring = typer.Typer(help="Bring in data that was measured elsewhere.", no_args_is_help=True)
+app.add_typer(bring, name="import")
+
+ROOT = Path()
+
+ExperimentName = Annotated[str, typer.Argument(metavar="EXPERIMENT", help="Its folder's name under data/.")]
+TrialNumber = Annotated[int, typer.Argument(metavar="TRIAL", min=1, max=99, help="Counted from 1.")]
+
+
+def main() -> None:
+    """Run a command; a user's error is one message and an exit code, never a traceback."""
+    try:
+        app()
+    except StrandcastError as error:
+        print(error, file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
+
+
+@app.command()
+def run(
+    experiments: Annotated[list[str] | None, typer.Argument(metavar="[EXPERIMENT]...")] = None,
+    cores: Annotated[int, typer.Option(min=1, help="Processor cores to use.")] = 2,
+) -> None:
+    """Make the reports of experiments, and everything that they need (default: all under data/)."""
+    from strandcast.workflow import run_experiments
+
+    sys.exit(run_experiments(ROOT, experiments or [], cores))
+
+
+@app.command()
+def check(experiment: ExperimentName) -> None:
+    """Check an experiment's file and its arm's file, before anything runs."""
+    from strandcast.arm.load import load_arm
+    from strandcast.experiment import find_arm, find_experiment, load_experiment
+
+    path = find_experiment(experiment, ROOT)
+    settings = load_experiment(path)
+    arm = load_arm(find_arm(settings, path, ROOT))
+    print(
+        f"{path}: fine; string of {settings.string.length_m} m as {settings.string.n} points, arm {arm.name}"
+    )
+
+
+@app.command()
+def setup(experiment: ExperimentName) -> None:
+    """Let the lab photograph its calibration boards."""
+    from strandcast.stages import setup as stage
+
+    stage.run(ROOT, experiment)
+
+
+@app.command()
+def throw(experiment: ExperimentName, trial: TrialNumber) -> None:
+    """Let the lab play a planned motion and film the throw."""
+    from strandcast.stages import throw as stage
+
+    stage.run(ROOT, experiment, trial)
+
+
+@app.command()
+def ingest(experiment: ExperimentName, trial: TrialNumber) -> None:
+    """Hash and count the raw files of a trial."""
+    from strandcast.stages import ingest as stage
+
+    stage.run(ROOT, experiment, trial)
+
+
+@app.command()
+def calibrate(experiment: ExperimentName) -> None:
+    """Calibrate the lens and the plane of motion."""
+    from strandcast.stages import calibrate as stage
+
+    stage.run(ROOT, experiment)
+
+
+@app.command()
+def track(experiment: ExperimentName, trial: TrialNumber) -> None:
+    """Track the string of a trial as mass points."""
+    from strandcast.stages import track as stage
+
+    stage.run(ROOT, experiment, trial)
+
+
+@app.command()
+def align(experiment: ExperimentName, trial: TrialNumber) -> None:
+    """Set the camera's clock by the robot's."""
+    from strandcast.stages import align as stage
+
+    stage.run(ROOT, experiment, trial)
+
+
+@app.command()
+def supply(experiment: ExperimentName, trial: TrialNumber) -> None:
+    """Take in a track and an alignment that were measured elsewhere."""
+    from strandcast.stages import supply as stage
+
+    stage.run(ROOT, experiment, trial)
+
+
+@app.command()
+def judge(experiment: ExperimentName, trial: TrialNumber) -> None:
+    """Tell by how much the tip missed the target."""
+    from strandcast.stages import judge as stage
+
+    stage.run(ROOT, experiment, trial)
+
+
+@app.command()
+def estimate(experiment: ExperimentName, trial: TrialNumber) -> None:
+    """Fit the string to the throws so far."""
+    from strandcast.stages import estimate as stage
+
+    stage.run(ROOT, experiment, trial)
+
+
+@app.command()
+def plan(experiment: ExperimentName, trial: TrialNumber) -> None:
+    """Plan the motion of a trial from the trials before it."""
+    from strandcast.stages import plan as stage
+
+    stage.run(ROOT, experiment, trial)
+
+
+@app.command()
+def report(experiment: ExperimentName, trial: TrialNumber) -> None:
+    """Write the page of a trial."""
+    from strandcast.stages import report as stage
+
+    stage.run(ROOT, experiment, trial)
+
+
+@app.command()
+def summary(experiment: ExperimentName) -> None:
+    """Write the page and the summary of an experiment."""
+    from strandcast.stages import summary as stage
+
+    stage.run(ROOT, experiment)
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of experiment.yaml, for editors."""
+    from strandcast.experiment import json_schema
+
+    print(json_schema(), end="")

@@ -1,0 +1,1 @@
+"""Evaluation value, searches and the estimate of a string from its measured throws."""

@@ -1,0 +1,509 @@
+"""experiment.yaml as one typed object; every error names file:line, field and fix, all at once."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic_core import ErrorDetails
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from strandcast.errors import StrandcastError, StrandcastErrors
+from strandcast.string.parameters import PARAMETERS
+
+LARGEST_FILE_BYTES = 1 << 20
+SPACING_M = 0.03  # of the mass points, where `points` is not given
+SCHEMA_FILE = "config/experiment.schema.json"
+NAME = r"^[a-z0-9][a-z0-9-]{0,63}$"
+
+Length = Annotated[float, Field(gt=0, le=5)]
+Place = Annotated[float, Field(ge=0, le=5)]
+Position = Annotated[float, Field(ge=-10, le=10)]
+
+
+class Section(BaseModel):
+    """A group of settings; unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Weight(Section):
+    """A weight at a known place on the string."""
+
+    place_m: Place = Field(description="Distance from the clamp along the string.")
+    mass_kg: Annotated[float, Field(gt=0, le=1)] | None = Field(None, description="If known; a hint only.")
+
+
+class StiffSection(Section):
+    """A stretch of the string that does not bend, e.g. a pipe."""
+
+    from_m: Place
+    to_m: Place
+
+
+class String(Section):
+    """What is known of the string before it is thrown."""
+
+    length_m: Length = Field(description="Free length beyond the clamp, e.g. 0.3.")
+    points: Annotated[int, Field(ge=2, le=100)] | None = Field(
+        None, description="Free mass points n; by default one every 30 mm."
+    )
+    weights: list[Weight] = []
+    stiff_sections: list[StiffSection] = []
+    thickness_m: Annotated[float, Field(gt=0, le=0.05)] | None = Field(
+        None, description="As the camera sees it; found from the video if not given."
+    )
+
+    @property
+    def n(self) -> int:
+        """Return the number of free mass points."""
+        return self.points if self.points is not None else max(2, round(self.length_m / SPACING_M))
+
+    @model_validator(mode="after")
+    def _places_lie_on_the_string(self) -> String:
+        places = [w.place_m for w in self.weights] + [s.to_m for s in self.stiff_sections]
+        if any(place > self.length_m + 1e-9 for place in places):
+            raise ValueError(f"a weight or stiff section lies beyond the string's {self.length_m} m")
+        if any(s.from_m >= s.to_m for s in self.stiff_sections):
+            raise ValueError("a stiff section's from_m must be less than its to_m")
+        return self
+
+
+class Board(Section):
+    """The ChArUco board of the lens photos."""
+
+    squares_x: Annotated[int, Field(ge=3, le=50)] = 7
+    squares_y: Annotated[int, Field(ge=3, le=50)] = 5
+    square_m: Annotated[float, Field(gt=0.001, le=1)] = 0.035
+    marker_m: Annotated[float, Field(gt=0.001, le=1)] = 0.026
+    dictionary: str = "DICT_5X5_100"
+    legacy: bool = Field(False, description="Boards printed by OpenCV before 4.6 with even rows.")
+
+
+class PlaneMarker(Section):
+    """A marker lying in the plane of motion."""
+
+    id: Annotated[int, Field(ge=0, le=1023)]
+    x_m: Position = Field(description="Its centre in the world frame.")
+    y_m: Position
+    angle_rad: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = 0.0
+
+
+class Plane(Section):
+    """The markers that carry the world frame into the picture."""
+
+    dictionary: str = "DICT_4X4_50"
+    size_m: Annotated[float, Field(gt=0.002, le=1)] = 0.08
+    markers: list[PlaneMarker] = []
+
+
+class CameraSettings(Section):
+    """The camera set-up and its calibration files, relative to the experiment's folder."""
+
+    scale: Literal["markers", "arc"] = Field(
+        "markers", description="Metric scale from markers, or from a pendulum's arc and known length."
+    )
+    lens_photos: str = "calibration/lens-*.png"
+    plane_photo: str = "calibration/plane.png"
+    board: Board = Board()
+    plane: Plane = Plane()
+    string_offset_m: Annotated[float, Field(ge=-1, le=1)] = Field(
+        0.0, description="How far the string's plane lies before the markers' plane, towards the camera."
+    )
+    frame_rate_hz: Annotated[float, Field(gt=1, le=1e6)] | None = Field(
+        None, description="True rate, where the file's header lies (slow-motion exports)."
+    )
+
+
+class TrackSettings(Section):
+    """The tracker's few settings; what is not given is found from the video and written down."""
+
+    hand: Literal["marker", "pivot"] = "marker"
+    background_frames: Annotated[int, Field(ge=5, le=500)] = 40
+    polarity: Literal["auto", "bright", "dark"] = "auto"
+
+
+class AlignSettings(Section):
+    """The fit of the camera's clock to the robot's."""
+
+    drift_prior: Annotated[float, Field(gt=0, le=0.1)] = Field(
+        5e-5, description="Standard deviation of the clocks' relative drift."
+    )
+    largest_offset_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
+
+
+Ranges = Literal["wide", "paper"] | dict[str, tuple[float, float]]
+
+
+def _known_parameters(names: Iterable[str]) -> None:
+    unknown = [name for name in names if name not in PARAMETERS]
+    if unknown:
+        raise ValueError(f"{unknown[0]!r} is no string parameter; these are: {', '.join(PARAMETERS)}")
+
+
+class PaperSearch(Section):
+    """Numbers of eq. 3 that the paper does not print."""
+
+    centre: Literal["fixed", "running"] = "running"
+    chi_0: Annotated[float, Field(gt=0, le=1)] = 1.0
+    beta: Annotated[float, Field(gt=0, lt=1)] = 0.999
+
+
+class EstimateSettings(Section):
+    """The fit of the string."""
+
+    search: Literal["cma", "paper"] = "cma"
+    evaluations: Annotated[int, Field(ge=1, le=1_000_000)] = 3000
+    trials: Literal["all", "latest"] = "all"
+    older_trials_weight: Annotated[float, Field(ge=0, le=1)] = 0.6
+    evaluation: Literal["world", "hand"] = "world"
+    w: Annotated[float, Field(ge=0, le=10)] = Field(0.1, description="Weight of eq. 6 towards the tip.")
+    ranges: Ranges = "wide"
+    reading: Literal["rate", "sign", "strain"] = "rate"
+    integrator: Literal["lfcn", "semi_implicit", "euler"] = "lfcn"
+    dt_s: Annotated[float, Field(gt=0, le=0.005)] = 1e-3
+    start_shape: Literal["observed", "hanging"] = "observed"
+    rest_curl: bool = Field(False, description="Fit a constant rest curvature (real cables keep one).")
+    joints: Literal["measured", "commanded"] = "measured"
+    ensemble: Annotated[int, Field(ge=1, le=64)] = 6
+    paper: PaperSearch = PaperSearch()
+
+    @field_validator("ranges")
+    @classmethod
+    def _ranges_have_names_and_order(cls, value: Ranges) -> Ranges:
+        if isinstance(value, dict):
+            _known_parameters(value)
+            bad = [name for name, (low, high) in value.items() if not 0 < low < high]
+            if bad:
+                raise ValueError(f"the range of {bad[0]} must be [least, greatest], both above 0")
+        return value
+
+
+class PlanSettings(Section):
+    """The planner."""
+
+    planner: Literal["ensemble", "paper"] = "ensemble"
+    duration_s: tuple[float, float] = Field((0.35, 0.9), description="Shortest and longest first motion.")
+    control_points: Annotated[int, Field(ge=3, le=20)] = Field(6, description="Free heights per joint.")
+    screening: Annotated[int, Field(ge=8, le=100_000)] = 480
+    evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = 1200
+    ensemble: Annotated[int, Field(ge=1, le=64)] = 4
+    dt_s: Annotated[float, Field(gt=0, le=0.005)] = 1e-3
+
+    @field_validator("duration_s")
+    @classmethod
+    def _shortest_first(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if not 0.05 <= value[0] <= value[1] <= 5.0:
+            raise ValueError("must be [shortest, longest] within 0.05 and 5 s")
+        return value
+
+
+class LabString(Section):
+    """A string of the lab's own making."""
+
+    linear_density_kg_m: Annotated[float, Field(gt=0, le=1)]
+    bending_stiffness_n_m2: Annotated[float, Field(ge=0, le=1)] = 2e-6
+    curl_rad_m: Annotated[float, Field(ge=-50, le=50)] = 2.5
+    diameter_m: Annotated[float, Field(gt=0, le=0.05)] = 0.003
+
+
+class LabCamera(Section):
+    """The lab's camera."""
+
+    width_px: Annotated[int, Field(ge=320, le=4096)] = 1280
+    height_px: Annotated[int, Field(ge=240, le=4096)] = 720
+    frame_rate_hz: Annotated[float, Field(ge=60, le=5000)] = 500.0
+    exposure_s: Annotated[float, Field(gt=0, le=0.02)] = 4e-4
+    noise_grey: Annotated[float, Field(ge=0, le=50)] = 2.5
+    background: Literal["plain", "textured", "cluttered"] = "textured"
+
+
+class LabSettings(Section):
+    """The virtual rig, for experiments without a robot."""
+
+    string: str | LabString = Field("paper-1", description="paper-1 … paper-7, or values.")
+    noise: Annotated[float, Field(ge=0, le=10)] = Field(
+        1.0, description="Scale of the trial-to-trial variation; 1 is a usual rig."
+    )
+    servo: Literal["servoj", "stiff", "pd", "soft"] = "servoj"
+    camera: LabCamera = LabCamera()
+
+
+class Exclusion(Section):
+    """A trial that does not count, with the reason that the report shows."""
+
+    trial: Annotated[int, Field(ge=1, le=9999)]
+    reason: Annotated[str, Field(min_length=1, max_length=500)]
+
+
+class Box(Section):
+    """Where the hand and the string may go, and what the camera sees."""
+
+    x_m: tuple[float, float]
+    y_m: tuple[float, float]
+
+    @model_validator(mode="after")
+    def _lower_bound_first(self) -> Box:
+        if self.x_m[0] >= self.x_m[1] or self.y_m[0] >= self.y_m[1]:
+            raise ValueError("x_m and y_m must be [least, greatest]")
+        return self
+
+
+StartString = Literal["ensemble", "minima", "random"]
+
+
+class Experiment(Section):
+    """One string, arm, camera set-up and target, and the settings of every stage."""
+
+    schema_version: Literal[1] = 1
+    title: Annotated[str, Field(max_length=200)] = ""
+    string: String
+    arm: str = Field("planar3", description="A name in config/arms, or the path of an arm's file.")
+    target_m: tuple[Position, Position] = Field(description="The target in the world frame.")
+    hit_radius_m: Annotated[float, Field(gt=0, le=0.5)] = 0.02
+    max_trials: Annotated[int, Field(ge=1, le=99)] = 5
+    seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 1
+    start_string: StartString | dict[str, float] = Field(
+        "ensemble", description="What the first motion is planned with; or values by parameter."
+    )
+    workspace_m: Box | None = Field(None, description="Where the hand and the string may go.")
+    excluded: list[Exclusion] = []
+    camera: CameraSettings = CameraSettings()
+    track: TrackSettings = TrackSettings()
+    align: AlignSettings = AlignSettings()
+    estimate: EstimateSettings = EstimateSettings()
+    plan: PlanSettings = PlanSettings()
+    lab: LabSettings | None = None
+
+    @field_validator("start_string")
+    @classmethod
+    def _start_values_have_names(cls, value: StartString | dict[str, float]) -> StartString | dict[str, float]:
+        if isinstance(value, dict):
+            _known_parameters(value)
+        return value
+
+    def excluded_reason(self, trial: int) -> str | None:
+        """Return why a trial does not count, or None if it does."""
+        return next((e.reason for e in self.excluded if e.trial == trial), None)
+
+
+def load_experiment(path: str | Path) -> Experiment:
+    """Read experiment.yaml.
+
+    Raises
+    ------
+    StrandcastErrors
+        Everything that is wrong with the file: line, field, value, suggestion.
+    """
+    path = Path(path)
+    data = _parse(path)
+    try:
+        # JSON in strict mode: no "0.3" for 0.3, no true for 1, but a list may stand for a pair.
+        return Experiment.model_validate_json(json.dumps(_plain(data), default=str), strict=True)
+    except ValidationError as error:
+        found = _one_per_place(data, error.errors())
+        raise StrandcastErrors([_problem(path, data, place, detail) for place, detail in found]) from None
+
+
+def _parse(path: Path) -> CommentedMap:
+    if not path.is_file():
+        raise StrandcastError(
+            "SC-F001",
+            "the experiment's file is not there",
+            file=path,
+            fix="write it; config/experiments/demo.yaml is a commented example",
+        )
+    if path.stat().st_size > LARGEST_FILE_BYTES:
+        raise StrandcastError("SC-F002", "the file is too large for settings", file=path, fix="look inside")
+    try:
+        data = YAML(typ="rt").load(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise StrandcastError(
+            "SC-F002", f"is not UTF-8 text (byte {error.start})", file=path, fix="save it as UTF-8"
+        ) from None
+    except MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else None
+        what = str(error.problem).splitlines()[0] if error.problem else "is not YAML"
+        raise StrandcastError("SC-F002", what, file=path, line=line, fix="mend the YAML") from None
+    except YAMLError as error:
+        raise StrandcastError("SC-F002", str(error).splitlines()[0], file=path, fix="mend the YAML") from None
+    if not isinstance(data, CommentedMap):
+        raise StrandcastError(
+            "SC-F002",
+            "holds no settings",
+            file=path,
+            fix="config/experiments/demo.yaml is a commented example",
+        )
+    return data
+
+
+def _plain(node: Any, depth: int = 0) -> Any:
+    """Return YAML nodes as plain data."""
+    if depth > 12:
+        return None
+    if isinstance(node, CommentedMap):
+        return {str(key): _plain(value, depth + 1) for key, value in node.items()}
+    if isinstance(node, CommentedSeq):
+        return [_plain(value, depth + 1) for value in node]
+    if isinstance(node, bool):
+        return bool(node)
+    for kind in (int, float, str):
+        if isinstance(node, kind):
+            return kind(node)
+    return node
+
+
+def _one_per_place(data: Any, details: list[ErrorDetails]) -> list[tuple[tuple[str, ...], ErrorDetails]]:
+    """Return place and problem; of the branches of a union, the one that says most of what is allowed."""
+    kept: dict[tuple[str, ...], ErrorDetails] = {}
+    for detail in details:
+        place = _place(data, detail)
+        if place not in kept or detail["type"] == "literal_error":
+            kept[place] = detail
+    # A union tells of the whole value and of its parts; the parts say where.
+    wholes = {place[:k] for place in kept for k in range(len(place))}
+    return [(place, detail) for place, detail in kept.items() if place not in wholes]
+
+
+def _place(node: Any, detail: ErrorDetails) -> tuple[str, ...]:
+    """Return where an error lies in the file: pydantic's location without its names of union branches."""
+    place = []
+    for part in detail["loc"]:
+        child = _child(node, part)
+        if child is not None:
+            node = child
+        elif not (detail["type"] == "missing" and part == detail["loc"][-1]):
+            continue
+        place.append(str(part))
+    return tuple(place)
+
+
+def _child(node: Any, part: int | str) -> Any:
+    """Return what lies under a key or index of a YAML node, or None."""
+    if isinstance(node, CommentedMap):
+        return node.get(part)
+    if isinstance(node, CommentedSeq) and str(part).isdigit() and int(part) < len(node):
+        return node[int(part)]
+    return None
+
+
+def _problem(path: Path, data: CommentedMap, place: tuple[str, ...], detail: ErrorDetails) -> StrandcastError:
+    value = detail["input"]
+    what = detail["msg"].removeprefix("Value error, ")
+    what = what[0].lower() + what[1:]
+    if detail["type"] == "extra_forbidden":
+        what = "there is no such setting"
+    elif detail["type"] != "missing" and not isinstance(value, dict | list):
+        what += f" (got {value!r})"
+    return StrandcastError(
+        "SC-F003",
+        what,
+        file=path,
+        line=_line(data, place),
+        field=".".join(place) or None,
+        fix=_suggestion(detail, place),
+    )
+
+
+def _line(node: Any, place: tuple[str, ...]) -> int:
+    """Return the line of the deepest part of `place` that the file has."""
+    line = 1
+    for part in place:
+        child = _child(node, part)
+        if child is None:
+            break
+        where = node.lc.key(part) if isinstance(node, CommentedMap) else node.lc.item(int(part))
+        line, node = where[0] + 1, child
+    return line
+
+
+def _suggestion(detail: ErrorDetails, place: tuple[str, ...]) -> str:
+    kind, value, name = detail["type"], detail["input"], place[-1] if place else ""
+    if kind == "extra_forbidden":
+        near = difflib.get_close_matches(name, _fields_beside(place), n=1, cutoff=0.5)
+        return f"did you mean {near[0]!r}?" if near else f"one of: {', '.join(_fields_beside(place))}"
+    if kind == "missing":
+        return "add it"
+    if kind.startswith("less_than"):
+        return _unit_hint(place, value)
+    if kind == "literal_error":
+        choices = str(detail.get("ctx", {}).get("expected", ""))
+        names = [choice.strip("' ") for choice in choices.replace(" or ", ",").split(",")]
+        near = difflib.get_close_matches(str(value), names, n=1)
+        return f"did you mean {near[0]!r}?" if near else f"one of {choices}"
+    if isinstance(value, str) and kind in {"float_type", "int_type"}:
+        return "write a number, without quotes"
+    return f"see {SCHEMA_FILE} for what is allowed"
+
+
+def _unit_hint(place: tuple[str, ...], value: Any) -> str:
+    named = [part for part in place if not part.isdigit()]
+    if named and named[-1].endswith("_m"):
+        return f"lengths are in metres: {value:g} mm would be {value / 1000:g}"
+    if named and named[-1].endswith("_s"):
+        return f"times are in seconds: {value:g} ms would be {value / 1000:g}"
+    return f"see {SCHEMA_FILE} for what is allowed"
+
+
+def _fields_beside(place: tuple[str, ...]) -> list[str]:
+    """Return the names that are allowed where an unknown one was found."""
+    model: type[BaseModel] | None = Experiment
+    for part in place[:-1]:
+        if part.isdigit() or model is None or part not in model.model_fields:
+            continue
+        model = _model_in(model.model_fields[part].annotation)
+    return list(model.model_fields) if model is not None else []
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for found in map(_model_in, get_args(annotation)) if found is not None), None)
+
+
+def find_experiment(name: str, root: Path) -> Path:
+    """Return the file of an experiment: data/<name>/experiment.yaml, or config/experiments/<name>.yaml."""
+    own, shipped = root / "data" / name / "experiment.yaml", root / "config" / "experiments" / f"{name}.yaml"
+    for path in (own, shipped):
+        if path.is_file():
+            return path
+    known = sorted(
+        {p.parent.name for p in root.glob("data/*/experiment.yaml")}
+        | {p.stem for p in root.glob("config/experiments/*.yaml")}
+    )
+    near = difflib.get_close_matches(name, known, n=1)
+    raise StrandcastError(
+        "SC-F001",
+        f"there is no experiment {name!r}",
+        file=own,
+        fix=f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known) or 'none'}",
+    )
+
+
+def find_arm(experiment: Experiment, experiment_file: Path, root: Path) -> Path:
+    """Return the arm's file: a name in config/arms, or a path relative to the experiment's file."""
+    named = root / "config" / "arms" / f"{experiment.arm}.toml"
+    beside = experiment_file.parent / experiment.arm
+    for path in (named, beside):
+        if path.is_file():
+            return path
+    known = sorted(p.stem for p in root.glob("config/arms/*.toml"))
+    raise StrandcastError(
+        "SC-F004",
+        f"there is no arm {experiment.arm!r}",
+        file=experiment_file,
+        field="arm",
+        fix=f"one of {', '.join(known)}, or the path of an arm's file",
+    )
+
+
+def json_schema() -> str:
+    """Return the JSON schema of experiment.yaml; config/experiment.schema.json holds it."""
+    return json.dumps(Experiment.model_json_schema(), indent=1) + "\n"

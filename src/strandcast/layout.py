@@ -1,0 +1,70 @@
+"""Where every file of an experiment lies (DESIGN §3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from strandcast.errors import StrandcastError
+
+VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
+
+
+@dataclass(frozen=True)
+class ExperimentFolder:
+    """The folders of one experiment under the project's root."""
+
+    root: Path
+    name: str
+
+    @property
+    def data(self) -> Path:
+        """Return the folder of raw files."""
+        return self.root / "data" / self.name
+
+    @property
+    def results(self) -> Path:
+        """Return the folder of everything made from them."""
+        return self.root / "results" / self.name
+
+    def trial(self, number: int) -> TrialFolder:
+        """Return the folders of one trial."""
+        return TrialFolder(self.data / trial_name(number), self.results / trial_name(number), number)
+
+    def recorded_trials(self) -> list[int]:
+        """Return the numbers of the trials that have a folder of raw files."""
+        names = (path.name.removeprefix("trial-") for path in self.data.glob("trial-[0-9][0-9]"))
+        return sorted(int(name) for name in names)
+
+
+@dataclass(frozen=True)
+class TrialFolder:
+    """The raw files and the results of one trial."""
+
+    data: Path
+    results: Path
+    number: int
+
+    @property
+    def played_motion(self) -> Path | None:
+        """Return the motion that was played, if there is one."""
+        path = self.data / "motion.json"
+        return path if path.is_file() else None
+
+    def video(self) -> Path:
+        """Return the one video among the raw files."""
+        found = sorted(path for path in self.data.glob("video.*") if path.suffix.lower() in VIDEO_SUFFIXES)
+        if len(found) != 1:
+            names = ", ".join(path.name for path in found) or "none"
+            raise StrandcastError(
+                "SC-V001",
+                f"wanted one video.* file ({', '.join(VIDEO_SUFFIXES)}), found {names}",
+                file=self.data,
+                fix="name the recording video.mp4 (or .avi, .mkv, .mov) and keep no other beside it",
+            )
+        return found[0]
+
+
+def trial_name(number: int) -> str:
+    """Return the folder name of a trial, e.g. trial-01."""
+    return f"trial-{number:02d}"

@@ -1,0 +1,1 @@
+"""Motions: Bezier velocity curves, what makes a throw good, and the planners."""

@@ -1,0 +1,38 @@
+"""What a motion costs in the searches: metres of miss over the ensemble, and everything else as metres."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strandcast.motion.bezier import Samples
+from strandcast.motion.draw import excess
+from strandcast.motion.objective import Assessment
+from strandcast.motion.task import Task
+
+# Beyond a bend of about 57 degrees between neighbours the model is wrong.
+FREE_FOLD = 0.45
+FOLD_COST_M = 0.05
+OUTSIDE_COST = 2.0
+OUTSIDE_MARGIN_M = 0.03
+TOUCH_COST = 1.0
+LIMIT_COST_M = 1.0
+EFFORT_COST_M_S_RAD = 0.0008
+
+
+def throw_cost(assessment: Assessment, strings: int) -> np.ndarray:
+    """Return (P,) the ensemble's rms miss and the price of folding, leaving the view and touching the arm [m]."""
+    miss, fold, outside, touch = (
+        getattr(assessment, name).reshape(-1, strings) for name in ("miss_m", "fold", "outside_m", "touch_m")
+    )
+    return np.asarray(
+        np.sqrt(np.mean(miss**2, axis=1))
+        + FOLD_COST_M * np.maximum(0.0, fold - FREE_FOLD).mean(axis=1)
+        + OUTSIDE_COST * outside.mean(axis=1)
+        + TOUCH_COST * touch.mean(axis=1)
+    )
+
+
+def motion_cost(task: Task, motion: Samples) -> float:
+    """Return the price of breaking the arm's limits, and a small one of fast joints [m]."""
+    effort = np.sqrt(np.mean(motion.qd**2))
+    return LIMIT_COST_M * excess(task.arm.limits, motion, task.step_s) + EFFORT_COST_M_S_RAD * float(effort)

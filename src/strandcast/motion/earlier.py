@@ -1,0 +1,122 @@
+"""What an earlier trial taught: the motion that was played, what the joints did, where the string was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strandcast.motion.bezier import Curve
+from strandcast.motion.throws import AFTER_END_S
+from strandcast.records.motion import Motion
+
+STILL_BEFORE_S = 0.05  # the string's shape at the start is the mean of this long before it
+
+
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """One earlier trial on the motion's own clock.
+
+    Attributes
+    ----------
+    trial
+        Its number.
+    curve
+        The motion that was played, None if it came without control heights.
+    q_command, q
+        (T, J) commanded and measured angles [rad] every `step_s` from the motion's start to 0.3 s after its end.
+    tip_m
+        (T, 2) the tip as seen, NaN where it was not [m].
+    start_m
+        (n, 2) points 1…n just before the start, None if not all were seen [m].
+    miss_m
+        Measured miss, None where the tip was not seen at the closest approach.
+    """
+
+    trial: int
+    curve: Curve | None
+    q_command: np.ndarray
+    q: np.ndarray
+    tip_m: np.ndarray
+    start_m: np.ndarray | None
+    miss_m: float | None
+
+    def rank_m(self) -> float:
+        """Return the miss, infinite where it is not known."""
+        return np.inf if self.miss_m is None else self.miss_m
+
+
+def curve_of(motion: Motion) -> Curve | None:
+    """Return the velocity curve of a motion record, None if it has no control heights."""
+    if motion.bezier is None:
+        return None
+    end_s = float(motion.time_s()[-1])
+    duration_s = motion.bezier.duration_s
+    ramp_s = end_s - duration_s if motion.bezier.stop_ramp_from_s is not None else 0.0
+    return Curve(
+        np.array(motion.start.positions_rad), duration_s, np.array(motion.bezier.heights_rad_s), ramp_s
+    )
+
+
+def earlier_trial(
+    motion: Motion,
+    joint_time_s: np.ndarray,
+    q: np.ndarray,
+    camera_time_s: np.ndarray,
+    points_m: np.ndarray,
+    miss_m: float | None,
+    step_s: float,
+) -> Earlier:
+    """Bring one trial's data onto the motion's clock.
+
+    Parameters
+    ----------
+    motion
+        The motion that was played.
+    joint_time_s, q
+        (R,) times since the motion's start and (R, J) measured angles [rad]; times before the start are welcome.
+    camera_time_s, points_m
+        (F,) frame times since the motion's start, on the robot's clock, and (F, n+1, 2) the track [m].
+    miss_m
+        The measured miss.
+    step_s
+        Time between samples.
+    """
+    time_s = np.arange(round((motion.time_s()[-1] + AFTER_END_S) / step_s) + 1) * step_s
+    positions = motion.joints()[0]
+    return Earlier(
+        trial=motion.trial,
+        curve=curve_of(motion),
+        q_command=resampled(time_s, motion.time_s(), positions),
+        q=resampled(time_s, joint_time_s, q),
+        tip_m=tip_path(time_s, camera_time_s, points_m[:, -1]),
+        start_m=start_shape(camera_time_s, points_m[:, 1:]),
+        miss_m=miss_m,
+    )
+
+
+def resampled(time_s: np.ndarray, known_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return columns of `values` at other times, linear between samples, held at the ends."""
+    return np.stack([np.interp(time_s, known_s, column) for column in values.T], axis=1)
+
+
+def tip_path(time_s: np.ndarray, seen_s: np.ndarray, tip_m: np.ndarray, longest_gap_s: float = 0.03) -> np.ndarray:
+    """Return the tip (T, 2) at `time_s`; NaN where it was not seen for longer than `longest_gap_s` around."""
+    seen = np.isfinite(tip_m).all(axis=1)
+    if seen.sum() < 2:
+        return np.full((len(time_s), 2), np.nan)
+    known_s, known_m = seen_s[seen], tip_m[seen]
+    path = resampled(time_s, known_s, known_m)
+    after = np.clip(np.searchsorted(known_s, time_s), 1, len(known_s) - 1)
+    gap_s = known_s[after] - known_s[after - 1]
+    inside = (time_s >= known_s[0]) & (time_s <= known_s[-1])
+    path[~inside | (gap_s > longest_gap_s)] = np.nan
+    return path
+
+
+def start_shape(seen_s: np.ndarray, points_m: np.ndarray) -> np.ndarray | None:
+    """Return the mean place (n, 2) of points 1…n just before the start, None if one was never seen then."""
+    before = (seen_s <= 0.0) & (seen_s >= -STILL_BEFORE_S)
+    if not np.isfinite(points_m[before]).all(axis=2).any(axis=0).all():
+        return None
+    return np.asarray(np.nanmean(points_m[before], axis=0))

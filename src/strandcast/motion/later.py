@@ -1,0 +1,88 @@
+"""A later motion: small changes around the best trial so far, with what the simulation missed by carried over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strandcast.arm.servo import Servo, respond
+from strandcast.motion.bezier import Curve, sample
+from strandcast.motion.cost import motion_cost, throw_cost
+from strandcast.motion.earlier import Earlier
+from strandcast.motion.first import shaken
+from strandcast.motion.residual import Carried, alike, carry
+from strandcast.motion.search import minimise
+from strandcast.motion.task import Options, Strings, Task
+from strandcast.motion.throws import Thrown, World, assessed, commands, throw
+from strandcast.progress import Progress
+
+HEIGHT_RAD_S = 0.15  # one standard deviation of the search
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbourhood:
+    """The best trial, its like, and the strings, once as fitted and once shaken by what differs between throws.
+
+    Attributes
+    ----------
+    best
+        The curve of the best trial.
+    strings, world, carried
+        What every motion near it is thrown with.
+    """
+
+    best: Curve
+    strings: Strings
+    world: World
+    carried: Carried
+
+
+def neighbourhood(
+    task: Task, strings: Strings, servo: Servo, best: Earlier, trials: list[Earlier], rng: np.random.Generator
+) -> Neighbourhood:
+    """Return what planning around the best trial needs; it must have a curve."""
+    assert best.curve is not None
+    carried = carry(task, strings, servo, alike(trials, best))
+    count = len(strings)
+    twice = strings.take([*range(count), *range(count)])
+    world = shaken(World(servo, best.start_m), len(twice), len(best.curve.q0_rad), rng)
+    for shift in (world.joint_shift_rad, world.clamp_shift_rad):
+        shift[:count] = 0.0
+    return Neighbourhood(
+        best.curve, twice, world, replace(carried, tip_m=np.concatenate([carried.tip_m, carried.tip_m], axis=1))
+    )
+
+
+def throw_near(task: Task, near: Neighbourhood, curves: list[Curve]) -> tuple[Thrown, np.ndarray]:
+    """Return the throws of P curves with every string, and (B, T, 2) what is carried over to their tips [m]."""
+    time_s, q, last = commands([sample(curve, task.step_s) for curve in curves], task.step_s)
+    weights = near.carried.weights(curves)
+    q = q if near.world.servo is None else respond(near.world.servo, time_s, q)
+    thrown = throw(task, near.strings, near.world, q + np.einsum("pn,ntj->ptj", weights, near.carried.joints_rad), last)
+    shift = np.einsum("pn,nktx->pktx", weights, near.carried.tip_m)
+    return thrown, shift.reshape(-1, *shift.shape[2:])
+
+
+def plan_near(task: Task, near: Neighbourhood, options: Options, rng: np.random.Generator) -> tuple[Curve, int]:
+    """Return the motion near the best trial with the least rms miss over the strings, and the throws simulated."""
+    best = near.best
+    inner = slice(2, -2) if not best.ramp_s else slice(1, None)
+    shape = best.heights_rad_s[:, inner].shape
+
+    def curve(point: np.ndarray) -> Curve:
+        heights = best.heights_rad_s.copy()
+        heights[:, inner] += point.reshape(shape) * HEIGHT_RAD_S
+        return replace(best, heights_rad_s=heights)
+
+    def value(points: np.ndarray) -> np.ndarray:
+        curves = [curve(point) for point in points]
+        thrown, shift = throw_near(task, near, curves)
+        change = HEIGHT_RAD_S * np.sqrt(np.mean(points**2, axis=1))
+        price = np.array([motion_cost(task, sample(c, task.step_s)) for c in curves])
+        cost = throw_cost(assessed(task, thrown, shift, options.clearance_m), len(near.strings))
+        return np.asarray(cost + price + options.change_cost_m_s_rad * change)
+
+    tell = Progress("plan: search", total=options.evaluations)
+    point, _ = minimise(value, np.zeros(np.prod(shape)), 1.0, options.evaluations, rng, tell)
+    return curve(point), options.evaluations * len(near.strings)

@@ -1,0 +1,85 @@
+"""What the simulation missed by in earlier trials, carried over to a motion near them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strandcast.arm.servo import Servo, respond
+from strandcast.motion.bezier import Curve
+from strandcast.motion.earlier import Earlier
+from strandcast.motion.task import Strings, Task
+from strandcast.motion.throws import World, throw
+
+SAME_PLACE_RAD_S = 0.02  # motions nearer than this count as the same
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """Residuals of N earlier trials with the same posture and time.
+
+    Attributes
+    ----------
+    heights_rad_s
+        (N, J, H) control heights of those motions.
+    joints_rad
+        (N, T, J) measured angles minus the servo's.
+    tip_m
+        (N, K, T, 2) tip seen minus tip simulated with each string on the measured joints.
+    """
+
+    heights_rad_s: np.ndarray
+    joints_rad: np.ndarray
+    tip_m: np.ndarray
+
+    def weights(self, curves: list[Curve]) -> np.ndarray:
+        """Return (P, N) weights of the earlier trials, by inverse square distance of the heights."""
+        heights = np.array([curve.heights_rad_s for curve in curves])
+        distance2 = np.mean((heights[:, None] - self.heights_rad_s[None]) ** 2, axis=(2, 3))
+        weights = 1.0 / (distance2 + SAME_PLACE_RAD_S**2)
+        return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def alike(trials: list[Earlier], best: Earlier) -> list[Earlier]:
+    """Return the trials that started from the best one's posture and lasted as long."""
+    if best.curve is None:
+        return []
+    return [
+        trial
+        for trial in trials
+        if trial.curve is not None
+        and trial.curve.heights_rad_s.shape == best.curve.heights_rad_s.shape
+        and trial.curve.end_s == best.curve.end_s
+        and np.allclose(trial.curve.q0_rad, best.curve.q0_rad, atol=1e-9)
+    ]
+
+
+def carry(task: Task, strings: Strings, servo: Servo, trials: list[Earlier]) -> Carried:
+    """Simulate earlier trials as they were and keep what the simulation missed by."""
+    time_s = np.arange(len(trials[0].q)) * task.step_s
+    tips = []
+    for trial in trials:
+        world = World(start_m=trial.start_m)
+        thrown = throw(task, strings, world, trial.q[None], np.array([len(time_s) - 1]))
+        tips.append(filled(trial.tip_m - thrown.points_m[:, :, -1]))
+    return Carried(
+        np.array([trial.curve.heights_rad_s for trial in trials if trial.curve is not None]),
+        np.array([trial.q - respond(servo, time_s, trial.q_command) for trial in trials]),
+        np.array(tips),
+    )
+
+
+def filled(residual_m: np.ndarray) -> np.ndarray:
+    """Return residuals (K, T, 2) with what is not known filled in time: linear between, held at the ends.
+
+    Nothing known at all, or a string whose simulation failed, carries nothing.
+    """
+    answer = residual_m.copy()
+    times = np.arange(residual_m.shape[1])
+    for row in answer.reshape(-1, residual_m.shape[1], 2):
+        known = np.isfinite(row).all(axis=1)
+        for axis in range(2):
+            row[:, axis] = np.interp(times, times[known], row[known, axis]) if known.any() else 0.0
+    return answer
+

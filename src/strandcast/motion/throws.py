@@ -1,0 +1,131 @@
+"""Throw many motions with many strings in the simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from strandcast.arm.kinematics import hand_pose, link_points
+from strandcast.arm.servo import Servo, respond
+from strandcast.motion.bezier import Curve, Samples, sample
+from strandcast.motion.objective import Assessment, assess
+from strandcast.motion.task import Strings, Task
+from strandcast.string.simulate import simulate_batch
+
+AFTER_END_S = 0.3  # the miss's window ends this long after the motion
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """What the throws have in common beside the strings.
+
+    Attributes
+    ----------
+    servo
+        Response of the joints, None where they follow exactly.
+    start_m
+        (n, 2) where the string's points 1…n are at the start [m], None for hanging at rest.
+    joint_shift_rad, clamp_shift_rad
+        (K, J) and (K,) what each string's throw has its joints and its clamp turned by, None for nothing.
+    """
+
+    servo: Servo | None = None
+    start_m: np.ndarray | None = None
+    joint_shift_rad: np.ndarray | None = None
+    clamp_shift_rad: np.ndarray | None = None
+
+
+class Thrown(NamedTuple):
+    """P motions thrown with K strings each: B = P * K, motion by motion.
+
+    Attributes
+    ----------
+    time_s
+        (T,) from the motion's start.
+    points_m
+        (B, T, n+1, 2).
+    links_m
+        (P, T, J+1, 2).
+    last
+        (P,) last sample of the miss's window.
+    """
+
+    time_s: np.ndarray
+    points_m: np.ndarray
+    links_m: np.ndarray
+    last: np.ndarray
+
+
+def commands(motions: list[Samples], step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return time (T,), commanded angles (P, T, J) held at their ends, and the last sample of each window (P,)."""
+    after = round(AFTER_END_S / step_s)
+    ends = np.array([len(motion.time_s) for motion in motions])
+    count = int(ends.max()) + after
+    q = np.empty((len(motions), count, motions[0].q.shape[1]))
+    for p, motion in enumerate(motions):
+        q[p, : ends[p]] = motion.q
+        q[p, ends[p] :] = motion.q[-1]
+    return np.arange(count) * step_s, q, ends - 1 + after
+
+
+def throw(task: Task, strings: Strings, world: World, q: np.ndarray, last: np.ndarray) -> Thrown:
+    """Simulate joint paths with every string.
+
+    Parameters
+    ----------
+    q
+        (P, T, J) angles that the joints take [rad].
+    last
+        (P,) last sample of each window.
+    """
+    arm, count, members = task.arm, len(q), len(strings)
+    time_s = np.arange(q.shape[1]) * task.step_s
+    angles = q[:, None] if world.joint_shift_rad is None else q[:, None] + world.joint_shift_rad[:, None, :]
+    pose = hand_pose(arm.chain, arm.clamp, np.broadcast_to(angles, (count, members, *q.shape[1:])))
+    turn = (
+        strings.clamp_offset_rad
+        if world.clamp_shift_rad is None
+        else strings.clamp_offset_rad + world.clamp_shift_rad
+    )
+    points, _ = simulate_batch(
+        task.model,
+        np.tile(strings.parameters, (count, 1)),
+        np.tile(strings.masses, (count, 1)),
+        time_s,
+        pose.reshape(-1, len(time_s), 3),
+        time_s,
+        world.start_m,
+        rest_curl_rad_m=np.tile(strings.curl_rad_m, count),
+        clamp_offset_rad=np.tile(turn, count),
+    )
+    return Thrown(time_s, points, link_points(arm.chain, q), last)
+
+
+def throw_curves(task: Task, strings: Strings, world: World, curves: list[Curve]) -> Thrown:
+    """Simulate motions, the servo's response included, with every string."""
+    time_s, q, last = commands([sample(curve, task.step_s) for curve in curves], task.step_s)
+    if world.servo is not None:
+        q = respond(world.servo, time_s, q)
+    return throw(task, strings, world, q, last)
+
+
+def assessed(
+    task: Task, thrown: Thrown, shift_m: np.ndarray | None = None, clearance_m: float = 0.0
+) -> Assessment:
+    """Assess throws; `shift_m` (B, T, 2) is added to the tip."""
+    if shift_m is None:
+        shift_m = np.broadcast_to(0.0, (*thrown.points_m.shape[:2], 2))
+    return Assessment(
+        *assess(
+            thrown.points_m,
+            np.ascontiguousarray(shift_m),
+            thrown.links_m,
+            thrown.last,
+            np.asarray(task.target_m, float),
+            task.box(),
+            clearance_m,
+            task.step_s,
+        )
+    )

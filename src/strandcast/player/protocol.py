@@ -1,0 +1,89 @@
+"""What a driver must be able to do. A new arm needs one class with these five methods."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from strandcast.records.joint_log import JointLog, SyncEvent
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """How the arm stands now: (J,) angles [rad] and speeds [rad/s]; why it cannot play, or None."""
+
+    q_rad: np.ndarray
+    qd_rad_s: np.ndarray
+    trouble: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """The whole motion at the driver's rate: time_s (T,) from its start; (T, J) angles, speeds, accelerations."""
+
+    time_s: np.ndarray
+    q_rad: np.ndarray
+    qd_rad_s: np.ndarray
+    qdd_rad_s2: np.ndarray
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a driver brings back from a throw.
+
+    Attributes
+    ----------
+    log
+        From before the motion until at least 0.5 s after its end.
+    status
+        "ok", "aborted" or "fault", with the reason if not "ok".
+    motion_start_s, motion_end_s
+        Of the first and the last commanded sample, on the controller's clock [s].
+    clock
+        Which clock the log's times are of.
+    video
+        Name of the video file, if the driver knows it.
+    """
+
+    log: JointLog
+    status: str
+    reason: str | None
+    motion_start_s: float
+    motion_end_s: float
+    clock: str
+    controller: dict[str, str] = field(default_factory=dict)
+    sync_events: list[SyncEvent] = field(default_factory=list)
+    video: dict[str, str | float | int | None] = field(default_factory=dict)
+
+
+class Driver(Protocol):
+    """An arm that can play a motion.
+
+    Attributes
+    ----------
+    name
+        As written into run.json.
+    rate_hz
+        At which it takes commands and logs.
+    """
+
+    name: str
+    rate_hz: float
+
+    def connect(self) -> None:
+        """Open the connection; StrandcastError if the arm does not answer."""
+
+    def state(self) -> State:
+        """Return how the arm stands now."""
+
+    def move_to_start(self, q_rad: np.ndarray) -> None:
+        """Move slowly to (J,) angles and wait until the arm is still there."""
+
+    def play(self, command: Command, folder: Path) -> Recording:
+        """Play the motion and log it; a camera that the driver controls records into `folder`."""
+
+    def stop(self) -> None:
+        """Come to rest and close the connection; safe to call at any time."""

@@ -1,0 +1,58 @@
+"""alignment.json and hand.parquet: the camera's clock on the robot's, and the hand's path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from strandcast.records.record import Record
+from strandcast.records.tables import Column, TableSpec, read_table
+
+HAND = TableSpec(
+    "strandcast/hand",
+    {
+        "source": Column("str", "1"),  # "commanded", "measured" or "seen"
+        "robot_time_s": Column("f8", "s"),
+        "x_m": Column("f8", "m"),
+        "y_m": Column("f8", "m"),
+        "angle_rad": Column("f8", "rad"),
+    },
+)
+
+
+class Alignment(Record):
+    """robot_time_s = camera_time_s · (1 + drift) + offset_s."""
+
+    SCHEMA: ClassVar[str] = "strandcast/alignment"
+
+    experiment: str
+    trial: int
+    source: str  # "fit" or "supplied"
+    offset_s: float
+    offset_se_s: float | None
+    drift: float
+    drift_se: float | None
+    drift_prior: float | None  # standard deviation of the prior, if one was used
+    residual_rms_m: float | None
+    frames: int
+    motion_start_s: float  # robot time
+    motion_end_s: float
+    # Where the marker sits on the hand, against the arm's file.
+    marker_shift_m: list[float] | None = None
+    marker_turn_rad: float | None = None
+    sync_event: dict[str, float] | None = None
+    warnings: list[str] = []
+
+    def robot_time_s(self, camera_time_s: np.ndarray) -> np.ndarray:
+        """Return robot time for camera time."""
+        return camera_time_s * (1.0 + self.drift) + self.offset_s
+
+
+def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return one path of the hand: robot_time_s (T,) and pose (T, 3) = x_m, y_m, angle_rad."""
+    rows = read_table(path, HAND)
+    mine = rows["source"] == source
+    pose = np.column_stack([rows["x_m"][mine], rows["y_m"][mine], rows["angle_rad"][mine]])
+    return rows["robot_time_s"][mine], pose

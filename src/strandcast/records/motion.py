@@ -1,0 +1,135 @@
+"""motion.json: a timed joint trajectory, from rest to rest, with the control points it came from.
+
+The points carry the field names of ROS' trajectory_msgs/JointTrajectory, so that drivers can pass them on.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from strandcast.records.record import Part, Record
+
+UNITS = {"angle": "rad", "time": "s", "length": "m"}
+
+
+class TimeFromStart(Part):
+    """Whole seconds and nanoseconds: floats would round."""
+
+    sec: int
+    nanosec: int
+
+
+class Point(Part):
+    """The joints at one instant [rad, rad/s, rad/s²]."""
+
+    positions: list[float]
+    velocities: list[float]
+    accelerations: list[float]
+    time_from_start: TimeFromStart
+
+
+class Robot(Part):
+    """The arm that the motion is for."""
+
+    name: str
+    file_sha256: str
+    urdf_sha256: str
+
+
+class Start(Part):
+    """The posture that the motion starts from."""
+
+    positions_rad: list[float]
+    tolerance_rad: list[float]
+
+
+class Bezier(Part):
+    """Control heights of each joint's velocity curve (eq. 1), joint by joint."""
+
+    duration_s: float
+    heights_rad_s: list[list[float]]
+    stop_ramp_from_s: float | None = None
+
+
+class StringSet(Part):
+    """String parameters by name and the relative masses of points 1…n."""
+
+    parameters: dict[str, float]
+    masses: list[float]
+
+
+class Prediction(Part):
+    """What the planner expects of the throw."""
+
+    miss_m: float  # of the best string
+    ensemble_miss_m: list[float]
+    hit_probability: float
+    hit_time_s: float  # from the motion's start
+    largest_bend_rad: float
+    peak_speed_rad_s: list[float]
+    peak_acceleration_rad_s2: list[float]
+    peak_tip_speed_m_s: float
+    # Sampled every 2 ms from the start: the hand, and the tip of the best string, carried residual included.
+    time_s: list[float]
+    hand_m: list[list[float]]
+    tip_m: list[list[float]]
+
+
+class Provenance(Part):
+    """What the motion was made from."""
+
+    planner: str
+    kind: str  # "first", "refined" or "replanned"
+    seed: int
+    planned_from: dict[str, str]  # name of a file -> its content hash
+    parent_motion_sha256: str | None
+    simulations: int
+    start_string: str | None
+    string: StringSet
+    flags: list[str]
+
+
+class Motion(Record):
+    """One motion of one arm."""
+
+    SCHEMA: ClassVar[str] = "strandcast/motion"
+
+    experiment: str
+    trial: int
+    target_m: list[float]
+    robot: Robot
+    joint_names: list[str]
+    units: dict[str, str] = UNITS
+    start: Start
+    bezier: Bezier | None
+    points: list[Point]
+    predicted: Prediction | None
+    provenance: Provenance | None
+
+    def time_s(self) -> np.ndarray:
+        """Return the times of the points (T,) from the start."""
+        stamps = [(p.time_from_start.sec, p.time_from_start.nanosec) for p in self.points]
+        return np.array([sec + nanosec * 1e-9 for sec, nanosec in stamps])
+
+    def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return positions, velocities, accelerations, each (T, J)."""
+        return (
+            np.array([p.positions for p in self.points]),
+            np.array([p.velocities for p in self.points]),
+            np.array([p.accelerations for p in self.points]),
+        )
+
+
+def points_of(time_ns: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> list[Point]:
+    """Return trajectory points from integer times (T,) and joints (T, J)."""
+    return [
+        Point(
+            positions=q[k].tolist(),
+            velocities=qd[k].tolist(),
+            accelerations=qdd[k].tolist(),
+            time_from_start=TimeFromStart(sec=int(t) // 10**9, nanosec=int(t) % 10**9),
+        )
+        for k, t in enumerate(time_ns)
+    ]

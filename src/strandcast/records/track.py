@@ -1,0 +1,119 @@
+"""track.parquet, markers.parquet and track.json: the string as the video shows it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from strandcast.records.record import Record
+from strandcast.records.tables import Column, TableSpec, read_table
+
+TRACK = TableSpec(
+    "strandcast/track",
+    {
+        "frame": Column("i4", "1"),
+        "camera_time_s": Column("f8", "s"),
+        "point": Column("i4", "1"),
+        "x_m": Column("f8", "m"),
+        "y_m": Column("f8", "m"),
+        "sigma_m": Column("f8", "m"),
+        "flags": Column("i4", "1"),
+    },
+)
+
+MARKERS = TableSpec(
+    "strandcast/markers",
+    {
+        "frame": Column("i4", "1"),
+        "camera_time_s": Column("f8", "s"),
+        "marker": Column("i4", "1"),
+        "x_m": Column("f8", "m"),
+        "y_m": Column("f8", "m"),
+        "angle_rad": Column("f8", "rad"),
+        "sigma_m": Column("f8", "m"),
+    },
+)
+
+# Bits of `flags`.
+UNSURE = 1  # seen, but the place along or across the string is doubtful
+OCCLUDED = 2  # hidden by the arm or by the string itself; the place is inferred
+PREDICTED = 4  # not seen at all; the place is a prediction
+SUPPLIED = 8  # measured elsewhere and handed in
+
+
+class TrackSummary(Record):
+    """How the tracking went: counts held against the manifest, quality, automatic choices."""
+
+    SCHEMA: ClassVar[str] = "strandcast/track-summary"
+
+    experiment: str
+    trial: int
+    source: str  # "video" or "supplied"
+    points: int
+    length_m: float
+    decoded_frames: int
+    expected_frames: int
+    tracked_fraction: float  # of frames × points, seen without any flag
+    tip_fraction: float  # of frames with the tip seen
+    marker_fraction: float  # of frames with the hand's marker seen
+    median_sigma_m: float
+    choices: dict[str, float | int | str | bool | None]  # every automatic choice, by name
+    warnings: list[str]
+    # Weights and pipes found along the string, when the tracker looks for them.
+    features: list[dict[str, float | str]] = []
+
+
+class Track:
+    """A track as arrays: frames (F,), camera_time_s (F,), points (F, n+1, 2), sigma_m and flags (F, n+1)."""
+
+    def __init__(
+        self,
+        frame: np.ndarray,
+        camera_time_s: np.ndarray,
+        points_m: np.ndarray,
+        sigma_m: np.ndarray,
+        flags: np.ndarray,
+    ) -> None:
+        self.frame = frame
+        self.camera_time_s = camera_time_s
+        self.points_m = points_m
+        self.sigma_m = sigma_m
+        self.flags = flags
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """Return the rows of track.parquet: one per frame and point that has a place."""
+        frame, point = np.nonzero(np.isfinite(self.points_m).all(axis=2))
+        return {
+            "frame": self.frame[frame],
+            "camera_time_s": self.camera_time_s[frame],
+            "point": point,
+            "x_m": self.points_m[frame, point, 0],
+            "y_m": self.points_m[frame, point, 1],
+            "sigma_m": self.sigma_m[frame, point],
+            "flags": self.flags[frame, point],
+        }
+
+
+def read_track(path: str | Path, points: int) -> Track:
+    """Read track.parquet as arrays over the frames that it mentions; what is absent is NaN.
+
+    Parameters
+    ----------
+    path
+        The track.
+    points
+        The number n of free mass points; the arrays have n + 1 points, 0 the hand.
+    """
+    rows = read_table(path, TRACK)
+    frame, first, place = np.unique(rows["frame"], return_index=True, return_inverse=True)
+    count = len(frame)
+    points_m = np.full((count, points + 1, 2), np.nan)
+    sigma_m = np.full((count, points + 1), np.nan)
+    flags = np.zeros((count, points + 1), dtype=np.int32)
+    points_m[place, rows["point"], 0] = rows["x_m"]
+    points_m[place, rows["point"], 1] = rows["y_m"]
+    sigma_m[place, rows["point"]] = rows["sigma_m"]
+    flags[place, rows["point"]] = rows["flags"]
+    return Track(frame, rows["camera_time_s"][first], points_m, sigma_m, flags)

@@ -1,0 +1,1 @@
+"""Pages for people: one per trial, one per experiment, made from results alone."""

@@ -1,0 +1,88 @@
+"""The tip's path, measured and simulated (Fig. 8a of the paper), and how far they are apart in time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.patches import Circle
+
+from strandcast.report.drawing import FITTED, INK, MEASURED, PLANNED, TARGET, legend_below, new_figure, to_svg
+from strandcast.report.measures import rms, tip_error_m
+from strandcast.report.numbers import millimetres, milliseconds
+from strandcast.report.reportlet import Reportlet
+from strandcast.report.results import Results
+
+STYLES = {"planned": PLANNED, "fitted": FITTED}
+NAMES = {"planned": "simulated, as planned", "fitted": "simulated, fitted"}
+
+
+def tip_path(key: str, title: str, results: Results) -> Reportlet:
+    """Return the tip's paths with equal axes, and the residual d(t) below them."""
+    track, verdict = results.need("track"), results.need("verdict")
+    start_s = results.need("alignment").motion_start_s
+    throws = results.need("simulated")
+    figure = new_figure(8.4, 7.4, left=0.1, top=0.96, bottom=0.08, hspace=0.42)
+    path_axes, error_axes = figure.subplots(2, 1, height_ratios=[2.6, 1])
+    window = results.in_window()
+    tip_m, time_s = track.points_m[window, -1], results.robot_time_s()[window]
+    _draw_path(path_axes, tip_m, time_s - start_s)
+    findings = []
+    for name, throw in throws.items():
+        inside = np.isin(throw.frame, track.frame[window])
+        path_axes.plot(*throw.points_m[inside, -1].T, **STYLES[name], label=NAMES[name])
+        at_s, apart_m = tip_error_m(results, throw)
+        error_axes.plot((at_s - start_s) * 1e3, apart_m * 1e3, **STYLES[name], label=NAMES[name])
+        if np.isfinite(apart_m).any():
+            worst = int(np.nanargmax(apart_m))
+            findings.append(
+                f"{NAMES[name]}: {millimetres(rms(apart_m))} rms from the measured tip, at most "
+                f"{millimetres(apart_m[worst])} at {milliseconds(at_s[worst] - start_s, digits=0)}"
+            )
+    _draw_target(path_axes, error_axes, verdict, start_s)
+    legend_below(path_axes, drop=-0.11)
+    finding = "; ".join(findings) + "." if findings else "There is no simulated tip to compare with."
+    return Reportlet(
+        key,
+        title,
+        finding,
+        "Squares mark every 50 ms of the measured path. Good: the fitted path covers the measured one up to the "
+        "closest approach and d(t) stays at the tracker's σ. Bad: d(t) grows steadily (parameters), jumps (a lost "
+        "tip), or swings with the speed (alignment: 1 ms is 10 mm at 10 m/s).",
+        to_svg(figure, key, f"Tip path measured and simulated. {finding}"),
+        sources=["track.parquet", "simulated.parquet"],
+    )
+
+
+def _draw_path(axes: Any, tip_m: Any, since_start_s: Any) -> None:
+    axes.plot(*tip_m.T, **MEASURED, label="measured")
+    marks = np.arange(0.0, since_start_s[-1] if len(since_start_s) else 0.0, 0.05)
+    rows = np.searchsorted(since_start_s, marks).clip(0, max(len(tip_m) - 1, 0))
+    axes.plot(*tip_m[rows].T, linestyle="none", marker="s", markersize=3, color=MEASURED["color"])
+    for mark, row in zip(marks, rows, strict=True):
+        if round(mark * 1e3) % 100 == 0 and np.isfinite(tip_m[row]).all():
+            axes.annotate(
+                f"{mark * 1e3:.0f} ms", tip_m[row], xytext=(5, 4), textcoords="offset points", fontsize=7.5
+            )
+    axes.set(xlabel="x [m]", ylabel="y [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+
+
+def _draw_target(path_axes: Any, error_axes: Any, verdict: Any, start_s: float) -> None:
+    path_axes.add_patch(
+        Circle(verdict.target_m, verdict.hit_radius_m, facecolor="none", edgecolor=TARGET, lw=2.0)
+    )
+    path_axes.plot(*verdict.target_m, linestyle="none", marker="+", color=TARGET, markersize=9, label="target")
+    error_axes.set(xlabel="time from the motion's start [ms]", ylabel="tip, d [mm]", ylim=(0, None))
+    if verdict.closest_robot_time_s is not None:
+        at_ms = (verdict.closest_robot_time_s - start_s) * 1e3
+        error_axes.axvline(at_ms, color=INK, linewidth=0.8, linestyle=(0, (2, 2)))
+        error_axes.annotate(
+            "closest approach",
+            (at_ms, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(4, -2),
+            textcoords="offset points",
+            va="top",
+            fontsize=8,
+        )

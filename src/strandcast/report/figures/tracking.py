@@ -1,0 +1,89 @@
+"""One look at the whole track: every point in every frame, its σ, and whether the string keeps its length."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import LogNorm
+
+from strandcast.report.drawing import INK, new_figure, to_svg
+from strandcast.report.numbers import millimetres, percent
+from strandcast.report.reportlet import Reportlet, Table
+from strandcast.report.results import Results
+
+MOST_COLUMNS = 1500
+
+
+def tracking(key: str, title: str, results: Results) -> Reportlet:
+    """Return the kymograph of σ and of the segments' length error, as pictures."""
+    track, summary = results.need("track"), results.need("track_summary")
+    figure = new_figure(10.0, 4.6, left=0.07, right=0.99, top=0.94, bottom=0.1, hspace=0.38)
+    sigma_axes, length_axes = figure.subplots(2, 1)
+    sigma_mm = np.where(np.isfinite(track.points_m).all(axis=2), track.sigma_m, np.nan).T * 1e3
+    usual_mm = summary.length_m / summary.points * 1e3
+    error = (np.linalg.norm(np.diff(track.points_m, axis=1), axis=2).T * 1e3 / usual_mm - 1.0) * 100
+    extent = (float(track.frame[0]) - 0.5, float(track.frame[-1]) + 0.5)
+    sure_mm = np.where(sigma_mm > 0, sigma_mm, np.nan)
+    _image(sigma_axes, sure_mm, extent, "σ [mm]", norm=LogNorm(0.1, 10.0), cmap="cividis")
+    _image(length_axes, error, extent, "length error [%]", vmin=-20.0, vmax=20.0, cmap="PuOr")
+    sigma_axes.set_title("σ of each point; empty: not seen")
+    length_axes.set_title("length of each segment against L/n; empty: not seen")
+    sigma_axes.set_ylabel("point (0: hand)")
+    length_axes.set(xlabel="frame", ylabel="segment")
+    length_m = np.linalg.norm(np.diff(track.points_m, axis=1), axis=2).sum(axis=1)
+    whole = np.isfinite(length_m)
+    finding = (
+        f"{percent(summary.tracked_fraction)} of points seen without a flag, the tip in "
+        f"{percent(summary.tip_fraction)} of frames, the hand's marker in {percent(summary.marker_fraction)}; "
+        f"median σ {millimetres(summary.median_sigma_m, digits=2)}."
+    )
+    if whole.any():
+        finding += (
+            f" Measured length {millimetres(float(np.median(length_m[whole])))} (median), "
+            f"the string's is {millimetres(summary.length_m)}."
+        )
+    return Reportlet(
+        key,
+        title,
+        finding,
+        "Good: even and dark above, pale below. Bad: columns of gaps (a fast or folded string), a bright row (a point "
+        "that is doubtful throughout), a coloured band in the lower picture (points slid along the string).",
+        to_svg(figure, key, f"Tracking quality, point by frame. {finding}"),
+        [_lost_table(track), _choice_table(summary)],
+        ["track.parquet", "track.json"],
+    )
+
+
+def _image(axes: Any, values: Any, extent: tuple[float, float], label: str, **colours: Any) -> None:
+    step = max(1, -(-values.shape[1] // MOST_COLUMNS))
+    shown = axes.imshow(
+        values[:, ::step],
+        aspect="auto",
+        origin="lower",
+        interpolation="nearest",
+        extent=(*extent, -0.5, values.shape[0] - 0.5),
+        **colours,
+    )
+    bar = axes.figure.colorbar(shown, ax=axes, pad=0.01, fraction=0.03)
+    bar.set_label(label)
+    bar.outline.set_edgecolor(INK)
+    axes.grid(visible=False)
+
+
+def _lost_table(track: Any) -> Table:
+    """Return the longest runs of frames in which the tip was not seen."""
+    lost = ~np.isfinite(track.points_m[:, -1]).all(axis=1)
+    edges = np.diff(np.concatenate([[False], lost, [False]]).astype(int))
+    starts, ends = np.nonzero(edges == 1)[0], np.nonzero(edges == -1)[0] - 1
+    longest = sorted(range(len(starts)), key=lambda k: (starts[k] - ends[k], starts[k]))[:6]
+    rows = [
+        [str(track.frame[starts[k]]), str(track.frame[ends[k]]), str(ends[k] - starts[k] + 1)] for k in sorted(longest)
+    ]
+    caption = "The longest runs without the tip." if rows else "The tip was seen in every frame of the track."
+    return Table(["tip lost from frame", "to frame", "frames"], rows, caption)
+
+
+def _choice_table(summary: Any) -> Table:
+    rows = [[name, "–" if value is None else str(value)] for name, value in sorted(summary.choices.items())]
+    return Table(["choice of the tracker", "value"], rows, "" if rows else "The tracker chose nothing by itself.")

@@ -1,0 +1,59 @@
+"""Numbers as a reader wants them: a unit, an uncertainty, a dash where nothing is known."""
+
+from __future__ import annotations
+
+import math
+
+UNKNOWN = "–"
+MINUS = "−"
+
+
+def signed(text: str) -> str:
+    """Return a number's text with a true minus sign."""
+    return text.replace("-", MINUS)
+
+
+def scaled(value: float | None, scale: float, digits: int, unit: str, sigma: float | None = None) -> str:
+    """Return ``value · scale`` with its unit, and ± the scaled sigma where one is known."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    text = signed(f"{value * scale:.{digits}f}")
+    if sigma is not None and math.isfinite(sigma):
+        text += f" ± {sigma * scale:.{digits}f}"
+    return f"{text} {unit}"
+
+
+def millimetres(value_m: float | None, sigma_m: float | None = None, digits: int = 1) -> str:
+    """Return a length in millimetres."""
+    return scaled(value_m, 1e3, digits, "mm", sigma_m)
+
+
+def milliseconds(value_s: float | None, sigma_s: float | None = None, digits: int = 2) -> str:
+    """Return a time in milliseconds."""
+    return scaled(value_s, 1e3, digits, "ms", sigma_s)
+
+
+def percent(fraction: float | None) -> str:
+    """Return a fraction in per cent."""
+    return scaled(fraction, 100.0, 1, "%")
+
+
+def significant(value: float | None, digits: int = 3) -> str:
+    """Return a number with so many significant digits, with a power of ten where it is very large or small."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    if value == 0 or 1e-2 <= abs(value) < 1e5:
+        return signed(f"{value:.{digits}g}" if abs(value) < 1e3 else f"{value:.0f}")
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{signed(mantissa)}·10{_superscript(int(exponent))}"
+
+
+def _superscript(number: int) -> str:
+    return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def place(point_m: list[float] | None) -> str:
+    """Return a point of the plane in millimetres."""
+    if point_m is None:
+        return UNKNOWN
+    return "(" + ", ".join(signed(f"{value * 1e3:.0f}") for value in point_m) + ") mm"

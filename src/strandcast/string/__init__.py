@@ -1,0 +1,1 @@
+"""The planar string model: parameters, forces, integrators, simulation."""

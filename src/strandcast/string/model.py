@@ -1,0 +1,88 @@
+"""What is fixed about a string model while its parameters vary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from strandcast.string.parameters import Array
+
+READINGS = ("rate", "sign", "strain")
+INTEGRATORS = ("lfcn", "semi_implicit", "euler")
+
+_SWITCH_WIDTH = {"rate": 0.5, "sign": 0.02, "strain": 0.1}
+
+
+@dataclass(frozen=True)
+class StringModel:
+    """A planar chain of `points` free mass points on a driven hand.
+
+    Attributes
+    ----------
+    length_m
+        Free length from the hand to the tip [m].
+    points
+        Number n of free points; the rest spacing is ``length_m / points``.
+    reading
+        Which bends take the parameters of compression (k_h, c_h) and which those of tension (k_sh, c_sh).
+        ``rate``: a growing bend takes h, a straightening one sh. ``sign``: a bend to the left takes h, to the
+        right sh. ``strain``: h where the string is compressed, sh where it is stretched.
+    integrator
+        ``lfcn`` (leapfrog with Crank-Nicolson dampers and averaged stiffness; second order, the default),
+        ``semi_implicit`` or ``euler`` (the paper's explicit one: needs steps of microseconds in Table 2's
+        corners).
+    dt_s
+        Step [s].
+    switch_width
+        Half-width over which h blends into sh, so that the force stays continuous; ``rate``: in theta * rate
+        [rad^2/s], ``sign``: [rad], ``strain``: tension over the point's weight [1]. None: the reading's
+        default.
+    bend_factor
+        Multiplier of the bending coefficients at joint 0 (the clamp) … n-1, None for ones. A deviation from
+        the paper, for stiff sections.
+    rest_curl_rad_m
+        Bend of the string at rest per metre, positive to the left going from hand to tip. A deviation from
+        the paper.
+    gravity_m_s2
+        Gravity [m/s^2].
+    """
+
+    length_m: float
+    points: int
+    reading: Literal["rate", "sign", "strain"] = "rate"
+    integrator: Literal["lfcn", "semi_implicit", "euler"] = "lfcn"
+    dt_s: float = 1e-3
+    switch_width: float | None = None
+    bend_factor: tuple[float, ...] | None = None
+    rest_curl_rad_m: float = 0.0
+    gravity_m_s2: float = 9.81
+
+    @property
+    def spacing_m(self) -> float:
+        """Rest length of a segment, l0 [m]."""
+        return self.length_m / self.points
+
+    def places_m(self) -> Array:
+        """Places of points 0…n along the string [m]."""
+        return np.linspace(0.0, self.length_m, self.points + 1)
+
+    def factors(self) -> Array:
+        """`bend_factor` as an array (n,)."""
+        return np.ones(self.points) if self.bend_factor is None else np.array(self.bend_factor, dtype=float)
+
+    def switch(self) -> float:
+        """Half-width of the blend between h and sh, in the reading's own unit."""
+        return _SWITCH_WIDTH[self.reading] if self.switch_width is None else self.switch_width
+
+
+def stiffened(
+    length_m: float, points: int, sections_m: list[tuple[float, float]], factor: float
+) -> tuple[float, ...]:
+    """Bend factors with the joints inside stiff sections multiplied by `factor` (not the paper's way)."""
+    places = np.arange(points) * (length_m / points)
+    inside = np.zeros(points, dtype=bool)
+    for start_m, end_m in sections_m:
+        inside |= (places >= start_m) & (places <= end_m)
+    return tuple(float(value) for value in np.where(inside, factor, 1.0))

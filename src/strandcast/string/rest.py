@@ -1,0 +1,142 @@
+"""Where the string starts: hanging at rest from the hand, or as it was seen."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from strandcast.string.forces import KERNEL, blend, switch_value
+from strandcast.string.parameters import Array
+
+_SWEEPS = 60
+_LONGEST_TURN = 0.5  # rad, of one Newton step
+
+
+@njit(**KERNEL)
+def segment_lengths(angle: Array, p: Array, m: Array, l0: float, gravity: float, length: Array) -> None:
+    """Lengths of segments at rest: l0 and the static stretch under the weight below, into `length` (n,)."""
+    weight = 0.0
+    for j in range(len(m) - 1, -1, -1):
+        weight += m[j] * gravity
+        length[j] = max(l0 - weight * math.sin(angle[j]) / p[0], 0.1 * l0)
+
+
+@njit(**KERNEL)
+def _rest_stiffness(
+    angle: Array, p: Array, m: Array, factor: Array, fixed: Array, reading: int, k: Array
+) -> None:
+    """Bending stiffness of joints 1…n-1 at rest, by the reading's own switch."""
+    weight = 0.0
+    for i in range(len(m) - 1, 0, -1):
+        bend = angle[i] - angle[i - 1] - fixed[1]
+        weight += m[i] * fixed[3]
+        pull = -0.5 * weight * (math.sin(angle[i]) + math.sin(angle[i - 1]))
+        choice = switch_value(reading, bend, 0.0, pull, m[i - 1] * fixed[3])
+        k[i] = factor[i] * (p[4] + (p[2] - p[4]) * blend(choice / fixed[4]))
+
+
+@njit(**KERNEL)
+def hanging(hand: Array, p: Array, m: Array, factor: Array, fixed: Array, reading: int, x: Array) -> None:
+    """Points of the string at rest under gravity, clamped in the hand.
+
+    Newton's method on the segments' angles; the Hessian is tridiagonal, made positive by leaving out the
+    gravity of segments that point upwards.
+
+    Parameters
+    ----------
+    hand, p, m, factor, fixed, reading
+        As for `strandcast.string.forces.forces`.
+    x
+        (n+1, 2) filled here.
+    """
+    n = len(m)
+    clamp = math.atan2(hand[5], hand[4]) + fixed[2]
+    # Down, on the turn nearest to the clamp's angle.
+    down = clamp - math.atan2(math.sin(clamp + 0.5 * math.pi), math.cos(clamp + 0.5 * math.pi))
+    angle = np.full(n, down)
+    length = np.empty(n)
+    k = np.zeros(n)
+    upper = np.empty(n)
+    step = np.empty(n)
+    for _ in range(_SWEEPS):
+        segment_lengths(angle, p, m, fixed[0], fixed[3], length)
+        _rest_stiffness(angle, p, m, factor, fixed, reading, k)
+        k[0] = factor[0] * p[8]
+        _newton_step(angle, clamp, length, m, k, fixed, upper, step)
+        largest = 0.0
+        for j in range(n):
+            largest = max(largest, abs(step[j]))
+        shorter = 1.0 if largest <= _LONGEST_TURN else _LONGEST_TURN / largest
+        for j in range(n):
+            angle[j] += shorter * step[j]
+        if largest < 1e-13:
+            break
+    segment_lengths(angle, p, m, fixed[0], fixed[3], length)
+    lay_out(hand, angle, length, x)
+
+
+@njit(**KERNEL)
+def _newton_step(
+    angle: Array, clamp: float, length: Array, m: Array, k: Array, fixed: Array, upper: Array, step: Array
+) -> None:
+    """Solve the tridiagonal system for the change of the angles, into `step`."""
+    n = len(m)
+    below = 0.0
+    for j in range(n):
+        below += m[j]
+    pivot = 1.0
+    for j in range(n):
+        weight = below * fixed[3] * length[j]
+        below -= m[j]
+        into = k[j] * (angle[j] - (clamp if j == 0 else angle[j - 1] + fixed[1]))
+        onward = k[j + 1] * (angle[j + 1] - angle[j] - fixed[1]) if j < n - 1 else 0.0
+        next_k = k[j + 1] if j < n - 1 else 0.0
+        residual = -(weight * math.cos(angle[j]) + into - onward)
+        diagonal = max(-weight * math.sin(angle[j]), 1e-6 * weight) + k[j] + next_k
+        if j > 0:
+            residual += k[j] * step[j - 1]
+            diagonal -= k[j] * upper[j - 1]
+        pivot = diagonal
+        upper[j] = next_k / pivot
+        step[j] = residual / pivot
+    for j in range(n - 2, -1, -1):
+        step[j] += upper[j] * step[j + 1]
+
+
+@njit(**KERNEL)
+def respaced(hand: Array, seen: Array, p: Array, m: Array, l0: float, gravity: float, x: Array) -> None:
+    """Points with the directions of `seen` and the lengths of a string at rest.
+
+    Measured spacings scatter; a stiff string started with them would ring.
+
+    Parameters
+    ----------
+    hand
+        (7,) the hand now.
+    seen
+        (n, 2) positions of points 1…n [m].
+    p, m, l0, gravity
+        Parameters, masses, rest spacing [m], gravity [m/s^2].
+    x
+        (n+1, 2) filled here.
+    """
+    n = len(m)
+    angle = np.empty(n)
+    length = np.empty(n)
+    before_x, before_y = hand[0], hand[1]
+    for j in range(n):
+        angle[j] = math.atan2(seen[j, 1] - before_y, seen[j, 0] - before_x)
+        before_x, before_y = seen[j, 0], seen[j, 1]
+    segment_lengths(angle, p, m, l0, gravity, length)
+    lay_out(hand, angle, length, x)
+
+
+@njit(**KERNEL)
+def lay_out(hand: Array, angle: Array, length: Array, x: Array) -> None:
+    """Points from the hand along segments of given angles and lengths, into `x` (n+1, 2)."""
+    x[0, 0], x[0, 1] = hand[0], hand[1]
+    for j in range(len(angle)):
+        x[j + 1, 0] = x[j, 0] + length[j] * math.cos(angle[j])
+        x[j + 1, 1] = x[j, 1] + length[j] * math.sin(angle[j])

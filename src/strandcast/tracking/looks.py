@@ -1,0 +1,81 @@
+"""How the string looks in this video, learned from the first frame in which it is found."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strandcast.tracking.chain import node_normals, place_nodes
+from strandcast.tracking.follow import Fit, Looks, Picture, end_of_string, find_string, fit_string, map_of
+from strandcast.tracking.sighting import STEP_PX, line_score, sample_across
+
+NOISE_TIMES = 5.0  # a line this many times the noise is taken for the string, before its contrast is known
+LEAST_CONTRAST = 5.0  # grey levels
+FOUND = 0.35  # mean reward of a way that is the string
+
+
+def first_fit(
+    picture: Picture, hand: np.ndarray, links: int, link_m: float, thickness_m: float | None
+) -> tuple[Looks, Fit] | None:
+    """Find the string in a frame and learn its looks; None where nothing long and thin leaves the clamp.
+
+    Parameters
+    ----------
+    picture
+        The frame.
+    hand
+        The hand's pose.
+    links, link_m
+        The chain.
+    thickness_m
+        The string's thickness, if known.
+    """
+    scale = picture.pixels.metre_per_pixel
+    difference = picture.image[::4, ::4].astype(np.float32) - picture.background[::4, ::4]
+    noise = 1.48 * float(np.median(np.abs(difference)))
+    half_m = 0.5 * thickness_m if thickness_m else 1.0 * scale
+    looks = Looks(max(half_m, 0.6 * scale), max(NOISE_TIMES * noise, LEAST_CONTRAST))
+    heading, value = find_string(picture, hand, None, links, link_m, looks)
+    if value < FOUND:
+        return None
+    fit = _fit_freely(picture, hand, heading, link_m, looks)
+    for _ in range(2):
+        looks = _measure(picture, hand, fit, link_m, looks)
+        fit = _fit_freely(picture, hand, fit.heading, link_m, looks)
+    return looks, fit
+
+
+def _fit_freely(picture: Picture, hand: np.ndarray, heading: np.ndarray, link_m: float, looks: Looks) -> Fit:
+    half_px = np.full(len(heading) + 1, looks.half_m / picture.pixels.metre_per_pixel)
+    return fit_string(picture, hand, heading, heading, link_m, half_px, looks, wide=False, hold_tip=False)
+
+
+def _measure(picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks: Looks) -> Looks:
+    """Return the string's half width (half of where its profile is over half its height) and contrast."""
+    scale = picture.pixels.metre_per_pixel
+    nodes = place_nodes(hand[:2], fit.heading, link_m)[2:]
+    half = 24
+    _, origin, step, uv = map_of(picture)
+    level, difference = sample_across(
+        picture.image, picture.background, nodes, node_normals(fit.heading)[2:], STEP_PX * scale, half, 1,
+        origin, step, uv,
+    )  # fmt: skip
+    good = fit.reward[2:] > 0.5
+    if good.sum() < 5:
+        return looks
+    profile = np.median(difference[good], axis=0)
+    profile = profile - np.median(profile)
+    peak = profile[half - 2 : half + 3].max()
+    wide = 0.5 * STEP_PX * float((profile[half - 8 : half + 9] > 0.5 * peak).sum())
+    half_m = float(np.clip(wide, 0.6, 5.0)) * scale
+    middle = np.full(len(nodes), max(1, round(half_m / scale / STEP_PX)))
+    score = line_score(level, difference, middle)[good, half - 2 : half + 3].max(axis=1)
+    return Looks(half_m, max(float(np.median(score)), 0.5 * LEAST_CONTRAST), looks.tip_excess_m)
+
+
+def visible_end(picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks: Looks) -> tuple[float, float]:
+    """Return how far beyond the chain's tip the string ends (m), and its half width there (m); NaN if unclear."""
+    nodes = place_nodes(hand[:2], fit.heading, link_m)
+    end_m, half_px = end_of_string(
+        picture.image, picture.background, nodes, fit.heading, looks.contrast, *map_of(picture)
+    )
+    return end_m, half_px * picture.pixels.metre_per_pixel

@@ -1,0 +1,76 @@
+"""Where a point of the string's plane falls in the picture, fast: the camera's map tabulated on a grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
+from strandcast.records.camera import Camera
+
+# Between grid points the map is taken as bilinear. With 20 mm and a lens of k1 = -0.12 that is true to 0.01 px.
+GRID_M = 0.02
+
+
+@dataclass(frozen=True)
+class PixelMap:
+    """A camera's map from the string's plane to the picture.
+
+    Attributes
+    ----------
+    origin_m
+        World place of the grid's first point, (2,).
+    step_m
+        Spacing of the grid.
+    uv
+        Pixel of each grid point, (rows, columns, 2).
+    metre_per_pixel
+        Scale in the middle of the picture.
+    """
+
+    origin_m: np.ndarray
+    step_m: float
+    uv: np.ndarray
+    metre_per_pixel: float
+
+
+def tabulate(camera: Camera, offset_m: float) -> PixelMap:
+    """Tabulate the camera's map over all of the plane that the picture shows.
+
+    Parameters
+    ----------
+    camera
+        Lens and pose.
+    offset_m
+        Height of the plane over the plane of the board's markers, towards the camera.
+    """
+    width, height = camera.lens.width_px, camera.lens.height_px
+    u, v = np.meshgrid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9))
+    seen_m = pixel_to_metre(camera, np.stack([u.ravel(), v.ravel()], axis=1), offset_m)
+    low = seen_m.min(axis=0) - 2 * GRID_M
+    high = seen_m.max(axis=0) + 2 * GRID_M
+    x = np.arange(low[0], high[0] + GRID_M, GRID_M)
+    y = np.arange(low[1], high[1] + GRID_M, GRID_M)
+    grid_m = np.stack(np.meshgrid(x, y), axis=2)
+    uv = metre_to_pixel(camera, grid_m.reshape(-1, 2), offset_m).reshape(grid_m.shape)
+    middle = np.array([[width / 2, height / 2], [width / 2 + 1, height / 2]])
+    across_m = pixel_to_metre(camera, middle, offset_m)
+    return PixelMap(low, GRID_M, np.ascontiguousarray(uv), float(np.linalg.norm(across_m[1] - across_m[0])))
+
+
+@njit(cache=True)
+def to_pixel(x: float, y: float, origin: np.ndarray, step: float, uv: np.ndarray) -> tuple[float, float]:
+    """Return the pixel (u, v) of a world point (m); far outside the picture (-1e3, -1e3)."""
+    rows, columns = uv.shape[0], uv.shape[1]
+    gx = (x - origin[0]) / step
+    gy = (y - origin[1]) / step
+    if not (gx >= 0.0 and gy >= 0.0 and gx < columns - 1 and gy < rows - 1):
+        return -1e3, -1e3
+    i, j = int(gy), int(gx)
+    fy, fx = gy - i, gx - j
+    w00, w01, w10, w11 = (1 - fy) * (1 - fx), (1 - fy) * fx, fy * (1 - fx), fy * fx
+    u = w00 * uv[i, j, 0] + w01 * uv[i, j + 1, 0] + w10 * uv[i + 1, j, 0] + w11 * uv[i + 1, j + 1, 0]
+    v = w00 * uv[i, j, 1] + w01 * uv[i, j + 1, 1] + w10 * uv[i + 1, j, 1] + w11 * uv[i + 1, j + 1, 1]
+    return u, v

@@ -1,0 +1,172 @@
+"""Finding the string anew: from the clamp outwards along whatever looks like a thin line, many ways at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from strandcast.tracking.pixelmap import to_pixel
+from strandcast.tracking.sighting import FLANK_PX, GAP_PX, bilinear
+
+TURNS_RAD = np.array([0.0, 0.12, -0.12, 0.25, -0.25, 0.4, -0.4, 0.6, -0.6])
+TURN_COST = 0.35  # in clear lines, for a turn of half a radian
+CLAMP_COST = 0.5  # for leaving the clamp a radian off its direction
+CELL_PX = 2.5  # ways that meet in one such cell with like headings are one way
+CELL_RAD = 0.4
+
+
+@njit(cache=True)
+def line_at(
+    image: np.ndarray, background: np.ndarray, u: float, v: float, nu: float, nv: float, half_px: float
+) -> float:
+    """Return the line score (grey levels) at a pixel, for a line with normal (nu, nv) in the picture."""
+    level = changed = 0.0
+    for a in range(-1, 2):
+        pu, pv = u + 0.7 * a * half_px * nu, v + 0.7 * a * half_px * nv
+        now = bilinear(image, pu, pv)
+        level += now / 3.0
+        changed += abs(now - bilinear(background, pu, pv)) / 3.0
+    flank_level = np.zeros(2)
+    flank_changed = np.zeros(2)
+    for side in range(2):
+        sign = 1.0 - 2.0 * side
+        for a in range(2):
+            d = sign * (half_px + GAP_PX + (0.25 + 0.5 * a) * FLANK_PX)
+            now = bilinear(image, u + d * nu, v + d * nv)
+            flank_level[side] += 0.5 * now
+            flank_changed[side] += 0.5 * abs(now - bilinear(background, u + d * nu, v + d * nv))
+    dark = min(flank_level[0], flank_level[1]) - level
+    bright = level - max(flank_level[0], flank_level[1])
+    in_picture = min(max(dark, bright), changed)
+    return max(changed - max(flank_changed[0], flank_changed[1]), in_picture)
+
+
+@njit(cache=True)
+def retraces(
+    way_x: np.ndarray, way_y: np.ndarray, way_angle: np.ndarray, parent: np.ndarray, level: int, beam: int,
+    x: float, y: float, angle: float, near_m: float,
+) -> bool:  # fmt: skip
+    """Tell whether a place lies on the way's own earlier part, along it (crossing it is allowed)."""
+    b = beam
+    for k in range(level, 0, -1):
+        if k < level - 3:
+            if (way_x[k, b] - x) ** 2 + (way_y[k, b] - y) ** 2 < near_m * near_m:
+                off = abs(np.sin(way_angle[k, b] - angle))
+                if off < 0.5:
+                    return True
+        b = parent[k, b]
+    return False
+
+
+@njit(cache=True)
+def trace_string(
+    image: np.ndarray,
+    background: np.ndarray,
+    root: np.ndarray,
+    clamp_rad: float,
+    link_m: float,
+    links: int,
+    half_px: float,
+    contrast: float,
+    guide: np.ndarray,
+    guide_weight: float,
+    beams: int,
+    metre_per_pixel: float,
+    origin: np.ndarray,
+    step: float,
+    uv: np.ndarray,
+) -> tuple[np.ndarray, float]:
+    """Follow the string from the clamp by beam search.
+
+    Parameters
+    ----------
+    image, background
+        Grey pictures.
+    root, clamp_rad
+        Where and in which direction the string leaves the clamp.
+    link_m, links
+        Length and number of links.
+    half_px
+        Half the string's visible width.
+    contrast
+        Line score of a clear line, grey levels.
+    guide, guide_weight
+        Nodes (links + 1, 2) near which the string is expected, and the cost of a squared distance (1/m²).
+    beams
+        Ways kept at a time.
+
+    Returns
+    -------
+    heading, value
+        Headings (links,), and the mean reward per link of the best way: 1 is a clear line throughout.
+    """
+    way_x = np.empty((links + 1, beams))
+    way_y = np.empty((links + 1, beams))
+    way_angle = np.empty((links + 1, beams))
+    way_value = np.full((links + 1, beams), -1e9)
+    parent = np.zeros((links + 1, beams), dtype=np.int64)
+    fan = 25
+    kept = min(fan, beams)
+    for b in range(kept):
+        turn = (b - fan // 2) * (2.4 / (fan // 2))
+        way_x[0, b], way_y[0, b] = root[0], root[1]
+        way_angle[0, b] = clamp_rad + turn
+        way_value[0, b] = -CLAMP_COST * turn * turn
+    turns = len(TURNS_RAD)
+    near_m = 3.0 * metre_per_pixel
+    cand_x = np.empty(beams * turns)
+    cand_y = np.empty(beams * turns)
+    cand_angle = np.empty(beams * turns)
+    cand_value = np.empty(beams * turns)
+    cand_parent = np.empty(beams * turns, dtype=np.int64)
+    for k in range(links):
+        total = 0
+        for b in range(kept):
+            for t in range(turns):
+                turn = TURNS_RAD[t]
+                angle = way_angle[k, b] + turn
+                x = way_x[k, b] + link_m * np.cos(angle)
+                y = way_y[k, b] + link_m * np.sin(angle)
+                u, v = to_pixel(x, y, origin, step, uv)
+                u2, v2 = to_pixel(x - 1e-3 * np.sin(angle), y + 1e-3 * np.cos(angle), origin, step, uv)
+                reward = -0.3
+                if u > 0 and v > 0 and u < image.shape[1] - 1 and v < image.shape[0] - 1:
+                    length = np.hypot(u2 - u, v2 - v)
+                    score = line_at(image, background, u, v, (u2 - u) / length, (v2 - v) / length, half_px)
+                    reward = min(max(score / contrast, -0.3), 1.0)
+                off = (x - guide[k + 1, 0]) ** 2 + (y - guide[k + 1, 1]) ** 2
+                value = (
+                    way_value[k, b] + reward - TURN_COST * (turn / 0.5) ** 2 - min(guide_weight * off, 0.5)
+                )
+                if reward > 0.2 and retraces(way_x, way_y, way_angle, parent, k, b, x, y, angle, near_m):
+                    value -= reward + 0.2
+                cand_x[total], cand_y[total], cand_angle[total] = x, y, angle
+                cand_value[total], cand_parent[total] = value, b
+                total += 1
+        order = np.argsort(-cand_value[:total], kind="mergesort")
+        cell_m = CELL_PX * metre_per_pixel
+        kept = 0
+        for c in order:
+            known = False
+            for b in range(kept):
+                if (
+                    abs(way_x[k + 1, b] - cand_x[c]) < cell_m
+                    and abs(way_y[k + 1, b] - cand_y[c]) < cell_m
+                    and abs(way_angle[k + 1, b] - cand_angle[c]) < CELL_RAD
+                ):
+                    known = True
+                    break
+            if known:
+                continue
+            way_x[k + 1, kept], way_y[k + 1, kept] = cand_x[c], cand_y[c]
+            way_angle[k + 1, kept], way_value[k + 1, kept] = cand_angle[c], cand_value[c]
+            parent[k + 1, kept] = cand_parent[c]
+            kept += 1
+            if kept == beams:
+                break
+    heading = np.empty(links)
+    b = 0
+    for k in range(links, 0, -1):
+        heading[k - 1] = way_angle[k, b]
+        b = parent[k, b]
+    return heading, way_value[links, 0] / links

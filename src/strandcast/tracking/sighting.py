@@ -1,0 +1,190 @@
+"""Seeing the string: grey levels across a predicted chain, how thin-line-like they are, and the best way along.
+
+A string is told from the arm by its thinness: the middle must differ from both flanks. It is told from the
+background by having changed: the middle must differ from the learned background. On plain background the first
+follows from the difference picture alone; before the moving arm (which has changed, too) it is seen in the picture.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from strandcast.tracking.pixelmap import to_pixel
+
+STEP_PX = 0.5  # spacing of samples across the string
+GAP_PX = 1.0  # between the middle and its flanks: the lens's blur
+FLANK_PX = 2.0  # width of a flank
+
+
+@njit(cache=True)
+def bilinear(image: np.ndarray, u: float, v: float) -> float:
+    """Return the grey level at a place between pixels; the nearest edge's outside the picture."""
+    rows, columns = image.shape
+    u = min(max(u, 0.0), columns - 1.001)
+    v = min(max(v, 0.0), rows - 1.001)
+    i, j = int(v), int(u)
+    fv, fu = v - i, u - j
+    top = (1 - fu) * image[i, j] + fu * image[i, j + 1]
+    bottom = (1 - fu) * image[i + 1, j] + fu * image[i + 1, j + 1]
+    return (1 - fv) * top + fv * bottom
+
+
+@njit(cache=True)
+def sample_across(
+    image: np.ndarray,
+    background: np.ndarray,
+    nodes: np.ndarray,
+    normals: np.ndarray,
+    pitch_m: float,
+    half: int,
+    along: int,
+    origin: np.ndarray,
+    step: float,
+    uv: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sample grey levels along the normal of each node.
+
+    Parameters
+    ----------
+    image, background
+        Grey pictures (H, W).
+    nodes, normals
+        (K, 2), m and unit vectors.
+    pitch_m
+        Spacing of the samples.
+    half
+        Samples to each side: the profiles have 2 half + 1.
+    along
+        Each sample is the mean of 2 along + 1 places one pitch apart along the string.
+    origin, step, uv
+        The pixel map.
+
+    Returns
+    -------
+    level, difference
+        Profiles (K, 2 half + 1): the picture, and the magnitude of its difference from the background.
+    """
+    count, width = len(nodes), 2 * half + 1
+    level = np.zeros((count, width))
+    difference = np.zeros((count, width))
+    share = 1.0 / (2 * along + 1)
+    for k in range(count):
+        u0, v0 = to_pixel(nodes[k, 0], nodes[k, 1], origin, step, uv)
+        if u0 < 0 or v0 < 0:
+            continue
+        u1, v1 = to_pixel(
+            nodes[k, 0] + pitch_m * normals[k, 0], nodes[k, 1] + pitch_m * normals[k, 1], origin, step, uv
+        )
+        du, dv = u1 - u0, v1 - v0
+        for w in range(width):
+            u = u0 + (w - half) * du
+            v = v0 + (w - half) * dv
+            now = was = 0.0
+            for a in range(-along, along + 1):
+                now += share * bilinear(image, u - a * dv, v + a * du)
+                was += share * bilinear(background, u - a * dv, v + a * du)
+            level[k, w] = now
+            difference[k, w] = abs(now - was)
+    return level, difference
+
+
+@njit(cache=True)
+def line_score(level: np.ndarray, difference: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Score how much each place of each profile looks like the middle of a thin, changed line.
+
+    Parameters
+    ----------
+    level, difference
+        Profiles (K, W) of `sample_across`.
+    middle
+        Half width of the line in samples, (K,): half the string's thickness and half its blur.
+
+    Returns
+    -------
+    score
+        Grey levels, (K, W); negative where it is no line.
+    """
+    count, width = level.shape
+    gap, flank = int(round(GAP_PX / STEP_PX)), int(round(FLANK_PX / STEP_PX))
+    score = np.full((count, width), -1.0)
+    sum_level = np.zeros(width + 1)
+    sum_difference = np.zeros(width + 1)
+    for k in range(count):
+        h = middle[k]
+        for w in range(width):
+            sum_level[w + 1] = sum_level[w] + level[k, w]
+            sum_difference[w + 1] = sum_difference[w] + difference[k, w]
+        reach = h + gap + flank
+        for w in range(reach, width - reach):
+            a, b = w - h, w + h + 1
+            inner, outer = a - gap, b + gap
+            level_in = (sum_level[b] - sum_level[a]) / (b - a)
+            level_left = (sum_level[inner] - sum_level[inner - flank]) / flank
+            level_right = (sum_level[outer + flank] - sum_level[outer]) / flank
+            changed = (sum_difference[b] - sum_difference[a]) / (b - a)
+            changed_left = (sum_difference[inner] - sum_difference[inner - flank]) / flank
+            changed_right = (sum_difference[outer + flank] - sum_difference[outer]) / flank
+            against_background = changed - max(changed_left, changed_right)
+            dark = min(level_left, level_right) - level_in
+            bright = level_in - max(level_left, level_right)
+            in_picture = min(max(dark, bright), changed)
+            score[k, w] = max(against_background, in_picture)
+    return score
+
+
+@njit(cache=True)
+def best_way(score: np.ndarray, stiffness: float, largest_jump: int) -> np.ndarray:
+    """Return the sample (K,) of each profile on the best smooth way from the middle of the first (Viterbi).
+
+    Parameters
+    ----------
+    score
+        (K, W) of `line_score` in units of a clear line's; profile 0 is the root, where the way starts at the
+        middle sample. Rewards are capped at 1, so that bright spots do not draw the way aside.
+    stiffness
+        Cost of a jump of one sample squared, in clear lines.
+    largest_jump
+        Samples per node.
+    """
+    count, width = score.shape
+    half = width // 2
+    best = np.full(width, -1e9)
+    best[half] = 0.0
+    origin = np.zeros((count, width), dtype=np.int16)
+    for k in range(1, count):
+        new = np.full(width, -1e9)
+        for w in range(width):
+            reward = min(max(score[k, w], -0.2), 1.0)
+            for jump in range(-largest_jump, largest_jump + 1):
+                before = w + jump
+                if before < 0 or before >= width:
+                    continue
+                value = best[before] - stiffness * jump * jump + reward
+                if value > new[w]:
+                    new[w] = value
+                    origin[k, w] = before
+        best = new
+    way = np.empty(count, dtype=np.int64)
+    way[count - 1] = np.argmax(best)
+    for k in range(count - 1, 0, -1):
+        way[k - 1] = origin[k, way[k]]
+    return way
+
+
+@njit(cache=True)
+def centre_of_line(
+    difference: np.ndarray, score: np.ndarray, way: np.ndarray, middle: np.ndarray
+) -> np.ndarray:
+    """Return the sub-sample place (K,) of the line near `way`: the score's centroid, two half widths around."""
+    count, width = score.shape
+    place = np.empty(count)
+    for k in range(count):
+        reach = middle[k] + 1
+        total = moment = 0.0
+        for w in range(max(0, way[k] - reach), min(width, way[k] + reach + 1)):
+            value = max(score[k, w], 0.0)
+            total += value * value
+            moment += value * value * w
+        place[k] = moment / total if total > 0 else float(way[k])
+    return place

@@ -1,0 +1,56 @@
+"""Snakemake started for the user: the command is shown, and the end is told in one table."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+from strandcast.errors import ENVIRONMENT, StrandcastError
+from strandcast.records.summary import Summary
+
+
+def command(experiments: list[str], cores: int) -> list[str]:
+    """Return the Snakemake command line that makes the reports of experiments."""
+    targets = [f"results/{name}/report.html" for name in experiments]
+    profile = ["--workflow-profile", "workflow/profiles/default"]
+    return ["snakemake", *targets, "--cores", str(cores), *profile, "--quiet", "all"]
+
+
+def run_experiments(root: Path, experiments: list[str], cores: int) -> int:
+    """Run Snakemake and tell how it went; returns the exit code."""
+    if not (root / "workflow" / "Snakefile").is_file():
+        raise StrandcastError(
+            "SC-W001",
+            "there is no workflow/Snakefile here",
+            file=root.resolve(),
+            fix="change to the folder that strandcast was cloned into",
+            exit_code=ENVIRONMENT,
+        )
+    line = command(experiments, cores)
+    print(shlex.join(line), file=sys.stderr, flush=True)
+    # Snakemake lies beside the Python that runs this.
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
+    code = subprocess.run(line, cwd=root, env=os.environ | {"PATH": path}, check=False).returncode
+    for name in experiments:
+        summary = root / "results" / name / "summary.json"
+        if code == 0 and summary.is_file():
+            print(table(Summary.read(summary), root / "results" / name / "report.html"))
+    return code
+
+
+def table(summary: Summary, page: Path) -> str:
+    """Return an experiment's trials as lines of text."""
+    lines = [f"{summary.experiment}: string of {summary.string_length_m:g} m, target {summary.target_m} m"]
+    for trial in summary.trials:
+        if trial.excluded is not None:
+            lines.append(f"  trial {trial.trial}: excluded ({trial.excluded})")
+            continue
+        miss = "tip not seen" if trial.miss_m is None else f"missed by {1000 * trial.miss_m:.1f} mm"
+        verdict = "HIT " if trial.hit else "miss"
+        fit = "" if trial.E_m is None else f", E {1000 * trial.E_m:.1f} mm"
+        lines.append(f"  trial {trial.trial}: {verdict} {miss}{fit}")
+    lines.append(f"  report: {page}")
+    return "\n".join(lines)

@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from strandcast.camera.flat import flat_camera
+from strandcast.camera.mapping import metre_per_pixel, metre_to_pixel, pixel_per_metre, pixel_to_metre
+from strandcast.records.camera import Camera, Lens
+
+
+@pytest.fixture
+def camera(lens: Lens, looking) -> Camera:
+    rotation, shift = looking(0.15, -0.2, 0.05, (0.3, 0.2), 2.3)
+    return Camera(
+        lens=lens,
+        rotation=rotation.tolist(),
+        translation_m=shift.tolist(),
+        plane_rms_px=0.0,
+        plane_markers=[],
+        string_offset_m=0.02,
+        scale_m_per_px=0.002,
+        source="given",
+    )
+
+
+def test_projection_is_opencvs(camera):
+    xy_m = np.random.default_rng(1).uniform(-0.5, 0.5, (50, 2))
+    world = np.column_stack([xy_m, np.full(50, 0.03)])
+    theirs, _ = cv2.projectPoints(
+        world,
+        cv2.Rodrigues(np.array(camera.rotation))[0],
+        np.array(camera.translation_m),
+        np.array(camera.lens.matrix),
+        np.array(camera.lens.distortion),
+    )
+    np.testing.assert_allclose(metre_to_pixel(camera, xy_m, 0.03), theirs.reshape(-1, 2), atol=1e-9)
+
+
+@pytest.mark.parametrize("offset_m", [0.0, 0.02, -0.1])
+def test_pixel_to_metre_and_back_over_the_whole_picture(camera, offset_m):
+    u, v = np.meshgrid(np.linspace(0, 959, 25), np.linspace(0, 539, 15))
+    pixels = np.stack([u, v], axis=-1)
+    back = metre_to_pixel(camera, pixel_to_metre(camera, pixels, offset_m), offset_m)
+    np.testing.assert_allclose(back, pixels, atol=1e-6)
+
+
+def test_missing_points_stay_missing_and_spoil_no_others(camera):
+    pixels = np.array([[100.0, 200.0], [np.nan, 3.0], [400.0, 100.0]])
+    places = pixel_to_metre(camera, pixels)
+    assert np.isnan(places[1]).all()
+    np.testing.assert_array_equal(places[[0, 2]], pixel_to_metre(camera, pixels[[0, 2]]))
+    assert np.isnan(metre_to_pixel(camera, np.array([[np.nan, 1.0]]))).all()
+
+
+def test_a_nearer_plane_is_seen_larger_by_the_distances_ratio(looking, lens):
+    straight = lens.model_copy(update={"distortion": [0.0] * 5})
+    rotation, shift = looking(0.0, 0.0, 0.0, (0.0, 0.0), 2.0)
+    camera = Camera(
+        lens=straight,
+        rotation=rotation.tolist(),
+        translation_m=shift.tolist(),
+        plane_rms_px=0.0,
+        plane_markers=[],
+        string_offset_m=0.0,
+        scale_m_per_px=0.002,
+        source="given",
+    )
+    np.testing.assert_allclose(
+        pixel_to_metre(camera, np.array([470.0 + 110.0, 280.0 - 109.0]), 0.02),
+        (0.2 * 0.99, 0.2 * 0.99),
+        rtol=1e-9,
+    )
+    scale = metre_per_pixel(camera, np.array([0.1, 0.1]))
+    assert scale == pytest.approx(2.0 / np.sqrt(1100.0 * 1090.0), rel=1e-6)
+
+
+def test_jacobian_tells_the_next_pixel(camera):
+    here, step = np.array([0.2, 0.1]), np.array([1e-4, -2e-4])
+    moved = metre_to_pixel(camera, here + step, 0.02) - metre_to_pixel(camera, here, 0.02)
+    np.testing.assert_allclose(pixel_per_metre(camera, here, 0.02) @ step, moved, atol=1e-4)
+
+
+def test_flat_camera_is_a_plain_scale():
+    camera = flat_camera(550, 310, 0.002, (250.0, -40.0))
+    np.testing.assert_allclose(pixel_to_metre(camera, np.array([260.0, -20.0])), (0.02, -0.04), atol=1e-12)
+    assert metre_per_pixel(camera, np.array([0.0, 0.0])) == pytest.approx(0.002)

@@ -1,0 +1,130 @@
+"""experiment.yaml: what is wrong is told all at once, with line, field and suggestion."""
+
+from __future__ import annotations
+
+import textwrap
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from strandcast.errors import StrandcastError, StrandcastErrors
+from strandcast.experiment import Experiment, find_arm, find_experiment, json_schema, load_experiment
+
+GOOD = """\
+string:
+  length_m: 0.3
+target_m: [0.5, 0.5]
+"""
+
+
+def load(tmp_path, text: str) -> Experiment:
+    path = tmp_path / "experiment.yaml"
+    path.write_text(textwrap.dedent(text))
+    return load_experiment(path)
+
+
+def problems(tmp_path, text: str) -> list[StrandcastError]:
+    with pytest.raises(StrandcastErrors) as caught:
+        load(tmp_path, text)
+    return caught.value.problems
+
+
+def test_the_least_experiment_has_defaults(tmp_path):
+    experiment = load(tmp_path, GOOD)
+    assert experiment.string.n == 10
+    assert experiment.hit_radius_m == 0.02
+    assert experiment.lab is None
+    assert load(tmp_path, GOOD.replace("0.3", "0.51")).string.n == 17
+    assert load(tmp_path, GOOD.replace("0.3", "0.61")).string.n == 20
+
+
+def test_all_problems_are_told_at_once_with_their_lines(tmp_path):
+    found = problems(
+        tmp_path,
+        """\
+        string:
+          length_m: 300
+          lenght_m: 0.3
+          weights:
+            - place_m: 0.3
+              mass: 0.01
+        target_m: [500, 0.5]
+        hit_radius_m: "0.02"
+        max_trials: no
+        start_string: ensembel
+        estimate:
+          serach: cma
+          dt_s: 1
+        lab: {strng: paper-1}
+        """,
+    )
+    told = {(p.line, p.field): p.fix for p in found}
+    assert told[2, "string.length_m"] == "lengths are in metres: 300 mm would be 0.3"
+    assert told[3, "string.lenght_m"] == "did you mean 'length_m'?"
+    assert told[6, "string.weights.0.mass"] == "did you mean 'mass_kg'?"
+    assert told[7, "target_m.0"] == "lengths are in metres: 500 mm would be 0.5"
+    assert told[8, "hit_radius_m"] == "write a number, without quotes"
+    assert (9, "max_trials") in told
+    assert told[10, "start_string"] == "did you mean 'ensemble'?"
+    assert told[12, "estimate.serach"] == "did you mean 'search'?"
+    assert told[13, "estimate.dt_s"] == "times are in seconds: 1 ms would be 0.001"
+    assert told[14, "lab.strng"] == "did you mean 'string'?"
+    assert len(found) == 10
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "holds no settings"),
+        ("- 1\n- 2\n", "holds no settings"),
+        ("string: {length_m: 0.3\n", "experiment.yaml"),
+        ("string: {length_m: 0.3}\nstring: {length_m: 0.4}\n", "duplicate"),
+        ("string:\n\tlength_m: 0.3\n", "experiment.yaml:2"),
+        ("target_m: [0.5, 0.5]\n", "string: field required"),
+        (GOOD.replace("0.3", ".nan"), "string.length_m"),
+        (GOOD.replace("0.3", "yes"), "string.length_m"),
+        (GOOD.replace("[0.5, 0.5]", "[0.5]"), "target_m"),
+        (GOOD + "excluded: [{trial: 2}]\n", "excluded.0.reason: field required"),
+        (GOOD + "plan: {duration_s: [0.9, 0.2]}\n", "plan.duration_s"),
+        (GOOD + "start_string: {k_z: 3}\n", "k_z"),
+        ("string: {length_m: 0.3, weights: [{place_m: 0.4}]}\ntarget_m: [0.5, 0.5]\n", "beyond the string"),
+    ],
+)
+def test_bad_files_give_one_clear_message(tmp_path, text, words):
+    with pytest.raises(StrandcastError) as caught:
+        load(tmp_path, text)
+    assert words in str(caught.value)
+    assert "experiment.yaml" in str(caught.value)
+
+
+def test_yaml_1_2_numbers_and_words(tmp_path):
+    experiment = load(tmp_path, GOOD + "estimate: {dt_s: 1e-3}\nseed: 010\ntitle: no\n")
+    assert experiment.estimate.dt_s == 0.001
+    assert experiment.seed == 10
+    assert experiment.title == "no"
+
+
+@given(text=st.text(max_size=80))
+@settings(max_examples=150, deadline=None)
+def test_no_text_raises_anything_else(tmp_path_factory, text):
+    path = tmp_path_factory.mktemp("any") / "experiment.yaml"
+    path.write_bytes(text.encode())
+    with pytest.raises(StrandcastError):
+        load_experiment(path)
+
+
+def test_the_shipped_schema_is_the_models(project_root):
+    assert (project_root / "config" / "experiment.schema.json").read_text() == json_schema()
+
+
+def test_shipped_experiments_and_their_arms_are_valid(project_root):
+    files = sorted(project_root.glob("config/experiments/*.yaml"))
+    assert files
+    for path in files:
+        assert find_arm(load_experiment(path), path, project_root).is_file()
+
+
+def test_a_misspelt_experiment_is_guessed(project_root):
+    with pytest.raises(StrandcastError, match="did you mean 'demo'"):
+        find_experiment("dmeo", project_root)

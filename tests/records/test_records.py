@@ -1,0 +1,139 @@
+"""Every record survives a round trip, and damage or a foreign file gives one clear error."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import get_args, get_origin
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from strandcast.errors import StrandcastError
+from strandcast.records.alignment import Alignment
+from strandcast.records.camera import Camera
+from strandcast.records.estimate import Estimate
+from strandcast.records.joint_log import Run
+from strandcast.records.manifest import Manifest
+from strandcast.records.motion import Motion
+from strandcast.records.record import Part, Record
+from strandcast.records.summary import Summary, Verdict
+from strandcast.records.track import TrackSummary
+
+RECORDS = [Alignment, Camera, Estimate, Manifest, Motion, Run, Summary, TrackSummary, Verdict]
+TEXT = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=12)
+PLAIN = {
+    int: st.integers(-(2**53), 2**53),
+    float: st.floats(allow_nan=False, allow_infinity=False),
+    str: TEXT,
+    bool: st.booleans(),
+    type(None): st.none(),
+}
+
+
+def values(annotation):
+    """Return a strategy for anything that a record's field may hold."""
+    if annotation in PLAIN:
+        return PLAIN[annotation]
+    if isinstance(annotation, type) and issubclass(annotation, Part):
+        return parts(annotation)
+    arguments = [values(a) for a in get_args(annotation)]
+    if get_origin(annotation) is list:
+        return st.lists(arguments[0], max_size=3)
+    if get_origin(annotation) is dict:
+        return st.dictionaries(*arguments, max_size=3)
+    return st.one_of(arguments)
+
+
+def parts(kind):
+    fields = {name: values(field.annotation) for name, field in kind.model_fields.items()}
+    return st.builds(lambda **given: kind.model_validate(given), **fields)
+
+
+def any_record():
+    return st.sampled_from(RECORDS).flatmap(parts)
+
+
+@given(record=any_record())
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+def test_round_trip(tmp_path_factory, record: Record):
+    path = tmp_path_factory.mktemp("records") / "record.json"
+    record.write(path)
+    again = type(record).read(path)
+    assert again == record
+    first = path.read_bytes()
+    again.write(path)
+    assert path.read_bytes() == first
+
+
+@given(record=any_record(), data=st.data())
+@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+def test_a_changed_byte_is_never_read_as_another_record(tmp_path_factory, record: Record, data):
+    path = tmp_path_factory.mktemp("records") / "record.json"
+    record.write(path)
+    content = bytearray(path.read_bytes())
+    place = data.draw(st.integers(0, len(content) - 1))
+    content[place] ^= 1 << data.draw(st.integers(0, 6))
+    path.write_bytes(bytes(content))
+    try:
+        again = type(record).read(path)
+    except StrandcastError as error:
+        assert str(path) in str(error)
+        assert "Fix:" in str(error)
+        assert error.exit_code == 4
+    else:
+        assert again == record  # the flip fell on white space
+
+
+@pytest.fixture
+def verdict(tmp_path) -> Path:
+    path = tmp_path / "verdict.json"
+    Verdict(
+        experiment="e",
+        trial=1,
+        target_m=[0.5, 0.5],
+        hit_radius_m=0.02,
+        miss_m=0.003,
+        miss_sigma_m=1e-3,
+        hit=True,
+        closest_frame=7,
+        closest_robot_time_s=0.4,
+        closest_m=[0.5, 0.503],
+        reason=None,
+    ).write(path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("damage", "code"),
+    [
+        (lambda p: p.unlink(), "SC-R001"),
+        (lambda p: p.write_text(""), "SC-R001"),
+        (lambda p: p.write_text("[1, 2]"), "SC-R001"),
+        (lambda p: p.write_bytes(p.read_bytes()[:-9]), "SC-R001"),
+        (lambda p: p.write_text(p.read_text().replace("0.003", "NaN")), "SC-R001"),
+        (lambda p: p.write_text(p.read_text().replace("strandcast/verdict", "other/thing")), "SC-R002"),
+        (lambda p: p.write_text(p.read_text().replace('"version": 1', '"version": 9')), "SC-R003"),
+        (lambda p: p.write_text(p.read_text().replace("0.003", "0.002")), "SC-R004"),
+    ],
+)
+def test_damage_is_named(verdict, damage, code):
+    damage(verdict)
+    with pytest.raises(StrandcastError) as caught:
+        Verdict.read(verdict)
+    assert caught.value.code == code
+    assert str(verdict) in str(caught.value)
+
+
+def test_unknown_keys_are_kept_and_hashed(verdict):
+    data = json.loads(verdict.read_text())
+    data["operator"] = "K. T."
+    verdict.write_text(json.dumps(data))
+    with pytest.raises(StrandcastError, match="content_sha256"):
+        Verdict.read(verdict)
+    extended = Verdict.model_validate(
+        {k: v for k, v in data.items() if k not in ("schema", "version", "content_sha256")}
+    )
+    extended.write(verdict)
+    assert Verdict.read(verdict).content()["operator"] == "K. T."

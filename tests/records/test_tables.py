@@ -1,0 +1,116 @@
+"""Tables: round trip, units in the metadata, and every flipped bit that matters is caught."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from strandcast.errors import StrandcastError
+from strandcast.records.alignment import HAND, read_hand
+from strandcast.records.estimate import ENSEMBLE
+from strandcast.records.tables import read_facts, read_table, write_table
+from strandcast.records.track import MARKERS, TRACK, Track, read_track
+
+FLOATS = st.floats(-1e3, 1e3)
+
+
+@given(
+    points=hnp.arrays(float, st.tuples(st.integers(1, 6), st.integers(2, 5), st.just(2)), elements=FLOATS),
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=40, deadline=None)
+def test_track_round_trip_with_gaps(tmp_path_factory, points, seed):
+    path = tmp_path_factory.mktemp("track") / "track.parquet"
+    frames, count, _ = points.shape
+    random = np.random.default_rng(seed)
+    points[random.random((frames, count)) < 0.3] = np.nan
+    points[:, 0] = 0.25  # the hand is always there
+    track = Track(
+        np.arange(frames) * 2,
+        np.arange(frames) / 500,
+        points,
+        np.full((frames, count), 1e-3),
+        random.integers(0, 8, (frames, count)).astype(np.int32),
+    )
+    write_table(path, TRACK, track.columns())
+    again = read_track(path, count - 1)
+    np.testing.assert_array_equal(again.points_m, points)
+    np.testing.assert_array_equal(again.frame, track.frame)
+    seen = np.isfinite(points[..., 0])
+    np.testing.assert_array_equal(again.flags[seen], track.flags[seen])
+
+
+def hand_columns():
+    time_s = np.linspace(0, 1, 50)
+    return {
+        "source": ["measured"] * 25 + ["seen"] * 25,
+        "robot_time_s": time_s,
+        "x_m": np.cos(time_s),
+        "y_m": np.sin(time_s),
+        "angle_rad": time_s,
+    }
+
+
+def test_units_facts_and_text_columns(tmp_path):
+    path = tmp_path / "hand.parquet"
+    write_table(path, HAND, hand_columns(), facts={"arm": "planar3"})
+    assert pq.read_schema(path).field("angle_rad").metadata[b"unit"] == b"rad"
+    assert read_facts(path, HAND) == {"arm": "planar3"}
+    time_s, pose = read_hand(path, "seen")
+    assert pose.shape == (25, 3)
+    assert time_s[0] == pytest.approx(25 / 49)
+
+
+def test_same_columns_same_bytes(tmp_path):
+    for name in ("a", "b"):
+        write_table(tmp_path / name, HAND, hand_columns())
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_every_flipped_bit_is_caught_or_harmless(tmp_path):
+    path = tmp_path / "hand.parquet"
+    write_table(path, HAND, hand_columns())
+    right, content = read_table(path, HAND), path.read_bytes()
+    random, caught = np.random.default_rng(0), 0
+    for place in random.integers(0, len(content), 150):
+        broken = bytearray(content)
+        broken[place] ^= 1 << int(random.integers(8))
+        path.write_bytes(bytes(broken))
+        try:
+            again = read_table(path, HAND)
+        except StrandcastError as error:
+            caught += 1
+            assert str(path) in str(error)
+        else:
+            for name, values in right.items():
+                np.testing.assert_array_equal(again[name], values)
+    assert caught > 100
+
+
+@pytest.mark.parametrize("spec", [TRACK, MARKERS])
+def test_a_foreign_table_is_refused(tmp_path, spec):
+    path = tmp_path / "hand.parquet"
+    write_table(path, HAND, hand_columns())
+    with pytest.raises(StrandcastError, match=r"SC-R012.*hand\.parquet"):
+        read_table(path, spec)
+
+
+def test_a_cut_or_missing_table_is_refused(tmp_path):
+    path = tmp_path / "hand.parquet"
+    with pytest.raises(StrandcastError, match="not there"):
+        read_table(path, HAND)
+    write_table(path, HAND, hand_columns())
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(StrandcastError, match="SC-R011"):
+        read_table(path, HAND)
+
+
+def test_only_open_ended_tables_take_further_columns(tmp_path):
+    with pytest.raises(ValueError, match="hand"):
+        write_table(tmp_path / "x", HAND, hand_columns() | {"more_m": np.zeros(50)})
+    write_table(tmp_path / "y", ENSEMBLE, {"member": [0, 1], "E_m": [0.1, 0.2], "k_s": [1e3, 1e4]})
+    np.testing.assert_array_equal(read_table(tmp_path / "y", ENSEMBLE)["k_s"], [1e3, 1e4])

@@ -1,0 +1,22 @@
+"""Lens and plane of motion.
+
+REQUIRED INPUTS: data/<experiment>/calibration/{lens-*.png, plane.png}
+OUTPUTS:         results/<experiment>/camera.json
+"""
+
+
+rule calibrate:
+    input:
+        photos=lens_photos,
+        plane=lambda wildcards: f"data/{wildcards.experiment}/{experiment(wildcards.experiment).camera.plane_photo}",
+    output:
+        camera="results/{experiment}/camera.json",
+    log:
+        "results/{experiment}/logs/calibrate.log",
+    params:
+        settings=stage_settings("calibrate"),
+        code=code_version("calibrate"),
+    message:
+        "{wildcards.experiment}: the lens and the plane of motion are calibrated"
+    shell:
+        "python -m strandcast calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"

@@ -1,0 +1,184 @@
+"""Shared by all rules: the experiments and trials that there are, and where their files lie."""
+
+import os
+import re
+import shlex
+import sys
+import tomllib
+from functools import cache
+from pathlib import Path
+
+from strandcast.errors import StrandcastError
+from strandcast.experiment import (
+    NAME,
+    Experiment,
+    find_arm,
+    find_experiment,
+    load_experiment,
+)
+from strandcast.layout import ExperimentFolder, trial_name
+from strandcast.stages.depends import code_version, settings
+
+ROOT = Path(".")
+
+# Jobs run with the Python that runs Snakemake.
+shell.prefix(
+    f"set -euo pipefail; PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH; "
+)
+
+
+def stop(error):
+    """End with the message that a user can act on, without Snakemake's traceback."""
+    sys.stderr.write(f"{error}\n")
+    os._exit(error.exit_code)
+
+
+@cache
+def experiment(name) -> Experiment:
+    """Return an experiment's settings; everything wrong with them is told before any job starts."""
+    try:
+        return load_experiment(find_experiment(name, ROOT))
+    except StrandcastError as error:
+        stop(error)
+
+
+def own_experiments():
+    """Return the experiments with a file of their own under data/, or the demo where there is none."""
+    names = sorted(path.parent.name for path in ROOT.glob("data/*/experiment.yaml"))
+    return names or ["demo"]
+
+
+def lab_experiments():
+    """Return the experiments that the lab throws."""
+    files = [
+        *ROOT.glob("data/*/experiment.yaml"),
+        *ROOT.glob("config/experiments/*.yaml"),
+    ]
+    names = {
+        path.parent.name if path.stem == "experiment" else path.stem for path in files
+    }
+    return sorted(
+        name
+        for name in names
+        if "lab:" in find_experiment(name, ROOT).read_text() and experiment(name).lab
+    )
+
+
+def folder(name):
+    return ExperimentFolder(ROOT, name)
+
+
+def arm_files(wildcards):
+    """Return the arm's file and its URDF."""
+    name = wildcards.experiment
+    try:
+        path = find_arm(experiment(name), find_experiment(name, ROOT), ROOT)
+    except StrandcastError as error:
+        stop(error)
+    urdf = tomllib.loads(path.read_text()).get("urdf", "")
+    return [str(path), *([str(path.parent / urdf)] if urdf else [])]
+
+
+def stage_settings(stage):
+    """Return a params function: the part of experiment.yaml that a stage reads."""
+    return lambda wildcards: settings(experiment(wildcards.experiment), stage)
+
+
+def counted(name, trials):
+    """Return the trials that are not excluded."""
+    return [
+        number for number in trials if experiment(name).excluded_reason(number) is None
+    ]
+
+
+def earlier(wildcards):
+    """Return the counted trials before this one."""
+    return counted(wildcards.experiment, range(1, int(wildcards.trial)))
+
+
+def so_far(wildcards):
+    """Return the counted trials up to this one; this one also when it is excluded."""
+    number = int(wildcards.trial)
+    return [*counted(wildcards.experiment, range(1, number)), number]
+
+
+def results_of(name, trials, *files):
+    """Return result files of trials."""
+    return [
+        f"results/{name}/{trial_name(number)}/{file}"
+        for number in trials
+        for file in files
+    ]
+
+
+def played_motions(name, trials):
+    """Return the motions that were played; an imported trial may have none."""
+    if experiment(name).lab:
+        return [f"data/{name}/{trial_name(number)}/motion.json" for number in trials]
+    found = (folder(name).trial(number).played_motion for number in trials)
+    return [str(path) for path in found if path]
+
+
+def raw_video(wildcards):
+    """Return the trial's video; the lab's is called video.mp4 before it exists."""
+    if experiment(wildcards.experiment).lab:
+        return f"data/{wildcards.experiment}/trial-{wildcards.trial}/video.mp4"
+    try:
+        return str(folder(wildcards.experiment).trial(int(wildcards.trial)).video())
+    except StrandcastError as error:
+        stop(error)
+
+
+def lens_photos(wildcards):
+    """Return the board photos; the lab's are named before they exist."""
+    name = wildcards.experiment
+    if experiment(name).lab:
+        return [
+            f"data/{name}/calibration/lens-{number:02d}.png" for number in range(1, 13)
+        ]
+    return sorted(map(str, folder(name).data.glob(experiment(name).camera.lens_photos)))
+
+
+def trials(name):
+    """Return the trials of an experiment: those that were recorded, or in the lab, until the first hit.
+
+    In the lab the number is not known ahead; each verdict is a checkpoint that says whether to go on.
+    """
+    if not experiment(name).lab:
+        return folder(name).recorded_trials()
+    thrown = []
+    for number in range(1, experiment(name).max_trials + 1):
+        thrown.append(number)
+        if counted(name, [number]):
+            verdict = checkpoints.judge.get(
+                experiment=name, trial=f"{number:02d}"
+            ).output.verdict
+            if '"hit": true' in Path(verdict).read_text():
+                break
+    return thrown
+
+
+def trial_results(wildcards):
+    """Return what the page of one trial shows; an excluded trial shows its reason."""
+    name, number = wildcards.experiment, int(wildcards.trial)
+    if not counted(name, [number]):
+        return []
+    supplied = (folder(name).trial(number).data / "track.parquet").is_file()
+    filmed = [] if supplied else ["manifest.json", "strobe.webp"]
+    camera = [] if supplied else [f"results/{name}/camera.json"]
+    next_motion = [] if supplied else results_of(name, [number + 1], "motion.json")
+    return results_of(name, [number], *TRIAL_FILES, *filmed) + camera + next_motion
+
+
+TRIAL_FILES = [
+    "track.parquet",
+    "track.json",
+    "alignment.json",
+    "hand.parquet",
+    "verdict.json",
+    "estimate.json",
+    "ensemble.parquet",
+    "simulated.parquet",
+]
+EXPERIMENTS = own_experiments()
+LAB_EXPERIMENTS = "|".join(map(re.escape, lab_experiments())) or "(?!)"

@@ -1,0 +1,24 @@
+"""What was recorded: hashes, counts, time stamps, gaps.
+
+REQUIRED INPUTS: data/<experiment>/trial-NN/{video.*, joints.csv, run.json, motion.json}
+OUTPUTS:         results/<experiment>/trial-NN/manifest.json
+"""
+
+
+rule ingest:
+    input:
+        video=raw_video,
+        joints="data/{experiment}/trial-{trial}/joints.csv",
+        run="data/{experiment}/trial-{trial}/run.json",
+        motion="data/{experiment}/trial-{trial}/motion.json",
+    output:
+        manifest="results/{experiment}/trial-{trial}/manifest.json",
+    log:
+        "results/{experiment}/trial-{trial}/logs/ingest.log",
+    params:
+        settings=stage_settings("ingest"),
+        code=code_version("ingest"),
+    message:
+        "{wildcards.experiment} trial {wildcards.trial}: raw files are hashed and counted"
+    shell:
+        "python -m strandcast ingest {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

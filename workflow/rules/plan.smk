@@ -1,0 +1,35 @@
+"""The next motion.
+
+REQUIRED INPUTS: the latest estimate and ensemble; motions, tracks and hands of the trials so far; the arm's file
+OUTPUTS:         results/<experiment>/trial-NN/motion.json, made from the trials before NN
+"""
+
+
+rule plan:
+    input:
+        estimate=lambda w: results_of(
+            w.experiment, earlier(w)[-1:], "estimate.json", "ensemble.parquet"
+        ),
+        trials=lambda w: results_of(
+            w.experiment,
+            earlier(w),
+            "track.parquet",
+            "alignment.json",
+            "hand.parquet",
+            "verdict.json",
+        ),
+        motions=lambda w: played_motions(w.experiment, earlier(w)),
+        arm=arm_files,
+    output:
+        motion="results/{experiment}/trial-{trial}/motion.json",
+    log:
+        "results/{experiment}/trial-{trial}/logs/plan.log",
+    threads: 2
+    params:
+        settings=stage_settings("plan"),
+        code=code_version("plan"),
+    message:
+        "{wildcards.experiment} trial {wildcards.trial}: the motion is planned"
+    shell:
+        "NUMBA_NUM_THREADS={threads} python -m strandcast plan {wildcards.experiment:q} {wildcards.trial}"
+        " 2>&1 | tee {log:q} >&2"
