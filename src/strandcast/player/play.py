@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 from strandcast.arm.load import Arm
-from strandcast.errors import ABORTED, STOPPED_BY_CONTROLLER, StrandcastError
+from strandcast.errors import ABORTED, REFUSED, STOPPED_BY_CONTROLLER, StrandcastError
 from strandcast.player.checks import check_motion, check_start, sample
 from strandcast.player.protocol import Driver, Recording
 from strandcast.records.files import atomic_write
@@ -44,7 +44,7 @@ def play(
     if (out_dir / "run.json").exists():
         raise StrandcastError("SC-X010", "this trial has been played already", file=out_dir / "run.json",
                               cost="nothing was sent to the arm", fix="play it as the next trial")  # fmt: skip
-    motion = Motion.read(motion_path)
+    motion = _read(motion_path)
     check_motion(motion_path, motion, arm)
     driver.connect()
     try:
@@ -65,6 +65,14 @@ def play(
             cost="the trial cannot be used", fix="mend the reason, move the folder away, and play it again",
             exit_code=ABORTED if recording.status == "aborted" else STOPPED_BY_CONTROLLER)  # fmt: skip
     return run
+
+
+def _read(path: Path) -> Motion:
+    try:
+        return Motion.read(path)
+    except StrandcastError as error:
+        error.cost, error.exit_code = "nothing was sent to the arm", REFUSED
+        raise
 
 
 def _run(motion: Motion, arm: Arm, driver: Driver, recording: Recording, joints_sha256: str) -> Run:

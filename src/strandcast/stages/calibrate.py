@@ -7,11 +7,51 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from strandcast.camera.flat import flat_camera
 from strandcast.camera.lens import calibrate_lens
 from strandcast.camera.markers import CharucoBoard
 from strandcast.camera.plane import PlaneMarker, plane_from_markers
 from strandcast.errors import StrandcastError
-from strandcast.experiment import CameraSettings, find_experiment, load_experiment
-from strandcast.layout import ExperimentFolder
+from strandcast.experiment import CameraSettings
 from strandcast.progress import progress
+from strandcast.stages.context import context_of
+
+
+def run(root: Path, name: str) -> None:
+    """Write results/<experiment>/camera.json."""
+    context = context_of(root, name)
+    camera = context.settings.camera
+    folder = context.folder.data
+    paths = sorted(folder.glob(camera.lens_photos))
+    photos = [(path.name, _photo(path)) for path in progress(paths, "calibrate: photos", len(paths))]
+    if not photos:
+        raise StrandcastError(
+            "SC-C001",
+            f"no photo fits {camera.lens_photos!r}",
+            file=folder,
+            field="camera.lens_photos",
+            fix="take 10 photos of the ChArUco board, all over the picture (`strandcast boards` prints it)",
+        )
+    lens = calibrate_lens(photos, _board(camera))
+    plane = folder / camera.plane_photo
+    plane_from_markers(
+        _photo(plane),
+        lens,
+        [PlaneMarker(m.id, m.x_m, m.y_m, camera.plane.size_m, m.angle_rad) for m in camera.plane.markers],
+        camera.plane.dictionary,
+        camera.string_offset_m,
+        file=str(plane),
+    ).write(context.folder.results / "camera.json")
+
+
+def _photo(path: Path) -> np.ndarray:
+    grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if grey is None:
+        raise StrandcastError("SC-C002", "is not there or is not a picture", file=path, fix="copy it again")
+    return np.asarray(grey)
+
+
+def _board(camera: CameraSettings) -> CharucoBoard:
+    board = camera.board
+    return CharucoBoard(
+        board.squares_x, board.squares_y, board.square_m, board.marker_m, board.dictionary, board.legacy
+    )

@@ -1,0 +1,110 @@
+"""The lab's camera: where it stands, its lens, and the way from the plane of the throw to its pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from strandcast.arm.load import Arm
+from strandcast.experiment import Experiment
+from strandcast.seeds import rng
+
+FOCAL_SHARE = 1.55  # focal length over the picture's width
+DISTORTION = (-0.10, 0.03, 4e-4, -3e-4, 0.0)
+OBLIQUE_RAD = (0.055, -0.07, 0.008)  # about the picture's x, y and z axes: a tripod is never quite square
+MARGIN_SHARE = 0.02
+FACING = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A camera that looks at the plane of the throw; world z is towards the camera.
+
+    Attributes
+    ----------
+    width_px, height_px
+        Of the picture.
+    matrix
+        (3, 3) pinhole [px].
+    distortion
+        k1, k2, p1, p2, k3.
+    rotation, translation_m
+        camera = rotation · world + translation.
+    """
+
+    width_px: int
+    height_px: int
+    matrix: np.ndarray
+    distortion: np.ndarray
+    rotation: np.ndarray
+    translation_m: np.ndarray
+
+    def pixels(self, xy_m: np.ndarray, height_m: float = 0.0) -> np.ndarray:
+        """Return the pixels (..., 2) of places (..., 2) in the plane, or `height_m` before it."""
+        xy = np.asarray(xy_m, float)
+        flat = np.column_stack([xy.reshape(-1, 2), np.full(xy.size // 2, height_m)])
+        turn, _ = cv2.Rodrigues(self.rotation)
+        uv, _ = cv2.projectPoints(flat, turn, self.translation_m, self.matrix, self.distortion)
+        return np.asarray(uv, float).reshape(xy.shape)
+
+    def scale_px_m(self, xy_m: np.ndarray, height_m: float = 0.0) -> float:
+        """Return pixels per metre about a place (2,) in the plane."""
+        step = 0.005
+        corners = np.asarray(xy_m) + step * np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
+        left, right, low, high = self.pixels(corners, height_m)
+        sides = (right - left) / (2 * step), (high - low) / (2 * step)
+        return float(np.sqrt(abs(sides[0][0] * sides[1][1] - sides[0][1] * sides[1][0])))
+
+    def rays(self, uv: np.ndarray) -> np.ndarray:
+        """Return the directions (..., 2) at depth 1, in the camera's frame, of pixels (..., 2)."""
+        flat = np.asarray(uv, float).reshape(-1, 1, 2)
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 1e-9)
+        out = cv2.undistortPointsIter(flat, self.matrix, self.distortion, None, None, criteria)
+        return np.asarray(out, float).reshape(np.shape(uv))
+
+
+def on_plane(rays: np.ndarray, rotation: np.ndarray, translation_m: np.ndarray) -> np.ndarray:
+    """Return where rays (..., 2) meet the plane z = 0 of a frame seen under a pose: (..., 2) [m]."""
+    inverse = np.linalg.inv(np.column_stack([rotation[:, 0], rotation[:, 1], translation_m]))
+    x, y = rays[..., 0], rays[..., 1]
+    xyw = [inverse[k, 0] * x + inverse[k, 1] * y + inverse[k, 2] for k in range(3)]
+    return np.stack([xyw[0] / xyw[2], xyw[1] / xyw[2]], axis=-1)
+
+
+def make_view(experiment: Experiment, name: str, arm: Arm) -> View:
+    """Set the camera up before an experiment: all of the workspace in the picture, a little obliquely."""
+    assert experiment.lab is not None
+    camera = experiment.lab.camera
+    random = rng(name, experiment.seed, 0, "lab-camera")
+    width, height = camera.width_px, camera.height_px
+    focal = FOCAL_SHARE * width * (1.0 + 0.02 * random.uniform(-1, 1))
+    centre = np.array([width, height]) / 2 + random.uniform(-8, 8, 2)
+    matrix = np.array([[focal, 0.0, centre[0]], [0.0, focal * 1.001, centre[1]], [0.0, 0.0, 1.0]])
+    tilt, _ = cv2.Rodrigues(np.array(OBLIQUE_RAD) * (1.0 + 0.3 * random.uniform(-1, 1, 3)))
+    rotation = tilt @ FACING
+    box = experiment.workspace_m or arm.workspace
+    corners = np.array([(x, y) for x in box.x_m for y in box.y_m])
+    return _backed_off(View(width, height, matrix, np.array(DISTORTION), rotation, np.zeros(3)), corners)
+
+
+def _backed_off(view: View, corners_m: np.ndarray) -> View:
+    """Move the camera back along its axis until all the corners are in the picture."""
+    middle = np.append(corners_m.mean(axis=0), 0.0)
+    margin = MARGIN_SHARE * view.width_px
+    limit = np.array([view.width_px, view.height_px]) - margin
+    distance_m = 0.3
+    while True:
+        # The middle of the box, not the world's origin, lies on the axis; then centred in the picture.
+        ahead = np.array([0.0, 0.0, distance_m]) - view.rotation @ middle
+        for _ in range(3):
+            moved = View(
+                view.width_px, view.height_px, view.matrix, view.distortion, view.rotation, ahead
+            )
+            uv = moved.pixels(corners_m)
+            off = 0.5 * (uv.min(axis=0) + uv.max(axis=0)) - 0.5 * (limit + margin)
+            ahead = ahead - np.append(off * distance_m / np.diag(view.matrix)[:2], 0.0)
+        if (uv > margin).all() and (uv < limit).all():
+            return moved
+        distance_m *= 1.01
