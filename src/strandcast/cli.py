@@ -167,3 +167,16 @@ def schema() -> None:
     from strandcast.experiment import json_schema
 
     print(json_schema(), end="")
+
+
+@app.command()
+def boards(
+    experiment: ExperimentName,
+    out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("boards"),
+    png: Annotated[bool, typer.Option("--png", help="PNG with its resolution instead of PDF.")] = False,
+) -> None:
+    """Print an experiment's marker boards at true size, one PDF each."""
+    from strandcast.stages import boards as stage
+
+    for path in stage.run(ROOT, experiment, out, "png" if png else "pdf"):
+        print(path)

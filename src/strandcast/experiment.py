@@ -51,7 +51,9 @@ class StiffSection(Section):
 class String(Section):
     """What is known of the string before it is thrown."""
 
-    length_m: Length = Field(description="Free length beyond the clamp, e.g. 0.3.")
+    length_m: Length = Field(
+        description="Its length, e.g. 0.3; what the clamp swallows (arm's file) is taken off."
+    )
     points: Annotated[int, Field(ge=2, le=100)] | None = Field(
         None, description="Free mass points n; by default one every 30 mm."
     )
@@ -171,6 +173,10 @@ class EstimateSettings(Section):
     dt_s: Annotated[float, Field(gt=0, le=0.005)] = 1e-3
     start_shape: Literal["observed", "hanging"] = "observed"
     rest_curl: bool = Field(False, description="Fit a constant rest curvature (real cables keep one).")
+    clamp_offset: bool = Field(True, description="Fit a turn of the clamp against the arm's file.")
+    horizon_s: Annotated[float, Field(ge=0, le=60)] | None = Field(
+        0.03, description="Frames up to this long after the closest approach enter E; null: the whole motion."
+    )
     joints: Literal["measured", "commanded"] = "measured"
     ensemble: Annotated[int, Field(ge=1, le=64)] = 6
     paper: PaperSearch = PaperSearch()
@@ -195,7 +201,9 @@ class PlanSettings(Section):
     screening: Annotated[int, Field(ge=8, le=100_000)] = 480
     evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = 1200
     ensemble: Annotated[int, Field(ge=1, le=64)] = 4
-    dt_s: Annotated[float, Field(gt=0, le=0.005)] = 1e-3
+    use_servo: bool = Field(
+        True, description="Plan with the servo's response; the paper plans commanded angles."
+    )
 
     @field_validator("duration_s")
     @classmethod
@@ -284,7 +292,9 @@ class Experiment(Section):
 
     @field_validator("start_string")
     @classmethod
-    def _start_values_have_names(cls, value: StartString | dict[str, float]) -> StartString | dict[str, float]:
+    def _start_values_have_names(
+        cls, value: StartString | dict[str, float]
+    ) -> StartString | dict[str, float]:
         if isinstance(value, dict):
             _known_parameters(value)
         return value

@@ -95,7 +95,7 @@ def swing(length_m: float, frames: int, rate_hz: float, tip_mass: float, speed: 
         ease = s**3 * (10 - 15 * s + 6 * s * s)
         turn = -2.2 + 2.6 * ease
         arm = 0.28
-        return np.array([-0.1 + arm * np.cos(turn + 0.5), 0.05 + arm * np.sin(turn + 0.5), turn])
+        return np.array([-0.2 + arm * np.cos(turn + 0.5), 0.15 + arm * np.sin(turn + 0.5), turn])
 
     nodes = np.empty((links + 1, 2))
     nodes[:] = hand_at(0)[:2]
@@ -132,7 +132,7 @@ def draw_frame(background, hand, curves_px, thickness_px, level, tip_radius_px, 
     image = background.copy()
     c, s = np.cos(hand[2]), np.sin(hand[2])
     turn = np.array([[c, s], [-s, c]])
-    elbow = to_pixels(np.array([[-0.35, 0.05], hand[:2] - 0.01 * np.array([c, s])]))
+    elbow = to_pixels(np.array([[-0.45, 0.15], hand[:2] - 0.01 * np.array([c, s])]))
     draw_line(image, elbow, 26, 150)
     square = 0.5 * MARKER_M * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) + MARKER_PLACE_M
     draw_marker(image, to_pixels(square @ turn + hand[:2]), 7)

@@ -18,12 +18,12 @@ TAP_WEIGHTS = np.exp(-0.5 * (TAPS**2).sum(axis=1) / PSF_PX**2)
 TAP_WEIGHTS /= TAP_WEIGHTS.sum()
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _edge(distance: float) -> float:
     return 0.5 * (1.0 + math.erf(distance / (1.4142135623730951 * PSF_PX)))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def stroke(cover: np.ndarray, spans: np.ndarray, line: np.ndarray, half_px: np.ndarray) -> None:
     """Cover a polyline (K, 2) [px] of half widths (K - 1,) on `cover` (H, W), 0 to 1; overlaps count once.
 
@@ -46,14 +46,16 @@ def stroke(cover: np.ndarray, spans: np.ndarray, line: np.ndarray, half_px: np.n
                 distance = math.hypot(u - x0 - along * dx, v - y0 - along * dy)
                 if distance > reach:
                     continue
-                value = _edge(half - distance) - _edge(-half - distance)
+                value = 1.0
+                if distance > half - REACH_PX:
+                    value = _edge(half - distance) - _edge(-half - distance)
                 if value > cover[v, u]:
                     cover[v, u] = value
                     spans[v, 0] = min(spans[v, 0], u)
                     spans[v, 1] = max(spans[v, 1], u + 1)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def blend(
     picture: np.ndarray, cover: np.ndarray, spans: np.ndarray, touched: np.ndarray, tone: float
 ) -> None:
@@ -70,7 +72,7 @@ def blend(
         spans[v, 0], spans[v, 1] = cover.shape[1], 0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def stamp(
     picture: np.ndarray, touched: np.ndarray, to_cells: np.ndarray, corners: np.ndarray, cells: np.ndarray
 ) -> None:
@@ -106,7 +108,7 @@ def stamp(
             touched[v, 1] = max(touched[v, 1], right + 1)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gather(
     total: np.ndarray, picture: np.ndarray, still: np.ndarray, touched: np.ndarray, share: float
 ) -> None:
@@ -118,14 +120,26 @@ def gather(
         touched[v, 0], touched[v, 1] = picture.shape[1], 0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def expose(
-    light: np.ndarray, gain: np.ndarray, flicker: float, noise: np.ndarray, floor: float, photon: float,
-    out: np.ndarray,
+    light: np.ndarray, gain: np.ndarray, flicker: float, noise: np.ndarray, corner: tuple[int, int],
+    noise_powers: tuple[float, float], out: np.ndarray,
 ) -> None:  # fmt: skip
-    """Turn light (H, W) into a sensor's grey levels: vignetting, flicker, read and photon noise, rounding."""
-    for v in range(light.shape[0]):
-        for u in range(light.shape[1]):
-            level = light[v, u] * gain[v, u] * flicker
-            level += math.sqrt(floor + photon * max(level, 0.0)) * noise[v, u]
-            out[v, u] = np.uint8(min(255.0, max(0.0, level + 0.5)))
+    """Turn light (H, W) into a sensor's grey levels: vignetting, flicker, read and photon noise, rounding.
+
+    Parameters
+    ----------
+    noise, corner
+        A larger field of standard noise, and the corner of the part to use.
+    noise_powers
+        Of the read-out [grey²], and of the photons [grey² per grey].
+    """
+    height, width = light.shape
+    zero, white, half = np.float32(0.0), np.float32(255.0), np.float32(0.5)
+    bright, floor, photon = np.float32(flicker), np.float32(noise_powers[0]), np.float32(noise_powers[1])
+    for v in range(height):
+        seen, share, row = light[v], gain[v], noise[corner[0] + v]
+        for u in range(width):
+            level = seen[u] * share[u] * bright
+            level += np.sqrt(floor + photon * max(level, zero)) * row[corner[1] + u]
+            out[v, u] = np.uint8(min(white, max(zero, level + half)))

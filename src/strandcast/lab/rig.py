@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import mujoco
@@ -26,7 +27,7 @@ OFF = mujoco.mjtDisableBit
 
 @dataclass(frozen=True)
 class Link:
-    """One straight piece of the string: from and to [m] along it, whether a pipe, what hangs at its end [kg]."""
+    """One straight piece of the string: its ends [m] along it, its pipe, what hangs at its far end [kg]."""
 
     from_m: float
     to_m: float
@@ -41,10 +42,10 @@ def links_of(thread: Thread) -> list[Link]:
     marks += [place for start, end, _ in thread.pipes for place in (start, end)]
     marks = sorted({round(mark, 9) for mark in marks})
     places = [0.0]
-    for start, end in zip(marks[:-1], marks[1:], strict=True):
+    for start, end in pairwise(marks):
         places += np.linspace(start, end, max(1, round((end - start) / LINK_M)) + 1)[1:].tolist()
     links = []
-    for start, end in zip(places[:-1], places[1:], strict=True):
+    for start, end in pairwise(places):
         pipe = next((p for p in thread.pipes if p[0] - 1e-9 <= start and end <= p[1] + 1e-9), None)
         weight = sum(mass for place, mass in thread.weights if abs(place - end) < 1e-9)
         share = 0.0 if pipe is None else pipe[2] * (end - start) / (pipe[1] - pipe[0])
@@ -54,7 +55,7 @@ def links_of(thread: Thread) -> list[Link]:
 
 @dataclass(frozen=True)
 class Grasp:
-    """How the clamp holds the string in one throw, beside what the arm's file says: to the left [m], turned [rad]."""
+    """How the string lies in the clamp, against what the arm's file says: to the left [m], turned [rad]."""
 
     lateral_m: float = 0.0
     angle_rad: float = 0.0
@@ -207,7 +208,7 @@ def weight_radius_m(mass_kg: float) -> float:
 
 
 def _clamp(arm: Arm, grasp: Grasp) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the string leaves the hand's body (3,), and the string's axes (3, 3) as rows, in its frame."""
+    """Return, in the hand's body, where the string leaves it (3,) and the string's axes as rows (3, 3)."""
     model = arm.model()
     data = mujoco.MjData(model)
     rest = np.zeros(len(arm.joints))

@@ -51,7 +51,7 @@ PRESETS = {
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """The joints' motors: (J,) stiffness [N m/rad], damping [N m s/rad], torque limit [N m], rotor inertia, friction."""
+    """The joints' motors, (J,) each: loop gains, torque limit, rotor inertia and friction, SI units."""
 
     stiffness: np.ndarray
     damping: np.ndarray

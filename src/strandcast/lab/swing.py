@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -89,7 +90,7 @@ def simulate_swing(
     grasp = Grasp(variation.grasp_lateral_m, variation.grasp_angle_rad)
     while step_s >= SMALLEST_STEP_S:
         rig = build_rig(arm, drive, hanging, grasp, step_s)
-        loop = _Loop(
+        loop = Loop(
             drive.stiffness * variation.servo_gain,
             drive.damping * variation.servo_gain,
             drive.torque_n_m,
@@ -120,7 +121,7 @@ def _held(command: Command, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 @dataclass(frozen=True, eq=False)
-class _Loop:
+class Loop:
     """Gains of the loops (J,) and the encoders' zero errors (true angle = encoder's + zero)."""
 
     stiffness: np.ndarray
@@ -129,6 +130,7 @@ class _Loop:
     zero_rad: np.ndarray
 
     def torque(self, aims: SetPoints, k: int, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Return the torques (J,) of the motors at cycle k with the joints at q and moving at qd."""
         wanted = (
             self.stiffness * (aims.q_rad[k] + self.zero_rad - q)
             + self.damping * (aims.qd_rad_s[k] - qd)
@@ -137,7 +139,7 @@ class _Loop:
         return np.clip(wanted, -self.limit_n_m, self.limit_n_m)
 
 
-def _run(rig: Rig, loop: _Loop, aims: SetPoints, variation: Variation) -> tuple[np.ndarray, ...] | None:
+def _run(rig: Rig, loop: Loop, aims: SetPoints, variation: Variation) -> tuple[np.ndarray, ...] | None:
     """Return angles, speeds, torques and nodes at every cycle; None if the string ran away."""
     model, dofs = rig.model, rig.arm_dofs
     data = mujoco.MjData(model)
@@ -160,7 +162,7 @@ def _run(rig: Rig, loop: _Loop, aims: SetPoints, variation: Variation) -> tuple[
     return motion[0], motion[1], motion[2], nodes
 
 
-def at_rest(rig: Rig, loop: _Loop, aims: SetPoints) -> np.ndarray:
+def at_rest(rig: Rig, loop: Loop, aims: SetPoints) -> np.ndarray:
     """Return the coordinates at which the loops, the weights and the bent string are in balance.
 
     The arm sags a little below its aim where nothing is put in ahead; the string hangs, curled.
@@ -178,18 +180,18 @@ def at_rest(rig: Rig, loop: _Loop, aims: SetPoints) -> np.ndarray:
     direction = np.arctan2(*(second - first)[::-1])
     start[rig.string_dofs[0]] = _wrapped(-0.5 * np.pi - direction)
 
-    def unbalanced(x: np.ndarray) -> np.ndarray:
+    def unbalanced(x: np.ndarray) -> Any:
         data.qpos[:] = start
         data.qpos[free] = x
         data.qvel[:] = 0.0
         mujoco.mj_forward(model, data)
         force = data.qfrc_passive - data.qfrc_bias
         force[rig.arm_dofs] += loop.torque(aims, 0, data.qpos[rig.arm_dofs], np.zeros(len(rig.arm_dofs)))
-        return np.asarray(force[free] / scale)
+        return force[free] / scale
 
     scale = 1.0
     scale = np.maximum(np.abs(unbalanced(start[free] + 0.3)), 1e-9)
-    answer = root(unbalanced, start[free], method="hybr", options={"xtol": 1e-12, "maxfev": 20000})
+    answer = root(unbalanced, start[free], tol=1e-12)
     start[free] = answer.x
     return start
 

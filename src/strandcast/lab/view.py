@@ -61,7 +61,7 @@ class View:
         """Return the directions (..., 2) at depth 1, in the camera's frame, of pixels (..., 2)."""
         flat = np.asarray(uv, float).reshape(-1, 1, 2)
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 1e-9)
-        out = cv2.undistortPointsIter(flat, self.matrix, self.distortion, None, None, criteria)
+        out = cv2.undistortPoints(flat, self.matrix, self.distortion, criteria=criteria)
         return np.asarray(out, float).reshape(np.shape(uv))
 
 
@@ -99,9 +99,7 @@ def _backed_off(view: View, corners_m: np.ndarray) -> View:
         # The middle of the box, not the world's origin, lies on the axis; then centred in the picture.
         ahead = np.array([0.0, 0.0, distance_m]) - view.rotation @ middle
         for _ in range(3):
-            moved = View(
-                view.width_px, view.height_px, view.matrix, view.distortion, view.rotation, ahead
-            )
+            moved = View(view.width_px, view.height_px, view.matrix, view.distortion, view.rotation, ahead)
             uv = moved.pixels(corners_m)
             off = 0.5 * (uv.min(axis=0) + uv.max(axis=0)) - 0.5 * (limit + margin)
             ahead = ahead - np.append(off * distance_m / np.diag(view.matrix)[:2], 0.0)

@@ -56,7 +56,9 @@ def draw_first(
         if len(found) == count:
             return found
         time_s = whole_steps(rng.uniform(*duration_s), step_s)
-        curve = _random_curve(reading, len(limits.lower_rad), time_s, free_heights, largest_acceleration_rad_s2, rng)
+        curve = _random_curve(
+            reading, len(limits.lower_rad), time_s, free_heights, largest_acceleration_rad_s2, rng
+        )
         placed = place_at_random(curve, reading, limits, step_s, rng)
         if placed is not None:
             found.append(placed)
@@ -71,7 +73,9 @@ def _random_curve(
     reading: str, joints: int, time_s: float, free: int, largest: float, rng: np.random.Generator
 ) -> Curve:
     if reading == "paper":
-        return Curve(np.zeros(joints), time_s, paper_heights(rng.uniform(-largest, largest, (joints, free)), time_s))
+        return Curve(
+            np.zeros(joints), time_s, paper_heights(rng.uniform(-largest, largest, (joints, free)), time_s)
+        )
     # Eq. 1 over the inner heights; the two at either end are zero.
     slopes = rng.uniform(-largest, largest, (joints, free))
     inner = np.cumsum(slopes * time_s / (free + 3), axis=1)
@@ -117,7 +121,9 @@ def within_range(limits: Limits, motion: Samples) -> bool:
 
 def excess(limits: Limits, motion: Samples, step_s: float) -> float:
     """Return how far a motion breaks the limits: the sum over joints and kinds of the excess, 1 = the limit itself."""
-    room = np.where(np.isfinite(limits.upper_rad - limits.lower_rad), limits.upper_rad - limits.lower_rad, np.pi)
+    room = np.where(
+        np.isfinite(limits.upper_rad - limits.lower_rad), limits.upper_rad - limits.lower_rad, np.pi
+    )
     parts = [
         (motion.q - limits.upper_rad).max(axis=0) / room,
         (limits.lower_rad - motion.q).max(axis=0) / room,

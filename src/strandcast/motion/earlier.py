@@ -100,7 +100,9 @@ def resampled(time_s: np.ndarray, known_s: np.ndarray, values: np.ndarray) -> np
     return np.stack([np.interp(time_s, known_s, column) for column in values.T], axis=1)
 
 
-def tip_path(time_s: np.ndarray, seen_s: np.ndarray, tip_m: np.ndarray, longest_gap_s: float = 0.03) -> np.ndarray:
+def tip_path(
+    time_s: np.ndarray, seen_s: np.ndarray, tip_m: np.ndarray, longest_gap_s: float = 0.03
+) -> np.ndarray:
     """Return the tip (T, 2) at `time_s`; NaN where it was not seen for longer than `longest_gap_s` around."""
     seen = np.isfinite(tip_m).all(axis=1)
     if seen.sum() < 2:

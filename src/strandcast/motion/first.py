@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from strandcast.motion.bezier import Curve, rest_heights, sample, whole_steps
 from strandcast.motion.cost import motion_cost, throw_cost
 from strandcast.motion.draw import draw_first
 from strandcast.motion.search import minimise
-from strandcast.motion.task import Options, Strings, Task
+from strandcast.motion.strings import Strings
+from strandcast.motion.task import Options, Task
 from strandcast.motion.throws import World, assessed, throw_curves
 from strandcast.progress import Progress
 
@@ -63,7 +64,7 @@ def plan_anew(
         task.step_s,
         rng,
     )
-    few = strings.take(range(min(SCREENED_WITH, len(strings))))
+    few = strings.first(SCREENED_WITH)
     tell = Progress("plan: random motions", total=len(drawn))
     costs = np.full(len(drawn), np.inf)
     for k in range(0, len(drawn), BATCH):
@@ -93,16 +94,3 @@ def curve_costs(
     thrown = throw_curves(task, strings, world, curves)
     price = [motion_cost(task, sample(curve, task.step_s)) for curve in curves]
     return throw_cost(assessed(task, thrown, clearance_m=options.clearance_m), len(strings)) + np.array(price)
-
-
-def shaken(world: World, strings: int, joints: int, rng: np.random.Generator) -> World:
-    """Return the world with what differs from throw to throw: each string's joints and clamp turned a little."""
-    return replace(
-        world,
-        joint_shift_rad=rng.normal(0.0, JOINT_SHIFT_RAD, (strings, joints)),
-        clamp_shift_rad=rng.normal(0.0, CLAMP_SHIFT_RAD, strings),
-    )
-
-
-JOINT_SHIFT_RAD = 0.002
-CLAMP_SHIFT_RAD = np.radians(3.0)

@@ -10,10 +10,10 @@ from strandcast.arm.servo import Servo, respond
 from strandcast.motion.bezier import Curve, sample
 from strandcast.motion.cost import motion_cost, throw_cost
 from strandcast.motion.earlier import Earlier
-from strandcast.motion.first import shaken
 from strandcast.motion.residual import Carried, alike, carry
 from strandcast.motion.search import minimise
-from strandcast.motion.task import Options, Strings, Task
+from strandcast.motion.strings import Strings, joined, regrasped
+from strandcast.motion.task import Options, Task
 from strandcast.motion.throws import Thrown, World, assessed, commands, throw
 from strandcast.progress import Progress
 
@@ -22,7 +22,7 @@ HEIGHT_RAD_S = 0.15  # one standard deviation of the search
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """The best trial, its like, and the strings, once as fitted and once shaken by what differs between throws.
+    """The best trial, its like, and the strings, as fitted and grasped differently.
 
     Attributes
     ----------
@@ -44,14 +44,9 @@ def neighbourhood(
     """Return what planning around the best trial needs; it must have a curve."""
     assert best.curve is not None
     carried = carry(task, strings, servo, alike(trials, best))
-    count = len(strings)
-    twice = strings.take([*range(count), *range(count)])
-    world = shaken(World(servo, best.start_m), len(twice), len(best.curve.q0_rad), rng)
-    for shift in (world.joint_shift_rad, world.clamp_shift_rad):
-        shift[:count] = 0.0
-    return Neighbourhood(
-        best.curve, twice, world, replace(carried, tip_m=np.concatenate([carried.tip_m, carried.tip_m], axis=1))
-    )
+    both = joined(strings, regrasped(strings, rng))
+    tips = np.concatenate([carried.tip_m, carried.tip_m], axis=1)
+    return Neighbourhood(best.curve, both, World(servo, best.start_m), replace(carried, tip_m=tips))
 
 
 def throw_near(task: Task, near: Neighbourhood, curves: list[Curve]) -> tuple[Thrown, np.ndarray]:
@@ -59,12 +54,16 @@ def throw_near(task: Task, near: Neighbourhood, curves: list[Curve]) -> tuple[Th
     time_s, q, last = commands([sample(curve, task.step_s) for curve in curves], task.step_s)
     weights = near.carried.weights(curves)
     q = q if near.world.servo is None else respond(near.world.servo, time_s, q)
-    thrown = throw(task, near.strings, near.world, q + np.einsum("pn,ntj->ptj", weights, near.carried.joints_rad), last)
+    thrown = throw(
+        task, near.strings, near.world, q + np.einsum("pn,ntj->ptj", weights, near.carried.joints_rad), last
+    )
     shift = np.einsum("pn,nktx->pktx", weights, near.carried.tip_m)
     return thrown, shift.reshape(-1, *shift.shape[2:])
 
 
-def plan_near(task: Task, near: Neighbourhood, options: Options, rng: np.random.Generator) -> tuple[Curve, int]:
+def plan_near(
+    task: Task, near: Neighbourhood, options: Options, rng: np.random.Generator
+) -> tuple[Curve, int]:
     """Return the motion near the best trial with the least rms miss over the strings, and the throws simulated."""
     best = near.best
     inner = slice(2, -2) if not best.ramp_s else slice(1, None)

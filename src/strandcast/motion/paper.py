@@ -9,7 +9,8 @@ import numpy as np
 
 from strandcast.motion.bezier import Curve, sample
 from strandcast.motion.draw import draw_first, stopping, within_range, within_rates
-from strandcast.motion.task import Options, Strings, Task
+from strandcast.motion.strings import Strings
+from strandcast.motion.task import Options, Task
 from strandcast.motion.throws import World, assessed, throw_curves
 from strandcast.progress import Progress
 

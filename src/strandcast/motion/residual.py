@@ -9,7 +9,8 @@ import numpy as np
 from strandcast.arm.servo import Servo, respond
 from strandcast.motion.bezier import Curve
 from strandcast.motion.earlier import Earlier
-from strandcast.motion.task import Strings, Task
+from strandcast.motion.strings import Strings
+from strandcast.motion.task import Task
 from strandcast.motion.throws import World, throw
 
 SAME_PLACE_RAD_S = 0.02  # motions nearer than this count as the same
@@ -82,4 +83,3 @@ def filled(residual_m: np.ndarray) -> np.ndarray:
         for axis in range(2):
             row[:, axis] = np.interp(times, times[known], row[known, axis]) if known.any() else 0.0
     return answer
-

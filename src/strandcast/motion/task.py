@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,38 +41,6 @@ class Task:
     def box(self) -> np.ndarray:
         """Return the workspace as (2, 2): low and high of x and y [m]."""
         return np.array([self.workspace.x_m, self.workspace.y_m])
-
-
-@dataclass(frozen=True, eq=False)
-class Strings:
-    """K strings that the thrown one may be, the best first.
-
-    Attributes
-    ----------
-    parameters, masses
-        (K, 10) and (K, n).
-    curl_rad_m, clamp_offset_rad
-        (K,) bend at rest [rad/m] and turn of the clamp [rad].
-    """
-
-    parameters: np.ndarray
-    masses: np.ndarray
-    curl_rad_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    clamp_offset_rad: np.ndarray = field(default_factory=lambda: np.zeros(0))
-
-    def __post_init__(self) -> None:
-        count = len(self.parameters)
-        for name in ("curl_rad_m", "clamp_offset_rad"):
-            if not len(getattr(self, name)):
-                object.__setattr__(self, name, np.zeros(count))
-
-    def __len__(self) -> int:
-        return len(self.parameters)
-
-    def take(self, members: np.ndarray | list[int]) -> Strings:
-        """Return some of the strings."""
-        at = np.asarray(members, int)
-        return Strings(self.parameters[at], self.masses[at], self.curl_rad_m[at], self.clamp_offset_rad[at])
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from strandcast.arm.kinematics import hand_pose, link_points
 from strandcast.arm.servo import Servo, respond
 from strandcast.motion.bezier import Curve, Samples, sample
 from strandcast.motion.objective import Assessment, assess
-from strandcast.motion.task import Strings, Task
+from strandcast.motion.strings import Strings
+from strandcast.motion.task import Task
 from strandcast.string.simulate import simulate_batch
 
 AFTER_END_S = 0.3  # the miss's window ends this long after the motion
@@ -27,14 +28,10 @@ class World:
         Response of the joints, None where they follow exactly.
     start_m
         (n, 2) where the string's points 1…n are at the start [m], None for hanging at rest.
-    joint_shift_rad, clamp_shift_rad
-        (K, J) and (K,) what each string's throw has its joints and its clamp turned by, None for nothing.
     """
 
     servo: Servo | None = None
     start_m: np.ndarray | None = None
-    joint_shift_rad: np.ndarray | None = None
-    clamp_shift_rad: np.ndarray | None = None
 
 
 class Thrown(NamedTuple):
@@ -80,27 +77,24 @@ def throw(task: Task, strings: Strings, world: World, q: np.ndarray, last: np.nd
     last
         (P,) last sample of each window.
     """
-    arm, count, members = task.arm, len(q), len(strings)
     time_s = np.arange(q.shape[1]) * task.step_s
-    angles = q[:, None] if world.joint_shift_rad is None else q[:, None] + world.joint_shift_rad[:, None, :]
-    pose = hand_pose(arm.chain, arm.clamp, np.broadcast_to(angles, (count, members, *q.shape[1:])))
-    turn = (
-        strings.clamp_offset_rad
-        if world.clamp_shift_rad is None
-        else strings.clamp_offset_rad + world.clamp_shift_rad
-    )
+    pose = hand_pose(task.arm.chain, task.arm.clamp, q)[:, None]
+    # A longer string hangs out further: the hand of the nominal one is further out.
+    out = strings.longer_m[:, None, None] * np.stack([np.cos(pose[..., 2]), np.sin(pose[..., 2])], axis=-1)
+    poses = np.broadcast_to(pose, (len(q), len(strings), *pose.shape[2:])).copy()
+    poses[..., :2] += out
     points, _ = simulate_batch(
         task.model,
-        np.tile(strings.parameters, (count, 1)),
-        np.tile(strings.masses, (count, 1)),
+        np.tile(strings.parameters, (len(q), 1)),
+        np.tile(strings.masses, (len(q), 1)),
         time_s,
-        pose.reshape(-1, len(time_s), 3),
+        poses.reshape(-1, len(time_s), 3),
         time_s,
         world.start_m,
-        rest_curl_rad_m=np.tile(strings.curl_rad_m, count),
-        clamp_offset_rad=np.tile(turn, count),
+        rest_curl_rad_m=np.tile(strings.curl_rad_m, len(q)),
+        clamp_offset_rad=np.tile(strings.clamp_offset_rad, len(q)),
     )
-    return Thrown(time_s, points, link_points(arm.chain, q), last)
+    return Thrown(time_s, points, link_points(task.arm.chain, q), last)
 
 
 def throw_curves(task: Task, strings: Strings, world: World, curves: list[Curve]) -> Thrown:

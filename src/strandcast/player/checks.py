@@ -44,15 +44,15 @@ def check_motion(path: Path, motion: Motion, arm: Arm) -> None:
     found = violations(arm, dense.time_s, dense.q_rad, dense.qd_rad_s, dense.qdd_rad_s2)
     if found:
         raise _refusal("SC-X004", path, "points", "; ".join(str(violation) for violation in found),
-                       "plan again within the arm's limits, or mend the limits in the arm's file")  # fmt: skip
+                       "plan again within the limits of the arm's file")  # fmt: skip
 
 
 def _check_arm(path: Path, motion: Motion, arm: Arm) -> None:
     robot = motion.robot
     if robot.file_sha256 != arm.sha256 or robot.urdf_sha256 != arm.urdf_sha256:
         raise _refusal("SC-X001", path, "robot",
-                       f"the motion was planned for {robot.name!r} with other files than {arm.path.name} "
-                       f"and {arm.urdf_path.name} are now", "plan again with the arm's present files")  # fmt: skip
+                       f"the motion was planned for {robot.name!r}, with other files than "
+                       f"{arm.path.name} and {arm.urdf_path.name} are now", "plan again")  # fmt: skip
     if tuple(motion.joint_names) != arm.joints:
         raise _refusal("SC-X001", path, "joint_names",
                        f"are {motion.joint_names}, the arm's are {list(arm.joints)}")  # fmt: skip
@@ -73,11 +73,14 @@ def check_start(path: Path, motion: Motion, arm: Arm, state: State) -> None:
     if (away > allowed).any():
         worst = int(np.argmax(away - allowed))
         raise _refusal("SC-X006", path, "start",
-                       f"{arm.joints[worst]} is {away[worst]:.4f} rad from its start, allowed {allowed[worst]:.4f}",
+                       f"{arm.joints[worst]} is {away[worst]:.4f} rad from its start, "
+                       f"allowed {allowed[worst]:.4f}",
                        "move the arm to the motion's start first")  # fmt: skip
     speed = float(np.abs(state.qd_rad_s).max())
     if speed > arm.start_velocity_rad_s:
-        raise _refusal("SC-X007", path, "start", f"the arm still moves at {speed:.4f} rad/s", "wait until it rests")
+        raise _refusal(
+            "SC-X007", path, "start", f"the arm still moves at {speed:.4f} rad/s", "wait until it rests"
+        )
 
 
 def sample(motion: Motion, step_s: float) -> Command:
@@ -98,7 +101,11 @@ def sample(motion: Motion, step_s: float) -> Command:
     rise = end[0] - start[0] - start[1] - 0.5 * start[2]
     speed = end[1] - start[1] - start[2]
     bend = end[2] - start[2]
-    c3, c4, c5 = 10 * rise - 4 * speed + 0.5 * bend, -15 * rise + 7 * speed - bend, 6 * rise - 3 * speed + 0.5 * bend
+    c3, c4, c5 = (
+        10 * rise - 4 * speed + 0.5 * bend,
+        -15 * rise + 7 * speed - bend,
+        6 * rise - 3 * speed + 0.5 * bend,
+    )
     return Command(
         time_s=time_s,
         q_rad=start[0] + s * (start[1] + s * (0.5 * start[2] + s * (c3 + s * (c4 + s * c5)))),

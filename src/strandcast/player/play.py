@@ -1,4 +1,4 @@
-"""Play one motion: check everything, move, log; run.json is written last and says that the log is complete."""
+"""Play one motion: check everything, move, log; run.json, written last, says that the log is complete."""
 
 from __future__ import annotations
 
@@ -42,8 +42,9 @@ def play(
     """
     motion_path, out_dir = Path(motion_path), Path(out_dir)
     if (out_dir / "run.json").exists():
-        raise StrandcastError("SC-X010", "this trial has been played already", file=out_dir / "run.json",
-                              cost="nothing was sent to the arm", fix="play it as the next trial")  # fmt: skip
+        raise StrandcastError(
+            "SC-X010", "this trial has been played already", file=out_dir / "run.json",
+            cost="nothing was sent to the arm", fix="play it as the next trial")  # fmt: skip
     motion = _read(motion_path)
     check_motion(motion_path, motion, arm)
     driver.connect()

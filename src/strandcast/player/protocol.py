@@ -22,7 +22,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """The whole motion at the driver's rate: time_s (T,) from its start; (T, J) angles, speeds, accelerations."""
+    """The whole motion at the driver's rate: time_s (T,) from its start; angles and so on (T, J)."""
 
     time_s: np.ndarray
     q_rad: np.ndarray

@@ -42,6 +42,12 @@ class Alignment(Record):
     # Where the marker sits on the hand, against the arm's file.
     marker_shift_m: list[float] | None = None
     marker_turn_rad: float | None = None
+    # Other constant errors of the rig that the fit freed within priors: the arm's base, the joints' zeros.
+    base_shift_m: list[float] | None = None
+    joint_zero_rad: list[float] | None = None
+    # The standard error where it is least, in the middle of the sightings, and that camera time.
+    middle_se_s: float | None = None
+    middle_camera_time_s: float | None = None
     sync_event: dict[str, float] | None = None
     warnings: list[str] = []
 

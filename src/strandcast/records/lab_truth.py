@@ -1,12 +1,11 @@
-"""lab_truth.parquet: where the lab's string really was. Tests and the report's "lab truth" section alone read it."""
+"""lab_truth.parquet: where the lab's string was; for tests and the report's "lab truth" section."""
 
 from __future__ import annotations
 
 from strandcast.records.tables import Column, TableSpec
 
-# The lab's chain at the middle of every frame's exposure, at places along the string from the clamp (0) to the tip.
-# The facts beside the table are plain values: the clock offset and drift that the lab drew, the true miss, the seed,
-# the amplitudes of the trial's variation.
+# The lab's chain at the middle of every frame's exposure, at places along the string from the clamp (0) to
+# the tip. The facts beside the table are the lab's own: the clocks, the true miss, the throw's variation.
 LAB_TRUTH = TableSpec(
     "strandcast/lab-truth",
     {

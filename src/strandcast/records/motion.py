@@ -54,10 +54,11 @@ class Bezier(Part):
 
 
 class StringSet(Part):
-    """String parameters by name and the relative masses of points 1…n."""
+    """String parameters by name, the relative masses of points 1…n, and further numbers (rest curl, clamp)."""
 
     parameters: dict[str, float]
     masses: list[float]
+    options: dict[str, float] = {}
 
 
 class Prediction(Part):

@@ -1,4 +1,4 @@
-"""Matplotlib figures as SVG for a page: same bytes each time, selectable text, colours that follow light and dark."""
+"""Matplotlib figures as SVG for a page: same bytes each time, selectable text, colours for light and dark."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 # Okabe–Ito. A dash style goes with each role, so that nothing is told by colour alone.
-MEASURED = {"color": "#0072b2", "linestyle": "-", "linewidth": 1.6}
-FITTED = {"color": "#d55e00", "linestyle": (0, (5, 2)), "linewidth": 1.5}
-PLANNED = {"color": "#009e73", "linestyle": (0, (5, 2, 1, 2)), "linewidth": 1.3}
-TRUE = {"color": "#e69f00", "linestyle": (0, (1, 1.2)), "linewidth": 1.8}
+MEASURED: dict[str, Any] = {"color": "#0072b2", "linestyle": "-", "linewidth": 1.6}
+FITTED: dict[str, Any] = {"color": "#d55e00", "linestyle": (0, (5, 2)), "linewidth": 1.5}
+PLANNED: dict[str, Any] = {"color": "#009e73", "linestyle": (0, (5, 2, 1, 2)), "linewidth": 1.3}
+TRUE: dict[str, Any] = {"color": "#e69f00", "linestyle": (0, (1, 1.2)), "linewidth": 1.8}
 TARGET = "#cc79a7"
 
 # The page's style sheet gives these their value in light and in dark.
@@ -85,10 +85,14 @@ def new_figure(width: float, height: float, **margins: float) -> Figure:
     return figure
 
 
-def legend_below(axes: Any, columns: int = 4, drop: float = -0.14) -> None:
-    """Put the legend under the axes, where it hides nothing."""
-    axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, drop), ncols=columns, handlelength=3.0, columnspacing=1.5
+def legend_below(figure: Figure, *axes: Any) -> None:
+    """Put the legend of some axes at the foot of the figure, where it hides nothing."""
+    named: dict[str, Any] = {}
+    for each in axes or figure.axes:
+        for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
+            named.setdefault(label, handle)
+    figure.legend(
+        list(named.values()), list(named), loc="lower center", ncols=5, handlelength=3.0, columnspacing=1.5
     )
 
 
@@ -111,6 +115,7 @@ def to_svg(figure: Figure, key: str, alt: str) -> Markup:
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)  # it would reach beyond this figure
     text = re.sub(r' xmlns(:xlink)?="[^"]*"', "", text)
     text = re.sub(r'<g id="[^"]*"', "<g", text)
     text = re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{key}-", text)

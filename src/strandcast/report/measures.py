@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def arc_length_m(path_m: Array) -> Array:
-    """Return the length (T,) along a path (T, 2) from its start; steps over what was not seen are straight."""
+    """Return the length (T,) along a path (T, 2) from its start, straight over what was not seen."""
     seen = np.isfinite(path_m).all(axis=1)
     length = np.zeros(len(path_m))
     steps = np.linalg.norm(np.diff(path_m[seen], axis=0), axis=1)
@@ -71,7 +71,7 @@ def closest_row(results: Results) -> int | None:
 
 
 def strobe_rows(results: Results, count: int = 11) -> NDArray[np.int64]:
-    """Return the rows of the track for a strobe picture: equal arc length of the tip within the miss's window."""
+    """Return the rows of the track for a strobe figure: equal arc length of the tip in the miss's window."""
     track = results.need("track")
     window = np.nonzero(results.in_window())[0]
     if len(window) == 0:
@@ -93,4 +93,5 @@ def strobe_rows(results: Results, count: int = 11) -> NDArray[np.int64]:
 
 def rms(values: Array) -> float:
     """Return the root mean square of the finite values."""
-    return float(np.sqrt(np.nanmean(np.square(values))))
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(np.square(finite)))) if len(finite) else float("nan")

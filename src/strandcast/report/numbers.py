@@ -6,6 +6,7 @@ import math
 
 UNKNOWN = "–"
 MINUS = "−"
+HARD = "\u00a0"  # a space at which no line is broken
 
 
 def signed(text: str) -> str:
@@ -19,8 +20,8 @@ def scaled(value: float | None, scale: float, digits: int, unit: str, sigma: flo
         return UNKNOWN
     text = signed(f"{value * scale:.{digits}f}")
     if sigma is not None and math.isfinite(sigma):
-        text += f" ± {sigma * scale:.{digits}f}"
-    return f"{text} {unit}"
+        text += f"{HARD}±{HARD}{sigma * scale:.{digits}f}"
+    return f"{text}{HARD}{unit}"
 
 
 def millimetres(value_m: float | None, sigma_m: float | None = None, digits: int = 1) -> str:
@@ -39,12 +40,13 @@ def percent(fraction: float | None) -> str:
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """Return a number with so many significant digits, with a power of ten where it is very large or small."""
+    """Return a number with so many significant digits, as a power of ten if very large or small."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
     if value == 0 or 1e-2 <= abs(value) < 1e5:
         return signed(f"{value:.{digits}g}" if abs(value) < 1e3 else f"{value:.0f}")
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
     return f"{signed(mantissa)}·10{_superscript(int(exponent))}"
 
 
@@ -56,4 +58,4 @@ def place(point_m: list[float] | None) -> str:
     """Return a point of the plane in millimetres."""
     if point_m is None:
         return UNKNOWN
-    return "(" + ", ".join(signed(f"{value * 1e3:.0f}") for value in point_m) + ") mm"
+    return "(" + ", ".join(signed(f"{value * 1e3:.0f}") for value in point_m) + f"){HARD}mm"

@@ -1,4 +1,4 @@
-"""One piece of a page: a figure or table with what it shows and found; or, where it failed, a box with the reason."""
+"""One piece of a page: a figure with what it shows and found; or, where it failed, a box with the reason."""
 
 from __future__ import annotations
 

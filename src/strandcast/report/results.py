@@ -19,7 +19,7 @@ from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
 from strandcast.records.summary import Verdict
 from strandcast.records.tables import read_facts, read_table
-from strandcast.records.track import Track, TrackSummary, read_track
+from strandcast.records.track import TrackSummary, read_track
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ FILES = {
 
 @dataclass(frozen=True)
 class Results:
-    """What one trial's folder holds, by the names of `FILES`, and the problem of each piece that is not to be had."""
+    """What one trial's folder holds, by the names of `FILES`, and the problem of each piece that it lacks."""
 
     folder: Path
     pieces: dict[str, Any] = field(default_factory=dict)

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from strandcast.string.forces import KERNEL, SEGMENT_COLUMNS, forces
-from strandcast.string.implicit import kick, padded
+from strandcast.string.implicit import damped_if_stiff, kick, padded
 from strandcast.string.parameters import Array
 
 LFCN, SEMI_IMPLICIT, EULER = range(3)
@@ -117,11 +117,13 @@ def integrate(
     OK, OVERSTRETCHED (a segment was longer than 3 l0) or BLEW_UP.
     """
     n = len(m)
+    lightest = np.min(m)
+    if scheme == LFCN:
+        p = damped_if_stiff(p, h, lightest)
     a, b = padded(n)
     seg = np.empty((n, SEGMENT_COLUMNS))
     joint, force, dv = np.zeros((n, 2)), np.empty((n + 1, 2)), np.zeros((n + 1, 2))
     old, v_now, change = np.empty((n + 1, 2)), v.copy(), np.empty(3)
-    lightest = np.min(m)
     status, done = OK, 0
     for k in range(len(hand) - 1):
         v[0, 0], v[0, 1] = hand[k, 2], hand[k, 3]

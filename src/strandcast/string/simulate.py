@@ -8,12 +8,15 @@ from numpy.typing import NDArray
 
 from strandcast.string.forces import KERNEL
 from strandcast.string.hand import hand_at_steps
-from strandcast.string.integrators import BLEW_UP, OK, OVERSTRETCHED, integrate
+from strandcast.string.implicit import FINE, averaging
+from strandcast.string.integrators import BLEW_UP, LFCN, OK, OVERSTRETCHED, integrate
 from strandcast.string.model import INTEGRATORS, READINGS, StringModel
 from strandcast.string.parameters import Array
 from strandcast.string.rest import hanging, respaced
 
 STATUS = {OK: "ok", BLEW_UP: "blew up", OVERSTRETCHED: "a segment longer than three rest lengths"}
+
+FINEST = 4  # smallest step, as a fraction of the model's, with which a torn candidate is repeated
 
 _HANGING, _RESPACED, _AS_GIVEN = range(3)
 
@@ -213,6 +216,54 @@ def _candidate(
     return integrate(x, v, hand, h, p, m, factor, fixed, reading, scheme, at, out)
 
 
+@njit(**KERNEL)
+def _until_it_holds(
+    hand: Array,
+    time_s: Array,
+    path: Array,
+    h: float,
+    steps: int,
+    at: Array,
+    kind: int,
+    start: Array,
+    start_velocity: Array,
+    p: Array,
+    m: Array,
+    factor: Array,
+    fixed: Array,
+    reading: int,
+    scheme: int,
+    out: Array,
+) -> int:
+    """Integrate one candidate, again with smaller steps if it was torn by the step.
+
+    In a snap a segment may turn by half a radian within a step. A string too stiff to be stretched by its
+    loads that is overstretched all the same failed by the scheme, not by its physics.
+    """
+    status = _candidate(hand, h, at, kind, start, start_velocity, p, m, factor, fixed, reading, scheme, out)
+    stiff = scheme == LFCN and averaging(p[0], h, np.min(m), 4.0) > FINE
+    finer = 2
+    while stiff and status != OK and finer <= FINEST:
+        closer = hand_at_steps(time_s, path, h / finer, steps * finer)
+        status = _candidate(
+            closer,
+            h / finer,
+            at * finer,
+            kind,
+            start,
+            start_velocity,
+            p,
+            m,
+            factor,
+            fixed,
+            reading,
+            scheme,
+            out,
+        )
+        finer *= 2
+    return status
+
+
 @njit(parallel=True, **KERNEL)
 def _simulate(
     p: Array,
@@ -234,10 +285,27 @@ def _simulate(
     batch, n = m.shape
     out = np.empty((batch, len(at), n + 1, 2))
     status = np.empty(batch, dtype=np.int64)
+    shared = len(pose) == 1
     common = hand_at_steps(time_s, pose[0], h, steps)
     for c in prange(batch):
-        hand = common if len(pose) == 1 else hand_at_steps(time_s, pose[c], h, steps)
-        status[c] = _candidate(
-            hand, h, at, kind, start, start_velocity, p[c], m[c], factor, fixed[c], reading, scheme, out[c]
+        path = pose[0] if shared else pose[c]
+        hand = common if shared else hand_at_steps(time_s, path, h, steps)
+        status[c] = _until_it_holds(
+            hand,
+            time_s,
+            path,
+            h,
+            steps,
+            at,
+            kind,
+            start,
+            start_velocity,
+            p[c],
+            m[c],
+            factor,
+            fixed[c],
+            reading,
+            scheme,
+            out[c],
         )
     return out, status

@@ -100,7 +100,7 @@ def fit_headings(
         clamp_error = (heading[0] - clamp_rad + np.pi) % (2 * np.pi) - np.pi
         hessian[0, 0] += 1.0 / sigmas[3] ** 2
         gradient[0] += clamp_error / sigmas[3] ** 2
-        step = np.linalg.solve(hessian, gradient)
+        step = solve_factored(cholesky(hessian), gradient)
         largest = np.abs(step).max()
         heading -= step * min(1.0, 0.7 / max(largest, 1e-12))
     return heading, hessian
@@ -189,19 +189,52 @@ def node_sigmas(
     twice its square.
     """
     count = len(heading)
-    covariance = np.linalg.inv(hessian)
+    factor = cholesky(hessian)
     kept = count // every
-    jacobian = np.zeros((2 * kept, count))
-    for p in range(kept):
-        for j in range((p + 1) * every):
-            jacobian[2 * p, j] = -link_m * np.sin(heading[j])
-            jacobian[2 * p + 1, j] = link_m * np.cos(heading[j])
-    spread = jacobian @ covariance
-    covariances = np.empty((kept, 2, 2))
+    covariances = np.zeros((kept, 2, 2))
     sigma = np.empty(kept)
+    column = np.zeros((2, count))
     for p in range(kept):
+        column[:] = 0.0
+        for j in range((p + 1) * every):
+            column[0, j] = -link_m * np.sin(heading[j])
+            column[1, j] = link_m * np.cos(heading[j])
         for a in range(2):
+            spread = solve_factored(factor, column[a])
             for b in range(2):
-                covariances[p, a, b] = (spread[2 * p + a] * jacobian[2 * p + b]).sum()
+                covariances[p, a, b] = (spread * column[b]).sum()
         sigma[p] = np.sqrt(max(0.0, 0.5 * (covariances[p, 0, 0] + covariances[p, 1, 1])))
     return covariances, sigma
+
+
+@njit(cache=True)
+def cholesky(matrix: np.ndarray) -> np.ndarray:
+    """Return the lower factor of a symmetric positive matrix (M, M).
+
+    Written out, because a linear-algebra library's result may depend on its number of threads.
+    """
+    count = len(matrix)
+    factor = np.zeros((count, count))
+    for i in range(count):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            factor[i, j] = np.sqrt(max(total, 1e-12)) if i == j else total / factor[j, j]
+    return factor
+
+
+@njit(cache=True)
+def solve_factored(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return x (M,) of L Lᵀ x = right."""
+    count = len(right)
+    x = right.copy()
+    for i in range(count):
+        for k in range(i):
+            x[i] -= factor[i, k] * x[k]
+        x[i] /= factor[i, i]
+    for i in range(count - 1, -1, -1):
+        x[i] /= factor[i, i]
+        for k in range(i):
+            x[k] -= factor[i, k] * x[i]
+    return x

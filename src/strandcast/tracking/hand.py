@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
+from strandcast.camera.mapping import metre_to_pixel
 from strandcast.camera.marker_pose import marker_pose
 from strandcast.camera.markers import corners_of, detect_markers, eight_bit, marker_detector
 from strandcast.records.camera import Camera
+from strandcast.tracking.pixelmap import all_from_pixel, tabulate
 
 MARGIN_PX = 28  # around the place where a marker is expected
+SMALL_PX = 500  # parts of the picture smaller than this are enlarged before markers are read
+CELLS = 6  # of a 4x4 marker's side, border included
+REFINE_UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.005)
+FOLLOW_RMS_PX = 0.4  # corners that were followed must fit better than this
+LEAST_BORDER = 25.0  # grey levels between a marker's black border and the white around it
 WORST_RMS_PX = 1.0  # corners that fit a rigid hand worse than this are not believed
+RIM_SHARE = 0.25  # white rim around a marker's black square, of its side
 CORNER_SIGMA_PX = 0.1  # least error of a corner; several share the errors of the camera's map
 
 
@@ -39,109 +47,162 @@ class HandMarker:
 
 @dataclass(frozen=True)
 class HandSighting:
-    """The hand in one frame: pose (x_m, y_m, angle_rad), its sigmas, and the corners (4, 2) px by marker."""
+    """The hand in one frame: pose (x_m, y_m, angle_rad), its sigmas and residual, corners (4, 2) px by marker."""
 
     pose: np.ndarray
     sigma_m: float
     sigma_rad: float
+    rms_px: float
     corners_px: dict[int, np.ndarray]
 
 
 class HandFinder:
-    """Finds the hand's markers frame after frame, near where they were last."""
+    """Finds the hand's markers frame after frame.
+
+    Once read, they are followed by their corners and borders alone, which is much quicker than reading them;
+    they are read again whenever the corners do not fit a rigid hand.
+    """
 
     def __init__(
         self, camera: Camera, markers: list[HandMarker], dictionary: str, string_offset_m: float
     ) -> None:
         self.camera = camera
-        self.markers = {marker.marker: marker for marker in markers}
         self.string_offset_m = string_offset_m
+        self.markers = {marker.marker: marker for marker in sorted(markers, key=lambda m: m.marker)}
+        self.maps = {
+            marker: tabulate(camera, string_offset_m + shape.offset_m) for marker, shape in self.markers.items()
+        }
         self.detector = marker_detector(dictionary)
-        self.expected_px: dict[int, np.ndarray] = {}
-        self.motion_px: dict[int, np.ndarray] = {}
+        self._history: list[dict[int, np.ndarray]] = []  # corners in the last two frames, all seen or inferred
+        self._seen: set[int] = set()
 
     def find(self, image: np.ndarray) -> HandSighting | None:
         """Return the hand as the markers in this frame show it, or None."""
-        corners = self._near_last(image) if self.expected_px else {}
-        if not corners:
-            corners = self._within(image, (0, 0, image.shape[1], image.shape[0]))
-        sighting = self._pose(corners)
-        self._expect(sighting)
+        expected = self._expected()
+        sighting = self._follow(image, expected) if expected else None
+        if sighting is None:
+            sighting = self._pose(self._read(image, expected))
+        self._note(sighting)
         return sighting
 
-    def _near_last(self, image: np.ndarray) -> dict[int, np.ndarray]:
-        """Look where the markers should be now; a marker too blurred to read is followed by its corners."""
-        expected = {marker: px + self.motion_px[marker] for marker, px in self.expected_px.items()}
-        everywhere = np.concatenate(list(expected.values()))
-        low = np.maximum(np.floor(everywhere.min(axis=0)).astype(int) - MARGIN_PX, 0)
-        high = np.ceil(everywhere.max(axis=0)).astype(int) + MARGIN_PX
-        return self._within(image, (low[0], low[1], high[0], high[1]))
+    def _expected(self) -> dict[int, np.ndarray]:
+        if len(self._history) < 2:
+            return self._history[-1] if self._history else {}
+        before, last = self._history
+        return {marker: 2 * last[marker] - before[marker] for marker in last}
 
-    def _within(self, image: np.ndarray, box: tuple[int, int, int, int]) -> dict[int, np.ndarray]:
+    def _follow(self, image: np.ndarray, expected: dict[int, np.ndarray]) -> HandSighting | None:
+        """Refine the corners near where they should be; None where they do not fit a rigid hand well."""
+        found = {}
+        for marker, corners in expected.items():
+            box = _box_around(corners, image)
+            if box is None:
+                continue
+            left, top, right, bottom = box
+            cell_px = np.linalg.norm(corners[1] - corners[0]) / CELLS
+            window = int(np.clip(round(0.4 * cell_px), 2, 5))
+            start = (corners - [left, top]).astype(np.float32).reshape(-1, 1, 2)
+            crop = np.ascontiguousarray(eight_bit(image[top:bottom, left:right]))
+            refined = cv2.cornerSubPix(crop, start, (window, window), (-1, -1), REFINE_UNTIL)
+            if has_border(crop, refined.reshape(4, 2)):
+                found[marker] = refined.reshape(4, 2).astype(np.float64) + [left, top]
+        sighting = self._pose(found)
+        if sighting is None or len(sighting.corners_px) < len(self._seen):
+            return None
+        return sighting if sighting.rms_px < FOLLOW_RMS_PX else None
+
+    def _read(self, image: np.ndarray, expected: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
+        """Read the markers near where they should be, else anywhere."""
+        if expected:
+            box = _box_around(np.concatenate(list(expected.values())), image)
+            found = self._read_within(image, box) if box is not None else {}
+            if found:
+                return found
+        return self._read_within(image, (0, 0, image.shape[1], image.shape[0]))
+
+    def _read_within(self, image: np.ndarray, box: tuple[int, int, int, int]) -> dict[int, np.ndarray]:
         left, top, right, bottom = box
-        crop = np.ascontiguousarray(eight_bit(image[top:bottom, left:right]))
-        if min(crop.shape) < 16:
-            return {}
-        ids, corners = detect_markers(crop, self.detector)
-        shift = np.array([left, top], dtype=np.float64)
+        part = np.ascontiguousarray(eight_bit(image[top:bottom, left:right]))
+        # Cells of less than five pixels are often not read as they are.
+        enlarge = 2 if max(part.shape) < SMALL_PX else 1
+        if enlarge > 1:
+            part = cv2.resize(part, None, fx=enlarge, fy=enlarge, interpolation=cv2.INTER_CUBIC)
+        ids, corners = detect_markers(part, self.detector)
         found: dict[int, np.ndarray] = {}
         for marker, four in zip(ids.tolist(), corners, strict=True):
             if marker in self.markers and marker not in found:
-                found[marker] = four + shift
+                found[marker] = (four + 0.5) / enlarge - 0.5 + np.array([left, top], dtype=np.float64)
         return found
 
     def _pose(self, corners_px: dict[int, np.ndarray]) -> HandSighting | None:
-        """Fit the rigid hand to all corners; a marker that does not fit the others is left out."""
+        """Fit the rigid hand to all corners; where they do not fit, to the markers but one."""
         if not corners_px:
             return None
         ids = sorted(corners_px)
         model = np.concatenate([self.markers[marker].corners_m() for marker in ids])
-        seen = np.concatenate([self.to_plane(corners_px[marker], marker) for marker in ids])
+        seen = np.concatenate([self.in_plane(corners_px[marker], marker) for marker in ids])
         pose, residual = fit_rigid(model, seen)
-        rms_m = float(np.sqrt((residual**2).sum() / max(1, 2 * len(model) - 3)))
-        scale = float(self.scale_m_per_px(corners_px[ids[0]], ids[0]))
-        if rms_m > WORST_RMS_PX * scale:
-            kept = {marker: corners_px[marker] for marker in ids[:-1]}
-            return self._pose(kept)
-        corner_m = max(rms_m, CORNER_SIGMA_PX * scale)
-        about = model - model.mean(axis=0)
-        sigma_rad = corner_m / np.sqrt((about**2).sum())
-        lever_m = float(np.linalg.norm(model.mean(axis=0)))
-        sigma_m = float(np.hypot(corner_m / np.sqrt(len(model)), lever_m * sigma_rad))
-        return HandSighting(pose, sigma_m, float(sigma_rad), corners_px)
+        scale = self.maps[ids[0]].metre_per_pixel
+        rms_px = float(np.sqrt((residual**2).sum() / (2 * len(model) - 3))) / scale
+        if not rms_px < WORST_RMS_PX:
+            fewer = [{m: corners_px[m] for m in ids if m != left_out} for left_out in ids]
+            fits = [fit for fit in map(self._pose, fewer) if fit is not None]
+            return min(fits, key=lambda fit: fit.rms_px) if fits else None
+        corner_m = max(rms_px, CORNER_SIGMA_PX) * scale
+        centre = model.mean(axis=0)
+        sigma_rad = corner_m / np.sqrt(((model - centre) ** 2).sum())
+        sigma_m = np.hypot(corner_m / np.sqrt(len(model)), np.linalg.norm(centre) * sigma_rad)
+        return HandSighting(pose, float(sigma_m), float(sigma_rad), rms_px, corners_px)
 
-    def to_plane(self, corners_px: np.ndarray, marker: int) -> np.ndarray:
-        """Return where corners (4, 2) px of a marker lie in its own plane (m)."""
-        return pixel_to_metre(self.camera, corners_px, self.string_offset_m + self.markers[marker].offset_m)
+    def in_plane(self, corners_px: np.ndarray, marker: int) -> np.ndarray:
+        """Return where pixels (K, 2) lie in a marker's own plane (m)."""
+        pixels = self.maps[marker]
+        middle = pixels.origin_m + 0.5 * pixels.step_m * np.array(pixels.uv.shape[1::-1])
+        return np.asarray(all_from_pixel(corners_px, middle, pixels.origin_m, pixels.step_m, pixels.uv))
 
-    def marker_in_plane(self, corners_px: np.ndarray, marker: int) -> tuple[float, float, float, float]:
-        """Return x_m, y_m, angle_rad and sigma_m of a marker in its plane."""
+    def marker_poses(self, marker: int, corners_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses (K, 3) and sigmas (K,) of a marker from its corners (K, 4, 2) in K frames."""
         shape = self.markers[marker]
         offset_m = self.string_offset_m + shape.offset_m
-        pose, sigma_m = marker_pose(self.camera, corners_px, shape.size_m, offset_m, CORNER_SIGMA_PX)
-        return float(pose[0]), float(pose[1]), float(pose[2]), float(sigma_m)
+        return marker_pose(self.camera, corners_px, shape.size_m, offset_m, CORNER_SIGMA_PX)
 
-    def scale_m_per_px(self, corners_px: np.ndarray, marker: int) -> float:
-        """Return metres per pixel at a marker."""
-        side_px = np.linalg.norm(np.diff(corners_px[[0, 1, 2, 3, 0]], axis=0), axis=1).mean()
-        return float(self.markers[marker].size_m / side_px)
-
-    def _expect(self, sighting: HandSighting | None) -> None:
-        """Note where every marker of the hand is, seen or inferred, and how it moved."""
+    def _note(self, sighting: HandSighting | None) -> None:
+        """Remember where every marker of the hand is, seen or inferred."""
         if sighting is None:
-            self.expected_px = {
-                marker: px + self.motion_px[marker] for marker, px in self.expected_px.items()
-            }
+            expected = self._expected()
+            self._history = [*self._history[-1:], expected] if expected else []
+            self._seen = set()
             return
-        now = {}
+        self._seen = set(sighting.corners_px)
+        now = dict(sighting.corners_px)
         for marker, shape in self.markers.items():
-            if marker in sighting.corners_px:
-                now[marker] = sighting.corners_px[marker]
-            else:
+            if marker not in now:
                 offset_m = self.string_offset_m + shape.offset_m
                 now[marker] = metre_to_pixel(self.camera, place(sighting.pose, shape.corners_m()), offset_m)
-        self.motion_px = {marker: px - self.expected_px.get(marker, px) for marker, px in now.items()}
-        self.expected_px = now
+        self._history = [*self._history[-1:], now]
+
+
+def has_border(crop: np.ndarray, corners_px: np.ndarray) -> bool:
+    """Tell whether a marker's black border and the white around it are seen along most of its sides."""
+    share = (np.arange(8) + 0.5) / 8
+    following = np.roll(corners_px, -1, axis=0)
+    along = corners_px[:, None] + share[None, :, None] * (following - corners_px)[:, None]
+    inwards = (corners_px.mean(axis=0) - along) / (0.5 * CELLS)  # a cell at the middle of a side
+    levels = []
+    for places in (along + 0.5 * inwards, along - 0.4 * inwards):
+        u = np.clip(np.rint(places[..., 0]).astype(int), 0, crop.shape[1] - 1)
+        v = np.clip(np.rint(places[..., 1]).astype(int), 0, crop.shape[0] - 1)
+        levels.append(crop[v, u].astype(float))
+    return bool((levels[1] - levels[0] > LEAST_BORDER).mean() > 0.8)
+
+
+def _box_around(points_px: np.ndarray, image: np.ndarray) -> tuple[int, int, int, int] | None:
+    """Return left, top, right, bottom of the picture's part around points (K, 2); None if it is too small."""
+    low = np.floor(points_px.min(axis=0)).astype(int) - MARGIN_PX
+    high = np.ceil(points_px.max(axis=0)).astype(int) + MARGIN_PX
+    left, top = max(int(low[0]), 0), max(int(low[1]), 0)
+    right, bottom = min(int(high[0]), image.shape[1]), min(int(high[1]), image.shape[0])
+    return (left, top, right, bottom) if right - left > 2 * MARGIN_PX and bottom - top > 2 * MARGIN_PX else None
 
 
 def place(pose: np.ndarray, points_m: np.ndarray) -> np.ndarray:
@@ -158,3 +219,11 @@ def fit_rigid(model_m: np.ndarray, seen_m: np.ndarray) -> tuple[np.ndarray, np.n
     pose = np.array([0.0, 0.0, angle])
     pose[:2] = seen_mean - place(pose, model_mean[None])[0]
     return pose, seen_m - place(pose, model_m)
+
+
+def box_around(markers: list[HandMarker]) -> np.ndarray:
+    """Return the box (low x, low y, high x, high y) of the hand's frame that its markers cover, rims included."""
+    corners = np.concatenate([marker.corners_m() for marker in markers])
+    rim_m = RIM_SHARE * max(marker.size_m for marker in markers)
+    low, high = corners.min(axis=0) - rim_m, corners.max(axis=0) + rim_m
+    return np.array([low[0], low[1], min(high[0], 0.0) if corners[:, 0].max() < 0 else high[0], high[1]])

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from strandcast.tracking.chain import node_normals, place_nodes
 from strandcast.tracking.follow import Fit, Looks, Picture, end_of_string, find_string, fit_string, map_of
+from strandcast.tracking.pixelmap import to_pixel
 from strandcast.tracking.sighting import STEP_PX, line_score, sample_across
 
 NOISE_TIMES = 5.0  # a line this many times the noise is taken for the string, before its contrast is known
@@ -57,7 +60,7 @@ def _measure(picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks:
     _, origin, step, uv = map_of(picture)
     level, difference = sample_across(
         picture.image, picture.background, nodes, node_normals(fit.heading)[2:], STEP_PX * scale, half, 1,
-        origin, step, uv,
+        looks.polarity, origin, step, uv,
     )  # fmt: skip
     good = fit.reward[2:] > 0.5
     if good.sum() < 5:
@@ -68,14 +71,33 @@ def _measure(picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks:
     wide = 0.5 * STEP_PX * float((profile[half - 8 : half + 9] > 0.5 * peak).sum())
     half_m = float(np.clip(wide, 0.6, 5.0)) * scale
     middle = np.full(len(nodes), max(1, round(half_m / scale / STEP_PX)))
-    score = line_score(level, difference, middle)[good, half - 2 : half + 3].max(axis=1)
-    return Looks(half_m, max(float(np.median(score)), 0.5 * LEAST_CONTRAST), looks.tip_excess_m)
+    score = line_score(level, difference, middle, looks.polarity)[good, half - 2 : half + 3].max(axis=1)
+    contrast = max(float(np.median(score)), 0.5 * LEAST_CONTRAST)
+    return replace(looks, half_m=half_m, contrast=contrast, polarity=_polarity(picture, nodes[good]))
+
+
+def _polarity(picture: Picture, nodes: np.ndarray) -> float:
+    """Return 1 or -1 where nine tenths of the string differ that way from the background, else 0."""
+    _, origin, step, uv = map_of(picture)
+    pixels = np.array([to_pixel(x, y, origin, step, uv) for x, y in nodes])
+    u, v = np.rint(pixels).astype(int).T
+    brighter = picture.image[v, u].astype(float) > picture.background[v, u]
+    share = float(brighter.mean())
+    return 1.0 if share > 0.9 else (-1.0 if share < 0.1 else 0.0)
 
 
 def visible_end(picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks: Looks) -> tuple[float, float]:
     """Return how far beyond the chain's tip the string ends (m), and its half width there (m); NaN if unclear."""
     nodes = place_nodes(hand[:2], fit.heading, link_m)
     end_m, half_px = end_of_string(
-        picture.image, picture.background, nodes, fit.heading, looks.contrast, *map_of(picture)
+        picture.image, picture.background, nodes, fit.heading, looks.contrast, looks.polarity, *map_of(picture)
     )
     return end_m, half_px * picture.pixels.metre_per_pixel
+
+
+def level_at(picture: Picture, place_m: np.ndarray) -> float:
+    """Return the median grey level within two pixels of a place (2,) (m)."""
+    _, origin, step, uv = map_of(picture)
+    u, v = to_pixel(place_m[0], place_m[1], origin, step, uv)
+    around = picture.image[max(0, int(v) - 2) : int(v) + 3, max(0, int(u) - 2) : int(u) + 3]
+    return float(np.median(around)) if around.size else float("nan")

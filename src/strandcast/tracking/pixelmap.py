@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -34,6 +34,10 @@ class PixelMap:
     step_m: float
     uv: np.ndarray
     metre_per_pixel: float
+
+    def shifted(self, left_px: int, top_px: int) -> PixelMap:
+        """Return the map to the pixels of a crop whose first pixel is (left, top) of the picture."""
+        return replace(self, uv=self.uv - np.array([left_px, top_px], dtype=np.float64))
 
 
 def tabulate(camera: Camera, offset_m: float) -> PixelMap:
@@ -74,3 +78,32 @@ def to_pixel(x: float, y: float, origin: np.ndarray, step: float, uv: np.ndarray
     u = w00 * uv[i, j, 0] + w01 * uv[i, j + 1, 0] + w10 * uv[i + 1, j, 0] + w11 * uv[i + 1, j + 1, 0]
     v = w00 * uv[i, j, 1] + w01 * uv[i, j + 1, 1] + w10 * uv[i + 1, j, 1] + w11 * uv[i + 1, j + 1, 1]
     return u, v
+
+
+@njit(cache=True)
+def from_pixel(
+    u: float, v: float, near: np.ndarray, origin: np.ndarray, step: float, uv: np.ndarray
+) -> np.ndarray:
+    """Return the world point (2,) (m) of a pixel, by Newton's method from the world point `near`."""
+    point = near.copy()
+    small = 0.1 * step
+    for _ in range(5):
+        u0, v0 = to_pixel(point[0], point[1], origin, step, uv)
+        ux, vx = to_pixel(point[0] + small, point[1], origin, step, uv)
+        uy, vy = to_pixel(point[0], point[1] + small, origin, step, uv)
+        a, b, c, d = (ux - u0) / small, (uy - u0) / small, (vx - v0) / small, (vy - v0) / small
+        determinant = a * d - b * c
+        point[0] += (d * (u - u0) - b * (v - v0)) / determinant
+        point[1] += (a * (v - v0) - c * (u - u0)) / determinant
+    return point
+
+
+@njit(cache=True)
+def all_from_pixel(
+    pixels: np.ndarray, near: np.ndarray, origin: np.ndarray, step: float, uv: np.ndarray
+) -> np.ndarray:
+    """Return the world points (K, 2) (m) of pixels (K, 2), all near one world point."""
+    points = np.empty_like(pixels)
+    for k in range(len(pixels)):
+        points[k] = from_pixel(pixels[k, 0], pixels[k, 1], near, origin, step, uv)
+    return points

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from strandcast.tracking.pixelmap import to_pixel
-from strandcast.tracking.sighting import FLANK_PX, GAP_PX, bilinear
+from strandcast.tracking.sighting import FLANK_PX, GAP_PX, bilinear, changed_by, inside_box
 
 TURNS_RAD = np.array([0.0, 0.12, -0.12, 0.25, -0.25, 0.4, -0.4, 0.6, -0.6])
 TURN_COST = 0.35  # in clear lines, for a turn of half a radian
@@ -17,15 +17,16 @@ CELL_RAD = 0.4
 
 @njit(cache=True)
 def line_at(
-    image: np.ndarray, background: np.ndarray, u: float, v: float, nu: float, nv: float, half_px: float
-) -> float:
+    image: np.ndarray, background: np.ndarray, u: float, v: float, nu: float, nv: float, half_px: float,
+    polarity: float,
+) -> float:  # fmt: skip
     """Return the line score (grey levels) at a pixel, for a line with normal (nu, nv) in the picture."""
     level = changed = 0.0
     for a in range(-1, 2):
         pu, pv = u + 0.7 * a * half_px * nu, v + 0.7 * a * half_px * nv
         now = bilinear(image, pu, pv)
         level += now / 3.0
-        changed += abs(now - bilinear(background, pu, pv)) / 3.0
+        changed += changed_by(now - bilinear(background, pu, pv), polarity) / 3.0
     flank_level = np.zeros(2)
     flank_changed = np.zeros(2)
     for side in range(2):
@@ -34,10 +35,12 @@ def line_at(
             d = sign * (half_px + GAP_PX + (0.25 + 0.5 * a) * FLANK_PX)
             now = bilinear(image, u + d * nu, v + d * nv)
             flank_level[side] += 0.5 * now
-            flank_changed[side] += 0.5 * abs(now - bilinear(background, u + d * nu, v + d * nv))
+            was = bilinear(background, u + d * nu, v + d * nv)
+            flank_changed[side] += 0.5 * changed_by(now - was, polarity)
     dark = min(flank_level[0], flank_level[1]) - level
     bright = level - max(flank_level[0], flank_level[1])
-    in_picture = min(max(dark, bright), changed)
+    line = bright if polarity > 0 else (dark if polarity < 0 else max(dark, bright))
+    in_picture = min(line, changed)
     return max(changed - max(flank_changed[0], flank_changed[1]), in_picture)
 
 
@@ -68,6 +71,8 @@ def trace_string(
     links: int,
     half_px: float,
     contrast: float,
+    polarity: float,
+    hand: np.ndarray,
     guide: np.ndarray,
     guide_weight: float,
     beams: int,
@@ -90,6 +95,10 @@ def trace_string(
         Half the string's visible width.
     contrast
         Line score of a clear line, grey levels.
+    polarity
+        As in `strandcast.tracking.sighting.sample_across`.
+    hand
+        The box in which the hand hides the string, as in `inside_box`.
     guide, guide_weight
         Nodes (links + 1, 2) near which the string is expected, and the cost of a squared distance (1/m²).
     beams
@@ -132,8 +141,10 @@ def trace_string(
                 reward = -0.3
                 if u > 0 and v > 0 and u < image.shape[1] - 1 and v < image.shape[0] - 1:
                     length = np.hypot(u2 - u, v2 - v)
-                    score = line_at(image, background, u, v, (u2 - u) / length, (v2 - v) / length, half_px)
+                    score = line_at(image, background, u, v, (u2 - u) / length, (v2 - v) / length, half_px, polarity)
                     reward = min(max(score / contrast, -0.3), 1.0)
+                    if inside_box(x, y, hand):
+                        reward = 0.0
                 off = (x - guide[k + 1, 0]) ** 2 + (y - guide[k + 1, 1]) ** 2
                 value = (
                     way_value[k, b] + reward - TURN_COST * (turn / 0.5) ** 2 - min(guide_weight * off, 0.5)

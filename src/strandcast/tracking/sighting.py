@@ -31,6 +31,12 @@ def bilinear(image: np.ndarray, u: float, v: float) -> float:
 
 
 @njit(cache=True)
+def changed_by(difference: float, polarity: float) -> float:
+    """Return how much a place has changed in the string's sense; 0 if in the other."""
+    return abs(difference) if polarity == 0 else max(0.0, polarity * difference)
+
+
+@njit(cache=True)
 def sample_across(
     image: np.ndarray,
     background: np.ndarray,
@@ -39,6 +45,7 @@ def sample_across(
     pitch_m: float,
     half: int,
     along: int,
+    polarity: float,
     origin: np.ndarray,
     step: float,
     uv: np.ndarray,
@@ -57,13 +64,15 @@ def sample_across(
         Samples to each side: the profiles have 2 half + 1.
     along
         Each sample is the mean of 2 along + 1 places one pitch apart along the string.
+    polarity
+        1 for a string brighter than the background, -1 for a darker one, 0 if either may be.
     origin, step, uv
         The pixel map.
 
     Returns
     -------
     level, difference
-        Profiles (K, 2 half + 1): the picture, and the magnitude of its difference from the background.
+        Profiles (K, 2 half + 1): the picture (negative for polarity -1), and its difference from the background.
     """
     count, width = len(nodes), 2 * half + 1
     level = np.zeros((count, width))
@@ -84,13 +93,13 @@ def sample_across(
             for a in range(-along, along + 1):
                 now += share * bilinear(image, u - a * dv, v + a * du)
                 was += share * bilinear(background, u - a * dv, v + a * du)
-            level[k, w] = now
-            difference[k, w] = abs(now - was)
+            level[k, w] = now if polarity >= 0 else -now
+            difference[k, w] = changed_by(now - was, polarity)
     return level, difference
 
 
 @njit(cache=True)
-def line_score(level: np.ndarray, difference: np.ndarray, middle: np.ndarray) -> np.ndarray:
+def line_score(level: np.ndarray, difference: np.ndarray, middle: np.ndarray, polarity: float) -> np.ndarray:
     """Score how much each place of each profile looks like the middle of a thin, changed line.
 
     Parameters
@@ -99,6 +108,8 @@ def line_score(level: np.ndarray, difference: np.ndarray, middle: np.ndarray) ->
         Profiles (K, W) of `sample_across`.
     middle
         Half width of the line in samples, (K,): half the string's thickness and half its blur.
+    polarity
+        As in `sample_across`.
 
     Returns
     -------
@@ -126,9 +137,10 @@ def line_score(level: np.ndarray, difference: np.ndarray, middle: np.ndarray) ->
             changed_left = (sum_difference[inner] - sum_difference[inner - flank]) / flank
             changed_right = (sum_difference[outer + flank] - sum_difference[outer]) / flank
             against_background = changed - max(changed_left, changed_right)
-            dark = min(level_left, level_right) - level_in
-            bright = level_in - max(level_left, level_right)
-            in_picture = min(max(dark, bright), changed)
+            line = level_in - max(level_left, level_right)
+            if polarity == 0:
+                line = max(line, min(level_left, level_right) - level_in)
+            in_picture = min(line, changed)
             score[k, w] = max(against_background, in_picture)
     return score
 
@@ -188,3 +200,15 @@ def centre_of_line(
             moment += value * value * w
         place[k] = moment / total if total > 0 else float(way[k])
     return place
+
+
+@njit(cache=True)
+def inside_box(x: float, y: float, box: np.ndarray) -> bool:
+    """Tell whether a place (m) lies in a turned box: x, y and angle of its frame, low x, low y, high x, high y.
+
+    The hand's markers are full of thin lines, and the hand may hide the string: what is seen there is no string.
+    """
+    cosine, sine = np.cos(box[2]), np.sin(box[2])
+    dx, dy = x - box[0], y - box[1]
+    along, left = cosine * dx + sine * dy, -sine * dx + cosine * dy
+    return box[3] <= along <= box[5] and box[4] <= left <= box[6]

@@ -8,6 +8,7 @@ import numpy as np
 from strandcast.camera.mapping import metre_to_pixel
 from strandcast.camera.markers import eight_bit
 from strandcast.records.camera import Camera
+from strandcast.tracking.crops import View
 
 INSTANTS = 12
 FIRST_STEP_M = 0.03  # of the tip between instants, at first
@@ -18,21 +19,21 @@ class Strobe:
 
     def __init__(self, background: np.ndarray) -> None:
         self.background = background
-        self.frames: list[tuple[int, float, np.ndarray]] = []
+        self.frames: list[tuple[int, float, View]] = []
         self.path_m = 0.0
         self.step_m = FIRST_STEP_M
         self._tip: np.ndarray | None = None
 
-    def offer(self, index: int, image: np.ndarray, points_m: np.ndarray | None) -> None:
+    def offer(self, index: int, view: View | None, points_m: np.ndarray | None) -> None:
         """Keep the frame if the tip has come far enough since the last that was kept."""
-        if points_m is None or not np.isfinite(points_m[-1]).all():
+        if view is None or points_m is None or not np.isfinite(points_m[-1]).all():
             return
         tip = points_m[-1]
         self.path_m += 0.0 if self._tip is None else float(np.linalg.norm(tip - self._tip))
         self._tip = tip
         if self.frames and self.path_m < self.frames[-1][1] + self.step_m:
             return
-        self.frames.append((index, self.path_m, image.copy()))
+        self.frames.append((index, self.path_m, view))
         if len(self.frames) > 2 * INSTANTS:
             self.frames = self.frames[::2]
             self.step_m *= 2
@@ -43,12 +44,14 @@ class Strobe:
             self.frames) else []  # fmt: skip
         grey = self.background.astype(np.float32)
         most = np.zeros_like(grey)
-        for _, _, image in kept:
-            now = image.astype(np.float32)
-            change = np.abs(now - self.background)
-            newer = change > most
-            grey[newer] = now[newer]
-            most[newer] = change[newer]
+        for _, _, view in kept:
+            rows = slice(view.top, view.top + view.image.shape[0])
+            columns = slice(view.left, view.left + view.image.shape[1])
+            now = view.image.astype(np.float32)
+            change = np.abs(now - view.background)
+            newer = change > most[rows, columns]
+            grey[rows, columns][newer] = now[newer]
+            most[rows, columns][newer] = change[newer]
         picture = cv2.cvtColor(eight_bit(grey.astype(self.background.dtype)), cv2.COLOR_GRAY2RGB)
         for turn, (index, _, _) in enumerate(kept):
             draw_points(picture, metre_to_pixel(camera, points_m[index], camera.string_offset_m),

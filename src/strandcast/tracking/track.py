@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.progress import Progress
+from strandcast.progress import Progress, progress
 from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
 from strandcast.records.track import OCCLUDED, PREDICTED, UNSURE
-from strandcast.tracking.background import learn_background
+from strandcast.tracking.background import Samples, learn_background
 from strandcast.tracking.chain import place_nodes
+from strandcast.tracking.crops import Crops, View
 from strandcast.tracking.follow import (
     CLEAR, ENOUGH, GOOD, LINK_M, Fit, Looks, Picture, find_string, fit_string, nearest_turn, point_sigmas,
 )  # fmt: skip
-from strandcast.tracking.hand import HandFinder, HandMarker, HandSighting
-from strandcast.tracking.looks import first_fit, visible_end
+from strandcast.tracking.hand import HandFinder, HandMarker, HandSighting, box_around
+from strandcast.tracking.looks import first_fit, level_at, visible_end
 from strandcast.tracking.pixelmap import PixelMap, tabulate
 from strandcast.tracking.strobe import Strobe
 from strandcast.video.ingest import camera_times
 from strandcast.video.reader import open_video
 
+CROP_LENGTHS = 1.25  # around the hand, in lengths of the string
 EXPOSURE_SHARE = 0.2  # of the frame interval, where the exposure is not given
 LARGEST_CORRECTION = 0.03  # of the length, by the string's visible end
+BALL_TIMES = 1.6  # wider than this, in the string's own widths and a pixel more, is a ball at the tip
 UNSURE_M = 0.003  # sigma from which a place is unsure
 LONGEST_GAP = 10  # frames over which a hand that was not seen is bridged
 
@@ -94,29 +97,22 @@ def track_video(
     """
     check_size(facts, camera, path)
     exposure_s = exposure_s or EXPOSURE_SHARE / facts.frame_rate_hz
-    background, chosen = learn_background(path, facts.packets, background_frames)
     pixels = tabulate(camera, camera.string_offset_m)
     finder = HandFinder(camera, markers, dictionary, camera.string_offset_m)
-    follower = Follower(string, pixels, background, exposure_s)
-    strobe = Strobe(background)
     time_s = camera_times(facts)
-    hands: list[HandSighting | None] = []
-    results: list[FrameResult | None] = []
-    tell = Progress("track", total=facts.packets)
-    with open_video(path) as video:
-        for index, _, image in video:
-            if index >= facts.packets:
-                break
-            hand = finder.find(image)
-            hands.append(hand)
-            results.append(follower.step(image, time_s[index], None if hand is None else hand.pose))
-            strobe.offer(index, image, results[-1].points_m if results[-1] else None)
-            tell(index + 1)
-    check_count(len(hands), facts, path)
-    if not any(hands):
-        raise StrandcastError(
-            "SC-T003", f"none of the hand's markers {sorted(finder.markers)} is seen in any frame", file=path,
-            field="markers", fix="check ids, dictionary and that the picture is not mirrored")  # fmt: skip
+    with Crops(pixels, CROP_LENGTHS * string.length_m) as crops:
+        hands, messages, background, chosen = decode(path, facts, finder, crops, background_frames)
+        check_hand(hands, finder, path)
+        follower = Follower(string, exposure_s, box_around(markers))
+        strobe = Strobe(background)
+        results = []
+        for index, hand in enumerate(progress(hands, "track: string", total=len(hands))):
+            result = None
+            view = crops.view(index, background)
+            if view is not None:
+                result = follower.step(view, time_s[index], None if hand is None else hand.pose)
+            results.append(result)
+            strobe.offer(index, view, None if result is None else result.points_m)
     if follower.looks is None:
         raise StrandcastError(
             "SC-T004", "no string is seen to leave the hand in any frame", file=path,
@@ -129,14 +125,49 @@ def track_video(
         "exposure_s": exposure_s,
         "links": follower.links,
         "thickness_m": 2 * follower.looks.half_m,
+        "polarity": follower.looks.polarity,
         "contrast_grey": follower.looks.contrast,
         "tip_excess_m": follower.looks.tip_excess_m,
+        "ball_at_tip": follower.looks.has_ball,
         "length_m": follower.link_m * follower.links,
         "first_found_frame": follower.first_frame,
         "found_anew": follower.found_anew,
     }
-    tracked.warnings += follower.warnings + [f"decoder: {text}" for text in sorted(set(video.messages))[:5]]
+    tracked.warnings += follower.warnings + [f"decoder: {text}" for text in sorted(set(messages))[:5]]
     return tracked
+
+
+def decode(
+    path: str | Path, facts: VideoFacts, finder: HandFinder, crops: Crops, background_frames: int
+) -> tuple[list[HandSighting | None], list[str], np.ndarray, np.ndarray]:
+    """Make the one decoding pass: find the hand, keep a crop around it of each frame, learn the background.
+
+    Returns
+    -------
+    hands, messages, background, chosen
+        The hand per frame, the decoder's complaints, the background, and the frames that it was learned from.
+    """
+    hands: list[HandSighting | None] = []
+    tell = Progress("track: frames", total=facts.packets)
+    with open_video(path) as video:
+        depth = 1 if video.info.max_level < 256 else 2
+        samples = Samples(facts.packets, background_frames, depth * video.info.width * video.info.height)
+        for index, _, image in video:
+            samples.offer(index, image)
+            hands.append(finder.find(image))
+            crops.keep(image, None if hands[-1] is None else hands[-1].pose)
+            tell(index + 1)
+    check_count(len(hands), facts, path)
+    background, chosen = learn_background(samples.pictures, background_frames)
+    return hands, video.messages, background, np.asarray(samples.indices)[chosen]
+
+
+def check_hand(hands: list[HandSighting | None], finder: HandFinder, path: str | Path) -> None:
+    """Refuse a video in which the hand is never seen."""
+    if not any(hands):
+        raise StrandcastError(
+            "SC-T003", f"none of the hand's markers {sorted(finder.markers)} is seen in any frame", file=path,
+            field="markers", fix="check ids, dictionary and that the picture is not mirrored")  # fmt: skip
 
 
 def check_size(facts: VideoFacts, camera: Camera, path: str | Path) -> None:
@@ -171,15 +202,14 @@ class Follower:
     """Follows the string from frame to frame; holds the last two frames' headings and the string's looks."""
 
     def __init__(
-        self, string: StringHint, pixels: PixelMap, background: np.ndarray, exposure_s: float
+        self, string: StringHint, exposure_s: float, hand_box: np.ndarray
     ) -> None:
         self.string = string
         self.every = max(1, round(string.length_m / string.points / LINK_M))
         self.links = self.every * string.points
         self.link_m = string.length_m / self.links
-        self.pixels = pixels
-        self.background = background
         self.exposure_s = exposure_s
+        self.hand_box = hand_box
         self.looks: Looks | None = None
         self.first_frame: int | None = None
         self.found_anew = 0
@@ -188,19 +218,19 @@ class Follower:
         self._hand: list[tuple[float, np.ndarray]] = []  # the last two times and poses
         self._heading: list[tuple[float, np.ndarray]] = []  # the last two times and headings
 
-    def step(self, image: np.ndarray, time_s: float, hand: np.ndarray | None) -> FrameResult | None:
+    def step(self, view: View, time_s: float, hand: np.ndarray | None) -> FrameResult | None:
         """Take one frame; returns the string's points, or None where it is not found."""
         self._frame += 1
         hand = self._follow_hand(time_s, hand)
         if hand is None:
             return None
-        picture = Picture(image, self.background, self.pixels)
+        picture = Picture(view.image, view.background, view.pixels, self.hand_box)
         fit = self._start(picture, hand) if self.looks is None else self._next(picture, time_s, hand)
         if fit is None or fit.value < ENOUGH:
             self._heading = self._heading[-1:]
             return None
         self._heading = [*self._heading[-1:], (time_s, fit.heading)]
-        return judge(fit, hand, self.link_m, self.every, self.pixels, image.shape)
+        return judge(fit, hand, self.link_m, self.every, view.pixels)
 
     def _follow_hand(self, time_s: float, hand: np.ndarray | None) -> np.ndarray | None:
         """Return the hand, carried on as it moved where it is not seen; note it."""
@@ -217,23 +247,25 @@ class Follower:
             return None
         self.looks, fit = found
         self.first_frame = self._frame
-        self._learn_length(*visible_end(picture, hand, fit, self.link_m, self.looks))
+        self._learn_length(picture, hand, fit)
         return self._fit(picture, hand, fit.heading, fit.heading, 0.0)
 
-    def _learn_length(self, end_m: float, half_width_m: float) -> None:
-        """Take the visible end for the string's end, less the radius of what hangs there."""
+    def _learn_length(self, picture: Picture, hand: np.ndarray, fit: Fit) -> None:
+        """Take the visible end for the string's end, less what is beyond its middle: half its width, or a ball."""
         assert self.looks is not None
-        wider_m = half_width_m - self.looks.half_m
-        radius_m = half_width_m if wider_m > self.pixels.metre_per_pixel else 0.0
-        correction_m = end_m - radius_m
+        end_m, half_m = visible_end(picture, hand, fit, self.link_m, self.looks)
+        ball = half_m > BALL_TIMES * self.looks.half_m + picture.pixels.metre_per_pixel
+        excess_m = half_m if ball else self.looks.half_m
+        correction_m = end_m - excess_m
         if not abs(correction_m) <= LARGEST_CORRECTION * self.string.length_m:
-            self.warnings.append(
-                "the string's visible end does not fit its length: it is "
-                + (f"{1e3 * correction_m:+.1f} mm off" if np.isfinite(correction_m) else "not clear")
-            )
-            correction_m, radius_m = 0.0, max(0.0, end_m) if np.isfinite(end_m) else 0.0
+            off = f"it is {1e3 * correction_m:+.1f} mm off" if np.isfinite(correction_m) else "it is not clear"
+            self.warnings.append(f"the string's visible end does not fit its length: {off}")
+            correction_m = 0.0
         self.link_m = (self.string.length_m + correction_m) / self.links
-        self.looks = Looks(self.looks.half_m, self.looks.contrast, radius_m)
+        self.looks = replace(self.looks, tip_excess_m=excess_m)
+        if ball and np.isfinite(end_m):
+            tip = place_nodes(hand[:2], fit.heading, self.link_m)[-1]
+            self.looks = replace(self.looks, ball_level=level_at(picture, tip))
 
     def _next(self, picture: Picture, time_s: float, hand: np.ndarray) -> Fit | None:
         """Fit from the prediction; where that is not good, from other starts, and keep the best."""
@@ -269,9 +301,9 @@ class Follower:
         self, picture: Picture, hand: np.ndarray, start: np.ndarray, prior: np.ndarray, blur_m: np.ndarray | float
     ) -> Fit:
         assert self.looks is not None
-        half_px = (self.looks.half_m + 0.5 * blur_m) / self.pixels.metre_per_pixel
+        half_px = (self.looks.half_m + 0.5 * blur_m) / picture.pixels.metre_per_pixel
         half_px = np.minimum(np.broadcast_to(half_px, (self.links + 1,)), 6.0).copy()
-        half_px[0] = self.looks.half_m / self.pixels.metre_per_pixel
+        half_px[0] = self.looks.half_m / picture.pixels.metre_per_pixel
         return fit_string(picture, hand, start, prior, self.link_m, half_px, self.looks)
 
     def _blur(self, hand: np.ndarray, expected: np.ndarray, last: np.ndarray, span_s: float) -> np.ndarray:
@@ -308,7 +340,7 @@ def _predict(history: list[tuple[float, np.ndarray]], time_s: float) -> np.ndarr
 
 
 def judge(
-    fit: Fit, hand: np.ndarray, link_m: float, every: int, pixels: PixelMap, shape: tuple[int, ...]
+    fit: Fit, hand: np.ndarray, link_m: float, every: int, pixels: PixelMap
 ) -> FrameResult:
     """Return the mass points of a fit with sigma and flags; what was not seen to the end is NaN."""
     nodes = place_nodes(hand[:2], fit.heading, link_m)
@@ -316,7 +348,9 @@ def judge(
     sigma = point_sigmas(fit, link_m, every)
     flags = np.zeros(len(points), dtype=np.int32)
     window = np.convolve((fit.reward[1:] >= CLEAR).astype(float), np.ones(every) / every, mode="same")
-    seen = window[every - 1 :: every]
+    seen = window[every - 1 :: every].copy()
+    if fit.ball_seen:
+        seen[-1] = 1.0
     flags[seen < 0.34] |= OCCLUDED
     if not np.isfinite(fit.tip_slide_m) or abs(fit.tip_slide_m) > 4 * pixels.metre_per_pixel:
         flags[-1] |= UNSURE
@@ -366,14 +400,19 @@ def marker_columns(
     finder: HandFinder, hands: list[HandSighting | None], time_s: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return the columns of markers.parquet: each marker seen on the hand, by frame."""
-    rows = [
-        (index, time_s[index], marker, *finder.marker_in_plane(corners, marker))
-        for index, hand in enumerate(hands)
-        if hand is not None
-        for marker, corners in sorted(hand.corners_px.items())
-    ]
-    table = np.asarray(rows, dtype=np.float64).reshape(-1, 7)
     names = ("frame", "camera_time_s", "marker", "x_m", "y_m", "angle_rad", "sigma_m")
+    parts = []
+    for marker in finder.markers:
+        frames = [index for index, hand in enumerate(hands) if hand is not None and marker in hand.corners_px]
+        if frames:
+            seen = [hand.corners_px[marker] for hand in hands if hand is not None and marker in hand.corners_px]
+            pose, sigma_m = finder.marker_poses(marker, np.stack(seen))
+            pose[:, 2] = np.unwrap(pose[:, 2])
+            parts.append(
+                np.column_stack([frames, time_s[frames], np.full(len(frames), marker), pose, sigma_m])
+            )
+    table = np.concatenate(parts) if parts else np.zeros((0, 7))
+    table = table[np.lexsort((table[:, 2], table[:, 0]))]
     columns = {name: table[:, i] for i, name in enumerate(names)}
     for name in ("frame", "marker"):
         columns[name] = columns[name].astype(np.int32)

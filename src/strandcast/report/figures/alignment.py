@@ -31,15 +31,18 @@ def alignment(key: str, title: str, results: Results) -> Reportlet:
         time_s, speed = _speed(path.robot_time_s, path.pose[:, :2])
         speed_axes.plot((time_s - fit.motion_start_s) * 1e3, speed, **style, label=f"hand by {name}")
     apart_mm = (seen.pose[:, :2] - at_times(measured, seen.robot_time_s)) * 1e3
-    styles = (FITTED, PLANNED)
+    styles = (FITTED | {"linewidth": 1.0}, PLANNED | {"linewidth": 1.0})
     for k, axis in enumerate("xy"):
         apart_axes.plot(
-            (seen.robot_time_s - fit.motion_start_s) * 1e3, apart_mm[:, k], **styles[k], label=f"seen – joint log, {axis}"
+            (seen.robot_time_s - fit.motion_start_s) * 1e3,
+            apart_mm[:, k],
+            **styles[k],
+            label=f"seen – joint log, {axis}",
         )
     speed_axes.set_ylabel("speed [m/s]")
     apart_axes.set(xlabel="time from the motion's start [ms]", ylabel="residual [mm]")
     speed_axes.legend(loc="upper right")
-    legend_below(apart_axes, drop=-0.28)
+    legend_below(figure, apart_axes)
     finding = (
         f"Offset {milliseconds(fit.offset_s, fit.offset_se_s)}; residual of the hand "
         f"{millimetres(fit.residual_rms_m, digits=2)} rms over {fit.frames} frames."
@@ -48,8 +51,8 @@ def alignment(key: str, title: str, results: Results) -> Reportlet:
         key,
         title,
         finding,
-        "Good: the speeds lie over each other and the residual has no shape. Bad: the residual looks like the speed "
-        "(offset: 1 ms is 2 mm at 2 m/s) or like the place (marker's place, camera).",
+        "Good: the speeds lie over each other and the residual has no shape. Bad: the residual looks like "
+        "the speed (offset: 1 ms is 2 mm at 2 m/s) or like the place (marker's place, camera).",
         to_svg(figure, key, f"Alignment of the clocks. {finding}"),
         [_table(fit)],
         ["alignment.json", "hand.parquet"],
@@ -69,14 +72,19 @@ def _table(fit: object) -> Table:
     facts = fit.model_dump()  # type: ignore[attr-defined]
     shift, turn = facts["marker_shift_m"], facts["marker_turn_rad"]
     rows = [
-        ["offset (robot = camera · (1 + drift) + offset)", milliseconds(facts["offset_s"], facts["offset_se_s"])],
+        [
+            "offset (robot = camera · (1 + drift) + offset)",
+            milliseconds(facts["offset_s"], facts["offset_se_s"]),
+        ],
         ["drift", scaled(facts["drift"], 1e6, 1, "ppm", facts["drift_se"])],
         ["prior of the drift (standard deviation)", scaled(facts["drift_prior"], 1e6, 0, "ppm")],
         ["residual of the hand, rms", millimetres(facts["residual_rms_m"], digits=2)],
         ["where from", facts["source"]],
     ]
     if shift is not None:
-        rows.append(["marker against the arm's file, x and y", ", ".join(millimetres(value) for value in shift)])
+        rows.append(
+            ["marker against the arm's file, x and y", ", ".join(millimetres(value) for value in shift)]
+        )
     if turn is not None:
         rows.append(["marker against the arm's file, turn", scaled(turn, 180 / np.pi, 2, "°")])
     rows += [[f"sync event: {name}", f"{value:.6g}"] for name, value in (facts["sync_event"] or {}).items()]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
-from strandcast.records.camera import Camera
-from strandcast.report.drawing import FITTED, INK, MEASURED, new_figure, to_svg
+from strandcast.records.camera import Camera, View
+from strandcast.report.drawing import FITTED, MEASURED, new_figure, to_svg
 from strandcast.report.numbers import UNKNOWN, significant
 from strandcast.report.reportlet import Reportlet, Table
 from strandcast.report.results import Results
@@ -28,12 +30,20 @@ def calibration(key: str, title: str, results: Results) -> Reportlet:
             f"the calibration ({camera.source}) has no corners whose residuals could be shown",
             file=results.path("camera"),
         )
-    figure = new_figure(10.0, 3.75, left=0.07, top=0.88, bottom=0.14, wspace=0.2)
+    figure = new_figure(10.0, 3.4, left=0.07, top=0.92, bottom=0.14, wspace=0.2)
     panels = (("lens photos", photos, FITTED["color"]), ("markers of the plane", plane, MEASURED["color"]))
     for column, (name, corners, colour) in enumerate(panels):
         axes = figure.add_subplot(1, 2, column + 1)
-        axes.set(xlim=(0, lens.width_px), ylim=(lens.height_px, 0), aspect="equal", xlabel="u [px]", ylabel="v [px]")
-        axes.set_title(f"{name}: none" if not len(corners) else _arrows(axes, name, corners, colour, lens.width_px))
+        axes.set(
+            xlim=(0, lens.width_px),
+            ylim=(lens.height_px, 0),
+            aspect="equal",
+            xlabel="u [px]",
+            ylabel="v [px]",
+        )
+        axes.set_title(
+            f"{name}: none" if not len(corners) else _arrows(axes, name, corners, colour, lens.width_px)
+        )
     finding = (
         f"Lens {lens.rms_px:.3f} px rms over {sum(view.used for view in lens.views)} photos; plane "
         f"{camera.plane_rms_px:.3f} px rms over {len(camera.plane_markers)} markers, "
@@ -43,8 +53,8 @@ def calibration(key: str, title: str, results: Results) -> Reportlet:
         key,
         title,
         finding,
-        "Good: short arrows in all directions, corners all over the picture. Bad: arrows that turn together or grow "
-        "to the edges (lens), one marker with long arrows (measured at the wrong place).",
+        "Good: short arrows in all directions, corners all over the picture. Bad: arrows that turn "
+        "together or grow to the edges (lens), one marker with long arrows (measured at the wrong place).",
         to_svg(figure, key, f"Calibration residuals. {finding}"),
         [_view_table(camera), _marker_table(camera), _lens_table(camera)],
         ["../camera.json"],
@@ -56,15 +66,22 @@ def _stack(groups: list[list[list[float]]]) -> Array:
     return np.array(rows, dtype=float).reshape(-1, 4)
 
 
-def _arrows(axes: object, name: str, corners: Array, colour: str, width_px: int) -> str:
-    """Draw residual arrows, magnified so that the rms is 2 % of the picture's width; return what they are."""
+def _arrows(axes: Any, name: str, corners: Array, colour: str, width_px: int) -> str:
+    """Draw residual arrows, their rms about 3.5 % of the picture's width; return what they are."""
     size_px = float(np.sqrt((corners[:, 2:] ** 2).sum(axis=1).mean()))
-    wanted = 0.02 * width_px / max(size_px, 1e-6)
+    wanted = 0.035 * width_px / max(size_px, 1e-6)
     power = 10.0 ** np.floor(np.log10(wanted))
     gain = float(max(step for step in (1, 2, 5) if step * power <= wanted) * power)
     shown = corners[np.unique(np.linspace(0, len(corners) - 1, MOST_ARROWS).round().astype(int))]
-    axes.quiver(  # type: ignore[attr-defined]
-        *shown.T, angles="xy", scale_units="xy", scale=1 / gain, color=colour, width=0.004, edgecolor=INK
+    axes.quiver(
+        *shown.T,
+        angles="xy",
+        scale_units="xy",
+        scale=1 / gain,
+        color=colour,
+        width=0.0035,
+        headwidth=4,
+        headlength=4.5,
     )
     left = "" if len(shown) == len(corners) else f", {len(shown)} of them drawn"
     return f"{name}: {len(corners)} corners{left}, residuals × {gain:g}"
@@ -78,8 +95,8 @@ def _view_table(camera: Camera) -> Table:
     return Table(["lens photo", "corners", "rms [px]", "used"], rows)
 
 
-def _used(view: object) -> str:
-    used, reason = view.used, view.reason  # type: ignore[attr-defined]
+def _used(view: View) -> str:
+    used, reason = view.used, view.reason
     return "yes" if used else f"no: {reason or 'no reason given'}"
 
 
@@ -92,7 +109,7 @@ def _marker_table(camera: Camera) -> Table:
 
 
 def _worst(residuals_px: list[list[float]]) -> float:
-    return max((float(np.hypot(*row[2:4])) for row in residuals_px), default=float("nan"))
+    return max((float(np.hypot(row[2], row[3])) for row in residuals_px), default=float("nan"))
 
 
 def _lens_table(camera: Camera) -> Table:
@@ -101,7 +118,9 @@ def _lens_table(camera: Camera) -> Table:
     rows = []
     for name, value in values.items():
         error = camera.lens.standard_errors.get(name)
-        rows.append([name.removesuffix("_px"), f"{value:.2f}" + (f" ± {error:.2f}" if error is not None else "")])
+        rows.append(
+            [name.removesuffix("_px"), f"{value:.2f}" + (f" ± {error:.2f}" if error is not None else "")]
+        )
     names = ("k1", "k2", "p1", "p2", "k3")
     distortion = zip(names, camera.lens.distortion, strict=False)
     rows += [[name, significant(value)] for name, value in distortion]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.ticker import LogLocator, NullLocator
 
 from strandcast.records.estimate import Estimate
-from strandcast.report.drawing import FITTED, INK, MEASURED, PLANNED, new_figure, to_svg
+from strandcast.report.drawing import FITTED, MEASURED, PLANNED, new_figure, to_svg
 from strandcast.report.numbers import millimetres
 from strandcast.report.reportlet import Reportlet, Table
 from strandcast.report.results import Results
@@ -36,20 +37,20 @@ def evaluation(key: str, title: str, results: Results) -> Reportlet:
     curve.set(xlabel="simulations", ylabel="best E so far [mm]")
     if best_mm and min(best_mm) > 0:
         curve.set_yscale("log")
+        curve.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        curve.yaxis.set_minor_locator(NullLocator())
+        curve.yaxis.set_major_formatter("{x:g}")
     if estimate.E_planned_m is not None:
         curve.axhline(estimate.E_planned_m * 1e3, color=PLANNED["color"], linestyle=PLANNED["linestyle"])
     curve.set_title(f"search: {estimate.search}, {estimate.evaluations} simulations")
-    curve.yaxis.set_major_formatter("{x:g}")
-    curve.yaxis.set_minor_formatter("{x:g}")
-    curve.tick_params(axis="y", which="minor", labelsize=7, colors=INK)
     finding = _finding(estimate)
     return Reportlet(
         key,
         title,
         finding,
-        "Good: E_i grows gently towards the tip and stays near the tracker's σ; the curve is flat at its end. Bad: "
-        "one point stands out (a weight at the wrong place, a lost stretch), or the curve still falls (too small a "
-        "budget). Green dash-dot: E of the parameters that planned the throw.",
+        "Good: E_i grows gently towards the tip and stays near the tracker's σ; the curve is flat at its "
+        "end. Bad: one point stands out (a weight at the wrong place, a lost stretch), or the curve still "
+        "falls (too small a budget). Green dash-dot: E of the parameters that planned the throw.",
         to_svg(figure, key, f"Evaluation value by point and convergence. {finding}"),
         [_table(estimate)],
         ["estimate.json"],
@@ -66,14 +67,20 @@ def _finding(estimate: Estimate) -> str:
 
 def _table(estimate: Estimate) -> Table:
     rows = [
-        ["E of this trial under the parameters that planned it (w = 0)", millimetres(estimate.E_planned_m, digits=2)],
+        [
+            "E of this trial under the parameters that planned it (w = 0)",
+            millimetres(estimate.E_planned_m, digits=2),
+        ],
         ["E of this trial after the fit (w = 0)", millimetres(estimate.E_m, digits=2)],
         [f"E after the fit, weighted (w = {estimate.w:g})", millimetres(estimate.E_weighted_m, digits=2)],
         ["rms distance over points and frames", millimetres(estimate.rmse_m, digits=2)],
         ["mean distance of the tip", millimetres(estimate.tip_error_m, digits=2)],
         *([f"held out: {held.what}", millimetres(held.E_m, digits=2)] for held in estimate.held_out),
         ["frames in the fit", str(estimate.frames_used)],
-        ["simulations; of these rejected (blown up or overstretched)", f"{estimate.evaluations}; {estimate.rejected}"],
+        [
+            "simulations; of these rejected (blown up or overstretched)",
+            f"{estimate.evaluations}; {estimate.rejected}",
+        ],
         ["trials in the fit", ", ".join(map(str, estimate.trials_used))],
     ]
     return Table(["figure", "value"], rows)

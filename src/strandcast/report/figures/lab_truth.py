@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from strandcast.report.drawing import FITTED, MEASURED, new_figure, to_svg
+from strandcast.report.drawing import MEASURED, new_figure, to_svg
 from strandcast.report.measures import path_distance_m, rms
 from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.reportlet import Reportlet, Table
@@ -28,18 +30,26 @@ def lab_truth(key: str, title: str, results: Results) -> Reportlet:
     moving = results.in_window()[mine]
     figure = new_figure(10.0, 3.4, top=0.9, bottom=0.16)
     bars, curve = figure.subplots(1, 2)
-    by_point_mm = [rms(error_m[moving, k]) * 1e3 if _any(error_m[moving, k]) else np.nan for k in range(len(places_m))]
+    by_point_mm = [
+        rms(error_m[moving, k]) * 1e3 if _any(error_m[moving, k]) else np.nan for k in range(len(places_m))
+    ]
     bars.bar(places_m * 1e3, by_point_mm, 0.7e3 * places_m[1], color=MEASURED["color"])
     bars.set(xlabel="place along the string from the hand [mm]", ylabel="rms error of the track [mm]")
     bars.set_title("by point, during the motion")
-    curve.plot((truth.robot_time_s[theirs] - start_s) * 1e3, error_m[:, -1] * 1e3, **FITTED)
-    curve.set(xlabel="true time from the motion's start [ms]", ylabel="error of the tracked tip [mm]", ylim=(0, None))
+    curve.plot(
+        (truth.robot_time_s[theirs] - start_s) * 1e3, error_m[:, -1] * 1e3, **(MEASURED | {"linewidth": 0.9})
+    )
+    curve.set(
+        xlabel="true time from the motion's start [ms]",
+        ylabel="error of the tracked tip [mm]",
+        ylim=(0, None),
+    )
     curve.set_title("tip")
     true_miss_m = _miss(truth, np.array(verdict.target_m), results.window_s())
     finding = (
-        f"The track is {millimetres(rms(error_m[moving]), digits=2)} rms from the truth during the motion (tip "
-        f"{millimetres(rms(error_m[moving, -1]), digits=2)}); true miss {millimetres(true_miss_m)}, measured "
-        f"{millimetres(verdict.miss_m, verdict.miss_sigma_m)}; the clocks' offset is off by "
+        f"The track is {millimetres(rms(error_m[moving]), digits=2)} rms from the truth during the motion "
+        f"(tip {millimetres(rms(error_m[moving, -1]), digits=2)}); true miss {millimetres(true_miss_m)}, "
+        f"measured {millimetres(verdict.miss_m, verdict.miss_sigma_m)}; the clocks' offset is off by "
         f"{milliseconds(float(np.mean(clock_s)), digits=3)}."
     )
     rows = [
@@ -49,7 +59,7 @@ def lab_truth(key: str, title: str, results: Results) -> Reportlet:
             milliseconds(alignment.offset_s, alignment.offset_se_s, digits=3),
             milliseconds(alignment.offset_s - float(np.mean(clock_s)), digits=3),
         ],
-        *([name, "", _plain(value)] for name, value in sorted(truth.facts.items())),
+        *([name, "", _plain(value)] for name, value in _scalars(truth.facts)),
     ]
     return Reportlet(
         key,
@@ -63,7 +73,7 @@ def lab_truth(key: str, title: str, results: Results) -> Reportlet:
 
 
 def at_places(truth: LabTruth, places_m: Array) -> Array:
-    """Return the true points (F, len(places), 2) at places along the string, straight between the lab's own."""
+    """Return the true points (F, len(places), 2) at places along the string, between the lab's own."""
     right = np.searchsorted(truth.place_m, places_m).clip(1, len(truth.place_m) - 1)
     left = right - 1
     share = (places_m - truth.place_m[left]) / (truth.place_m[right] - truth.place_m[left])
@@ -78,6 +88,12 @@ def _miss(truth: LabTruth, target_m: Array, window_s: tuple[float, float]) -> fl
 
 def _any(values: Array) -> bool:
     return bool(np.isfinite(values).any())
+
+
+def _scalars(facts: dict[str, Any]) -> list[tuple[str, Any]]:
+    """Return the facts that are single values, those of the trial's variation among them."""
+    every = facts | {f"variation: {name}": value for name, value in facts.get("variation", {}).items()}
+    return [(name, value) for name, value in sorted(every.items()) if isinstance(value, int | float | str)]
 
 
 def _plain(value: object) -> str:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
 from strandcast.report.drawing import (
-    FAINT,
     FITTED,
     INK,
     MEASURED,
@@ -23,77 +22,109 @@ from strandcast.report.drawing import (
     new_figure,
     to_svg,
 )
+from strandcast.report.facts import Facts
 from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent, place, significant
 from strandcast.report.reportlet import Reportlet, Table
 
 Array = NDArray[np.float64]
 
 
-def next_motion(
-    key: str, title: str, path: Path | None, played: Motion | None, limits_rad_s: list[float], command: str | None
-) -> Reportlet:
+def next_motion(key: str, title: str, path: Path | None, played: Motion | None, facts: Facts) -> Reportlet:
     """Return the joint velocities with their control points, and what is expected of the throw."""
     if path is None:
         raise StrandcastError(
-            "SC-H051", "no next motion was planned", fix="`strandcast plan` makes it from this trial's estimate"
+            "SC-H051",
+            "no next motion was planned",
+            fix="`strandcast plan` makes it from this trial's estimate",
         )
     motion = Motion.read(path)
     joints = len(motion.joint_names)
-    figure = new_figure(10.0, 1.1 + 1.75 * joints, left=0.07, top=0.95, bottom=0.11, wspace=0.22, hspace=0.28)
-    grid = figure.add_gridspec(joints, 2, width_ratios=[1.35, 1])
+    height = 1.1 + 1.75 * joints
+    figure = new_figure(10.0, height)
+    curves = figure.add_gridspec(
+        joints, 1, left=0.07, right=0.56, top=0.95, bottom=0.85 / height, hspace=0.28
+    )
+    expected = figure.add_gridspec(
+        2, 1, left=0.64, right=0.985, top=0.95, bottom=0.85 / height, hspace=0.4, height_ratios=[2, 1]
+    )
     for joint in range(joints):
-        axes = figure.add_subplot(grid[joint, 0])
-        _draw_joint(axes, motion, played, joint, limits_rad_s[joint] if joint < len(limits_rad_s) else None)
+        axes = figure.add_subplot(curves[joint])
+        _draw_joint(axes, motion, played, joint, facts.speed_limits_rad_s)
         if joint < joints - 1:
             axes.tick_params(labelbottom=False)
     axes.set_xlabel("time [ms]")
-    legend_below(axes, columns=4, drop=-0.36)
+    legend_below(figure, axes)
     if motion.predicted is not None:
-        split = max(1, joints - 1)
-        _draw_prediction(figure.add_subplot(grid[:split, 1]), motion)
-        _draw_misses(figure.add_subplot(grid[split:, 1]) if joints > 1 else None, motion)
+        _draw_prediction(figure.add_subplot(expected[0]), motion, facts.hit_radius_m)
+        _draw_misses(figure.add_subplot(expected[1]), motion)
     finding = _finding(motion)
     return Reportlet(
         key,
         title,
         finding,
-        "Good: the predicted path ends in the target, the ensemble's misses crowd below the hit radius, the curves "
-        "stay inside the limits. Bad: misses spread over decimetres: the string is not known well enough there.",
+        "Good: the predicted path ends in the target, the ensemble's misses crowd below the hit radius, "
+        "the curves stay inside the limits. Bad: misses spread over decimetres: the string is not known "
+        "well enough there.",
         to_svg(figure, key, f"The next motion. {finding}"),
-        [_table(motion, command)],
+        [_table(motion, facts.play_command)],
         [str(Path("..") / path.parent.name / path.name)],
     )
 
 
-def _draw_joint(axes: Any, motion: Motion, played: Motion | None, joint: int, limit_rad_s: float | None) -> None:
+def _draw_joint(
+    axes: Any, motion: Motion, played: Motion | None, joint: int, limits_rad_s: list[float]
+) -> None:
+    axes.plot(
+        motion.time_s() * 1e3,
+        motion.joints()[1][:, joint],
+        **MEASURED,
+        label=f"motion of trial {motion.trial}",
+    )
     if played is not None and played.joint_names == motion.joint_names:
         axes.plot(
-            played.time_s() * 1e3, played.joints()[1][:, joint], **PLANNED, label=f"motion of trial {played.trial}"
+            played.time_s() * 1e3,
+            played.joints()[1][:, joint],
+            **PLANNED,
+            label=f"motion of trial {played.trial}",
         )
-    axes.plot(motion.time_s() * 1e3, motion.joints()[1][:, joint], **MEASURED, label=f"motion of trial {motion.trial}")
     if motion.bezier is not None and joint < len(motion.bezier.heights_rad_s):
         heights = motion.bezier.heights_rad_s[joint]
         at_ms = np.linspace(0.0, motion.bezier.duration_s * 1e3, len(heights))
         axes.plot(
-            at_ms, heights, color=FITTED["color"], linestyle=":", linewidth=0.8, marker="o", markersize=4,
-            markerfacecolor="none", label="control points",
-        )  # fmt: skip
-    if limit_rad_s is not None:
+            at_ms,
+            heights,
+            color=FITTED["color"],
+            linestyle=":",
+            linewidth=0.8,
+            marker="o",
+            markersize=4,
+            markerfacecolor="none",
+            label="control points",
+        )
+    if joint < len(limits_rad_s):
         for k, sign in enumerate((-1, 1)):
             axes.axhline(
-                sign * limit_rad_s, color=INK, linewidth=1.0, linestyle=(0, (6, 3)), label=None if k else "limit"
+                sign * limits_rad_s[joint],
+                color=INK,
+                linewidth=1.0,
+                linestyle=(0, (6, 3)),
+                label=None if k else "limit",
             )
     axes.set_ylabel("[rad/s]")
     axes.set_title(f"{motion.joint_names[joint]}: velocity", fontsize=8.5)
 
 
-def _draw_prediction(axes: Any, motion: Motion) -> None:
+def _draw_prediction(axes: Any, motion: Motion, hit_radius_m: float) -> None:
     predicted = motion.predicted
     assert predicted is not None
     hand_m, tip_m = np.array(predicted.hand_m).reshape(-1, 2), np.array(predicted.tip_m).reshape(-1, 2)
     axes.plot(*hand_m.T, **TRUE, label="hand")
     axes.plot(*tip_m.T, **FITTED, label="tip, predicted")
-    axes.add_patch(Circle(motion.target_m, 0.02, facecolor="none", edgecolor=TARGET, lw=1.5))
+    axes.add_patch(
+        Circle(
+            (motion.target_m[0], motion.target_m[1]), hit_radius_m, facecolor="none", edgecolor=TARGET, lw=1.5
+        )
+    )
     axes.plot(*motion.target_m, linestyle="none", marker="+", color=TARGET, markersize=10, label="target")
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.set_aspect("equal", adjustable="datalim")
@@ -101,12 +132,18 @@ def _draw_prediction(axes: Any, motion: Motion) -> None:
     axes.legend(loc="best", fontsize=7.5)
 
 
-def _draw_misses(axes: Any | None, motion: Motion) -> None:
+def _draw_misses(axes: Any, motion: Motion) -> None:
     predicted = motion.predicted
-    if axes is None or predicted is None:
-        return
+    assert predicted is not None
     misses_mm = np.sort(np.array(predicted.ensemble_miss_m)) * 1e3
-    axes.plot(misses_mm, np.arange(1, len(misses_mm) + 1), linestyle="none", marker="D", markersize=4.5, **_diamond())
+    axes.plot(
+        misses_mm,
+        np.arange(1, len(misses_mm) + 1),
+        linestyle="none",
+        marker="D",
+        markersize=4.5,
+        color=MEASURED["color"],
+    )
     axes.axvline(predicted.miss_m * 1e3, color=FITTED["color"], linestyle=FITTED["linestyle"], linewidth=1.3)
     axes.set(xlabel="predicted miss [mm] (dashed: best string)", ylabel="near-best string", xlim=(0, None))
     axes.set_ylim(0.3, len(misses_mm) + 0.7)
@@ -114,15 +151,15 @@ def _draw_misses(axes: Any | None, motion: Motion) -> None:
     axes.set_title("over the ensemble", fontsize=8.5)
 
 
-def _diamond() -> dict[str, str]:
-    return {"color": MEASURED["color"], "markeredgecolor": FAINT}
-
-
 def _finding(motion: Motion) -> str:
     if motion.predicted is None:
-        return f"Motion for trial {motion.trial}, {motion.time_s()[-1] * 1e3:.0f} ms long; nothing was predicted of it."
+        return f"Motion for trial {motion.trial}; nothing was predicted of it."
     misses = motion.predicted.ensemble_miss_m
-    spread = f", {millimetres(min(misses))} to {millimetres(max(misses))} over {len(misses)} near-best strings" if misses else ""
+    spread = (
+        f", {millimetres(min(misses))} to {millimetres(max(misses))} over {len(misses)} near-best strings"
+        if misses
+        else ""
+    )
     return (
         f"Predicted miss {millimetres(motion.predicted.miss_m)} with the best string{spread}; "
         f"{percent(motion.predicted.hit_probability)} of them hit."
@@ -141,13 +178,22 @@ def _table(motion: Motion, command: str | None) -> Table:
         rows += [
             ["predicted time of the hit, from the start", milliseconds(predicted.hit_time_s, digits=0)],
             ["peak joint speed", ", ".join(map(significant, predicted.peak_speed_rad_s)) + " rad/s"],
-            ["peak joint acceleration", ", ".join(map(significant, predicted.peak_acceleration_rad_s2)) + " rad/s²"],
+            [
+                "peak joint acceleration",
+                ", ".join(map(significant, predicted.peak_acceleration_rad_s2)) + " rad/s²",
+            ],
             ["peak speed of the tip", f"{predicted.peak_tip_speed_m_s:.1f} m/s"],
-            ["largest bend between neighbours before the hit", f"{np.degrees(predicted.largest_bend_rad):.0f}°"],
+            [
+                "largest bend between neighbours before the hit",
+                f"{np.degrees(predicted.largest_bend_rad):.0f}°",
+            ],
         ]
     if source is not None:
         rows += [
-            ["planner", f"{source.planner} ({source.kind}), {source.simulations} simulations, seed {source.seed}"],
+            [
+                "planner",
+                f"{source.planner} ({source.kind}), {source.simulations} simulations, seed {source.seed}",
+            ],
             ["planner's flags", ", ".join(source.flags) or "none"],
         ]
     rows.append(["to play it", command or UNKNOWN])

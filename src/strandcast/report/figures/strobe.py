@@ -12,7 +12,7 @@ from strandcast.errors import StrandcastError
 from strandcast.report.drawing import FITTED, MEASURED, PAGE, TARGET, legend_below, new_figure, to_svg
 from strandcast.report.measures import closest_row, matched, strobe_rows
 from strandcast.report.numbers import millimetres, place
-from strandcast.report.reportlet import Reportlet
+from strandcast.report.reportlet import Reportlet, Table
 from strandcast.report.results import Results
 
 Array = NDArray[np.float64]
@@ -30,32 +30,43 @@ def strobe(key: str, title: str, results: Results, previous: Results | None) -> 
     wide = len(shown) == 2
     limits = _limits(shown)
     height = 0.9 + (4.55 if wide else 6.2) * (limits[3] - limits[2]) / (limits[1] - limits[0])
-    figure = new_figure(
-        10.0, float(np.clip(height, 3.6, 7.5)), left=0.07, top=0.94, bottom=0.17, wspace=0.12
-    )
+    figure = new_figure(10.0, float(np.clip(height, 3.6, 7.5)), left=0.07, top=0.94, bottom=0.2, wspace=0.12)
     for column, each in enumerate(shown):
         axes = figure.add_subplot(1, len(shown), column + 1)
         _draw(axes, each, limits)
         if column == 0:
             axes.set_ylabel("y [m]")
-    legend_below(figure.axes[-1] if not wide else figure.axes[1], drop=-0.1)
+    legend_below(figure, figure.axes[-1])
     verdict = results.need("verdict")
     error_m = _fit_error(results)
-    finding = (
-        f"{len(strobe_rows(results))} instants at equal arc length of the tip's path; the closest approach "
-        f"({millimetres(verdict.miss_m)} from the target at {place(verdict.target_m)}) is drawn bold."
+    finding = f"{len(strobe_rows(results))} instants at equal arc length of the tip's path; " + (
+        f"the closest approach ({millimetres(verdict.miss_m)} from the target at {place(verdict.target_m)}) "
+        "is bold."
+        if verdict.miss_m is not None
+        else f"the closest approach to the target at {place(verdict.target_m)} was not seen."
     )
     if error_m is not None:
-        finding += f" At these instants the fitted string lies {millimetres(error_m)} from the measured points (mean)."
+        finding += f" There the fitted string lies {millimetres(error_m)} from the measured points (mean)."
     return Reportlet(
         key,
         title,
         finding + note,
-        "Good: the dashed string covers the solid one at every instant. Bad: they part towards the tip (stiffness, "
-        "masses or air), or from the hand on (alignment, servo or clamp).",
+        "Good: the dashed string covers the solid one at every instant. Bad: they part towards the tip "
+        "(stiffness, masses or air), or from the hand on (alignment, servo or clamp).",
         to_svg(figure, key, f"Strobe figure of the throw. {finding}"),
-        sources=["track.parquet", "simulated.parquet", "alignment.json"],
+        [_instants(shown)],
+        ["track.parquet", "simulated.parquet", "alignment.json"],
     )
+
+
+def _instants(shown: list[Results]) -> Table:
+    rows = []
+    for each in shown:
+        since_s = each.robot_time_s()[strobe_rows(each)] - each.need("alignment").motion_start_s
+        rows.append([f"trial {each.need('verdict').trial}", *(f"{time_s * 1e3:.0f}" for time_s in since_s)])
+    count = max(map(len, rows))
+    rows = [row + [""] * (count - len(row)) for row in rows]
+    return Table(["instant", *map(str, range(1, count))], rows, "Time from the motion's start [ms].")
 
 
 def _limits(shown: list[Results]) -> tuple[float, float, float, float]:
@@ -70,7 +81,6 @@ def _draw(axes: Any, results: Results, limits: tuple[float, float, float, float]
     track, verdict = results.need("track"), results.need("verdict")
     throw = (results.get("simulated") or {}).get("fitted")
     rows, closest = strobe_rows(results), closest_row(results)
-    time_s = results.robot_time_s() - results.need("alignment").motion_start_s
     for k, row in enumerate(rows):
         bold = row == closest
         strength = 1.0 if bold else 0.75
@@ -86,7 +96,7 @@ def _draw(axes: Any, results: Results, limits: tuple[float, float, float, float]
         if throw is not None and track.frame[row] in throw.frame:
             model_m = throw.points_m[np.searchsorted(throw.frame, track.frame[row])]
             axes.plot(*model_m.T, **FITTED, alpha=strength, label="simulated, fitted" if k == 0 else None)
-        _label(axes, string_m, f"{time_s[row] * 1e3:.0f} ms" if k in (0, len(rows) - 1) or bold else f"{k + 1}")
+        _label(axes, string_m, f"{k + 1}", bold)
     hand_m = track.points_m[rows, 0]
     axes.plot(*hand_m.T, linestyle="none", marker="s", markersize=4.5, color="#e69f00", label="hand")
     axes.add_patch(Circle(verdict.target_m, verdict.hit_radius_m, facecolor="none", edgecolor=TARGET, lw=2.0))
@@ -95,7 +105,7 @@ def _draw(axes: Any, results: Results, limits: tuple[float, float, float, float]
     axes.set_title(f"trial {verdict.trial}: miss {millimetres(verdict.miss_m, verdict.miss_sigma_m)}")
 
 
-def _label(axes: Any, string_m: Array, text: str) -> None:
+def _label(axes: Any, string_m: Array, text: str, bold: bool) -> None:
     """Write beside the tip, on the side that the string does not come from."""
     seen_m = string_m[np.isfinite(string_m).all(axis=1)]
     if len(seen_m) < 2:
@@ -109,7 +119,8 @@ def _label(axes: Any, string_m: Array, text: str) -> None:
         textcoords="offset points",
         ha="center",
         va="center",
-        fontsize=7.5,
+        fontsize=8.5 if bold else 7.5,
+        fontweight="bold" if bold else "normal",
         bbox={"boxstyle": "round,pad=0.1", "facecolor": PAGE, "edgecolor": "none", "alpha": 0.7},
     )
 

@@ -1,4 +1,4 @@
-"""The tracker's strobe picture with the target, the measured points and the simulated string drawn over it."""
+"""The tracker's strobe picture with the target, the measured points and the simulated string over it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def strobe_picture(key: str, title: str, results: Results) -> Reportlet:
         key,
         title,
         finding,
-        "Rings: measured points at the instants of the figure below. Dashed: the fitted string at the same instants. "
+        "Rings: measured points. Dashed: the fitted string at the same instants. Large ring: the target. "
         "Good: rings and dashes lie on the string of the picture. Bad: they lie beside it everywhere "
         "(camera or alignment), or at some instants (tracking).",
         markup,
@@ -78,7 +78,7 @@ def project_px(camera: Camera, places_m: Array, scale: float) -> Array:
 
 def _overlay(results: Results, width: int) -> Markup:
     camera: Camera = results.need("camera")
-    track, rows = results.need("track"), strobe_rows(results)
+    track, rows = results.need("track"), _rows(results)
     scale = width / camera.lens.width_px
     size = width / 640.0
     parts = [_target(results, camera, scale, size)]
@@ -90,6 +90,14 @@ def _overlay(results: Results, width: int) -> Markup:
         seen_m = track.points_m[row][np.isfinite(track.points_m[row]).all(axis=1)]
         parts.extend(_ring(pixel, size) for pixel in project_px(camera, seen_m, scale))
     return Markup("").join(parts)
+
+
+def _rows(results: Results) -> NDArray[np.int64]:
+    """Return the rows of the track that the picture is made of, if the tracker wrote its frames down."""
+    frames = str(results.need("track_summary").choices.get("strobe_frames") or "").split()
+    if not frames:
+        return strobe_rows(results)
+    return np.nonzero(np.isin(results.need("track").frame, [int(frame) for frame in frames]))[0]
 
 
 def _target(results: Results, camera: Camera, scale: float, size: float) -> Markup:

@@ -14,7 +14,7 @@ from strandcast.report.reportlet import Reportlet
 from strandcast.report.results import Results
 
 STYLES = {"planned": PLANNED, "fitted": FITTED}
-NAMES = {"planned": "simulated, as planned", "fitted": "simulated, fitted"}
+NAMES = {"planned": "Simulated, as planned", "fitted": "Simulated, fitted"}
 
 
 def tip_path(key: str, title: str, results: Results) -> Reportlet:
@@ -22,7 +22,7 @@ def tip_path(key: str, title: str, results: Results) -> Reportlet:
     track, verdict = results.need("track"), results.need("verdict")
     start_s = results.need("alignment").motion_start_s
     throws = results.need("simulated")
-    figure = new_figure(8.4, 7.4, left=0.1, top=0.96, bottom=0.08, hspace=0.42)
+    figure = new_figure(8.4, 7.4, left=0.1, top=0.97, bottom=0.12, hspace=0.24)
     path_axes, error_axes = figure.subplots(2, 1, height_ratios=[2.6, 1])
     window = results.in_window()
     tip_m, time_s = track.points_m[window, -1], results.robot_time_s()[window]
@@ -32,7 +32,7 @@ def tip_path(key: str, title: str, results: Results) -> Reportlet:
         inside = np.isin(throw.frame, track.frame[window])
         path_axes.plot(*throw.points_m[inside, -1].T, **STYLES[name], label=NAMES[name])
         at_s, apart_m = tip_error_m(results, throw)
-        error_axes.plot((at_s - start_s) * 1e3, apart_m * 1e3, **STYLES[name], label=NAMES[name])
+        error_axes.plot((at_s - start_s) * 1e3, apart_m * 1e3, **(STYLES[name] | {"linewidth": 1.1}))
         if np.isfinite(apart_m).any():
             worst = int(np.nanargmax(apart_m))
             findings.append(
@@ -40,22 +40,22 @@ def tip_path(key: str, title: str, results: Results) -> Reportlet:
                 f"{millimetres(apart_m[worst])} at {milliseconds(at_s[worst] - start_s, digits=0)}"
             )
     _draw_target(path_axes, error_axes, verdict, start_s)
-    legend_below(path_axes, drop=-0.11)
+    legend_below(figure, path_axes)
     finding = "; ".join(findings) + "." if findings else "There is no simulated tip to compare with."
     return Reportlet(
         key,
         title,
         finding,
-        "Squares mark every 50 ms of the measured path. Good: the fitted path covers the measured one up to the "
-        "closest approach and d(t) stays at the tracker's σ. Bad: d(t) grows steadily (parameters), jumps (a lost "
-        "tip), or swings with the speed (alignment: 1 ms is 10 mm at 10 m/s).",
+        "Squares mark every 50 ms of the measured path. Good: the fitted path covers the measured one up "
+        "to the closest approach and d(t) stays at the tracker's σ. Bad: d(t) grows steadily (parameters), "
+        "jumps (a lost tip), or swings with the speed (alignment: 1 ms is 10 mm at 10 m/s).",
         to_svg(figure, key, f"Tip path measured and simulated. {finding}"),
         sources=["track.parquet", "simulated.parquet"],
     )
 
 
 def _draw_path(axes: Any, tip_m: Any, since_start_s: Any) -> None:
-    axes.plot(*tip_m.T, **MEASURED, label="measured")
+    axes.plot(*tip_m.T, **MEASURED, label="Measured")
     marks = np.arange(0.0, since_start_s[-1] if len(since_start_s) else 0.0, 0.05)
     rows = np.searchsorted(since_start_s, marks).clip(0, max(len(tip_m) - 1, 0))
     axes.plot(*tip_m[rows].T, linestyle="none", marker="s", markersize=3, color=MEASURED["color"])
@@ -72,7 +72,9 @@ def _draw_target(path_axes: Any, error_axes: Any, verdict: Any, start_s: float) 
     path_axes.add_patch(
         Circle(verdict.target_m, verdict.hit_radius_m, facecolor="none", edgecolor=TARGET, lw=2.0)
     )
-    path_axes.plot(*verdict.target_m, linestyle="none", marker="+", color=TARGET, markersize=9, label="target")
+    path_axes.plot(
+        *verdict.target_m, linestyle="none", marker="+", color=TARGET, markersize=9, label="Target"
+    )
     error_axes.set(xlabel="time from the motion's start [ms]", ylabel="tip, d [mm]", ylim=(0, None))
     if verdict.closest_robot_time_s is not None:
         at_ms = (verdict.closest_robot_time_s - start_s) * 1e3

@@ -18,7 +18,7 @@ MOST_COLUMNS = 1500
 def tracking(key: str, title: str, results: Results) -> Reportlet:
     """Return the kymograph of σ and of the segments' length error, as pictures."""
     track, summary = results.need("track"), results.need("track_summary")
-    figure = new_figure(10.0, 4.6, left=0.07, right=0.99, top=0.94, bottom=0.1, hspace=0.38)
+    figure = new_figure(10.0, 4.6, left=0.07, right=1.0, top=0.94, bottom=0.1, hspace=0.4)
     sigma_axes, length_axes = figure.subplots(2, 1)
     sigma_mm = np.where(np.isfinite(track.points_m).all(axis=2), track.sigma_m, np.nan).T * 1e3
     usual_mm = summary.length_m / summary.points * 1e3
@@ -35,8 +35,8 @@ def tracking(key: str, title: str, results: Results) -> Reportlet:
     whole = np.isfinite(length_m)
     finding = (
         f"{percent(summary.tracked_fraction)} of points seen without a flag, the tip in "
-        f"{percent(summary.tip_fraction)} of frames, the hand's marker in {percent(summary.marker_fraction)}; "
-        f"median σ {millimetres(summary.median_sigma_m, digits=2)}."
+        f"{percent(summary.tip_fraction)} of frames, the hand's marker in "
+        f"{percent(summary.marker_fraction)}; median σ {millimetres(summary.median_sigma_m, digits=2)}."
     )
     if whole.any():
         finding += (
@@ -47,8 +47,9 @@ def tracking(key: str, title: str, results: Results) -> Reportlet:
         key,
         title,
         finding,
-        "Good: even and dark above, pale below. Bad: columns of gaps (a fast or folded string), a bright row (a point "
-        "that is doubtful throughout), a coloured band in the lower picture (points slid along the string).",
+        "Good: even and dark above, pale below. Bad: columns of gaps (a fast or folded string), a bright "
+        "row (a point that is doubtful throughout), a coloured band in the lower picture (points slid "
+        "along the string).",
         to_svg(figure, key, f"Tracking quality, point by frame. {finding}"),
         [_lost_table(track), _choice_table(summary)],
         ["track.parquet", "track.json"],
@@ -65,7 +66,7 @@ def _image(axes: Any, values: Any, extent: tuple[float, float], label: str, **co
         extent=(*extent, -0.5, values.shape[0] - 0.5),
         **colours,
     )
-    bar = axes.figure.colorbar(shown, ax=axes, pad=0.01, fraction=0.03)
+    bar = axes.figure.colorbar(shown, ax=axes, pad=0.01, fraction=0.08, aspect=12, format="{x:g}")
     bar.set_label(label)
     bar.outline.set_edgecolor(INK)
     axes.grid(visible=False)
@@ -78,7 +79,8 @@ def _lost_table(track: Any) -> Table:
     starts, ends = np.nonzero(edges == 1)[0], np.nonzero(edges == -1)[0] - 1
     longest = sorted(range(len(starts)), key=lambda k: (starts[k] - ends[k], starts[k]))[:6]
     rows = [
-        [str(track.frame[starts[k]]), str(track.frame[ends[k]]), str(ends[k] - starts[k] + 1)] for k in sorted(longest)
+        [str(track.frame[starts[k]]), str(track.frame[ends[k]]), str(ends[k] - starts[k] + 1)]
+        for k in sorted(longest)
     ]
     caption = "The longest runs without the tip." if rows else "The tip was seen in every frame of the track."
     return Table(["tip lost from frame", "to frame", "frames"], rows, caption)
@@ -86,4 +88,6 @@ def _lost_table(track: Any) -> Table:
 
 def _choice_table(summary: Any) -> Table:
     rows = [[name, "–" if value is None else str(value)] for name, value in sorted(summary.choices.items())]
-    return Table(["choice of the tracker", "value"], rows, "" if rows else "The tracker chose nothing by itself.")
+    return Table(
+        ["choice of the tracker", "value"], rows, "" if rows else "The tracker chose nothing by itself."
+    )

@@ -1,0 +1,288 @@
+"""Plan the first motion and every later one, and tell what is expected of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strandcast.arm.limits import peaks, violations
+from strandcast.arm.servo import Servo, identify
+from strandcast.errors import StrandcastError
+from strandcast.motion.bezier import Curve, Samples, sample
+from strandcast.motion.earlier import Earlier
+from strandcast.motion.first import plan_anew
+from strandcast.motion.later import Neighbourhood, neighbourhood, plan_near, throw_near
+from strandcast.motion.objective import Assessment
+from strandcast.motion.paper import first_by_paper, later_by_paper
+from strandcast.motion.residual import alike, carry
+from strandcast.motion.strings import Strings, regrasped
+from strandcast.motion.task import Options, Task, refuse_unreachable
+from strandcast.motion.throws import Thrown, World, assessed, throw_curves
+
+PLANNERS = ("ensemble", "paper")
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A motion and what is expected of it.
+
+    Attributes
+    ----------
+    planner, kind
+        ``ensemble`` or ``paper``; ``first``, ``refined`` (near an earlier motion) or ``replanned`` (anew).
+    curve, motion
+        The velocity curves, and the motion's points.
+    strings
+        The strings that it was planned with, the best first.
+    miss_m, ensemble_miss_m, hit_probability
+        Expected miss with the best string, with every string (K,), and the share of strings that hit.
+    hit_time_s, tip_speed_m_s, largest_bend_rad
+        When and how fast the best string's tip comes nearest, and its largest bend until then.
+    time_s, hand_m, tip_m
+        (T,), (T, 2), (T, 2) expected paths until 0.3 s after the motion, what was carried over included.
+    peaks
+        Largest speed, acceleration, jerk, torque of each joint, by name.
+    parent_trial
+        The trial whose motion was altered, None for a motion planned anew.
+    simulations
+        Throws simulated.
+    flags
+        What a reader should know.
+    """
+
+    planner: str
+    kind: str
+    curve: Curve
+    motion: Samples
+    strings: Strings
+    miss_m: float
+    ensemble_miss_m: np.ndarray
+    hit_probability: float
+    hit_time_s: float
+    tip_speed_m_s: float
+    largest_bend_rad: float
+    time_s: np.ndarray
+    hand_m: np.ndarray
+    tip_m: np.ndarray
+    peaks: dict[str, np.ndarray]
+    parent_trial: int | None
+    simulations: int
+    flags: tuple[str, ...]
+
+
+def plan_first(task: Task, strings: Strings, options: Options, rng: np.random.Generator) -> Plan:
+    """Plan a motion for a string that was never thrown.
+
+    Parameters
+    ----------
+    task
+        Arm, target, workspace.
+    strings
+        What the string may be.
+    options
+        Planner and budget.
+    rng
+        Source of chance.
+
+    Raises
+    ------
+    StrandcastError
+        The target is out of reach, or the arm's limits leave no motion.
+    """
+    refuse_unreachable(task)
+    servo = task.arm.servo if options.use_servo else None
+    world = World(servo)
+    if options.planner == "paper":
+        curve, simulations, hit = first_by_paper(task, strings, world, options, rng)
+        return _finished(task, strings, world, curve, options, "first", None, simulations, _paper_flags(hit))
+    curve, simulations = plan_anew(task, regrasped(strings, rng), world, options, rng)
+    return _finished(task, strings, world, curve, options, "first", None, simulations, [])
+
+
+def plan_next(
+    task: Task,
+    strings: Strings,
+    earlier: list[Earlier],
+    options: Options,
+    rng: np.random.Generator,
+    servo: Servo | None = None,
+    first_fit_E_m: float | None = None,
+) -> Plan:
+    """Plan the motion after one or more trials.
+
+    Parameters
+    ----------
+    task, options, rng
+        See `plan_first`.
+    strings
+        The fitted strings, the best first.
+    earlier
+        The trials so far, in order.
+    servo
+        The servo's response; identified from the earlier trials' joints if not given.
+    first_fit_E_m
+        E of the first fit, the best warning of a miss.
+
+    Raises
+    ------
+    StrandcastError
+        No earlier trial was played from a motion with control heights, or the target is out of reach.
+    """
+    refuse_unreachable(task)
+    known = [trial for trial in earlier if trial.curve is not None]
+    if not known:
+        raise StrandcastError(
+            "SC-P005",
+            "no earlier trial has a motion with control heights to start from",
+            field="bezier",
+            fix="throw a motion that `strandcast plan` made, or plan a first motion",
+        )
+    if servo is None and options.use_servo:
+        servo = fitted_servo(task, earlier)
+    world = World(servo if options.use_servo else None)
+    if options.planner == "paper":
+        last = known[-1]
+        assert last.curve is not None
+        curve, simulations, hit = later_by_paper(task, strings, world, options, last.curve, rng)
+        return _finished(
+            task, strings, world, curve, options, "refined", last.trial, simulations, _paper_flags(hit)
+        )
+    best = min(known, key=Earlier.rank_m)
+    if _lost(best, first_fit_E_m, options):
+        few = strings.first(options.members)
+        curve, simulations = plan_anew(task, regrasped(few, rng), world, options, rng)
+        flags = [
+            f"planned anew: the first fit left {1000 * (first_fit_E_m or 0):.1f} mm and no throw came near"
+        ]
+        return _finished(task, strings, world, curve, options, "replanned", None, simulations, flags)
+    return _plan_refined(task, strings, world, best, known, options, rng)
+
+
+def fitted_servo(task: Task, earlier: list[Earlier]) -> Servo:
+    """Return the servo's response that explains the joints of all trials of the same length as the last one."""
+    same = [trial for trial in earlier if trial.q.shape == earlier[-1].q.shape]
+    time_s = np.arange(len(same[0].q)) * task.step_s
+    q = np.array([trial.q for trial in same])
+    return identify(time_s, np.array([trial.q_command for trial in same]), q, task.arm.servo)[0]
+
+
+def _lost(best: Earlier, first_fit_E_m: float | None, options: Options) -> bool:
+    """Tell whether the model fitted badly and no throw came near."""
+    if first_fit_E_m is None:
+        return False
+    return first_fit_E_m > options.replan_from_E_m and best.rank_m() > options.replan_from_miss_m
+
+
+def _plan_refined(
+    task: Task,
+    strings: Strings,
+    world: World,
+    best: Earlier,
+    known: list[Earlier],
+    options: Options,
+    rng: np.random.Generator,
+) -> Plan:
+    few = strings.first(options.members)
+    servo = world.servo or _no_lag(task)
+    near = neighbourhood(task, few, servo, best, known, rng)
+    curve, simulations = plan_near(task, near, options, rng)
+    everyone = Neighbourhood(
+        near.best,
+        strings,
+        World(servo, best.start_m),
+        carry(task, strings, servo, alike(known, best)),
+    )
+    thrown, shift = throw_near(task, everyone, [curve])
+    flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
+    return _described(task, strings, curve, options, "refined", best.trial, simulations, flags, thrown, shift)
+
+
+def _no_lag(task: Task) -> Servo:
+    """Return a servo that follows almost at once, for planning on commanded angles."""
+    return replace(
+        task.arm.servo,
+        delay_s=np.zeros_like(task.arm.servo.delay_s),
+        natural_frequency_rad_s=np.full_like(task.arm.servo.delay_s, 1e4),
+    )
+
+
+def _finished(
+    task: Task,
+    strings: Strings,
+    world: World,
+    curve: Curve,
+    options: Options,
+    kind: str,
+    parent: int | None,
+    simulations: int,
+    flags: list[str],
+) -> Plan:
+    thrown = throw_curves(task, strings, world, [curve])
+    shift = np.zeros((*thrown.points_m.shape[:2], 2))
+    return _described(task, strings, curve, options, kind, parent, simulations, flags, thrown, shift)
+
+
+def _described(
+    task: Task,
+    strings: Strings,
+    curve: Curve,
+    options: Options,
+    kind: str,
+    parent: int | None,
+    simulations: int,
+    flags: list[str],
+    thrown: Thrown,
+    shift: np.ndarray,
+) -> Plan:
+    """Return the plan with what the throws say of it; refuse a motion that breaks the arm's limits."""
+    motion = sample(curve, task.step_s)
+    _refuse_violations(task, motion)
+    found = assessed(task, thrown, shift, options.clearance_m)
+    path = thrown.points_m[0, : thrown.last[0] + 1]
+    return Plan(
+        planner=options.planner,
+        kind=kind,
+        curve=curve,
+        motion=motion,
+        strings=strings,
+        miss_m=float(found.miss_m[0]),
+        ensemble_miss_m=found.miss_m,
+        hit_probability=float(np.mean(found.miss_m <= task.hit_radius_m)),
+        hit_time_s=float(thrown.time_s[found.hit_index[0]]),
+        tip_speed_m_s=float(found.tip_speed_m_s[0]),
+        largest_bend_rad=float(np.arccos(np.clip(1.0 - found.fold[0], -1.0, 1.0))),
+        time_s=thrown.time_s[: len(path)],
+        hand_m=path[:, 0],
+        tip_m=path[:, -1] + shift[0, : len(path)],
+        peaks=peaks(task.arm, motion.time_s, motion.q, motion.qd, motion.qdd),
+        parent_trial=parent,
+        simulations=simulations,
+        flags=(*flags, *_expectation_flags(task, found)),
+    )
+
+
+def _expectation_flags(task: Task, found: Assessment) -> list[str]:
+    flags = []
+    if found.miss_m[0] > task.hit_radius_m:
+        flags.append(f"not expected to hit: the nearest that was found is {1000 * found.miss_m[0]:.0f} mm")
+    if found.outside_m.max() > 0.0:
+        flags.append(f"may leave the workspace by {1000 * found.outside_m.max():.0f} mm")
+    if found.touch_m.max() > 0.0:
+        flags.append("the string may come nearer to the arm than the clearance")
+    return flags
+
+
+def _paper_flags(hit: bool) -> list[str]:
+    return [] if hit else ["no simulated hit within the budget: the best so far is thrown"]
+
+
+def _refuse_violations(task: Task, motion: Samples) -> None:
+    found = violations(task.arm, motion.time_s, motion.q, motion.qd, motion.qdd)
+    if found:
+        raise StrandcastError(
+            "SC-P006",
+            "the motion that was found breaks the arm's limits: " + "; ".join(map(str, found)),
+            file=task.arm.path,
+            fix="allow longer motions (plan.duration_s) or more evaluations",
+        )

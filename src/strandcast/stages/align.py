@@ -1,0 +1,38 @@
+"""Camera clock to robot clock: alignment.json and hand.parquet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from strandcast.alignment.align import align
+from strandcast.alignment.fit import Priors
+from strandcast.alignment.hand_path import hand_table
+from strandcast.arm.load import load_arm
+from strandcast.records.alignment import HAND
+from strandcast.records.joint_log import read_run
+from strandcast.records.tables import read_table, write_table
+from strandcast.records.track import MARKERS
+from strandcast.stages.context import context_of
+
+
+def run(root: Path, name: str, trial: int) -> None:
+    """Align one trial."""
+    context = context_of(root, name)
+    settings, folder = context.settings.align, context.folder.trial(trial)
+    arm = load_arm(context.arm_file)
+    played, log = read_run(folder.data)
+    markers = read_table(folder.results / "markers.parquet", MARKERS)
+    span = (played.motion_start_s, played.motion_end_s)
+    alignment = align(
+        markers,
+        log,
+        arm,
+        experiment=name,
+        trial=trial,
+        motion_s=span if span[0] is not None and span[1] is not None else None,
+        priors=Priors(drift=settings.drift_prior),
+        largest_offset_s=settings.largest_offset_s,
+        log_file=str(folder.data / "joints.csv"),
+    )
+    alignment.write(folder.results / "alignment.json")
+    write_table(folder.results / "hand.parquet", HAND, hand_table(alignment, markers, log, arm))

@@ -1,0 +1,33 @@
+"""The boards of an experiment, to print at true size: ChArUco for the lens, markers for plane and hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from strandcast.arm.load import load_arm
+from strandcast.camera.boards import write_charuco, write_markers
+from strandcast.camera.markers import CharucoBoard
+from strandcast.stages.context import context_of
+
+
+def run(root: Path, name: str, out: Path, suffix: str) -> list[Path]:
+    """Write the boards as files in `out` and return their paths."""
+    context = context_of(root, name)
+    camera = context.settings.camera
+    arm = load_arm(context.arm_file)
+    board = camera.board
+    charuco = CharucoBoard(
+        board.squares_x, board.squares_y, board.square_m, board.marker_m, board.dictionary, board.legacy
+    )
+    written = write_charuco(charuco, out / f"lens-board.{suffix}", f"{name}: lens")
+    ids = [marker.id for marker in camera.plane.markers]
+    if ids:
+        plane = out / f"plane-markers.{suffix}"
+        written += write_markers(
+            ids, camera.plane.size_m, camera.plane.dictionary, plane, f"{name}: plane of motion"
+        )
+    for size_m in sorted({marker.size_m for marker in arm.markers}):
+        hand = [marker.id for marker in arm.markers if marker.size_m == size_m]
+        path = out / f"hand-markers-{size_m * 1000:g}mm.{suffix}"
+        written += write_markers(hand, size_m, arm.marker_dictionary, path, f"{arm.name}: hand")
+    return written

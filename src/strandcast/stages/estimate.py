@@ -1,0 +1,300 @@
+"""The string that explains the trials so far: estimate.json, ensemble.parquet, simulated.parquet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.arm.load import load_arm
+from strandcast.arm.servo import Servo
+from strandcast.errors import StrandcastError
+from strandcast.estimation.estimate import Fit, estimate
+from strandcast.estimation.settings import FitSettings
+from strandcast.estimation.space import CLAMP, CURL, Space, Strings
+from strandcast.estimation.throw import Throw
+from strandcast.experiment import EstimateSettings
+from strandcast.records.estimate import (
+    ENSEMBLE,
+    SIMULATED,
+    Estimate,
+    HeldOut,
+    ParameterFit,
+    ServoFit,
+    Step,
+    WeightFit,
+)
+from strandcast.records.files import sha256_file
+from strandcast.records.motion import Motion, StringSet
+from strandcast.records.tables import read_table, write_table
+from strandcast.records.track import PREDICTED, UNSURE
+from strandcast.seeds import rng, seed_of
+from strandcast.stages.context import Context, context_of
+from strandcast.stages.trials import AFTER_MOTION_S, Trial, read_trial, servo_of, string_model
+from strandcast.string.masses import MassLayout
+from strandcast.string.model import StringModel
+from strandcast.string.parameters import PARAMETERS, UNITS
+
+DOUBT_M = 0.003  # of a place: its weight in E halves at this sigma
+UNSURE_WEIGHT = 0.25
+
+
+def run(root: Path, name: str, trial: int) -> None:
+    """Estimate the string after one trial."""
+    context = context_of(root, name)
+    settings = context.settings.estimate
+    arm = load_arm(context.arm_file)
+    model, layout = string_model(context, arm)
+    earlier = context.counted_before(trial)
+    trials = [read_trial(context, number) for number in [*earlier, trial]]
+    _refuse_blind(context, trials[-1])
+    previous = _previous(context, earlier, layout)
+    fit = estimate(
+        [_throw(t, settings) for t in trials],
+        model,
+        layout,
+        _fit_settings(settings, layout),
+        rng(name, context.settings.seed, trial, "estimate"),
+        planned=_planned(trials[-1].motion, layout),
+        previous=previous,
+    )
+    record = _record(context, model, layout, trials, fit, servo_of(arm, trials))
+    folder = context.folder.trial(trial).results
+    write_table(folder / "ensemble.parquet", ENSEMBLE, _members(fit))
+    write_table(folder / "simulated.parquet", SIMULATED, _simulated(fit, trials[-1]))
+    record.write(folder / "estimate.json")
+
+
+def _refuse_blind(context: Context, trial: Trial) -> None:
+    if np.isfinite(trial.track.points_m[:, 1:]).any():
+        return
+    raise StrandcastError(
+        "SC-E001",
+        "no point of the string is in the track",
+        file=context.folder.trial(trial.number).results / "track.parquet",
+        fix=f"look at the track's report; exclude trial {trial.number} with a reason",
+    )
+
+
+def _throw(trial: Trial, settings: EstimateSettings) -> Throw:
+    """Return a trial as the estimation wants it: only what was seen, weighted by its certainty."""
+    track = trial.track
+    hidden = (track.flags & PREDICTED) > 0
+    points = np.where(hidden[..., None], np.nan, track.points_m)
+    confidence = 1.0 / (1.0 + (np.nan_to_num(track.sigma_m) / DOUBT_M) ** 2)
+    confidence = np.where((track.flags & UNSURE) > 0, UNSURE_WEIGHT * confidence, confidence)
+    used = trial.frame_time_s <= _until_s(trial, settings)
+    return Throw(trial.frame_time_s, points, trial.hand_time_s, trial.hand_pose, used, confidence)
+
+
+def _until_s(trial: Trial, settings: EstimateSettings) -> float:
+    """Return the robot time of the last frame that enters E: what comes after a touch is another motion."""
+    closest_s = trial.verdict.closest_robot_time_s
+    if trial.verdict.hit and closest_s is not None:
+        return closest_s
+    if settings.horizon_s is None or closest_s is None:
+        return trial.alignment.motion_end_s + AFTER_MOTION_S
+    return closest_s + settings.horizon_s
+
+
+def _fit_settings(settings: EstimateSettings, layout: MassLayout) -> FitSettings:
+    return FitSettings(
+        search=settings.search,
+        evaluations=settings.evaluations,
+        trials=settings.trials,
+        older_trials_weight=settings.older_trials_weight,
+        evaluation=settings.evaluation,
+        w=settings.w,
+        ranges=settings.ranges,
+        start_shape=settings.start_shape,
+        rest_curl=settings.rest_curl,
+        clamp_offset=settings.clamp_offset,
+        plain_mass=settings.search == "paper" and layout.count > 0,
+        ensemble=settings.ensemble,
+        centre=settings.paper.centre,
+        chi_0=settings.paper.chi_0,
+        beta=settings.paper.beta,
+    )
+
+
+def _planned(motion: Motion | None, layout: MassLayout) -> Strings | None:
+    """Return the string that the motion was planned with."""
+    if motion is None or motion.provenance is None:
+        return None
+    string = motion.provenance.string
+    return Strings(
+        np.array([[string.parameters[name] for name in PARAMETERS]]),
+        np.array([string.masses]),
+        np.ones((1, layout.count)),
+        np.array([string.options.get(CURL, 0.0)]),
+        np.array([string.options.get(CLAMP, 0.0)]),
+    )
+
+
+def _previous(context: Context, earlier: list[int], layout: MassLayout) -> Strings | None:
+    """Return the ensemble of the estimate before this one, the best first."""
+    if not earlier:
+        return None
+    return read_members(context.folder.trial(earlier[-1]).results / "ensemble.parquet", layout)
+
+
+def read_members(path: Path, layout: MassLayout) -> Strings:
+    """Read an ensemble as a batch of strings."""
+    rows = read_table(path, ENSEMBLE)
+    points = sum(name.startswith("mass_") for name in rows)
+
+    def columns(stem: str, count: int) -> np.ndarray:
+        values = [rows[f"{stem}_{k + 1}"] for k in range(count)]
+        return np.array(values).reshape(count, -1).T if count else np.zeros((len(rows["member"]), 0))
+
+    return Strings(
+        np.array([rows[name] for name in PARAMETERS]).T,
+        columns("mass", points),
+        columns("weight", layout.count),
+        rows[CURL],
+        rows[CLAMP],
+    )
+
+
+def _members(fit: Fit) -> dict[str, np.ndarray]:
+    strings = fit.members
+    columns = {"member": np.arange(len(strings)), "E_m": fit.member_values_m}
+    columns |= dict(zip(PARAMETERS, strings.parameters.T, strict=True))
+    columns |= {f"mass_{k + 1}": mass for k, mass in enumerate(strings.masses.T)}
+    columns |= {f"weight_{k + 1}": mass for k, mass in enumerate(strings.free_masses.T)}
+    return columns | {CURL: strings.rest_curl_rad_m, CLAMP: strings.clamp_offset_rad}
+
+
+def _simulated(fit: Fit, trial: Trial) -> dict[str, np.ndarray]:
+    paths = [("planned", fit.planned_m), ("fitted", fit.fitted_m)]
+    tables = [_long(name, points, fit, trial) for name, points in paths if points is not None]
+    return {column: np.concatenate([table[column] for table in tables]) for column in tables[0]}
+
+
+def _long(source: str, points_m: np.ndarray, fit: Fit, trial: Trial) -> dict[str, np.ndarray]:
+    frame, point = np.nonzero(np.isfinite(points_m).all(axis=2))
+    return {
+        "source": np.full(len(frame), source, dtype=object),
+        "frame": trial.track.frame[fit.frames[frame]],
+        "robot_time_s": fit.time_s[frame],
+        "point": point,
+        "x_m": points_m[frame, point, 0],
+        "y_m": points_m[frame, point, 1],
+    }
+
+
+def _record(
+    context: Context,
+    model: StringModel,
+    layout: MassLayout,
+    trials: list[Trial],
+    fit: Fit,
+    servo: tuple[Servo, np.ndarray] | None,
+) -> Estimate:
+    settings, seed = context.settings.estimate, context.settings.seed
+    newest = trials[-1]
+    kept = [t.number for t, weight in zip(trials, fit.trial_weights, strict=True) if weight > 0]
+    return Estimate(
+        experiment=context.name,
+        trial=newest.number,
+        trials_used=kept,
+        length_m=model.length_m,
+        points=model.points,
+        reading=model.reading,
+        integrator=model.integrator,
+        dt_s=model.dt_s,
+        search=settings.search,
+        ranges=settings.ranges if isinstance(settings.ranges, str) else "given",
+        start_shape=settings.start_shape,
+        evaluation=settings.evaluation,
+        w=settings.w,
+        seed=seed_of(context.name, seed, newest.number, "estimate"),
+        string=string_set(fit.best),
+        parameters=[_parameter(fit, k) for k in range(len(PARAMETERS))],
+        weights=_weights(context, fit, layout),
+        options={
+            name: float(fit.space.values(fit.chi)[k])
+            for k, name in enumerate(fit.space.names)
+            if k >= len(PARAMETERS) + layout.count
+        },
+        frames_used=fit.frames_used,
+        E_planned_m=_finite(fit.E_planned_m),
+        E_m=fit.E_m,
+        E_weighted_m=fit.E_weighted_m,
+        E_points_m=[_finite(value) for value in fit.E_points_m],
+        rmse_m=fit.rmse_m,
+        tip_error_m=fit.tip_error_m,
+        held_out=[HeldOut(what=h.what, E_m=h.E_m) for h in fit.held_out if np.isfinite(h.E_m)],
+        convergence=[
+            Step(evaluations=int(count), best_m=float(best))
+            for count, best in zip(*fit.convergence, strict=True)
+            if np.isfinite(best)
+        ],
+        evaluations=fit.evaluations,
+        rejected=fit.rejected,
+        servo=None if servo is None else _servo(*servo),
+        planned_from=_read_files(context, [t.number for t in trials]),
+        warnings=list(fit.warnings),
+    )
+
+
+def string_set(string: Strings) -> StringSet:
+    """Return the first string of a batch as it is written down."""
+    return StringSet(
+        parameters=dict(zip(PARAMETERS, string.parameters[0].tolist(), strict=True)),
+        masses=string.masses[0].tolist(),
+        options={CURL: float(string.rest_curl_rad_m[0]), CLAMP: float(string.clamp_offset_rad[0])},
+    )
+
+
+def _parameter(fit: Fit, k: int) -> ParameterFit:
+    name = fit.space.names[k]
+    return ParameterFit(name=name, unit=UNITS[name], **_range(fit.space, fit, k))
+
+
+def _range(space: Space, fit: Fit, k: int) -> dict[str, float]:
+    return {
+        "value": float(space.values(fit.chi)[k]),
+        "exponent": float(fit.chi[k]),
+        "minimum": float(space.bounds[k, 0]),
+        "maximum": float(space.bounds[k, 1]),
+        "at_bound": bool(fit.at_bound[k]),
+        "ensemble_low": float(fit.low[k]),
+        "ensemble_high": float(fit.high[k]),
+    }
+
+
+def _weights(context: Context, fit: Fit, layout: MassLayout) -> list[WeightFit]:
+    found = []
+    weights = len(context.settings.string.weights)
+    for k in range(layout.count):
+        numbers = _range(fit.space, fit, len(PARAMETERS) + k)
+        numbers.pop("exponent")
+        found.append(
+            WeightFit(place_m=float(layout.places_m[k]), kind="weight" if k < weights else "stiff", **numbers)
+        )
+    return found
+
+
+def _servo(servo: Servo, residual_rad: np.ndarray) -> ServoFit:
+    return ServoFit(
+        delay_s=servo.delay_s.tolist(),
+        natural_frequency_rad_s=servo.natural_frequency_rad_s.tolist(),
+        damping_ratio=servo.damping_ratio.tolist(),
+        gain=servo.gain.tolist(),
+        residual_rad=residual_rad.tolist(),
+    )
+
+
+def _read_files(context: Context, numbers: list[int]) -> dict[str, str]:
+    """Return the hashes of the files that the fit was made from, by their place in the results."""
+    files = {}
+    for number in numbers:
+        folder = context.folder.trial(number).results
+        for file in ("track.parquet", "alignment.json", "hand.parquet", "verdict.json"):
+            files[f"{folder.name}/{file}"] = sha256_file(folder / file)
+    return files
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(value)

@@ -1,0 +1,151 @@
+"""The next motion: motion.json, made from the trials before it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.arm.load import Arm, Box, load_arm
+from strandcast.arm.servo import Servo
+from strandcast.experiment import Experiment
+from strandcast.motion.earlier import Earlier, earlier_trial
+from strandcast.motion.plan import Plan, plan_first, plan_next
+from strandcast.motion.strings import Strings
+from strandcast.motion.task import Options, Task
+from strandcast.motion.write import to_record
+from strandcast.records.estimate import ENSEMBLE, Estimate, ServoFit
+from strandcast.records.files import sha256_file
+from strandcast.records.tables import read_table
+from strandcast.seeds import rng, seed_of
+from strandcast.stages.context import Context, context_of
+from strandcast.stages.trials import Trial, read_trial, string_model
+from strandcast.string.masses import MassLayout, point_masses
+from strandcast.string.parameters import PARAMETERS, StringDraw, ensemble, minima, random_strings
+
+FIRST_STRINGS = 2  # times the planner's ensemble: the first throw knows nothing
+
+
+def run(root: Path, name: str, trial: int) -> None:
+    """Plan the motion of one trial."""
+    context = context_of(root, name)
+    arm = load_arm(context.arm_file)
+    model, layout = string_model(context, arm)
+    settings = context.settings
+    task = Task(arm, model, np.array(settings.target_m), settings.hit_radius_m, _workspace(settings, arm))
+    random = rng(name, settings.seed, trial, "plan")
+    earlier = context.counted_before(trial)
+    if earlier:
+        trials = [read_trial(context, number) for number in earlier]
+        plan = _next(context, task, trials, random)
+        parent = next((t.motion for t in trials if t.number == plan.parent_trial), None)
+        start = None
+    else:
+        plan = plan_first(task, _start_strings(settings, layout, random), _options(settings), random)
+        parent, start = None, _start_name(settings)
+    to_record(
+        plan,
+        task,
+        name,
+        trial,
+        seed_of(name, settings.seed, trial, "plan"),
+        _read_files(context, earlier),
+        None if parent is None else parent.content_sha256(),
+        start,
+    ).write(context.folder.trial(trial).results / "motion.json")
+
+
+def _workspace(settings: Experiment, arm: Arm) -> Box:
+    box = settings.workspace_m
+    return arm.workspace if box is None else Box(box.x_m, box.y_m)
+
+
+def _options(settings: Experiment) -> Options:
+    plan = settings.plan
+    return Options(
+        planner=plan.planner,
+        duration_s=plan.duration_s,
+        free_heights=plan.control_points,
+        screening=plan.screening,
+        evaluations=plan.evaluations,
+        members=plan.ensemble,
+        use_servo=plan.use_servo,
+    )
+
+
+def _start_name(settings: Experiment) -> str:
+    return settings.start_string if isinstance(settings.start_string, str) else "given"
+
+
+def _start_strings(settings: Experiment, layout: MassLayout, random: np.random.Generator) -> Strings:
+    """Return the strings that the first motion is planned with."""
+    start, string = settings.start_string, settings.string
+    if start == "ensemble":
+        places = layout.places_m.tolist()
+        count = FIRST_STRINGS * settings.plan.ensemble
+        draw = ensemble(count, string.length_m, string.n, places, random)
+    elif start == "random":
+        draw = random_strings(1, layout.count, random)
+    elif isinstance(start, dict):
+        given = [
+            start.get(name, least) for name, least in zip(PARAMETERS, minima().parameters[0], strict=True)
+        ]
+        draw = StringDraw(np.array([given]), minima(layout.count).weight_masses)
+    else:
+        draw = minima(layout.count)
+    return Strings(draw.parameters, point_masses(layout, draw.weight_masses))
+
+
+def _next(context: Context, task: Task, trials: list[Trial], random: np.random.Generator) -> Plan:
+    folder = context.folder
+    newest = Estimate.read(folder.trial(trials[-1].number).results / "estimate.json")
+    first = Estimate.read(folder.trial(trials[0].number).results / "estimate.json")
+    return plan_next(
+        task,
+        _fitted_strings(folder.trial(trials[-1].number).results / "ensemble.parquet"),
+        [_earlier(trial, task.step_s) for trial in trials if trial.motion is not None],
+        _options(context.settings),
+        random,
+        _servo(newest.servo),
+        first.E_m,
+    )
+
+
+def _fitted_strings(path: Path) -> Strings:
+    rows = read_table(path, ENSEMBLE)
+    masses = [rows[f"mass_{k + 1}"] for k in range(sum(name.startswith("mass_") for name in rows))]
+    parameters = np.array([rows[name] for name in PARAMETERS]).T
+    return Strings(parameters, np.array(masses).T, rows["rest_curl_rad_m"], rows["clamp_offset_rad"])
+
+
+def _earlier(trial: Trial, step_s: float) -> Earlier:
+    assert trial.motion is not None
+    assert trial.log is not None
+    start_s = trial.alignment.motion_start_s
+    columns = [trial.log.joint_names.index(name) for name in trial.motion.joint_names]
+    return earlier_trial(
+        trial.motion,
+        trial.log.time_s - start_s,
+        trial.log.q_rad[:, columns],
+        trial.frame_time_s - start_s,
+        trial.track.points_m,
+        trial.verdict.miss_m,
+        step_s,
+    )
+
+
+def _servo(fit: ServoFit | None) -> Servo | None:
+    if fit is None:
+        return None
+    numbers = (fit.delay_s, fit.natural_frequency_rad_s, fit.damping_ratio, fit.gain)
+    return Servo(*(np.array(values) for values in numbers))
+
+
+def _read_files(context: Context, numbers: list[int]) -> dict[str, str]:
+    """Return the hashes of the files that the motion was made from, by their place in the results."""
+    if not numbers:
+        return {}
+    files = [(number, "verdict.json") for number in numbers]
+    files += [(numbers[-1], "estimate.json"), (numbers[-1], "ensemble.parquet")]
+    paths = [(context.folder.trial(number).results / file) for number, file in files]
+    return {f"{path.parent.name}/{path.name}": sha256_file(path) for path in paths}

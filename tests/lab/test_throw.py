@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from strandcast.arm.kinematics import hand_pose
+from strandcast.arm.load import Arm
+from strandcast.errors import StrandcastError
+from strandcast.experiment import Experiment
+from strandcast.lab.strings import PAPER_STRINGS, thread_of
+from strandcast.lab.throw import throw
+from strandcast.lab.truth import LAB_TRUTH
+from strandcast.records.files import sha256_file
+from strandcast.records.joint_log import read_run
+from strandcast.records.motion import Motion
+from strandcast.records.tables import read_facts, read_table
+
+from .conftest import Thrown, make_experiment, swing_command, write_motion
+
+SMALL = {"width_px": 400, "height_px": 320, "frame_rate_hz": 100.0}
+
+
+def test_a_throw_leaves_what_a_rig_leaves(thrown: Thrown) -> None:
+    assert {p.name for p in thrown.trial.iterdir()} == {"video.mp4", "joints.csv", "run.json", "motion.json"}
+    run, log = read_run(thrown.trial)
+    assert run.complete
+    assert run.motion_sha256 == Motion.read(thrown.motion).content_sha256()
+    assert run.arm_sha256 == thrown.arm.sha256
+    assert run.timing.rate_hz == pytest.approx(500.0)
+    assert not run.timing.gaps
+    assert log.time_s[-1] >= run.motion_end_s + 0.5
+    swing = np.isfinite(log.since_start_s)
+    assert log.time_s[swing][0] == pytest.approx(run.motion_start_s)
+    assert log.since_start_s[swing][[0, -1]] == pytest.approx([0.0, 0.4])
+    np.testing.assert_allclose(log.q_cmd_rad[swing], swing_command().q_rad, atol=1e-9)
+
+
+def test_the_log_is_noisy_and_the_string_hangs_on_the_hand(thrown: Thrown) -> None:
+    run, log = read_run(thrown.trial)
+    before = log.time_s < run.motion_start_s
+    assert log.q_rad[before].std(axis=0) == pytest.approx([5e-4] * 3, rel=0.25)
+    truth, facts = read_table(thrown.truth, LAB_TRUTH), read_facts(thrown.truth, LAB_TRUTH)
+    clamped = truth["place_m"] == 0.0
+    clamp = np.column_stack([truth["x_m"][clamped], truth["y_m"][clamped]])
+    told = np.stack(
+        [np.interp(truth["robot_time_s"][clamped], log.time_s, log.q_rad[:, j]) for j in range(3)], axis=1
+    )
+    hand = hand_pose(thrown.arm.chain, thrown.arm.clamp, told)[:, :2]
+    assert np.median(np.linalg.norm(clamp - hand, axis=1)) < 0.004
+    assert 0.0 < facts["miss_m"] < 1.0
+
+
+def test_the_same_throw_twice_is_the_same_to_the_byte(thrown: Thrown, tmp_path: Path) -> None:
+    throw(thrown.experiment, "lab-test", thrown.arm, 1, thrown.motion, tmp_path, tmp_path / "truth.parquet")
+    for name in ("video.mp4", "joints.csv", "run.json", "motion.json"):
+        assert sha256_file(tmp_path / "trial-01" / name) == sha256_file(thrown.trial / name), name
+    assert sha256_file(tmp_path / "truth.parquet") == sha256_file(thrown.truth)
+
+
+def test_without_noise_trials_differ_in_their_clocks_alone(arm: Arm, tmp_path: Path) -> None:
+    experiment = make_experiment(noise=0.0, camera=SMALL)
+    motion = write_motion(tmp_path / "motion.json", arm, swing_command())
+    for trial in (1, 2):
+        throw(experiment, "lab-test", arm, trial, motion, tmp_path, tmp_path / f"truth-{trial}.parquet")
+    (first_run, first), (second_run, second) = (read_run(tmp_path / f"trial-{trial:02d}") for trial in (1, 2))
+    np.testing.assert_array_equal(first.q_rad, second.q_rad)
+    assert first_run.motion_start_s != second_run.motion_start_s
+    facts = [read_facts(tmp_path / f"truth-{trial}.parquet", LAB_TRUTH) for trial in (1, 2)]
+    assert facts[0]["miss_m"] == facts[1]["miss_m"]
+    assert facts[0]["offset_s"] != facts[1]["offset_s"]
+
+
+def test_with_noise_trials_differ(thrown: Thrown, tmp_path: Path) -> None:
+    throw(
+        make_experiment(camera=SMALL),
+        "lab-test",
+        thrown.arm,
+        2,
+        thrown.motion,
+        tmp_path,
+        tmp_path / "t.parquet",
+    )
+    misses = [read_facts(path, LAB_TRUTH)["miss_m"] for path in (thrown.truth, tmp_path / "t.parquet")]
+    assert 1e-4 < abs(misses[0] - misses[1]) < 0.05
+
+
+def test_strings_by_name_and_by_value() -> None:
+    assert thread_of(make_experiment(string="paper-2")) == PAPER_STRINGS["paper-2"]
+    own = thread_of(make_experiment(string={"linear_density_kg_m": 0.004}))
+    assert (own.length_m, own.linear_density_kg_m, own.weights) == (0.3, 0.004, ())
+
+
+@pytest.mark.parametrize(("string", "code"), [("paper-8", "SC-L002"), ("paper-4", "SC-L003")])
+def test_a_string_that_does_not_fit_is_refused(string: str, code: str) -> None:
+    with pytest.raises(StrandcastError, match=code):
+        thread_of(make_experiment(string=string))
+
+
+def test_markers_must_be_given_and_in_the_picture(arm: Arm, tmp_path: Path) -> None:
+    from strandcast.lab.scene import make_scene
+
+    bare = make_experiment().model_dump()
+    bare["camera"]["plane"]["markers"] = []
+    with pytest.raises(StrandcastError, match="SC-L004"):
+        make_scene(Experiment.model_validate(bare), "x", arm)
+    bare["camera"]["plane"]["markers"] = [{"id": 1, "x_m": 3.0, "y_m": 0.0}]
+    with pytest.raises(StrandcastError, match="SC-L005"):
+        make_scene(Experiment.model_validate(bare), "x", arm)

@@ -1,0 +1,201 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from strandcast.arm.load import Arm, load_arm
+from strandcast.errors import REFUSED, StrandcastError
+from strandcast.player.checks import sample
+from strandcast.player.play import play
+from strandcast.player.protocol import Command, Recording, State
+from strandcast.records.joint_log import JointLog, Run, read_run
+from strandcast.records.motion import Motion, Robot, Start, points_of
+
+ROOT = Path(__file__).parents[2]
+START = np.array([0.4, -0.6, -0.3])
+
+
+class PerfectArm:
+    """An arm that does exactly what it is told; it counts how often it was told to move."""
+
+    name = "perfect"
+    rate_hz = 500.0
+
+    def __init__(self, q_rad: np.ndarray = START, status: str = "ok", speed_rad_s: float = 0.0) -> None:
+        self.q_rad, self.status, self.speed_rad_s = np.array(q_rad), status, speed_rad_s
+        self.played: list[Command] = []
+        self.stopped = 0
+
+    def connect(self) -> None:
+        pass
+
+    def state(self) -> State:
+        return State(self.q_rad, np.full(3, self.speed_rad_s))
+
+    def move_to_start(self, q_rad: np.ndarray) -> None:
+        self.q_rad = np.array(q_rad)
+
+    def play(self, command: Command, folder: Path) -> Recording:
+        self.played.append(command)
+        count = len(command.time_s) + 500
+        time_s = 10.0 + np.arange(count) / self.rate_hz
+        rows = np.clip(np.arange(count) - 250, 0, len(command.time_s) - 1)
+        log = JointLog(
+            ["joint_1", "joint_2", "joint_3"], time_s, command.q_rad[rows], command.qd_rad_s[rows],
+            command.q_rad[rows], command.qd_rad_s[rows], np.full(count, np.nan), np.zeros(count, np.int32),
+        )  # fmt: skip
+        end = 10.5 + command.time_s[-1]
+        return Recording(log, self.status, None if self.status == "ok" else "pulled", 10.5, end, "perfect")
+
+    def stop(self) -> None:
+        self.stopped += 1
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return load_arm(ROOT / "config" / "arms" / "planar3.toml")
+
+
+@pytest.fixture
+def motion(arm: Arm) -> Motion:
+    return make_motion(arm)
+
+
+def make_motion(arm: Arm, by: float = 0.8, duration_s: float = 0.5) -> Motion:
+    ns = np.arange(round(duration_s / 0.002) + 1) * 2_000_000
+    s = (ns * 1e-9 / duration_s)[:, None]
+    ones = np.ones(3)
+    return Motion(
+        experiment="x",
+        trial=1,
+        target_m=[0.5, 0.5],
+        robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
+        joint_names=list(arm.joints),
+        start=Start(positions_rad=START.tolist(), tolerance_rad=[0.01] * 3),
+        bezier=None,
+        points=points_of(
+            ns,
+            START + by * s**3 * (10 - 15 * s + 6 * s**2) * ones,
+            by * 30 * s**2 * (1 - s) ** 2 / duration_s * ones,
+            by * 60 * s * (1 - s) * (1 - 2 * s) / duration_s**2 * ones,
+        ),
+        predicted=None,
+        provenance=None,
+    )
+
+
+def test_a_motion_is_played_and_logged(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+    motion.write(tmp_path / "planned.json")
+    driver = PerfectArm()
+    play(tmp_path / "planned.json", arm, driver, tmp_path / "trial-01")
+    run, log = read_run(tmp_path / "trial-01")
+    assert run.complete
+    assert run.motion_sha256 == motion.content_sha256()
+    assert run.rows == len(log.time_s) == 751
+    assert (tmp_path / "trial-01" / "motion.json").read_bytes() == (tmp_path / "planned.json").read_bytes()
+    np.testing.assert_allclose(driver.played[0].q_rad, motion.joints()[0], atol=1e-12)
+    assert driver.stopped == 1
+
+
+def test_between_the_points_the_motion_is_smooth(arm: Arm, motion: Motion) -> None:
+    fine = sample(motion, 1e-4)
+    s = fine.time_s / 0.5
+    np.testing.assert_allclose(fine.q_rad[:, 0], START[0] + 0.8 * s**3 * (10 - 15 * s + 6 * s**2), atol=1e-9)
+    np.testing.assert_allclose(fine.qd_rad_s[:, 0], 0.8 * 30 * s**2 * (1 - s) ** 2 / 0.5, atol=1e-6)
+    np.testing.assert_allclose(fine.qdd_rad_s2[:, 0], 0.8 * 60 * s * (1 - s) * (1 - 2 * s) / 0.25, atol=1e-4)
+
+
+def edit_on_disk(path: Path) -> None:
+    data = json.loads(path.read_text())
+    data["points"][100]["positions"][0] += 0.1
+    path.write_text(json.dumps(data))
+
+
+def other_arm(motion: Motion) -> None:
+    motion.robot.file_sha256 = "0" * 64
+
+
+def other_joints(motion: Motion) -> None:
+    motion.joint_names = ["joint_1", "joint_3", "joint_2"]
+
+
+def not_at_rest(motion: Motion) -> None:
+    motion.points = motion.points[:150]
+
+
+def jump(motion: Motion) -> None:
+    motion.points[100].positions[1] += 0.05
+
+
+def backwards(motion: Motion) -> None:
+    motion.points[3].time_from_start.nanosec = 1
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code"),
+    [(other_arm, "SC-X001"), (other_joints, "SC-X001"), (not_at_rest, "SC-X003"), (jump, "SC-X00[24]"),
+     (backwards, "SC-X002")],
+)  # fmt: skip
+def test_a_motion_that_does_not_fit_is_refused(
+    arm: Arm, motion: Motion, tmp_path: Path, spoil: Callable[[Motion], None], code: str
+) -> None:
+    spoil(motion)
+    motion.write(tmp_path / "planned.json")
+    assert_refused(tmp_path, arm, PerfectArm(), code)
+
+
+def test_an_edited_motion_is_refused(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+    motion.write(tmp_path / "planned.json")
+    edit_on_disk(tmp_path / "planned.json")
+    assert_refused(tmp_path, arm, PerfectArm(), "SC-R004")
+
+
+@pytest.mark.parametrize(
+    ("by", "duration_s", "what"),
+    [(2.0, 0.3, "velocity"), (0.9, 0.2, "acceleration"), (2.45, 1.2, "position")],
+)
+def test_a_motion_beyond_the_limits_is_refused(
+    arm: Arm, tmp_path: Path, by: float, duration_s: float, what: str
+) -> None:
+    make_motion(arm, by, duration_s).write(tmp_path / "planned.json")
+    assert_refused(tmp_path, arm, PerfectArm(), rf"SC-X004.*{what}")
+
+
+def test_an_arm_that_stands_elsewhere_or_moves_is_refused(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+    motion.write(tmp_path / "planned.json")
+    assert_refused(tmp_path, arm, PerfectArm(START + np.array([0.0, 0.02, 0.0])), "SC-X006.*joint_2")
+    assert_refused(tmp_path, arm, PerfectArm(speed_rad_s=0.1), "SC-X007")
+    away = PerfectArm(START + 0.5)
+    play(tmp_path / "planned.json", arm, away, tmp_path / "moved", move_to_start=True)
+    assert len(away.played) == 1
+
+
+def test_a_trial_is_never_played_over(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+    motion.write(tmp_path / "planned.json")
+    play(tmp_path / "planned.json", arm, PerfectArm(), tmp_path / "trial-01")
+    driver = PerfectArm()
+    with pytest.raises(StrandcastError, match="SC-X010"):
+        play(tmp_path / "planned.json", arm, driver, tmp_path / "trial-01")
+    assert not driver.played
+
+
+def test_an_aborted_throw_leaves_an_incomplete_run(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+    motion.write(tmp_path / "planned.json")
+    with pytest.raises(StrandcastError, match="SC-X011"):
+        play(tmp_path / "planned.json", arm, PerfectArm(status="aborted"), tmp_path / "trial-01")
+    assert not Run.read(tmp_path / "trial-01" / "run.json").complete
+    with pytest.raises(StrandcastError, match="not complete"):
+        read_run(tmp_path / "trial-01")
+
+
+def assert_refused(folder: Path, arm: Arm, driver: PerfectArm, code: str) -> None:
+    with pytest.raises(StrandcastError, match=code) as caught:
+        play(folder / "planned.json", arm, driver, folder / "trial-01")
+    assert caught.value.exit_code == REFUSED
+    assert "nothing was sent" in str(caught.value.message())
+    assert not driver.played
+    assert not (folder / "trial-01").exists()

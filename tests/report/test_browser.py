@@ -1,0 +1,65 @@
+"""The pages in a real browser: nothing blocked, nothing asked from outside, light and dark not the same."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from strandcast.records.files import write_text
+from strandcast.report.trial_page import trial_page
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+QUIET = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--hide-scrollbars",
+    "--enable-logging=stderr",
+]
+
+
+@pytest.fixture(scope="session")
+def browser() -> str:
+    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if found is None:
+        pytest.skip(f"no browser ({', '.join(BROWSERS)}) is installed")
+    return found
+
+
+def shoot(browser: str, page: Path, picture: Path, *more: str) -> str:
+    profile = picture.with_suffix(".profile")
+    command = [browser, *QUIET, f"--user-data-dir={profile}", "--window-size=1000,1600", *more]
+    done = subprocess.run(
+        [*command, f"--screenshot={picture}", page.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    return done.stderr
+
+
+def test_the_page_in_light_and_dark(results: Path, tmp_path: Path, browser: str) -> None:
+    page = tmp_path / "report.html"
+    next_motion = results / "trial-04" / "motion.json"
+    write_text(page, trial_page(results / "trial-03", trial=3, experiment="swing", next_motion=next_motion))
+    said = shoot(browser, page, tmp_path / "light.png")
+    shoot(browser, page, tmp_path / "dark.png", "--blink-settings=preferredColorScheme=0")
+    light, dark = (
+        np.asarray(Image.open(tmp_path / f"{name}.png").convert("L"), float) for name in ("light", "dark")
+    )
+    assert "Content Security Policy" not in said
+    assert np.median(light) > 240
+    assert np.median(dark) < 60
+    assert light.std() > 20
+    assert dark.std() > 20

@@ -1,0 +1,311 @@
+"""The pages as a reader and a browser get them."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from strandcast.records.lab_truth import LAB_TRUTH
+from strandcast.records.summary import Verdict
+from strandcast.records.tables import read_table, write_table
+from strandcast.report.experiment_page import experiment_page
+from strandcast.report.facts import Facts
+from strandcast.report.figures.lab_truth import at_places
+from strandcast.report.figures.strobe_picture import project_px
+from strandcast.report.measures import arc_length_m, strobe_rows, tip_error_m
+from strandcast.report.results import LabTruth, read_results
+from strandcast.report.summary import summarise
+from strandcast.report.trial_page import trial_page
+
+EVIL = "<script>alert('x')</script> $\\frac{1}$ & co"
+VOID = {"meta", "br", "img", "input", "link", "hr"}
+FACTS = Facts(
+    title="A weighted string",
+    excluded={2: "the string slipped"},
+    weight_places_m=[0.3],
+    speed_limits_rad_s=[10.0, 10.0, 10.0],
+    play_command="strandcast play results/swing/trial-04/motion.json",
+    settings={"string": {"length_m": 0.3}, "seed": 1},
+)
+
+
+class Tags(HTMLParser):
+    """Holds every tag against its end, gathers ids and what they are referred to by, and the text."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+        self.references: list[str] = []
+        self.words: list[str] = []
+        self.feed(page)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value or "")
+            if name in ("href", "src", "xlink:href", "srcset", "action"):
+                self.references.append(value or "")
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag, f"</{tag}> closes nothing"
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).replace("\u00a0", " ").split())
+
+
+def page_of(results: Path, trial: int = 3, **changes: object) -> str:
+    given = {
+        "trial": trial,
+        "experiment": "swing",
+        "previous": results / "trial-01",
+        "next_motion": results / "trial-04" / "motion.json",
+        "facts": FACTS,
+    }
+    return trial_page(results / f"trial-{trial:02d}", **(given | changes))
+
+
+@pytest.fixture(scope="module")
+def page(results: Path) -> str:
+    return page_of(results)
+
+
+def copy_of(results: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(results, tmp_path / "swing"))
+
+
+def test_the_page_is_whole_small_and_alone(page: str) -> None:
+    tags = Tags(page)
+    assert len(page.encode()) < 3_000_000
+    assert "could not be made" not in page
+    assert "script" not in tags.tags
+    assert len(tags.ids) == len(set(tags.ids))
+    outside = [r for r in tags.references if not r.startswith(("#", "data:image/", "../", "track", "strobe"))]
+    assert [r for r in outside if not re.fullmatch(r"[a-z_]+\.(json|parquet)", r)] == []
+    assert {r[1:] for r in tags.references if r.startswith("#")} <= set(tags.ids) | {"main"}
+    assert {part[1:] for part in re.findall(r"url\((#[^)]*)\)", page)} <= set(tags.ids)
+    assert "http://" not in page
+    assert "https://" not in page
+    assert "default-src 'none'" in page
+
+
+def test_every_figure_says_what_it_shows(page: str) -> None:
+    assert page.count('role="img" aria-label="') == page.count('role="img"') == 11
+
+
+def test_colours_follow_light_and_dark(page: str) -> None:
+    drawn = page[page.index("<body>") :]
+    assert "currentColor" in drawn
+    assert "var(--blue)" in drawn
+    assert not re.search(r"#(010203|040506|070809|0072b2|d55e00)", drawn)
+
+
+def test_the_verdict_comes_first_with_its_numbers(page: str, results: Path) -> None:
+    text = Tags(page).text
+    verdict = Verdict.read(results / "trial-03" / "verdict.json")
+    assert verdict.miss_m is not None
+    assert text.index("● HIT") < text.index("Strobe picture of the throw")
+    for number in (
+        f"{verdict.miss_m * 1e3:.1f} ± 0.9 mm",
+        "5.40 mm",
+        "2.40 mm",
+        "99.4 %",
+        "500 / 500",
+        "731.40 ± 0.15 ms",
+        "0.113 px",
+    ):
+        assert number in text
+    assert "▲ at bound" in text
+    assert "8 frames without the tip" in text
+    assert "speed limit active at joint_1" in text
+
+
+def test_lab_truth_stands_beside_the_measurement(page: str) -> None:
+    text = Tags(page).text
+    truth = re.search(r"the clocks' offset is off by ([\d.]+) ms", text)
+    assert truth is not None
+    assert float(truth[1]) == pytest.approx(0.2, abs=1e-3)
+    rms_mm = re.search(r"The track is ([\d.]+) mm rms from the truth", text)
+    assert rms_mm is not None
+    assert float(rms_mm[1]) == pytest.approx(0.7 * np.sqrt(2), rel=0.03)
+
+
+def test_no_truth_no_section(results: Path, tmp_path: Path) -> None:
+    folder = copy_of(results, tmp_path)
+    (folder / "trial-03" / "lab_truth.parquet").unlink()
+    assert "Lab truth" not in page_of(folder)
+
+
+def test_same_results_same_bytes(page: str, results: Path) -> None:
+    assert page_of(results) == page
+
+
+def test_text_is_text(results: Path) -> None:
+    facts = Facts(
+        title=EVIL, excluded={3: EVIL}, play_command=EVIL, settings={EVIL: EVIL}, software={EVIL: EVIL}
+    )
+    page = page_of(results, experiment=EVIL, facts=facts)
+    assert "<script" not in page
+    text = Tags(page).text
+    assert text.count(EVIL) >= 7
+    assert "◌ EXCLUDED" in text
+
+
+def test_what_is_missing_is_a_box_with_the_reason(results: Path, tmp_path: Path) -> None:
+    folder = copy_of(results, tmp_path)
+    damaged = folder / "trial-03" / "hand.parquet"
+    content = bytearray(damaged.read_bytes())
+    content[len(content) // 3] ^= 0x40
+    damaged.write_bytes(bytes(content))
+    (folder / "trial-03" / "strobe.webp").unlink()
+    (folder / "camera.json").write_text('{"schema": "strandcast/camera", "version": 1}')
+    page = page_of(folder, next_motion=None)
+    text = Tags(page).text
+    assert text.count("✕ This figure could not be made.") == 5
+    assert "5 of 12 figures could not be made" in text
+    assert "is damaged or is not a table" in text
+    assert "no next motion was planned" in text
+    assert "the file was changed" in text
+    assert page.count('<td class="state FAIL">') == 3
+    assert "String parameters" in text
+
+
+def test_an_empty_folder_still_gives_a_page(tmp_path: Path) -> None:
+    (tmp_path / "trial-01").mkdir()
+    page = trial_page(tmp_path / "trial-01", trial=1, experiment="empty")
+    text = Tags(page).text
+    assert "NO VERDICT" in text
+    assert "11 of 11 figures could not be made" in text
+
+
+def test_a_bug_in_a_figure_does_not_lose_the_page(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import strandcast.report.trial_page as module
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr(module, "tip_path", broken)
+    text = Tags(page_of(results)).text
+    assert "ZeroDivisionError: on purpose" in text
+    assert "1 of 12 figures could not be made" in text
+
+
+def test_an_unseen_tip_is_told(results: Path, tmp_path: Path) -> None:
+    folder = copy_of(results, tmp_path)
+    path = folder / "trial-03" / "verdict.json"
+    unseen = {"miss_m": None, "miss_sigma_m": None, "hit": False, "closest_frame": None, "closest_m": None}
+    reason = "the tip was not tracked at its closest approach"
+    Verdict.read(path).model_copy(update=unseen | {"closest_robot_time_s": None, "reason": reason}).write(
+        path
+    )
+    text = Tags(page_of(folder)).text
+    assert "◇ NOT SEEN" in text
+    assert reason in text
+    assert "could not be made" not in text
+
+
+def test_strobe_instants_hold_the_closest_approach(results: Path) -> None:
+    mine = read_results(results / "trial-03")
+    rows = strobe_rows(mine)
+    assert mine.need("verdict").closest_frame in mine.need("track").frame[rows]
+    window = np.nonzero(mine.in_window())[0]
+    steps = np.diff(arc_length_m(mine.need("track").points_m[window, -1])[rows - window[0]])
+    even = np.abs(steps / steps.mean() - 1) < 0.05
+    assert len(rows) == 11
+    assert (~even).sum() == 2  # before and after the closest approach, which is forced in
+
+
+def test_tip_error_is_the_amplitude_put_in(results: Path) -> None:
+    mine = read_results(results / "trial-03")
+    time_s, apart_m = tip_error_m(mine, mine.need("simulated")["planned"])
+    # 60 mm · |sin| · |(0.7, −0.6)| and 0.7 mm of noise; the alignment moves times, not frames
+    expected = 0.06 * np.abs(np.sin(9 * (time_s - 2e-4 - 1.0))) * np.hypot(0.7, 0.6)
+    assert np.nanmax(np.abs(apart_m - expected)) < 0.004
+
+
+def test_projection_is_the_cameras(results: Path) -> None:
+    camera = read_results(results / "trial-03").need("camera").model_copy(deep=True)
+    camera.lens.distortion = [0.0] * 5
+    pixel = project_px(camera, np.array([[0.0, 0.35], [0.238, 0.35]]), 1.0)
+    # depth 2.4 m − 0.02 m; 1100 px · 0.238 m / 2.38 m = 110 px
+    assert pixel == pytest.approx(np.array([[640.0, 360.0], [750.0, 360.0]]), abs=1e-6)
+
+
+def test_truth_between_the_labs_places(results: Path) -> None:
+    points = np.array([[[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]]])
+    truth = LabTruth(np.zeros(1, np.int32), np.zeros(1), np.array([0.0, 0.1, 0.3]), points, {})
+    assert at_places(truth, np.array([0.05, 0.2, 0.31]))[0] == pytest.approx(
+        np.array([[0.5, 0.0], [1.0, 1.0], [1.0, 2.0]])
+    )
+
+
+def test_lab_truth_is_read_by_frame_not_by_row(results: Path, tmp_path: Path) -> None:
+    folder = copy_of(results, tmp_path)
+    path = folder / "trial-03" / "lab_truth.parquet"
+    rows = read_table(path, LAB_TRUTH)
+    order = np.random.default_rng(0).permutation(len(rows["frame"]))
+    before = read_results(folder / "trial-03").need("lab_truth")
+    write_table(path, LAB_TRUTH, {name: column[order] for name, column in rows.items()})
+    after = read_results(folder / "trial-03").need("lab_truth")
+    assert np.array_equal(before.points_m, after.points_m)
+
+
+def experiment_of(results: Path, facts: Facts = FACTS) -> str:
+    trials = {k: results / f"trial-{k:02d}" for k in (1, 2, 3)}
+    next_motion = results / "trial-04" / "motion.json"
+    summary = summarise(
+        "swing",
+        trials,
+        string_length_m=0.3,
+        target_m=[0.606, 0.674],
+        hit_radius_m=0.02,
+        excluded=facts.excluded,
+        next_motion=next_motion,
+    )
+    return experiment_page(summary, trials, next_motion=next_motion, facts=facts)
+
+
+def test_the_experiments_page(results: Path) -> None:
+    page = experiment_of(results)
+    assert experiment_of(results) == page
+    tags = Tags(page)
+    assert "could not be made" not in page
+    assert len(tags.ids) == len(set(tags.ids))
+    assert "HIT AT TRIAL 3" in tags.text
+    assert "excluded: the string slipped" in tags.text
+    assert {f"trial-{k:02d}/report.html" for k in (1, 2, 3)} <= set(tags.references)
+    assert sum(r.startswith("data:image/webp") for r in tags.references) == 3
+    # arcs of 0.5 m · 2.0 rad and 0.6 m · 2.5 rad
+    assert "The hand of trial 1 travelled 1000 mm, that of trial 3 1500 mm (+50 %)" in tags.text
+    assert "http" not in page.replace("http-equiv", "")
+    assert len(page.encode()) < 3_000_000
+
+
+def test_the_experiments_page_without_any_result(results: Path, tmp_path: Path) -> None:
+    folder = copy_of(results, tmp_path)
+    for file in (folder / "trial-01").iterdir():
+        file.unlink()
+    text = Tags(experiment_of(folder, Facts(title=EVIL))).text
+    assert "failed: the file is not there" in text
+    assert EVIL in text
+    assert "HIT AT TRIAL 3" in text
