@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from strandcast.errors import INTERRUPTED, StrandcastError
+from strandcast.layout import trial_name
+from strandcast.progress import set_context
 
 # Heavy imports live inside the commands: `strandcast judge` must not pay for OpenCV.
 
@@ -27,6 +30,14 @@ ROOT = Path()
 
 ExperimentName = Annotated[str, typer.Argument(metavar="EXPERIMENT", help="Its folder's name under data/.")]
 TrialNumber = Annotated[int, typer.Argument(metavar="TRIAL", min=1, max=99, help="Counted from 1.")]
+
+
+def _stage(stage: str, experiment: str, *trial: Any) -> None:
+    """Run one stage, telling whose it is."""
+    where = f"{experiment} {trial_name(trial[0])}" if trial and isinstance(trial[0], int) else experiment
+    set_context(where)
+    print(f"{where} {stage}", file=sys.stderr, flush=True)
+    importlib.import_module(f"strandcast.stages.{stage}").run(ROOT, experiment, *trial)
 
 
 def main() -> None:
@@ -68,97 +79,76 @@ def check(experiment: ExperimentName) -> None:
 @app.command()
 def setup(experiment: ExperimentName) -> None:
     """Let the lab photograph its calibration boards."""
-    from strandcast.stages import setup as stage
-
-    stage.run(ROOT, experiment)
+    _stage("setup", experiment)
 
 
 @app.command()
 def throw(experiment: ExperimentName, trial: TrialNumber) -> None:
     """Let the lab play a planned motion and film the throw."""
-    from strandcast.stages import throw as stage
-
-    stage.run(ROOT, experiment, trial)
+    _stage("throw", experiment, trial)
 
 
 @app.command()
 def ingest(experiment: ExperimentName, trial: TrialNumber) -> None:
     """Hash and count the raw files of a trial."""
-    from strandcast.stages import ingest as stage
-
-    stage.run(ROOT, experiment, trial)
+    _stage("ingest", experiment, trial)
 
 
 @app.command()
 def calibrate(experiment: ExperimentName) -> None:
     """Calibrate the lens and the plane of motion."""
-    from strandcast.stages import calibrate as stage
-
-    stage.run(ROOT, experiment)
+    _stage("calibrate", experiment)
 
 
 @app.command()
 def track(experiment: ExperimentName, trial: TrialNumber) -> None:
     """Track the string of a trial as mass points."""
-    from strandcast.stages import track as stage
-
-    stage.run(ROOT, experiment, trial)
+    _stage("track", experiment, trial)
 
 
 @app.command()
 def align(experiment: ExperimentName, trial: TrialNumber) -> None:
     """Set the camera's clock by the robot's."""
-    from strandcast.stages import align as stage
-
-    stage.run(ROOT, experiment, trial)
+    _stage("align", experiment, trial)
 
 
 @app.command()
 def supply(experiment: ExperimentName, trial: TrialNumber) -> None:
     """Take in a track and an alignment that were measured elsewhere."""
-    from strandcast.stages import supply as stage
-
-    stage.run(ROOT, experiment, trial)
+    _stage("supply", experiment, trial)
 
 
 @app.command()
 def judge(experiment: ExperimentName, trial: TrialNumber) -> None:
     """Tell by how much the tip missed the target."""
-    from strandcast.stages import judge as stage
-
-    stage.run(ROOT, experiment, trial)
+    _stage("judge", experiment, trial)
 
 
 @app.command()
 def estimate(experiment: ExperimentName, trial: TrialNumber) -> None:
     """Fit the string to the throws so far."""
-    from strandcast.stages import estimate as stage
-
-    stage.run(ROOT, experiment, trial)
+    _stage("estimate", experiment, trial)
 
 
 @app.command()
 def plan(experiment: ExperimentName, trial: TrialNumber) -> None:
     """Plan the motion of a trial from the trials before it."""
-    from strandcast.stages import plan as stage
-
-    stage.run(ROOT, experiment, trial)
+    _stage("plan", experiment, trial)
 
 
 @app.command()
 def report(experiment: ExperimentName, trial: TrialNumber) -> None:
     """Write the page of a trial."""
-    from strandcast.stages import report as stage
-
-    stage.run(ROOT, experiment, trial)
+    _stage("report", experiment, trial)
 
 
 @app.command()
-def summary(experiment: ExperimentName) -> None:
-    """Write the page and the summary of an experiment."""
-    from strandcast.stages import summary as stage
-
-    stage.run(ROOT, experiment)
+def summary(
+    experiment: ExperimentName,
+    trials: Annotated[list[int] | None, typer.Argument(metavar="[TRIAL]...")] = None,
+) -> None:
+    """Write the page and the summary of an experiment (default: all trials that have a page)."""
+    _stage("summary", experiment, trials)
 
 
 @app.command()

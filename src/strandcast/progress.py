@@ -9,6 +9,13 @@ from typing import TypeVar
 
 Item = TypeVar("Item")
 INTERVAL_S = 3.0
+_context = ""
+
+
+def set_context(context: str) -> None:
+    """Say whose work the lines of this process are about, e.g. an experiment and a trial."""
+    global _context
+    _context = f"{context} "
 
 
 class Progress:
@@ -27,7 +34,8 @@ class Progress:
             return
         self._last_s = now
         of = f"/{self.total}" if self.total is not None else ""
-        print(f"{self.what}: {done}{of}{'  ' + note if note else ''}", file=sys.stderr, flush=True)
+        after = f"  {note}" if note else ""
+        print(f"{_context}{self.what}: {done}{of}{after}", file=sys.stderr, flush=True)
 
 
 def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:

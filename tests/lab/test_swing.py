@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import Arm, load_arm
 from strandcast.lab.rig import Grasp, build_rig, links_of, weight_radius_m
 from strandcast.lab.servo import CYCLE_S, PRESETS, SetPoints, drive_of
 from strandcast.lab.strings import PAPER_STRINGS, Thread
@@ -117,3 +119,32 @@ def test_variation_scales_and_moves_the_tip_by_millimetres(arm: Arm) -> None:
     assert 0.001 < np.sqrt((in_motion**2).mean()) < 0.03
     assert QUIET.grasp_length_m == 0.0
     assert (QUIET.servo_gain == 1.0).all()
+
+
+def test_weak_motors_give_no_more_than_they_can(arm: Arm) -> None:
+    swing = simulate_swing(
+        arm, "weak", PAPER_STRINGS["paper-1"], QUIET, swing_command(0.2, by=(1.5, 1.5, 1.5))
+    )
+    np.testing.assert_allclose(np.abs(swing.torque_n_m).max(axis=0)[0], 0.4 * 60.0)
+    assert np.abs(swing.q_rad[-1] - swing.command_rad[-1]).max() < 0.01
+
+
+def test_an_arm_with_a_held_joint_throws_as_the_planar_one(arm: Arm, tmp_path: Path) -> None:
+    """A turret below the arm, held askew: the same throw in a turned plane."""
+    yaw = 0.7
+    turret = (
+        '<joint name="yaw" type="revolute"><parent link="base"/><child link="turret"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" velocity="3" effort="50"/></joint><link name="turret"/>'
+    )
+    urdf = arm.urdf_path.read_text()
+    urdf = urdf.replace('<parent link="base"/>', '<parent link="turret"/>')
+    urdf = urdf.replace('<link name="base"/>', f'<link name="base"/>{turret}')
+    (tmp_path / "planar3.urdf").write_text(urdf)
+    toml = arm.path.read_text()
+    toml = toml.replace("plane_x = [1, 0, 0]", f"plane_x = [{np.cos(yaw)}, {np.sin(yaw)}, 0]")
+    toml = toml.replace("[throw.held]", f"[throw.held]\nyaw = {yaw}\n#")
+    (tmp_path / "turned.toml").write_text(toml)
+    turned = throw(load_arm(tmp_path / "turned.toml"), "paper-2")
+    plain = throw(arm, "paper-2")
+    in_motion = plain.time_s < 0.4
+    np.testing.assert_allclose(turned.nodes_m[in_motion], plain.nodes_m[in_motion], atol=1e-6)

@@ -32,7 +32,7 @@ def log_of(rows: int, joints: int, seed: int) -> JointLog:
         q[3],
         since,
         random.integers(0, 9, rows).astype(np.int32),
-        random.integers(0, 2**52, rows),
+        random.integers(2**60, 2**62, rows),
     )
 
 

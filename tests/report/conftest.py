@@ -47,6 +47,7 @@ START_S = 1.0
 MOTION_S = 0.6
 AFTER_S = 0.4
 TARGET_M = [0.606, 0.674]  # beside the tip of trial 3
+STROBE = "0 107 138 159 176 187 210 232 271 354"
 SWINGS_RAD = {1: 2.0, 2: 2.2, 3: 2.5}
 
 
@@ -132,7 +133,7 @@ def write_strobe(path: Path, record: Camera, points_m: np.ndarray) -> None:
     noise = rng.normal(70, 6, (720, 1280)).clip(0, 255).astype(np.uint8)
     image = Image.fromarray(np.repeat(noise[:, :, None], 3, axis=2))
     draw = ImageDraw.Draw(image)
-    for row in (0, 107, 138, 159, 176, 192, 210, 232, 271, 354):
+    for row in map(int, STROBE.split()):
         draw.line([tuple(p) for p in projected_px(record, points_m[row])], fill=(235, 235, 225), width=4)
     out = io.BytesIO()
     image.save(out, "WEBP", quality=70)
@@ -313,7 +314,7 @@ def build_trial(folder: Path, experiment: str, trial: int) -> None:
         tip_fraction=0.984,
         marker_fraction=1.0,
         median_sigma_m=8.2e-4,
-        choices={"polarity": "bright", "threshold_grey": 31},
+        choices={"polarity": "bright", "threshold_grey": 31, "strobe_frames": STROBE},
         warnings=["8 frames without the tip"],
     ).write(folder / "track.json")
     Alignment(

@@ -10,9 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from strandcast.records.estimate import Estimate
 from strandcast.records.lab_truth import LAB_TRUTH
+from strandcast.records.motion import Motion
 from strandcast.records.summary import Verdict
 from strandcast.records.tables import read_table, write_table
+from strandcast.records.track import TRACK, TrackSummary
 from strandcast.report.experiment_page import experiment_page
 from strandcast.report.facts import Facts
 from strandcast.report.figures.lab_truth import at_places
@@ -309,3 +312,60 @@ def test_the_experiments_page_without_any_result(results: Path, tmp_path: Path) 
     assert "failed: the file is not there" in text
     assert EVIL in text
     assert "HIT AT TRIAL 3" in text
+
+
+def test_links_lead_to_files_that_are_there(page: str, results: Path) -> None:
+    for text, folder in ((page, results / "trial-03"), (experiment_of(results), results)):
+        links = {
+            r
+            for r in Tags(text).references
+            if not r.startswith(("#", "data:")) and not r.endswith("report.html")
+        }
+        assert "summary.json" in links or "estimate.json" in links
+        assert [link for link in links - {"summary.json"} if not (folder / link).is_file()] == []
+
+
+def test_a_page_does_not_depend_on_where_it_lies(results: Path, tmp_path: Path) -> None:
+    pages = []
+    for name in ("here", "there"):
+        (tmp_path / name).mkdir()
+        folder = copy_of(results, tmp_path / name)
+        (folder / "trial-03" / "estimate.json").unlink()
+        (folder / "trial-04" / "motion.json").write_text("{")
+        pages.append(page_of(folder))
+    assert pages[0] == pages[1]
+    assert str(tmp_path) not in pages[0]
+
+
+def test_frames_without_any_point_are_gaps(results: Path, tmp_path: Path) -> None:
+    folder = copy_of(results, tmp_path) / "trial-03"
+    rows = read_table(folder / "track.parquet", TRACK)
+    kept = (rows["frame"] < 200) | (rows["frame"] >= 260)
+    write_table(folder / "track.parquet", TRACK, {name: column[kept] for name, column in rows.items()})
+    track = read_results(folder).need("track")
+    assert track.frame.tolist() == list(range(500))
+    assert np.isnan(track.points_m[200:260]).all()
+    assert np.diff(track.camera_time_s) == pytest.approx(0.002, abs=1e-9)
+    assert "200 259 60" in Tags(page_of(folder.parent)).text
+
+
+def test_the_picture_without_told_instants_shows_the_tips_paths(results: Path, tmp_path: Path) -> None:
+    folder = copy_of(results, tmp_path)
+    path = folder / "trial-03" / "track.json"
+    assert page_of(folder).count('class="model"') == 10
+    TrackSummary.read(path).model_copy(update={"choices": {}}).write(path)
+    page = page_of(folder)
+    assert page.count('class="model"') == page.count('class="track"') == 1
+
+
+def test_text_within_figures_is_text(results: Path, tmp_path: Path) -> None:
+    folder = copy_of(results, tmp_path)
+    path = folder / "trial-04" / "motion.json"
+    Motion.read(path).model_copy(update={"joint_names": [EVIL, "a", "b"]}).write(path)
+    path = folder / "trial-03" / "estimate.json"
+    Estimate.read(path).model_copy(update={"search": EVIL}).write(path)
+    page = page_of(folder)
+    assert "could not be made" not in page
+    assert "<script" not in page
+    assert f"{EVIL}: velocity" in Tags(page).text
+    assert f"search: {EVIL}" in Tags(page).text

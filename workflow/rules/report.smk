@@ -40,9 +40,10 @@ rule report_experiment:
     log:
         "results/{experiment}/logs/summary.log",
     params:
+        trials=lambda w: trials(w.experiment),
         settings=stage_settings("summary"),
         code=code_version("summary"),
     message:
         "{wildcards.experiment}: the experiment's page and summary are written"
     shell:
-        "python -m strandcast summary {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
+        "python -m strandcast summary {wildcards.experiment:q} {params.trials} 2>&1 | tee {log:q} >&2"

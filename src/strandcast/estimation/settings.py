@@ -56,7 +56,7 @@ class FitSettings:
     ranges: str | dict[str, tuple[float, float]] = "wide"
     start_shape: Literal["observed", "hanging"] = "observed"
     rest_curl: bool = False
-    clamp_offset: bool = True
+    clamp_offset: bool = False
     plain_mass: bool = False
     ensemble: int = 6
     centre: Literal["fixed", "running"] = "running"

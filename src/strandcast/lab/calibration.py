@@ -14,7 +14,7 @@ from strandcast.experiment import Board, Experiment
 from strandcast.lab.film import noise_powers
 from strandcast.lab.paint import PSF_PX, expose
 from strandcast.lab.scene import INK, PAPER, WALL, Scene, canvas_on, paint_arm
-from strandcast.lab.view import View, on_plane
+from strandcast.lab.view import View
 from strandcast.records.files import atomic_write
 from strandcast.seeds import rng
 
@@ -33,11 +33,13 @@ def write_lens_photos(experiment: Experiment, name: str, view: View, data_dir: P
     steps = (np.arange(FINER) + 0.5) / FINER - 0.5
     u = (np.arange(width)[:, None] + steps).ravel()
     v = (np.arange(height)[:, None] + steps).ravel()
-    rays = view.rays(np.stack(np.meshgrid(u, v), axis=-1))
+    rays = view.rays(np.stack(np.meshgrid(u, v), axis=-1)).astype(np.float32)
+    texels = np.array([[texels_m, 0.0, rim - 0.5], [0.0, texels_m, rim - 0.5], [0.0, 0.0, 1.0]])
     folder = (data_dir / experiment.camera.lens_photos).parent
     for number in range(1, PHOTOS + 1):
         rotation, translation = _board_pose(experiment.camera.board, view, random)
-        places = (on_plane(rays, rotation, translation) * texels_m + rim - 0.5).astype(np.float32)
+        board_to_ray = np.column_stack([rotation[:, 0], rotation[:, 1], translation])
+        places = cv2.perspectiveTransform(rays, texels @ np.linalg.inv(board_to_ray))
         fine = cv2.remap(
             texture, places[..., 0], places[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_CONSTANT, WALL
         )

@@ -55,4 +55,7 @@ def throw(
         Where lab_truth.parquet is to be written.
     """
     driver = LabDriver(Throw(name, experiment, trial, Path(truth_path)), arm)
-    return play(motion_path, arm, driver, Path(data_dir) / f"trial-{trial:02d}", move_to_start=True)
+    folder = Path(data_dir) / f"trial-{trial:02d}"
+    # Unlike a real throw, a virtual one can be had again.
+    (folder / "run.json").unlink(missing_ok=True)
+    return play(motion_path, arm, driver, folder, move_to_start=True)

@@ -65,14 +65,6 @@ class View:
         return np.asarray(out, float).reshape(np.shape(uv))
 
 
-def on_plane(rays: np.ndarray, rotation: np.ndarray, translation_m: np.ndarray) -> np.ndarray:
-    """Return where rays (..., 2) meet the plane z = 0 of a frame seen under a pose: (..., 2) [m]."""
-    inverse = np.linalg.inv(np.column_stack([rotation[:, 0], rotation[:, 1], translation_m]))
-    x, y = rays[..., 0], rays[..., 1]
-    xyw = [inverse[k, 0] * x + inverse[k, 1] * y + inverse[k, 2] for k in range(3)]
-    return np.stack([xyw[0] / xyw[2], xyw[1] / xyw[2]], axis=-1)
-
-
 def make_view(experiment: Experiment, name: str, arm: Arm) -> View:
     """Set the camera up before an experiment: all of the workspace in the picture, a little obliquely."""
     assert experiment.lab is not None

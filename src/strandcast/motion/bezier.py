@@ -1,6 +1,7 @@
 """Velocity curves of the joints: Bezier curves over the motion's time, given by their control heights.
 
-The paper builds the heights by V_k = V_{k-1} + alpha_k dt (eq. 1) and leaves the end free. An arm must stop, so
+The paper builds the heights by V_k = V_{k-1} + alpha_k dt (eq. 1) and leaves the end free. An arm must stop,
+so
 
 * ``rest``: the first two and the last two heights are zero: speed and acceleration are zero at both ends;
 * ``paper``: V_0 = 0 and the rest is free; a ramp after the curve takes the arm to rest.
@@ -87,7 +88,7 @@ def sample(curve: Curve, step_s: float) -> Samples:
 
 
 def with_stop_ramp(curve: Curve, acceleration_rad_s2: np.ndarray, step_s: float) -> Curve | None:
-    """Return the curve with the shortest stop ramp within the acceleration limits (J,), None if there is none."""
+    """Return the curve with the shortest stop ramp within the acceleration limits (J,), None if none is."""
     end = sample(replace(curve, ramp_s=0.0), step_s)
     heights = curve.heights_rad_s
     last_acceleration = (heights.shape[1] - 1) / curve.duration_s * (heights[:, -1] - heights[:, -2])
@@ -105,7 +106,7 @@ def whole_steps(duration_s: float, step_s: float) -> float:
 
 @lru_cache(maxsize=512)
 def _bases(degree: int, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (steps+1, degree+1) factors of the heights in the unit-time integral, the curve and its derivative."""
+    """Return (steps+1, degree+1) factors of the heights in the unit-time integral, curve and derivative."""
     if steps < 4:
         raise StrandcastError("SC-P001", f"a motion of {steps} samples is none", fix="plan a longer motion")
     s = np.linspace(0.0, 1.0, steps + 1)
@@ -126,7 +127,7 @@ def _bernstein(degree: int, s: np.ndarray) -> np.ndarray:
 def _ramp(
     q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, ramp_s: float, steps: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return q, qd, qdd (steps, J) after a state: the speed falls to zero along a cubic that joins smoothly."""
+    """Return q, qd, qdd (steps, J) after a state: the speed falls to zero along a cubic that joins in."""
     s = (np.arange(1, steps + 1) / steps)[:, None]
     speed = qd * (2 * s**3 - 3 * s**2 + 1) + ramp_s * qdd * (s**3 - 2 * s**2 + s)
     acceleration = qd / ramp_s * (6 * s**2 - 6 * s) + qdd * (3 * s**2 - 4 * s + 1)

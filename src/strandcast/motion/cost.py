@@ -13,14 +13,13 @@ from strandcast.motion.task import Task
 FREE_FOLD = 0.45
 FOLD_COST_M = 0.05
 OUTSIDE_COST = 2.0
-OUTSIDE_MARGIN_M = 0.03
 TOUCH_COST = 1.0
 LIMIT_COST_M = 1.0
 EFFORT_COST_M_S_RAD = 0.0008
 
 
 def throw_cost(assessment: Assessment, strings: int) -> np.ndarray:
-    """Return (P,) the ensemble's rms miss and the price of folding, leaving the view and touching the arm [m]."""
+    """Return (P,) rms miss over the strings and the price of folding, leaving and touching [m]."""
     miss, fold, outside, touch = (
         getattr(assessment, name).reshape(-1, strings) for name in ("miss_m", "fold", "outside_m", "touch_m")
     )

@@ -19,6 +19,8 @@ from strandcast.motion.bezier import (
 )
 
 MOST_DRAWS = 20_000
+# Between the samples a controller goes a little further.
+WITHIN = 0.995
 
 
 def draw_first(
@@ -56,9 +58,7 @@ def draw_first(
         if len(found) == count:
             return found
         time_s = whole_steps(rng.uniform(*duration_s), step_s)
-        curve = _random_curve(
-            reading, len(limits.lower_rad), time_s, free_heights, largest_acceleration_rad_s2, rng
-        )
+        curve = _random_curve(reading, limits, time_s, free_heights, largest_acceleration_rad_s2, step_s, rng)
         placed = place_at_random(curve, reading, limits, step_s, rng)
         if placed is not None:
             found.append(placed)
@@ -70,8 +70,15 @@ def draw_first(
 
 
 def _random_curve(
-    reading: str, joints: int, time_s: float, free: int, largest: float, rng: np.random.Generator
+    reading: str,
+    limits: Limits,
+    time_s: float,
+    free: int,
+    largest: float,
+    step_s: float,
+    rng: np.random.Generator,
 ) -> Curve:
+    joints = len(limits.lower_rad)
     if reading == "paper":
         return Curve(
             np.zeros(joints), time_s, paper_heights(rng.uniform(-largest, largest, (joints, free)), time_s)
@@ -79,7 +86,17 @@ def _random_curve(
     # Eq. 1 over the inner heights; the two at either end are zero.
     slopes = rng.uniform(-largest, largest, (joints, free))
     inner = np.cumsum(slopes * time_s / (free + 3), axis=1)
-    return Curve(np.zeros(joints), time_s, rest_heights(inner))
+    return slowed(Curve(np.zeros(joints), time_s, rest_heights(inner)), limits, step_s)
+
+
+def slowed(curve: Curve, limits: Limits, step_s: float) -> Curve:
+    """Return the curve with the heights of too fast joints scaled down to the limits of their rates."""
+    motion = sample(curve, step_s)
+    room = np.minimum(
+        limits.velocity_rad_s / np.maximum(np.abs(motion.qd).max(axis=0), 1e-9),
+        limits.acceleration_rad_s2 / np.maximum(np.abs(motion.qdd).max(axis=0), 1e-9),
+    )
+    return replace(curve, heights_rad_s=curve.heights_rad_s * np.minimum(1.0, 0.999 * WITHIN * room)[:, None])
 
 
 def place_at_random(
@@ -109,8 +126,8 @@ def stopping(curve: Curve, reading: str, limits: Limits, step_s: float) -> Curve
 def within_rates(limits: Limits, motion: Samples) -> bool:
     """Tell whether speeds and accelerations stay within the limits."""
     return bool(
-        (np.abs(motion.qd).max(axis=0) <= limits.velocity_rad_s).all()
-        and (np.abs(motion.qdd).max(axis=0) <= limits.acceleration_rad_s2).all()
+        (np.abs(motion.qd).max(axis=0) <= WITHIN * limits.velocity_rad_s).all()
+        and (np.abs(motion.qdd).max(axis=0) <= WITHIN * limits.acceleration_rad_s2).all()
     )
 
 
@@ -120,17 +137,17 @@ def within_range(limits: Limits, motion: Samples) -> bool:
 
 
 def excess(limits: Limits, motion: Samples, step_s: float) -> float:
-    """Return how far a motion breaks the limits: the sum over joints and kinds of the excess, 1 = the limit itself."""
+    """Return how far a motion breaks the limits: the excess summed over joints and kinds, 1 = the limit."""
     room = np.where(
         np.isfinite(limits.upper_rad - limits.lower_rad), limits.upper_rad - limits.lower_rad, np.pi
     )
     parts = [
         (motion.q - limits.upper_rad).max(axis=0) / room,
         (limits.lower_rad - motion.q).max(axis=0) / room,
-        np.abs(motion.qd).max(axis=0) / limits.velocity_rad_s - 1.0,
-        np.abs(motion.qdd).max(axis=0) / limits.acceleration_rad_s2 - 1.0,
+        np.abs(motion.qd).max(axis=0) / limits.velocity_rad_s - WITHIN,
+        np.abs(motion.qdd).max(axis=0) / limits.acceleration_rad_s2 - WITHIN,
     ]
     if np.isfinite(limits.jerk_rad_s3).any():
         jerk = np.abs(np.diff(motion.qdd, axis=0)).max(axis=0) / step_s
-        parts.append(jerk / limits.jerk_rad_s3 - 1.0)
+        parts.append(jerk / limits.jerk_rad_s3 - WITHIN)
     return float(sum(np.maximum(part, 0.0).sum() for part in parts))

@@ -24,7 +24,7 @@ class Earlier:
     curve
         The motion that was played, None if it came without control heights.
     q_command, q
-        (T, J) commanded and measured angles [rad] every `step_s` from the motion's start to 0.3 s after its end.
+        (T, J) commanded and measured angles [rad], evenly from the motion's start to 0.3 s after its end.
     tip_m
         (T, 2) the tip as seen, NaN where it was not [m].
     start_m
@@ -74,7 +74,7 @@ def earlier_trial(
     motion
         The motion that was played.
     joint_time_s, q
-        (R,) times since the motion's start and (R, J) measured angles [rad]; times before the start are welcome.
+        (R,) times since the motion's start, also before it, and (R, J) measured angles [rad].
     camera_time_s, points_m
         (F,) frame times since the motion's start, on the robot's clock, and (F, n+1, 2) the track [m].
     miss_m

@@ -51,7 +51,7 @@ class Coding:
 def plan_anew(
     task: Task, strings: Strings, world: World, options: Options, rng: np.random.Generator
 ) -> tuple[Curve, int]:
-    """Return the motion with the least rms miss over the strings found within the budget, and the throws simulated."""
+    """Return the motion with the least rms miss over the strings, and the throws simulated."""
     limits = task.arm.limits
     low_s, high_s = options.duration_s
     drawn = draw_first(

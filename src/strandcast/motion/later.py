@@ -1,4 +1,4 @@
-"""A later motion: small changes around the best trial so far, with what the simulation missed by carried over."""
+"""A later motion: small changes around the best trial, with what the simulation missed by carried over."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strandcast.arm.servo import Servo, respond
+from strandcast.arm.servo import respond
 from strandcast.motion.bezier import Curve, sample
 from strandcast.motion.cost import motion_cost, throw_cost
 from strandcast.motion.earlier import Earlier
@@ -17,7 +17,8 @@ from strandcast.motion.task import Options, Task
 from strandcast.motion.throws import Thrown, World, assessed, commands, throw
 from strandcast.progress import Progress
 
-HEIGHT_RAD_S = 0.15  # one standard deviation of the search
+# Scale of the heights, and the standard deviation with which the search starts.
+HEIGHT_RAD_S, SPREAD = 0.15, 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,18 +40,37 @@ class Neighbourhood:
 
 
 def neighbourhood(
-    task: Task, strings: Strings, servo: Servo, best: Earlier, trials: list[Earlier], rng: np.random.Generator
+    task: Task,
+    strings: Strings,
+    world: World,
+    best: Earlier,
+    trials: list[Earlier],
+    regrasp: np.random.Generator | None = None,
 ) -> Neighbourhood:
-    """Return what planning around the best trial needs; it must have a curve."""
+    """Return what planning around the best trial needs.
+
+    Parameters
+    ----------
+    world
+        With the servo's response, if there is to be one.
+    best, trials
+        The best trial, which has a curve, and all.
+    regrasp
+        With chance given, every string is there a second time, grasped a little differently; what is
+        carried over to it is the fitted string's.
+    """
     assert best.curve is not None
-    carried = carry(task, strings, servo, alike(trials, best))
-    both = joined(strings, regrasped(strings, rng))
+    carried = carry(task, strings, world.servo, alike(trials, best))
+    world = replace(world, start_m=best.start_m)
+    if regrasp is None:
+        return Neighbourhood(best.curve, strings, world, carried)
     tips = np.concatenate([carried.tip_m, carried.tip_m], axis=1)
-    return Neighbourhood(best.curve, both, World(servo, best.start_m), replace(carried, tip_m=tips))
+    both = joined(strings, regrasped(strings, regrasp))
+    return Neighbourhood(best.curve, both, world, replace(carried, tip_m=tips))
 
 
 def throw_near(task: Task, near: Neighbourhood, curves: list[Curve]) -> tuple[Thrown, np.ndarray]:
-    """Return the throws of P curves with every string, and (B, T, 2) what is carried over to their tips [m]."""
+    """Return the throws of P curves with every string, and (B, T, 2) what is carried over to the tips [m]."""
     time_s, q, last = commands([sample(curve, task.step_s) for curve in curves], task.step_s)
     weights = near.carried.weights(curves)
     q = q if near.world.servo is None else respond(near.world.servo, time_s, q)
@@ -64,7 +84,7 @@ def throw_near(task: Task, near: Neighbourhood, curves: list[Curve]) -> tuple[Th
 def plan_near(
     task: Task, near: Neighbourhood, options: Options, rng: np.random.Generator
 ) -> tuple[Curve, int]:
-    """Return the motion near the best trial with the least rms miss over the strings, and the throws simulated."""
+    """Return the motion near the best trial with the least rms miss, and the throws simulated."""
     best = near.best
     inner = slice(2, -2) if not best.ramp_s else slice(1, None)
     shape = best.heights_rad_s[:, inner].shape
@@ -82,6 +102,7 @@ def plan_near(
         cost = throw_cost(assessed(task, thrown, shift, options.clearance_m), len(near.strings))
         return np.asarray(cost + price + options.change_cost_m_s_rad * change)
 
-    tell = Progress("plan: search", total=options.evaluations)
-    point, _ = minimise(value, np.zeros(np.prod(shape)), 1.0, options.evaluations, rng, tell)
-    return curve(point), options.evaluations * len(near.strings)
+    budget = options.evaluations // 2
+    tell = Progress("plan: search", total=budget)
+    point, _ = minimise(value, np.zeros(np.prod(shape)), SPREAD, budget, rng, tell)
+    return curve(point), budget * len(near.strings)

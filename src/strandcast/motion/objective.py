@@ -22,8 +22,8 @@ class Assessment(NamedTuple):
     outside_m
         (B,) how far hand or string leave the box, at any time in the window [m].
     touch_m
-        (B,) how deep the string, hand's neighbourhood aside, is within the clearance of the arm's links until the
-        closest approach [m].
+        (B,) how deep the string, the hand's neighbours aside, comes within the clearance of the arm's links
+        until the closest approach [m].
     tip_speed_m_s
         (B,) speed of the tip at the closest approach.
     """
@@ -90,7 +90,7 @@ def deepest_outside(points: np.ndarray, last: int, box: np.ndarray) -> float:
 
 @njit(cache=True)
 def deepest_touch(points: np.ndarray, links: np.ndarray, last: int, clearance_m: float) -> float:
-    """How deep points (T, n+1, 2) beyond the hand's neighbours are within the clearance of links (T, J+1, 2)."""
+    """How deep points (T, n+1, 2) beyond the hand's neighbours are in the clearance of links (T, J+1, 2)."""
     nearest = clearance_m
     for t in range(0, last + 1, 2):
         for i in range(NEIGHBOURS + 1, points.shape[1]):

@@ -1,4 +1,4 @@
-"""The paper's own planner (section V): random motions until one hits in the simulation, one string, no servo."""
+"""The paper's own planner (section V): random motions until one hits in the simulation of one string."""
 
 from __future__ import annotations
 

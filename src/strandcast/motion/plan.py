@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,10 +12,9 @@ from strandcast.errors import StrandcastError
 from strandcast.motion.bezier import Curve, Samples, sample
 from strandcast.motion.earlier import Earlier
 from strandcast.motion.first import plan_anew
-from strandcast.motion.later import Neighbourhood, neighbourhood, plan_near, throw_near
+from strandcast.motion.later import neighbourhood, plan_near, throw_near
 from strandcast.motion.objective import Assessment
 from strandcast.motion.paper import first_by_paper, later_by_paper
-from strandcast.motion.residual import alike, carry
 from strandcast.motion.strings import Strings, regrasped
 from strandcast.motion.task import Options, Task, refuse_unreachable
 from strandcast.motion.throws import Thrown, World, assessed, throw_curves
@@ -71,6 +70,17 @@ class Plan:
     flags: tuple[str, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a planner found: the motion, how it came about, and with what it is to be described."""
+
+    kind: str
+    curve: Curve
+    simulations: int
+    flags: list[str]
+    parent_trial: int | None = None
+
+
 def plan_first(task: Task, strings: Strings, options: Options, rng: np.random.Generator) -> Plan:
     """Plan a motion for a string that was never thrown.
 
@@ -91,13 +101,13 @@ def plan_first(task: Task, strings: Strings, options: Options, rng: np.random.Ge
         The target is out of reach, or the arm's limits leave no motion.
     """
     refuse_unreachable(task)
-    servo = task.arm.servo if options.use_servo else None
-    world = World(servo)
+    world = World(task.arm.servo if options.use_servo else None)
     if options.planner == "paper":
         curve, simulations, hit = first_by_paper(task, strings, world, options, rng)
-        return _finished(task, strings, world, curve, options, "first", None, simulations, _paper_flags(hit))
-    curve, simulations = plan_anew(task, regrasped(strings, rng), world, options, rng)
-    return _finished(task, strings, world, curve, options, "first", None, simulations, [])
+        found = Found("first", curve, simulations, _paper_flags(hit))
+    else:
+        found = _anew("first", task, strings.first(options.members), world, options, rng)
+    return _plan(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
 
 
 def plan_next(
@@ -138,33 +148,46 @@ def plan_next(
             field="bezier",
             fix="throw a motion that `strandcast plan` made, or plan a first motion",
         )
-    if servo is None and options.use_servo:
-        servo = fitted_servo(task, earlier)
-    world = World(servo if options.use_servo else None)
+    world = World((servo or fitted_servo(task, earlier)) if options.use_servo else None)
     if options.planner == "paper":
-        last = known[-1]
-        assert last.curve is not None
-        curve, simulations, hit = later_by_paper(task, strings, world, options, last.curve, rng)
-        return _finished(
-            task, strings, world, curve, options, "refined", last.trial, simulations, _paper_flags(hit)
-        )
+        found = _altered_last(task, strings, world, known[-1], options, rng)
+        return _plan(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
     best = min(known, key=Earlier.rank_m)
     if _lost(best, first_fit_E_m, options):
-        few = strings.first(options.members)
-        curve, simulations = plan_anew(task, regrasped(few, rng), world, options, rng)
-        flags = [
+        found = _anew("replanned", task, strings.first(options.members), world, options, rng)
+        found.flags.append(
             f"planned anew: the first fit left {1000 * (first_fit_E_m or 0):.1f} mm and no throw came near"
-        ]
-        return _finished(task, strings, world, curve, options, "replanned", None, simulations, flags)
-    return _plan_refined(task, strings, world, best, known, options, rng)
+        )
+        return _plan(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
+    few = neighbourhood(task, strings.first(options.members), world, best, known, regrasp=rng)
+    curve, simulations = plan_near(task, few, options, rng)
+    flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
+    found = Found("refined", curve, simulations, flags, best.trial)
+    thrown, shift = throw_near(task, neighbourhood(task, strings, world, best, known), [curve])
+    return _plan(task, strings, options, found, thrown, shift)
 
 
 def fitted_servo(task: Task, earlier: list[Earlier]) -> Servo:
-    """Return the servo's response that explains the joints of all trials of the same length as the last one."""
+    """Return the servo's response that explains the joints of all trials as long as the last one."""
     same = [trial for trial in earlier if trial.q.shape == earlier[-1].q.shape]
     time_s = np.arange(len(same[0].q)) * task.step_s
     q = np.array([trial.q for trial in same])
     return identify(time_s, np.array([trial.q_command for trial in same]), q, task.arm.servo)[0]
+
+
+def _anew(
+    kind: str, task: Task, strings: Strings, world: World, options: Options, rng: np.random.Generator
+) -> Found:
+    curve, simulations = plan_anew(task, regrasped(strings, rng), world, options, rng)
+    return Found(kind, curve, simulations, [])
+
+
+def _altered_last(
+    task: Task, strings: Strings, world: World, last: Earlier, options: Options, rng: np.random.Generator
+) -> Found:
+    assert last.curve is not None
+    curve, simulations, hit = later_by_paper(task, strings, world, options, last.curve, rng)
+    return Found("refined", curve, simulations, _paper_flags(hit), last.trial)
 
 
 def _lost(best: Earlier, first_fit_E_m: float | None, options: Options) -> bool:
@@ -174,101 +197,49 @@ def _lost(best: Earlier, first_fit_E_m: float | None, options: Options) -> bool:
     return first_fit_E_m > options.replan_from_E_m and best.rank_m() > options.replan_from_miss_m
 
 
-def _plan_refined(
+def _plan(
     task: Task,
     strings: Strings,
-    world: World,
-    best: Earlier,
-    known: list[Earlier],
     options: Options,
-    rng: np.random.Generator,
-) -> Plan:
-    few = strings.first(options.members)
-    servo = world.servo or _no_lag(task)
-    near = neighbourhood(task, few, servo, best, known, rng)
-    curve, simulations = plan_near(task, near, options, rng)
-    everyone = Neighbourhood(
-        near.best,
-        strings,
-        World(servo, best.start_m),
-        carry(task, strings, servo, alike(known, best)),
-    )
-    thrown, shift = throw_near(task, everyone, [curve])
-    flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
-    return _described(task, strings, curve, options, "refined", best.trial, simulations, flags, thrown, shift)
-
-
-def _no_lag(task: Task) -> Servo:
-    """Return a servo that follows almost at once, for planning on commanded angles."""
-    return replace(
-        task.arm.servo,
-        delay_s=np.zeros_like(task.arm.servo.delay_s),
-        natural_frequency_rad_s=np.full_like(task.arm.servo.delay_s, 1e4),
-    )
-
-
-def _finished(
-    task: Task,
-    strings: Strings,
-    world: World,
-    curve: Curve,
-    options: Options,
-    kind: str,
-    parent: int | None,
-    simulations: int,
-    flags: list[str],
-) -> Plan:
-    thrown = throw_curves(task, strings, world, [curve])
-    shift = np.zeros((*thrown.points_m.shape[:2], 2))
-    return _described(task, strings, curve, options, kind, parent, simulations, flags, thrown, shift)
-
-
-def _described(
-    task: Task,
-    strings: Strings,
-    curve: Curve,
-    options: Options,
-    kind: str,
-    parent: int | None,
-    simulations: int,
-    flags: list[str],
+    found: Found,
     thrown: Thrown,
-    shift: np.ndarray,
+    shift_m: np.ndarray | None = None,
 ) -> Plan:
     """Return the plan with what the throws say of it; refuse a motion that breaks the arm's limits."""
-    motion = sample(curve, task.step_s)
+    motion = sample(found.curve, task.step_s)
     _refuse_violations(task, motion)
-    found = assessed(task, thrown, shift, options.clearance_m)
+    told = assessed(task, thrown, shift_m, options.clearance_m)
     path = thrown.points_m[0, : thrown.last[0] + 1]
     return Plan(
         planner=options.planner,
-        kind=kind,
-        curve=curve,
+        kind=found.kind,
+        curve=found.curve,
         motion=motion,
         strings=strings,
-        miss_m=float(found.miss_m[0]),
-        ensemble_miss_m=found.miss_m,
-        hit_probability=float(np.mean(found.miss_m <= task.hit_radius_m)),
-        hit_time_s=float(thrown.time_s[found.hit_index[0]]),
-        tip_speed_m_s=float(found.tip_speed_m_s[0]),
-        largest_bend_rad=float(np.arccos(np.clip(1.0 - found.fold[0], -1.0, 1.0))),
+        miss_m=float(told.miss_m[0]),
+        ensemble_miss_m=told.miss_m,
+        hit_probability=float(np.mean(told.miss_m <= task.hit_radius_m)),
+        hit_time_s=float(thrown.time_s[told.hit_index[0]]),
+        tip_speed_m_s=float(told.tip_speed_m_s[0]),
+        largest_bend_rad=float(np.arccos(np.clip(1.0 - told.fold[0], -1.0, 1.0))),
         time_s=thrown.time_s[: len(path)],
         hand_m=path[:, 0],
-        tip_m=path[:, -1] + shift[0, : len(path)],
+        tip_m=path[:, -1] + (0.0 if shift_m is None else shift_m[0, : len(path)]),
         peaks=peaks(task.arm, motion.time_s, motion.q, motion.qd, motion.qdd),
-        parent_trial=parent,
-        simulations=simulations,
-        flags=(*flags, *_expectation_flags(task, found)),
+        parent_trial=found.parent_trial,
+        simulations=found.simulations,
+        flags=(*found.flags, *_expectation_flags(task, told)),
     )
 
 
-def _expectation_flags(task: Task, found: Assessment) -> list[str]:
+def _expectation_flags(task: Task, told: Assessment) -> list[str]:
+    """Say what the best string's throw leaves to be desired."""
     flags = []
-    if found.miss_m[0] > task.hit_radius_m:
-        flags.append(f"not expected to hit: the nearest that was found is {1000 * found.miss_m[0]:.0f} mm")
-    if found.outside_m.max() > 0.0:
-        flags.append(f"may leave the workspace by {1000 * found.outside_m.max():.0f} mm")
-    if found.touch_m.max() > 0.0:
+    if told.miss_m[0] > task.hit_radius_m:
+        flags.append(f"not expected to hit: the nearest that was found is {1000 * told.miss_m[0]:.0f} mm")
+    if told.outside_m[0] > 0.0:
+        flags.append(f"may leave the workspace by {1000 * told.outside_m[0]:.0f} mm")
+    if told.touch_m[0] > 0.0:
         flags.append("the string may come nearer to the arm than the clearance")
     return flags
 

@@ -56,7 +56,7 @@ def alike(trials: list[Earlier], best: Earlier) -> list[Earlier]:
     ]
 
 
-def carry(task: Task, strings: Strings, servo: Servo, trials: list[Earlier]) -> Carried:
+def carry(task: Task, strings: Strings, servo: Servo | None, trials: list[Earlier]) -> Carried:
     """Simulate earlier trials as they were and keep what the simulation missed by."""
     time_s = np.arange(len(trials[0].q)) * task.step_s
     tips = []
@@ -66,9 +66,13 @@ def carry(task: Task, strings: Strings, servo: Servo, trials: list[Earlier]) -> 
         tips.append(filled(trial.tip_m - thrown.points_m[:, :, -1]))
     return Carried(
         np.array([trial.curve.heights_rad_s for trial in trials if trial.curve is not None]),
-        np.array([trial.q - respond(servo, time_s, trial.q_command) for trial in trials]),
+        np.array([trial.q - _followed(servo, time_s, trial.q_command) for trial in trials]),
         np.array(tips),
     )
+
+
+def _followed(servo: Servo | None, time_s: np.ndarray, q_command: np.ndarray) -> np.ndarray:
+    return q_command if servo is None else respond(servo, time_s, q_command)
 
 
 def filled(residual_m: np.ndarray) -> np.ndarray:

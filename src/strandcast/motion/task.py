@@ -58,7 +58,7 @@ class Options:
     screening
         Random motions tried before the search of a first motion; of the paper's planner, all that it may try.
     evaluations
-        Motions that each search may try.
+        Motions that a first motion's searches may try; a later one's may try half as many.
     members
         Strings of the ensemble that a search throws each motion with.
     use_servo
@@ -79,7 +79,7 @@ class Options:
     duration_s: tuple[float, float] = (0.35, 0.9)
     free_heights: int = 6
     screening: int = 480
-    evaluations: int = 1200
+    evaluations: int = 800
     members: int = 4
     use_servo: bool = True
     largest_acceleration_rad_s2: float = 60.0
@@ -104,7 +104,7 @@ def refuse_unreachable(task: Task) -> None:
     if away_m > reach_m:
         raise StrandcastError(
             "SC-P002",
-            f"the target is {away_m:.3f} m from the arm's first moving joint; arm and string reach {reach_m:.3f} m",
+            f"the target is {away_m:.3f} m from the arm's first joint; arm and string reach {reach_m:.3f} m",
             field="target_m",
             cost=f"no throw comes nearer than {away_m - reach_m:.3f} m",
             fix="move the target, or take a longer string",

@@ -56,7 +56,7 @@ class Thrown(NamedTuple):
 
 
 def commands(motions: list[Samples], step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return time (T,), commanded angles (P, T, J) held at their ends, and the last sample of each window (P,)."""
+    """Return time (T,), commanded angles (P, T, J), held at the end, the last sample of each window (P,)."""
     after = round(AFTER_END_S / step_s)
     ends = np.array([len(motion.time_s) for motion in motions])
     count = int(ends.max()) + after
@@ -77,7 +77,7 @@ def throw(task: Task, strings: Strings, world: World, q: np.ndarray, last: np.nd
     last
         (P,) last sample of each window.
     """
-    time_s = np.arange(q.shape[1]) * task.step_s
+    time_s = np.arange(q.shape[1], dtype=np.float64) * task.step_s
     pose = hand_pose(task.arm.chain, task.arm.clamp, q)[:, None]
     # A longer string hangs out further: the hand of the nominal one is further out.
     out = strings.longer_m[:, None, None] * np.stack([np.cos(pose[..., 2]), np.sin(pose[..., 2])], axis=-1)

@@ -101,11 +101,11 @@ def write_joint_log(path: str | Path, log: JointLog) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(column_names(log.joint_names))
-    host = log.host_time_ns if len(log.host_time_ns) else [None] * len(log.time_s)
+    host = [str(int(t)) for t in log.host_time_ns] or [""] * len(log.time_s)
     blocks = [getattr(log, name) for name, _, _ in GROUPS]
     for k, time_s in enumerate(log.time_s):
         joints = [_cell(value) for block in blocks for value in block[k]]
-        row = [k, "" if host[k] is None else int(host[k]), _cell(time_s), _cell(log.since_start_s[k])]
+        row = [k, host[k], _cell(time_s), _cell(log.since_start_s[k])]
         writer.writerow([*row, *joints, int(log.flags[k])])
     write_text(path, out.getvalue())
     return sha256_file(path)
@@ -157,14 +157,22 @@ def read_joint_log(path: str | Path) -> JointLog:
     count = len(names)
     blocks = {name: table[:, 4 + i * count : 4 + (i + 1) * count] for i, (name, _, _) in enumerate(GROUPS)}
     if not np.isfinite(blocks["q_rad"]).all() or not np.isfinite(table[:, 2]).all():
-        row = int(np.argmin(np.isfinite(blocks["q_rad"]).all(axis=1) & np.isfinite(table[:, 2])))
-        raise _refusal(path, row + 2, None, "a time or a joint position is missing", "import the log again")
+        whole = np.isfinite(blocks["q_rad"]).all(axis=1) & np.isfinite(table[:, 2])
+        raise _refusal(
+            path,
+            int(np.argmin(whole)) + 2,
+            None,
+            "a time or a joint position is missing",
+            "import the log again",
+        )
     return JointLog(
         joint_names=names,
         time_s=table[:, 2],
         since_start_s=table[:, 3],
         flags=table[:, -1].astype(np.int32),
-        host_time_ns=np.nan_to_num(table[:, 1]).astype(np.int64),
+        host_time_ns=np.array(
+            [_whole(path, k + 2, row[1]) for k, row in enumerate(rows[1:])], dtype=np.int64
+        ),
         **blocks,
     )
 
@@ -179,6 +187,15 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
     if cell and not np.isfinite(value):
         raise _refusal(path, line, column, f"{cell!r} is not a finite number", "copy or import the log again")
     return value
+
+
+def _whole(path: Path, line: int, cell: str) -> int:
+    """Return a time in nanoseconds exactly: a float would round it after 104 days of uptime."""
+    try:
+        return int(cell or 0)
+    except ValueError:
+        fix = "copy or import the log again"
+        raise _refusal(path, line, "host_time_ns", f"{cell!r} is not a whole number", fix) from None
 
 
 def read_run(folder: str | Path) -> tuple[Run, JointLog]:

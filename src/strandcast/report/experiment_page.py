@@ -56,6 +56,7 @@ def experiment_page(
     """
     facts = facts or Facts()
     results = {trial: read_results(folder) for trial, folder in sorted(trials.items())}
+    folder = next(iter(results.values())).folder.parent if results else Path()
     counted = [line.trial for line in summary.trials if line.excluded is None]
     last = results[counted[-1]].get("motion") if counted and counted[-1] in results else None
     reportlets = [
@@ -63,7 +64,7 @@ def experiment_page(
         attempt("hands", "Hand paths, first throw and hit", hand_paths, summary, results),
         attempt("tips", "Tip paths", tip_paths, summary, results),
         attempt("evaluations", "E before and after each fit", evaluations, summary),
-        attempt("next", "The next motion", next_motion_figure, next_motion, last, facts),
+        attempt("next", "The next motion", next_motion_figure, next_motion, folder, last, facts),
     ]
     return render(
         "experiment.html.jinja",

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
-from strandcast.report.results import HandPath, Results, Simulated
+from strandcast.report.results import FILES, HandPath, Results, Simulated
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,13 @@ def at_times(path: HandPath, time_s: Array) -> Array:
     return np.column_stack(columns)
 
 
+def with_gaps(time_s: Array, values: Array) -> tuple[Array, Array]:
+    """Return times (T,) and values (T, …) with NaN where samples are missing, so that no line crosses."""
+    steps = np.diff(time_s)
+    holes = np.nonzero(steps > 2.5 * np.median(steps))[0] + 1 if len(steps) else np.zeros(0, dtype=int)
+    return np.insert(time_s, holes, np.nan), np.insert(values, holes, np.nan, axis=0)
+
+
 def matched(results: Results, throw: Simulated) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the rows of the track and of a simulated throw that speak of the same frames."""
     _, mine, theirs = np.intersect1d(results.need("track").frame, throw.frame, return_indices=True)
@@ -78,16 +85,14 @@ def strobe_rows(results: Results, count: int = 11) -> NDArray[np.int64]:
         raise StrandcastError(
             "SC-H011",
             "no tracked frame lies in the motion's window",
-            file=results.path("track"),
+            file=FILES["track"],
             fix="look at the alignment: its offset may be wrong",
         )
     closest = closest_row(results)
     forced = None if closest is None or closest not in window else int(closest - window[0])
     rows = equal_instants(track.points_m[window, -1], count, forced)
     if len(rows) == 0:
-        raise StrandcastError(
-            "SC-H012", "the tip was never seen in the motion's window", file=results.path("track")
-        )
+        raise StrandcastError("SC-H012", "the tip was never seen in the motion's window", file=FILES["track"])
     return np.asarray(window[rows])
 
 

@@ -18,7 +18,8 @@ def scaled(value: float | None, scale: float, digits: int, unit: str, sigma: flo
     """Return ``value · scale`` with its unit, and ± the scaled sigma where one is known."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
-    text = signed(f"{value * scale:.{digits}f}")
+    text = f"{value * scale:.{digits}f}"
+    text = signed(text if float(text) else text.lstrip("-"))
     if sigma is not None and math.isfinite(sigma):
         text += f"{HARD}±{HARD}{sigma * scale:.{digits}f}"
     return f"{text}{HARD}{unit}"

@@ -19,7 +19,7 @@ from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
 from strandcast.records.summary import Verdict
 from strandcast.records.tables import read_facts, read_table
-from strandcast.records.track import TrackSummary, read_track
+from strandcast.records.track import Track, TrackSummary, read_track
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def read_results(folder: Path) -> Results:
         "manifest": Manifest.read,
         "camera": Camera.read,
         "track_summary": TrackSummary.read,
-        "track": lambda path: read_track(path, results.need("track_summary").points),
+        "track": lambda path: _every_frame(read_track(path, results.need("track_summary").points)),
         "strobe": _read_picture,
         "alignment": Alignment.read,
         "hand": _read_hand,
@@ -132,16 +132,20 @@ def read_results(folder: Path) -> Results:
         try:
             results.pieces[name] = read(results.path(name))
         except StrandcastError as problem:
+            problem.file = FILES[name]  # the page tells the same wherever the folder lies
             results.problems[name] = problem
     return results
 
 
-def read_motion(path: Path | None) -> Motion | None:
-    """Return a motion, or None if there is none to read."""
-    try:
-        return None if path is None else Motion.read(path)
-    except StrandcastError:
-        return None
+def _every_frame(track: Track) -> Track:
+    """Return a track without holes in its frames: where nothing was seen, points are NaN."""
+    frame = np.arange(track.frame[0], track.frame[-1] + 1, dtype=np.int32)
+    rows = track.frame - frame[0]
+    points_m = np.full((len(frame), *track.points_m.shape[1:]), np.nan)
+    sigma_m = np.full(points_m.shape[:2], np.nan)
+    flags = np.zeros(points_m.shape[:2], dtype=np.int32)
+    points_m[rows], sigma_m[rows], flags[rows] = track.points_m, track.sigma_m, track.flags
+    return Track(frame, np.interp(frame, track.frame, track.camera_time_s), points_m, sigma_m, flags)
 
 
 def _read_picture(path: Path) -> bytes:

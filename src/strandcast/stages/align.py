@@ -22,14 +22,14 @@ def run(root: Path, name: str, trial: int) -> None:
     arm = load_arm(context.arm_file)
     played, log = read_run(folder.data)
     markers = read_table(folder.results / "markers.parquet", MARKERS)
-    span = (played.motion_start_s, played.motion_end_s)
+    start_s, end_s = played.motion_start_s, played.motion_end_s
     alignment = align(
         markers,
         log,
         arm,
         experiment=name,
         trial=trial,
-        motion_s=span if span[0] is not None and span[1] is not None else None,
+        motion_s=None if start_s is None or end_s is None else (start_s, end_s),
         priors=Priors(drift=settings.drift_prior),
         largest_offset_s=settings.largest_offset_s,
         log_file=str(folder.data / "joints.csv"),

@@ -27,8 +27,9 @@ SETTINGS: dict[str, tuple[str, ...]] = {
     "judge": ("target_m", "hit_radius_m"),
     "estimate": ("string", "estimate", "seed", "start_string"),
     "plan": ("string", "estimate", "plan", "seed", "start_string", "workspace_m", "target_m", "hit_radius_m"),
-    "report": ("title", "string", "target_m", "hit_radius_m", "excluded"),
-    "summary": ("title", "string", "target_m", "hit_radius_m", "excluded"),
+    # The pages print all settings.
+    "report": tuple(Experiment.model_fields),
+    "summary": tuple(Experiment.model_fields),
 }
 
 
@@ -84,7 +85,7 @@ def _tree(module: str) -> ast.Module:
 @functools.cache
 def _imports(module: str) -> tuple[str, ...]:
     """Return the modules of strandcast that a module imports anywhere, also within functions."""
-    found = set()
+    found: set[str] = set()
     for node in ast.walk(_tree(module)):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)

@@ -25,7 +25,9 @@ BALL_REACH_PX = 14.0  # from the predicted tip to the ball's centre
 TIP_PX = 1.0  # standard deviation of the end's place along the string
 GOOD = 0.55  # mean reward with which a fit is taken without trying others
 ENOUGH = 0.3  # mean reward under which the string is lost
-BEAMS = 160
+BEAMS = 100
+BEND_COST = 0.03  # in mean reward, per squared radian of bend, summed over the joints
+LEAST_OPEN = 0.25  # share of the chain that must not be hidden by the hand
 END_COST = 0.15  # in mean reward, for a chain whose end is not the string's
 
 
@@ -348,8 +350,17 @@ def fit_string(
     reward = rewards_on(image, background, nodes, heading, half_px, looks.contrast, looks.polarity, box, *pixel_map)
     once = reward * seen_once(nodes, heading, 2.5 * pixel_map[0])
     end_is_off = hold_tip and not abs(slide_m) < 5 * pixel_map[0]
-    looked_at = slice(1, len(reward) - int(tip[4]))
-    value = float(once[looked_at].mean()) - END_COST * end_is_off
+    if looks.has_ball and not end_is_off:
+        end_m, _ = end_of_string(
+            image, background, nodes, heading, looks.contrast, looks.polarity, *pixel_map
+        )
+        end_is_off = not abs(end_m - looks.tip_excess_m) < 5 * pixel_map[0]
+    hidden = hidden_nodes(picture, nodes, box)
+    hidden[len(reward) - int(tip[4]) :] = True
+    hidden[0] = True
+    open_share = float((~hidden).mean())
+    value = float(once[~hidden].mean()) if open_share > LEAST_OPEN else 0.0
+    value -= END_COST * end_is_off + BEND_COST * float((np.diff(heading) ** 2).sum())
     return Fit(heading, reward, hessian, slide_m, value, bool(tip[3] > 0))
 
 
@@ -418,6 +429,17 @@ def ball_centre(
         elif moved < 0.02 and turn > 3:
             break
     return from_pixel(u, v, guess, origin, step, uv)
+
+
+def hidden_nodes(picture: Picture, nodes: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Tell which nodes (K,) cannot be seen: behind the hand, or outside the picture."""
+    _, origin, step, uv = map_of(picture)
+    rows, columns = picture.image.shape
+    hidden = np.zeros(len(nodes), dtype=bool)
+    for k, (x, y) in enumerate(nodes):
+        u, v = to_pixel(x, y, origin, step, uv)
+        hidden[k] = inside_box(x, y, box) or not (1 <= u < columns - 2 and 1 <= v < rows - 2)
+    return hidden
 
 
 def find_string(

@@ -47,10 +47,11 @@ def line_at(
 @njit(cache=True)
 def retraces(
     way_x: np.ndarray, way_y: np.ndarray, way_angle: np.ndarray, parent: np.ndarray, level: int, beam: int,
-    x: float, y: float, angle: float, near_m: float,
+    near_m: float,
 ) -> bool:  # fmt: skip
-    """Tell whether a place lies on the way's own earlier part, along it (crossing it is allowed)."""
-    b = beam
+    """Tell whether a way's newest place (level + 1) lies on its own earlier part, along it; crossing is allowed."""
+    x, y, angle = way_x[level + 1, beam], way_y[level + 1, beam], way_angle[level + 1, beam]
+    b = parent[level + 1, beam]
     for k in range(level, 0, -1):
         if k < level - 3:
             if (way_x[k, b] - x) ** 2 + (way_y[k, b] - y) ** 2 < near_m * near_m:
@@ -149,8 +150,6 @@ def trace_string(
                 value = (
                     way_value[k, b] + reward - TURN_COST * (turn / 0.5) ** 2 - min(guide_weight * off, 0.5)
                 )
-                if reward > 0.2 and retraces(way_x, way_y, way_angle, parent, k, b, x, y, angle, near_m):
-                    value -= reward + 0.2
                 cand_x[total], cand_y[total], cand_angle[total] = x, y, angle
                 cand_value[total], cand_parent[total] = value, b
                 total += 1
@@ -172,12 +171,15 @@ def trace_string(
             way_x[k + 1, kept], way_y[k + 1, kept] = cand_x[c], cand_y[c]
             way_angle[k + 1, kept], way_value[k + 1, kept] = cand_angle[c], cand_value[c]
             parent[k + 1, kept] = cand_parent[c]
+            if retraces(way_x, way_y, way_angle, parent, k, kept, near_m):
+                way_value[k + 1, kept] -= 1.2
             kept += 1
             if kept == beams:
                 break
     heading = np.empty(links)
-    b = 0
+    b = np.argmax(way_value[links, :kept])
+    best = b
     for k in range(links, 0, -1):
         heading[k - 1] = way_angle[k, b]
         b = parent[k, b]
-    return heading, way_value[links, 0] / links
+    return heading, way_value[links, best] / links

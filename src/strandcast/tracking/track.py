@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from strandcast.errors import INTEGRITY, StrandcastError
+from strandcast.errors import StrandcastError
 from strandcast.progress import Progress, progress
 from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
 from strandcast.records.track import OCCLUDED, PREDICTED, UNSURE
 from strandcast.tracking.background import Samples, learn_background
 from strandcast.tracking.chain import place_nodes
+from strandcast.tracking.counts import check_count, check_size
 from strandcast.tracking.crops import Crops, View
 from strandcast.tracking.follow import (
     CLEAR, ENOUGH, GOOD, LINK_M, Fit, Looks, Picture, find_string, fit_string, nearest_turn, point_sigmas,
@@ -28,8 +29,13 @@ from strandcast.video.reader import open_video
 CROP_LENGTHS = 1.25  # around the hand, in lengths of the string
 EXPOSURE_SHARE = 0.2  # of the frame interval, where the exposure is not given
 LARGEST_CORRECTION = 0.03  # of the length, by the string's visible end
+WORSE = 0.12  # than usual: a fit that is so much worse is held against others
+USUAL_SHARE = 0.1  # of the newest frame in what is usual
+STALE_FRAMES = 8  # after which the last fit is no guide any more
 BALL_TIMES = 1.6  # wider than this, in the string's own widths and a pixel more, is a ball at the tip
 UNSURE_M = 0.003  # sigma from which a place is unsure
+LOST_M = 0.015  # sigma from which a place is no measurement
+LONGEST_HIDDEN_M = 0.07  # of string whose course between seen ends is inferred
 LONGEST_GAP = 10  # frames over which a hand that was not seen is bridged
 
 
@@ -170,24 +176,6 @@ def check_hand(hands: list[HandSighting | None], finder: HandFinder, path: str |
             field="markers", fix="check ids, dictionary and that the picture is not mirrored")  # fmt: skip
 
 
-def check_size(facts: VideoFacts, camera: Camera, path: str | Path) -> None:
-    """Refuse a video whose pictures are not of the size that was calibrated."""
-    size, wanted = (facts.width_px, facts.height_px), (camera.lens.width_px, camera.lens.height_px)
-    if size != wanted:
-        raise StrandcastError(
-            "SC-T002", f"pictures of {size[0]} x {size[1]} px, the camera was calibrated with {wanted[0]} x {wanted[1]}",
-            file=path, fix="calibrate with pictures of the throw's size")  # fmt: skip
-
-
-def check_count(decoded: int, facts: VideoFacts, path: str | Path) -> None:
-    """Refuse a video that gave more or fewer frames than its manifest counted."""
-    if decoded != facts.packets:
-        raise StrandcastError(
-            "SC-T001", f"{decoded} frames were decoded, the manifest counts {facts.packets}", file=path,
-            exit_code=INTEGRITY, cost="frames after the damage would be at wrong times",
-            fix="copy the file again from the camera")  # fmt: skip
-
-
 @dataclass(frozen=True)
 class FrameResult:
     """The string in one frame: places (n, 2), sigmas and flags (n,) of the mass points 1 to n."""
@@ -214,7 +202,9 @@ class Follower:
         self.first_frame: int | None = None
         self.found_anew = 0
         self.warnings: list[str] = []
+        self._usual_value = GOOD
         self._frame = -1
+        self._lost = 0
         self._hand: list[tuple[float, np.ndarray]] = []  # the last two times and poses
         self._heading: list[tuple[float, np.ndarray]] = []  # the last two times and headings
 
@@ -227,8 +217,11 @@ class Follower:
         picture = Picture(view.image, view.background, view.pixels, self.hand_box)
         fit = self._start(picture, hand) if self.looks is None else self._next(picture, time_s, hand)
         if fit is None or fit.value < ENOUGH:
-            self._heading = self._heading[-1:]
+            self._lost += 1
+            self._heading = self._heading[-1:] if self._lost < STALE_FRAMES else []
             return None
+        self._lost = 0
+        self._usual_value += USUAL_SHARE * (fit.value - self._usual_value)
         self._heading = [*self._heading[-1:], (time_s, fit.heading)]
         return judge(fit, hand, self.link_m, self.every, view.pixels)
 
@@ -275,11 +268,12 @@ class Follower:
         expected = _predict(self._heading, time_s)
         blur_m = self._blur(hand, expected, last, time_s - last_s)
         fit = self._fit(picture, hand, expected, expected, blur_m)
-        if fit.value >= GOOD:
+        good = max(GOOD, self._usual_value - WORSE)
+        if fit.value >= good:
             return fit
         other = self._fit(picture, hand, last, expected, blur_m)
         best = other if other.value > fit.value + 0.02 else fit
-        return self._anew(picture, hand, expected, best) if best.value < GOOD else best
+        return self._anew(picture, hand, expected, best) if best.value < good else best
 
     def _anew(
         self, picture: Picture, hand: np.ndarray, expected: np.ndarray | None, best: Fit | None
@@ -356,12 +350,28 @@ def judge(
         flags[-1] |= UNSURE
         sigma[-1] = max(sigma[-1], UNSURE_M)
     flags[sigma > UNSURE_M] |= UNSURE
-    last_seen = int(np.max(np.flatnonzero(seen >= 0.34), initial=-1))
-    lost = np.arange(len(points)) > last_seen + 1
+    lost = (sigma > LOST_M) | in_long_gap(seen >= 0.34, LONGEST_HIDDEN_M / (every * link_m))
     points[lost] = np.nan
     sigma[lost] = np.nan
     flags[lost] = 0
     return FrameResult(points, sigma, flags, fit.value)
+
+
+def in_long_gap(seen: np.ndarray, longest: float) -> np.ndarray:
+    """Tell which points (n,) lie in a run of more than `longest` unseen ones, or in an unseen end of over one.
+
+    Before the first point is the hand, which counts as seen.
+    """
+    lost = np.zeros(len(seen), dtype=bool)
+    start = 0
+    for k in range(len(seen) + 1):
+        if k < len(seen) and not seen[k]:
+            continue
+        run = k - start
+        if run > (longest if k < len(seen) else 1):
+            lost[start:k] = True
+        start = k + 1
+    return lost
 
 
 def collect(

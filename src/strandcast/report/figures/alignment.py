@@ -7,10 +7,10 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.report.drawing import FITTED, MEASURED, PLANNED, legend_below, new_figure, to_svg
 from strandcast.report.figures.hand_path import within_motion
-from strandcast.report.measures import at_times
+from strandcast.report.measures import at_times, with_gaps
 from strandcast.report.numbers import millimetres, milliseconds, scaled
 from strandcast.report.reportlet import Reportlet, Table
-from strandcast.report.results import Results
+from strandcast.report.results import FILES, Results
 
 
 def alignment(key: str, title: str, results: Results) -> Reportlet:
@@ -21,7 +21,7 @@ def alignment(key: str, title: str, results: Results) -> Reportlet:
         raise StrandcastError(
             "SC-H041",
             f"the hand was not both seen and logged (alignment: {fit.source})",
-            file=results.path("hand"),
+            file=FILES["hand"],
             fix="the offset can be checked only where the camera sees the hand's marker",
         )
     seen, measured = paths["seen"], paths["measured"]
@@ -32,9 +32,10 @@ def alignment(key: str, title: str, results: Results) -> Reportlet:
         speed_axes.plot((time_s - fit.motion_start_s) * 1e3, speed, **style, label=f"hand by {name}")
     apart_mm = (seen.pose[:, :2] - at_times(measured, seen.robot_time_s)) * 1e3
     styles = (FITTED | {"linewidth": 1.0}, PLANNED | {"linewidth": 1.0})
+    since_s, apart_mm = with_gaps(seen.robot_time_s - fit.motion_start_s, apart_mm)
     for k, axis in enumerate("xy"):
         apart_axes.plot(
-            (seen.robot_time_s - fit.motion_start_s) * 1e3,
+            since_s * 1e3,
             apart_mm[:, k],
             **styles[k],
             label=f"seen – joint log, {axis}",
@@ -65,7 +66,7 @@ def _speed(time_s: np.ndarray, place_m: np.ndarray) -> tuple[np.ndarray, np.ndar
     if len(time_s) <= step:
         return time_s[:0], time_s[:0]
     speed = np.linalg.norm(place_m[step:] - place_m[:-step], axis=1) / (time_s[step:] - time_s[:-step])
-    return (time_s[step:] + time_s[:-step]) / 2, speed
+    return with_gaps((time_s[step:] + time_s[:-step]) / 2, speed)
 
 
 def _table(fit: object) -> Table:

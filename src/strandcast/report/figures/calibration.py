@@ -12,7 +12,7 @@ from strandcast.records.camera import Camera, View
 from strandcast.report.drawing import FITTED, MEASURED, new_figure, to_svg
 from strandcast.report.numbers import UNKNOWN, significant
 from strandcast.report.reportlet import Reportlet, Table
-from strandcast.report.results import Results
+from strandcast.report.results import FILES, Results
 
 Array = NDArray[np.float64]
 MOST_ARROWS = 500
@@ -28,7 +28,7 @@ def calibration(key: str, title: str, results: Results) -> Reportlet:
         raise StrandcastError(
             "SC-H031",
             f"the calibration ({camera.source}) has no corners whose residuals could be shown",
-            file=results.path("camera"),
+            file=FILES["camera"],
         )
     figure = new_figure(10.0, 3.4, left=0.07, top=0.92, bottom=0.14, wspace=0.2)
     panels = (("lens photos", photos, FITTED["color"]), ("markers of the plane", plane, MEASURED["color"]))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strandcast.report.drawing import FITTED, MEASURED, PLANNED, legend_below, new_figure, to_svg
-from strandcast.report.measures import arc_length_m, at_times, path_distance_m, rms
+from strandcast.report.measures import arc_length_m, at_times, path_distance_m, rms, with_gaps
 from strandcast.report.numbers import millimetres
 from strandcast.report.reportlet import Reportlet, Table
 from strandcast.report.results import HandPath, Results
@@ -37,10 +37,11 @@ def hand_path(key: str, title: str, results: Results) -> Reportlet:
             paths[name].pose[:, :2] - at_times(paths[other], paths[name].robot_time_s), axis=1
         )
         off_m = path_distance_m(paths[name].pose[:, :2], paths[other].pose[:, :2])
+        since_s, gapped_m = with_gaps(paths[name].robot_time_s - start_s, apart_m)
         label = f"{name.capitalize()} – {other}"
         apart_axes.plot(
-            (paths[name].robot_time_s - start_s) * 1e3,
-            apart_m * 1e3,
+            since_s * 1e3,
+            gapped_m * 1e3,
             **(MEASURED if name == "measured" else FITTED | {"linewidth": 1.0}),
             label=label,
         )

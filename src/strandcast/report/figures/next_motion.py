@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +30,22 @@ from strandcast.report.reportlet import Reportlet, Table
 Array = NDArray[np.float64]
 
 
-def next_motion(key: str, title: str, path: Path | None, played: Motion | None, facts: Facts) -> Reportlet:
-    """Return the joint velocities with their control points, and what is expected of the throw."""
+def next_motion(
+    key: str, title: str, path: Path | None, page: Path, played: Motion | None, facts: Facts
+) -> Reportlet:
+    """Return the joint velocities with their control points, and what is expected, for a page's folder."""
     if path is None:
         raise StrandcastError(
             "SC-H051",
             "no next motion was planned",
             fix="`strandcast plan` makes it from this trial's estimate",
         )
-    motion = Motion.read(path)
+    place_of_file = os.path.relpath(path, page)
+    try:
+        motion = Motion.read(path)
+    except StrandcastError as problem:
+        problem.file = place_of_file
+        raise
     joints = len(motion.joint_names)
     height = 1.1 + 1.75 * joints
     figure = new_figure(10.0, height)
@@ -67,7 +75,7 @@ def next_motion(key: str, title: str, path: Path | None, played: Motion | None, 
         "well enough there.",
         to_svg(figure, key, f"The next motion. {finding}"),
         [_table(motion, facts.play_command)],
-        [str(Path("..") / path.parent.name / path.name)],
+        [place_of_file],
     )
 
 

@@ -70,9 +70,9 @@ def evaluations(key: str, title: str, summary: Summary) -> Reportlet:
     axes.plot([], [], "D", color=PLANNED["color"], markersize=7, label="as planned")
     axes.plot([], [], "o", color=FITTED["color"], markersize=7, label="after the fit")
     axes.legend(loc="best")
-    pairs = [line for line in known if line.E_planned_m is not None]
+    pairs = [line for line in known if line.E_planned_m is not None and line.excluded is None]
     better = sum((line.E_m or 0.0) < (line.E_planned_m or 0.0) for line in pairs)
-    finding = f"The fit lowered E in {better} of {len(pairs)} trials"
+    finding = f"The fit lowered E in {better} of {len(pairs)} counted trials"
     finding += f"; last: {millimetres(known[-1].E_m, digits=2)}." if known else "."
     return Reportlet(
         key,

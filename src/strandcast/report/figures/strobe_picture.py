@@ -13,10 +13,9 @@ from PIL import Image
 
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
-from strandcast.report.measures import strobe_rows
 from strandcast.report.numbers import millimetres, place
 from strandcast.report.reportlet import Reportlet
-from strandcast.report.results import Results
+from strandcast.report.results import FILES, Results
 
 Array = NDArray[np.float64]
 LARGEST_BYTES = 1_500_000
@@ -29,7 +28,7 @@ def strobe_picture(key: str, title: str, results: Results) -> Reportlet:
         raise StrandcastError(
             "SC-H021",
             f"the picture has {len(picture) / 1e6:.1f} MB, too much for a page",
-            file=results.path("strobe"),
+            file=FILES["strobe"],
             fix="open the file beside this page",
         )
     width, height = Image.open(io.BytesIO(picture)).size
@@ -53,9 +52,10 @@ def strobe_picture(key: str, title: str, results: Results) -> Reportlet:
         key,
         title,
         finding,
-        "Rings: measured points. Dashed: the fitted string at the same instants. Large ring: the target. "
-        "Good: rings and dashes lie on the string of the picture. Bad: they lie beside it everywhere "
-        "(camera or alignment), or at some instants (tracking).",
+        "Large ring: the target. Dashed: the fitted string at the instants of the picture, with the "
+        "measured points as small rings, or, where the tracker did not tell its instants, the fitted tip's "
+        "path beside the measured one (solid). Good: rings and dashes lie on the string of the picture. "
+        "Bad: they lie beside it everywhere (camera or alignment), or at some instants (tracking).",
         markup,
         sources=["strobe.webp"],
     )
@@ -77,27 +77,29 @@ def project_px(camera: Camera, places_m: Array, scale: float) -> Array:
 
 
 def _overlay(results: Results, width: int) -> Markup:
+    """Return the target, and the strings at the picture's instants, or else the tip's paths."""
     camera: Camera = results.need("camera")
-    track, rows = results.need("track"), _rows(results)
-    scale = width / camera.lens.width_px
-    size = width / 640.0
+    scale, size = width / camera.lens.width_px, width / 640.0
+    track, throw = results.need("track"), (results.get("simulated") or {}).get("fitted")
+    frames = [int(f) for f in str(results.need("track_summary").choices.get("strobe_frames") or "").split()]
     parts = [_target(results, camera, scale, size)]
-    throw = (results.get("simulated") or {}).get("fitted")
-    for row in rows:
-        if throw is not None and track.frame[row] in throw.frame:
-            string_m = throw.points_m[np.searchsorted(throw.frame, track.frame[row])]
-            parts.append(_line(project_px(camera, string_m[np.isfinite(string_m).all(axis=1)], scale), size))
-        seen_m = track.points_m[row][np.isfinite(track.points_m[row]).all(axis=1)]
-        parts.extend(_ring(pixel, size) for pixel in project_px(camera, seen_m, scale))
+    if not frames:
+        window = results.in_window()
+        parts.append(_line("track", _seen_px(camera, track.points_m[window, -1], scale), size))
+        if throw is not None:
+            inside = np.isin(throw.frame, track.frame[window])
+            parts.append(_line("model", _seen_px(camera, throw.points_m[inside, -1], scale), size))
+    for frame in frames:
+        if throw is not None and frame in throw.frame:
+            string_m = throw.points_m[np.searchsorted(throw.frame, frame)]
+            parts.append(_line("model", _seen_px(camera, string_m, scale), size))
+        for string_m in track.points_m[track.frame == frame]:
+            parts.extend(_ring(pixel, size) for pixel in _seen_px(camera, string_m, scale))
     return Markup("").join(parts)
 
 
-def _rows(results: Results) -> NDArray[np.int64]:
-    """Return the rows of the track that the picture is made of, if the tracker wrote its frames down."""
-    frames = str(results.need("track_summary").choices.get("strobe_frames") or "").split()
-    if not frames:
-        return strobe_rows(results)
-    return np.nonzero(np.isin(results.need("track").frame, [int(frame) for frame in frames]))[0]
+def _seen_px(camera: Camera, places_m: Array, scale: float) -> Array:
+    return project_px(camera, places_m[np.isfinite(places_m).all(axis=1)], scale)
 
 
 def _target(results: Results, camera: Camera, scale: float, size: float) -> Markup:
@@ -109,12 +111,19 @@ def _target(results: Results, camera: Camera, scale: float, size: float) -> Mark
     )
 
 
-def _line(pixels: Array, size: float) -> Markup:
+def _line(kind: str, pixels: Array, size: float) -> Markup:
     path = _path(pixels)
     return Markup(
         '<path class="casing" d="{}" stroke-width="{:.2f}"/>'
-        '<path class="model" d="{}" stroke-width="{:.2f}" stroke-dasharray="{:.1f} {:.1f}"/>'
-    ).format(path, 2.4 * size, path, 1.3 * size, 5 * size, 2.5 * size)
+        '<path class="{}" d="{}" stroke-width="{:.2f}" stroke-dasharray="{}"/>'
+    ).format(
+        path,
+        2.4 * size,
+        kind,
+        path,
+        1.3 * size,
+        f"{5 * size:.1f} {2.5 * size:.1f}" if kind == "model" else "none",
+    )
 
 
 def _ring(pixel: Array, size: float) -> Markup:
@@ -124,4 +133,4 @@ def _ring(pixel: Array, size: float) -> Markup:
 
 
 def _path(pixels: Array) -> Markup:
-    return escape("M" + "L".join(f"{u:.1f} {v:.1f}" for u, v in pixels))
+    return escape("M" + "L".join(f"{u:.1f} {v:.1f}" for u, v in pixels)) if len(pixels) else Markup("")

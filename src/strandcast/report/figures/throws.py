@@ -23,7 +23,7 @@ from strandcast.report.figures.hand_path import within_motion
 from strandcast.report.measures import arc_length_m
 from strandcast.report.numbers import millimetres
 from strandcast.report.reportlet import Reportlet
-from strandcast.report.results import HandPath, Results
+from strandcast.report.results import FILES, HandPath, Results
 
 STYLES: tuple[dict[str, Any], ...] = (
     PLANNED,
@@ -77,7 +77,7 @@ def _hand(results: Results) -> HandPath:
     raise StrandcastError(
         "SC-H062",
         "the hand has no path within the motion",
-        file=results.path("hand"),
+        file=FILES["hand"],
         fix="align the trial again",
     )
 

@@ -87,7 +87,10 @@ def _lost_table(track: Any) -> Table:
 
 
 def _choice_table(summary: Any) -> Table:
-    rows = [[name, "–" if value is None else str(value)] for name, value in sorted(summary.choices.items())]
+    rows = [
+        [name, f"{value:.4g}" if isinstance(value, float) else str(value)]
+        for name, value in sorted(summary.choices.items())
+    ]
     return Table(
         ["choice of the tracker", "value"], rows, "" if rows else "The tracker chose nothing by itself."
     )

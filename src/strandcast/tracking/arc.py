@@ -1,0 +1,107 @@
+"""Scale and pivot of a pendulum from its arc: the ball goes on a circle whose radius in metres is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from strandcast.errors import StrandcastError
+from strandcast.records.camera import Camera, Lens
+from strandcast.records.manifest import VideoFacts
+from strandcast.tracking.ball import follow_ball
+
+FOCAL_WIDTHS = 10.0  # the camera is taken as far away: a long focal length, no distortion
+LEAST_SWING_RAD = 0.02  # half of the arc; less does not tell its radius
+WORST_SHARE = 0.1  # standard error of the radius over the radius
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A circle through the ball's places: centre (2,) px, radius and its standard error px, residual px."""
+
+    centre_px: np.ndarray
+    radius_px: float
+    radius_sigma_px: float
+    rms_px: float
+    half_angle_rad: float
+
+
+def fit_arc(places_px: np.ndarray) -> Arc:
+    """Fit a circle to places (F, 2) px by least squares of the distances to it; NaN rows are left out."""
+    seen = places_px[np.isfinite(places_px).all(axis=1)]
+    middle = seen.mean(axis=0)
+    about = seen - middle
+    # Kåsa's linear fit starts the geometric one.
+    design = np.column_stack([2 * about, np.ones(len(about))])
+    answer = np.linalg.lstsq(design, (about**2).sum(axis=1), rcond=None)[0]
+    radius = np.sqrt(max(answer[2] + answer[0] ** 2 + answer[1] ** 2, 1.0))
+
+    def off_circle(circle: np.ndarray) -> np.ndarray:
+        return np.asarray(np.hypot(about[:, 0] - circle[0], about[:, 1] - circle[1]) - circle[2])
+
+    fit = least_squares(off_circle, [answer[0], answer[1], radius], loss="soft_l1", f_scale=0.5, x_scale="jac")
+    rms = float(np.sqrt((fit.fun**2).mean()))
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * rms**2
+    angles = np.arctan2(about[:, 0] - fit.x[0], about[:, 1] - fit.x[1])
+    half = 0.5 * float(np.percentile(angles, 99) - np.percentile(angles, 1))
+    return Arc(fit.x[:2] + middle, float(fit.x[2]), float(np.sqrt(covariance[2, 2])), rms, half)
+
+
+def calibrate_arc(path: str | Path, facts: VideoFacts, length_m: float, background_frames: int = 40) -> Camera:
+    """Return a camera whose scale comes from a pendulum of known length; the world's origin is its pivot.
+
+    Parameters
+    ----------
+    path, facts
+        The video of the swing and its manifest entry.
+    length_m
+        From the pivot to the ball's centre.
+    background_frames
+        As for tracking.
+
+    Raises
+    ------
+    StrandcastError
+        SC-T005 as `follow_ball`; SC-T006 the arc is too short to tell its radius.
+    """
+    ball = follow_ball(path, facts, background_frames)
+    arc = fit_arc(ball.centre_px)
+    if arc.half_angle_rad < LEAST_SWING_RAD or arc.radius_sigma_px > WORST_SHARE * arc.radius_px:
+        raise StrandcastError(
+            "SC-T006", f"an arc of ±{arc.half_angle_rad:.3f} rad does not tell its radius "
+            f"({arc.radius_px:.0f} ± {arc.radius_sigma_px:.0f} px)", file=path,
+            cost="metres would be wrong", fix="film a wider swing, or use markers for the scale")  # fmt: skip
+    return arc_camera(arc, facts, length_m)
+
+
+def arc_camera(arc: Arc, facts: VideoFacts, length_m: float) -> Camera:
+    """Return the distant camera that sees the pivot at the arc's centre and the length as its radius."""
+    scale = length_m / arc.radius_px
+    focal = FOCAL_WIDTHS * facts.width_px
+    middle = np.array([(facts.width_px - 1) / 2, (facts.height_px - 1) / 2])
+    x_m, y_m = (arc.centre_px - middle) * scale
+    lens = Lens(
+        width_px=facts.width_px,
+        height_px=facts.height_px,
+        matrix=[[focal, 0.0, middle[0]], [0.0, focal, middle[1]], [0.0, 0.0, 1.0]],
+        distortion=[0.0] * 5,
+        rms_px=arc.rms_px,
+    )
+    return Camera(
+        lens=lens,
+        rotation=[[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]],
+        translation_m=[float(x_m), float(y_m), focal * scale],
+        plane_rms_px=arc.rms_px,
+        plane_markers=[],
+        string_offset_m=0.0,
+        scale_m_per_px=scale,
+        source="arc",
+        arc_radius_px=arc.radius_px,
+        arc_radius_sigma_px=arc.radius_sigma_px,
+        arc_half_angle_rad=arc.half_angle_rad,
+    )
+
+

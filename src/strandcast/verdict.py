@@ -1,0 +1,171 @@
+"""The verdict: by how much the tip's path missed the target, with its σ, or why that cannot be told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strandcast.records.alignment import Alignment
+from strandcast.records.summary import Verdict
+from strandcast.records.track import OCCLUDED, PREDICTED, Track
+
+AFTER_MOTION_S = 0.3  # the tip may arrive after the arm has stopped
+GAP_STEPS = 2.5  # a step of more than this many usual ones is a gap: one lost frame is bridged, two are not
+GAP_SAMPLES = 50
+
+
+@dataclass(frozen=True)
+class Approach:
+    """The closest approach of a path to the target: after sample `index`, at `share` of the step to the next."""
+
+    index: int
+    share: float
+    distance_m: float
+    place_m: np.ndarray
+
+
+def judge(
+    track: Track,
+    alignment: Alignment,
+    target_m: tuple[float, float],
+    hit_radius_m: float,
+    experiment: str,
+    trial: int,
+) -> Verdict:
+    """Judge one throw, from the motion's start until 0.3 s after its end.
+
+    Parameters
+    ----------
+    track
+        The mass points; a tip that is only predicted or hidden counts as not tracked.
+    alignment
+        Camera time to robot time, and when the motion was.
+    target_m, hit_radius_m
+        In the world frame.
+    experiment, trial
+        Whose verdict it is.
+    """
+    target = np.asarray(target_m, float)
+    robot_s = alignment.robot_time_s(track.camera_time_s)
+    start_s, end_s = alignment.motion_start_s, alignment.motion_end_s + AFTER_MOTION_S
+    tip = track.points_m[:, -1]
+    seen = np.isfinite(tip).all(axis=1) & (track.flags[:, -1] & (PREDICTED | OCCLUDED) == 0)
+    mine = np.flatnonzero(seen & (robot_s >= start_s) & (robot_s <= end_s))
+    blank = Verdict(
+        experiment=experiment,
+        trial=trial,
+        target_m=target.tolist(),
+        hit_radius_m=hit_radius_m,
+        miss_m=None,
+        miss_sigma_m=None,
+        hit=False,
+        closest_frame=None,
+        closest_robot_time_s=None,
+        closest_m=None,
+        reason=None,
+    )
+    if len(mine) < 2:
+        return blank.model_copy(
+            update={"reason": f"the tip was tracked in {len(mine)} frames of the throw only"}
+        )
+    found, reason = closest_approach(robot_s[mine], tip[mine], target, _usual_step_s(track), (start_s, end_s))
+    if found is None:
+        return blank.model_copy(update={"reason": reason})
+    before, after, share = mine[found.index], mine[found.index + 1], found.share
+    sigma_m = track.sigma_m[[before, after], -1]
+    return blank.model_copy(
+        update={
+            "miss_m": found.distance_m,
+            "miss_sigma_m": float(np.hypot((1 - share) * sigma_m[0], share * sigma_m[1])),
+            "hit": found.distance_m <= hit_radius_m,
+            "closest_frame": int(track.frame[before if share < 0.5 else after]),
+            "closest_robot_time_s": float((1 - share) * robot_s[before] + share * robot_s[after]),
+            "closest_m": found.place_m.tolist(),
+        }
+    )
+
+
+def closest_approach(
+    time_s: np.ndarray,
+    tip_m: np.ndarray,
+    target_m: np.ndarray,
+    usual_step_s: float,
+    window_s: tuple[float, float],
+) -> tuple[Approach | None, str | None]:
+    """Return the closest approach of the tracked path, or why the true one was not tracked.
+
+    Parameters
+    ----------
+    time_s, tip_m
+        (F,) rising, (F, 2): the tracked samples within the window, at least two.
+    target_m
+        (2,).
+    usual_step_s
+        Spacing of the frames.
+    window_s
+        The time within which the throw is judged.
+
+    Notes
+    -----
+    Between neighbouring frames the path is the straight segment. Across a gap nothing is known: the answer is
+    refused where the path could have been closest there, that is, where the best tracked place is at the edge
+    of a gap, or a cubic through both edges comes nearer.
+    """
+    approaches = segment_approaches(tip_m, target_m)
+    gaps = np.diff(time_s) > GAP_STEPS * usual_step_s
+    distance = np.where(gaps, np.inf, [found.distance_m for found in approaches])
+    if not np.isfinite(distance).any():
+        return None, "the tip was not tracked in two neighbouring frames of the throw"
+    best = approaches[int(np.argmin(distance))]
+    sample = best.index + round(best.share) if best.share in (0.0, 1.0) else None
+    for gap in np.flatnonzero(gaps):
+        if sample in (gap, gap + 1) or _gap_distance_m(time_s, tip_m, target_m, int(gap)) < best.distance_m:
+            return None, _words(
+                "the tip was not tracked at the closest approach", time_s[gap], time_s[gap + 1]
+            )
+    if sample == 0 and time_s[0] - window_s[0] > GAP_STEPS * usual_step_s:
+        return None, _words("the tip was not tracked at the closest approach", window_s[0], time_s[0])
+    if sample == len(time_s) - 1 and window_s[1] - time_s[-1] > GAP_STEPS * usual_step_s:
+        return None, _words("the track ends while the tip still comes nearer", time_s[-1], window_s[1])
+    return best, None
+
+
+def segment_approaches(path_m: np.ndarray, target_m: np.ndarray) -> list[Approach]:
+    """Return the closest approach of each segment of a path (F, 2)."""
+    step = np.diff(path_m, axis=0)
+    square = np.maximum((step**2).sum(axis=1), 1e-300)
+    share = np.clip(((target_m - path_m[:-1]) * step).sum(axis=1) / square, 0.0, 1.0)
+    place = path_m[:-1] + share[:, None] * step
+    distance = np.linalg.norm(place - target_m, axis=1)
+    return [Approach(k, float(share[k]), float(distance[k]), place[k]) for k in range(len(step))]
+
+
+def _gap_distance_m(time_s: np.ndarray, tip_m: np.ndarray, target_m: np.ndarray, gap: int) -> float:
+    """Return how near the cubic with the speeds at both edges of a gap comes to the target."""
+    before, after = max(gap - 1, 0), min(gap + 2, len(time_s) - 1)
+    span = time_s[gap + 1] - time_s[gap]
+    leave = _speed(time_s, tip_m, before, gap) * span
+    arrive = _speed(time_s, tip_m, gap + 1, after) * span
+    s = np.linspace(0.0, 1.0, GAP_SAMPLES)[:, None]
+    path = (
+        (1 + 2 * s) * (1 - s) ** 2 * tip_m[gap]
+        + s * (1 - s) ** 2 * leave
+        + s**2 * (3 - 2 * s) * tip_m[gap + 1]
+        + s**2 * (s - 1) * arrive
+    )
+    return min(found.distance_m for found in segment_approaches(path, target_m))
+
+
+def _speed(time_s: np.ndarray, tip_m: np.ndarray, first: int, last: int) -> np.ndarray:
+    if last == first:
+        return np.zeros(2)
+    return (tip_m[last] - tip_m[first]) / (time_s[last] - time_s[first])
+
+
+def _usual_step_s(track: Track) -> float:
+    return float(np.median(np.diff(track.camera_time_s)))
+
+
+def _words(what: str, from_s: float, to_s: float) -> str:
+    return f"{what} (nothing between {from_s:.3f} and {to_s:.3f} s, robot time)"
