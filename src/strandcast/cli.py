@@ -152,6 +152,20 @@ def summary(
 
 
 @app.command()
+def play(
+    motion: Annotated[Path, typer.Argument(metavar="MOTION", help="The motion.json to play.")],
+    arm: Annotated[Path, typer.Option(help="The arm's file.")],
+    out: Annotated[Path, typer.Option(help="The trial's folder of raw files.")],
+    move_to_start: Annotated[bool, typer.Option(help="Move slowly to the start posture first.")] = False,
+) -> None:
+    """Play a motion on an arm; everything is checked first, and the joint log is kept."""
+    from strandcast.stages import play as stage
+
+    done = stage.run(motion, arm, out, move_to_start)
+    print(f"{out}: {done.status}, {done.rows} rows at {done.timing.rate_hz:.0f} Hz")
+
+
+@app.command()
 def schema() -> None:
     """Print the JSON schema of experiment.yaml, for editors."""
     from strandcast.experiment import json_schema

@@ -240,7 +240,7 @@ class LabSettings(Section):
     noise: Annotated[float, Field(ge=0, le=10)] = Field(
         1.0, description="Scale of the trial-to-trial variation; 1 is a usual rig."
     )
-    servo: Literal["servoj", "stiff", "pd", "soft"] = "servoj"
+    servo: Literal["servoj", "stiff", "pd", "soft", "weak"] = "servoj"
     camera: LabCamera = LabCamera()
 
 

@@ -17,7 +17,7 @@ GAP_SAMPLES = 50
 
 @dataclass(frozen=True)
 class Approach:
-    """The closest approach of a path to the target: after sample `index`, at `share` of the step to the next."""
+    """A path's closest approach to the target: after sample `index`, at `share` of the step to the next."""
 
     index: int
     share: float
@@ -73,11 +73,11 @@ def judge(
     if found is None:
         return blank.model_copy(update={"reason": reason})
     before, after, share = mine[found.index], mine[found.index + 1], found.share
-    sigma_m = track.sigma_m[[before, after], -1]
+    sigma_m = float(np.hypot(*(np.array([1 - share, share]) * track.sigma_m[[before, after], -1])))
     return blank.model_copy(
         update={
             "miss_m": found.distance_m,
-            "miss_sigma_m": float(np.hypot((1 - share) * sigma_m[0], share * sigma_m[1])),
+            "miss_sigma_m": sigma_m if np.isfinite(sigma_m) else None,
             "hit": found.distance_m <= hit_radius_m,
             "closest_frame": int(track.frame[before if share < 0.5 else after]),
             "closest_robot_time_s": float((1 - share) * robot_s[before] + share * robot_s[after]),

@@ -88,7 +88,7 @@ def test_a_gap_elsewhere_does_no_harm():
 
 
 def test_the_way_into_a_gap_is_not_taken_for_the_closest_approach():
-    """The tip comes near, is lost while it turns, and is found again further away: the chord misses the target."""
+    """The tip is lost while it turns near the target: the chord from edge to edge passes far from it."""
     time_s = np.arange(120) * STEP_S
     points = np.zeros((120, 1, 2))
     points[:, 0, 0] = -0.2 * np.abs(np.cos(2 * np.pi * time_s / 0.24))

@@ -124,7 +124,7 @@ def log_of(log: JointLog, arm: Arm, file: str | None = None) -> tuple[np.ndarray
 
 
 def motion_span(time_s: np.ndarray, q_rad: np.ndarray) -> tuple[float, float]:
-    """Return when the joints begin and cease to move [s]: beyond 2 % of the greatest joint speed, smoothed."""
+    """Return when the joints begin and cease to move [s]: beyond 2 % of the greatest joint speed."""
     window = max(1, int(0.01 / np.median(np.diff(time_s))))
     kernel = np.ones(window) / window
     padded = np.pad(q_rad, ((window, window), (0, 0)), mode="edge")
@@ -205,7 +205,7 @@ def _refuse_misfit(residual_m: float, fit: ClockFit, log_file: str | None) -> No
             f"the best offset; at most {LARGEST_RESIDUAL_M * 1e3:.0f} mm are believed",
             file=log_file,
             cost=f"the string's fit would be off by about {residual_m * 1e3:.0f} mm",
-            fix="is it the log of another trial? are the joints in order, and in radians? is it this arm's file?",
+            fix="is it the log of another trial? are the joints in order and in radians? is it this arm's?",
         )
     if fit.middle_se_s > LARGEST_SE_S:
         raise StrandcastError(

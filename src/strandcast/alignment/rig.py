@@ -13,7 +13,7 @@ from strandcast.errors import StrandcastError
 
 @dataclass(frozen=True)
 class Rig:
-    """The arm's chain and the K markers on its hand: place (K, 2) [m], turn (K,) [rad] in the hand's frame."""
+    """The arm's chain and its K hand markers: place (K, 2) [m], turn (K,) [rad] in the hand's frame."""
 
     chain: PlanarChain
     clamp: Clamp
@@ -82,7 +82,7 @@ def rig_of(arm: Arm) -> Rig:
 
 
 def seen_of(table: dict[str, np.ndarray], arm: Arm) -> Seen:
-    """Return the sightings of the hand's own markers from the columns of markers.parquet, in order of time."""
+    """Return the sightings of the hand's own markers from columns of markers.parquet, in order of time."""
     index = {marker.id: place for place, marker in enumerate(arm.markers)}
     mine = np.array([marker in index for marker in table["marker"]], bool)
     mine &= np.isfinite(table["x_m"]) & np.isfinite(table["y_m"]) & np.isfinite(table["angle_rad"])

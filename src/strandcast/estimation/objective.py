@@ -130,6 +130,7 @@ class Ledger:
         """Evaluate candidates (B, d), each clipped to [0, 1], and remember them."""
         clipped = np.clip(chi, 0.0, 1.0)
         values = self.evaluate(clipped)
+        values = np.where(np.isnan(values), np.inf, values)
         self.chi.append(clipped)
         self.values.append(values)
         self.at.append(self.count + np.arange(1.0, len(values) + 1))
@@ -144,7 +145,7 @@ class Ledger:
     def best(self) -> tuple[Array, float]:
         """Return the best candidate (d,) and its E; a NaN never wins."""
         chi, values = self.all()
-        k = int(np.argmin(np.where(np.isnan(values), np.inf, values)))
+        k = int(np.argmin(values))
         return chi[k], float(values[k])
 
     def rejected(self) -> int:

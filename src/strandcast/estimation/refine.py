@@ -16,6 +16,7 @@ from strandcast.estimation.objective import Ledger
 
 DESCENTS = 3
 APART = 0.15
+WORTHWHILE = 5  # steps that a descent must be able to afford
 
 Residuals = Callable[[Array], tuple[Array, Array]]
 
@@ -49,10 +50,12 @@ def refine(ledger: Ledger, residuals: Residuals, start: Array, evaluations: int)
     value = float(ledger(chi[None])[0])
     damping = 1e-2
     begun = ledger.count - 1
-    curvature = np.zeros((len(chi), len(chi)))
+    gradient, curvature = np.zeros(len(chi)), np.zeros((len(chi), len(chi)))
+    moved = True
     while ledger.count - begun + len(chi) + 1 + len(LADDER) <= evaluations:
-        gradient, curvature = slope(residuals, chi)
-        ledger.count += len(chi) + 1
+        if moved:
+            gradient, curvature = slope(residuals, chi)
+            ledger.count += len(chi) + 1
         if not np.isfinite(gradient).all():
             break
         scale = np.diag(curvature) + 1e-9 * np.trace(curvature) + 1e-12
@@ -60,7 +63,8 @@ def refine(ledger: Ledger, residuals: Residuals, start: Array, evaluations: int)
         steps = np.array([_bounded_step(chi, gradient, curvature, factor * scale) for factor in tried])
         values = ledger(chi + steps)
         k = int(np.argmin(values))
-        if not values[k] < value * (1.0 - 2e-4):
+        moved = bool(values[k] < value * (1.0 - 2e-4))
+        if not moved:
             if damping > 1e3:
                 break
             damping *= 100.0
@@ -79,7 +83,9 @@ def descend(
     The best point (d,) and the curvature there (d, d), as `refine` does.
     """
     chi, values = ledger.all()
-    ends = [refine(ledger, residuals, chi[k], evaluations // starts) for k in _apart(chi, values, starts)]
+    worthwhile = evaluations // (WORTHWHILE * (chi.shape[1] + 1 + len(LADDER)))
+    chosen = _apart(chi, values, min(starts, max(worthwhile, 1)))
+    ends = [refine(ledger, residuals, chi[k], evaluations // len(chosen)) for k in chosen]
     best = ledger.best()[0]
     nearest = int(np.argmin([np.abs(end[0] - best).max() for end in ends]))
     return best, ends[nearest][1]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.experiment import Experiment
+from strandcast.experiment import Experiment, find_experiment, load_experiment
 from strandcast.lab.film import actors_of, frames
 from strandcast.lab.scene import Scene, make_scene
 from strandcast.lab.strings import thread_of
@@ -16,9 +16,11 @@ from strandcast.lab.swing import BEFORE_S, CYCLE_S, Swing, simulate_swing
 from strandcast.lab.truth import write_truth
 from strandcast.lab.variation import Clocks, Variation, draw_clocks, draw_variation
 from strandcast.lab.video import write_video
+from strandcast.layout import ExperimentFolder
 from strandcast.player.protocol import Command, Recording, State
 from strandcast.progress import progress
 from strandcast.records.joint_log import JointLog
+from strandcast.records.motion import Motion
 from strandcast.seeds import rng
 
 VIDEO = "video.mp4"
@@ -35,6 +37,14 @@ class Throw:
     experiment: Experiment
     trial: int
     truth_path: Path
+
+
+def lab_driver(arm: Arm, motion: Motion) -> LabDriver:
+    """Return the virtual rig of the experiment and trial that a motion is for (see `player.drivers`)."""
+    root = Path()
+    experiment = load_experiment(find_experiment(motion.experiment, root))
+    truth = ExperimentFolder(root, motion.experiment).trial(motion.trial).results / "lab_truth.parquet"
+    return LabDriver(Throw(motion.experiment, experiment, motion.trial, truth), arm)
 
 
 class LabDriver:
@@ -81,7 +91,7 @@ class LabDriver:
         robot_time_s = camera_time_s * (1.0 + clocks.drift) + start_s - clocks.camera_lead_s
         shots = frames(scene, actors, robot_time_s - start_s, camera.exposure_s, camera.noise_grey,
                        self._random("lab-sensor"))  # fmt: skip
-        shown = progress(shots, f"trial {throw.trial:02d} lab: filming", total=count)
+        shown = progress(shots, "film", total=count)
         write_video(folder / VIDEO, shown, camera.width_px, camera.height_px, camera.frame_rate_hz)
         write_truth(throw.truth_path, scene, swing, variation, clocks, robot_time_s, start_s, motion_s,
                     np.array(experiment.target_m))  # fmt: skip

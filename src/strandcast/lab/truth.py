@@ -11,18 +11,9 @@ from strandcast.lab.film import at
 from strandcast.lab.scene import Scene, hand_corners_m
 from strandcast.lab.swing import Swing
 from strandcast.lab.variation import Clocks, Variation
-from strandcast.records.tables import Column, TableSpec, write_table
+from strandcast.records.lab_truth import LAB_TRUTH
+from strandcast.records.tables import write_table
 
-LAB_TRUTH = TableSpec(
-    "strandcast/lab-truth",
-    {
-        "frame": Column("i4", "1"),
-        "robot_time_s": Column("f8", "s"),
-        "place_m": Column("f8", "m"),
-        "x_m": Column("f8", "m"),
-        "y_m": Column("f8", "m"),
-    },
-)
 MISS_AFTER_S = 0.3
 
 

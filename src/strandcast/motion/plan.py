@@ -106,7 +106,7 @@ def plan_first(task: Task, strings: Strings, options: Options, rng: np.random.Ge
         curve, simulations, hit = first_by_paper(task, strings, world, options, rng)
         found = Found("first", curve, simulations, _paper_flags(hit))
     else:
-        found = _anew("first", task, strings.first(options.members), world, options, rng)
+        found = _anew("first", task, strings, world, options, rng)
     return _plan(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
 
 

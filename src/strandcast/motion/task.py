@@ -60,7 +60,7 @@ class Options:
     evaluations
         Motions that a first motion's searches may try; a later one's may try half as many.
     members
-        Strings of the ensemble that a search throws each motion with.
+        Fitted strings that a later motion is searched with; a first one is, with all that are given.
     use_servo
         Plan with the servo's response, not with the commanded angles.
     largest_acceleration_rad_s2

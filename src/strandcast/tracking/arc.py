@@ -42,7 +42,9 @@ def fit_arc(places_px: np.ndarray) -> Arc:
     def off_circle(circle: np.ndarray) -> np.ndarray:
         return np.asarray(np.hypot(about[:, 0] - circle[0], about[:, 1] - circle[1]) - circle[2])
 
-    fit = least_squares(off_circle, [answer[0], answer[1], radius], loss="soft_l1", f_scale=0.5, x_scale="jac")
+    fit = least_squares(
+        off_circle, [answer[0], answer[1], radius], loss="soft_l1", f_scale=0.5, x_scale="jac"
+    )
     rms = float(np.sqrt((fit.fun**2).mean()))
     covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * rms**2
     angles = np.arctan2(about[:, 0] - fit.x[0], about[:, 1] - fit.x[1])
@@ -50,7 +52,9 @@ def fit_arc(places_px: np.ndarray) -> Arc:
     return Arc(fit.x[:2] + middle, float(fit.x[2]), float(np.sqrt(covariance[2, 2])), rms, half)
 
 
-def calibrate_arc(path: str | Path, facts: VideoFacts, length_m: float, background_frames: int = 40) -> Camera:
+def calibrate_arc(
+    path: str | Path, facts: VideoFacts, length_m: float, background_frames: int = 40
+) -> Camera:
     """Return a camera whose scale comes from a pendulum of known length; the world's origin is its pivot.
 
     Parameters
@@ -103,5 +107,3 @@ def arc_camera(arc: Arc, facts: VideoFacts, length_m: float) -> Camera:
         arc_radius_sigma_px=arc.radius_sigma_px,
         arc_half_angle_rad=arc.half_angle_rad,
     )
-
-

@@ -70,10 +70,13 @@ class HandFinder:
         self.string_offset_m = string_offset_m
         self.markers = {marker.marker: marker for marker in sorted(markers, key=lambda m: m.marker)}
         self.maps = {
-            marker: tabulate(camera, string_offset_m + shape.offset_m) for marker, shape in self.markers.items()
+            marker: tabulate(camera, string_offset_m + shape.offset_m)
+            for marker, shape in self.markers.items()
         }
         self.detector = marker_detector(dictionary)
-        self._history: list[dict[int, np.ndarray]] = []  # corners in the last two frames, all seen or inferred
+        self._history: list[
+            dict[int, np.ndarray]
+        ] = []  # corners in the last two frames, all seen or inferred
         self._seen: set[int] = set()
 
     def find(self, image: np.ndarray) -> HandSighting | None:
@@ -202,7 +205,9 @@ def _box_around(points_px: np.ndarray, image: np.ndarray) -> tuple[int, int, int
     high = np.ceil(points_px.max(axis=0)).astype(int) + MARGIN_PX
     left, top = max(int(low[0]), 0), max(int(low[1]), 0)
     right, bottom = min(int(high[0]), image.shape[1]), min(int(high[1]), image.shape[0])
-    return (left, top, right, bottom) if right - left > 2 * MARGIN_PX and bottom - top > 2 * MARGIN_PX else None
+    return (
+        (left, top, right, bottom) if right - left > 2 * MARGIN_PX and bottom - top > 2 * MARGIN_PX else None
+    )
 
 
 def place(pose: np.ndarray, points_m: np.ndarray) -> np.ndarray:

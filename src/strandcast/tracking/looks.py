@@ -7,12 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from strandcast.tracking.chain import node_normals, place_nodes
-from strandcast.tracking.follow import Fit, Looks, Picture, end_of_string, find_string, fit_string, map_of
+from strandcast.tracking.follow import Fit, find_string, fit_string
+from strandcast.tracking.picture import Looks, Picture, map_of
 from strandcast.tracking.pixelmap import to_pixel
 from strandcast.tracking.sighting import STEP_PX, line_score, sample_across
+from strandcast.tracking.tip import end_of_string
 
 NOISE_TIMES = 5.0  # a line this many times the noise is taken for the string, before its contrast is known
 LEAST_CONTRAST = 5.0  # grey levels
+FIRST_REACH_M = 0.045  # from the tip to the visible end: a ball's radius and an error of the length
 FOUND = 0.35  # mean reward of a way that is the string
 
 
@@ -86,11 +89,20 @@ def _polarity(picture: Picture, nodes: np.ndarray) -> float:
     return 1.0 if share > 0.9 else (-1.0 if share < 0.1 else 0.0)
 
 
-def visible_end(picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks: Looks) -> tuple[float, float]:
+def visible_end(
+    picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks: Looks
+) -> tuple[float, float]:
     """Return how far beyond the chain's tip the string ends (m), and its half width there (m); NaN if unclear."""
     nodes = place_nodes(hand[:2], fit.heading, link_m)
     end_m, half_px = end_of_string(
-        picture.image, picture.background, nodes, fit.heading, looks.contrast, looks.polarity, *map_of(picture)
+        picture.image,
+        picture.background,
+        nodes,
+        fit.heading,
+        looks.contrast,
+        looks.polarity,
+        FIRST_REACH_M,
+        *map_of(picture),
     )
     return end_m, half_px * picture.pixels.metre_per_pixel
 

@@ -11,6 +11,7 @@ from strandcast.tracking.sighting import FLANK_PX, GAP_PX, bilinear, changed_by,
 TURNS_RAD = np.array([0.0, 0.12, -0.12, 0.25, -0.25, 0.4, -0.4, 0.6, -0.6])
 TURN_COST = 0.35  # in clear lines, for a turn of half a radian
 CLAMP_COST = 0.5  # for leaving the clamp a radian off its direction
+LEAST_REWARD = -0.3  # of a place without a line
 CELL_PX = 2.5  # ways that meet in one such cell with like headings are one way
 CELL_RAD = 0.4
 
@@ -53,12 +54,40 @@ def retraces(
     x, y, angle = way_x[level + 1, beam], way_y[level + 1, beam], way_angle[level + 1, beam]
     b = parent[level + 1, beam]
     for k in range(level, 0, -1):
-        if k < level - 3:
-            if (way_x[k, b] - x) ** 2 + (way_y[k, b] - y) ** 2 < near_m * near_m:
-                off = abs(np.sin(way_angle[k, b] - angle))
-                if off < 0.5:
-                    return True
+        near = (way_x[k, b] - x) ** 2 + (way_y[k, b] - y) ** 2 < near_m * near_m
+        if k < level - 3 and near and abs(np.sin(way_angle[k, b] - angle)) < 0.5:
+            return True
         b = parent[k, b]
+    return False
+
+
+@njit(cache=True)
+def reward_at(
+    image: np.ndarray, background: np.ndarray, x: float, y: float, angle: float, half_px: float, contrast: float,
+    polarity: float, hand: np.ndarray, origin: np.ndarray, step: float, uv: np.ndarray,
+) -> float:  # fmt: skip
+    """Return what a place (m) on a way with this heading is worth, in clear lines; nothing behind the hand."""
+    u, v = to_pixel(x, y, origin, step, uv)
+    if not (0 < u < image.shape[1] - 1 and 0 < v < image.shape[0] - 1):
+        return LEAST_REWARD
+    if inside_box(x, y, hand):
+        return 0.0
+    u2, v2 = to_pixel(x - 1e-3 * np.sin(angle), y + 1e-3 * np.cos(angle), origin, step, uv)
+    length = np.hypot(u2 - u, v2 - v)
+    score = line_at(image, background, u, v, (u2 - u) / length, (v2 - v) / length, half_px, polarity)
+    return min(max(score / contrast, LEAST_REWARD), 1.0)
+
+
+@njit(cache=True)
+def is_known(
+    x: np.ndarray, y: np.ndarray, angle: np.ndarray, kept: int, new_x: float, new_y: float, new_angle: float,
+    cell_m: float,
+) -> bool:  # fmt: skip
+    """Tell whether a way that ends so is among the first `kept` already."""
+    for b in range(kept):
+        near = abs(x[b] - new_x) < cell_m and abs(y[b] - new_y) < cell_m
+        if near and abs(angle[b] - new_angle) < CELL_RAD:
+            return True
     return False
 
 
@@ -132,41 +161,32 @@ def trace_string(
     for k in range(links):
         total = 0
         for b in range(kept):
-            for t in range(turns):
-                turn = TURNS_RAD[t]
+            for turn in TURNS_RAD:
                 angle = way_angle[k, b] + turn
                 x = way_x[k, b] + link_m * np.cos(angle)
                 y = way_y[k, b] + link_m * np.sin(angle)
-                u, v = to_pixel(x, y, origin, step, uv)
-                u2, v2 = to_pixel(x - 1e-3 * np.sin(angle), y + 1e-3 * np.cos(angle), origin, step, uv)
-                reward = -0.3
-                if u > 0 and v > 0 and u < image.shape[1] - 1 and v < image.shape[0] - 1:
-                    length = np.hypot(u2 - u, v2 - v)
-                    score = line_at(image, background, u, v, (u2 - u) / length, (v2 - v) / length, half_px, polarity)
-                    reward = min(max(score / contrast, -0.3), 1.0)
-                    if inside_box(x, y, hand):
-                        reward = 0.0
-                off = (x - guide[k + 1, 0]) ** 2 + (y - guide[k + 1, 1]) ** 2
-                value = (
-                    way_value[k, b] + reward - TURN_COST * (turn / 0.5) ** 2 - min(guide_weight * off, 0.5)
+                reward = reward_at(
+                    image, background, x, y, angle, half_px, contrast, polarity, hand, origin, step, uv
                 )
+                off = (x - guide[k + 1, 0]) ** 2 + (y - guide[k + 1, 1]) ** 2
+                cost = TURN_COST * (turn / 0.5) ** 2 + min(guide_weight * off, 0.5)
                 cand_x[total], cand_y[total], cand_angle[total] = x, y, angle
-                cand_value[total], cand_parent[total] = value, b
+                cand_value[total], cand_parent[total] = way_value[k, b] + reward - cost, b
                 total += 1
         order = np.argsort(-cand_value[:total], kind="mergesort")
         cell_m = CELL_PX * metre_per_pixel
         kept = 0
         for c in order:
-            known = False
-            for b in range(kept):
-                if (
-                    abs(way_x[k + 1, b] - cand_x[c]) < cell_m
-                    and abs(way_y[k + 1, b] - cand_y[c]) < cell_m
-                    and abs(way_angle[k + 1, b] - cand_angle[c]) < CELL_RAD
-                ):
-                    known = True
-                    break
-            if known:
+            if is_known(
+                way_x[k + 1],
+                way_y[k + 1],
+                way_angle[k + 1],
+                kept,
+                cand_x[c],
+                cand_y[c],
+                cand_angle[c],
+                cell_m,
+            ):
                 continue
             way_x[k + 1, kept], way_y[k + 1, kept] = cand_x[c], cand_y[c]
             way_angle[k + 1, kept], way_value[k + 1, kept] = cand_angle[c], cand_value[c]

@@ -29,8 +29,10 @@ def strobe(key: str, title: str, results: Results, previous: Results | None) -> 
             note = f" The throw before it is not shown: {problem.what}."
     wide = len(shown) == 2
     limits = _limits(shown)
-    height = 0.9 + (4.55 if wide else 6.2) * (limits[3] - limits[2]) / (limits[1] - limits[0])
-    figure = new_figure(10.0, float(np.clip(height, 3.6, 7.5)), left=0.07, top=0.94, bottom=0.2, wspace=0.12)
+    # Two panels share the width; a tall one is kept from filling more than a screen.
+    scale = (4.55 if wide else 9.0) / (limits[1] - limits[0])
+    height = 1.3 + min(scale * (limits[3] - limits[2]), 5.5)
+    figure = new_figure(10.0, height, left=0.07, top=1 - 0.3 / height, bottom=0.9 / height, wspace=0.12)
     for column, each in enumerate(shown):
         axes = figure.add_subplot(1, len(shown), column + 1)
         _draw(axes, each, limits)

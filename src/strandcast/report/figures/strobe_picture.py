@@ -94,12 +94,19 @@ def _overlay(results: Results, width: int) -> Markup:
             string_m = throw.points_m[np.searchsorted(throw.frame, frame)]
             parts.append(_line("model", _seen_px(camera, string_m, scale), size))
         for string_m in track.points_m[track.frame == frame]:
-            parts.extend(_ring(pixel, size) for pixel in _seen_px(camera, string_m, scale))
+            parts.extend(
+                _ring(pixel, size) for pixel in _seen_px(camera, string_m, scale) if np.isfinite(pixel[0])
+            )
     return Markup("").join(parts)
 
 
 def _seen_px(camera: Camera, places_m: Array, scale: float) -> Array:
-    return project_px(camera, places_m[np.isfinite(places_m).all(axis=1)], scale)
+    """Return pixels (K, 2), NaN for places that were not seen."""
+    seen = np.isfinite(places_m).all(axis=1)
+    pixels = np.full(places_m.shape, np.nan)
+    if seen.any():
+        pixels[seen] = project_px(camera, places_m[seen], scale)
+    return pixels
 
 
 def _target(results: Results, camera: Camera, scale: float, size: float) -> Markup:
@@ -133,4 +140,10 @@ def _ring(pixel: Array, size: float) -> Markup:
 
 
 def _path(pixels: Array) -> Markup:
-    return escape("M" + "L".join(f"{u:.1f} {v:.1f}" for u, v in pixels)) if len(pixels) else Markup("")
+    """Return the path's commands; it begins anew after what was not seen."""
+    commands, pen = [], "M"
+    for u, v in pixels:
+        if np.isfinite(u):
+            commands.append(f"{pen}{u:.1f} {v:.1f}")
+        pen = "L" if np.isfinite(u) else "M"
+    return escape("".join(commands))

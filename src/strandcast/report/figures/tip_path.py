@@ -32,6 +32,8 @@ def tip_path(key: str, title: str, results: Results) -> Reportlet:
         inside = np.isin(throw.frame, track.frame[window])
         path_axes.plot(*throw.points_m[inside, -1].T, **STYLES[name], label=NAMES[name])
         at_s, apart_m = tip_error_m(results, throw)
+        in_time = (at_s >= start_s) & (at_s <= results.window_s()[1])
+        at_s, apart_m = at_s[in_time], apart_m[in_time]
         error_axes.plot((at_s - start_s) * 1e3, apart_m * 1e3, **(STYLES[name] | {"linewidth": 1.1}))
         if np.isfinite(apart_m).any():
             worst = int(np.nanargmax(apart_m))

@@ -1,0 +1,67 @@
+"""How far a fit is to be believed, point by point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strandcast.records.track import OCCLUDED, UNSURE
+from strandcast.tracking.chain import place_nodes
+from strandcast.tracking.follow import CLEAR, Fit, point_sigmas
+from strandcast.tracking.pixelmap import PixelMap
+
+SEEN_SHARE = 0.34  # of the nodes around a point that must be clear
+TIP_SLIDE_PX = 4.0  # between the fitted tip and the string's visible end, from which the tip is unsure
+UNSURE_M = 0.003  # sigma from which a place is unsure
+LOST_M = 0.015  # sigma from which a place is no measurement
+LONGEST_HIDDEN_M = 0.07  # of string whose course between seen ends is inferred
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """The string in one frame: places (n, 2), sigmas and flags (n,) of the mass points 1 to n."""
+
+    points_m: np.ndarray
+    sigma_m: np.ndarray
+    flags: np.ndarray
+    value: float
+
+
+def judge(fit: Fit, hand: np.ndarray, link_m: float, every: int, pixels: PixelMap) -> FrameResult:
+    """Return the mass points of a fit with sigma and flags; what was not seen to the end is NaN."""
+    nodes = place_nodes(hand[:2], fit.heading, link_m)
+    points = nodes[every::every].copy()
+    sigma = point_sigmas(fit, link_m, every)
+    flags = np.zeros(len(points), dtype=np.int32)
+    window = np.convolve((fit.reward[1:] >= CLEAR).astype(float), np.ones(every) / every, mode="same")
+    seen = window[every - 1 :: every].copy()
+    if fit.ball_seen:
+        seen[-1] = 1.0
+    flags[seen < SEEN_SHARE] |= OCCLUDED
+    if not np.isfinite(fit.tip_slide_m) or abs(fit.tip_slide_m) > TIP_SLIDE_PX * pixels.metre_per_pixel:
+        flags[-1] |= UNSURE
+        sigma[-1] = max(sigma[-1], UNSURE_M)
+    flags[sigma > UNSURE_M] |= UNSURE
+    lost = (sigma > LOST_M) | in_long_gap(seen >= SEEN_SHARE, LONGEST_HIDDEN_M / (every * link_m))
+    points[lost] = np.nan
+    sigma[lost] = np.nan
+    flags[lost] = 0
+    return FrameResult(points, sigma, flags, fit.value)
+
+
+def in_long_gap(seen: np.ndarray, longest: float) -> np.ndarray:
+    """Tell which points (n,) lie in a run of more than `longest` unseen ones, or in an unseen end of over one.
+
+    Before the first point is the hand, which counts as seen.
+    """
+    lost = np.zeros(len(seen), dtype=bool)
+    start = 0
+    for k in range(len(seen) + 1):
+        if k < len(seen) and not seen[k]:
+            continue
+        run = k - start
+        if run > (longest if k < len(seen) else 1):
+            lost[start:k] = True
+        start = k + 1
+    return lost

@@ -1,0 +1,62 @@
+"""A real cable: fitted on a free swing, it predicts the driven series of the same cable."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from strandcast.estimation.estimate import estimate
+from strandcast.estimation.evaluation import distances, tip_error
+from strandcast.estimation.motion_capture import throw_from_markers
+from strandcast.estimation.objective import play
+from strandcast.estimation.settings import FitSettings
+from strandcast.estimation.throw import prepare
+from strandcast.string.masses import mass_layout
+from strandcast.string.model import StringModel
+
+RANGES = {
+    "k_s": (1e4, 1e7),
+    "k_h": (1.0, 1e3),
+    "k_sh": (1.0, 1e3),
+    "c_h": (1e-2, 1e2),
+    "c_sh": (1e-2, 1e2),
+    "k_ph": (10.0, 1e5),
+    "c_ph": (1e-2, 1e3),
+    "C_c1": (1e-4, 10.0),
+    "C_c2": (1e-4, 10.0),
+}
+
+
+def series(folder, kind, cable, length_m):
+    d = np.genfromtxt(folder / kind / f"{cable}.markers_rebuilt.csv", delimiter=",", names=True)
+    pose = np.column_stack([d["x_base"], d["z_base"], -np.pi / 2 - d["phi"]])
+    markers = {
+        length_m / 2: np.column_stack([d["x_mid"], d["z_mid"]]),
+        length_m: np.column_stack([d["x_end"], d["z_end"]]),
+    }
+    return throw_from_markers(d["t"], pose, markers, length_m, 10, hand_smoothing_s=0.1)
+
+
+@pytest.mark.parametrize("cable", ["black_weighted", "black_short_weighted"])
+def test_free_swing_predicts_the_driven_series(real_data, cable, record_property):
+    folder = real_data / "pac_cable"
+    length_m = json.loads((folder / "object_parameters.json").read_text())[cable]["L"]
+    model = StringModel(length_m, 10, dt_s=2e-3)
+    layout = mass_layout(length_m, 10, [length_m], None, "own")
+    swing, driven = series(folder, "free_swing", cable, length_m), series(folder, "dynamic", cable, length_m)
+    settings = FitSettings(evaluations=1500, ranges=RANGES, rest_curl=True, w=0.0)
+    fit = estimate([swing], model, layout, settings, np.random.default_rng(1))
+    task = prepare(driven, model.places_m())
+    predicted, _ = play(model, task, fit.best)
+    error_m = tip_error(distances(task.points_m, predicted[0]))
+    reach = task.points_m[:, -1] - task.points_m[:, 0]
+    still = swing.points_m[-15:, -1] - swing.points_m[-15:, 0]
+    rigid_m = np.linalg.norm(reach - still.mean(axis=0), axis=1).mean()
+    record_property("tip_error_mm", 1e3 * error_m)
+    record_property("tip_error_percent_of_length", 100 * error_m / length_m)
+    record_property("rigid_cable_mm", 1e3 * rigid_m)
+    assert fit.E_m < 0.02
+    assert error_m < 0.07 * length_m
+    assert error_m < 0.65 * rigid_m

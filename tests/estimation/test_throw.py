@@ -1,0 +1,71 @@
+"""Where a throw begins, and the shape with which the string starts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strandcast.estimation.motion_capture import throw_from_markers
+from strandcast.estimation.throw import Throw, complete, motion_start_s, prepare
+
+PLACES = np.linspace(0.0, 0.3, 11)
+TIME_S = np.arange(0.0, 0.6, 0.002)
+
+
+def swaying(rate=0.08, moves_s=0.3, noise=0.0):
+    """A straight string turning slowly about a hand that jerks sideways at `moves_s`."""
+    pose = np.zeros((len(TIME_S), 3))
+    pose[:, 0] = np.clip(TIME_S - moves_s, 0.0, None) ** 2 * 20.0
+    pose[:, 2] = -np.pi / 2
+    angle = -np.pi / 2 + 0.02 + rate * (TIME_S - moves_s)
+    points = pose[:, None, :2] + PLACES[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)[:, None]
+    points += noise * np.random.default_rng(0).standard_normal(points.shape)
+    return Throw(TIME_S, points, TIME_S, pose, TIME_S < 0.5)
+
+
+def test_starts_shortly_before_the_hand_moves():
+    task = prepare(swaying(), PLACES)
+    moved_s = 0.3 + np.sqrt(0.002 / 20.0)
+    assert task.time_s[0] == pytest.approx(moved_s - 0.03, abs=0.004)
+    assert task.hand_time_s[0] == task.time_s[0]
+    assert task.weight.any(axis=1).sum() == np.sum(task.time_s < 0.5)
+    assert prepare(swaying(), PLACES, "hanging").start_m is None
+
+
+def test_observed_start_has_the_shape_and_the_sway():
+    task = prepare(swaying(noise=0.0007), PLACES)
+    angle = -np.pi / 2 + 0.02 + 0.08 * (task.time_s[0] - 0.3)
+    truth = PLACES[1:, None] * [np.cos(angle), np.sin(angle)]
+    across = 0.08 * PLACES[1:, None] * [-np.sin(angle), np.cos(angle)]
+    assert np.abs(task.start_m - truth).max() < 6e-4
+    np.testing.assert_allclose(task.start_velocity_m_s, across, atol=4e-3)
+
+
+def test_a_string_that_moves_first_is_not_cut():
+    throw = swaying(rate=1.0)
+    assert motion_start_s(throw) < 0.05
+    velocity = prepare(throw, PLACES).start_velocity_m_s
+    assert np.linalg.norm(velocity[-1]) == pytest.approx(0.3, rel=0.05)
+
+
+def test_points_not_seen_lie_on_the_curve_of_the_others():
+    bend = np.array([-np.pi / 2 + 2.0 * s for s in PLACES])
+    shape = np.cumsum(np.column_stack([np.cos(bend), np.sin(bend)]) * 0.03, axis=0) - [0.0, -0.03]
+    shape -= shape[0]
+    time = np.array([0.0, 0.1, 0.2])
+    pose = np.tile([0.0, 0.0, -np.pi / 2], (3, 1))
+    throw = throw_from_markers(
+        time, pose, {0.15: np.tile(shape[5], (3, 1)), 0.3: np.tile(shape[10], (3, 1))}, 0.3, 10
+    )
+    assert np.isfinite(throw.points_m[:, [0, 5, 10]]).all()
+    assert np.isnan(throw.points_m[:, [1, 4, 9]]).all()
+    assert np.abs(complete(throw, PLACES, 1) - shape).max() < 3e-3
+    dense = Throw(time, np.tile(shape, (3, 1, 1)), time, pose, np.ones(3, dtype=bool))
+    dense.points_m[1, 4] = np.nan
+    assert np.abs(complete(dense, PLACES, 1) - shape).max() < 1e-4
+
+
+def test_no_used_frame_is_an_error():
+    throw = swaying()
+    with pytest.raises(ValueError, match="no used frame"):
+        prepare(Throw(throw.time_s, throw.points_m, throw.hand_time_s, throw.hand_pose, TIME_S < 0), PLACES)

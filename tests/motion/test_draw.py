@@ -1,0 +1,63 @@
+"""Random motions keep the arm's limits; the same chance gives the same motions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strandcast.arm.limits import violations
+from strandcast.arm.load import Arm
+from strandcast.errors import StrandcastError
+from strandcast.motion.bezier import Curve, rest_heights, sample
+from strandcast.motion.draw import draw_first, excess, slowed
+
+STEP_S = 0.002
+
+
+def drawn(arm: Arm, reading: str, seed: int = 0, count: int = 30) -> list[Curve]:
+    return draw_first(count, reading, arm.limits, (0.3, 0.9), 6, 60.0, STEP_S, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("reading", ["rest", "paper"])
+def test_all_draws_keep_the_limits(arm: Arm, reading: str) -> None:
+    curves = drawn(arm, reading)
+    for curve in curves:
+        motion = sample(curve, STEP_S)
+        kinds = {v.kind for v in violations(arm, motion.time_s, motion.q, motion.qd, motion.qdd)}
+        assert kinds <= {"torque"}
+        assert 0.3 <= curve.duration_s <= 0.9
+    # They are fast enough to throw: some joint reaches 3 rad/s in most.
+    fast = [np.abs(sample(curve, STEP_S).qd).max() > 3.0 for curve in curves]
+    assert np.mean(fast) > 0.5
+
+
+def test_the_papers_motions_end_in_a_ramp_ours_do_not(arm: Arm) -> None:
+    assert all(curve.ramp_s > 0.0 for curve in drawn(arm, "paper", count=5))
+    assert all(curve.ramp_s == 0.0 for curve in drawn(arm, "rest", count=5))
+
+
+def test_same_chance_same_motions(arm: Arm) -> None:
+    one, two, other = drawn(arm, "rest", 7, 5), drawn(arm, "rest", 7, 5), drawn(arm, "rest", 8, 5)
+    np.testing.assert_array_equal(one[4].heights_rad_s, two[4].heights_rad_s)
+    assert not np.array_equal(one[4].q0_rad, other[4].q0_rad)
+
+
+def test_limits_without_room_are_told(arm: Arm) -> None:
+    tight = replace(arm.limits, lower_rad=np.zeros(3), upper_rad=np.full(3, 1e-4))
+    with pytest.raises(StrandcastError, match="SC-P004"):
+        draw_first(3, "rest", tight, (0.3, 0.9), 6, 60.0, STEP_S, np.random.default_rng(0))
+
+
+def test_a_slowed_curve_just_keeps_its_limits(arm: Arm) -> None:
+    wild = Curve(np.zeros(3), 0.4, rest_heights(np.full((3, 4), 40.0)))
+    assert excess(arm.limits, sample(wild, STEP_S), STEP_S) > 1.0
+    slow = sample(slowed(wild, arm.limits, STEP_S), STEP_S)
+    rates = [np.abs(slow.qd).max() / 9.5, np.abs(slow.qdd).max() / 95.0]
+    assert 0.98 < max(rates) < 1.0
+
+
+def test_excess_adds_what_is_over(arm: Arm) -> None:
+    still = sample(Curve(np.array([3.0, 0.0, 0.0]), 0.1, rest_heights(np.zeros((3, 2)))), STEP_S)
+    np.testing.assert_allclose(excess(arm.limits, still, STEP_S), (3.0 - 2.78) / (2.78 + 0.33))

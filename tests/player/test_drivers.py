@@ -1,0 +1,44 @@
+"""Drivers are found by the name in the arm's file."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from strandcast.arm.load import load_arm
+from strandcast.errors import StrandcastError
+from strandcast.player.drivers import driver_named
+from strandcast.records.motion import Motion, Robot, Start, points_of
+
+
+@pytest.fixture
+def motion() -> Motion:
+    still = np.zeros((2, 3))
+    return Motion(
+        experiment="demo",
+        trial=3,
+        target_m=[0.5, 0.5],
+        robot=Robot(name="planar3", file_sha256="", urdf_sha256=""),
+        joint_names=["joint_1", "joint_2", "joint_3"],
+        start=Start(positions_rad=[0, 0, 0], tolerance_rad=[0.01] * 3),
+        bezier=None,
+        points=points_of(np.array([0, 2_000_000]), still, still, still),
+        predicted=None,
+        provenance=None,
+    )
+
+
+def test_the_lab_offers_its_driver(project_root, monkeypatch, motion):
+    monkeypatch.chdir(project_root)
+    arm = load_arm("config/arms/planar3.toml")
+    driver = driver_named(arm.driver, arm, motion)
+    assert (driver.name, driver.rate_hz) == ("lab", 500)
+
+
+def test_an_unknown_driver_is_named_with_those_there_are(project_root, motion):
+    arm = dataclasses.replace(load_arm(project_root / "config/arms/planar3.toml"), driver="ur12")
+    with pytest.raises(StrandcastError, match=r"no driver 'ur12' is installed; there are: lab") as caught:
+        driver_named(arm.driver, arm, motion)
+    assert caught.value.exit_code == 3
