@@ -21,9 +21,9 @@ def error_s(found: Alignment, recording) -> float:
     return float(found.robot_time_s(np.array(middle)) - recording.robot_s(middle))
 
 
-@pytest.mark.parametrize(("slow", "seeds"), [(0.0, range(8)), (0.9, range(20, 30))])
+@pytest.mark.parametrize(("slow", "seeds"), [(0.0, range(8)), (0.9, range(20, 28))])
 def test_the_offset_is_found_and_its_standard_error_is_honest(record, arm, slow, seeds):
-    """Goal: 0.2 ms at 500 frames/s, encoder noise, joint zeros, marker and base displaced, marker noise slow."""
+    """Goal: 0.2 ms at 500 frames/s, with encoder noise, and zeros, markers and base displaced."""
     recordings = [record(seed, slow=slow) for seed in seeds]
     found = [fit(recording, arm) for recording in recordings]
     errors = np.array([error_s(*pair) for pair in zip(found, recordings, strict=True)])
@@ -46,7 +46,7 @@ def test_the_standard_error_is_not_all_caution(record, arm):
 
 
 def test_slow_errors_make_a_larger_standard_error(record, arm):
-    seeds = range(3)
+    seeds = range(2)
     white = np.mean([fit(record(seed, joint_noise_rad=0.0), arm).middle_se_s for seed in seeds])
     slow = np.mean([fit(record(seed, joint_noise_rad=0.0, slow=0.95), arm).middle_se_s for seed in seeds])
     assert slow > 2.0 * white
@@ -101,7 +101,7 @@ def test_degrees_and_swapped_joints_are_refused(record, arm):
 def test_no_motion_is_refused_with_what_to_do(record, arm):
     with pytest.raises(StrandcastError, match="sync wiggle"):
         fit(record(1, reach=0.0, joint_noise_rad=0.0), arm)
-    with pytest.raises(StrandcastError, match="the hand moves .* mm in the video"):
+    with pytest.raises(StrandcastError, match=r"the hand moves .* mm in the video"):
         fit(record(1, reach=0.01), arm)
     empty = {name: column[:5] for name, column in record(1).markers.items()}
     with pytest.raises(StrandcastError, match="shows the hand's markers 5 times"):

@@ -29,6 +29,13 @@ def test_confidence_weighs_and_a_point_never_seen_does_not_count():
     assert np.isnan(evaluation_value(np.full_like(MEASURED, np.nan), SIMULATED))
 
 
+def test_a_blow_up_is_infinitely_far_not_unseen():
+    torn = SIMULATED.copy()
+    torn[1] = np.nan
+    assert evaluation_value(MEASURED, torn) == np.inf
+    assert evaluation_value(MEASURED, torn, confidence=np.array([[1.0, 1.0], [0.0, 0.0]])) == 3.5
+
+
 def test_hand_reading_is_relative_to_the_hand():
     moved = MEASURED + np.array([0.1, -0.2])
     np.testing.assert_allclose(

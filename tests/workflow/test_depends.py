@@ -24,7 +24,9 @@ def version_of(tmp_path, project_root):
             assert old in text
             path.write_text(text.replace(old, new, 1))
         line = f"from strandcast.stages.depends import code_version as v; print(v({stage!r}))"
-        out = subprocess.run([sys.executable, "-c", line], cwd=tmp_path, capture_output=True, text=True, check=True)
+        out = subprocess.run(
+            [sys.executable, "-c", line], cwd=tmp_path, capture_output=True, text=True, check=True
+        )
         return out.stdout.strip()
 
     return version

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from strandcast.alignment.fit import ClockFit, Priors, fit_clock
+from strandcast.alignment.fit import ClockFit, Priors, fit_clock, smooth_joints
 from strandcast.alignment.rig import Seen, rig_of, seen_of
 from strandcast.alignment.search import APART_S, candidate_offsets
 from strandcast.arm.load import Arm
@@ -16,7 +16,9 @@ LEAST_SIGHTINGS = 20
 LEAST_TRAVEL_M = 0.02
 LARGEST_RESIDUAL_M = 0.005
 LARGEST_SE_S = 0.002
+LARGEST_COARSE_M = 0.05
 RIVAL_RATIO = 1.5
+MOVING_S = 0.01  # half the time over which a joint's step is its speed
 WIGGLE = "play a sync wiggle first: three quick moves of the hand, some centimetres, in both directions"
 
 
@@ -64,9 +66,11 @@ def align(
     rig, seen = rig_of(arm), seen_of(markers, arm)
     time_s, q_rad = log_of(log, arm, log_file)
     _refuse_stillness(seen, time_s, q_rad, log_file)
-    offsets, rms = candidate_offsets(rig, time_s, q_rad, seen, _window(seen, time_s, largest_offset_s))
+    offsets, coarse_m = candidate_offsets(rig, time_s, q_rad, seen, _window(seen, time_s, largest_offset_s))
     fits = []
-    for offset_s in offsets[rms <= np.maximum(3.0 * rms[0], 0.01)]:
+    if coarse_m[0] > LARGEST_COARSE_M:
+        raise _misfit(coarse_m[0], log_file)
+    for offset_s in offsets[coarse_m <= max(3.0 * coarse_m[0], 0.01)]:
         covered = _within_log(seen, time_s, offset_s)
         if len(covered.time_s) >= LEAST_SIGHTINGS:
             fit = fit_clock(rig, time_s, q_rad, covered, offset_s, priors or Priors())
@@ -124,13 +128,11 @@ def log_of(log: JointLog, arm: Arm, file: str | None = None) -> tuple[np.ndarray
 
 
 def motion_span(time_s: np.ndarray, q_rad: np.ndarray) -> tuple[float, float]:
-    """Return when the joints begin and cease to move [s]: beyond 2 % of the greatest joint speed."""
-    window = max(1, int(0.01 / np.median(np.diff(time_s))))
-    kernel = np.ones(window) / window
-    padded = np.pad(q_rad, ((window, window), (0, 0)), mode="edge")
-    smooth = np.stack([np.convolve(column, kernel, "same") for column in padded.T], axis=1)
-    speed = np.abs(np.gradient(smooth[window : window + len(time_s)], time_s, axis=0)).max(axis=1)
-    moving = np.flatnonzero(speed > 0.02 * speed.max())
+    """Return when the joints begin and cease to move [s]: beyond 5 % of the greatest joint speed."""
+    joints = smooth_joints(time_s, q_rad)
+    step = np.abs(joints(time_s + MOVING_S) - joints(time_s - MOVING_S))
+    step[(time_s < time_s[0] + MOVING_S) | (time_s > time_s[-1] - MOVING_S)] = 0.0
+    moving = np.flatnonzero(step.max(axis=1) > 0.05 * step.max())
     return float(time_s[moving[0]]), float(time_s[moving[-1]])
 
 
@@ -185,8 +187,7 @@ def _refuse_stillness(seen: Seen, time_s: np.ndarray, q_rad: np.ndarray, log_fil
             cost="the clocks cannot be told from each other",
             fix=WIGGLE,
         )
-    low, high = np.quantile(seen.pose[:, :2], (0.02, 0.98), axis=0)
-    travel_m = float(np.linalg.norm(high - low))
+    travel_m = max(_travel_m(seen.where(seen.marker == marker)) for marker in np.unique(seen.marker))
     if travel_m < LEAST_TRAVEL_M:
         raise StrandcastError(
             "SC-A006",
@@ -197,16 +198,25 @@ def _refuse_stillness(seen: Seen, time_s: np.ndarray, q_rad: np.ndarray, log_fil
         )
 
 
+def _travel_m(seen: Seen) -> float:
+    low, high = np.quantile(seen.pose[:, :2], (0.02, 0.98), axis=0)
+    return float(np.linalg.norm(high - low))
+
+
+def _misfit(residual_m: float, log_file: str | None) -> StrandcastError:
+    return StrandcastError(
+        "SC-A007",
+        f"the hand in the video stays {residual_m * 1e3:.1f} mm rms from where this log puts it, at "
+        f"the best offset; at most {LARGEST_RESIDUAL_M * 1e3:.0f} mm are believed",
+        file=log_file,
+        cost=f"the string's fit would be off by about {residual_m * 1e3:.0f} mm",
+        fix="is it the log of another trial? are the joints in order and in radians? is it this arm's?",
+    )
+
+
 def _refuse_misfit(residual_m: float, fit: ClockFit, log_file: str | None) -> None:
     if residual_m > LARGEST_RESIDUAL_M:
-        raise StrandcastError(
-            "SC-A007",
-            f"the hand in the video stays {residual_m * 1e3:.1f} mm rms from where this log puts it, at "
-            f"the best offset; at most {LARGEST_RESIDUAL_M * 1e3:.0f} mm are believed",
-            file=log_file,
-            cost=f"the string's fit would be off by about {residual_m * 1e3:.0f} mm",
-            fix="is it the log of another trial? are the joints in order and in radians? is it this arm's?",
-        )
+        raise _misfit(residual_m, log_file)
     if fit.middle_se_s > LARGEST_SE_S:
         raise StrandcastError(
             "SC-A008",

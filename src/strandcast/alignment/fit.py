@@ -7,14 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.optimize import least_squares
 from scipy.signal import savgol_filter
 
 from strandcast.alignment.rig import Misfit, Rig, Seen, marker_poses
 
 ROUNDS = 3
+MOST_STEPS = 25
 SMOOTHING_S = 0.008  # half the window over which the joints are smoothed
+SMALLEST_STEP = 1e-6  # of a prior's standard deviation, or of 1 ms
 LOSS_SCALE = 3.0  # standard deviations beyond which a sighting loses weight
+
+Residual = Callable[[np.ndarray], np.ndarray]  # x (p,) -> (m, 3)
 
 
 @dataclass(frozen=True)
@@ -102,12 +105,9 @@ def fit_clock(
         off[:, 2] = _wrap(off[:, 2])
         return off
 
-    def standardised(x: np.ndarray, spread: np.ndarray) -> np.ndarray:
-        return np.concatenate([(residual(x) / (sigma * spread)).ravel(), x[1:]])
-
     x, spread = np.zeros(int(free.sum())), np.full(3, 5.0)
     for _ in range(ROUNDS):
-        x = least_squares(standardised, x, "2-point", loss=_loss(sigma.size), args=(spread,)).x
+        x = _descend(residual, x, sigma * spread)
         spread = _spread(residual(x) / sigma)
     covariance = _covariance(residual, x, sigma * spread, seen.time_s)
     full = unpack(x)
@@ -139,20 +139,6 @@ def smooth_joints(log_time_s: np.ndarray, q_rad: np.ndarray) -> CubicSpline:
     even_s = np.arange(log_time_s[0], log_time_s[-1], step_s)
     even = np.stack([np.interp(even_s, log_time_s, column) for column in q_rad.T], axis=1)
     return CubicSpline(even_s, savgol_filter(even, 2 * half + 1, 3, axis=0, mode="nearest"))
-
-
-def _loss(sightings: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Return scipy's loss of squared residuals: soft l1 for the sightings, plain squares for the priors."""
-
-    def loss(square: np.ndarray) -> np.ndarray:
-        values = np.stack([square, np.ones_like(square), np.zeros_like(square)])
-        ratio = 1.0 + square[:sightings] / LOSS_SCALE**2
-        values[0, :sightings] = 2.0 * LOSS_SCALE**2 * (np.sqrt(ratio) - 1.0)
-        values[1, :sightings] = ratio**-0.5
-        values[2, :sightings] = -0.5 * ratio**-1.5 / LOSS_SCALE**2
-        return values
-
-    return loss
 
 
 def _scales(priors: Priors, joints: int) -> np.ndarray:
@@ -189,44 +175,91 @@ def _spread(standardised: np.ndarray) -> np.ndarray:
     return np.maximum([place, place, angle], 1e-3)
 
 
-def _covariance(residual, x: np.ndarray, sigma: np.ndarray, time_s: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _descend(residual: Residual, x: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return the x of least cost: Gauss–Newton under soft-l1 weights, steps halved where they overshoot."""
+    prior = _prior(len(x))
+    cost = _cost(residual(x) / sigma, x)
+    for _ in range(MOST_STEPS):
+        off, slope = _linearised(residual, x, sigma)
+        weight = _weight(off)
+        step = -np.linalg.solve(
+            np.einsum("mc,mci,mcj->ij", weight, slope, slope) + np.diag(prior),
+            np.einsum("mc,mci->i", weight * off, slope) + prior * x,
+        )
+        while (moved := _cost(residual(x + step) / sigma, x + step)) > cost and np.abs(
+            step
+        ).max() > SMALLEST_STEP:
+            step *= 0.5
+        if moved <= cost:
+            x, cost = x + step, moved
+        if np.abs(step).max() <= SMALLEST_STEP:
+            break
+    return x
+
+
+def _linearised(residual: Residual, x: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the standardised residual (m, 3) and its slope (m, 3, p) by forward differences."""
+    off = residual(x) / sigma
+    small = 1e-5 * np.eye(len(x))
+    return off, np.stack([(residual(x + step) / sigma - off) / 1e-5 for step in small], axis=-1)
+
+
+def _weight(off: np.ndarray) -> np.ndarray:
+    """Return soft-l1 weights: a sighting loses weight beyond `LOSS_SCALE` standard deviations."""
+    return 1.0 / np.sqrt(1.0 + (off / LOSS_SCALE) ** 2)
+
+
+def _cost(off: np.ndarray, x: np.ndarray) -> float:
+    loss = LOSS_SCALE**2 * (np.sqrt(1.0 + (off / LOSS_SCALE) ** 2) - 1.0)
+    return float(loss.sum() + 0.5 * (_prior(len(x)) * x**2).sum())
+
+
+def _prior(count: int) -> np.ndarray:
+    """Return the priors' information: one in the units of `_scales`, none on the offset."""
+    return np.concatenate([[0.0], np.ones(count - 1)])
+
+
+def _covariance(residual: Residual, x: np.ndarray, sigma: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     """Return the sandwich covariance of x: A⁻¹ B A⁻¹ with B summed over lags, as residuals follow each other.
 
     Newey and West's estimator (Econometrica 55, 1987) with Andrews' bandwidth for an AR(1) (Econometrica 59,
-    1991, eqs. 6.2 and 6.4) or more, never below the plain covariance scaled by the residual.
+    1991, eqs. 6.2 and 6.4) or more, enlarged for the few independent frames there are, and never below the
+    plain covariance scaled by the residual.
     """
-    standardised = residual(x) / sigma
-    jacobian = np.stack(
-        [(residual(x + step) - residual(x - step)) / (2e-4 * sigma) for step in 1e-4 * np.eye(len(x))],
-        axis=-1,
-    )
-    weight = 1.0 / np.sqrt(1.0 + (standardised / LOSS_SCALE) ** 2)
-    prior = np.eye(len(x))
-    prior[0, 0] = 0.0
-    bread = np.linalg.pinv(np.einsum("mc,mci,mcj->ij", weight, jacobian, jacobian) + prior)
-    scores = np.einsum("mc,mci->mi", weight * standardised, jacobian)
-    frames = np.unique(time_s, return_inverse=True)[1]
-    scores = np.stack([np.bincount(frames, column) for column in scores.T], axis=1)
-    scale = max(1.0, float((weight * standardised**2).sum() / max(standardised.size - len(x), 1)))
-    followed = bread @ (_long_run(scores) + prior) @ bread
-    plain = scale * bread
+    off, slope = _linearised(residual, x, sigma)
+    weight, prior = _weight(off), np.diag(_prior(len(x)))
+    information = np.einsum("mc,mci,mcj->ij", weight, slope, slope)
+    bread = np.linalg.inv(information + prior)
+    frame = np.unique(time_s, return_inverse=True)[1]
+    scores = np.einsum("mc,mci->mi", weight * off, slope)
+    scores = np.stack([np.bincount(frame, column) for column in scores.T], axis=1)
+    told = np.bincount(frame, (weight * slope[:, :, 0] ** 2).sum(axis=1))
+    frames = told.sum() ** 2 / (told @ told)  # that tell of the offset: those in motion
+    long_run = _long_run(scores, frames)
+    independent = frames / max(1.0, long_run[0, 0] / float(scores[:, 0] @ scores[:, 0]))
+    used = float(np.trace(bread @ information))
+    followed = bread @ (long_run * max(independent, used + 2) / max(independent - used, 2.0) + prior) @ bread
+    plain = bread * max(1.0, float((weight * off**2).sum()) / max(off.size - used, 1.0))
     return followed if followed[0, 0] >= plain[0, 0] else plain
 
 
-def _long_run(scores: np.ndarray) -> np.ndarray:
-    """Return the long-run covariance (p, p) of a series of scores (frames, p), Bartlett weights."""
+def _long_run(scores: np.ndarray, telling: float) -> np.ndarray:
+    """Return the long-run covariance (p, p) of a series of scores (frames, p), Bartlett weights.
+
+    At the best fit the scores add up to zero, which takes the share reach / telling off; it is put back.
+    """
     count = len(scores)
     series = scores[:, 0]
     power = float(series @ series)
     follow = float(np.clip(series[1:] @ series[:-1] / power, 0.0, 0.97)) if power > 0 else 0.0
     reach = 1.1447 * (4.0 * follow**2 / (1.0 - follow**2) ** 2 * count) ** (1.0 / 3.0)
-    # A floor of a tenth of the series: noise that is part white, part slow looks white to the first lag.
-    reach = max(reach, count / 10.0)
+    # A tenth of the telling frames at least: noise part white, part slow looks white to the first lag.
+    reach = min(max(reach, telling / 10.0), telling / 3.0)
     total = scores.T @ scores
-    for lag in range(1, min(int(reach), count // 3) + 1):
+    for lag in range(1, int(reach) + 1):
         lagged = scores[lag:].T @ scores[:-lag]
         total += (1.0 - lag / (reach + 1.0)) * (lagged + lagged.T)
-    return total * count / max(count - scores.shape[1], 1)
+    return total / (1.0 - reach / telling)
 
 
 def _wrap(angle_rad: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from strandcast.alignment.rig import Rig, Seen, marker_poses, no_misfit
 STEP_S = 0.002
 MOST_SIGHTINGS = 200
 CHUNK = 2000
+LARGEST_OFF_M = 0.1  # a misread marker counts no more than this
 APART_S = 0.05  # two offsets nearer than this are one
 
 
@@ -30,8 +31,8 @@ def candidate_offsets(
 
     Notes
     -----
-    The mean difference of each marker is taken off, so that a displaced marker does no harm. Before and after
-    the log the arm is taken to stand still.
+    The median difference of each marker is taken off, so that a displaced marker does no harm. Before and
+    after the log the arm is taken to stand still.
     """
     few = seen.where(np.unique(np.linspace(0, len(seen.time_s) - 1, MOST_SIGHTINGS).astype(int)))
     offsets = np.arange(window_s[0], window_s[1] + STEP_S, STEP_S)
@@ -44,7 +45,8 @@ def candidate_offsets(
             times = offsets[chunk, None] + mine.time_s
             for axis in range(2):
                 off = mine.pose[:, axis] - np.interp(times, log_time_s, path_m[:, axis])
-                square[chunk] += ((off - off.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
+                off = np.clip(off - np.median(off, axis=1, keepdims=True), -LARGEST_OFF_M, LARGEST_OFF_M)
+                square[chunk] += (off**2).sum(axis=1)
     rms = np.sqrt(square / len(few.time_s))
     chosen = _best_apart(rms)
     return offsets[chosen], rms[chosen]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.estimation import searches
 from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, rmse, tip_error
 from strandcast.estimation.objective import Ledger, Objective, play
@@ -48,7 +49,7 @@ class Fit:
         (G,) frames of the newest throw that were simulated, their times [s], and how many entered E.
     E_planned_m, E_m, E_weighted_m
         E of the newest throw under the string that planned it and after the fit (w = 0), and after it with
-        the search's w. None or infinite where there is no such string or its simulation failed.
+        the search's w. None where there is no such string or its simulation failed.
     E_points_m
         (n,) E_i of points 1…n, NaN for points never seen.
     rmse_m, tip_error_m
@@ -124,11 +125,9 @@ def estimate(
 
     Raises
     ------
-    ValueError
-        No throws, or one without a used frame on the hand's path.
+    StrandcastError
+        SC-E002 a throw has no used frame on the hand's path, SC-E003 no candidate could be simulated.
     """
-    if not throws:
-        raise ValueError("an estimate needs at least one throw")
     kept = throws[-1:] if settings.trials == "latest" else throws
     weights = settings.older_trials_weight ** np.arange(len(kept))[::-1]
     tasks = [prepare(throw, model.places_m(), settings.start_shape) for throw in kept]
@@ -209,7 +208,8 @@ def _search_cma(
     left = budget - spent - ledger.count - polish - NEAR_SAMPLES
     searches.evolve(ledger, ledger.best()[0], left, rng, sigma=SIGMA)
     _, curvature = refine(ledger, objective.residuals, ledger.best()[0], polish)
-    ledger(near_samples(*ledger.best(), curvature, NEAR_SAMPLES, rng))
+    if np.isfinite(ledger.best()[1]):
+        ledger(near_samples(*ledger.best(), curvature, NEAR_SAMPLES, rng))
     return ledger, spent, held_out
 
 
@@ -249,6 +249,14 @@ def _result(
     """Everything that is told about the fit."""
     space, model = objective.space, objective.model
     chi, values = ledger.all()
+    if not np.isfinite(values).any():
+        raise StrandcastError(
+            "SC-E003",
+            f"none of {len(values)} candidate strings could be simulated on this throw",
+            field="estimate.ranges",
+            fix="look for jumps in the hand's path, or choose other ranges or a smaller estimate.dt_s",
+            exit_code=FAILED_TRIALS,
+        )
     rows = distant_members(chi, values, settings.ensemble)
     best = space.strings(chi[rows[0]])
     fitted, status = play(model, newest, best)
@@ -262,7 +270,8 @@ def _result(
     planned_m, planned_value = None, None
     if planned is not None:
         planned_m = play(model, newest, planned.pick(0))[0][0]
-        planned_value = float(evaluation_of_points(objective.point_values(newest, planned_m)))
+        value = float(evaluation_of_points(objective.point_values(newest, planned_m)))
+        planned_value = value if np.isfinite(value) else None
     evaluations, best_values = ledger.convergence()
     return Fit(
         space,

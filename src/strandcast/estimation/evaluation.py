@@ -28,12 +28,15 @@ def distances(measured: Array, simulated: Array, reading: str = "world") -> Arra
 
     Returns
     -------
-    (..., F, n) distances of points 1…n [m], NaN where not seen.
+    (..., F, n) distances of points 1…n [m], NaN where not seen, infinite where seen but not simulated (a
+    blow-up).
     """
     difference = measured - simulated
     if reading == "hand":
         difference = difference - np.where(np.isnan(difference[..., :1, :]), 0.0, difference[..., :1, :])
-    return np.asarray(np.hypot(difference[..., 1:, 0], difference[..., 1:, 1]))
+    distance = np.hypot(difference[..., 1:, 0], difference[..., 1:, 1])
+    lost = np.isnan(distance) & ~np.isnan(measured[:, 1:]).any(axis=-1)
+    return np.asarray(np.where(lost, np.inf, distance))
 
 
 def point_values(distance: Array, confidence: Array | None = None) -> Array:
@@ -54,7 +57,7 @@ def point_values(distance: Array, confidence: Array | None = None) -> Array:
     seen = ~np.isnan(distance)
     weights = np.where(seen, weight, 0.0)
     total = weights.sum(axis=-2)
-    summed = (weights * np.where(seen, distance, 0.0)).sum(axis=-2)
+    summed = (weights * np.where(weights > 0, distance, 0.0)).sum(axis=-2)
     return np.asarray(np.divide(summed, total, out=np.full_like(summed, np.nan), where=total > 0))
 
 

@@ -26,12 +26,12 @@ def throw_from_markers(
     hand_pose
         (F, 3) x, y [m] and direction in which the hand points the string [rad], unwrapped.
     markers_m
-        Place along the string [m] to (F, 2) positions [m], NaN where lost. Each marker belongs to the nearest point.
+        Place along the string [m] to (F, 2) positions [m], NaN where lost; each belongs to the nearest point.
     length_m, points
         Free length [m] and number n of points.
     hand_smoothing_s
-        Half-width of the local parabola through the hand's path [s]; 0 for none. At 30 Hz a millimetre of noise is
-        an acceleration of a metre per second squared.
+        Half-width of the local parabola through the hand's path [s]; 0 for none. At 30 Hz a millimetre of
+        noise is an acceleration of a metre per second squared.
     """
     spacing_m = length_m / points
     seen = np.full((len(time_s), points + 1, 2), np.nan)

@@ -80,12 +80,14 @@ def descend(
 
     Returns
     -------
-    The best point (d,) and the curvature there (d, d), as `refine` does.
+    The best point (d,) and the curvature there (d, d), as `refine` does; where no candidate is valid, any.
     """
     chi, values = ledger.all()
     worthwhile = evaluations // (WORTHWHILE * (chi.shape[1] + 1 + len(LADDER)))
     chosen = _apart(chi, values, min(starts, max(worthwhile, 1)))
     ends = [refine(ledger, residuals, chi[k], evaluations // len(chosen)) for k in chosen]
+    if not ends:
+        return ledger.best()[0], np.eye(chi.shape[1])
     best = ledger.best()[0]
     nearest = int(np.argmin([np.abs(end[0] - best).max() for end in ends]))
     return best, ends[nearest][1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -63,7 +63,6 @@ class FitSettings:
     chi_0: float = 1.0
     beta: float = 0.999
     held_out: float = 0.25
-    options: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def overstretched_allowed(self) -> bool:
@@ -91,7 +90,7 @@ class FitSettings:
             options[CURL] = CURL_RANGE
         if self.clamp_offset:
             options[CLAMP] = CLAMP_RANGE
-        return make_space(self.bounds(), mass_range, layout, options | self.options)
+        return make_space(self.bounds(), mass_range, layout, options)
 
 
 def prior_exponents(

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.estimation.evaluation import Array
 
 HAND_MOVED_M, HAND_TURNED_RAD, POINT_MOVED_M = 0.002, 0.01, 0.008
@@ -117,8 +118,8 @@ def prepare(throw: Throw, places_m: Array, start_shape: str = "observed") -> Tas
 
     Raises
     ------
-    ValueError
-        No used frame lies within the hand's path.
+    StrandcastError
+        SC-E002 no used frame lies within the hand's path.
     """
     first = int(np.searchsorted(throw.hand_time_s, motion_start_s(throw) + 1e-9, side="right")) - 1
     first = max(first, 0)
@@ -127,7 +128,12 @@ def prepare(throw: Throw, places_m: Array, start_shape: str = "observed") -> Tas
     frames = np.flatnonzero(inside)
     weight = _weights(throw)[frames]
     if not weight.any():
-        raise ValueError("no used frame lies within the hand's path")
+        raise StrandcastError(
+            "SC-E002",
+            "no frame with a point of the string lies within the logged path of the hand",
+            fix="look at the alignment's offset, and at the frames before the first contact",
+            exit_code=FAILED_TRIALS,
+        )
     start, velocity = (None, None)
     if start_shape == "observed":
         start, velocity = observed_start(throw, places_m, float(start_s))

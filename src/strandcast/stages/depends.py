@@ -26,7 +26,10 @@ SETTINGS: dict[str, tuple[str, ...]] = {
     "align": ("align",),
     "judge": ("target_m", "hit_radius_m"),
     "estimate": ("string", "estimate", "seed", "start_string"),
-    "plan": ("string", "estimate", "plan", "seed", "start_string", "workspace_m", "target_m", "hit_radius_m"),
+    "plan": (
+        *("string", "plan", "seed", "start_string", "workspace_m", "target_m", "hit_radius_m"),
+        *("estimate.reading", "estimate.integrator", "estimate.dt_s", "estimate.joints"),
+    ),
     # The pages print all settings.
     "report": tuple(Experiment.model_fields),
     "summary": tuple(Experiment.model_fields),

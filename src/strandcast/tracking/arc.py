@@ -46,7 +46,8 @@ def fit_arc(places_px: np.ndarray) -> Arc:
         off_circle, [answer[0], answer[1], radius], loss="soft_l1", f_scale=0.5, x_scale="jac"
     )
     rms = float(np.sqrt((fit.fun**2).mean()))
-    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * rms**2
+    slopes = np.asarray(fit.jac)
+    covariance = np.linalg.pinv(slopes.T @ slopes) * rms**2
     angles = np.arctan2(about[:, 0] - fit.x[0], about[:, 1] - fit.x[1])
     half = 0.5 * float(np.percentile(angles, 99) - np.percentile(angles, 1))
     return Arc(fit.x[:2] + middle, float(fit.x[2]), float(np.sqrt(covariance[2, 2])), rms, half)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numba import njit, prange
 
-THUMB_PX = 16  # frames are compared on every 16th pixel
+THUMB_PX = 8  # frames are compared by the means of squares of this side
 KEPT_BYTES = 120e6  # of frames held at a time
 
 
@@ -45,7 +46,8 @@ def learn_background(pictures: list[np.ndarray], frames: int) -> tuple[np.ndarra
     chosen : ndarray
         Which of the pictures were used.
     """
-    thumbs = np.stack([picture[::THUMB_PX, ::THUMB_PX] for picture in pictures])
+    size = (pictures[0].shape[1] // THUMB_PX, pictures[0].shape[0] // THUMB_PX)
+    thumbs = np.stack([cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in pictures])
     chosen = unlike_frames(thumbs, min(frames, len(thumbs)))
     return pixel_median(np.stack([pictures[k] for k in chosen])), chosen
 
@@ -67,7 +69,7 @@ def pixel_median(stack: np.ndarray) -> np.ndarray:
     """Return the lower median over the first axis of (N, H, W) unsigned integers.
 
     Bit by bit from the highest: the median is the largest value that more than half of the pictures reach.
-    Each step is a comparison over a row, which runs many pixels at a time; sorting would take twenty times longer.
+    Each step is a comparison over a row, which runs many pixels at a time; sorting takes twenty times longer.
     """
     count, height, width = stack.shape
     bits = 8 * stack.itemsize

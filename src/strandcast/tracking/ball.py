@@ -72,7 +72,7 @@ def follow_ball(path: str | Path, facts: VideoFacts, background_frames: int) -> 
     if usual < LEAST_AREA_PX or whole.mean() < 0.5:
         raise StrandcastError(
             "SC-T005", f"no ball of constant size is seen in most frames (in {100 * whole.mean():.0f} %)",
-            file=path, fix="film the ball before a plain background, all of its swing in the picture")  # fmt: skip
+            file=path, fix="film all of the ball's swing before a plain background")  # fmt: skip
     centre = np.where(whole[:, None], found[:, :2], np.nan)
     return BallPath(centre, float(np.sqrt(usual / np.pi)), background, len(seen), video.messages)
 

@@ -91,15 +91,26 @@ def fit_headings(
         hessian[:] = 0.0
         gradient[:] = 0.0
         nodes = place_nodes(root, heading, link_m)
-        add_sightings(hessian, gradient, nodes, heading, link_m, target, normals, weight, tip_target, tip_normal,
-                      tip_weight)  # fmt: skip
+        add_sightings(
+            hessian,
+            gradient,
+            nodes,
+            heading,
+            link_m,
+            target,
+            normals,
+            weight,
+            tip_target,
+            tip_normal,
+            tip_weight,
+        )
         add_smoothness(hessian, gradient, heading, sigmas[0], sigmas[1])
         for j in range(count):
             hessian[j, j] += 1.0 / sigmas[2] ** 2
             gradient[j] += (heading[j] - prior[j]) / sigmas[2] ** 2
-        clamp_error = (heading[0] - clamp_rad + np.pi) % (2 * np.pi) - np.pi
+        # As a sine: a string that is flung back over the clamp is not pulled round.
         hessian[0, 0] += 1.0 / sigmas[3] ** 2
-        gradient[0] += clamp_error / sigmas[3] ** 2
+        gradient[0] += np.sin(heading[0] - clamp_rad) / sigmas[3] ** 2
         step = solve_factored(cholesky(hessian), gradient)
         largest = np.abs(step).max()
         heading -= step * min(1.0, 0.7 / max(largest, 1e-12))

@@ -1,6 +1,6 @@
-"""The part of each frame that the string can reach, kept for the second look: memory first, then a scratch file.
+"""The part of each frame that the string can reach, kept for a second look: in memory, then in a file.
 
-The hand is found while frames are decoded; the background is known only afterwards. So the string waits in crops.
+The hand is found while frames are decoded, the background is known only afterwards: the string waits in crops.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Crops:
             self._file.close()
 
     def keep(self, image: np.ndarray, hand: np.ndarray | None) -> None:
-        """Keep what of the frame lies around the hand, or around where it was last; nothing before it was seen."""
+        """Keep what lies around the hand, or around where it was last; nothing before it was seen."""
         self._hand = hand if hand is not None else self._hand
         if self._hand is None:
             self._kept.append(None)

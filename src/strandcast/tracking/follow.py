@@ -25,7 +25,7 @@ from strandcast.tracking.tip import TIP_REACH_M, end_of_string, locate_tip
 LINK_M = 0.006  # longest link of the tracker's chain
 SIGHTING_PX = 0.45  # standard deviation of a sighting across a clear line
 CLEAR = 0.25  # reward under which a sighting is not used
-SIGMAS_RAD = np.array([0.14, 1.0, 0.6, 0.35])  # as `fit_headings` takes them
+SIGMAS_RAD = np.array([0.2, 1.0, 0.8, 1.0])  # as `fit_headings` takes them
 WIDE_PX, NARROW_PX = 14.0, 6.0  # how far from the prediction the string is looked for, first and then
 STIFFNESS = 0.012  # of the way across profiles, in clear lines per sample²
 GOOD = 0.55  # mean reward with which a fit is taken without trying others
@@ -50,7 +50,7 @@ class Fit:
 
 @njit(cache=True)
 def score_in_clear_lines(score: np.ndarray, half_px: np.ndarray, contrast: float) -> None:
-    """Divide line scores by that of a clear line, in place; blur spreads the same darkness over more width."""
+    """Divide line scores by that of a clear line, in place; blur spreads a line over more width."""
     thin = half_px.min()
     for k in range(len(score)):
         score[k] *= half_px[k] / (thin * contrast)
@@ -84,8 +84,8 @@ def look_and_fit(
     """
     pitch_m = STEP_PX * metre_per_pixel
     middle = np.maximum(1, np.rint(half_px / STEP_PX)).astype(np.int64)
-    margin = middle.max() + int(round((GAP_PX + FLANK_PX) / STEP_PX))
-    half = int(round(reach_px / STEP_PX)) + margin
+    margin = middle.max() + int((GAP_PX + FLANK_PX) / STEP_PX + 0.5)
+    half = int(reach_px / STEP_PX + 0.5) + margin
     nodes = place_nodes(root, heading, link_m)
     normals = node_normals(heading)
     level, difference = sample_across(
@@ -140,7 +140,7 @@ def rewards_on(
     """Return the reward (K,) of each node where it is, give or take a pixel."""
     pitch_m = STEP_PX * metre_per_pixel
     middle = np.maximum(1, np.rint(half_px / STEP_PX)).astype(np.int64)
-    half = 2 + middle.max() + int(round((GAP_PX + FLANK_PX) / STEP_PX))
+    half = 2 + middle.max() + int((GAP_PX + FLANK_PX) / STEP_PX + 0.5)
     level, difference = sample_across(
         image, background, nodes, node_normals(heading), pitch_m, half, 1, polarity, origin, step, uv
     )
@@ -257,7 +257,8 @@ def find_string(
     nodes = np.zeros((links + 1, 2)) if guide is None else guide
     return trace_string(
         picture.image, picture.background, hand[:2], hand[2], link_m, links, looks.half_m / scale,
-        looks.contrast, looks.polarity, hand_box(hand, picture.hand_box), nodes, weight, BEAMS, *map_of(picture),
+        looks.contrast, looks.polarity, hand_box(hand, picture.hand_box), nodes, weight, BEAMS,
+        *map_of(picture),
     )  # fmt: skip
 
 

@@ -57,7 +57,7 @@ class Follower:
         self._lost = 0
         self._usual_value += USUAL_SHARE * (fit.value - self._usual_value)
         self._heading = [*self._heading[-1:], (time_s, fit.heading)]
-        return judge(fit, hand, self.link_m, self.every, view.pixels)
+        return judge(fit, hand, self.link_m, self.every, view)
 
     def _follow_hand(self, time_s: float, hand: np.ndarray | None) -> np.ndarray | None:
         """Return the hand, carried on as it moved where it is not seen; note it."""
@@ -78,7 +78,7 @@ class Follower:
         return self._fit(picture, hand, fit.heading, fit.heading, 0.0)
 
     def _learn_length(self, picture: Picture, hand: np.ndarray, fit: Fit) -> None:
-        """Take the visible end for the string's end, less what is beyond its middle: half its width, or a ball."""
+        """Take the visible end for the string's, less what is beyond the last point: half its width, or a ball."""
         assert self.looks is not None
         end_m, half_m = visible_end(picture, hand, fit, self.link_m, self.looks)
         ball = half_m > BALL_TIMES * self.looks.half_m + picture.pixels.metre_per_pixel

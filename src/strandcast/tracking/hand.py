@@ -12,11 +12,11 @@ from strandcast.camera.marker_pose import marker_pose
 from strandcast.camera.markers import corners_of, detect_markers, eight_bit, marker_detector
 from strandcast.records.camera import Camera
 from strandcast.tracking.pixelmap import all_from_pixel, tabulate
+from strandcast.tracking.square import refine_square
 
 MARGIN_PX = 28  # around the place where a marker is expected
 SMALL_PX = 500  # parts of the picture smaller than this are enlarged before markers are read
 CELLS = 6  # of a 4x4 marker's side, border included
-REFINE_UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.005)
 FOLLOW_RMS_PX = 0.4  # corners that were followed must fit better than this
 LEAST_BORDER = 25.0  # grey levels between a marker's black border and the white around it
 WORST_RMS_PX = 1.0  # corners that fit a rigid hand worse than this are not believed
@@ -47,7 +47,7 @@ class HandMarker:
 
 @dataclass(frozen=True)
 class HandSighting:
-    """The hand in one frame: pose (x_m, y_m, angle_rad), its sigmas and residual, corners (4, 2) px by marker."""
+    """The hand in one frame: pose (x_m, y_m, angle_rad), sigmas, residual, corners (4, 2) px by marker."""
 
     pose: np.ndarray
     sigma_m: float
@@ -102,13 +102,10 @@ class HandFinder:
             if box is None:
                 continue
             left, top, right, bottom = box
-            cell_px = np.linalg.norm(corners[1] - corners[0]) / CELLS
-            window = int(np.clip(round(0.4 * cell_px), 2, 5))
-            start = (corners - [left, top]).astype(np.float32).reshape(-1, 1, 2)
             crop = np.ascontiguousarray(eight_bit(image[top:bottom, left:right]))
-            refined = cv2.cornerSubPix(crop, start, (window, window), (-1, -1), REFINE_UNTIL)
-            if has_border(crop, refined.reshape(4, 2)):
-                found[marker] = refined.reshape(4, 2).astype(np.float64) + [left, top]
+            refined = refine_square(crop, corners - np.array([left, top], dtype=np.float64), CELLS)
+            if np.isfinite(refined).all() and has_border(crop, refined):
+                found[marker] = refined + np.array([left, top])
         sighting = self._pose(found)
         if sighting is None or len(sighting.corners_px) < len(self._seen):
             return None
@@ -134,7 +131,9 @@ class HandFinder:
         found: dict[int, np.ndarray] = {}
         for marker, four in zip(ids.tolist(), corners, strict=True):
             if marker in self.markers and marker not in found:
-                found[marker] = (four + 0.5) / enlarge - 0.5 + np.array([left, top], dtype=np.float64)
+                rough = (four + 0.5) / enlarge - 0.5 + np.array([left, top], dtype=np.float64)
+                refined = refine_square(image, rough, CELLS)
+                found[marker] = refined if np.isfinite(refined).all() else rough
         return found
 
     def _pose(self, corners_px: dict[int, np.ndarray]) -> HandSighting | None:
@@ -227,7 +226,7 @@ def fit_rigid(model_m: np.ndarray, seen_m: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def box_around(markers: list[HandMarker]) -> np.ndarray:
-    """Return the box (low x, low y, high x, high y) of the hand's frame that its markers cover, rims included."""
+    """Return the box (low x, low y, high x, high y), in the hand's frame, that the markers and rims cover."""
     corners = np.concatenate([marker.corners_m() for marker in markers])
     rim_m = RIM_SHARE * max(marker.size_m for marker in markers)
     low, high = corners.min(axis=0) - rim_m, corners.max(axis=0) + rim_m

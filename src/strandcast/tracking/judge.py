@@ -8,8 +8,9 @@ import numpy as np
 
 from strandcast.records.track import OCCLUDED, UNSURE
 from strandcast.tracking.chain import place_nodes
+from strandcast.tracking.crops import View
 from strandcast.tracking.follow import CLEAR, Fit, point_sigmas
-from strandcast.tracking.pixelmap import PixelMap
+from strandcast.tracking.pixelmap import to_pixel
 
 SEEN_SHARE = 0.34  # of the nodes around a point that must be clear
 TIP_SLIDE_PX = 4.0  # between the fitted tip and the string's visible end, from which the tip is unsure
@@ -28,7 +29,7 @@ class FrameResult:
     value: float
 
 
-def judge(fit: Fit, hand: np.ndarray, link_m: float, every: int, pixels: PixelMap) -> FrameResult:
+def judge(fit: Fit, hand: np.ndarray, link_m: float, every: int, view: View) -> FrameResult:
     """Return the mass points of a fit with sigma and flags; what was not seen to the end is NaN."""
     nodes = place_nodes(hand[:2], fit.heading, link_m)
     points = nodes[every::every].copy()
@@ -39,11 +40,12 @@ def judge(fit: Fit, hand: np.ndarray, link_m: float, every: int, pixels: PixelMa
     if fit.ball_seen:
         seen[-1] = 1.0
     flags[seen < SEEN_SHARE] |= OCCLUDED
-    if not np.isfinite(fit.tip_slide_m) or abs(fit.tip_slide_m) > TIP_SLIDE_PX * pixels.metre_per_pixel:
+    if not np.isfinite(fit.tip_slide_m) or abs(fit.tip_slide_m) > TIP_SLIDE_PX * view.pixels.metre_per_pixel:
         flags[-1] |= UNSURE
         sigma[-1] = max(sigma[-1], UNSURE_M)
     flags[sigma > UNSURE_M] |= UNSURE
     lost = (sigma > LOST_M) | in_long_gap(seen >= SEEN_SHARE, LONGEST_HIDDEN_M / (every * link_m))
+    lost |= outside(points, view)
     points[lost] = np.nan
     sigma[lost] = np.nan
     flags[lost] = 0
@@ -51,7 +53,7 @@ def judge(fit: Fit, hand: np.ndarray, link_m: float, every: int, pixels: PixelMa
 
 
 def in_long_gap(seen: np.ndarray, longest: float) -> np.ndarray:
-    """Tell which points (n,) lie in a run of more than `longest` unseen ones, or in an unseen end of over one.
+    """Tell which points (n,) lie in a run of more than `longest` unseen ones, or of over one at the end.
 
     Before the first point is the hand, which counts as seen.
     """
@@ -65,3 +67,11 @@ def in_long_gap(seen: np.ndarray, longest: float) -> np.ndarray:
             lost[start:k] = True
         start = k + 1
     return lost
+
+
+def outside(points_m: np.ndarray, view: View) -> np.ndarray:
+    """Tell which points (n,) lie outside the picture."""
+    pixels = view.pixels
+    rows, columns = view.image.shape
+    uv = np.array([to_pixel(x, y, pixels.origin_m, pixels.step_m, pixels.uv) for x, y in points_m])
+    return np.asarray((uv < 0).any(axis=1) | (uv[:, 0] > columns - 1) | (uv[:, 1] > rows - 1))

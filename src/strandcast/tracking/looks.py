@@ -92,7 +92,7 @@ def _polarity(picture: Picture, nodes: np.ndarray) -> float:
 def visible_end(
     picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks: Looks
 ) -> tuple[float, float]:
-    """Return how far beyond the chain's tip the string ends (m), and its half width there (m); NaN if unclear."""
+    """Return how far beyond the chain's tip the string ends, and its half width there (m); NaN if unclear."""
     nodes = place_nodes(hand[:2], fit.heading, link_m)
     end_m, half_px = end_of_string(
         picture.image,

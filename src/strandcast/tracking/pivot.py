@@ -1,4 +1,4 @@
-"""Tracking without a hand in view: a thread with a ball that swings from a fixed pivot (`track.hand: pivot`)."""
+"""Tracking without a hand: a thread with a ball that swings from a fixed pivot (`track.hand: pivot`)."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from numba import njit
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
 from strandcast.records.camera import Camera
 
-# Between grid points the map is taken as bilinear. With 20 mm and a lens of k1 = -0.12 that is true to 0.01 px.
+# Between grid points the map is bilinear: with 20 mm and a lens of k1 = -0.12 true to 0.01 px.
 GRID_M = 0.02
 
 

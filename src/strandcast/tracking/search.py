@@ -1,4 +1,4 @@
-"""Finding the string anew: from the clamp outwards along whatever looks like a thin line, many ways at once."""
+"""Finding the string anew: from the clamp along whatever looks like a thin line, many ways at once."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def retraces(
     way_x: np.ndarray, way_y: np.ndarray, way_angle: np.ndarray, parent: np.ndarray, level: int, beam: int,
     near_m: float,
 ) -> bool:  # fmt: skip
-    """Tell whether a way's newest place (level + 1) lies on its own earlier part, along it; crossing is allowed."""
+    """Tell whether a way's newest place (level + 1) lies along its own earlier part; crossing is allowed."""
     x, y, angle = way_x[level + 1, beam], way_y[level + 1, beam], way_angle[level + 1, beam]
     b = parent[level + 1, beam]
     for k in range(level, 0, -1):
@@ -63,10 +63,10 @@ def retraces(
 
 @njit(cache=True)
 def reward_at(
-    image: np.ndarray, background: np.ndarray, x: float, y: float, angle: float, half_px: float, contrast: float,
-    polarity: float, hand: np.ndarray, origin: np.ndarray, step: float, uv: np.ndarray,
+    image: np.ndarray, background: np.ndarray, x: float, y: float, angle: float, half_px: float,
+    contrast: float, polarity: float, hand: np.ndarray, origin: np.ndarray, step: float, uv: np.ndarray,
 ) -> float:  # fmt: skip
-    """Return what a place (m) on a way with this heading is worth, in clear lines; nothing behind the hand."""
+    """Return what a place (m) on a way with this heading is worth, in clear lines; 0 behind the hand."""
     u, v = to_pixel(x, y, origin, step, uv)
     if not (0 < u < image.shape[1] - 1 and 0 < v < image.shape[0] - 1):
         return LEAST_REWARD
@@ -197,7 +197,7 @@ def trace_string(
             if kept == beams:
                 break
     heading = np.empty(links)
-    b = np.argmax(way_value[links, :kept])
+    b = int(np.argmax(way_value[links, :kept]))
     best = b
     for k in range(links, 0, -1):
         heading[k - 1] = way_angle[k, b]

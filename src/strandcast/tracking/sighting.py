@@ -1,8 +1,8 @@
-"""Seeing the string: grey levels across a predicted chain, how thin-line-like they are, and the best way along.
+"""Seeing the string: grey levels across a predicted chain, how like a thin line they are, the best way along.
 
 A string is told from the arm by its thinness: the middle must differ from both flanks. It is told from the
-background by having changed: the middle must differ from the learned background. On plain background the first
-follows from the difference picture alone; before the moving arm (which has changed, too) it is seen in the picture.
+background by having changed: the middle must differ from the learned background. Before the background the
+first follows from the difference alone; before the moving arm, which has changed too, from the picture.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def sample_across(
     Returns
     -------
     level, difference
-        Profiles (K, 2 half + 1): the picture (negative for polarity -1), and its difference from the background.
+        Profiles (K, 2 half + 1): the picture (negative for polarity -1), its change from the background.
     """
     count, width = len(nodes), 2 * half + 1
     level = np.zeros((count, width))
@@ -117,7 +117,7 @@ def line_score(level: np.ndarray, difference: np.ndarray, middle: np.ndarray, po
         Grey levels, (K, W); negative where it is no line.
     """
     count, width = level.shape
-    gap, flank = int(round(GAP_PX / STEP_PX)), int(round(FLANK_PX / STEP_PX))
+    gap, flank = int(GAP_PX / STEP_PX + 0.5), int(FLANK_PX / STEP_PX + 0.5)
     score = np.full((count, width), -1.0)
     sum_level = np.zeros(width + 1)
     sum_difference = np.zeros(width + 1)
@@ -188,7 +188,7 @@ def best_way(score: np.ndarray, stiffness: float, largest_jump: int) -> np.ndarr
 def centre_of_line(
     difference: np.ndarray, score: np.ndarray, way: np.ndarray, middle: np.ndarray
 ) -> np.ndarray:
-    """Return the sub-sample place (K,) of the line near `way`: the score's centroid, two half widths around."""
+    """Return the sub-sample place (K,) of the line near `way`: the centroid of the score around it."""
     count, width = score.shape
     place = np.empty(count)
     for k in range(count):
@@ -204,9 +204,9 @@ def centre_of_line(
 
 @njit(cache=True)
 def inside_box(x: float, y: float, box: np.ndarray) -> bool:
-    """Tell whether a place (m) lies in a turned box: x, y and angle of its frame, low x, low y, high x, high y.
+    """Tell whether a place (m) lies in a box: x, y and angle of its frame, low x, low y, high x, high y.
 
-    The hand's markers are full of thin lines, and the hand may hide the string: what is seen there is no string.
+    The hand's markers are full of thin lines, and the hand hides the string: what is seen there is none.
     """
     cosine, sine = np.cos(box[2]), np.sin(box[2])
     dx, dy = x - box[0], y - box[1]

@@ -40,8 +40,8 @@ class Strobe:
 
     def picture(self, points_m: np.ndarray, camera: Camera) -> np.ndarray:
         """Return the composite (height, width, 3), RGB, with the points (F, n + 1, 2) of the kept frames."""
-        kept = [self.frames[i] for i in np.unique(np.linspace(0, len(self.frames) - 1, INSTANTS).astype(int))] if (
-            self.frames) else []  # fmt: skip
+        chosen = np.unique(np.linspace(0, len(self.frames) - 1, INSTANTS).astype(int)) if self.frames else []
+        kept = [self.frames[k] for k in chosen]
         grey = self.background.astype(np.float32)
         most = np.zeros_like(grey)
         for _, _, view in kept:

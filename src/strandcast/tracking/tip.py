@@ -15,6 +15,7 @@ BALL_REACH_PX = 14.0  # from the predicted tip to the ball's centre
 ALONG_PX = 0.5  # between places along the string
 WIDEST_PX = 14.0  # half width of the widest ball
 LEAST_INSIDE = 0.4  # of a clear line, that the string must show before its end
+EDGE_PX = 4.0  # from the picture's edge, within which no end is believed
 OUTSIDE_RUN = 4  # places without string that make an end
 
 
@@ -32,7 +33,7 @@ def locate_tip(picture: Picture, nodes: np.ndarray, heading: np.ndarray, looks: 
         if not np.hypot(*off) < BALL_REACH_PX * scale:
             return np.zeros(5)
         hidden = np.ceil(looks.tip_excess_m / np.linalg.norm(nodes[-1] - nodes[-2]))
-        return np.array([off @ along, 2 * weight, off @ across, 2 * weight, hidden])
+        return np.array([off @ along, 4 * weight, off @ across, 4 * weight, hidden])
     end_m, _ = end_of_string(
         picture.image,
         picture.background,
@@ -81,6 +82,9 @@ def end_of_string(
     last = last_above(changed, threshold)
     if last < 1 or last >= len(changed) - OUTSIDE_RUN:
         return np.nan, np.nan
+    u, v = to_pixel(places[last + 1, 0], places[last + 1, 1], origin, step, uv)
+    if not (EDGE_PX < u < image.shape[1] - EDGE_PX and EDGE_PX < v < image.shape[0] - EDGE_PX):
+        return np.nan, np.nan  # it leaves the picture, it does not end
     fraction = (changed[last] - threshold) / max(changed[last] - changed[last + 1], 1e-9)
     slide_m = (last + min(max(fraction, 0.0), 1.0) - before) * pitch_m
     widest = 0
@@ -93,7 +97,7 @@ def end_of_string(
 def walk_past_tip(
     nodes: np.ndarray, heading: np.ndarray, reach_m: float, pitch_m: float
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return places (K, 2) along the chain's end and straight on, their normals, and which place is the tip."""
+    """Return places (K, 2) along the chain's end and straight on, normals, and which place is the tip."""
     links = len(heading)
     link_m = np.hypot(nodes[-1, 0] - nodes[-2, 0], nodes[-1, 1] - nodes[-2, 1])
     before = int(min(np.ceil(reach_m / link_m), links - 1) * link_m / pitch_m)
@@ -112,7 +116,7 @@ def walk_past_tip(
 
 @njit(cache=True)
 def best_in_band(difference: np.ndarray, half: int) -> np.ndarray:
-    """Return the largest mean of three neighbours near the middle of each profile: the chain may lie beside it."""
+    """Return each profile's largest mean of three neighbours near its middle: the chain may lie beside it."""
     best = np.zeros(len(difference))
     for i in range(len(difference)):
         for w in range(half - 3, half + 4):
@@ -123,7 +127,7 @@ def best_in_band(difference: np.ndarray, half: int) -> np.ndarray:
 
 @njit(cache=True)
 def last_above(values: np.ndarray, threshold: float) -> int:
-    """Return the last place at or over the threshold before the first run of `OUTSIDE_RUN` under it; or -1."""
+    """Return the last place at or over the threshold before the first `OUTSIDE_RUN` under it; or -1."""
     last, run = -1, 0
     for i in range(len(values)):
         if values[i] >= threshold:
@@ -149,7 +153,7 @@ def ball_centre(
 ) -> np.ndarray:
     """Return the centre (2,) (m) of the ball near `guess` by mean shift; NaN where too little of it is seen.
 
-    A pixel counts as far as it has changed and is as grey as the ball, so that the arm does not draw it aside.
+    A pixel counts as far as it has changed and is as grey as the ball: the arm does not draw it aside.
     """
     u, v = to_pixel(guess[0], guess[1], origin, step, uv)
     radius = radius_m / metre_per_pixel

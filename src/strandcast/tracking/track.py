@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -162,7 +163,7 @@ def collect(
 def bridge_hand(time_s: np.ndarray, places: np.ndarray, sigma: np.ndarray, flags: np.ndarray) -> None:
     """Fill short gaps in the hand's path by straight lines, in place, flagged as predicted."""
     seen = np.flatnonzero(np.isfinite(places[:, 0, 0]))
-    for left, right in zip(seen[:-1], seen[1:], strict=True):
+    for left, right in pairwise(seen.tolist()):
         if not 1 < right - left <= LONGEST_BRIDGE:
             continue
         inside = np.arange(left + 1, right)

@@ -69,7 +69,7 @@ def open_container(path: str | Path) -> Iterator[tuple[av.container.InputContain
     except (av.FFmpegError, ValueError) as error:
         raise StrandcastError(
             "SC-V005", f"is not a video that can be read ({_reason(error)})", file=path,
-            exit_code=INTEGRITY, fix=_open_hint(file))  # fmt: skip
+            exit_code=INTEGRITY, fix=_open_hint(file)) from None  # fmt: skip
     with container:
         if not container.streams.video:
             raise StrandcastError("SC-V006", "holds no video stream", file=path, fix="give the camera's file")

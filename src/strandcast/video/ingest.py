@@ -132,6 +132,6 @@ def _usual_step(ticks: np.ndarray) -> float:
 def _gaps(ticks: np.ndarray, steps_per_tick: float, rate_hz: float) -> list[Gap]:
     spans = np.diff(ticks) * steps_per_tick
     return [
-        Gap(index=int(index), duration_s=float(spans[index] / rate_hz), missing=int(round(spans[index])) - 1)
+        Gap(index=int(index), duration_s=float(spans[index] / rate_hz), missing=int(spans[index] + 0.5) - 1)
         for index in np.flatnonzero(spans > GAP_FACTOR)
     ]

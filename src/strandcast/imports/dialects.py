@@ -1,0 +1,96 @@
+"""Joint logs of known makers, told by their columns."""
+
+from __future__ import annotations
+
+import re
+
+from strandcast.errors import StrandcastError
+from strandcast.imports.mapping import JointMapping
+from strandcast.imports.table import NumberTable
+
+UR_JOINTS = 6
+
+
+def libfranka(table: NumberTable) -> JointMapping | None:
+    """libfranka's and franka_ros' logs: ``q[0]``, ``q_d[0]``, ``dq[0]``, and a millisecond counter."""
+    joints = _counted(table, r"q\[(\d+)\]")
+    clock = next((name for name in ("duration", "time", "t") if name in table.names), None)
+    if not joints or clock is None:
+        return None
+    numbers = range(len(joints))
+    return JointMapping(
+        time=clock,
+        time_unit="ms" if clock == "duration" else "s",
+        q=joints,
+        qd=_if_there(table, [f"dq[{k}]" for k in numbers]),
+        q_cmd=_if_there(table, [f"q_d[{k}]" for k in numbers]),
+        qd_cmd=_if_there(table, [f"dq_d[{k}]" for k in numbers]),
+        rate_hz=1000.0,
+    )
+
+
+def ur_rtde(table: NumberTable) -> JointMapping | None:
+    """ur_rtde's and UR's record.py: ``timestamp``, ``actual_q_0`` …, ``target_q_0`` …."""
+    joints = _counted(table, r"actual_q_(\d+)")
+    if not joints or "timestamp" not in table.names:
+        return None
+    numbers = range(len(joints))
+    return JointMapping(
+        time="timestamp",
+        q=joints,
+        qd=_if_there(table, [f"actual_qd_{k}" for k in numbers]),
+        q_cmd=_if_there(table, [f"target_q_{k}" for k in numbers]),
+        qd_cmd=_if_there(table, [f"target_qd_{k}" for k in numbers]),
+    )
+
+
+def ur_plain(table: NumberTable) -> JointMapping | None:
+    """UR logs without header: t, q (6), qd (6), current (6), desired current (6), desired torque (6)."""
+    if table.has_header or len(table.names) not in (1 + 2 * UR_JOINTS, 1 + 5 * UR_JOINTS):
+        return None
+    return JointMapping(
+        time="1",
+        q=[str(2 + k) for k in range(UR_JOINTS)],
+        qd=[str(2 + UR_JOINTS + k) for k in range(UR_JOINTS)],
+    )
+
+
+DIALECTS = {"libfranka": libfranka, "ur_rtde": ur_rtde, "ur": ur_plain}
+
+
+def recognise(table: NumberTable, dialect: str = "auto") -> tuple[str, JointMapping]:
+    """Return the dialect's name and its columns.
+
+    Raises
+    ------
+    StrandcastError
+        No dialect fits, or not the one that was named.
+    """
+    if dialect != "auto" and dialect not in DIALECTS:
+        raise StrandcastError(
+            "SC-I002",
+            f"there is no dialect {dialect!r}",
+            field="dialect",
+            fix=f"use one of auto, {', '.join(DIALECTS)}, or give a column mapping",
+        )
+    for name in DIALECTS if dialect == "auto" else [dialect]:
+        mapping = DIALECTS[name](table)
+        if mapping is not None:
+            return name, mapping
+    raise StrandcastError(
+        "SC-I003",
+        f"the columns are those of no known joint log: {', '.join(table.names[:12])} …",
+        file=table.path,
+        fix="give a column mapping: time, q, and if there are any qd, q_cmd, qd_cmd; time_unit, angle_unit",
+    )
+
+
+def _counted(table: NumberTable, pattern: str) -> list[str]:
+    """Return the columns of a pattern, which must count up from 0."""
+    found = [(int(match.group(1)), name) for name in table.names if (match := re.fullmatch(pattern, name))]
+    found.sort()
+    return [name for _, name in found] if [k for k, _ in found] == list(range(len(found))) else []
+
+
+def _if_there(table: NumberTable, names: list[str]) -> list[str]:
+    return names if all(name in table.names for name in names) else []

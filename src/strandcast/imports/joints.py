@@ -1,0 +1,197 @@
+"""Bring in a joint log: any CSV with known or named columns to joints.csv and run.json."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.errors import StrandcastError
+from strandcast.imports.dialects import recognise
+from strandcast.imports.mapping import ANGLE_UNITS, TIME_UNITS, JointMapping
+from strandcast.imports.table import NumberTable, read_numbers, refusal
+from strandcast.records.files import sha256_file
+from strandcast.records.joint_log import AFTER_DUPLICATE, JointLog, Run, timing_of, write_joint_log
+
+LARGEST_ANGLE_RAD = 20.0  # three turns: beyond it are degrees
+COMMAND_MOVES_RAD = 1e-5
+
+
+@dataclass(frozen=True)
+class Played:
+    """What is known of a throw beside its log: the motion's hash, and when it ran on the controller's clock."""
+
+    motion_sha256: str | None = None
+    arm_sha256: str | None = None
+    start_s: float | None = None
+    end_s: float | None = None
+
+
+def import_joints(
+    path: str | Path,
+    folder: str | Path,
+    *,
+    dialect: str = "auto",
+    mapping: JointMapping | None = None,
+    joint_names: list[str] | None = None,
+    played: Played | None = None,
+) -> Run:
+    """Write joints.csv and, last, run.json into a trial's folder and return the run.
+
+    Parameters
+    ----------
+    path
+        The log as the robot's software wrote it.
+    folder
+        ``data/<experiment>/trial-NN``.
+    dialect
+        ``auto``, ``libfranka``, ``ur_rtde`` or ``ur``; not looked at where a mapping is given.
+    mapping
+        The columns of a log of no known dialect.
+    joint_names
+        Names of the joints, as in the arm's file; by default ``joint_1`` ….
+    played
+        Motion and times, where known. By default the motion is when the commanded joints move.
+
+    Raises
+    ------
+    StrandcastError
+        A file that does not fit, unsorted times, empty cells: file, line, column.
+    """
+    table = read_numbers(path)
+    name, columns = ("mapping", mapping) if mapping is not None else recognise(table, dialect)
+    time_s, log = _log_of(table, columns, joint_names)
+    played = _times_of(log, played or Played())
+    if played.start_s is not None and played.end_s is not None:
+        inside = (log.time_s >= played.start_s) & (log.time_s <= played.end_s)
+        log.since_start_s[inside] = log.time_s[inside] - played.start_s
+    timing = timing_of(time_s, columns.rate_hz)
+    folder = Path(folder)
+    run = Run(
+        complete=True,
+        status="imported",
+        reason=None,
+        joints_sha256=write_joint_log(folder / "joints.csv", log),
+        rows=len(log.time_s),
+        motion_sha256=played.motion_sha256,
+        arm_sha256=played.arm_sha256,
+        driver=f"import: {name}",
+        controller={"file": Path(path).name, "sha256": sha256_file(path)},
+        joint_names=log.joint_names,
+        clock=f"the column {columns.time!r} of the log",
+        motion_start_s=played.start_s,
+        motion_end_s=played.end_s,
+        sync_events=[],
+        timing=timing,
+        video={},
+        warnings=_warnings(time_s),
+    )
+    run.write(folder / "run.json")
+    return run
+
+
+def _log_of(
+    table: NumberTable, columns: JointMapping, joint_names: list[str] | None
+) -> tuple[np.ndarray, JointLog]:
+    """Return all times (rows,), and the log without doubled rows."""
+    time_s = table.column(columns.time) * TIME_UNITS[columns.time_unit]
+    q = table.columns(columns.q) * ANGLE_UNITS[columns.angle_unit]
+    table.require_finite(np.column_stack([time_s, q]), [columns.time, *columns.q])
+    _refuse_unsorted(table, columns.time, time_s)
+    _refuse_degrees(table, columns, q)
+    names = joint_names or [f"joint_{k + 1}" for k in range(len(columns.q))]
+    if len(names) != len(columns.q):
+        raise StrandcastError(
+            "SC-I006",
+            f"{len(names)} joint names are given and the log has {len(columns.q)} joints",
+            file=table.path,
+            field="joint_names",
+            fix="name every joint, from the base on",
+        )
+    keep = np.concatenate([[True], np.diff(time_s) > 0])
+    doubled = np.flatnonzero(~keep)
+    flags = np.zeros(len(time_s), np.int32)
+    flags[np.minimum(doubled + 1, len(flags) - 1)] = AFTER_DUPLICATE
+    return time_s, JointLog(
+        joint_names=names,
+        time_s=time_s[keep],
+        q_rad=q[keep],
+        qd_rad_s=_optional(table, columns.qd, columns)[keep],
+        q_cmd_rad=_optional(table, columns.q_cmd, columns)[keep],
+        qd_cmd_rad_s=_optional(table, columns.qd_cmd, columns)[keep],
+        since_start_s=np.full(int(keep.sum()), np.nan),
+        flags=flags[keep],
+    )
+
+
+def _optional(table: NumberTable, names: list[str], columns: JointMapping) -> np.ndarray:
+    """Return columns (rows, J), or NaN where the log has none."""
+    if not names:
+        return np.full((len(table.values), len(columns.q)), np.nan)
+    if len(names) != len(columns.q):
+        raise StrandcastError(
+            "SC-I006",
+            f"{len(columns.q)} joints are measured and {len(names)} columns given: {names}",
+            file=table.path,
+            fix="give one column for each joint, or none",
+        )
+    return table.columns(names) * ANGLE_UNITS[columns.angle_unit]
+
+
+def _refuse_unsorted(table: NumberTable, name: str, time_s: np.ndarray) -> None:
+    back = np.flatnonzero(np.diff(time_s) < 0)
+    if len(back):
+        row = int(back[0]) + 1
+        raise refusal(
+            table.path,
+            int(table.lines[row]),
+            name,
+            f"time runs back by {time_s[row - 1] - time_s[row]:.6g} s here ({len(back)} times in all)",
+            "sort the rows by time, or give the column of the controller's own clock",
+            code="SC-I007",
+        )
+
+
+def _refuse_degrees(table: NumberTable, columns: JointMapping, q: np.ndarray) -> None:
+    largest = np.unravel_index(np.argmax(np.abs(q)), q.shape)
+    if abs(q[largest]) > LARGEST_ANGLE_RAD:
+        raise refusal(
+            table.path,
+            int(table.lines[largest[0]]),
+            columns.q[largest[1]],
+            f"an angle of {q[largest]:.1f} rad",
+            "if the log is in degrees, say angle_unit: deg",
+            code="SC-I008",
+        )
+
+
+def _times_of(log: JointLog, played: Played) -> Played:
+    """Return when the motion was: as told, or from the first to the last change of the commanded joints."""
+    told = np.isfinite(log.q_cmd_rad).all(axis=1)
+    if played.start_s is not None or not told.any():
+        return played
+    times, command = log.time_s[told], log.q_cmd_rad[told]
+    changes = np.flatnonzero(np.abs(np.diff(command, axis=0)).max(axis=1) > COMMAND_MOVES_RAD)
+    if not len(changes):
+        return played
+    start_s, end_s = float(times[changes[0]]), float(times[changes[-1] + 1])
+    return Played(played.motion_sha256, played.arm_sha256, start_s, end_s)
+
+
+def _warnings(time_s: np.ndarray) -> list[str]:
+    """Tell the longest gap and the doubled rows in words; run.json's timing has them all."""
+    timing = timing_of(time_s)
+    warnings = []
+    if timing.gaps:
+        longest = max(timing.gaps, key=lambda gap: gap.duration_s)
+        warnings.append(
+            f"{len(timing.gaps)} gaps, {sum(gap.missing for gap in timing.gaps)} samples missing; the longest is "
+            f"{longest.duration_s * 1e3:.1f} ms, after {time_s[longest.index]:.3f} s"
+        )
+    if timing.duplicates:
+        first = float(time_s[int(np.flatnonzero(np.diff(time_s) == 0)[0])])
+        warnings.append(
+            f"{timing.duplicates} rows repeat a time and were left out, the first at {first:.3f} s"
+        )
+    return warnings

@@ -1,0 +1,160 @@
+"""Which column means what: given in a small TOML or YAML file, or as options."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from strandcast.errors import StrandcastError, StrandcastErrors
+
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+ANGLE_UNITS = {"rad": 1.0, "deg": 0.017453292519943295}
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3}
+
+TimeUnit = Literal["s", "ms", "us", "ns"]
+AngleUnit = Literal["rad", "deg"]
+LengthUnit = Literal["m", "mm"]
+
+
+class Mapping(BaseModel):
+    """What all mappings share: unknown keys are errors, columns may be given by number."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, coerce_numbers_to_str=True)
+
+
+class JointMapping(Mapping):
+    """The columns of a joint log; lists are in the order of the joints from the base."""
+
+    time: str = Field(description="Column of the controller's time.")
+    q: list[str] = Field(min_length=1, description="Columns of the measured joint angles.")
+    qd: list[str] = Field([], description="… of the measured joint speeds.")
+    q_cmd: list[str] = Field([], description="… of the commanded joint angles.")
+    qd_cmd: list[str] = Field([], description="… of the commanded joint speeds.")
+    time_unit: TimeUnit = "s"
+    angle_unit: AngleUnit = "rad"
+    rate_hz: float | None = Field(None, gt=0, description="Nominal rate, if known.")
+
+
+class CaptureMarker(Mapping):
+    """A marker on the string: its place along the free string, and the columns of its position."""
+
+    place_m: float = Field(ge=0, le=20, description="Distance from the clamp along the string.")
+    x: str
+    y: str
+    point: int | None = Field(None, ge=1, description="Mass point; by default the nearest to the place.")
+
+
+class CaptureMapping(Mapping):
+    """The columns of a motion capture: the hand's pose and the markers on the string, in the motion plane."""
+
+    time: str
+    hand_x: str
+    hand_y: str
+    hand_angle: str | None = Field(
+        None, description="If not given, the angle is constant: `angle_offset_rad`."
+    )
+    angle_sign: Literal[-1, 1] = Field(1, description="-1 where the file's angle grows clockwise.")
+    angle_offset_rad: float = Field(
+        0.0, description="Direction in which the string leaves the hand, where the file's angle is zero."
+    )
+    markers: list[CaptureMarker] = Field(min_length=1)
+    time_unit: TimeUnit = "s"
+    angle_unit: AngleUnit = "rad"
+    length_unit: LengthUnit = "m"
+    sigma_m: float = Field(1e-3, gt=0, le=0.1, description="Standard error of a marker's coordinate.")
+    motion_start_s: float | None = Field(None, description="By default the first and the last row.")
+    motion_end_s: float | None = None
+
+
+Kind = TypeVar("Kind", JointMapping, CaptureMapping)
+
+
+def load_mapping(path: str | Path, kind: type[Kind]) -> Kind:
+    """Read a mapping from a TOML or YAML file.
+
+    Raises
+    ------
+    StrandcastError
+        The file is missing or is neither, or everything in it that does not fit.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+        data = tomllib.loads(text) if path.suffix == ".toml" else YAML(typ="safe").load(text)
+    except FileNotFoundError:
+        raise StrandcastError(
+            "SC-I010", "the mapping is not there", file=path, fix="check the path"
+        ) from None
+    except (tomllib.TOMLDecodeError, YAMLError, UnicodeDecodeError) as error:
+        what = str(error).splitlines()[0]
+        raise StrandcastError(
+            "SC-I010", f"is not a mapping ({what})", file=path, fix="mend the line"
+        ) from None
+    return check_mapping(data, kind, path)
+
+
+def check_mapping(data: Any, kind: type[Kind], path: Path | None = None) -> Kind:
+    """Return a mapping from plain data; all that does not fit is told at once."""
+    try:
+        return kind.model_validate(data)
+    except ValidationError as error:
+        known = ", ".join(kind.model_fields)
+        raise StrandcastErrors(
+            [
+                StrandcastError(
+                    "SC-I011",
+                    problem["msg"],
+                    file=path,
+                    field=".".join(str(part) for part in problem["loc"]),
+                    fix=f"the keys are {known}",
+                )
+                for problem in error.errors()
+            ]
+        ) from None
+
+
+def capture_mapping_of(time: str, hand: str, markers: list[str], **more: Any) -> CaptureMapping:
+    """Return a mapping from command-line words.
+
+    Parameters
+    ----------
+    time
+        Column of the time.
+    hand
+        Columns ``X,Y`` or ``X,Y,ANGLE``.
+    markers
+        One ``PLACE:X,Y`` each: the place along the string [m] and two columns, e.g. ``0.2:x_mid,z_mid``;
+        ``PLACE@POINT:X,Y`` names the mass point too.
+    more
+        Further fields of `CaptureMapping`.
+    """
+    columns = [word.strip() for word in hand.split(",")]
+    if len(columns) not in (2, 3):
+        raise StrandcastError(
+            "SC-I012", f"{hand!r} is not X,Y or X,Y,ANGLE", field="hand", fix="name two or three columns"
+        )
+    data = {
+        "time": time,
+        "hand_x": columns[0],
+        "hand_y": columns[1],
+        "markers": [_marker_words(m) for m in markers],
+    }
+    if len(columns) == 3:
+        data["hand_angle"] = columns[2]
+    return check_mapping(data | more, CaptureMapping)
+
+
+def _marker_words(words: str) -> dict[str, Any]:
+    place, colon, columns = words.partition(":")
+    place, _, point = place.partition("@")
+    names = [name.strip() for name in columns.split(",")]
+    if not colon or len(names) != 2:
+        raise StrandcastError(
+            "SC-I012", f"{words!r} is not PLACE:X,Y", field="marker", fix="e.g. 0.2:x_mid,z_mid"
+        )
+    return {"place_m": place, "x": names[0], "y": names[1]} | ({"point": point} if point else {})

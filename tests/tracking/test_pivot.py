@@ -1,0 +1,82 @@
+"""A pendulum whose pivot is out of view: scale and pivot from its arc; a drawn one and a real one."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from strandcast.errors import StrandcastError
+from strandcast.tracking.arc import calibrate_arc, fit_arc
+from strandcast.tracking.pivot import track_pivot
+from strandcast.tracking.result import StringHint
+from strandcast.video.ingest import inspect_video
+
+
+def periods_s(time_s: np.ndarray, x_m: np.ndarray) -> np.ndarray:
+    """Times between upward crossings of the mean."""
+    seen = np.isfinite(x_m)
+    x = np.interp(time_s, time_s[seen], x_m[seen])
+    x = x - x.mean()
+    k = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
+    return np.diff(time_s[k] - x[k] * (time_s[k + 1] - time_s[k]) / (x[k + 1] - x[k]))
+
+
+def swing_film(scene, path, swing_rad):
+    """Film a ball of 15 px on a thread of 700 px, 1.25 s a period; the pivot is 500 px above the picture."""
+    rng = np.random.default_rng(0)
+    frames, angles = [], []
+    for k in range(150):
+        angle = swing_rad * np.cos(2 * np.pi * k / 75)
+        centre = np.array([250 + 700 * np.sin(angle), -500 + 700 * np.cos(angle)])
+        image = np.full((300, 500), 170.0, np.float32)
+        cv2.circle(image, np.rint(centre * 64).astype(int).tolist(), 15 * 64, 60.0, -1, cv2.LINE_AA, 6)
+        frames.append(np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8))
+        angles.append(angle)
+    scene.write_video(path, frames, 60)
+    return np.array(angles)
+
+
+def test_scale_pivot_and_path_of_a_drawn_pendulum(scene, tmp_path):
+    angles = swing_film(scene, tmp_path / "v.mkv", 0.2)
+    facts = inspect_video(tmp_path / "v.mkv")
+    camera = calibrate_arc(tmp_path / "v.mkv", facts, length_m=0.7)
+    assert camera.source == "arc"
+    assert camera.scale_m_per_px == pytest.approx(0.001, rel=0.01)
+    tracked = track_pivot(tmp_path / "v.mkv", facts, camera, StringHint(0.7, 4))
+    tip = tracked.points_m[:, -1]
+    expected = 0.7 * np.column_stack([np.sin(angles), -np.cos(angles)])
+    assert np.abs(tip - expected).max() < 0.004
+    assert np.isnan(tracked.points_m[:, 1:-1]).all()
+    np.testing.assert_array_equal(tracked.points_m[:, 0], 0.0)
+    assert (tracked.flags[:, 0] != 0).all()
+
+
+def test_too_short_an_arc_is_refused(scene, tmp_path):
+    swing_film(scene, tmp_path / "v.mkv", 0.015)
+    with pytest.raises(StrandcastError) as caught:
+        calibrate_arc(tmp_path / "v.mkv", inspect_video(tmp_path / "v.mkv"), 0.7)
+    assert caught.value.code in {"SC-T005", "SC-T006"}
+
+
+def test_arc_of_exact_points():
+    angle = np.linspace(1.2, 1.9, 40)
+    places = np.column_stack([30 + 500 * np.cos(angle), -200 + 500 * np.sin(angle)])
+    places[3] = np.nan
+    arc = fit_arc(places)
+    np.testing.assert_allclose(arc.centre_px, [30, -200], atol=1e-4)
+    assert arc.radius_px == pytest.approx(500, abs=1e-4)
+
+
+def test_period_of_a_real_pendulum(real_data):
+    path = real_data / "string_pendulum" / "rope_pendulum_0.62m_60fps.mp4"
+    facts = inspect_video(path)
+    camera = calibrate_arc(path, facts, length_m=0.62)
+    tracked = track_pivot(path, facts, camera, StringHint(0.62, 20))
+    assert tracked.decoded_frames == 1844
+    periods = periods_s(tracked.camera_time_s, tracked.points_m[:, -1, 0])
+    assert len(periods) >= 15
+    assert periods.mean() == pytest.approx(1.600, abs=0.005)
+    assert np.isfinite(tracked.points_m[:, -1, 0]).mean() > 0.85
+    radius_m = np.linalg.norm(tracked.points_m[:, -1], axis=1)
+    assert np.nanmean(radius_m) == pytest.approx(0.62, abs=0.002)

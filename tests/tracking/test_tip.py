@@ -1,0 +1,63 @@
+"""The string's end and the ball that hangs there, on drawn pictures."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from strandcast.tracking.chain import place_nodes
+from strandcast.tracking.pixelmap import tabulate
+from strandcast.tracking.tip import ball_centre, end_of_string
+
+
+def picture(scene, end_m, ball_px=0.0, arm=False):
+    background = np.full((scene.HEIGHT, scene.WIDTH), 180.0, np.float32)
+    image = background.copy()
+    if arm:
+        scene.draw_line(image, scene.to_pixels(np.array([[0.02, -0.3], [0.02, 0.1]])), 12.0, 120.0)
+    scene.draw_line(image, scene.to_pixels(np.array([[0.0, 0.1], [0.0, end_m]])), 2.0, 60.0)
+    if ball_px:
+        centre = scene.to_pixels(np.array([0.0, end_m]))
+        cv2.circle(
+            image, np.rint(centre * 16).astype(int).tolist(), int(ball_px * 16), 60.0, -1, cv2.LINE_AA, 4
+        )
+    return cv2.GaussianBlur(image, (0, 0), 0.6), background
+
+
+@pytest.mark.parametrize("beyond_m", [-0.008, 0.0, 0.006])
+def test_end_is_found_along_the_string(scene, beyond_m):
+    pixels = tabulate(scene.flat_camera(), 0.0)
+    image, background = picture(scene, -0.1 - beyond_m)
+    heading = np.full(34, -np.pi / 2)
+    nodes = place_nodes(np.array([0.0, 0.1]), heading, 0.2 / 34)
+    end_m, half_px = end_of_string(
+        image, background, nodes, heading, 100.0, -1.0, 0.018, pixels.metre_per_pixel, pixels.origin_m,
+        pixels.step_m, pixels.uv,
+    )  # fmt: skip
+    round_end_m = 1.0 * pixels.metre_per_pixel  # half of the drawn line's width
+    assert end_m == pytest.approx(beyond_m + round_end_m, abs=0.0007)
+    assert half_px == pytest.approx(1.0, abs=0.6)
+
+
+def test_a_string_that_goes_on_has_no_end(scene):
+    pixels = tabulate(scene.flat_camera(), 0.0)
+    image, background = picture(scene, -0.2)
+    heading = np.full(34, -np.pi / 2)
+    nodes = place_nodes(np.array([0.0, 0.1]), heading, 0.2 / 34)
+    end_m, _ = end_of_string(
+        image, background, nodes, heading, 100.0, -1.0, 0.018, pixels.metre_per_pixel, pixels.origin_m,
+        pixels.step_m, pixels.uv,
+    )  # fmt: skip
+    assert np.isnan(end_m)
+
+
+@pytest.mark.parametrize("arm", [False, True])
+def test_ball_is_found_to_a_tenth_of_a_pixel_even_beside_the_arm(scene, arm):
+    pixels = tabulate(scene.flat_camera(), 0.0)
+    image, background = picture(scene, -0.1, ball_px=6.0, arm=arm)
+    centre = ball_centre(
+        image, background, np.array([0.006, -0.094]), 6.0 * pixels.metre_per_pixel, 60.0,
+        pixels.metre_per_pixel, pixels.origin_m, pixels.step_m, pixels.uv,
+    )  # fmt: skip
+    assert np.linalg.norm(centre - [0.0, -0.1]) < 0.25 * pixels.metre_per_pixel

@@ -1,0 +1,127 @@
+"""The container's facts, and one clear error for whatever is no video."""
+
+from __future__ import annotations
+
+import hashlib
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+
+from strandcast.errors import StrandcastError
+from strandcast.video.ingest import camera_times, inspect_video
+
+
+def write(path, stamps, faststart=False, codec="libx264"):
+    rng = np.random.default_rng(1)
+    with av.open(str(path), "w", options={"movflags": "faststart"} if faststart else {}) as container:
+        stream = container.add_stream(codec, rate=500)
+        stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 500)
+        for stamp in stamps:
+            picture = av.VideoFrame.from_ndarray(rng.integers(0, 255, (120, 160)).astype(np.uint8), "gray")
+            picture = picture.reformat(format="yuv420p")
+            picture.pts, picture.time_base = stamp, Fraction(1, 500)
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode())
+
+
+def refusal(path) -> StrandcastError:
+    with pytest.raises(StrandcastError) as caught:
+        inspect_video(path)
+    return caught.value
+
+
+def test_facts_of_a_whole_video(tmp_path):
+    path = tmp_path / "v.mp4"
+    write(path, range(60))
+    facts = inspect_video(path)
+    assert facts.packets == facts.header_frames == 60
+    assert (facts.width_px, facts.height_px) == (160, 120)
+    assert (facts.codec, facts.pixel_format) == ("h264", "yuv420p")
+    assert facts.frame_rate_hz == pytest.approx(500.0, rel=1e-6)
+    assert facts.gaps == []
+    assert facts.duplicates == 0
+    assert facts.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    np.testing.assert_allclose(camera_times(facts), np.arange(60) / 500, atol=1e-9)
+
+
+def test_dropped_frames_are_gaps_and_do_not_change_the_rate(tmp_path):
+    write(tmp_path / "v.mp4", [*range(20), *range(23, 40), *range(41, 60)])
+    facts = inspect_video(tmp_path / "v.mp4")
+    assert [(gap.index, gap.missing) for gap in facts.gaps] == [(19, 3), (36, 1)]
+    assert facts.gaps[0].duration_s == pytest.approx(4 / 500)
+    assert facts.frame_rate_hz == pytest.approx(500.0, rel=1e-6)
+    assert camera_times(facts)[20] == pytest.approx(23 / 500)
+
+
+def test_the_experiments_rate_wins_over_a_slow_motion_export(tmp_path):
+    write(tmp_path / "v.mp4", range(30))
+    facts = inspect_video(tmp_path / "v.mp4", frame_rate_hz=1000.0)
+    assert facts.frame_rate_source == "experiment"
+    assert camera_times(facts)[10] == pytest.approx(0.010)
+
+
+def test_missing_video_lists_near_names(tmp_path):
+    (tmp_path / "video.avi").write_bytes(b"x")
+    error = refusal(tmp_path / "vidoe.avi")
+    assert error.code == "SC-V002"
+    assert "video.avi" in (error.fix or "")
+
+
+@pytest.mark.parametrize("path", ["http://host/v.mp4", "concat:a.mp4|b.mp4", "rtsp://camera/1"])
+def test_addresses_are_refused(path):
+    assert refusal(path).code == "SC-V001"
+
+
+def test_patterns_are_refused(tmp_path):
+    (tmp_path / "trial_001.png").write_bytes(b"x")
+    error = refusal(tmp_path / "trial_%03d.png")
+    assert error.code == "SC-V002"
+    assert "patterns" in error.what
+
+
+def test_folders_are_refused(tmp_path):
+    assert refusal(tmp_path).code == "SC-V003"
+
+
+def test_empty_file_is_refused(tmp_path):
+    (tmp_path / "v.mp4").write_bytes(b"")
+    assert refusal(tmp_path / "v.mp4").code == "SC-V004"
+
+
+@pytest.mark.parametrize(
+    "text", ["hello", "#EXTM3U\n#EXTINF:1,\nother.mp4\n", "ffconcat version 1.0\nfile other.mp4\n"]
+)
+@pytest.mark.parametrize("suffix", [".mp4", ".avi"])
+def test_text_named_as_video_is_refused(tmp_path, text, suffix):
+    (tmp_path / f"v{suffix}").write_text(text)
+    assert refusal(tmp_path / f"v{suffix}").code == "SC-V005"
+
+
+def test_sound_alone_is_refused(tmp_path):
+    with av.open(str(tmp_path / "v.mp4"), "w") as container:
+        stream = container.add_stream("aac", rate=44100)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        frame.rate = 44100
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    assert refusal(tmp_path / "v.mp4").code == "SC-V006"
+
+
+def test_a_cut_file_is_refused(tmp_path):
+    write(tmp_path / "index-last.mp4", range(60))
+    write(tmp_path / "index-first.mp4", range(60), faststart=True)
+    write(tmp_path / "v.mkv", range(60), codec="ffv1")
+    for name, code in (("index-last.mp4", "SC-V005"), ("index-first.mp4", "SC-V012"), ("v.mkv", "SC-V012")):
+        whole = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(whole[: len(whole) // 2])
+        assert refusal(tmp_path / name).code == code
+
+
+def test_real_video_whose_edit_list_hides_frames(real_data):
+    facts = inspect_video(real_data / "string_pendulum" / "rope_pendulum_0.62m_60fps.mp4")
+    assert facts.header_frames == 2057
+    assert facts.packets == 1844
+    assert facts.frame_rate_hz == pytest.approx(60.0, abs=0.05)
