@@ -104,6 +104,18 @@ def test_bad_fit_and_far_miss_plan_anew(
     np.testing.assert_array_equal(near.curve.q0_rad, first.curve.q0_rad)
 
 
+def test_a_target_beyond_what_is_near_is_planned_anew(
+    task: Task, strings: Strings, unknown: Strings, first: Plan, options: Options
+) -> None:
+    away = replace(task, target_m=np.array([0.75, -0.10]))
+    trial = thrown_for_real(away, unknown, first, 1)
+    small = replace(options, screening=96, evaluations=96)
+    plan = plan_next(away, strings, [trial], small, np.random.default_rng(2), first_fit_E_m=0.002)
+    assert plan.kind == "replanned"
+    assert "planned anew: near trial 1's motion the best is" in plan.flags[0]
+    assert plan.miss_m < 0.05
+
+
 def test_the_papers_planner(task: Task, strings: Strings, unknown: Strings) -> None:
     options = Options(planner="paper", duration_s=(0.2, 1.2), screening=256, use_servo=False)
     plan = plan_first(task, strings, options, np.random.default_rng(4))

@@ -1,4 +1,4 @@
-"""A small world for the tracker's tests: a prescribed whip, drawn anti-aliased, blurred by motion, with noise.
+"""A small world for the tracker: a prescribed whip, drawn anti-aliased, blurred by motion, with noise.
 
 It shares nothing with the lab: no physics, no renderer.
 """

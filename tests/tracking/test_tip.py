@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from strandcast.tracking.chain import place_nodes
+from strandcast.tracking.follow import fit_string
+from strandcast.tracking.picture import Looks, Picture
 from strandcast.tracking.pixelmap import tabulate
 from strandcast.tracking.tip import ball_centre, end_of_string
 
@@ -61,3 +63,23 @@ def test_ball_is_found_to_a_tenth_of_a_pixel_even_beside_the_arm(scene, arm):
         pixels.metre_per_pixel, pixels.origin_m, pixels.step_m, pixels.uv,
     )  # fmt: skip
     assert np.linalg.norm(centre - [0.0, -0.1]) < 0.25 * pixels.metre_per_pixel
+
+
+@pytest.mark.parametrize(("hold_tip", "low_m", "high_m"), [(True, 0.0, 0.002), (False, 0.006, 0.02)])
+def test_the_visible_end_tells_how_much_string_the_hand_hides(scene, hold_tip, low_m, high_m):
+    bulge = np.zeros(34)
+    bulge[:10] = np.repeat([0.6, -0.6], 5)
+    link_m = 0.2 / 34
+    root = np.array([0.0, 0.1])
+    nodes = place_nodes(root, bulge - np.pi / 2, link_m)
+    image = np.full((scene.HEIGHT, scene.WIDTH), 180.0, np.float32)
+    background = image.copy()
+    scene.draw_line(image, scene.to_pixels(nodes[10:]), 2.0, 60.0)
+    looks = Looks(half_m=scene.SCALE_M, contrast=80.0, tip_excess_m=scene.SCALE_M, polarity=-1.0)
+    hides = np.array([0.0, -0.05, 0.1 - nodes[10, 1] - 0.002, 0.05])  # in the hand's frame, x downwards
+    seen = Picture(image, background, tabulate(scene.flat_camera(), 0.0), hides)
+    hand = np.array([0.0, 0.1, -np.pi / 2])
+    start = 0.3 * bulge - np.pi / 2
+    fit = fit_string(seen, hand, start, start, link_m, np.full(35, 1.0), looks, hold_tip=hold_tip)
+    tip = place_nodes(root, fit.heading, link_m)[-1]
+    assert low_m <= np.linalg.norm(tip - nodes[-1]) <= high_m

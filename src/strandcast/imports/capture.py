@@ -206,7 +206,7 @@ def _summary(
 ) -> TrackSummary:
     seen = np.isfinite(track.points_m).all(axis=2)
     rows, count = seen.shape
-    too_far = _farther_than_the_string(track, index, length_m)
+    too_far = _farther_than_the_string(track, index, mapping)
     return TrackSummary(
         experiment=experiment,
         trial=trial,
@@ -228,15 +228,14 @@ def _summary(
     )
 
 
-def _farther_than_the_string(track: Track, index: list[int], length_m: float) -> list[str]:
+def _farther_than_the_string(track: Track, index: list[int], mapping: CaptureMapping) -> list[str]:
     """Warn of markers farther from the hand than the string between them is long: units, places or axes."""
     warnings = []
-    for point in index:
-        reach_m = np.linalg.norm(track.points_m[:, point] - track.points_m[:, 0], axis=1)
-        string_m = point * length_m / (track.points_m.shape[1] - 1)
-        if np.nanmedian(reach_m) > 1.05 * string_m:
+    for point, marker in zip(index, mapping.markers, strict=True):
+        reach_m = float(np.nanmedian(np.linalg.norm(track.points_m[:, point] - track.points_m[:, 0], axis=1)))
+        if reach_m > 1.05 * marker.place_m:
             warnings.append(
-                f"point {point} is {np.nanmedian(reach_m):.3f} m from the hand, the string to it is {string_m:.3f} m long: "
+                f"the marker at {marker.place_m:g} m along the string is {reach_m:.3f} m from the hand: "
                 "check units, places and columns"
             )
     return warnings

@@ -12,7 +12,7 @@ UR_JOINTS = 6
 
 
 def libfranka(table: NumberTable) -> JointMapping | None:
-    """libfranka's and franka_ros' logs: ``q[0]``, ``q_d[0]``, ``dq[0]``, and a millisecond counter."""
+    """Read libfranka and franka_ros: ``q[0]``, ``q_d[0]``, ``dq[0]``, and a millisecond counter."""
     joints = _counted(table, r"q\[(\d+)\]")
     clock = next((name for name in ("duration", "time", "t") if name in table.names), None)
     if not joints or clock is None:
@@ -30,7 +30,7 @@ def libfranka(table: NumberTable) -> JointMapping | None:
 
 
 def ur_rtde(table: NumberTable) -> JointMapping | None:
-    """ur_rtde's and UR's record.py: ``timestamp``, ``actual_q_0`` …, ``target_q_0`` …."""
+    """Read ur_rtde and UR's record.py: ``timestamp``, ``actual_q_0`` …, ``target_q_0`` …."""
     joints = _counted(table, r"actual_q_(\d+)")
     if not joints or "timestamp" not in table.names:
         return None
@@ -45,7 +45,7 @@ def ur_rtde(table: NumberTable) -> JointMapping | None:
 
 
 def ur_plain(table: NumberTable) -> JointMapping | None:
-    """UR logs without header: t, q (6), qd (6), current (6), desired current (6), desired torque (6)."""
+    """Read UR logs without header: t, q (6), qd (6), current (6), desired current (6), desired torque (6)."""
     if table.has_header or len(table.names) not in (1 + 2 * UR_JOINTS, 1 + 5 * UR_JOINTS):
         return None
     return JointMapping(

@@ -20,7 +20,7 @@ COMMAND_MOVES_RAD = 1e-5
 
 @dataclass(frozen=True)
 class Played:
-    """What is known of a throw beside its log: the motion's hash, and when it ran on the controller's clock."""
+    """What is known of a throw beside its log: the motion's hash, and when it ran by the controller."""
 
     motion_sha256: str | None = None
     arm_sha256: str | None = None
@@ -132,7 +132,7 @@ def _optional(table: NumberTable, names: list[str], columns: JointMapping) -> np
     if len(names) != len(columns.q):
         raise StrandcastError(
             "SC-I006",
-            f"{len(columns.q)} joints are measured and {len(names)} columns given: {names}",
+            f"{len(columns.q)} joints are measured and {len(names)} columns are given",
             file=table.path,
             fix="give one column for each joint, or none",
         )
@@ -185,13 +185,20 @@ def _warnings(time_s: np.ndarray) -> list[str]:
     warnings = []
     if timing.gaps:
         longest = max(timing.gaps, key=lambda gap: gap.duration_s)
+        missing = sum(gap.missing for gap in timing.gaps)
         warnings.append(
-            f"{len(timing.gaps)} gaps, {sum(gap.missing for gap in timing.gaps)} samples missing; the longest is "
+            f"{len(timing.gaps)} gaps, {missing} samples missing; the longest is "
             f"{longest.duration_s * 1e3:.1f} ms, after {time_s[longest.index]:.3f} s"
         )
     if timing.duplicates:
         first = float(time_s[int(np.flatnonzero(np.diff(time_s) == 0)[0])])
         warnings.append(
             f"{timing.duplicates} rows repeat a time and were left out, the first at {first:.3f} s"
+        )
+    step_ms = np.diff(time_s) * 1e3
+    if timing.uneven > 0.01 * len(step_ms):
+        warnings.append(
+            f"{timing.uneven} of {len(step_ms)} steps are not of the usual {1e3 / timing.rate_hz:.1f} ms "
+            f"({step_ms.min():.1f} to {step_ms.max():.1f} ms): {1e3 / step_ms.mean():.1f} Hz on average"
         )
     return warnings

@@ -84,7 +84,8 @@ def read_numbers(path: str | Path) -> NumberTable:
     values = np.empty((len(body), len(names)))
     for row, (cells, line) in enumerate(zip(body, body_lines, strict=True)):
         if len(cells) != len(names):
-            what = f"the line has {len(cells)} cells, {'the header' if header else 'the first line'} has {len(names)}"
+            first = "header" if header else "first line"
+            what = f"the line has {len(cells)} cells, the {first} has {len(names)}"
             raise refusal(
                 path, line, None, what, "was the file cut, or does it use a decimal comma? copy it again"
             )

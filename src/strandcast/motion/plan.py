@@ -154,17 +154,42 @@ def plan_next(
         return _plan(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
     best = min(known, key=Earlier.rank_m)
     if _lost(best, first_fit_E_m, options):
-        found = _anew("replanned", task, strings.first(options.members), world, options, rng)
-        found.flags.append(
-            f"planned anew: the first fit left {1000 * (first_fit_E_m or 0):.1f} mm and no throw came near"
-        )
-        return _plan(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
+        why = f"the first fit left {1000 * (first_fit_E_m or 0):.1f} mm and no throw came near"
+        return _replanned(task, strings, world, options, rng, why)
+    plan = _refined(task, strings, world, best, known, options, rng)
+    if plan.miss_m <= task.hit_radius_m:
+        return plan
+    why = f"near trial {best.trial}'s motion the best is {1000 * plan.miss_m:.0f} mm"
+    anew = _replanned(task, strings, world, options, rng, why)
+    return anew if anew.miss_m < plan.miss_m else plan
+
+
+def _refined(
+    task: Task,
+    strings: Strings,
+    world: World,
+    best: Earlier,
+    known: list[Earlier],
+    options: Options,
+    rng: np.random.Generator,
+) -> Plan:
+    """Plan near the best trial, and describe the motion with all strings as they were fitted."""
     few = neighbourhood(task, strings.first(options.members), world, best, known, regrasp=rng)
     curve, simulations = plan_near(task, few, options, rng)
     flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
-    found = Found("refined", curve, simulations, flags, best.trial)
     thrown, shift = throw_near(task, neighbourhood(task, strings, world, best, known), [curve])
-    return _plan(task, strings, options, found, thrown, shift)
+    return _plan(
+        task, strings, options, Found("refined", curve, simulations, flags, best.trial), thrown, shift
+    )
+
+
+def _replanned(
+    task: Task, strings: Strings, world: World, options: Options, rng: np.random.Generator, why: str
+) -> Plan:
+    """Plan anew with the fitted strings, as if nothing had been thrown."""
+    found = _anew("replanned", task, strings.first(options.members), world, options, rng)
+    found.flags.append(f"planned anew: {why}")
+    return _plan(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
 
 
 def fitted_servo(task: Task, earlier: list[Earlier]) -> Servo:

@@ -49,6 +49,7 @@ class Timing(Part):
     gaps: list[Gap]
     duplicates: int
     unsorted: int = 0
+    uneven: int = 0  # steps more than a tenth off the usual one, gaps and duplicates included
 
 
 class SyncEvent(Part):
@@ -234,6 +235,7 @@ def timing_of(time_s: np.ndarray, nominal_rate_hz: float | None = None) -> Timin
         gaps=gaps,
         duplicates=int((steps == 0).sum()),
         unsorted=int((steps < 0).sum()),
+        uneven=int((np.abs(steps - usual) > 0.1 * usual).sum()),
     )
 
 

@@ -14,7 +14,7 @@ def check_size(facts: VideoFacts, camera: Camera, path: str | Path) -> None:
     size, wanted = (facts.width_px, facts.height_px), (camera.lens.width_px, camera.lens.height_px)
     if size != wanted:
         raise StrandcastError(
-            "SC-T002", f"pictures of {size[0]} x {size[1]} px; the calibration is for {wanted[0]} x {wanted[1]}",
+            "SC-T002", f"{size[0]} x {size[1]} px, but the calibration is for {wanted[0]} x {wanted[1]}",
             file=path, fix="calibrate with pictures of the throw's size")  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """The part of each frame that the string can reach, kept for a second look: in memory, then in a file.
 
-The hand is found while frames are decoded, the background is known only afterwards: the string waits in crops.
+The hand is found while frames are decoded, the background is known only after: the string waits in crops.
 """
 
 from __future__ import annotations

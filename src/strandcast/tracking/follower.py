@@ -25,13 +25,16 @@ BALL_TIMES = 1.6  # wider than this, in the string's own widths and a pixel more
 class Follower:
     """Follows the string from frame to frame; holds the last two frames' headings and the string's looks."""
 
-    def __init__(self, string: StringHint, exposure_s: float, hand_box: np.ndarray) -> None:
+    def __init__(
+        self, string: StringHint, exposure_s: float, hand_box: np.ndarray, polarity: float | None
+    ) -> None:
         self.string = string
         self.every = max(1, round(string.length_m / string.points / LINK_M))
         self.links = self.every * string.points
         self.link_m = string.length_m / self.links
         self.exposure_s = exposure_s
         self.hand_box = hand_box
+        self.polarity = polarity
         self.looks: Looks | None = None
         self.first_frame: int | None = None
         self.found_anew = 0
@@ -69,7 +72,7 @@ class Follower:
         return hand
 
     def _start(self, picture: Picture, hand: np.ndarray) -> Fit | None:
-        found = first_fit(picture, hand, self.links, self.link_m, self.string.thickness_m)
+        found = first_fit(picture, hand, self.links, self.link_m, self.string.thickness_m, self.polarity)
         if found is None:
             return None
         self.looks, fit = found
@@ -78,7 +81,7 @@ class Follower:
         return self._fit(picture, hand, fit.heading, fit.heading, 0.0)
 
     def _learn_length(self, picture: Picture, hand: np.ndarray, fit: Fit) -> None:
-        """Take the visible end for the string's, less what is beyond the last point: half its width, or a ball."""
+        """Take the visible end for the string's, less what is beyond the tip: half its width, or a ball."""
         assert self.looks is not None
         end_m, half_m = visible_end(picture, hand, fit, self.link_m, self.looks)
         ball = half_m > BALL_TIMES * self.looks.half_m + picture.pixels.metre_per_pixel

@@ -20,7 +20,12 @@ FOUND = 0.35  # mean reward of a way that is the string
 
 
 def first_fit(
-    picture: Picture, hand: np.ndarray, links: int, link_m: float, thickness_m: float | None
+    picture: Picture,
+    hand: np.ndarray,
+    links: int,
+    link_m: float,
+    thickness_m: float | None,
+    polarity: float | None,
 ) -> tuple[Looks, Fit] | None:
     """Find the string in a frame and learn its looks; None where nothing long and thin leaves the clamp.
 
@@ -34,18 +39,22 @@ def first_fit(
         The chain.
     thickness_m
         The string's thickness, if known.
+    polarity
+        1 for a string brighter than the background, -1 for a darker one, None to find out.
     """
     scale = picture.pixels.metre_per_pixel
     difference = picture.image[::4, ::4].astype(np.float32) - picture.background[::4, ::4]
     noise = 1.48 * float(np.median(np.abs(difference)))
     half_m = 0.5 * thickness_m if thickness_m else 1.0 * scale
-    looks = Looks(max(half_m, 0.6 * scale), max(NOISE_TIMES * noise, LEAST_CONTRAST))
+    contrast = max(NOISE_TIMES * noise, LEAST_CONTRAST)
+    looks = Looks(max(half_m, 0.6 * scale), contrast, polarity=polarity or 0.0)
     heading, value = find_string(picture, hand, None, links, link_m, looks)
     if value < FOUND:
         return None
     fit = _fit_freely(picture, hand, heading, link_m, looks)
     for _ in range(2):
         looks = _measure(picture, hand, fit, link_m, looks)
+        looks = looks if polarity is None else replace(looks, polarity=polarity)
         fit = _fit_freely(picture, hand, fit.heading, link_m, looks)
     return looks, fit
 

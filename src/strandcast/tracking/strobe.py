@@ -40,7 +40,11 @@ class Strobe:
 
     def picture(self, points_m: np.ndarray, camera: Camera) -> np.ndarray:
         """Return the composite (height, width, 3), RGB, with the points (F, n + 1, 2) of the kept frames."""
-        chosen = np.unique(np.linspace(0, len(self.frames) - 1, INSTANTS).astype(int)) if self.frames else []
+        chosen: list[int] = (
+            np.unique(np.linspace(0, len(self.frames) - 1, INSTANTS).astype(int)).tolist()
+            if self.frames
+            else []
+        )
         kept = [self.frames[k] for k in chosen]
         grey = self.background.astype(np.float32)
         most = np.zeros_like(grey)

@@ -25,6 +25,7 @@ from strandcast.video.ingest import camera_times
 from strandcast.video.reader import open_video
 
 CROP_LENGTHS = 1.25  # around the hand, in lengths of the string
+POLARITIES = {"bright": 1.0, "dark": -1.0, "auto": None}
 EXPOSURE_SHARE = 0.2  # of the frame interval, where the exposure is not given
 LONGEST_BRIDGE = 10  # frames over which a hand that was not seen is bridged
 
@@ -38,6 +39,7 @@ def track_video(
     dictionary: str = "DICT_4X4_50",
     background_frames: int = 40,
     exposure_s: float | None = None,
+    polarity: str = "auto",
 ) -> Tracked:
     """Track the hand and the string through a video.
 
@@ -57,6 +59,8 @@ def track_video(
         Frames of which the background is the median.
     exposure_s
         The camera's exposure; by default a fifth of the frame interval.
+    polarity
+        Whether the string is "bright" or "dark" before the background, or "auto".
 
     Raises
     ------
@@ -72,7 +76,7 @@ def track_video(
     with Crops(pixels, CROP_LENGTHS * string.length_m) as crops:
         hands, messages, background, chosen = decode(path, facts, finder, crops, background_frames)
         check_hand(hands, finder, path)
-        follower = Follower(string, exposure_s, box_around(markers))
+        follower = Follower(string, exposure_s, box_around(markers), POLARITIES[polarity])
         strobe = Strobe(background)
         results = []
         for index, hand in enumerate(progress(hands, "track: string", total=len(hands))):

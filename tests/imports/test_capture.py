@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strandcast.errors import StrandcastError
+from strandcast.imports.capture import import_capture
+from strandcast.imports.mapping import CaptureMapping, capture_mapping_of, load_mapping
+from strandcast.records.alignment import Alignment, read_hand
+from strandcast.records.track import SUPPLIED, TrackSummary, read_track
+
+ROWS = "ms,hx,hy,deg,mx,my,ex,ey\n0,0,900,0,0,700,0,500\n10,10,900,10,5,700,,\n20,20,900,20,8,700,2,500\n"
+
+
+def capture(tmp_path, mapping: CaptureMapping, text: str = ROWS, points: int = 4) -> TrackSummary:
+    path = tmp_path / "capture.csv"
+    path.write_text(text)
+    return import_capture(
+        path, tmp_path / "out", mapping, experiment="e", trial=2, length_m=0.4, points=points
+    )
+
+
+def mapping_of(**more) -> CaptureMapping:
+    units = {"time_unit": "ms", "angle_unit": "deg", "length_unit": "mm"}
+    return capture_mapping_of("ms", "hx,hy,deg", ["0.2:mx,my", "0.4:ex,ey"], **(units | more))
+
+
+def test_units_places_angles_and_missing_markers(tmp_path):
+    summary = capture(tmp_path, mapping_of(angle_sign=-1, angle_offset_rad=-np.pi / 2, sigma_m=5e-4))
+    track = read_track(tmp_path / "out/track.parquet", 4)
+    np.testing.assert_allclose(track.camera_time_s, [0, 0.01, 0.02])
+    np.testing.assert_allclose(track.points_m[:, 0], [[0, 0.9], [0.01, 0.9], [0.02, 0.9]])
+    np.testing.assert_allclose(track.points_m[:, 2, 0], [0, 0.005, 0.008])
+    np.testing.assert_allclose(track.points_m[[0, 2], 4], [[0, 0.5], [0.002, 0.5]])
+    assert np.isnan(track.points_m[:, [1, 3]]).all()
+    assert np.isnan(track.points_m[1, 4]).all()
+    assert track.flags[0, 4] == SUPPLIED
+    assert track.sigma_m[0, 4] == 5e-4
+    time_s, pose = read_hand(tmp_path / "out/hand.parquet", "measured")
+    np.testing.assert_allclose(pose[:, 2], -np.pi / 2 - np.radians([0, 10, 20]))
+    np.testing.assert_allclose(time_s, track.camera_time_s)
+    assert summary.tracked_fraction == pytest.approx(5 / 6)
+    assert summary.tip_fraction == pytest.approx(2 / 3)
+    assert summary.warnings == []
+    assert TrackSummary.read(tmp_path / "out/track.json") == summary
+    alignment = Alignment.read(tmp_path / "out/alignment.json")
+    assert (alignment.source, alignment.offset_s, alignment.trial) == ("supplied", 0.0, 2)
+    assert (alignment.motion_start_s, alignment.motion_end_s) == (0.0, 0.02)
+
+
+def test_markers_between_points_are_told_with_a_better_number(tmp_path):
+    summary = capture(tmp_path, mapping_of(), points=5)
+    assert "40.0 mm along the string" in summary.warnings[0]
+    assert "string.points: 4" in summary.warnings[0]
+
+
+def test_points_may_be_named(tmp_path):
+    mapping = capture_mapping_of(
+        "ms", "hx,hy", ["0.2@3:mx,my", "0.4:ex,ey"], time_unit="ms", length_unit="mm"
+    )
+    summary = capture(tmp_path, mapping, points=5)
+    track = read_track(tmp_path / "out/track.parquet", 5)
+    assert np.isfinite(track.points_m[0]).all(axis=1).tolist() == [True, False, False, True, False, True]
+    assert summary.choices["point_3_place_m"] == 0.2
+
+
+def test_wrong_units_show_as_a_string_too_short(tmp_path):
+    summary = capture(tmp_path, mapping_of(length_unit="m"))
+    assert any(" 200.0" in warning for warning in summary.warnings)
+
+
+def test_a_mapping_file_says_the_same_as_options(tmp_path):
+    (tmp_path / "m.toml").write_text(
+        'time = "ms"\ntime_unit = "ms"\nhand_x = "hx"\nhand_y = "hy"\nhand_angle = "deg"\n'
+        'angle_unit = "deg"\n'
+        'length_unit = "mm"\n[[markers]]\nplace_m = 0.2\nx = "mx"\ny = "my"\n'
+        '[[markers]]\nplace_m = 0.4\nx = "ex"\ny = "ey"\n'
+    )
+    assert load_mapping(tmp_path / "m.toml", CaptureMapping) == mapping_of()
+
+
+def test_what_cannot_be_is_refused(tmp_path):
+    with pytest.raises(StrandcastError, match=r"beyond the string's 0\.4 m"):
+        capture(tmp_path, capture_mapping_of("ms", "hx,hy", ["2:mx,my"]))
+    with pytest.raises(StrandcastError, match=r"points \[2, 2\] of 4"):
+        capture(tmp_path, capture_mapping_of("ms", "hx,hy", ["0.2:mx,my", "0.21:ex,ey"]))
+    with pytest.raises(StrandcastError, match="no column 'mz'"):
+        capture(tmp_path, capture_mapping_of("ms", "hx,hy", ["0.2:mx,mz"]))
+    with pytest.raises(StrandcastError, match="time does not rise") as refusal:
+        capture(tmp_path, mapping_of(), ROWS + "20,0,0,0,0,0,0,0\n")
+    assert refusal.value.line == 5
+    with pytest.raises(StrandcastError, match="not PLACE:X,Y"):
+        capture_mapping_of("ms", "hx,hy", ["mx,my"])
+    with pytest.raises(StrandcastError, match="place_m"):
+        capture_mapping_of("ms", "hx,hy", ["half:mx,my"])
+
+
+@pytest.mark.parametrize(("series", "rows"), [("dynamic", 114), ("free_swing", None)])
+def test_the_real_cable_comes_in_with_options_alone(real_data, tmp_path, series, rows):
+    mapping = capture_mapping_of(
+        "t",
+        "x_base,z_base,phi",
+        ["0.2:x_mid,z_mid", "0.4:x_end,z_end"],
+        angle_sign=-1,
+        angle_offset_rad=-np.pi / 2,
+    )
+    path = real_data / "pac_cable" / series / "black_short_unweighted.markers_rebuilt.csv"
+    summary = import_capture(path, tmp_path, mapping, experiment="pac", trial=1, length_m=0.4, points=12)
+    track = read_track(tmp_path / "track.parquet", 12)
+    assert rows is None or len(track.frame) == rows
+    assert summary.warnings == []
+    assert summary.tracked_fraction == 1.0
+    seen = np.isfinite(track.points_m).all(axis=2)
+    assert seen.all(axis=0).nonzero()[0].tolist() == [0, 6, 12]
+    reach_m = np.linalg.norm(track.points_m[:, 12] - track.points_m[:, 0], axis=1)
+    assert reach_m.max() < 0.401  # a cable does not stretch
+    _, pose = read_hand(tmp_path / "hand.parquet", "measured")
+    upper = track.points_m[:, 6] - track.points_m[:, 0]
+    off = np.abs(np.arctan2(upper[:, 1], upper[:, 0]) - pose[:, 2])
+    assert np.median(off) < 0.6  # the cable leaves the hand downwards, along the angle given

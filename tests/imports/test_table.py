@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from strandcast.errors import StrandcastError
+from strandcast.imports.table import read_numbers
+
+
+def table_of(tmp_path, text: str | bytes):
+    path = tmp_path / "log.csv"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return read_numbers(path)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_columns_by_name_whatever_the_separator(tmp_path, separator):
+    table = table_of(
+        tmp_path, separator.join(["t", " q[0]"]) + "\r\n" + separator.join(["1.5", "-2e-3"]) + "\r\n"
+    )
+    assert table.names == ["t", "q[0]"]
+    np.testing.assert_array_equal(table.column("q[0]"), [-2e-3])
+
+
+def test_columns_by_number_without_a_header(tmp_path):
+    table = table_of(tmp_path, "1,2,3\n4,5,6\n")
+    np.testing.assert_array_equal(table.columns(["1", "3"]), [[1, 3], [4, 6]])
+    assert not table.has_header
+
+
+def test_comments_blank_lines_bom_and_closing_separators_are_taken(tmp_path):
+    table = table_of(tmp_path, "\ufeff# rig 2\nt,a,\n\n0,1,\n1,,\n")
+    assert table.names == ["t", "a"]
+    np.testing.assert_array_equal(table.column("a"), [1, np.nan])
+    assert table.lines.tolist() == [4, 5]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("t,q\n0,1\n0.1,2,3\n", 3, "3 cells, the header has 2"),
+        ("t,q\n0,1\n0.1\n", 3, "1 cells, the header has 2"),
+        ("t;q\n0,1;1,5\n", 2, "decimal comma"),
+        ("1;0,5\n2;0,7\n", 1, "decimal comma"),
+        ("t,q\n0,1\n0.1,abc\n", 3, "'abc' is not a number"),
+        ("t,q\n0,1\n0.1,inf\n", 3, "not a finite number"),
+        ("t,q\n0,1\n0.1\0\0\0,2\n", 3, "NUL bytes from byte 11 on"),
+        (b"t,q\n0,\xff\xfe\n", 2, "not text"),
+        ("t,q,q\n0,1,2\n", 1, "names this column twice"),
+        ("t,q\n", None, "no rows"),
+        ("", None, "empty"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_one_message_with_the_line(tmp_path, text, line, words):
+    with pytest.raises(StrandcastError, match=words) as refusal:
+        table_of(tmp_path, text)
+    assert refusal.value.line == line
+    assert refusal.value.file.endswith("log.csv")
+    assert refusal.value.fix
+
+
+def test_a_missing_file_and_a_missing_column_are_named(tmp_path):
+    with pytest.raises(StrandcastError, match="not there"):
+        read_numbers(tmp_path / "none.csv")
+    with pytest.raises(StrandcastError, match="no column 'x'; the columns are t, q"):
+        table_of(tmp_path, "t,q\n0,1\n").column("x")
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.one_of(st.binary(max_size=200), st.text("0123456789.,;-eE\n\t \"'#tq", max_size=200)))
+def test_any_file_gives_a_table_or_one_clear_error(tmp_path, text):
+    try:
+        table = table_of(tmp_path, text)
+    except StrandcastError as refusal:
+        assert refusal.code.startswith("SC-I")
+    else:
+        assert table.values.shape == (len(table.lines), len(table.names))
+        assert not np.isinf(table.values).any()
