@@ -119,6 +119,9 @@ class CameraSettings(Section):
     string_offset_m: Annotated[float, Field(ge=-1, le=1)] = Field(
         0.0, description="How far the string's plane lies before the markers' plane, towards the camera."
     )
+    exposure_s: Annotated[float, Field(gt=0, le=0.1)] | None = Field(
+        None, description="By default a fifth of the time between frames."
+    )
     frame_rate_hz: Annotated[float, Field(gt=1, le=1e6)] | None = Field(
         None, description="True rate, where the file's header lies (slow-motion exports)."
     )

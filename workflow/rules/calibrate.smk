@@ -7,8 +7,7 @@ OUTPUTS:         results/<experiment>/camera.json
 
 rule calibrate:
     input:
-        photos=lens_photos,
-        plane=lambda wildcards: f"data/{wildcards.experiment}/{experiment(wildcards.experiment).camera.plane_photo}",
+        files=calibration_files,
     output:
         camera="results/{experiment}/camera.json",
     log:

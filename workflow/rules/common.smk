@@ -129,6 +129,27 @@ def raw_video(wildcards):
         stop(error)
 
 
+def raw_files(wildcards):
+    """Return what was recorded: video, joint log, played motion; a video without a robot stands alone."""
+    name, files = wildcards.experiment, ("joints.csv", "run.json", "motion.json")
+    trial = folder(name).trial(int(wildcards.trial))
+    wanted = [
+        file for file in files if experiment(name).lab or (trial.data / file).exists()
+    ]
+    return [raw_video(wildcards), *(str(trial.data / file) for file in wanted)]
+
+
+def calibration_files(wildcards):
+    """Return the board photos and the plane's; or the pendulum whose arc gives the scale."""
+    name = wildcards.experiment
+    if experiment(name).camera.scale == "arc":
+        return [f"results/{name}/trial-01/manifest.json"]
+    return [
+        *lens_photos(wildcards),
+        f"data/{name}/{experiment(name).camera.plane_photo}",
+    ]
+
+
 def lens_photos(wildcards):
     """Return the board photos; the lab's are named before they exist."""
     name = wildcards.experiment

@@ -7,10 +7,7 @@ OUTPUTS:         results/<experiment>/trial-NN/manifest.json
 
 rule ingest:
     input:
-        video=raw_video,
-        joints="data/{experiment}/trial-{trial}/joints.csv",
-        run="data/{experiment}/trial-{trial}/run.json",
-        motion="data/{experiment}/trial-{trial}/motion.json",
+        raw=raw_files,
     output:
         manifest="results/{experiment}/trial-{trial}/manifest.json",
     log:

@@ -17,6 +17,7 @@ from strandcast.records.camera import Lens, View
 MODELS = {
     "radial1": (cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST, 1),
     "radial2": (cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST, 2),
+    "tangential": (cv2.CALIB_FIX_K3, 4),
     "radial3": (cv2.CALIB_ZERO_TANGENT_DIST, 3),
     "full": (0, 5),
 }
@@ -61,8 +62,9 @@ def calibrate_lens(
     board
         The board as printed.
     model
-        ``radial1``, ``radial2``, ``radial3``, ``full`` (with tangential terms), or ``auto``: the one with the
-        least Akaike information, among those that do not fold within the picture. Few photos get few terms.
+        ``radial1``, ``radial2``, ``tangential`` (k1, k2, p1, p2), ``radial3``, ``full``, or ``auto``: the one
+        with the least Akaike information, among those that do not fold within the picture. Few photos get few
+        terms.
     least_corners
         A photo with fewer corners is left out.
 

@@ -1,84 +1,19 @@
-"""Plan the first motion and every later one, and tell what is expected of it."""
+"""Plan the first motion and every later one."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from strandcast.arm.limits import peaks, violations
 from strandcast.arm.servo import Servo, identify
 from strandcast.errors import StrandcastError
-from strandcast.motion.bezier import Curve, Samples, sample
+from strandcast.motion.describe import Found, Plan, described
 from strandcast.motion.earlier import Earlier
 from strandcast.motion.first import plan_anew
 from strandcast.motion.later import neighbourhood, plan_near, throw_near
-from strandcast.motion.objective import Assessment
 from strandcast.motion.paper import first_by_paper, later_by_paper
 from strandcast.motion.strings import Strings, regrasped
 from strandcast.motion.task import Options, Task, refuse_unreachable
-from strandcast.motion.throws import Thrown, World, assessed, throw_curves
-
-PLANNERS = ("ensemble", "paper")
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """A motion and what is expected of it.
-
-    Attributes
-    ----------
-    planner, kind
-        ``ensemble`` or ``paper``; ``first``, ``refined`` (near an earlier motion) or ``replanned`` (anew).
-    curve, motion
-        The velocity curves, and the motion's points.
-    strings
-        The strings that it was planned with, the best first.
-    miss_m, ensemble_miss_m, hit_probability
-        Expected miss with the best string, with every string (K,), and the share of strings that hit.
-    hit_time_s, tip_speed_m_s, largest_bend_rad
-        When and how fast the best string's tip comes nearest, and its largest bend until then.
-    time_s, hand_m, tip_m
-        (T,), (T, 2), (T, 2) expected paths until 0.3 s after the motion, what was carried over included.
-    peaks
-        Largest speed, acceleration, jerk, torque of each joint, by name.
-    parent_trial
-        The trial whose motion was altered, None for a motion planned anew.
-    simulations
-        Throws simulated.
-    flags
-        What a reader should know.
-    """
-
-    planner: str
-    kind: str
-    curve: Curve
-    motion: Samples
-    strings: Strings
-    miss_m: float
-    ensemble_miss_m: np.ndarray
-    hit_probability: float
-    hit_time_s: float
-    tip_speed_m_s: float
-    largest_bend_rad: float
-    time_s: np.ndarray
-    hand_m: np.ndarray
-    tip_m: np.ndarray
-    peaks: dict[str, np.ndarray]
-    parent_trial: int | None
-    simulations: int
-    flags: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What a planner found: the motion, how it came about, and with what it is to be described."""
-
-    kind: str
-    curve: Curve
-    simulations: int
-    flags: list[str]
-    parent_trial: int | None = None
+from strandcast.motion.throws import World, throw_curves
 
 
 def plan_first(task: Task, strings: Strings, options: Options, rng: np.random.Generator) -> Plan:
@@ -107,7 +42,7 @@ def plan_first(task: Task, strings: Strings, options: Options, rng: np.random.Ge
         found = Found("first", curve, simulations, _paper_flags(hit))
     else:
         found = _anew("first", task, strings, world, options, rng)
-    return _plan(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
+    return described(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
 
 
 def plan_next(
@@ -151,7 +86,7 @@ def plan_next(
     world = World((servo or fitted_servo(task, earlier)) if options.use_servo else None)
     if options.planner == "paper":
         found = _altered_last(task, strings, world, known[-1], options, rng)
-        return _plan(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
+        return described(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
     best = min(known, key=Earlier.rank_m)
     if _lost(best, first_fit_E_m, options):
         why = f"the first fit left {1000 * (first_fit_E_m or 0):.1f} mm and no throw came near"
@@ -178,7 +113,7 @@ def _refined(
     curve, simulations = plan_near(task, few, options, rng)
     flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
     thrown, shift = throw_near(task, neighbourhood(task, strings, world, best, known), [curve])
-    return _plan(
+    return described(
         task, strings, options, Found("refined", curve, simulations, flags, best.trial), thrown, shift
     )
 
@@ -189,7 +124,7 @@ def _replanned(
     """Plan anew with the fitted strings, as if nothing had been thrown."""
     found = _anew("replanned", task, strings.first(options.members), world, options, rng)
     found.flags.append(f"planned anew: {why}")
-    return _plan(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
+    return described(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
 
 
 def fitted_servo(task: Task, earlier: list[Earlier]) -> Servo:
@@ -222,63 +157,5 @@ def _lost(best: Earlier, first_fit_E_m: float | None, options: Options) -> bool:
     return first_fit_E_m > options.replan_from_E_m and best.rank_m() > options.replan_from_miss_m
 
 
-def _plan(
-    task: Task,
-    strings: Strings,
-    options: Options,
-    found: Found,
-    thrown: Thrown,
-    shift_m: np.ndarray | None = None,
-) -> Plan:
-    """Return the plan with what the throws say of it; refuse a motion that breaks the arm's limits."""
-    motion = sample(found.curve, task.step_s)
-    _refuse_violations(task, motion)
-    told = assessed(task, thrown, shift_m, options.clearance_m)
-    path = thrown.points_m[0, : thrown.last[0] + 1]
-    return Plan(
-        planner=options.planner,
-        kind=found.kind,
-        curve=found.curve,
-        motion=motion,
-        strings=strings,
-        miss_m=float(told.miss_m[0]),
-        ensemble_miss_m=told.miss_m,
-        hit_probability=float(np.mean(told.miss_m <= task.hit_radius_m)),
-        hit_time_s=float(thrown.time_s[told.hit_index[0]]),
-        tip_speed_m_s=float(told.tip_speed_m_s[0]),
-        largest_bend_rad=float(np.arccos(np.clip(1.0 - told.fold[0], -1.0, 1.0))),
-        time_s=thrown.time_s[: len(path)],
-        hand_m=path[:, 0],
-        tip_m=path[:, -1] + (0.0 if shift_m is None else shift_m[0, : len(path)]),
-        peaks=peaks(task.arm, motion.time_s, motion.q, motion.qd, motion.qdd),
-        parent_trial=found.parent_trial,
-        simulations=found.simulations,
-        flags=(*found.flags, *_expectation_flags(task, told)),
-    )
-
-
-def _expectation_flags(task: Task, told: Assessment) -> list[str]:
-    """Say what the best string's throw leaves to be desired."""
-    flags = []
-    if told.miss_m[0] > task.hit_radius_m:
-        flags.append(f"not expected to hit: the nearest that was found is {1000 * told.miss_m[0]:.0f} mm")
-    if told.outside_m[0] > 0.0:
-        flags.append(f"may leave the workspace by {1000 * told.outside_m[0]:.0f} mm")
-    if told.touch_m[0] > 0.0:
-        flags.append("the string may come nearer to the arm than the clearance")
-    return flags
-
-
 def _paper_flags(hit: bool) -> list[str]:
     return [] if hit else ["no simulated hit within the budget: the best so far is thrown"]
-
-
-def _refuse_violations(task: Task, motion: Samples) -> None:
-    found = violations(task.arm, motion.time_s, motion.q, motion.qd, motion.qdd)
-    if found:
-        raise StrandcastError(
-            "SC-P006",
-            "the motion that was found breaks the arm's limits: " + "; ".join(map(str, found)),
-            file=task.arm.path,
-            fix="allow longer motions (plan.duration_s) or more evaluations",
-        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from strandcast.motion.plan import Plan
+from strandcast.motion.describe import Plan
 from strandcast.motion.task import Task
 from strandcast.records.motion import (
     Bezier,

@@ -36,7 +36,7 @@ class Lens(Part):
     rms_px: float
     standard_errors: dict[str, float] = {}  # fx_px, fy_px, cx_px, cy_px
     views: list[View] = []
-    model: str = "given"  # which coefficients were free: "radial1" … "radial3", "full"
+    model: str = "given"  # which coefficients were free: "radial1" … "radial3", "tangential", "full"
     warnings: list[str] = []
 
 

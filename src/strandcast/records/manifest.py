@@ -57,6 +57,6 @@ class Manifest(Record):
     experiment: str
     trial: int
     video: VideoFacts
-    joint_log: LogFacts
-    motion_sha256: str
+    joint_log: LogFacts | None  # a video without a robot has none
+    motion_sha256: str | None
     warnings: list[str]

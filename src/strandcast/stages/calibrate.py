@@ -13,13 +13,18 @@ from strandcast.camera.plane import PlaneMarker, plane_from_markers
 from strandcast.errors import StrandcastError
 from strandcast.experiment import CameraSettings
 from strandcast.progress import progress
-from strandcast.stages.context import context_of
+from strandcast.records.manifest import Manifest
+from strandcast.stages.context import Context, context_of
+from strandcast.tracking.arc import calibrate_arc
 
 
 def run(root: Path, name: str) -> None:
     """Write results/<experiment>/camera.json."""
     context = context_of(root, name)
     camera = context.settings.camera
+    if camera.scale == "arc":
+        _calibrate_by_arc(context)
+        return
     folder = context.folder.data
     paths = sorted(folder.glob(camera.lens_photos))
     photos = [(path.name, _photo(path)) for path in progress(paths, "calibrate: photos", len(paths))]
@@ -41,6 +46,15 @@ def run(root: Path, name: str) -> None:
         camera.string_offset_m,
         file=str(plane),
     ).write(context.folder.results / "camera.json")
+
+
+def _calibrate_by_arc(context: Context) -> None:
+    """Take scale and origin from the first trial's pendulum, whose length is known."""
+    first = context.folder.trial(1)
+    video = Manifest.read(first.results / "manifest.json").video
+    calibrate_arc(first.data / video.file, video, context.settings.string.length_m).write(
+        context.folder.results / "camera.json"
+    )
 
 
 def _photo(path: Path) -> np.ndarray:

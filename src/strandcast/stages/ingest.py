@@ -17,9 +17,11 @@ def run(root: Path, name: str, trial: int) -> None:
     context = context_of(root, name)
     folder = context.folder.trial(trial)
     video = inspect_video(folder.video(), context.settings.camera.frame_rate_hz)
-    log = _log_facts(folder.data)
-    motion = Motion.read(folder.data / "motion.json").content_sha256()
-    _check_played(folder.data, motion)
+    log = _log_facts(folder.data) if (folder.data / "run.json").is_file() else None
+    played = folder.played_motion
+    motion = None if played is None else Motion.read(played).content_sha256()
+    if log is not None and motion is not None:
+        _check_played(folder.data, motion)
     Manifest(
         experiment=name,
         trial=trial,
@@ -58,7 +60,7 @@ def _check_played(data: Path, played: str) -> None:
         )
 
 
-def _warnings(video: VideoFacts, log: LogFacts) -> list[str]:
+def _warnings(video: VideoFacts, log: LogFacts | None) -> list[str]:
     found = []
     if video.gaps:
         worst = max(gap.duration_s for gap in video.gaps)
@@ -66,6 +68,11 @@ def _warnings(video: VideoFacts, log: LogFacts) -> list[str]:
         found.append(f"{video.file}: {missing} frames missing in {len(video.gaps)} gaps, up to {worst:.4f} s")
     if video.duplicates:
         found.append(f"{video.file}: {video.duplicates} frames with the time stamp of the one before")
+    return found if log is None else found + _log_warnings(video, log)
+
+
+def _log_warnings(video: VideoFacts, log: LogFacts) -> list[str]:
+    found = []
     if log.gaps:
         worst = max(gap.duration_s for gap in log.gaps)
         found.append(f"{log.file}: {len(log.gaps)} gaps, up to {worst:.4f} s")

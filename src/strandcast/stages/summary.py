@@ -12,7 +12,7 @@ from strandcast.stages.pages import facts_of, next_motion_of
 
 
 def run(root: Path, name: str, trials: list[int] | None = None) -> None:
-    """Write results/<experiment>/{summary.json, report.html}; for all trials with a page if none are given."""
+    """Write {summary.json, report.html} of results/<experiment>; by default for all trials with a page."""
     context = context_of(root, name)
     settings, results = context.settings, context.folder.results
     numbers = trials or _with_results(results)

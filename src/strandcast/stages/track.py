@@ -13,8 +13,9 @@ from strandcast.records.files import atomic_write
 from strandcast.records.manifest import Manifest
 from strandcast.records.tables import write_table
 from strandcast.records.track import MARKERS, TRACK, Track, TrackSummary
-from strandcast.stages.context import context_of
+from strandcast.stages.context import Context, context_of
 from strandcast.tracking.hand import HandMarker
+from strandcast.tracking.pivot import track_pivot
 from strandcast.tracking.track import StringHint, Tracked, track_video
 
 WEBP_QUALITY = 82
@@ -23,27 +24,43 @@ WEBP_QUALITY = 82
 def run(root: Path, name: str, trial: int) -> None:
     """Track the string of one trial."""
     context = context_of(root, name)
-    settings, folder = context.settings, context.folder.trial(trial)
+    folder = context.folder.trial(trial)
     arm = load_arm(context.arm_file)
     manifest = Manifest.read(folder.results / "manifest.json")
-    tracked = track_video(
-        folder.data / manifest.video.file,
-        manifest.video,
-        Camera.read(context.folder.results / "camera.json"),
-        StringHint(
-            settings.string.length_m - arm.clamp.swallowed_m, settings.string.n, settings.string.thickness_m
-        ),
-        _hand_markers(arm),
-        arm.marker_dictionary,
-        settings.track.background_frames,
-    )
+    tracked = _track(context, arm, manifest, folder.data / manifest.video.file)
     frames = np.arange(len(tracked.camera_time_s))
     track = Track(frames, tracked.camera_time_s, tracked.points_m, tracked.sigma_m, tracked.flags)
     write_table(folder.results / "track.parquet", TRACK, track.columns())
     write_table(folder.results / "markers.parquet", MARKERS, tracked.markers)
     with atomic_write(folder.results / "strobe.webp") as temporary:
-        cv2.imwrite(str(temporary), tracked.strobe, [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])
-    _summary(name, trial, tracked, manifest, settings.string.length_m).write(folder.results / "track.json")
+        cv2.imwrite(
+            str(temporary),
+            cv2.cvtColor(tracked.strobe, cv2.COLOR_RGB2BGR),
+            [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY],
+        )
+    _summary(name, trial, tracked, manifest, context.settings.string.length_m).write(
+        folder.results / "track.json"
+    )
+
+
+def _track(context: Context, arm: Arm, manifest: Manifest, video: Path) -> Tracked:
+    settings = context.settings
+    string, track = settings.string, settings.track
+    camera = Camera.read(context.folder.results / "camera.json")
+    hint = StringHint(string.length_m - arm.clamp.swallowed_m, string.n, string.thickness_m)
+    if track.hand == "pivot":
+        return track_pivot(video, manifest.video, camera, hint, track.background_frames)
+    return track_video(
+        video,
+        manifest.video,
+        camera,
+        hint,
+        _hand_markers(arm),
+        arm.marker_dictionary,
+        track.background_frames,
+        settings.camera.exposure_s,
+        track.polarity,
+    )
 
 
 def _hand_markers(arm: Arm) -> list[HandMarker]:
