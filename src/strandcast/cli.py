@@ -184,3 +184,66 @@ def boards(
 
     for path in stage.run(ROOT, experiment, out, "png" if png else "pdf"):
         print(path)
+
+
+@bring.command("joints")
+def import_joints(
+    experiment: ExperimentName,
+    trial: TrialNumber,
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="The CSV that the robot's software wrote.")],
+    dialect: Annotated[str, typer.Option(help="auto, libfranka, ur_rtde or ur.")] = "auto",
+    columns: Annotated[
+        Path | None, typer.Option(help="TOML or YAML that names the columns of any other CSV.")
+    ] = None,
+    joint: Annotated[
+        list[str] | None, typer.Option(help="Name of a joint, once for each, from the base on.")
+    ] = None,
+) -> None:
+    """Bring in a joint log: joints.csv and run.json of a trial."""
+    from strandcast.stages import import_joints as stage
+
+    run = stage.run(ROOT, experiment, trial, log, dialect, columns, joint or [])
+    timing = run.timing
+    print(
+        f"{run.rows} rows at {timing.rate_hz:.1f} Hz, {len(timing.gaps)} gaps, {timing.duplicates} duplicates"
+    )
+    if timing.gaps:
+        worst = max(timing.gaps, key=lambda gap: gap.duration_s)
+        lost = sum(gap.missing for gap in timing.gaps)
+        print(
+            f"{lost} samples lost; longest gap {1000 * worst.duration_s:.1f} ms after row {worst.index + 1}"
+        )
+    for warning in run.warnings:
+        print(f"warning: {warning}")
+
+
+@bring.command("track")
+def import_track(
+    experiment: ExperimentName,
+    trial: TrialNumber,
+    capture: Annotated[Path, typer.Argument(metavar="CAPTURE", help="CSV, one row per instant.")],
+    time: Annotated[str, typer.Option(help="Column of the time.")] = "t",
+    hand: Annotated[str, typer.Option(help="Columns of the hand: X,Y or X,Y,ANGLE.")] = "x,y,angle",
+    marker: Annotated[
+        list[str] | None,
+        typer.Option(help="PLACE:X,Y once for each marker on the string, e.g. 0.2:x_mid,z_mid."),
+    ] = None,
+    angle_sign: Annotated[int, typer.Option(help="-1 where the file's angle grows clockwise.")] = 1,
+    angle_offset: Annotated[
+        float, typer.Option(help="Direction in which the string leaves the hand where the angle is 0 [rad].")
+    ] = 0.0,
+    columns: Annotated[Path | None, typer.Option(help="TOML or YAML that says all this instead.")] = None,
+) -> None:
+    """Bring in motion capture: the track, hand and alignment of a trial without video."""
+    from strandcast.imports.mapping import CaptureMapping, capture_mapping_of, load_mapping
+    from strandcast.stages import import_track as stage
+
+    if columns is not None:
+        mapping = load_mapping(columns, CaptureMapping)
+    else:
+        turned = {"angle_sign": angle_sign, "angle_offset_rad": angle_offset}
+        mapping = capture_mapping_of(time, hand, marker or [], **turned)
+    summary = stage.run(ROOT, experiment, trial, capture, mapping)
+    print(f"{summary.decoded_frames} instants, {summary.points} mass points")
+    for warning in summary.warnings:
+        print(f"warning: {warning}")

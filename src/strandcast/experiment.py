@@ -16,7 +16,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from strandcast.errors import StrandcastError, StrandcastErrors
-from strandcast.string.parameters import PARAMETERS
+from strandcast.records.motion import PARAMETERS
 
 LARGEST_FILE_BYTES = 1 << 20
 SPACING_M = 0.03  # of the mass points, where `points` is not given
@@ -165,7 +165,7 @@ class EstimateSettings(Section):
     """The fit of the string."""
 
     search: Literal["cma", "paper"] = "cma"
-    evaluations: Annotated[int, Field(ge=1, le=1_000_000)] = 3000
+    evaluations: Annotated[int, Field(ge=1, le=1_000_000)] = 2000
     trials: Literal["all", "latest"] = "all"
     older_trials_weight: Annotated[float, Field(ge=0, le=1)] = 0.6
     evaluation: Literal["world", "hand"] = "world"
@@ -176,7 +176,7 @@ class EstimateSettings(Section):
     dt_s: Annotated[float, Field(gt=0, le=0.005)] = 1e-3
     start_shape: Literal["observed", "hanging"] = "observed"
     rest_curl: bool = Field(False, description="Fit a constant rest curvature (real cables keep one).")
-    clamp_offset: bool = Field(True, description="Fit a turn of the clamp against the arm's file.")
+    clamp_offset: bool = Field(False, description="Fit a turn of the clamp against the arm's file.")
     horizon_s: Annotated[float, Field(ge=0, le=60)] | None = Field(
         0.03, description="Frames up to this long after the closest approach enter E; null: the whole motion."
     )
@@ -202,7 +202,7 @@ class PlanSettings(Section):
     duration_s: tuple[float, float] = Field((0.35, 0.9), description="Shortest and longest first motion.")
     control_points: Annotated[int, Field(ge=3, le=20)] = Field(6, description="Free heights per joint.")
     screening: Annotated[int, Field(ge=8, le=100_000)] = 480
-    evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = 1200
+    evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = 800
     ensemble: Annotated[int, Field(ge=1, le=64)] = 4
     use_servo: bool = Field(
         True, description="Plan with the servo's response; the paper plans commanded angles."

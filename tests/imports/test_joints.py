@@ -54,7 +54,7 @@ def test_ur_rtde_columns_are_known(tmp_path):
     ]
     rows = [[10 + 0.002 * k] + [0.1 * k] * 6 + [50.0] * 6 + [0.1 * k + 0.01] * 6 for k in range(50)]
     text = "\n".join(",".join(map(str, row)) for row in [header, *rows])
-    run = import_joints(log_file(tmp_path, text), tmp_path, joint_names=[f"j{k}" for k in range(6)])
+    run = import_joints(log_file(tmp_path, text), tmp_path, namings=[[f"j{k}" for k in range(6)]])
     _, log = read_run(tmp_path)
     assert run.driver == "import: ur_rtde"
     assert log.joint_names == [f"j{k}" for k in range(6)]
@@ -116,7 +116,7 @@ def test_unknown_columns_dialects_and_keys_are_refused(tmp_path):
     with pytest.raises(StrandcastError, match="no dialect 'kuka'"):
         import_joints(path, tmp_path / "out", dialect="kuka")
     with pytest.raises(StrandcastError, match="3 joint names are given and the log has 2"):
-        import_joints(path, tmp_path / "out", mapping=MAPPING, joint_names=["x", "y", "z"])
+        import_joints(path, tmp_path / "out", mapping=MAPPING, namings=[["x", "y", "z"]])
     (tmp_path / "m.toml").write_text('time = "t"\nangles = ["a"]\n')
     with pytest.raises(StrandcastErrors, match="angles") as refusal:
         load_mapping(tmp_path / "m.toml", JointMapping)

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 
 from strandcast.camera.mapping import metre_per_pixel, pixel_to_metre
-from strandcast.camera.markers import corners_of, detect_markers, marker_detector
+from strandcast.camera.markers import corners_of, detect_markers, eight_bit, marker_cells, marker_detector
+from strandcast.camera.square import refine_square
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera, Lens, MarkerFit
 
@@ -119,7 +120,14 @@ def _find_wanted(
     if len(mine) < min(LEAST_MARKERS, len(wanted)) or len(wanted) < LEAST_MARKERS:
         raise _not_found(grey, wanted, dictionary, ids[mine].tolist(), ids.tolist(), file)
     mine = mine[np.argsort(ids[mine])]
-    return ids[mine], corners_px[mine]
+    cells = len(marker_cells(dictionary, int(ids[mine][0])))
+    return ids[mine], np.array([_refined(grey, corners, cells) for corners in corners_px[mine]])
+
+
+def _refined(grey: np.ndarray, corners_px: np.ndarray, cells: int) -> np.ndarray:
+    """Return a marker's corners (4, 2) [px] from lines along its sides; as found where unclear."""
+    refined = refine_square(eight_bit(grey), corners_px, cells)
+    return refined if np.isfinite(refined).all() else corners_px
 
 
 def _not_found(

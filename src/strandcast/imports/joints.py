@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +35,7 @@ def import_joints(
     *,
     dialect: str = "auto",
     mapping: JointMapping | None = None,
-    joint_names: list[str] | None = None,
+    namings: Sequence[list[str]] = (),
     played: Played | None = None,
 ) -> Run:
     """Write joints.csv and, last, run.json into a trial's folder and return the run.
@@ -49,8 +50,9 @@ def import_joints(
         ``auto``, ``libfranka``, ``ur_rtde`` or ``ur``; not looked at where a mapping is given.
     mapping
         The columns of a log of no known dialect.
-    joint_names
-        Names of the joints, as in the arm's file; by default ``joint_1`` ….
+    namings
+        Names that the joints may have, base to hand; the first list of as many as the log has joints is
+        taken. By default ``joint_1`` ….
     played
         Motion and times, where known. By default the motion is when the commanded joints move.
 
@@ -61,7 +63,7 @@ def import_joints(
     """
     table = read_numbers(path)
     name, columns = ("mapping", mapping) if mapping is not None else recognise(table, dialect)
-    time_s, log = _log_of(table, columns, joint_names)
+    time_s, log = _log_of(table, columns, namings)
     played = _times_of(log, played or Played())
     if played.start_s is not None and played.end_s is not None:
         inside = (log.time_s >= played.start_s) & (log.time_s <= played.end_s)
@@ -92,7 +94,7 @@ def import_joints(
 
 
 def _log_of(
-    table: NumberTable, columns: JointMapping, joint_names: list[str] | None
+    table: NumberTable, columns: JointMapping, namings: Sequence[list[str]]
 ) -> tuple[np.ndarray, JointLog]:
     """Return all times (rows,), and the log without doubled rows."""
     time_s = table.column(columns.time) * TIME_UNITS[columns.time_unit]
@@ -100,15 +102,7 @@ def _log_of(
     table.require_finite(np.column_stack([time_s, q]), [columns.time, *columns.q])
     _refuse_unsorted(table, columns.time, time_s)
     _refuse_degrees(table, columns, q)
-    names = joint_names or [f"joint_{k + 1}" for k in range(len(columns.q))]
-    if len(names) != len(columns.q):
-        raise StrandcastError(
-            "SC-I006",
-            f"{len(names)} joint names are given and the log has {len(columns.q)} joints",
-            file=table.path,
-            field="joint_names",
-            fix="name every joint, from the base on",
-        )
+    names = _names(table, len(columns.q), namings)
     keep = np.concatenate([[True], np.diff(time_s) > 0])
     doubled = np.flatnonzero(~keep)
     flags = np.zeros(len(time_s), np.int32)
@@ -122,6 +116,22 @@ def _log_of(
         qd_cmd_rad_s=_optional(table, columns.qd_cmd, columns)[keep],
         since_start_s=np.full(int(keep.sum()), np.nan),
         flags=flags[keep],
+    )
+
+
+def _names(table: NumberTable, joints: int, namings: Sequence[list[str]]) -> list[str]:
+    if not namings:
+        return [f"joint_{k + 1}" for k in range(joints)]
+    for names in namings:
+        if len(names) == joints:
+            return list(names)
+    counts = " or ".join(str(len(names)) for names in namings)
+    raise StrandcastError(
+        "SC-I006",
+        f"{counts} joint names are given and the log has {joints} joints",
+        file=table.path,
+        field="joints",
+        fix="name every joint of the log, from the base on",
     )
 
 

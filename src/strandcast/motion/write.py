@@ -71,6 +71,10 @@ def to_record(
             string=StringSet(
                 parameters=dict(zip(PARAMETERS, plan.strings.parameters[0].tolist(), strict=True)),
                 masses=plan.strings.masses[0].tolist(),
+                options={
+                    "rest_curl_rad_m": float(plan.strings.curl_rad_m[0]),
+                    "clamp_offset_rad": float(plan.strings.clamp_offset_rad[0]),
+                },
             ),
             flags=list(plan.flags),
         ),

@@ -75,7 +75,7 @@ def check_start(path: Path, motion: Motion, arm: Arm, state: State) -> None:
         raise _refusal("SC-X006", path, "start",
                        f"{arm.joints[worst]} is {away[worst]:.4f} rad from its start, "
                        f"allowed {allowed[worst]:.4f}",
-                       "move the arm to the motion's start first; --move-to-start does it slowly")  # fmt: skip
+                       "move the arm to the motion's start; --move-to-start does it slowly")  # fmt: skip
     speed = float(np.abs(state.qd_rad_s).max())
     if speed > arm.start_velocity_rad_s:
         raise _refusal(

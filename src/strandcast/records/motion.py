@@ -13,6 +13,9 @@ from strandcast.records.record import Part, Record
 
 UNITS = {"angle": "rad", "time": "s", "length": "m"}
 
+# The string's ten parameters as the paper's Table 1 names them, in the order of every array of them.
+PARAMETERS = ("k_s", "c_s", "k_h", "c_h", "k_sh", "c_sh", "C_c1", "C_c2", "k_ph", "c_ph")
+
 
 class TimeFromStart(Part):
     """Whole seconds and nanoseconds: floats would round."""
@@ -54,7 +57,7 @@ class Bezier(Part):
 
 
 class StringSet(Part):
-    """String parameters by name, the relative masses of points 1…n, and further numbers (rest curl, clamp)."""
+    """Parameters by name, the relative masses of points 1…n, and further numbers (rest curl, clamp)."""
 
     parameters: dict[str, float]
     masses: list[float]

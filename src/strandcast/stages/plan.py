@@ -24,6 +24,7 @@ from strandcast.string.masses import MassLayout, point_masses
 from strandcast.string.parameters import PARAMETERS, StringDraw, ensemble, minima, random_strings
 
 FIRST_STRINGS = 2  # times the planner's ensemble: the first throw knows nothing
+FIRST_CURL_RAD_M = 3.0  # cords come off a reel: they may rest bent this much either way
 
 
 def run(root: Path, name: str, trial: int) -> None:
@@ -84,7 +85,9 @@ def _start_strings(settings: Experiment, layout: MassLayout, random: np.random.G
         places = layout.places_m.tolist()
         count = FIRST_STRINGS * settings.plan.ensemble
         draw = ensemble(count, string.length_m, string.n, places, random)
-    elif start == "random":
+        curl = random.uniform(-FIRST_CURL_RAD_M, FIRST_CURL_RAD_M, count)
+        return Strings(draw.parameters, point_masses(layout, draw.weight_masses), curl)
+    if start == "random":
         draw = random_strings(1, layout.count, random)
     elif isinstance(start, dict):
         given = [

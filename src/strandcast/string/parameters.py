@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from strandcast.records.motion import PARAMETERS as PARAMETERS
 
-PARAMETERS = ("k_s", "c_s", "k_h", "c_h", "k_sh", "c_sh", "C_c1", "C_c2", "k_ph", "c_ph")
+Array = NDArray[np.float64]
 
 UNITS = {
     "k_s": "N/m/kg",

@@ -10,9 +10,9 @@ import numpy as np
 from strandcast.camera.mapping import metre_to_pixel
 from strandcast.camera.marker_pose import marker_pose
 from strandcast.camera.markers import corners_of, detect_markers, eight_bit, marker_detector
+from strandcast.camera.square import refine_square
 from strandcast.records.camera import Camera
 from strandcast.tracking.pixelmap import all_from_pixel, tabulate
-from strandcast.tracking.square import refine_square
 
 MARGIN_PX = 28  # around the place where a marker is expected
 SMALL_PX = 500  # parts of the picture smaller than this are enlarged before markers are read

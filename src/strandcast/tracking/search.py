@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from strandcast.camera.sampling import bilinear
 from strandcast.tracking.pixelmap import to_pixel
-from strandcast.tracking.sighting import FLANK_PX, GAP_PX, bilinear, changed_by, inside_box
+from strandcast.tracking.sighting import FLANK_PX, GAP_PX, changed_by, inside_box
 
 TURNS_RAD = np.array([0.0, 0.12, -0.12, 0.25, -0.25, 0.4, -0.4, 0.6, -0.6])
 TURN_COST = 0.35  # in clear lines, for a turn of half a radian

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from strandcast.tracking.sighting import bilinear
+from strandcast.camera.sampling import bilinear
 
 PLACES = 24  # along each side
 SPARE = 0.12  # of a side at either end, where the corner rounds the edge

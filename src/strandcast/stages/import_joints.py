@@ -1,0 +1,41 @@
+"""A robot's own log brought into a trial's folder: joints.csv and run.json."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+
+from strandcast.arm.load import Arm, load_arm
+from strandcast.imports.joints import Played, import_joints
+from strandcast.imports.mapping import JointMapping, load_mapping
+from strandcast.records.joint_log import Run
+from strandcast.records.motion import Motion
+from strandcast.stages.context import context_of
+
+
+def run(
+    root: Path, name: str, trial: int, log: Path, dialect: str, columns: Path | None, joints: list[str]
+) -> Run:
+    """Import a log; a motion.json that lies in the trial's folder is what was played."""
+    context = context_of(root, name)
+    folder = context.folder.trial(trial)
+    arm = load_arm(context.arm_file)
+    motion = folder.played_motion
+    return import_joints(
+        log,
+        folder.data,
+        dialect=dialect,
+        mapping=None if columns is None else load_mapping(columns, JointMapping),
+        namings=[joints] if joints else [list(arm.joints), all_joints(arm)],
+        played=Played(
+            None if motion is None else Motion.read(motion).content_sha256(),
+            None if motion is None else arm.sha256,
+        ),
+    )
+
+
+def all_joints(arm: Arm) -> list[str]:
+    """Return the names of all of an arm's joints, from the base on."""
+    model = arm.model()
+    return [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, k) for k in range(model.njnt)]

@@ -1,0 +1,25 @@
+"""Motion capture brought into a trial's folder: track, hand and alignment, supplied instead of measured in video."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from strandcast.imports.capture import import_capture
+from strandcast.imports.mapping import CaptureMapping
+from strandcast.records.track import TrackSummary
+from strandcast.stages.context import context_of
+
+
+def run(root: Path, name: str, trial: int, capture: Path, mapping: CaptureMapping) -> TrackSummary:
+    """Import a capture; `supply` takes it into the results."""
+    context = context_of(root, name)
+    string = context.settings.string
+    return import_capture(
+        capture,
+        context.folder.trial(trial).data,
+        mapping,
+        experiment=name,
+        trial=trial,
+        length_m=string.length_m,
+        points=string.n,
+    )
