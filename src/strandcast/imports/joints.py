@@ -125,7 +125,7 @@ def _names(table: NumberTable, joints: int, namings: Sequence[list[str]]) -> lis
     for names in namings:
         if len(names) == joints:
             return list(names)
-    counts = " or ".join(str(len(names)) for names in namings)
+    counts = " or ".join(sorted({str(len(names)) for names in namings}))
     raise StrandcastError(
         "SC-I006",
         f"{counts} joint names are given and the log has {joints} joints",

@@ -128,9 +128,8 @@ def _split(path: Path, text: str) -> tuple[list[list[str]], list[int]]:
     if not kept:
         raise refusal(path, None, None, "the file is empty", "export or copy it again")
     delimiter = max(";\t,", key=kept[0][1].count)
-    cells = [
-        [cell.strip() for cell in row] for row in csv.reader((line for _, line in kept), delimiter=delimiter)
-    ]
+    # Line by line: a stray quotation mark must not swallow the lines after it.
+    cells = [[cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))] for _, line in kept]
     if cells[0][-1] == "" and all(row and row[-1] == "" for row in cells):
         cells = [row[:-1] for row in cells]  # every line ends in a separator
     return cells, [number for number, _ in kept]

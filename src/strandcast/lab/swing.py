@@ -88,6 +88,8 @@ def simulate_swing(
     aims = set_points(arm, preset, drive, *told)
     hanging = thread.shifted(variation.grasp_length_m)
     grasp = Grasp(variation.grasp_lateral_m, variation.grasp_angle_rad)
+    # What runs away is tried again with half the step: no word of MuJoCo's, and no log file, is wanted.
+    mujoco.set_mju_user_warning(_silent)
     while step_s >= SMALLEST_STEP_S:
         rig = build_rig(arm, drive, hanging, grasp, step_s)
         loop = Loop(
@@ -156,10 +158,20 @@ def _run(rig: Rig, loop: Loop, aims: SetPoints, variation: Variation) -> tuple[n
         nodes[k] = rig.nodes_m(data)
         motion[2, k] = data.qfrc_applied[dofs] = loop.torque(aims, k, motion[0, k], motion[1, k])
         mujoco.mj_step(model, data, steps)
-        if not np.abs(data.qvel).max() < RUNAWAY_RAD_S:
+        if _unstable(data) or not np.abs(data.qvel).max() < RUNAWAY_RAD_S:
             return None
         mujoco.mj_kinematics(model, data)
     return motion[0], motion[1], motion[2], nodes
+
+
+def _unstable(data: mujoco.MjData) -> bool:
+    """Tell whether MuJoCo met a bad number; it would go on from its own zero posture as if nothing was."""
+    bad = (
+        mujoco.mjtWarning.mjWARN_BADQPOS,
+        mujoco.mjtWarning.mjWARN_BADQVEL,
+        mujoco.mjtWarning.mjWARN_BADQACC,
+    )
+    return any(data.warning[kind].number for kind in bad)
 
 
 def at_rest(rig: Rig, loop: Loop, aims: SetPoints) -> np.ndarray:
@@ -194,6 +206,10 @@ def at_rest(rig: Rig, loop: Loop, aims: SetPoints) -> np.ndarray:
     answer = root(unbalanced, start[free], tol=1e-12)
     start[free] = answer.x
     return start
+
+
+def _silent(_: str) -> None:
+    pass
 
 
 def _wrapped(angle: float) -> float:

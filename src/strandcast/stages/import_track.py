@@ -1,4 +1,4 @@
-"""Motion capture brought into a trial's folder: track, hand and alignment, supplied instead of measured in video."""
+"""Motion capture brought into a trial's folder: track, hand and alignment are supplied."""
 
 from __future__ import annotations
 
