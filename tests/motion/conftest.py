@@ -30,7 +30,7 @@ def task(arm: Arm) -> Task:
 
 @pytest.fixture(scope="session")
 def strings() -> Strings:
-    draw = ensemble(3, 0.30, 10, [0.30], np.random.default_rng(5))
+    draw = ensemble(3, 0.30, 10, 1, np.random.default_rng(5))
     return Strings(draw.parameters, point_masses(LAYOUT, draw.weight_masses))
 
 

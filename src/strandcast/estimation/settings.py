@@ -97,10 +97,9 @@ def prior_exponents(
     space: Space, model: StringModel, count: int, rng: np.random.Generator, scatter: float = 0.08
 ) -> Array:
     """Exponents (count, d) of physically plausible strings, scattered a little; options at their middle."""
-    places = [float(place) for place in space.layout.places_m]
-    draw = ensemble(count, model.length_m, model.points, places, rng)
+    masses, stiff = space.layout.count, space.layout.stiff
+    draw = ensemble(count, model.length_m, model.points, masses - stiff, rng, stiff)
     chi = np.full((count, space.dimension), 0.5)
-    masses = space.layout.count
     values = space.values(chi)
     values[:, :10] = draw.parameters
     values[:, 10 : 10 + masses] = draw.weight_masses

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strandcast.motion.bars import start_blame
 from strandcast.motion.bezier import Samples
 from strandcast.motion.draw import excess
 from strandcast.motion.objective import Assessment
@@ -14,20 +15,24 @@ FREE_FOLD = 0.45
 FOLD_COST_M = 0.05
 OUTSIDE_COST = 2.0
 TOUCH_COST = 1.0
+HIDDEN_COST = 3.0
+START_COST = 10.0
 LIMIT_COST_M = 1.0
 EFFORT_COST_M_S_RAD = 0.0008
 
 
 def throw_cost(assessment: Assessment, strings: int) -> np.ndarray:
-    """Return (P,) rms miss over the strings and the price of folding, leaving and touching [m]."""
-    miss, fold, outside, touch = (
-        getattr(assessment, name).reshape(-1, strings) for name in ("miss_m", "fold", "outside_m", "touch_m")
+    """Return (P,) rms miss over the strings and the price of folding, leaving, touching and hiding [m]."""
+    miss, fold, outside, touch, hidden = (
+        getattr(assessment, name).reshape(-1, strings)
+        for name in ("miss_m", "fold", "outside_m", "touch_m", "hidden_m")
     )
     return np.asarray(
         np.sqrt(np.mean(miss**2, axis=1))
         + FOLD_COST_M * np.maximum(0.0, fold - FREE_FOLD).mean(axis=1)
         + OUTSIDE_COST * outside.mean(axis=1)
         + TOUCH_COST * touch.mean(axis=1)
+        + HIDDEN_COST * hidden.mean(axis=1)
     )
 
 
@@ -35,3 +40,8 @@ def motion_cost(task: Task, motion: Samples) -> float:
     """Return the price of breaking the arm's limits, and a small one of fast joints [m]."""
     effort = np.sqrt(np.mean(motion.qd**2))
     return LIMIT_COST_M * excess(task.arm.limits, motion, task.step_s) + EFFORT_COST_M_S_RAD * float(effort)
+
+
+def start_cost(task: Task, postures_rad: np.ndarray, clearance_m: float) -> np.ndarray:
+    """Return (P,) the price of a string that hangs over the arm or out of the box at the start [m]."""
+    return START_COST * start_blame(task.arm, task.model.length_m, task.box(), clearance_m, postures_rad)

@@ -9,6 +9,7 @@ import numpy as np
 from strandcast.arm.limits import peaks, violations
 from strandcast.errors import StrandcastError
 from strandcast.motion.bezier import Curve, Samples, sample
+from strandcast.motion.cost import start_cost, throw_cost
 from strandcast.motion.objective import Assessment
 from strandcast.motion.strings import Strings
 from strandcast.motion.task import Options, Task
@@ -29,6 +30,8 @@ class Plan:
         The strings that it was planned with, the best first.
     miss_m, ensemble_miss_m, hit_probability
         Expected miss with the best string, with every string (K,), and the share of strings that hit.
+    cost_m
+        The rms of these misses, and the price of folding, leaving, touching and hiding.
     hit_time_s, tip_speed_m_s, largest_bend_rad
         When and how fast the best string's tip comes nearest, and its largest bend until then.
     time_s, hand_m, tip_m
@@ -51,6 +54,7 @@ class Plan:
     miss_m: float
     ensemble_miss_m: np.ndarray
     hit_probability: float
+    cost_m: float
     hit_time_s: float
     tip_speed_m_s: float
     largest_bend_rad: float
@@ -96,6 +100,7 @@ def described(
         miss_m=float(told.miss_m[0]),
         ensemble_miss_m=told.miss_m,
         hit_probability=float(np.mean(told.miss_m <= task.hit_radius_m)),
+        cost_m=float(throw_cost(told, len(strings))[0]),
         hit_time_s=float(thrown.time_s[told.hit_index[0]]),
         tip_speed_m_s=float(told.tip_speed_m_s[0]),
         largest_bend_rad=float(np.arccos(np.clip(1.0 - told.fold[0], -1.0, 1.0))),
@@ -105,11 +110,11 @@ def described(
         peaks=peaks(task.arm, motion.time_s, motion.q, motion.qd, motion.qdd),
         parent_trial=found.parent_trial,
         simulations=found.simulations,
-        flags=(*found.flags, *_expectation_flags(task, told)),
+        flags=(*found.flags, *_expectation_flags(task, found.curve, told, options.clearance_m)),
     )
 
 
-def _expectation_flags(task: Task, told: Assessment) -> list[str]:
+def _expectation_flags(task: Task, curve: Curve, told: Assessment, clearance_m: float) -> list[str]:
     """Say what the best string's throw leaves to be desired."""
     flags = []
     if told.miss_m[0] > task.hit_radius_m:
@@ -118,6 +123,10 @@ def _expectation_flags(task: Task, told: Assessment) -> list[str]:
         flags.append(f"may leave the workspace by {1000 * told.outside_m[0]:.0f} mm")
     if told.touch_m[0] > 0.0:
         flags.append("the string may come nearer to the arm than the clearance")
+    if told.hidden_m[0] > 0.0:
+        flags.append("the arm may hide the tip at the closest approach")
+    if start_cost(task, curve.q0_rad[None], clearance_m)[0] > 0.0:
+        flags.append("at the start the string hangs over the arm or out of the workspace")
     return flags
 
 

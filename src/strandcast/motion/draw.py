@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +33,7 @@ def draw_first(
     largest_acceleration_rad_s2: float,
     step_s: float,
     rng: np.random.Generator,
+    may_start: Callable[[np.ndarray], bool] = lambda q0: True,
 ) -> list[Curve]:
     """Return random motions from random postures, all within the limits of position, speed and acceleration.
 
@@ -47,6 +49,8 @@ def draw_first(
         Control heights of each joint that are not zero.
     largest_acceleration_rad_s2
         The slopes alpha_k of eq. 1 are uniform within this.
+    may_start
+        Whether a motion may start from a posture (J,).
 
     Raises
     ------
@@ -60,12 +64,13 @@ def draw_first(
         time_s = whole_steps(rng.uniform(*duration_s), step_s)
         curve = _random_curve(reading, limits, time_s, free_heights, largest_acceleration_rad_s2, step_s, rng)
         placed = place_at_random(curve, reading, limits, step_s, rng)
-        if placed is not None:
+        if placed is not None and may_start(placed.q0_rad):
             found.append(placed)
     raise StrandcastError(
         "SC-P004",
-        f"of {MOST_DRAWS} random motions only {len(found)} kept the arm's limits, {count} are wanted",
-        fix="allow longer motions (plan.duration_s), or look at the limits in the arm's file",
+        f"only {len(found)} random motions kept the arm's limits and let the string hang freely before,"
+        f" {count} are wanted",
+        fix="widen workspace_m, allow longer motions (plan.duration_s), or look at the arm's limits",
     )
 
 

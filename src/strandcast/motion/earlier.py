@@ -41,10 +41,6 @@ class Earlier:
     start_m: np.ndarray | None
     miss_m: float | None
 
-    def rank_m(self) -> float:
-        """Return the miss, infinite where it is not known."""
-        return np.inf if self.miss_m is None else self.miss_m
-
 
 def curve_of(motion: Motion) -> Curve | None:
     """Return the velocity curve of a motion record, None if it has no control heights."""

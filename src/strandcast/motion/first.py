@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strandcast.motion.bezier import Curve, rest_heights, sample, whole_steps
-from strandcast.motion.cost import motion_cost, throw_cost
+from strandcast.motion.cost import motion_cost, start_cost, throw_cost
 from strandcast.motion.draw import draw_first
 from strandcast.motion.search import minimise
 from strandcast.motion.strings import Strings
@@ -63,6 +63,7 @@ def plan_anew(
         options.largest_acceleration_rad_s2,
         task.step_s,
         rng,
+        lambda q0: not start_cost(task, q0[None], options.clearance_m)[0],
     )
     few = strings.first(SCREENED_WITH)
     tell = Progress("plan: random motions", total=len(drawn))
@@ -92,5 +93,6 @@ def curve_costs(
 ) -> np.ndarray:
     """Return (P,) the costs of motions [m]."""
     thrown = throw_curves(task, strings, world, curves)
-    price = [motion_cost(task, sample(curve, task.step_s)) for curve in curves]
-    return throw_cost(assessed(task, thrown, clearance_m=options.clearance_m), len(strings)) + np.array(price)
+    price = np.array([motion_cost(task, sample(curve, task.step_s)) for curve in curves])
+    price += start_cost(task, np.array([curve.q0_rad for curve in curves]), options.clearance_m)
+    return throw_cost(assessed(task, thrown, clearance_m=options.clearance_m), len(strings)) + price

@@ -22,8 +22,10 @@ class Assessment(NamedTuple):
     outside_m
         (B,) how far hand or string leave the box, at any time in the window [m].
     touch_m
-        (B,) how deep the string, the hand's neighbours aside, comes within the clearance of the arm's links
-        until the closest approach [m].
+        (B,) how deep the string, the hand's neighbours aside, comes into the arm's bars until the closest
+        approach [m].
+    hidden_m
+        (B,) how deep the string's last third is in the bars around the closest approach [m].
     tip_speed_m_s
         (B,) speed of the tip at the closest approach.
     """
@@ -33,11 +35,16 @@ class Assessment(NamedTuple):
     fold: np.ndarray
     outside_m: np.ndarray
     touch_m: np.ndarray
+    hidden_m: np.ndarray
     tip_speed_m_s: np.ndarray
 
 
 # Points this near the hand along the string cannot be far from the last link.
 NEIGHBOURS = 2
+# The camera must see the tip this long before and after the closest approach.
+SEEN_S = 0.02
+# No cord is stretched more: a model that is tells nothing of where the string will be.
+STRETCHED = 1.1
 
 
 @njit(cache=True)
@@ -89,37 +96,46 @@ def deepest_outside(points: np.ndarray, last: int, box: np.ndarray) -> float:
 
 
 @njit(cache=True)
-def deepest_touch(points: np.ndarray, links: np.ndarray, last: int, clearance_m: float) -> float:
-    """How deep points (T, n+1, 2) beyond the hand's neighbours are in the clearance of links (T, J+1, 2)."""
-    nearest = clearance_m
-    for t in range(0, last + 1, 2):
-        for i in range(NEIGHBOURS + 1, points.shape[1]):
-            for j in range(links.shape[1] - 1):
-                nearest = min(
-                    nearest,
-                    segment_distance(
-                        points[t, i, 0],
-                        points[t, i, 1],
-                        links[t, j, 0],
-                        links[t, j, 1],
-                        links[t, j + 1, 0],
-                        links[t, j + 1, 1],
-                    ),
-                )
-    return clearance_m - nearest
+def deepest_touch(
+    points: np.ndarray, bars: np.ndarray, radius_m: np.ndarray, nearest_point: int, first: int, last: int
+) -> float:
+    """How deep points (T, n+1, 2) from `nearest_point` on are in bars (T, S, 2, 2), `first` to `last`."""
+    deepest = 0.0
+    for t in range(first, last + 1, 2):
+        for i in range(nearest_point, points.shape[1]):
+            x, y = points[t, i, 0], points[t, i, 1]
+            for j in range(bars.shape[1]):
+                one, other = bars[t, j, 0], bars[t, j, 1]
+                away = segment_distance(x, y, one[0], one[1], other[0], other[1])
+                deepest = max(deepest, radius_m[j] - away)
+    return deepest
+
+
+@njit(cache=True)
+def unstretched(points: np.ndarray, spacing_m: float) -> np.ndarray:
+    """Points (T, n+1, 2) with the same directions and no segment longer than a cord's can be."""
+    laid = points.copy()
+    for t in range(points.shape[0]):
+        for i in range(1, points.shape[1]):
+            dx, dy = points[t, i, 0] - points[t, i - 1, 0], points[t, i, 1] - points[t, i - 1, 1]
+            share = min(1.0, STRETCHED * spacing_m / max(np.hypot(dx, dy), 1e-300))
+            laid[t, i, 0] = laid[t, i - 1, 0] + share * dx
+            laid[t, i, 1] = laid[t, i - 1, 1] + share * dy
+    return laid
 
 
 @njit(cache=True, parallel=True)
 def assess(
     points: np.ndarray,
     shift: np.ndarray,
-    links: np.ndarray,
+    bars: np.ndarray,
+    radius_m: np.ndarray,
     last: np.ndarray,
     target_m: np.ndarray,
     box: np.ndarray,
-    clearance_m: float,
+    spacing_m: float,
     step_s: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Assess B = P * K throws: P motions, each with K strings (motion by motion).
 
     Parameters
@@ -128,28 +144,30 @@ def assess(
         (B, T, n+1, 2) hand and string [m].
     shift
         (B, T, 2) what is added to the tip for the miss [m].
-    links
-        (P, T, J+1, 2) the arm's joints and the last link's end [m].
+    bars, radius_m
+        (P, T, S, 2, 2) ends of the arm's bars and (S,) how near to them the string may come [m].
     last
         (P,) last sample of the miss's window.
     target_m
         (2,).
     box
         (2, 2) low and high of x and y that nothing should leave [m].
-    clearance_m
-        How near to the arm the string may come without blame.
+    spacing_m
+        Rest length of a segment: place and touch are judged of a string that does not stretch.
     step_s
         Time between samples.
 
     Returns
     -------
-    The fields of `Assessment`. A throw that is not finite has miss, outside and touch of a metre.
+    The fields of `Assessment`. A throw that is not finite has miss, outside, touch and hidden of a metre.
     """
     count = points.shape[0]
-    strings = count // links.shape[0]
+    strings = count // bars.shape[0]
     miss, fold, outside = np.ones(count), np.zeros(count), np.ones(count)
-    touch, speed = np.ones(count), np.zeros(count)
+    touch, hidden, speed = np.ones(count), np.ones(count), np.zeros(count)
     index = np.zeros(count, np.int64)
+    around = round(SEEN_S / step_s)
+    last_third = points.shape[2] - max(points.shape[2] // 3, 1)
     for b in prange(count):
         p = b // strings
         end = last[p]
@@ -159,7 +177,11 @@ def assess(
         miss[b], index[b] = closest_approach(tip, end, target_m[0], target_m[1])
         k = index[b]
         fold[b] = largest_fold(points[b], k)
-        outside[b] = deepest_outside(points[b], end, box)
-        touch[b] = deepest_touch(points[b], links[p], k, clearance_m)
+        laid = unstretched(points[b, : end + 1], spacing_m)
+        outside[b] = deepest_outside(laid, end, box)
+        touch[b] = deepest_touch(laid, bars[p], radius_m, NEIGHBOURS + 1, 0, k)
+        hidden[b] = deepest_touch(
+            laid, bars[p], radius_m, last_third, max(k - around, 0), min(k + around, end)
+        )
         speed[b] = np.hypot(tip[k, 0] - tip[k - 1, 0], tip[k, 1] - tip[k - 1, 1]) / step_s
-    return miss, index, fold, outside, touch, speed
+    return miss, index, fold, outside, touch, hidden, speed

@@ -11,6 +11,7 @@ from strandcast.motion.earlier import Earlier
 from strandcast.motion.first import plan_anew
 from strandcast.motion.later import neighbourhood, plan_near, throw_near
 from strandcast.motion.paper import first_by_paper, later_by_paper
+from strandcast.motion.rank import likely_miss_m
 from strandcast.motion.strings import Strings, regrasped
 from strandcast.motion.task import Options, Task, refuse_unreachable
 from strandcast.motion.throws import World, throw_curves
@@ -52,7 +53,7 @@ def plan_next(
     options: Options,
     rng: np.random.Generator,
     servo: Servo | None = None,
-    first_fit_E_m: float | None = None,
+    fit_E_m: float | None = None,
 ) -> Plan:
     """Plan the motion after one or more trials.
 
@@ -66,8 +67,8 @@ def plan_next(
         The trials so far, in order.
     servo
         The servo's response; identified from the earlier trials' joints if not given.
-    first_fit_E_m
-        E of the first fit, the best warning of a miss.
+    fit_E_m
+        E of the newest trial after the fit, the best warning of a miss.
 
     Raises
     ------
@@ -87,16 +88,17 @@ def plan_next(
     if options.planner == "paper":
         found = _altered_last(task, strings, world, known[-1], options, rng)
         return described(task, strings, options, found, throw_curves(task, strings, world, [found.curve]))
-    best = min(known, key=Earlier.rank_m)
-    if _lost(best, first_fit_E_m, options):
-        why = f"the first fit left {1000 * (first_fit_E_m or 0):.1f} mm and no throw came near"
+    misses = [likely_miss_m(task, strings, trial) for trial in known]
+    best, least_m = known[int(np.argmin(misses))], min(misses)
+    if least_m > options.replan_from_miss_m and (fit_E_m or 0.0) > options.replan_from_E_m:
+        why = f"the fit leaves {1000 * (fit_E_m or 0.0):.1f} mm and no throw came near"
         return _replanned(task, strings, world, options, rng, why)
     plan = _refined(task, strings, world, best, known, options, rng)
-    if plan.miss_m <= task.hit_radius_m:
+    if plan.cost_m <= task.hit_radius_m:
         return plan
-    why = f"near trial {best.trial}'s motion the best is {1000 * plan.miss_m:.0f} mm"
+    why = f"near trial {best.trial}'s motion the best is {1000 * plan.cost_m:.0f} mm"
     anew = _replanned(task, strings, world, options, rng, why)
-    return anew if anew.miss_m < plan.miss_m else plan
+    return anew if anew.cost_m < plan.cost_m else plan
 
 
 def _refined(
@@ -148,13 +150,6 @@ def _altered_last(
     assert last.curve is not None
     curve, simulations, hit = later_by_paper(task, strings, world, options, last.curve, rng)
     return Found("refined", curve, simulations, _paper_flags(hit), last.trial)
-
-
-def _lost(best: Earlier, first_fit_E_m: float | None, options: Options) -> bool:
-    """Tell whether the model fitted badly and no throw came near."""
-    if first_fit_E_m is None:
-        return False
-    return first_fit_E_m > options.replan_from_E_m and best.rank_m() > options.replan_from_miss_m
 
 
 def _paper_flags(hit: bool) -> list[str]:

@@ -72,7 +72,7 @@ class Options:
     replan_from_E_m, replan_from_miss_m
         A later motion is planned anew if both the first fit's E and the least miss so far are above these.
     clearance_m
-        How near to the arm's links the string may come [m].
+        How near to the middle of the arm's links the string may come [m].
     """
 
     planner: str = "ensemble"
@@ -87,7 +87,7 @@ class Options:
     change_cost_m_s_rad: float = 0.008
     replan_from_E_m: float = 0.008
     replan_from_miss_m: float = 0.020
-    clearance_m: float = 0.02
+    clearance_m: float = 0.035
 
 
 def refuse_unreachable(task: Task) -> None:

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.arm.kinematics import hand_pose, link_points
+from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.servo import Servo, respond
+from strandcast.motion.bars import bar_radii, bars
 from strandcast.motion.bezier import Curve, Samples, sample
 from strandcast.motion.objective import Assessment, assess
 from strandcast.motion.strings import Strings
@@ -43,15 +44,15 @@ class Thrown(NamedTuple):
         (T,) from the motion's start.
     points_m
         (B, T, n+1, 2).
-    links_m
-        (P, T, J+1, 2).
+    bars_m
+        (P, T, S, 2, 2) of the arm.
     last
         (P,) last sample of the miss's window.
     """
 
     time_s: np.ndarray
     points_m: np.ndarray
-    links_m: np.ndarray
+    bars_m: np.ndarray
     last: np.ndarray
 
 
@@ -94,7 +95,7 @@ def throw(task: Task, strings: Strings, world: World, q: np.ndarray, last: np.nd
         rest_curl_rad_m=np.tile(strings.curl_rad_m, len(q)),
         clamp_offset_rad=np.tile(strings.clamp_offset_rad, len(q)),
     )
-    return Thrown(time_s, points, link_points(task.arm.chain, q), last)
+    return Thrown(time_s, points, bars(task.arm, q), last)
 
 
 def throw_curves(task: Task, strings: Strings, world: World, curves: list[Curve]) -> Thrown:
@@ -115,11 +116,12 @@ def assessed(
         *assess(
             thrown.points_m,
             np.ascontiguousarray(shift_m),
-            thrown.links_m,
+            thrown.bars_m,
+            bar_radii(task.arm, clearance_m),
             thrown.last,
             np.asarray(task.target_m, float),
             task.box(),
-            clearance_m,
+            task.model.spacing_m,
             task.step_s,
         )
     )

@@ -88,13 +88,21 @@ def _throw(trial: Trial, settings: EstimateSettings) -> Throw:
 
 
 def _until_s(trial: Trial, settings: EstimateSettings) -> float:
-    """Return the robot time of the last frame that enters E: what comes after a touch is another motion."""
+    """Return the robot time of the last frame that enters E: what comes after a touch is another motion.
+
+    Of a miss, the frames until the tip should have come nearest are as much needed as those until it did.
+    """
     closest_s = trial.verdict.closest_robot_time_s
     if trial.verdict.hit and closest_s is not None:
         return closest_s
-    if settings.horizon_s is None or closest_s is None:
-        return trial.alignment.motion_end_s + AFTER_MOTION_S
-    return closest_s + settings.horizon_s
+    whole_s = trial.alignment.motion_end_s + AFTER_MOTION_S
+    if settings.horizon_s is None:
+        return whole_s
+    expected_s = None
+    if trial.motion is not None and trial.motion.predicted is not None:
+        expected_s = trial.alignment.motion_start_s + trial.motion.predicted.hit_time_s
+    known_s = [s for s in (closest_s, expected_s) if s is not None]
+    return max(known_s) + settings.horizon_s if known_s else whole_s
 
 
 def _fit_settings(settings: EstimateSettings, layout: MassLayout) -> FitSettings:

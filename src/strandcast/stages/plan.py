@@ -82,9 +82,9 @@ def _start_strings(settings: Experiment, layout: MassLayout, random: np.random.G
     """Return the strings that the first motion is planned with."""
     start, string = settings.start_string, settings.string
     if start == "ensemble":
-        places = layout.places_m.tolist()
         count = FIRST_STRINGS * settings.plan.ensemble
-        draw = ensemble(count, string.length_m, string.n, places, random)
+        weights = layout.count - layout.stiff
+        draw = ensemble(count, string.length_m, string.n, weights, random, layout.stiff)
         curl = random.uniform(-FIRST_CURL_RAD_M, FIRST_CURL_RAD_M, count)
         return Strings(draw.parameters, point_masses(layout, draw.weight_masses), curl)
     if start == "random":
@@ -102,7 +102,6 @@ def _start_strings(settings: Experiment, layout: MassLayout, random: np.random.G
 def _next(context: Context, task: Task, trials: list[Trial], random: np.random.Generator) -> Plan:
     folder = context.folder
     newest = Estimate.read(folder.trial(trials[-1].number).results / "estimate.json")
-    first = Estimate.read(folder.trial(trials[0].number).results / "estimate.json")
     return plan_next(
         task,
         _fitted_strings(folder.trial(trials[-1].number).results / "ensemble.parquet"),
@@ -110,7 +109,7 @@ def _next(context: Context, task: Task, trials: list[Trial], random: np.random.G
         _options(context.settings),
         random,
         _servo(newest.servo),
-        first.E_m,
+        newest.E_m,
     )
 
 

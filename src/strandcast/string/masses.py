@@ -29,11 +29,14 @@ class MassLayout:
     reading
         ``added``: a free mass comes on top of the plain point. ``own``: it replaces the plain point's mass,
         which allows a weighted point lighter than the plain ones, as in the paper's Table 4.
+    stiff
+        How many of the free masses, the last ones, belong to stiff sections.
     """
 
     shares: Array
     places_m: Array
     reading: Reading = "added"
+    stiff: int = 0
 
     @property
     def count(self) -> int:
@@ -69,7 +72,8 @@ def mass_layout(
         for point in points_touched(start_m, end_m, spacing_m, n):
             rows.append(_split(float(point), n))
             places.append(point * spacing_m)
-    return MassLayout(np.array(rows).reshape(len(rows), n), np.array(places, dtype=float), reading)
+    stiff = len(rows) - len(weight_places_m)
+    return MassLayout(np.array(rows).reshape(len(rows), n), np.array(places, dtype=float), reading, stiff)
 
 
 def point_masses(layout: MassLayout, free: Array, plain: Array | float = 1.0) -> Array:

@@ -116,9 +116,9 @@ def ensemble(
     k: int,
     length_m: float,
     n: int,
-    weight_places_m: list[float],
+    weights: int,
     rng: np.random.Generator,
-    weight_kg: float = 0.010,
+    stiff: int = 0,
 ) -> StringDraw:
     """`k` physically plausible strings: what one may assume of a cord that was never thrown.
 
@@ -128,21 +128,20 @@ def ensemble(
         Number of strings.
     length_m, n
         Free length [m] and number of free points.
-    weight_places_m
-        Places of the weights along the string [m]; only their number matters here.
+    weights, stiff
+        Number of weights on it, and of points of stiff sections, whose free masses follow the weights'.
     rng
         Source of chance.
-    weight_kg
-        What one weight is guessed to weigh [kg]; the paper's clay is 10 g.
 
     Notes
     -----
-    A cord of 3 to 9 g/m and a bending stiffness of 0.6 to 4e-6 N m^2, 2 mm thick in air, held as in a clamp.
-    All coefficients per kilogram of one plain point.
+    A cord of 3 to 9 g/m and a bending stiffness of 0.3 to 8e-6 N m^2, 2 mm thick in air, held as in a clamp;
+    weights like the paper's 10 g of clay, within a factor of two; pipes of 8 to 40 g/m. All coefficients per
+    kilogram of one plain point.
     """
     spacing_m = length_m / n
     density_kg_m = _log_uniform(rng, 3e-3, 9e-3, k)
-    bending = _log_uniform(rng, 0.6e-6, 4e-6, k) / (density_kg_m * spacing_m**2)
+    bending = _log_uniform(rng, 0.3e-6, 8e-6, k) / (density_kg_m * spacing_m**2)
     damping = bending * _log_uniform(rng, 2e-3, 2e-2, k)
     stretch = _log_uniform(rng, 5e6, 1e8, k)
     parameters = np.column_stack(
@@ -160,10 +159,11 @@ def ensemble(
         ]
     )
     low, high = RANGES["wide"].T
-    weight = weight_kg / (density_kg_m * spacing_m)
-    masses = np.repeat(weight[:, None], len(weight_places_m), axis=1)
+    clay_kg = _log_uniform(rng, 5e-3, 20e-3, (k, weights))
+    pipe_kg = np.repeat(_log_uniform(rng, 8e-3, 40e-3, (k, 1)) * spacing_m, stiff, axis=1)
+    masses = np.hstack([clay_kg, pipe_kg]) / (density_kg_m * spacing_m)[:, None]
     return StringDraw(np.clip(parameters, low, high), np.clip(masses, *MASS_RANGE["wide"]))
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float, k: int) -> Array:
-    return np.asarray(low * (high / low) ** rng.random(k))
+def _log_uniform(rng: np.random.Generator, low: float, high: float, size: int | tuple[int, int]) -> Array:
+    return np.asarray(low * (high / low) ** rng.random(size))

@@ -34,17 +34,43 @@ BEAMS = 100
 BEND_COST = 0.03  # in mean reward, per squared radian of bend, summed over the joints
 LEAST_OPEN = 0.25  # share of the chain that must not be hidden by the hand
 END_COST = 0.15  # in mean reward, for a chain whose end is not the string's
+TIP_ROUNDS = 3
+END_PX = 5.0  # from the chain's tip to the string's visible end, from which it is not
+STRETCH_M = 0.004  # by which a chain may differ from the string's length: how the clamp holds it
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The string in one frame: headings, reward per node (0 unseen ... 1 clear), fit matrix, end found."""
+    """The string in one frame.
+
+    Attributes
+    ----------
+    heading, link_m
+        Headings (M,) and length of the links.
+    reward
+        Of each node, 0 unseen ... 1 clear, (M + 1,).
+    hessian
+        The fit's matrix (M, M).
+    tip_slide_m
+        From the chain's tip to the string's visible end; NaN where that was not found.
+    value
+        Mean reward of what can be seen, less costs.
+    open_share
+        How much of the chain can be seen.
+    end_is_off
+        The tip should be seen but is not where the string ends.
+    ball_seen
+        The tip's ball was found.
+    """
 
     heading: np.ndarray
+    link_m: float
     reward: np.ndarray
     hessian: np.ndarray
-    tip_slide_m: float  # NaN where the end was not found
+    tip_slide_m: float
     value: float
+    open_share: float
+    end_is_off: bool
     ball_seen: bool
 
 
@@ -212,8 +238,12 @@ def fit_string(
             image, background, root, clamp, heading, prior, link_m, half_px, looks.contrast, looks.polarity,
             box, reach, tip, *pixel_map,
         )  # fmt: skip
-    for _ in range(3 if hold_tip else 0):
+    for turn in range(TIP_ROUNDS if hold_tip else 0):
         tip = locate_tip(picture, place_nodes(root, heading, link_m), heading, looks)
+        if turn == TIP_ROUNDS - 1 and tip[1] > 0:
+            # What bends cannot explain is the clamp's: the string slipped a little, or sits beside its middle.
+            link_m += float(np.clip(tip[0], -STRETCH_M, STRETCH_M)) / len(heading)
+            tip = locate_tip(picture, place_nodes(root, heading, link_m), heading, looks)
         heading, _, hessian = look_and_fit(
             image, background, root, clamp, heading, prior, link_m, half_px, looks.contrast, looks.polarity,
             box, NARROW_PX, tip, *pixel_map,
@@ -225,27 +255,34 @@ def fit_string(
     reward = rewards_on(
         image, background, nodes, heading, half_px, looks.contrast, looks.polarity, box, *pixel_map
     )
-    once = reward * seen_once(nodes, heading, 2.5 * pixel_map[0])
-    end_is_off = hold_tip and not abs(slide_m) < 5 * pixel_map[0]
-    if looks.has_ball and not end_is_off:
-        end_m, _ = end_of_string(
-            image,
-            background,
-            nodes,
-            heading,
-            looks.contrast,
-            looks.polarity,
-            TIP_REACH_M + looks.tip_excess_m,
-            *pixel_map,
-        )
-        end_is_off = not abs(end_m - looks.tip_excess_m) < 5 * pixel_map[0]
-    hidden = hidden_nodes(picture, nodes, box)
+    hidden = hidden_nodes(
+        image, background, nodes, node_normals(heading), half_px, looks.noise, box, *pixel_map
+    )
+    hidden &= reward < CLEAR
+    end_is_off = hold_tip and not hidden[-1] and not _ends_at_tip(picture, nodes, heading, slide_m, looks)
     hidden[len(reward) - int(tip[4]) :] = True
     hidden[0] = True
+    once = reward * seen_once(nodes, heading, 2.5 * pixel_map[0])
     open_share = float((~hidden).mean())
     value = float(once[~hidden].mean()) if open_share > LEAST_OPEN else 0.0
     value -= END_COST * end_is_off + BEND_COST * float((np.diff(heading) ** 2).sum())
-    return Fit(heading, reward, hessian, slide_m, value, bool(tip[3] > 0))
+    return Fit(
+        heading, link_m, reward, hessian, slide_m, value, open_share, end_is_off, bool(tip[3] > 0)
+    )
+
+
+def _ends_at_tip(
+    picture: Picture, nodes: np.ndarray, heading: np.ndarray, slide_m: float, looks: Looks
+) -> bool:
+    """Tell whether the string is seen to end at the chain's tip, and its ball, if any, is the end."""
+    near_m = END_PX * picture.pixels.metre_per_pixel
+    if not abs(slide_m) < near_m or not looks.has_ball:
+        return bool(abs(slide_m) < near_m)
+    end_m, _ = end_of_string(
+        picture.image, picture.background, nodes, heading, looks.contrast, looks.polarity,
+        TIP_REACH_M + looks.tip_excess_m, *map_of(picture),
+    )  # fmt: skip
+    return bool(abs(end_m - looks.tip_excess_m) < near_m)
 
 
 def find_string(
@@ -257,7 +294,7 @@ def find_string(
     nodes = np.zeros((links + 1, 2)) if guide is None else guide
     return trace_string(
         picture.image, picture.background, hand[:2], hand[2], link_m, links, looks.half_m / scale,
-        looks.contrast, looks.polarity, hand_box(hand, picture.hand_box), nodes, weight, BEAMS,
+        looks.contrast, looks.polarity, looks.noise, hand_box(hand, picture.hand_box), nodes, weight, BEAMS,
         *map_of(picture),
     )  # fmt: skip
 
@@ -267,6 +304,6 @@ def nearest_turn(angle_rad: float, reference_rad: float) -> float:
     return float(angle_rad + 2 * np.pi * np.round((reference_rad - angle_rad) / (2 * np.pi)))
 
 
-def point_sigmas(fit: Fit, link_m: float, every: int) -> np.ndarray:
+def point_sigmas(fit: Fit, every: int) -> np.ndarray:
     """Return sigma (m) of every `every`-th node after the root."""
-    return np.asarray(node_sigmas(fit.hessian, fit.heading, link_m, every)[1])
+    return np.asarray(node_sigmas(fit.hessian, fit.heading, fit.link_m, every)[1])

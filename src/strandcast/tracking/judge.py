@@ -8,8 +8,8 @@ import numpy as np
 
 from strandcast.records.track import OCCLUDED, UNSURE
 from strandcast.tracking.chain import place_nodes
-from strandcast.tracking.crops import View
-from strandcast.tracking.follow import CLEAR, Fit, point_sigmas
+from strandcast.tracking.follow import CLEAR, GOOD, Fit, point_sigmas
+from strandcast.tracking.picture import Picture
 from strandcast.tracking.pixelmap import to_pixel
 
 SEEN_SHARE = 0.34  # of the nodes around a point that must be clear
@@ -29,23 +29,26 @@ class FrameResult:
     value: float
 
 
-def judge(fit: Fit, hand: np.ndarray, link_m: float, every: int, view: View) -> FrameResult:
+def judge(fit: Fit, hand: np.ndarray, every: int, picture: Picture) -> FrameResult:
     """Return the mass points of a fit with sigma and flags; what was not seen to the end is NaN."""
-    nodes = place_nodes(hand[:2], fit.heading, link_m)
+    nodes = place_nodes(hand[:2], fit.heading, fit.link_m)
     points = nodes[every::every].copy()
-    sigma = point_sigmas(fit, link_m, every)
+    sigma = point_sigmas(fit, every)
     flags = np.zeros(len(points), dtype=np.int32)
     window = np.convolve((fit.reward[1:] >= CLEAR).astype(float), np.ones(every) / every, mode="same")
     seen = window[every - 1 :: every].copy()
     if fit.ball_seen:
         seen[-1] = 1.0
     flags[seen < SEEN_SHARE] |= OCCLUDED
-    if not np.isfinite(fit.tip_slide_m) or abs(fit.tip_slide_m) > TIP_SLIDE_PX * view.pixels.metre_per_pixel:
+    if not np.isfinite(fit.tip_slide_m) or abs(fit.tip_slide_m) > TIP_SLIDE_PX * picture.pixels.metre_per_pixel:
         flags[-1] |= UNSURE
         sigma[-1] = max(sigma[-1], UNSURE_M)
+    if fit.value < GOOD:
+        sigma = np.maximum(sigma, UNSURE_M)
+        flags |= UNSURE
     flags[sigma > UNSURE_M] |= UNSURE
-    lost = (sigma > LOST_M) | in_long_gap(seen >= SEEN_SHARE, LONGEST_HIDDEN_M / (every * link_m))
-    lost |= outside(points, view)
+    lost = (sigma > LOST_M) | in_long_gap(seen >= SEEN_SHARE, LONGEST_HIDDEN_M / (every * fit.link_m))
+    lost |= outside(points, picture)
     points[lost] = np.nan
     sigma[lost] = np.nan
     flags[lost] = 0
@@ -69,9 +72,9 @@ def in_long_gap(seen: np.ndarray, longest: float) -> np.ndarray:
     return lost
 
 
-def outside(points_m: np.ndarray, view: View) -> np.ndarray:
+def outside(points_m: np.ndarray, picture: Picture) -> np.ndarray:
     """Tell which points (n,) lie outside the picture."""
-    pixels = view.pixels
-    rows, columns = view.image.shape
+    pixels = picture.pixels
+    rows, columns = picture.image.shape
     uv = np.array([to_pixel(x, y, pixels.origin_m, pixels.step_m, pixels.uv) for x, y in points_m])
     return np.asarray((uv < 0).any(axis=1) | (uv[:, 0] > columns - 1) | (uv[:, 1] > rows - 1))

@@ -1,13 +1,13 @@
-"""How the string looks in this video, learned from the first frame in which it is found."""
+"""How the string looks in this video, learned from many frames: one bad frame teaches nothing."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strandcast.tracking.chain import node_normals, place_nodes
-from strandcast.tracking.follow import Fit, find_string, fit_string
+from strandcast.tracking.follow import GOOD, Fit, find_string, fit_string
 from strandcast.tracking.picture import Looks, Picture, map_of
 from strandcast.tracking.pixelmap import to_pixel
 from strandcast.tracking.sighting import STEP_PX, line_score, sample_across
@@ -17,21 +17,60 @@ NOISE_TIMES = 5.0  # a line this many times the noise is taken for the string, b
 LEAST_CONTRAST = 5.0  # grey levels
 FIRST_REACH_M = 0.045  # from the tip to the visible end: a ball's radius and an error of the length
 FOUND = 0.35  # mean reward of a way that is the string
+BALL_TIMES = 1.6  # wider than this, in the string's own widths and a pixel more, is a ball at the tip
+LARGEST_CORRECTION = 0.03  # of the length, by the string's visible end
+OPEN_SHARE = 0.85  # of the most open frame's open share, from which a frame teaches the length
+TEACHERS = 3  # frames with a clear end that a length is taken from, at least
 
 
-def first_fit(
+@dataclass(frozen=True)
+class Sighting:
+    """The string as one frame alone shows it.
+
+    Attributes
+    ----------
+    frame
+        Its index.
+    looks, fit
+        Found without knowing anything of other frames.
+    end_m
+        How far beyond the chain's tip the string ends; NaN where that is not clear.
+    end_half_m, end_level
+        Half its width near that end, and the grey level half that width before it.
+    """
+
+    frame: int
+    looks: Looks
+    fit: Fit
+    end_m: float
+    end_half_m: float
+    end_level: float
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What all sightings teach together: looks, length (m), what to warn of, frames with a clear end."""
+
+    looks: Looks
+    length_m: float
+    warnings: list[str]
+    teachers: int
+
+
+def sight(
+    frame: int,
     picture: Picture,
     hand: np.ndarray,
     links: int,
     link_m: float,
     thickness_m: float | None,
     polarity: float | None,
-) -> tuple[Looks, Fit] | None:
-    """Find the string in a frame and learn its looks; None where nothing long and thin leaves the clamp.
+) -> Sighting | None:
+    """Find the string in a frame of its own; None where nothing long and thin leaves the clamp.
 
     Parameters
     ----------
-    picture
+    frame, picture
         The frame.
     hand
         The hand's pose.
@@ -47,7 +86,7 @@ def first_fit(
     noise = 1.48 * float(np.median(np.abs(difference)))
     half_m = 0.5 * thickness_m if thickness_m else 1.0 * scale
     contrast = max(NOISE_TIMES * noise, LEAST_CONTRAST)
-    looks = Looks(max(half_m, 0.6 * scale), contrast, polarity=polarity or 0.0)
+    looks = Looks(max(half_m, 0.6 * scale), contrast, polarity=polarity or 0.0, noise=noise)
     heading, value = find_string(picture, hand, None, links, link_m, looks)
     if value < FOUND:
         return None
@@ -56,7 +95,61 @@ def first_fit(
         looks = _measure(picture, hand, fit, link_m, looks)
         looks = looks if polarity is None else replace(looks, polarity=polarity)
         fit = _fit_freely(picture, hand, fit.heading, link_m, looks)
-    return looks, fit
+    nodes = place_nodes(hand[:2], fit.heading, link_m)
+    end_m, half_px = end_of_string(
+        picture.image, picture.background, nodes, fit.heading, looks.contrast, looks.polarity,
+        FIRST_REACH_M, *map_of(picture),
+    )  # fmt: skip
+    half_m = half_px * scale
+    along = np.array([np.cos(fit.heading[-1]), np.sin(fit.heading[-1])])
+    level = level_at(picture, nodes[-1] + (end_m - half_m) * along) if np.isfinite(end_m) else np.nan
+    return Sighting(frame, looks, fit, end_m, half_m, level)
+
+
+def learn_looks(sightings: list[Sighting], length_m: float, pixel_m: float) -> Lesson:
+    """Learn the string's looks and length as the medians over the sightings that show them well.
+
+    Parameters
+    ----------
+    sightings
+        At least one.
+    length_m
+        The length that the chain had in the sightings.
+    pixel_m
+        A pixel's size in the string's plane.
+
+    Notes
+    -----
+    Where the hand or the arm hides part of the string, its way there is a guess, and so is the chain's tip:
+    the length is taken from the frames in which most of the string is open.
+    """
+    good = [s for s in sightings if s.fit.value >= GOOD] or sightings
+    looks = Looks(
+        half_m=float(np.percentile([s.looks.half_m for s in good], 25)),  # others are blurred
+        contrast=float(np.median([s.looks.contrast for s in good])),
+        polarity=float(np.sign(sum(s.looks.polarity for s in good))),
+        noise=float(np.median([s.looks.noise for s in good])),
+    )
+    ended = [s for s in good if np.isfinite(s.end_m)]
+    openest = max((s.fit.open_share for s in ended), default=0.0)
+    clear = [s for s in ended if s.fit.open_share >= OPEN_SHARE * openest]
+    if len(clear) < TEACHERS:
+        return Lesson(
+            replace(looks, tip_excess_m=looks.half_m),
+            length_m,
+            [f"the string's end is clear in {len(clear)} frames of {len(sightings)}: its length is the file's"],
+            len(clear),
+        )  # fmt: skip
+    half_m = float(np.median([s.end_half_m for s in clear]))
+    ball = half_m > BALL_TIMES * looks.half_m + pixel_m
+    excess_m = half_m if ball else looks.half_m
+    level = float(np.median([s.end_level for s in clear])) if ball else np.nan
+    looks = replace(looks, tip_excess_m=excess_m, ball_level=level)
+    correction_m = float(np.median([s.end_m for s in clear])) - excess_m
+    if abs(correction_m) > LARGEST_CORRECTION * length_m:
+        text = f"the string's visible end does not fit its length: it is {1e3 * correction_m:+.1f} mm off"
+        return Lesson(looks, length_m, [text], len(clear))
+    return Lesson(looks, length_m + correction_m, [], len(clear))
 
 
 def _fit_freely(picture: Picture, hand: np.ndarray, heading: np.ndarray, link_m: float, looks: Looks) -> Fit:
@@ -96,24 +189,6 @@ def _polarity(picture: Picture, nodes: np.ndarray) -> float:
     brighter = picture.image[v, u].astype(float) > picture.background[v, u]
     share = float(brighter.mean())
     return 1.0 if share > 0.9 else (-1.0 if share < 0.1 else 0.0)
-
-
-def visible_end(
-    picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks: Looks
-) -> tuple[float, float]:
-    """Return how far beyond the chain's tip the string ends, and its half width there (m); NaN if unclear."""
-    nodes = place_nodes(hand[:2], fit.heading, link_m)
-    end_m, half_px = end_of_string(
-        picture.image,
-        picture.background,
-        nodes,
-        fit.heading,
-        looks.contrast,
-        looks.polarity,
-        FIRST_REACH_M,
-        *map_of(picture),
-    )
-    return end_m, half_px * picture.pixels.metre_per_pixel
 
 
 def level_at(picture: Picture, place_m: np.ndarray) -> float:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from strandcast.tracking.pixelmap import PixelMap, to_pixel
-from strandcast.tracking.sighting import inside_box
+from strandcast.tracking.sighting import inside_box, is_covered
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,8 @@ class Looks:
         Grey level of the ball at its tip; NaN where there is none.
     polarity
         1 if it is brighter than the background, -1 if darker, 0 if either.
+    noise
+        Standard deviation of what has not changed, grey levels.
     """
 
     half_m: float
@@ -57,6 +60,7 @@ class Looks:
     tip_excess_m: float = 0.0
     ball_level: float = np.nan
     polarity: float = 0.0
+    noise: float = 1.0
 
     @property
     def has_ball(self) -> bool:
@@ -64,12 +68,32 @@ class Looks:
         return bool(np.isfinite(self.ball_level))
 
 
-def hidden_nodes(picture: Picture, nodes: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Tell which nodes (K,) cannot be seen: behind the hand, or outside the picture."""
-    _, origin, step, uv = map_of(picture)
-    rows, columns = picture.image.shape
-    hidden = np.zeros(len(nodes), dtype=bool)
-    for k, (x, y) in enumerate(nodes):
+@njit(cache=True)
+def hidden_nodes(
+    image: np.ndarray,
+    background: np.ndarray,
+    nodes: np.ndarray,
+    normals: np.ndarray,
+    half_px: np.ndarray,
+    noise: float,
+    box: np.ndarray,
+    metre_per_pixel: float,
+    origin: np.ndarray,
+    step: float,
+    uv: np.ndarray,
+) -> np.ndarray:
+    """Tell which nodes (K,) cannot be seen: behind the hand, behind the arm, or outside the picture.
+
+    The arm is what has changed on both sides of where the string would be.
+    """
+    rows, columns = image.shape
+    hidden = np.zeros(len(nodes), dtype=np.bool_)
+    for k in range(len(nodes)):
+        x, y = nodes[k]
         u, v = to_pixel(x, y, origin, step, uv)
         hidden[k] = inside_box(x, y, box) or not (1 <= u < columns - 2 and 1 <= v < rows - 2)
+        if not hidden[k]:
+            aside_m = 0.5 * metre_per_pixel
+            u1, v1 = to_pixel(x + aside_m * normals[k, 0], y + aside_m * normals[k, 1], origin, step, uv)
+            hidden[k] = is_covered(image, background, u, v, 2 * (u1 - u), 2 * (v1 - v), half_px[k], noise)
     return hidden

@@ -12,10 +12,8 @@ from strandcast.records.manifest import VideoFacts
 from strandcast.records.track import PREDICTED
 from strandcast.tracking.ball import SIGMA_PX, follow_ball
 from strandcast.tracking.counts import check_size
-from strandcast.tracking.crops import View
-from strandcast.tracking.pixelmap import tabulate
 from strandcast.tracking.result import StringHint, Tracked, as_columns
-from strandcast.tracking.strobe import Strobe
+from strandcast.tracking.strobe import choose_instants, strobe_picture
 from strandcast.video.ingest import camera_times
 
 LEAST_SIGMA_M = 1e-4
@@ -60,28 +58,21 @@ def track_pivot(
     points[:, 0] = 0.0
     sigma[:, 0] = max(seen_sigma_m, LEAST_SIGMA_M)
     flags[:, 0] = PREDICTED
+    instants = choose_instants(np.arange(count), points)
     return Tracked(
         camera_time_s=camera_times(facts),
         points_m=points,
         sigma_m=sigma,
         flags=flags,
         markers=as_columns(np.zeros((0, 7))),
-        strobe=_picture(points, camera, ball.background),
+        strobe=strobe_picture(ball.background, [], points[instants], camera),
         decoded_frames=count,
         choices={
             "hand": "pivot",
             "background_frames": background_frames,
             "ball_radius_m": ball.radius_px * camera.scale_m_per_px,
             "length_residual_m": seen_sigma_m,
+            "strobe_frames": " ".join(map(str, instants)),
         },
         warnings=[f"decoder: {text}" for text in sorted(set(ball.messages))[:5]],
     )
-
-
-def _picture(points_m: np.ndarray, camera: Camera, background: np.ndarray) -> np.ndarray:
-    """Return the scene with the pendulum's places drawn over it: no crops are kept in this mode."""
-    strobe = Strobe(background)
-    view = View(background, background, tabulate(camera, camera.string_offset_m), 0, 0)
-    for index in np.flatnonzero(np.isfinite(points_m[:, -1, 0])):
-        strobe.offer(int(index), view, points_m[index])
-    return strobe.picture(points_m, camera)

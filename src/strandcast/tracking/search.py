@@ -7,7 +7,7 @@ from numba import njit
 
 from strandcast.camera.sampling import bilinear
 from strandcast.tracking.pixelmap import to_pixel
-from strandcast.tracking.sighting import FLANK_PX, GAP_PX, changed_by, inside_box
+from strandcast.tracking.sighting import FLANK_PX, GAP_PX, changed_by, inside_box, is_covered
 
 TURNS_RAD = np.array([0.0, 0.12, -0.12, 0.25, -0.25, 0.4, -0.4, 0.6, -0.6])
 TURN_COST = 0.35  # in clear lines, for a turn of half a radian
@@ -65,9 +65,10 @@ def retraces(
 @njit(cache=True)
 def reward_at(
     image: np.ndarray, background: np.ndarray, x: float, y: float, angle: float, half_px: float,
-    contrast: float, polarity: float, hand: np.ndarray, origin: np.ndarray, step: float, uv: np.ndarray,
+    contrast: float, polarity: float, noise: float, hand: np.ndarray, origin: np.ndarray, step: float,
+    uv: np.ndarray,
 ) -> float:  # fmt: skip
-    """Return what a place (m) on a way with this heading is worth, in clear lines; 0 behind the hand."""
+    """Return what a place (m) on a way with this heading is worth, in clear lines; 0 behind hand or arm."""
     u, v = to_pixel(x, y, origin, step, uv)
     if not (0 < u < image.shape[1] - 1 and 0 < v < image.shape[0] - 1):
         return LEAST_REWARD
@@ -75,7 +76,10 @@ def reward_at(
         return 0.0
     u2, v2 = to_pixel(x - 1e-3 * np.sin(angle), y + 1e-3 * np.cos(angle), origin, step, uv)
     length = np.hypot(u2 - u, v2 - v)
-    score = line_at(image, background, u, v, (u2 - u) / length, (v2 - v) / length, half_px, polarity)
+    nu, nv = (u2 - u) / length, (v2 - v) / length
+    score = line_at(image, background, u, v, nu, nv, half_px, polarity)
+    if score < 0 and is_covered(image, background, u, v, nu, nv, half_px, noise):
+        return 0.0
     return min(max(score / contrast, LEAST_REWARD), 1.0)
 
 
@@ -103,6 +107,7 @@ def trace_string(
     half_px: float,
     contrast: float,
     polarity: float,
+    noise: float,
     hand: np.ndarray,
     guide: np.ndarray,
     guide_weight: float,
@@ -128,6 +133,8 @@ def trace_string(
         Line score of a clear line, grey levels.
     polarity
         As in `strandcast.tracking.sighting.sample_across`.
+    noise
+        Of what has not changed, grey levels.
     hand
         The box in which the hand hides the string, as in `inside_box`.
     guide, guide_weight
@@ -167,7 +174,7 @@ def trace_string(
                 x = way_x[k, b] + link_m * np.cos(angle)
                 y = way_y[k, b] + link_m * np.sin(angle)
                 reward = reward_at(
-                    image, background, x, y, angle, half_px, contrast, polarity, hand, origin, step, uv
+                    image, background, x, y, angle, half_px, contrast, polarity, noise, hand, origin, step, uv
                 )
                 off = (x - guide[k + 1, 0]) ** 2 + (y - guide[k + 1, 1]) ** 2
                 cost = TURN_COST * (turn / 0.5) ** 2 + min(guide_weight * off, 0.5)

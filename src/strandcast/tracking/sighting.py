@@ -16,6 +16,8 @@ from strandcast.tracking.pixelmap import to_pixel
 STEP_PX = 0.5  # spacing of samples across the string
 GAP_PX = 1.0  # between the middle and its flanks: the lens's blur
 FLANK_PX = 2.0  # width of a flank
+COVER_NOISES = 3.0  # a change of both flanks, in noises, from which something lies before the string
+LEAST_COVER = 5.0  # grey levels
 
 
 @njit(cache=True)
@@ -200,3 +202,21 @@ def inside_box(x: float, y: float, box: np.ndarray) -> bool:
     dx, dy = x - box[0], y - box[1]
     along, left = cosine * dx + sine * dy, -sine * dx + cosine * dy
     return box[3] <= along <= box[5] and box[4] <= left <= box[6]
+
+
+@njit(cache=True)
+def is_covered(
+    image: np.ndarray, background: np.ndarray, u: float, v: float, nu: float, nv: float, half_px: float,
+    noise: float,
+) -> bool:  # fmt: skip
+    """Tell whether both flanks of a line at a pixel, with normal (nu, nv), differ from the background."""
+    least = max(COVER_NOISES * noise, LEAST_COVER)
+    for side in (-1.0, 1.0):
+        changed = 0.0
+        for a in range(3):
+            d = side * (half_px + GAP_PX + 1.0 + a)
+            pu, pv = u + d * nu, v + d * nv
+            changed += (bilinear(image, pu, pv) - bilinear(background, pu, pv)) / 3.0
+        if abs(changed) < least:
+            return False
+    return True

@@ -1,4 +1,4 @@
-"""The picture of a throw: a dozen instants over the learned background, with the tracked points."""
+"""The throw in one picture: a dozen instants over the empty scene, with the tracked points."""
 
 from __future__ import annotations
 
@@ -8,59 +8,74 @@ import numpy as np
 from strandcast.camera.mapping import metre_to_pixel
 from strandcast.camera.markers import eight_bit
 from strandcast.records.camera import Camera
-from strandcast.tracking.crops import View
 
 INSTANTS = 12
-FIRST_STEP_M = 0.03  # of the tip between instants, at first
+MOVED_M = 0.005  # from its first or last place, from which the hand is in motion
+AFTER_SHARE = 0.15  # of the motion, that is shown after it
 
 
-class Strobe:
-    """Keeps a few frames, evenly spread along the tip's path, without knowing the path's length ahead."""
+def choose_instants(candidates: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """Return frames spread evenly along the tip's path while the hand moves and just after.
 
-    def __init__(self, background: np.ndarray) -> None:
-        self.background = background
-        self.frames: list[tuple[int, float, View]] = []
-        self.path_m = 0.0
-        self.step_m = FIRST_STEP_M
-        self._tip: np.ndarray | None = None
+    Parameters
+    ----------
+    candidates
+        Frames (K,) of which there is a picture.
+    points_m
+        The track (F, n + 1, 2); NaN where not seen.
+    """
+    first, last = moving_frames(points_m[:, 0])
+    tips = np.flatnonzero(np.isfinite(points_m[:, -1]).all(axis=1))
+    tips = tips[(tips >= first) & (tips <= last)]
+    chosen = candidates[np.isin(candidates, tips)]
+    if len(chosen) <= INSTANTS:
+        return chosen
+    steps = np.linalg.norm(np.diff(points_m[tips, -1], axis=0), axis=1)
+    path_m = np.interp(chosen, tips, np.concatenate([[0.0], np.cumsum(steps)]))
+    wanted = np.linspace(path_m[0], path_m[-1], INSTANTS)
+    return np.unique(chosen[np.abs(path_m[:, None] - wanted).argmin(axis=0)])
 
-    def offer(self, index: int, view: View | None, points_m: np.ndarray | None) -> None:
-        """Keep the frame if the tip has come far enough since the last that was kept."""
-        if view is None or points_m is None or not np.isfinite(points_m[-1]).all():
-            return
-        tip = points_m[-1]
-        self.path_m += 0.0 if self._tip is None else float(np.linalg.norm(tip - self._tip))
-        self._tip = tip
-        if self.frames and self.path_m < self.frames[-1][1] + self.step_m:
-            return
-        self.frames.append((index, self.path_m, view))
-        if len(self.frames) > 2 * INSTANTS:
-            self.frames = self.frames[::2]
-            self.step_m *= 2
 
-    def picture(self, points_m: np.ndarray, camera: Camera) -> np.ndarray:
-        """Return the composite (height, width, 3), RGB, with the points (F, n + 1, 2) of the kept frames."""
-        chosen: list[int] = (
-            np.unique(np.linspace(0, len(self.frames) - 1, INSTANTS).astype(int)).tolist()
-            if self.frames
-            else []
-        )
-        kept = [self.frames[k] for k in chosen]
-        grey = self.background.astype(np.float32)
-        most = np.zeros_like(grey)
-        for _, _, view in kept:
-            rows = slice(view.top, view.top + view.image.shape[0])
-            columns = slice(view.left, view.left + view.image.shape[1])
-            now = view.image.astype(np.float32)
-            change = np.abs(now - view.background)
-            newer = change > most[rows, columns]
-            grey[rows, columns][newer] = now[newer]
-            most[rows, columns][newer] = change[newer]
-        picture = cv2.cvtColor(eight_bit(grey.astype(self.background.dtype)), cv2.COLOR_GRAY2RGB)
-        for turn, (index, _, _) in enumerate(kept):
-            draw_points(picture, metre_to_pixel(camera, points_m[index], camera.string_offset_m),
-                        turn / max(1, len(kept) - 1))  # fmt: skip
-        return picture
+def moving_frames(hand_m: np.ndarray) -> tuple[int, int]:
+    """Return the first and the last frame of the hand's motion (F, 2), or of all where it does not move."""
+    seen = np.flatnonzero(np.isfinite(hand_m).all(axis=1))
+    if not len(seen):
+        return 0, len(hand_m) - 1
+    left = seen[np.linalg.norm(hand_m[seen] - hand_m[seen[0]], axis=1) > MOVED_M]
+    coming = seen[np.linalg.norm(hand_m[seen] - hand_m[seen[-1]], axis=1) > MOVED_M]
+    if not len(left) or not len(coming):
+        return 0, len(hand_m) - 1
+    return int(left[0]), int(coming[-1] + AFTER_SHARE * (coming[-1] - left[0]))
+
+
+def strobe_picture(
+    background: np.ndarray, pictures: list[np.ndarray], points_m: np.ndarray, camera: Camera
+) -> np.ndarray:
+    """Return the composite (height, width, 3), RGB.
+
+    Parameters
+    ----------
+    background
+        The empty scene, grey.
+    pictures
+        Whole grey frames to lay over it: of each pixel, the one that has changed most.
+    points_m
+        The string's points at the instants to draw (K, n + 1, 2).
+    camera
+        Where points are in the picture.
+    """
+    grey = background.copy()
+    most = np.zeros_like(grey)
+    for now in pictures:
+        change = cv2.absdiff(now, background)
+        newer = change > most
+        grey[newer] = now[newer]
+        most[newer] = change[newer]
+    picture = cv2.cvtColor(eight_bit(grey), cv2.COLOR_GRAY2RGB)
+    for turn, string_m in enumerate(points_m):
+        pixels = metre_to_pixel(camera, string_m, camera.string_offset_m)
+        draw_points(picture, pixels, turn / max(1, len(points_m) - 1))
+    return picture
 
 
 def draw_points(picture: np.ndarray, points_px: np.ndarray, share: float) -> None:

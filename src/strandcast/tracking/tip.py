@@ -63,7 +63,8 @@ def end_of_string(
     step: float,
     uv: np.ndarray,
 ) -> tuple[float, float]:
-    """Return how far beyond the tip the string ends (m, negative before it), and its largest half width (px).
+    """Return how far beyond the tip the string ends (m, negative before it), and its largest half width near there
+    (px).
 
     Walks along the chain's end and straight on, until the picture is the background again; NaN where that is
     not within `reach_m` of the tip, or not clear.
@@ -88,7 +89,7 @@ def end_of_string(
     fraction = (changed[last] - threshold) / max(changed[last] - changed[last + 1], 1e-9)
     slide_m = (last + min(max(fraction, 0.0), 1.0) - before) * pitch_m
     widest = 0
-    for i in range(last + 1):
+    for i in range(max(0, last - int(2 * WIDEST_PX / ALONG_PX)), last + 1):
         widest = max(widest, (difference[i] > threshold).sum())
     return slide_m, 0.5 * widest * STEP_PX
 

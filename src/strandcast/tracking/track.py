@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from strandcast.errors import StrandcastError
-from strandcast.progress import Progress, progress
+from strandcast.progress import Progress
 from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
 from strandcast.records.track import PREDICTED
 from strandcast.tracking.background import Samples, learn_background
 from strandcast.tracking.counts import check_count, check_size
 from strandcast.tracking.crops import Crops
-from strandcast.tracking.follower import Follower
+from strandcast.tracking.follower import Follower, Sight
 from strandcast.tracking.hand import HandFinder, HandMarker, HandSighting, box_around
-from strandcast.tracking.judge import FrameResult
+from strandcast.tracking.judge import FrameResult, judge
+from strandcast.tracking.looks import learn_looks
+from strandcast.tracking.passes import chain_of, follow, survey
+from strandcast.tracking.picture import Picture
 from strandcast.tracking.pixelmap import tabulate
 from strandcast.tracking.result import StringHint, Tracked, as_columns
-from strandcast.tracking.strobe import Strobe
+from strandcast.tracking.strobe import choose_instants, strobe_picture
 from strandcast.video.ingest import camera_times
 from strandcast.video.reader import open_video
 
@@ -74,52 +78,78 @@ def track_video(
     finder = HandFinder(camera, markers, dictionary, camera.string_offset_m)
     time_s = camera_times(facts)
     with Crops(pixels, CROP_LENGTHS * string.length_m) as crops:
-        hands, messages, background, chosen = decode(path, facts, finder, crops, background_frames)
-        check_hand(hands, finder, path)
-        follower = Follower(string, exposure_s, box_around(markers), POLARITIES[polarity])
-        strobe = Strobe(background)
-        results = []
-        for index, hand in enumerate(progress(hands, "track: string", total=len(hands))):
-            result = None
-            view = crops.view(index, background)
-            if view is not None:
-                result = follower.step(view, time_s[index], None if hand is None else hand.pose)
-            results.append(result)
-            strobe.offer(index, view, None if result is None else result.points_m)
-    if follower.looks is None:
-        raise StrandcastError(
-            "SC-T004", "no string is seen to leave the hand in any frame", file=path,
-            fix="check the clamp's place and angle in the arm's file, and that the string moves")  # fmt: skip
-    tracked = collect(time_s, hands, results, string.points)
-    tracked.markers = marker_columns(finder, hands, time_s)
-    tracked.strobe = strobe.picture(tracked.points_m, camera)
+        scene = decode(path, facts, finder, crops, background_frames)
+        check_hand(scene.hands, finder, path)
+        hand = bridge_hand(time_s, scene.hands)
+        box = box_around(markers)
+
+        def look(index: int) -> Sight | None:
+            view = crops.view(index, scene.background)
+            if view is None or not np.isfinite(hand.pose[index]).all():
+                return None
+            return Sight(Picture(view.image, view.background, view.pixels, box), time_s[index], hand.pose[index])
+
+        seen = np.flatnonzero(hand.flags == 0)
+        sightings = survey(look, seen, string, POLARITIES[polarity])
+        if not sightings:
+            raise StrandcastError(
+                "SC-T004", "no string is seen to leave the hand in any frame", file=path,
+                fix="check the clamp's place and angle in the arm's file, and that the string moves")  # fmt: skip
+        lesson = learn_looks(sightings, string.length_m, pixels.metre_per_pixel)
+        links, every = chain_of(string)
+        follower = Follower(links, lesson.length_m / links, lesson.looks, exposure_s)
+        fits = follow(look, len(scene.hands), sightings, follower)
+        results = [None if fit is None else judge(fit, hand.pose[k], every, look(k).picture) for k, fit in enumerate(fits)]
+    tracked = collect(time_s, hand, results, string.points)
+    tracked.markers = marker_columns(finder, scene.hands, time_s)
+    instants = choose_instants(np.asarray(scene.samples.indices), tracked.points_m)
+    pictures = [scene.samples.pictures[k] for k in np.searchsorted(scene.samples.indices, instants)]
+    tracked.strobe = strobe_picture(scene.background, pictures, tracked.points_m[instants], camera)
     tracked.choices |= {
-        "background_frames": len(chosen),
+        "background_frames": len(scene.chosen),
         "exposure_s": exposure_s,
-        "links": follower.links,
-        "thickness_m": 2 * follower.looks.half_m,
-        "polarity": follower.looks.polarity,
-        "contrast_grey": follower.looks.contrast,
-        "tip_excess_m": follower.looks.tip_excess_m,
-        "ball_at_tip": follower.looks.has_ball,
-        "length_m": follower.link_m * follower.links,
-        "first_found_frame": follower.first_frame,
+        "links": links,
+        "thickness_m": 2 * lesson.looks.half_m,
+        "polarity": lesson.looks.polarity,
+        "contrast_grey": lesson.looks.contrast,
+        "tip_excess_m": lesson.looks.tip_excess_m,
+        "ball_at_tip": lesson.looks.has_ball,
+        "length_m": lesson.length_m,
+        "length_frames": lesson.teachers,
         "found_anew": follower.found_anew,
+        "strobe_frames": " ".join(map(str, instants)),
     }
-    tracked.warnings += follower.warnings + [f"decoder: {text}" for text in sorted(set(messages))[:5]]
+    tracked.warnings += lesson.warnings + [f"decoder: {text}" for text in sorted(set(scene.messages))[:5]]
     return tracked
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the decoding pass found.
+
+    Attributes
+    ----------
+    hands
+        The hand per frame.
+    messages
+        The decoder's complaints.
+    background, chosen
+        The scene without arm and string, and the frames that it was learned from.
+    samples
+        Whole frames that were kept.
+    """
+
+    hands: list[HandSighting | None]
+    messages: list[str]
+    background: np.ndarray
+    chosen: np.ndarray
+    samples: Samples
 
 
 def decode(
     path: str | Path, facts: VideoFacts, finder: HandFinder, crops: Crops, background_frames: int
-) -> tuple[list[HandSighting | None], list[str], np.ndarray, np.ndarray]:
-    """Make the one decoding pass: find the hand, keep a crop around it of each frame, learn the background.
-
-    Returns
-    -------
-    hands, messages, background, chosen
-        The hand per frame, the decoder's complaints, the background, and the frames that it was learned from.
-    """
+) -> Scene:
+    """Make the one decoding pass: find the hand, keep a crop around it of each frame, learn the background."""
     hands: list[HandSighting | None] = []
     tell = Progress("track: frames", total=facts.packets)
     with open_video(path) as video:
@@ -132,7 +162,7 @@ def decode(
             tell(index + 1)
     check_count(len(hands), facts, path)
     background, chosen = learn_background(samples.pictures, background_frames)
-    return hands, video.messages, background, np.asarray(samples.indices)[chosen]
+    return Scene(hands, video.messages, background, np.asarray(samples.indices)[chosen], samples)
 
 
 def check_hand(hands: list[HandSighting | None], finder: HandFinder, path: str | Path) -> None:
@@ -143,41 +173,51 @@ def check_hand(hands: list[HandSighting | None], finder: HandFinder, path: str |
             field="markers", fix="check ids, dictionary and that the picture is not mirrored")  # fmt: skip
 
 
-def collect(
-    time_s: np.ndarray, hands: list[HandSighting | None], results: list[FrameResult | None], points: int
-) -> Tracked:
-    """Put the frames' results into arrays; a hand that was not seen for a few frames is bridged."""
-    count = len(hands)
+@dataclass(frozen=True)
+class HandPath:
+    """The hand frame by frame: pose (F, 3) (NaN where not known), sigma (F,) (m) and flags (F,)."""
+
+    pose: np.ndarray
+    sigma_m: np.ndarray
+    flags: np.ndarray
+
+
+def bridge_hand(time_s: np.ndarray, hands: list[HandSighting | None]) -> HandPath:
+    """Return the hand's path; short gaps are filled by straight lines and flagged as predicted."""
+    pose = np.full((len(hands), 3), np.nan)
+    sigma = np.full(len(hands), np.nan)
+    flags = np.full(len(hands), PREDICTED, dtype=np.int32)
+    for index, hand in enumerate(hands):
+        if hand is not None:
+            pose[index], sigma[index], flags[index] = hand.pose, hand.sigma_m, 0
+    seen = np.flatnonzero(flags == 0)
+    pose[seen, 2] = np.unwrap(pose[seen, 2])
+    for left, right in pairwise(seen.tolist()):
+        if not 1 < right - left <= LONGEST_BRIDGE:
+            continue
+        inside = np.arange(left + 1, right)
+        for axis in range(3):
+            pose[inside, axis] = np.interp(time_s[inside], time_s[[left, right]], pose[[left, right], axis])
+        step_m = float(np.linalg.norm(pose[right, :2] - pose[left, :2])) / (right - left)
+        sigma[inside] = max(sigma[left], sigma[right]) + 0.25 * step_m
+    return HandPath(pose, sigma, flags)
+
+
+def collect(time_s: np.ndarray, hand: HandPath, results: list[FrameResult | None], points: int) -> Tracked:
+    """Put the frames' results into arrays."""
+    count = len(results)
     places = np.full((count, points + 1, 2), np.nan)
     sigma = np.full((count, points + 1), np.nan)
     flags = np.zeros((count, points + 1), dtype=np.int32)
-    for index, (hand, result) in enumerate(zip(hands, results, strict=True)):
-        if hand is not None:
-            places[index, 0], sigma[index, 0] = hand.pose[:2], hand.sigma_m
+    places[:, 0], sigma[:, 0], flags[:, 0] = hand.pose[:, :2], hand.sigma_m, hand.flags
+    for index, result in enumerate(results):
         if result is not None:
             places[index, 1:], sigma[index, 1:], flags[index, 1:] = (
                 result.points_m,
                 result.sigma_m,
                 result.flags,
             )
-    bridge_hand(time_s, places, sigma, flags)
     return Tracked(time_s, places, sigma, flags, {}, np.zeros((1, 1, 3), np.uint8), count, {})
-
-
-def bridge_hand(time_s: np.ndarray, places: np.ndarray, sigma: np.ndarray, flags: np.ndarray) -> None:
-    """Fill short gaps in the hand's path by straight lines, in place, flagged as predicted."""
-    seen = np.flatnonzero(np.isfinite(places[:, 0, 0]))
-    for left, right in pairwise(seen.tolist()):
-        if not 1 < right - left <= LONGEST_BRIDGE:
-            continue
-        inside = np.arange(left + 1, right)
-        for axis in range(2):
-            places[inside, 0, axis] = np.interp(
-                time_s[inside], time_s[[left, right]], places[[left, right], 0, axis]
-            )
-        step_m = float(np.linalg.norm(places[right, 0] - places[left, 0])) / (right - left)
-        sigma[inside, 0] = max(sigma[left, 0], sigma[right, 0]) + 0.25 * step_m
-        flags[inside, 0] |= PREDICTED
 
 
 def marker_columns(
