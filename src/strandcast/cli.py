@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from strandcast.errors import INTERRUPTED, StrandcastError
+from strandcast.errors import ENVIRONMENT, INTERRUPTED, StrandcastError
 from strandcast.layout import trial_name
 from strandcast.progress import set_context
 
@@ -47,6 +47,11 @@ def main() -> None:
     except StrandcastError as error:
         print(error, file=sys.stderr)
         sys.exit(error.exit_code)
+    except OSError as error:
+        fix = "mend the path, the rights or the room on the disk"
+        problem = StrandcastError("SC-W002", str(error.strerror or error), file=error.filename, fix=fix)
+        print(problem, file=sys.stderr)
+        sys.exit(ENVIRONMENT)
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
 
@@ -198,11 +203,12 @@ def import_joints(
     joint: Annotated[
         list[str] | None, typer.Option(help="Name of a joint, once for each, from the base on.")
     ] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Write over an earlier import.")] = False,
 ) -> None:
     """Bring in a joint log: joints.csv and run.json of a trial."""
     from strandcast.stages import import_joints as stage
 
-    run = stage.run(ROOT, experiment, trial, log, dialect, columns, joint or [])
+    run = stage.run(ROOT, experiment, trial, log, dialect, columns, joint or [], replace)
     timing = run.timing
     print(
         f"{run.rows} rows at {timing.rate_hz:.1f} Hz, {len(timing.gaps)} gaps, {timing.duplicates} duplicates"
@@ -233,17 +239,20 @@ def import_track(
         float, typer.Option(help="Direction in which the string leaves the hand where the angle is 0 [rad].")
     ] = 0.0,
     columns: Annotated[Path | None, typer.Option(help="TOML or YAML that says all this instead.")] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Write over an earlier import.")] = False,
 ) -> None:
     """Bring in motion capture: the track, hand and alignment of a trial without video."""
     from strandcast.imports.mapping import CaptureMapping, capture_mapping_of, load_mapping
     from strandcast.stages import import_track as stage
 
+    if columns is None and not marker:
+        raise typer.BadParameter("give --marker PLACE:X,Y for each marker, or --columns FILE")
     if columns is not None:
         mapping = load_mapping(columns, CaptureMapping)
     else:
         turned = {"angle_sign": angle_sign, "angle_offset_rad": angle_offset}
         mapping = capture_mapping_of(time, hand, marker or [], **turned)
-    summary = stage.run(ROOT, experiment, trial, capture, mapping)
+    summary = stage.run(ROOT, experiment, trial, capture, mapping, replace)
     print(f"{summary.decoded_frames} instants, {summary.points} mass points")
     for warning in summary.warnings:
         print(f"warning: {warning}")

@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 # Exit codes of the command line (DESIGN §7).
-DONE = 0
 FAILED_TRIALS = 1
 REFUSED = 2
 ENVIRONMENT = 3
 INTEGRITY = 4
 ABORTED = 5
 STOPPED_BY_CONTROLLER = 6
-LOG_INCOMPLETE = 7
 INTERRUPTED = 130
 
 
@@ -55,7 +53,10 @@ class StrandcastError(Exception):
         self.cost = cost
         self.fix = fix
         self.exit_code = exit_code
-        super().__init__(self.message())
+        super().__init__(code, what)
+
+    def __str__(self) -> str:
+        return self.message()
 
     def message(self) -> str:
         """Return the message: one line to grep, then what it costs and how to fix it."""
@@ -78,8 +79,7 @@ class StrandcastErrors(StrandcastError):
         self.problems = problems
         first = problems[0]
         super().__init__(first.code, first.what, file=first.file, exit_code=first.exit_code)
-        self.args = (self.message(),)
 
     def message(self) -> str:
         """Return all messages, in the order in which they were found."""
-        return "\n".join(problem.message() for problem in getattr(self, "problems", []))
+        return "\n".join(problem.message() for problem in self.problems)

@@ -5,27 +5,54 @@ from __future__ import annotations
 import difflib
 import json
 import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import ErrorDetails
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.events import AliasEvent
 
 from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.records.motion import PARAMETERS
 
 LARGEST_FILE_BYTES = 1 << 20
+LENS_PHOTOS, PLANE_PHOTO = "calibration/lens-*.png", "calibration/plane.png"
 SPACING_M = 0.03  # of the mass points, where `points` is not given
 SCHEMA_FILE = "config/experiment.schema.json"
-NAME = r"^[a-z0-9][a-z0-9-]{0,63}$"
+NAME = r"[a-z0-9][a-z0-9-]{0,63}"
 
 Length = Annotated[float, Field(gt=0, le=5)]
 Place = Annotated[float, Field(ge=0, le=5)]
 Position = Annotated[float, Field(ge=-10, le=10)]
+Trial = Annotated[int, Field(ge=1, le=98)]
+Dictionary = Annotated[
+    str,
+    Field(
+        pattern=r"^DICT_([4567]X[4567]_(50|100|250|1000)|ARUCO_ORIGINAL|APRILTAG_(16h5|25h9|36h10|36h11))$"
+    ),
+]
+
+
+def _below(value: str) -> str:
+    if value.startswith("/") or ".." in Path(value).parts:
+        raise ValueError("must be a path below the experiment's folder")
+    return value
+
+
+Below = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_below)]
 
 
 class Section(BaseModel):
@@ -38,7 +65,9 @@ class Weight(Section):
     """A weight at a known place on the string."""
 
     place_m: Place = Field(description="Distance from the clamp along the string.")
-    mass_kg: Annotated[float, Field(gt=0, le=1)] | None = Field(None, description="If known; a hint only.")
+    mass_kg: Annotated[float, Field(gt=0, le=1)] | None = Field(
+        None, description="What the lab's weight weighs; the estimate finds the mass by itself."
+    )
 
 
 class StiffSection(Section):
@@ -85,7 +114,7 @@ class Board(Section):
     squares_y: Annotated[int, Field(ge=3, le=50)] = 5
     square_m: Annotated[float, Field(gt=0.001, le=1)] = 0.035
     marker_m: Annotated[float, Field(gt=0.001, le=1)] = 0.026
-    dictionary: str = "DICT_5X5_100"
+    dictionary: Dictionary = "DICT_5X5_100"
     legacy: bool = Field(False, description="Boards printed by OpenCV before 4.6 with even rows.")
 
 
@@ -101,7 +130,7 @@ class PlaneMarker(Section):
 class Plane(Section):
     """The markers that carry the world frame into the picture."""
 
-    dictionary: str = "DICT_4X4_50"
+    dictionary: Dictionary = "DICT_4X4_50"
     size_m: Annotated[float, Field(gt=0.002, le=1)] = 0.08
     markers: list[PlaneMarker] = []
 
@@ -112,8 +141,8 @@ class CameraSettings(Section):
     scale: Literal["markers", "arc"] = Field(
         "markers", description="Metric scale from markers, or from a pendulum's arc and known length."
     )
-    lens_photos: str = "calibration/lens-*.png"
-    plane_photo: str = "calibration/plane.png"
+    lens_photos: Below = LENS_PHOTOS
+    plane_photo: Below = PLANE_PHOTO
     board: Board = Board()
     plane: Plane = Plane()
     string_offset_m: Annotated[float, Field(ge=-1, le=1)] = Field(
@@ -165,7 +194,7 @@ class EstimateSettings(Section):
     """The fit of the string."""
 
     search: Literal["cma", "paper"] = "cma"
-    evaluations: Annotated[int, Field(ge=1, le=1_000_000)] = 2000
+    evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = 2000
     trials: Literal["all", "latest"] = "all"
     older_trials_weight: Annotated[float, Field(ge=0, le=1)] = 0.6
     evaluation: Literal["world", "hand"] = "world"
@@ -175,7 +204,7 @@ class EstimateSettings(Section):
     integrator: Literal["lfcn", "semi_implicit", "euler"] = "lfcn"
     dt_s: Annotated[float, Field(gt=0, le=0.005)] = 1e-3
     start_shape: Literal["observed", "hanging"] = "observed"
-    rest_curl: bool = Field(False, description="Fit a constant rest curvature (real cables keep one).")
+    rest_curl: bool = Field(True, description="Fit a constant rest curvature (real cables keep one).")
     clamp_offset: bool = Field(False, description="Fit a turn of the clamp against the arm's file.")
     horizon_s: Annotated[float, Field(ge=0, le=60)] | None = Field(
         0.03, description="Frames up to this long after the closest approach enter E; null: the whole motion."
@@ -225,6 +254,9 @@ class LabString(Section):
     diameter_m: Annotated[float, Field(gt=0, le=0.05)] = 0.003
 
 
+PaperString = Literal["paper-1", "paper-2", "paper-3", "paper-4", "paper-5", "paper-6", "paper-7"]
+
+
 class LabCamera(Section):
     """The lab's camera."""
 
@@ -239,7 +271,7 @@ class LabCamera(Section):
 class LabSettings(Section):
     """The virtual rig, for experiments without a robot."""
 
-    string: str | LabString = Field("paper-1", description="paper-1 … paper-7, or values.")
+    string: PaperString | LabString = Field("paper-1", description="paper-1 … paper-7, or values.")
     noise: Annotated[float, Field(ge=0, le=10)] = Field(
         1.0, description="Scale of the trial-to-trial variation; 1 is a usual rig."
     )
@@ -250,7 +282,7 @@ class LabSettings(Section):
 class Exclusion(Section):
     """A trial that does not count, with the reason that the report shows."""
 
-    trial: Annotated[int, Field(ge=1, le=9999)]
+    trial: Trial
     reason: Annotated[str, Field(min_length=1, max_length=500)]
 
 
@@ -279,7 +311,7 @@ class Experiment(Section):
     arm: str = Field("planar3", description="A name in config/arms, or the path of an arm's file.")
     target_m: tuple[Position, Position] = Field(description="The target in the world frame.")
     hit_radius_m: Annotated[float, Field(gt=0, le=0.5)] = 0.02
-    max_trials: Annotated[int, Field(ge=1, le=99)] = 5
+    max_trials: Trial = 5
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 1
     start_string: StartString | dict[str, float] = Field(
         "ensemble", description="What the first motion is planned with; or values by parameter."
@@ -300,7 +332,37 @@ class Experiment(Section):
     ) -> StartString | dict[str, float]:
         if isinstance(value, dict):
             _known_parameters(value)
+            bad = [name for name, number in value.items() if number <= 0]
+            if bad:
+                raise ValueError(f"{bad[0]} must be above 0")
         return value
+
+    @field_validator("excluded")
+    @classmethod
+    def _a_trial_is_excluded_once(cls, value: list[Exclusion]) -> list[Exclusion]:
+        numbers = [exclusion.trial for exclusion in value]
+        twice = sorted({number for number in numbers if numbers.count(number) > 1})
+        if twice:
+            raise ValueError(f"trial {twice[0]} is excluded twice")
+        return value
+
+    @model_validator(mode="after")
+    def _the_target_lies_in_the_workspace(self) -> Experiment:
+        box = self.workspace_m
+        if box is not None:
+            for value, (low, high), axis in zip(self.target_m, (box.x_m, box.y_m), "xy", strict=True):
+                if not low <= value <= high:
+                    raise ValueError(
+                        f"the target's {axis}, {value} m, lies outside workspace_m, {low} to {high} m"
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _the_lab_names_its_own_photos(self) -> Experiment:
+        named = (self.camera.lens_photos, self.camera.plane_photo)
+        if self.lab is not None and named != (LENS_PHOTOS, PLANE_PHOTO):
+            raise ValueError(f"the lab writes {LENS_PHOTOS} and {PLANE_PHOTO}: leave these settings out")
+        return self
 
     def excluded_reason(self, trial: int) -> str | None:
         """Return why a trial does not count, or None if it does."""
@@ -336,7 +398,12 @@ def _parse(path: Path) -> CommentedMap:
     if path.stat().st_size > LARGEST_FILE_BYTES:
         raise StrandcastError("SC-F002", "the file is too large for settings", file=path, fix="look inside")
     try:
-        data = YAML(typ="rt").load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        if any(isinstance(event, AliasEvent) for event in YAML(typ="rt").parse(text)):
+            raise StrandcastError(
+                "SC-F002", "uses a YAML alias (*name)", file=path, fix="write the value out"
+            )
+        data = YAML(typ="rt").load(text)
     except UnicodeDecodeError as error:
         raise StrandcastError(
             "SC-F002", f"is not UTF-8 text (byte {error.start})", file=path, fix="save it as UTF-8"
@@ -483,6 +550,12 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 
 def find_experiment(name: str, root: Path) -> Path:
     """Return the file of an experiment: data/<name>/experiment.yaml, or config/experiments/<name>.yaml."""
+    if not re.fullmatch(NAME, name):
+        raise StrandcastError(
+            "SC-F005",
+            f"{name!r} is no name of an experiment",
+            fix="use small letters, digits and hyphens, up to 64, as in `string-1`",
+        )
     own, shipped = root / "data" / name / "experiment.yaml", root / "config" / "experiments" / f"{name}.yaml"
     for path in (own, shipped):
         if path.is_file():

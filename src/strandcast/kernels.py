@@ -39,4 +39,5 @@ def _writable_folder() -> Path:
         writable = os.access(folder, os.W_OK)
     except (OSError, RuntimeError):
         writable = False
-    return folder if writable else Path(tempfile.gettempdir()) / f"strandcast-kernels-{os.getuid()}"
+    # numba reads what it finds there as code: a folder that others could have made is no place for it.
+    return folder if writable else Path(tempfile.mkdtemp(prefix="strandcast-kernels-"))

@@ -57,7 +57,7 @@ class TrialFolder:
         if len(found) != 1:
             names = ", ".join(path.name for path in found) or "none"
             raise StrandcastError(
-                "SC-V001",
+                "SC-V020",
                 f"wanted one video.* file ({', '.join(VIDEO_SUFFIXES)}), found {names}",
                 file=self.data,
                 fix="name the recording video.mp4 (or .avi, .mkv, .mov) and keep no other beside it",

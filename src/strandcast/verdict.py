@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from strandcast.records.alignment import Alignment
-from strandcast.records.summary import Verdict
-from strandcast.records.track import OCCLUDED, PREDICTED, Track
+from strandcast.records.summary import AFTER_MOTION_S, Verdict
+from strandcast.records.track import Track
 
-AFTER_MOTION_S = 0.3  # the tip may arrive after the arm has stopped
 GAP_STEPS = 2.5  # a step of more than this many usual ones is a gap: one lost frame is bridged, two are not
 GAP_SAMPLES = 50
 
@@ -50,8 +49,7 @@ def judge(
     robot_s = alignment.robot_time_s(track.camera_time_s)
     start_s, end_s = alignment.motion_start_s, alignment.motion_end_s + AFTER_MOTION_S
     tip = track.points_m[:, -1]
-    seen = np.isfinite(tip).all(axis=1) & (track.flags[:, -1] & (PREDICTED | OCCLUDED) == 0)
-    mine = np.flatnonzero(seen & (robot_s >= start_s) & (robot_s <= end_s))
+    mine = np.flatnonzero(track.seen()[:, -1] & (robot_s >= start_s) & (robot_s <= end_s))
     blank = Verdict(
         experiment=experiment,
         trial=trial,

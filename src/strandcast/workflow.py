@@ -16,7 +16,12 @@ def command(experiments: list[str], cores: int) -> list[str]:
     """Return the Snakemake command line that makes the reports of experiments."""
     targets = [f"results/{name}/report.html" for name in experiments]
     profile = ["--workflow-profile", "workflow/profiles/default"]
-    return ["snakemake", *targets, "--cores", str(cores), *profile, "--quiet", "all"]
+    return ["snakemake", *targets, "--cores", str(cores), *profile, "--quiet", "rules", "progress", "host"]
+
+
+def own_experiments(root: Path) -> list[str]:
+    """Return the experiments under data/, which are run where none are named."""
+    return sorted(path.parent.name for path in root.glob("data/*/experiment.yaml")) or ["demo"]
 
 
 def run_experiments(root: Path, experiments: list[str], cores: int) -> int:
@@ -34,7 +39,7 @@ def run_experiments(root: Path, experiments: list[str], cores: int) -> int:
     # Snakemake lies beside the Python that runs this.
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
     code = subprocess.run(line, cwd=root, env=os.environ | {"PATH": path}, check=False).returncode
-    for name in experiments:
+    for name in experiments or own_experiments(root):
         summary = root / "results" / name / "summary.json"
         if code == 0 and summary.is_file():
             print(table(Summary.read(summary), root / "results" / name / "report.html"))

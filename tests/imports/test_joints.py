@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError, StrandcastErrors
-from strandcast.imports.joints import Played, import_joints
+from strandcast.imports.joints import import_joints
 from strandcast.imports.mapping import JointMapping, load_mapping
 from strandcast.records.joint_log import AFTER_DUPLICATE, read_run
 
@@ -83,14 +83,6 @@ def test_doubled_rows_are_left_out_and_counted(tmp_path):
     assert run.rows == 4
     assert log.flags.tolist() == [0, 0, AFTER_DUPLICATE, 0]
     assert "1 rows repeat a time" in run.warnings[0]
-
-
-def test_times_of_the_motion_may_be_told(tmp_path):
-    path = log_file(tmp_path, "t,a,b\n" + "".join(f"{0.01 * k:.2f},{k},0\n" for k in range(6)))
-    run = import_joints(path, tmp_path, mapping=MAPPING, played=Played("ab" * 32, None, 0.01, 0.03))
-    _, log = read_run(tmp_path)
-    assert (run.motion_start_s, run.motion_end_s, run.motion_sha256) == (0.01, 0.03, "ab" * 32)
-    np.testing.assert_allclose(log.since_start_s, [np.nan, 0, 0.01, 0.02, np.nan, np.nan])
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,14 @@ def test_limits_without_room_are_told(arm: Arm) -> None:
         draw_first(3, "rest", tight, (0.3, 0.9), 6, 60.0, STEP_S, np.random.default_rng(0))
 
 
+def test_only_postures_that_are_allowed_are_drawn(arm: Arm) -> None:
+    rng = np.random.default_rng(0)
+    curves = draw_first(
+        10, "rest", arm.limits, (0.3, 0.9), 6, 60.0, STEP_S, rng, lambda q0: bool(q0[1] > 0.5)
+    )
+    assert min(curve.q0_rad[1] for curve in curves) > 0.5
+
+
 def test_a_slowed_curve_just_keeps_its_limits(arm: Arm) -> None:
     wild = Curve(np.zeros(3), 0.4, rest_heights(np.full((3, 4), 40.0)))
     assert excess(arm.limits, sample(wild, STEP_S), STEP_S) > 1.0

@@ -10,11 +10,25 @@ FAR = np.array([[-9.0, 9.0], [-9.0, 9.0]])
 
 
 def one_throw(
-    points: np.ndarray, links: np.ndarray, target: tuple[float, float], box: np.ndarray = FAR, last=None
-):
+    points: np.ndarray,
+    bars: np.ndarray,
+    target: tuple[float, float],
+    box: np.ndarray = FAR,
+    last: int | None = None,
+    spacing_m: float = 99.0,
+) -> list[float]:
     last = len(points) - 1 if last is None else last
-    shift = np.zeros((1, len(points), 2))
-    answer = assess(points[None], shift, links[None], np.array([last]), np.array(target), box, 0.02, 0.002)
+    answer = assess(
+        points[None],
+        np.zeros((1, len(points), 2)),
+        bars[None],
+        np.array([0.02]),
+        np.array([last]),
+        np.array(target),
+        box,
+        spacing_m,
+        0.002,
+    )
     return [float(value[0]) for value in answer]
 
 
@@ -26,7 +40,7 @@ def moving_tip(tip: np.ndarray) -> np.ndarray:
     return points
 
 
-NO_LINKS = np.full((5, 2, 2), 50.0)
+NO_BARS = np.full((5, 1, 2, 2), 50.0)
 
 
 def test_distance_to_a_segment_not_to_its_line() -> None:
@@ -43,45 +57,75 @@ def test_the_miss_is_to_the_path_between_samples() -> None:
 
 def test_the_window_ends_where_told() -> None:
     points = moving_tip(np.array([[0.0, -2.0], [1.0, -2.0], [2.0, -2.0], [3.0, -2.0], [4.0, -2.0]]))
-    miss = one_throw(points, NO_LINKS, (4.0, -2.0), last=2)[0]
+    miss = one_throw(points, NO_BARS, (4.0, -2.0), last=2)[0]
     np.testing.assert_allclose(miss, 2.0)
 
 
 def test_fold_is_of_the_largest_bend_before_the_hit() -> None:
     tip = np.array([[0.0, -2.0], [1.0, -1.0], [0.0, -2.0], [0.0, -0.5], [0.0, -0.5]])
     points = moving_tip(tip)
-    miss, index, fold, _, _, speed = one_throw(points, NO_LINKS, (1.0, -1.0))
+    miss, index, fold, *_, speed = one_throw(points, NO_BARS, (1.0, -1.0))
     assert (miss, index) == (0.0, 1.0)
     np.testing.assert_allclose(fold, 1.0)
     np.testing.assert_allclose(speed, np.sqrt(2.0) / 0.002)
-    np.testing.assert_allclose(one_throw(points, NO_LINKS, (0.0, -0.5))[2], 2.0)
+    np.testing.assert_allclose(one_throw(points, NO_BARS, (0.0, -0.5))[2], 2.0)
 
 
 def test_outside_and_touch_are_depths() -> None:
     points = moving_tip(np.tile([0.0, -2.0], (5, 1)))
     box = np.array([[-1.0, 1.0], [-1.7, 1.0]])
-    links = np.zeros((5, 2, 2))
-    links[:, 0], links[:, 1] = [-1.0, -1.99], [1.0, -1.99]
+    bars = np.zeros((5, 1, 2, 2))
+    bars[:, 0, 0], bars[:, 0, 1] = [-1.0, -1.99], [1.0, -1.99]
     # Point 2 is a neighbour of the hand; a fourth point is the first that can be blamed.
     longer = np.concatenate([points, points[:, -1:] + [0.5, 0.005]], axis=1)
-    _, _, _, outside, touch, _ = one_throw(longer, links, (9.0, 9.0), box)
+    _, _, _, outside, touch, hidden, _ = one_throw(longer, bars, (9.0, 9.0), box)
     np.testing.assert_allclose(outside, 0.3)
-    np.testing.assert_allclose(touch, 0.02 - 0.005)
-    assert one_throw(points, links, (9.0, 9.0), box)[4] == 0.0
+    np.testing.assert_allclose([touch, hidden], 0.02 - 0.005)
+    assert one_throw(points, bars, (9.0, 9.0), box)[4] == 0.0
+
+
+def test_the_tip_is_hidden_only_if_it_is_so_around_the_hit() -> None:
+    points = np.zeros((60, 5, 2))
+    points[:, :, 0] = np.arange(5)
+    points[:, -1, 1] = np.abs(np.arange(60) - 30)  # nearest to (4, 0) at sample 30
+    bars = np.full((60, 1, 2, 2), 50.0)
+    bars[:, 0, :, 0] = [3.5, 4.5]
+    bars[:, 0, :, 1] = points[:, -1, 1, None] + np.where(np.arange(60) < 19, 0.0, 1.0)[:, None]
+    _, index, _, _, touch, hidden, _ = one_throw(points, bars, (4.0, 0.0))
+    assert index == 30
+    np.testing.assert_allclose(touch, 0.02)
+    assert hidden == 0.0
+    bars[40, 0, :, 1] = points[40, -1, 1]
+    np.testing.assert_allclose(one_throw(points, bars, (4.0, 0.0))[5], 0.02)
+
+
+def test_place_is_judged_of_a_string_that_does_not_stretch() -> None:
+    points = moving_tip(np.tile([0.0, -2.0], (5, 1)))
+    box = np.array([[-1.0, 1.0], [-1.0, 1.0]])
+    outside = one_throw(points, NO_BARS, (9.0, 9.0), box, spacing_m=0.6)[3]
+    np.testing.assert_allclose(outside, 2 * 0.66 - 1.0)
 
 
 def test_a_failed_simulation_is_a_metre_off() -> None:
     points = moving_tip(np.tile([0.0, -2.0], (5, 1)))
     points[3, 1] = np.nan
-    assert one_throw(points, NO_LINKS, (0.0, -2.0))[:2] == [1.0, 0.0]
-    assert one_throw(points, NO_LINKS, (0.0, -2.0), last=2)[0] == 0.0
+    assert one_throw(points, NO_BARS, (0.0, -2.0))[:2] == [1.0, 0.0]
+    assert one_throw(points, NO_BARS, (0.0, -2.0), last=2)[0] == 0.0
 
 
 def test_what_is_carried_over_shifts_the_tip_alone() -> None:
     points = moving_tip(np.tile([0.0, -2.0], (5, 1)))
     shift = np.full((1, 5, 2), [0.3, 0.4])
     answer = assess(
-        points[None], shift, NO_LINKS[None], np.array([4]), np.array([0.0, -2.0]), FAR, 0.02, 0.002
+        points[None],
+        shift,
+        NO_BARS[None],
+        np.array([0.02]),
+        np.array([4]),
+        np.array([0.0, -2.0]),
+        FAR,
+        9.0,
+        0.002,
     )
     np.testing.assert_allclose(answer[0], 0.5)
     np.testing.assert_allclose(answer[2], 0.0)

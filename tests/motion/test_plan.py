@@ -13,16 +13,21 @@ from strandcast.arm.load import load_arm
 from strandcast.arm.servo import Servo, respond
 from strandcast.errors import StrandcastError
 from strandcast.motion.bezier import sample
+from strandcast.motion.cost import start_cost
 from strandcast.motion.earlier import Earlier, earlier_trial
 from strandcast.motion.objective import closest_approach
 from strandcast.motion.plan import Plan, plan_first, plan_next
+from strandcast.motion.rank import likely_miss_m
 from strandcast.motion.strings import Strings
 from strandcast.motion.task import Options, Task
 from strandcast.motion.throws import World, commands, throw
 from strandcast.motion.write import to_record
 from strandcast.records.motion import Motion
+from strandcast.string.masses import mass_layout, point_masses
 from strandcast.string.model import StringModel
+from strandcast.string.parameters import minima
 
+LAYOUT = mass_layout(0.30, 10, [0.30])
 TRUE_SERVO = Servo(np.full(3, 0.012), np.full(3, 30.0), np.array([0.7, 0.8, 0.9]), np.full(3, 0.97))
 
 
@@ -84,6 +89,36 @@ def test_the_second_throw_hits_a_string_that_was_unknown(
     assert abs(two.miss_m - plan.miss_m) < 0.012
 
 
+def test_the_papers_rubber_string_is_thrown_from_where_a_real_one_hangs_freely(task: Task) -> None:
+    draw = minima(1)
+    rubber = Strings(draw.parameters, point_masses(LAYOUT, draw.weight_masses))
+    plan = plan_first(task, rubber, Options(screening=64, evaluations=160), np.random.default_rng(1))
+    assert start_cost(task, plan.curve.q0_rad[None], Options().clearance_m)[0] == 0.0
+    # The model stretches to more than twice the string's length; what is thrown stays in the workspace.
+    stretch = np.hypot(*(plan.tip_m - plan.hand_m).T) / task.model.length_m
+    assert stretch.max() > 2.0
+    assert not any("workspace" in flag for flag in plan.flags)
+
+
+def test_a_hidden_closest_approach_does_not_hide_a_good_throw(
+    task: Task, strings: Strings, unknown: Strings, first: Plan
+) -> None:
+    seen = thrown_for_real(task, unknown, first, 1)
+    assert seen.miss_m is not None
+    dark = seen.tip_m.copy()
+    at = round(first.hit_time_s / task.step_s)
+    dark[at - 20 : at + 20] = np.nan
+    hidden = replace(seen, tip_m=dark, miss_m=None)
+    assert likely_miss_m(task, strings, seen) == seen.miss_m
+    assert abs(likely_miss_m(task, strings, hidden) - seen.miss_m) < 0.01
+    blind = replace(seen, tip_m=np.full_like(dark, np.nan), miss_m=None)
+    alone = throw(
+        task, strings.take([0]), World(start_m=seen.start_m), seen.q[None], np.array([len(dark) - 1])
+    )
+    miss, _ = closest_approach(alone.points_m[0, :, -1], len(dark) - 1, *task.target_m)
+    np.testing.assert_allclose(likely_miss_m(task, strings, blind), miss)
+
+
 def test_planning_is_the_same_twice(task: Task, strings: Strings) -> None:
     small = Options(screening=32, evaluations=64, members=2)
     one, two = (plan_first(task, strings, small, np.random.default_rng(3)) for _ in range(2))
@@ -96,11 +131,11 @@ def test_bad_fit_and_far_miss_plan_anew(
 ) -> None:
     trial = replace(thrown_for_real(task, unknown, first, 1), miss_m=0.05)
     small = replace(options, screening=32, evaluations=64)
-    plan = plan_next(task, strings, [trial], small, np.random.default_rng(2), first_fit_E_m=0.009)
+    plan = plan_next(task, strings, [trial], small, np.random.default_rng(2), fit_E_m=0.009)
     assert plan.kind == "replanned"
     assert "planned anew" in plan.flags[0]
     assert not np.array_equal(plan.curve.q0_rad, first.curve.q0_rad)
-    near = plan_next(task, strings, [trial], small, np.random.default_rng(2), first_fit_E_m=0.007)
+    near = plan_next(task, strings, [trial], small, np.random.default_rng(2), fit_E_m=0.007)
     np.testing.assert_array_equal(near.curve.q0_rad, first.curve.q0_rad)
 
 
@@ -110,7 +145,7 @@ def test_a_target_beyond_what_is_near_is_planned_anew(
     away = replace(task, target_m=np.array([0.75, -0.10]))
     trial = thrown_for_real(away, unknown, first, 1)
     small = replace(options, screening=96, evaluations=96)
-    plan = plan_next(away, strings, [trial], small, np.random.default_rng(2), first_fit_E_m=0.002)
+    plan = plan_next(away, strings, [trial], small, np.random.default_rng(2), fit_E_m=0.002)
     assert plan.kind == "replanned"
     assert "planned anew: near trial 1's motion the best is" in plan.flags[0]
     assert plan.miss_m < 0.05

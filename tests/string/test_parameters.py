@@ -25,16 +25,28 @@ def test_minima_are_table_2():
 
 
 def test_ensemble_is_plausible_and_repeatable():
-    first = ps.ensemble(8, 0.3, 10, [0.3], np.random.default_rng(3))
-    again = ps.ensemble(8, 0.3, 10, [0.3], np.random.default_rng(3))
+    first = ps.ensemble(8, 0.3, 10, 1, np.random.default_rng(3))
+    again = ps.ensemble(8, 0.3, 10, 1, np.random.default_rng(3))
     assert first.parameters.tobytes() == again.parameters.tobytes()
     low, high = ps.RANGES["wide"].T
     assert np.all((first.parameters >= low) & (first.parameters <= high))
-    assert np.all((first.weight_masses > 37.0) & (first.weight_masses < 112.0))  # 10 g over 30 mm of 3…9 g/m
+    # 5 to 20 g over 30 mm of 3…9 g/m
+    assert np.all((first.weight_masses > 18.5) & (first.weight_masses < 223.0))
+    assert np.ptp(np.log(first.weight_masses)) > np.log(4.0)
     masses = point_masses(mass_layout(0.3, 10, [0.3]), first.weight_masses)
     for p, m in zip(first.parameters, masses, strict=True):
         points = start_shape(StringModel(0.3, 10), p, m, np.array([0.0, 0.0, -1.57]))
         assert abs(points[-1, 1] + 0.3) < 0.005  # nearly inextensible
+
+
+def test_pipes_are_lighter_than_weights():
+    layout = mass_layout(0.51, 17, [0.17], [(0.37, 0.44)])
+    assert (layout.count, layout.stiff) == (3, 2)
+    masses = ps.ensemble(64, 0.51, 17, 1, np.random.default_rng(0), layout.stiff).weight_masses
+    # Points of pipe: 8 to 40 g/m over 3 to 9 g/m of cord, the same at both.
+    assert np.all((masses[:, 1] > 8 / 9) & (masses[:, 1] < 40 / 3))
+    np.testing.assert_array_equal(masses[:, 1], masses[:, 2])
+    assert np.median(masses[:, 0]) > 15 * np.median(masses[:, 1])
 
 
 def test_weights_are_split_over_their_neighbours():

@@ -9,6 +9,7 @@ rule align:
     input:
         manifest="results/{experiment}/trial-{trial}/manifest.json",
         markers="results/{experiment}/trial-{trial}/markers.parquet",
+        log=raw_log,
         arm=arm_files,
     output:
         alignment="results/{experiment}/trial-{trial}/alignment.json",
@@ -43,6 +44,7 @@ rule supply:
     log:
         "results/{experiment}/trial-{trial}/logs/supply.log",
     params:
+        settings=stage_settings("supply"),
         code=code_version("supply"),
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the supplied track is taken in"

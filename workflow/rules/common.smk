@@ -9,21 +9,17 @@ from functools import cache
 from pathlib import Path
 
 from strandcast.errors import StrandcastError
-from strandcast.experiment import (
-    NAME,
-    Experiment,
-    find_arm,
-    find_experiment,
-    load_experiment,
-)
-from strandcast.layout import ExperimentFolder, trial_name
+from strandcast.experiment import Experiment, find_arm, find_experiment, load_experiment
+from strandcast.layout import VIDEO_SUFFIXES, ExperimentFolder, trial_name
+from strandcast.records.summary import Verdict
 from strandcast.stages.depends import code_version, settings
 
 ROOT = Path(".")
 
-# Jobs run with the Python that runs Snakemake.
+# Jobs run with the Python that runs Snakemake; one thread in the libraries, so that the bytes do not depend on cores.
+PYTHON_FOLDER = shlex.quote(str(Path(sys.executable).parent))
 shell.prefix(
-    f"set -euo pipefail; PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH; "
+    f"set -euo pipefail; export PATH={PYTHON_FOLDER}:$PATH OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1; "
 )
 
 
@@ -42,26 +38,25 @@ def experiment(name) -> Experiment:
         stop(error)
 
 
-def own_experiments():
-    """Return the experiments with a file of their own under data/, or the demo where there is none."""
-    names = sorted(path.parent.name for path in ROOT.glob("data/*/experiment.yaml"))
-    return names or ["demo"]
-
-
-def lab_experiments():
-    """Return the experiments that the lab throws."""
-    files = [
-        *ROOT.glob("data/*/experiment.yaml"),
-        *ROOT.glob("config/experiments/*.yaml"),
-    ]
-    names = {
-        path.parent.name if path.stem == "experiment" else path.stem for path in files
-    }
-    return sorted(
-        name
-        for name in names
-        if "lab:" in find_experiment(name, ROOT).read_text() and experiment(name).lab
+def known_experiments():
+    """Return the names of all experiments: those under data/, and those that ship."""
+    own = {path.parent.name for path in ROOT.glob("data/*/experiment.yaml")}
+    return sorted(own), sorted(
+        path.stem for path in ROOT.glob("config/experiments/*.yaml")
     )
+
+
+def is_lab(name):
+    """Return whether the lab throws an experiment; one that is not valid is told when it is asked for."""
+    try:
+        return load_experiment(find_experiment(name, ROOT)).lab is not None
+    except StrandcastError:
+        return False
+
+
+def names_pattern(names):
+    """Return a wildcard's pattern for just these names."""
+    return "|".join(map(re.escape, names)) or "(?!)"
 
 
 def folder(name):
@@ -75,8 +70,11 @@ def arm_files(wildcards):
         path = find_arm(experiment(name), find_experiment(name, ROOT), ROOT)
     except StrandcastError as error:
         stop(error)
-    urdf = tomllib.loads(path.read_text()).get("urdf", "")
-    return [str(path), *([str(path.parent / urdf)] if urdf else [])]
+    try:
+        urdf = path.parent / tomllib.loads(path.read_text(encoding="utf-8"))["urdf"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return [str(path)]  # the stage tells what is wrong with it
+    return [str(path), *([str(urdf)] if urdf.is_file() else [])]
 
 
 def stage_settings(stage):
@@ -117,6 +115,20 @@ def played_motions(name, trials):
         return [f"data/{name}/{trial_name(number)}/motion.json" for number in trials]
     found = (folder(name).trial(number).played_motion for number in trials)
     return [str(path) for path in found if path]
+
+
+def raw_log(wildcards):
+    """Return a trial's joint log, where it has one."""
+    return logs(wildcards.experiment, [int(wildcards.trial)])
+
+
+def logs(name, trials):
+    """Return the joint logs of trials, where there are such."""
+    folders = [folder(name).trial(number).data for number in trials]
+    there = [
+        path for path in folders if experiment(name).lab or (path / "run.json").exists()
+    ]
+    return [str(path / file) for path in there for file in ("joints.csv", "run.json")]
 
 
 def raw_video(wildcards):
@@ -160,13 +172,34 @@ def lens_photos(wildcards):
     return sorted(map(str, folder(name).data.glob(experiment(name).camera.lens_photos)))
 
 
+def recorded(name):
+    """Return the trials of a real experiment that hold a recording."""
+    holding = (
+        "run.json",
+        "track.parquet",
+        *(f"video{suffix}" for suffix in VIDEO_SUFFIXES),
+    )
+    return [
+        number
+        for number in folder(name).recorded_trials()
+        if any((folder(name).trial(number).data / file).exists() for file in holding)
+    ]
+
+
+def first_motion(wildcards):
+    """Return the motion to begin with, for a real experiment that has thrown nothing yet."""
+    name = wildcards.experiment
+    begun = experiment(name).lab or recorded(name)
+    return [] if begun else results_of(name, [1], "motion.json")
+
+
 def trials(name):
     """Return the trials of an experiment: those that were recorded, or in the lab, until the first hit.
 
     In the lab the number is not known ahead; each verdict is a checkpoint that says whether to go on.
     """
     if not experiment(name).lab:
-        return folder(name).recorded_trials()
+        return recorded(name)
     thrown = []
     for number in range(1, experiment(name).max_trials + 1):
         thrown.append(number)
@@ -174,7 +207,7 @@ def trials(name):
             verdict = checkpoints.judge.get(
                 experiment=name, trial=f"{number:02d}"
             ).output.verdict
-            if '"hit": true' in Path(verdict).read_text():
+            if Verdict.read(verdict).hit:
                 break
     return thrown
 
@@ -187,7 +220,13 @@ def trial_results(wildcards):
     supplied = (folder(name).trial(number).data / "track.parquet").is_file()
     filmed = [] if supplied else ["manifest.json", "strobe.webp"]
     camera = [] if supplied else [f"results/{name}/camera.json"]
-    next_motion = [] if supplied else results_of(name, [number + 1], "motion.json")
+    # What was not thrown by a motion of ours cannot be planned on.
+    planned = not supplied or played_motions(name, [number])
+    next_motion = results_of(name, [number + 1], "motion.json") if planned else []
+    truth = (
+        results_of(name, [number], "lab_truth.parquet") if experiment(name).lab else []
+    )
+    filmed = filmed + truth
     return results_of(name, [number], *TRIAL_FILES, *filmed) + camera + next_motion
 
 
@@ -201,5 +240,8 @@ TRIAL_FILES = [
     "ensemble.parquet",
     "simulated.parquet",
 ]
-EXPERIMENTS = own_experiments()
-LAB_EXPERIMENTS = "|".join(map(re.escape, lab_experiments())) or "(?!)"
+OWN, SHIPPED = known_experiments()
+EXPERIMENTS = OWN or ["demo"]
+LAB = [name for name in {*OWN, *SHIPPED} if is_lab(name)]
+LAB_EXPERIMENTS = names_pattern(sorted(LAB))
+REAL_EXPERIMENTS = names_pattern([name for name in OWN if name not in LAB])

@@ -17,8 +17,11 @@ rule estimate:
             "hand.parquet",
             "verdict.json",
         ),
-        previous=lambda w: results_of(w.experiment, earlier(w)[-1:], "estimate.json"),
+        previous=lambda w: results_of(
+            w.experiment, earlier(w)[-1:], "estimate.json", "ensemble.parquet"
+        ),
         motions=lambda w: played_motions(w.experiment, so_far(w)),
+        logs=lambda w: logs(w.experiment, so_far(w)),
         arm=arm_files,
     output:
         estimate="results/{experiment}/trial-{trial}/estimate.json",

@@ -19,6 +19,7 @@ rule plan:
             "verdict.json",
         ),
         motions=lambda w: played_motions(w.experiment, earlier(w)),
+        logs=lambda w: logs(w.experiment, earlier(w)),
         arm=arm_files,
     output:
         motion="results/{experiment}/trial-{trial}/motion.json",
@@ -33,3 +34,24 @@ rule plan:
     shell:
         "NUMBA_NUM_THREADS={threads} python -m strandcast plan {wildcards.experiment:q} {wildcards.trial}"
         " 2>&1 | tee {log:q} >&2"
+
+
+# What a real arm has played is never planned again: the motion beside the raw files is the trial's motion.
+ruleorder: adopt > plan
+
+
+rule adopt:
+    input:
+        motion="data/{experiment}/trial-{trial}/motion.json",
+    output:
+        motion="results/{experiment}/trial-{trial}/motion.json",
+    log:
+        "results/{experiment}/trial-{trial}/logs/plan.log",
+    wildcard_constraints:
+        experiment=REAL_EXPERIMENTS,
+    params:
+        code=code_version("adopt"),
+    message:
+        "{wildcards.experiment} trial {wildcards.trial}: the motion that was played is taken in"
+    shell:
+        "python -m strandcast adopt {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

@@ -8,7 +8,7 @@ OUTPUTS:         results/<experiment>/trial-NN/report.html, results/<experiment>
 rule report_trial:
     input:
         results=trial_results,
-        previous=lambda w: results_of(w.experiment, earlier(w)[-1:], "track.parquet"),
+        previous=lambda w: results_of(w.experiment, earlier(w)[-1:], *TRIAL_FILES),
     output:
         page="results/{experiment}/trial-{trial}/report.html",
     log:
@@ -24,6 +24,7 @@ rule report_trial:
 
 rule report_experiment:
     input:
+        motion=first_motion,
         pages=lambda w: results_of(w.experiment, trials(w.experiment), "report.html"),
         results=lambda w: results_of(
             w.experiment,

@@ -48,14 +48,14 @@ class FitSettings:
     """
 
     search: Literal["cma", "paper"] = "cma"
-    evaluations: int = 3000
+    evaluations: int = 2000
     trials: Literal["all", "latest"] = "all"
     older_trials_weight: float = 0.6
     evaluation: Literal["world", "hand"] = "world"
     w: float = 0.1
     ranges: str | dict[str, tuple[float, float]] = "wide"
     start_shape: Literal["observed", "hanging"] = "observed"
-    rest_curl: bool = False
+    rest_curl: bool = True
     clamp_offset: bool = False
     plain_mass: bool = False
     ensemble: int = 6

@@ -232,6 +232,13 @@ def _farther_than_the_string(track: Track, index: list[int], mapping: CaptureMap
     """Warn of markers farther from the hand than the string between them is long: units, places or axes."""
     warnings = []
     for point, marker in zip(index, mapping.markers, strict=True):
+        if np.isnan(track.points_m[:, point]).all():
+            raise StrandcastError(
+                "SC-I021",
+                f"the marker at {marker.place_m:g} m is never seen: {marker.x} and {marker.y} are empty",
+                field="markers",
+                fix="leave it out, or name its columns",
+            )
         reach_m = float(np.nanmedian(np.linalg.norm(track.points_m[:, point] - track.points_m[:, 0], axis=1)))
         if reach_m > 1.05 * marker.place_m:
             warnings.append(

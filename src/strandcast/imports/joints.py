@@ -8,12 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
+from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
 from strandcast.imports.dialects import recognise
 from strandcast.imports.mapping import ANGLE_UNITS, TIME_UNITS, JointMapping
+from strandcast.imports.motion_start import motion_times
 from strandcast.imports.table import NumberTable, read_numbers, refusal
 from strandcast.records.files import sha256_file
 from strandcast.records.joint_log import AFTER_DUPLICATE, JointLog, Run, timing_of, write_joint_log
+from strandcast.records.motion import Motion
 
 LARGEST_ANGLE_RAD = 20.0  # three turns: beyond it are degrees
 COMMAND_MOVES_RAD = 1e-5
@@ -21,12 +24,10 @@ COMMAND_MOVES_RAD = 1e-5
 
 @dataclass(frozen=True)
 class Played:
-    """What is known of a throw beside its log: the motion's hash, and when it ran by the controller."""
+    """What is known of a throw beside its log: the motion that was played, and the arm that played it."""
 
-    motion_sha256: str | None = None
-    arm_sha256: str | None = None
-    start_s: float | None = None
-    end_s: float | None = None
+    motion: Motion
+    arm: Arm
 
 
 def import_joints(
@@ -54,7 +55,7 @@ def import_joints(
         Names that the joints may have, base to hand; the first list of as many as the log has joints is
         taken. By default ``joint_1`` ….
     played
-        Motion and times, where known. By default the motion is when the commanded joints move.
+        Motion and arm, where known. By default the motion is when the commanded joints move.
 
     Raises
     ------
@@ -64,10 +65,10 @@ def import_joints(
     table = read_numbers(path)
     name, columns = ("mapping", mapping) if mapping is not None else recognise(table, dialect)
     time_s, log = _log_of(table, columns, namings)
-    played = _times_of(log, played or Played())
-    if played.start_s is not None and played.end_s is not None:
-        inside = (log.time_s >= played.start_s) & (log.time_s <= played.end_s)
-        log.since_start_s[inside] = log.time_s[inside] - played.start_s
+    times = _times_of(log) if played is None else motion_times(log, played.motion, played.arm, str(path))
+    if times is not None:
+        inside = (log.time_s >= times[0]) & (log.time_s <= times[1])
+        log.since_start_s[inside] = log.time_s[inside] - times[0]
     timing = timing_of(time_s, columns.rate_hz)
     folder = Path(folder)
     run = Run(
@@ -76,14 +77,14 @@ def import_joints(
         reason=None,
         joints_sha256=write_joint_log(folder / "joints.csv", log),
         rows=len(log.time_s),
-        motion_sha256=played.motion_sha256,
-        arm_sha256=played.arm_sha256,
+        motion_sha256=None if played is None else played.motion.content_sha256(),
+        arm_sha256=None if played is None else played.arm.sha256,
         driver=f"import: {name}",
         controller={"file": Path(path).name, "sha256": sha256_file(path)},
         joint_names=log.joint_names,
         clock=f"the column {columns.time!r} of the log",
-        motion_start_s=played.start_s,
-        motion_end_s=played.end_s,
+        motion_start_s=None if times is None else times[0],
+        motion_end_s=None if times is None else times[1],
         sync_events=[],
         timing=timing,
         video={},
@@ -176,17 +177,16 @@ def _refuse_degrees(table: NumberTable, columns: JointMapping, q: np.ndarray) ->
         )
 
 
-def _times_of(log: JointLog, played: Played) -> Played:
-    """Return when the motion was: as told, or from the first to the last change of the commanded joints."""
+def _times_of(log: JointLog) -> tuple[float, float] | None:
+    """Return the first and the last change of the commanded joints; None where the log has no commands."""
     told = np.isfinite(log.q_cmd_rad).all(axis=1)
-    if played.start_s is not None or not told.any():
-        return played
+    if not told.any():
+        return None
     times, command = log.time_s[told], log.q_cmd_rad[told]
     changes = np.flatnonzero(np.abs(np.diff(command, axis=0)).max(axis=1) > COMMAND_MOVES_RAD)
     if not len(changes):
-        return played
-    start_s, end_s = float(times[changes[0]]), float(times[changes[-1] + 1])
-    return Played(played.motion_sha256, played.arm_sha256, start_s, end_s)
+        return None
+    return float(times[changes[0]]), float(times[changes[-1] + 1])
 
 
 def _warnings(time_s: np.ndarray) -> list[str]:

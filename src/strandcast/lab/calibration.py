@@ -109,4 +109,5 @@ def _write(
     noise = random.standard_normal(light.shape, dtype=np.float32)
     expose(light, gain, 1.0, noise, (0, 0), noise_powers(experiment.lab.camera.noise_grey), out)
     with atomic_write(path) as temporary:
-        cv2.imwrite(str(temporary), out)
+        if not cv2.imwrite(str(temporary), out):
+            raise OSError(f"{path}: could not be written")

@@ -17,18 +17,21 @@ OUTSIDE_COST = 2.0
 TOUCH_COST = 1.0
 HIDDEN_COST = 3.0
 START_COST = 10.0
+# What the model gets wrong grows with time.
+LATE_COST_M_S = 0.01
 LIMIT_COST_M = 1.0
 EFFORT_COST_M_S_RAD = 0.0008
 
 
-def throw_cost(assessment: Assessment, strings: int) -> np.ndarray:
-    """Return (P,) rms miss over the strings and the price of folding, leaving, touching and hiding [m]."""
-    miss, fold, outside, touch, hidden = (
+def throw_cost(assessment: Assessment, strings: int, step_s: float) -> np.ndarray:
+    """Return (P,) rms miss over the strings, and the price of all that makes a throw a bad one [m]."""
+    miss, index, fold, outside, touch, hidden = (
         getattr(assessment, name).reshape(-1, strings)
-        for name in ("miss_m", "fold", "outside_m", "touch_m", "hidden_m")
+        for name in ("miss_m", "hit_index", "fold", "outside_m", "touch_m", "hidden_m")
     )
     return np.asarray(
         np.sqrt(np.mean(miss**2, axis=1))
+        + LATE_COST_M_S * step_s * index.mean(axis=1)
         + FOLD_COST_M * np.maximum(0.0, fold - FREE_FOLD).mean(axis=1)
         + OUTSIDE_COST * outside.mean(axis=1)
         + TOUCH_COST * touch.mean(axis=1)

@@ -31,7 +31,7 @@ class Plan:
     miss_m, ensemble_miss_m, hit_probability
         Expected miss with the best string, with every string (K,), and the share of strings that hit.
     cost_m
-        The rms of these misses, and the price of folding, leaving, touching and hiding.
+        The rms of these misses, and the price of lateness, folding, leaving, touching and hiding.
     hit_time_s, tip_speed_m_s, largest_bend_rad
         When and how fast the best string's tip comes nearest, and its largest bend until then.
     time_s, hand_m, tip_m
@@ -100,7 +100,7 @@ def described(
         miss_m=float(told.miss_m[0]),
         ensemble_miss_m=told.miss_m,
         hit_probability=float(np.mean(told.miss_m <= task.hit_radius_m)),
-        cost_m=float(throw_cost(told, len(strings))[0]),
+        cost_m=float(throw_cost(told, len(strings), task.step_s)[0]),
         hit_time_s=float(thrown.time_s[told.hit_index[0]]),
         tip_speed_m_s=float(told.tip_speed_m_s[0]),
         largest_bend_rad=float(np.arccos(np.clip(1.0 - told.fold[0], -1.0, 1.0))),
@@ -122,9 +122,9 @@ def _expectation_flags(task: Task, curve: Curve, told: Assessment, clearance_m: 
     if told.outside_m[0] > 0.0:
         flags.append(f"may leave the workspace by {1000 * told.outside_m[0]:.0f} mm")
     if told.touch_m[0] > 0.0:
-        flags.append("the string may come nearer to the arm than the clearance")
+        flags.append(f"the string may come {1000 * told.touch_m[0]:.0f} mm too near to the arm")
     if told.hidden_m[0] > 0.0:
-        flags.append("the arm may hide the tip at the closest approach")
+        flags.append(f"at the closest approach the tip may lie {1000 * told.hidden_m[0]:.0f} mm over the arm")
     if start_cost(task, curve.q0_rad[None], clearance_m)[0] > 0.0:
         flags.append("at the start the string hangs over the arm or out of the workspace")
     return flags

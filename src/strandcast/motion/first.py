@@ -17,7 +17,7 @@ from strandcast.progress import Progress
 
 BATCH = 32
 SCREENED_WITH = 2  # strings
-REFINED = 2  # of the best screened motions
+REFINED = 2  # of the best screened motions, with half of the strings; the better one then with all
 # One standard deviation of the search: heights, posture, time.
 HEIGHT_RAD_S, POSTURE_RAD, TIME_S = 1.5, 0.25, 0.06
 SPREAD = 0.5
@@ -52,40 +52,52 @@ def plan_anew(
     task: Task, strings: Strings, world: World, options: Options, rng: np.random.Generator
 ) -> tuple[Curve, int]:
     """Return the motion with the least rms miss over the strings, and the throws simulated."""
-    limits = task.arm.limits
-    low_s, high_s = options.duration_s
+    screened = screen(task, strings.first(SCREENED_WITH), world, options, rng)
+    coding = Coding(len(task.arm.joints), options.free_heights, options.duration_s, task.step_s)
+    tell = Progress("plan: search", total=options.evaluations)
+    half = strings.first(max(len(strings) // 2, 1))
+    budget = options.evaluations // (2 * REFINED)
+    spent = REFINED * budget
+
+    def search(
+        members: Strings, start: np.ndarray, spread: float, budget: int, told: int
+    ) -> tuple[np.ndarray, float]:
+        def value(points: np.ndarray) -> np.ndarray:
+            return curve_costs(task, members, world, options, [coding.curve(point) for point in points])
+
+        return minimise(value, start, spread, budget, rng, tell, told)
+
+    tried = [
+        search(half, coding.point(curve), SPREAD, budget, i * budget)
+        for i, curve in enumerate(screened[:REFINED])
+    ]
+    best = min(tried, key=lambda result: result[1])[0]
+    point, _ = search(strings, best, 0.5 * SPREAD, options.evaluations - spent, spent)
+    screening = options.screening * min(SCREENED_WITH, len(strings))
+    return coding.curve(point), screening + spent * len(half) + (options.evaluations - spent) * len(strings)
+
+
+def screen(
+    task: Task, strings: Strings, world: World, options: Options, rng: np.random.Generator
+) -> list[Curve]:
+    """Return random motions, the best first, from postures in which the string hangs freely."""
     drawn = draw_first(
         options.screening,
         "rest",
-        limits,
-        (low_s, high_s),
+        task.arm.limits,
+        options.duration_s,
         options.free_heights,
         options.largest_acceleration_rad_s2,
         task.step_s,
         rng,
         lambda q0: not start_cost(task, q0[None], options.clearance_m)[0],
     )
-    few = strings.first(SCREENED_WITH)
     tell = Progress("plan: random motions", total=len(drawn))
     costs = np.full(len(drawn), np.inf)
     for k in range(0, len(drawn), BATCH):
-        costs[k : k + BATCH] = curve_costs(task, few, world, options, drawn[k : k + BATCH])
-        best = int(np.argmin(costs))
-        tell(min(k + BATCH, len(drawn)), f"best {1000 * costs[best]:.0f} mm")
-    coding = Coding(len(limits.lower_rad), options.free_heights, options.duration_s, task.step_s)
-    budget = options.evaluations // REFINED
-    tell = Progress("plan: search", total=REFINED * budget)
-
-    def value(points: np.ndarray) -> np.ndarray:
-        curves = [coding.curve(point) for point in points]
-        return curve_costs(task, strings, world, options, curves)
-
-    results = [
-        minimise(value, coding.point(drawn[at]), SPREAD, budget, rng, tell, told=i * budget)
-        for i, at in enumerate(np.argsort(costs, kind="stable")[:REFINED])
-    ]
-    point, _ = min(results, key=lambda result: result[1])
-    return coding.curve(point), len(drawn) * len(few) + REFINED * budget * len(strings)
+        costs[k : k + BATCH] = curve_costs(task, strings, world, options, drawn[k : k + BATCH])
+        tell(min(k + BATCH, len(drawn)), f"best {1000 * costs.min():.0f} mm")
+    return [drawn[k] for k in np.argsort(costs, kind="stable")]
 
 
 def curve_costs(
@@ -95,4 +107,5 @@ def curve_costs(
     thrown = throw_curves(task, strings, world, curves)
     price = np.array([motion_cost(task, sample(curve, task.step_s)) for curve in curves])
     price += start_cost(task, np.array([curve.q0_rad for curve in curves]), options.clearance_m)
-    return throw_cost(assessed(task, thrown, clearance_m=options.clearance_m), len(strings)) + price
+    told = assessed(task, thrown, clearance_m=options.clearance_m)
+    return throw_cost(told, len(strings), task.step_s) + price

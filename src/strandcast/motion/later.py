@@ -17,8 +17,9 @@ from strandcast.motion.task import Options, Task
 from strandcast.motion.throws import Thrown, World, assessed, commands, throw
 from strandcast.progress import Progress
 
-# Scale of the heights, and the standard deviation with which the search starts.
+# Scale of the heights, and the standard deviation with which the search starts: wider after a wide miss.
 HEIGHT_RAD_S, SPREAD = 0.15, 0.7
+NEAR_M, WIDEST = 0.04, 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +83,9 @@ def throw_near(task: Task, near: Neighbourhood, curves: list[Curve]) -> tuple[Th
 
 
 def plan_near(
-    task: Task, near: Neighbourhood, options: Options, rng: np.random.Generator
+    task: Task, near: Neighbourhood, miss_m: float, options: Options, rng: np.random.Generator
 ) -> tuple[Curve, int]:
-    """Return the motion near the best trial with the least rms miss, and the throws simulated."""
+    """Return the cheapest motion near the best trial, which missed by `miss_m`, and the throws simulated."""
     best = near.best
     inner = slice(2, -2) if not best.ramp_s else slice(1, None)
     shape = best.heights_rad_s[:, inner].shape
@@ -99,10 +100,12 @@ def plan_near(
         thrown, shift = throw_near(task, near, curves)
         change = HEIGHT_RAD_S * np.sqrt(np.mean(points**2, axis=1))
         price = np.array([motion_cost(task, sample(c, task.step_s)) for c in curves])
-        cost = throw_cost(assessed(task, thrown, shift, options.clearance_m), len(near.strings))
+        told = assessed(task, thrown, shift, options.clearance_m)
+        cost = throw_cost(told, len(near.strings), task.step_s)
         return np.asarray(cost + price + options.change_cost_m_s_rad * change)
 
     budget = options.evaluations // 2
     tell = Progress("plan: search", total=budget)
-    point, _ = minimise(value, np.zeros(np.prod(shape)), SPREAD, budget, rng, tell)
+    spread = SPREAD * float(np.clip(miss_m / NEAR_M, 1.0, WIDEST))
+    point, _ = minimise(value, np.zeros(np.prod(shape)), spread, budget, rng, tell)
     return curve(point), budget * len(near.strings)

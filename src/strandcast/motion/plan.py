@@ -16,6 +16,10 @@ from strandcast.motion.strings import Strings, regrasped
 from strandcast.motion.task import Options, Task, refuse_unreachable
 from strandcast.motion.throws import World, throw_curves
 
+GOOD_ENOUGH = (
+    1.5  # hit radii: what a motion may cost, lateness and folding included, without a look for others
+)
+
 
 def plan_first(task: Task, strings: Strings, options: Options, rng: np.random.Generator) -> Plan:
     """Plan a motion for a string that was never thrown.
@@ -93,8 +97,8 @@ def plan_next(
     if least_m > options.replan_from_miss_m and (fit_E_m or 0.0) > options.replan_from_E_m:
         why = f"the fit leaves {1000 * (fit_E_m or 0.0):.1f} mm and no throw came near"
         return _replanned(task, strings, world, options, rng, why)
-    plan = _refined(task, strings, world, best, known, options, rng)
-    if plan.cost_m <= task.hit_radius_m:
+    plan = _refined(task, strings, world, best, least_m, known, options, rng)
+    if plan.cost_m <= GOOD_ENOUGH * task.hit_radius_m:
         return plan
     why = f"near trial {best.trial}'s motion the best is {1000 * plan.cost_m:.0f} mm"
     anew = _replanned(task, strings, world, options, rng, why)
@@ -106,13 +110,14 @@ def _refined(
     strings: Strings,
     world: World,
     best: Earlier,
+    miss_m: float,
     known: list[Earlier],
     options: Options,
     rng: np.random.Generator,
 ) -> Plan:
     """Plan near the best trial, and describe the motion with all strings as they were fitted."""
     few = neighbourhood(task, strings.first(options.members), world, best, known, regrasp=rng)
-    curve, simulations = plan_near(task, few, options, rng)
+    curve, simulations = plan_near(task, few, miss_m, options, rng)
     flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
     thrown, shift = throw_near(task, neighbourhood(task, strings, world, best, known), [curve])
     return described(

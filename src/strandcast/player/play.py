@@ -14,6 +14,7 @@ from strandcast.records.joint_log import Run, timing_of, write_joint_log
 from strandcast.records.motion import Motion
 
 TAIL_S = 0.5
+NOTHING_SENT = "nothing was sent to the arm"
 
 
 def play(
@@ -45,7 +46,7 @@ def play(
         raise StrandcastError(
             "SC-X010", "this trial has been played already", file=out_dir / "run.json",
             cost="nothing was sent to the arm", fix="play it as the next trial")  # fmt: skip
-    motion = _read(motion_path)
+    motion = read_motion(motion_path)
     check_motion(motion_path, motion, arm)
     driver.connect()
     try:
@@ -68,11 +69,12 @@ def play(
     return run
 
 
-def _read(path: Path) -> Motion:
+def read_motion(path: str | Path) -> Motion:
+    """Read a motion to be played; whatever is wrong with it is a refusal."""
     try:
         return Motion.read(path)
     except StrandcastError as error:
-        error.cost, error.exit_code = "nothing was sent to the arm", REFUSED
+        error.cost, error.exit_code = NOTHING_SENT, REFUSED
         raise
 
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from strandcast.errors import StrandcastError
 from strandcast.records.record import Record
 from strandcast.records.tables import Column, TableSpec, read_table
 
@@ -60,5 +61,14 @@ def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, np.ndarray]:
     """Return one path of the hand: robot_time_s (T,) and pose (T, 3) = x_m, y_m, angle_rad."""
     rows = read_table(path, HAND)
     mine = rows["source"] == source
+    if not mine.any():
+        there = ", ".join(sorted(set(rows["source"])))
+        raise StrandcastError(
+            "SC-R022",
+            f"holds no {source} path of the hand (there is: {there or 'none'})",
+            file=path,
+            field="source",
+            fix="choose another with estimate.joints in experiment.yaml",
+        )
     pose = np.column_stack([rows["x_m"][mine], rows["y_m"][mine], rows["angle_rad"][mine]])
     return rows["robot_time_s"][mine], pose

@@ -226,6 +226,10 @@ def read_run(folder: str | Path) -> tuple[Run, JointLog]:
 def timing_of(time_s: np.ndarray, nominal_rate_hz: float | None = None) -> Timing:
     """Return rate, gaps (steps beyond 1.5 of the usual) and duplicates (steps of zero) of sorted times."""
     steps = np.diff(time_s)
+    if not (steps > 0).any():
+        raise StrandcastError(
+            "SC-J002", "the joint log has fewer than two instants", fix="record the whole throw"
+        )
     usual = 1.0 / nominal_rate_hz if nominal_rate_hz else float(np.median(steps[steps > 0]))
     late = np.nonzero(steps > 1.5 * usual)[0]
     gaps = [Gap(index=int(k), duration_s=float(steps[k]), missing=round(steps[k] / usual) - 1) for k in late]

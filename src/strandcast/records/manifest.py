@@ -34,6 +34,8 @@ class VideoFacts(Part):
     time_stamps: list[int]  # per packet in order of display, in time bases from the first
     gaps: list[Gap]
     duplicates: int
+    discarded_packets: int = 0  # that the container's edit list takes out
+    time_stamp_rate_hz: float | None = None  # as the time stamps tell it, whatever the experiment says
 
 
 class LogFacts(Part):

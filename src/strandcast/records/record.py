@@ -99,7 +99,7 @@ def _load(path: str | Path) -> dict[str, Any]:
         data = json.loads(path.read_bytes(), parse_constant=_refuse_constant)
     except FileNotFoundError:
         raise _refusal("SC-R001", path, None, "the file is not there", "make it first") from None
-    except (UnicodeDecodeError, ValueError) as error:
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise _refusal(
             "SC-R001",
             path,

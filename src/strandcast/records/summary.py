@@ -6,6 +6,8 @@ from typing import ClassVar
 
 from strandcast.records.record import Part, Record
 
+AFTER_MOTION_S = 0.3  # a miss is looked for until then: the tip may arrive after the arm has stopped
+
 
 class Verdict(Record):
     """The miss of one trial, from the track; null, with the reason, where the tip was not seen."""

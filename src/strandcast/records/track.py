@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.record import Record
 from strandcast.records.tables import Column, TableSpec, read_table
 
@@ -61,8 +62,6 @@ class TrackSummary(Record):
     median_sigma_m: float
     choices: dict[str, float | int | str | bool | None]  # every automatic choice, by name
     warnings: list[str]
-    # Weights and pipes found along the string, when the tracker looks for them.
-    features: list[dict[str, float | str]] = []
 
 
 class Track:
@@ -81,6 +80,14 @@ class Track:
         self.points_m = points_m
         self.sigma_m = sigma_m
         self.flags = flags
+
+    def seen(self) -> np.ndarray:
+        """Return which points were seen, (F, n+1): a place inferred or predicted is no measurement."""
+        return np.isfinite(self.points_m).all(axis=2) & ((self.flags & (OCCLUDED | PREDICTED)) == 0)
+
+    def seen_m(self) -> np.ndarray:
+        """Return the points (F, n+1, 2), NaN where they were not seen."""
+        return np.where(self.seen()[..., None], self.points_m, np.nan)
 
     def columns(self) -> dict[str, np.ndarray]:
         """Return the rows of track.parquet: one per frame and point that has a place."""
@@ -107,6 +114,15 @@ def read_track(path: str | Path, points: int) -> Track:
         The number n of free mass points; the arrays have n + 1 points, 0 the hand.
     """
     rows = read_table(path, TRACK)
+    if len(rows["point"]) and not 0 <= rows["point"].min() <= rows["point"].max() <= points:
+        raise StrandcastError(
+            "SC-R021",
+            f"has points from {rows['point'].min()} to {rows['point'].max()}, the string has 0 to {points}",
+            file=path,
+            field="point",
+            fix="set string.points back, or track the video again",
+            exit_code=INTEGRITY,
+        )
     frame, first, place = np.unique(rows["frame"], return_index=True, return_inverse=True)
     count = len(frame)
     points_m = np.full((count, points + 1, 2), np.nan)

@@ -17,7 +17,7 @@ from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
 from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
-from strandcast.records.summary import Verdict
+from strandcast.records.summary import AFTER_MOTION_S, Verdict
 from strandcast.records.tables import read_facts, read_table
 from strandcast.records.track import Track, TrackSummary, read_track
 
@@ -101,7 +101,7 @@ class Results:
     def window_s(self) -> tuple[float, float]:
         """Return the robot times between which the miss is looked for: the motion and 0.3 s after it."""
         alignment = self.need("alignment")
-        return alignment.motion_start_s, alignment.motion_end_s + 0.3
+        return alignment.motion_start_s, alignment.motion_end_s + AFTER_MOTION_S
 
     def in_window(self) -> NDArray[np.bool_]:
         """Return which frames of the track (F,) lie in the miss's window."""

@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from strandcast.records.files import sha256_file
+from strandcast.records.manifest import LogFacts
 from strandcast.records.summary import Verdict
 from strandcast.report.facts import Facts
-from strandcast.report.numbers import significant
+from strandcast.report.numbers import UNKNOWN, significant
 from strandcast.report.reportlet import Table
 from strandcast.report.results import FILES, Results
 
 CITATION = (
-    "H. Tabata, S. Seki, T. Tsuji and T. Hiramitsu, “Casting Manipulation With Unknown String via Motion "
+    "K. Tabata, H. Seki, T. Tsuji and T. Hiramitsu, “Casting Manipulation With Unknown String via Motion "
     "Generation, Actual Manipulation, and Parameter Estimation”, IEEE Access"
 )
 
@@ -52,7 +53,8 @@ def methods(results: Results) -> str:
     """Return a paragraph for a paper; a stage without results is left out."""
     said = [_recording(results), _camera(results), _tracking(results), _clocks(results), _fit(results)]
     said.append(
-        f"The procedure is that of {CITATION}, as implemented by strandcast; eq. 4 is read with x_r − x_s "
+        f"The loop is that of {CITATION}, as implemented by strandcast; search and planner are named above "
+        "(`paper` is the paper's own procedure, every other name strandcast's); eq. 4 is read with x_r − x_s "
         "and y_r − y_s, and every E is unweighted (w = 0) where not said otherwise. Values of w, β, χ₀, "
         "counts, time step and hit tolerance are not given in the paper."
     )
@@ -66,8 +68,12 @@ def _recording(results: Results) -> str:
     video = manifest.video
     return (
         f"The throw was recorded at {video.frame_rate_hz:g} frames/s and {video.width_px} × "
-        f"{video.height_px} px ({video.codec}), the joints at {manifest.joint_log.rate_hz:g} Hz."
+        f"{video.height_px} px ({video.codec})" + _joint_rate(manifest.joint_log)
     )
+
+
+def _joint_rate(log: LogFacts | None) -> str:
+    return "." if log is None else f", the joints at {log.rate_hz:g} Hz."
 
 
 def _camera(results: Results) -> str:
@@ -137,9 +143,10 @@ def _origins(results: Results) -> list[list[str]]:
     if manifest is not None:
         rows += [
             [f"video {manifest.video.file}, sha256", manifest.video.sha256],
-            [f"joint log {manifest.joint_log.file}, sha256", manifest.joint_log.sha256],
-            ["motion as played, content sha256", manifest.motion_sha256],
         ]
+        log = manifest.joint_log
+        rows += [[f"joint log {log.file}, sha256", log.sha256]] if log is not None else []
+        rows.append(["motion as played, content sha256", manifest.motion_sha256 or UNKNOWN])
     if motion is not None:
         rows.append(["motion as planned, content sha256", motion.content_sha256()])
         if motion.provenance is not None:

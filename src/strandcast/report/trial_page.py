@@ -137,7 +137,12 @@ def _lines(results: Results) -> list[Line]:
         ("plane of motion, rms", camera, lambda c: f"{c.plane_rms_px:.3f} px", "camera"),
         ("clock offset", clock, lambda a: milliseconds(a.offset_s, a.offset_se_s), "clocks"),
         ("video, sha256", manifest, lambda m: m.video.sha256[:16] + "…", "provenance"),
-        ("joint log, sha256", manifest, lambda m: m.joint_log.sha256[:16] + "…", "provenance"),
+        (
+            "joint log, sha256",
+            manifest,
+            lambda m: UNKNOWN if m.joint_log is None else m.joint_log.sha256[:16] + "…",
+            "provenance",
+        ),
     ]
     return [
         Line(name, UNKNOWN if record is None else tell(record), anchor) for name, record, tell, anchor in rows

@@ -30,7 +30,7 @@ def run(root: Path, name: str) -> None:
     photos = [(path.name, _photo(path)) for path in progress(paths, "calibrate: photos", len(paths))]
     if not photos:
         raise StrandcastError(
-            "SC-C001",
+            "SC-C030",
             f"no photo fits {camera.lens_photos!r}",
             file=folder,
             field="camera.lens_photos",
@@ -52,15 +52,19 @@ def _calibrate_by_arc(context: Context) -> None:
     """Take scale and origin from the first trial's pendulum, whose length is known."""
     first = context.folder.trial(1)
     video = Manifest.read(first.results / "manifest.json").video
-    calibrate_arc(first.data / video.file, video, context.settings.string.length_m).write(
+    settings = context.settings
+    frames = settings.track.background_frames
+    calibrate_arc(first.data / video.file, video, settings.string.length_m, frames).write(
         context.folder.results / "camera.json"
     )
 
 
 def _photo(path: Path) -> np.ndarray:
+    if not path.is_file():
+        raise StrandcastError("SC-C031", "the photo is not there", file=path, fix="take it, and put it there")
     grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if grey is None:
-        raise StrandcastError("SC-C002", "is not there or is not a picture", file=path, fix="copy it again")
+        raise StrandcastError("SC-C032", "is not a picture", file=path, fix="copy it again")
     return np.asarray(grey)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from strandcast.errors import StrandcastError
 from strandcast.experiment import Experiment, find_arm, find_experiment, load_experiment
 from strandcast.layout import ExperimentFolder
 
@@ -32,3 +33,20 @@ def context_of(root: Path, name: str) -> Context:
     """Find and read an experiment."""
     file = find_experiment(name, root)
     return Context(name, load_experiment(file), file, ExperimentFolder(root, name))
+
+
+def make_room(path: Path, replace: bool) -> None:
+    """Refuse to write over what was imported before, unless that is wanted; then it goes first.
+
+    The file is the one that says that an import is complete: it must not stand beside half of another.
+    """
+    if path.is_file() and not replace:
+        raise StrandcastError(
+            "SC-I022", "has been imported already", file=path, fix="import as another trial, or add --replace"
+        )
+    path.unlink(missing_ok=True)
+
+
+def free_length_m(context: Context, swallowed_m: float) -> float:
+    """Return the length of the string beyond the clamp [m]."""
+    return context.settings.string.length_m - swallowed_m

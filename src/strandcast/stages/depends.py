@@ -18,14 +18,21 @@ PACKAGE = Path(__file__).resolve().parent.parent
 
 # Stage -> the parts of experiment.yaml that it reads.
 SETTINGS: dict[str, tuple[str, ...]] = {
-    "setup": ("camera", "workspace_m", "string.length_m", "seed", "lab", "target_m"),
-    "throw": ("camera", "workspace_m", "string", "seed", "lab", "target_m"),
+    "setup": (
+        *("camera.board", "camera.plane", "workspace_m", "string.length_m", "seed", "target_m"),
+        *("lab.camera",),
+    ),
+    "throw": ("camera.plane", "workspace_m", "string", "seed", "lab", "target_m"),
     "ingest": ("camera.frame_rate_hz",),
-    "calibrate": ("camera", "string.length_m"),
+    "calibrate": (
+        *("camera.scale", "camera.lens_photos", "camera.plane_photo", "camera.board", "camera.plane"),
+        *("camera.string_offset_m", "string.length_m", "track.background_frames"),
+    ),
     "track": ("string", "track", "camera.exposure_s"),
     "align": ("align",),
+    "supply": ("string.length_m", "string.points"),
     "judge": ("target_m", "hit_radius_m"),
-    "estimate": ("string", "estimate", "seed", "start_string"),
+    "estimate": ("string", "estimate", "seed"),
     "plan": (
         *("string", "plan", "seed", "start_string", "workspace_m", "target_m", "hit_radius_m"),
         *("estimate.reading", "estimate.integrator", "estimate.dt_s", "estimate.joints"),
@@ -44,7 +51,7 @@ def settings(experiment: Experiment, stage: str) -> str:
 def _at(experiment: Experiment, path: str) -> Any:
     node: Any = experiment.model_dump(mode="json")
     for part in path.split("."):
-        node = node[part]
+        node = node[part] if node is not None else None  # a real experiment has no lab
     return node
 
 

@@ -26,17 +26,19 @@ from strandcast.records.estimate import (
 )
 from strandcast.records.files import sha256_file
 from strandcast.records.motion import Motion, StringSet
+from strandcast.records.summary import AFTER_MOTION_S
 from strandcast.records.tables import read_table, write_table
-from strandcast.records.track import PREDICTED, UNSURE
+from strandcast.records.track import UNSURE
 from strandcast.seeds import rng, seed_of
 from strandcast.stages.context import Context, context_of
-from strandcast.stages.trials import AFTER_MOTION_S, Trial, read_trial, servo_of, string_model
+from strandcast.stages.trials import Trial, read_trial, servo_of, string_model
 from strandcast.string.masses import MassLayout
 from strandcast.string.model import StringModel
 from strandcast.string.parameters import PARAMETERS, UNITS
 
 DOUBT_M = 0.003  # of a place: its weight in E halves at this sigma
 UNSURE_WEIGHT = 0.25
+SAME_PASS_S = 0.1  # between the planned hit and the closest approach
 
 
 def run(root: Path, name: str, trial: int) -> None:
@@ -79,30 +81,33 @@ def _refuse_blind(context: Context, trial: Trial) -> None:
 def _throw(trial: Trial, settings: EstimateSettings) -> Throw:
     """Return a trial as the estimation wants it: only what was seen, weighted by its certainty."""
     track = trial.track
-    hidden = (track.flags & PREDICTED) > 0
-    points = np.where(hidden[..., None], np.nan, track.points_m)
     confidence = 1.0 / (1.0 + (np.nan_to_num(track.sigma_m) / DOUBT_M) ** 2)
     confidence = np.where((track.flags & UNSURE) > 0, UNSURE_WEIGHT * confidence, confidence)
     used = trial.frame_time_s <= _until_s(trial, settings)
-    return Throw(trial.frame_time_s, points, trial.hand_time_s, trial.hand_pose, used, confidence)
+    return Throw(trial.frame_time_s, track.seen_m(), trial.hand_time_s, trial.hand_pose, used, confidence)
 
 
 def _until_s(trial: Trial, settings: EstimateSettings) -> float:
     """Return the robot time of the last frame that enters E: what comes after a touch is another motion.
 
-    Of a miss, the frames until the tip should have come nearest are as much needed as those until it did.
+    A miss may have been nearest long before or after the pass that was planned; it is that pass that teaches.
     """
-    closest_s = trial.verdict.closest_robot_time_s
+    closest_s, expected_s = trial.verdict.closest_robot_time_s, _expected_s(trial)
     if trial.verdict.hit and closest_s is not None:
         return closest_s
-    whole_s = trial.alignment.motion_end_s + AFTER_MOTION_S
-    if settings.horizon_s is None:
-        return whole_s
-    expected_s = None
-    if trial.motion is not None and trial.motion.predicted is not None:
-        expected_s = trial.alignment.motion_start_s + trial.motion.predicted.hit_time_s
     known_s = [s for s in (closest_s, expected_s) if s is not None]
-    return max(known_s) + settings.horizon_s if known_s else whole_s
+    if settings.horizon_s is None or not known_s:
+        return trial.alignment.motion_end_s + AFTER_MOTION_S
+    if len(known_s) == 2 and abs(known_s[0] - known_s[1]) > SAME_PASS_S:
+        return known_s[1] + settings.horizon_s
+    return max(known_s) + settings.horizon_s
+
+
+def _expected_s(trial: Trial) -> float | None:
+    """Return the robot time at which the motion was planned to hit."""
+    if trial.motion is None or trial.motion.predicted is None:
+        return None
+    return trial.alignment.motion_start_s + trial.motion.predicted.hit_time_s
 
 
 def _fit_settings(settings: EstimateSettings, layout: MassLayout) -> FitSettings:

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from strandcast.arm.load import load_arm
 from strandcast.imports.capture import import_capture
 from strandcast.imports.mapping import CaptureMapping
 from strandcast.records.track import TrackSummary
-from strandcast.stages.context import context_of
+from strandcast.stages.context import context_of, free_length_m, make_room
 
 
-def run(root: Path, name: str, trial: int, capture: Path, mapping: CaptureMapping) -> TrackSummary:
+def run(
+    root: Path, name: str, trial: int, capture: Path, mapping: CaptureMapping, replace: bool = False
+) -> TrackSummary:
     """Import a capture; `supply` takes it into the results."""
     context = context_of(root, name)
     string = context.settings.string
+    make_room(context.folder.trial(trial).data / "track.json", replace)
     return import_capture(
         capture,
         context.folder.trial(trial).data,
         mapping,
         experiment=name,
         trial=trial,
-        length_m=string.length_m,
+        length_m=free_length_m(context, load_arm(context.arm_file).clamp.swallowed_m),
         points=string.n,
     )

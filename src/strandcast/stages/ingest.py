@@ -18,8 +18,8 @@ def run(root: Path, name: str, trial: int) -> None:
     folder = context.folder.trial(trial)
     video = inspect_video(folder.video(), context.settings.camera.frame_rate_hz)
     log = _log_facts(folder.data) if (folder.data / "run.json").is_file() else None
-    played = folder.played_motion
-    motion = None if played is None else Motion.read(played).content_sha256()
+    played = None if folder.played_motion is None else Motion.read(folder.played_motion)
+    motion = None if played is None else played.content_sha256()
     if log is not None and motion is not None:
         _check_played(folder.data, motion)
     Manifest(
@@ -28,7 +28,7 @@ def run(root: Path, name: str, trial: int) -> None:
         video=video,
         joint_log=log,
         motion_sha256=motion,
-        warnings=_warnings(video, log),
+        warnings=_warnings(video, log) + _foreign(played, name, trial),
     ).write(folder.results / "manifest.json")
 
 
@@ -58,6 +58,13 @@ def _check_played(data: Path, played: str) -> None:
             fix="copy the folder again from the machine that played the motion",
             exit_code=INTEGRITY,
         )
+
+
+def _foreign(played: Motion | None, name: str, trial: int) -> list[str]:
+    """Tell of a motion that was planned for another throw: a repeated one, or a folder in the wrong place."""
+    if played is None or (played.experiment, played.trial) == (name, trial):
+        return []
+    return [f"motion.json was planned for {played.experiment} trial {played.trial}"]
 
 
 def _warnings(video: VideoFacts, log: LogFacts | None) -> list[str]:

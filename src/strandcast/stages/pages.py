@@ -7,6 +7,7 @@ from pathlib import Path
 
 from strandcast import __version__
 from strandcast.arm.load import load_arm
+from strandcast.errors import StrandcastError
 from strandcast.report.facts import Facts
 from strandcast.stages.context import Context
 
@@ -44,3 +45,13 @@ def next_motion_of(context: Context, trial: int) -> Path | None:
     """Return the motion that was planned for the trial after this one, if there is one."""
     path = context.folder.trial(trial + 1).results / "motion.json"
     return path if path.is_file() else None
+
+
+def no_such_trial(context: Context, trial: int) -> StrandcastError:
+    """Return the refusal of a page about a trial that is not there."""
+    return StrandcastError(
+        "SC-H001",
+        f"there is no trial {trial}",
+        file=context.folder.results,
+        fix=f"make its results first: strandcast run {context.name}",
+    )

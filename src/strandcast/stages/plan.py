@@ -42,7 +42,9 @@ def run(root: Path, name: str, trial: int) -> None:
         parent = next((t.motion for t in trials if t.number == plan.parent_trial), None)
         start = None
     else:
-        plan = plan_first(task, _start_strings(settings, layout, random), _options(settings), random)
+        plan = plan_first(
+            task, _start_strings(settings, model.length_m, layout, random), _options(settings), random
+        )
         parent, start = None, _start_name(settings)
     to_record(
         plan,
@@ -78,13 +80,15 @@ def _start_name(settings: Experiment) -> str:
     return settings.start_string if isinstance(settings.start_string, str) else "given"
 
 
-def _start_strings(settings: Experiment, layout: MassLayout, random: np.random.Generator) -> Strings:
+def _start_strings(
+    settings: Experiment, length_m: float, layout: MassLayout, random: np.random.Generator
+) -> Strings:
     """Return the strings that the first motion is planned with."""
     start, string = settings.start_string, settings.string
     if start == "ensemble":
         count = FIRST_STRINGS * settings.plan.ensemble
         weights = layout.count - layout.stiff
-        draw = ensemble(count, string.length_m, string.n, weights, random, layout.stiff)
+        draw = ensemble(count, length_m, string.n, weights, random, layout.stiff)
         curl = random.uniform(-FIRST_CURL_RAD_M, FIRST_CURL_RAD_M, count)
         return Strings(draw.parameters, point_masses(layout, draw.weight_masses), curl)
     if start == "random":
@@ -121,16 +125,19 @@ def _fitted_strings(path: Path) -> Strings:
 
 
 def _earlier(trial: Trial, step_s: float) -> Earlier:
-    assert trial.motion is not None
-    assert trial.log is not None
-    start_s = trial.alignment.motion_start_s
-    columns = [trial.log.joint_names.index(name) for name in trial.motion.joint_names]
+    motion, log, start_s = trial.motion, trial.log, trial.alignment.motion_start_s
+    assert motion is not None
+    if log is None:  # a supplied track: the joints are taken to have done as they were told
+        time_s, q_rad = motion.time_s(), motion.joints()[0]
+    else:
+        columns = [log.joint_names.index(name) for name in motion.joint_names]
+        time_s, q_rad = log.time_s - start_s, log.q_rad[:, columns]
     return earlier_trial(
-        trial.motion,
-        trial.log.time_s - start_s,
-        trial.log.q_rad[:, columns],
+        motion,
+        time_s,
+        q_rad,
         trial.frame_time_s - start_s,
-        trial.track.points_m,
+        trial.track.seen_m(),
         trial.verdict.miss_m,
         step_s,
     )

@@ -8,7 +8,7 @@ from strandcast.records.files import write_text
 from strandcast.report.experiment_page import experiment_page
 from strandcast.report.summary import summarise
 from strandcast.stages.context import context_of
-from strandcast.stages.pages import facts_of, next_motion_of
+from strandcast.stages.pages import facts_of, next_motion_of, no_such_trial
 
 
 def run(root: Path, name: str, trials: list[int] | None = None) -> None:
@@ -16,6 +16,8 @@ def run(root: Path, name: str, trials: list[int] | None = None) -> None:
     context = context_of(root, name)
     settings, results = context.settings, context.folder.results
     numbers = trials or _with_results(results)
+    for number in set(numbers) - set(_with_results(results)):
+        raise no_such_trial(context, number)
     folders = {number: context.folder.trial(number).results for number in numbers}
     next_motion = next_motion_of(context, numbers[-1]) if numbers else None
     summary = summarise(

@@ -13,7 +13,7 @@ from strandcast.records.files import atomic_write
 from strandcast.records.manifest import Manifest
 from strandcast.records.tables import write_table
 from strandcast.records.track import MARKERS, TRACK, Track, TrackSummary
-from strandcast.stages.context import Context, context_of
+from strandcast.stages.context import Context, context_of, free_length_m
 from strandcast.tracking.hand import HandMarker
 from strandcast.tracking.pivot import track_pivot
 from strandcast.tracking.track import StringHint, Tracked, track_video
@@ -38,7 +38,7 @@ def run(root: Path, name: str, trial: int) -> None:
             cv2.cvtColor(tracked.strobe, cv2.COLOR_RGB2BGR),
             [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY],
         )
-    _summary(name, trial, tracked, manifest, context.settings.string.length_m).write(
+    _summary(name, trial, tracked, manifest, free_length_m(context, arm.clamp.swallowed_m)).write(
         folder.results / "track.json"
     )
 
@@ -47,7 +47,7 @@ def _track(context: Context, arm: Arm, manifest: Manifest, video: Path) -> Track
     settings = context.settings
     string, track = settings.string, settings.track
     camera = Camera.read(context.folder.results / "camera.json")
-    hint = StringHint(string.length_m - arm.clamp.swallowed_m, string.n, string.thickness_m)
+    hint = StringHint(free_length_m(context, arm.clamp.swallowed_m), string.n, string.thickness_m)
     if track.hand == "pivot":
         return track_pivot(video, manifest.video, camera, hint, track.background_frames)
     return track_video(

@@ -11,13 +11,11 @@ from strandcast.arm.servo import Servo, identify
 from strandcast.records.alignment import Alignment, read_hand
 from strandcast.records.joint_log import JointLog, read_run
 from strandcast.records.motion import Motion
-from strandcast.records.summary import Verdict
+from strandcast.records.summary import AFTER_MOTION_S, Verdict
 from strandcast.records.track import Track, read_track
-from strandcast.stages.context import Context
+from strandcast.stages.context import Context, free_length_m
 from strandcast.string.masses import MassLayout, mass_layout
 from strandcast.string.model import StringModel
-
-AFTER_MOTION_S = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +56,7 @@ def read_trial(context: Context, number: int) -> Trial:
 def string_model(context: Context, arm: Arm) -> tuple[StringModel, MassLayout]:
     """Return the model of the experiment's string, without what the clamp swallows, and its mass layout."""
     string, estimate = context.settings.string, context.settings.estimate
-    length_m = string.length_m - arm.clamp.swallowed_m
+    length_m = free_length_m(context, arm.clamp.swallowed_m)
     model = StringModel(length_m, string.n, estimate.reading, estimate.integrator, estimate.dt_s)
     layout = mass_layout(
         length_m,

@@ -231,7 +231,7 @@ def fit_string(
     box = hand_box(hand, picture.hand_box)
     root, clamp = hand[:2], nearest_turn(hand[2], start[0])
     heading = start
-    reaches = (WIDE_PX, NARROW_PX, NARROW_PX) if wide else (NARROW_PX, NARROW_PX)
+    reaches = (WIDE_PX, NARROW_PX) if wide else (NARROW_PX, NARROW_PX)
     tip = np.zeros(5)
     for reach in reaches:
         heading, _, hessian = look_and_fit(
@@ -256,7 +256,7 @@ def fit_string(
         image, background, nodes, heading, half_px, looks.contrast, looks.polarity, box, *pixel_map
     )
     hidden = hidden_nodes(
-        image, background, nodes, node_normals(heading), half_px, looks.noise, box, *pixel_map
+        image, background, nodes, node_normals(heading), half_px, looks.noise, looks.blind, box, *pixel_map
     )
     hidden &= reward < CLEAR
     end_is_off = hold_tip and not hidden[-1] and not _ends_at_tip(picture, nodes, heading, slide_m, looks)
@@ -266,9 +266,7 @@ def fit_string(
     open_share = float((~hidden).mean())
     value = float(once[~hidden].mean()) if open_share > LEAST_OPEN else 0.0
     value -= END_COST * end_is_off + BEND_COST * float((np.diff(heading) ** 2).sum())
-    return Fit(
-        heading, link_m, reward, hessian, slide_m, value, open_share, end_is_off, bool(tip[3] > 0)
-    )
+    return Fit(heading, link_m, reward, hessian, slide_m, value, open_share, end_is_off, bool(tip[3] > 0))
 
 
 def _ends_at_tip(
@@ -279,7 +277,7 @@ def _ends_at_tip(
     if not abs(slide_m) < near_m or not looks.has_ball:
         return bool(abs(slide_m) < near_m)
     end_m, _ = end_of_string(
-        picture.image, picture.background, nodes, heading, looks.contrast, looks.polarity,
+        picture.image, picture.background, nodes, heading, looks.contrast, looks.polarity, looks.blind,
         TIP_REACH_M + looks.tip_excess_m, *map_of(picture),
     )  # fmt: skip
     return bool(abs(end_m - looks.tip_excess_m) < near_m)
@@ -294,8 +292,8 @@ def find_string(
     nodes = np.zeros((links + 1, 2)) if guide is None else guide
     return trace_string(
         picture.image, picture.background, hand[:2], hand[2], link_m, links, looks.half_m / scale,
-        looks.contrast, looks.polarity, looks.noise, hand_box(hand, picture.hand_box), nodes, weight, BEAMS,
-        *map_of(picture),
+        looks.contrast, looks.polarity, looks.noise, looks.blind, hand_box(hand, picture.hand_box), nodes,
+        weight, BEAMS, *map_of(picture),
     )  # fmt: skip
 
 

@@ -13,8 +13,9 @@ from strandcast.tracking.picture import Looks, Picture
 WORSE = 0.12  # than usual: a fit that is so much worse is held against others
 USUAL_SHARE = 0.1  # of the newest frame in what is usual
 STALE_FRAMES = 8  # after which the last fit is no guide any more
-EAGER_TRIES = 3  # searches without success, after which only every so many frames are searched
+EAGER_TRIES = 2  # searches without success, after which only every so many frames are searched
 RARE_TRIES = 4
+LEAST_WAY = 0.12  # mean reward of a way worth fitting; what is hidden earns nothing
 WIDEST_BLUR_PX = 6.0
 
 
@@ -87,19 +88,24 @@ class Follower:
         self._tries += 1
         if self._tries > EAGER_TRIES and self._tries % RARE_TRIES:
             return best
-        guide = None if expected is None else place_nodes(sight.hand[:2], expected, self.link_m)
-        heading, value = find_string(
-            sight.picture, sight.hand, guide, self.links, self.link_m, self.looks
-        )
-        if value < ENOUGH:
-            return best
-        if expected is not None:
-            heading = heading + 2 * np.pi * np.round((expected[0] - heading[0]) / (2 * np.pi))
-        fit = self.fit(sight, heading, heading, 0.0)
-        if best is None or fit.value > best.value + 0.05:
-            self.found_anew += 1
-            return fit
+        # What is expected may be what is wrong, so the string is searched without that guide too.
+        for guide in (None,) if expected is None else (expected, None):
+            fit = self._search(sight, guide)
+            if fit is not None and (best is None or fit.value > best.value + 0.05):
+                self.found_anew += 1
+                best = fit
         return best
+
+    def _search(self, sight: Sight, guide: np.ndarray | None) -> Fit | None:
+        """Find the string from the clamp on, near the headings `guide` if there are any."""
+        nodes = None if guide is None else place_nodes(sight.hand[:2], guide, self.link_m)
+        heading, value = find_string(sight.picture, sight.hand, nodes, self.links, self.link_m, self.looks)
+        if value < LEAST_WAY:
+            return None
+        if self._moments:
+            turns = np.round((self._moments[-1].heading[0] - heading[0]) / (2 * np.pi))
+            heading = heading + 2 * np.pi * turns
+        return self.fit(sight, heading, heading, 0.0)
 
     def fit(self, sight: Sight, start: np.ndarray, prior: np.ndarray, blur_m: np.ndarray | float) -> Fit:
         """Fit the chain to a frame from headings `start`; `blur_m` is each node's way in the exposure."""

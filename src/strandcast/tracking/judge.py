@@ -15,6 +15,8 @@ from strandcast.tracking.pixelmap import to_pixel
 SEEN_SHARE = 0.34  # of the nodes around a point that must be clear
 TIP_SLIDE_PX = 4.0  # between the fitted tip and the string's visible end, from which the tip is unsure
 UNSURE_M = 0.003  # sigma from which a place is unsure
+FOLD_RAD = 0.7  # from a link to the next but one
+FOLD_REACH_M = 0.06
 LOST_M = 0.015  # sigma from which a place is no measurement
 LONGEST_HIDDEN_M = 0.07  # of string whose course between seen ends is inferred
 
@@ -40,12 +42,15 @@ def judge(fit: Fit, hand: np.ndarray, every: int, picture: Picture) -> FrameResu
     if fit.ball_seen:
         seen[-1] = 1.0
     flags[seen < SEEN_SHARE] |= OCCLUDED
-    if not np.isfinite(fit.tip_slide_m) or abs(fit.tip_slide_m) > TIP_SLIDE_PX * picture.pixels.metre_per_pixel:
+    if (
+        not np.isfinite(fit.tip_slide_m)
+        or abs(fit.tip_slide_m) > TIP_SLIDE_PX * picture.pixels.metre_per_pixel
+    ):
         flags[-1] |= UNSURE
         sigma[-1] = max(sigma[-1], UNSURE_M)
-    if fit.value < GOOD:
-        sigma = np.maximum(sigma, UNSURE_M)
-        flags |= UNSURE
+    doubtful = near_fold(fit, every)
+    flags[doubtful] |= UNSURE
+    sigma[doubtful] = np.maximum(sigma[doubtful], UNSURE_M)
     flags[sigma > UNSURE_M] |= UNSURE
     lost = (sigma > LOST_M) | in_long_gap(seen >= SEEN_SHARE, LONGEST_HIDDEN_M / (every * fit.link_m))
     lost |= outside(points, picture)
@@ -53,6 +58,23 @@ def judge(fit: Fit, hand: np.ndarray, every: int, picture: Picture) -> FrameResu
     sigma[lost] = np.nan
     flags[lost] = 0
     return FrameResult(points, sigma, flags, fit.value)
+
+
+def near_fold(fit: Fit, every: int) -> np.ndarray:
+    """Tell which points (n,) may have slid along the string.
+
+    A fold that is tighter than the chain's links is cut short, and its length goes to its neighbours. Where the
+    string's end is not seen, nothing says how much.
+    """
+    bend = np.abs(fit.heading[2:] - fit.heading[:-2])
+    folds = 1 + np.flatnonzero(bend > FOLD_RAD)
+    count = len(fit.heading) // every
+    if fit.value < GOOD or (len(folds) and not np.isfinite(fit.tip_slide_m)):
+        return np.ones(count, dtype=bool)
+    place = np.arange(1, count + 1) * every
+    near = (np.abs(place[:, None] - folds) * fit.link_m < FOLD_REACH_M).any(axis=1)
+    near[-1] = False
+    return near
 
 
 def in_long_gap(seen: np.ndarray, longest: float) -> np.ndarray:

@@ -19,7 +19,8 @@ FIRST_REACH_M = 0.045  # from the tip to the visible end: a ball's radius and an
 FOUND = 0.35  # mean reward of a way that is the string
 BALL_TIMES = 1.6  # wider than this, in the string's own widths and a pixel more, is a ball at the tip
 LARGEST_CORRECTION = 0.03  # of the length, by the string's visible end
-OPEN_SHARE = 0.85  # of the most open frame's open share, from which a frame teaches the length
+OPEN_SHARE = 0.93  # of the most open frame's open share, from which a frame teaches the length
+ONE_SENSE = 0.9  # of the string must be brighter than the background to be a bright string
 TEACHERS = 3  # frames with a clear end that a length is taken from, at least
 
 
@@ -98,7 +99,7 @@ def sight(
     nodes = place_nodes(hand[:2], fit.heading, link_m)
     end_m, half_px = end_of_string(
         picture.image, picture.background, nodes, fit.heading, looks.contrast, looks.polarity,
-        FIRST_REACH_M, *map_of(picture),
+        looks.blind, FIRST_REACH_M, *map_of(picture),
     )  # fmt: skip
     half_m = half_px * scale
     along = np.array([np.cos(fit.heading[-1]), np.sin(fit.heading[-1])])
@@ -125,10 +126,11 @@ def learn_looks(sightings: list[Sighting], length_m: float, pixel_m: float) -> L
     """
     good = [s for s in sightings if s.fit.value >= GOOD] or sightings
     looks = Looks(
-        half_m=float(np.percentile([s.looks.half_m for s in good], 25)),  # others are blurred
+        half_m=float(np.median([s.looks.half_m for s in good])),
         contrast=float(np.median([s.looks.contrast for s in good])),
         polarity=float(np.sign(sum(s.looks.polarity for s in good))),
         noise=float(np.median([s.looks.noise for s in good])),
+        level=float(np.median([s.looks.level for s in good])),
     )
     ended = [s for s in good if np.isfinite(s.end_m)]
     openest = max((s.fit.open_share for s in ended), default=0.0)
@@ -158,7 +160,7 @@ def _fit_freely(picture: Picture, hand: np.ndarray, heading: np.ndarray, link_m:
 
 
 def _measure(picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks: Looks) -> Looks:
-    """Return the string's half width (half of where its profile is over half its height) and contrast."""
+    """Return the string's half width (at half its height), contrast and level."""
     scale = picture.pixels.metre_per_pixel
     nodes = place_nodes(hand[:2], fit.heading, link_m)[2:]
     half = 24
@@ -170,25 +172,35 @@ def _measure(picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks:
     good = fit.reward[2:] > 0.5
     if good.sum() < 5:
         return looks
-    profile = np.median(difference[good], axis=0)
-    profile = profile - np.median(profile)
-    peak = profile[half - 2 : half + 3].max()
-    wide = 0.5 * STEP_PX * float((profile[half - 8 : half + 9] > 0.5 * peak).sum())
-    half_m = float(np.clip(wide, 0.6, 5.0)) * scale
+    widths = [width_at_half(profile, half) for profile in difference[good]]
+    half_m = float(np.clip(0.5 * STEP_PX * np.median(widths), 0.6, 5.0)) * scale
     middle = np.full(len(nodes), max(1, round(half_m / scale / STEP_PX)))
     score = line_score(level, difference, middle, looks.polarity)[good, half - 2 : half + 3].max(axis=1)
     contrast = max(float(np.median(score)), 0.5 * LEAST_CONTRAST)
-    return replace(looks, half_m=half_m, contrast=contrast, polarity=_polarity(picture, nodes[good]))
+    shown, behind = levels_at(picture, nodes[good])
+    brighter = float((shown > behind).mean())
+    sense = 1.0 if brighter > ONE_SENSE else (-1.0 if brighter < 1 - ONE_SENSE else 0.0)
+    return replace(looks, half_m=half_m, contrast=contrast, polarity=sense, level=float(np.median(shown)))
 
 
-def _polarity(picture: Picture, nodes: np.ndarray) -> float:
-    """Return 1 or -1 where nine tenths of the string differ that way from the background, else 0."""
+def width_at_half(profile: np.ndarray, middle: int) -> float:
+    """Return how wide (in samples) the peak near `middle` is at half its height over the profile's median."""
+    above = profile - np.median(profile)
+    peak = middle - 2 + int(np.argmax(above[middle - 2 : middle + 3]))
+    level = 0.5 * above[peak]
+    width = 0.0
+    for way in (above[peak::-1], above[peak:]):
+        under = int(np.argmax(way < level))
+        width += under - (level - way[under]) / max(way[under - 1] - way[under], 1e-9) if under else 0.0
+    return float(width)
+
+
+def levels_at(picture: Picture, places_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the grey levels of the picture and of the background at places (K, 2) (m)."""
     _, origin, step, uv = map_of(picture)
-    pixels = np.array([to_pixel(x, y, origin, step, uv) for x, y in nodes])
+    pixels = np.array([to_pixel(x, y, origin, step, uv) for x, y in places_m])
     u, v = np.rint(pixels).astype(int).T
-    brighter = picture.image[v, u].astype(float) > picture.background[v, u]
-    share = float(brighter.mean())
-    return 1.0 if share > 0.9 else (-1.0 if share < 0.1 else 0.0)
+    return picture.image[v, u].astype(float), picture.background[v, u].astype(float)
 
 
 def level_at(picture: Picture, place_m: np.ndarray) -> float:

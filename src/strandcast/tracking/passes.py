@@ -12,7 +12,7 @@ from strandcast.tracking.follower import WORSE, Follower, Moment, Sight
 from strandcast.tracking.looks import Sighting, sight
 from strandcast.tracking.result import StringHint
 
-SURVEYED = 24  # frames that are searched for the string on their own
+SURVEYED = 18  # frames that are searched for the string on their own
 ANCHORS = 4  # of the best of them are tried as the start
 BETTER = 0.02  # a second look's fit must be, to be taken
 
@@ -25,9 +25,7 @@ def chain_of(string: StringHint) -> tuple[int, int]:
     return every * string.points, every
 
 
-def survey(
-    look: Look, frames: np.ndarray, string: StringHint, polarity: float | None
-) -> list[Sighting]:
+def survey(look: Look, frames: np.ndarray, string: StringHint, polarity: float | None) -> list[Sighting]:
     """Return the sightings of the string in frames spread over those given (F,)."""
     links, _ = chain_of(string)
     spread = np.unique(np.linspace(0, len(frames) - 1, SURVEYED).astype(int))
@@ -37,7 +35,9 @@ def survey(
         at = look(index)
         if at is not None:
             found.append(
-                sight(index, at.picture, at.hand, links, string.length_m / links, string.thickness_m, polarity)
+                sight(
+                    index, at.picture, at.hand, links, string.length_m / links, string.thickness_m, polarity
+                )
             )
         tell(count + 1)
     return [sighting for sighting in found if sighting is not None]

@@ -8,7 +8,9 @@ import numpy as np
 from numba import njit
 
 from strandcast.tracking.pixelmap import PixelMap, to_pixel
-from strandcast.tracking.sighting import inside_box, is_covered
+from strandcast.tracking.sighting import inside_box, is_blind, is_covered
+
+BLIND_SHARE = 0.4  # of the contrast, that the background must differ from the string for it to be seen
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class Looks:
         1 if it is brighter than the background, -1 if darker, 0 if either.
     noise
         Standard deviation of what has not changed, grey levels.
+    level
+        Grey level of its middle in the picture; NaN where that is not known.
     """
 
     half_m: float
@@ -61,6 +65,16 @@ class Looks:
     ball_level: float = np.nan
     polarity: float = 0.0
     noise: float = 1.0
+    level: float = np.nan
+
+    @property
+    def blind(self) -> np.ndarray:
+        """Return the lowest and the highest grey level of a background before which it is not seen, (2,)."""
+        if not np.isfinite(self.level):
+            return np.array([np.inf, np.inf])
+        low = -np.inf if self.polarity < 0 else self.level - BLIND_SHARE * self.contrast
+        high = np.inf if self.polarity > 0 else self.level + BLIND_SHARE * self.contrast
+        return np.array([low, high])
 
     @property
     def has_ball(self) -> bool:
@@ -76,13 +90,14 @@ def hidden_nodes(
     normals: np.ndarray,
     half_px: np.ndarray,
     noise: float,
+    blind: np.ndarray,
     box: np.ndarray,
     metre_per_pixel: float,
     origin: np.ndarray,
     step: float,
     uv: np.ndarray,
 ) -> np.ndarray:
-    """Tell which nodes (K,) cannot be seen: behind the hand, behind the arm, or outside the picture.
+    """Tell which nodes (K,) cannot be seen: behind hand or arm, before what is like the string, or outside.
 
     The arm is what has changed on both sides of where the string would be.
     """
@@ -96,4 +111,5 @@ def hidden_nodes(
             aside_m = 0.5 * metre_per_pixel
             u1, v1 = to_pixel(x + aside_m * normals[k, 0], y + aside_m * normals[k, 1], origin, step, uv)
             hidden[k] = is_covered(image, background, u, v, 2 * (u1 - u), 2 * (v1 - v), half_px[k], noise)
+            hidden[k] |= is_blind(background, u, v, blind)
     return hidden

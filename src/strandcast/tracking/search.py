@@ -7,12 +7,14 @@ from numba import njit
 
 from strandcast.camera.sampling import bilinear
 from strandcast.tracking.pixelmap import to_pixel
-from strandcast.tracking.sighting import FLANK_PX, GAP_PX, changed_by, inside_box, is_covered
+from strandcast.tracking.sighting import FLANK_PX, GAP_PX, changed_by, inside_box, is_blind, is_covered
 
 TURNS_RAD = np.array([0.0, 0.12, -0.12, 0.25, -0.25, 0.4, -0.4, 0.6, -0.6])
 TURN_COST = 0.35  # in clear lines, for a turn of half a radian
-CLAMP_COST = 0.5  # for leaving the clamp a radian off its direction
+FAN = 33  # directions in which the string may leave the clamp
+CLAMP_COST = 0.06  # for leaving the clamp a radian off its direction
 LEAST_REWARD = -0.3  # of a place without a line
+EMPTY_COST = 0.15  # of a place in the open: ways go rather where nothing can be seen than where nothing is
 CELL_PX = 2.5  # ways that meet in one such cell with like headings are one way
 CELL_RAD = 0.4
 
@@ -65,10 +67,10 @@ def retraces(
 @njit(cache=True)
 def reward_at(
     image: np.ndarray, background: np.ndarray, x: float, y: float, angle: float, half_px: float,
-    contrast: float, polarity: float, noise: float, hand: np.ndarray, origin: np.ndarray, step: float,
-    uv: np.ndarray,
+    contrast: float, polarity: float, noise: float, blind: np.ndarray, hand: np.ndarray,
+    origin: np.ndarray, step: float, uv: np.ndarray,
 ) -> float:  # fmt: skip
-    """Return what a place (m) on a way with this heading is worth, in clear lines; 0 behind hand or arm."""
+    """Return what a place (m) on a way with this heading is worth, in clear lines; 0 where none is seen."""
     u, v = to_pixel(x, y, origin, step, uv)
     if not (0 < u < image.shape[1] - 1 and 0 < v < image.shape[0] - 1):
         return LEAST_REWARD
@@ -78,9 +80,12 @@ def reward_at(
     length = np.hypot(u2 - u, v2 - v)
     nu, nv = (u2 - u) / length, (v2 - v) / length
     score = line_at(image, background, u, v, nu, nv, half_px, polarity)
-    if score < 0 and is_covered(image, background, u, v, nu, nv, half_px, noise):
+    reward = min(max(score / contrast, LEAST_REWARD), 1.0) - EMPTY_COST
+    if reward < 0 and (
+        is_blind(background, u, v, blind) or is_covered(image, background, u, v, nu, nv, half_px, noise)
+    ):
         return 0.0
-    return min(max(score / contrast, LEAST_REWARD), 1.0)
+    return reward
 
 
 @njit(cache=True)
@@ -108,6 +113,7 @@ def trace_string(
     contrast: float,
     polarity: float,
     noise: float,
+    blind: np.ndarray,
     hand: np.ndarray,
     guide: np.ndarray,
     guide_weight: float,
@@ -135,6 +141,8 @@ def trace_string(
         As in `strandcast.tracking.sighting.sample_across`.
     noise
         Of what has not changed, grey levels.
+    blind
+        Lowest and highest grey level of a background before which the string is not seen.
     hand
         The box in which the hand hides the string, as in `inside_box`.
     guide, guide_weight
@@ -152,10 +160,9 @@ def trace_string(
     way_angle = np.empty((links + 1, beams))
     way_value = np.full((links + 1, beams), -1e9)
     parent = np.zeros((links + 1, beams), dtype=np.int64)
-    fan = 25
-    kept = min(fan, beams)
+    kept = min(FAN, beams)
     for b in range(kept):
-        turn = (b - fan // 2) * (2.4 / (fan // 2))
+        turn = (b - FAN // 2) * (np.pi / (FAN // 2))
         way_x[0, b], way_y[0, b] = root[0], root[1]
         way_angle[0, b] = clamp_rad + turn
         way_value[0, b] = -CLAMP_COST * turn * turn
@@ -174,7 +181,20 @@ def trace_string(
                 x = way_x[k, b] + link_m * np.cos(angle)
                 y = way_y[k, b] + link_m * np.sin(angle)
                 reward = reward_at(
-                    image, background, x, y, angle, half_px, contrast, polarity, noise, hand, origin, step, uv
+                    image,
+                    background,
+                    x,
+                    y,
+                    angle,
+                    half_px,
+                    contrast,
+                    polarity,
+                    noise,
+                    blind,
+                    hand,
+                    origin,
+                    step,
+                    uv,
                 )
                 off = (x - guide[k + 1, 0]) ** 2 + (y - guide[k + 1, 1]) ** 2
                 cost = TURN_COST * (turn / 0.5) ** 2 + min(guide_weight * off, 0.5)

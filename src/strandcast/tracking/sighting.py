@@ -220,3 +220,9 @@ def is_covered(
         if abs(changed) < least:
             return False
     return True
+
+
+@njit(cache=True)
+def is_blind(background: np.ndarray, u: float, v: float, blind: np.ndarray) -> bool:
+    """Tell whether the background at a pixel is so like the string that it would not be seen there."""
+    return blind[0] <= bilinear(background, u, v) <= blind[1]

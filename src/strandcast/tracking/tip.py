@@ -7,7 +7,7 @@ from numba import njit
 
 from strandcast.tracking.picture import Looks, Picture, map_of
 from strandcast.tracking.pixelmap import from_pixel, to_pixel
-from strandcast.tracking.sighting import STEP_PX, sample_across
+from strandcast.tracking.sighting import STEP_PX, is_blind, sample_across
 
 TIP_REACH_M = 0.018  # how far from the predicted tip the string's end is looked for
 TIP_PX = 1.0  # standard deviation of the end's place along the string
@@ -16,6 +16,7 @@ ALONG_PX = 0.5  # between places along the string
 WIDEST_PX = 14.0  # half width of the widest ball
 LEAST_INSIDE = 0.4  # of a clear line, that the string must show before its end
 EDGE_PX = 4.0  # from the picture's edge, within which no end is believed
+MOST_CHANGED = 1.5  # clear lines; before what is darker than usual, a bright string changes more
 OUTSIDE_RUN = 4  # places without string that make an end
 
 
@@ -41,6 +42,7 @@ def locate_tip(picture: Picture, nodes: np.ndarray, heading: np.ndarray, looks: 
         heading,
         looks.contrast,
         looks.polarity,
+        looks.blind,
         TIP_REACH_M + looks.tip_excess_m,
         *pixel_map,
     )
@@ -57,6 +59,7 @@ def end_of_string(
     heading: np.ndarray,
     contrast: float,
     polarity: float,
+    blind: np.ndarray,
     reach_m: float,
     metre_per_pixel: float,
     origin: np.ndarray,
@@ -75,7 +78,7 @@ def end_of_string(
     _, difference = sample_across(
         image, background, places, normals, STEP_PX * metre_per_pixel, half, 0, polarity, origin, step, uv
     )
-    changed = best_in_band(difference, half)
+    changed = np.minimum(best_in_band(difference, half), MOST_CHANGED * contrast)
     inside = np.median(changed[: max(3, before // 2)])
     if inside < LEAST_INSIDE * contrast:
         return np.nan, np.nan
@@ -86,6 +89,10 @@ def end_of_string(
     u, v = to_pixel(places[last + 1, 0], places[last + 1, 1], origin, step, uv)
     if not (EDGE_PX < u < image.shape[1] - EDGE_PX and EDGE_PX < v < image.shape[0] - EDGE_PX):
         return np.nan, np.nan  # it leaves the picture, it does not end
+    for i in range(last + 1, last + 1 + OUTSIDE_RUN):
+        u, v = to_pixel(places[i, 0], places[i, 1], origin, step, uv)
+        if is_blind(background, u, v, blind):
+            return np.nan, np.nan
     fraction = (changed[last] - threshold) / max(changed[last] - changed[last + 1], 1e-9)
     slide_m = (last + min(max(fraction, 0.0), 1.0) - before) * pitch_m
     widest = 0

@@ -87,7 +87,9 @@ def track_video(
             view = crops.view(index, scene.background)
             if view is None or not np.isfinite(hand.pose[index]).all():
                 return None
-            return Sight(Picture(view.image, view.background, view.pixels, box), time_s[index], hand.pose[index])
+            return Sight(
+                Picture(view.image, view.background, view.pixels, box), time_s[index], hand.pose[index]
+            )
 
         seen = np.flatnonzero(hand.flags == 0)
         sightings = survey(look, seen, string, POLARITIES[polarity])
@@ -99,7 +101,10 @@ def track_video(
         links, every = chain_of(string)
         follower = Follower(links, lesson.length_m / links, lesson.looks, exposure_s)
         fits = follow(look, len(scene.hands), sightings, follower)
-        results = [None if fit is None else judge(fit, hand.pose[k], every, look(k).picture) for k, fit in enumerate(fits)]
+        results = [
+            None if fit is None else judge(fit, hand.pose[k], every, look(k).picture)
+            for k, fit in enumerate(fits)
+        ]
     tracked = collect(time_s, hand, results, string.points)
     tracked.markers = marker_columns(finder, scene.hands, time_s)
     instants = choose_instants(np.asarray(scene.samples.indices), tracked.points_m)

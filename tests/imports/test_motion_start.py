@@ -1,0 +1,77 @@
+"""The start of a played motion is found on the log's clock, from commands or from the joints alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strandcast.arm.load import load_arm
+from strandcast.arm.servo import respond
+from strandcast.errors import StrandcastError
+from strandcast.imports.motion_start import motion_times
+from strandcast.records.joint_log import JointLog
+from strandcast.records.motion import Motion, Robot, Start, points_of
+
+START_S = 3.217
+NAMES = ["joint_1", "joint_2", "joint_3"]
+
+
+@pytest.fixture(scope="module")
+def arm(project_root):
+    return load_arm(project_root / "config" / "arms" / "planar3.toml")
+
+
+def swing(arm) -> Motion:
+    time_s = np.arange(201) * 0.002
+    share = (time_s / 0.4)[:, None]
+    q = np.array([0.3, -0.6, -0.5]) + np.array([0.7, 0.9, 0.8]) * share**3 * (10 - 15 * share + 6 * share**2)
+    qd = np.gradient(q, time_s, axis=0)
+    return Motion(
+        experiment="e",
+        trial=1,
+        target_m=[0.5, 0.5],
+        robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
+        joint_names=NAMES,
+        start=Start(positions_rad=q[0].tolist(), tolerance_rad=[0.01] * 3),
+        bezier=None,
+        points=points_of(np.round(time_s * 1e9).astype(int), q, qd, np.gradient(qd, time_s, axis=0)),
+        predicted=None,
+        provenance=None,
+    )
+
+
+def log_of(arm, motion: Motion, commanded: bool) -> JointLog:
+    """Return a log with a slow approach before the throw, as a real one has."""
+    time_s = np.arange(2500) * 0.002 + 0.0007
+    told = np.stack(
+        [np.interp(time_s - START_S, motion.time_s(), joint) for joint in motion.joints()[0].T], axis=1
+    )
+    told -= 0.5 * np.clip(1.0 - time_s, 0.0, 1.0)[:, None]
+    q = respond(arm.servo, time_s, told) + np.random.default_rng(0).normal(0.0, 5e-4, told.shape)
+    nothing = np.full_like(q, np.nan)
+    return JointLog(
+        NAMES,
+        time_s,
+        q,
+        nothing,
+        told if commanded else nothing,
+        nothing,
+        np.full(2500, np.nan),
+        np.zeros(2500, np.int32),
+    )
+
+
+@pytest.mark.parametrize("commanded", [True, False])
+def test_the_start_is_found_after_an_approach(arm, commanded):
+    motion = swing(arm)
+    start_s, end_s = motion_times(log_of(arm, motion, commanded), motion, arm)
+    assert start_s == pytest.approx(START_S, abs=5e-4)
+    assert end_s == pytest.approx(START_S + 0.4, abs=5e-4)
+
+
+def test_the_log_of_another_throw_is_refused(arm):
+    motion = swing(arm)
+    log = log_of(arm, motion, False)
+    log.q_rad[:, 1] *= -1
+    with pytest.raises(StrandcastError, match="SC-I031"):
+        motion_times(log, motion, arm)
