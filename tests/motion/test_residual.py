@@ -34,7 +34,8 @@ def played(task: Task, string: Strings, motion: Curve, trial: int) -> Earlier:
 @pytest.fixture(scope="module")
 def unlike(strings: Strings) -> Strings:
     one = strings.take([0])
-    return replace(one, masses=one.masses * 0.5, curl_rad_m=np.array([8.0]))
+    more_drag = one.parameters * np.where(np.arange(10) == 7, 10.0, 1.0)
+    return replace(one, parameters=more_drag, masses=one.masses * 0.5, curl_rad_m=np.array([3.0]))
 
 
 def test_the_same_motion_is_foreseen_exactly_with_every_string(

@@ -148,8 +148,22 @@ def draw_frame(background, hand, curves_px, thickness_px, level, tip_radius_px, 
 RATE_HZ, EXPOSURE_S = 500, 4e-4
 
 
-def film(path, length_m=0.3, frames=110, tip_radius_px=0.0, noise=2.5, thickness_px=2.0, level=35.0, seed=3):
-    """Write a video of a swing; returns hand poses (F, 3) and curves (F, K, 2), m, at mid exposure."""
+def cover(picture, curve_px, margin=12) -> None:
+    """Hide a string's outer four fifths (K, 2) behind a grey board, in place."""
+    outer = curve_px[len(curve_px) // 5 :]
+    left, top = np.maximum(outer.min(axis=0).astype(int) - margin, 0)
+    right, bottom = outer.max(axis=0).astype(int) + margin
+    picture[top:bottom, left:right] = 120
+
+
+def film(
+    path, length_m=0.3, frames=110, tip_radius_px=0.0, noise=2.5, thickness_px=2.0, level=35.0, seed=3,
+    hidden=(0, 0),
+):  # fmt: skip
+    """Write a video of a swing; returns hand poses (F, 3) and curves (F, K, 2), m, at mid exposure.
+
+    From the first to before the second frame of `hidden` the string is behind a board.
+    """
     rng = np.random.default_rng(seed)
     middle_s = np.arange(frames) / RATE_HZ
     instants = EXPOSURE_S * np.linspace(-0.4, 0.4, 5)
@@ -165,5 +179,7 @@ def film(path, length_m=0.3, frames=110, tip_radius_px=0.0, noise=2.5, thickness
         pictures.append(
             draw_frame(background, hands[f], inside, thickness_px, level, tip_radius_px, noise, rng)
         )
+        if hidden[0] <= f < hidden[1]:
+            cover(pictures[f], to_pixels(curves[f]))
     write_video(path, pictures, RATE_HZ)
     return hands, curves

@@ -12,6 +12,8 @@ from strandcast.tracking.picture import Looks, Picture
 from strandcast.tracking.pixelmap import tabulate
 from strandcast.tracking.tip import ball_centre, end_of_string
 
+SEEN = np.array([np.inf, np.inf])  # before every background
+
 
 def picture(scene, end_m, ball_px=0.0, arm=False):
     background = np.full((scene.HEIGHT, scene.WIDTH), 180.0, np.float32)
@@ -34,8 +36,8 @@ def test_end_is_found_along_the_string(scene, beyond_m):
     heading = np.full(34, -np.pi / 2)
     nodes = place_nodes(np.array([0.0, 0.1]), heading, 0.2 / 34)
     end_m, half_px = end_of_string(
-        image, background, nodes, heading, 100.0, -1.0, 0.018, pixels.metre_per_pixel, pixels.origin_m,
-        pixels.step_m, pixels.uv,
+        image, background, nodes, heading, 100.0, -1.0, SEEN, 0.018, pixels.metre_per_pixel,
+        pixels.origin_m, pixels.step_m, pixels.uv,
     )  # fmt: skip
     round_end_m = 1.0 * pixels.metre_per_pixel  # half of the drawn line's width
     assert end_m == pytest.approx(beyond_m + round_end_m, abs=0.0007)
@@ -48,10 +50,28 @@ def test_a_string_that_goes_on_has_no_end(scene):
     heading = np.full(34, -np.pi / 2)
     nodes = place_nodes(np.array([0.0, 0.1]), heading, 0.2 / 34)
     end_m, _ = end_of_string(
-        image, background, nodes, heading, 100.0, -1.0, 0.018, pixels.metre_per_pixel, pixels.origin_m,
-        pixels.step_m, pixels.uv,
+        image, background, nodes, heading, 100.0, -1.0, SEEN, 0.018, pixels.metre_per_pixel,
+        pixels.origin_m, pixels.step_m, pixels.uv,
     )  # fmt: skip
     assert np.isnan(end_m)
+
+
+def test_an_end_before_what_is_like_the_string_is_not_clear(scene):
+    pixels = tabulate(scene.flat_camera(), 0.0)
+    image, background = picture(scene, -0.1)
+    end_row = round(scene.to_pixels(np.array([0.0, -0.1]))[1])
+    image[end_row - 2 :], background[end_row - 2 :] = 60.0, 60.0
+    heading = np.full(34, -np.pi / 2)
+    nodes = place_nodes(np.array([0.0, 0.1]), heading, 0.2 / 34)
+    where = (pixels.metre_per_pixel, pixels.origin_m, pixels.step_m, pixels.uv)
+    blind = Looks(half_m=0.001, contrast=100.0, polarity=-1.0, level=60.0).blind
+    np.testing.assert_allclose(blind, [-np.inf, 100.0])
+    ends = [
+        end_of_string(image, background, nodes, heading, 100.0, -1.0, levels, 0.018, *where)[0]
+        for levels in (SEEN, blind)
+    ]
+    assert np.isfinite(ends[0])
+    assert np.isnan(ends[1])
 
 
 @pytest.mark.parametrize("arm", [False, True])

@@ -20,6 +20,8 @@ START_COST = 10.0
 # What the model gets wrong grows with time.
 LATE_COST_M_S = 0.01
 LIMIT_COST_M = 1.0
+# More than any miss can gain: what may not be is never better than what may.
+FORBIDDEN_M = 10.0
 EFFORT_COST_M_S_RAD = 0.0008
 
 
@@ -41,10 +43,12 @@ def throw_cost(assessment: Assessment, strings: int, step_s: float) -> np.ndarra
 
 def motion_cost(task: Task, motion: Samples) -> float:
     """Return the price of breaking the arm's limits, and a small one of fast joints [m]."""
-    effort = np.sqrt(np.mean(motion.qd**2))
-    return LIMIT_COST_M * excess(task.arm.limits, motion, task.step_s) + EFFORT_COST_M_S_RAD * float(effort)
+    over = excess(task.arm.limits, motion, task.step_s)
+    effort = float(np.sqrt(np.mean(motion.qd**2)))
+    return FORBIDDEN_M * (over > 0.0) + LIMIT_COST_M * over + EFFORT_COST_M_S_RAD * effort
 
 
 def start_cost(task: Task, postures_rad: np.ndarray, clearance_m: float) -> np.ndarray:
     """Return (P,) the price of a string that hangs over the arm or out of the box at the start [m]."""
-    return START_COST * start_blame(task.arm, task.model.length_m, task.box(), clearance_m, postures_rad)
+    blame = start_blame(task.arm, task.model.length_m, task.box(), clearance_m, postures_rad)
+    return np.where(blame > 0.0, FORBIDDEN_M + START_COST * blame, 0.0)

@@ -8,7 +8,8 @@ import numpy as np
 
 from strandcast.records.track import OCCLUDED, UNSURE
 from strandcast.tracking.chain import place_nodes
-from strandcast.tracking.follow import CLEAR, GOOD, Fit, point_sigmas
+from strandcast.tracking.follow import GOOD, Fit, point_sigmas
+from strandcast.tracking.one_look import CLEAR
 from strandcast.tracking.picture import Picture
 from strandcast.tracking.pixelmap import to_pixel
 
@@ -63,8 +64,8 @@ def judge(fit: Fit, hand: np.ndarray, every: int, picture: Picture) -> FrameResu
 def near_fold(fit: Fit, every: int) -> np.ndarray:
     """Tell which points (n,) may have slid along the string.
 
-    A fold that is tighter than the chain's links is cut short, and its length goes to its neighbours. Where the
-    string's end is not seen, nothing says how much.
+    A fold that is tighter than the chain's links is cut short, and its length goes to its neighbours. Where
+    the string's end is not seen, nothing says how much.
     """
     bend = np.abs(fit.heading[2:] - fit.heading[:-2])
     folds = 1 + np.flatnonzero(bend > FOLD_RAD)

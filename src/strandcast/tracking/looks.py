@@ -19,7 +19,7 @@ FIRST_REACH_M = 0.045  # from the tip to the visible end: a ball's radius and an
 FOUND = 0.35  # mean reward of a way that is the string
 BALL_TIMES = 1.6  # wider than this, in the string's own widths and a pixel more, is a ball at the tip
 LARGEST_CORRECTION = 0.03  # of the length, by the string's visible end
-OPEN_SHARE = 0.93  # of the most open frame's open share, from which a frame teaches the length
+OPEN_SHARE = 0.9  # of the most open frame's open share, from which a frame teaches the length
 ONE_SENSE = 0.9  # of the string must be brighter than the background to be a bright string
 TEACHERS = 3  # frames with a clear end that a length is taken from, at least
 
@@ -139,7 +139,7 @@ def learn_looks(sightings: list[Sighting], length_m: float, pixel_m: float) -> L
         return Lesson(
             replace(looks, tip_excess_m=looks.half_m),
             length_m,
-            [f"the string's end is clear in {len(clear)} frames of {len(sightings)}: its length is the file's"],
+            [f"the string's end is clear in {len(clear)} of {len(sightings)} frames: its length is as given"],
             len(clear),
         )  # fmt: skip
     half_m = float(np.median([s.end_half_m for s in clear]))

@@ -12,7 +12,7 @@ from strandcast.tracking.follower import WORSE, Follower, Moment, Sight
 from strandcast.tracking.looks import Sighting, sight
 from strandcast.tracking.result import StringHint
 
-SURVEYED = 18  # frames that are searched for the string on their own
+SURVEYED = 24  # frames that are searched for the string on their own
 ANCHORS = 4  # of the best of them are tried as the start
 BETTER = 0.02  # a second look's fit must be, to be taken
 

@@ -66,11 +66,10 @@ def end_of_string(
     step: float,
     uv: np.ndarray,
 ) -> tuple[float, float]:
-    """Return how far beyond the tip the string ends (m, negative before it), and its largest half width near there
-    (px).
+    """Return how far beyond the tip the string ends (m, negative before it), and its half width (px).
 
     Walks along the chain's end and straight on, until the picture is the background again; NaN where that is
-    not within `reach_m` of the tip, or not clear.
+    not within `reach_m` of the tip, or not clear. The width is the largest near the end.
     """
     pitch_m = ALONG_PX * metre_per_pixel
     places, normals, before = walk_past_tip(nodes, heading, reach_m, pitch_m)

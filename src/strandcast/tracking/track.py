@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +11,17 @@ from strandcast.errors import StrandcastError
 from strandcast.progress import Progress
 from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
-from strandcast.records.track import PREDICTED
 from strandcast.tracking.background import Samples, learn_background
 from strandcast.tracking.counts import check_count, check_size
 from strandcast.tracking.crops import Crops
+from strandcast.tracking.follow import Fit
 from strandcast.tracking.follower import Follower, Sight
 from strandcast.tracking.hand import HandFinder, HandMarker, HandSighting, box_around
+from strandcast.tracking.hand_path import HandPath, bridge_hand
 from strandcast.tracking.judge import FrameResult, judge
+from strandcast.tracking.jumps import doubt_jumps
 from strandcast.tracking.looks import learn_looks
-from strandcast.tracking.passes import chain_of, follow, survey
+from strandcast.tracking.passes import Look, chain_of, follow, survey
 from strandcast.tracking.picture import Picture
 from strandcast.tracking.pixelmap import tabulate
 from strandcast.tracking.result import StringHint, Tracked, as_columns
@@ -31,7 +32,6 @@ from strandcast.video.reader import open_video
 CROP_LENGTHS = 1.25  # around the hand, in lengths of the string
 POLARITIES = {"bright": 1.0, "dark": -1.0, "auto": None}
 EXPOSURE_SHARE = 0.2  # of the frame interval, where the exposure is not given
-LONGEST_BRIDGE = 10  # frames over which a hand that was not seen is bridged
 
 
 def track_video(
@@ -81,30 +81,17 @@ def track_video(
         scene = decode(path, facts, finder, crops, background_frames)
         check_hand(scene.hands, finder, path)
         hand = bridge_hand(time_s, scene.hands)
-        box = box_around(markers)
-
-        def look(index: int) -> Sight | None:
-            view = crops.view(index, scene.background)
-            if view is None or not np.isfinite(hand.pose[index]).all():
-                return None
-            return Sight(
-                Picture(view.image, view.background, view.pixels, box), time_s[index], hand.pose[index]
-            )
-
-        seen = np.flatnonzero(hand.flags == 0)
-        sightings = survey(look, seen, string, POLARITIES[polarity])
+        look = looker(crops, scene.background, hand, time_s, box_around(markers))
+        sightings = survey(look, np.flatnonzero(hand.flags == 0), string, POLARITIES[polarity])
         if not sightings:
             raise StrandcastError(
                 "SC-T004", "no string is seen to leave the hand in any frame", file=path,
-                fix="check the clamp's place and angle in the arm's file, and that the string moves")  # fmt: skip
+                fix="check the clamp's place and angle in the arm's file, and the string")  # fmt: skip
         lesson = learn_looks(sightings, string.length_m, pixels.metre_per_pixel)
         links, every = chain_of(string)
         follower = Follower(links, lesson.length_m / links, lesson.looks, exposure_s)
         fits = follow(look, len(scene.hands), sightings, follower)
-        results = [
-            None if fit is None else judge(fit, hand.pose[k], every, look(k).picture)
-            for k, fit in enumerate(fits)
-        ]
+        results = [judge_frame(look(index), fit, every) for index, fit in enumerate(fits)]
     tracked = collect(time_s, hand, results, string.points)
     tracked.markers = marker_columns(finder, scene.hands, time_s)
     instants = choose_instants(np.asarray(scene.samples.indices), tracked.points_m)
@@ -126,6 +113,24 @@ def track_video(
     }
     tracked.warnings += lesson.warnings + [f"decoder: {text}" for text in sorted(set(scene.messages))[:5]]
     return tracked
+
+
+def looker(crops: Crops, background: np.ndarray, hand: HandPath, time_s: np.ndarray, box: np.ndarray) -> Look:
+    """Return the function that gives each frame as the string is looked for, None where there is no hand."""
+
+    def look(index: int) -> Sight | None:
+        view = crops.view(index, background)
+        if view is None or not np.isfinite(hand.pose[index]).all():
+            return None
+        picture = Picture(view.image, view.background, view.pixels, box)
+        return Sight(picture, time_s[index], hand.pose[index])
+
+    return look
+
+
+def judge_frame(sight: Sight | None, fit: Fit | None, every: int) -> FrameResult | None:
+    """Return the mass points of a frame, None where the string was not found."""
+    return None if sight is None or fit is None else judge(fit, sight.hand, every, sight.picture)
 
 
 @dataclass(frozen=True)
@@ -154,7 +159,7 @@ class Scene:
 def decode(
     path: str | Path, facts: VideoFacts, finder: HandFinder, crops: Crops, background_frames: int
 ) -> Scene:
-    """Make the one decoding pass: find the hand, keep a crop around it of each frame, learn the background."""
+    """Make the one decoding pass: find the hand, keep a crop around it, learn the background."""
     hands: list[HandSighting | None] = []
     tell = Progress("track: frames", total=facts.packets)
     with open_video(path) as video:
@@ -178,36 +183,6 @@ def check_hand(hands: list[HandSighting | None], finder: HandFinder, path: str |
             field="markers", fix="check ids, dictionary and that the picture is not mirrored")  # fmt: skip
 
 
-@dataclass(frozen=True)
-class HandPath:
-    """The hand frame by frame: pose (F, 3) (NaN where not known), sigma (F,) (m) and flags (F,)."""
-
-    pose: np.ndarray
-    sigma_m: np.ndarray
-    flags: np.ndarray
-
-
-def bridge_hand(time_s: np.ndarray, hands: list[HandSighting | None]) -> HandPath:
-    """Return the hand's path; short gaps are filled by straight lines and flagged as predicted."""
-    pose = np.full((len(hands), 3), np.nan)
-    sigma = np.full(len(hands), np.nan)
-    flags = np.full(len(hands), PREDICTED, dtype=np.int32)
-    for index, hand in enumerate(hands):
-        if hand is not None:
-            pose[index], sigma[index], flags[index] = hand.pose, hand.sigma_m, 0
-    seen = np.flatnonzero(flags == 0)
-    pose[seen, 2] = np.unwrap(pose[seen, 2])
-    for left, right in pairwise(seen.tolist()):
-        if not 1 < right - left <= LONGEST_BRIDGE:
-            continue
-        inside = np.arange(left + 1, right)
-        for axis in range(3):
-            pose[inside, axis] = np.interp(time_s[inside], time_s[[left, right]], pose[[left, right], axis])
-        step_m = float(np.linalg.norm(pose[right, :2] - pose[left, :2])) / (right - left)
-        sigma[inside] = max(sigma[left], sigma[right]) + 0.25 * step_m
-    return HandPath(pose, sigma, flags)
-
-
 def collect(time_s: np.ndarray, hand: HandPath, results: list[FrameResult | None], points: int) -> Tracked:
     """Put the frames' results into arrays."""
     count = len(results)
@@ -222,6 +197,7 @@ def collect(time_s: np.ndarray, hand: HandPath, results: list[FrameResult | None
                 result.sigma_m,
                 result.flags,
             )
+    doubt_jumps(places, sigma, flags)
     return Tracked(time_s, places, sigma, flags, {}, np.zeros((1, 1, 3), np.uint8), count, {})
 
 
