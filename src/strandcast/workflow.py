@@ -9,7 +9,21 @@ import sys
 from pathlib import Path
 
 from strandcast.errors import ENVIRONMENT, StrandcastError
+from strandcast.experiment import find_experiment
 from strandcast.records.summary import Summary
+
+SMALL_TALK = (
+    *(
+        "Using workflow specific profile",
+        "Assuming unrestricted",
+        "Building DAG",
+        "Using shell",
+        "Singularity",
+    ),
+    *("Select jobs", "Execute ", "Complete log", "Elapsed time", "DAG of jobs will be updated"),
+)
+LOCKED = """Another run works in this folder, or one was killed here.
+        Fix: wait for it; if there is none: snakemake --unlock"""
 
 
 def command(experiments: list[str], cores: int) -> list[str]:
@@ -34,16 +48,30 @@ def run_experiments(root: Path, experiments: list[str], cores: int) -> int:
             fix="change to the folder that strandcast was cloned into",
             exit_code=ENVIRONMENT,
         )
-    line = command(experiments, cores)
-    print(shlex.join(line), file=sys.stderr, flush=True)
-    # Snakemake lies beside the Python that runs this.
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
-    code = subprocess.run(line, cwd=root, env=os.environ | {"PATH": path}, check=False).returncode
+    for name in experiments:
+        find_experiment(name, root)
+    code = _run(command(experiments, cores), root)
     for name in experiments or own_experiments(root):
         summary = root / "results" / name / "summary.json"
         if code == 0 and summary.is_file():
             print(table(Summary.read(summary), root / "results" / name / "report.html"))
     return code
+
+
+def _run(line: list[str], root: Path) -> int:
+    """Run Snakemake, passing on what it says but for its small talk; returns the exit code."""
+    print(shlex.join(line), file=sys.stderr, flush=True)
+    # Snakemake lies beside the Python that runs this.
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
+    environment = os.environ | {"PATH": path}
+    with subprocess.Popen(line, cwd=root, env=environment, stderr=subprocess.PIPE, text=True) as snakemake:
+        assert snakemake.stderr is not None
+        for words in snakemake.stderr:
+            if words.strip() and not words.startswith(SMALL_TALK):
+                print(words, end="", file=sys.stderr, flush=True)
+            if words.startswith("LockException"):
+                print(LOCKED, file=sys.stderr, flush=True)
+    return snakemake.returncode
 
 
 def table(summary: Summary, page: Path) -> str:
