@@ -20,7 +20,14 @@ SMALL_TALK = (
         "Using shell",
         "Singularity",
     ),
-    *("Select jobs", "Execute ", "Complete log", "Elapsed time", "DAG of jobs will be updated"),
+    *(
+        "Select jobs",
+        "Execute ",
+        "Complete log",
+        "Elapsed time",
+        "DAG of jobs will be updated",
+        "Updating checkpoint",
+    ),
 )
 LOCKED = """Another run works in this folder, or one was killed here.
         Fix: wait for it; if there is none: snakemake --unlock"""

@@ -223,10 +223,7 @@ def trial_results(wildcards):
     # What was not thrown by a motion of ours cannot be planned on.
     planned = not supplied or played_motions(name, [number])
     next_motion = results_of(name, [number + 1], "motion.json") if planned else []
-    truth = (
-        results_of(name, [number], "lab_truth.parquet") if experiment(name).lab else []
-    )
-    filmed = filmed + truth
+    filmed += ["lab_truth.parquet"] if experiment(name).lab else []
     return results_of(name, [number], *TRIAL_FILES, *filmed) + camera + next_motion
 
 
