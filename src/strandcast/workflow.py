@@ -10,6 +10,7 @@ from pathlib import Path
 
 from strandcast.errors import ENVIRONMENT, StrandcastError
 from strandcast.experiment import find_experiment
+from strandcast.layout import trial_name
 from strandcast.records.summary import Summary
 
 SMALL_TALK = (
@@ -62,6 +63,8 @@ def run_experiments(root: Path, experiments: list[str], cores: int) -> int:
         summary = root / "results" / name / "summary.json"
         if code == 0 and summary.is_file():
             print(table(Summary.read(summary), root / "results" / name / "report.html"))
+            films = sorted((root / "data" / name).glob("trial-*/video.*"))
+            print("".join(f"  film:   {film}\n" for film in films), end="")
     return code
 
 
@@ -92,5 +95,8 @@ def table(summary: Summary, page: Path) -> str:
         verdict = "HIT " if trial.hit else "miss"
         fit = "" if trial.E_m is None else f", E {1000 * trial.E_m:.1f} mm"
         lines.append(f"  trial {trial.trial}: {verdict} {miss}{fit}")
+    if summary.next_motion_sha256 is not None:
+        following = trial_name(summary.trials[-1].trial + 1 if summary.trials else 1)
+        lines.append(f"  next:   {page.parent / following / 'motion.json'}")
     lines.append(f"  report: {page}")
     return "\n".join(lines)

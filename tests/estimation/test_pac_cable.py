@@ -9,12 +9,13 @@ import pytest
 
 from strandcast.estimation.estimate import estimate
 from strandcast.estimation.evaluation import distances, tip_error
-from strandcast.estimation.motion_capture import throw_from_markers
 from strandcast.estimation.objective import play
 from strandcast.estimation.settings import FitSettings
 from strandcast.estimation.throw import prepare
 from strandcast.string.masses import mass_layout
 from strandcast.string.model import StringModel
+
+from .motion_capture import throw_from_markers
 
 RANGES = {
     "k_s": (1e4, 1e7),

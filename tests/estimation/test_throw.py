@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError
-from strandcast.estimation.motion_capture import throw_from_markers
 from strandcast.estimation.throw import Throw, complete, motion_start_s, prepare
+
+from .motion_capture import throw_from_markers
 
 PLACES = np.linspace(0.0, 0.3, 11)
 TIME_S = np.arange(0.0, 0.6, 0.002)

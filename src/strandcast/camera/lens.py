@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -195,12 +196,24 @@ def _smallest_sufficient(used: list[_Corners], size: tuple[int, int], models: li
     return min(fits, key=lambda fit: numbers * np.log(fit.rms_px**2) + 2 * MODELS[fit.model][1])
 
 
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Hold OpenCV to one thread: its threads add in an order of their own, and the last digits differ."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+
+
 def _fit(used: list[_Corners], size: tuple[int, int], model: str) -> _Fit:
     board_m = [corners.board_m.astype(np.float32) for corners in used]
     picture_px = [corners.picture_px.astype(np.float32) for corners in used]
-    rms, matrix, distortion, turns, shifts, errors, *_ = cv2.calibrateCameraExtended(
-        board_m, picture_px, size, None, None, flags=MODELS[model][0]
-    )
+    with _one_thread():
+        rms, matrix, distortion, turns, shifts, errors, *_ = cv2.calibrateCameraExtended(
+            board_m, picture_px, size, None, None, flags=MODELS[model][0]
+        )
     residuals = []
     for corners, turn, shift in zip(used, turns, shifts, strict=True):
         projected, _ = cv2.projectPoints(corners.board_m, turn, shift, matrix, distortion)

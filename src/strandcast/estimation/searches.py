@@ -13,8 +13,6 @@ import numpy as np
 from strandcast.estimation.evaluation import Array
 from strandcast.estimation.objective import Ledger
 
-SEARCHES = ("cma", "paper")
-
 
 def paper(
     ledger: Ledger,

@@ -53,7 +53,7 @@ class Space:
     Attributes
     ----------
     names
-        d names: the ten parameters, ``mass_1``… for the free masses, then the options in use.
+        d names: the ten parameters, ``weight_1``… for the free masses, then the options in use.
     bounds
         (d, 2) lower and upper values.
     layout
@@ -125,5 +125,5 @@ def make_space(
 ) -> Space:
     """Box of the ten parameters, the layout's free masses and the `options` (name to bounds)."""
     masses = [mass_range] * layout.count
-    names = (*PARAMETERS, *(f"mass_{k + 1}" for k in range(layout.count)), *options)
+    names = (*PARAMETERS, *(f"weight_{k + 1}" for k in range(layout.count)), *options)
     return Space(names, np.vstack([ranges, *masses, *options.values()]), layout)

@@ -74,8 +74,7 @@ def thread_of(experiment: Experiment) -> Thread:
     Raises
     ------
     StrandcastError
-        SC-L001 not a lab experiment, SC-L002 unknown string, SC-L003 the string has another length than
-        the experiment says.
+        SC-L001 not a lab experiment, SC-L003 the string has another length than the experiment says.
     """
     if experiment.lab is None:
         raise StrandcastError(
@@ -89,13 +88,6 @@ def thread_of(experiment: Experiment) -> Thread:
         weights = tuple((w.place_m, CLAY_KG if w.mass_kg is None else w.mass_kg) for w in known.weights)
         pipes = tuple((s.from_m, s.to_m, PIPE_KG) for s in known.stiff_sections)
         return Thread(known.length_m, **chosen.model_dump(), weights=weights, pipes=pipes)
-    if chosen not in PAPER_STRINGS:
-        raise StrandcastError(
-            "SC-L002",
-            f"there is no string {chosen!r}",
-            field="lab.string",
-            fix=f"use one of {', '.join(PAPER_STRINGS)}, or give values",
-        )
     thread = PAPER_STRINGS[chosen]
     if abs(thread.length_m - known.length_m) > TOLERANCE_M:
         raise StrandcastError(

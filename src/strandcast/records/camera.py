@@ -54,3 +54,7 @@ class Camera(Record):
     scale_m_per_px: float  # at the middle of the plane's markers
     source: str  # "markers", "arc" (known length of a pendulum) or "given"
     warnings: list[str] = []
+    # Where the scale comes from a pendulum's arc: its radius and half its angle.
+    arc_radius_px: float | None = None
+    arc_radius_sigma_px: float | None = None
+    arc_half_angle_rad: float | None = None

@@ -19,7 +19,7 @@ def run(root: Path, name: str, trials: list[int] | None = None) -> None:
     for number in set(numbers) - set(_with_results(results)):
         raise no_such_trial(context, number)
     folders = {number: context.folder.trial(number).results for number in numbers}
-    next_motion = next_motion_of(context, numbers[-1]) if numbers else None
+    next_motion = next_motion_of(context, numbers[-1] if numbers else 0)
     summary = summarise(
         name,
         folders,

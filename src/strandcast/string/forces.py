@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 from strandcast.string.parameters import Array
@@ -199,8 +198,3 @@ def _bend_moment(
     force[i + 1, 1] -= after * bx
     force[i, 0] -= before * ay + after * by
     force[i, 1] += before * ax + after * bx
-
-
-def work_arrays(n: int) -> tuple[Array, Array, Array]:
-    """Empty `seg`, `joint` and `force` for n points."""
-    return np.empty((n, SEGMENT_COLUMNS)), np.empty((n, 2)), np.empty((n + 1, 2))

@@ -75,14 +75,3 @@ class StringModel:
     def switch(self) -> float:
         """Half-width of the blend between h and sh, in the reading's own unit."""
         return _SWITCH_WIDTH[self.reading] if self.switch_width is None else self.switch_width
-
-
-def stiffened(
-    length_m: float, points: int, sections_m: list[tuple[float, float]], factor: float
-) -> tuple[float, ...]:
-    """Bend factors with the joints inside stiff sections multiplied by `factor` (not the paper's way)."""
-    places = np.arange(points) * (length_m / points)
-    inside = np.zeros(points, dtype=bool)
-    for start_m, end_m in sections_m:
-        inside |= (places >= start_m) & (places <= end_m)
-    return tuple(float(value) for value in np.where(inside, factor, 1.0))

@@ -62,8 +62,6 @@ RANGES: dict[str, Array] = {"paper": np.array(_TABLE_2), "wide": np.array(_WIDE)
 MASS_RANGE: dict[str, tuple[float, float]] = {"paper": (1.0, 20.0), "wide": (0.1, 800.0)}
 """Relative masses. The paper prints no range; its Table 4 shows values from 1 to 20."""
 
-STARTS = ("minima", "random", "ensemble")
-
 
 class StringDraw(NamedTuple):
     """Strings to start from.

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
+from strandcast.camera.flat import flat_camera
 from strandcast.errors import StrandcastError
-from strandcast.records.camera import Camera, Lens
+from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
 from strandcast.tracking.ball import follow_ball
 
-FOCAL_WIDTHS = 10.0  # the camera is taken as far away: a long focal length, no distortion
 LEAST_SWING_RAD = 0.02  # half of the arc; less does not tell its radius
 WORST_SHARE = 0.1  # standard error of the radius over the radius
 
@@ -84,27 +84,13 @@ def calibrate_arc(
 
 def arc_camera(arc: Arc, facts: VideoFacts, length_m: float) -> Camera:
     """Return the distant camera that sees the pivot at the arc's centre and the length as its radius."""
-    scale = length_m / arc.radius_px
-    focal = FOCAL_WIDTHS * facts.width_px
-    middle = np.array([(facts.width_px - 1) / 2, (facts.height_px - 1) / 2])
-    x_m, y_m = (arc.centre_px - middle) * scale
-    lens = Lens(
-        width_px=facts.width_px,
-        height_px=facts.height_px,
-        matrix=[[focal, 0.0, middle[0]], [0.0, focal, middle[1]], [0.0, 0.0, 1.0]],
-        distortion=[0.0] * 5,
-        rms_px=arc.rms_px,
-    )
-    return Camera(
-        lens=lens,
-        rotation=[[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]],
-        translation_m=[float(x_m), float(y_m), focal * scale],
-        plane_rms_px=arc.rms_px,
-        plane_markers=[],
-        string_offset_m=0.0,
-        scale_m_per_px=scale,
-        source="arc",
-        arc_radius_px=arc.radius_px,
-        arc_radius_sigma_px=arc.radius_sigma_px,
-        arc_half_angle_rad=arc.half_angle_rad,
+    centre_px = (float(arc.centre_px[0]), float(arc.centre_px[1]))
+    camera = flat_camera(facts.width_px, facts.height_px, length_m / arc.radius_px, centre_px, source="arc")
+    return camera.model_copy(
+        update={
+            "plane_rms_px": arc.rms_px,
+            "arc_radius_px": arc.radius_px,
+            "arc_radius_sigma_px": arc.radius_sigma_px,
+            "arc_half_angle_rad": arc.half_angle_rad,
+        }
     )
