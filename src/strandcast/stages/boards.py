@@ -6,7 +6,7 @@ from pathlib import Path
 
 from strandcast.arm.load import load_arm
 from strandcast.camera.boards import write_charuco, write_markers
-from strandcast.camera.markers import CharucoBoard
+from strandcast.stages.calibrate import charuco_of
 from strandcast.stages.context import context_of
 
 
@@ -15,11 +15,7 @@ def run(root: Path, name: str, out: Path, suffix: str) -> list[Path]:
     context = context_of(root, name)
     camera = context.settings.camera
     arm = load_arm(context.arm_file)
-    board = camera.board
-    charuco = CharucoBoard(
-        board.squares_x, board.squares_y, board.square_m, board.marker_m, board.dictionary, board.legacy
-    )
-    written = write_charuco(charuco, out / f"lens-board.{suffix}", f"{name}: lens")
+    written = write_charuco(charuco_of(camera), out / f"lens-board.{suffix}", f"{name}: lens")
     ids = [marker.id for marker in camera.plane.markers]
     if ids:
         plane = out / f"plane-markers.{suffix}"

@@ -36,7 +36,7 @@ def run(root: Path, name: str) -> None:
             field="camera.lens_photos",
             fix="take 10 photos of the ChArUco board, all over the picture (`strandcast boards` prints it)",
         )
-    lens = calibrate_lens(photos, _board(camera))
+    lens = calibrate_lens(photos, charuco_of(camera))
     plane = folder / camera.plane_photo
     plane_from_markers(
         _photo(plane),
@@ -68,7 +68,8 @@ def _photo(path: Path) -> np.ndarray:
     return np.asarray(grey)
 
 
-def _board(camera: CameraSettings) -> CharucoBoard:
+def charuco_of(camera: CameraSettings) -> CharucoBoard:
+    """Return the board of the lens photos."""
     board = camera.board
     return CharucoBoard(
         board.squares_x, board.squares_y, board.square_m, board.marker_m, board.dictionary, board.legacy

@@ -27,11 +27,11 @@ from strandcast.records.estimate import (
 from strandcast.records.files import sha256_file
 from strandcast.records.motion import Motion, StringSet
 from strandcast.records.summary import AFTER_MOTION_S
-from strandcast.records.tables import read_table, write_table
+from strandcast.records.tables import write_table
 from strandcast.records.track import UNSURE
 from strandcast.seeds import rng, seed_of
 from strandcast.stages.context import Context, context_of
-from strandcast.stages.trials import Trial, read_trial, servo_of, string_model
+from strandcast.stages.trials import Trial, read_members, read_trial, servo_of, string_model
 from strandcast.string.masses import MassLayout
 from strandcast.string.model import StringModel
 from strandcast.string.parameters import PARAMETERS, UNITS
@@ -149,24 +149,6 @@ def _previous(context: Context, earlier: list[int], layout: MassLayout) -> Strin
     if not earlier:
         return None
     return read_members(context.folder.trial(earlier[-1]).results / "ensemble.parquet", layout)
-
-
-def read_members(path: Path, layout: MassLayout) -> Strings:
-    """Read an ensemble as a batch of strings."""
-    rows = read_table(path, ENSEMBLE)
-    points = sum(name.startswith("mass_") for name in rows)
-
-    def columns(stem: str, count: int) -> np.ndarray:
-        values = [rows[f"{stem}_{k + 1}"] for k in range(count)]
-        return np.array(values).reshape(count, -1).T if count else np.zeros((len(rows["member"]), 0))
-
-    return Strings(
-        np.array([rows[name] for name in PARAMETERS]).T,
-        columns("mass", points),
-        columns("weight", layout.count),
-        rows[CURL],
-        rows[CLAMP],
-    )
 
 
 def _members(fit: Fit) -> dict[str, np.ndarray]:

@@ -14,12 +14,11 @@ from strandcast.motion.plan import Plan, plan_first, plan_next
 from strandcast.motion.strings import Strings
 from strandcast.motion.task import Options, Task
 from strandcast.motion.write import to_record
-from strandcast.records.estimate import ENSEMBLE, Estimate, ServoFit
+from strandcast.records.estimate import Estimate, ServoFit
 from strandcast.records.files import sha256_file
-from strandcast.records.tables import read_table
 from strandcast.seeds import rng, seed_of
 from strandcast.stages.context import Context, context_of
-from strandcast.stages.trials import Trial, read_trial, string_model
+from strandcast.stages.trials import Trial, read_members, read_trial, string_model
 from strandcast.string.masses import MassLayout, point_masses
 from strandcast.string.parameters import PARAMETERS, StringDraw, ensemble, minima, random_strings
 
@@ -38,7 +37,7 @@ def run(root: Path, name: str, trial: int) -> None:
     earlier = context.counted_before(trial)
     if earlier:
         trials = [read_trial(context, number) for number in earlier]
-        plan = _next(context, task, trials, random)
+        plan = _next(context, task, layout, trials, random)
         parent = next((t.motion for t in trials if t.number == plan.parent_trial), None)
         start = None
     else:
@@ -103,12 +102,14 @@ def _start_strings(
     return Strings(draw.parameters, point_masses(layout, draw.weight_masses))
 
 
-def _next(context: Context, task: Task, trials: list[Trial], random: np.random.Generator) -> Plan:
+def _next(
+    context: Context, task: Task, layout: MassLayout, trials: list[Trial], random: np.random.Generator
+) -> Plan:
     folder = context.folder
     newest = Estimate.read(folder.trial(trials[-1].number).results / "estimate.json")
     return plan_next(
         task,
-        _fitted_strings(folder.trial(trials[-1].number).results / "ensemble.parquet"),
+        _fitted_strings(folder.trial(trials[-1].number).results / "ensemble.parquet", layout),
         [_earlier(trial, task.step_s) for trial in trials if trial.motion is not None],
         _options(context.settings),
         random,
@@ -117,11 +118,9 @@ def _next(context: Context, task: Task, trials: list[Trial], random: np.random.G
     )
 
 
-def _fitted_strings(path: Path) -> Strings:
-    rows = read_table(path, ENSEMBLE)
-    masses = [rows[f"mass_{k + 1}"] for k in range(sum(name.startswith("mass_") for name in rows))]
-    parameters = np.array([rows[name] for name in PARAMETERS]).T
-    return Strings(parameters, np.array(masses).T, rows["rest_curl_rad_m"], rows["clamp_offset_rad"])
+def _fitted_strings(path: Path, layout: MassLayout) -> Strings:
+    fitted = read_members(path, layout)
+    return Strings(fitted.parameters, fitted.masses, fitted.rest_curl_rad_m, fitted.clamp_offset_rad)
 
 
 def _earlier(trial: Trial, step_s: float) -> Earlier:

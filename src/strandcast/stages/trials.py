@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from strandcast.arm.load import Arm
 from strandcast.arm.servo import Servo, identify
+from strandcast.estimation.space import CLAMP, CURL, Strings
 from strandcast.records.alignment import Alignment, read_hand
+from strandcast.records.estimate import ENSEMBLE
 from strandcast.records.joint_log import JointLog, read_run
 from strandcast.records.motion import Motion
 from strandcast.records.summary import AFTER_MOTION_S, Verdict
+from strandcast.records.tables import read_table
 from strandcast.records.track import Track, read_track
 from strandcast.stages.context import Context, free_length_m
 from strandcast.string.masses import MassLayout, mass_layout
 from strandcast.string.model import StringModel
+from strandcast.string.parameters import PARAMETERS
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +55,24 @@ def read_trial(context: Context, number: int) -> Trial:
         hand_pose,
         Motion.read(played) if played else None,
         read_run(folder.data)[1] if (folder.data / "run.json").is_file() else None,
+    )
+
+
+def read_members(path: Path, layout: MassLayout) -> Strings:
+    """Read an ensemble as a batch of strings."""
+    rows = read_table(path, ENSEMBLE)
+    points = sum(name.startswith("mass_") for name in rows)
+
+    def columns(stem: str, count: int) -> np.ndarray:
+        values = [rows[f"{stem}_{k + 1}"] for k in range(count)]
+        return np.array(values).reshape(count, -1).T if count else np.zeros((len(rows["member"]), 0))
+
+    return Strings(
+        np.array([rows[name] for name in PARAMETERS]).T,
+        columns("mass", points),
+        columns("weight", layout.count),
+        rows[CURL],
+        rows[CLAMP],
     )
 
 
