@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from strandcast.tracking.follow import Fit
-from strandcast.tracking.looks import Sighting, learn_looks, width_at_half
-from strandcast.tracking.picture import Looks
+from strandcast.tracking.looks import Sighting, learn_looks, level_at, levels_at, width_at_half
+from strandcast.tracking.picture import Looks, Picture
+from strandcast.tracking.pixelmap import tabulate
+
+from . import scene
 
 
 def sighting(end_m, half_m=0.002, value=0.9, open_share=1.0):
@@ -48,3 +51,13 @@ def test_too_few_clear_ends_are_told():
 def test_width_is_read_between_samples():
     triangle = np.maximum(0.0, 10.0 - 2.0 * np.abs(np.arange(-24, 25)))
     assert width_at_half(triangle, 24) == pytest.approx(5.0)
+
+
+def test_places_out_of_the_picture_are_left_out():
+    image = np.full((scene.HEIGHT, scene.WIDTH), 90.0, np.float32)
+    picture = Picture(image, image - 20.0, tabulate(scene.flat_camera(), 0.0), np.zeros(4))
+    inside, outside = [0.0, 0.0], [[0.0, 9.0], [0.0, -9.0], [9.0, 0.0], [-9.0, 0.0]]
+    shown, behind = levels_at(picture, np.array([inside, *outside]))
+    assert (shown.tolist(), behind.tolist()) == ([90.0], [70.0])
+    assert level_at(picture, np.array(inside)) == 90.0
+    assert all(np.isnan(level_at(picture, np.array(place))) for place in outside)

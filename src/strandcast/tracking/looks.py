@@ -178,6 +178,8 @@ def _measure(picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks:
     score = line_score(level, difference, middle, looks.polarity)[good, half - 2 : half + 3].max(axis=1)
     contrast = max(float(np.median(score)), 0.5 * LEAST_CONTRAST)
     shown, behind = levels_at(picture, nodes[good])
+    if len(shown) < 5:
+        return looks
     brighter = float((shown > behind).mean())
     sense = 1.0 if brighter > ONE_SENSE else (-1.0 if brighter < 1 - ONE_SENSE else 0.0)
     return replace(looks, half_m=half_m, contrast=contrast, polarity=sense, level=float(np.median(shown)))
@@ -196,10 +198,13 @@ def width_at_half(profile: np.ndarray, middle: int) -> float:
 
 
 def levels_at(picture: Picture, places_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the grey levels of the picture and of the background at places (K, 2) (m)."""
+    """Return the grey levels of picture and background at places (K, 2) (m), those outside left out."""
     _, origin, step, uv = map_of(picture)
     pixels = np.array([to_pixel(x, y, origin, step, uv) for x, y in places_m])
     u, v = np.rint(pixels).astype(int).T
+    rows, columns = picture.image.shape
+    shown = (u >= 0) & (u < columns) & (v >= 0) & (v < rows)
+    u, v = u[shown], v[shown]
     return picture.image[v, u].astype(float), picture.background[v, u].astype(float)
 
 
@@ -207,5 +212,9 @@ def level_at(picture: Picture, place_m: np.ndarray) -> float:
     """Return the median grey level within two pixels of a place (2,) (m)."""
     _, origin, step, uv = map_of(picture)
     u, v = to_pixel(place_m[0], place_m[1], origin, step, uv)
-    around = picture.image[max(0, int(v) - 2) : int(v) + 3, max(0, int(u) - 2) : int(u) + 3]
+    rows, columns = (
+        slice(max(0, int(v) - 2), max(0, int(v) + 3)),
+        slice(max(0, int(u) - 2), max(0, int(u) + 3)),
+    )
+    around = picture.image[rows, columns]
     return float(np.median(around)) if around.size else float("nan")
