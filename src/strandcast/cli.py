@@ -9,9 +9,10 @@ from typing import Annotated, Any
 
 import typer
 
+from strandcast import __version__
 from strandcast.errors import ENVIRONMENT, INTERRUPTED, StrandcastError
 from strandcast.layout import trial_name
-from strandcast.progress import set_context
+from strandcast.progress import set_context, tell
 
 # Heavy imports live inside the commands: `strandcast judge` must not pay for OpenCV.
 
@@ -36,7 +37,7 @@ def _stage(stage: str, experiment: str, *trial: Any) -> None:
     """Run one stage, telling whose it is."""
     where = f"{experiment} {trial_name(trial[0])}" if trial and isinstance(trial[0], int) else experiment
     set_context(where)
-    print(f"{where} {stage}", file=sys.stderr, flush=True)
+    tell(f"{where} {stage}")
     importlib.import_module(f"strandcast.stages.{stage}").run(ROOT, experiment, *trial)
 
 
@@ -54,6 +55,14 @@ def main() -> None:
         sys.exit(ENVIRONMENT)
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
+
+
+@app.callback(invoke_without_command=True)
+def about(version: Annotated[bool, typer.Option("--version", help="Tell the version.")] = False) -> None:
+    """Tell the version, or go on to a command."""
+    if version:
+        print(f"strandcast {__version__}")
+        raise typer.Exit
 
 
 @app.command()
@@ -76,6 +85,16 @@ def check(experiment: ExperimentName) -> None:
     path = find_experiment(experiment, ROOT)
     settings = load_experiment(path)
     arm = load_arm(find_arm(settings, path, ROOT))
+    shared = {m.id for m in arm.markers} & {m.id for m in settings.camera.plane.markers}
+    if shared and arm.marker_dictionary == settings.camera.plane.dictionary:
+        fix = "give the plane's markers other ids"
+        raise StrandcastError(
+            "SC-F006",
+            f"ids {sorted(shared)} are the hand's too",
+            file=path,
+            field="camera.plane.markers",
+            fix=fix,
+        )
     print(
         f"{path}: fine; string of {settings.string.length_m} m as {settings.string.n} points, arm {arm.name}"
     )
@@ -121,6 +140,12 @@ def align(experiment: ExperimentName, trial: TrialNumber) -> None:
 def supply(experiment: ExperimentName, trial: TrialNumber) -> None:
     """Take in a track and an alignment that were measured elsewhere."""
     _stage("supply", experiment, trial)
+
+
+@app.command()
+def adopt(experiment: ExperimentName, trial: TrialNumber) -> None:
+    """Take in the motion that a real arm has played as the trial's motion."""
+    _stage("adopt", experiment, trial)
 
 
 @app.command()
@@ -181,13 +206,14 @@ def schema() -> None:
 @app.command()
 def boards(
     experiment: ExperimentName,
-    out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("boards"),
+    out: Annotated[Path | None, typer.Option(help="Folder; by default results/EXPERIMENT/boards.")] = None,
     png: Annotated[bool, typer.Option("--png", help="PNG with its resolution instead of PDF.")] = False,
 ) -> None:
     """Print an experiment's marker boards at true size, one PDF each."""
     from strandcast.stages import boards as stage
 
-    for path in stage.run(ROOT, experiment, out, "png" if png else "pdf"):
+    folder = out or Path("results") / experiment / "boards"
+    for path in stage.run(ROOT, experiment, folder, "png" if png else "pdf"):
         print(path)
 
 

@@ -117,6 +117,12 @@ class Board(Section):
     dictionary: Dictionary = "DICT_5X5_100"
     legacy: bool = Field(False, description="Boards printed by OpenCV before 4.6 with even rows.")
 
+    @model_validator(mode="after")
+    def _markers_fit_into_squares(self) -> Board:
+        if self.marker_m >= self.square_m:
+            raise ValueError(f"marker_m ({self.marker_m}) must be less than square_m ({self.square_m})")
+        return self
+
 
 class PlaneMarker(Section):
     """A marker lying in the plane of motion."""
@@ -133,6 +139,15 @@ class Plane(Section):
     dictionary: Dictionary = "DICT_4X4_50"
     size_m: Annotated[float, Field(gt=0.002, le=1)] = 0.08
     markers: list[PlaneMarker] = []
+
+    @field_validator("markers")
+    @classmethod
+    def _each_id_lies_there_once(cls, value: list[PlaneMarker]) -> list[PlaneMarker]:
+        ids = [marker.id for marker in value]
+        twice = sorted({number for number in ids if ids.count(number) > 1})
+        if twice:
+            raise ValueError(f"marker {twice[0]} is there twice")
+        return value
 
 
 class CameraSettings(Section):
@@ -289,8 +304,8 @@ class Exclusion(Section):
 class Box(Section):
     """Where the hand and the string may go, and what the camera sees."""
 
-    x_m: tuple[float, float]
-    y_m: tuple[float, float]
+    x_m: tuple[Position, Position]
+    y_m: tuple[Position, Position]
 
     @model_validator(mode="after")
     def _lower_bound_first(self) -> Box:

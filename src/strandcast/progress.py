@@ -18,6 +18,12 @@ def set_context(context: str) -> None:
     _context = f"{context} "
 
 
+def tell(words: str) -> None:
+    """Print a line on standard error in one piece, so that two jobs do not write into each other's."""
+    sys.stderr.write(words + "\n")
+    sys.stderr.flush()
+
+
 class Progress:
     """Tell how far a stage has come: ``Progress("track", total=900)(300, "1 frame unsure")``."""
 
@@ -35,7 +41,7 @@ class Progress:
         self._last_s = now
         of = f"/{self.total}" if self.total is not None else ""
         after = f"  {note}" if note else ""
-        print(f"{_context}{self.what}: {done}{of}{after}", file=sys.stderr, flush=True)
+        tell(f"{_context}{self.what}: {done}{of}{after}")
 
 
 def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:

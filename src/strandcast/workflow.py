@@ -91,10 +91,10 @@ def table(summary: Summary, page: Path) -> str:
         if trial.excluded is not None:
             lines.append(f"  trial {trial.trial}: excluded ({trial.excluded})")
             continue
-        miss = "tip not seen" if trial.miss_m is None else f"missed by {1000 * trial.miss_m:.1f} mm"
         verdict = "HIT " if trial.hit else "miss"
-        fit = "" if trial.E_m is None else f", E {1000 * trial.E_m:.1f} mm"
-        lines.append(f"  trial {trial.trial}: {verdict} {miss}{fit}")
+        near = "tip not seen" if trial.miss_m is None else f"{1000 * trial.miss_m:.1f} mm from the target"
+        fit = "" if trial.E_m is None else f"; fitted to {1000 * trial.E_m:.1f} mm"
+        lines.append(f"  trial {trial.trial}: {verdict} {near}{fit}")
     if summary.next_motion_sha256 is not None:
         following = trial_name(summary.trials[-1].trial + 1 if summary.trials else 1)
         lines.append(f"  next:   {page.parent / following / 'motion.json'}")

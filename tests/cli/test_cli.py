@@ -50,12 +50,12 @@ def test_check_and_schema(root):
 
 
 def test_boards_are_printed_at_true_size(root):
-    run = strandcast(root, "boards", "demo", "--out", "boards")
+    run = strandcast(root, "boards", "demo")
     assert run.returncode == 0, run.stderr
     assert run.stdout.split() == [
-        "boards/lens-board.pdf",
-        "boards/plane-markers.pdf",
-        "boards/hand-markers-50mm.pdf",
+        "results/demo/boards/lens-board.pdf",
+        "results/demo/boards/plane-markers.pdf",
+        "results/demo/boards/hand-markers-50mm.pdf",
     ]
     assert all((root / file).read_bytes().startswith(b"%PDF") for file in run.stdout.split())
 

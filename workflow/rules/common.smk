@@ -174,11 +174,7 @@ def lens_photos(wildcards):
 
 def recorded(name):
     """Return the trials of a real experiment that hold a recording."""
-    holding = (
-        "run.json",
-        "track.parquet",
-        *(f"video{suffix}" for suffix in VIDEO_SUFFIXES),
-    )
+    holding = ("track.parquet", *(f"video{suffix}" for suffix in VIDEO_SUFFIXES))
     return [
         number
         for number in folder(name).recorded_trials()

@@ -129,10 +129,10 @@ def _names(table: NumberTable, joints: int, namings: Sequence[list[str]]) -> lis
     counts = " or ".join(sorted({str(len(names)) for names in namings}))
     raise StrandcastError(
         "SC-I006",
-        f"{counts} joint names are given and the log has {joints} joints",
+        f"the log has {joints} joints, and {counts} names are known",
         file=table.path,
         field="joints",
-        fix="name every joint of the log, from the base on",
+        fix="take the arm's own file, or name every joint of the log, from the base on: --joint NAME …",
     )
 
 

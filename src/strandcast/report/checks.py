@@ -37,7 +37,9 @@ class Outcome(NamedTuple):
 def run_checks(results: Results, next_motion: Path | None) -> list[Check]:
     """Return the checks of one trial, those that could not run among them with the reason."""
     checks = [
-        _readable(results, name) for name in FILES if name not in OPTIONAL or name not in results.problems
+        _readable(results, name)
+        for name in FILES
+        if name not in results.problems or name not in OPTIONAL | results.not_made()
     ]
     checks += [_run(name, severity, check, results) for name, severity, check in CHECKS]
     checks.append(_next_motion(next_motion))

@@ -94,6 +94,15 @@ class Results:
         """Return where a piece lies."""
         return self.folder / FILES[name]
 
+    def supplied(self) -> bool:
+        """Return whether the track was measured elsewhere and handed in."""
+        summary = self.get("track_summary")
+        return summary is not None and summary.source == "supplied"
+
+    def not_made(self) -> set[str]:
+        """Return what a trial without video, or without a motion of ours, does not have."""
+        return {"manifest", "camera", "strobe", "motion"} if self.supplied() else set()
+
     def robot_time_s(self) -> Array:
         """Return the robot time (F,) of the track's frames."""
         return np.asarray(self.need("alignment").robot_time_s(self.need("track").camera_time_s))

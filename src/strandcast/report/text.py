@@ -54,7 +54,7 @@ def methods(results: Results) -> str:
     said = [_recording(results), _camera(results), _tracking(results), _clocks(results), _fit(results)]
     said.append(
         f"The loop is that of {CITATION}, as implemented by strandcast; search and planner are named above "
-        "(`paper` is the paper's own procedure, every other name strandcast's); eq. 4 is read with x_r − x_s "
+        "(“paper” is the paper's own procedure, every other name strandcast's); eq. 4 is read with x_r − x_s "
         "and y_r − y_s, and every E is unweighted (w = 0) where not said otherwise. Values of w, β, χ₀, "
         "counts, time step and hit tolerance are not given in the paper."
     )

@@ -25,6 +25,9 @@ from strandcast.report.results import Results, read_results
 from strandcast.report.text import methods, provenance, verdict_chip, warnings_of
 
 
+FROM_VIDEO = {"picture", "hand", "clocks", "camera"}
+
+
 class Line(NamedTuple):
     """One line of the verdict's table: what, how much, and the anchor of its evidence."""
 
@@ -81,7 +84,6 @@ def trial_page(
         methods=methods(results),
         provenance=provenance(results, facts),
         previous=None if previous is None else previous.name,
-        following=None if next_motion is None else next_motion.parent.name,
     )
 
 
@@ -111,6 +113,9 @@ def _reportlets(
     ]
     if results.path("lab_truth").exists():
         plan.append(("truth", "Lab truth", lab_truth, results))
+    if results.supplied():
+        there = next_motion is not None
+        plan = [each for each in plan if each[0] not in FROM_VIDEO and (there or each[0] != "next")]
     return [attempt(*each) for each in plan]
 
 

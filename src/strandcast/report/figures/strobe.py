@@ -48,7 +48,7 @@ def strobe(key: str, title: str, results: Results, previous: Results | None) -> 
         else f"the closest approach to the target at {place(verdict.target_m)} was not seen."
     )
     if error_m is not None:
-        finding += f" There the fitted string lies {millimetres(error_m)} from the measured points (mean)."
+        finding += f" Over these instants the fitted string lies {millimetres(error_m)} from the measured."
     return Reportlet(
         key,
         title,
