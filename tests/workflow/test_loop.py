@@ -136,6 +136,21 @@ def test_an_excluded_trial_shows_its_reason(thrown):
     assert summary.hit_trial is None
 
 
+def test_recordings_of_a_real_rig_give_a_report_and_the_next_motion(thrown):
+    shutil.copytree(thrown / "data" / "tiny", thrown / "data" / "rig")
+    (thrown / "data" / "rig" / "experiment.yaml").write_text(TINY[: TINY.index("lab:")])
+    run = snakemake(thrown, "results/rig/report.html")
+    assert run.returncode == 0, run.stderr[-3000:]
+    results = thrown / "results" / "rig"
+    assert len(Summary.read(results / "summary.json").trials) == 1
+    assert (results / "trial-02" / "motion.json").is_file()
+    # What was played is never planned again.
+    played = (thrown / "data" / "rig" / "trial-01" / "motion.json").read_bytes()
+    assert (results / "trial-01" / "motion.json").read_bytes() == played
+    shutil.rmtree(thrown / "data" / "rig")
+    shutil.rmtree(results)
+
+
 def test_a_bad_setting_is_told_before_any_job_starts(tmp_path, project_root):
     root = project(tmp_path, project_root)
     path = root / "config" / "experiments" / "tiny.yaml"

@@ -24,7 +24,6 @@ from strandcast.report.reportlet import Reportlet, attempt
 from strandcast.report.results import Results, read_results
 from strandcast.report.text import methods, provenance, verdict_chip, warnings_of
 
-
 FROM_VIDEO = {"picture", "hand", "clocks", "camera"}
 
 

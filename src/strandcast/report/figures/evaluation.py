@@ -48,7 +48,7 @@ def evaluation(key: str, title: str, results: Results) -> Reportlet:
         key,
         title,
         finding,
-        "E is the mean distance between measured and simulated points, E_i that of point i (eqs. 4-6 of the paper). "
+        "E is the mean distance between measured and simulated points, E_i that of point i (eqs. 4–6). "
         "Good: E_i grows gently towards the tip and stays near the tracker's σ; the curve is flat at its "
         "end. Bad: one point stands out (a weight at the wrong place, a lost stretch), or the curve still "
         "falls (too small a budget). Green dash-dot: E of the parameters that planned the throw.",
