@@ -220,6 +220,7 @@ def trial_results(wildcards):
     planned = not supplied or played_motions(name, [number])
     next_motion = results_of(name, [number + 1], "motion.json") if planned else []
     filmed += ["lab_truth.parquet"] if experiment(name).lab else []
+    filmed += ["motion.json"] if played_motions(name, [number]) else []
     return results_of(name, [number], *TRIAL_FILES, *filmed) + camera + next_motion
 
 
