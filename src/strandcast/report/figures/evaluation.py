@@ -51,7 +51,8 @@ def evaluation(key: str, title: str, results: Results) -> Reportlet:
         "E is the mean distance between measured and simulated points, E_i that of point i (eqs. 4–6). "
         "Good: E_i grows gently towards the tip and stays near the tracker's σ; the curve is flat at its "
         "end. Bad: one point stands out (a weight at the wrong place, a lost stretch), or the curve still "
-        "falls (too small a budget). Green dash-dot: E of the parameters that planned the throw.",
+        "falls (too small a budget). The curve is of all trials in the fit, with w; "
+        "green dash-dot: this trial alone under the parameters that planned it, w = 0.",
         to_svg(figure, key, f"Evaluation value by point and convergence. {finding}"),
         [_table(estimate)],
         ["estimate.json"],
