@@ -91,6 +91,7 @@ def simulate_batch(
     respace: bool = True,
     rest_curl_rad_m: Array | float | None = None,
     clamp_offset_rad: Array | float = 0.0,
+    bend_factor: Array | None = None,
 ) -> tuple[Array, NDArray[np.int64]]:
     """Simulate a batch of B candidates; the bytes do not depend on the number of threads.
 
@@ -104,6 +105,8 @@ def simulate_batch(
         (T, 3) common to all, or (B, T, 3).
     rest_curl_rad_m, clamp_offset_rad
         Per candidate (B,), or common; None: the model's own curl.
+    bend_factor
+        (B, n) multiplier of bending at each joint per candidate; None: the model's own.
 
     Returns
     -------
@@ -142,7 +145,7 @@ def simulate_batch(
         kind,
         np.zeros((n, 2)) if start is None else _rows(start, 2),
         np.zeros((n, 2)) if start_velocity is None else _rows(start_velocity, 2),
-        model.factors(),
+        np.tile(model.factors(), (batch, 1)) if bend_factor is None else _rows(bend_factor, n),
         fixed,
         READINGS.index(model.reading),
         INTEGRATORS.index(model.integrator),
@@ -302,7 +305,7 @@ def _simulate(
             start_velocity,
             p[c],
             m[c],
-            factor,
+            factor[c],
             fixed[c],
             reading,
             scheme,
