@@ -208,8 +208,13 @@ class PaperSearch(Section):
 class EstimateSettings(Section):
     """The fit of the string."""
 
-    search: Literal["cma", "paper"] = "cma"
-    evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = 2000
+    search: Literal["descent", "cma", "evolution", "paper"] = Field(
+        "descent",
+        description="Descents from several draws, CMA-ES, differential evolution, or the paper's eq. 3.",
+    )
+    evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
+        4000, description="Strings to simulate at most; the search ends earlier where nothing gains any more."
+    )
     trials: Literal["all", "latest"] = "all"
     older_trials_weight: Annotated[float, Field(ge=0, le=1)] = 0.6
     evaluation: Literal["world", "hand"] = "world"
@@ -221,11 +226,27 @@ class EstimateSettings(Section):
     start_shape: Literal["observed", "hanging"] = "observed"
     rest_curl: bool = Field(True, description="Fit a constant rest curvature (real cables keep one).")
     clamp_offset: bool = Field(False, description="Fit a turn of the clamp against the arm's file.")
+    clamp_offset_sd_rad: Annotated[float, Field(gt=0, le=0.5)] = Field(
+        0.05, description="How far the clamp's turn may well lie from the arm's file (prior, one sigma)."
+    )
+    camera_offset_sd_m: Annotated[float, Field(gt=0, le=0.05)] | None = Field(
+        None,
+        description="Fit an offset of the camera against the robot with this prior; null: none.",
+    )
+    stiff_bend: bool = Field(
+        False, description="Fit how much stiffer the stiff sections bend than the string."
+    )
+    find_weights: Annotated[int, Field(ge=0, le=3)] = Field(
+        0, description="Number of weights of which not even the place is known: both are found."
+    )
     horizon_s: Annotated[float, Field(ge=0, le=60)] | None = Field(
         0.03, description="Frames up to this long after the closest approach enter E; null: the whole motion."
     )
     joints: Literal["measured", "commanded"] = "measured"
     ensemble: Annotated[int, Field(ge=1, le=64)] = 6
+    profiles: bool = Field(
+        True, description="Find how far each number may move while E rises by 2 %, all others fitted again."
+    )
     paper: PaperSearch = PaperSearch()
 
     @field_validator("ranges")

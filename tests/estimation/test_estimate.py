@@ -2,43 +2,23 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError
 from strandcast.estimation.estimate import estimate
+from strandcast.estimation.forecast import CHOSEN, REFITTED
 from strandcast.estimation.settings import FitSettings
 from strandcast.estimation.space import CURL, Strings
 from strandcast.estimation.throw import Throw
-from strandcast.string.masses import mass_layout, point_masses
-from strandcast.string.model import StringModel
+from strandcast.string.masses import point_masses
 from strandcast.string.parameters import RANGES
 from strandcast.string.simulate import simulate
 
-MODEL = StringModel(length_m=0.24, points=6, dt_s=2e-3)
-LAYOUT = mass_layout(0.24, 6, [0.2])
-TRUTH = np.array([2e7, 20.0, 0.8, 0.01, 0.5, 0.005, 0.01, 0.2, 2.0, 0.02])
-MASS = 60.0
-NOISE_M = 0.0007
-TIME_S = np.arange(0.0, 0.7, 0.004)
-QUICK = FitSettings(evaluations=900, ensemble=4)
+from .known_string import LAYOUT, MASS, MODEL, NOISE_M, TIME_S, TRUTH, hand_path, seen
 
-
-def hand_path(strength):
-    s = np.clip((TIME_S - 0.1) / 0.4, 0.0, 1.0)
-    ease = s**3 * (10 - 15 * s + 6 * s**2)
-    return np.column_stack(
-        [0.5 * strength * ease, 0.3 * np.sin(np.pi * ease) * strength, -np.pi / 2 + 2.0 * strength * ease]
-    )
-
-
-def seen(strength, seed=0, noise=NOISE_M):
-    pose = hand_path(strength)
-    masses = point_masses(LAYOUT, np.array([MASS]))
-    points, status = simulate(MODEL, TRUTH, masses, TIME_S, pose, TIME_S)
-    assert status == 0
-    points = points + noise * np.random.default_rng(seed).standard_normal(points.shape)
-    return Throw(TIME_S, points, TIME_S, pose, TIME_S < 0.55)
+QUICK = FitSettings(evaluations=1500, ensemble=4)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +31,7 @@ def test_finds_a_string_that_moves_like_the_true_one(fit):
     assert fit.E_m < 1.3 * floor
     assert fit.rmse_m < 1.3 * NOISE_M * np.sqrt(2)
     assert fit.tip_error_m < 1.6 * floor
-    assert fit.evaluations <= 900
+    assert fit.evaluations <= QUICK.evaluations
     masses = fit.best.masses[0]
     unseen, _ = simulate(MODEL, fit.best.parameters[0], masses, TIME_S, hand_path(0.8), TIME_S)
     true, _ = simulate(MODEL, TRUTH, point_masses(LAYOUT, np.array([MASS])), TIME_S, hand_path(0.8), TIME_S)
@@ -71,22 +51,28 @@ def test_what_is_told_about_the_fit_is_true(fit):
     assert fit.E_m == pytest.approx(off.mean())
     np.testing.assert_allclose(fit.E_points_m, off.mean(axis=0))
     assert fit.E_weighted_m == pytest.approx((off.mean(axis=0) * (1 + 0.1 * np.arange(6))).mean())
-    assert fit.held_out[0].what.startswith("the last 25%")
-    assert np.isfinite(fit.held_out[0].E_m)
+    assert [held.what for held in fit.held_out] == [REFITTED]
+    assert fit.E_m < fit.held_out[0].E_m < 1.5 * fit.E_m
     assert fit.convergence[0][-1] <= fit.evaluations
     assert fit.convergence[1][-1] == fit.member_values_m[0]
 
 
 def test_members_are_near_optimal_strings_that_differ(fit):
     assert len(fit.members) == 4
-    assert fit.member_values_m.max() < 1.15 * fit.member_values_m[0]
+    best = fit.member_values_m[0]
+    assert fit.member_values_m.max() <= max(1.1 * best, best + 2e-4)
     assert np.all(fit.low <= fit.high)
     spread = np.log10(fit.high[:10] / fit.low[:10])
     assert spread[6] > 0.3  # the linear drag of so heavy a string cannot be known
 
 
-def test_same_seed_same_bytes(fit):
-    again = estimate([seen(1.0)], MODEL, LAYOUT, QUICK, np.random.default_rng(2))
+def test_same_seed_same_bytes_on_one_core_and_two(fit):
+    cores = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        again = estimate([seen(1.0)], MODEL, LAYOUT, QUICK, np.random.default_rng(2))
+    finally:
+        numba.set_num_threads(cores)
     assert again.chi.tobytes() == fit.chi.tobytes()
     assert again.members.parameters.tobytes() == fit.members.parameters.tobytes()
     assert again.fitted_m.tobytes() == fit.fitted_m.tobytes()
@@ -138,13 +124,16 @@ def test_paper_search_runs_within_table_2():
         trials="latest",
     )
     found = estimate([seen(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(4))
-    assert found.evaluations == 160
+    assert found.evaluations < 160 + 64
     low, high = RANGES["paper"].T
     inside = (found.best.parameters[0] >= low * (1 - 1e-12)) & (
         found.best.parameters[0] <= high * (1 + 1e-12)
     )
     assert inside.all()
-    assert found.held_out == ()
+    assert [held.what for held in found.held_out] == [CHOSEN]
+    assert found.held_out[0].E_m >= found.E_m
+    assert not found.converged
+    assert not found.knowledge.gauge_fixed
 
 
 def test_given_ranges_bounds_and_curl_are_told():

@@ -1,4 +1,4 @@
-"""The searches on functions whose minimum is known."""
+"""The searches on functions whose minimum is known, and on a throw at an equal budget."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from strandcast.estimation.objective import Ledger
-from strandcast.estimation.refine import refine
-from strandcast.estimation.searches import evolve, latin_hypercube, paper
+from strandcast.estimation.search import SEARCHES, Start, run
+from strandcast.estimation.searches import evolution, evolve, latin_hypercube, paper
+from strandcast.estimation.settings import FitSettings
 from strandcast.estimation.spread import distant_members
+
+from .known_string import objective_of, seen
 
 GOAL = np.array([0.3, 0.8, 0.55])
 
@@ -54,36 +57,40 @@ def test_cma_finds_the_minimum_past_invalid_candidates():
     assert np.all(np.diff(ledger.convergence()[1]) <= 0)
 
 
+def test_differential_evolution_finds_it_too_and_says_that_it_converged():
+    ledger, random = Ledger(lambda chi: 1.0 + bowl(chi)), np.random.default_rng(3)
+    population = random.random((20, 3))
+    assert evolution(ledger, population, 3000, random, patience=1e-4)
+    np.testing.assert_allclose(ledger.best()[0], GOAL, atol=5e-3)
+    assert ledger.rejected() > 0
+    assert ledger.count < 2500
+    short = Ledger(bowl)
+    assert not evolution(short, population, 70, np.random.default_rng(3))
+    assert short.count == 60  # whole generations only
+
+
 def test_nan_never_wins():
     ledger = Ledger(lambda chi: np.where(chi[:, 0] < 0.5, np.nan, chi[:, 0]))
     ledger(np.array([[0.1], [0.7], [0.6]]))
     assert ledger.best()[1] == 0.6
 
 
-@pytest.mark.parametrize("corner", [False, True])
-def test_refine_finds_the_least_weighted_distances(corner):
-    rng = np.random.default_rng(4)
-    slopes = rng.standard_normal((60, 2, 3))
-    goal = np.array([0.3, 0.6, 1.2 if corner else 0.9])
-    weight = rng.uniform(0.5, 1.5, 60) / 60
+@pytest.fixture(scope="module")
+def by_chance():
+    """The usual best E of 400 strings drawn anywhere."""
+    objective = objective_of([seen(1.0)], FitSettings())
+    drawn = np.random.default_rng(1).random((5, 400, objective.space.dimension))
+    return np.median([objective.cost(draws).min() for draws in drawn])
 
-    def residuals(chi):
-        return (chi - goal) @ slopes.transpose(0, 2, 1).reshape(-1, 3).T.reshape(3, -1), weight
 
-    def shaped(chi):
-        difference, _ = residuals(chi)
-        return difference.reshape(len(chi), 60, 2), weight
-
-    ledger = Ledger(lambda chi: np.linalg.norm(shaped(chi)[0], axis=2) @ weight)
-    chi, curvature = refine(ledger, shaped, np.array([0.8, 0.1, 0.2]), 300)
-    assert ledger.count <= 300
-    if corner:
-        assert chi[2] == 1.0
-        around = np.clip(chi + 0.01 * rng.standard_normal((500, 3)), 0.0, 1.0)
-        assert ledger.evaluate(around).min() > 0.999 * ledger.best()[1]
-    else:
-        np.testing.assert_allclose(chi, goal, atol=1e-3)
-    assert np.linalg.eigvalsh(curvature).min() > 0
+@pytest.mark.parametrize("name", list(SEARCHES))
+def test_every_search_beats_chance_within_its_budget(name, by_chance):
+    settings = FitSettings(search=name, evaluations=400, beta=0.99)
+    objective = objective_of([seen(1.0)], settings)
+    ledgers = [run(objective, settings, np.random.default_rng(k), Start(None, 1), 400) for k in (1, 1, 2)]
+    assert ledgers[0].all()[0].tobytes() == ledgers[1].all()[0].tobytes()
+    assert all(ledger.count <= 400 for ledger in ledgers)
+    assert max(ledger.best()[1] for ledger in ledgers) < by_chance
 
 
 def test_latin_hypercube_fills_every_slice():

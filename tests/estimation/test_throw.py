@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,16 @@ def test_observed_start_has_the_shape_and_the_sway(noise, tolerance):
     np.testing.assert_allclose(task.start_velocity_m_s, across, atol=max(1e-4, 6 * noise))
 
 
+def test_the_shape_may_begin_at_the_hand_as_seen():
+    straight = prepare(swaying(), PLACES)
+    throw = swaying()
+    off = replace(throw, points_m=throw.points_m + np.array([0.02, -0.01]))
+    np.testing.assert_allclose(prepare(off, PLACES).start_m - straight.start_m, [[0.02, -0.01]] * 10)
+    again = prepare(off, PLACES, from_seen_hand=True)
+    np.testing.assert_allclose(again.start_m, straight.start_m, atol=1e-12)
+    np.testing.assert_array_equal(again.points_m, prepare(off, PLACES).points_m)
+
+
 def test_a_string_that_moves_first_is_not_cut():
     throw = swaying(rate=1.0)
     assert motion_start_s(throw) < 0.05
@@ -72,3 +84,16 @@ def test_no_used_frame_is_an_error():
     throw = swaying()
     with pytest.raises(StrandcastError, match="SC-E002"):
         prepare(Throw(throw.time_s, throw.points_m, throw.hand_time_s, throw.hand_pose, TIME_S < 0), PLACES)
+
+
+def test_parts_of_a_throw_are_spans_of_its_used_frames():
+    task = prepare(swaying(), PLACES)
+    parts = [task.part(k, 4) for k in range(4)]
+    np.testing.assert_array_equal(sum(part.weight for part in parts), task.weight)
+    used = [np.flatnonzero(part.weight.any(axis=1)) for part in parts]
+    assert all(np.all(np.diff(span) == 1) for span in used)
+    assert used[0][-1] + 1 == used[1][0]
+    thin = task.thinned(40)
+    assert 30 < len(thin.time_s) <= 40
+    assert np.all(np.isin(thin.time_s, task.time_s))
+    assert thin.weight.shape == (len(thin.time_s), 10)

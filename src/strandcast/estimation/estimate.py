@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from strandcast.errors import FAILED_TRIALS, StrandcastError
-from strandcast.estimation import searches
+from strandcast.estimation import forecast
 from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, rmse, tip_error
+from strandcast.estimation.forecast import HeldOut
+from strandcast.estimation.knowledge import Knowledge, knowledge
 from strandcast.estimation.objective import Ledger, Objective, play
-from strandcast.estimation.refine import descend, refine
-from strandcast.estimation.settings import FitSettings, prior_exponents
+from strandcast.estimation.refine import Slope
+from strandcast.estimation.search import Start, run
+from strandcast.estimation.settings import FitSettings
 from strandcast.estimation.space import Space, Strings
 from strandcast.estimation.spread import distant_members, near_samples
 from strandcast.estimation.throw import Task, Throw, prepare
-from strandcast.progress import Progress
-from strandcast.string.integrators import OK
 from strandcast.string.masses import MassLayout
 from strandcast.string.model import StringModel
+from strandcast.string.simulate import OK
 
 AT_BOUND = 0.01  # of a range, in exponents
 NEAR_SAMPLES = 64
-SIGMA = 0.08  # of CMA-ES, in exponents: it looks around the best valley that the descents found
-
-
-@dataclass(frozen=True, eq=False)
-class HeldOut:
-    """E (w = 0) on data that the fit behind it had not seen [m]."""
-
-    what: str
-    E_m: float
+FORECAST_SHARE = 0.08  # of the evaluations
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +49,16 @@ class Fit:
     rmse_m, tip_error_m
         Unweighted root mean square distance and mean distance of the tip, used frames.
     held_out
-        E on data not seen.
+        E on data not seen: of this throw under the estimate before it, where there is one, and of its own
+        parts.
+    knowledge
+        How well each unknown is known.
     convergence
         Evaluations and best E at each improvement: two arrays.
     evaluations, rejected
-        Candidates simulated, and how many of them were invalid.
+        Strings simulated, and how many of the candidates were invalid.
+    converged
+        Whether the search ended because nothing gained any more, before its evaluations were spent.
     planned_m, fitted_m
         (G, n+1, 2) simulated points; `planned_m` None without a planned string.
     trial_weights
@@ -86,9 +85,11 @@ class Fit:
     rmse_m: float
     tip_error_m: float
     held_out: tuple[HeldOut, ...]
+    knowledge: Knowledge
     convergence: tuple[Array, Array]
     evaluations: int
     rejected: int
+    converged: bool
     planned_m: Array | None
     fitted_m: Array
     trial_weights: Array
@@ -130,8 +131,9 @@ def estimate(
     """
     kept = throws[-1:] if settings.trials == "latest" else throws
     weights = settings.older_trials_weight ** np.arange(len(kept))[::-1]
-    tasks = [prepare(throw, model.places_m(), settings.start_shape) for throw in kept]
-    space = settings.space(layout)
+    shifted = settings.camera_offset_sd_m is not None
+    tasks = [prepare(throw, model.places_m(), settings.start_shape, from_seen_hand=shifted) for throw in kept]
+    space = settings.space(layout, model.length_m)
     objective = Objective(
         model,
         space,
@@ -141,114 +143,43 @@ def estimate(
         settings.evaluation,
         settings.overstretched_allowed,
     )
-    search = _search_paper if settings.search == "paper" else _search_cma
-    ledger, spent, held_out = search(objective, settings, rng, previous, len(throws))
-    if previous is not None:
-        value = float(objective.value(objective.tasks[-1], previous.pick(0), 0.0)[0])
-        held_out.insert(0, HeldOut("this throw under the estimate before it", value))
+    ledger = run(objective, settings, rng, Start(previous, len(throws)), _search_budget(settings))
+    _refuse_invalid(ledger)
+    held_out = [] if previous is None else [_before_thrown(objective, previous)]
+    if settings.search == "paper":
+        held_out.append(forecast.chosen_again(objective, ledger))
+    else:
+        held_out.append(forecast.refitted(objective, ledger, int(FORECAST_SHARE * settings.evaluations)))
+        _sample_near(objective, ledger, rng)
+    known = knowledge(objective, ledger, profiles=settings.profiles)
     all_weights = np.zeros(len(throws))
     all_weights[-len(kept) :] = objective.shares
-    return _result(objective, tasks[-1], ledger, spent, held_out, settings, planned, all_weights)
+    return _result(objective, tasks[-1], ledger, held_out, known, settings, planned, all_weights)
 
 
-def _search_paper(
-    objective: Objective,
-    settings: FitSettings,
-    rng: np.random.Generator,
-    previous: Strings | None,
-    trials: int,
-) -> tuple[Ledger, int, list[HeldOut]]:
-    """Search as the paper does, around the previous estimate or, without one, a random string."""
-    tell = Progress("estimate", settings.evaluations)
-    ledger = Ledger(objective.evaluate, lambda count, best: tell(count, _words(best)))
-    space = objective.space
-    centre = rng.random(space.dimension) if previous is None else space.chi_of(previous.pick(0))[0]
-    searches.paper(
-        ledger,
-        centre,
-        settings.evaluations,
-        rng,
-        trials=trials,
-        centre=settings.centre,
-        chi_0=settings.chi_0,
-        beta=settings.beta,
-    )
-    return ledger, 0, []
+def _search_budget(settings: FitSettings) -> int:
+    """Return what is left of the evaluations for the search itself."""
+    if settings.search == "paper":
+        return settings.evaluations
+    return max(int((1.0 - FORECAST_SHARE) * settings.evaluations) - NEAR_SAMPLES, NEAR_SAMPLES)
 
 
-def _search_cma(
-    objective: Objective,
-    settings: FitSettings,
-    rng: np.random.Generator,
-    previous: Strings | None,
-    trials: int,
-) -> tuple[Ledger, int, list[HeldOut]]:
-    """Draws, descents from the best of them, CMA-ES around the best of these, and a last descent.
-
-    A first fit meets the early frames alone before.
-    """
-    budget = settings.evaluations
-    tell = Progress("estimate", budget)
-    held_out: list[HeldOut] = []
-    spent = 0
-    if previous is None:
-        starts, spent, forecast = _early_fit(objective, settings, rng, tell)
-        held_out.append(forecast)
-    else:
-        starts = np.vstack(
-            [
-                objective.space.chi_of(previous),
-                prior_exponents(objective.space, objective.model, 16, rng),
-            ]
-        )
-    ledger = Ledger(objective.evaluate, lambda count, best: tell(spent + count, _words(best)))
-    ledger(starts)
-    descend(ledger, objective.residuals, int(0.25 * budget))
-    polish = int(0.15 * budget)
-    left = budget - spent - ledger.count - polish - NEAR_SAMPLES
-    searches.evolve(ledger, ledger.best()[0], left, rng, sigma=SIGMA)
-    _, curvature = refine(ledger, objective.residuals, ledger.best()[0], polish)
-    if np.isfinite(ledger.best()[1]):
-        ledger(near_samples(*ledger.best(), curvature, NEAR_SAMPLES, rng))
-    return ledger, spent, held_out
+def _before_thrown(objective: Objective, previous: Strings) -> HeldOut:
+    """Return E of the newest throw as it was foreseen by the estimate before it."""
+    value = float(objective.value(objective.tasks[-1], previous.pick(0), 0.0)[0])
+    return HeldOut("this throw under the estimate before it", value)
 
 
-def _early_fit(
-    objective: Objective, settings: FitSettings, rng: np.random.Generator, tell: Progress
-) -> tuple[Array, int, HeldOut]:
-    """Fit the frames before the last quarter, and hold the rest against it.
-
-    It costs nothing: the full fit starts from here. Returns the starts (k, d), evaluations, and the error.
-    """
-    share = 1.0 - settings.held_out
-    task = objective.tasks[-1]
-    early = replace(objective, tasks=(*objective.tasks[:-1], task.until(share)))
-    ledger = Ledger(early.evaluate, lambda count, best: tell(count, _words(best)))
-    draws = settings.evaluations // 30
-    space = objective.space
-    ledger(prior_exponents(space, objective.model, 2 * draws, rng))
-    ledger(searches.latin_hypercube(draws, space.dimension, rng))
-    descend(ledger, early.residuals, int(0.2 * settings.evaluations))
-    chi, values = ledger.all()
-    value = objective.value(task.after(share), space.strings(ledger.best()[0]), 0.0)
-    starts = chi[np.argsort(values, kind="stable")[:8]]
-    words = f"the last {settings.held_out:.0%} of the frames, from a fit to those before"
-    return starts, ledger.count, HeldOut(words, float(value[0]))
+def _sample_near(objective: Objective, ledger: Ledger, rng: np.random.Generator) -> None:
+    """Try strings all over the best one's valley, wide where E does not care, for the ensemble."""
+    best, value = ledger.best()
+    _, curvature = Slope(objective)(best[None])
+    ledger.count += len(best) + 1
+    ledger(near_samples(best, value, curvature[0], NEAR_SAMPLES, rng))
 
 
-def _result(
-    objective: Objective,
-    newest: Task,
-    ledger: Ledger,
-    spent: int,
-    held_out: list[HeldOut],
-    settings: FitSettings,
-    planned: Strings | None,
-    trial_weights: Array,
-) -> Fit:
-    """Everything that is told about the fit."""
-    space, model = objective.space, objective.model
-    chi, values = ledger.all()
+def _refuse_invalid(ledger: Ledger) -> None:
+    values = ledger.all()[1]
     if not np.isfinite(values).any():
         raise StrandcastError(
             "SC-E003",
@@ -257,6 +188,21 @@ def _result(
             fix="look for jumps in the hand's path, or choose other ranges or a smaller estimate.dt_s",
             exit_code=FAILED_TRIALS,
         )
+
+
+def _result(
+    objective: Objective,
+    newest: Task,
+    ledger: Ledger,
+    held_out: list[HeldOut],
+    known: Knowledge,
+    settings: FitSettings,
+    planned: Strings | None,
+    trial_weights: Array,
+) -> Fit:
+    """Everything that is told about the fit."""
+    space, model = objective.space, objective.model
+    chi, values = ledger.all()
     rows = distant_members(chi, values, settings.ensemble)
     best = space.strings(chi[rows[0]])
     fitted, status = play(model, newest, best)
@@ -272,7 +218,6 @@ def _result(
         planned_m = play(model, newest, planned.pick(0))[0][0]
         value = float(evaluation_of_points(objective.point_values(newest, planned_m)))
         planned_value = value if np.isfinite(value) else None
-    evaluations, best_values = ledger.convergence()
     return Fit(
         space,
         chi[rows[0]],
@@ -292,9 +237,11 @@ def _result(
         rmse(distance),
         tip_error(distance),
         tuple(held_out),
-        (evaluations + spent, best_values),
-        spent + ledger.count,
+        known,
+        ledger.convergence(),
+        ledger.count,
         ledger.rejected(),
+        ledger.converged,
         planned_m,
         fitted[0],
         trial_weights,
@@ -311,7 +258,3 @@ def _warnings(space: Space, at_bound: np.ndarray, valid: bool, points: Array, le
     if ledger.rejected() > 0.5 * ledger.count:
         told.append(f"{ledger.rejected()} of {ledger.count} candidates were invalid")
     return told
-
-
-def _words(best: float) -> str:
-    return f"best E {1e3 * best:.2f} mm"

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, point_values
+from strandcast.estimation.evaluation import Array, distances, point_values
 from strandcast.estimation.space import Space, Strings
 from strandcast.estimation.throw import Task
-from strandcast.string.integrators import BLEW_UP, OK
+from strandcast.string.hand import places
 from strandcast.string.model import StringModel
-from strandcast.string.simulate import simulate_batch
+from strandcast.string.simulate import BLEW_UP, OK, evaluate_batch, simulate_batch
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +50,48 @@ class Objective:
 
     def value(self, task: Task, strings: Strings, w: float | None = None) -> Array:
         """E of strings on one throw: (B,) [m], infinite where invalid."""
-        simulated, status = play(self.model, task, strings)
-        values = self.point_values(task, simulated)
-        result = evaluation_of_points(values, self.w if w is None else w)
+        result, status = evaluate_batch(
+            self.model,
+            strings.parameters,
+            strings.masses,
+            task.hand_time_s,
+            task.hand_pose,
+            task.time_s,
+            self.compared(task),
+            self.per_metre(task, self.w if w is None else w),
+            task.start_m,
+            task.start_velocity_m_s,
+            rest_curl_rad_m=strings.rest_curl_rad_m,
+            clamp_offset_rad=strings.clamp_offset_rad,
+            bend_factor=strings.bend_factor,
+            shift_m=None if self.reading == "hand" else strings.shift_m,
+        )
         allowed = (status == OK) | (self.overstretched_allowed & (status != BLEW_UP))
         return np.where(allowed & np.isfinite(result), result, np.inf)
+
+    def compared(self, task: Task) -> Array:
+        """Measured points 1…n (G, n, 2), moved to the robot's hand where E is relative to it."""
+        points = task.points_m[:, 1:]
+        if self.reading != "hand":
+            return points
+        hand = np.empty((len(task.time_s), 2))
+        places(task.hand_time_s, task.hand_pose, task.time_s, hand)
+        off = task.points_m[:, 0] - hand
+        return np.asarray(points - np.where(np.isnan(off), 0.0, off)[:, None])
+
+    def per_metre(self, task: Task, w: float) -> Array:
+        """Weight of each distance in E of one throw, eqs. (5) and (6): (G, n)."""
+        total = task.weight.sum(axis=0)
+        point = (1.0 + w * np.arange(len(total))) / np.maximum(total, 1e-300) / max((total > 0).sum(), 1)
+        return np.asarray(task.weight * point)
 
     def point_values(self, task: Task, simulated: Array) -> Array:
         """E_i of simulated points (..., G, n+1, 2): (..., n) [m]."""
         return point_values(distances(task.points_m, simulated, self.reading), task.weight)
+
+    def cost(self, chi: Array) -> Array:
+        """E of candidates (B, d) and what their deviations from the priors cost: (B,) [m]."""
+        return np.asarray(self.evaluate(chi) + self.space.penalty(chi))
 
     def residuals(self, chi: Array) -> tuple[Array, Array]:
         """Differences and their weights, such that E is the sum of weight times length of difference.
@@ -81,15 +114,17 @@ class Objective:
                 hand = difference[..., :1, :]
                 difference = difference - np.where(np.isnan(hand), 0.0, hand)
             parts.append(difference[:, :, 1:][:, used])
-            total = task.weight.sum(axis=0)
-            point = (1.0 + self.w * np.arange(len(total))) / np.maximum(total, 1e-300) / (total > 0).sum()
-            weights.append(share * (task.weight * point)[used])
+            weights.append(share * self.per_metre(task, self.w)[used])
         return np.concatenate(parts, axis=1), np.concatenate(weights)
+
+    def thinned(self, most: int) -> Objective:
+        """Return this objective with at most `most` frames of each throw: for slopes, not for E."""
+        return replace(self, tasks=tuple(task.thinned(most) for task in self.tasks))
 
 
 def play(model: StringModel, task: Task, strings: Strings) -> tuple[Array, NDArray[np.int64]]:
-    """Simulate candidate strings on one throw: (B, G, n+1, 2) [m] and (B,) status."""
-    return simulate_batch(
+    """Simulate candidate strings on one throw, as the camera sees them: (B, G, n+1, 2) [m], (B,) status."""
+    points, status = simulate_batch(
         model,
         strings.parameters,
         strings.masses,
@@ -100,7 +135,11 @@ def play(model: StringModel, task: Task, strings: Strings) -> tuple[Array, NDArr
         task.start_velocity_m_s,
         rest_curl_rad_m=strings.rest_curl_rad_m,
         clamp_offset_rad=strings.clamp_offset_rad,
+        bend_factor=strings.bend_factor,
     )
+    if strings.shift_m.any():
+        points = points + strings.shift_m[:, None, None]
+    return points, status
 
 
 @dataclass(eq=False)
@@ -117,6 +156,8 @@ class Ledger:
         Batches of candidates, their E, and how many evaluations each of them was.
     count
         Strings simulated so far, those for derivatives included.
+    converged
+        Whether the search that wrote here ended because nothing gained any more.
     """
 
     evaluate: Callable[[Array], Array]
@@ -125,6 +166,7 @@ class Ledger:
     values: list[Array] = field(default_factory=list)
     at: list[Array] = field(default_factory=list)
     count: int = 0
+    converged: bool = False
 
     def __call__(self, chi: Array) -> Array:
         """Evaluate candidates (B, d), each clipped to [0, 1], and remember them."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +13,13 @@ from strandcast.string.masses import MassLayout, point_masses
 from strandcast.string.parameters import PARAMETERS, to_exponent
 
 CURL, CLAMP, COMMON = "rest_curl_rad_m", "clamp_offset_rad", "plain_mass"
+SHIFT = ("camera_offset_x_m", "camera_offset_y_m")
+STIFF = "stiff_bend_factor"
+FOUND_PLACE, FOUND_MASS = "found_{}_place_m", "found_{}_mass"
+
+DEVIATION_COSTS_M = 2e-5
+"""What one standard deviation from a prior costs, on the scale of E: as if a throw were some 50 independent
+measurements of a millimetre each. Many more are taken, but their errors go together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +32,13 @@ class Strings:
         (B, 10), (B, n) and (B, w).
     rest_curl_rad_m, clamp_offset_rad
         (B,).
+    shift_m
+        (B, 2) how far the camera sees everything from where the robot says it is; zero if not given.
+    bend_factor
+        (B, n) multiplier of bending at joints 0…n-1, or None for ones.
+    found
+        (B, k, 2) place [m from the hand] and relative mass of the weights at unknown places; they are part
+        of `masses`.
     """
 
     parameters: Array
@@ -30,6 +46,14 @@ class Strings:
     free_masses: Array
     rest_curl_rad_m: Array
     clamp_offset_rad: Array
+    shift_m: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    bend_factor: Array | None = None
+    found: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
+
+    def __post_init__(self) -> None:
+        for name, shape in (("shift_m", (2,)), ("found", (0, 2))):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros((len(self), *shape)))
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -37,13 +61,11 @@ class Strings:
     def pick(self, rows: Array | list[int] | int) -> Strings:
         """Return the candidates `rows` of this batch."""
         kept = np.atleast_1d(rows).astype(int)
-        return Strings(
-            self.parameters[kept],
-            self.masses[kept],
-            self.free_masses[kept],
-            self.rest_curl_rad_m[kept],
-            self.clamp_offset_rad[kept],
-        )
+        columns: dict[str, Any] = {}
+        for column in fields(self):
+            rows_of = getattr(self, column.name)
+            columns[column.name] = None if rows_of is None else rows_of[kept]
+        return Strings(**columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,19 +80,30 @@ class Space:
         (d, 2) lower and upper values.
     layout
         Where the free masses sit.
+    prior_sd
+        (d,) standard deviation about zero of the unknowns that are known a little, infinite for all others.
+    spacing_m
+        Rest length of a segment, where weights are looked for; else 0.
     """
 
     names: tuple[str, ...]
     bounds: Array
     layout: MassLayout
+    prior_sd: Array
+    spacing_m: float = 0.0
 
     @property
     def dimension(self) -> int:
         """Number of unknowns d."""
         return len(self.names)
 
+    @property
+    def weights_found(self) -> int:
+        """Number of weights at unknown places."""
+        return sum(name.startswith("found_") for name in self.names) // 2
+
     def is_linear(self) -> Array:
-        """(d,) True for unknowns that may be negative: chi is their linear place, not an exponent."""
+        """(d,) True for unknowns that may be zero or negative: chi is their linear place, not an exponent."""
         return np.asarray(self.bounds[:, 0] <= 0)
 
     def values(self, chi: Array) -> Array:
@@ -92,24 +125,28 @@ class Space:
     def strings(self, chi: Array) -> Strings:
         """Candidate strings of exponents (B, d)."""
         values = self.values(np.atleast_2d(chi))
-        count = self.layout.count
-        free = values[:, 10 : 10 + count]
-        plain = self._option(values, COMMON, 1.0)
-        return Strings(
-            values[:, :10],
-            point_masses(self.layout, free, plain),
-            free,
-            self._option(values, CURL, 0.0),
-            self._option(values, CLAMP, 0.0),
-        )
+        free = values[:, 10 : 10 + self.layout.count]
+        masses = point_masses(self.layout, free, self._option(values, COMMON, 1.0))
+        options = {name: values[:, k] for k, name in enumerate(self.names) if k >= 10 + self.layout.count}
+        made = with_options(values[:, :10], masses, free, options, self.layout)
+        return replace(made, masses=masses + carried(made.found, self.spacing_m, masses.shape[1]))
 
     def chi_of(self, strings: Strings) -> Array:
         """Exponents (B, d) of given strings, clipped into the box."""
+        known = options_of(strings) | {COMMON: np.ones(len(strings))}
+        middle = self.values(np.full(self.dimension, 0.5))
         columns = [strings.parameters, strings.free_masses]
-        for name in self.names[10 + self.layout.count :]:
-            column = {CURL: strings.rest_curl_rad_m, CLAMP: strings.clamp_offset_rad}.get(name)
-            columns.append((np.ones(len(strings)) if column is None else column)[:, None])
+        for k in range(10 + self.layout.count, self.dimension):
+            columns.append(known.get(self.names[k], np.full(len(strings), middle[k]))[:, None])
         return self.exponents(np.hstack(columns))
+
+    def deviations(self, chi: Array) -> Array:
+        """Deviations (..., d) from the priors, in standard deviations; 0 for unknowns without one."""
+        return np.asarray(self.values(chi) / self.prior_sd)
+
+    def penalty(self, chi: Array) -> Array:
+        """Cost of deviations from the priors: (...,) [m], to be added to E."""
+        return np.asarray(DEVIATION_COSTS_M * (self.deviations(chi) ** 2).sum(axis=-1))
 
     def _option(self, values: Array, name: str, default: float) -> Array:
         if name in self.names:
@@ -117,13 +154,69 @@ class Space:
         return np.full(len(values), default)
 
 
+def options_of(strings: Strings) -> dict[str, Array]:
+    """Name to values (B,) of the numbers beside parameters and masses: curl, clamp, and what else is used."""
+    options = {CURL: strings.rest_curl_rad_m, CLAMP: strings.clamp_offset_rad}
+    if strings.shift_m.any():
+        options |= dict(zip(SHIFT, strings.shift_m.T, strict=True))
+    if strings.bend_factor is not None:
+        options[STIFF] = strings.bend_factor.max(axis=1)
+    for k in range(strings.found.shape[1]):
+        options[FOUND_PLACE.format(k + 1)], options[FOUND_MASS.format(k + 1)] = strings.found[:, k].T
+    return options
+
+
+def with_options(
+    parameters: Array, masses: Array, free_masses: Array, options: Mapping[str, Array], layout: MassLayout
+) -> Strings:
+    """Strings from their arrays and what `options_of` gave; what is not there is not in use."""
+    none = np.zeros(len(parameters))
+    factor = options.get(STIFF)
+    found = [
+        np.column_stack([options[FOUND_PLACE.format(k + 1)], options[FOUND_MASS.format(k + 1)]])
+        for k in range(sum(name.startswith("found_") for name in options) // 2)
+    ]
+    return Strings(
+        parameters,
+        masses,
+        free_masses,
+        options.get(CURL, none),
+        options.get(CLAMP, none),
+        np.column_stack([options.get(name, none) for name in SHIFT]),
+        None if factor is None else np.where(stiff_joints(layout), factor[:, None], 1.0),
+        np.stack(found, axis=1) if found else np.zeros((len(parameters), 0, 2)),
+    )
+
+
+def stiff_joints(layout: MassLayout) -> np.ndarray:
+    """(n,) True for joints 0…n-1 at points of stiff sections: joint i is at point i."""
+    touched = layout.shares[layout.count - layout.stiff :].sum(axis=0) > 0
+    return np.concatenate([[False], touched[:-1]])
+
+
+def carried(found: Array, spacing_m: float, n: int) -> Array:
+    """Relative masses (B, n) that weights (B, k, 2) of place [m] and mass put on points 1…n.
+
+    A weight between two points is split linearly over them.
+    """
+    if not found.size:
+        return np.zeros((len(found), n))
+    place = np.clip(found[..., 0] / spacing_m, 1.0, n)
+    share = np.maximum(1.0 - np.abs(place[..., None] - np.arange(1, n + 1)), 0.0)
+    return np.asarray(np.einsum("bk,bkn->bn", found[..., 1], share))
+
+
 def make_space(
     ranges: Array,
     mass_range: tuple[float, float],
     layout: MassLayout,
     options: dict[str, tuple[float, float]],
+    prior_sd: dict[str, float] | None = None,
+    spacing_m: float = 0.0,
 ) -> Space:
     """Box of the ten parameters, the layout's free masses and the `options` (name to bounds)."""
     masses = [mass_range] * layout.count
     names = (*PARAMETERS, *(f"weight_{k + 1}" for k in range(layout.count)), *options)
-    return Space(names, np.vstack([ranges, *masses, *options.values()]), layout)
+    known = prior_sd or {}
+    sd = np.array([known.get(name, np.inf) for name in names])
+    return Space(names, np.vstack([ranges, *masses, *options.values()]), layout, sd, spacing_m)

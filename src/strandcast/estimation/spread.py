@@ -18,12 +18,17 @@ def near_samples(
     Drawn from a normal law whose typical member is `WORSE` times as bad, by the curvature of E, and no wider
     than `width` in exponents.
     """
-    d = len(best)
+    root = valley_root(value, curvature, width)
+    return np.asarray(np.clip(best + rng.standard_normal((count, len(best))) @ root.T, 0.0, 1.0))
+
+
+def valley_root(value: float, curvature: Array, width: float = 0.3) -> Array:
+    """Root (d, d) of the covariance of `near_samples`."""
+    d = len(curvature)
     allowed = max((WORSE - 1.0) * value, FLOOR_M)
     precision = curvature * d / (2.0 * allowed) + np.eye(d) / width**2
     values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
-    noise = rng.standard_normal((count, d)) / np.sqrt(np.maximum(values, 1.0 / width**2))
-    return np.asarray(np.clip(best + noise @ vectors.T, 0.0, 1.0))
+    return np.asarray(vectors / np.sqrt(np.maximum(values, 1.0 / width**2)))
 
 
 def distant_members(chi: Array, values: Array, count: int) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -71,16 +71,17 @@ class Task:
     start_velocity_m_s: Array | None
 
     def until(self, share: float) -> Task:
-        """Return this task with only the first `share` of its used frames weighted, and cut behind them."""
+        """Return this task with the first `share` of its used frames, and nothing behind them."""
         used = np.flatnonzero(self.weight.any(axis=1))
         return self.cut(used[max(round(share * len(used)), 1) - 1] + 1)
 
-    def after(self, share: float) -> Task:
-        """Return this task with only the used frames after the first `share` of them weighted."""
+    def part(self, part: int, parts: int) -> Task:
+        """Return this task with only one of `parts` equal spans of its used frames weighted."""
         used = np.flatnonzero(self.weight.any(axis=1))
-        weight = self.weight.copy()
-        weight[: used[max(round(share * len(used)), 1) - 1] + 1] = 0.0
-        return self._with(slice(None), weight)
+        span = np.array_split(used, parts)[part]
+        weight = np.zeros_like(self.weight)
+        weight[span] = self.weight[span]
+        return replace(self, weight=weight)
 
     def fitted(self) -> Task:
         """Return this task without the frames behind the last one used."""
@@ -90,20 +91,24 @@ class Task:
         """Return the first `frames` frames of this task."""
         return self._with(slice(frames), self.weight[:frames])
 
+    def thinned(self, most: int) -> Task:
+        """Return this task with every k-th of its frames, such that at most `most` stay."""
+        kept = slice(0, None, max(-(-len(self.time_s) // most), 1))
+        return self._with(kept, self.weight[kept])
+
     def _with(self, kept: slice, weight: Array) -> Task:
-        return Task(
-            self.frames[kept],
-            self.time_s[kept],
-            self.points_m[kept],
-            weight,
-            self.hand_time_s,
-            self.hand_pose,
-            self.start_m,
-            self.start_velocity_m_s,
+        return replace(
+            self,
+            frames=self.frames[kept],
+            time_s=self.time_s[kept],
+            points_m=self.points_m[kept],
+            weight=weight,
         )
 
 
-def prepare(throw: Throw, places_m: Array, start_shape: str = "observed") -> Task:
+def prepare(
+    throw: Throw, places_m: Array, start_shape: str = "observed", *, from_seen_hand: bool = False
+) -> Task:
     """Cut a throw to its motion and find how the string started.
 
     Parameters
@@ -115,6 +120,9 @@ def prepare(throw: Throw, places_m: Array, start_shape: str = "observed") -> Tas
     start_shape
         ``observed``: the directions of the string in the frames before the motion, and its sway; ``hanging``:
         at rest under gravity.
+    from_seen_hand
+        The observed shape begins at the hand as the camera sees it, not as the robot says: where the offset
+        between them is not known.
 
     Raises
     ------
@@ -136,7 +144,8 @@ def prepare(throw: Throw, places_m: Array, start_shape: str = "observed") -> Tas
         )
     start, velocity = (None, None)
     if start_shape == "observed":
-        start, velocity = observed_start(throw, places_m, float(start_s))
+        seen_from = moved_to_hand(throw) if from_seen_hand else throw
+        start, velocity = observed_start(seen_from, places_m, float(start_s))
     return Task(
         frames,
         throw.time_s[frames],
@@ -147,6 +156,17 @@ def prepare(throw: Throw, places_m: Array, start_shape: str = "observed") -> Tas
         start,
         velocity,
     )
+
+
+def moved_to_hand(throw: Throw) -> Throw:
+    """Return the throw with all points moved by what lies between the hand's path and the hand as seen."""
+    path = np.column_stack(
+        [np.interp(throw.time_s, throw.hand_time_s, throw.hand_pose[:, c]) for c in (0, 1)]
+    )
+    inside = (throw.time_s >= throw.hand_time_s[0]) & (throw.time_s <= throw.hand_time_s[-1])
+    off = (throw.points_m[:, 0] - path)[inside]
+    off = off[~np.isnan(off).any(axis=1)]
+    return replace(throw, points_m=throw.points_m - np.median(off, axis=0)) if len(off) else throw
 
 
 def motion_start_s(throw: Throw) -> float:

@@ -53,6 +53,29 @@ class WeightFit(Part):
     ensemble_high: float
 
 
+class Knowledge(Part):
+    """How well the d unknowns are known, in the order of `unknowns`.
+
+    Standard deviations are in decades, or in the number's own unit where it may be negative (`in_decades`).
+    A profile's ends are values at which the best E that all other unknowns allow is higher by the share
+    `profile_rise`; null without profiles. `open`: it goes on beyond that end, at least to the range's bound.
+    """
+
+    unknowns: list[str]
+    in_decades: list[bool]
+    conditional_sd: list[float]  # all others known
+    marginal_sd: list[float]  # nothing known but the ranges
+    correlation: list[list[float]]
+    noise_m: float  # standard deviation of a coordinate of the residuals
+    measurements_per_datum: float  # neighbours in time and along the string err alike
+    gauge_fixed: bool  # the scale common to masses and coefficients, by plain points of mass 1
+    profile_rise: float
+    profile_low: list[float | None]
+    profile_high: list[float | None]
+    profile_low_open: list[bool]
+    profile_high_open: list[bool]
+
+
 class Step(Part):
     """One point of the convergence curve."""
 
@@ -111,6 +134,8 @@ class Estimate(Record):
     convergence: list[Step]
     evaluations: int
     rejected: int  # draws that blew up or overstretched
+    converged: bool | None = None  # whether nothing gained any more before the evaluations were spent
+    knowledge: Knowledge | None = None
     servo: ServoFit | None
     planned_from: dict[str, str]  # files read -> content hash
     warnings: list[str]

@@ -10,8 +10,9 @@ from strandcast.arm.load import load_arm
 from strandcast.arm.servo import Servo
 from strandcast.errors import StrandcastError
 from strandcast.estimation.estimate import Fit, estimate
+from strandcast.estimation.knowledge import RISE
 from strandcast.estimation.settings import FitSettings
-from strandcast.estimation.space import CLAMP, CURL, Space, Strings
+from strandcast.estimation.space import Space, Strings, options_of, with_options
 from strandcast.estimation.throw import Throw
 from strandcast.experiment import EstimateSettings
 from strandcast.records.estimate import (
@@ -19,6 +20,7 @@ from strandcast.records.estimate import (
     SIMULATED,
     Estimate,
     HeldOut,
+    Knowledge,
     ParameterFit,
     ServoFit,
     Step,
@@ -122,8 +124,13 @@ def _fit_settings(settings: EstimateSettings, layout: MassLayout) -> FitSettings
         start_shape=settings.start_shape,
         rest_curl=settings.rest_curl,
         clamp_offset=settings.clamp_offset,
+        clamp_offset_sd_rad=settings.clamp_offset_sd_rad,
+        camera_offset_sd_m=settings.camera_offset_sd_m,
+        stiff_bend=settings.stiff_bend,
+        find_weights=settings.find_weights,
         plain_mass=settings.search == "paper" and layout.count > 0,
         ensemble=settings.ensemble,
+        profiles=settings.profiles,
         centre=settings.paper.centre,
         chi_0=settings.paper.chi_0,
         beta=settings.paper.beta,
@@ -135,12 +142,12 @@ def _planned(motion: Motion | None, layout: MassLayout) -> Strings | None:
     if motion is None or motion.provenance is None:
         return None
     string = motion.provenance.string
-    return Strings(
+    return with_options(
         np.array([[string.parameters[name] for name in PARAMETERS]]),
         np.array([string.masses]),
         np.ones((1, layout.count)),
-        np.array([string.options.get(CURL, 0.0)]),
-        np.array([string.options.get(CLAMP, 0.0)]),
+        {name: np.array([value]) for name, value in string.options.items()},
+        layout,
     )
 
 
@@ -157,7 +164,7 @@ def _members(fit: Fit) -> dict[str, np.ndarray]:
     columns |= dict(zip(PARAMETERS, strings.parameters.T, strict=True))
     columns |= {f"mass_{k + 1}": mass for k, mass in enumerate(strings.masses.T)}
     columns |= {f"weight_{k + 1}": mass for k, mass in enumerate(strings.free_masses.T)}
-    return columns | {CURL: strings.rest_curl_rad_m, CLAMP: strings.clamp_offset_rad}
+    return columns | options_of(strings)
 
 
 def _simulated(fit: Fit, trial: Trial) -> dict[str, np.ndarray]:
@@ -227,6 +234,8 @@ def _record(
         ],
         evaluations=fit.evaluations,
         rejected=fit.rejected,
+        converged=fit.converged,
+        knowledge=_knowledge(fit),
         servo=None if servo is None else _servo(*servo),
         planned_from=_read_files(context, [t.number for t in trials]),
         warnings=list(fit.warnings),
@@ -238,7 +247,7 @@ def string_set(string: Strings) -> StringSet:
     return StringSet(
         parameters=dict(zip(PARAMETERS, string.parameters[0].tolist(), strict=True)),
         masses=string.masses[0].tolist(),
-        options={CURL: float(string.rest_curl_rad_m[0]), CLAMP: float(string.clamp_offset_rad[0])},
+        options={name: float(values[0]) for name, values in options_of(string).items()},
     )
 
 
@@ -269,6 +278,28 @@ def _weights(context: Context, fit: Fit, layout: MassLayout) -> list[WeightFit]:
             WeightFit(place_m=float(layout.places_m[k]), kind="weight" if k < weights else "stiff", **numbers)
         )
     return found
+
+
+def _knowledge(fit: Fit) -> Knowledge:
+    """Return what is known of the unknowns, as values: decades, or their own units."""
+    known, space = fit.knowledge, fit.space
+    linear = space.is_linear()
+    width = np.where(linear, space.bounds[:, 1] - space.bounds[:, 0], known.decades)
+    return Knowledge(
+        unknowns=list(space.names),
+        in_decades=np.logical_not(linear).tolist(),
+        conditional_sd=(known.conditional * width).tolist(),
+        marginal_sd=(known.marginal * width).tolist(),
+        correlation=np.round(known.correlation, 4).tolist(),
+        noise_m=known.noise_m,
+        measurements_per_datum=known.per_datum,
+        gauge_fixed=known.gauge_fixed,
+        profile_rise=RISE,
+        profile_low=[_finite(value) for value in space.values(known.low)],
+        profile_high=[_finite(value) for value in space.values(known.high)],
+        profile_low_open=known.open_low.tolist(),
+        profile_high_open=known.open_high.tolist(),
+    )
 
 
 def _servo(servo: Servo, residual_rad: np.ndarray) -> ServoFit:

@@ -9,7 +9,7 @@ import numpy as np
 
 from strandcast.arm.load import Arm
 from strandcast.arm.servo import Servo, identify
-from strandcast.estimation.space import CLAMP, CURL, Strings
+from strandcast.estimation.space import Strings, with_options
 from strandcast.records.alignment import Alignment, read_hand
 from strandcast.records.estimate import ENSEMBLE
 from strandcast.records.joint_log import JointLog, read_run
@@ -67,12 +67,12 @@ def read_members(path: Path, layout: MassLayout) -> Strings:
         values = [rows[f"{stem}_{k + 1}"] for k in range(count)]
         return np.array(values).reshape(count, -1).T if count else np.zeros((len(rows["member"]), 0))
 
-    return Strings(
+    return with_options(
         np.array([rows[name] for name in PARAMETERS]).T,
         columns("mass", points),
         columns("weight", layout.count),
-        rows[CURL],
-        rows[CLAMP],
+        rows,
+        layout,
     )
 
 

@@ -1,19 +1,22 @@
-"""The hand's path at every step: cubic Hermite between the given samples."""
+"""The hand's path: cubic Hermite between the given samples, and what drives the string at every step."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 
-from strandcast.string.forces import KERNEL
+from strandcast.string.lanes import CACHED
 from strandcast.string.parameters import Array
 
-HAND_COLUMNS = 7  # x, y, vx, vy, cos and sin of the angle, angular rate
+# Values of `drive` per step.
+VX, VY, COS, SIN, RATE, DVX, DVY, DRATE, X, Y = range(10)
+DRIVING = 10
 
 
-@njit(**KERNEL)
+@njit(**CACHED)
 def slopes(time_s: Array, value: Array, out: Array) -> None:
     """Slope at each knot of the parabola through it and its neighbours (not-a-knot at the ends).
 
@@ -38,44 +41,69 @@ def slopes(time_s: Array, value: Array, out: Array) -> None:
     out[last] = 2.0 * (value[last] - value[last - 1]) / (time_s[last] - time_s[last - 1]) - out[last - 1]
 
 
-@njit(**KERNEL)
-def hand_at_steps(time_s: Array, pose: Array, h: float, steps: int) -> Array:
-    """Hand at times ``time_s[0] + k h``, k = 0…steps; it rests at its last pose after the last sample.
+@njit(**CACHED)
+def drive(time_s: Array, pose: Array, h: float, steps: int, lane: int, out: Any) -> None:
+    """Write what drives the string at every step into column `lane` of `out` (steps * DRIVING, width).
+
+    Velocity (VX, VY) and turn RATE in the middle of the step before, COS and SIN of the hand's angle now, the
+    change of the rates to the middle of the step ahead, and the place (X, Y) at the step's end. The rates are
+    those that carry the hand from step to step, at the start its own. The hand rests at its last pose after
+    the last sample.
 
     Parameters
     ----------
     time_s
-        (T,) increasing times [s].
+        (T,) increasing times [s]; the first step begins at the first.
     pose
         (T, 3) x, y [m] and unwrapped angle [rad].
-
-    Returns
-    -------
-    (steps + 1, 7) x, y, vx, vy, cos, sin, angular rate.
+    h, steps
+        Step [s] and their number.
     """
     slope = np.empty((3, len(time_s)))
     for c in range(3):
         slopes(time_s, pose[:, c], slope[c])
-    out = np.empty((steps + 1, HAND_COLUMNS))
     knot = 0
-    value = np.empty(3)
-    rate = np.empty(3)
-    for k in range(steps + 1):
-        t = min(time_s[0] + k * h, time_s[-1])
+    here, ahead = np.empty(3), np.empty(3)
+    before = slope[:, 0].copy()
+    here[:] = pose[0]
+    for k in range(steps):
+        t = min(time_s[0] + (k + 1) * h, time_s[-1])
         while knot < len(time_s) - 2 and time_s[knot + 1] <= t:
             knot += 1
         width = time_s[knot + 1] - time_s[knot]
         s = (t - time_s[knot]) / width
-        moving = 1.0 if time_s[0] + k * h <= time_s[-1] else 0.0
+        r = k * DRIVING
+        out[r + COS, lane], out[r + SIN, lane] = math.cos(here[2]), math.sin(here[2])
         for c in range(3):
             y0, y1 = pose[knot, c], pose[knot + 1, c]
             d0, d1 = slope[c, knot] * width, slope[c, knot + 1] * width
-            second = 3.0 * (y1 - y0) - 2.0 * d0 - d1
-            third = 2.0 * (y0 - y1) + d0 + d1
-            value[c] = y0 + s * (d0 + s * (second + s * third))
-            rate[c] = moving * (d0 + s * (2.0 * second + 3.0 * s * third)) / width
-        out[k, 0], out[k, 1] = value[0], value[1]
-        out[k, 2], out[k, 3] = rate[0], rate[1]
-        out[k, 4], out[k, 5] = math.cos(value[2]), math.sin(value[2])
-        out[k, 6] = rate[2]
-    return out
+            value = y0 + s * (d0 + s * (3.0 * (y1 - y0) - 2.0 * d0 - d1 + s * (2.0 * (y0 - y1) + d0 + d1)))
+            ahead[c] = (value - here[c]) / h
+            here[c] = value
+        out[r + VX, lane], out[r + VY, lane], out[r + RATE, lane] = before[0], before[1], before[2]
+        out[r + DVX, lane] = ahead[0] - before[0]
+        out[r + DVY, lane] = ahead[1] - before[1]
+        out[r + DRATE, lane] = ahead[2] - before[2]
+        out[r + X, lane], out[r + Y, lane] = here[0], here[1]
+        before[:] = ahead
+
+
+@njit(**CACHED)
+def places(time_s: Array, pose: Array, wanted_s: Array, out: Array) -> None:
+    """Places of the hand at increasing times `wanted_s` (F,), into `out` (F, 2) [m]."""
+    slope = np.empty((2, len(time_s)))
+    for c in range(2):
+        slopes(time_s, pose[:, c], slope[c])
+    knot = 0
+    for f in range(len(wanted_s)):
+        t = min(wanted_s[f], time_s[-1])
+        while knot < len(time_s) - 2 and time_s[knot + 1] <= t:
+            knot += 1
+        width = time_s[knot + 1] - time_s[knot]
+        s = (t - time_s[knot]) / width
+        for c in range(2):
+            y0, y1 = pose[knot, c], pose[knot + 1, c]
+            d0, d1 = slope[c, knot] * width, slope[c, knot + 1] * width
+            out[f, c] = y0 + s * (
+                d0 + s * (3.0 * (y1 - y0) - 2.0 * d0 - d1 + s * (2.0 * (y0 - y1) + d0 + d1))
+            )

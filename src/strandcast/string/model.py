@@ -35,6 +35,8 @@ class StringModel:
         corners).
     dt_s
         Step [s].
+    precision
+        ``f64``, or ``f32``: twice as many candidates at a time, for searching; micrometres away.
     switch_width
         Half-width over which h blends into sh, so that the force stays continuous; ``rate``: in theta * rate
         [rad^2/s], ``sign``: [rad], ``strain``: tension over the point's weight [1]. None: the reading's
@@ -54,6 +56,7 @@ class StringModel:
     reading: Literal["rate", "sign", "strain"] = "rate"
     integrator: Literal["lfcn", "semi_implicit", "euler"] = "lfcn"
     dt_s: float = 1e-3
+    precision: Literal["f64", "f32"] = "f64"
     switch_width: float | None = None
     bend_factor: tuple[float, ...] | None = None
     rest_curl_rad_m: float = 0.0

@@ -7,14 +7,15 @@ import math
 import numpy as np
 from numba import njit
 
-from strandcast.string.forces import KERNEL, blend, switch_value
+from strandcast.string.elements import RATE_READING, SIGN_READING, blend, ramp
+from strandcast.string.lanes import CACHED
 from strandcast.string.parameters import Array
 
 _SWEEPS = 60
 _LONGEST_TURN = 0.5  # rad, of one Newton step
 
 
-@njit(**KERNEL)
+@njit(**CACHED)
 def segment_lengths(angle: Array, p: Array, m: Array, l0: float, gravity: float, length: Array) -> None:
     """Lengths of segments at rest: l0 and the static stretch under the weight below, into `length` (n,)."""
     weight = 0.0
@@ -23,7 +24,7 @@ def segment_lengths(angle: Array, p: Array, m: Array, l0: float, gravity: float,
         length[j] = max(l0 - weight * math.sin(angle[j]) / p[0], 0.1 * l0)
 
 
-@njit(**KERNEL)
+@njit(**CACHED)
 def _rest_stiffness(
     angle: Array, p: Array, m: Array, factor: Array, fixed: Array, reading: int, k: Array
 ) -> None:
@@ -33,11 +34,15 @@ def _rest_stiffness(
         bend = angle[i] - angle[i - 1] - fixed[1]
         weight += m[i] * fixed[3]
         pull = -0.5 * weight * (math.sin(angle[i]) + math.sin(angle[i - 1]))
-        choice = switch_value(reading, bend, 0.0, pull, m[i - 1] * fixed[3])
-        k[i] = factor[i] * (p[4] + (p[2] - p[4]) * blend(choice / fixed[4]))
+        switch = -pull / (m[i - 1] * fixed[3])
+        if reading == RATE_READING:
+            switch = 0.0
+        elif reading == SIGN_READING:
+            switch = bend
+        k[i] = factor[i] * (p[4] + (p[2] - p[4]) * blend(ramp(switch, 1.0 / fixed[4])))
 
 
-@njit(**KERNEL)
+@njit(**CACHED)
 def hanging(hand: Array, p: Array, m: Array, factor: Array, fixed: Array, reading: int, x: Array) -> None:
     """Points of the string at rest under gravity, clamped in the hand.
 
@@ -46,13 +51,20 @@ def hanging(hand: Array, p: Array, m: Array, factor: Array, fixed: Array, readin
 
     Parameters
     ----------
-    hand, p, m, factor, fixed, reading
-        As for `strandcast.string.forces.forces`.
+    hand
+        (3,) x, y [m] and angle [rad] of the hand.
+    p, m, factor
+        (10,) parameters, (n,) relative masses, (n,) multipliers of bending at joints 0…n-1.
+    fixed
+        (5,) rest spacing [m], rest bend per joint [rad], clamp offset [rad], gravity [m/s^2], half-width of
+        the switch.
+    reading
+        See `strandcast.string.elements.joint`.
     x
         (n+1, 2) filled here.
     """
     n = len(m)
-    clamp = math.atan2(hand[5], hand[4]) + fixed[2]
+    clamp = hand[2] + fixed[2]
     # Down, on the turn nearest to the clamp's angle.
     down = clamp - math.atan2(math.sin(clamp + 0.5 * math.pi), math.cos(clamp + 0.5 * math.pi))
     angle = np.full(n, down)
@@ -77,7 +89,7 @@ def hanging(hand: Array, p: Array, m: Array, factor: Array, fixed: Array, readin
     lay_out(hand, angle, length, x)
 
 
-@njit(**KERNEL)
+@njit(**CACHED)
 def _newton_step(
     angle: Array, clamp: float, length: Array, m: Array, k: Array, fixed: Array, upper: Array, step: Array
 ) -> None:
@@ -105,7 +117,7 @@ def _newton_step(
         step[j] += upper[j] * step[j + 1]
 
 
-@njit(**KERNEL)
+@njit(**CACHED)
 def respaced(hand: Array, seen: Array, p: Array, m: Array, l0: float, gravity: float, x: Array) -> None:
     """Points with the directions of `seen` and the lengths of a string at rest.
 
@@ -114,7 +126,7 @@ def respaced(hand: Array, seen: Array, p: Array, m: Array, l0: float, gravity: f
     Parameters
     ----------
     hand
-        (7,) the hand now.
+        (3,) x, y [m] and angle [rad] of the hand.
     seen
         (n, 2) positions of points 1…n [m].
     p, m, l0, gravity
@@ -133,7 +145,7 @@ def respaced(hand: Array, seen: Array, p: Array, m: Array, l0: float, gravity: f
     lay_out(hand, angle, length, x)
 
 
-@njit(**KERNEL)
+@njit(**CACHED)
 def lay_out(hand: Array, angle: Array, length: Array, x: Array) -> None:
     """Points from the hand along segments of given angles and lengths, into `x` (n+1, 2)."""
     x[0, 0], x[0, 1] = hand[0], hand[1]

@@ -2,23 +2,51 @@
 
 from __future__ import annotations
 
+import os
+from typing import Any, NamedTuple
+
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
-from strandcast.string.forces import KERNEL
-from strandcast.string.hand import hand_at_steps
-from strandcast.string.implicit import FINE, averaging
-from strandcast.string.integrators import BLEW_UP, LFCN, OK, OVERSTRETCHED, integrate
+from strandcast.string.hand import places
+from strandcast.string.lanes import Kind, register_bits
+from strandcast.string.march import (
+    AS_GIVEN,
+    FAR_M,
+    HANGING,
+    LONGEST,
+    MISS,
+    MISS_AT,
+    RESPACED,
+    SHORTEST,
+    VALUE,
+)
+from strandcast.string.march import march as _march
 from strandcast.string.model import INTEGRATORS, READINGS, StringModel
 from strandcast.string.parameters import Array
-from strandcast.string.rest import hanging, respaced
 
-STATUS = {OK: "ok", BLEW_UP: "blew up", OVERSTRETCHED: "a segment longer than three rest lengths"}
+OK, BLEW_UP, OVERSTRETCHED, COLLAPSED = range(4)
+STATUS = {
+    OK: "ok",
+    BLEW_UP: "blew up",
+    OVERSTRETCHED: "a segment longer than three rest lengths",
+    COLLAPSED: "a segment shorter than 0.3 rest lengths",
+}
+LONGEST_SEGMENT, SHORTEST_SEGMENT = 3.0, 0.3  # rest lengths: beyond, the model is not a string
 
 FINEST = 4  # smallest step, as a fraction of the model's, with which a torn candidate is repeated
+_STIFF = 1.4  # k_s h^2 / m beyond which a string is too stiff to be stretched by its loads
 
-_HANGING, _RESPACED, _AS_GIVEN = range(3)
+
+def kind(precision: str) -> Kind:
+    """How the kernels hold candidates: as many as a vector register of this processor takes.
+
+    The environment variable STRANDCAST_REGISTER_BITS overrides the size of the register: 512, 256, 128, or 0
+    for plain numbers.
+    """
+    bits = {"f64": 64, "f32": 32}[precision]
+    register = int(os.environ.get("STRANDCAST_REGISTER_BITS") or register_bits())
+    return Kind(bits, max(register // bits, 1))
 
 
 def simulate(
@@ -92,6 +120,7 @@ def simulate_batch(
     rest_curl_rad_m: Array | float | None = None,
     clamp_offset_rad: Array | float = 0.0,
     bend_factor: Array | None = None,
+    bend_friction: Array | float = 0.0,
 ) -> tuple[Array, NDArray[np.int64]]:
     """Simulate a batch of B candidates; the bytes do not depend on the number of threads.
 
@@ -107,6 +136,9 @@ def simulate_batch(
         Per candidate (B,), or common; None: the model's own curl.
     bend_factor
         (B, n) multiplier of bending at each joint per candidate; None: the model's own.
+    bend_friction
+        Dry friction of a joint [N m/kg], per candidate (B,) or common: bending that does not die away by
+        itself. A deviation from the paper; real cables have it.
 
     Returns
     -------
@@ -115,41 +147,116 @@ def simulate_batch(
     status
         (B,) keys of `STATUS`.
     """
-    p = _rows(parameters, 10)
-    batch = len(p)
-    m = _rows(masses, model.points)
-    time_s = np.ascontiguousarray(hand_time_s, dtype=float)
-    pose = np.ascontiguousarray(hand_pose, dtype=float)
-    if pose.ndim == 2:
-        pose = pose[None]
-    at = (np.asarray(out_time_s, dtype=float) - time_s[0]) / model.dt_s
-    _check(model, m, batch, time_s, pose, at)
-    steps = max(int(np.ceil(at[-1] - 1e-9)), 1) if len(at) else 1
-    curl = model.rest_curl_rad_m if rest_curl_rad_m is None else rest_curl_rad_m
-    fixed = np.empty((batch, 5))
-    fixed[:, 0] = model.spacing_m
-    fixed[:, 1] = np.asarray(curl, dtype=float) * model.spacing_m
-    fixed[:, 2] = clamp_offset_rad
-    fixed[:, 3] = model.gravity_m_s2
-    fixed[:, 4] = model.switch()
-    kind = _HANGING if start is None else (_RESPACED if respace else _AS_GIVEN)
-    n = model.points
-    return _simulate(
-        p,
-        m,
-        time_s,
-        pose,
-        model.dt_s,
-        steps,
-        np.clip(at, 0.0, float(steps)),
-        kind,
-        np.zeros((n, 2)) if start is None else _rows(start, 2),
-        np.zeros((n, 2)) if start_velocity is None else _rows(start_velocity, 2),
-        np.tile(model.factors(), (batch, 1)) if bend_factor is None else _rows(bend_factor, n),
-        fixed,
-        READINGS.index(model.reading),
-        INTEGRATORS.index(model.integrator),
-    )
+    given = _given(
+        model, parameters, masses, hand_time_s, hand_pose, out_time_s, start, start_velocity, respace,
+        rest_curl_rad_m, clamp_offset_rad, bend_factor, bend_friction,
+    )  # fmt: skip
+    out = np.empty((len(given.p), len(given.at), model.points + 1, 2))
+    for b in range(len(given.pose)):
+        hand = out[b : b + 1 if len(given.pose) > 1 else None, :, 0]
+        place = np.empty(hand.shape[1:])
+        places(given.time_s, given.pose[b], given.wanted_s, place)
+        hand[:] = place
+    status = _run(given, {"out": out})[1]
+    for b in map(int, np.flatnonzero(status == BLEW_UP)):
+        out[b, np.isnan(out[b, :, -1, 0])] = np.nan
+    return out, status
+
+
+def evaluate_batch(
+    model: StringModel,
+    parameters: Array,
+    masses: Array,
+    hand_time_s: Array,
+    hand_pose: Array,
+    frame_time_s: Array,
+    seen_m: Array,
+    per_metre: Array,
+    start: Array | None = None,
+    start_velocity: Array | None = None,
+    *,
+    respace: bool = True,
+    rest_curl_rad_m: Array | float | None = None,
+    clamp_offset_rad: Array | float = 0.0,
+    bend_factor: Array | None = None,
+    bend_friction: Array | float = 0.0,
+    shift_m: Array | None = None,
+    bound_m: float = np.inf,
+) -> tuple[Array, NDArray[np.int64]]:
+    """Weighted distance between a measured throw and B candidates, without keeping a position.
+
+    Parameters
+    ----------
+    model, parameters, masses, hand_time_s, start, start_velocity, respace
+        As for `simulate_batch`.
+    rest_curl_rad_m, clamp_offset_rad, bend_factor, bend_friction
+        As for `simulate_batch`.
+    hand_pose
+        (T, 3).
+    frame_time_s, seen_m, per_metre
+        (F,) times [s], (F, n, 2) measured points 1…n [m], anything where their weight (F, n) is 0.
+    shift_m
+        (B, 2) added to each candidate's points [m].
+    bound_m
+        Candidates worse than this are not followed to their end.
+
+    Returns
+    -------
+    values
+        (B,) sum of weight times distance; infinite above `bound_m`, and after a blow-up.
+    status
+        (B,) keys of `STATUS`; of a candidate that was given up, as far as it went.
+    """
+    given = _given(
+        model, parameters, masses, hand_time_s, hand_pose, frame_time_s, start, start_velocity, respace,
+        rest_curl_rad_m, clamp_offset_rad, bend_factor, bend_friction,
+    )  # fmt: skip
+    used = np.ascontiguousarray(per_metre, dtype=float)
+    seen = np.where(used[..., None] > 0, seen_m, 0.0)
+    if shift_m is not None:
+        given = given._replace(shift=_rows(shift_m, 2))
+    kept, status = _run(given, {"seen": seen, "per_metre": used, "bound": float(bound_m)})
+    values = kept[:, VALUE]
+    return np.where((status == BLEW_UP) | ~(values <= bound_m), np.inf, values), status
+
+
+def miss_batch(
+    model: StringModel,
+    parameters: Array,
+    masses: Array,
+    hand_time_s: Array,
+    hand_pose: Array,
+    out_time_s: Array,
+    target_m: Array,
+    start: Array | None = None,
+    start_velocity: Array | None = None,
+    *,
+    respace: bool = True,
+    rest_curl_rad_m: Array | float | None = None,
+    clamp_offset_rad: Array | float = 0.0,
+    bend_factor: Array | None = None,
+    bend_friction: Array | float = 0.0,
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Least distance between a target and the tip's path, without keeping a position.
+
+    Arguments as for `simulate_batch`; `target_m` is (2,). The path is straight between outputs.
+
+    Returns
+    -------
+    miss
+        (B,) [m], infinite after a blow-up.
+    time
+        (B,) when [s], on the clock of `out_time_s`.
+    status
+        (B,) keys of `STATUS`.
+    """
+    given = _given(
+        model, parameters, masses, hand_time_s, hand_pose, out_time_s, start, start_velocity, respace,
+        rest_curl_rad_m, clamp_offset_rad, bend_factor, bend_friction,
+    )  # fmt: skip
+    kept, status = _run(given, {"target": np.asarray(target_m, dtype=float)})
+    time_s = np.interp(kept[:, MISS_AT], np.arange(len(given.wanted_s)), given.wanted_s)
+    return np.where(status == BLEW_UP, np.inf, kept[:, MISS]), time_s, status
 
 
 def start_shape(
@@ -187,128 +294,152 @@ def _check(model: StringModel, masses: Array, batch: int, time_s: Array, pose: A
         raise ValueError(f"{model.points} points need {model.points} bend factors")
 
 
-@njit(**KERNEL)
-def _candidate(
-    hand: Array,
-    h: float,
-    at: Array,
-    kind: int,
-    start: Array,
-    start_velocity: Array,
-    p: Array,
-    m: Array,
-    factor: Array,
-    fixed: Array,
-    reading: int,
-    scheme: int,
-    out: Array,
-) -> int:
-    """Start one candidate as `kind` says and integrate it, into `out`."""
-    n = len(m)
-    x = np.empty((n + 1, 2))
-    v = np.zeros((n + 1, 2))
-    if kind == _HANGING:
-        hanging(hand[0], p, m, factor, fixed, reading, x)
-    elif kind == _RESPACED:
-        respaced(hand[0], start, p, m, fixed[0], fixed[3], x)
-    x[0, 0], x[0, 1] = hand[0, 0], hand[0, 1]
-    for i in range(n):
-        v[i + 1, 0], v[i + 1, 1] = start_velocity[i, 0], start_velocity[i, 1]
-        if kind == _AS_GIVEN:
-            x[i + 1, 0], x[i + 1, 1] = start[i, 0], start[i, 1]
-    return integrate(x, v, hand, h, p, m, factor, fixed, reading, scheme, at, out)
+class _Given(NamedTuple):
+    """Candidates and their throw, as the kernels take them: see `strandcast.string.march.march`."""
+
+    model: StringModel
+    p: Array
+    m: Array
+    factor: Array
+    fixed: Array
+    time_s: Array
+    pose: Array
+    start_kind: int
+    start: Array
+    start_velocity: Array
+    wanted_s: Array
+    at: Array
+    steps: int
+    shift: Array
 
 
-@njit(**KERNEL)
-def _until_it_holds(
-    hand: Array,
-    time_s: Array,
-    path: Array,
-    h: float,
-    steps: int,
-    at: Array,
-    kind: int,
-    start: Array,
-    start_velocity: Array,
-    p: Array,
-    m: Array,
-    factor: Array,
-    fixed: Array,
-    reading: int,
-    scheme: int,
-    out: Array,
-) -> int:
-    """Integrate one candidate, again with smaller steps if it was torn by the step.
+def _given(
+    model: StringModel,
+    parameters: Array,
+    masses: Array,
+    hand_time_s: Array,
+    hand_pose: Array,
+    out_time_s: Array,
+    start: Array | None,
+    start_velocity: Array | None,
+    respace: bool,
+    rest_curl_rad_m: Array | float | None,
+    clamp_offset_rad: Array | float,
+    bend_factor: Array | None,
+    bend_friction: Array | float,
+) -> _Given:
+    n = model.points
+    p = _rows(parameters, 10)
+    m = _rows(masses, n)
+    time_s = np.ascontiguousarray(hand_time_s, dtype=float)
+    pose = np.ascontiguousarray(hand_pose, dtype=float)
+    if pose.ndim == 2:
+        pose = pose[None]
+    wanted_s = np.ascontiguousarray(out_time_s, dtype=float)
+    at = (wanted_s - time_s[0]) / model.dt_s
+    _check(model, m, len(p), time_s, pose, at)
+    steps = max(int(np.ceil(at[-1] - 1e-9)), 1) if len(at) else 1
+    curl = model.rest_curl_rad_m if rest_curl_rad_m is None else rest_curl_rad_m
+    fixed = np.empty((len(p), 6))
+    fixed[:, 0] = model.spacing_m
+    fixed[:, 1] = np.asarray(curl, dtype=float) * model.spacing_m
+    fixed[:, 2] = clamp_offset_rad
+    fixed[:, 3] = model.gravity_m_s2
+    fixed[:, 4] = model.switch()
+    fixed[:, 5] = bend_friction
+    return _Given(
+        model,
+        p,
+        m,
+        np.tile(model.factors(), (len(p), 1)) if bend_factor is None else _rows(bend_factor, n),
+        fixed,
+        time_s,
+        pose,
+        HANGING if start is None else (RESPACED if respace else AS_GIVEN),
+        np.zeros((n, 2)) if start is None else _rows(start, 2),
+        np.zeros((n, 2)) if start_velocity is None else _rows(start_velocity, 2),
+        wanted_s,
+        np.clip(at, 0.0, float(steps)),
+        steps,
+        np.zeros((len(p), 2)),
+    )
+
+
+def _run(given: _Given, observed: dict[str, Any]) -> tuple[Array, NDArray[np.int64]]:
+    """Run candidates, and those that the step tore again with smaller steps: what is kept, and status.
 
     In a snap a segment may turn by half a radian within a step. A string too stiff to be stretched by its
     loads that is overstretched all the same failed by the scheme, not by its physics.
     """
-    status = _candidate(hand, h, at, kind, start, start_velocity, p, m, factor, fixed, reading, scheme, out)
-    stiff = scheme == LFCN and averaging(p[0], h, np.min(m), 4.0) > FINE
+    model = given.model
+    kept = _pass(given, 1, observed)
+    status = _status(model, kept)
+    stiff = (given.p[:, 0] * model.dt_s**2 > _STIFF * given.m.min(axis=1)) & (model.integrator == "lfcn")
     finer = 2
-    while stiff and status != OK and finer <= FINEST:
-        closer = hand_at_steps(time_s, path, h / finer, steps * finer)
-        status = _candidate(
-            closer,
-            h / finer,
-            at * finer,
-            kind,
-            start,
-            start_velocity,
-            p,
-            m,
-            factor,
-            fixed,
-            reading,
-            scheme,
-            out,
+    while finer <= FINEST and (torn := np.flatnonzero(stiff & (status != OK))).size:
+        again = dict(observed)
+        if "out" in observed:
+            again["out"] = observed["out"][torn]
+        some = given._replace(
+            p=given.p[torn],
+            m=given.m[torn],
+            factor=given.factor[torn],
+            fixed=given.fixed[torn],
+            pose=given.pose if len(given.pose) == 1 else given.pose[torn],
+            shift=given.shift[torn],
         )
+        kept[torn] = _pass(some, finer, again)
+        status[torn] = _status(model, kept[torn])
+        if "out" in observed:
+            observed["out"][torn] = again["out"]
         finer *= 2
-    return status
+    return kept, status
 
 
-@njit(parallel=True, **KERNEL)
-def _simulate(
-    p: Array,
-    m: Array,
-    time_s: Array,
-    pose: Array,
-    h: float,
-    steps: int,
-    at: Array,
-    kind: int,
-    start: Array,
-    start_velocity: Array,
-    factor: Array,
-    fixed: Array,
-    reading: int,
-    scheme: int,
-) -> tuple[Array, NDArray[np.int64]]:
-    """Integrate all candidates; the loop over them runs on all cores."""
-    batch, n = m.shape
-    out = np.empty((batch, len(at), n + 1, 2))
-    status = np.empty(batch, dtype=np.int64)
-    shared = len(pose) == 1
-    common = hand_at_steps(time_s, pose[0], h, steps)
-    for c in prange(batch):
-        path = pose[0] if shared else pose[c]
-        hand = common if shared else hand_at_steps(time_s, path, h, steps)
-        status[c] = _until_it_holds(
-            hand,
-            time_s,
-            path,
-            h,
-            steps,
-            at,
-            kind,
-            start,
-            start_velocity,
-            p[c],
-            m[c],
-            factor[c],
-            fixed[c],
-            reading,
-            scheme,
-            out[c],
+def _pass(given: _Given, finer: int, observed: dict[str, Any]) -> Array:
+    """Run candidates once, with steps `finer` times smaller than the model's."""
+    model, n = given.model, given.model.points
+    held = kind(model.precision)
+    nothing = {
+        "seen": np.empty((0, n, 2)),
+        "per_metre": np.empty((0, n)),
+        "bound": np.inf,
+        "target": np.empty(0),
+        "out": np.empty((0, 0, 0, 0)),
+    }
+    observers = nothing | observed
+    return np.asarray(
+        _march(
+            held,
+            np.empty((1, held.width), held.dtype),
+            given.p,
+            given.m,
+            given.factor,
+            given.fixed,
+            given.time_s,
+            given.pose,
+            given.start_kind,
+            given.start,
+            given.start_velocity,
+            given.steps * finer,
+            model.dt_s / finer,
+            READINGS.index(model.reading),
+            INTEGRATORS.index(model.integrator),
+            given.at * finer,
+            observers["seen"],
+            observers["per_metre"],
+            given.shift,
+            observers["bound"],
+            observers["target"],
+            observers["out"],
         )
-    return out, status
+    )
+
+
+def _status(model: StringModel, kept: Array) -> NDArray[np.int64]:
+    longest, shortest = kept[:, LONGEST] / model.spacing_m, kept[:, SHORTEST] / model.spacing_m
+    status = np.full(len(kept), OK)
+    status[shortest < SHORTEST_SEGMENT] = COLLAPSED
+    status[longest > LONGEST_SEGMENT] = OVERSTRETCHED
+    status[~(kept[:, LONGEST] < FAR_M)] = BLEW_UP
+    return status

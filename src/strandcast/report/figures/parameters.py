@@ -26,11 +26,13 @@ def parameters(key: str, title: str, results: Results) -> Reportlet:
             Markup("{:.2f} {}").format(fit.exponent, _bar(fit)),
             Markup('<b class="warn">▲ at bound</b>') if fit.at_bound else "within",
             f"{significant(fit.ensemble_low)} … {significant(fit.ensemble_high)}",
+            *_known(estimate, fit.name),
         ]
         for fit in estimate.parameters
     ]
     rows += [
-        [name, "", "", "", significant(value), "", "", ""] for name, value in sorted(estimate.options.items())
+        [name, "", "", "", significant(value), "", "", "", *_known(estimate, name)]
+        for name, value in sorted(estimate.options.items())
     ]
     bound = [fit.name for fit in estimate.parameters if fit.at_bound]
     wide = [fit.name for fit in estimate.parameters if _decades(fit) > 1.0]
@@ -42,9 +44,11 @@ def parameters(key: str, title: str, results: Results) -> Reportlet:
         else " Every parameter is told to within a factor of ten by the near-best strings."
     )
     heads = ["parameter", "unit", "least", "greatest", "estimate", "χ (0 … 1)", "bound", "near-best strings"]
+    heads += ["standard deviation", "profile"]
     caption = (
         f"Ranges: {estimate.ranges}; reading of compression and tension: {estimate.reading}; per kg of a "
-        "plain point. In the bar: the whole range, the near-best strings' spread, the estimate."
+        "plain point. In the bar: the whole range, the near-best strings' spread, the estimate. "
+        + _known_caption(estimate)
     )
     return Reportlet(
         key,
@@ -54,6 +58,33 @@ def parameters(key: str, title: str, results: Results) -> Reportlet:
         "inside their ranges, narrow spreads. Bad: an estimate at a bound wants a wider range.",
         tables=[Table(heads, rows, caption)],
         sources=["estimate.json", "ensemble.parquet"],
+    )
+
+
+def _known(estimate: Estimate, name: str) -> list[str]:
+    """Return the standard deviation and the profile interval of an unknown, empty where not known."""
+    known = estimate.knowledge
+    if known is None or name not in known.unknowns:
+        return ["", ""]
+    k = known.unknowns.index(name)
+    deviation = significant(known.marginal_sd[k]) + (" decades" if known.in_decades[k] else "")
+    low, high = known.profile_low[k], known.profile_high[k]
+    if low is None or high is None:
+        return [deviation, ""]
+    below = "≤ " if known.profile_low_open[k] else ""
+    above = "≥ " if known.profile_high_open[k] else ""
+    return [deviation, f"{below}{significant(low)} … {above}{significant(high)}"]
+
+
+def _known_caption(estimate: Estimate) -> str:
+    known = estimate.knowledge
+    if known is None:
+        return ""
+    gauge = "" if known.gauge_fixed else " The common scale of masses and coefficients was held for it."
+    return (
+        f"Standard deviation: by the Fisher information at residuals of {known.noise_m * 1e3:.2f} mm, of "
+        f"which {known.measurements_per_datum:.0f} count as one, and the range.{gauge} Profile: as far as E "
+        f"rises by {known.profile_rise:.0%} while all others are fitted again; ≤ and ≥: it goes on."
     )
 
 

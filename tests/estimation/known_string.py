@@ -1,0 +1,42 @@
+"""A known short string with one weight, thrown on a smooth path and seen with noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strandcast.estimation.objective import Objective
+from strandcast.estimation.throw import Throw, prepare
+from strandcast.string.masses import mass_layout, point_masses
+from strandcast.string.model import StringModel
+from strandcast.string.simulate import simulate
+
+MODEL = StringModel(length_m=0.24, points=6, dt_s=2e-3)
+LAYOUT = mass_layout(0.24, 6, [0.2])
+TRUTH = np.array([2e7, 20.0, 0.8, 0.01, 0.5, 0.005, 0.01, 0.2, 2.0, 0.02])
+MASS = 60.0
+NOISE_M = 0.0007
+TIME_S = np.arange(0.0, 0.7, 0.004)
+
+
+def hand_path(strength):
+    s = np.clip((TIME_S - 0.1) / 0.4, 0.0, 1.0)
+    ease = s**3 * (10 - 15 * s + 6 * s**2)
+    return np.column_stack(
+        [0.5 * strength * ease, 0.3 * np.sin(np.pi * ease) * strength, -np.pi / 2 + 2.0 * strength * ease]
+    )
+
+
+def seen(strength, seed=0, noise=NOISE_M):
+    pose = hand_path(strength)
+    masses = point_masses(LAYOUT, np.array([MASS]))
+    points, status = simulate(MODEL, TRUTH, masses, TIME_S, pose, TIME_S)
+    assert status == 0
+    points = points + noise * np.random.default_rng(seed).standard_normal(points.shape)
+    return Throw(TIME_S, points, TIME_S, pose, TIME_S < 0.55)
+
+
+def objective_of(throws, settings, layout=LAYOUT, model=MODEL):
+    tasks = tuple(prepare(throw, model.places_m()).fitted() for throw in throws)
+    space = settings.space(layout, model.length_m)
+    shares = np.full(len(tasks), 1.0 / len(tasks))
+    return Objective(model, space, tasks, shares, settings.w, settings.evaluation, False)

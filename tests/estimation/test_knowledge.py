@@ -1,0 +1,122 @@
+"""What is said to be known: against a straight-line model, a gauge that nothing can tell, and a throw."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from strandcast.estimation.knowledge import (
+    FLAT,
+    RISE,
+    decades_of,
+    fisher,
+    gauge_direction,
+    kinship,
+    knowledge,
+)
+from strandcast.estimation.knowledge import _crossing as crossing
+from strandcast.estimation.objective import Ledger
+from strandcast.estimation.refine import Slope, descend, valleys
+from strandcast.estimation.settings import FitSettings
+
+from .known_string import LAYOUT, MASS, TRUTH, objective_of, seen
+
+SIGMA_M = 0.001
+
+
+def linear(frames=400, points=3, seed=0):
+    """Differences that are linear in two exponents, with independent noise."""
+    random = np.random.default_rng(seed)
+    slopes = random.standard_normal((frames * points, 2, 2)) * [0.01, 0.002]
+    noise = SIGMA_M * random.standard_normal((frames * points, 2))
+
+    def residuals(chi):
+        return noise - np.einsum("bd,rcd->brc", chi - 0.4, slopes), np.full(frames * points, 1.0)
+
+    space = FitSettings(rest_curl=False).space(LAYOUT)
+    flat = SimpleNamespace(bounds=space.bounds[:2], prior_sd=np.full(2, np.inf))
+    task = SimpleNamespace(weight=np.ones((frames, points)))
+    return SimpleNamespace(residuals=residuals, space=flat, tasks=(task,)), slopes
+
+
+def test_fisher_information_is_that_of_a_straight_line_under_noise():
+    objective, slopes = linear()
+    information, noise_m, per_datum = fisher(objective, np.array([0.4, 0.4]), Ledger(lambda chi: chi[:, 0]))
+    assert noise_m == pytest.approx(SIGMA_M, rel=0.05)
+    assert 1.0 <= per_datum < 2.0  # independent errors count one by one
+    expected = np.einsum("rci,rcj->ij", slopes, slopes) / SIGMA_M**2
+    np.testing.assert_allclose(information * per_datum, expected, rtol=0.1, atol=0.02 * expected.max())
+
+
+def test_errors_that_go_together_count_once():
+    objective, _ = linear()
+    alone = np.random.default_rng(1).standard_normal((400, 1, 2))
+    for points, frames in ((3, 1), (1, 8)):
+        alike = np.repeat(np.repeat(alone[: 400 // frames], frames, axis=0), 3, axis=1)
+        if points == 1:
+            alike = alike + 0.0
+        found = kinship(objective, alike.reshape(-1, 2))
+        assert found == pytest.approx(3 * frames, rel=0.4)
+
+
+def test_the_scale_of_all_masses_cannot_be_told_and_is_held():
+    assert gauge_direction(FitSettings().space(LAYOUT)) is None
+    settings = FitSettings(plain_mass=True, rest_curl=True)
+    objective = objective_of([seen(1.0)], settings)
+    direction = gauge_direction(objective.space)
+    values = np.concatenate([TRUTH, [MASS, 1.0, 0.5]])
+    chi = objective.space.exponents(values)
+    both = objective.evaluate(np.array([chi, chi + 0.1 * direction]))
+    assert both[0] == pytest.approx(both[1], rel=1e-6)
+    ratios = objective.space.values(chi + 0.1 * direction) / values
+    np.testing.assert_allclose(ratios[:-1], ratios[0])
+    assert ratios[0] > 1.05
+    assert ratios[-1] == pytest.approx(1.0)  # a curl has no mass
+    ledger = Ledger(objective.cost)
+    ledger(chi[None])
+    known = knowledge(objective, ledger, profiles=False)
+    assert not known.gauge_fixed
+    assert known.marginal @ np.abs(direction) < FLAT
+
+
+def test_profiles_and_deviations_of_a_throw():
+    settings = FitSettings(rest_curl=False)
+    objective = objective_of([seen(1.0)], settings)
+    ledger = Ledger(objective.cost)
+    start = objective.space.exponents(np.concatenate([TRUTH, [MASS]]))[None]
+    descend(ledger, Slope(objective), valleys(start, ledger(start)), 600)
+    known = knowledge(objective, ledger, profiles=True)
+    names = list(objective.space.names)
+    tip, air = names.index("weight_1"), names.index("C_c1")
+    assert known.noise_m == pytest.approx(0.0007, rel=0.15)
+    assert np.all(known.marginal >= known.conditional * 0.999)
+    assert np.all(known.marginal <= FLAT * 1.001)
+    assert known.marginal[tip] < 0.1 * known.marginal[air]  # so heavy a string does not feel the air
+    np.testing.assert_allclose(np.diag(known.correlation), 1.0)
+    best, value = ledger.best()
+    assert np.all((known.low <= best) & (best <= known.high))
+    truth = objective.space.exponents(np.concatenate([TRUTH, [MASS]]))
+    assert known.low[tip] - 0.005 < truth[tip] < known.high[tip] + 0.005
+    assert known.high[tip] - known.low[tip] < 0.05
+    assert known.open_low[air]
+    # At the end of an interval E is what was said, if the others do not help out.
+    moved = np.tile(best, (2, 1))
+    moved[:, tip] = known.low[tip], known.high[tip]
+    assert np.all(objective.cost(moved) > value * (1.0 + 0.5 * RISE))
+
+
+def test_an_interval_ends_where_the_rise_is_crossed():
+    tried = np.array([0.6, 0.7, 0.9])
+    assert crossing(0.5, tried, RISE * np.array([0.25, 1.0, 9.0]) * (1 + 1e-9)) == (pytest.approx(0.7), False)
+    assert crossing(0.5, tried, RISE * np.array([0.25, 4.0, 9.0])) == (pytest.approx(0.6 + 0.1 / 3), False)
+    assert crossing(0.5, tried, RISE * np.array([0.0, 0.1, 0.2])) == (pytest.approx(0.9), True)
+    assert crossing(0.5, tried, np.array([np.inf, np.inf, np.inf])) == (0.5, False)
+    assert crossing(1.0, np.zeros(0), np.zeros(0)) == (1.0, True)
+
+
+def test_ranges_in_decades():
+    decades = decades_of(FitSettings(rest_curl=True).space(LAYOUT))
+    assert decades[0] == pytest.approx(5.0)
+    assert np.isnan(decades[-1])
