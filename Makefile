@@ -35,6 +35,11 @@ $(VENV)/dev.stamp: requirements/dev.lock $(VENV)/runtime.stamp
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation -r $<
 	@touch $@
 
+$(VENV)/bench.stamp: requirements/bench.lock $(VENV)/runtime.stamp
+	@echo "set-up: installing the pinned peers of the benchmark"
+	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation -r $<
+	@touch $@
+
 .PHONY: install
 install: $(VENV)/runtime.stamp  ## the virtual environment with all that strandcast needs
 
@@ -45,6 +50,14 @@ demo: $(VENV)/runtime.stamp  ## a virtual arm throws an unknown string until it 
 .PHONY: test
 test: $(VENV)/dev.stamp  ## all tests
 	@$(BIN)/pytest
+
+.PHONY: bench
+bench: $(VENV)/bench.stamp  ## the string's speed and error beside MuJoCo, PyElastica and numpy: results/bench.json
+	@$(BIN)/python -m strandcast.bench.run --threads $(CORES)
+
+.PHONY: real
+real: $(VENV)/runtime.stamp  ## predictions of real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
+	@$(BIN)/python -m strandcast.evidence.run
 
 .PHONY: check
 check: $(VENV)/dev.stamp  ## lint, formats, types, import rules, the workflow's lint
@@ -66,8 +79,9 @@ lock:  ## pin requirements/*.in anew (needs uv)
 	@for name in build runtime; do \
 	  uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --annotation-style line \
 	    requirements/$$name.in -o requirements/$$name.lock; done
-	@uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --annotation-style line \
-	  -c requirements/runtime.lock requirements/dev.in -o requirements/dev.lock
+	@for name in dev bench; do \
+	  uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --annotation-style line \
+	    -c requirements/runtime.lock requirements/$$name.in -o requirements/$$name.lock; done
 
 .PHONY: clean
 clean:  ## remove the environment and caches; data and results stay

@@ -1,0 +1,274 @@
+"""Measure the string and its peers in one run, and write `results/bench.json`.
+
+    python -m strandcast.bench.run [--quick] [--threads N] [--out FILE]
+
+Costs are CPU seconds of the whole process per simulated second of one string, wall time beside them; ratios
+are of CPU times, so that other work on the machine cancels. Every peer is taken at a step at which it is, on
+the same strings, no more accurate than ours is (`strandcast.bench.comparison.equal_steps`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import llvmlite.binding as llvm
+import numba
+import numpy as np
+
+from strandcast.bench import accuracy, comparison, counting, ours, peak, startup
+from strandcast.bench.comparison import Contest
+from strandcast.bench.entries import OURS, Entry, of_spread, of_timing, table, write
+from strandcast.bench.numpy_string import NumpyString
+from strandcast.bench.swing import CAST, DURATION_S, SEGMENTS, SNAP, Swing, plain
+from strandcast.bench.timing import Timing, timed
+from strandcast.string.parameters import Array
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured.
+
+    Attributes
+    ----------
+    draws, common, witnesses
+        Draws of Table 2 for our error; strings for the peers; strings for the independent integrator.
+    batch, scalar_batch
+        Strings per timed run of ours, and of its scalar build.
+    repeats, peer_repeats
+        Timed runs of ours and of each peer.
+    turns
+        Turns of the multiply-add loop per timed run.
+    coarse
+        Whether the peers are cut down to two steps and two strings, and first calls are left out.
+    """
+
+    draws: int = 400
+    common: int = 8
+    witnesses: int = 3
+    batch: int = 4096
+    scalar_batch: int = 256
+    repeats: int = 7
+    peer_repeats: int = 3
+    turns: int = 20_000_000
+    coarse: bool = False
+
+
+FLEXES = ("ratio_mujoco_flex_springs", "ratio_mujoco_flex_discrete")
+FULL = Effort()
+QUICK = Effort(16, 2, 1, 64, 16, 2, 2, 2_000_000, coarse=True)
+
+
+def contests() -> Iterator[Contest | Entry]:
+    """Yield the peers that are installed; for one that is not, an entry that says so."""
+    yield Contest("numpy", NumpyString, (2.5e-4, 1e-4, 5e-5), 1e-5, 128)
+    try:
+        from strandcast.bench.mujoco_chain import HingeChain
+        from strandcast.bench.mujoco_flex import DiscreteFlex, SpringFlex
+
+        ladder = (2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
+        yield Contest("mujoco_hinge", HingeChain, ladder, 1e-3 / 32, 16, True)
+        yield Contest("mujoco_flex_springs", SpringFlex, ladder, 1e-3 / 32, 8, True)
+        yield Contest("mujoco_flex_discrete", DiscreteFlex, ladder[:4], 1e-3 / 32, 8, True)
+    except ImportError as error:
+        yield _left_out("mujoco", error)
+    try:
+        from strandcast.bench.pyelastica import CosseratRod
+
+        yield Contest("pyelastica", CosseratRod, (5e-4, 2.5e-4, 1.25e-4, 6.25e-5), 1.25e-5, 16)
+    except ImportError as error:
+        yield _left_out("pyelastica", error)
+
+
+def _left_out(peer: str, error: ImportError) -> Entry:
+    _say(f"{peer} is left out, it is not installed ({error}); `make bench` installs it")
+    return Entry("left_out", f"not installed: {error}", "", peer)
+
+
+def machine(threads: int) -> Iterator[Entry]:
+    """Tell what ran, and on what."""
+    yield Entry("threads", threads, "1")
+    yield Entry("processor", f"{_processor()} ({llvm.get_host_cpu_name()})", "")
+    yield Entry("version", platform.python_version(), "", "python")
+    for package in ("strandcast", "numba", "llvmlite", "numpy", "mujoco", "pyelastica"):
+        try:
+            yield Entry("version", version(package), "", package)
+        except PackageNotFoundError:
+            continue
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def our_errors(effort: Effort) -> tuple[float, accuracy.Reference, list[Entry]]:
+    """Return the step that keeps the bound in f32, the strings of the headline, and what our errors are."""
+    truth = accuracy.drawn_reference(CAST, effort.draws)
+    by_step = accuracy.errors_by_step(ours.F32, CAST, truth)
+    step = accuracy.coarsest_step(by_step)
+    found = [
+        Entry("dt_ms", 1e3 * step, "ms"),
+        Entry("hand_fastest_m_s", CAST.fastest_m_s(), "m/s"),
+        Entry("draws_regular", len(truth.parameters), f"of {truth.drawn}"),
+    ]
+    found += _percentiles("tip_error", by_step[step])
+    found += _percentiles("tip_error_f64", accuracy.tip_errors_mm(ours.F64, CAST, truth, step))
+    for dt_s, errors in by_step.items():
+        found.append(Entry(f"tip_error_mm@{1e3 * dt_s:.3g}ms", float(np.median(errors)), "mm"))
+    witness = accuracy.witness_mm(CAST, truth, effort.witnesses)
+    found.append(_of_draws("reference_to_dop853_mm", witness))
+    snap = accuracy.drawn_reference(SNAP, effort.draws)
+    found.append(Entry("hand_fastest_m_s_snap", SNAP.fastest_m_s(), "m/s"))
+    found.append(Entry("draws_regular_snap", len(snap.parameters), f"of {snap.drawn}"))
+    found += _percentiles("tip_error_snap", accuracy.tip_errors_mm(ours.F32, SNAP, snap, step))
+    return step, truth, found
+
+
+def _of_draws(name: str, errors_mm: Array) -> Entry:
+    finite = errors_mm[np.isfinite(errors_mm)]
+    return Entry(name, float(np.median(finite)), "mm", OURS, float(finite.min()), float(finite.max()))
+
+
+def _percentiles(name: str, errors_mm: Array) -> list[Entry]:
+    """Median with its range, and 95th percentile: of all, the lost ones counting as infinitely wrong."""
+    lost = float(np.mean(~np.isfinite(errors_mm)))
+    p95 = float(np.percentile(errors_mm, 95, method="higher"))
+    return [
+        _of_draws(f"{name}_mm", errors_mm),
+        Entry(f"{name}_p95_mm", p95 if np.isfinite(p95) else "infinite", "mm"),
+        Entry(f"{name}_lost", lost, "1"),
+    ]
+
+
+def our_cost(way: ours.Way, swing: Swing, parameters: Array, step: float, batch: int, repeats: int) -> Timing:
+    """Time the evaluation of E per string-second, on `batch` strings of those given."""
+    many = np.resize(parameters, (batch, parameters.shape[1]))
+    seen = ours.measured(swing, parameters[0])
+    return timed(partial(ours.errors, way, swing, many, step, seen), repeats).per(batch * DURATION_S)
+
+
+def peaks(threads: int, turns: int, repeats: int) -> Iterator[tuple[int, Timing]]:
+    """Time a multiply or add: bits, and seconds each, of one core by CPU time and of all by wall time."""
+    for bits in (64, 32):
+        loop = peak.compiled(bits)
+        yield bits, timed(partial(loop.run, turns, threads), repeats).per(threads * loop.operations(turns))
+
+
+def our_speed(
+    effort: Effort, threads: int, truth: accuracy.Reference, step: float
+) -> tuple[Timing, list[Entry]]:
+    """Return the cost of ours in f32, and all that is told of our speed."""
+    found: list[Entry] = []
+    costs = {}
+    ways = {"": ours.F32, "_f64": ours.F64, "_scalar": ours.SCALAR}
+    for label, way in ways.items():
+        batch = effort.scalar_batch if way.scalar else effort.batch
+        cost = our_cost(way, CAST, truth.parameters, step, batch, effort.repeats)
+        costs[label] = cost
+        peer = "numba_scalar" if way.scalar else OURS
+        suffix = "" if way.scalar else label
+        if not way.scalar:
+            found.append(of_spread(f"string_seconds_per_s{suffix}", cost.wall.rate(), "1"))
+            found.append(of_spread(f"string_seconds_per_cpu_s{suffix}", cost.cpu.rate(), "1"))
+        found += of_timing(cost, peer, suffix)
+    scalar = costs["_scalar"]
+    for label, peer in (("", "numba_scalar"), ("_f64", "numba_scalar")):
+        for kind, suffix in (("cpu", ""), ("wall", "_wall")):
+            faster = comparison.ratio(getattr(scalar, kind), getattr(costs[label], kind))
+            found.append(of_spread(f"ratio_{peer}{label}{suffix}", faster, "x", peer))
+    points_per_string_s = SEGMENTS / step
+    for bits, best in peaks(threads, effort.turns, effort.repeats):
+        label = "" if bits == 32 else "_f64"
+        operations = counting.step_operations(bits)
+        least = operations * points_per_string_s
+        found.append(Entry(f"operations_per_point_step{label}", operations, "1"))
+        found.append(of_spread(f"peak_per_core{label}", best.cpu.rate().per(1e9), "1e9/s"))
+        found.append(of_spread(f"peak_all_cores{label}", best.wall.rate().per(1e9), "1e9/s"))
+        for kind, suffix in (("cpu", ""), ("wall", "_wall")):
+            share = comparison.ratio(getattr(best, kind), getattr(costs[label], kind)).per(1.0 / least)
+            found.append(of_spread(f"peak_fraction{label}{suffix}", share, "1"))
+    return costs[""], found
+
+
+def against(
+    effort: Effort, threads: int, truth: accuracy.Reference, step: float, own: Timing
+) -> Iterator[Entry]:
+    """Measure all peers on the same strings."""
+    candidates = accuracy.reference(CAST, plain(truth.parameters[: 4 * effort.common]))
+    common = replace(
+        candidates,
+        parameters=candidates.parameters[: effort.common],
+        positions=candidates.positions[: effort.common],
+    )
+    ours_mm = accuracy.tip_errors_mm(ours.F32, CAST, common, step)
+    yield _of_draws("tip_error_common_mm", ours_mm)
+    flexes = []
+    for contest in contests():
+        if isinstance(contest, Entry):
+            yield contest
+            continue
+        _say(f"{contest.name} …")
+        ladder = comparison.climb(
+            _cut(contest, effort), CAST, common.parameters, threads, effort.peer_repeats
+        )
+        found = list(comparison.entries(ladder, ours_mm, own))
+        flexes += [entry for entry in found if entry.name in FLEXES]
+        yield from found
+    if flexes:
+        yield replace(min(flexes, key=lambda entry: entry.value), name="ratio_mujoco_flex")
+
+
+def _cut(contest: Contest, effort: Effort) -> Contest:
+    if not effort.coarse:
+        return contest
+    ladder = contest.ladder_s[:2]
+    return replace(contest, ladder_s=ladder, tiny_s=ladder[-1] / 2, batch=2)
+
+
+def measure(effort: Effort, threads: int) -> list[Entry]:
+    """Measure everything."""
+    found = list(machine(threads))
+    _say("our error …")
+    step, truth, errors = our_errors(effort)
+    _say("our speed …")
+    own, speed = our_speed(effort, threads, truth, step)
+    found += errors + speed
+    found += against(effort, threads, truth, step, own)
+    if not effort.coarse:
+        _say("first calls …")
+        found += startup.entries(2)
+    return found
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the benchmark from the command line."""
+    parser = argparse.ArgumentParser(prog="python -m strandcast.bench.run", description=str(__doc__))
+    parser.add_argument("--quick", action="store_true", help="a few strings, coarse steps: whether it runs")
+    parser.add_argument("--threads", type=int, default=numba.config.NUMBA_NUM_THREADS)
+    parser.add_argument("--out", type=Path, default=Path("results/bench.json"))
+    chosen = parser.parse_args(arguments)
+    threads = min(chosen.threads, numba.config.NUMBA_NUM_THREADS)
+    numba.set_num_threads(threads)
+    found = measure(QUICK if chosen.quick else FULL, threads)
+    write(chosen.out, found)
+    print(table(found))
+    print(f"\nwritten: {chosen.out}")
+
+
+if __name__ == "__main__":
+    main()

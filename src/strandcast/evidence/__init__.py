@@ -1,0 +1,1 @@
+"""Evidence on real, measured motion: what the string model predicts of series that it was not fitted to."""
