@@ -22,7 +22,7 @@ from strandcast.bench.swing import (
 from strandcast.string.parameters import Array
 
 TINY_S = 1e-3 / 64
-LADDER_S = (2e-3, 1e-3, 2e-3 / 3, 5e-4, 4e-4, 2e-3 / 6, 2.5e-4, 2e-4, 1.25e-4, 1e-4)
+LADDER_S = (2e-3, 1.6e-3, 1.25e-3, 1e-3, 2e-3 / 3, 5e-4, 4e-4, 2e-3 / 6, 2.5e-4, 2e-4, 1.25e-4, 1e-4)
 BOUND_MM = 0.1
 SEED = 5
 _C_H, _C_SH = 3, 5
@@ -47,16 +47,16 @@ class Reference:
     drawn: int
 
 
-def reference(swing: Swing, parameters: Array) -> Reference:
+def reference(swing: Swing, parameters: Array, way: ours.Way = ours.F64) -> Reference:
     """Simulate strings by tiny steps and keep those that stay regular."""
-    seen = ours.positions(ours.F64, swing, parameters, TINY_S)
+    seen = ours.positions(way, swing, parameters, TINY_S)
     kept = stays_regular(seen)
     return Reference(parameters[kept], seen[kept], len(parameters))
 
 
-def drawn_reference(swing: Swing, draws: int) -> Reference:
+def drawn_reference(swing: Swing, draws: int, way: ours.Way = ours.F64) -> Reference:
     """Simulate log-uniform draws of Table 2 by tiny steps."""
-    return reference(swing, table_2(draws, SEED))
+    return reference(swing, table_2(draws, SEED), way)
 
 
 def tip_errors_mm(way: ours.Way, swing: Swing, truth: Reference, dt_s: float) -> Array:

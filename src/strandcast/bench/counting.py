@@ -119,7 +119,9 @@ def step_operations(bits: int, points: int = SEGMENTS) -> float:
     n, l0 = points, LENGTH_M / points
     middle = np.sqrt(RANGES["paper"][:, 0] * RANGES["paper"][:, 1])
     k_s, c_s, k_h, c_h, k_sh, c_sh, c1, c2, k_ph, c_ph = middle
-    coefficients = _column([k_s, c_s, k_sh, k_h - k_sh, c_sh, c_h - c_sh, c1, c2, k_ph, c_ph, 0.0, 0.0, 0.9])
+    coefficients = _column(
+        [k_s, c_s, k_sh, k_h - k_sh, c_sh, c_h - c_sh, c1, c2, k_ph, c_ph, 0.0, 0.0, 0.9, 0.0]
+    )
     hand = tuple(Counted(value) for value in (1.0, 0.5, 0.0, -1.0, 2.0, 0.01, 0.01, 0.02))
     segments = _column(np.column_stack([0.1 * l0 * np.sin(np.arange(n)), np.full(n, -l0)]).ravel())
     velocities = _column(np.tile([1.0, 0.5], n + 1) + 0.1 * np.sin(np.arange(2 * n + 2)))
@@ -130,6 +132,6 @@ def step_operations(bits: int, points: int = SEGMENTS) -> float:
         implicit.kick_and_drift(
             lanes.Kind(bits, 1), n, coefficients, _column(np.resize(MASSES, n)), _column(np.ones(n)), hand,
             segments, velocities, changes, work, 1e-3, 1.0, l0, model.gravity_m_s2,
-            READINGS.index(model.reading), 1.0 / model.switch(),
+            READINGS.index(model.reading), 1.0 / model.switch(), False,
         )  # fmt: skip
     return Counted.operations / n

@@ -16,7 +16,7 @@ from strandcast.bench.swing import (
 )
 from strandcast.string.parameters import Array
 
-SWITCH_WIDTH = 0.5  # of the reading "rate"
+SWITCH_WIDTH = 0.02  # rad, of the reading "sign"
 
 
 def accelerations(z: Array, w: Array, hand_angle: float, hand_rate: float, p: Array, spacing: float) -> Array:
@@ -30,7 +30,7 @@ def accelerations(z: Array, w: Array, hand_angle: float, hand_rate: float, p: Ar
     pull = (k_s * (length - spacing) + c_s * across.real * length) * u
     bend = np.angle(u[:, 1:] / u[:, :-1])
     rate = np.diff(turn, axis=1)
-    t = np.clip(0.5 + 0.5 * bend * rate / SWITCH_WIDTH, 0.0, 1.0)
+    t = np.clip(0.5 + 0.5 * bend / SWITCH_WIDTH, 0.0, 1.0)
     share = t * t * (3.0 - 2.0 * t)
     inner = (k_sh + (k_h - k_sh) * share) * bend + (c_sh + (c_h - c_sh) * share) * rate
     clamp = np.angle(u[:, :1] * np.exp(-1j * hand_angle))

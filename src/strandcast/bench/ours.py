@@ -30,19 +30,25 @@ class Way:
         Of a number: 64 or 32.
     scalar
         One candidate after the other, by the same source, instead of side by side.
+    reading
+        Of h and sh. The headline is of ``sign``: there the paper's equations have no jump in time, and a
+        smaller step is a smaller error. Under ``rate`` strings with k_sh > k_h feed on their own bending, and
+        no step is small enough for all.
     """
 
     bits: int = 64
     scalar: bool = False
+    reading: Literal["rate", "sign"] = "sign"
 
 
 F64, F32, SCALAR = Way(64), Way(32), Way(64, scalar=True)
+RATE_F64, RATE_F32 = (Way(bits, reading="rate") for bits in (64, 32))
 
 
 def model(way: Way, dt_s: float) -> StringModel:
     """Return the common string at a step."""
     precision: Literal["f64", "f32"] = "f64" if way.bits == 64 else "f32"
-    return StringModel(LENGTH_M, SEGMENTS, dt_s=dt_s, precision=precision)
+    return StringModel(LENGTH_M, SEGMENTS, dt_s=dt_s, precision=precision, reading=way.reading)
 
 
 @contextmanager

@@ -135,6 +135,17 @@ def our_errors(effort: Effort) -> tuple[float, accuracy.Reference, list[Entry]]:
     return step, truth, found
 
 
+def rate_reading(effort: Effort) -> Iterator[Entry]:
+    """Tell error and speed of the other reading, at the step that keeps the bound there."""
+    truth = accuracy.drawn_reference(CAST, effort.draws, ours.RATE_F64)
+    by_step = accuracy.errors_by_step(ours.RATE_F32, CAST, truth)
+    step = accuracy.coarsest_step(by_step)
+    yield Entry("dt_ms_rate", 1e3 * step, "ms")
+    yield from _percentiles("tip_error_rate", by_step[step])
+    cost = our_cost(ours.RATE_F32, CAST, truth.parameters, step, effort.batch, effort.repeats)
+    yield of_spread("string_seconds_per_s_rate", cost.wall.rate(), "1")
+
+
 def _of_draws(name: str, errors_mm: Array) -> Entry:
     finite = errors_mm[np.isfinite(errors_mm)]
     return Entry(name, float(np.median(finite)), "mm", OURS, float(finite.min()), float(finite.max()))
@@ -244,6 +255,7 @@ def measure(effort: Effort, threads: int) -> list[Entry]:
     _say("our speed …")
     own, speed = our_speed(effort, threads, truth, step)
     found += errors + speed
+    found += rate_reading(effort)
     found += against(effort, threads, truth, step, own)
     if not effort.coarse:
         _say("first calls …")

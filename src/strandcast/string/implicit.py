@@ -215,7 +215,7 @@ def _joints(
             damping, slope = damping + more, slope + more
         store(kind, work, r + MOMENT, h * (k * bend + damping * change))
         # A switch may add energy faster than a step can follow; the matrix stays positive.
-        store(kind, work, r + W, averaged(k, h2, floor) + maximum(half * slope, -0.25 * floor))
+        store(kind, work, r + W, averaged(k, h2, floor) + maximum(half * slope, -0.5 * floor))
 
 
 @njit(**INLINED)
