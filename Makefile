@@ -59,6 +59,10 @@ bench: $(VENV)/bench.stamp  ## the string's speed and error beside MuJoCo, PyEla
 real: $(VENV)/runtime.stamp  ## predictions of real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
 	@$(BIN)/python -m strandcast.evidence.run
 
+.PHONY: claims
+claims: $(VENV)/runtime.stamp  ## the paper's claims on masses and motions, ablated in the lab, as JSON; some ten minutes
+	@$(BIN)/python -m strandcast.evidence.claims --jobs $(CORES)
+
 .PHONY: check
 check: $(VENV)/dev.stamp  ## lint, formats, types, import rules, the workflow's lint
 	@$(BIN)/ruff check .

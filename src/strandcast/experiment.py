@@ -236,6 +236,9 @@ class EstimateSettings(Section):
     stiff_bend: bool = Field(
         False, description="Fit how much stiffer the stiff sections bend than the string."
     )
+    bend_friction: bool = Field(
+        False, description="Fit one dry friction of all joints: for thick cables, whose swings stop dead."
+    )
     find_weights: Annotated[int, Field(ge=0, le=3)] = Field(
         0, description="Number of weights of which not even the place is known: both are found."
     )

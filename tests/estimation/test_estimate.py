@@ -53,6 +53,7 @@ def test_what_is_told_about_the_fit_is_true(fit):
     assert fit.E_weighted_m == pytest.approx((off.mean(axis=0) * (1 + 0.1 * np.arange(6))).mean())
     assert [held.what for held in fit.held_out] == [REFITTED]
     assert fit.E_m < fit.held_out[0].E_m < 1.5 * fit.E_m
+    assert 1e-7 < fit.step_change_m < fit.E_m
     assert fit.convergence[0][-1] <= fit.evaluations
     assert fit.convergence[1][-1] == fit.member_values_m[0]
 

@@ -20,6 +20,7 @@ from strandcast.estimation.knowledge import _crossing as crossing
 from strandcast.estimation.objective import Ledger
 from strandcast.estimation.refine import Slope, descend, valleys
 from strandcast.estimation.settings import FitSettings
+from strandcast.estimation.space import COMMON, CURL, FRICTION
 
 from .known_string import LAYOUT, MASS, TRUTH, objective_of, seen
 
@@ -63,22 +64,24 @@ def test_errors_that_go_together_count_once():
 
 def test_the_scale_of_all_masses_cannot_be_told_and_is_held():
     assert gauge_direction(FitSettings().space(LAYOUT)) is None
-    settings = FitSettings(plain_mass=True, rest_curl=True)
+    settings = FitSettings(plain_mass=True, bend_friction=True)
     objective = objective_of([seen(1.0)], settings)
     direction = gauge_direction(objective.space)
-    values = np.concatenate([TRUTH, [MASS, 1.0, 0.5]])
+    assert objective.space.names[-3:] == (COMMON, CURL, FRICTION)
+    values = np.concatenate([TRUTH, [MASS, 1.0, 0.5, 5.0]])
     chi = objective.space.exponents(values)
     both = objective.evaluate(np.array([chi, chi + 0.1 * direction]))
     assert both[0] == pytest.approx(both[1], rel=1e-6)
     ratios = objective.space.values(chi + 0.1 * direction) / values
-    np.testing.assert_allclose(ratios[:-1], ratios[0])
+    np.testing.assert_allclose(np.delete(ratios, -2), ratios[0])
     assert ratios[0] > 1.05
-    assert ratios[-1] == pytest.approx(1.0)  # a curl has no mass
+    assert ratios[-2] == pytest.approx(1.0)  # a curl has no mass
     ledger = Ledger(objective.cost)
     ledger(chi[None])
     known = knowledge(objective, ledger, profiles=False)
     assert not known.gauge_fixed
-    assert known.marginal @ np.abs(direction) < FLAT
+    covariance = known.correlation * np.outer(known.marginal, known.marginal)
+    assert direction @ covariance @ direction < 1e-5
 
 
 def test_profiles_and_deviations_of_a_throw():

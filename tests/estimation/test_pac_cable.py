@@ -40,24 +40,46 @@ def series(folder, kind, cable, length_m):
     return throw_from_markers(d["t"], pose, markers, length_m, 10, hand_smoothing_s=0.1)
 
 
-@pytest.mark.parametrize("cable", ["black_weighted", "black_short_weighted"])
-def test_free_swing_predicts_the_driven_series(real_data, cable, record_property):
-    folder = real_data / "pac_cable"
+def fitted_and_predicted(folder, cable, seed=1, **options):
+    """Fit a free swing and predict the driven series: fit, tip error of the prediction, both series."""
     length_m = json.loads((folder / "object_parameters.json").read_text())[cable]["L"]
     model = StringModel(length_m, 10, dt_s=2e-3)
     layout = mass_layout(length_m, 10, [length_m], None, "own")
     swing, driven = series(folder, "free_swing", cable, length_m), series(folder, "dynamic", cable, length_m)
-    settings = FitSettings(evaluations=1500, ranges=RANGES, rest_curl=True, w=0.0)
-    fit = estimate([swing], model, layout, settings, np.random.default_rng(1))
+    settings = FitSettings(evaluations=1500, ranges=RANGES, rest_curl=True, w=0.0, **options)
+    fit = estimate([swing], model, layout, settings, np.random.default_rng(seed))
     task = prepare(driven, model.places_m())
     predicted, _ = play(model, task, fit.best)
-    error_m = tip_error(distances(task.points_m, predicted[0]))
+    return fit, tip_error(distances(task.points_m, predicted[0])), swing, task, length_m
+
+
+@pytest.mark.parametrize("cable", ["black_weighted", "black_short_weighted"])
+def test_free_swing_predicts_the_driven_series(real_data, cable, record_property):
+    """Two markers have several explanations, and which one a fit finds is chance: hence the median."""
+    tries = [fitted_and_predicted(real_data / "pac_cable", cable, seed) for seed in (1, 2, 3)]
+    _, _, swing, task, length_m = tries[0]
+    error_m = float(np.median([error for _, error, *_ in tries]))
     reach = task.points_m[:, -1] - task.points_m[:, 0]
     still = swing.points_m[-15:, -1] - swing.points_m[-15:, 0]
     rigid_m = np.linalg.norm(reach - still.mean(axis=0), axis=1).mean()
     record_property("tip_error_mm", 1e3 * error_m)
     record_property("tip_error_percent_of_length", 100 * error_m / length_m)
     record_property("rigid_cable_mm", 1e3 * rigid_m)
-    assert fit.E_m < 0.02
+    assert max(fit.E_m for fit, *_ in tries) < 0.02
     assert error_m < 0.07 * length_m
     assert error_m < 0.65 * rigid_m
+
+
+def test_dry_friction_explains_the_swing_of_a_bare_cable(real_data):
+    """Its swing stops dead; what it does for the driven series differs from one explanation to another."""
+    folder = real_data / "pac_cable"
+    damped_m, rubbed_m = (
+        np.median(
+            [
+                fitted_and_predicted(folder, "black_short_unweighted", seed, bend_friction=rubs)[0].E_m
+                for seed in (1, 2, 3)
+            ]
+        )
+        for rubs in (False, True)
+    )
+    assert rubbed_m < 0.8 * damped_m

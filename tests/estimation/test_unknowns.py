@@ -12,6 +12,7 @@ from strandcast.estimation.objective import play
 from strandcast.estimation.settings import FitSettings, prior_exponents
 from strandcast.estimation.space import (
     DEVIATION_COSTS_M,
+    FRICTION,
     SHIFT,
     STIFF,
     carried,
@@ -21,6 +22,7 @@ from strandcast.estimation.space import (
 )
 from strandcast.estimation.throw import Throw, prepare
 from strandcast.string.masses import mass_layout, point_masses
+from strandcast.string.parameters import PARAMETERS
 from strandcast.string.simulate import simulate_batch
 
 from .known_string import LAYOUT, MASS, MODEL, NOISE_M, TIME_S, TRUTH, hand_path, objective_of, seen
@@ -31,17 +33,23 @@ BARE = mass_layout(0.24, 6, [])
 
 def test_every_unknown_survives_the_way_there_and_back():
     settings = FitSettings(
-        clamp_offset=True, camera_offset_sd_m=0.002, stiff_bend=True, find_weights=2, plain_mass=False
+        clamp_offset=True,
+        camera_offset_sd_m=0.002,
+        stiff_bend=True,
+        bend_friction=True,
+        find_weights=2,
+        plain_mass=False,
     )
     space = settings.space(PIPED, 0.24)
     chi = np.random.default_rng(0).random((5, space.dimension))
     strings = space.strings(chi)
     np.testing.assert_allclose(space.chi_of(strings), chi, atol=1e-9)
     again = with_options(strings.parameters, strings.masses, strings.free_masses, options_of(strings), PIPED)
-    for name in ("shift_m", "bend_factor", "found", "clamp_offset_rad", "rest_curl_rad_m"):
+    for name in ("shift_m", "bend_factor", "bend_friction", "found", "clamp_offset_rad", "rest_curl_rad_m"):
         np.testing.assert_array_equal(getattr(again, name), getattr(strings, name))
     picked = strings.pick([3])
     np.testing.assert_array_equal(picked.found[0], strings.found[3])
+    np.testing.assert_array_equal(picked.bend_friction, strings.bend_friction[[3]])
     assert prior_exponents(space, MODEL, 4, np.random.default_rng(1)).shape == (4, space.dimension)
 
 
@@ -58,6 +66,33 @@ def test_only_the_joints_of_the_pipe_are_stiff():
     assert factor[2] == factor[3] == pytest.approx(np.sqrt(1e3))
     np.testing.assert_array_equal(factor[[0, 1, 4, 5]], 1.0)
     assert STIFF not in FitSettings(stiff_bend=True).space(LAYOUT).names  # no pipe, nothing to fit
+
+
+def test_only_strings_said_to_rub_have_friction_and_plausibly_little():
+    assert FRICTION not in FitSettings().space(LAYOUT).names
+    space = FitSettings(bend_friction=True).space(LAYOUT)
+    drawn = space.strings(prior_exponents(space, MODEL, 200, np.random.default_rng(2), scatter=0.0))
+    held_rad = drawn.bend_friction / drawn.parameters[:, PARAMETERS.index("k_h")]
+    assert held_rad.min() == pytest.approx(1e-3, rel=0.1)
+    assert held_rad.max() == pytest.approx(1e-1, rel=0.1)
+    bare = FitSettings().space(LAYOUT)
+    assert not bare.strings(np.full((2, bare.dimension), 0.5)).bend_friction.any()
+
+
+def test_dry_friction_is_found_where_damping_cannot_stand_in_for_it():
+    pose, masses = hand_path(1.0), point_masses(LAYOUT, np.array([MASS]))
+    points, _ = simulate_batch(MODEL, TRUTH[None], masses[None], TIME_S, pose, TIME_S, bend_friction=30.0)
+    noise = NOISE_M * np.random.default_rng(0).standard_normal(points[0].shape)
+    throw = Throw(TIME_S, points[0] + noise, TIME_S, pose, TIME_S < 0.55)
+    found = {}
+    for rubs in (False, True):
+        settings = FitSettings(evaluations=1500, bend_friction=rubs, ensemble=2)
+        found[rubs] = estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
+    best = found[True].best
+    # So heavy a weight hides the plain points, by which all is measured: the ratio to it is told.
+    assert best.bend_friction[0] / best.free_masses[0, 0] == pytest.approx(30.0 / MASS, rel=0.2)
+    assert found[True].E_m < 1.2 * NOISE_M * np.sqrt(np.pi / 2)
+    assert found[False].E_m > 3.0 * found[True].E_m
 
 
 def test_a_deviation_from_the_prior_costs_its_square():

@@ -95,7 +95,6 @@ def test_a_longer_lever_swings_slower():
     assert back[1] > back[0]
 
 
-@pytest.mark.skipif(not cable.HAS_FRICTION, reason="the string model has no dry bending friction")
 def test_dry_friction_stops_a_swing_that_damping_lets_run():
     series = hanging(4.0)
     series = Series(

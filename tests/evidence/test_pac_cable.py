@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strandcast.evidence import pac_cable, pac_tip
+from strandcast.evidence import pac_cable
 
 
 @pytest.mark.parametrize("cable", pac_cable.CABLES)
@@ -25,7 +25,7 @@ def test_the_start_shape_goes_through_the_markers(real_data, cable):
 def test_a_free_swing_predicts_the_driven_series(real_data, cable, percent, stiffness):
     folder = real_data / "pac_cable"
     free, driven = (pac_cable.read(folder, kind, cable) for kind in (pac_cable.FREE, pac_cable.DRIVEN))
-    found = pac_cable.fit(free, pac_tip.FULL, pac_cable.weight_kg(folder, cable))
+    found = pac_cable.fit(free, pac_cable.CABLE, pac_cable.weight_kg(folder, cable))
     error_mm = pac_cable.tip_error_mm(driven, found)
     assert 0.1 * error_mm / driven.length_m < percent
     assert error_mm < 0.4 * min(pac_cable.trivial_mm(driven, free).values())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strandcast.evidence import pac_cable, pac_mass
-from strandcast.evidence.cable import HAS_FRICTION, play
+from strandcast.evidence.cable import play
 
 
 @pytest.fixture
@@ -20,8 +20,8 @@ def made(real_data):
         "log_damping": np.log(0.01),
         "curl_rad_m": -1.5,
         "clamp_rad": 0.02,
+        "log_friction": np.log(0.05),
     }
-    truth |= {"log_friction": np.log(0.05)} if HAS_FRICTION else {}
     rng = np.random.default_rng(5)
     series = []
     for one, weighted in zip(problem.series, problem.weighted, strict=True):

@@ -113,6 +113,7 @@ def verdict(tmp_path) -> Path:
         (lambda p: p.write_text("[1, 2]"), "SC-R001"),
         (lambda p: p.write_bytes(p.read_bytes()[:-9]), "SC-R001"),
         (lambda p: p.write_text(p.read_text().replace("0.003", "NaN")), "SC-R001"),
+        (lambda p: p.write_text(p.read_text().replace("0.003", "3e999")), "SC-R001"),
         (lambda p: p.write_text(p.read_text().replace("strandcast/verdict", "other/thing")), "SC-R002"),
         (lambda p: p.write_text(p.read_text().replace('"version": 1', '"version": 9')), "SC-R003"),
         (lambda p: p.write_text(p.read_text().replace("0.003", "0.002")), "SC-R004"),

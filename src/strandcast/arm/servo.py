@@ -25,9 +25,14 @@ class Servo:
     gain: np.ndarray
 
     @property
+    def time_constant_s(self) -> np.ndarray:
+        """(J,) how far a joint trails a command of constant speed, the delay aside [s]."""
+        return 2.0 * self.damping_ratio / self.natural_frequency_rad_s
+
+    @property
     def lag_s(self) -> np.ndarray:
         """(J,) how far a joint trails a command of constant speed [s]."""
-        return self.delay_s + 2.0 * self.damping_ratio / self.natural_frequency_rad_s
+        return self.delay_s + self.time_constant_s
 
     def matrix(self) -> np.ndarray:
         """(J, 4) delay [s], natural frequency [rad/s], damping ratio, gain."""

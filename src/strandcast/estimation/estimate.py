@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,6 +46,8 @@ class Fit:
         the search's w. None where there is no such string or its simulation failed.
     E_points_m
         (n,) E_i of points 1…n, NaN for points never seen.
+    step_change_m
+        How far the fitted string moves if it is simulated again by half the step, mean over the points seen.
     rmse_m, tip_error_m
         Unweighted root mean square distance and mean distance of the tip, used frames.
     held_out
@@ -82,6 +84,7 @@ class Fit:
     E_m: float
     E_weighted_m: float
     E_points_m: Array
+    step_change_m: float
     rmse_m: float
     tip_error_m: float
     held_out: tuple[HeldOut, ...]
@@ -190,6 +193,13 @@ def _refuse_invalid(ledger: Ledger) -> None:
         )
 
 
+def _step_change(model: StringModel, task: Task, best: Strings, fitted_m: Array) -> float:
+    """Mean distance between the fitted string and the same by half the step, where it was compared [m]."""
+    finer, _ = play(replace(model, dt_s=0.5 * model.dt_s), task, best)
+    moved = np.linalg.norm(finer[0] - fitted_m, axis=-1)[:, 1:][task.weight > 0]
+    return float(moved.mean())
+
+
 def _result(
     objective: Objective,
     newest: Task,
@@ -206,6 +216,7 @@ def _result(
     rows = distant_members(chi, values, settings.ensemble)
     best = space.strings(chi[rows[0]])
     fitted, status = play(model, newest, best)
+    step_change_m = _step_change(model, newest, best, fitted[0])
     points = objective.point_values(newest, fitted[0])
     shown = np.where(newest.weight[..., None] > 0, newest.points_m[:, 1:], np.nan)
     distance = distances(
@@ -234,6 +245,7 @@ def _result(
         float(evaluation_of_points(points)),
         float(evaluation_of_points(points, settings.w)),
         points,
+        step_change_m,
         rmse(distance),
         tip_error(distance),
         tuple(held_out),
@@ -245,11 +257,13 @@ def _result(
         planned_m,
         fitted[0],
         trial_weights,
-        tuple(_warnings(space, at_bound, int(status[0]) == OK, points, ledger)),
+        tuple(_warnings(space, at_bound, int(status[0]) == OK, points, ledger, step_change_m)),
     )
 
 
-def _warnings(space: Space, at_bound: np.ndarray, valid: bool, points: Array, ledger: Ledger) -> list[str]:
+def _warnings(
+    space: Space, at_bound: np.ndarray, valid: bool, points: Array, ledger: Ledger, step_change_m: float
+) -> list[str]:
     told = [f"{space.names[k]} ended at a bound of its range" for k in np.flatnonzero(at_bound)]
     if not valid:
         told.append("the best string stretches a segment beyond three rest lengths")
@@ -257,4 +271,9 @@ def _warnings(space: Space, at_bound: np.ndarray, valid: bool, points: Array, le
         told.append(f"{int(np.isnan(points).sum())} of {len(points)} points were never seen")
     if ledger.rejected() > 0.5 * ledger.count:
         told.append(f"{ledger.rejected()} of {ledger.count} candidates were invalid")
+    if not step_change_m < evaluation_of_points(points):
+        told.append(
+            f"half the step moves the fitted string by {1e3 * step_change_m:.1f} mm: choose a smaller "
+            "estimate.dt_s"
+        )
     return told

@@ -13,7 +13,7 @@ import numpy as np
 from strandcast.estimation.evaluation import Array
 from strandcast.estimation.objective import Ledger, Objective
 from strandcast.estimation.refine import STEP, Slope, descend, valleys
-from strandcast.estimation.space import COMMON, DEVIATION_COSTS_M, FOUND_PLACE, Space
+from strandcast.estimation.space import COMMON, DEVIATION_COSTS_M, FOUND_PLACE, FRICTION, Space
 from strandcast.string.parameters import PARAMETERS
 
 FLAT = np.sqrt(1.0 / 12.0)  # standard deviation of an exponent that is anywhere in its range
@@ -74,7 +74,7 @@ def gauge_direction(space: Space) -> Array | None:
     """Direction (d,) of the exponents that scales all masses and coefficients; None if 1 is a plain mass."""
     if COMMON not in space.names:
         return None
-    scaled = (*PARAMETERS, COMMON)
+    scaled = (*PARAMETERS, COMMON, FRICTION)
     places = {FOUND_PLACE.format(k + 1) for k in range(space.weights_found)}
     is_scaled = [
         (name in scaled or name.startswith(("weight_", "found_"))) and name not in places

@@ -64,6 +64,7 @@ class Objective:
             rest_curl_rad_m=strings.rest_curl_rad_m,
             clamp_offset_rad=strings.clamp_offset_rad,
             bend_factor=strings.bend_factor,
+            bend_friction=strings.bend_friction,
             shift_m=None if self.reading == "hand" else strings.shift_m,
         )
         allowed = (status == OK) | (self.overstretched_allowed & (status != BLEW_UP))
@@ -136,6 +137,7 @@ def play(model: StringModel, task: Task, strings: Strings) -> tuple[Array, NDArr
         rest_curl_rad_m=strings.rest_curl_rad_m,
         clamp_offset_rad=strings.clamp_offset_rad,
         bend_factor=strings.bend_factor,
+        bend_friction=strings.bend_friction,
     )
     if strings.shift_m.any():
         points = points + strings.shift_m[:, None, None]

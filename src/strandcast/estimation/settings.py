@@ -14,6 +14,7 @@ from strandcast.estimation.space import (
     CURL,
     FOUND_MASS,
     FOUND_PLACE,
+    FRICTION,
     SHIFT,
     STIFF,
     Space,
@@ -27,6 +28,8 @@ CURL_RANGE = (-15.0, 15.0)
 CLAMP_RANGE = (-0.2, 0.2)
 SHIFT_RANGE_SD = 4.0
 STIFF_RANGE = (1.0, 1e3)
+FRICTION_RANGE = (1e-4, 1e2)
+FRICTION_BEND_RAD = (1e-3, 1e-1)  # plausible bends that dry friction alone can hold
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,8 @@ class FitSettings:
         Prior standard deviation of an offset between camera and robot that is fitted too; None: none is.
     stiff_bend
         Whether to fit how much stiffer than the string its stiff sections bend.
+    bend_friction
+        Whether to fit a dry friction of all joints, which ends a swing where damping only fades it.
     find_weights
         Number of weights of which not even the place is known.
     ensemble
@@ -81,6 +86,7 @@ class FitSettings:
     clamp_offset_sd_rad: float = 0.05
     camera_offset_sd_m: float | None = None
     stiff_bend: bool = False
+    bend_friction: bool = False
     find_weights: int = 0
     plain_mass: bool = False
     ensemble: int = 6
@@ -122,6 +128,8 @@ class FitSettings:
             sd |= dict.fromkeys(SHIFT, self.camera_offset_sd_m)
         if self.stiff_bend and layout.stiff:
             options[STIFF] = STIFF_RANGE
+        if self.bend_friction:
+            options[FRICTION] = FRICTION_RANGE
         for k in range(self.find_weights):
             options[FOUND_PLACE.format(k + 1)] = (0.0, length_m)
             options[FOUND_MASS.format(k + 1)] = mass_range
@@ -147,4 +155,8 @@ def prior_exponents(
         values[:, space.names.index(FOUND_PLACE.format(k + 1))] = model.length_m * rng.random(count)
         values[:, space.names.index(FOUND_MASS.format(k + 1))] = draw.weight_masses[:, known + k]
     values[:, [k for k, name in enumerate(space.names) if name == COMMON]] = 1.0
+    if FRICTION in space.names:
+        low, high = FRICTION_BEND_RAD
+        held_rad = low * (high / low) ** rng.random(count)
+        values[:, space.names.index(FRICTION)] = held_rad * draw.parameters[:, PARAMETERS.index("k_h")]
     return np.asarray(np.clip(space.exponents(values) + scatter * rng.standard_normal(chi.shape), 0.0, 1.0))

@@ -14,7 +14,7 @@ from strandcast.string.parameters import PARAMETERS, to_exponent
 
 CURL, CLAMP, COMMON = "rest_curl_rad_m", "clamp_offset_rad", "plain_mass"
 SHIFT = ("camera_offset_x_m", "camera_offset_y_m")
-STIFF = "stiff_bend_factor"
+STIFF, FRICTION = "stiff_bend_factor", "bend_friction"
 FOUND_PLACE, FOUND_MASS = "found_{}_place_m", "found_{}_mass"
 
 DEVIATION_COSTS_M = 2e-5
@@ -39,6 +39,8 @@ class Strings:
     found
         (B, k, 2) place [m from the hand] and relative mass of the weights at unknown places; they are part
         of `masses`.
+    bend_friction
+        (B,) dry friction of a joint [N m/kg]; zero if not given.
     """
 
     parameters: Array
@@ -49,9 +51,11 @@ class Strings:
     shift_m: Array = field(default_factory=lambda: np.zeros((0, 2)))
     bend_factor: Array | None = None
     found: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    bend_friction: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        for name, shape in (("shift_m", (2,)), ("found", (0, 2))):
+        shapes: dict[str, tuple[int, ...]] = {"shift_m": (2,), "found": (0, 2), "bend_friction": ()}
+        for name, shape in shapes.items():
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.zeros((len(self), *shape)))
 
@@ -161,6 +165,8 @@ def options_of(strings: Strings) -> dict[str, Array]:
         options |= dict(zip(SHIFT, strings.shift_m.T, strict=True))
     if strings.bend_factor is not None:
         options[STIFF] = strings.bend_factor.max(axis=1)
+    if strings.bend_friction.any():
+        options[FRICTION] = strings.bend_friction
     for k in range(strings.found.shape[1]):
         options[FOUND_PLACE.format(k + 1)], options[FOUND_MASS.format(k + 1)] = strings.found[:, k].T
     return options
@@ -185,6 +191,7 @@ def with_options(
         np.column_stack([options.get(name, none) for name in SHIFT]),
         None if factor is None else np.where(stiff_joints(layout), factor[:, None], 1.0),
         np.stack(found, axis=1) if found else np.zeros((len(parameters), 0, 2)),
+        options.get(FRICTION, none),
     )
 
 

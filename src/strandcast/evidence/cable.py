@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from inspect import signature
 
 import numpy as np
 
@@ -16,9 +15,6 @@ from strandcast.evidence.solve import Unknown
 from strandcast.string.model import StringModel
 from strandcast.string.parameters import PARAMETERS, Array
 from strandcast.string.simulate import simulate_batch
-
-HAS_FRICTION = "bend_friction" in signature(simulate_batch).parameters
-"""Whether the string model has dry bending friction; without it a swing dies exponentially, not linearly."""
 
 POINT_SPACING_M = 0.03  # the lever needs it: a weight split over two points turns as a dumb-bell does
 STEP_S = 2e-3
@@ -38,9 +34,9 @@ UNKNOWNS = {
     "lever_m": Unknown("lever_m", 0.02, 0.0, 0.14, 0.001),
     "weight_kg": Unknown("weight_kg", 0.15, 0.0, 1.0, 0.002),
 }
-"""Stiffness [N m^2], damping [N m^2 s], friction moment [N m]; rest curl; turn of the clamp, its stiffness
-over a segment's; delay of the hand's times against the markers'; the weight's lever beyond the end, its
-mass."""
+"""Stiffness [N m^2], damping [N m^2 s], moment of dry friction [N m], without which a swing dies away
+exponentially and never stops; rest curl; turn of the clamp, its stiffness over a segment's; delay of the
+hand's times against the markers'; the weight's lever beyond the end, its mass."""
 
 Values = Mapping[str, Array | float]
 
@@ -122,7 +118,6 @@ def play(series: Series, values: Values) -> Array:
     model = StringModel(series.length_m + beyond * spacing_m, n + beyond, reading="sign", dt_s=STEP_S)
     stiffer = np.ones((batch, n + beyond))
     stiffer[:, n:] = _ARM_STIFFER
-    options = {"bend_friction": np.exp(given["log_friction"])} if "log_friction" in given else {}
     positions, _ = simulate_batch(
         model,
         _parameters(given, spacing_m),
@@ -135,7 +130,7 @@ def play(series: Series, values: Values) -> Array:
         rest_curl_rad_m=given.get("curl_rad_m", none),
         clamp_offset_rad=given.get("clamp_rad", none),
         bend_factor=stiffer,
-        **options,
+        bend_friction=np.exp(given["log_friction"]) if "log_friction" in given else none,
     )
     return np.asarray(positions[:, :, [n // 2, n]])
 

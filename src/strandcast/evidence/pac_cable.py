@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import savgol_filter
 
-from strandcast.evidence.cable import HAS_FRICTION, UNKNOWNS, Series, play, points_of
+from strandcast.evidence.cable import UNKNOWNS, Series, play, points_of
 from strandcast.evidence.solve import solve
 from strandcast.string.parameters import Array
 
@@ -27,8 +27,7 @@ REST_FRAMES = 15
 _SMOOTHING_FRAMES = 7  # the hand's noise of 1 mm is an acceleration of 1 m/s^2 at 30 Hz
 _ALONG = 200
 
-SHAPE = ("log_stiffness", "log_damping", "curl_rad_m", "clamp_rad")
-FRICTION = ("log_friction",) if HAS_FRICTION else ()
+CABLE = ("log_stiffness", "log_damping", "curl_rad_m", "clamp_rad", "log_friction")
 
 
 def read(folder: Path, kind: str, cable: str) -> Series:

@@ -20,7 +20,6 @@ from strandcast.evidence.pac_cable import (
     CABLES,
     DRIVEN,
     FREE,
-    FRICTION,
     PAIRS,
     REST_FRAMES,
     read,
@@ -38,7 +37,7 @@ Excess = Callable[[float, Array], tuple[float, Array]]
 _STRIDE_KG = 0.01
 _STRIDES = 25
 
-COMMON = ("log_stiffness", "log_damping", *FRICTION)
+COMMON = ("log_stiffness", "log_damping", "log_friction")
 OWN = ("curl_rad_m", "clamp_rad")
 
 
@@ -160,8 +159,8 @@ def _end(
 def measure(folder: Path) -> list[Figure]:
     """Figures of the weight: from all cables, parts of their motions, each pair, and by the force sensor.
 
-    At the end of a swing dry friction holds a cable, which a model without it does not know; hence the fits
-    to the first seconds.
+    At the end of a swing dry friction holds a cable where it happens to stop; the fits to the first seconds
+    tell how much of the answer hangs on that.
     """
     free = (FREE,)
     swings = {
@@ -205,10 +204,7 @@ def _figure(name: str, problem: Joint) -> Figure:
         100.0 * (mass_kg / TRUE_KG - 1.0),
         "% of the weight",
         TARGET_PERCENT,
-        "dry friction in the model"
-        if FRICTION
-        else "no dry friction in the model: the lever takes up its lack",
-        {
+        detail={
             "found_kg": mass_kg,
             "interval_kg": interval_kg(problem, best),
             "confidence": CONFIDENCE,
@@ -216,6 +212,6 @@ def _figure(name: str, problem: Joint) -> Figure:
             "independent_residuals": problem.effective_count(best.residuals),
             "stiffness_N_m2": float(np.exp(shared["log_stiffness"])),
             **({"lever_m": float(shared["lever_m"])} if "lever_m" in shared else {}),
-            **({"friction_N_m": float(np.exp(shared["log_friction"]))} if "log_friction" in shared else {}),
+            "friction_N_m": float(np.exp(shared["log_friction"])),
         },
     )

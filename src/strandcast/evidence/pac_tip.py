@@ -10,11 +10,10 @@ import numpy as np
 from strandcast.evidence.cable import Series
 from strandcast.evidence.figure import Figure
 from strandcast.evidence.pac_cable import (
+    CABLE,
     CABLES,
     DRIVEN,
     FREE,
-    FRICTION,
-    SHAPE,
     fit,
     read,
     tip_error_mm,
@@ -22,8 +21,7 @@ from strandcast.evidence.pac_cable import (
     weight_kg,
 )
 
-FULL = SHAPE + FRICTION
-LEFT_OUT = (*FRICTION, "curl_rad_m", "clamp_rad")
+LEFT_OUT = ("log_friction", "curl_rad_m", "clamp_rad")
 ADDED = ("log_clamp",)
 
 _LOGARITHMS = {
@@ -47,7 +45,7 @@ def measure(folder: Path) -> list[Figure]:
 
 def _prediction(seen: Series, other: Series, weight: float) -> Figure:
     """Figure of `other` as predicted by the cable fitted to `seen`."""
-    found = fit(seen, FULL, weight)
+    found = fit(seen, CABLE, weight)
     error, trivial = tip_error_mm(other, found), trivial_mm(other, seen)
     return Figure(
         f"pac_cable.tip.{seen.cable}.{seen.kind}_predicts_{other.kind}",
@@ -69,9 +67,9 @@ def _prediction(seen: Series, other: Series, weight: float) -> Figure:
 
 def _parts(free: dict[str, Series], driven: dict[str, Series], weights: dict[str, float]) -> list[Figure]:
     """Figures of driven series predicted from free swings, with parts of the model left out or added."""
-    variants = {"as_it_is": FULL}
-    variants |= {f"without_{left}": tuple(name for name in FULL if name != left) for left in LEFT_OUT}
-    variants |= {f"with_{added}": (*FULL, added) for added in ADDED}
+    variants: dict[str, tuple[str, ...]] = {"as_it_is": CABLE}
+    variants |= {f"without_{left}": tuple(name for name in CABLE if name != left) for left in LEFT_OUT}
+    variants |= {f"with_{added}": (*CABLE, added) for added in ADDED}
     return [
         _mean(
             f"pac_cable.parts.{variant}",
@@ -86,11 +84,11 @@ def _delay(free: dict[str, Series], driven: dict[str, Series], weights: dict[str
 
     A free swing, whose hand is still, cannot show it.
     """
-    delays = {c: fit(driven[c], (*FULL, "delay_s"), weights[c])["delay_s"] for c in CABLES}
+    delays = {c: fit(driven[c], (*CABLE, "delay_s"), weights[c])["delay_s"] for c in CABLES}
     errors = {}
     for c in CABLES:
         carried = {"delay_s": _median(delays[other] for other in CABLES if other != c)}
-        errors[c] = tip_error_mm(driven[c], fit(free[c], FULL, weights[c]) | carried)
+        errors[c] = tip_error_mm(driven[c], fit(free[c], CABLE, weights[c]) | carried)
     return [
         _mean("pac_cable.parts.with_delay_of_other_cables", errors),
         Figure(

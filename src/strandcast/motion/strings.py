@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -27,6 +27,10 @@ class Strings:
     curl_rad_m, clamp_offset_rad, longer_m
         (K,) bend at rest [rad/m], turn of the clamp [rad], length that hangs out beyond the nominal one [m];
         zero if not given.
+    bend_friction
+        (K,) dry friction of a joint [N m/kg]; zero if not given.
+    bend_factor
+        (K, n) multiplier of bending at joints 0…n-1; one if not given.
     """
 
     parameters: np.ndarray
@@ -34,11 +38,15 @@ class Strings:
     curl_rad_m: np.ndarray = field(default_factory=_none)
     clamp_offset_rad: np.ndarray = field(default_factory=_none)
     longer_m: np.ndarray = field(default_factory=_none)
+    bend_friction: np.ndarray = field(default_factory=_none)
+    bend_factor: np.ndarray = field(default_factory=_none)
 
     def __post_init__(self) -> None:
-        for name in ("curl_rad_m", "clamp_offset_rad", "longer_m"):
+        for name in ("curl_rad_m", "clamp_offset_rad", "longer_m", "bend_friction"):
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.zeros(len(self)))
+        if not len(self.bend_factor):
+            object.__setattr__(self, "bend_factor", np.ones_like(self.masses, dtype=float))
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -46,13 +54,7 @@ class Strings:
     def take(self, members: Sequence[int]) -> Strings:
         """Return some of the strings."""
         at = np.asarray(members, int)
-        return Strings(
-            self.parameters[at],
-            self.masses[at],
-            self.curl_rad_m[at],
-            self.clamp_offset_rad[at],
-            self.longer_m[at],
-        )
+        return Strings(*(getattr(self, column.name)[at] for column in fields(self)))
 
     def first(self, count: int) -> Strings:
         """Return the best `count` strings, or all if there are fewer."""
@@ -70,5 +72,5 @@ def regrasped(strings: Strings, rng: np.random.Generator) -> Strings:
 
 def joined(one: Strings, other: Strings) -> Strings:
     """Return the strings of both."""
-    names = ("parameters", "masses", "curl_rad_m", "clamp_offset_rad", "longer_m")
-    return Strings(*(np.concatenate([getattr(one, name), getattr(other, name)]) for name in names))
+    columns = ((getattr(one, column.name), getattr(other, column.name)) for column in fields(Strings))
+    return Strings(*(np.concatenate(pair) for pair in columns))

@@ -94,6 +94,8 @@ def throw(task: Task, strings: Strings, world: World, q: np.ndarray, last: np.nd
         world.start_m,
         rest_curl_rad_m=np.tile(strings.curl_rad_m, len(q)),
         clamp_offset_rad=np.tile(strings.clamp_offset_rad, len(q)),
+        bend_factor=np.tile(strings.bend_factor, (len(q), 1)),
+        bend_friction=np.tile(strings.bend_friction, len(q)),
     )
     return Thrown(time_s, points, bars(task.arm, q), last)
 

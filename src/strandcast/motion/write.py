@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strandcast.motion.describe import Plan
+from strandcast.motion.strings import Strings
 from strandcast.motion.task import Task
 from strandcast.records.motion import (
     Bezier,
@@ -71,14 +72,24 @@ def to_record(
             string=StringSet(
                 parameters=dict(zip(PARAMETERS, plan.strings.parameters[0].tolist(), strict=True)),
                 masses=plan.strings.masses[0].tolist(),
-                options={
-                    "rest_curl_rad_m": float(plan.strings.curl_rad_m[0]),
-                    "clamp_offset_rad": float(plan.strings.clamp_offset_rad[0]),
-                },
+                options=_options(plan.strings),
             ),
             flags=list(plan.flags),
         ),
     )
+
+
+def _options(strings: Strings) -> dict[str, float]:
+    """Return the best string's numbers beside parameters and masses, by their names in the estimate."""
+    options = {
+        "rest_curl_rad_m": float(strings.curl_rad_m[0]),
+        "clamp_offset_rad": float(strings.clamp_offset_rad[0]),
+    }
+    if (strings.bend_factor[0] != 1.0).any():
+        options["stiff_bend_factor"] = float(strings.bend_factor[0].max())
+    if strings.bend_friction[0] > 0.0:
+        options["bend_friction"] = float(strings.bend_friction[0])
+    return options
 
 
 def _prediction(plan: Plan) -> Prediction:

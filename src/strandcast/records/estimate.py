@@ -84,13 +84,27 @@ class Step(Part):
 
 
 class ServoFit(Part):
-    """How the joints follow their commands: second order with a delay, joint by joint."""
+    """How the joints follow their commands: second order with a delay, joint by joint.
+
+    The lag, delay and time constant together, is known better than either. `held_out`: predictions of motion
+    that was not fitted.
+    """
 
     delay_s: list[float]
     natural_frequency_rad_s: list[float]
     damping_ratio: list[float]
-    gain: list[float]
+    gain: list[float]  # as planned with: the arm's file's
     residual_rad: list[float]
+    delay_sd_s: list[float] | None = None
+    time_constant_s: list[float] | None = None
+    time_constant_sd_s: list[float] | None = None
+    lag_s: list[float] | None = None
+    lag_sd_s: list[float] | None = None
+    fitted_gain: list[float] | None = None  # of a second fit, not used
+    fitted_gain_sd: list[float] | None = None
+    held_out: str | None = None  # what was held out
+    held_out_rad: list[float] | None = None  # rms by joint
+    held_out_hand_m: float | None = None  # rms distance of the hand
 
 
 class HeldOut(Part):
@@ -128,6 +142,7 @@ class Estimate(Record):
     E_m: float  # this trial after the fit; w = 0
     E_weighted_m: float
     E_points_m: list[float | None]  # E_i of points 1…n
+    step_change_m: float | None = None  # what half the step changes in the fitted string
     rmse_m: float
     tip_error_m: float
     held_out: list[HeldOut]

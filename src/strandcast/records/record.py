@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -96,7 +97,7 @@ class Record(Part):
 def _load(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     try:
-        data = json.loads(path.read_bytes(), parse_constant=_refuse_constant)
+        data = json.loads(path.read_bytes(), parse_constant=_refuse_constant, parse_float=_finite)
     except FileNotFoundError:
         raise _refusal("SC-R001", path, None, "the file is not there", "make it first") from None
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
@@ -120,6 +121,13 @@ def _load(path: str | Path) -> dict[str, Any]:
 
 def _refuse_constant(name: str) -> None:
     raise ValueError(f"{name} is not JSON")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if math.isinf(value):  # 1e999 is JSON, but no number that a record holds
+        raise ValueError(f"{text} is too large a number")
+    return value
 
 
 def _refusal(code: str, path: str | Path, field: str | None, what: str, fix: str) -> StrandcastError:

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from strandcast.arm.load import load_arm
-from strandcast.arm.servo import Servo
+from strandcast.arm.kinematics import hand_pose
+from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.response import HeldOut as Predicted
+from strandcast.arm.response import Response
 from strandcast.errors import StrandcastError
 from strandcast.estimation.estimate import Fit, estimate
 from strandcast.estimation.knowledge import RISE
@@ -62,7 +64,9 @@ def run(root: Path, name: str, trial: int) -> None:
         planned=_planned(trials[-1].motion, layout),
         previous=previous,
     )
-    record = _record(context, model, layout, trials, fit, servo_of(arm, trials))
+    response = servo_of(arm, trials)
+    servo = None if response is None else _servo(arm, response)
+    record = _record(context, model, layout, trials, fit, servo)
     folder = context.folder.trial(trial).results
     write_table(folder / "ensemble.parquet", ENSEMBLE, _members(fit))
     write_table(folder / "simulated.parquet", SIMULATED, _simulated(fit, trials[-1]))
@@ -127,6 +131,7 @@ def _fit_settings(settings: EstimateSettings, layout: MassLayout) -> FitSettings
         clamp_offset_sd_rad=settings.clamp_offset_sd_rad,
         camera_offset_sd_m=settings.camera_offset_sd_m,
         stiff_bend=settings.stiff_bend,
+        bend_friction=settings.bend_friction,
         find_weights=settings.find_weights,
         plain_mass=settings.search == "paper" and layout.count > 0,
         ensemble=settings.ensemble,
@@ -191,7 +196,7 @@ def _record(
     layout: MassLayout,
     trials: list[Trial],
     fit: Fit,
-    servo: tuple[Servo, np.ndarray] | None,
+    servo: ServoFit | None,
 ) -> Estimate:
     settings, seed = context.settings.estimate, context.settings.seed
     newest = trials[-1]
@@ -224,6 +229,7 @@ def _record(
         E_m=fit.E_m,
         E_weighted_m=fit.E_weighted_m,
         E_points_m=[_finite(value) for value in fit.E_points_m],
+        step_change_m=_finite(fit.step_change_m),
         rmse_m=fit.rmse_m,
         tip_error_m=fit.tip_error_m,
         held_out=[HeldOut(what=h.what, E_m=h.E_m) for h in fit.held_out if np.isfinite(h.E_m)],
@@ -236,7 +242,7 @@ def _record(
         rejected=fit.rejected,
         converged=fit.converged,
         knowledge=_knowledge(fit),
-        servo=None if servo is None else _servo(*servo),
+        servo=servo,
         planned_from=_read_files(context, [t.number for t in trials]),
         warnings=list(fit.warnings),
     )
@@ -302,14 +308,33 @@ def _knowledge(fit: Fit) -> Knowledge:
     )
 
 
-def _servo(servo: Servo, residual_rad: np.ndarray) -> ServoFit:
+def _servo(arm: Arm, response: Response) -> ServoFit:
+    servo, held_out = response.servo, response.held_out
     return ServoFit(
         delay_s=servo.delay_s.tolist(),
         natural_frequency_rad_s=servo.natural_frequency_rad_s.tolist(),
         damping_ratio=servo.damping_ratio.tolist(),
         gain=servo.gain.tolist(),
-        residual_rad=residual_rad.tolist(),
+        residual_rad=response.residual_rad.tolist(),
+        delay_sd_s=response.delay_sd_s.tolist(),
+        time_constant_s=servo.time_constant_s.tolist(),
+        time_constant_sd_s=response.time_constant_sd_s.tolist(),
+        lag_s=servo.lag_s.tolist(),
+        lag_sd_s=response.lag_sd_s.tolist(),
+        fitted_gain=response.gain.tolist(),
+        fitted_gain_sd=response.gain_sd.tolist(),
+        held_out=None if held_out is None else held_out.what,
+        held_out_rad=None if held_out is None else held_out.error_rad.tolist(),
+        held_out_hand_m=None if held_out is None else _hand_error_m(arm, held_out),
     )
+
+
+def _hand_error_m(arm: Arm, held_out: Predicted) -> float:
+    """Return how far predicted joints take the hand from where the measured ones did, rms [m]."""
+    predicted, measured = (
+        hand_pose(arm.chain, arm.clamp, q)[:, :2] for q in (held_out.predicted_rad, held_out.measured_rad)
+    )
+    return float(np.sqrt(np.nanmean(((predicted - measured) ** 2).sum(axis=1))))
 
 
 def _read_files(context: Context, numbers: list[int]) -> dict[str, str]:

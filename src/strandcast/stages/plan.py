@@ -120,7 +120,15 @@ def _next(
 
 def _fitted_strings(path: Path, layout: MassLayout) -> Strings:
     fitted = read_members(path, layout)
-    return Strings(fitted.parameters, fitted.masses, fitted.rest_curl_rad_m, fitted.clamp_offset_rad)
+    factor = np.ones_like(fitted.masses) if fitted.bend_factor is None else fitted.bend_factor
+    return Strings(
+        fitted.parameters,
+        fitted.masses,
+        fitted.rest_curl_rad_m,
+        fitted.clamp_offset_rad,
+        bend_friction=fitted.bend_friction,
+        bend_factor=factor,
+    )
 
 
 def _earlier(trial: Trial, step_s: float) -> Earlier:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.arm.servo import Servo, identify
+from strandcast.arm.response import Response, identify_response
 from strandcast.estimation.space import Strings, with_options
 from strandcast.records.alignment import Alignment, read_hand
 from strandcast.records.estimate import ENSEMBLE
@@ -90,14 +90,8 @@ def string_model(context: Context, arm: Arm) -> tuple[StringModel, MassLayout]:
     return model, layout
 
 
-def servo_of(arm: Arm, trials: list[Trial]) -> tuple[Servo, np.ndarray] | None:
-    """Identify the servo's response from the trials' joint logs; None if no log tells its commands.
-
-    Returns
-    -------
-    servo, residual_rad
-        The response, and its rms residual (J,).
-    """
+def servo_of(arm: Arm, trials: list[Trial]) -> Response | None:
+    """Identify the servo's response from the trials' joint logs; None if no log tells its commands."""
     step_s = 1.0 / arm.log_rate_hz
     told = [_told_and_done(arm, trial, step_s) for trial in trials if trial.log is not None]
     pairs = [pair for pair in told if pair is not None]
@@ -105,7 +99,7 @@ def servo_of(arm: Arm, trials: list[Trial]) -> tuple[Servo, np.ndarray] | None:
         return None
     same = [pair for pair in pairs if pair[0].shape == pairs[-1][0].shape]
     time_s = np.arange(len(same[0][0])) * step_s
-    return identify(
+    return identify_response(
         time_s, np.array([pair[0] for pair in same]), np.array([pair[1] for pair in same]), arm.servo
     )
 

@@ -33,6 +33,7 @@ from strandcast.string.lanes import (
     INLINED,
     all_of,
     flush_denormals,
+    inverse_root,
     load,
     maximum,
     minimum,
@@ -162,7 +163,8 @@ def _value(
         if per_metre[i] > 0.0:
             dx = load(kind, place, 2 * i) + (sx - (seen[i, 0] - x))
             dy = load(kind, place, 2 * i + 1) + (sy - (seen[i, 1] - y))
-            total += per_metre[i] * root(dx * dx + dy * dy)
+            squared = maximum(dx * dx + dy * dy, 1e-20)
+            total += per_metre[i] * (squared * inverse_root(kind, squared))
     store(kind, kept, VALUE, total)
 
 

@@ -34,7 +34,7 @@ STATUS = {
 }
 LONGEST_SEGMENT, SHORTEST_SEGMENT = 3.0, 0.3  # rest lengths: beyond, the model is not a string
 
-FINEST = 4  # smallest step, as a fraction of the model's, with which a torn candidate is repeated
+FINEST = 8  # smallest step, as a fraction of the model's, with which a torn candidate is repeated
 _STIFF = 1.4  # k_s h^2 / m beyond which a string is too stiff to be stretched by its loads
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from strandcast.records.estimate import ServoFit
 from strandcast.report.drawing import FITTED, MEASURED, PLANNED, legend_below, new_figure, to_svg
 from strandcast.report.measures import arc_length_m, at_times, path_distance_m, rms, with_gaps
-from strandcast.report.numbers import millimetres
+from strandcast.report.numbers import millimetres, scaled
 from strandcast.report.reportlet import Reportlet, Table
 from strandcast.report.results import HandPath, Results
 
@@ -59,6 +60,11 @@ def hand_path(key: str, title: str, results: Results) -> Reportlet:
     ]
     finding = "; ".join(findings) + ". Length of the path: " + ", ".join(lengths) + "."
     heads = ["paths", "most, same instant", "rms, same instant", "most off the path"]
+    tables, sources = [Table(heads, rows)], ["hand.parquet", "alignment.json"]
+    estimate = results.get("estimate")
+    if estimate is not None and estimate.servo is not None and estimate.servo.lag_s is not None:
+        tables.append(servo_table(estimate.servo))
+        sources.append("estimate.json")
     return Reportlet(
         key,
         title,
@@ -67,8 +73,42 @@ def hand_path(key: str, title: str, results: Results) -> Reportlet:
         "seen lies on measured to a few mm. Bad: seen is off everywhere (marker's place, camera) or only "
         "while moving fast (alignment).",
         to_svg(figure, key, f"Path of the hand. {finding}"),
-        [Table(heads, rows)],
-        ["hand.parquet", "alignment.json"],
+        tables,
+        sources,
+    )
+
+
+def servo_table(servo: ServoFit) -> Table:
+    """Return the servo's response by joint, each number ± one standard deviation."""
+
+    def cell(name: str, j: int, scale: float, digits: int, unit: str, sd: str | None = None) -> str:
+        values, sds = getattr(servo, name), None if sd is None else getattr(servo, sd)
+        known = values is not None
+        return scaled(
+            values[j] if known else None, scale, digits, unit, None if sds is None else sds[j]
+        ).strip()
+
+    rows = [
+        [
+            str(j + 1),
+            cell("lag_s", j, 1e3, 2, "ms", "lag_sd_s"),
+            cell("delay_s", j, 1e3, 1, "ms", "delay_sd_s"),
+            cell("time_constant_s", j, 1e3, 1, "ms", "time_constant_sd_s"),
+            cell("fitted_gain", j, 1.0, 4, "", "fitted_gain_sd"),
+            cell("residual_rad", j, 1e3, 2, "mrad"),
+            cell("held_out_rad", j, 1e3, 2, "mrad"),
+        ]
+        for j in range(len(servo.delay_s))
+    ]
+    caption = (
+        "The servo: lag = delay + time constant, each ± one standard deviation; the gain of a second fit."
+    )
+    if servo.held_out is not None:
+        caption += (
+            f" Held out: {servo.held_out}; rms {millimetres(servo.held_out_hand_m, digits=2)} at the hand."
+        )
+    return Table(
+        ["joint", "lag", "delay", "time constant", "gain", "rms left", "rms held out"], rows, caption
     )
 
 
