@@ -110,14 +110,14 @@ def _fit(results: Results) -> str:
     if estimate is None:
         return ""
     change = estimate.step_change_m
-    halved = "" if change is None else f" (half of that moves the string by {significant(1e3 * change)} mm)"
+    halved = "" if change is None else f" (halved, the string moves by {significant(1e3 * change)} mm)"
     return (
         "String parameters and relative masses were estimated from trials "
         f"{', '.join(map(str, estimate.trials_used))} by {estimate.search} ({estimate.evaluations} "
         f"simulations, ranges “{estimate.ranges}”, reading “{estimate.reading}”, integrator "
-        f"{estimate.integrator} with {estimate.dt_s * 1e3:g} ms steps{halved}, start shape {estimate.start_shape}, "
-        f"evaluation in the {estimate.evaluation} frame, w = {estimate.w:g}, seed {estimate.seed}); E = "
-        f"{significant(estimate.E_m * 1e3)} mm."
+        f"{estimate.integrator} with {estimate.dt_s * 1e3:g} ms steps{halved}, "
+        f"start shape {estimate.start_shape}, evaluation in the {estimate.evaluation} frame, "
+        f"w = {estimate.w:g}, seed {estimate.seed}); E = {significant(estimate.E_m * 1e3)} mm."
     )
 
 
