@@ -21,7 +21,7 @@ def with_values(parameters, **values):
 
 def ours(parameters, dt_s, integrator="lfcn", masses=MASSES):
     time_s = np.linspace(0.0, 1.0, 2001)
-    model = StringModel(LENGTH_M, SEGMENTS, dt_s=dt_s, integrator=integrator)
+    model = StringModel(LENGTH_M, SEGMENTS, dt_s=dt_s, integrator=integrator, reading="sign")
     seen, _ = simulate(model, parameters, masses, time_s, CAST.at(time_s)[0], COMMON_S)
     return seen
 

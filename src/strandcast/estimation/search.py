@@ -64,7 +64,12 @@ def run(
 ) -> Ledger:
     """Search by the settings' name with at most so many simulations; the ledger holds all that was tried."""
     tell = Progress("estimate", evaluations)
-    ledger = Ledger(objective.cost, lambda count, best: tell(count, f"best E {1e3 * best:.2f} mm"))
+
+    def told(count: int, best: float) -> None:
+        more = f", {count - evaluations} more for profiles" if count > evaluations else ""
+        tell(min(count, evaluations), f"best E {1e3 * best:.2f} mm{more}")
+
+    ledger = Ledger(objective.cost, told)
     job = Job(objective, settings, start, rng, evaluations)
     ledger.converged = SEARCHES[settings.search](job, ledger)
     return ledger
