@@ -22,7 +22,7 @@ def test_an_edited_kernel_has_another_cache(tmp_path, project_root):
     assert before.startswith(str(tmp_path))
     (tmp_path / "strandcast" / "cli.py").open("a").write("\n# no kernel in here\n")
     assert cache_of(tmp_path, **home) == before
-    (tmp_path / "strandcast" / "string" / "forces.py").open("a").write("\n# a kernel's file\n")
+    (tmp_path / "strandcast" / "string" / "elements.py").open("a").write("\n# a kernel's file\n")
     assert cache_of(tmp_path, **home) != before
 
 

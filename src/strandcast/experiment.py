@@ -213,7 +213,9 @@ class EstimateSettings(Section):
         description="Descents from several draws, CMA-ES, differential evolution, or the paper's eq. 3.",
     )
     evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
-        4000, description="Strings to simulate at most; the search ends earlier where nothing gains any more."
+        4000,
+        description="Strings to simulate for the search, which ends earlier where nothing gains any more; "
+        "forecast and profiles may add to them.",
     )
     trials: Literal["all", "latest"] = "all"
     older_trials_weight: Annotated[float, Field(ge=0, le=1)] = 0.6

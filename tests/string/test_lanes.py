@@ -127,3 +127,17 @@ def test_dry_friction_ends_a_swing_away_from_rest():
     assert turns[0] >= 3
     assert turns[1] == 0  # it only creeps on
     assert np.abs(rubbed[100]) > 0.02
+
+
+def test_arrays_of_the_wrong_length_are_refused(drawn):
+    masses, weights = np.ones((COUNT, 7)), np.ones((len(FRAME_S), 7))
+    seen = np.zeros((len(FRAME_S), 7, 2))
+    hands = np.tile(POSE, (COUNT, 1, 1))
+    with pytest.raises(ValueError, match="expected an array of shape"):
+        simulate_batch(MODEL, drawn, masses, TIME_S, POSE, FRAME_S, bend_factor=np.ones((1, 7)))
+    with pytest.raises(ValueError, match="expected an array of shape"):
+        simulate_batch(MODEL, drawn, masses, TIME_S, POSE, FRAME_S, np.zeros((3, 2)))
+    with pytest.raises(ValueError, match="one path of the hand"):
+        evaluate_batch(MODEL, drawn, masses, TIME_S, hands, FRAME_S, seen, weights)
+    with pytest.raises(ValueError, match="not seen has a weight"):
+        evaluate_batch(MODEL, drawn, masses, TIME_S, POSE, FRAME_S, seen * np.nan, weights)

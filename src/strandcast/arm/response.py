@@ -143,7 +143,10 @@ def _covariance(
         seen = np.isfinite(left[..., j])
         slope, residual = slopes[..., j][:, seen], left[..., j][seen]
         power = (residual**2).sum() / max(len(residual) - free, 1)
-        size = np.linalg.norm(slope, axis=1) + 1e-300
+        size = np.linalg.norm(slope, axis=1)
+        if len(residual) <= free or not size.min() > 0.0:
+            covariance[j] = np.full((free, free), np.nan)  # a joint that stood still, or was not measured
+            continue
         alike = np.linalg.pinv((slope / size[:, None]) @ (slope / size[:, None]).T, hermitian=True)
         covariance[j] = alike / np.outer(size, size) * power * _kinship(left[..., j])
     return covariance

@@ -8,7 +8,7 @@ import numpy as np
 
 from strandcast.estimation.evaluation import Array, evaluation_of_points
 from strandcast.estimation.objective import Ledger, Objective, play
-from strandcast.estimation.refine import Slope, descend, valleys
+from strandcast.estimation.refine import LADDER, Slope, descend, valleys
 from strandcast.estimation.throw import Task
 
 PARTS = 4
@@ -29,9 +29,12 @@ class HeldOut:
 def refitted(objective: Objective, ledger: Ledger, evaluations: int) -> HeldOut:
     """Leave each part out of the fit, and hold it against the string that is found without it.
 
-    These fits start where the whole one ended and walk downhill; they share `evaluations`.
+    These fits start where the whole one ended and walk downhill; they share `evaluations`. Where few steps
+    are affordable the end still knows the part: the error is then told too small. NaN where none is.
     """
     best, ends = ledger.best()[0], []
+    if evaluations // PARTS - 1 < len(best) + 1 + len(LADDER):
+        return HeldOut(REFITTED, float("nan"))  # not one step is affordable: nothing would be refitted
     parts = _parts(objective.tasks[-1])
     for part in parts:
         fold = replace(objective, tasks=(*objective.tasks[:-1], _without(objective.tasks[-1], part)))

@@ -66,7 +66,7 @@ def run(
     tell = Progress("estimate", evaluations)
 
     def told(count: int, best: float) -> None:
-        more = f", {count - evaluations} more for profiles" if count > evaluations else ""
+        more = f", {count - evaluations} more behind the search" if count > evaluations else ""
         tell(min(count, evaluations), f"best E {1e3 * best:.2f} mm{more}")
 
     ledger = Ledger(objective.cost, told)

@@ -137,7 +137,9 @@ class Space:
 
     def chi_of(self, strings: Strings) -> Array:
         """Exponents (B, d) of given strings, clipped into the box."""
-        known = options_of(strings) | {COMMON: np.ones(len(strings))}
+        bare = self.layout.shares.sum(axis=0) == 0.0
+        plain = strings.masses[:, bare].min(axis=1) if bare.any() else np.ones(len(strings))
+        known = options_of(strings) | {COMMON: plain}
         middle = self.values(np.full(self.dimension, 0.5))
         columns = [strings.parameters, strings.free_masses]
         for k in range(10 + self.layout.count, self.dimension):

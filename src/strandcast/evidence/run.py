@@ -30,12 +30,15 @@ def measure_all(data: Path | None) -> list[Figure | Skipped]:
     results: list[Figure | Skipped] = []
     for name, (folder, measure) in PARTS.items():
         if data is None:
-            results.append(Skipped(name, f"{VARIABLE} names no folder"))
+            results.append(Skipped(name, f"{VARIABLE} names no folder that exists"))
         elif not (data / folder).is_dir():
             results.append(Skipped(name, f"{data} has no folder {folder}"))
         else:
             print(f"{name} …", file=sys.stderr, flush=True)
-            results += measure(data / folder)
+            try:
+                results += measure(data / folder)
+            except FileNotFoundError as missing:
+                results.append(Skipped(name, f"{missing.filename} is missing"))
     return results
 
 

@@ -94,16 +94,16 @@ class ServoFit(Part):
     natural_frequency_rad_s: list[float]
     damping_ratio: list[float]
     gain: list[float]  # as planned with: the arm's file's
-    residual_rad: list[float]
-    delay_sd_s: list[float] | None = None
+    residual_rad: list[float | None]
+    delay_sd_s: list[float | None] | None = None
     time_constant_s: list[float] | None = None
-    time_constant_sd_s: list[float] | None = None
+    time_constant_sd_s: list[float | None] | None = None
     lag_s: list[float] | None = None
-    lag_sd_s: list[float] | None = None
-    fitted_gain: list[float] | None = None  # of a second fit, not used
-    fitted_gain_sd: list[float] | None = None
+    lag_sd_s: list[float | None] | None = None
+    fitted_gain: list[float | None] | None = None  # of a second fit, not used
+    fitted_gain_sd: list[float | None] | None = None
     held_out: str | None = None  # what was held out
-    held_out_rad: list[float] | None = None  # rms by joint
+    held_out_rad: list[float | None] | None = None  # rms by joint
     held_out_hand_m: float | None = None  # rms distance of the hand
 
 

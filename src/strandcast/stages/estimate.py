@@ -315,18 +315,23 @@ def _servo(arm: Arm, response: Response) -> ServoFit:
         natural_frequency_rad_s=servo.natural_frequency_rad_s.tolist(),
         damping_ratio=servo.damping_ratio.tolist(),
         gain=servo.gain.tolist(),
-        residual_rad=response.residual_rad.tolist(),
-        delay_sd_s=response.delay_sd_s.tolist(),
+        residual_rad=_known(response.residual_rad),
+        delay_sd_s=_known(response.delay_sd_s),
         time_constant_s=servo.time_constant_s.tolist(),
-        time_constant_sd_s=response.time_constant_sd_s.tolist(),
+        time_constant_sd_s=_known(response.time_constant_sd_s),
         lag_s=servo.lag_s.tolist(),
-        lag_sd_s=response.lag_sd_s.tolist(),
-        fitted_gain=response.gain.tolist(),
-        fitted_gain_sd=response.gain_sd.tolist(),
+        lag_sd_s=_known(response.lag_sd_s),
+        fitted_gain=_known(response.gain),
+        fitted_gain_sd=_known(response.gain_sd),
         held_out=None if held_out is None else held_out.what,
-        held_out_rad=None if held_out is None else held_out.error_rad.tolist(),
-        held_out_hand_m=None if held_out is None else _hand_error_m(arm, held_out),
+        held_out_rad=None if held_out is None else _known(held_out.error_rad),
+        held_out_hand_m=None if held_out is None else _finite(_hand_error_m(arm, held_out)),
     )
+
+
+def _known(values: np.ndarray) -> list[float | None]:
+    """Return numbers as a record takes them: None for what a joint that stood still does not tell."""
+    return [_finite(float(value)) for value in values]
 
 
 def _hand_error_m(arm: Arm, held_out: Predicted) -> float:

@@ -46,6 +46,8 @@ def kind(precision: str) -> Kind:
     """
     bits = {"f64": 64, "f32": 32}[precision]
     register = int(os.environ.get("STRANDCAST_REGISTER_BITS") or register_bits())
+    if register not in (0, 128, 256, 512):
+        raise ValueError(f"STRANDCAST_REGISTER_BITS is 512, 256, 128 or 0, not {register}")
     return Kind(bits, max(register // bits, 1))
 
 
@@ -211,10 +213,14 @@ def evaluate_batch(
         model, parameters, masses, hand_time_s, hand_pose, frame_time_s, start, start_velocity, respace,
         rest_curl_rad_m, clamp_offset_rad, bend_factor, bend_friction,
     )  # fmt: skip
-    used = np.ascontiguousarray(per_metre, dtype=float)
+    used = _rows(per_metre, len(given.at), model.points)
+    if len(given.pose) > 1 or np.shape(seen_m) != (*used.shape, 2):
+        raise ValueError(f"one path of the hand and points of shape {(*used.shape, 2)} are compared")
     seen = np.where(used[..., None] > 0, seen_m, 0.0)
+    if np.isnan(seen).any():
+        raise ValueError("a point that was not seen has a weight")
     if shift_m is not None:
-        given = given._replace(shift=_rows(shift_m, 2))
+        given = given._replace(shift=_rows(shift_m, len(given.p), 2))
     kept, status = _run(given, {"seen": seen, "per_metre": used, "bound": float(bound_m)})
     values = kept[:, VALUE]
     return np.where((status == BLEW_UP) | ~(values <= bound_m), np.inf, values), status
@@ -255,6 +261,8 @@ def miss_batch(
         rest_curl_rad_m, clamp_offset_rad, bend_factor, bend_friction,
     )  # fmt: skip
     kept, status = _run(given, {"target": np.asarray(target_m, dtype=float)})
+    if not len(given.wanted_s):
+        raise ValueError("a miss needs outputs")
     time_s = np.interp(kept[:, MISS_AT], np.arange(len(given.wanted_s)), given.wanted_s)
     return np.where(status == BLEW_UP, np.inf, kept[:, MISS]), time_s, status
 
@@ -276,11 +284,13 @@ def start_shape(
     return positions[0]
 
 
-def _rows(values: Array, columns: int) -> Array:
-    rows = np.ascontiguousarray(values, dtype=float)
-    if rows.ndim != 2 or rows.shape[1] != columns:
-        raise ValueError(f"expected an array of shape (…, {columns}), got {rows.shape}")
-    return rows
+def _rows(values: Array, rows: int | None, columns: int) -> Array:
+    """Return `values` as a contiguous array of that shape; the kernels check no bounds."""
+    array = np.ascontiguousarray(values, dtype=float)
+    if array.ndim != 2 or array.shape[1] != columns or rows not in (None, len(array)):
+        wanted = "…" if rows is None else rows
+        raise ValueError(f"expected an array of shape ({wanted}, {columns}), got {array.shape}")
+    return array
 
 
 def _check(model: StringModel, masses: Array, batch: int, time_s: Array, pose: Array, at: Array) -> None:
@@ -329,8 +339,8 @@ def _given(
     bend_friction: Array | float,
 ) -> _Given:
     n = model.points
-    p = _rows(parameters, 10)
-    m = _rows(masses, n)
+    p = _rows(parameters, None, 10)
+    m = _rows(masses, len(p), n)
     time_s = np.ascontiguousarray(hand_time_s, dtype=float)
     pose = np.ascontiguousarray(hand_pose, dtype=float)
     if pose.ndim == 2:
@@ -351,13 +361,13 @@ def _given(
         model,
         p,
         m,
-        np.tile(model.factors(), (len(p), 1)) if bend_factor is None else _rows(bend_factor, n),
+        np.tile(model.factors(), (len(p), 1)) if bend_factor is None else _rows(bend_factor, len(p), n),
         fixed,
         time_s,
         pose,
         HANGING if start is None else (RESPACED if respace else AS_GIVEN),
-        np.zeros((n, 2)) if start is None else _rows(start, 2),
-        np.zeros((n, 2)) if start_velocity is None else _rows(start_velocity, 2),
+        np.zeros((n, 2)) if start is None else _rows(start, n, 2),
+        np.zeros((n, 2)) if start_velocity is None else _rows(start_velocity, n, 2),
         wanted_s,
         np.clip(at, 0.0, float(steps)),
         steps,
