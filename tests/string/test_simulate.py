@@ -165,7 +165,8 @@ def test_start_keeps_directions_and_takes_the_lengths_of_rest():
         ({"hand_time_s": np.array([0.0, 0.0])}, "must increase"),
         ({"out_time_s": np.array([-0.1])}, "output times"),
         ({"masses": np.ones((1, 4))}, "shape"),
-        ({"parameters": np.ones((2, 10))}, "do not fit"),
+        ({"parameters": np.ones((2, 10))}, r"shape \(2, 5\)"),
+        ({"hand_pose": np.zeros((3, 2, 3))}, "do not fit"),
     ],
 )
 def test_what_does_not_fit_is_refused(change, message):
