@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import mujoco
 import numpy as np
 
@@ -41,7 +43,7 @@ def _with_hand(xml: str) -> mujoco.MjModel:
     return spec.compile()
 
 
-class _Flex:
+class _Flex(ABC):
     integrator: str
 
     def __init__(self, swing: Swing, parameters: Array, dt_s: float, threads: int) -> None:
@@ -54,9 +56,9 @@ class _Flex:
         self.rollout = Rollout(models, starts, control, threads)
         self.each = every(dt_s)
 
+    @abstractmethod
     def edge(self, parameters: Array) -> str:
         """Return the edges of one string as MJCF."""
-        raise NotImplementedError
 
     def sag(self, parameters: Array) -> Array:
         """Return by how much points 1…n hang lower at the start than unstretched edges would let them [m]."""
