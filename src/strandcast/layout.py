@@ -7,7 +7,10 @@ from pathlib import Path
 
 from strandcast.errors import StrandcastError
 
-VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
+VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".cine", ".tif", ".tiff")
+# Photron's pair: the header stands for both.
+HEADERS, RAW = (".cihx", ".cih"), ".mraw"
+PICTURES = (".png", ".tif", ".tiff")  # in a folder named video
 
 
 @dataclass(frozen=True)
@@ -52,17 +55,38 @@ class TrialFolder:
         return path if path.is_file() else None
 
     def video(self) -> Path:
-        """Return the one video among the raw files."""
-        found = sorted(path for path in self.data.glob("video.*") if path.suffix.lower() in VIDEO_SUFFIXES)
+        """Return the one video among the raw files: a file, or a folder of pictures."""
+        there = sorted(self.data.glob("video*")) if self.data.is_dir() else []
+        found = [path for path in there if path.stem == "video" and path.suffix.lower() in VIDEO_SUFFIXES]
+        pair = [path for path in there if path.stem == "video" and path.suffix.lower() in (*HEADERS, RAW)]
+        found += sorted(pair, key=lambda path: (*HEADERS, RAW)[::-1].index(path.suffix.lower()))[-1:]
+        found += [path for path in there if path.name == "video" and path.is_dir()]
         if len(found) != 1:
-            names = ", ".join(path.name for path in found) or "none"
-            raise StrandcastError(
-                "SC-V020",
-                f"wanted one video.* file ({', '.join(VIDEO_SUFFIXES)}), found {names}",
-                file=self.data,
-                fix="name the recording video.mp4 (or .avi, .mkv, .mov) and keep no other beside it",
-            )
+            raise _not_one(self.data, found)
         return found[0]
+
+    def video_files(self) -> list[Path]:
+        """Return all files that the video consists of."""
+        video = self.video()
+        if video.is_dir():
+            return sorted(path for path in video.iterdir() if path.suffix.lower() in PICTURES)
+        if video.suffix.lower() not in (*HEADERS, RAW):
+            return [video]
+        parts = (path for path in self.data.glob("video.*") if path.suffix.lower() in (*HEADERS, RAW))
+        return sorted(parts)
+
+
+def _not_one(folder: Path, found: list[Path]) -> StrandcastError:
+    names = ", ".join(path.name for path in found) or "none"
+    others = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    there = f"; in the folder: {', '.join(others[:8]) or 'nothing'}" if not found else ""
+    return StrandcastError(
+        "SC-V020",
+        f"wanted one video.* file ({', '.join((*VIDEO_SUFFIXES, HEADERS[0], RAW))}) or a folder video of "
+        f"pictures, found {names}{there}",
+        file=folder,
+        fix="name the recording video.mp4 (or .avi, .mkv, .mov ...) and keep no other beside it",
+    )
 
 
 def trial_name(number: int) -> str:

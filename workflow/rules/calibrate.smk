@@ -1,7 +1,7 @@
 """Lens and plane of motion.
 
-REQUIRED INPUTS: data/<experiment>/calibration/{lens-*.png, plane.png}
-OUTPUTS:         results/<experiment>/camera.json
+REQUIRED INPUTS: data/<experiment>/calibration/{lens-*.png or a video, plane.png}
+OUTPUTS:         results/<experiment>/{camera.json, camera.webp}
 """
 
 
@@ -10,6 +10,7 @@ rule calibrate:
         files=calibration_files,
     output:
         camera="results/{experiment}/camera.json",
+        picture="results/{experiment}/camera.webp",
     log:
         "results/{experiment}/logs/calibrate.log",
     params:

@@ -132,11 +132,12 @@ def logs(name, trials):
 
 
 def raw_video(wildcards):
-    """Return the trial's video; the lab's is called video.mp4 before it exists."""
+    """Return the files of the trial's video; the lab's is called video.mp4 before it exists."""
     if experiment(wildcards.experiment).lab:
-        return f"data/{wildcards.experiment}/trial-{wildcards.trial}/video.mp4"
+        return [f"data/{wildcards.experiment}/trial-{wildcards.trial}/video.mp4"]
     try:
-        return str(folder(wildcards.experiment).trial(int(wildcards.trial)).video())
+        trial = folder(wildcards.experiment).trial(int(wildcards.trial))
+        return [str(path) for path in trial.video_files()]
     except StrandcastError as error:
         stop(error)
 
@@ -148,7 +149,7 @@ def raw_files(wildcards):
     wanted = [
         file for file in files if experiment(name).lab or (trial.data / file).exists()
     ]
-    return [raw_video(wildcards), *(str(trial.data / file) for file in wanted)]
+    return [*raw_video(wildcards), *(str(trial.data / file) for file in wanted)]
 
 
 def calibration_files(wildcards):
@@ -163,8 +164,10 @@ def calibration_files(wildcards):
 
 
 def lens_photos(wildcards):
-    """Return the board photos; the lab's are named before they exist."""
+    """Return the board photos, or the board's video; the lab's photos are named before they exist."""
     name = wildcards.experiment
+    if experiment(name).camera.lens_video:
+        return [f"data/{name}/{experiment(name).camera.lens_video}"]
     if experiment(name).lab:
         return [
             f"data/{name}/calibration/lens-{number:02d}.png" for number in range(1, 13)

@@ -36,6 +36,8 @@ class VideoFacts(Part):
     duplicates: int
     discarded_packets: int = 0  # that the container's edit list takes out
     time_stamp_rate_hz: float | None = None  # as the time stamps tell it, whatever the experiment says
+    whole: bool = True  # False: it was cut, and the frames before the cut are taken
+    notes: list[str] = []  # what a user should know of the file
 
 
 class LogFacts(Part):

@@ -23,10 +23,11 @@ SETTINGS: dict[str, tuple[str, ...]] = {
         *("lab.camera",),
     ),
     "throw": ("camera.plane", "workspace_m", "string", "seed", "lab", "target_m"),
-    "ingest": ("camera.frame_rate_hz",),
+    "ingest": ("camera.frame_rate_hz", "camera.missing_policy"),
     "calibrate": (
         *("camera.scale", "camera.lens_photos", "camera.plane_photo", "camera.board", "camera.plane"),
-        *("camera.string_offset_m", "string.length_m", "track.background_frames"),
+        *("camera.lens_video", "camera.distortion", "camera.string_offset_m", "camera.string_offset_sd_m"),
+        *("workspace_m", "string.length_m", "track.background_frames"),
     ),
     "track": ("string", "track", "camera.exposure_s"),
     "align": ("align",),

@@ -5,35 +5,40 @@ from __future__ import annotations
 from pathlib import Path
 
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.records.joint_log import read_run
-from strandcast.records.manifest import LogFacts, Manifest, VideoFacts
+from strandcast.records.joint_log import JointLog, Run, read_run
+from strandcast.records.manifest import LogFacts, Manifest
 from strandcast.records.motion import Motion
 from strandcast.stages.context import context_of
+from strandcast.video.checks import check_cover, check_recorded, unchanged, warnings_of
 from strandcast.video.ingest import inspect_video
 
 
 def run(root: Path, name: str, trial: int) -> None:
     """Write results/<experiment>/trial-NN/manifest.json; the raw files stay as they are."""
     context = context_of(root, name)
-    folder = context.folder.trial(trial)
-    video = inspect_video(folder.video(), context.settings.camera.frame_rate_hz)
-    log = _log_facts(folder.data) if (folder.data / "run.json").is_file() else None
+    folder, camera = context.folder.trial(trial), context.settings.camera
+    path = folder.video()
+    with unchanged(path):
+        video = inspect_video(path, camera.frame_rate_hz, camera.missing_policy)
+    played_run, joint_log = read_run(folder.data) if (folder.data / "run.json").is_file() else (None, None)
+    log = None if played_run is None or joint_log is None else _log_facts(played_run, joint_log)
+    check_recorded(path, video, played_run)
+    check_cover(path, video, played_run)
     played = None if folder.played_motion is None else Motion.read(folder.played_motion)
     motion = None if played is None else played.content_sha256()
-    if log is not None and motion is not None:
-        _check_played(folder.data, motion)
+    if played_run is not None and motion is not None:
+        _check_played(folder.data, played_run, motion)
     Manifest(
         experiment=name,
         trial=trial,
         video=video,
         joint_log=log,
         motion_sha256=motion,
-        warnings=_warnings(video, log) + _foreign(played, name, trial),
+        warnings=warnings_of(video, log) + _log_warnings(log) + _foreign(played, name, trial),
     ).write(folder.results / "manifest.json")
 
 
-def _log_facts(folder: Path) -> LogFacts:
-    run_record, log = read_run(folder)
+def _log_facts(run_record: Run, log: JointLog) -> LogFacts:
     return LogFacts(
         file="joints.csv",
         sha256=run_record.joints_sha256,
@@ -46,9 +51,9 @@ def _log_facts(folder: Path) -> LogFacts:
     )
 
 
-def _check_played(data: Path, played: str) -> None:
+def _check_played(data: Path, run_record: Run, played: str) -> None:
     """Hold the motion beside the raw files against what run.json says was played."""
-    said = read_run(data)[0].motion_sha256
+    said = run_record.motion_sha256
     if said is not None and said != played:
         raise StrandcastError(
             "SC-X020",
@@ -67,29 +72,13 @@ def _foreign(played: Motion | None, name: str, trial: int) -> list[str]:
     return [f"motion.json was planned for {played.experiment} trial {played.trial}"]
 
 
-def _warnings(video: VideoFacts, log: LogFacts | None) -> list[str]:
-    found = []
-    if video.gaps:
-        worst = max(gap.duration_s for gap in video.gaps)
-        missing = sum(gap.missing for gap in video.gaps)
-        found.append(f"{video.file}: {missing} frames missing in {len(video.gaps)} gaps, up to {worst:.4f} s")
-    if video.duplicates:
-        found.append(f"{video.file}: {video.duplicates} frames with the time stamp of the one before")
-    return found if log is None else found + _log_warnings(video, log)
-
-
-def _log_warnings(video: VideoFacts, log: LogFacts) -> list[str]:
+def _log_warnings(log: LogFacts | None) -> list[str]:
+    if log is None:
+        return []
     found = []
     if log.gaps:
         worst = max(gap.duration_s for gap in log.gaps)
         found.append(f"{log.file}: {len(log.gaps)} gaps, up to {worst:.4f} s")
     if log.duplicates:
         found.append(f"{log.file}: {log.duplicates} rows with the time of the one before")
-    filmed_s = video.packets / video.frame_rate_hz
-    logged_s = log.end_s - log.start_s
-    if filmed_s > 3.0 * logged_s:
-        found.append(
-            f"{video.file} lasts {filmed_s:.1f} s and the joint log {logged_s:.1f} s: "
-            "if it is a slow-motion export, give camera.frame_rate_hz in experiment.yaml"
-        )
     return found

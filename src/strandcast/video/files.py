@@ -1,24 +1,21 @@
-"""The door for video files: a regular file that a video reader knows, and nothing else."""
+"""The door for video files: regular files that a video reader knows, and nothing else."""
 
 from __future__ import annotations
 
 import difflib
+import hashlib
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import av
-
 from strandcast.errors import INTEGRITY, StrandcastError
+from strandcast.records.files import sha256_file
 
-# Demuxers that read one file and open no other (no playlists, no image patterns, no network).
-FORMATS = "mov,matroska,avi,mjpeg,h264,hevc,ivf,ogg,nut,mpegts,asf"
-MAX_PIXELS = 40_000_000  # a tiny file can claim frames that need gigabytes
+IMAGES = (".png", ".tif", ".tiff")
+PHOTRON = (".cihx", ".cih", ".mraw")
 
 
 def check_video_path(path: str | Path) -> Path:
-    """Return `path` as an absolute path of a regular, non-empty file.
+    """Return `path` as an absolute path of a regular, non-empty file, or of a folder of pictures.
 
     Raises
     ------
@@ -35,8 +32,12 @@ def check_video_path(path: str | Path) -> Path:
     if not file.exists():
         pattern = " (patterns such as %03d are not opened)" if "%" in text else ""
         raise StrandcastError("SC-V002", f"the video is not there{pattern}", file=text, fix=_near_names(file))
+    if file.is_dir() and any(entry.suffix.lower() in IMAGES for entry in file.iterdir()):
+        return file.resolve()
     if not file.is_file():
-        raise StrandcastError("SC-V003", "is not a regular file", file=text, fix="give the video file itself")
+        raise StrandcastError(
+            "SC-V003", "is not a regular file, nor a folder of pictures", file=text,
+            fix=f"give the video file itself, or a folder of pictures ({', '.join(IMAGES)})")  # fmt: skip
     if file.stat().st_size == 0:
         raise StrandcastError(
             "SC-V004", "the video is empty (0 bytes)", file=text, exit_code=INTEGRITY,
@@ -52,41 +53,28 @@ def _near_names(file: Path) -> str:
     return f"in {file.parent} there is: {', '.join(near)}"
 
 
-@contextmanager
-def open_container(path: str | Path) -> Iterator[tuple[av.container.InputContainer, av.VideoStream]]:
-    """Open a video file; yields its container and its first video stream.
+def files_of(path: str | Path) -> list[Path]:
+    """Return the files that a video consists of: itself, Photron's pair, or the pictures of a folder."""
+    file = Path(path)
+    if file.is_dir():
+        return sorted(entry for entry in file.iterdir() if entry.suffix.lower() in IMAGES)
+    if file.suffix.lower() in PHOTRON:
+        return sorted(
+            entry
+            for entry in file.parent.iterdir()
+            if entry.stem == file.stem and entry.suffix.lower() in PHOTRON
+        )
+    return [file]
 
-    Raises
-    ------
-    StrandcastError
-        As `check_video_path`, and SC-V005 not a video or index lost, SC-V006 no video stream in it,
-        SC-V007 frames too large.
+
+def video_sha256(path: str | Path) -> tuple[str, int]:
+    """Return hash and size (bytes) of a video.
+
+    The hash of several files is that of the lines that ``sha256sum`` prints for them in alphabetic order.
     """
-    file = check_video_path(path)
-    options = {"protocol_whitelist": "file", "format_whitelist": FORMATS}
-    try:
-        container = av.open(f"file:{file}", options=options)
-    except (av.FFmpegError, ValueError) as error:
-        raise StrandcastError(
-            "SC-V005", f"is not a video that can be read ({_reason(error)})", file=path,
-            exit_code=INTEGRITY, fix=_open_hint(file)) from None  # fmt: skip
-    with container:
-        if not container.streams.video:
-            raise StrandcastError("SC-V006", "holds no video stream", file=path, fix="give the camera's file")
-        stream = container.streams.video[0]
-        width, height = stream.codec_context.width, stream.codec_context.height
-        if width * height == 0 or width * height > MAX_PIXELS:
-            raise StrandcastError(
-                "SC-V007", f"frames of {width} x {height} pixels are not read (limit {MAX_PIXELS} pixels)",
-                file=path, fix="crop or scale the video")  # fmt: skip
-        yield container, stream
-
-
-def _reason(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)
-
-
-def _open_hint(file: Path) -> str:
-    if file.suffix.lower() in {".mp4", ".mov", ".m4v"}:
-        return "copy the file again: an mp4 that was cut loses the index at its end"
-    return "give an mp4, mov, avi or mkv file"
+    files = files_of(path)
+    size = sum(file.stat().st_size for file in files)
+    if len(files) == 1:
+        return sha256_file(files[0]), size
+    lines = "".join(f"{sha256_file(file)}  {file.name}\n" for file in files)
+    return hashlib.sha256(lines.encode()).hexdigest(), size

@@ -1,0 +1,54 @@
+"""The time stamps that a Phantom camera writes into a cine file, which FFmpeg does not read.
+
+Source: Vision Research, *Cine file format*: CINEFILEHEADER, SETUP and the tagged blocks between them and the
+images; block 1002 holds one TIME64 (fraction in 2^-32 s, then seconds) per image.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+IMAGE_TIMES = 1002
+COUNT_AT, SETUP_AT = 0x14, 0x1C  # of the header: images in the file; places of setup and image table
+LENGTH_AT = 142  # of the setup
+
+
+def cine_times_ns(path: str | Path) -> list[int] | None:
+    """Return the time of each image (ns) from the first, None where the camera wrote none."""
+    with Path(path).open("rb") as file:
+        try:
+            stamps = _image_times(file)
+        except struct.error:  # the file ends before the header does
+            return None
+    if stamps is None or len(stamps) == 0:
+        return None
+    seconds = stamps[:, 1].astype(np.int64) - int(stamps[0, 1])
+    # The lowest two bits of a fraction are flags.
+    fraction = (stamps[:, 0] & ~np.uint32(3)).astype(np.float64) / 2.0**32
+    times = seconds * 10**9 + np.rint(fraction * 1e9).astype(np.int64)
+    return [int(time) for time in times - times[0]]
+
+
+def _image_times(file: IO[bytes]) -> np.ndarray | None:
+    """Return the TIME64 of all images, shape (N, 2) uint32, from the tagged block that holds them."""
+    count = _read(file, COUNT_AT, "<I")[0]
+    setup, images = _read(file, SETUP_AT, "<II")
+    place = setup + _read(file, setup + LENGTH_AT, "<H")[0]
+    while place + 8 <= images:
+        size, kind = _read(file, place, "<IH")
+        if kind == IMAGE_TIMES:
+            file.seek(place + 8)
+            return np.frombuffer(file.read(min(size - 8, 8 * count)), "<u4").reshape(-1, 2)
+        if size < 8:
+            return None
+        place += size
+    return None
+
+
+def _read(file: IO[bytes], place: int, layout: str) -> tuple[int, ...]:
+    file.seek(place)
+    return struct.unpack(layout, file.read(struct.calcsize(layout)))

@@ -1,0 +1,200 @@
+"""Videos of pictures: a folder of numbered TIFF or PNG files, or one TIFF of many pages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import tifffile
+from PIL import Image, UnidentifiedImageError
+
+from strandcast.errors import INTEGRITY, StrandcastError
+from strandcast.video.files import check_video_path, files_of
+from strandcast.video.source import Contents, Grey, Source, VideoInfo, check_pixels, in_place
+
+NUMBERED = re.compile(r"^(.*?)(\d+)$")
+PNG_MODES = {"L": 255, "1": 255, "P": 255, "RGB": 255, "RGBA": 255, "LA": 255, "I;16": 65535}
+
+
+def numbered(folder: Path) -> list[tuple[int, Path]]:
+    """Return the pictures of a folder with the numbers in their names, in the order of these.
+
+    Raises
+    ------
+    StrandcastError
+        SC-V016 a name without number, a number that is there twice, or two series in one folder; SC-V003 a
+        link out of the folder.
+    """
+    found: dict[int, Path] = {}
+    series = set()
+    for file in files_of(folder):
+        match = NUMBERED.match(file.stem)
+        if match is None:
+            raise _unclear(folder, f"{file.name!r} has no number at the end of its name")
+        if file.resolve().parent != folder.resolve() or not file.is_file():
+            raise StrandcastError(
+                "SC-V003", "is not a file of this folder", file=file, fix="copy the file itself"
+            )
+        series.add((match[1], file.suffix.lower()))
+        number = int(match[2])
+        if number in found:
+            raise _unclear(folder, f"{found[number].name!r} and {file.name!r} have the same number")
+        found[number] = file
+    if len(series) > 1:
+        names = ", ".join(f"{stem}*{suffix}" for stem, suffix in sorted(series)[:3])
+        raise _unclear(folder, f"holds more than one series of pictures: {names}")
+    return sorted(found.items())
+
+
+def _unclear(folder: Path, what: str) -> StrandcastError:
+    return StrandcastError(
+        "SC-V016", what, file=folder, fix="keep one series of pictures, numbered as they were filmed"
+    )
+
+
+def probe(path: str | Path) -> Contents:
+    """Return what a video of pictures holds; it states no rate, and each number missing is a frame lost."""
+    file = check_video_path(path)
+    if file.is_dir():
+        pictures = numbered(file)
+        ticks = [number for number, _ in pictures]
+        first, max_level = _read(pictures[0][1])
+        kind = pictures[0][1].suffix.lower().lstrip(".")
+    else:
+        with _open_tiff(file) as tiff:
+            ticks = list(range(len(tiff.pages)))
+            first, max_level = _page(tiff, 0, file)
+            kind = "tiff"
+    return Contents(
+        container="folder" if file.is_dir() else "tiff",
+        codec=kind,
+        pixel_format="gray" if max_level == 255 else "gray16",
+        width_px=first.shape[1],
+        height_px=first.shape[0],
+        ticks=ticks,
+        time_base_s=None,
+    )
+
+
+@contextmanager
+def open_source(path: str | Path, frames: int | None) -> Iterator[Source]:
+    """Open a video of pictures; a frame's time is its number from the first, as if at 1 frame/s.
+
+    Raises
+    ------
+    StrandcastError
+        As `numbered`, and SC-V005 no picture that can be read, SC-V007 too large, SC-V008 a picture is
+        damaged, SC-V009 one of another size or depth, SC-V010 a kind of pixel that is not read.
+    """
+    facts = probe(path)
+    file = check_video_path(path)
+    max_level = 255 if facts.pixel_format == "gray" else 65535
+    info = VideoInfo(
+        Path(path), facts.width_px, facts.height_px, facts.codec, facts.pixel_format, max_level
+    )  # fmt: skip
+    pictures = _folder(file) if file.is_dir() else _pages(file)
+    yield Source(info, _checked(pictures, info, frames), in_place)
+
+
+def _checked(
+    pictures: Iterator[tuple[int, Path, Grey, int]], info: VideoInfo, limit: int | None
+) -> Iterator[tuple[float, Grey]]:
+    first = None
+    for count, (number, file, grey, max_level) in enumerate(pictures):
+        if count == limit:
+            return
+        if grey.shape != (info.height, info.width) or max_level != info.max_level:
+            what = f"frame {count} is of another size or depth than the first ({grey.shape[::-1]} px)"
+            raise StrandcastError("SC-V009", what, file=file, exit_code=INTEGRITY)
+        first = number if first is None else first
+        yield float(number - first), grey
+
+
+def _folder(folder: Path) -> Iterator[tuple[int, Path, Grey, int]]:
+    for number, file in numbered(folder):
+        yield number, file, *_read(file)
+
+
+def _pages(file: Path) -> Iterator[tuple[int, Path, Grey, int]]:
+    with _open_tiff(file) as tiff:
+        for number in range(len(tiff.pages)):
+            yield number, file, *_page(tiff, number, file)
+
+
+def _read(file: Path) -> tuple[Grey, int]:
+    if file.stat().st_size == 0:
+        raise StrandcastError(
+            "SC-V004", "is empty (0 bytes)", file=file, exit_code=INTEGRITY, fix="copy it again"
+        )
+    if file.suffix.lower() != ".png":
+        with _open_tiff(file) as tiff:
+            return _page(tiff, 0, file)
+    return _read_png(file)
+
+
+def _read_png(file: Path) -> tuple[Grey, int]:
+    try:
+        with Image.open(file, formats=["PNG"]) as picture:
+            check_pixels(*picture.size, file)
+            # Pillow cuts colours of 16 bits to 8.
+            deep_colour = picture.mode in {"RGB", "RGBA", "LA"} and ";16" in str(picture.tile)
+            if picture.mode not in PNG_MODES or deep_colour:
+                raise _unread(file, f"PNG of mode {picture.mode}" + (" in 16 bits" if deep_colour else ""))
+            max_level = PNG_MODES[picture.mode]
+            grey = picture if max_level > 255 else picture.convert("L")
+            return np.asarray(grey, dtype=np.uint8 if max_level == 255 else np.uint16), max_level
+    except UnidentifiedImageError:
+        raise _no_picture(file, "is no PNG") from None
+    except (OSError, SyntaxError, ValueError) as error:
+        raise _damaged(file, error) from None
+
+
+def _open_tiff(file: Path) -> tifffile.TiffFile:
+    try:
+        return tifffile.TiffFile(file)
+    except (tifffile.TiffFileError, ValueError, OSError) as error:
+        raise _no_picture(file, f"is no TIFF ({error})") from None
+
+
+def _page(tiff: tifffile.TiffFile, number: int, file: Path) -> tuple[Grey, int]:
+    try:
+        page = tiff.pages[number]
+        check_pixels(page.shape[1], page.shape[0], file)
+        grey = page.asarray()
+    except StrandcastError:
+        raise
+    except MemoryError:
+        raise
+    except Exception as error:  # tifffile and its codecs raise whatever their parts do
+        raise _damaged(file, error) from None
+    if grey.dtype not in (np.uint8, np.uint16) or grey.ndim not in (2, 3):
+        raise _unread(file, f"TIFF of {grey.dtype} in {grey.ndim} dimensions")
+    if grey.ndim == 3:
+        grey = cv2.cvtColor(np.ascontiguousarray(grey[..., :3]), cv2.COLOR_RGB2GRAY)
+    return grey, 255 if grey.dtype == np.uint8 else 65535
+
+
+def _unread(file: Path, what: str) -> StrandcastError:
+    return StrandcastError(
+        "SC-V010", f"{what} is not read", file=file, fix="save pictures in 8 or 16-bit grey"
+    )
+
+
+def _no_picture(file: Path, what: str) -> StrandcastError:
+    return StrandcastError(
+        "SC-V005", what, file=file, exit_code=INTEGRITY, fix="copy it again from the camera"
+    )
+
+
+def _damaged(file: Path, error: Exception) -> StrandcastError:
+    return StrandcastError(
+        "SC-V008",
+        f"is damaged ({error})",
+        file=file,
+        exit_code=INTEGRITY,
+        fix="copy it again from the camera",
+    )

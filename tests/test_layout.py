@@ -1,0 +1,44 @@
+"""A trial's video is found whatever the camera calls its kind."""
+
+from __future__ import annotations
+
+import pytest
+
+from strandcast.errors import StrandcastError
+from strandcast.layout import TrialFolder
+
+
+@pytest.fixture
+def trial(tmp_path) -> TrialFolder:
+    return TrialFolder(tmp_path, tmp_path / "results", 1)
+
+
+@pytest.mark.parametrize(
+    ("names", "video", "files"),
+    [
+        (["video.mp4", "joints.csv"], "video.mp4", ["video.mp4"]),
+        (["video.AVI"], "video.AVI", ["video.AVI"]),
+        (["video.mp4", "video.mp4.sha256"], "video.mp4", ["video.mp4"]),
+        (["video.cine"], "video.cine", ["video.cine"]),
+        (["video.cihx", "video.mraw"], "video.cihx", ["video.cihx", "video.mraw"]),
+        (["video.cih", "video.cihx", "video.mraw"], "video.cihx", ["video.cih", "video.cihx", "video.mraw"]),
+        (["video.mraw"], "video.mraw", ["video.mraw"]),
+        (["video/f1.png", "video/f2.png", "video/notes.txt"], "video", ["f1.png", "f2.png"]),
+    ],
+)
+def test_the_video_and_its_files(trial, names, video, files):
+    for name in names:
+        (trial.data / name).parent.mkdir(exist_ok=True)
+        (trial.data / name).write_bytes(b"x")
+    assert trial.video().name == video
+    assert [path.name for path in trial.video_files()] == files
+
+
+@pytest.mark.parametrize("names", [[], ["video.mp4", "video.avi"], ["video.mp4", "video.mraw"], ["film.mp4"]])
+def test_none_or_two_are_refused_by_name(trial, names):
+    for name in names:
+        (trial.data / name).write_bytes(b"x")
+    with pytest.raises(StrandcastError) as caught:
+        trial.video()
+    assert caught.value.code == "SC-V020"
+    assert all(name in caught.value.what for name in names)

@@ -1,0 +1,168 @@
+"""Native files of high-speed cameras: Photron's pair and Phantom's cine, held against readings made here."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from strandcast.errors import StrandcastError
+from strandcast.video.cine import cine_times_ns
+from strandcast.video.ingest import camera_times, inspect_video
+from strandcast.video.reader import open_video
+
+SHAPE = (24, 32)
+
+
+def frames_of(path: Path, isolated: bool = True) -> np.ndarray:
+    with open_video(path, isolated=isolated) as video:
+        return np.stack([grey.copy() for _, _, grey in video])
+
+
+def pack_12(frames: np.ndarray) -> bytes:
+    """Write every pixel's 12 bits, highest first, one behind the other."""
+    bits = (frames.reshape(-1, 1) >> np.arange(11, -1, -1)) & 1
+    return np.packbits(bits.astype(np.uint8)).tobytes()
+
+
+def unpack(data: bytes, bits: int, shape: tuple[int, ...]) -> np.ndarray:
+    ones = np.unpackbits(np.frombuffer(data, np.uint8)).reshape(-1, bits).astype(np.int64)
+    return (ones @ (1 << np.arange(bits - 1, -1, -1))).reshape(shape)
+
+
+def photron(folder: Path, frames: np.ndarray, bits: int, **fields: str) -> Path:
+    """Write a Photron pair, with the header as text."""
+    values = {
+        "Record Rate(fps)": "2000", "Total Frame": str(len(frames)), "Image Width": str(SHAPE[1]),
+        "Image Height": str(SHAPE[0]), "Color Type": "Mono", "Color Bit": str(bits),
+        "EffectiveBit Depth": str(min(bits, 12)), "EffectiveBit Side": "Lower",
+    }  # fmt: skip
+    lines = [f"{name} : {value}\n" for name, value in (values | fields).items() if value]
+    (folder / "v.cih").write_text("#Camera Information Header\n" + "".join(lines))
+    (folder / "v.mraw").write_bytes(pack_12(frames) if bits == 12 else frames.tobytes())
+    return folder / "v.cih"
+
+
+@pytest.fixture
+def frames() -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 4096, (7, *SHAPE)).astype(np.uint16)
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16])
+@pytest.mark.parametrize("given", ["v.cih", "v.mraw"])
+@pytest.mark.parametrize("isolated", [True, False])
+def test_photrons_pixels_are_read_by_either_name(tmp_path, frames, bits, given, isolated):
+    true = frames.astype(np.uint8) if bits == 8 else frames
+    photron(tmp_path, true, bits)
+    facts = inspect_video(tmp_path / given, isolated=isolated)
+    assert (facts.packets, facts.width_px, facts.height_px) == (7, 32, 24)
+    assert facts.frame_rate_hz == pytest.approx(2000)
+    assert facts.size_bytes == sum(path.stat().st_size for path in tmp_path.iterdir())
+    np.testing.assert_array_equal(frames_of(tmp_path / given, isolated), true)
+    with open_video(tmp_path / given) as video:
+        assert video.info.max_level == (255 if bits == 8 else 4095)
+
+
+@pytest.mark.parametrize(
+    ("fields", "code", "field"),
+    [
+        ({"Image Width": ""}, "SC-V015", "Image Width"),
+        ({"Total Frame": "many"}, "SC-V015", "Total Frame"),
+        ({"Total Frame": "-3"}, "SC-V015", "Total Frame"),
+        ({"Image Width": "90000", "Image Height": "90000"}, "SC-V007", None),
+        ({"Color Bit": "24"}, "SC-V010", "Color Bit"),
+        ({"Color Type": "Color"}, "SC-V010", "Color Bit"),
+    ],
+)
+def test_a_photron_header_that_makes_no_sense_is_refused(tmp_path, frames, fields, code, field):
+    with pytest.raises(StrandcastError) as caught:
+        inspect_video(photron(tmp_path, frames, 12, **fields))
+    assert (caught.value.code, caught.value.field) == (code, field)
+    assert caught.value.file == str(tmp_path / "v.cih")
+
+
+def test_a_photron_header_in_xml_may_not_expand_to_more(tmp_path, frames):
+    path = photron(tmp_path, frames, 12).rename(tmp_path / "v.cihx")
+    path.write_text('<!DOCTYPE cih [<!ENTITY a "aaaa">]><cih><frameInfo>&a;</frameInfo></cih>')
+    with pytest.raises(StrandcastError) as caught:
+        inspect_video(path)
+    assert caught.value.code == "SC-V015"
+
+
+def test_real_photron_video(real_data):
+    """README: 15 frames, 384 x 384, 30000 frames/s, 12 bits packed."""
+    header = real_data / "highspeed_native" / "ball_12bit.cihx"
+    data = header.with_suffix(".mraw")
+    for path in (header, data):
+        facts = inspect_video(path)
+        assert (facts.packets, facts.header_frames) == (15, 15)
+        assert (facts.width_px, facts.height_px) == (384, 384)
+        assert facts.frame_rate_hz == pytest.approx(30000)
+        np.testing.assert_array_equal(frames_of(path), unpack(data.read_bytes(), 12, (15, 384, 384)))
+
+
+def packed_cine_frames(path: Path) -> np.ndarray:
+    """Read a cine file of 10 bits packed by its own table of images: (N, height, width) levels."""
+    data = path.read_bytes()
+    count, header, _, images = struct.unpack_from("<IIII", data, 20)
+    width, height = struct.unpack_from("<ii", data, header + 4)
+    size = width * height * 10 // 8
+    places = np.frombuffer(data, "<u8", count, images)
+    starts = [int(place) + struct.unpack_from("<I", data, place)[0] for place in places]
+    return np.stack([unpack(data[start : start + size], 10, (height, width)) for start in starts])
+
+
+def test_real_cine_video(real_data):
+    """README: 235 frames, 256 x 32, frame rate field 100."""
+    path = real_data / "highspeed_native" / "data_small_cine.cine"
+    facts = inspect_video(path)
+    assert (facts.packets, facts.header_frames) == (235, 235)
+    assert (facts.width_px, facts.height_px) == (256, 32)
+    assert facts.frame_rate_hz == pytest.approx(100)
+    np.testing.assert_allclose(camera_times(facts), np.arange(235) / 100, atol=1e-9)
+    # The camera's 10 bits are spread over 16.
+    levels = packed_cine_frames(path)
+    assert levels.max() < 1 << 10
+    np.testing.assert_array_equal(frames_of(path) >> 6, levels)
+    # Its last time stamp is damaged, which is told; those before are the camera's.
+    assert any("jump by 2.528e+07 s after frame 233" in note for note in facts.notes)
+    times = cine_times_ns(path)
+    assert times is not None
+    np.testing.assert_allclose(np.diff(times[:-1]), 10_000_000, atol=2)
+
+
+def test_a_cines_own_times_tell_of_frames_lost(real_data, tmp_path):
+    data = bytearray((real_data / "highspeed_native" / "data_small_cine.cine").read_bytes())
+    setup = struct.unpack_from("<I", data, 28)[0]
+    block = setup + struct.unpack_from("<H", data, setup + 142)[0]
+    assert struct.unpack_from("<H", data, block + 4)[0] == 1002
+    stamps = np.frombuffer(data, "<u8", 235, block + 8).copy()
+    stamps[234] = stamps[233] + (1 << 32) // 100
+    stamps[100:] += 3 * (1 << 32) // 100
+    data[block + 8 : block + 8 + stamps.nbytes] = stamps.tobytes()
+    (tmp_path / "v.cine").write_bytes(data)
+    facts = inspect_video(tmp_path / "v.cine")
+    assert [(gap.index, gap.missing) for gap in facts.gaps] == [(99, 3)]
+    assert facts.notes == []
+    assert camera_times(facts)[100] == pytest.approx(1.03, abs=1e-6)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("isolated", [True, False])
+def test_a_cine_without_compression_is_read_the_right_way_up(real_data, tmp_path, bits, isolated):
+    """Its rows lie from bottom to top, as in a Windows bitmap."""
+    data = bytearray((real_data / "highspeed_native" / "data_small_cine.cine").read_bytes())
+    header, _, images = struct.unpack_from("<III", data, 24)
+    levels = 1 << min(bits, 10)  # its header says that 10 of the bits count
+    true = np.random.default_rng(0).integers(0, levels, (5, 32, 256)).astype(f"<u{bits // 8}")
+    true[0] = np.arange(256)
+    struct.pack_into("<I", data, 20, len(true))
+    struct.pack_into("<iiHHII", data, header + 4, 256, 32, 1, bits, 0, true[0].nbytes)
+    each = 8 + true[0].nbytes
+    table = [images + 8 * len(true) + each * k for k in range(len(true))]
+    pictures = [struct.pack("<II", 8, each - 8) + picture[::-1].tobytes() for picture in true]
+    (tmp_path / "v.cine").write_bytes(data[:images] + struct.pack("<5Q", *table) + b"".join(pictures))
+    found = frames_of(tmp_path / "v.cine", isolated)
+    np.testing.assert_array_equal(found >> 6 if bits == 16 else found, true)
