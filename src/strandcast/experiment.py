@@ -133,12 +133,26 @@ class PlaneMarker(Section):
     angle_rad: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = 0.0
 
 
+class PlaneBoard(Board):
+    """A ChArUco board that lies in the plane of motion."""
+
+    x_m: Position = Field(description="Its lower left corner, as printed, in the world frame.")
+    y_m: Position
+    angle_rad: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = 0.0
+
+
 class Plane(Section):
-    """The markers that carry the world frame into the picture."""
+    """The markers, or the board, that carry the world frame into the picture."""
 
     dictionary: Dictionary = "DICT_4X4_50"
     size_m: Annotated[float, Field(gt=0.002, le=1)] = 0.08
     markers: list[PlaneMarker] = []
+    board: PlaneBoard | None = Field(None, description="Instead of single markers.")
+    place_sd_m: Annotated[float, Field(ge=0, le=0.1)] | None = Field(
+        None,
+        description="How well the markers' places were measured, one standard deviation; by default found "
+        "from how well they fit each other.",
+    )
 
     @field_validator("markers")
     @classmethod
@@ -149,6 +163,12 @@ class Plane(Section):
             raise ValueError(f"marker {twice[0]} is there twice")
         return value
 
+    @model_validator(mode="after")
+    def _markers_or_a_board(self) -> Plane:
+        if self.markers and self.board is not None:
+            raise ValueError("give the plane's markers or a board, not both")
+        return self
+
 
 class CameraSettings(Section):
     """The camera set-up and its calibration files, relative to the experiment's folder."""
@@ -157,17 +177,29 @@ class CameraSettings(Section):
         "markers", description="Metric scale from markers, or from a pendulum's arc and known length."
     )
     lens_photos: Below = LENS_PHOTOS
+    lens_video: Below | None = Field(
+        None, description="A video of the ChArUco board, moved slowly about, instead of photos."
+    )
+    distortion: Literal["auto", "none", "k1", "k1k2", "k1k2p1p2", "k1k2k3p1p2", "rational"] = Field(
+        "auto", description="The lens' free coefficients; by default those that predict unseen photos best."
+    )
     plane_photo: Below = PLANE_PHOTO
     board: Board = Board()
     plane: Plane = Plane()
     string_offset_m: Annotated[float, Field(ge=-1, le=1)] = Field(
         0.0, description="How far the string's plane lies before the markers' plane, towards the camera."
     )
+    string_offset_sd_m: Annotated[float, Field(ge=0, le=0.1)] = Field(
+        1e-3, description="How well that distance was measured, one standard deviation."
+    )
     exposure_s: Annotated[float, Field(gt=0, le=0.1)] | None = Field(
         None, description="By default a fifth of the time between frames."
     )
     frame_rate_hz: Annotated[float, Field(gt=1, le=1e6)] | None = Field(
         None, description="True rate, where the file's header lies (slow-motion exports)."
+    )
+    missing_policy: Literal["refuse", "use_prefix"] = Field(
+        "refuse", description="Refuse a video that was cut, or take the frames before the cut."
     )
 
 
@@ -176,7 +208,31 @@ class TrackSettings(Section):
 
     hand: Literal["marker", "pivot"] = "marker"
     background_frames: Annotated[int, Field(ge=5, le=500)] = 40
+    background_picture: Below | None = Field(
+        None,
+        description="A picture of the empty scene from the same camera; by default a median over frames.",
+    )
     polarity: Literal["auto", "bright", "dark"] = "auto"
+    contrast_grey: Annotated[float, Field(gt=0, le=65535)] | None = Field(
+        None,
+        description="By how many grey levels a clear piece of the string differs from the background; "
+        "found from the video if not given.",
+    )
+
+
+class SyncInVideo(Section):
+    """An event in a trial's video that the joint log tells of too, such as an LED that the robot switches."""
+
+    trial: Trial
+    camera_time_s: Annotated[float, Field(ge=0, le=36000)] = Field(
+        description="When it is in the video: frame over frame rate."
+    )
+    sigma_s: Annotated[float, Field(gt=0, le=1)] = Field(
+        0.001, description="Standard deviation of that; a frame time over 3.5 where the frame is known."
+    )
+    kind: Annotated[str, Field(min_length=1, max_length=100)] = Field(
+        "any", description="As run.json's sync_events has it; 'any': the nearest event of the log."
+    )
 
 
 class AlignSettings(Section):
@@ -185,7 +241,11 @@ class AlignSettings(Section):
     drift_prior: Annotated[float, Field(gt=0, le=0.1)] = Field(
         5e-5, description="Standard deviation of the clocks' relative drift."
     )
+    known_drift: Annotated[float, Field(ge=-0.1, le=0.1)] = Field(
+        0.0, description="The drift that drift_prior is about, e.g. as shared by earlier trials."
+    )
     largest_offset_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
+    sync_events: list[SyncInVideo] = []
 
 
 Ranges = Literal["wide", "paper"] | dict[str, tuple[float, float]]
@@ -400,8 +460,8 @@ class Experiment(Section):
 
     @model_validator(mode="after")
     def _the_lab_names_its_own_photos(self) -> Experiment:
-        named = (self.camera.lens_photos, self.camera.plane_photo)
-        if self.lab is not None and named != (LENS_PHOTOS, PLANE_PHOTO):
+        named = (self.camera.lens_photos, self.camera.plane_photo, self.camera.lens_video)
+        if self.lab is not None and named != (LENS_PHOTOS, PLANE_PHOTO, None):
             raise ValueError(f"the lab writes {LENS_PHOTOS} and {PLANE_PHOTO}: leave these settings out")
         return self
 

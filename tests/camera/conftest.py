@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from strandcast.camera.mapping import undistort
-from strandcast.camera.markers import marker_cells
+from strandcast.camera.markers import CharucoBoard, marker_cells, opencv_board
+from strandcast.camera.views import BoardCorners
 from strandcast.records.camera import Lens
 
 OVER = 2  # samples a side in each pixel
@@ -47,6 +48,7 @@ def photograph() -> Photographer:
         shift_m: np.ndarray,
         noise: float = 2.0,
         seed: int = 0,
+        blur_px: float = 0.6,
     ) -> np.ndarray:
         rays = seen_through(lens.model_dump_json())
         directions = rays @ rotation[:2] + rotation[2]
@@ -57,7 +59,7 @@ def photograph() -> Photographer:
         picture = cv2.resize(picture, (lens.width_px, lens.height_px), interpolation=cv2.INTER_AREA).astype(
             float
         )
-        picture = cv2.GaussianBlur(picture * 0.7 + 30.0, (0, 0), 0.6)
+        picture = cv2.GaussianBlur(picture * 0.7 + 30.0, (0, 0), blur_px)
         picture += np.random.default_rng(seed).normal(0.0, noise, picture.shape)
         return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
 
@@ -89,6 +91,37 @@ def paint_markers() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
         return texture, to_texture
 
     return paint
+
+
+@pytest.fixture(scope="session")
+def corner_views() -> Callable[..., list[BoardCorners]]:
+    """Return a function: (distortion, seed, views, noise_px) -> a board's corners, without pictures.
+
+    The lens is that of `lens`, the board 7 x 5 squares of 35 mm in random poses; with the rational model's
+    eight coefficients it is a wide angle.
+    """
+    board = CharucoBoard(7, 5, 0.035, 0.026, "DICT_5X5_100")
+    board_m = np.asarray(opencv_board(board).getChessboardCorners(), float)
+    size = np.array([960, 540])
+
+    def look(distortion: list[float], seed: int, views: int, noise_px: float) -> list[BoardCorners]:
+        random = np.random.default_rng(seed)
+        focal = 1100.0 if len(distortion) == 5 else 500.0
+        matrix = np.array([[focal, 0.0, 470.0], [0.0, focal * 1090 / 1100, 280.0], [0.0, 0.0, 1.0]])
+        seen: list[BoardCorners] = []
+        while len(seen) < views:
+            turn = np.append(random.uniform(-0.6, 0.6, 2), random.uniform(-0.5, 0.5))
+            depth = focal * 0.245 / (960 * random.uniform(0.35, 0.6))
+            aim = (random.uniform(-0.05, 1.05, 2) * size - matrix[:2, 2]) / focal * depth
+            shift = np.append(aim, depth) - cv2.Rodrigues(turn)[0] @ board_m.mean(axis=0)
+            pixels, _ = cv2.projectPoints(board_m, turn, shift, matrix, np.array(distortion))
+            pixels = pixels.reshape(-1, 2) + random.normal(0, noise_px, (len(board_m), 2))
+            inside = ((pixels > 5) & (pixels < size - 5)).all(axis=1)
+            if inside.sum() >= 12:
+                seen.append(BoardCorners(str(len(seen)), board_m[inside], pixels[inside]))
+        return seen
+
+    return look
 
 
 @pytest.fixture(scope="session")

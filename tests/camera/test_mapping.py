@@ -45,6 +45,21 @@ def test_pixel_to_metre_and_back_over_the_whole_picture(camera, offset_m):
     np.testing.assert_allclose(back, pixels, atol=1e-6)
 
 
+def test_the_rational_model_is_opencvs_and_has_its_inverse(camera):
+    wide = camera.model_copy(deep=True)
+    wide.lens.distortion = [0.3, 0.05, 0.001, -0.002, 0.01, 0.7, 0.1, 0.02]
+    xy_m = np.random.default_rng(1).uniform(-0.9, 0.9, (50, 2))
+    theirs, _ = cv2.projectPoints(
+        np.column_stack([xy_m, np.full(50, 0.03)]),
+        cv2.Rodrigues(np.array(wide.rotation))[0],
+        np.array(wide.translation_m),
+        np.array(wide.lens.matrix),
+        np.array(wide.lens.distortion),
+    )
+    np.testing.assert_allclose(metre_to_pixel(wide, xy_m, 0.03), theirs.reshape(-1, 2), atol=1e-9)
+    np.testing.assert_allclose(pixel_to_metre(wide, theirs.reshape(-1, 2), 0.03), xy_m, atol=1e-9)
+
+
 def test_missing_points_stay_missing_and_spoil_no_others(camera):
     pixels = np.array([[100.0, 200.0], [np.nan, 3.0], [400.0, 100.0]])
     places = pixel_to_metre(camera, pixels)

@@ -1,17 +1,23 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import cv2
 import numpy as np
 import pytest
 
+from strandcast.camera.boards import write_charuco
+from strandcast.camera.distortion import fit_lens
+from strandcast.camera.lens_error import lens_covariance
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
 from strandcast.camera.marker_pose import marker_pose
-from strandcast.camera.markers import detect_markers, marker_detector
-from strandcast.camera.plane import PlaneMarker, plane_from_markers
+from strandcast.camera.markers import CharucoBoard, detect_markers, marker_detector
+from strandcast.camera.plane import PlaneKnowledge, PlaneMarker, board_markers, plane_from_markers
+from strandcast.camera.plane_error import grid_over, place_sd_m, plane_error
+from strandcast.camera.pose import fit_pose, posed, project
 from strandcast.errors import StrandcastError
-from strandcast.records.camera import Camera
+from strandcast.records.camera import Camera, Lens
 
 DICTIONARY = "DICT_4X4_50"
 MARKERS = [
@@ -89,8 +95,19 @@ def test_no_markers_and_other_markers_are_named(photo, lens):
 def test_a_marker_that_is_there_twice_is_named(photograph, paint_markers, looking, lens):
     copy = PlaneMarker(3, 0.1, 0.0, 0.08)
     photo = photograph(*paint_markers([*MARKERS, copy], DICTIONARY), lens, *looking(*POSE))
-    with pytest.raises(StrandcastError, match=r"\[3\] are in the picture twice"):
-        plane_from_markers(photo, lens, MARKERS, DICTIONARY)
+    problem = refusal(photo, lens, MARKERS)
+    assert problem.code == "SC-C021"
+    assert "[3] are in the picture twice" in problem.what
+    assert cost_mm(problem) == pytest.approx(1e3 * np.hypot(0.7, 0.3), rel=0.05)
+
+
+def test_two_markers_roughly_placed_are_told_to_tell_little(photo, lens):
+    known = PlaneKnowledge(place_sd_m=1e-3, workspace_m=((-0.8, 0.8), (-0.45, 0.45)))
+    found = plane_from_markers(photo, lens, [MARKERS[1], MARKERS[4]], DICTIONARY, knowledge=known)
+    assert found.plane_error.worst_m > 2e-3
+    assert re.search(
+        r"known to ±[\d.]+ mm only .* mostly for the markers' (corners|places)", found.warnings[-1]
+    )
 
 
 def test_a_marker_in_another_place_is_named_with_its_place(photo, lens):
@@ -101,9 +118,253 @@ def test_a_marker_in_another_place_is_named_with_its_place(photo, lens):
         plane_from_markers(photo, lens, wrong, DICTIONARY)
 
 
+def refusal(photo, lens, markers, **given) -> StrandcastError:
+    with pytest.raises(StrandcastError) as caught:
+        plane_from_markers(photo, lens, markers, DICTIONARY, file="plane.png", **given)
+    assert caught.value.cost
+    assert caught.value.fix
+    return caught.value
+
+
+def cost_mm(problem: StrandcastError) -> float:
+    """Return the millimetres that an error's cost names."""
+    return float(re.search(r"([\d.]+) mm", problem.cost).group(1))
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (0.9, "measure 80"),
+        (1.1, "measure 80"),
+        (0.97, "measure 80"),
+        (1000.0, "was the size given in millimetres?"),
+        (10.0, ""),
+    ],
+)
+def test_a_size_that_does_not_fit_the_distances_is_named_with_its_cost(photo, lens, factor, words):
+    problem = refusal(photo, lens, [dataclasses.replace(m, size_m=0.08 * factor) for m in MARKERS])
+    assert problem.code == "SC-C026"
+    assert words in problem.what
+    off = abs(factor - 1.0) * 1e3 * np.hypot(1.2, 0.65) / 2  # half the diagonal that the markers span
+    assert cost_mm(problem) == pytest.approx(off, rel=0.15)
+
+
+def test_places_in_another_unit_are_named_as_a_size_that_does_not_fit(photo, lens):
+    inches = [dataclasses.replace(m, x_m=m.x_m / 0.0254 * 0.025, y_m=m.y_m / 0.0254 * 0.025) for m in MARKERS]
+    assert (
+        plane_from_markers(photo, lens, inches, DICTIONARY).warnings[0].startswith("the markers' size fits")
+    )
+    feet = [dataclasses.replace(m, x_m=m.x_m / 0.3048, y_m=m.y_m / 0.3048) for m in MARKERS]
+    assert refusal(photo, lens, feet).code == "SC-C026"
+
+
+def test_the_size_is_measured_to_a_per_mille(photo, lens):
+    found = plane_from_markers(photo, lens, MARKERS, DICTIONARY)
+    assert found.marker_size_ratio == pytest.approx(1.0, abs=2e-3)
+    assert abs(found.marker_size_ratio - 1.0) < 4 * found.marker_size_ratio_se
+    assert found.marker_size_ratio_se < 1e-3
+
+
+def test_one_marker_of_another_size_is_named(photo, lens):
+    odd = [dataclasses.replace(m, size_m=0.072) if m.marker == 2 else m for m in MARKERS]
+    problem = refusal(photo, lens, odd)
+    assert problem.code == "SC-C026"
+    assert re.search(r"marker 2 measures (79|80)\.\d mm by the others, \+1[01]\.\d%", problem.what)
+
+
+def test_a_marker_in_front_of_the_plane_is_named(photograph, paint_markers, looking, lens):
+    rotation, shift = looking(*POSE)
+    others = photograph(
+        *paint_markers([m for m in MARKERS if m.marker != 1], DICTIONARY), lens, rotation, shift
+    )
+    nearer = shift + rotation @ np.array([0.0, 0.0, 0.15])
+    lone = photograph(*paint_markers([MARKERS[1]], DICTIONARY), lens, rotation, nearer)
+    u, v = others.shape[1] // 2 + 200, others.shape[0] // 2
+    both = others.copy()
+    both[:v, u:] = lone[:v, u:]
+    problem = refusal(both, lens, MARKERS)
+    assert problem.code == "SC-C026"
+    assert re.search(r"marker 1 measures .* 1[3-7]\d mm before their plane", problem.what)
+
+
+def test_swapped_markers_are_named(photo, lens):
+    swapped = [
+        dataclasses.replace(MARKERS[2], marker=3),
+        dataclasses.replace(MARKERS[3], marker=2),
+        *MARKERS[:2],
+        MARKERS[4],
+    ]
+    problem = refusal(photo, lens, swapped)
+    assert problem.code == "SC-C028"
+    assert "markers 2 and 3 are swapped" in problem.what
+    assert cost_mm(problem) > 20
+
+
+def test_a_turned_marker_is_named(photo, lens):
+    turned = [*MARKERS[:3], dataclasses.replace(MARKERS[3], angle_rad=np.pi / 2), MARKERS[4]]
+    problem = refusal(photo, lens, turned)
+    assert problem.code == "SC-C028"
+    assert "marker 3 is turned by 270 degrees" in problem.what
+
+
+def test_y_counted_downwards_is_named(photo, lens):
+    down = [dataclasses.replace(m, y_m=-m.y_m, angle_rad=-m.angle_rad) for m in MARKERS]
+    problem = refusal(photo, lens, down)
+    assert problem.code == "SC-C028"
+    assert "y was counted downwards" in problem.what
+
+
+def test_a_marker_a_little_aside_is_a_warning_with_its_cost(photo, lens):
+    aside = [*MARKERS[:2], dataclasses.replace(MARKERS[2], x_m=0.598), *MARKERS[3:]]
+    found = plane_from_markers(photo, lens, aside, DICTIONARY)
+    assert len(found.warnings) == 1
+    assert re.search(
+        r"marker 2 lies at .* (1\.[89]|2\.[012]) mm from the place given: up to [01]\.\d mm",
+        found.warnings[0],
+    )
+    off = {fit.marker: fit.off_m for fit in found.plane_markers}
+    assert off[2][0] == pytest.approx(0.002, abs=4e-4)
+    assert found.plane_error.place_sd_m > 2e-4
+    assert (
+        found.plane_error.worst_m
+        > 2 * plane_from_markers(photo, lens, MARKERS, DICTIONARY).plane_error.worst_m
+    )
+
+
+def test_places_that_are_all_rough_are_refused_or_told_in_the_standard_error(photo, lens):
+    random = np.random.default_rng(1)
+    rough = [
+        dataclasses.replace(m, x_m=m.x_m + random.normal(0, 8e-3), y_m=m.y_m + random.normal(0, 8e-3))
+        for m in MARKERS
+    ]
+    problem = refusal(photo, lens, rough)
+    assert problem.code == "SC-C027"
+
+
+def test_a_larger_dictionary_than_needed_is_told(photo, lens):
+    found = plane_from_markers(photo, lens, MARKERS, "DICT_4X4_1000")
+    assert any("DICT_4X4_50 has the same markers" in words for words in found.warnings)
+    assert plane_from_markers(photo, lens, MARKERS, DICTIONARY).warnings == []
+    with pytest.raises(StrandcastError, match="DICT_4X4_50 has no marker 60"):
+        plane_from_markers(photo, lens, [*MARKERS, PlaneMarker(60, 0, 0, 0.08)], DICTIONARY)
+
+
+def test_a_negative_is_named(photo, lens):
+    with pytest.raises(StrandcastError, match="is a negative") as caught:
+        plane_from_markers(255 - photo, lens, MARKERS, DICTIONARY)
+    assert caught.value.code == "SC-C023"
+
+
+def test_a_board_lying_in_the_plane_gives_the_same_plane(tmp_path, photograph, looking, lens, truth):
+    board = CharucoBoard(7, 5, 0.035, 0.026, "DICT_5X5_100")
+    [page] = write_charuco(board, tmp_path / "board.png", page="A4", dpi=200)
+    texture = cv2.imread(str(page), cv2.IMREAD_GRAYSCALE)
+    scale = 200 / 0.0254
+    left_m, low_m = (297 - 245) / 2e3, (22 + (210 - 22 - 175) / 2) / 1e3  # where the page holds the pattern
+    to_texture = np.array(
+        [[scale, 0.0, left_m * scale - 0.5], [0.0, -scale, texture.shape[0] - low_m * scale - 0.5]]
+    )
+    rotation, shift = looking(0.06, -0.1, 0.03, (0.12, 0.09), 0.5)
+    picture = photograph(texture, to_texture, lens, rotation, shift)
+    markers = board_markers(board, 0.3, -0.2, np.pi / 2)
+    found = plane_from_markers(picture, lens, markers, board.dictionary)
+    assert found.warnings == []
+    assert len(found.plane_markers) == 17
+    near = truth.model_copy(update={"rotation": rotation.tolist(), "translation_m": shift.tolist()})
+    places = np.stack(np.meshgrid(np.linspace(0, 0.245, 5), np.linspace(0, 0.175, 4)), axis=-1)
+    turned = np.stack([0.3 - places[..., 1], -0.2 + places[..., 0]], axis=-1)
+    back = pixel_to_metre(found, metre_to_pixel(near, places))
+    assert np.abs(back - turned).max() < 2e-4
+
+
+def test_the_strings_offset_is_corrected(photo, lens, truth):
+    known = PlaneKnowledge(string_offset_m=0.02, string_offset_sd_m=1e-3)
+    found = plane_from_markers(photo, lens, MARKERS, DICTIONARY, knowledge=known)
+    places = np.array([[-0.6, 0.3], [0.6, -0.3]])
+    seen = metre_to_pixel(truth, places, 0.02)
+    assert np.abs(pixel_to_metre(found, seen, found.string_offset_m) - places).max() < 3e-4
+    uncorrected = np.linalg.norm(pixel_to_metre(found, seen) - places, axis=1)
+    assert (uncorrected > 4e-3).all()  # 1 % of the distance to the axis
+    per_mm = found.plane_error.sources_m["offset"] / 1e-3
+    assert per_mm == pytest.approx(uncorrected.max() / 0.02 / np.sqrt(2), rel=0.25)
+
+
+def test_standard_errors_over_the_workspace_are_right(lens, looking, corner_views):
+    """Redraw lens, corners and places many times: the spread of a point is what the record says."""
+    rotation, shift = looking(*POSE)
+    world_m = np.array([marker.corners_m() for marker in MARKERS])
+    random = np.random.default_rng(4)
+    box = ((-0.6, 0.6), (-0.3, 0.35))
+    places = grid_over(box)
+    camera = Camera(
+        lens=lens,
+        rotation=rotation.tolist(),
+        translation_m=shift.tolist(),
+        plane_rms_px=0.0,
+        plane_markers=[],
+        string_offset_m=0.02,
+        scale_m_per_px=1.9 / 1095,
+        source="given",
+    )
+    pixels = metre_to_pixel(camera, places, 0.02)
+    off, stated = [], []
+    for seed in range(24):
+        views = corner_views(lens.distortion, seed, views=8, noise_px=0.1)
+        fit = fit_lens(views, (960, 540), "k1k2p1p2")
+        guessed = lens.model_copy(
+            update={
+                "matrix": fit.matrix.tolist(),
+                "distortion": fit.distortion.tolist(),
+                "covariance": lens_covariance(views, fit, (960, 540)).tolist(),
+            }
+        )
+        moved_m = world_m + np.dstack([random.normal(0, 1e-3, (5, 1, 2)), np.zeros((5, 1, 1))])
+        corners = project(moved_m, rotation, shift, lens) + random.normal(0, 0.1, (5, 4, 2))
+        pose = fit_pose(world_m, corners, guessed)
+        mine = posed(camera.model_copy(update={"lens": guessed}), pose)
+        off.append(pixel_to_metre(mine, pixels, 0.02) - places)
+        stated.append(plane_error(mine, pose, box, place_m=1e-3).sigma_m)
+    spread = np.sqrt((np.array(off) ** 2).mean(axis=(0, -1)))
+    ratio = spread / np.mean(stated, axis=0)
+    assert 0.75 < np.median(ratio) < 1.3
+    assert (ratio > 0.5).all()
+    assert (ratio < 1.7).all()
+
+
+def test_the_places_standard_deviation_is_found_from_the_fit(lens, looking):
+    rotation, shift = looking(*POSE)
+    world_m = np.array([marker.corners_m() for marker in MARKERS])
+    random = np.random.default_rng(2)
+    for wanted_m in (0.0, 1e-3):
+        found = []
+        for _ in range(40):
+            moved_m = world_m + np.dstack([random.normal(0, wanted_m, (5, 1, 2)), np.zeros((5, 1, 1))])
+            corners = project(moved_m, rotation, shift, lens) + random.normal(0, 0.05, (5, 4, 2))
+            found.append(place_sd_m(fit_pose(world_m, corners, lens), 1.9 / 1095))
+        assert np.sqrt(np.mean(np.square(found))) == pytest.approx(wanted_m, rel=0.2, abs=1e-4)
+
+
+def test_a_weak_lens_is_told_with_its_cost_at_the_string(photo, lens):
+    def weak(sigma_k1: float) -> Lens:
+        covariance = np.diag([1.0, 1.0, 1.0, 1.0, sigma_k1**2, 1e-4, 1e-8, 1e-8, 0.0])
+        return lens.model_copy(
+            update={"covariance": covariance.tolist(), "weaknesses": ["only 3 photos of the board"]}
+        )
+
+    known = PlaneKnowledge(workspace_m=((-0.8, 0.8), (-0.45, 0.45)))
+    found = plane_from_markers(photo, weak(0.02), MARKERS, DICTIONARY, knowledge=known)
+    assert re.search(r"the lens costs up to [\d.]+ mm .*only 3 photos of the board", found.warnings[0])
+    problem = refusal(photo, weak(0.3), MARKERS, knowledge=known)
+    assert problem.code == "SC-C015"
+    assert "only 3 photos" in problem.what
+    assert cost_mm(problem) > 5
+
+
 def test_a_wrong_size_is_named(photo, lens):
     wrong = [dataclasses.replace(marker, size_m=0.072) for marker in MARKERS]
-    with pytest.raises(StrandcastError, match=r"measure (79|80)\.\d mm .* \+1[01]\.\d% from the size given"):
+    with pytest.raises(
+        StrandcastError, match=r"measure (79\.\d+|80(\.\d+)?) mm .* \+1[01]\.\d% from the size given"
+    ):
         plane_from_markers(photo, lens, wrong, DICTIONARY)
 
 

@@ -61,7 +61,9 @@ def pixel_per_metre(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> 
 
 def metre_per_pixel(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> np.ndarray:
     """Return the local scale (...) [m/px] at points (..., 2): side of the square that a pixel covers."""
-    return 1.0 / np.sqrt(np.abs(np.linalg.det(pixel_per_metre(camera, xy_m, offset_m))))
+    slopes = pixel_per_metre(camera, xy_m, offset_m)
+    area = slopes[..., 0, 0] * slopes[..., 1, 1] - slopes[..., 0, 1] * slopes[..., 1, 0]
+    return np.asarray(1.0 / np.sqrt(np.abs(area)))
 
 
 def distort(lens: Lens, rays: np.ndarray) -> np.ndarray:
@@ -90,12 +92,14 @@ def undistort(lens: Lens, uv_px: np.ndarray) -> np.ndarray:
 
 
 def _bend(coefficients: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Apply OpenCV's k1, k2, p1, p2, k3 to rays (..., 2); return them and the slope (..., 2, 2)."""
-    k1, k2, p1, p2, k3 = coefficients
+    """Apply OpenCV's k1, k2, p1, p2, k3[, k4, k5, k6] to rays (..., 2); also the slope (..., 2, 2).
+
+    The radial factor is (1 + k1 s + k2 s² + k3 s³) / (1 + k4 s + k5 s² + k6 s³), s the ray's square.
+    """
+    p1, p2 = coefficients[2:4]
     x, y = rays[..., 0], rays[..., 1]
     square = x * x + y * y
-    radial = 1.0 + square * (k1 + square * (k2 + square * k3))
-    radial_slope = k1 + square * (2.0 * k2 + square * 3.0 * k3)  # d radial / d square
+    radial, radial_slope = _radial(coefficients, square)
     bent_x = x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x)
     bent_y = y * radial + p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y
     cross = 2.0 * x * y * radial_slope + 2.0 * p1 * x + 2.0 * p2 * y
@@ -103,3 +107,16 @@ def _bend(coefficients: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.nd
     slope_y = radial + 2.0 * y * y * radial_slope + 6.0 * p1 * y + 2.0 * p2 * x
     slope = np.stack([np.stack([slope_x, cross], -1), np.stack([cross, slope_y], -1)], -2)
     return np.stack([bent_x, bent_y], axis=-1), slope
+
+
+def _radial(coefficients: np.ndarray, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the radial factor and its slope over the ray's square, (...) each."""
+    k1, k2, _, _, k3 = coefficients[:5]
+    above = 1.0 + square * (k1 + square * (k2 + square * k3))
+    above_slope = k1 + square * (2.0 * k2 + square * 3.0 * k3)
+    if len(coefficients) < 8:
+        return above, above_slope
+    k4, k5, k6 = coefficients[5:8]
+    below = 1.0 + square * (k4 + square * (k5 + square * k6))
+    below_slope = k4 + square * (2.0 * k5 + square * 3.0 * k6)
+    return above / below, (above_slope - above / below * below_slope) / below

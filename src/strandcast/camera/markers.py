@@ -10,6 +10,18 @@ import numpy as np
 from strandcast.errors import StrandcastError
 
 BLACK_BORDER_CELLS = 1
+# The largest dictionary of each family: the smaller ones are its first markers.
+FAMILIES = (
+    "DICT_4X4_1000",
+    "DICT_5X5_1000",
+    "DICT_6X6_1000",
+    "DICT_7X7_1000",
+    "DICT_ARUCO_ORIGINAL",
+    "DICT_APRILTAG_16h5",
+    "DICT_APRILTAG_25h9",
+    "DICT_APRILTAG_36h10",
+    "DICT_APRILTAG_36h11",
+)
 
 
 @dataclass(frozen=True)
@@ -36,6 +48,11 @@ def dictionary_named(name: str) -> cv2.aruco.Dictionary:
             fix=f"use one of {', '.join(known)}",
         )
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, key))
+
+
+def same_family(one: str, other: str) -> bool:
+    """Tell whether two dictionaries begin with the same markers, as ``DICT_4X4_50`` and ``DICT_4X4_250``."""
+    return one == other or (one[5].isdigit() and one.rpartition("_")[0] == other.rpartition("_")[0])
 
 
 def opencv_board(board: CharucoBoard) -> cv2.aruco.CharucoBoard:

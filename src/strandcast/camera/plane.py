@@ -1,42 +1,52 @@
-"""The plane of motion from one photo of ArUco markers of known size and place."""
+"""The plane of motion from one photo of ArUco markers, or of a ChArUco board, of known size and place."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
+from strandcast.camera.find_markers import find_markers
 from strandcast.camera.mapping import metre_per_pixel, pixel_to_metre
-from strandcast.camera.markers import corners_of, detect_markers, eight_bit, marker_cells, marker_detector
-from strandcast.camera.square import refine_square
+from strandcast.camera.markers import CharucoBoard, opencv_board
+from strandcast.camera.plane_checks import Layout, check_markers
+from strandcast.camera.plane_error import Box, place_sd_m, plane_error
+from strandcast.camera.pose import PlaneMarker, PoseFit, fit_pose, posed, rms
 from strandcast.errors import StrandcastError
-from strandcast.records.camera import Camera, Lens, MarkerFit
+from strandcast.records.camera import Camera, Lens, MarkerFit, PlaneError
 
-LEAST_MARKERS = 2
-SIZE_TOLERANCE = 0.03
-MISPLACED_PX = 2.0
-OTHER_DICTIONARIES = (
-    "DICT_4X4_1000",
-    "DICT_5X5_1000",
-    "DICT_6X6_1000",
-    "DICT_7X7_1000",
-    "DICT_ARUCO_ORIGINAL",
-    "DICT_APRILTAG_36H11",
-)
+__all__ = ["PlaneKnowledge", "PlaneMarker", "board_markers", "plane_from_markers"]
+
+LENS_ERROR_M = 5e-3  # what the lens alone may cost in the string's plane
+LENS_WARNING_M = 5e-4
+WORST_WARNING_M = 2e-3
+SOURCES = {
+    "corners": "markers' corners: take larger ones, or more, all around the workspace",
+    "places": "markers' places: measure them again",
+    "lens": "lens",
+    "offset": "string's offset: measure it again",
+}
 
 
 @dataclass(frozen=True)
-class PlaneMarker:
-    """A marker of the motion plane: its centre in the world [m], the side of its black square, its turn."""
+class PlaneKnowledge:
+    """What is known of the plane besides its photo.
 
-    marker: int
-    x_m: float
-    y_m: float
-    size_m: float
-    angle_rad: float = 0.0
+    Attributes
+    ----------
+    string_offset_m, string_offset_sd_m
+        Height of the string's plane over that of the markers, towards the camera, and how well it is known.
+    place_sd_m
+        How well the markers' places were measured; by default found from how well they fit.
+    workspace_m
+        Where the string may be: (x from, to), (y from, to); by default between the markers.
+    """
+
+    string_offset_m: float = 0.0
+    string_offset_sd_m: float = 0.0
+    place_sd_m: float | None = None
+    workspace_m: Box | None = None
 
 
 def plane_from_markers(
@@ -46,6 +56,7 @@ def plane_from_markers(
     dictionary: str,
     string_offset_m: float = 0.0,
     file: str | None = None,
+    knowledge: PlaneKnowledge | None = None,
 ) -> Camera:
     """Find the camera's pose over the motion plane by perspective-n-point, through the lens.
 
@@ -60,22 +71,25 @@ def plane_from_markers(
     dictionary
         Their ArUco dictionary.
     string_offset_m
-        Height of the string's plane over that of the markers, towards the camera.
+        Height of the string's plane over that of the markers, where `knowledge` is not given.
     file
         The photo's name, for messages.
+    knowledge
+        What else is known of the plane.
 
     Returns
     -------
     Camera
-        With residuals [px] per marker and corner, measured minus model. `scale_m_per_px` is that of the
-        string's plane at the middle of the markers.
+        With residuals [px] per marker and corner, measured minus model, and the standard error over the
+        workspace. `scale_m_per_px` is that of the string's plane at the middle of the markers.
 
     Raises
     ------
     StrandcastError
-        Another size of picture than the lens', markers missing, twice there, of another dictionary, mirrored,
-        of another size, or one in another place than said.
+        SC-C020 another size of picture than the lens'; SC-C021 to SC-C025 as `find_markers`; SC-C026 to
+        SC-C028 as `plane_checks`; SC-C015 the lens is too little known.
     """
+    known = knowledge or PlaneKnowledge(string_offset_m)
     if grey.shape != (lens.height_px, lens.width_px):
         raise StrandcastError(
             "SC-C020",
@@ -85,221 +99,119 @@ def plane_from_markers(
             fix="take the photo in the mode that films the throw",
         )
     wanted = {marker.marker: marker for marker in markers_world}
-    ids, corners_px = _find_wanted(grey, wanted, dictionary, file)
-    world_m = np.array([_corners_m(wanted[marker]) for marker in ids])
-    rotation, shift = _pose(world_m, corners_px, lens)
-    residuals = corners_px - _project(world_m, rotation, shift, lens)
-    camera = _camera(lens, ids, corners_px, rotation, shift, residuals, string_offset_m)
-    missing = sorted(set(wanted) - set(ids))
-    if missing:
-        camera.warnings.append(f"markers {missing} of the plane were not seen")
-    camera.scale_m_per_px = float(
-        metre_per_pixel(camera, world_m[..., :2].mean(axis=(0, 1)), string_offset_m)
-    )
-    _check_sizes(camera, ids, corners_px, wanted, file)
-    _check_places(ids, corners_px, world_m, residuals, camera, file)
+    ids, corners_px, warnings = find_markers(grey, wanted, dictionary, file)
+    seen = [wanted[int(marker)] for marker in ids]
+    fit = fit_pose(np.array([marker.corners_m() for marker in seen]), corners_px, lens)
+    camera = _camera(lens, fit, known.string_offset_m, dictionary)
+    box = known.workspace_m or _around(seen)
+    layout = Layout(seen, corners_px, camera, fit, box, file)
+    size, told = check_markers(layout)
+    camera.marker_size_ratio, camera.marker_size_ratio_se = size.ratio, size.error
+    camera.plane_markers = _marker_fits(layout)
+    camera.plane_error = plane_error(camera, fit, box, known.place_sd_m, known.string_offset_sd_m)
+    camera.warnings = warnings + told + _lens_warnings(camera) + _error_warnings(camera.plane_error)
     return camera
 
 
-def _find_wanted(
-    grey: np.ndarray, wanted: dict[int, PlaneMarker], dictionary: str, file: str | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return ids (k,) ascending and corners (k, 4, 2) [px] of the plane's markers."""
-    ids, corners_px = detect_markers(grey, marker_detector(dictionary))
-    twice = sorted(
-        marker for marker, count in Counter(ids.tolist()).items() if count > 1 and marker in wanted
-    )
-    if twice:
-        raise StrandcastError(
-            "SC-C021",
-            f"markers {twice} are in the picture twice",
-            file=file,
-            fix="cover or take away the copies; hand and plane markers need different ids",
-        )
-    mine = np.array([place for place, marker in enumerate(ids) if marker in wanted], int)
-    if len(mine) < min(LEAST_MARKERS, len(wanted)) or len(wanted) < LEAST_MARKERS:
-        raise _not_found(grey, wanted, dictionary, ids[mine].tolist(), ids.tolist(), file)
-    mine = mine[np.argsort(ids[mine])]
-    cells = len(marker_cells(dictionary, int(ids[mine][0])))
-    return ids[mine], np.array([_refined(grey, corners, cells) for corners in corners_px[mine]])
+def board_markers(board: CharucoBoard, x_m: float, y_m: float, angle_rad: float = 0.0) -> list[PlaneMarker]:
+    """Return the markers of a ChArUco board that lies in the plane.
 
-
-def _refined(grey: np.ndarray, corners_px: np.ndarray, cells: int) -> np.ndarray:
-    """Return a marker's corners (4, 2) [px] from lines along its sides; as found where unclear."""
-    refined = refine_square(eight_bit(grey), corners_px, cells)
-    return refined if np.isfinite(refined).all() else corners_px
-
-
-def _not_found(
-    grey: np.ndarray,
-    wanted: dict[int, PlaneMarker],
-    dictionary: str,
-    mine: list[int],
-    found: list[int],
-    file: str | None,
-) -> StrandcastError:
-    """Say why too few markers were seen: mirrored picture, other dictionary, other ids, or none there."""
-    if len(wanted) < LEAST_MARKERS:
-        return StrandcastError(
-            "SC-C022",
-            f"the plane has {len(wanted)} markers, at least {LEAST_MARKERS} are needed",
-            field="markers",
-            cost="one marker alone leaves about 4 mm of error",
-            fix="put markers at the corners of the space of the throw",
-        )
-    needed = f"needed {sorted(wanted)}, found {sorted(mine)}"
-    mirrored, _ = detect_markers(np.ascontiguousarray(grey[:, ::-1]), marker_detector(dictionary))
-    if len(set(mirrored.tolist()) & set(wanted)) >= LEAST_MARKERS:
-        return StrandcastError(
-            "SC-C023",
-            f"the picture is mirrored ({needed}; its mirror image shows "
-            f"{sorted(set(mirrored.tolist()) & set(wanted))})",
-            file=file,
-            fix="turn mirroring off in the camera's software, or take the mirror away",
-        )
-    for other in OTHER_DICTIONARIES:
-        seen = set(detect_markers(grey, marker_detector(other))[0].tolist()) if not found else set()
-        if len(seen & set(wanted)) >= LEAST_MARKERS:
-            return StrandcastError(
-                "SC-C024",
-                f"the markers are of {other} or a part of it, not of {dictionary}",
-                file=file,
-                field="dictionary",
-                fix="correct the dictionary",
+    `x_m`, `y_m` is the place of the board's lower left corner (as printed), `angle_rad` its turn.
+    """
+    pattern = opencv_board(board)
+    height_m = board.rows * board.square_m
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    markers = []
+    for marker, corners in zip(np.asarray(pattern.getIds()).reshape(-1), pattern.getObjPoints(), strict=True):
+        across, down = np.asarray(corners, float).reshape(4, 3)[:, :2].mean(axis=0)
+        up = height_m - down
+        markers.append(
+            PlaneMarker(
+                int(marker),
+                x_m + cosine * across - sine * up,
+                y_m + sine * across + cosine * up,
+                board.marker_m,
+                angle_rad,
             )
-    others = f"; other ids seen: {sorted(set(found) - set(wanted))}" if set(found) - set(wanted) else ""
-    return StrandcastError(
-        "SC-C025",
-        f"too few markers of the plane: {needed}{others}",
-        file=file,
-        field="markers",
-        fix="check ids, focus and light; white paper must surround each black square",
-    )
-
-
-def _corners_m(marker: PlaneMarker) -> np.ndarray:
-    """Return a marker's corners (4, 3) [m] in the world, in the order in which they are detected."""
-    cosine, sine = np.cos(marker.angle_rad), np.sin(marker.angle_rad)
-    turned = corners_of(marker.size_m) @ np.array([[cosine, sine], [-sine, cosine]])
-    return np.column_stack([turned + np.array([marker.x_m, marker.y_m]), np.zeros(4)])
-
-
-def _pose(world_m: np.ndarray, corners_px: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotation (3, 3) and shift (3,) [m]: the better of IPPE's two, then Levenberg–Marquardt."""
-    points, pixels = world_m.reshape(-1, 3), corners_px.reshape(-1, 2)
-    matrix, distortion = np.array(lens.matrix), np.array(lens.distortion)
-    count, turns, shifts, errors = cv2.solvePnPGeneric(
-        points, pixels, matrix, distortion, flags=cv2.SOLVEPNP_IPPE
-    )
-    best = min(range(count), key=lambda k: float(np.asarray(errors).reshape(-1)[k]))
-    turn, shift = cv2.solvePnPRefineLM(
-        points,
-        pixels,
-        matrix,
-        distortion,
-        turns[best],
-        shifts[best],
-        (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12),
-    )
-    return np.asarray(cv2.Rodrigues(turn)[0]), np.asarray(shift).reshape(3)
-
-
-def _project(world_m: np.ndarray, rotation: np.ndarray, shift: np.ndarray, lens: Lens) -> np.ndarray:
-    projected, _ = cv2.projectPoints(
-        world_m.reshape(-1, 3),
-        cv2.Rodrigues(rotation)[0],
-        shift,
-        np.array(lens.matrix),
-        np.array(lens.distortion),
-    )
-    return np.asarray(projected, float).reshape(*world_m.shape[:-1], 2)
-
-
-def _camera(
-    lens: Lens,
-    ids: np.ndarray,
-    corners_px: np.ndarray,
-    rotation: np.ndarray,
-    shift: np.ndarray,
-    residuals: np.ndarray,
-    string_offset_m: float,
-) -> Camera:
-    fits = [
-        MarkerFit(
-            marker=int(marker), rms_px=_rms(off), residuals_px=np.column_stack([place, off]).round(4).tolist()
         )
-        for marker, place, off in zip(ids, corners_px, residuals, strict=True)
-    ]
-    return Camera(
+    return markers
+
+
+def _camera(lens: Lens, fit: PoseFit, string_offset_m: float, dictionary: str) -> Camera:
+    camera = Camera(
         lens=lens,
-        rotation=rotation.tolist(),
-        translation_m=shift.tolist(),
-        plane_rms_px=_rms(residuals),
-        plane_markers=fits,
+        rotation=fit.rotation.tolist(),
+        translation_m=fit.shift_m.tolist(),
+        plane_rms_px=fit.rms_px,
+        plane_markers=[],
         string_offset_m=string_offset_m,
         scale_m_per_px=0.0,
         source="markers",
+        dictionary=dictionary,
     )
+    middle_m = fit.world_m[..., :2].mean(axis=(0, 1))
+    camera.scale_m_per_px = float(metre_per_pixel(camera, middle_m, string_offset_m))
+    return camera
 
 
-def _rms(residuals_px: np.ndarray) -> float:
-    return float(np.sqrt((residuals_px**2).sum(axis=-1).mean()))
+def _around(markers: Sequence[PlaneMarker]) -> Box:
+    """Return the box between the markers' centres."""
+    x, y = [marker.x_m for marker in markers], [marker.y_m for marker in markers]
+    return (min(x), max(x)), (min(y), max(y))
 
 
-def _check_sizes(
-    camera: Camera, ids: np.ndarray, corners_px: np.ndarray, wanted: dict[int, PlaneMarker], file: str | None
-) -> None:
-    """Hold the sides of the markers, measured in the plane, against the sizes given."""
-    corners_m = pixel_to_metre(camera, corners_px)
-    sides_m = np.linalg.norm(np.roll(corners_m, -1, axis=1) - corners_m, axis=2).mean(axis=1)
-    ratios = sides_m / np.array([wanted[marker].size_m for marker in ids])
-    if abs(np.median(ratios) - 1.0) > SIZE_TOLERANCE:
-        raise StrandcastError(
-            "SC-C026",
-            f"the markers measure {np.median(sides_m) * 1e3:.1f} mm against each other's places, "
-            f"{np.median(ratios) - 1.0:+.1%} from the size given",
-            file=file,
-            field="size_m",
-            cost="every length in the result would be off by as much",
-            fix="measure the printed black squares and the distances of their centres; sizes are metres",
+def _marker_fits(layout: Layout) -> list[MarkerFit]:
+    """Return each marker's residuals, and its place by the others."""
+    fit, camera = layout.fit, layout.camera
+    count = len(layout.markers)
+    fits = []
+    for k, (marker, corners_px, off) in enumerate(
+        zip(layout.markers, layout.corners_px, fit.residuals_px, strict=True)
+    ):
+        others = np.delete(np.arange(count), k)
+        record = MarkerFit(
+            marker=marker.marker,
+            rms_px=rms(off),
+            residuals_px=np.column_stack([corners_px, off]).round(4).tolist(),
         )
+        if count > 2:
+            without = posed(camera, fit_pose(fit.world_m[others], layout.corners_px[others], camera.lens))
+            place = pixel_to_metre(without, corners_px).mean(axis=0) - (marker.x_m, marker.y_m)
+            sigma_m = np.hypot(
+                0.5 * fit.corner_sigma_px() * camera.scale_m_per_px, place_sd_m(fit, camera.scale_m_per_px)
+            )
+            record.off_m, record.off_sigma_m = place.tolist(), float(sigma_m)
+        fits.append(record)
+    return fits
 
 
-def _check_places(
-    ids: np.ndarray,
-    corners_px: np.ndarray,
-    world_m: np.ndarray,
-    residuals: np.ndarray,
-    camera: Camera,
-    file: str | None,
-) -> None:
-    """Name the marker that lies elsewhere than said: the one without which the others agree."""
-    if camera.plane_rms_px < MISPLACED_PX:
-        return
-    without = []
-    for left_out in range(len(ids) if len(ids) > LEAST_MARKERS else 0):
-        others = np.delete(np.arange(len(ids)), left_out)
-        rotation, shift = _pose(world_m[others], corners_px[others], camera.lens)
-        off = corners_px[others] - _project(world_m[others], rotation, shift, camera.lens)
-        without.append((_rms(off), left_out, rotation, shift))
-    best = min(without, key=lambda trial: trial[0], default=None)
-    if best is None or best[0] > 0.5 * camera.plane_rms_px:
-        worst = ids[int(np.argmax((residuals**2).sum(axis=(1, 2))))]
+def _lens_warnings(camera: Camera) -> list[str]:
+    """Say what the weaknesses of the lens photos cost at the string."""
+    error = camera.plane_error
+    cost_m = error.sources_m.get("lens", 0.0) if error is not None else 0.0
+    told = "; ".join(camera.lens.weaknesses)
+    if cost_m > LENS_ERROR_M:
         raise StrandcastError(
-            "SC-C027",
-            f"the markers fit their places with {camera.plane_rms_px:.1f} px rms only, marker {worst} worst",
-            file=file,
-            field="markers",
-            fix="measure the markers' places and turns again; is the lens this camera's?",
+            "SC-C015",
+            f"the lens photos do not tell the lens: {told or 'its standard errors are large'}",
+            field="camera.lens_photos",
+            cost=f"{cost_m * 1e3:.1f} mm (standard error) at the string's worst place",
+            fix="take ten photos, the board large, tilted 30-45 degrees each way, all over the picture",
         )
-    _, left_out, rotation, shift = best
-    honest = camera.model_copy(update={"rotation": rotation.tolist(), "translation_m": shift.tolist()})
-    seen = pixel_to_metre(honest, corners_px[left_out]).mean(axis=0)
-    raise StrandcastError(
-        "SC-C027",
-        f"marker {ids[left_out]} lies at ({seen[0]:.4f}, {seen[1]:.4f}) m by the others, "
-        f"{np.linalg.norm(seen - world_m[left_out, :, :2].mean(axis=0)) * 1e3:.1f} mm from the place given",
-        file=file,
-        field="markers",
-        fix="correct its place or turn in the experiment",
-    )
+    if told or cost_m > LENS_WARNING_M:
+        return [
+            f"the lens costs up to {cost_m * 1e3:.2f} mm (standard error) at the string"
+            + (f"; its photos are weak: {told}" if told else "")
+        ]
+    return []
+
+
+def _error_warnings(error: PlaneError) -> list[str]:
+    """Tell of a plane that is poorly known somewhere, and what makes most of it."""
+    if error.worst_m < WORST_WARNING_M:
+        return []
+    most = max(error.sources_m, key=lambda name: error.sources_m[name])
+    return [
+        f"a point of the string is known to ±{error.worst_m * 1e3:.1f} mm only at the workspace's worst "
+        f"place, mostly for the {SOURCES[most]}"
+    ]

@@ -22,6 +22,7 @@ PHOTOS = 12
 CELL_PX = 24  # texture pixels of a chessboard square's twelfth part
 FINER = 2
 BOARD_SHARE = (0.45, 0.75)  # of the picture's width
+AIMED = (0.1, 0.9)  # of the picture, where the board's middle comes to lie
 STEEPEST_RAD = 0.6
 
 
@@ -62,7 +63,7 @@ def _board_texture(board: Board) -> tuple[np.ndarray, float, int]:
 
 
 def _board_pose(board: Board, view: View, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return a pose, board to camera, at which the whole board is in the picture."""
+    """Return a pose, board to camera, at which most of the board is in the picture."""
     size = np.array([board.squares_x, board.squares_y]) * board.square_m
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * size
     corners3 = np.column_stack([corners, np.zeros(4)])
@@ -72,10 +73,11 @@ def _board_pose(board: Board, view: View, random: np.random.Generator) -> tuple[
         turn = np.append(random.uniform(-STEEPEST_RAD, STEEPEST_RAD, 2), random.uniform(-0.5, 0.5))
         rotation, _ = cv2.Rodrigues(turn)
         depth = focal * size[0] / (view.width_px * random.uniform(*BOARD_SHARE))
-        aim = (random.uniform(0.25, 0.75, 2) * limit - middle) / focal * depth
+        aim = (random.uniform(*AIMED, 2) * limit - middle) / focal * depth
         translation = np.append(aim, depth) - rotation @ np.append(size / 2, 0.0)
         uv, _ = cv2.projectPoints(corners3, turn, translation, view.matrix, view.distortion)
-        if (uv > 8).all() and (uv.reshape(4, 2) < limit - 8).all():
+        inside = ((uv.reshape(4, 2) > 8) & (uv.reshape(4, 2) < limit - 8)).all(axis=1)
+        if inside.sum() >= 3:
             return rotation, translation
 
 

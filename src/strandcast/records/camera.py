@@ -1,4 +1,4 @@
-"""camera.json: lens, distortion, pose of the motion plane, and how well each corner fits."""
+"""camera.json: lens, pose of the motion plane, how well each corner fits, and what it is worth."""
 
 from __future__ import annotations
 
@@ -15,29 +15,72 @@ class View(Part):
     rms_px: float | None
     used: bool
     reason: str | None = None
+    tilt_rad: float | None = None  # between the board's normal and the line of sight
     residuals_px: list[list[float]] = []  # per corner: u, v, du, dv
 
 
+class ModelTrial(Part):
+    """One distortion model that was tried: rms residual over photos that had no part in its fit."""
+
+    model: str
+    held_out_px: float | None
+    reason: str | None = None  # why it was out of the question
+
+
+class Coverage(Part):
+    """Where in the picture the board's corners were, and how the board was held."""
+
+    cells: list[list[int]]  # corners in each cell of a grid over the picture, rows from the top
+    share: float  # of the cells that hold a corner
+    reach: float  # the farthest corner from the picture's middle, over the picture's half diagonal
+    board_share: float  # of the picture's width that the board takes, median over the photos
+    tilt_spread_rad: float  # largest angle between two photos' boards
+
+
 class MarkerFit(Part):
-    """One marker of the motion plane: its worst corner and its residuals."""
+    """One marker of the motion plane: its residuals, and where and how large the other markers see it."""
 
     marker: int
     rms_px: float
     residuals_px: list[list[float]]  # per corner: u, v, du, dv
+    off_m: list[float] | None = None  # x, y from the place given, by the other markers
+    off_sigma_m: float | None = None
 
 
 class Lens(Part):
-    """Pinhole with OpenCV's distortion polynomial (k1, k2, p1, p2, k3)."""
+    """Pinhole with OpenCV's distortion: k1, k2, p1, p2, k3, and for the rational model k4, k5, k6."""
 
     width_px: int
     height_px: int
     matrix: list[list[float]]  # 3×3, pixels
     distortion: list[float]
     rms_px: float
-    standard_errors: dict[str, float] = {}  # fx_px, fy_px, cx_px, cy_px
+    standard_errors: dict[str, float] = {}  # fx_px, fy_px, cx_px, cy_px, k1 …: of those that were free
     views: list[View] = []
-    model: str = "given"  # which coefficients were free: "radial1" … "radial3", "tangential", "full"
+    model: str = "given"  # which coefficients were free: "none", "k1", "k1k2", … "rational"
+    models: list[ModelTrial] = []
+    held_out_px: float | None = None
+    coverage: Coverage | None = None
+    # Of fx, fy, cx, cy and the distortion, k1 to p2 always free: what photos do not tell is not known.
+    covariance: list[list[float]] = []
+    legacy: bool = False  # the board's pattern, as it was found
     warnings: list[str] = []
+    weaknesses: list[str] = []  # what the photos lack; the camera's warnings say what it costs in the plane
+
+
+class PlaneError(Part):
+    """Standard error [m] of a point of the string's plane (root of its two variances' mean), on a grid."""
+
+    x_m: list[float]
+    y_m: list[float]
+    sigma_m: list[list[float]]  # a row for each y
+    median_m: float
+    worst_m: float
+    # The worst error over the grid that each source makes by itself: corners, places, lens, offset.
+    sources_m: dict[str, float]
+    corner_sigma_px: float
+    place_sd_m: float
+    string_offset_sd_m: float
 
 
 class Camera(Record):
@@ -53,6 +96,10 @@ class Camera(Record):
     string_offset_m: float  # of the string's plane over the markers' plane, towards the camera
     scale_m_per_px: float  # at the middle of the plane's markers
     source: str  # "markers", "arc" (known length of a pendulum) or "given"
+    dictionary: str | None = None  # of the plane's markers
+    marker_size_ratio: float | None = None  # size measured by the markers' distances over the size given
+    marker_size_ratio_se: float | None = None
+    plane_error: PlaneError | None = None
     warnings: list[str] = []
     # Where the scale comes from a pendulum's arc: its radius and half its angle.
     arc_radius_px: float | None = None

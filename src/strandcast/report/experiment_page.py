@@ -12,6 +12,7 @@ from PIL import Image
 
 from strandcast.records.summary import Summary, TrialSummary
 from strandcast.report.facts import Facts
+from strandcast.report.figures.camera_picture import PICTURE, camera_picture
 from strandcast.report.figures.next_motion import next_motion as next_motion_figure
 from strandcast.report.figures.progress import evaluations, misses
 from strandcast.report.figures.throws import hand_paths, tip_paths
@@ -66,6 +67,8 @@ def experiment_page(
         attempt("evaluations", "E before and after each fit", evaluations, summary),
         attempt("next", "The next motion", next_motion_figure, next_motion, folder, last, facts),
     ]
+    if (folder / PICTURE).is_file():
+        reportlets.append(attempt("camera", "Calibration of the camera", camera_picture, folder))
     return render(
         "experiment.html.jinja",
         summary=summary,

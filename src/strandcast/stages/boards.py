@@ -15,13 +15,16 @@ def run(root: Path, name: str, out: Path, suffix: str) -> list[Path]:
     context = context_of(root, name)
     camera = context.settings.camera
     arm = load_arm(context.arm_file)
-    written = write_charuco(charuco_of(camera), out / f"lens-board.{suffix}", f"{name}: lens")
+    written = write_charuco(charuco_of(camera.board), out / f"lens-board.{suffix}", f"{name}: lens")
     ids = [marker.id for marker in camera.plane.markers]
     if ids:
         plane = out / f"plane-markers.{suffix}"
         written += write_markers(
             ids, camera.plane.size_m, camera.plane.dictionary, plane, f"{name}: plane of motion"
         )
+    if camera.plane.board is not None:
+        lying = charuco_of(camera.plane.board)
+        written += write_charuco(lying, out / f"plane-board.{suffix}", f"{name}: plane of motion")
     for size_m in sorted({marker.size_m for marker in arm.markers}):
         hand = [marker.id for marker in arm.markers if marker.size_m == size_m]
         path = out / f"hand-markers-{size_m * 1000:g}mm.{suffix}"

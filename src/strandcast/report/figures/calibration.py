@@ -121,7 +121,8 @@ def _lens_table(camera: Camera) -> Table:
         rows.append(
             [name.removesuffix("_px"), f"{value:.2f}" + (f" ± {error:.2f}" if error is not None else "")]
         )
-    names = ("k1", "k2", "p1", "p2", "k3")
-    distortion = zip(names, camera.lens.distortion, strict=False)
-    rows += [[name, significant(value)] for name, value in distortion]
+    names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    for name, value in zip(names, camera.lens.distortion, strict=False):
+        error = camera.lens.standard_errors.get(name)
+        rows.append([name, significant(value) + (f" ± {error:.1g}" if error is not None else "")])
     return Table(["lens", "value [px, distortion 1]"], rows)

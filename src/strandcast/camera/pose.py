@@ -1,0 +1,138 @@
+"""The camera's pose over a plane of markers: perspective-n-point through the lens, and the markers' size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from strandcast.camera.markers import corners_of
+from strandcast.records.camera import Camera, Lens
+
+TIGHT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
+
+
+@dataclass(frozen=True)
+class PlaneMarker:
+    """A marker of the motion plane: its centre in the world [m], the side of its black square, its turn."""
+
+    marker: int
+    x_m: float
+    y_m: float
+    size_m: float
+    angle_rad: float = 0.0
+
+    def corners_m(self) -> np.ndarray:
+        """Return the corners (4, 3) [m] in the world, in the order in which they are detected."""
+        cosine, sine = np.cos(self.angle_rad), np.sin(self.angle_rad)
+        turned = corners_of(self.size_m) @ np.array([[cosine, sine], [-sine, cosine]])
+        return np.column_stack([turned + np.array([self.x_m, self.y_m]), np.zeros(4)])
+
+
+@dataclass(frozen=True)
+class PoseFit:
+    """A pose fitted: corners in the world (K, 4, 3) and in the picture (K, 4, 2), R, t, residuals [px]."""
+
+    world_m: np.ndarray
+    corners_px: np.ndarray
+    rotation: np.ndarray
+    shift_m: np.ndarray
+    residuals_px: np.ndarray  # (K, 4, 2), measured minus model
+    rms_px: float
+
+    def corner_sigma_px(self) -> float:
+        """Return the standard deviation of a corner in u or v, from the scatter within each marker.
+
+        A marker that lies elsewhere than said moves its four corners alike, which does not count here.
+        """
+        about = self.residuals_px - self.residuals_px.mean(axis=1, keepdims=True)
+        return float(np.sqrt((about**2).sum() / (6.0 * len(about))))
+
+
+def fit_pose(world_m: np.ndarray, corners_px: np.ndarray, lens: Lens) -> PoseFit:
+    """Fit the pose to markers' corners: the better of IPPE's two, then Levenberg–Marquardt."""
+    points, pixels = world_m.reshape(-1, 3), corners_px.reshape(-1, 2)
+    matrix, distortion = np.array(lens.matrix), np.array(lens.distortion)
+    count, turns, shifts, errors = cv2.solvePnPGeneric(
+        points, pixels, matrix, distortion, flags=cv2.SOLVEPNP_IPPE
+    )
+    best = min(range(count), key=lambda k: float(np.asarray(errors).reshape(-1)[k]))
+    turn, shift = cv2.solvePnPRefineLM(points, pixels, matrix, distortion, turns[best], shifts[best], TIGHT)
+    rotation, shift = np.asarray(cv2.Rodrigues(turn)[0]), np.asarray(shift).reshape(3)
+    residuals = corners_px - project(world_m, rotation, shift, lens)
+    return PoseFit(world_m, corners_px, rotation, shift, residuals, rms(residuals))
+
+
+def project(world_m: np.ndarray, rotation: np.ndarray, shift_m: np.ndarray, lens: Lens) -> np.ndarray:
+    """Return the pixels (..., 2) of points (..., 3) of the world."""
+    projected, _ = cv2.projectPoints(
+        world_m.reshape(-1, 3),
+        cv2.Rodrigues(rotation)[0],
+        shift_m,
+        np.array(lens.matrix),
+        np.array(lens.distortion),
+    )
+    return np.asarray(projected, float).reshape(*world_m.shape[:-1], 2)
+
+
+def rms(residuals_px: np.ndarray) -> float:
+    """Return the root mean square length of residuals (..., 2)."""
+    return float(np.sqrt((residuals_px**2).sum(axis=-1).mean()))
+
+
+def posed(camera: Camera, fit: PoseFit) -> Camera:
+    """Return the camera in the pose of a fit."""
+    return camera.model_copy(
+        update={"rotation": fit.rotation.tolist(), "translation_m": fit.shift_m.tolist()}
+    )
+
+
+@dataclass(frozen=True)
+class SizeFit:
+    """The markers' size, by the distances of their centres, over the size given; its error; the fit's rms."""
+
+    ratio: float
+    error: float
+    rms_px: float
+
+
+def fit_size(markers: Sequence[PlaneMarker], corners_px: np.ndarray, lens: Lens) -> SizeFit:
+    """Measure the markers' size by the distances between their centres: fitted with the pose."""
+    world_m = np.array([marker.corners_m() for marker in markers])
+    centres = world_m.mean(axis=1, keepdims=True)
+    start = _rough_ratio(markers, corners_px, lens)
+    pose = fit_pose(centres + start * (world_m - centres), corners_px, lens)
+
+    def off(numbers: np.ndarray) -> np.ndarray:
+        sized = centres + start * np.exp(numbers[6]) * (world_m - centres)
+        rotation, _ = cv2.Rodrigues(numbers[:3])
+        return np.asarray(corners_px - project(sized, rotation, numbers[3:6], lens)).ravel()
+
+    begin = np.concatenate([cv2.Rodrigues(pose.rotation)[0].ravel(), pose.shift_m, [0.0]])
+    fit = least_squares(off, begin, x_scale="jac", xtol=1e-12)
+    slopes = np.asarray(fit.jac)
+    variance = (fit.fun**2).sum() / max(len(fit.fun) - 7, 1)
+    error = np.sqrt((np.linalg.pinv(slopes.T @ slopes) * variance)[6, 6])
+    ratio = float(start * np.exp(fit.x[6]))
+    return SizeFit(ratio, float(ratio * error), rms(fit.fun.reshape(-1, 2)))
+
+
+def _rough_ratio(markers: Sequence[PlaneMarker], corners_px: np.ndarray, lens: Lens) -> float:
+    """Return the size ratio to a per cent or two, however wrong it is: each marker posed by itself."""
+    unit = np.column_stack([corners_of(1.0), np.zeros(4)])
+    matrix, distortion = np.array(lens.matrix), np.array(lens.distortion)
+    seen = [
+        np.asarray(cv2.solvePnP(unit, four, matrix, distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE)[2]).reshape(3)
+        for four in corners_px
+    ]
+    ratios = [
+        np.hypot(markers[i].x_m - markers[j].x_m, markers[i].y_m - markers[j].y_m)
+        / np.linalg.norm(seen[i] - seen[j])
+        / np.sqrt(markers[i].size_m * markers[j].size_m)
+        for i, j in combinations(range(len(markers)), 2)
+    ]
+    return float(np.median(ratios))

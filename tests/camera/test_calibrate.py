@@ -1,0 +1,211 @@
+"""The whole stage on files: photos or a video of the board, the plane's photo, the record and its picture."""
+
+from __future__ import annotations
+
+import textwrap
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from strandcast.camera.boards import write_charuco
+from strandcast.camera.frames import choose_frames, corner_sharpness
+from strandcast.camera.lens import calibrate_lens, find_board
+from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
+from strandcast.camera.markers import CharucoBoard
+from strandcast.camera.plane import PlaneKnowledge, PlaneMarker, plane_from_markers
+from strandcast.errors import StrandcastError
+from strandcast.records.camera import Camera
+from strandcast.report.figures.camera_picture import camera_picture
+from strandcast.stages.calibrate import run
+
+BOARD = CharucoBoard(7, 5, 0.035, 0.026, "DICT_5X5_100")
+MARKERS = [
+    PlaneMarker(0, -0.6, 0.35, 0.08),
+    PlaneMarker(1, 0.6, 0.35, 0.08, 0.4),
+    PlaneMarker(2, 0.6, -0.3, 0.08, -1.0),
+    PlaneMarker(3, -0.6, -0.3, 0.08),
+]
+# (tilts, turn, place of the board looked at, distance): the board goes through all of the picture.
+STATIONS = [
+    (0.5, 0.1, 0.0, (0.02, 0.03), 0.42),
+    (-0.5, 0.2, 0.1, (0.26, 0.03), 0.42),
+    (0.1, 0.6, 0.0, (0.26, 0.15), 0.42),
+    (0.1, -0.6, -0.1, (0.02, 0.15), 0.42),
+    (0.4, 0.4, 0.3, (0.15, 0.09), 0.36),
+    (-0.3, -0.5, 0.0, (0.13, 0.10), 0.36),
+]
+BLURRED = 3  # every so many frames of the video
+EXPERIMENT = """\
+string: {length_m: 0.3}
+target_m: [0.3, 0.1]
+workspace_m: {x_m: [-0.55, 0.55], y_m: [-0.25, 0.3]}
+camera:
+  string_offset_m: 0.02
+  plane:
+    size_m: 0.08
+    markers:
+      - {id: 0, x_m: -0.6, y_m: 0.35}
+      - {id: 1, x_m: 0.6, y_m: 0.35, angle_rad: 0.4}
+      - {id: 2, x_m: 0.6, y_m: -0.3, angle_rad: -1.0}
+      - {id: 3, x_m: -0.6, y_m: -0.3}
+"""
+
+
+@pytest.fixture(scope="module")
+def board_seen(tmp_path_factory, photograph, looking, lens):
+    """Return a function: (view, seed) -> a photo of the board."""
+    [page] = write_charuco(BOARD, tmp_path_factory.mktemp("print") / "board.png", page="A4", dpi=150)
+    texture = cv2.imread(str(page), cv2.IMREAD_GRAYSCALE)
+    scale = 150 / 0.0254
+    to_texture = np.array([[scale, 0.0, 112.5], [0.0, -scale, texture.shape[0] - 112.5]])
+
+    def photo(view, seed: int = 0) -> np.ndarray:
+        return photograph(texture, to_texture, lens, *looking(*view), seed=seed)
+
+    return photo
+
+
+@pytest.fixture(scope="module")
+def plane_photo(photograph, paint_markers, looking, lens) -> np.ndarray:
+    return photograph(
+        *paint_markers(MARKERS, "DICT_4X4_50"), lens, *looking(0.06, -0.1, 0.03, (0.0, 0.02), 1.9)
+    )
+
+
+@pytest.fixture(scope="module")
+def frames(board_seen) -> list[np.ndarray]:
+    """Return a board carried from station to station; every third frame is smeared."""
+    flat = np.array([[*view[:3], *view[3], view[4]] for view in STATIONS])
+    found = []
+    for k, share in enumerate(np.linspace(0, len(flat) - 1, 18)):
+        a, b, c, x, y, far = (np.interp(share, np.arange(len(flat)), column) for column in flat.T)
+        grey = board_seen((a, b, c, (x, y), far), k)
+        found.append(cv2.blur(grey, (9, 1)) if k % BLURRED == 2 else grey)
+    return found
+
+
+def film(path: Path, pictures: list[np.ndarray]) -> None:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mjpeg", rate=30, options={"qmin": "2", "qmax": "2"})
+        stream.width, stream.height, stream.pix_fmt = pictures[0].shape[1], pictures[0].shape[0], "yuvj420p"
+        stream.time_base = Fraction(1, 30)
+        for index, grey in enumerate(pictures):
+            frame = av.VideoFrame.from_ndarray(grey, format="gray").reformat(format="yuvj420p")
+            frame.pts = index
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
+@pytest.fixture
+def root(tmp_path, project_root, plane_photo) -> Path:
+    """Return a project with an experiment that lacks its lens photos."""
+    (tmp_path / "config").symlink_to(project_root / "config")
+    folder = tmp_path / "data" / "own"
+    (folder / "calibration").mkdir(parents=True)
+    (folder / "experiment.yaml").write_text(EXPERIMENT)
+    cv2.imwrite(str(folder / "calibration" / "plane.png"), plane_photo)
+    return tmp_path
+
+
+def truth_of(camera: Camera, lens, looking) -> Camera:
+    rotation, shift = looking(0.06, -0.1, 0.03, (0.0, 0.02), 1.9)
+    pose = {"rotation": rotation.tolist(), "translation_m": shift.tolist(), "lens": lens}
+    return camera.model_copy(update=pose)
+
+
+def test_a_video_of_the_board_gives_lens_plane_and_picture(root, frames, lens, looking):
+    folder, results = root / "data" / "own", root / "results" / "own"
+    film(folder / "calibration" / "board.avi", frames)
+    text = EXPERIMENT.replace("camera:\n", "camera:\n  lens_video: calibration/board.avi\n")
+    (folder / "experiment.yaml").write_text(text)
+    run(root, "own")
+    camera = Camera.read(results / "camera.json")
+    assert 8 <= len(camera.lens.views) <= 12  # of 18 the 12 sharp ones, at most
+    numbers = [int(view.file.split()[-1]) for view in camera.lens.views]
+    assert all(number % BLURRED != 2 for number in numbers)
+    assert camera.lens.rms_px < 0.3
+    assert camera.lens.matrix[0][0] == pytest.approx(1100.0, rel=0.004)
+    x, y = np.meshgrid(camera.plane_error.x_m, camera.plane_error.y_m)
+    places = np.stack([x, y], axis=-1)
+    back = pixel_to_metre(camera, metre_to_pixel(truth_of(camera, lens, looking), places, 0.02), 0.02)
+    off = np.linalg.norm(back - places, axis=-1)
+    assert off.max() < 5e-4
+    assert (off < 4 * np.array(camera.plane_error.sigma_m)).all()
+    assert Image.open(results / "camera.webp").size[0] == 1600
+    reportlet = camera_picture("camera", "Calibration", results)
+    assert f"±{camera.plane_error.worst_m * 1e3:.2f} mm at worst" in reportlet.finding
+    assert "data:image/webp;base64," in reportlet.markup
+
+
+def test_photos_are_read_as_the_sensor_has_them(root, board_seen):
+    """A phone writes how to turn a picture; turned, it would no longer be the lens' picture."""
+    folder = root / "data" / "own" / "calibration"
+    for k, view in enumerate(STATIONS):
+        exif = Image.Exif()
+        exif[0x0112] = 3  # upside down
+        Image.fromarray(board_seen(view, k)).save(folder / f"lens-{k}.jpg", quality=95, exif=exif)
+    experiment = EXPERIMENT.replace("camera:\n", 'camera:\n  lens_photos: "calibration/lens-*.jpg"\n')
+    (folder.parent / "experiment.yaml").write_text(experiment)
+    run(root, "own")
+    lens = Camera.read(root / "results" / "own" / "camera.json").lens
+    assert lens.matrix[0][2] == pytest.approx(470.0, abs=4)
+    assert lens.matrix[1][2] == pytest.approx(280.0, abs=4)
+
+
+def test_what_is_missing_is_named(root):
+    with pytest.raises(StrandcastError, match=r"no photo fits 'calibration/lens-\*\.png'; there: plane\.png"):
+        run(root, "own")
+    (root / "data" / "own" / "experiment.yaml").write_text(
+        textwrap.dedent(EXPERIMENT).replace("camera:\n", "camera:\n  lens_video: calibration/board.avi\n")
+    )
+    with pytest.raises(StrandcastError, match=r"board\.avi: the video is not there"):
+        run(root, "own")
+
+
+def test_sharp_and_unlike_frames_are_chosen(frames):
+    for sharp, smeared in ((frames[1], frames[2]), (frames[4], frames[5])):
+        corners = find_board(sharp, BOARD)[1], find_board(smeared, BOARD)[1]
+        assert corner_sharpness(smeared, corners[1]) < 0.6 * corner_sharpness(sharp, corners[0])
+    chosen = choose_frames(((str(k), grey) for k, grey in enumerate(frames)), BOARD, 8, kept=5)
+    numbers = [int(view.file) for view, _ in chosen]
+    assert len(numbers) == 5
+    assert all(number % BLURRED != 2 for number in numbers)
+    assert min(np.diff(numbers)) >= 2
+    none = choose_frames([("a", np.full_like(frames[0], 90))], BOARD, 8)
+    assert none[0][1] is None
+    assert "only 0 of 24 corners" in none[0][0].reason
+
+
+@pytest.mark.parametrize(
+    ("views", "words"),
+    [
+        ([STATIONS[0], STATIONS[2], STATIONS[5]], "only 3 photos of the board"),
+        (
+            [(0.02 * k, 0.0, 0.2 * k, (0.04 * k, 0.03 * k), 0.42 + 0.02 * k) for k in range(7)],
+            "all parallel within",
+        ),
+        (
+            [(*view[:3], (view[3][0] * 2 - 0.14, view[3][1] * 2 - 0.1), 1.5) for view in STATIONS],
+            "of the picture's width only",
+        ),
+    ],
+)
+def test_weak_photos_are_named_with_their_cost_at_the_string(board_seen, plane_photo, views, words):
+    found = calibrate_lens([(str(k), board_seen(view, k)) for k, view in enumerate(views)], BOARD)
+    assert any(words in weakness for weakness in found.weaknesses)
+    known = PlaneKnowledge(0.02, 1e-3, None, ((-0.55, 0.55), (-0.25, 0.3)))
+    try:
+        camera = plane_from_markers(plane_photo, found, MARKERS, "DICT_4X4_50", knowledge=known)
+    except StrandcastError as problem:
+        assert problem.code == "SC-C015"
+        assert words in problem.what
+        assert "mm (standard error) at the string" in problem.cost
+    else:
+        [told] = [warning for warning in camera.warnings if words in warning]
+        assert "mm (standard error) at the string" in told
+        assert camera.plane_error.sources_m["lens"] > 1e-4
