@@ -1,29 +1,22 @@
-"""Synthetic throws of the planar3 arm: joint log and marker sightings with known clocks and errors."""
+"""Throws of the lab of which the clocks are known, and ways to spoil them."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from strandcast.alignment.rig import Misfit, marker_poses, rig_of
+from strandcast.alignment.align import align
 from strandcast.arm.load import Arm, load_arm
+from strandcast.evidence.clock_trials import ClockTrial, Recipe, clock_trial
+from strandcast.lab.servo import CYCLE_S
+from strandcast.motion.bezier import Samples
+from strandcast.records.alignment import Alignment
 from strandcast.records.joint_log import JointLog
 
-ROBOT_START_S = 1305.0  # the controller counts from its own boot
-
-
-@dataclass
-class Recording:
-    markers: dict[str, np.ndarray]
-    log: JointLog
-    offset_s: float
-    drift: float
-
-    def robot_s(self, camera_s: float) -> float:
-        return self.offset_s + (1 + self.drift) * camera_s
+PER_ROW = ("time_s", "since_start_s", "q_rad", "qd_rad_s", "q_cmd_rad", "qd_cmd_rad_s", "flags")
 
 
 @pytest.fixture(scope="session")
@@ -32,68 +25,56 @@ def arm(project_root) -> Arm:
 
 
 @pytest.fixture(scope="session")
-def record(arm) -> Callable[..., Recording]:
-    """Return a function that records throw `seed`; `slow` is the share of the noise that follows itself."""
+def throw(arm) -> Callable[..., ClockTrial]:
+    """Return a function that makes throw `seed` of a kind."""
+    return lambda seed=5, **kind: clock_trial(arm, seed, Recipe(**kind))
 
-    def swing(seed: int, time_s: np.ndarray, duration_s: float, reach: float) -> np.ndarray:
-        draw = np.random.default_rng(seed)
-        start = np.array([1.2, 0.3, 0.2]) + draw.normal(0, 0.2, 3)
-        turn = np.array([-1.0, -0.8, -0.6]) * draw.uniform(0.6, 1.3, 3)
-        back = draw.uniform(0.1, 0.5, 3)
-        s = np.clip(time_s / duration_s, 0, 1)[:, None]
-        return start + reach * (turn * (10 * s**3 - 15 * s**4 + 6 * s**5) + back * 64 * s**3 * (1 - s) ** 3)
 
-    def make(
-        seed: int,
-        frame_rate_hz: float = 500.0,
-        marker_error_m: float = 2.4e-4,
-        slow: float = 0.0,
-        joint_noise_rad: float = 5e-4,
-        joint_zero_rad: float = 1e-3,
-        shift_m: float = 1e-3,
-        reach: float = 1.0,
-        log_of: int | None = None,
-    ) -> Recording:
-        draw = np.random.default_rng(seed + 1000)
-        log_s = np.arange(-0.5, 1.3, 0.002)
-        q = swing(seed if log_of is None else log_of, log_s, 0.6, reach)
-        log = JointLog(
-            joint_names=list(arm.joints),
-            time_s=log_s + ROBOT_START_S,
-            since_start_s=log_s,
-            q_rad=q + draw.normal(0, joint_noise_rad, q.shape),
-            qd_rad_s=np.zeros_like(q),
-            q_cmd_rad=q,
-            qd_cmd_rad_s=np.zeros_like(q),
-            flags=np.zeros(len(q), np.int32),
+@pytest.fixture(scope="session")
+def fit(arm) -> Callable[..., Alignment]:
+    """Return a function that aligns a throw, as it is or with its parts exchanged."""
+
+    def run(trial: ClockTrial, markers=None, log=None, on: Arm = arm, **more) -> Alignment:
+        return align(
+            trial.markers if markers is None else markers,
+            trial.log if log is None else log,
+            on,
+            experiment="e",
+            trial=1,
+            log_file="trial-01/joints.csv",
+            **more,
         )
-        offset_s, drift = ROBOT_START_S - 0.3 + draw.uniform(0, 0.01), draw.normal(0, 2e-5)
-        camera_s = np.arange(int(1.4 * frame_rate_hz)) / frame_rate_hz
-        q = swing(seed, offset_s + (1 + drift) * camera_s - ROBOT_START_S, 0.6, reach)
-        misfit = Misfit(
-            draw.normal(0, shift_m, 2),
-            draw.normal(0, 0.005),
-            draw.normal(0, 3e-4, 2),
-            draw.normal(0, joint_zero_rad, 3),
-        )
-        poses = []
-        for marker in range(len(arm.markers)):
-            noise = draw.normal(size=(len(camera_s), 3))
-            for k in range(1, len(noise)):
-                noise[k] = slow * noise[k - 1] + np.sqrt(1 - slow**2) * noise[k]
-            exact = marker_poses(rig_of(arm), q, np.full(len(q), marker), misfit)
-            poses.append(exact + noise * marker_error_m * (1, 1, np.sqrt(2) / 0.05))
-        pose = np.concatenate(poses)
-        many = len(arm.markers)
-        markers = {
-            "frame": np.tile(np.arange(len(camera_s)), many),
-            "camera_time_s": np.tile(camera_s, many),
-            "marker": np.repeat([marker.id for marker in arm.markers], len(camera_s)),
-            "x_m": pose[:, 0],
-            "y_m": pose[:, 1],
-            "angle_rad": np.angle(np.exp(1j * pose[:, 2])),
-            "sigma_m": np.full(len(pose), 1.2e-4),
-        }
-        return Recording(markers, log, offset_s, drift)
 
-    return make
+    return run
+
+
+@pytest.fixture(scope="session")
+def error_s() -> Callable[[Alignment, ClockTrial], float]:
+    """Return a function that tells the error in the middle of the sightings."""
+
+    def run(found: Alignment, trial: ClockTrial) -> float:
+        middle = found.middle_camera_time_s
+        return float(found.robot_time_s(np.array(middle))) - trial.robot_s(middle)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def rows() -> Callable[[JointLog, np.ndarray], JointLog]:
+    """Return a function that gives the rows of a log that an index names, in its order."""
+    return lambda log, which: dataclasses.replace(
+        log, **{name: getattr(log, name)[which] for name in PER_ROW}
+    )
+
+
+@pytest.fixture(scope="session")
+def motion() -> Callable[..., Samples]:
+    """Return a function that samples joint angles given as a function of time."""
+
+    def run(angles: Callable[[np.ndarray], np.ndarray], duration_s: float = 0.6) -> Samples:
+        time_s = np.arange(round(duration_s / CYCLE_S) + 1) * CYCLE_S
+        q = angles(time_s)
+        qd = np.gradient(q, CYCLE_S, axis=0)
+        return Samples(time_s, q, qd, np.gradient(qd, CYCLE_S, axis=0))
+
+    return run

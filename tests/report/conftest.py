@@ -332,7 +332,7 @@ def build_trial(folder: Path, experiment: str, trial: int) -> None:
         motion_end_s=START_S + MOTION_S,
         marker_shift_m=[0.001, -0.0005],
         marker_turn_rad=0.01,
-        sync_event=None,
+        sync_events=[],
     ).write(folder / "alignment.json")
     _hand(folder, time_s, pose, rng)
     estimate(experiment, trial).write(folder / "estimate.json")

@@ -2,24 +2,50 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from strandcast.alignment.fit import ClockFit, Priors, fit_clock, smooth_joints
-from strandcast.alignment.rig import Seen, rig_of, seen_of
-from strandcast.alignment.search import APART_S, candidate_offsets
+from strandcast.alignment.checks import (
+    LEAST_SIGHTINGS,
+    NORMAL,
+    PLAIN_RESIDUAL_M,
+    outside,
+    refuse_constants,
+    refuse_cut,
+    refuse_few,
+    refuse_rate,
+    refuse_unsure,
+    still,
+    suspicious,
+    warnings_of,
+)
+from strandcast.alignment.diagnosis import WIDE, Trial, offset_window, why_not
+from strandcast.alignment.events import (
+    SeenEvent,
+    clock_of_events,
+    pair,
+    refuse_contradiction,
+    robot_events,
+)
+from strandcast.alignment.fit import SHIFT_S, Candidate, ClockFit, fit_clock, moving_rms_m
+from strandcast.alignment.joints import joint_path
+from strandcast.alignment.problem import Event, Priors
+from strandcast.alignment.rig import Rig, Seen, rig_of, seen_of
+from strandcast.alignment.rows import motion_span, rows_of
+from strandcast.alignment.search import APART_S, candidate_offsets, shape_m
 from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
-from strandcast.records.alignment import Alignment
-from strandcast.records.joint_log import JointLog
+from strandcast.records.alignment import Alignment, MarkerFit, SyncCheck
+from strandcast.records.joint_log import JointLog, SyncEvent
 
-LEAST_SIGHTINGS = 20
-LEAST_TRAVEL_M = 0.02
 LARGEST_RESIDUAL_M = 0.005
-LARGEST_SE_S = 0.002
 LARGEST_COARSE_M = 0.05
 RIVAL_RATIO = 1.5
-MOVING_S = 0.01  # half the time over which a joint's step is its speed
-WIGGLE = "play a sync wiggle first: three quick moves of the hand, some centimetres, in both directions"
+SURPRISE = 4.0  # standard deviations of the drift's prior
+ANY_DRIFT = 0.05
+FREED_SHARE = 0.7  # of the residual that a free drift must leave
+LEAST_SHARE = 0.5  # of the way in the video that a rival must explain
 
 
 def align(
@@ -32,7 +58,9 @@ def align(
     motion_s: tuple[float, float] | None = None,
     priors: Priors | None = None,
     largest_offset_s: float | None = None,
-    sync_s: tuple[float, float] | None = None,
+    seen_events: list[SeenEvent] | None = None,
+    told_events: list[SyncEvent] | None = None,
+    tip_speed_m_s: float | None = None,
     log_file: str | None = None,
 ) -> Alignment:
     """Fit the camera's clock to the robot's.
@@ -53,40 +81,144 @@ def align(
         Of drift and of the rig's constant errors.
     largest_offset_s
         How far the video's first frame may lie from the log's first row; None: anywhere they can overlap.
-    sync_s
-        An event's camera time and robot time, to hold against the fit.
+    seen_events, told_events
+        Sync events in the video, and those that run.json tells beside the log's own.
+    tip_speed_m_s
+        How fast the string's tip is expected to be, for what an unsure offset costs; by default the hand's.
     log_file
         For messages.
 
     Raises
     ------
     StrandcastError
-        No markers, no motion, two offsets that fit alike, a log that does not fit, an offset too unsure.
+        SC-A001 … SC-A021, see docs/alignment.md: no markers, no motion, a log that does not fit and why, two
+        offsets that fit alike, a sync event that contradicts, an offset too unsure.
     """
-    rig, seen = rig_of(arm), seen_of(markers, arm)
-    time_s, q_rad = log_of(log, arm, log_file)
-    _refuse_stillness(seen, time_s, q_rad, log_file)
-    offsets, coarse_m = candidate_offsets(rig, time_s, q_rad, seen, _window(seen, time_s, largest_offset_s))
-    fits = []
+    priors = priors or Priors()
+    rig, seen, rows = rig_of(arm), seen_of(markers, arm), rows_of(log, arm, log_file)
+    refuse_few(seen)
+    events = seen_events or []
+    there = robot_events(log, told_events or [])
+    motion = motion_s or motion_span(rows)
+    nothing = still(seen, rows, arm, log_file)
+    if nothing is not None:
+        if not events or nothing.code != "SC-A005":
+            raise nothing
+        return _by_events(pair(events, there, None, log_file), priors, experiment, trial, motion)
+    best = _best(Trial(rig, rows, seen, arm.joints, largest_offset_s), priors, log_file, str(arm.path))
+    refuse_rate(best.fit, seen)
+    refuse_cut(rows, seen, seen.time_s + best.fit.offset_s(), log_file)
+    if suspicious(best.fit, priors):
+        wide = fit_clock(rig, best.path, best.covered, best.fit.offset_s(), replace(WIDE, drift=priors.drift))
+        refuse_constants(wide, rig, arm.joints, str(arm.path))
+    pairs = pair(events, there, best.fit if best.told else None, log_file)
+    if best.told:
+        refuse_contradiction(pairs, best.fit, log_file)
+    checks = [_check(event, best.fit) for event in pairs]
+    if pairs:
+        best = _with_events(best, rig, priors, tuple(pairs))
+    whose, speed_m_s = (
+        ("a tip's", tip_speed_m_s) if tip_speed_m_s else ("the hand's", _top_speed(best.covered))
+    )
+    if not pairs:
+        refuse_unsure(best, speed_m_s, whose)
+    told = warnings_of(best, rig, rows, priors, speed_m_s, whose)
+    return _record(best, rig, priors, experiment, trial, motion, checks, told)
+
+
+def _best(trial: Trial, priors: Priors, file: str | None, arm_file: str) -> Candidate:
+    """Return the best fit of all offsets.
+
+    Raises
+    ------
+    StrandcastError
+        None covers the sightings, none fits (with the mistake that explains it), or two fit alike.
+    """
+    window = offset_window(trial.rows, trial.seen, trial.largest_offset_s)
+    offsets, coarse_m = candidate_offsets(trial.rig, trial.rows.time_s, trial.rows.q_rad, trial.seen, window)
     if coarse_m[0] > LARGEST_COARSE_M:
-        raise _misfit(coarse_m[0], log_file)
-    for offset_s in offsets[coarse_m <= max(3.0 * coarse_m[0], 0.01)]:
-        covered = _within_log(seen, time_s, offset_s)
-        if len(covered.time_s) >= LEAST_SIGHTINGS:
-            fit = fit_clock(rig, time_s, q_rad, covered, offset_s, priors or Priors())
-            fits.append((moving_rms_m(fit, covered), fit, covered))
+        raise why_not(trial, float(coarse_m[0]), file, arm_file)
+    near = offsets[coarse_m <= max(3.0 * coarse_m[0], 0.01)]
+    fits = [found for offset_s in near if (found := _fitted(trial, float(offset_s), priors)) is not None]
     if not fits:
-        raise StrandcastError(
-            "SC-A003",
-            f"fewer than {LEAST_SIGHTINGS} sightings of the hand lie within the joint log's time",
-            file=log_file,
-            fix="is it this trial's log? record both from before the motion to after it",
-        )
-    fits.sort(key=lambda found: found[0])
-    residual_m, fit, covered = fits[0]
-    _refuse_misfit(residual_m, fit, log_file)
+        raise outside(file)
+    # Where log and video hardly overlap, the hand rests in both, and anything fits.
+    shares = [float(found.covered.speed_m_s().sum()) for found in fits]
+    fits = [found for found, share in zip(fits, shares, strict=True) if share >= LEAST_SHARE * max(shares)]
+    fits.sort(key=lambda found: found.residual_m)
+    if fits[0].residual_m > LARGEST_RESIDUAL_M:
+        raise why_not(trial, fits[0].residual_m, file, arm_file)
     _refuse_rivals(fits)
-    start_s, end_s = motion_s or motion_span(time_s, q_rad)
+    return fits[0]
+
+
+def _fitted(trial: Trial, offset_s: float, priors: Priors) -> Candidate | None:
+    """Fit about one offset; with any drift, where the expected one does not do."""
+    rows = trial.rows
+    covered = trial.seen.where(rows.covers(trial.seen.time_s + offset_s))
+    if len(covered.time_s) < LEAST_SIGHTINGS:
+        return None
+    robot_s = covered.time_s + offset_s
+    path = joint_path(rows.time_s, rows.q_rad, (float(robot_s[0]), float(robot_s[-1])))
+    fit = fit_clock(trial.rig, path, covered, offset_s, priors)
+    shape = shape_m(trial.rig, rows, covered, offset_s, SHIFT_S)
+    found = Candidate(fit, covered, path, moving_rms_m(fit.residual, covered, fit.wrong), shape)
+    surprise = abs(fit.drift - priors.known_drift) > SURPRISE * priors.drift
+    if priors.drift < ANY_DRIFT and (surprise or found.residual_m > PLAIN_RESIDUAL_M):
+        fit = fit_clock(trial.rig, path, covered, offset_s, replace(priors, drift=ANY_DRIFT))
+        freed = Candidate(fit, covered, path, moving_rms_m(fit.residual, covered, fit.wrong), shape)
+        if freed.residual_m < FREED_SHARE * found.residual_m or surprise:
+            return freed
+    return found
+
+
+def _with_events(best: Candidate, rig: Rig, priors: Priors, events: tuple[Event, ...]) -> Candidate:
+    start_s = best.fit.offset_s() if best.told else events[0].robot_s - events[0].camera_s
+    fit = fit_clock(rig, best.path, best.covered, start_s, priors, events)
+    return replace(best, fit=fit, residual_m=moving_rms_m(fit.residual, best.covered, fit.wrong))
+
+
+def _refuse_rivals(fits: list[Candidate]) -> None:
+    best = fits[0]
+    for rival in fits[1:] if best.told else ():
+        apart_s = abs(rival.fit.offset_s() - best.fit.offset_s())
+        if apart_s > APART_S and rival.residual_m < RIVAL_RATIO * best.residual_m:
+            raise StrandcastError(
+                "SC-A009",
+                f"two offsets, {best.fit.offset_s():.3f} and {rival.fit.offset_s():.3f} s, fit alike "
+                f"({best.residual_m * 1e3:.1f} and {rival.residual_m * 1e3:.1f} mm): the motion repeats"
+                " itself",
+                field="align.largest_offset_s",
+                fix="play a motion that does not repeat itself, or say how far apart recordings may begin",
+            )
+
+
+def _top_speed(seen: Seen) -> float:
+    return float(np.quantile(seen.speed_m_s(), 0.98))
+
+
+def _check(event: Event, fit: ClockFit) -> SyncCheck:
+    told_s = fit.told_s(event.camera_s)
+    return SyncCheck(
+        camera_time_s=event.camera_s,
+        robot_time_s=event.robot_s,
+        sigma_s=event.sigma_s,
+        difference_s=told_s - event.robot_s,
+        motion_se_s=fit.told_se_s(event.camera_s),
+    )
+
+
+def _record(
+    best: Candidate,
+    rig: Rig,
+    priors: Priors,
+    experiment: str,
+    trial: int,
+    motion_s: tuple[float, float],
+    checks: list[SyncCheck],
+    warnings: list[str],
+) -> Alignment:
+    fit, misfit, covered = best.fit, best.fit.misfit, best.covered
     return Alignment(
         experiment=experiment,
         trial=trial,
@@ -95,180 +227,65 @@ def align(
         offset_se_s=fit.offset_se_s(),
         drift=fit.drift,
         drift_se=fit.drift_se,
-        drift_prior=(priors or Priors()).drift,
-        residual_rms_m=residual_m,
+        drift_prior=priors.drift,
+        known_drift=priors.known_drift,
+        residual_rms_m=best.residual_m,
         frames=len(np.unique(covered.time_s)),
-        motion_start_s=start_s,
-        motion_end_s=end_s,
-        marker_shift_m=fit.misfit.shift_m.tolist(),
-        marker_turn_rad=fit.misfit.turn_rad,
-        base_shift_m=fit.misfit.base_m.tolist(),
-        joint_zero_rad=fit.misfit.zero_rad.tolist(),
-        sync_event=_sync_event(fit, sync_s),
+        motion_start_s=motion_s[0],
+        motion_end_s=motion_s[1],
+        marker_shift_m=misfit.shift_m.mean(axis=0).tolist(),
+        marker_turn_rad=float(misfit.turn_rad.mean()),
+        base_shift_m=misfit.base_m.tolist(),
+        joint_zero_rad=misfit.zero_rad.tolist(),
+        link_length_m=misfit.length_m.tolist(),
+        stretch=misfit.stretch.tolist(),
+        markers=[
+            MarkerFit(
+                marker=name,
+                shift_m=misfit.shift_m[index].tolist(),
+                turn_rad=float(misfit.turn_rad[index]),
+                sightings=int((covered.marker == index).sum()),
+                wrong=int(fit.wrong[covered.marker == index].sum()),
+            )
+            for index, name in enumerate(rig.ids)
+        ],
         middle_se_s=fit.middle_se_s,
         middle_camera_time_s=fit.middle_camera_s,
-        warnings=_warnings(fit, priors or Priors(), sync_s),
+        unaided_se_s=fit.unaided_se_s,
+        slow_error_m=fit.slow_m,
+        wrong_rows=int(best.path.wrong.sum()),
+        sync_events=checks,
+        warnings=warnings,
     )
 
 
-def log_of(log: JointLog, arm: Arm, file: str | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Return time (T,), strictly rising, and the moving joints (T, J) of a log, by the joints' names."""
-    missing = [name for name in arm.joints if name not in log.joint_names]
-    if missing:
-        raise StrandcastError(
-            "SC-A002",
-            f"the joint log has no {', '.join(missing)}; it has {', '.join(log.joint_names)}",
-            file=file,
-            fix="import the log with the arm's joint names",
-        )
-    columns = [log.joint_names.index(name) for name in arm.joints]
-    order = np.argsort(log.time_s, kind="stable")
-    time_s, first = np.unique(log.time_s[order], return_index=True)
-    return time_s, log.q_rad[order][first][:, columns]
-
-
-def motion_span(time_s: np.ndarray, q_rad: np.ndarray) -> tuple[float, float]:
-    """Return when the joints begin and cease to move [s]: beyond 5 % of the greatest joint speed."""
-    joints = smooth_joints(time_s, q_rad)
-    step = np.abs(joints(time_s + MOVING_S) - joints(time_s - MOVING_S))
-    step[(time_s < time_s[0] + MOVING_S) | (time_s > time_s[-1] - MOVING_S)] = 0.0
-    moving = np.flatnonzero(step.max(axis=1) > 0.05 * step.max())
-    return float(time_s[moving[0]]), float(time_s[moving[-1]])
-
-
-def moving_rms_m(fit: ClockFit, seen: Seen) -> float:
-    """Return the residual's rms over the faster half of the hand's way, the worst twentieth left out [m].
-
-    Frames at rest fit any log; single misread markers should not condemn a good one.
-    """
-    step_m = np.zeros(len(seen.time_s))
-    for marker in np.unique(seen.marker):
-        mine = np.flatnonzero(seen.marker == marker)
-        if len(mine) > 1:
-            step_m[mine] = np.linalg.norm(np.gradient(seen.pose[mine, :2], axis=0), axis=1)
-    moving = step_m >= 0.2 * np.quantile(step_m, 0.98)
-    square = np.sort((fit.residual[moving, :2] ** 2).sum(axis=1))
-    return float(np.sqrt(square[: max(1, int(0.95 * len(square)))].mean()))
-
-
-def _window(seen: Seen, time_s: np.ndarray, largest_offset_s: float | None) -> tuple[float, float]:
-    least, greatest = time_s[0] - seen.time_s[-1], time_s[-1] - seen.time_s[0]
-    if largest_offset_s is None:
-        return float(least), float(greatest)
-    same_start = time_s[0] - seen.time_s[0]
-    return float(max(least, same_start - largest_offset_s)), float(
-        min(greatest, same_start + largest_offset_s)
+def _by_events(
+    events: list[Event], priors: Priors, experiment: str, trial: int, motion_s: tuple[float, float]
+) -> Alignment:
+    """Return the clocks from sync events alone: the hand does not move."""
+    found, covariance, middle_s = clock_of_events(events, priors.known_drift, priors.drift)
+    offset_s = float(found[0] - (1.0 + found[1]) * middle_s)
+    back = np.array([1.0, -middle_s])
+    se_s = float(np.sqrt(back @ covariance @ back))
+    half_ms = NORMAL * float(np.sqrt(covariance[0, 0])) * 1e3
+    return Alignment(
+        experiment=experiment,
+        trial=trial,
+        source="event",
+        offset_s=offset_s,
+        offset_se_s=se_s,
+        drift=float(found[1]),
+        drift_se=float(np.sqrt(covariance[1, 1])),
+        drift_prior=priors.drift,
+        known_drift=priors.known_drift,
+        residual_rms_m=None,
+        frames=0,
+        motion_start_s=motion_s[0],
+        motion_end_s=motion_s[1],
+        middle_se_s=float(np.sqrt(covariance[0, 0])),
+        middle_camera_time_s=middle_s,
+        warnings=[
+            f"the hand does not move: the offset rests on {len(events)} sync event(s) alone "
+            f"(± {half_ms:.2f} ms, 95 %), held against nothing"
+        ],
     )
-
-
-def _within_log(seen: Seen, time_s: np.ndarray, offset_s: float) -> Seen:
-    """Return the sightings within the log, away from its ends and from its long gaps."""
-    robot_s = seen.time_s + offset_s
-    after = np.clip(np.searchsorted(time_s, robot_s), 1, len(time_s) - 1)
-    step_s = np.diff(time_s)
-    usual = float(np.median(step_s))
-    inside = (robot_s > time_s[0] + 2 * usual) & (robot_s < time_s[-1] - 2 * usual)
-    return seen.where(inside & (step_s[after - 1] < max(4 * usual, 0.01)))
-
-
-def _refuse_stillness(seen: Seen, time_s: np.ndarray, q_rad: np.ndarray, log_file: str | None) -> None:
-    if len(seen.time_s) < LEAST_SIGHTINGS:
-        raise StrandcastError(
-            "SC-A004",
-            f"the video shows the hand's markers {len(seen.time_s)} times, at least {LEAST_SIGHTINGS} are "
-            "needed",
-            fix="check the marker ids in the arm's file, light, focus and exposure",
-        )
-    if len(time_s) < LEAST_SIGHTINGS or np.ptp(q_rad, axis=0).max() < 1e-3:
-        raise StrandcastError(
-            "SC-A005",
-            f"the joints do not move in the log ({len(time_s)} rows)",
-            file=log_file,
-            cost="the clocks cannot be told from each other",
-            fix=WIGGLE,
-        )
-    travel_m = max(_travel_m(seen.where(seen.marker == marker)) for marker in np.unique(seen.marker))
-    if travel_m < LEAST_TRAVEL_M:
-        raise StrandcastError(
-            "SC-A006",
-            f"the hand moves {travel_m * 1e3:.1f} mm in the video, at least {LEAST_TRAVEL_M * 1e3:.0f} mm "
-            "are needed",
-            cost="the clocks cannot be told from each other",
-            fix=WIGGLE,
-        )
-
-
-def _travel_m(seen: Seen) -> float:
-    low, high = np.quantile(seen.pose[:, :2], (0.02, 0.98), axis=0)
-    return float(np.linalg.norm(high - low))
-
-
-def _misfit(residual_m: float, log_file: str | None) -> StrandcastError:
-    return StrandcastError(
-        "SC-A007",
-        f"the hand in the video stays {residual_m * 1e3:.1f} mm rms from where this log puts it, at "
-        f"the best offset; at most {LARGEST_RESIDUAL_M * 1e3:.0f} mm are believed",
-        file=log_file,
-        cost=f"the string's fit would be off by about {residual_m * 1e3:.0f} mm",
-        fix="is it the log of another trial? are the joints in order and in radians? is it this arm's?",
-    )
-
-
-def _refuse_misfit(residual_m: float, fit: ClockFit, log_file: str | None) -> None:
-    if residual_m > LARGEST_RESIDUAL_M:
-        raise _misfit(residual_m, log_file)
-    if fit.middle_se_s > LARGEST_SE_S:
-        raise StrandcastError(
-            "SC-A008",
-            f"the offset is known to {fit.middle_se_s * 1e3:.1f} ms only",
-            cost="10 ms at 8 m/s: 80 mm",
-            fix=WIGGLE,
-        )
-
-
-def _refuse_rivals(fits: list[tuple[float, ClockFit, Seen]]) -> None:
-    best_m, best, _ = fits[0]
-    for rival_m, rival, _ in fits[1:]:
-        apart_s = abs(rival.offset_s() - best.offset_s())
-        if apart_s > APART_S and rival_m < RIVAL_RATIO * best_m:
-            raise StrandcastError(
-                "SC-A009",
-                f"two offsets, {best.offset_s():.3f} and {rival.offset_s():.3f} s, fit alike "
-                f"({best_m * 1e3:.1f} "
-                f"and {rival_m * 1e3:.1f} mm): the motion repeats itself",
-                fix=WIGGLE,
-            )
-
-
-def _sync_event(fit: ClockFit, sync_s: tuple[float, float] | None) -> dict[str, float] | None:
-    if sync_s is None:
-        return None
-    camera_s, robot_s = sync_s
-    told_s = fit.middle_robot_s + (1 + fit.drift) * (camera_s - fit.middle_camera_s)
-    return {"camera_time_s": camera_s, "robot_time_s": robot_s, "difference_s": told_s - robot_s}
-
-
-def _warnings(fit: ClockFit, priors: Priors, sync_s: tuple[float, float] | None) -> list[str]:
-    """Tell which of the rig's constants lie beyond three standard deviations of what was expected."""
-    shift_m, base_m = float(np.linalg.norm(fit.misfit.shift_m)), float(np.linalg.norm(fit.misfit.base_m))
-    zero_rad = float(np.abs(fit.misfit.zero_rad).max())
-    found: list[tuple[float, float, str]] = [
-        (abs(fit.drift), priors.drift, f"the clocks drift by {fit.drift * 1e6:+.0f} ppm"),
-        (shift_m, priors.marker_shift_m, f"the hand's marker sits {shift_m * 1e3:.1f} mm from its place"),
-        (
-            abs(fit.misfit.turn_rad),
-            priors.marker_turn_rad,
-            f"the hand's marker is turned by {fit.misfit.turn_rad:+.3f} rad",
-        ),
-        (base_m, priors.base_shift_m, f"the arm's base lies {base_m * 1e3:.1f} mm from the world's origin"),
-        (zero_rad, priors.joint_zero_rad, f"a joint's zero is off by {zero_rad * 1e3:.1f} mrad"),
-    ]
-    warnings = [
-        f"{words}: check the arm's and the experiment's files"
-        for size, sd, words in found
-        if size > 3 * sd > 0
-    ]
-    event = _sync_event(fit, sync_s)
-    if event is not None and abs(event["difference_s"]) > 3 * fit.middle_se_s + 1e-3:
-        warnings.append(f"the sync event lies {event['difference_s'] * 1e3:+.1f} ms from the fit")
-    return warnings

@@ -1,41 +1,28 @@
-"""The fine fit: offset, drift and the rig's constant errors, robustly, with an honest standard error."""
+"""The fine fit: clocks and the rig's constant errors from all sightings, robustly; certainty by `noise`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.signal import savgol_filter
 
-from strandcast.alignment.rig import Misfit, Rig, Seen, marker_poses
+from strandcast.alignment.joints import MAD, JointPath
+from strandcast.alignment.noise import Summary, certainty
+from strandcast.alignment.problem import OFFSET_UNIT_S, Event, Priors, Problem
+from strandcast.alignment.rig import Misfit, Rig, Seen
 
-ROUNDS = 3
+ROUNDS = 4
 MOST_STEPS = 25
-SMOOTHING_S = 0.008  # half the window over which the joints are smoothed
 SMALLEST_STEP = 1e-6  # of a prior's standard deviation, or of 1 ms
 LOSS_SCALE = 3.0  # standard deviations beyond which a sighting loses weight
-
-Residual = Callable[[np.ndarray], np.ndarray]  # x (p,) -> (m, 3)
-
-
-@dataclass(frozen=True)
-class Priors:
-    """Standard deviations of what the fit frees beside the offset; 0 holds a value at its nominal one.
-
-    A rig's constant errors look like a time shift while the hand moves one way: free, they cost some
-    certainty; held, they would turn up as a wrong offset (1 mm at 2 m/s: 0.5 ms).
-    """
-
-    drift: float = 5e-5
-    marker_shift_m: float = 3e-3
-    marker_turn_rad: float = 0.02
-    base_shift_m: float = 1e-3
-    joint_zero_rad: float = 1e-3
+WRONG = 6.0  # beyond which it counts for nothing
+SHIFT_S, LEAST_SHAPE_M = 0.025, 0.001
+LEAST_TRUE_SHARE = 0.8
+MOST_WRONG = 0.25  # of the sightings
+WIDER = 10.0  # how much wider priors must not matter to an offset that the motion tells
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ClockFit:
     """robot_time = middle_robot_s + (1 + drift) · (camera_time − middle_camera_s).
 
@@ -43,10 +30,20 @@ class ClockFit:
     ----------
     middle_se_s, drift_se
         Standard errors of `middle_robot_s` and `drift`; `middle_drift_cov_s` their covariance.
-    misfit
-        The rig's constant errors.
+    unaided_se_s
+        What `middle_se_s` would be were the rig's constants known ten times less: the motion's own word.
+    true_share
+        How much of what is known of the offset the motion tells, and not the log's noise.
+    misfit, misfit_se
+        The rig's constant errors, and their standard errors as a vector.
     residual
         (m, 3) seen minus told by the joints [m, m, rad].
+    wrong
+        (m,) sightings that were left out.
+    spread
+        (K, 2) noise of each marker over what was said of it, of place and angle.
+    slow_m, slow_rad, slow_reach_m
+        Size of the errors that change slowly, and over which way of the hand.
     """
 
     middle_camera_s: float
@@ -55,8 +52,16 @@ class ClockFit:
     middle_se_s: float
     drift_se: float
     middle_drift_cov_s: float
+    unaided_se_s: float
+    true_share: float
     misfit: Misfit
+    misfit_se: np.ndarray
     residual: np.ndarray
+    wrong: np.ndarray
+    spread: np.ndarray
+    slow_m: float
+    slow_rad: float
+    slow_reach_m: float
 
     def offset_s(self) -> float:
         """Return the offset at camera time zero."""
@@ -64,13 +69,45 @@ class ClockFit:
 
     def offset_se_s(self) -> float:
         """Return its standard error."""
-        reach = self.middle_camera_s
-        variance = self.middle_se_s**2 - 2 * reach * self.middle_drift_cov_s + (reach * self.drift_se) ** 2
+        return self.told_se_s(0.0)
+
+    def told_s(self, camera_s: float) -> float:
+        """Return the robot's time at a camera's time."""
+        return self.middle_robot_s + (1.0 + self.drift) * (camera_s - self.middle_camera_s)
+
+    def told_se_s(self, camera_s: float) -> float:
+        """Return its standard error."""
+        reach = camera_s - self.middle_camera_s
+        variance = self.middle_se_s**2 + 2 * reach * self.middle_drift_cov_s + (reach * self.drift_se) ** 2
         return float(np.sqrt(max(variance, 0.0)))
 
 
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One offset's fit, the sightings that it used, and its residual in motion [m].
+
+    `shape_m` is how much `SHIFT_S` of offset change the shape of the hand's path.
+    """
+
+    fit: ClockFit
+    covered: Seen
+    path: JointPath
+    residual_m: float
+    shape_m: float
+
+    @property
+    def told(self) -> bool:
+        """Whether the motion tells the offset, and neither trust in places nor the log's noise does."""
+        return self.shape_m >= LEAST_SHAPE_M and self.fit.true_share >= LEAST_TRUE_SHARE
+
+
 def fit_clock(
-    rig: Rig, log_time_s: np.ndarray, q_rad: np.ndarray, seen: Seen, offset_s: float, priors: Priors
+    rig: Rig,
+    path: JointPath,
+    seen: Seen,
+    offset_s: float,
+    priors: Priors,
+    events: tuple[Event, ...] = (),
 ) -> ClockFit:
     """Fit the clocks from a start near the truth.
 
@@ -78,117 +115,149 @@ def fit_clock(
     ----------
     rig
         Arm and markers.
-    log_time_s, q_rad
-        (T,) strictly rising [s], (T, J) [rad].
+    path
+        The joints, over all the time of the sightings.
     seen
         Marker sightings, ordered in time, all within the log.
     offset_s
         From the coarse search.
     priors
         Of drift and of the rig's constant errors.
+    events
+        Seen by both clocks.
     """
-    joints = smooth_joints(log_time_s, q_rad)
-    middle = float(seen.time_s.mean())
-    scales = _scales(priors, q_rad.shape[1])
-    free = scales > 0
-    sigma = _sigmas(rig, seen)
+    problem, x, sigma, spread = robust_fit(rig, path, seen, offset_s, priors, events)
+    wrong = wrong_of(problem.residual(x), sigma)
+    kept = replace(problem, seen=seen.where(~wrong))
+    x = _descend(kept, x, sigma[~wrong])
+    summary = certainty(kept, x, sigma[~wrong], WIDER)
+    return _told(problem, summary, wrong, spread)
 
-    def unpack(x: np.ndarray) -> np.ndarray:
-        full = np.zeros(len(scales))
-        full[free] = x * scales[free]
-        return full
 
-    def residual(x: np.ndarray) -> np.ndarray:
-        full = unpack(x)
-        robot_s = middle + offset_s + full[0] + (1.0 + full[1]) * (seen.time_s - middle)
-        off = seen.pose - marker_poses(rig, joints(robot_s), seen.marker, _misfit(full))
-        off[:, 2] = _wrap(off[:, 2])
-        return off
+def robust_fit(
+    rig: Rig,
+    path: JointPath,
+    seen: Seen,
+    offset_s: float,
+    priors: Priors,
+    events: tuple[Event, ...] = (),
+) -> tuple[Problem, np.ndarray, np.ndarray, np.ndarray]:
+    """Fit without saying how sure it is.
 
-    x, spread = np.zeros(int(free.sum())), np.full(3, 5.0)
+    Returns
+    -------
+    problem, x
+        What was fitted, and what was found.
+    sigma
+        (m, 3) noise of the sightings, by marker and speed.
+    spread
+        (K, 2) noise of each marker over what was said of it, of place and angle.
+    """
+    problem = Problem(
+        rig, path, seen, events, priors.scales(rig), priors.expected(rig), float(seen.time_s.mean()), offset_s
+    )
+    markers, speed = len(rig.place_m), seen.speed_m_s()
+    x, said = problem.expected.copy(), _said(rig, seen)
+    sigma = spread = said * 5.0
     for _ in range(ROUNDS):
-        x = _descend(residual, x, sigma * spread)
-        spread = _spread(residual(x) / sigma)
-    covariance = _covariance(residual, x, sigma * spread, seen.time_s)
-    full = unpack(x)
-    steps = scales[free]
-    errors = np.zeros((len(scales), len(scales)))
-    errors[np.ix_(free, free)] = covariance * steps[:, None] * steps
+        x = _descend(problem, x, sigma)
+        spread = _spreads(problem.residual(x) / said, seen.marker, speed, markers)
+        sigma = said * spread
+    return problem, x, sigma, _marker_spread(spread, seen.marker, markers)
+
+
+def wrong_of(residual: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return which sightings (m,) lie further off than noise of (m, 3) explains."""
+    return np.asarray((np.abs(residual) > WRONG * sigma).any(axis=1))
+
+
+def moving_rms_m(residual: np.ndarray, seen: Seen, wrong: np.ndarray) -> float:
+    """Return the rms of residuals (m, 3) where the hand is fast, without what is wrong (m,) [m].
+
+    Frames at rest fit any log; single misread markers should not condemn a good one. But no more than
+    `MOST_WRONG` of the sightings are left out: a fit that calls more of them wrong is wrong itself.
+    """
+    speed = seen.speed_m_s()
+    moving = speed >= 0.2 * np.quantile(speed, 0.98)
+    left_out = min(max(0.05, float(wrong[moving].mean())), MOST_WRONG)
+    square = np.sort((residual[moving, :2] ** 2).sum(axis=1))
+    return float(np.sqrt(square[: max(1, int((1.0 - left_out) * len(square)))].mean()))
+
+
+def _told(problem: Problem, found: Summary, wrong: np.ndarray, spread: np.ndarray) -> ClockFit:
+    full, scales = found.x * problem.scales, problem.scales
+    errors = found.covariance * scales[:, None] * scales
     return ClockFit(
-        middle_camera_s=middle,
-        middle_robot_s=middle + offset_s + full[0],
+        middle_camera_s=problem.middle_s,
+        middle_robot_s=problem.middle_s + problem.offset_s + float(full[0]),
         drift=float(full[1]),
         middle_se_s=float(np.sqrt(errors[0, 0])),
         drift_se=float(np.sqrt(errors[1, 1])),
         middle_drift_cov_s=float(errors[0, 1]),
-        misfit=_misfit(full),
-        residual=residual(x),
+        unaided_se_s=found.unaided_se * OFFSET_UNIT_S,
+        true_share=found.true_share,
+        misfit=problem.misfit(found.x),
+        misfit_se=np.sqrt(np.diag(errors))[2:],
+        residual=problem.residual(found.x),
+        wrong=wrong,
+        spread=spread,
+        slow_m=found.slow_m,
+        slow_rad=found.slow_rad,
+        slow_reach_m=found.reach_m,
     )
 
 
-def smooth_joints(log_time_s: np.ndarray, q_rad: np.ndarray) -> CubicSpline:
-    """Return the joints as a function of time, encoder noise smoothed (Savitzky–Golay, cubic).
-
-    Unsmoothed, a spline through noisy rows is quietest half-way between them, and the fit would be drawn to
-    offsets that put the frames there: up to 0.1 ms for 0.5 mrad of noise at 500 Hz.
-    """
-    step_s = float(np.median(np.diff(log_time_s)))
-    half = int(SMOOTHING_S / step_s)
-    if half < 2:
-        return CubicSpline(log_time_s, q_rad)
-    even_s = np.arange(log_time_s[0], log_time_s[-1], step_s)
-    even = np.stack([np.interp(even_s, log_time_s, column) for column in q_rad.T], axis=1)
-    return CubicSpline(even_s, savgol_filter(even, 2 * half + 1, 3, axis=0, mode="nearest"))
-
-
-def _scales(priors: Priors, joints: int) -> np.ndarray:
-    """Return the unit of each parameter: 1 ms for the offset (no prior), then the priors."""
-    return np.array(
-        [
-            1e-3,
-            priors.drift,
-            priors.marker_shift_m,
-            priors.marker_shift_m,
-            priors.marker_turn_rad,
-            priors.base_shift_m,
-            priors.base_shift_m,
-            *[priors.joint_zero_rad] * joints,
-        ]
-    )
-
-
-def _misfit(full: np.ndarray) -> Misfit:
-    return Misfit(full[2:4], float(full[4]), full[5:7], full[7:])
-
-
-def _sigmas(rig: Rig, seen: Seen) -> np.ndarray:
+def _said(rig: Rig, seen: Seen) -> np.ndarray:
     """Return the standard errors (m, 3) of x, y and angle; four corners tell the angle to √2 σ / side."""
     return np.column_stack(
         [seen.sigma_m, seen.sigma_m, np.sqrt(2.0) * seen.sigma_m / rig.size_m[seen.marker]]
     )
 
 
-def _spread(standardised: np.ndarray) -> np.ndarray:
-    """Return how much larger than said the errors of place and of angle are, by the median: (3,)."""
-    place = 1.4826 * np.median(np.abs(standardised[:, :2]))
-    angle = 1.4826 * np.median(np.abs(standardised[:, 2]))
-    return np.maximum([place, place, angle], 1e-3)
+def _spreads(off: np.ndarray, marker: np.ndarray, speed: np.ndarray, markers: int) -> np.ndarray:
+    """Return how much larger than said the errors are (m, 3): by marker, of place and angle, with the speed.
+
+    Blur and late rows make errors that grow with the speed: judged by the frames at rest, all frames in
+    motion would seem wrong.
+    """
+    spread = np.ones(off.shape)
+    fast = speed > 0.3 * np.quantile(speed, 0.98)
+    for index in range(markers):
+        mine = marker == index
+        for columns in (slice(0, 2), slice(2, 3)):
+            still, moving = (_median_spread(off[mine & some, columns]) for some in (~fast, fast))
+            more = max(moving**2 - still**2, 0.0)
+            usual = float(np.median(speed[mine & fast])) if (mine & fast).any() else 1.0
+            size = np.sqrt(still**2 + more * (speed[mine] / max(usual, 1e-9)) ** 2)
+            spread[mine, columns] = np.maximum(size, 1e-3)[:, None]
+    return spread
 
 
-def _descend(residual: Residual, x: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+def _median_spread(off: np.ndarray) -> float:
+    return MAD * float(np.median(np.abs(off))) if len(off) >= 5 else 1.0
+
+
+def _marker_spread(spread: np.ndarray, marker: np.ndarray, markers: int) -> np.ndarray:
+    mine = [spread[marker == index] for index in range(markers)]
+    return np.array(
+        [[np.median(some[:, 0]), np.median(some[:, 2])] if len(some) else [np.nan] * 2 for some in mine]
+    )
+
+
+def _descend(problem: Problem, x: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return the x of least cost: Gauss–Newton under soft-l1 weights, steps halved where they overshoot."""
-    prior = _prior(len(x))
-    cost = _cost(residual(x) / sigma, x)
+    cost = _cost(problem, x, sigma)
     for _ in range(MOST_STEPS):
-        off, slope = _linearised(residual, x, sigma)
-        weight = _weight(off)
-        step = -np.linalg.solve(
-            np.einsum("mc,mci,mcj->ij", weight, slope, slope) + np.diag(prior),
-            np.einsum("mc,mci->i", weight * off, slope) + prior * x,
+        off = problem.residual(x) / sigma
+        slope = problem.slopes(x)[1] / sigma[:, :, None]
+        weight = 1.0 / np.sqrt(1.0 + (off / LOSS_SCALE) ** 2)
+        more, more_slope = problem.event_rows(x)
+        flat = slope.reshape(-1, len(x))
+        step = np.linalg.solve(
+            flat.T @ (weight.reshape(-1, 1) * flat) + more_slope.T @ more_slope + np.diag(problem.prior()),
+            flat.T @ (weight * off).ravel() + more_slope.T @ more - problem.prior() * (x - problem.expected),
         )
-        while (moved := _cost(residual(x + step) / sigma, x + step)) > cost and np.abs(
-            step
-        ).max() > SMALLEST_STEP:
+        while (moved := _cost(problem, x + step, sigma)) > cost and np.abs(step).max() > SMALLEST_STEP:
             step *= 0.5
         if moved <= cost:
             x, cost = x + step, moved
@@ -197,70 +266,9 @@ def _descend(residual: Residual, x: np.ndarray, sigma: np.ndarray) -> np.ndarray
     return x
 
 
-def _linearised(residual: Residual, x: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the standardised residual (m, 3) and its slope (m, 3, p) by forward differences."""
-    off = residual(x) / sigma
-    small = 1e-5 * np.eye(len(x))
-    return off, np.stack([(residual(x + step) / sigma - off) / 1e-5 for step in small], axis=-1)
-
-
-def _weight(off: np.ndarray) -> np.ndarray:
-    """Return soft-l1 weights: a sighting loses weight beyond `LOSS_SCALE` standard deviations."""
-    return 1.0 / np.sqrt(1.0 + (off / LOSS_SCALE) ** 2)
-
-
-def _cost(off: np.ndarray, x: np.ndarray) -> float:
+def _cost(problem: Problem, x: np.ndarray, sigma: np.ndarray) -> float:
+    off = problem.residual(x) / sigma
     loss = LOSS_SCALE**2 * (np.sqrt(1.0 + (off / LOSS_SCALE) ** 2) - 1.0)
-    return float(loss.sum() + 0.5 * (_prior(len(x)) * x**2).sum())
-
-
-def _prior(count: int) -> np.ndarray:
-    """Return the priors' information: one in the units of `_scales`, none on the offset."""
-    return np.concatenate([[0.0], np.ones(count - 1)])
-
-
-def _covariance(residual: Residual, x: np.ndarray, sigma: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-    """Return the sandwich covariance of x: A⁻¹ B A⁻¹ with B summed over lags, as residuals follow each other.
-
-    Newey and West's estimator (Econometrica 55, 1987) with Andrews' bandwidth for an AR(1) (Econometrica 59,
-    1991, eqs. 6.2 and 6.4) or more, enlarged for the few independent frames there are, and never below the
-    plain covariance scaled by the residual.
-    """
-    off, slope = _linearised(residual, x, sigma)
-    weight, prior = _weight(off), np.diag(_prior(len(x)))
-    information = np.einsum("mc,mci,mcj->ij", weight, slope, slope)
-    bread = np.linalg.inv(information + prior)
-    frame = np.unique(time_s, return_inverse=True)[1]
-    scores = np.einsum("mc,mci->mi", weight * off, slope)
-    scores = np.stack([np.bincount(frame, column) for column in scores.T], axis=1)
-    told = np.bincount(frame, (weight * slope[:, :, 0] ** 2).sum(axis=1))
-    frames = told.sum() ** 2 / (told @ told)  # that tell of the offset: those in motion
-    long_run = _long_run(scores, frames)
-    independent = frames / max(1.0, long_run[0, 0] / float(scores[:, 0] @ scores[:, 0]))
-    used = float(np.trace(bread @ information))
-    followed = bread @ (long_run * max(independent, used + 2) / max(independent - used, 2.0) + prior) @ bread
-    plain = bread * max(1.0, float((weight * off**2).sum()) / max(off.size - used, 1.0))
-    return followed if followed[0, 0] >= plain[0, 0] else plain
-
-
-def _long_run(scores: np.ndarray, telling: float) -> np.ndarray:
-    """Return the long-run covariance (p, p) of a series of scores (frames, p), Bartlett weights.
-
-    At the best fit the scores add up to zero, which takes the share reach / telling off; it is put back.
-    """
-    count = len(scores)
-    series = scores[:, 0]
-    power = float(series @ series)
-    follow = float(np.clip(series[1:] @ series[:-1] / power, 0.0, 0.97)) if power > 0 else 0.0
-    reach = 1.1447 * (4.0 * follow**2 / (1.0 - follow**2) ** 2 * count) ** (1.0 / 3.0)
-    # A tenth of the telling frames at least: noise part white, part slow looks white to the first lag.
-    reach = min(max(reach, telling / 10.0), telling / 3.0)
-    total = scores.T @ scores
-    for lag in range(1, int(reach) + 1):
-        lagged = scores[lag:].T @ scores[:-lag]
-        total += (1.0 - lag / (reach + 1.0)) * (lagged + lagged.T)
-    return total / (1.0 - reach / telling)
-
-
-def _wrap(angle_rad: np.ndarray) -> np.ndarray:
-    return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
+    more = problem.event_rows(x)[0]
+    away = problem.prior() * (x - problem.expected) ** 2
+    return float(loss.sum() + 0.5 * (away.sum() + more @ more))

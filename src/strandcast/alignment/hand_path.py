@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from strandcast.alignment.align import log_of
-from strandcast.alignment.rig import Misfit, hand_poses, rig_of, seen_of
+from strandcast.alignment.rig import Misfit, Rig, hand_poses, no_misfit, rig_of, seen_of
+from strandcast.alignment.rows import rows_of
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm
 from strandcast.records.alignment import Alignment
@@ -31,18 +33,22 @@ def hand_table(
     Notes
     -----
     Commanded and measured follow from the joints as logged and the arm's file alone. Seen is the mean of the
-    markers of a frame, the marker's fitted shift and turn taken off.
+    markers of a frame, each marker's fitted shift and turn taken off.
     """
-    time_s, q_rad = log_of(log, arm)
-    measured = hand_pose(arm.chain, arm.clamp, q_rad)
+    rows = rows_of(log, arm)
+    measured = hand_pose(arm.chain, arm.clamp, rows.q_rad)
     columns = [log.joint_names.index(name) for name in arm.joints]
     told = np.isfinite(log.q_cmd_rad[:, columns]).all(axis=1)
     commanded = hand_pose(arm.chain, arm.clamp, log.q_cmd_rad[told][:, columns])
     seen_s, seen = _seen_path(alignment, markers, arm)
-    near = np.interp(seen_s, time_s, measured[:, 2])
+    near = np.interp(seen_s, rows.time_s, measured[:, 2])
     seen[:, 2] += 2.0 * np.pi * np.round((near - seen[:, 2]) / (2.0 * np.pi))
     return _table(
-        [("commanded", log.time_s[told], commanded), ("measured", time_s, measured), ("seen", seen_s, seen)]
+        [
+            ("commanded", log.time_s[told], commanded),
+            ("measured", rows.time_s, measured),
+            ("seen", seen_s, seen),
+        ]
     )
 
 
@@ -51,15 +57,22 @@ def _seen_path(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return robot time (F,) and the hand's pose (F, 3), the frame's markers averaged by their certainty."""
     rig, seen = rig_of(arm), seen_of(markers, arm)
-    shift_m = np.array(alignment.marker_shift_m or (0.0, 0.0))
-    misfit = Misfit(shift_m, alignment.marker_turn_rad or 0.0, np.zeros(2), np.zeros(len(arm.joints)))
-    poses = hand_poses(rig, seen, misfit)
+    poses = hand_poses(rig, seen, _misplaced(alignment, rig))
     times, frame = np.unique(seen.time_s, return_inverse=True)
     weight = seen.sigma_m**-2.0
     total = np.bincount(frame, weight)
     turns = np.bincount(frame, weight * np.sin(poses[:, 2])), np.bincount(frame, weight * np.cos(poses[:, 2]))
     mean = [np.bincount(frame, weight * poses[:, axis]) / total for axis in range(2)]
     return alignment.robot_time_s(times), np.column_stack([*mean, np.arctan2(*turns)])
+
+
+def _misplaced(alignment: Alignment, rig: Rig) -> Misfit:
+    """Return the markers' misfit on the hand alone: where base and camera are off, that is to be seen."""
+    fitted = {fit.marker: fit for fit in alignment.markers}
+    none = no_misfit(rig)
+    shift = [fitted[name].shift_m if name in fitted else [0.0, 0.0] for name in rig.ids]
+    turn = [fitted[name].turn_rad if name in fitted else 0.0 for name in rig.ids]
+    return replace(none, shift_m=np.array(shift), turn_rad=np.array(turn))
 
 
 def _table(paths: list[tuple[str, np.ndarray, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strandcast.alignment.rig import Rig, Seen, marker_poses, no_misfit
+from strandcast.alignment.rows import MOVES, Rows
 
 STEP_S = 0.002
 MOST_SIGHTINGS = 200
@@ -50,6 +51,28 @@ def candidate_offsets(
     rms = np.sqrt(square / len(few.time_s))
     chosen = _best_apart(rms)
     return offsets[chosen], rms[chosen]
+
+
+def shape_m(rig: Rig, rows: Rows, seen: Seen, offset_s: float, shift_s: float) -> float:
+    """Return how much a shift of the offset changes the shape of the hand's path, in the median [m].
+
+    A hand that moves evenly along a line is moved by it as a whole, and a rig is not known to the millimetre:
+    only what remains beside one displacement of all its way in motion tells the offset.
+    """
+    speed = seen.speed_m_s()
+    moving = seen.where(speed >= MOVES * np.quantile(speed, 0.98))
+    changes = []
+    for marker in np.unique(moving.marker):
+        robot_s = moving.time_s[moving.marker == marker] + offset_s
+        path_m = marker_poses(rig, rows.q_rad, np.full(len(rows.q_rad), marker), no_misfit(rig))[:, :2]
+        for later_s in (-shift_s, shift_s):
+            moved = [
+                np.interp(robot_s + later_s, rows.time_s, axis) - np.interp(robot_s, rows.time_s, axis)
+                for axis in path_m.T
+            ]
+            change = np.stack(moved, axis=1)
+            changes.append(float(np.median(np.linalg.norm(change - np.median(change, axis=0), axis=1))))
+    return min(changes)
 
 
 def _best_apart(rms: np.ndarray, most: int = 4) -> np.ndarray:

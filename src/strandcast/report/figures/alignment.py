@@ -88,5 +88,11 @@ def _table(fit: object) -> Table:
         )
     if turn is not None:
         rows.append(["marker against the arm's file, turn", scaled(turn, 180 / np.pi, 2, "°")])
-    rows += [[f"sync event: {name}", f"{value:.6g}"] for name, value in (facts["sync_event"] or {}).items()]
+    rows += [
+        [
+            f"sync event at camera time {event['camera_time_s']:.4f} s: motion – event",
+            milliseconds(event["difference_s"], event["motion_se_s"]),
+        ]
+        for event in facts["sync_events"]
+    ]
     return Table(["clock", "value"], rows)

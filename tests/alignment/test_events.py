@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from strandcast.alignment.events import FLAG, SeenEvent
+from strandcast.errors import StrandcastError
+from strandcast.records.joint_log import SYNC_HIGH, SyncEvent
+
+STILL = np.array([0.8, 0.5, 0.2])
+
+
+@pytest.fixture(scope="module")
+def trial(throw):
+    return throw(5)
+
+
+def led(trial, camera_s, late_s=0.0, sigma_s=1e-3, kind="led"):
+    """An LED that lights at a camera time; the log tells its time `late_s` too late."""
+    told = SyncEvent(kind=kind, time_s=trial.robot_s(camera_s) + late_s)
+    return {"seen_events": [SeenEvent("led", camera_s, sigma_s)], "told_events": [told]}
+
+
+def test_an_event_that_agrees_is_told_and_sharpens_the_offset(trial, fit, error_s):
+    alone = fit(trial)
+    coarse = fit(trial, **led(trial, 0.1, sigma_s=1e-3))
+    [check] = coarse.sync_events
+    assert abs(check.difference_s) < 4 * check.motion_se_s
+    assert coarse.middle_se_s == pytest.approx(alone.middle_se_s, rel=0.05)
+    sharp = fit(trial, **led(trial, 0.1, sigma_s=1e-5))
+    assert sharp.middle_se_s < 0.6 * alone.middle_se_s
+    assert abs(error_s(sharp, trial)) < 4 * sharp.middle_se_s
+
+
+def test_two_events_far_apart_tell_the_drift(throw, fit):
+    trial = throw(5, drift=3e-4)
+    pairs = [led(trial, camera_s, sigma_s=1e-5) for camera_s in (0.05, 1.0)]
+    both = {key: pairs[0][key] + pairs[1][key] for key in pairs[0]}
+    found = fit(trial, **both)
+    assert found.drift == pytest.approx(trial.drift, abs=4 * found.drift_se)
+    assert found.drift_se < 2e-5
+
+
+def test_an_event_that_contradicts_is_refused_with_both_numbers(trial, fit):
+    with pytest.raises(StrandcastError) as refusal:
+        fit(trial, **led(trial, 0.1, late_s=0.02))
+    assert refusal.value.code == "SC-A018"
+    by_motion_ms = fit(trial).offset_s * 1e3
+    told = [float(word) for word in refusal.value.what.replace("(", " ").split() if is_number(word)]
+    assert any(abs(number - by_motion_ms) < 0.5 for number in told)
+    assert any(abs(number - by_motion_ms - 20.0) < 0.5 for number in told)
+    assert "+20.0" in refusal.value.what.replace("+19.9", "+20.0")
+
+
+def is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def test_a_frame_of_uncertainty_is_no_contradiction(trial, fit):
+    found = fit(trial, **led(trial, 0.1, late_s=0.002, sigma_s=0.001))
+    assert found.sync_events[0].difference_s == pytest.approx(-0.002, abs=3e-4)
+
+
+def test_the_logs_sync_output_is_an_event(trial, fit):
+    flags = trial.log.flags.copy()
+    rise = int(np.searchsorted(trial.log.time_s, trial.robot_s(0.1)))
+    flags[rise : rise + 20] |= SYNC_HIGH
+    log = dataclasses.replace(trial.log, flags=flags)
+    found = fit(trial, log=log, seen_events=[SeenEvent(FLAG, 0.1, 1e-3)])
+    assert found.sync_events[0].robot_time_s == pytest.approx(trial.robot_s(0.1), abs=0.0011)
+
+
+def test_an_event_that_the_log_has_not_is_refused(trial, fit):
+    with pytest.raises(StrandcastError, match="SC-A019") as refusal:
+        fit(trial, **led(trial, 0.1, kind="trigger"))
+    assert "trigger at" in refusal.value.what
+
+
+def test_without_motion_an_event_alone_gives_the_offset(throw, fit, motion):
+    trial = throw(2, motion=motion(lambda t: np.tile(STILL, (len(t), 1))))
+    found = fit(trial, **led(trial, 0.3, sigma_s=5e-4))
+    assert found.source == "event"
+    assert found.middle_se_s == pytest.approx(5e-4, rel=0.01)
+    assert abs(float(found.robot_time_s(np.array(0.3))) - trial.robot_s(0.3)) < 1e-6
+    assert "rests on 1 sync event" in found.warnings[0]

@@ -1,0 +1,236 @@
+"""Each mistake of a rig, injected into an otherwise good throw: its code, its words, its fix."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+
+from strandcast.arm.kinematics import hand_pose
+from strandcast.errors import StrandcastError
+from strandcast.evidence.clock_trials import Faults
+
+STILL = np.array([0.8, 0.5, 0.2])
+LOG = "trial-01/joints.csv"
+
+
+@pytest.fixture(scope="module")
+def good(throw):
+    return throw(5)
+
+
+@pytest.fixture(scope="module")
+def refusal(fit):
+    """Return a function that aligns and returns the refusal."""
+
+    def run(*arguments, **more) -> StrandcastError:
+        with pytest.raises(StrandcastError) as caught:
+            fit(*arguments, **more)
+        return caught.value
+
+    return run
+
+
+def joints(trial, change):
+    return dataclasses.replace(trial.log, q_rad=change(trial.log.q_rad))
+
+
+def test_the_throw_itself_is_good(good, fit):
+    assert fit(good).warnings == []
+
+
+def test_the_log_of_another_trial(good, throw, refusal):
+    for other in (6, 7):
+        found = refusal(good, log=throw(other).log)
+        assert (found.code, found.file) == ("SC-A007", LOG)
+        assert "the log of another trial" in found.fix
+
+
+@pytest.mark.parametrize(
+    ("order", "holds"), [([1, 0, 2], "joint_2, joint_1, joint_3"), ([2, 0, 1], "joint_3, joint_1, joint_2")]
+)
+def test_joints_reordered(good, refusal, order, holds):
+    found = refusal(good, log=joints(good, lambda q: q[:, order]))
+    assert found.code == "SC-A012"
+    assert f"the columns hold, in this order: {holds}" in found.fix
+
+
+def test_degrees_for_radians(good, refusal):
+    found = refusal(good, log=joints(good, np.degrees))
+    assert found.code == "SC-A013"
+    assert "degrees" in found.what
+    assert "mm remain" in found.what
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_the_sign_of_a_joint(good, refusal, joint):
+    sign = np.ones(3)
+    sign[joint] = -1.0
+    found = refusal(good, log=joints(good, lambda q: q * sign))
+    assert (found.code, found.field) == ("SC-A014", f"joint_{joint + 1}")
+
+
+@pytest.mark.parametrize(
+    ("longer_m", "words"),
+    [
+        ([0.05, 0, 0], "the link after joint_1 is 350 mm by the file, and 300 mm by the video"),
+        ([0, -0.02, 0], "the link after joint_2 is 230 mm by the file, and 250 mm by the video"),
+        ([0, 0, 0.04], "along"),
+    ],
+)
+def test_an_arms_file_with_a_wrong_link(good, refusal, arm, longer_m, words):
+    chain = dataclasses.replace(arm.chain, lengths_m=arm.chain.lengths_m + np.array(longer_m))
+    found = refusal(good, on=dataclasses.replace(arm, chain=chain))
+    assert (found.code, found.file) == ("SC-A015", str(arm.path))
+    assert words in found.what
+
+
+@pytest.mark.parametrize("clamp", [{"offset_m": np.array([0.0, 0.03])}, {"angle_rad": 0.3}])
+def test_an_arms_file_with_a_wrong_clamp(good, refusal, arm, clamp):
+    wrong = dataclasses.replace(arm, clamp=dataclasses.replace(arm.clamp, **clamp))
+    found = refusal(good, on=wrong)
+    assert found.code == "SC-A015"
+    assert "clamp" in found.what
+
+
+def test_a_log_cut_before_the_throw(good, refusal, rows):
+    found = refusal(good, log=rows(good.log, good.log.time_s < good.log.time_s[0] + 0.48))
+    assert (found.code, found.file) == ("SC-A011", LOG)
+    assert "cut before the throw" in found.fix
+
+
+@pytest.mark.parametrize("kept", [0.15, 0.30])
+def test_a_log_cut_in_the_throw(good, refusal, rows, kept):
+    found = refusal(good, log=rows(good.log, good.log.time_s < good.log.time_s[0] + 0.5 + kept))
+    assert (found.code, found.file) == ("SC-A010", LOG)
+    assert "while the joints move" in found.what
+
+
+@pytest.mark.parametrize(
+    ("said_hz", "word"), [(30.0, "slow-motion export"), (480.0, "0.96"), (1000.0, "2 times")]
+)
+def test_a_wrong_frame_rate(good, refusal, said_hz, word):
+    columns = good.markers | {"camera_time_s": good.markers["camera_time_s"] * 500.0 / said_hz}
+    found = refusal(good, markers=columns)
+    assert (found.code, found.field) == ("SC-A016", "camera.frame_rate_hz")
+    assert word in found.what
+    assert found.fix.endswith("camera.frame_rate_hz: 500")
+
+
+@pytest.mark.parametrize(("axis", "turned"), [("x_m", np.pi), ("y_m", 0.0)])
+def test_a_mirrored_world(good, refusal, axis, turned):
+    columns = good.markers | {axis: -good.markers[axis], "angle_rad": turned - good.markers["angle_rad"]}
+    found = refusal(good, markers=columns)
+    assert found.code == "SC-A017"
+    assert f"{axis} of camera.plane.markers" in found.fix
+
+
+def test_all_joints_counted_the_other_way_are_a_mirror_too(good, refusal):
+    found = refusal(good, log=joints(good, np.negative))
+    assert found.code == "SC-A017"
+    assert "all joints count the other way" in found.fix
+
+
+def test_no_motion_at_all(throw, refusal, motion):
+    found = refusal(throw(motion=motion(lambda t: np.tile(STILL, (len(t), 1)))))
+    assert found.code == "SC-A005"
+    assert "three quick turns of the hand to and fro" in found.fix
+
+
+def test_a_video_that_misses_the_throw(good, refusal):
+    early = good.markers["camera_time_s"] < 0.2
+    found = refusal(good, markers={name: column[early] for name, column in good.markers.items()})
+    assert found.code == "SC-A006"
+
+
+def test_too_few_sightings(good, refusal):
+    found = refusal(good, markers={name: column[:5] for name, column in good.markers.items()})
+    assert found.code == "SC-A004"
+
+
+def test_a_log_without_the_joints(good, refusal):
+    found = refusal(good, log=dataclasses.replace(good.log, joint_names=["a", "b", "c"]))
+    assert found.code == "SC-A002"
+    assert "has no joint_1, joint_2, joint_3; it has a, b, c" in found.what
+
+
+def test_an_arm_without_markers(good, refusal, arm):
+    assert refusal(good, on=dataclasses.replace(arm, markers=())).code == "SC-A001"
+
+
+def test_a_motion_that_repeats_itself(good, refusal, fit, rows):
+    again = rows(good.log, np.tile(np.arange(len(good.log.time_s)), 2))
+    step_s = 0.002
+    twice = dataclasses.replace(again, time_s=good.log.time_s[0] + step_s * np.arange(len(again.time_s)))
+    assert refusal(good, log=twice).code == "SC-A009"
+    near = fit(good, log=twice, largest_offset_s=0.6)
+    assert near.offset_s == pytest.approx(fit(good).offset_s, abs=1e-5)
+
+
+@pytest.fixture(scope="module")
+def even(arm, motion):
+    """A hand that moves 0.3 m/s along one line, its direction kept, but for the first and last 50 ms."""
+    along = np.linspace(0.0, 0.3, 40)
+    postures, posture = [], np.array([-1.4, 1.4, 0.0])
+    for done in along:
+        aim = np.array([0.45, -0.15 + done, 0.0])
+        posture = least_squares(lambda q, aim=aim: hand_pose(arm.chain, arm.clamp, q) - aim, posture).x
+        postures.append(posture)
+    path = CubicSpline(along, postures)
+
+    def angles(time_s):
+        speed = 0.3 * np.clip(np.minimum(time_s, 1.0 - time_s) / 0.05, 0, 1)
+        return path(np.clip(np.cumsum(speed) * (time_s[1] - time_s[0]), 0, 0.3))
+
+    return motion(angles, 1.0)
+
+
+def test_even_motion_along_a_line_does_not_tell_the_offset(throw, refusal, even):
+    trial = throw(3, motion=even)
+    since_s = trial.markers["camera_time_s"] * (1 + trial.drift) + trial.offset_s - trial.log.time_s[0] - 0.5
+    middle = (since_s > 0.2) & (since_s < 0.9)
+    found = refusal(trial, markers={name: column[middle] for name, column in trial.markers.items()})
+    assert found.code == "SC-A020"
+    assert "sync wiggle" in found.fix
+    assert "m/s" in found.cost
+
+
+def test_a_sync_wiggle_tells_it(throw, fit, error_s, motion):
+    """Three turns to and fro of some degrees, as the fix says."""
+
+    def wiggle(time_s):
+        shape = np.sin(2 * np.pi * 3 * time_s / 0.6) * np.sin(np.pi * time_s / 0.6) ** 2
+        return STILL + np.outer(shape, [0.05, 0.0, 0.15])
+
+    trial = throw(3, motion=motion(wiggle))
+    found = fit(trial)
+    assert found.middle_se_s < 2e-4
+    assert abs(error_s(found, trial)) < 4 * found.middle_se_s
+
+
+def test_a_weak_motion_is_warned_of_with_its_cost(throw, fit, motion):
+    def slow(time_s):
+        s = np.clip(time_s / 0.9, 0, 1)
+        return STILL + np.outer(10 * s**3 - 15 * s**4 + 6 * s**5, [0.15, 0.1, 0.0])
+
+    trial = throw(4, motion=motion(slow, 0.9), faults=Faults(slow_px=(0.1, 0.1), slow_s=(0.08, 0.08)))
+    found = fit(trial, tip_speed_m_s=8.0)
+    assert 2.5e-4 < found.middle_se_s < 1.02e-3
+    [warning] = [one for one in found.warnings if "the offset is known to" in one]
+    assert f"{1.96 * found.middle_se_s * 8e3:.1f} mm at a tip's 8.0 m/s" in warning
+    assert "sync wiggle" in warning
+
+
+def test_a_worse_one_is_refused(throw, refusal, motion):
+    def slower(time_s):
+        s = np.clip(time_s / 0.9, 0, 1)
+        return STILL + np.outer(10 * s**3 - 15 * s**4 + 6 * s**5, [0.05, 0.03, 0.0])
+
+    found = refusal(
+        throw(4, motion=motion(slower, 0.9), faults=Faults(slow_px=(0.1, 0.1))), tip_speed_m_s=8.0
+    )
+    assert found.code in ("SC-A008", "SC-A020")
+    assert "mm at a tip's 8.0 m/s" in found.cost
