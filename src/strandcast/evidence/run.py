@@ -11,7 +11,15 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from strandcast.evidence import deform_dlo, pac_mass, pac_tip, string_pendulum
+from strandcast.evidence import (
+    deform_dlo,
+    franka_stills,
+    mbest_stills,
+    pac_mass,
+    pac_tip,
+    pendulum_video,
+    string_pendulum,
+)
 from strandcast.evidence.figure import Figure, Skipped
 
 VARIABLE = "STRANDCAST_REAL_DATA"
@@ -21,6 +29,9 @@ PARTS: dict[str, tuple[str, Measure]] = {
     "pac_cable.tip": ("pac_cable", pac_tip.measure),
     "pac_cable.weight": ("pac_cable", pac_mass.measure),
     "string_pendulum": ("string_pendulum", string_pendulum.measure),
+    "pendulum_video": ("string_pendulum", pendulum_video.measure),
+    "mbest_s1": ("mbest_s1", mbest_stills.measure),
+    "franka_stills": ("franka_cable_stills", franka_stills.measure),
     "deform_dlo": ("deform_dlo", deform_dlo.measure),
 }
 

@@ -74,5 +74,5 @@ def track_pivot(
             "length_residual_m": seen_sigma_m,
             "strobe_frames": " ".join(map(str, instants)),
         },
-        warnings=[f"decoder: {text}" for text in sorted(set(ball.messages))[:5]],
+        warnings=ball.complaints,
     )
