@@ -125,6 +125,15 @@ def calibrate(experiment: ExperimentName) -> None:
 
 
 @app.command()
+def preview(experiment: ExperimentName, trial: TrialNumber) -> None:
+    """Show in seconds what the tracker sees in a few frames of a trial."""
+    from strandcast.stages import preview as stage
+
+    for line in stage.run(ROOT, experiment, trial):
+        print(line)
+
+
+@app.command()
 def track(experiment: ExperimentName, trial: TrialNumber) -> None:
     """Track the string of a trial as mass points."""
     _stage("track", experiment, trial)

@@ -1,4 +1,4 @@
-"""The chain's geometry, its fit and its covariance, against numpy and finite differences."""
+"""The chain's geometry, its fit and its covariance, against a dense solution and finite differences."""
 
 from __future__ import annotations
 
@@ -6,20 +6,73 @@ import numpy as np
 import pytest
 
 from strandcast.tracking.chain import (
-    cholesky,
+    Evidence,
+    Stiffness,
     fit_headings,
     node_normals,
-    node_sigmas,
+    per_axis,
     place_nodes,
-    solve_factored,
 )
 
 LINK_M = 0.006
-LOOSE = np.array([0.5, 5.0, 50.0, 50.0])
+LOOSE = Stiffness(change=0.5, bend=5.0, unseen=5.0, prior=50.0, clamp=50.0, root_m=1e-5)
+USUAL = Stiffness(change=0.2, bend=1.0, unseen=0.2, prior=0.8, clamp=2.0, root_m=0.0025)
+NO_PINS = np.zeros((0, 4))
 
 
 def wave(links: int, bend: float) -> np.ndarray:
     return -np.pi / 2 + bend * np.sin(np.linspace(0, 2 * np.pi, links))
+
+
+def evidence(seen, heading, weight, prior, tip=(0.0, 0.0), pins=NO_PINS) -> Evidence:
+    """All sightings as good across the chain `heading`."""
+    return Evidence(seen, node_normals(heading), weight, *tip, pins, prior, seen[0], prior[0])
+
+
+def dense_fit(root, heading, seen: Evidence, stiffness: Stiffness) -> tuple[np.ndarray, np.ndarray]:
+    """One Gauss-Newton step and the covariance of (root x, root y, headings), by matrices."""
+    count = len(heading)
+    nodes = place_nodes(root, heading, LINK_M)
+    rows, offs, weights = [], [], []
+
+    def add(row, off, weight) -> None:
+        rows.append(row)
+        offs.append(off)
+        weights.append(weight)
+
+    def moves(k, nx, ny, fraction=1.0):
+        row = np.zeros(2 + count)
+        row[:2] = nx, ny
+        row[2 : 2 + k] = LINK_M * (-nx * np.sin(heading[:k]) + ny * np.cos(heading[:k]))
+        row[1 + k] *= fraction
+        return row
+
+    for k in range(1, count + 1):
+        nx, ny = seen.normals[k]
+        add(moves(k, nx, ny), (nodes[k] - seen.target[k]) @ [nx, ny], seen.weight[k])
+    along = np.array([np.cos(heading[-1]), np.sin(heading[-1])])
+    add(moves(count, *along), -seen.tip_slide_m, seen.tip_weight)
+    for place_m, x, y, weight in seen.pins:
+        k = min(int(place_m / LINK_M) + 1, count)
+        fraction = place_m / LINK_M - (k - 1)
+        here = nodes[k - 1] + fraction * (nodes[k] - nodes[k - 1])
+        for axis, (nx, ny) in enumerate(((1.0, 0.0), (0.0, 1.0))):
+            add(moves(k, nx, ny, fraction), here[axis] - (x, y)[axis], weight)
+    unit = np.eye(2 + count)
+    for j in range(count):
+        add(unit[2 + j], heading[j] - seen.prior[j], stiffness.prior**-2)
+        if j > 0:
+            bend = stiffness.bend if seen.weight[j] > 0 else stiffness.unseen
+            add(unit[2 + j] - unit[1 + j], heading[j] - heading[j - 1], bend**-2)
+        if j > 1:
+            change = heading[j] - 2 * heading[j - 1] + heading[j - 2]
+            add(unit[2 + j] - 2 * unit[1 + j] + unit[j], change, stiffness.change**-2)
+    add(unit[2], np.sin(heading[0] - seen.clamp_rad), stiffness.clamp**-2)
+    for axis in range(2):
+        add(unit[axis], root[axis] - seen.clamp_m[axis], stiffness.root_m**-2)
+    jacobian, weight = np.array(rows), np.array(weights)
+    covariance = np.linalg.inv(jacobian.T @ (weight[:, None] * jacobian))
+    return -covariance @ jacobian.T @ (weight * np.array(offs)), covariance
 
 
 def test_nodes_of_a_quarter_circle():
@@ -31,69 +84,98 @@ def test_nodes_of_a_quarter_circle():
     np.testing.assert_allclose(np.linalg.norm(np.diff(nodes, axis=0), axis=1), 1.0)
 
 
-def test_factored_solution_is_numpys():
-    rng = np.random.default_rng(2)
-    root = rng.normal(size=(40, 40))
-    matrix, right = root @ root.T + np.eye(40), rng.normal(size=40)
-    np.testing.assert_allclose(
-        solve_factored(cholesky(matrix), right), np.linalg.solve(matrix, right), rtol=1e-9
+@pytest.mark.parametrize("stiffness", [USUAL, LOOSE])
+def test_recursion_is_the_dense_solution(stiffness):
+    rng = np.random.default_rng(5)
+    root, heading = np.array([0.1, 0.2]), wave(40, 0.8) + rng.normal(0, 0.02, 40)
+    truth = heading + 0.05 * np.cos(np.linspace(0, 5, 40))
+    weight = rng.uniform(1e5, 1e7, 41)
+    weight[12:19] = 0.0
+    target = place_nodes(root + 1e-4, truth, LINK_M)
+    pins = np.array([[0.1, *(target[16] + 0.001), 3e5], [40 * LINK_M, *target[40], 1e6]])
+    seen = Evidence(
+        target, node_normals(heading), weight, 0.002, 1e6, pins, heading + 0.01, root + 2e-4, heading[0] + 0.3
     )
+    step, _ = dense_fit(root, heading, seen, stiffness)
+    new_root, new_heading, _ = fit_headings(root, heading, LINK_M, seen, stiffness, 1)
+    np.testing.assert_allclose(new_root - root, step[:2], atol=1e-9)
+    np.testing.assert_allclose(new_heading - heading, step[2:], atol=1e-9)
+
+
+def test_covariances_are_the_inverse_matrixs():
+    root, heading = np.array([0.1, 0.2]), wave(40, 0.8)
+    weight = np.full(41, 1e6)
+    weight[12:19] = 0.0
+    target = place_nodes(root, heading, LINK_M)
+    pins = np.array([[0.1, *target[16], 3e5]])
+    seen = Evidence(target, node_normals(heading), weight, 0.0, 1e6, pins, heading, root, heading[0])
+    for _ in range(3):  # to where a round changes nothing any more
+        root, heading, covariances = fit_headings(root, heading, LINK_M, seen, USUAL, 5)
+    _, covariance = dense_fit(root, heading, seen, USUAL)
+    jacobian = np.zeros((2, 42))
+    jacobian[:, :2] = np.eye(2)
+    jacobian[0, 2:27] = -LINK_M * np.sin(heading[:25])
+    jacobian[1, 2:27] = LINK_M * np.cos(heading[:25])
+    expected = jacobian @ covariance @ jacobian.T
+    np.testing.assert_allclose(covariances[25], expected, rtol=1e-3, atol=1e-12)
+    assert per_axis(covariances)[25] == pytest.approx(np.sqrt(0.5 * np.trace(expected)), rel=1e-3)
 
 
 def test_fit_recovers_a_bent_chain_from_sightings_across_it():
     truth = wave(50, 0.9)
     root = np.array([0.1, 0.2])
-    seen = place_nodes(root, truth, LINK_M)
+    target = place_nodes(root, truth, LINK_M)
     start = wave(50, 0.7)
     heading = start
     for _ in range(6):
-        normals = node_normals(heading)
-        weight = np.full(51, 1e8)
         tip = place_nodes(root, heading, LINK_M)[-1]
-        slide = (seen[-1] - tip) @ [np.cos(heading[-1]), np.sin(heading[-1])]
-        # What is seen is where the normal meets the true curve; near the end, the true point itself.
-        heading, hessian = fit_headings(
-            root, heading, LINK_M, seen, normals, weight, slide, 1e8, start, truth[0], LOOSE, 3
+        slide = (target[-1] - tip) @ [np.cos(heading[-1]), np.sin(heading[-1])]
+        seen = Evidence(
+            target, node_normals(heading), np.full(51, 1e8), slide, 1e8, NO_PINS, start, root, truth[0]
         )
-    off = np.linalg.norm(place_nodes(root, heading, LINK_M) - seen, axis=1)
+        root, heading, covariances = fit_headings(root, heading, LINK_M, seen, LOOSE, 3)
+    off = np.linalg.norm(place_nodes(root, heading, LINK_M) - target, axis=1)
     assert off.max() < 2e-4
-    assert np.isfinite(hessian).all()
+    assert np.isfinite(covariances).all()
 
 
-def test_unseen_middle_is_bridged_and_doubted():
+def test_unseen_middle_is_bridged_straight_and_doubted():
     truth = wave(50, 0.3)
-    root = np.zeros(2)
-    seen = place_nodes(root, truth, LINK_M)
+    target = place_nodes(np.zeros(2), truth, LINK_M)
     weight = np.full(51, 1e7)
     weight[20:32] = 0.0
-    heading, hessian = fit_headings(
-        root, truth, LINK_M, seen, node_normals(truth), weight, 0.0, 1e7, truth, truth[0],
-        np.array([0.2, 1.0, 0.8, 1.0]), 2,
-    )  # fmt: skip
-    _, sigma = node_sigmas(hessian, heading, LINK_M, 5)
+    seen = evidence(target, truth, weight, truth, tip=(0.0, 1e7))
+    _, _, covariances = fit_headings(np.zeros(2), truth, LINK_M, seen, USUAL, 2)
+    sigma = per_axis(covariances)[5::5]
     assert sigma[4] > 2 * sigma[2]
     assert sigma[4] > 2 * sigma[8]
 
 
-def test_sigma_is_the_inverse_matrixs():
-    truth = wave(20, 0.5)
-    heading, hessian = fit_headings(
-        np.zeros(2), truth, LINK_M, place_nodes(np.zeros(2), truth, LINK_M), node_normals(truth),
-        np.full(21, 1e7), 0.0, 1e6, truth, truth[0], LOOSE, 1,
-    )  # fmt: skip
-    covariances, sigma = node_sigmas(hessian, heading, LINK_M, 4)
-    jacobian = np.zeros((2, 20))
-    jacobian[0, :12], jacobian[1, :12] = -LINK_M * np.sin(heading[:12]), LINK_M * np.cos(heading[:12])
-    expected = jacobian @ np.linalg.inv(hessian) @ jacobian.T
-    np.testing.assert_allclose(covariances[2], expected, rtol=1e-8)
-    assert sigma[2] == pytest.approx(np.sqrt(0.5 * np.trace(expected)))
+def test_a_chain_too_long_for_what_is_seen_slides_back_behind_the_clamp():
+    truth = np.full(40, -np.pi / 2)
+    clamp = np.zeros(2)
+    target = place_nodes(clamp, truth, LINK_M) + np.array([0.0, 0.002])
+    seen = Evidence(
+        target, node_normals(truth), np.full(41, 1e7), 0.002 * -1, 1e8, NO_PINS, truth, clamp, truth[0]
+    )
+    root, heading, _ = fit_headings(clamp, truth, LINK_M, seen, USUAL, 3)
+    np.testing.assert_allclose(heading, truth, atol=0.02)
+    assert root[1] == pytest.approx(0.002, abs=2e-4)
+
+
+def test_a_pin_holds_a_place_between_nodes():
+    truth = np.full(40, -np.pi / 2)
+    target = place_nodes(np.zeros(2), truth, LINK_M)
+    pin = np.array([[20.5 * LINK_M, 0.004, -20.5 * LINK_M, 1e10]])
+    seen = evidence(target, truth, np.zeros(41), truth, pins=pin)
+    root, heading, _ = fit_headings(np.zeros(2), truth, LINK_M, seen, USUAL, 4)
+    nodes = place_nodes(root, heading, LINK_M)
+    np.testing.assert_allclose(0.5 * (nodes[20] + nodes[21]), pin[0, 1:3], atol=2e-5)
 
 
 def test_a_string_flung_back_is_not_pulled_round():
     back = np.full(30, np.pi)
-    seen = place_nodes(np.zeros(2), back, LINK_M)
-    heading, _ = fit_headings(
-        np.zeros(2), back, LINK_M, seen, node_normals(back), np.full(31, 1e7), 0.0, 0.0, back, 0.0,
-        np.array([0.2, 1.0, 0.8, 1.0]), 5,
-    )  # fmt: skip
+    target = place_nodes(np.zeros(2), back, LINK_M)
+    seen = Evidence(target, node_normals(back), np.full(31, 1e7), 0.0, 0.0, NO_PINS, back, np.zeros(2), 0.0)
+    _, heading, _ = fit_headings(np.zeros(2), back, LINK_M, seen, USUAL, 5)
     np.testing.assert_allclose(heading, np.pi, atol=1e-9)

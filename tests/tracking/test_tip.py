@@ -1,4 +1,4 @@
-"""The string's end and the ball that hangs there, on drawn pictures."""
+"""The string's end and the balls on it, on drawn pictures."""
 
 from __future__ import annotations
 
@@ -7,15 +7,21 @@ import numpy as np
 import pytest
 
 from strandcast.tracking.chain import place_nodes
-from strandcast.tracking.follow import fit_string
+from strandcast.tracking.fit import NARROW_PX, fit_frame
 from strandcast.tracking.picture import Looks, Picture
 from strandcast.tracking.pixelmap import tabulate
-from strandcast.tracking.tip import ball_centre, end_of_string
+from strandcast.tracking.tip import ball_centre, end_of_string, pin_balls
 
-SEEN = np.array([np.inf, np.inf])  # before every background
+DARK = Looks(half_m=0.0015, contrast=100.0, polarity=-1.0)
+NO_HAND = np.array([0.0, 0.1, -np.pi / 2, -0.001, -0.001, 0.0, 0.001])
 
 
-def picture(scene, end_m, ball_px=0.0, arm=False):
+def seen(scene, image, background, box=NO_HAND) -> Picture:
+    pair = [np.clip(np.rint(one), 0, 255).astype(np.uint8) for one in (image, background)]
+    return Picture(pair[0], 0, 0, pair[1], tabulate(scene.flat_camera(), 0.0), box)
+
+
+def drawn(scene, end_m, ball_px=0.0, arm=False):
     background = np.full((scene.HEIGHT, scene.WIDTH), 180.0, np.float32)
     image = background.copy()
     if arm:
@@ -29,63 +35,70 @@ def picture(scene, end_m, ball_px=0.0, arm=False):
     return cv2.GaussianBlur(image, (0, 0), 0.6), background
 
 
+def straight():
+    heading = np.full(34, -np.pi / 2)
+    return place_nodes(np.array([0.0, 0.1]), heading, 0.2 / 34), heading
+
+
 @pytest.mark.parametrize("beyond_m", [-0.008, 0.0, 0.006])
 def test_end_is_found_along_the_string(scene, beyond_m):
-    pixels = tabulate(scene.flat_camera(), 0.0)
-    image, background = picture(scene, -0.1 - beyond_m)
-    heading = np.full(34, -np.pi / 2)
-    nodes = place_nodes(np.array([0.0, 0.1]), heading, 0.2 / 34)
-    end_m, half_px = end_of_string(
-        image, background, nodes, heading, 100.0, -1.0, SEEN, 0.018, pixels.metre_per_pixel,
-        pixels.origin_m, pixels.step_m, pixels.uv,
-    )  # fmt: skip
-    round_end_m = 1.0 * pixels.metre_per_pixel  # half of the drawn line's width
+    picture = seen(scene, *drawn(scene, -0.1 - beyond_m))
+    end_m, half_px = end_of_string(picture, *straight(), DARK, 0.018)
+    round_end_m = 1.0 * picture.plane.metre_per_pixel  # half of the drawn line's width
     assert end_m == pytest.approx(beyond_m + round_end_m, abs=0.0007)
     assert half_px == pytest.approx(1.0, abs=0.6)
 
 
 def test_a_string_that_goes_on_has_no_end(scene):
-    pixels = tabulate(scene.flat_camera(), 0.0)
-    image, background = picture(scene, -0.2)
-    heading = np.full(34, -np.pi / 2)
-    nodes = place_nodes(np.array([0.0, 0.1]), heading, 0.2 / 34)
-    end_m, _ = end_of_string(
-        image, background, nodes, heading, 100.0, -1.0, SEEN, 0.018, pixels.metre_per_pixel,
-        pixels.origin_m, pixels.step_m, pixels.uv,
-    )  # fmt: skip
-    assert np.isnan(end_m)
+    assert np.isnan(end_of_string(seen(scene, *drawn(scene, -0.2)), *straight(), DARK, 0.018)[0])
 
 
 def test_an_end_before_what_is_like_the_string_is_not_clear(scene):
-    pixels = tabulate(scene.flat_camera(), 0.0)
-    image, background = picture(scene, -0.1)
+    image, background = drawn(scene, -0.1)
     end_row = round(scene.to_pixels(np.array([0.0, -0.1]))[1])
     image[end_row - 2 :], background[end_row - 2 :] = 60.0, 60.0
-    heading = np.full(34, -np.pi / 2)
-    nodes = place_nodes(np.array([0.0, 0.1]), heading, 0.2 / 34)
-    where = (pixels.metre_per_pixel, pixels.origin_m, pixels.step_m, pixels.uv)
-    blind = Looks(half_m=0.001, contrast=100.0, polarity=-1.0, level=60.0).blind
-    np.testing.assert_allclose(blind, [-np.inf, 100.0])
+    picture = seen(scene, image, background)
     ends = [
-        end_of_string(image, background, nodes, heading, 100.0, -1.0, levels, 0.018, *where)[0]
-        for levels in (SEEN, blind)
+        end_of_string(picture, *straight(), looks, 0.018)[0] for looks in (DARK, DARK._replace(level=60.0))
     ]
     assert np.isfinite(ends[0])
     assert np.isnan(ends[1])
 
 
+def test_a_string_before_a_greyer_patch_does_not_end_there(scene):
+    image, background = drawn(scene, -0.1)
+    rows = slice(*(round(scene.to_pixels(np.array([0.0, y]))[1]) for y in (-0.085, -0.097)))
+    for one in (image, background):
+        part = one[rows]
+        part[part > 130] = 125.0  # half of the string's depth is left before it
+    picture = seen(scene, image, background)
+    end_m, _ = end_of_string(picture, *straight(), DARK._replace(level=60.0), 0.03)
+    assert end_m == pytest.approx(picture.plane.metre_per_pixel, abs=0.0012)
+
+
 @pytest.mark.parametrize("arm", [False, True])
 def test_ball_is_found_to_a_tenth_of_a_pixel_even_beside_the_arm(scene, arm):
-    pixels = tabulate(scene.flat_camera(), 0.0)
-    image, background = picture(scene, -0.1, ball_px=6.0, arm=arm)
-    centre = ball_centre(
-        image, background, np.array([0.006, -0.094]), 6.0 * pixels.metre_per_pixel, 60.0,
-        pixels.metre_per_pixel, pixels.origin_m, pixels.step_m, pixels.uv,
-    )  # fmt: skip
-    assert np.linalg.norm(centre - [0.0, -0.1]) < 0.25 * pixels.metre_per_pixel
+    picture = seen(scene, *drawn(scene, -0.1, ball_px=6.0, arm=arm))
+    scale = picture.plane.metre_per_pixel
+    centre = ball_centre(picture, np.array([0.006, -0.094]), 6.0 * scale, 60.0)
+    assert np.linalg.norm(centre - [0.0, -0.1]) < 0.25 * scale
 
 
-@pytest.mark.parametrize(("hold_tip", "low_m", "high_m"), [(True, 0.0, 0.002), (False, 0.006, 0.02)])
+def test_balls_that_are_not_there_give_no_pins(scene):
+    picture = seen(scene, *drawn(scene, -0.1, ball_px=6.0))
+    radius_m = 6.0 * picture.plane.metre_per_pixel
+    balls = np.array([[0.06, radius_m, 60.0], [0.2, radius_m, 60.0]])
+    unknown = np.full((2, 2), np.nan)
+    pins = pin_balls(picture, *straight(), balls, unknown)
+    assert pins[:, 0].tolist() == [0.2]
+    np.testing.assert_allclose(pins[0, 1:3], [0.0, -0.1], atol=0.0004)
+    off_chain = place_nodes(np.array([0.05, 0.1]), straight()[1], 0.2 / 34)
+    assert len(pin_balls(picture, off_chain, straight()[1], balls, unknown)) == 0
+    known = np.array([[np.nan, np.nan], [0.002, -0.1]])
+    assert len(pin_balls(picture, off_chain, straight()[1], balls, known)) == 1
+
+
+@pytest.mark.parametrize(("hold_tip", "low_m", "high_m"), [(True, 0.0, 0.0022), (False, 0.0028, 0.02)])
 def test_the_visible_end_tells_how_much_string_the_hand_hides(scene, hold_tip, low_m, high_m):
     bulge = np.zeros(34)
     bulge[:10] = np.repeat([0.6, -0.6], 5)
@@ -96,10 +109,10 @@ def test_the_visible_end_tells_how_much_string_the_hand_hides(scene, hold_tip, l
     background = image.copy()
     scene.draw_line(image, scene.to_pixels(nodes[10:]), 2.0, 60.0)
     looks = Looks(half_m=scene.SCALE_M, contrast=80.0, tip_excess_m=scene.SCALE_M, polarity=-1.0)
-    hides = np.array([0.0, -0.05, 0.1 - nodes[10, 1] - 0.002, 0.05])  # in the hand's frame, x downwards
-    seen = Picture(image, background, tabulate(scene.flat_camera(), 0.0), hides)
-    hand = np.array([0.0, 0.1, -np.pi / 2])
+    hides = np.array([0.0, 0.1, -np.pi / 2, 0.0, -0.05, 0.1 - nodes[10, 1] - 0.002, 0.05])
     start = 0.3 * bulge - np.pi / 2
-    fit = fit_string(seen, hand, start, start, link_m, np.full(35, 1.0), looks, hold_tip=hold_tip)
-    tip = place_nodes(root, fit.heading, link_m)[-1]
-    assert low_m <= np.linalg.norm(tip - nodes[-1]) <= high_m
+    fit = fit_frame(
+        seen(scene, image, background, hides), root, start, start, link_m, np.full(35, 1.0), looks,
+        np.zeros((0, 3)), np.zeros((0, 2)), NARROW_PX, hold_tip,
+    )  # fmt: skip
+    assert low_m <= np.linalg.norm(fit.nodes()[-1] - nodes[-1]) <= high_m

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.records.record import Record
+from strandcast.records.record import Part, Record
 from strandcast.records.tables import Column, TableSpec, read_table
 
 TRACK = TableSpec(
@@ -44,6 +44,47 @@ PREDICTED = 4  # not seen at all; the place is a prediction
 SUPPLIED = 8  # measured elsewhere and handed in
 
 
+class SeenWeight(Part):
+    """A weight that was seen on the string: its middle from the clamp on, half its width."""
+
+    place_m: float
+    sigma_m: float
+    half_width_m: float
+
+
+class SeenSection(Part):
+    """A long stretch of the string that is seen to be of another width, as a pipe is.
+
+    `stiff` tells whether it stays straight while the rest of the string bends; None where that does not show.
+    """
+
+    from_m: float
+    from_sigma_m: float
+    to_m: float
+    to_sigma_m: float
+    width_m: float
+    stiff: bool | None = None
+
+
+class SeenTarget(Part):
+    """What is seen where the target should be, and how far that is from `target_m`."""
+
+    place_m: list[float]
+    sigma_m: float
+    offset_m: list[float]  # seen minus given
+    radius_m: float
+    kind: str  # "round" or "marker"
+
+
+class Contact(Part):
+    """The tip meets the target: when their outlines touch, and what else speaks for it."""
+
+    frame: int
+    camera_time_s: float
+    distance_m: float  # least, of the tip's path in this passage
+    evidence: list[str]  # of "outlines", "tip", "target"; outlines alone may be a passage before the target
+
+
 class TrackSummary(Record):
     """How the tracking went: counts held against the manifest, quality, automatic choices."""
 
@@ -62,6 +103,10 @@ class TrackSummary(Record):
     median_sigma_m: float
     choices: dict[str, float | int | str | bool | None]  # every automatic choice, by name
     warnings: list[str]
+    weights: list[SeenWeight] = []
+    sections: list[SeenSection] = []
+    target: SeenTarget | None = None
+    contact: Contact | None = None
 
 
 class Track:

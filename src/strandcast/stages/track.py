@@ -13,10 +13,12 @@ from strandcast.records.files import atomic_write
 from strandcast.records.manifest import Manifest
 from strandcast.records.tables import write_table
 from strandcast.records.track import MARKERS, TRACK, Track, TrackSummary
+from strandcast.stages.background import given_background
 from strandcast.stages.context import Context, context_of, free_length_m
 from strandcast.tracking.hand import HandMarker
 from strandcast.tracking.pivot import track_pivot
-from strandcast.tracking.track import StringHint, Tracked, track_video
+from strandcast.tracking.track import Options, StringHint, Tracked, track_video
+from strandcast.tracking.typed import against_typed
 
 WEBP_QUALITY = 82
 
@@ -50,17 +52,24 @@ def _track(context: Context, arm: Arm, manifest: Manifest, video: Path) -> Track
     hint = StringHint(free_length_m(context, arm.clamp.swallowed_m), string.n, string.thickness_m)
     if track.hand == "pivot":
         return track_pivot(video, manifest.video, camera, hint, track.background_frames)
-    return track_video(
-        video,
-        manifest.video,
-        camera,
-        hint,
-        _hand_markers(arm),
-        arm.marker_dictionary,
-        track.background_frames,
-        settings.camera.exposure_s,
-        track.polarity,
+    options = Options(
+        background=given_background(context, manifest.video),
+        background_frames=track.background_frames,
+        exposure_s=settings.camera.exposure_s,
+        polarity=track.polarity,
+        contrast_grey=track.contrast_grey,
     )
+    tracked = track_video(
+        video, manifest.video, camera, hint, _hand_markers(arm), arm.marker_dictionary, options,
+        np.array(settings.target_m),
+    )  # fmt: skip
+    tracked.warnings += against_typed(
+        tracked.attachments,
+        [weight.place_m for weight in string.weights],
+        [(section.from_m, section.to_m) for section in string.stiff_sections],
+        hint.length_m,
+    )
+    return tracked
 
 
 def _hand_markers(arm: Arm) -> list[HandMarker]:
@@ -83,5 +92,9 @@ def _summary(name: str, trial: int, tracked: Tracked, manifest: Manifest, length
         marker_fraction=with_marker / tracked.decoded_frames,
         median_sigma_m=float(np.nanmedian(tracked.sigma_m[:, 1:])),
         choices=tracked.choices,
+        weights=list(tracked.attachments.weights),
+        sections=list(tracked.attachments.sections),
+        target=tracked.target,
+        contact=tracked.contact,
         warnings=tracked.warnings,
     )

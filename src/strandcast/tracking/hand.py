@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 
 from strandcast.camera.mapping import metre_to_pixel
 from strandcast.camera.marker_pose import marker_pose
 from strandcast.camera.markers import corners_of, detect_markers, eight_bit, marker_detector
+from strandcast.camera.sampling import bilinear
 from strandcast.camera.square import refine_square
 from strandcast.records.camera import Camera
 from strandcast.tracking.pixelmap import all_from_pixel, tabulate
@@ -18,6 +20,7 @@ MARGIN_PX = 28  # around the place where a marker is expected
 SMALL_PX = 500  # parts of the picture smaller than this are enlarged before markers are read
 CELLS = 6  # of a 4x4 marker's side, border included
 FOLLOW_RMS_PX = 0.4  # corners that were followed must fit better than this
+BORDER_PLACES = 8  # along each side, at which the border is looked at
 LEAST_BORDER = 25.0  # grey levels between a marker's black border and the white around it
 WORST_RMS_PX = 1.0  # corners that fit a rigid hand worse than this are not believed
 RIM_SHARE = 0.25  # white rim around a marker's black square, of its side
@@ -102,9 +105,9 @@ class HandFinder:
             if box is None:
                 continue
             left, top, right, bottom = box
-            crop = np.ascontiguousarray(eight_bit(image[top:bottom, left:right]))
-            refined = refine_square(crop, corners - np.array([left, top], dtype=np.float64), CELLS)
-            if np.isfinite(refined).all() and has_border(crop, refined):
+            crop = eight_bit(image[top:bottom, left:right])
+            refined = follow_square(crop, corners - np.array([left, top], dtype=np.float64))
+            if np.isfinite(refined[0, 0]):
                 found[marker] = refined + np.array([left, top])
         sighting = self._pose(found)
         if sighting is None or len(sighting.corners_px) < len(self._seen):
@@ -160,7 +163,7 @@ class HandFinder:
         """Return where pixels (K, 2) lie in a marker's own plane (m)."""
         pixels = self.maps[marker]
         middle = pixels.origin_m + 0.5 * pixels.step_m * np.array(pixels.uv.shape[1::-1])
-        return np.asarray(all_from_pixel(corners_px, middle, pixels.origin_m, pixels.step_m, pixels.uv))
+        return np.asarray(all_from_pixel(corners_px, middle, pixels))
 
     def marker_poses(self, marker: int, corners_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return poses (K, 3) and sigmas (K,) of a marker from its corners (K, 4, 2) in K frames."""
@@ -184,18 +187,29 @@ class HandFinder:
         self._history = [*self._history[-1:], now]
 
 
+@njit(cache=True, nogil=True)
+def follow_square(crop: np.ndarray, corners_px: np.ndarray) -> np.ndarray:
+    """Return a marker's corners (4, 2) from those that are expected; NaN where it is not seen there."""
+    refined = refine_square(crop, corners_px, CELLS)
+    if np.isfinite(refined).all() and has_border(crop, refined):
+        return refined
+    return np.full((4, 2), np.nan)
+
+
+@njit(cache=True)
 def has_border(crop: np.ndarray, corners_px: np.ndarray) -> bool:
     """Tell whether a marker's black border and the white around it are seen along most of its sides."""
-    share = (np.arange(8) + 0.5) / 8
-    following = np.roll(corners_px, -1, axis=0)
-    along = corners_px[:, None] + share[None, :, None] * (following - corners_px)[:, None]
-    inwards = (corners_px.mean(axis=0) - along) / (0.5 * CELLS)  # a cell at the middle of a side
-    levels = []
-    for places in (along + 0.5 * inwards, along - 0.4 * inwards):
-        u = np.clip(np.rint(places[..., 0]).astype(int), 0, crop.shape[1] - 1)
-        v = np.clip(np.rint(places[..., 1]).astype(int), 0, crop.shape[0] - 1)
-        levels.append(crop[v, u].astype(float))
-    return bool((levels[1] - levels[0] > LEAST_BORDER).mean() > 0.8)
+    centre_u, centre_v = corners_px[:, 0].mean(), corners_px[:, 1].mean()
+    shown = 0
+    for side in range(4):
+        start, end = corners_px[side], corners_px[(side + 1) % 4]
+        for k in range(BORDER_PLACES):
+            share = (k + 0.5) / BORDER_PLACES
+            u, v = start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
+            in_u, in_v = (centre_u - u) / (0.5 * CELLS), (centre_v - v) / (0.5 * CELLS)  # a cell, mid-side
+            black = bilinear(crop, u + 0.5 * in_u, v + 0.5 * in_v)
+            shown += bilinear(crop, u - 0.4 * in_u, v - 0.4 * in_v) - black > LEAST_BORDER
+    return shown > 0.8 * 4 * BORDER_PLACES
 
 
 def _box_around(points_px: np.ndarray, image: np.ndarray) -> tuple[int, int, int, int] | None:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from strandcast.records.track import OCCLUDED, UNSURE
-from strandcast.tracking.chain import place_nodes
-from strandcast.tracking.follow import GOOD, Fit, point_sigmas
-from strandcast.tracking.one_look import CLEAR
-from strandcast.tracking.picture import Picture
+from strandcast.tracking.chain import per_axis
+from strandcast.tracking.fit import CLEAR, Fit
+from strandcast.tracking.follower import GOOD
+from strandcast.tracking.picture import Picture, is_outside
 from strandcast.tracking.pixelmap import to_pixel
 
 SEEN_SHARE = 0.34  # of the nodes around a point that must be clear
@@ -20,6 +20,11 @@ FOLD_RAD = 0.7  # from a link to the next but one
 FOLD_REACH_M = 0.06
 LOST_M = 0.015  # sigma from which a place is no measurement
 LONGEST_HIDDEN_M = 0.07  # of string whose course between seen ends is inferred
+# The fit's weights are those of a stiff smoother; what is left of its own sigma where the string is seen and
+# held by its tip, and what no fit sees (map, lens, edges), were measured on lab videos.
+SEEN_SIGMA_SHARE = 0.2
+LEAST_SIGMA_PX = 0.05
+SLIPPED_M = 0.0065  # of the chain's start off the clamp, from which it has a piece too much or too little
 
 
 @dataclass(frozen=True)
@@ -32,24 +37,36 @@ class FrameResult:
     value: float
 
 
-def judge(fit: Fit, hand: np.ndarray, every: int, picture: Picture) -> FrameResult:
-    """Return the mass points of a fit with sigma and flags; what was not seen to the end is NaN."""
-    nodes = place_nodes(hand[:2], fit.heading, fit.link_m)
-    points = nodes[every::every].copy()
-    sigma = point_sigmas(fit, every)
-    flags = np.zeros(len(points), dtype=np.int32)
+def judge(fit: Fit, every: int, picture: Picture, clamp_m: np.ndarray, length_sigma_m: float) -> FrameResult:
+    """Return the mass points of a fit with sigma and flags; what was not seen to the end is NaN.
+
+    Parameters
+    ----------
+    fit, every
+        The string, and its links per mass point.
+    picture
+        The frame.
+    clamp_m
+        Where the string leaves the clamp, (2,).
+    length_sigma_m
+        Standard deviation of the string's length.
+    """
+    points = fit.nodes()[every::every].copy()
+    count = len(points)
+    flags = np.zeros(count, dtype=np.int32)
     window = np.convolve((fit.reward[1:] >= CLEAR).astype(float), np.ones(every) / every, mode="same")
     seen = window[every - 1 :: every].copy()
     if fit.ball_seen:
         seen[-1] = 1.0
     flags[seen < SEEN_SHARE] |= OCCLUDED
-    if (
-        not np.isfinite(fit.tip_slide_m)
-        or abs(fit.tip_slide_m) > TIP_SLIDE_PX * picture.pixels.metre_per_pixel
-    ):
-        flags[-1] |= UNSURE
-        sigma[-1] = max(sigma[-1], UNSURE_M)
+    sigma = point_sigmas(fit, every, seen >= SEEN_SHARE, picture.plane.metre_per_pixel, length_sigma_m)
+    tip_off = not abs(fit.tip_slide_m) <= TIP_SLIDE_PX * picture.plane.metre_per_pixel
+    slip_m = float(np.hypot(*(fit.root - clamp_m)))
     doubtful = near_fold(fit, every)
+    doubtful[-1] |= tip_off
+    if slip_m > SLIPPED_M:
+        doubtful[:] = True
+        sigma = np.hypot(sigma, slip_m)
     flags[doubtful] |= UNSURE
     sigma[doubtful] = np.maximum(sigma[doubtful], UNSURE_M)
     flags[sigma > UNSURE_M] |= UNSURE
@@ -59,6 +76,24 @@ def judge(fit: Fit, hand: np.ndarray, every: int, picture: Picture) -> FrameResu
     sigma[lost] = np.nan
     flags[lost] = 0
     return FrameResult(points, sigma, flags, fit.value)
+
+
+def point_sigmas(
+    fit: Fit, every: int, seen: np.ndarray, metre_per_pixel: float, length_sigma_m: float
+) -> np.ndarray:
+    """Return sigma (n,) of the mass points, per axis (m).
+
+    Where the tip is seen the chain hangs on it, and an error of the length is one of the points near the
+    clamp; where it is not, all of the chain may have slid, as the fit's own covariance says.
+    """
+    fitted = per_axis(fit.covariances[every::every])
+    count = len(fitted)
+    anchored = np.isfinite(fit.tip_slide_m)
+    own = np.where(seen & anchored, SEEN_SIGMA_SHARE, 1.0) * fitted
+    from_tip = 1.0 - np.arange(1, count + 1) / count
+    length = length_sigma_m * from_tip / np.sqrt(2.0) if anchored else 0.0
+    off_end = 0.5 * fit.tip_slide_m if anchored else 0.0
+    return np.sqrt(own**2 + length**2 + off_end**2 + (LEAST_SIGMA_PX * metre_per_pixel) ** 2)
 
 
 def near_fold(fit: Fit, every: int) -> np.ndarray:
@@ -97,7 +132,4 @@ def in_long_gap(seen: np.ndarray, longest: float) -> np.ndarray:
 
 def outside(points_m: np.ndarray, picture: Picture) -> np.ndarray:
     """Tell which points (n,) lie outside the picture."""
-    pixels = picture.pixels
-    rows, columns = picture.image.shape
-    uv = np.array([to_pixel(x, y, pixels.origin_m, pixels.step_m, pixels.uv) for x, y in points_m])
-    return np.asarray((uv < 0).any(axis=1) | (uv[:, 0] > columns - 1) | (uv[:, 1] > rows - 1))
+    return np.array([is_outside(picture, *to_pixel(x, y, picture.plane), 0.0) for x, y in points_m])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.tracking.chain import node_normals, place_nodes
-from strandcast.tracking.follow import GOOD, Fit, find_string, fit_string
-from strandcast.tracking.picture import Looks, Picture, map_of
+from strandcast.tracking.chain import node_normals
+from strandcast.tracking.fit import NARROW_PX, Fit, fit_frame
+from strandcast.tracking.follower import GOOD, Sight, find_string, still_half_px
+from strandcast.tracking.picture import Looks, Picture, is_outside, levels_at
 from strandcast.tracking.pixelmap import to_pixel
 from strandcast.tracking.sighting import STEP_PX, line_score, sample_across
 from strandcast.tracking.tip import end_of_string
@@ -18,10 +19,9 @@ LEAST_CONTRAST = 5.0  # grey levels
 FIRST_REACH_M = 0.045  # from the tip to the visible end: a ball's radius and an error of the length
 FOUND = 0.35  # mean reward of a way that is the string
 BALL_TIMES = 1.6  # wider than this, in the string's own widths and a pixel more, is a ball at the tip
-LARGEST_CORRECTION = 0.03  # of the length, by the string's visible end
-OPEN_SHARE = 0.9  # of the most open frame's open share, from which a frame teaches the length
+OPEN_SHARE = 0.9  # of the most open frame's open share, from which a frame teaches the string's end
+NO_BALLS, NO_GUESS = np.zeros((0, 3)), np.zeros((0, 2))
 ONE_SENSE = 0.9  # of the string must be brighter than the background to be a bright string
-TEACHERS = 3  # frames with a clear end that a length is taken from, at least
 
 
 @dataclass(frozen=True)
@@ -48,20 +48,9 @@ class Sighting:
     end_level: float
 
 
-@dataclass(frozen=True)
-class Lesson:
-    """What all sightings teach together: looks, length (m), what to warn of, frames with a clear end."""
-
-    looks: Looks
-    length_m: float
-    warnings: list[str]
-    teachers: int
-
-
 def sight(
     frame: int,
-    picture: Picture,
-    hand: np.ndarray,
+    at: Sight,
     links: int,
     link_m: float,
     thickness_m: float | None,
@@ -71,10 +60,8 @@ def sight(
 
     Parameters
     ----------
-    frame, picture
+    frame, at
         The frame.
-    hand
-        The hand's pose.
     links, link_m
         The chain.
     thickness_m
@@ -82,47 +69,45 @@ def sight(
     polarity
         1 for a string brighter than the background, -1 for a darker one, None to find out.
     """
-    scale = picture.pixels.metre_per_pixel
-    difference = picture.image[::4, ::4].astype(np.float32) - picture.background[::4, ::4]
-    noise = 1.48 * float(np.median(np.abs(difference)))
+    picture = at.picture
+    scale = picture.plane.metre_per_pixel
+    noise = noise_of(picture)
     half_m = 0.5 * thickness_m if thickness_m else 1.0 * scale
     contrast = max(NOISE_TIMES * noise, LEAST_CONTRAST)
     looks = Looks(max(half_m, 0.6 * scale), contrast, polarity=polarity or 0.0, noise=noise)
-    heading, value = find_string(picture, hand, None, links, link_m, looks)
+    heading, value = find_string(at, None, links, link_m, looks)
     if value < FOUND:
         return None
-    fit = _fit_freely(picture, hand, heading, link_m, looks)
+    fit = _fit_freely(at, heading, link_m, looks)
     for _ in range(2):
-        looks = _measure(picture, hand, fit, link_m, looks)
-        looks = looks if polarity is None else replace(looks, polarity=polarity)
-        fit = _fit_freely(picture, hand, fit.heading, link_m, looks)
-    nodes = place_nodes(hand[:2], fit.heading, link_m)
-    end_m, half_px = end_of_string(
-        picture.image, picture.background, nodes, fit.heading, looks.contrast, looks.polarity,
-        looks.blind, FIRST_REACH_M, *map_of(picture),
-    )  # fmt: skip
+        looks = _measure(picture, fit, looks)
+        looks = looks if polarity is None else looks._replace(polarity=polarity)
+        fit = _fit_freely(at, fit.heading, link_m, looks)
+    nodes = fit.nodes()
+    end_m, half_px = end_of_string(picture, nodes, fit.heading, looks, FIRST_REACH_M)
     half_m = half_px * scale
     along = np.array([np.cos(fit.heading[-1]), np.sin(fit.heading[-1])])
     level = level_at(picture, nodes[-1] + (end_m - half_m) * along) if np.isfinite(end_m) else np.nan
     return Sighting(frame, looks, fit, end_m, half_m, level)
 
 
-def learn_looks(sightings: list[Sighting], length_m: float, pixel_m: float) -> Lesson:
-    """Learn the string's looks and length as the medians over the sightings that show them well.
+def noise_of(picture: Picture) -> float:
+    """Return the standard deviation (grey levels) of what has not changed, from every fourth pixel."""
+    rows, columns = picture.image.shape
+    behind = picture.background[picture.top : picture.top + rows, picture.left : picture.left + columns]
+    change = picture.image[::4, ::4].astype(np.float32) - behind[::4, ::4]
+    return 1.48 * float(np.median(np.abs(change)))
+
+
+def learn_looks(sightings: list[Sighting], pixel_m: float) -> Looks:
+    """Learn the string's looks as the medians over the sightings that show them well.
 
     Parameters
     ----------
     sightings
         At least one.
-    length_m
-        The length that the chain had in the sightings.
     pixel_m
         A pixel's size in the string's plane.
-
-    Notes
-    -----
-    Where the hand or the arm hides part of the string, its way there is a guess, and so is the chain's tip:
-    the length is taken from the frames in which most of the string is open.
     """
     good = [s for s in sightings if s.fit.value >= GOOD] or sightings
     looks = Looks(
@@ -135,40 +120,30 @@ def learn_looks(sightings: list[Sighting], length_m: float, pixel_m: float) -> L
     ended = [s for s in good if np.isfinite(s.end_m)]
     openest = max((s.fit.open_share for s in ended), default=0.0)
     clear = [s for s in ended if s.fit.open_share >= OPEN_SHARE * openest]
-    if len(clear) < TEACHERS:
-        return Lesson(
-            replace(looks, tip_excess_m=looks.half_m),
-            length_m,
-            [f"the string's end is clear in {len(clear)} of {len(sightings)} frames: its length is as given"],
-            len(clear),
-        )  # fmt: skip
+    if not clear:
+        return looks._replace(tip_excess_m=looks.half_m)
     half_m = float(np.median([s.end_half_m for s in clear]))
-    ball = half_m > BALL_TIMES * looks.half_m + pixel_m
-    excess_m = half_m if ball else looks.half_m
-    level = float(np.median([s.end_level for s in clear])) if ball else np.nan
-    looks = replace(looks, tip_excess_m=excess_m, ball_level=level)
-    correction_m = float(np.median([s.end_m for s in clear])) - excess_m
-    if abs(correction_m) > LARGEST_CORRECTION * length_m:
-        text = f"the string's visible end does not fit its length: it is {1e3 * correction_m:+.1f} mm off"
-        return Lesson(looks, length_m, [text], len(clear))
-    return Lesson(looks, length_m + correction_m, [], len(clear))
+    if half_m <= BALL_TIMES * looks.half_m + pixel_m:
+        return looks._replace(tip_excess_m=looks.half_m)
+    level = float(np.median([s.end_level for s in clear]))
+    return looks._replace(tip_excess_m=half_m, ball_level=level)
 
 
-def _fit_freely(picture: Picture, hand: np.ndarray, heading: np.ndarray, link_m: float, looks: Looks) -> Fit:
-    half_px = np.full(len(heading) + 1, looks.half_m / picture.pixels.metre_per_pixel)
-    return fit_string(picture, hand, heading, heading, link_m, half_px, looks, wide=False, hold_tip=False)
+def _fit_freely(at: Sight, heading: np.ndarray, link_m: float, looks: Looks) -> Fit:
+    half_px = still_half_px(looks, len(heading), at.picture)
+    return fit_frame(
+        at.picture, at.clamp_m, heading, heading, link_m, half_px, looks, NO_BALLS, NO_GUESS, NARROW_PX, False
+    )
 
 
-def _measure(picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks: Looks) -> Looks:
+def _measure(picture: Picture, fit: Fit, looks: Looks) -> Looks:
     """Return the string's half width (at half its height), contrast and level."""
-    scale = picture.pixels.metre_per_pixel
-    nodes = place_nodes(hand[:2], fit.heading, link_m)[2:]
+    scale = picture.plane.metre_per_pixel
+    nodes = fit.nodes()[2:]
     half = 24
-    _, origin, step, uv = map_of(picture)
     level, difference = sample_across(
-        picture.image, picture.background, nodes, node_normals(fit.heading)[2:], STEP_PX * scale, half, 1,
-        looks.polarity, origin, step, uv,
-    )  # fmt: skip
+        picture, nodes, node_normals(fit.heading)[2:], STEP_PX * scale, half, 1, looks.polarity
+    )
     good = fit.reward[2:] > 0.5
     if good.sum() < 5:
         return looks
@@ -177,12 +152,12 @@ def _measure(picture: Picture, hand: np.ndarray, fit: Fit, link_m: float, looks:
     middle = np.full(len(nodes), max(1, round(half_m / scale / STEP_PX)))
     score = line_score(level, difference, middle, looks.polarity)[good, half - 2 : half + 3].max(axis=1)
     contrast = max(float(np.median(score)), 0.5 * LEAST_CONTRAST)
-    shown, behind = levels_at(picture, nodes[good])
+    shown, behind = levels_on(picture, nodes[good])
     if len(shown) < 5:
         return looks
     brighter = float((shown > behind).mean())
     sense = 1.0 if brighter > ONE_SENSE else (-1.0 if brighter < 1 - ONE_SENSE else 0.0)
-    return replace(looks, half_m=half_m, contrast=contrast, polarity=sense, level=float(np.median(shown)))
+    return looks._replace(half_m=half_m, contrast=contrast, polarity=sense, level=float(np.median(shown)))
 
 
 def width_at_half(profile: np.ndarray, middle: int) -> float:
@@ -197,24 +172,17 @@ def width_at_half(profile: np.ndarray, middle: int) -> float:
     return float(width)
 
 
-def levels_at(picture: Picture, places_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def levels_on(picture: Picture, places_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the grey levels of picture and background at places (K, 2) (m), those outside left out."""
-    _, origin, step, uv = map_of(picture)
-    pixels = np.array([to_pixel(x, y, origin, step, uv) for x, y in places_m])
-    u, v = np.rint(pixels).astype(int).T
-    rows, columns = picture.image.shape
-    shown = (u >= 0) & (u < columns) & (v >= 0) & (v < rows)
-    u, v = u[shown], v[shown]
-    return picture.image[v, u].astype(float), picture.background[v, u].astype(float)
+    pixels = [to_pixel(x, y, picture.plane) for x, y in places_m]
+    both = [levels_at(picture, u, v) for u, v in pixels if not is_outside(picture, u, v, 0.0)]
+    now, was = np.array(both).reshape(-1, 2).T
+    return now, was
 
 
 def level_at(picture: Picture, place_m: np.ndarray) -> float:
     """Return the median grey level within two pixels of a place (2,) (m)."""
-    _, origin, step, uv = map_of(picture)
-    u, v = to_pixel(place_m[0], place_m[1], origin, step, uv)
-    rows, columns = (
-        slice(max(0, int(v) - 2), max(0, int(v) + 3)),
-        slice(max(0, int(u) - 2), max(0, int(u) + 3)),
-    )
-    around = picture.image[rows, columns]
+    u, v = to_pixel(place_m[0], place_m[1], picture.plane)
+    i, j = int(v) - picture.top, int(u) - picture.left
+    around = picture.image[max(0, i - 2) : max(0, i + 3), max(0, j - 2) : max(0, j + 3)]
     return float(np.median(around)) if around.size else float("nan")

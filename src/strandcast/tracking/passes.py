@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from strandcast.progress import Progress
-from strandcast.tracking.follow import GOOD, LINK_M, Fit
-from strandcast.tracking.follower import WORSE, Follower, Moment, Sight
+from strandcast.tracking.balls import follow_balls
+from strandcast.tracking.fit import NARROW_PX, Fit, fit_frame
+from strandcast.tracking.follower import (
+    GOOD,
+    LINK_M,
+    WORSE,
+    Follower,
+    Moment,
+    Sight,
+    blurred_half_px,
+)
 from strandcast.tracking.looks import Sighting, sight
+from strandcast.tracking.picture import Looks
 from strandcast.tracking.result import StringHint
 
-SURVEYED = 24  # frames that are searched for the string on their own
+SURVEYED = (
+    6,
+    24,
+)  # frames that are searched for the string on their own; the more where the fewer show it ill
+SHOWN = 4  # good ones among the fewer are enough
+CLEAR_WAY = 0.5  # reward of the first node of a string that is seen
 ANCHORS = 4  # of the best of them are tried as the start
 BETTER = 0.02  # a second look's fit must be, to be taken
 
@@ -28,19 +45,18 @@ def chain_of(string: StringHint) -> tuple[int, int]:
 def survey(look: Look, frames: np.ndarray, string: StringHint, polarity: float | None) -> list[Sighting]:
     """Return the sightings of the string in frames spread over those given (F,)."""
     links, _ = chain_of(string)
-    spread = np.unique(np.linspace(0, len(frames) - 1, SURVEYED).astype(int))
-    tell = Progress("track: looks", total=len(spread))
-    found = []
-    for count, index in enumerate(frames[spread].tolist()):
-        at = look(index)
-        if at is not None:
-            found.append(
-                sight(
-                    index, at.picture, at.hand, links, string.length_m / links, string.thickness_m, polarity
-                )
-            )
-        tell(count + 1)
-    return [sighting for sighting in found if sighting is not None]
+    found: dict[int, Sighting | None] = {}
+    for count in SURVEYED:
+        spread = np.unique(np.linspace(0, len(frames) - 1, count).astype(int))
+        for index in frames[spread].tolist():
+            at = look(index) if index not in found else None
+            if at is not None:
+                found[index] = sight(index, at, links, string.length_m / links, string.thickness_m, polarity)
+        sightings = [found[index] for index in sorted(found)]
+        kept = [one for one in sightings if one is not None]
+        if sum(one.fit.value >= GOOD for one in kept) >= SHOWN:
+            break
+    return kept
 
 
 def follow(look: Look, count: int, sightings: list[Sighting], follower: Follower) -> list[Fit | None]:
@@ -61,14 +77,20 @@ def follow(look: Look, count: int, sightings: list[Sighting], follower: Follower
     anchor, fit = best_anchor(look, sightings, follower)
     fits: list[Fit | None] = [None] * count
     fits[anchor] = fit
-    done = 1
-    for frames in (range(anchor + 1, count), range(anchor - 1, -1, -1)):
-        follower.restart(moments_at(look, fits, [anchor]))
+    done = itertools.count(2)
+
+    def go(frames: range) -> int:
+        mover = follower.twin()
+        mover.restart(moments_at(look, fits, [anchor]))
         for index in frames:
             at = look(index)
-            fits[index] = follower.step(at) if at is not None else None
-            done += 1
-            tell(done)
+            fits[index] = mover.step(at) if at is not None else None
+            tell(next(done))
+        return mover.found_anew
+
+    # The kernels let go of Python's lock: the two ways run at the same time, and do not meet.
+    with ThreadPoolExecutor(2) as pool:
+        follower.found_anew += sum(pool.map(go, (range(anchor + 1, count), range(anchor - 1, -1, -1))))
     look_again(look, fits, anchor, follower)
     return fits
 
@@ -80,8 +102,7 @@ def best_anchor(look: Look, sightings: list[Sighting], follower: Follower) -> tu
     for sighting in ranked:
         at = look(sighting.frame)
         assert at is not None
-        fit = follower.fit(at, sighting.fit.heading, sighting.fit.heading, 0.0)
-        tried.append((sighting.frame, fit))
+        tried.append((sighting.frame, follower.fit(at, sighting.fit.heading)))
     return max(tried, key=lambda one: one[1].value * one[1].open_share)
 
 
@@ -112,8 +133,63 @@ def moments_at(look: Look, fits: list[Fit | None], frames: list[int]) -> list[Mo
         fit = fits[index] if 0 <= index < len(fits) else None
         at = None if fit is None else look(index)
         if fit is not None and at is not None:
-            moments.append(Moment(at.time_s, at.hand, fit.heading))
+            moments.append(Moment(at.time_s, fit.root, fit.heading))
     return moments
+
+
+def ways_of(look: Look, fits: list[Fit | None]) -> tuple[np.ndarray, np.ndarray]:
+    """Return ways and directions (K,) as `learn_grasp` takes them, of frames that show the string's end."""
+    ways = []
+    for index, fit in enumerate(fits):
+        at = look(index)
+        if fit is None or at is None or fit.end_is_off or fit.value < GOOD:
+            continue
+        clear = np.flatnonzero(fit.reward[:-1] >= CLEAR_WAY)
+        if len(clear) and np.isfinite(fit.tip_slide_m):
+            first = clear[0]
+            hidden_m = float(np.hypot(*(fit.nodes()[first] - at.clamp_m)))
+            along_m = fit.link_m * (len(fit.heading) - first) + fit.tip_slide_m
+            ways.append((hidden_m + along_m, fit.heading[first] - at.hand[2]))
+    both = np.array(ways).reshape(-1, 2)
+    return both[:, 0], both[:, 1]
+
+
+def refine(
+    look: Look, fits: list[Fit | None], link_m: float, looks: Looks, balls: np.ndarray, exposure_s: float
+) -> list[Fit | None]:
+    """Fit every frame again from its fit, with what all have taught of the string's length and grasp."""
+    centres = follow_balls(look, fits, balls)
+
+    def once_more(index: int) -> Fit | None:
+        fit, at = fits[index], look(index)
+        if fit is None or at is None:
+            return fit
+        beside = fits[index - 1] if index and fits[index - 1] is not None else None
+        before = look(index - 1) if beside is not None else None
+        half_px = np.full(len(fit.heading) + 1, looks.half_m / at.picture.plane.metre_per_pixel)
+        if beside is not None and before is not None:
+            share = min(1.0, exposure_s / max(at.time_s - before.time_s, 1e-9))
+            half_px = blurred_half_px(
+                looks, link_m, at.clamp_m, at.picture.plane.metre_per_pixel, before.clamp_m, beside.heading,
+                fit.heading, share,
+            )  # fmt: skip
+        again = fit_frame(
+            at.picture,
+            at.clamp_m,
+            fit.heading,
+            fit.heading,
+            link_m,
+            half_px,
+            looks,
+            balls,
+            centres[index],
+            NARROW_PX,
+            True,
+        )
+        return again if again.value > fit.value - BETTER else fit
+
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(once_more, range(len(fits))))
 
 
 def runs(mask: np.ndarray) -> Iterator[tuple[int, int]]:

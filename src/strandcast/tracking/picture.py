@@ -2,43 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from strandcast.tracking.pixelmap import PixelMap, to_pixel
-from strandcast.tracking.sighting import inside_box, is_blind, is_covered
 
 BLIND_SHARE = 0.4  # of the contrast, that the background must differ from the string for it to be seen
+GAP_PX = 1.0  # between a line's middle and its flanks: the lens's blur
+COVER_NOISES = 3.0  # a change of both flanks, in noises, from which something lies before the string
+LEAST_COVER = 5.0  # grey levels
 
 
-@dataclass(frozen=True)
-class Picture:
-    """What of one frame the string is looked for in: grey picture, background, the plane's pixel map.
+class Picture(NamedTuple):
+    """What of one frame the string is looked for in, as kernels take it.
 
-    `hand_box` (low x, low y, high x, high y), in the hand's frame, is where nothing that is seen is string.
+    Attributes
+    ----------
+    image, left, top
+        The grey picture, or a part of it, and where its first pixel is in the whole.
+    background
+        The whole scene without arm and string.
+    plane
+        The string's plane in the whole picture.
+    hand_box
+        x, y and angle of the hand, and low x, low y, high x, high y in the hand's frame of where nothing that
+        is seen is string, (7,).
     """
 
     image: np.ndarray
+    left: int
+    top: int
     background: np.ndarray
-    pixels: PixelMap
+    plane: PixelMap
     hand_box: np.ndarray
 
 
-def hand_box(hand: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Return the hand's box where the hand is, as `inside_box` takes it, (7,)."""
-    return np.concatenate([hand, box])
-
-
-def map_of(picture: Picture) -> tuple[float, np.ndarray, float, np.ndarray]:
-    """Return the pixel map as the kernels take it."""
-    pixels = picture.pixels
-    return pixels.metre_per_pixel, pixels.origin_m, pixels.step_m, pixels.uv
-
-
-@dataclass(frozen=True)
-class Looks:
+class Looks(NamedTuple):
     """How the string looks.
 
     Attributes
@@ -62,19 +63,10 @@ class Looks:
     half_m: float
     contrast: float
     tip_excess_m: float = 0.0
-    ball_level: float = np.nan
+    ball_level: float = float("nan")
     polarity: float = 0.0
     noise: float = 1.0
-    level: float = np.nan
-
-    @property
-    def blind(self) -> np.ndarray:
-        """Return the lowest and the highest grey level of a background before which it is not seen, (2,)."""
-        if not np.isfinite(self.level):
-            return np.array([np.inf, np.inf])
-        low = -np.inf if self.polarity < 0 else self.level - BLIND_SHARE * self.contrast
-        high = np.inf if self.polarity > 0 else self.level + BLIND_SHARE * self.contrast
-        return np.array([low, high])
+    level: float = float("nan")
 
     @property
     def has_ball(self) -> bool:
@@ -83,33 +75,95 @@ class Looks:
 
 
 @njit(cache=True)
+def levels_at(picture: Picture, u: float, v: float) -> tuple[float, float]:
+    """Return the grey levels of picture and background between pixels; outside, the nearest edge's."""
+    image, background = picture.image, picture.background
+    rows, columns = image.shape
+    u = min(max(u - picture.left, 0.0), columns - 1.001)
+    v = min(max(v - picture.top, 0.0), rows - 1.001)
+    i, j = int(v), int(u)
+    fv, fu = v - i, u - j
+    w00, w01, w10, w11 = (1 - fv) * (1 - fu), (1 - fv) * fu, fv * (1 - fu), fv * fu
+    now = w00 * image[i, j] + w01 * image[i, j + 1] + w10 * image[i + 1, j] + w11 * image[i + 1, j + 1]
+    i, j = i + picture.top, j + picture.left
+    was = w00 * background[i, j] + w01 * background[i, j + 1]
+    was += w10 * background[i + 1, j] + w11 * background[i + 1, j + 1]
+    return now, was
+
+
+@njit(cache=True)
+def is_outside(picture: Picture, u: float, v: float, margin: float) -> bool:
+    """Tell whether a pixel is outside the picture, or nearer than `margin` to its edge."""
+    rows, columns = picture.image.shape
+    j, i = u - picture.left, v - picture.top
+    return not (margin <= j < columns - 1 - margin and margin <= i < rows - 1 - margin)
+
+
+@njit(cache=True)
+def near_box(x: float, y: float, box: np.ndarray, margin_m: float) -> bool:
+    """Tell whether a place (m) may be within `margin_m` of a box; quicker than `inside_box`."""
+    reach = np.hypot(max(-box[3], box[5]), max(-box[4], box[6])) + margin_m
+    return (x - box[0]) ** 2 + (y - box[1]) ** 2 <= reach * reach
+
+
+@njit(cache=True)
+def inside_box(x: float, y: float, box: np.ndarray) -> bool:
+    """Tell whether a place (m) lies in a box: x, y and angle of its frame, low x, low y, high x, high y.
+
+    The hand's markers are full of thin lines, and the hand hides the string: what is seen there is none.
+    """
+    cosine, sine = np.cos(box[2]), np.sin(box[2])
+    dx, dy = x - box[0], y - box[1]
+    along, left = cosine * dx + sine * dy, -sine * dx + cosine * dy
+    return box[3] <= along <= box[5] and box[4] <= left <= box[6]
+
+
+@njit(cache=True)
+def is_covered(
+    picture: Picture, u: float, v: float, nu: float, nv: float, half_px: float, noise: float
+) -> bool:
+    """Tell whether both flanks of a line at a pixel, with normal (nu, nv), differ from the background."""
+    least = max(COVER_NOISES * noise, LEAST_COVER)
+    for side in (-1.0, 1.0):
+        changed = 0.0
+        for a in range(3):
+            d = side * (half_px + GAP_PX + 1.0 + a)
+            now, was = levels_at(picture, u + d * nu, v + d * nv)
+            changed += (now - was) / 3.0
+        if abs(changed) < least:
+            return False
+    return True
+
+
+@njit(cache=True)
+def is_blind(picture: Picture, u: float, v: float, looks: Looks) -> bool:
+    """Tell whether the background at a pixel is so like the string that it would not be seen there."""
+    if not np.isfinite(looks.level):
+        return False
+    was = levels_at(picture, u, v)[1]
+    spare = BLIND_SHARE * looks.contrast
+    low = -np.inf if looks.polarity < 0 else looks.level - spare
+    high = np.inf if looks.polarity > 0 else looks.level + spare
+    return low <= was <= high
+
+
+@njit(cache=True)
 def hidden_nodes(
-    image: np.ndarray,
-    background: np.ndarray,
-    nodes: np.ndarray,
-    normals: np.ndarray,
-    half_px: np.ndarray,
-    noise: float,
-    blind: np.ndarray,
-    box: np.ndarray,
-    metre_per_pixel: float,
-    origin: np.ndarray,
-    step: float,
-    uv: np.ndarray,
+    picture: Picture, nodes: np.ndarray, normals: np.ndarray, half_px: np.ndarray, looks: Looks
 ) -> np.ndarray:
     """Tell which nodes (K,) cannot be seen: behind hand or arm, before what is like the string, or outside.
 
     The arm is what has changed on both sides of where the string would be.
     """
-    rows, columns = image.shape
+    plane = picture.plane
+    aside_m = 0.5 * plane.metre_per_pixel
     hidden = np.zeros(len(nodes), dtype=np.bool_)
     for k in range(len(nodes)):
         x, y = nodes[k]
-        u, v = to_pixel(x, y, origin, step, uv)
-        hidden[k] = inside_box(x, y, box) or not (1 <= u < columns - 2 and 1 <= v < rows - 2)
+        u, v = to_pixel(x, y, plane)
+        hidden[k] = inside_box(x, y, picture.hand_box) or is_outside(picture, u, v, 1.0)
         if not hidden[k]:
-            aside_m = 0.5 * metre_per_pixel
-            u1, v1 = to_pixel(x + aside_m * normals[k, 0], y + aside_m * normals[k, 1], origin, step, uv)
-            hidden[k] = is_covered(image, background, u, v, 2 * (u1 - u), 2 * (v1 - v), half_px[k], noise)
-            hidden[k] |= is_blind(background, u, v, blind)
+            u1, v1 = to_pixel(x + aside_m * normals[k, 0], y + aside_m * normals[k, 1], plane)
+            hidden[k] = is_covered(picture, u, v, 2 * (u1 - u), 2 * (v1 - v), half_px[k], looks.noise)
+            hidden[k] |= is_blind(picture, u, v, looks)
     return hidden

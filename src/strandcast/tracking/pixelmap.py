@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,8 +14,7 @@ from strandcast.records.camera import Camera
 GRID_M = 0.02
 
 
-@dataclass(frozen=True)
-class PixelMap:
+class PixelMap(NamedTuple):
     """A camera's map from the string's plane to the picture.
 
     Attributes
@@ -34,10 +33,6 @@ class PixelMap:
     step_m: float
     uv: np.ndarray
     metre_per_pixel: float
-
-    def shifted(self, left_px: int, top_px: int) -> PixelMap:
-        """Return the map to the pixels of a crop whose first pixel is (left, top) of the picture."""
-        return replace(self, uv=self.uv - np.array([left_px, top_px], dtype=np.float64))
 
 
 def tabulate(camera: Camera, offset_m: float) -> PixelMap:
@@ -61,15 +56,17 @@ def tabulate(camera: Camera, offset_m: float) -> PixelMap:
     uv = metre_to_pixel(camera, grid_m.reshape(-1, 2), offset_m).reshape(grid_m.shape)
     middle = np.array([[width / 2, height / 2], [width / 2 + 1, height / 2]])
     across_m = pixel_to_metre(camera, middle, offset_m)
-    return PixelMap(low, GRID_M, np.ascontiguousarray(uv), float(np.linalg.norm(across_m[1] - across_m[0])))
+    scale = float(np.linalg.norm(across_m[1] - across_m[0]))
+    return PixelMap(np.ascontiguousarray(low), GRID_M, np.ascontiguousarray(uv), scale)
 
 
 @njit(cache=True)
-def to_pixel(x: float, y: float, origin: np.ndarray, step: float, uv: np.ndarray) -> tuple[float, float]:
+def to_pixel(x: float, y: float, plane: PixelMap) -> tuple[float, float]:
     """Return the pixel (u, v) of a world point (m); far outside the picture (-1e3, -1e3)."""
+    uv = plane.uv
     rows, columns = uv.shape[0], uv.shape[1]
-    gx = (x - origin[0]) / step
-    gy = (y - origin[1]) / step
+    gx = (x - plane.origin_m[0]) / plane.step_m
+    gy = (y - plane.origin_m[1]) / plane.step_m
     if not (gx >= 0.0 and gy >= 0.0 and gx < columns - 1 and gy < rows - 1):
         return -1e3, -1e3
     i, j = int(gy), int(gx)
@@ -81,16 +78,14 @@ def to_pixel(x: float, y: float, origin: np.ndarray, step: float, uv: np.ndarray
 
 
 @njit(cache=True)
-def from_pixel(
-    u: float, v: float, near: np.ndarray, origin: np.ndarray, step: float, uv: np.ndarray
-) -> np.ndarray:
+def from_pixel(u: float, v: float, near: np.ndarray, plane: PixelMap) -> np.ndarray:
     """Return the world point (2,) (m) of a pixel, by Newton's method from the world point `near`."""
     point = near.copy()
-    small = 0.1 * step
+    small = 0.1 * plane.step_m
     for _ in range(5):
-        u0, v0 = to_pixel(point[0], point[1], origin, step, uv)
-        ux, vx = to_pixel(point[0] + small, point[1], origin, step, uv)
-        uy, vy = to_pixel(point[0], point[1] + small, origin, step, uv)
+        u0, v0 = to_pixel(point[0], point[1], plane)
+        ux, vx = to_pixel(point[0] + small, point[1], plane)
+        uy, vy = to_pixel(point[0], point[1] + small, plane)
         a, b, c, d = (ux - u0) / small, (uy - u0) / small, (vx - v0) / small, (vy - v0) / small
         determinant = a * d - b * c
         point[0] += (d * (u - u0) - b * (v - v0)) / determinant
@@ -99,11 +94,9 @@ def from_pixel(
 
 
 @njit(cache=True)
-def all_from_pixel(
-    pixels: np.ndarray, near: np.ndarray, origin: np.ndarray, step: float, uv: np.ndarray
-) -> np.ndarray:
+def all_from_pixel(places_px: np.ndarray, near: np.ndarray, plane: PixelMap) -> np.ndarray:
     """Return the world points (K, 2) (m) of pixels (K, 2), all near one world point."""
-    points = np.empty_like(pixels)
-    for k in range(len(pixels)):
-        points[k] = from_pixel(pixels[k, 0], pixels[k, 1], near, origin, step, uv)
+    points = np.empty_like(places_px)
+    for k in range(len(places_px)):
+        points[k] = from_pixel(places_px[k, 0], places_px[k, 1], near, plane)
     return points

@@ -6,6 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from strandcast.records.track import Contact, SeenTarget
+from strandcast.tracking.attachments import NOTHING, Attachments
+
 
 @dataclass(frozen=True)
 class StringHint:
@@ -32,6 +35,9 @@ class Tracked:
     decoded_frames: int
     choices: dict[str, float | int | str | bool | None]
     warnings: list[str] = field(default_factory=list)
+    attachments: Attachments = NOTHING
+    target: SeenTarget | None = None
+    contact: Contact | None = None
 
 
 def as_columns(rows: np.ndarray) -> dict[str, np.ndarray]:

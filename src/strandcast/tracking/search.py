@@ -5,41 +5,51 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from strandcast.camera.sampling import bilinear
+from strandcast.tracking.picture import (
+    GAP_PX,
+    Looks,
+    Picture,
+    inside_box,
+    is_blind,
+    is_covered,
+    is_outside,
+    levels_at,
+)
 from strandcast.tracking.pixelmap import to_pixel
-from strandcast.tracking.sighting import FLANK_PX, GAP_PX, changed_by, inside_box, is_blind, is_covered
+from strandcast.tracking.sighting import FLANK_PX, changed_by
 
-TURNS_RAD = np.array([0.0, 0.12, -0.12, 0.25, -0.25, 0.4, -0.4, 0.6, -0.6])
-TURN_COST = 0.35  # in clear lines, for a turn of half a radian
+STRIDE = 2  # links that a way goes on at a time
+TURNS_RAD = np.array([0.0, 0.15, -0.15, 0.32, -0.32, 0.55, -0.55, 0.85, -0.85])
+TURN_COST = 0.35  # in clear lines, for a turn of 0.7 rad
 FAN = 33  # directions in which the string may leave the clamp
 CLAMP_COST = 0.06  # for leaving the clamp a radian off its direction
 LEAST_REWARD = -0.3  # of a place without a line
 EMPTY_COST = 0.15  # of a place in the open: ways go rather where nothing can be seen than where nothing is
 CELL_PX = 2.5  # ways that meet in one such cell with like headings are one way
 CELL_RAD = 0.4
+RETRACE_COST = 1.2  # for a place along the way's own earlier part
+TABLE = 1024  # cells remembered, a power of two: many more than beams
 
 
 @njit(cache=True)
 def line_at(
-    image: np.ndarray, background: np.ndarray, u: float, v: float, nu: float, nv: float, half_px: float,
-    polarity: float,
-) -> float:  # fmt: skip
+    picture: Picture, u: float, v: float, nu: float, nv: float, half_px: float, polarity: float
+) -> float:
     """Return the line score (grey levels) at a pixel, for a line with normal (nu, nv) in the picture."""
     level = changed = 0.0
     for a in range(-1, 2):
         pu, pv = u + 0.7 * a * half_px * nu, v + 0.7 * a * half_px * nv
-        now = bilinear(image, pu, pv)
+        now, was = levels_at(picture, pu, pv)
         level += now / 3.0
-        changed += changed_by(now - bilinear(background, pu, pv), polarity) / 3.0
+        changed += changed_by(now - was, polarity) / 3.0
     flank_level = np.zeros(2)
     flank_changed = np.zeros(2)
     for side in range(2):
         sign = 1.0 - 2.0 * side
         for a in range(2):
             d = sign * (half_px + GAP_PX + (0.25 + 0.5 * a) * FLANK_PX)
-            now = bilinear(image, u + d * nu, v + d * nv)
+            now, was = levels_at(picture, u + d * nu, v + d * nv)
             flank_level[side] += 0.5 * now
-            was = bilinear(background, u + d * nu, v + d * nv)
             flank_changed[side] += 0.5 * changed_by(now - was, polarity)
     dark = min(flank_level[0], flank_level[1]) - level
     bright = level - max(flank_level[0], flank_level[1])
@@ -65,86 +75,62 @@ def retraces(
 
 
 @njit(cache=True)
-def reward_at(
-    image: np.ndarray, background: np.ndarray, x: float, y: float, angle: float, half_px: float,
-    contrast: float, polarity: float, noise: float, blind: np.ndarray, hand: np.ndarray,
-    origin: np.ndarray, step: float, uv: np.ndarray,
-) -> float:  # fmt: skip
+def reward_at(picture: Picture, x: float, y: float, angle: float, half_px: float, looks: Looks) -> float:
     """Return what a place (m) on a way with this heading is worth, in clear lines; 0 where none is seen."""
-    u, v = to_pixel(x, y, origin, step, uv)
-    if not (0 < u < image.shape[1] - 1 and 0 < v < image.shape[0] - 1):
+    u, v = to_pixel(x, y, picture.plane)
+    if is_outside(picture, u, v, 1.0):
         return LEAST_REWARD
-    if inside_box(x, y, hand):
+    if inside_box(x, y, picture.hand_box):
         return 0.0
-    u2, v2 = to_pixel(x - 1e-3 * np.sin(angle), y + 1e-3 * np.cos(angle), origin, step, uv)
+    u2, v2 = to_pixel(x - 1e-3 * np.sin(angle), y + 1e-3 * np.cos(angle), picture.plane)
     length = np.hypot(u2 - u, v2 - v)
     nu, nv = (u2 - u) / length, (v2 - v) / length
-    score = line_at(image, background, u, v, nu, nv, half_px, polarity)
-    reward = min(max(score / contrast, LEAST_REWARD), 1.0) - EMPTY_COST
+    score = line_at(picture, u, v, nu, nv, half_px, looks.polarity)
+    reward = min(max(score / looks.contrast, LEAST_REWARD), 1.0) - EMPTY_COST
     if reward < 0 and (
-        is_blind(background, u, v, blind) or is_covered(image, background, u, v, nu, nv, half_px, noise)
+        is_blind(picture, u, v, looks) or is_covered(picture, u, v, nu, nv, half_px, looks.noise)
     ):
         return 0.0
     return reward
 
 
 @njit(cache=True)
-def is_known(
-    x: np.ndarray, y: np.ndarray, angle: np.ndarray, kept: int, new_x: float, new_y: float, new_angle: float,
-    cell_m: float,
-) -> bool:  # fmt: skip
-    """Tell whether a way that ends so is among the first `kept` already."""
-    for b in range(kept):
-        near = abs(x[b] - new_x) < cell_m and abs(y[b] - new_y) < cell_m
-        if near and abs(angle[b] - new_angle) < CELL_RAD:
-            return True
-    return False
+def is_new(cells: np.ndarray, x: float, y: float, angle: float, cell_m: float) -> bool:
+    """Tell whether no way has ended in this cell of place and heading yet, and note it (a hash table)."""
+    turn = angle - 2 * np.pi * np.floor(angle / (2 * np.pi))
+    row, column, sector = int(np.floor(y / cell_m)), int(np.floor(x / cell_m)), int(turn / CELL_RAD)
+    key = ((row + (1 << 20)) << 30) | ((column + (1 << 20)) << 6) | sector
+    slot = (key * 2654435761) & (len(cells) - 1)
+    while cells[slot] != -1:
+        if cells[slot] == key:
+            return False
+        slot = (slot + 1) & (len(cells) - 1)
+    cells[slot] = key
+    return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def trace_string(
-    image: np.ndarray,
-    background: np.ndarray,
-    root: np.ndarray,
+    picture: Picture,
     clamp_rad: float,
     link_m: float,
     links: int,
-    half_px: float,
-    contrast: float,
-    polarity: float,
-    noise: float,
-    blind: np.ndarray,
-    hand: np.ndarray,
+    looks: Looks,
+    root: np.ndarray,
     guide: np.ndarray,
     guide_weight: float,
     beams: int,
-    metre_per_pixel: float,
-    origin: np.ndarray,
-    step: float,
-    uv: np.ndarray,
 ) -> tuple[np.ndarray, float]:
     """Follow the string from the clamp by beam search.
 
     Parameters
     ----------
-    image, background
-        Grey pictures.
-    root, clamp_rad
-        Where and in which direction the string leaves the clamp.
+    picture, looks
+        The frame, and what the string looks like.
+    clamp_rad, root
+        In which direction and where the string leaves the clamp.
     link_m, links
         Length and number of links.
-    half_px
-        Half the string's visible width.
-    contrast
-        Line score of a clear line, grey levels.
-    polarity
-        As in `strandcast.tracking.sighting.sample_across`.
-    noise
-        Of what has not changed, grey levels.
-    blind
-        Lowest and highest grey level of a background before which the string is not seen.
-    hand
-        The box in which the hand hides the string, as in `inside_box`.
     guide, guide_weight
         Nodes (links + 1, 2) near which the string is expected, and the cost of a squared distance (1/m²).
     beams
@@ -155,11 +141,15 @@ def trace_string(
     heading, value
         Headings (links,), and the mean reward per link of the best way: 1 is a clear line throughout.
     """
-    way_x = np.empty((links + 1, beams))
-    way_y = np.empty((links + 1, beams))
-    way_angle = np.empty((links + 1, beams))
-    way_value = np.full((links + 1, beams), -1e9)
-    parent = np.zeros((links + 1, beams), dtype=np.int64)
+    metre_per_pixel = picture.plane.metre_per_pixel
+    half_px = looks.half_m / metre_per_pixel
+    strides = (links + STRIDE - 1) // STRIDE
+    stride_m = STRIDE * link_m
+    way_x = np.empty((strides + 1, beams))
+    way_y = np.empty((strides + 1, beams))
+    way_angle = np.empty((strides + 1, beams))
+    way_value = np.full((strides + 1, beams), -1e9)
+    parent = np.zeros((strides + 1, beams), dtype=np.int64)
     kept = min(FAN, beams)
     for b in range(kept):
         turn = (b - FAN // 2) * (np.pi / (FAN // 2))
@@ -168,66 +158,39 @@ def trace_string(
         way_value[0, b] = -CLAMP_COST * turn * turn
     turns = len(TURNS_RAD)
     near_m = 3.0 * metre_per_pixel
-    cand_x = np.empty(beams * turns)
-    cand_y = np.empty(beams * turns)
-    cand_angle = np.empty(beams * turns)
-    cand_value = np.empty(beams * turns)
-    cand_parent = np.empty(beams * turns, dtype=np.int64)
-    for k in range(links):
-        total = 0
+    cells = np.empty(TABLE, dtype=np.int64)
+    candidates = np.empty((beams * turns, 4))
+    for k in range(strides):
         for b in range(kept):
-            for turn in TURNS_RAD:
-                angle = way_angle[k, b] + turn
-                x = way_x[k, b] + link_m * np.cos(angle)
-                y = way_y[k, b] + link_m * np.sin(angle)
-                reward = reward_at(
-                    image,
-                    background,
-                    x,
-                    y,
-                    angle,
-                    half_px,
-                    contrast,
-                    polarity,
-                    noise,
-                    blind,
-                    hand,
-                    origin,
-                    step,
-                    uv,
-                )
-                off = (x - guide[k + 1, 0]) ** 2 + (y - guide[k + 1, 1]) ** 2
-                cost = TURN_COST * (turn / 0.5) ** 2 + min(guide_weight * off, 0.5)
-                cand_x[total], cand_y[total], cand_angle[total] = x, y, angle
-                cand_value[total], cand_parent[total] = way_value[k, b] + reward - cost, b
-                total += 1
-        order = np.argsort(-cand_value[:total], kind="mergesort")
-        cell_m = CELL_PX * metre_per_pixel
+            for t in range(turns):
+                angle = way_angle[k, b] + TURNS_RAD[t]
+                x = way_x[k, b] + stride_m * np.cos(angle)
+                y = way_y[k, b] + stride_m * np.sin(angle)
+                reward = reward_at(picture, x, y, angle, half_px, looks)
+                guided = guide[min((k + 1) * STRIDE, links)]
+                off = (x - guided[0]) ** 2 + (y - guided[1]) ** 2
+                cost = TURN_COST * (TURNS_RAD[t] / 0.7) ** 2 + min(guide_weight * off, 0.5)
+                one = candidates[b * turns + t]
+                one[0], one[1], one[2], one[3] = x, y, angle, way_value[k, b] + reward - cost
+        order = np.argsort(-candidates[: kept * turns, 3], kind="mergesort")
+        cells[:] = -1
         kept = 0
         for c in order:
-            if is_known(
-                way_x[k + 1],
-                way_y[k + 1],
-                way_angle[k + 1],
-                kept,
-                cand_x[c],
-                cand_y[c],
-                cand_angle[c],
-                cell_m,
-            ):
+            x, y, angle, value = candidates[c]
+            if not is_new(cells, x, y, angle, CELL_PX * metre_per_pixel):
                 continue
-            way_x[k + 1, kept], way_y[k + 1, kept] = cand_x[c], cand_y[c]
-            way_angle[k + 1, kept], way_value[k + 1, kept] = cand_angle[c], cand_value[c]
-            parent[k + 1, kept] = cand_parent[c]
+            way_x[k + 1, kept], way_y[k + 1, kept], way_angle[k + 1, kept] = x, y, angle
+            way_value[k + 1, kept] = value
+            parent[k + 1, kept] = c // turns
             if retraces(way_x, way_y, way_angle, parent, k, kept, near_m):
-                way_value[k + 1, kept] -= 1.2
+                way_value[k + 1, kept] -= RETRACE_COST
             kept += 1
             if kept == beams:
                 break
     heading = np.empty(links)
-    b = int(np.argmax(way_value[links, :kept]))
-    best = b
-    for k in range(links, 0, -1):
-        heading[k - 1] = way_angle[k, b]
+    best = int(np.argmax(way_value[strides, :kept]))
+    b = best
+    for k in range(strides, 0, -1):
+        heading[(k - 1) * STRIDE : k * STRIDE] = way_angle[k, b]
         b = parent[k, b]
-    return heading, way_value[links, best] / links
+    return heading, way_value[strides, best] / strides

@@ -10,14 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from strandcast.camera.sampling import bilinear
+from strandcast.tracking.picture import GAP_PX, Picture, levels_at
 from strandcast.tracking.pixelmap import to_pixel
 
 STEP_PX = 0.5  # spacing of samples across the string
-GAP_PX = 1.0  # between the middle and its flanks: the lens's blur
 FLANK_PX = 2.0  # width of a flank
-COVER_NOISES = 3.0  # a change of both flanks, in noises, from which something lies before the string
-LEAST_COVER = 5.0  # grey levels
 
 
 @njit(cache=True)
@@ -28,24 +25,20 @@ def changed_by(difference: float, polarity: float) -> float:
 
 @njit(cache=True)
 def sample_across(
-    image: np.ndarray,
-    background: np.ndarray,
+    picture: Picture,
     nodes: np.ndarray,
     normals: np.ndarray,
     pitch_m: float,
     half: int,
     along: int,
     polarity: float,
-    origin: np.ndarray,
-    step: float,
-    uv: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sample grey levels along the normal of each node.
 
     Parameters
     ----------
-    image, background
-        Grey pictures (H, W).
+    picture
+        The frame.
     nodes, normals
         (K, 2), m and unit vectors.
     pitch_m
@@ -56,8 +49,6 @@ def sample_across(
         Each sample is the mean of 2 along + 1 places one pitch apart along the string.
     polarity
         1 for a string brighter than the background, -1 for a darker one, 0 if either may be.
-    origin, step, uv
-        The pixel map.
 
     Returns
     -------
@@ -69,11 +60,11 @@ def sample_across(
     difference = np.zeros((count, width))
     share = 1.0 / (2 * along + 1)
     for k in range(count):
-        u0, v0 = to_pixel(nodes[k, 0], nodes[k, 1], origin, step, uv)
+        u0, v0 = to_pixel(nodes[k, 0], nodes[k, 1], picture.plane)
         if u0 < 0 or v0 < 0:
             continue
         u1, v1 = to_pixel(
-            nodes[k, 0] + pitch_m * normals[k, 0], nodes[k, 1] + pitch_m * normals[k, 1], origin, step, uv
+            nodes[k, 0] + pitch_m * normals[k, 0], nodes[k, 1] + pitch_m * normals[k, 1], picture.plane
         )
         du, dv = u1 - u0, v1 - v0
         for w in range(width):
@@ -81,8 +72,9 @@ def sample_across(
             v = v0 + (w - half) * dv
             now = was = 0.0
             for a in range(-along, along + 1):
-                now += share * bilinear(image, u - a * dv, v + a * du)
-                was += share * bilinear(background, u - a * dv, v + a * du)
+                one, other = levels_at(picture, u - a * dv, v + a * du)
+                now += share * one
+                was += share * other
             level[k, w] = now if polarity >= 0 else -now
             difference[k, w] = changed_by(now - was, polarity)
     return level, difference
@@ -150,27 +142,28 @@ def best_way(score: np.ndarray, stiffness: float, largest_jump: int) -> np.ndarr
         Samples per node.
     """
     count, width = score.shape
-    half = width // 2
-    best = np.full(width, -1e9)
-    best[half] = 0.0
-    origin = np.zeros((count, width), dtype=np.int16)
+    spare = largest_jump
+    best = np.full(width + 2 * spare, -1e9)
+    best[spare + width // 2] = 0.0
+    origin = np.zeros((count, width), dtype=np.int64)
+    new = np.empty(width)
     for k in range(1, count):
-        new = np.full(width, -1e9)
         for w in range(width):
-            reward = min(max(score[k, w], -0.2), 1.0)
-            for jump in range(-largest_jump, largest_jump + 1):
-                before = w + jump
-                if before < 0 or before >= width:
-                    continue
-                value = best[before] - stiffness * jump * jump + reward
+            new[w] = best[w + spare]
+            origin[k, w] = 0
+        for jump in range(-largest_jump, largest_jump + 1):
+            cost = stiffness * jump * jump
+            for w in range(width):
+                value = best[w + spare + jump] - cost
                 if value > new[w]:
                     new[w] = value
-                    origin[k, w] = before
-        best = new
+                    origin[k, w] = jump
+        for w in range(width):
+            best[w + spare] = new[w] + min(max(score[k, w], -0.2), 1.0)
     way = np.empty(count, dtype=np.int64)
-    way[count - 1] = np.argmax(best)
+    way[count - 1] = np.argmax(best[spare : spare + width])
     for k in range(count - 1, 0, -1):
-        way[k - 1] = origin[k, way[k]]
+        way[k - 1] = way[k] + origin[k, way[k]]
     return way
 
 
@@ -190,39 +183,3 @@ def centre_of_line(
             moment += value * value * w
         place[k] = moment / total if total > 0 else float(way[k])
     return place
-
-
-@njit(cache=True)
-def inside_box(x: float, y: float, box: np.ndarray) -> bool:
-    """Tell whether a place (m) lies in a box: x, y and angle of its frame, low x, low y, high x, high y.
-
-    The hand's markers are full of thin lines, and the hand hides the string: what is seen there is none.
-    """
-    cosine, sine = np.cos(box[2]), np.sin(box[2])
-    dx, dy = x - box[0], y - box[1]
-    along, left = cosine * dx + sine * dy, -sine * dx + cosine * dy
-    return box[3] <= along <= box[5] and box[4] <= left <= box[6]
-
-
-@njit(cache=True)
-def is_covered(
-    image: np.ndarray, background: np.ndarray, u: float, v: float, nu: float, nv: float, half_px: float,
-    noise: float,
-) -> bool:  # fmt: skip
-    """Tell whether both flanks of a line at a pixel, with normal (nu, nv), differ from the background."""
-    least = max(COVER_NOISES * noise, LEAST_COVER)
-    for side in (-1.0, 1.0):
-        changed = 0.0
-        for a in range(3):
-            d = side * (half_px + GAP_PX + 1.0 + a)
-            pu, pv = u + d * nu, v + d * nv
-            changed += (bilinear(image, pu, pv) - bilinear(background, pu, pv)) / 3.0
-        if abs(changed) < least:
-            return False
-    return True
-
-
-@njit(cache=True)
-def is_blind(background: np.ndarray, u: float, v: float, blind: np.ndarray) -> bool:
-    """Tell whether the background at a pixel is so like the string that it would not be seen there."""
-    return blind[0] <= bilinear(background, u, v) <= blind[1]
