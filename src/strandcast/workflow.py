@@ -10,7 +10,7 @@ from pathlib import Path
 
 from strandcast.errors import ENVIRONMENT, StrandcastError
 from strandcast.experiment import find_experiment
-from strandcast.layout import trial_name
+from strandcast.layout import VIDEO_SUFFIXES, trial_name
 from strandcast.records.summary import Summary
 
 SMALL_TALK = (
@@ -63,7 +63,8 @@ def run_experiments(root: Path, experiments: list[str], cores: int) -> int:
         summary = root / "results" / name / "summary.json"
         if code == 0 and summary.is_file():
             print(table(Summary.read(summary), root / "results" / name / "report.html"))
-            films = sorted((root / "data" / name).glob("trial-*/video.*"))
+            files = sorted((root / "data" / name).glob("trial-*/video.*"))
+            films = [file for file in files if file.suffix.lower() in VIDEO_SUFFIXES]
             print("".join(f"  film:   {film}\n" for film in films), end="")
     return code
 
