@@ -55,6 +55,10 @@ test: $(VENV)/dev.stamp  ## all tests
 bench: $(VENV)/bench.stamp  ## the string's speed and error beside MuJoCo, PyElastica and numpy: results/bench.json
 	@$(BIN)/python -m strandcast.bench.run --threads $(CORES)
 
+.PHONY: bench-video
+bench-video: $(VENV)/runtime.stamp  ## the tracker's errors and speed on filmed throws, beside peers: results/bench-video.md; some 40 minutes
+	@$(BIN)/python -m strandcast.bench.video $(if $(WORK),--work $(WORK))
+
 .PHONY: real
 real: $(VENV)/runtime.stamp  ## predictions of real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
 	@$(BIN)/python -m strandcast.evidence.run

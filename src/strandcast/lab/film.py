@@ -23,17 +23,30 @@ FLICKER_SHARE = 0.003
 FLICKER_HZ = 100.0
 
 
+@dataclass(frozen=True)
+class Tones:
+    """Grey levels, in full light, of the bare string, its pipes and its weights."""
+
+    cord: float
+    pipe: float
+    clay: float
+
+
+TONES = Tones(CORD, PIPE, CLAY)
+
+
 @dataclass(frozen=True, eq=False)
 class Actors:
-    """What moves before the camera, and where on the string's nodes what hangs."""
+    """What moves before the camera, where on the string's nodes what hangs, and how it looks."""
 
     swing: Swing
     diameters_m: np.ndarray
     pipe: np.ndarray
     weights: tuple[tuple[int, float], ...]
+    tones: Tones = TONES
 
 
-def actors_of(swing: Swing, thread: Thread) -> Actors:
+def actors_of(swing: Swing, thread: Thread, tones: Tones = TONES) -> Actors:
     """Return what is to be painted of a throw with the string as it hung out of the clamp."""
     middles = 0.5 * (swing.places_m[1:] + swing.places_m[:-1])
     pipe = np.zeros(len(middles), bool)
@@ -47,6 +60,7 @@ def actors_of(swing: Swing, thread: Thread) -> Actors:
             (int(np.argmin(np.abs(swing.places_m - place))), weight_radius_m(mass))
             for place, mass in thread.weights
         ),
+        tones=tones,
     )
 
 
@@ -119,9 +133,9 @@ def paint_instant(canvas: Canvas, scene: Scene, actors: Actors, q: np.ndarray, n
     view = scene.view
     line = view.pixels(nodes)
     scale = view.scale_px_m(nodes[len(nodes) // 2])
-    canvas.stroke(line, 0.5 * actors.diameters_m * scale, CORD)
+    canvas.stroke(line, 0.5 * actors.diameters_m * scale, actors.tones.cord)
     for k in np.flatnonzero(actors.pipe):
-        canvas.stroke(line[k : k + 2], np.array([0.5 * PIPE_DIAMETER_M * scale]), PIPE)
+        canvas.stroke(line[k : k + 2], np.array([0.5 * PIPE_DIAMETER_M * scale]), actors.tones.pipe)
     for node, radius in actors.weights:
-        canvas.stroke(line[[node, node]], np.array([radius * scale]), CLAY)
+        canvas.stroke(line[[node, node]], np.array([radius * scale]), actors.tones.clay)
     paint_arm(canvas, scene, q)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
@@ -19,7 +19,12 @@ NO_COLOUR = 128
 
 
 def write_video(
-    path: Path, frames: Iterable[np.ndarray], width_px: int, height_px: int, rate_hz: float
+    path: Path,
+    frames: Iterable[np.ndarray],
+    width_px: int,
+    height_px: int,
+    rate_hz: float,
+    encoder: Mapping[str, str] = ENCODER,
 ) -> int:
     """Write frames (H, W) uint8 and return how many; time stamps count 1/rate from zero."""
     rate = Fraction(rate_hz).limit_denominator(100_000)
@@ -30,13 +35,13 @@ def write_video(
         stream.codec_context.time_base = 1 / rate
         stream.codec_context.color_range = FULL_RANGE
         stream.codec_context.thread_count = 1
-        stream.codec_context.options = ENCODER
+        stream.codec_context.options = dict(encoder)
         upcoming = iter(frames)
         with ThreadPoolExecutor(1) as painter:
             # The next frame is painted while this one, already copied, is encoded.
             pending = painter.submit(next, upcoming, None)
             while (grey := pending.result()) is not None:
-                frame = _frame(grey, count)
+                frame = full_range_frame(grey, count)
                 pending = painter.submit(next, upcoming, None)
                 container.mux(stream.encode(frame))
                 count += 1
@@ -44,8 +49,9 @@ def write_video(
     return count
 
 
-def _frame(grey: np.ndarray, number: int) -> av.VideoFrame:
-    frame = av.VideoFrame(grey.shape[1], grey.shape[0], "yuv420p")
+def full_range_frame(grey: np.ndarray, number: int, pixels: str = "yuv420p") -> av.VideoFrame:
+    """Return a colourless frame whose luma is a grey picture (H, W) uint8 as it is."""
+    frame = av.VideoFrame(grey.shape[1], grey.shape[0], pixels)
     frame.color_range = FULL_RANGE
     frame.pts = number
     luma, *colours = frame.planes

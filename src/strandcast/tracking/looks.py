@@ -19,6 +19,7 @@ LEAST_CONTRAST = 5.0  # grey levels
 FIRST_REACH_M = 0.045  # from the tip to the visible end: a ball's radius and an error of the length
 FOUND = 0.35  # mean reward of a way that is the string
 BALL_TIMES = 1.6  # wider than this, in the string's own widths and a pixel more, is a ball at the tip
+BALL_FRAMES, BALL_SHARE = 3, 0.6  # of the frames with a clear end, that show a ball there
 OPEN_SHARE = 0.9  # of the most open frame's open share, from which a frame teaches the string's end
 NO_BALLS, NO_GUESS = np.zeros((0, 3)), np.zeros((0, 2))
 ONE_SENSE = 0.9  # of the string must be brighter than the background to be a bright string
@@ -122,10 +123,11 @@ def learn_looks(sightings: list[Sighting], pixel_m: float) -> Looks:
     clear = [s for s in ended if s.fit.open_share >= OPEN_SHARE * openest]
     if not clear:
         return looks._replace(tip_excess_m=looks.half_m)
-    half_m = float(np.median([s.end_half_m for s in clear]))
-    if half_m <= BALL_TIMES * looks.half_m + pixel_m:
+    wide = [s for s in clear if s.end_half_m > BALL_TIMES * looks.half_m + pixel_m]
+    if len(wide) < max(BALL_FRAMES, BALL_SHARE * len(clear)):
         return looks._replace(tip_excess_m=looks.half_m)
-    level = float(np.median([s.end_level for s in clear]))
+    half_m = float(np.median([s.end_half_m for s in wide]))
+    level = float(np.median([s.end_level for s in wide]))
     return looks._replace(tip_excess_m=half_m, ball_level=level)
 
 

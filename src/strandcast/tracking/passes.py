@@ -28,7 +28,7 @@ SURVEYED = (
     6,
     24,
 )  # frames that are searched for the string on their own; the more where the fewer show it ill
-SHOWN = 4  # good ones among the fewer are enough
+SHOWN = 4  # good ones among the fewer that show the string's end are enough
 CLEAR_WAY = 0.5  # reward of the first node of a string that is seen
 ANCHORS = 4  # of the best of them are tried as the start
 BETTER = 0.02  # a second look's fit must be, to be taken
@@ -54,7 +54,8 @@ def survey(look: Look, frames: np.ndarray, string: StringHint, polarity: float |
                 found[index] = sight(index, at, links, string.length_m / links, string.thickness_m, polarity)
         sightings = [found[index] for index in sorted(found)]
         kept = [one for one in sightings if one is not None]
-        if sum(one.fit.value >= GOOD for one in kept) >= SHOWN:
+        good = [one for one in kept if one.fit.value >= GOOD]
+        if len(good) >= SHOWN and sum(np.isfinite(one.end_m) for one in good) >= SHOWN:
             break
     return kept
 
