@@ -149,13 +149,26 @@ def median_profile(places_m: np.ndarray, widths_m: np.ndarray, agree: float = AG
     told = (count >= 3) & (count >= LEAST_SEEN * count.max(initial=0))
     width, error = np.full(len(places_m), np.nan), np.full(len(places_m), np.nan)
     if told.any():
-        low, width[told], high = np.nanpercentile(widths_m[:, told], (25, 50, 75), axis=0)
+        low, width[told], high = _quartiles(widths_m[:, told], count[told])
         error[told] = 0.93 * (high - low) / np.sqrt(count[told])
         # On a ball's steep flanks frames part by what the chain slides; beyond the tip there is only noise.
         near = int(SLIDE_M / (places_m[1] - places_m[0])) | 1
         usual = maximum_filter1d(np.fmax(width, np.nanmedian(width)), near, mode="nearest")
         width[told] = np.where(high - low > 2 * agree * usual[told], np.nan, width[told])
     return Profile(places_m, _longest_part(width), error)
+
+
+def _quartiles(widths_m: np.ndarray, count: np.ndarray) -> list[np.ndarray]:
+    """Return the quartiles (3 of K) of columns with `count` numbers; numpy's own for NaN is far slower."""
+    ranked = np.sort(widths_m, axis=0)  # NaN come last
+    columns = np.arange(len(count))
+    found = []
+    for share in (0.25, 0.5, 0.75):
+        place = share * (count - 1)
+        low = place.astype(int)
+        high = np.minimum(low + 1, count - 1)
+        found.append(ranked[low, columns] + (place - low) * (ranked[high, columns] - ranked[low, columns]))
+    return found
 
 
 def _longest_part(width: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from strandcast.records.track import OCCLUDED, UNSURE
 from strandcast.tracking.chain import per_axis
@@ -130,6 +131,11 @@ def in_long_gap(seen: np.ndarray, longest: float) -> np.ndarray:
     return lost
 
 
+@njit(cache=True)
 def outside(points_m: np.ndarray, picture: Picture) -> np.ndarray:
     """Tell which points (n,) lie outside the picture."""
-    return np.array([is_outside(picture, *to_pixel(x, y, picture.plane), 0.0) for x, y in points_m])
+    out = np.empty(len(points_m), dtype=np.bool_)
+    for k in range(len(points_m)):
+        u, v = to_pixel(points_m[k, 0], points_m[k, 1], picture.plane)
+        out[k] = is_outside(picture, u, v, 0.0)
+    return out

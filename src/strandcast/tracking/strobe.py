@@ -68,9 +68,8 @@ def strobe_picture(
     most = np.zeros_like(grey)
     for now in pictures:
         change = cv2.absdiff(now, background)
-        newer = change > most
-        grey[newer] = now[newer]
-        most[newer] = change[newer]
+        cv2.copyTo(now, cv2.compare(change, most, cv2.CMP_GT), grey)
+        most = cv2.max(most, change)
     picture = cv2.cvtColor(eight_bit(grey), cv2.COLOR_GRAY2RGB)
     for turn, string_m in enumerate(points_m):
         pixels = metre_to_pixel(camera, string_m, camera.string_offset_m)

@@ -23,7 +23,7 @@ BEYOND_M = 0.04  # how far beyond the tip is looked
 STEP_PX = 3.0  # that the string must move between frames that count as two
 CLEAR = 0.5  # mean quality of the nodes of a frame that is read
 WORSE = 0.15  # than the median frame's quality, at most
-MOST_FRAMES = 120
+MOST_FRAMES = 80
 
 
 def choose_frames(nodes_m: np.ndarray, quality: np.ndarray, metre_per_pixel: float) -> np.ndarray:
