@@ -25,6 +25,7 @@ def sighting(end_m, half_m=0.002, value=0.9, open_share=1.0):
         open_share,
         False,
         False,
+        0,
     )
     looks = Looks(half_m=0.001, contrast=60.0, polarity=1.0, noise=2.0, level=140.0)
     return Sighting(0, looks, fit, end_m, half_m, 176.0)

@@ -53,6 +53,8 @@ class Fit(NamedTuple):
         The tip should be seen but is not where the string ends.
     ball_seen
         The tip's ball was found.
+    doubled
+        Nodes that can be seen and lie along an earlier part of the chain: it may be folded onto itself.
     """
 
     root: np.ndarray
@@ -65,6 +67,7 @@ class Fit(NamedTuple):
     open_share: float
     end_is_off: bool
     ball_seen: bool
+    doubled: int
 
     def nodes(self) -> np.ndarray:
         """Return the chain's nodes (M + 1, 2) (m)."""
@@ -141,16 +144,19 @@ def fit_frame(
         hidden[k] |= behind_ball(k * link_m, balls)
     hidden[0] = True
     once = seen_once(nodes, heading, 2.5 * scale)
-    total, count = 0.0, 0
+    total, count, doubled = 0.0, 0, 0
     for k in range(len(reward)):
         if not hidden[k]:
             total += reward[k] * once[k]
             count += 1
+            doubled += once[k] == 0.0
     open_share = count / len(reward)
     value = total / count if open_share > LEAST_OPEN else 0.0
     bends = heading[1:] - heading[:-1]
     value -= END_COST * end_is_off + BEND_COST * (bends * bends).sum()
-    return Fit(root, heading, link_m, reward, covariances, slide_m, value, open_share, end_is_off, ball_seen)
+    return Fit(
+        root, heading, link_m, reward, covariances, slide_m, value, open_share, end_is_off, ball_seen, doubled
+    )
 
 
 @njit(cache=True)

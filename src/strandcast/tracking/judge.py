@@ -25,6 +25,7 @@ LONGEST_HIDDEN_M = 0.07  # of string whose course between seen ends is inferred
 # held by its tip, and what no fit sees (map, lens, edges), were measured on lab videos.
 SEEN_SIGMA_SHARE = 0.2
 LEAST_SIGMA_PX = 0.05
+DOUBLED = 4  # nodes along another part of the chain, from which it may have been folded onto itself
 SLIPPED_M = 0.0065  # of the chain's start off the clamp, from which it has a piece too much or too little
 
 
@@ -66,8 +67,8 @@ def judge(fit: Fit, every: int, picture: Picture, clamp_m: np.ndarray, length_si
     doubtful = near_fold(fit, every)
     doubtful[-1] |= tip_off
     if slip_m > SLIPPED_M:
-        doubtful[:] = True
         sigma = np.hypot(sigma, slip_m)
+    doubtful |= slip_m > SLIPPED_M or fit.doubled >= DOUBLED
     flags[doubtful] |= UNSURE
     sigma[doubtful] = np.maximum(sigma[doubtful], UNSURE_M)
     flags[sigma > UNSURE_M] |= UNSURE

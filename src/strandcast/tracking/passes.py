@@ -187,7 +187,7 @@ def refine(
             NARROW_PX,
             True,
         )
-        return again if again.value > fit.value - BETTER else fit
+        return again if again.value > fit.value - WORSE else fit
 
     with ThreadPoolExecutor(2) as pool:
         return list(pool.map(once_more, range(len(fits))))
