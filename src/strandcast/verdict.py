@@ -8,10 +8,11 @@ import numpy as np
 
 from strandcast.records.alignment import Alignment
 from strandcast.records.summary import AFTER_MOTION_S, Verdict
-from strandcast.records.track import Track
+from strandcast.records.track import UNSURE, Track
 
 GAP_STEPS = 2.5  # a step of more than this many usual ones is a gap: one lost frame is bridged, two are not
 GAP_SAMPLES = 50
+MOST_UNSURE = 0.9  # of the throw's frames, with an unsure tip, from which no miss is told
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,9 @@ def judge(
         return blank.model_copy(
             update={"reason": f"the tip was tracked in {len(mine)} frames of the throw only"}
         )
+    if ((track.flags[mine, -1] & UNSURE) > 0).mean() > MOST_UNSURE:
+        unsure = "the tip's place is unsure in nearly every frame of the throw"
+        return blank.model_copy(update={"reason": unsure})
     found, reason = closest_approach(robot_s[mine], tip[mine], target, _usual_step_s(track), (start_s, end_s))
     if found is None:
         return blank.model_copy(update={"reason": reason})

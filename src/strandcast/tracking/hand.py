@@ -22,6 +22,7 @@ CELLS = 6  # of a 4x4 marker's side, border included
 FOLLOW_RMS_PX = 0.4  # corners that were followed must fit better than this
 BORDER_PLACES = 8  # along each side, at which the border is looked at
 LEAST_BORDER = 25.0  # grey levels between a marker's black border and the white around it
+AT_ODDS_SHARE = 0.1  # of the frames, in which markers contradict each other, from which that is told
 WORST_RMS_PX = 1.0  # corners that fit a rigid hand worse than this are not believed
 RIM_SHARE = 0.25  # white rim around a marker's black square, of its side
 CORNER_SIGMA_PX = 0.1  # least error of a corner; several share the errors of the camera's map
@@ -81,13 +82,45 @@ class HandFinder:
             dict[int, np.ndarray]
         ] = []  # corners in the last two frames, all seen or inferred
         self._seen: set[int] = set()
+        self._read_ids: set[int] = set()
+        self._frames = self._at_odds = 0
+        self._last_odds: dict[int, np.ndarray] = {}
+
+    def why_not(self) -> str:
+        """Say why the hand is not seen in any frame."""
+        if self._read_ids:
+            return (
+                f"the hand's markers {sorted(self._read_ids)} are seen, but not of the sizes and at the "
+                "places that the arm's file gives them"
+            )
+        return f"none of the hand's markers {sorted(self.markers)} is seen in any frame"
+
+    def contradictions(self) -> list[str]:
+        """Warn of markers that were often seen at other distances than the arm's file gives them."""
+        if self._at_odds < AT_ODDS_SHARE * max(1, self._frames) or len(self._last_odds) < 2:
+            return []
+        one, other = sorted(self._last_odds)[:2]
+        middles = [self.in_plane(self._last_odds[m], m).mean(axis=0) for m in (one, other)]
+        given = np.subtract(self.markers[one].place_m, self.markers[other].place_m)
+        seen_mm, given_mm = 1e3 * np.hypot(*(middles[0] - middles[1])), 1e3 * np.hypot(*given)
+        return [
+            f"markers {one} and {other} of the hand are seen {seen_mm:.1f} mm apart, the arm's file says "
+            f"{given_mm:.1f} mm (in {self._at_odds} of {self._frames} frames): one of them is taken for the "
+            "hand, perhaps the wrong one; correct their places or sizes in the arm's file"
+        ]
 
     def find(self, image: np.ndarray) -> HandSighting | None:
         """Return the hand as the markers in this frame show it, or None."""
+        self._frames += 1
         expected = self._expected()
         sighting = self._follow(image, expected) if expected else None
         if sighting is None:
-            sighting = self._pose(self._read(image, expected))
+            found = self._read(image, expected)
+            self._read_ids |= set(found)
+            sighting = self._pose(found)
+            if found and (sighting is None or len(sighting.corners_px) < len(found)):
+                self._at_odds += 1
+                self._last_odds = found
         self._note(sighting)
         return sighting
 

@@ -86,14 +86,15 @@ def point_sigmas(
     """Return sigma (n,) of the mass points, per axis (m).
 
     Where the tip is seen the chain hangs on it, and an error of the length is one of the points near the
-    clamp; where it is not, all of the chain may have slid, as the fit's own covariance says.
+    clamp; where it is not, of those near the tip, and all of the chain may have slid, as the fit's own
+    covariance says.
     """
     fitted = per_axis(fit.covariances[every::every])
     count = len(fitted)
     anchored = np.isfinite(fit.tip_slide_m)
     own = np.where(seen & anchored, SEEN_SIGMA_SHARE, 1.0) * fitted
     from_tip = 1.0 - np.arange(1, count + 1) / count
-    length = length_sigma_m * from_tip / np.sqrt(2.0) if anchored else 0.0
+    length = length_sigma_m * (from_tip if anchored else 1.0 - from_tip) / np.sqrt(2.0)
     off_end = 0.5 * fit.tip_slide_m if anchored else 0.0
     return np.sqrt(own**2 + length**2 + off_end**2 + (LEAST_SIGMA_PX * metre_per_pixel) ** 2)
 

@@ -16,7 +16,9 @@ from strandcast.tracking.tip import end_of_string
 
 NOISE_TIMES = 5.0  # a line this many times the noise is taken for the string, before its contrast is known
 LEAST_CONTRAST = 5.0  # grey levels
-FIRST_REACH_M = 0.045  # from the tip to the visible end: a ball's radius and an error of the length
+FIRST_REACH_M = 0.03  # from the tip to the visible end: a ball's radius,
+FIRST_REACH_SHARE = 0.15  # and an error of the length, of itself
+LENGTH_SPREAD = 0.02  # of the length, within which half of the sightings' ends must agree
 FOUND = 0.35  # mean reward of a way that is the string
 BALL_TIMES = 1.6  # wider than this, in the string's own widths and a pixel more, is a ball at the tip
 BALL_FRAMES, BALL_SHARE = 3, 0.6  # of the frames with a clear end, that show a ball there
@@ -83,9 +85,11 @@ def sight(
     for _ in range(2):
         looks = _measure(picture, fit, looks)
         looks = looks if polarity is None else looks._replace(polarity=polarity)
+        looks = looks if thickness_m is None else looks._replace(half_m=max(0.5 * thickness_m, 0.6 * scale))
         fit = _fit_freely(at, fit.heading, link_m, looks)
     nodes = fit.nodes()
-    end_m, half_px = end_of_string(picture, nodes, fit.heading, looks, FIRST_REACH_M)
+    reach_m = FIRST_REACH_M + FIRST_REACH_SHARE * links * link_m
+    end_m, half_px = end_of_string(picture, nodes, fit.heading, looks, reach_m)
     half_m = half_px * scale
     along = np.array([np.cos(fit.heading[-1]), np.sin(fit.heading[-1])])
     level = level_at(picture, nodes[-1] + (end_m - half_m) * along) if np.isfinite(end_m) else np.nan
@@ -129,6 +133,20 @@ def learn_looks(sightings: list[Sighting], pixel_m: float) -> Looks:
     half_m = float(np.median([s.end_half_m for s in wide]))
     level = float(np.median([s.end_level for s in wide]))
     return looks._replace(tip_excess_m=half_m, ball_level=level)
+
+
+def seen_length(sightings: list[Sighting], looks: Looks, given_m: float) -> float:
+    """Return the string's length as the sightings' ends tell it; as it was given where they do not agree.
+
+    A rough one, for the chain to be of about the right length from the start; all frames tell it better.
+    """
+    good = [s for s in sightings if s.fit.value >= GOOD and np.isfinite(s.end_m)]
+    if len(good) < BALL_FRAMES:
+        return given_m
+    beyond_m = np.array([s.end_m for s in good]) - looks.tip_excess_m
+    middle_m = float(np.median(beyond_m))
+    spread_m = float(np.median(np.abs(beyond_m - middle_m)))
+    return given_m + middle_m if spread_m < LENGTH_SPREAD * given_m else given_m
 
 
 def _fit_freely(at: Sight, heading: np.ndarray, link_m: float, looks: Looks) -> Fit:

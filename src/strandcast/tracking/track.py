@@ -21,12 +21,12 @@ from strandcast.tracking.counts import check_count, check_size, open_ingested
 from strandcast.tracking.crops import Crops
 from strandcast.tracking.fit import Fit
 from strandcast.tracking.follower import Follower, Sight
-from strandcast.tracking.grasp import Grasp, learn_grasp
+from strandcast.tracking.grasp import LEAST_FRAMES, Grasp, learn_grasp
 from strandcast.tracking.hand import HandFinder, HandMarker, HandSighting, box_around, place
 from strandcast.tracking.hand_path import HandPath, bridge_hand
 from strandcast.tracking.judge import FrameResult, judge
 from strandcast.tracking.jumps import doubt_jumps
-from strandcast.tracking.looks import learn_looks, level_at
+from strandcast.tracking.looks import learn_looks, level_at, seen_length
 from strandcast.tracking.passes import Look, chain_of, follow, refine, survey, ways_of
 from strandcast.tracking.picture import Looks, Picture
 from strandcast.tracking.pixelmap import tabulate
@@ -43,6 +43,8 @@ BALL_TIMES = 1.6  # the string's own half width, from which a weight is a ball t
 END_BALL_M = 0.01  # from the tip, within which a weight is the tip's own
 LEVEL_FRAMES = 15
 DECODER_THREADS = 2  # beside this process, which looks for the hand meanwhile
+LEAST_SEEN = 0.3  # of the frames, under which it is warned
+OTHER_LIGHT = 0.15  # by which a given picture of the scene may be brighter or darker than the video
 MOVED_FRAMES = 4  # that are held against the photo of the plane
 LARGEST_CORRECTION = 0.03  # of the length
 
@@ -124,18 +126,20 @@ def track_video(
         if not sightings:
             raise StrandcastError(
                 "SC-T004", "no string is seen to leave the hand in any frame", file=path,
-                fix="check the clamp's place and angle in the arm's file, and the string")  # fmt: skip
+                fix="look at `strandcast preview`; check the clamp's place and angle in the arm's file, the "
+                "light, and what is set of track.polarity, contrast_grey and background_picture")  # fmt: skip
         looks = learn_looks(sightings, plane.metre_per_pixel)
         if options.contrast_grey is not None:
             looks = looks._replace(contrast=options.contrast_grey)
         links, every = chain_of(string)
-        link_m = string.length_m / links
-        follower = Follower(links, link_m, looks, tip_ball(looks, string.length_m), exposure_s)
+        length_m = seen_length(sightings, looks, string.length_m)
+        ball = tip_ball(looks, length_m)
+        follower = Follower(links, length_m / links, looks, ball, exposure_s)
         fits = follow(look, len(scene.hands), sightings, follower)
-        grasp = learn_grasp(string.length_m, *ways_of(look, fits))
+        grasp = learn_grasp(length_m, *ways_of(look, fits))
         seen = attachments_of(look, fits, links, looks)
-        seen = seen.moved(grasp.length_m - string.length_m)
-        balls = all_balls(look, fits, seen, looks, string.length_m, grasp)
+        seen = seen.moved(grasp.length_m - length_m)
+        balls = all_balls(look, fits, seen, looks, length_m, grasp)
         look = looker(crops, scene.background, hand, time_s, box_around(markers), grasp.aside_m)
         fits = refine(look, fits, grasp.length_m / links, looks, balls, exposure_s)
         results = [judge_frame(look(index), fit, every, grasp) for index, fit in enumerate(fits)]
@@ -159,6 +163,7 @@ def track_video(
         "thickness_m": 2 * looks.half_m,
         "polarity": looks.polarity,
         "contrast_grey": looks.contrast,
+        "target_seen": tracked.target is not None,
         "noise_grey": looks.noise,
         "tip_excess_m": looks.tip_excess_m,
         "ball_at_tip": looks.has_ball,
@@ -171,6 +176,8 @@ def track_video(
         "strobe_frames": " ".join(map(str, instants)),
     }
     tracked.warnings += scene_warnings(camera, finder, scene, path)
+    tracked.warnings += finder.contradictions()
+    tracked.warnings += doubts(tracked)
     tracked.warnings += grasp_warnings(grasp, string.length_m)
     tracked.warnings += scene.complaints
     return tracked
@@ -243,6 +250,11 @@ def ball_level(look: Look, fits: list[Fit | None], place_m: float) -> float:
 def grasp_warnings(grasp: Grasp, given_m: float) -> list[str]:
     """Warn of a string that is seen to be of another length than it was given."""
     off_m = grasp.length_m - given_m
+    if grasp.frames < LEAST_FRAMES:
+        return [
+            f"the string is seen to end in {grasp.frames} frames only: its length is as given, "
+            f"{1e3 * given_m:.0f} mm; if that is wrong, so are all places along it"
+        ]
     if abs(off_m) < LARGEST_CORRECTION * given_m:
         return []
     return [
@@ -298,16 +310,30 @@ def decode(path: str | Path, facts: VideoFacts, finder: HandFinder, crops: Crops
     check_count(len(hands), facts, path)
     background, chosen = learn_background(samples.pictures, options.background_frames)
     if options.background is not None:
-        background = options.background
+        background = given_background(options.background, background)
     return Scene(hands, video.warnings(), background, np.asarray(samples.indices)[chosen], samples)
+
+
+def given_background(given: np.ndarray, learned: np.ndarray) -> np.ndarray:
+    """Return the given picture of the empty scene, as deep as the video; refuse one of another light."""
+    if given.dtype != learned.dtype:
+        given = eight_bit(given) if learned.dtype == np.uint8 else given.astype(learned.dtype)
+    light, usual = float(np.median(given)), float(np.median(learned))
+    if abs(light - usual) > OTHER_LIGHT * max(usual, 1.0):
+        raise StrandcastError(
+            "SC-T032", f"the picture of the empty scene has a median grey level of {light:.0f}, the video of "
+            f"{usual:.0f}", field="track.background_picture",
+            fix="take it with the video's exposure and light, or leave the setting out")  # fmt: skip
+    return given
 
 
 def check_hand(hands: list[HandSighting | None], finder: HandFinder, path: str | Path) -> None:
     """Refuse a video in which the hand is never seen."""
     if not any(hands):
         raise StrandcastError(
-            "SC-T003", f"none of the hand's markers {sorted(finder.markers)} is seen in any frame", file=path,
-            field="markers", fix="check ids, dictionary and that the picture is not mirrored")  # fmt: skip
+            "SC-T003", finder.why_not(), file=path, field="markers",
+            fix="check ids, dictionary, sizes and places in the arm's file, and that the picture is neither "
+            "mirrored nor inverted; `strandcast preview` shows what is seen")  # fmt: skip
 
 
 def scene_warnings(camera: Camera, finder: HandFinder, scene: Scene, path: str | Path) -> list[str]:
@@ -329,6 +355,19 @@ def moves(camera: Camera, samples: Samples) -> list[tuple[int, Moved]]:
     return [(index, moved) for index, moved in seen if moved is not None]
 
 
+def doubts(tracked: Tracked) -> list[str]:
+    """Warn of a string, or a tip, that is hardly ever seen without doubt."""
+    seen = np.isfinite(tracked.points_m).all(axis=2) & (tracked.flags == 0)
+    told = []
+    for what, share in (("the points", float(seen[:, 1:].mean())), ("the tip", float(seen[:, -1].mean()))):
+        if share < LEAST_SEEN:
+            told.append(
+                f"{what}: seen without doubt in {100 * share:.0f} % of the frames; `strandcast preview` "
+                "shows what the tracker sees"
+            )
+    return told
+
+
 def collect(time_s: np.ndarray, hand: HandPath, results: list[FrameResult | None], points: int) -> Tracked:
     """Put the frames' results into arrays."""
     count = len(results)
@@ -343,7 +382,7 @@ def collect(time_s: np.ndarray, hand: HandPath, results: list[FrameResult | None
                 result.sigma_m,
                 result.flags,
             )
-    doubt_jumps(places, sigma, flags)
+    doubt_jumps(places, sigma, flags, float(np.median(np.diff(time_s))))
     return Tracked(time_s, places, sigma, flags, {}, np.zeros((1, 1, 3), np.uint8), count, {})
 
 
