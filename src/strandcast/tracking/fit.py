@@ -17,7 +17,7 @@ from strandcast.tracking.sighting import (
     line_score,
     sample_across,
 )
-from strandcast.tracking.tip import Tip, ends_at_tip, locate_tip, no_tip, pin_balls, place_on
+from strandcast.tracking.tip import END_PX, Tip, ends_at_tip, locate_tip, no_tip, pin_balls, place_on
 
 SIGHTING_PX = 0.45  # standard deviation of a sighting across a clear line
 CLEAR = 0.25  # reward under which a sighting is not used
@@ -27,7 +27,6 @@ WIDE_PX, NARROW_PX = 14.0, 6.0  # how far from the prediction the string is look
 MOVED_PX = 0.7  # by which a look moves the chain, from which another is worth it
 LOOKS = 3  # at most, after the first
 BEND_COST = 0.03  # in mean reward, per squared radian of bend, summed over the joints
-END_PX = 5.0  # from the chain's tip to the string's visible end, from which it is not
 LEAST_OPEN = 0.25  # share of the chain that must not be hidden by the hand
 END_COST = 0.15  # in mean reward, for a chain whose end is not the string's
 

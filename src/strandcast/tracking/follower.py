@@ -23,7 +23,7 @@ EAGER_TRIES = 1  # searches without success, after which only every so many fram
 RARE_TRIES = 4
 LEAST_WAY = 0.12  # mean reward of a way worth fitting; what is hidden earns nothing
 WIDEST_BLUR_PX = 6.0
-BETTER = 0.02  # another start's fit must be, to be taken
+BETTER = 0.02  # another start's or a second look's fit must be, to be taken
 ANEW_BETTER = 0.05  # a searched string must be
 
 
@@ -60,7 +60,7 @@ class Follower:
         self._moments: list[Moment] = []
         self._usual_value = GOOD
         self._lost = 0
-        self._tries = 0  # searches without success since the last good fit
+        self._tries = 0  # searches since the last good fit
 
     def twin(self) -> Follower:
         """Return another that knows the same and remembers nothing."""

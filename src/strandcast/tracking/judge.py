@@ -135,7 +135,7 @@ def in_long_gap(seen: np.ndarray, longest: float) -> np.ndarray:
 
 @njit(cache=True)
 def outside(points_m: np.ndarray, picture: Picture) -> np.ndarray:
-    """Tell which points (n,) lie outside the picture."""
+    """Tell which points (n,) lie outside the part of the picture that was looked at."""
     out = np.empty(len(points_m), dtype=np.bool_)
     for k in range(len(points_m)):
         u, v = to_pixel(points_m[k, 0], points_m[k, 1], picture.plane)

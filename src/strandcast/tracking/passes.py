@@ -12,6 +12,7 @@ from strandcast.progress import Progress
 from strandcast.tracking.balls import follow_balls
 from strandcast.tracking.fit import NARROW_PX, Fit, fit_frame
 from strandcast.tracking.follower import (
+    BETTER,
     GOOD,
     LINK_M,
     WORSE,
@@ -31,7 +32,6 @@ SURVEYED = (
 SHOWN = 4  # good ones among the fewer that show the string's end are enough
 CLEAR_WAY = 0.5  # reward of the first node of a string that is seen
 ANCHORS = 4  # of the best of them are tried as the start
-BETTER = 0.02  # a second look's fit must be, to be taken
 
 Look = Callable[[int], Sight | None]
 

@@ -26,7 +26,7 @@ from strandcast.tracking.hand import HandFinder, HandMarker, HandSighting, box_a
 from strandcast.tracking.hand_path import HandPath, bridge_hand
 from strandcast.tracking.judge import FrameResult, judge
 from strandcast.tracking.jumps import doubt_jumps
-from strandcast.tracking.looks import learn_looks, level_at, seen_length
+from strandcast.tracking.looks import BALL_TIMES, learn_looks, level_at, seen_length
 from strandcast.tracking.passes import Look, chain_of, follow, refine, survey, ways_of
 from strandcast.tracking.picture import Looks, Picture
 from strandcast.tracking.pixelmap import tabulate
@@ -39,7 +39,6 @@ from strandcast.video.ingest import camera_times
 CROP_LENGTHS = 1.25  # around the hand, in lengths of the string
 POLARITIES = {"bright": 1.0, "dark": -1.0, "auto": None}
 EXPOSURE_SHARE = 0.2  # of the frame interval, where the exposure is not given
-BALL_TIMES = 1.6  # the string's own half width, from which a weight is a ball that can be followed
 END_BALL_M = 0.01  # from the tip, within which a weight is the tip's own
 LEVEL_FRAMES = 15
 DECODER_THREADS = 2  # beside this process, which looks for the hand meanwhile
@@ -227,7 +226,7 @@ def all_balls(
 ) -> np.ndarray:
     """Return the balls on the string (B, 3), as `fit_frame` takes them: the weights seen, the tip's last."""
     at_tip = tip_ball(looks, grasp.length_m)
-    wide_m = BALL_TIMES * looks.half_m
+    wide_m = BALL_TIMES * looks.half_m  # a smaller weight is no ball that can be followed
     places = [w for w in seen.weights if w.half_width_m > wide_m and w.place_m < grasp.length_m - END_BALL_M]
     inner = [
         (w.place_m, w.half_width_m, ball_level(look, fits, w.place_m - (grasp.length_m - length_m)))
