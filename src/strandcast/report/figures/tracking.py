@@ -51,7 +51,7 @@ def tracking(key: str, title: str, results: Results) -> Reportlet:
         "row (a point that is doubtful throughout), a coloured band in the lower picture (points slid "
         "along the string).",
         to_svg(figure, key, f"Tracking quality, point by frame. {finding}"),
-        [_lost_table(track), _choice_table(summary)],
+        [_lost_table(track), seen_table(summary), _choice_table(summary)],
         ["track.parquet", "track.json"],
     )
 
@@ -84,6 +84,37 @@ def _lost_table(track: Any) -> Table:
     ]
     caption = "The longest runs without the tip." if rows else "The tip was seen in every frame of the track."
     return Table(["tip lost from frame", "to frame", "frames"], rows, caption)
+
+
+def seen_table(summary: Any) -> Table:
+    """Return what was seen on the string and of the target."""
+    rows = [
+        [
+            "weight",
+            f"{1e3 * weight.place_m:.1f} ± {1e3 * weight.sigma_m:.1f} mm from the clamp",
+            f"{2e3 * weight.half_width_m:.1f} mm wide",
+        ]
+        for weight in summary.weights
+    ]
+    rows += [
+        [
+            "section of another width",
+            f"{1e3 * section.from_m:.0f} ± {1e3 * section.from_sigma_m:.0f} to "
+            f"{1e3 * section.to_m:.0f} ± {1e3 * section.to_sigma_m:.0f} mm from the clamp",
+            f"{1e3 * section.width_m:.1f} mm wide",
+        ]
+        for section in summary.sections
+    ]
+    if summary.target is not None:
+        x, y = summary.target.offset_m
+        place = f"{1e3 * x:+.1f} mm in x, {1e3 * y:+.1f} mm in y from target_m"
+        rows.append(["target", place, f"radius {1e3 * summary.target.radius_m:.1f} mm"])
+    if summary.contact is not None:
+        contact = summary.contact
+        when = f"frame {contact.frame}, {contact.camera_time_s:.3f} s on the camera's clock"
+        rows.append(["contact with the target", when, f"told by: {', '.join(contact.evidence)}"])
+    caption = "Seen on the string, and of the target." if rows else "Nothing is seen on the string."
+    return Table(["seen", "where", "what"], rows, caption)
 
 
 def _choice_table(summary: Any) -> Table:
