@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from strandcast.errors import StrandcastError
-from strandcast.layout import TrialFolder
+from strandcast.layout import ExperimentFolder, TrialFolder
 
 
 @pytest.fixture
@@ -42,3 +42,16 @@ def test_none_or_two_are_refused_by_name(trial, names):
         trial.video()
     assert caught.value.code == "SC-V020"
     assert all(name in caught.value.what for name in names)
+
+
+@pytest.mark.parametrize(
+    "name", ["video.mp4", "video.mraw", "video.cihx", "video.cine", "video.tif", "video"]
+)
+def test_a_trial_with_any_kind_of_video_is_recorded(tmp_path, name):
+    trial = ExperimentFolder(tmp_path, "e").trial(1)
+    assert not trial.has_video()
+    trial.data.mkdir(parents=True)
+    (trial.data / "video.txt").touch()
+    assert not trial.has_video()
+    (trial.data / name).touch() if "." in name else (trial.data / name).mkdir()
+    assert trial.has_video()

@@ -65,6 +65,14 @@ class TrialFolder:
             raise _not_one(self.data, found)
         return found[0]
 
+    def has_video(self) -> bool:
+        """Tell whether there is a video among the raw files, or several."""
+        there = self.data.glob("video*") if self.data.is_dir() else ()
+        known = (*VIDEO_SUFFIXES, *HEADERS, RAW)
+        return any(
+            path.stem == "video" and (path.suffix.lower() in known or path.is_dir()) for path in there
+        )
+
     def video_files(self) -> list[Path]:
         """Return all files that the video consists of."""
         video = self.video()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from strandcast.errors import StrandcastError
 from strandcast.experiment import Experiment, find_arm, find_experiment, load_experiment
-from strandcast.layout import VIDEO_SUFFIXES, ExperimentFolder, trial_name
+from strandcast.layout import ExperimentFolder, trial_name
 from strandcast.records.summary import Verdict
 from strandcast.stages.depends import code_version, settings
 
@@ -163,6 +163,13 @@ def calibration_files(wildcards):
     ]
 
 
+def background_file(wildcards):
+    """Return the picture of the empty scene, where the experiment gives one."""
+    name = wildcards.experiment
+    picture = experiment(name).track.background_picture
+    return [f"data/{name}/{picture}"] if picture else []
+
+
 def lens_photos(wildcards):
     """Return the board photos, or the board's video; the lab's photos are named before they exist."""
     name = wildcards.experiment
@@ -177,11 +184,14 @@ def lens_photos(wildcards):
 
 def recorded(name):
     """Return the trials of a real experiment that hold a recording."""
-    holding = ("track.parquet", *(f"video{suffix}" for suffix in VIDEO_SUFFIXES))
+    trials = (
+        (number, folder(name).trial(number))
+        for number in folder(name).recorded_trials()
+    )
     return [
         number
-        for number in folder(name).recorded_trials()
-        if any((folder(name).trial(number).data / file).exists() for file in holding)
+        for number, trial in trials
+        if trial.has_video() or (trial.data / "track.parquet").exists()
     ]
 
 

@@ -10,6 +10,7 @@ rule track:
         manifest="results/{experiment}/trial-{trial}/manifest.json",
         camera="results/{experiment}/camera.json",
         arm=arm_files,
+        background=background_file,
     output:
         track="results/{experiment}/trial-{trial}/track.parquet",
         markers="results/{experiment}/trial-{trial}/markers.parquet",

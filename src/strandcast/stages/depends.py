@@ -29,7 +29,7 @@ SETTINGS: dict[str, tuple[str, ...]] = {
         *("camera.lens_video", "camera.distortion", "camera.string_offset_m", "camera.string_offset_sd_m"),
         *("workspace_m", "string.length_m", "track.background_frames"),
     ),
-    "track": ("string", "track", "camera.exposure_s"),
+    "track": ("string", "track", "camera.exposure_s", "target_m"),
     "align": ("align",),
     "supply": ("string.length_m", "string.points"),
     "judge": ("target_m", "hit_radius_m"),
