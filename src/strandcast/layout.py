@@ -69,9 +69,7 @@ class TrialFolder:
         """Tell whether there is a video among the raw files, or several."""
         there = self.data.glob("video*") if self.data.is_dir() else ()
         known = (*VIDEO_SUFFIXES, *HEADERS, RAW)
-        return any(
-            path.stem == "video" and (path.suffix.lower() in known or path.is_dir()) for path in there
-        )
+        return any(path.stem == "video" and (path.suffix.lower() in known or path.is_dir()) for path in there)
 
     def video_files(self) -> list[Path]:
         """Return all files that the video consists of."""
