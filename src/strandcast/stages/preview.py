@@ -20,9 +20,9 @@ from strandcast.tracking.preview_picture import preview_picture
 from strandcast.tracking.preview_words import findings, problems
 from strandcast.tracking.result import StringHint
 from strandcast.tracking.sampled import sample_video
+from strandcast.tracking.track import POLARITIES
 from strandcast.video.ingest import inspect_video
 
-POLARITIES = {"bright": 1.0, "dark": -1.0, "auto": None}
 WEBP_QUALITY = 85
 
 
