@@ -37,6 +37,7 @@ NAME = r"[a-z0-9][a-z0-9-]{0,63}"
 Length = Annotated[float, Field(gt=0, le=5)]
 Place = Annotated[float, Field(ge=0, le=5)]
 Position = Annotated[float, Field(ge=-10, le=10)]
+Pixel = Annotated[int, Field(ge=0, le=65535)]
 Trial = Annotated[int, Field(ge=1, le=98)]
 Dictionary = Annotated[
     str,
@@ -235,6 +236,39 @@ class SyncInVideo(Section):
     )
 
 
+class Led(Section):
+    """Where an LED is seen that the robot switches: on before the swing, off after it."""
+
+    x_m: Position | None = Field(None, description="Its place in the motion plane, in the world frame.")
+    y_m: Position | None = None
+    radius_m: Annotated[float, Field(gt=0, le=0.2)] = Field(
+        0.01, description="Half the side of the window around it."
+    )
+    box_px: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(
+        None, description="Instead of its place: left, top, right, bottom in the picture."
+    )
+    gamma: Annotated[float, Field(ge=0.3, le=4)] | None = Field(
+        None,
+        description="The camera's, grey = light^(1/gamma); 1 for most machine-vision cameras. By default it "
+        "may be anything from 1 to 2.4, and the LED's times are so much less sure.",
+    )
+    latency_s: Annotated[float, Field(ge=-0.1, le=0.1)] = Field(
+        0.0, description="From the time in the joint log to the light."
+    )
+    latency_sd_s: Annotated[float, Field(ge=0, le=0.1)] = Field(
+        5e-4, description="How well that is known, one standard deviation; all events share it."
+    )
+
+    @model_validator(mode="after")
+    def _a_place_or_a_box(self) -> Led:
+        place = (self.x_m, self.y_m)
+        if (None in place) == (self.box_px is None) or (self.box_px and place != (None, None)):
+            raise ValueError("give the LED's x_m and y_m, or its box_px")
+        if self.box_px and not (self.box_px[0] < self.box_px[2] and self.box_px[1] < self.box_px[3]):
+            raise ValueError("box_px must be [left, top, right, bottom]")
+        return self
+
+
 class AlignSettings(Section):
     """The fit of the camera's clock to the robot's."""
 
@@ -245,7 +279,10 @@ class AlignSettings(Section):
         0.0, description="The drift that drift_prior is about, e.g. as shared by earlier trials."
     )
     largest_offset_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
-    sync_events: list[SyncInVideo] = []
+    sync_events: list[SyncInVideo] = Field(
+        [], description="Events found by hand; a trial that has one does without the LED."
+    )
+    led: Led | None = Field(None, description="An LED that the robot switches, found in the video by itself.")
 
 
 Ranges = Literal["wide", "paper"] | dict[str, tuple[float, float]]
@@ -325,25 +362,113 @@ class EstimateSettings(Section):
         return value
 
 
+class PaperReading(Section):
+    """How section V is read where its text allows more than one way, for `planner: paper`."""
+
+    altered_from: Literal["executed", "walking"] = Field(
+        "executed",
+        description="Later tries alter the motion thrown last, or walk from the nearest try so far.",
+    )
+    accept: Literal["first_hit", "best"] = Field(
+        "first_hit",
+        description="Throw the first motion that hits in the simulation, or the nearest of all tries.",
+    )
+    ends: Literal["ramp", "rest"] = Field(
+        "ramp",
+        description="A ramp stops the arm after eq. 1's curve, or the curve itself begins and ends at rest.",
+    )
+    altered_rad_s: Annotated[float, Field(gt=0, le=10)] = 0.5
+    largest_slope_rad_s2: Annotated[float, Field(gt=0, le=10_000)] = Field(
+        60.0, description="Of alpha_k in eq. 1; not given in the paper."
+    )
+
+
 class PlanSettings(Section):
     """The planner."""
 
     planner: Literal["ensemble", "paper"] = "ensemble"
-    duration_s: tuple[float, float] = Field((0.35, 0.9), description="Shortest and longest first motion.")
+    duration_s: tuple[float, float] | None = Field(
+        None, description="Shortest and longest first motion: [0.35, 0.9], or the paper's [0.2, 1.2]."
+    )
     control_points: Annotated[int, Field(ge=3, le=20)] = Field(6, description="Free heights per joint.")
-    screening: Annotated[int, Field(ge=8, le=100_000)] = 480
-    evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = 800
-    ensemble: Annotated[int, Field(ge=1, le=64)] = 4
-    use_servo: bool = Field(
-        True, description="Plan with the servo's response; the paper plans commanded angles."
+    screening: Annotated[int, Field(ge=8, le=100_000)] = 1500
+    evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = 3000
+    ensemble: Annotated[int, Field(ge=1, le=64)] = 16
+    use_servo: bool | None = Field(
+        None,
+        description="Plan with the servo's response: true, but for the paper, which plans commanded angles.",
+    )
+    paper: PaperReading = PaperReading()
+    disturbances: Annotated[float, Field(ge=0, le=10)] = Field(
+        1.0,
+        description="How much throws of one motion differ on the rig, 1 as usual: motions are robust to it.",
+    )
+    finer: bool = Field(
+        True, description="Search new motions with every other string as a chain of twice as many points."
+    )
+    carry_residual: bool = Field(
+        True, description="Add what the simulation missed by in earlier throws to its next prediction."
     )
 
     @field_validator("duration_s")
     @classmethod
-    def _shortest_first(cls, value: tuple[float, float]) -> tuple[float, float]:
-        if not 0.05 <= value[0] <= value[1] <= 5.0:
+    def _shortest_first(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not 0.05 <= value[0] <= value[1] <= 5.0:
             raise ValueError("must be [shortest, longest] within 0.05 and 5 s")
         return value
+
+
+class PointObjective(Section):
+    """The tip hits the target; on request moving in a direction, and not too slowly."""
+
+    kind: Literal["point"] = "point"
+    direction_rad: Annotated[float, Field(ge=-7, le=7)] | None = Field(
+        None, description="Of the tip's motion at the hit, counter-clockwise from x."
+    )
+    tolerance_rad: Annotated[float, Field(gt=0, le=math.pi)] = Field(
+        0.35, description="How far the direction may be off."
+    )
+    least_speed_m_s: Annotated[float, Field(ge=0, le=100)] = 0.0
+
+
+class SegmentObjective(Section):
+    """The tip hits a bar anywhere between two ends; target_m is its middle if not given."""
+
+    kind: Literal["segment"]
+    ends_m: tuple[tuple[Position, Position], tuple[Position, Position]]
+
+
+class ShapePlace(Section):
+    """A place on the string, from the hand, and where it is to be."""
+
+    along_m: Place
+    at_m: tuple[Position, Position]
+
+
+class ShapeObjective(Section):
+    """The string takes a shape for a moment; target_m is where its last place is to be if not given."""
+
+    kind: Literal["shape"]
+    places: Annotated[list[ShapePlace], Field(min_length=1, max_length=50)]
+
+
+class SwingObjective(Section):
+    """The tip gets as high or as fast as told, or as it can."""
+
+    kind: Literal["swing"]
+    height_m: Position | None = None
+    speed_m_s: Annotated[float, Field(gt=0, le=1000)] | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> SwingObjective:
+        if (self.height_m is None) == (self.speed_m_s is None):
+            raise ValueError("give height_m or speed_m_s")
+        return self
+
+
+ObjectiveSettings = Annotated[
+    PointObjective | SegmentObjective | ShapeObjective | SwingObjective, Field(discriminator="kind")
+]
 
 
 class LabString(Section):
@@ -378,6 +503,9 @@ class LabSettings(Section):
     )
     servo: Literal["servoj", "stiff", "pd", "soft", "weak"] = "servoj"
     camera: LabCamera = LabCamera()
+    led: bool = Field(
+        False, description="An LED at the place of align.led, which the controller switches around the swing."
+    )
 
 
 class Exclusion(Section):
@@ -411,8 +539,14 @@ class Experiment(Section):
     string: String
     arm: str = Field("planar3", description="A name in config/arms, or the path of an arm's file.")
     target_m: tuple[Position, Position] = Field(description="The target in the world frame.")
+    objective: ObjectiveSettings = Field(
+        PointObjective(), description="What a throw is for; if not told, the tip hits target_m."
+    )
     hit_radius_m: Annotated[float, Field(gt=0, le=0.5)] = 0.02
     max_trials: Trial = 5
+    min_trials: Trial = Field(
+        1, description="The lab throws at least so often, also after a hit: how near do later throws come?"
+    )
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 1
     start_string: StartString | dict[str, float] = Field(
         "ensemble", description="What the first motion is planned with; or values by parameter."
@@ -448,6 +582,12 @@ class Experiment(Section):
         return value
 
     @model_validator(mode="after")
+    def _least_is_not_above_most(self) -> Experiment:
+        if self.min_trials > self.max_trials:
+            raise ValueError(f"min_trials ({self.min_trials}) is above max_trials ({self.max_trials})")
+        return self
+
+    @model_validator(mode="after")
     def _the_target_lies_in_the_workspace(self) -> Experiment:
         box = self.workspace_m
         if box is not None:
@@ -463,6 +603,12 @@ class Experiment(Section):
         named = (self.camera.lens_photos, self.camera.plane_photo, self.camera.lens_video)
         if self.lab is not None and named != (LENS_PHOTOS, PLANE_PHOTO, None):
             raise ValueError(f"the lab writes {LENS_PHOTOS} and {PLANE_PHOTO}: leave these settings out")
+        return self
+
+    @model_validator(mode="after")
+    def _the_labs_led_has_a_place(self) -> Experiment:
+        if self.lab is not None and self.lab.led and (self.align.led is None or self.align.led.x_m is None):
+            raise ValueError("lab.led needs the LED's place, align.led: {x_m: …, y_m: …}")
         return self
 
     def excluded_reason(self, trial: int) -> str | None:
@@ -482,7 +628,9 @@ def load_experiment(path: str | Path) -> Experiment:
     data = _parse(path)
     try:
         # JSON in strict mode: no "0.3" for 0.3, no true for 1, but a list may stand for a pair.
-        return Experiment.model_validate_json(json.dumps(_plain(data), default=str), strict=True)
+        return Experiment.model_validate_json(
+            json.dumps(_with_target(_plain(data)), default=str), strict=True
+        )
     except ValidationError as error:
         found = _one_per_place(data, error.errors())
         raise StrandcastErrors([_problem(path, data, place, detail) for place, detail in found]) from None
@@ -523,6 +671,18 @@ def _parse(path: Path) -> CommentedMap:
             fix="config/experiments/demo.yaml is a commented example",
         )
     return data
+
+
+def _with_target(data: dict[str, Any]) -> dict[str, Any]:
+    """Return settings as written with the target where the objective has it, if they tell none."""
+    try:
+        objective = data["objective"]
+        if objective["kind"] == "segment":
+            (ax, ay), (bx, by) = objective["ends_m"]
+            return {"target_m": [0.5 * (ax + bx), 0.5 * (ay + by)]} | data
+        return {"target_m": objective["places"][-1]["at_m"]} | data
+    except (TypeError, KeyError, IndexError, ValueError):
+        return data  # what is wrong, or not told, the fields say themselves
 
 
 def _plain(node: Any, depth: int = 0) -> Any:
@@ -614,6 +774,8 @@ def _suggestion(detail: ErrorDetails, place: tuple[str, ...]) -> str:
         return "add it"
     if kind.startswith("less_than"):
         return _unit_hint(place, value)
+    if kind.startswith("union_tag"):
+        return f"kind is one of {detail.get('ctx', {}).get('expected_tags', 'point, segment, shape, swing')}"
     if kind == "literal_error":
         choices = str(detail.get("ctx", {}).get("expected", ""))
         names = [choice.strip("' ") for choice in choices.replace(" or ", ",").split(",")]

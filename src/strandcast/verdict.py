@@ -1,4 +1,4 @@
-"""The verdict: by how much the tip's path missed the target, with its σ, or why that cannot be told."""
+"""The verdict: by how much the tip's path missed a target or bar, with its σ, or why that is not told."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST_UNSURE = 0.9  # of the throw's frames, with an unsure tip, from which no mi
 
 @dataclass(frozen=True)
 class Approach:
-    """A path's closest approach to the target: after sample `index`, at `share` of the step to the next."""
+    """A path's closest approach to a target: after sample `index`, at `share` of the step to the next."""
 
     index: int
     share: float
@@ -32,6 +32,7 @@ def judge(
     hit_radius_m: float,
     experiment: str,
     trial: int,
+    bar_m: tuple[tuple[float, float], tuple[float, float]] | None = None,
 ) -> Verdict:
     """Judge one throw, from the motion's start until 0.3 s after its end.
 
@@ -45,25 +46,16 @@ def judge(
         In the world frame.
     experiment, trial
         Whose verdict it is.
+    bar_m
+        Both ends of a bar to strike; the miss is from it then, not from the target.
     """
-    target = np.asarray(target_m, float)
+    target = np.asarray(target_m if bar_m is None else bar_m, float)
     robot_s = alignment.robot_time_s(track.camera_time_s)
     start_s, end_s = alignment.motion_start_s, alignment.motion_end_s + AFTER_MOTION_S
     tip = track.points_m[:, -1]
     mine = np.flatnonzero(track.seen()[:, -1] & (robot_s >= start_s) & (robot_s <= end_s))
-    blank = Verdict(
-        experiment=experiment,
-        trial=trial,
-        target_m=target.tolist(),
-        hit_radius_m=hit_radius_m,
-        miss_m=None,
-        miss_sigma_m=None,
-        hit=False,
-        closest_frame=None,
-        closest_robot_time_s=None,
-        closest_m=None,
-        reason=None,
-    )
+    told = {} if bar_m is None else {"objective": "segment", "bar_m": target.tolist()}
+    blank = not_judged(target_m, hit_radius_m, experiment, trial).model_copy(update={"judged": True} | told)
     if len(mine) < 2:
         return blank.model_copy(
             update={"reason": f"the tip was tracked in {len(mine)} frames of the throw only"}
@@ -88,6 +80,32 @@ def judge(
     )
 
 
+def not_judged(
+    target_m: tuple[float, float],
+    hit_radius_m: float,
+    experiment: str,
+    trial: int,
+    objective: str = "point",
+    reason: str | None = None,
+) -> Verdict:
+    """Return a verdict without a miss, of an objective that the track cannot tell of, with the reason."""
+    return Verdict(
+        experiment=experiment,
+        trial=trial,
+        target_m=[float(x) for x in target_m],
+        hit_radius_m=hit_radius_m,
+        miss_m=None,
+        miss_sigma_m=None,
+        hit=False,
+        closest_frame=None,
+        closest_robot_time_s=None,
+        closest_m=None,
+        reason=reason,
+        objective=objective,
+        judged=False,
+    )
+
+
 def closest_approach(
     time_s: np.ndarray,
     tip_m: np.ndarray,
@@ -102,7 +120,7 @@ def closest_approach(
     time_s, tip_m
         (F,) rising, (F, 2): the tracked samples within the window, at least two.
     target_m
-        (2,).
+        (2,), or (2, 2): both ends of a bar.
     usual_step_s
         Spacing of the frames.
     window_s
@@ -134,13 +152,43 @@ def closest_approach(
 
 
 def segment_approaches(path_m: np.ndarray, target_m: np.ndarray) -> list[Approach]:
-    """Return the closest approach of each segment of a path (F, 2)."""
+    """Return the closest approach of each segment of a path (F, 2) to a target (2,) or bar (2, 2)."""
     step = np.diff(path_m, axis=0)
-    square = np.maximum((step**2).sum(axis=1), 1e-300)
-    share = np.clip(((target_m - path_m[:-1]) * step).sum(axis=1) / square, 0.0, 1.0)
-    place = path_m[:-1] + share[:, None] * step
-    distance = np.linalg.norm(place - target_m, axis=1)
+    ends = np.atleast_2d(target_m)
+    if len(ends) == 1:
+        shares = _shares(path_m, step, ends[0])[None]
+    else:
+        # Two segments that do not cross are nearest at an end of one of them.
+        none, all_ = np.zeros(len(step)), np.ones(len(step))
+        shares = np.array(
+            [none, all_, *(_shares(path_m, step, e) for e in ends), _crossings(path_m, step, ends)]
+        )
+    places = path_m[:-1] + shares[..., None] * step
+    distances = np.linalg.norm(places - _nearest_of_bar(places, ends), axis=2)
+    best, every = distances.argmin(axis=0), np.arange(len(step))
+    share, distance, place = (values[best, every] for values in (shares, distances, places))
     return [Approach(k, float(share[k]), float(distance[k]), place[k]) for k in range(len(step))]
+
+
+def _shares(path_m: np.ndarray, step: np.ndarray, target_m: np.ndarray) -> np.ndarray:
+    """Return at which share of each step the path is nearest to a place."""
+    square = np.maximum((step**2).sum(axis=1), 1e-300)
+    return np.asarray(np.clip(((target_m - path_m[:-1]) * step).sum(axis=1) / square, 0.0, 1.0))
+
+
+def _crossings(path_m: np.ndarray, step: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return at which share of each step the path crosses the bar's line, 0 where it does not."""
+    across = np.array([ends[0, 1] - ends[1, 1], ends[1, 0] - ends[0, 0]])
+    height, rise = (path_m[:-1] - ends[0]) @ across, step @ across
+    share = -height / np.where(rise == 0.0, np.inf, rise)
+    return np.where((share >= 0.0) & (share <= 1.0), share, 0.0)
+
+
+def _nearest_of_bar(places: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return the places of a bar, or the target, that are nearest to other places (..., 2)."""
+    along = ends[-1] - ends[0]
+    square = max(float(along @ along), 1e-300)
+    return np.asarray(ends[0] + np.clip((places - ends[0]) @ along / square, 0.0, 1.0)[..., None] * along)
 
 
 def _gap_distance_m(time_s: np.ndarray, tip_m: np.ndarray, target_m: np.ndarray, gap: int) -> float:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from strandcast.arm.limits import peaks, torques, violations
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import Arm, Payload, load_arm
 
 
 @pytest.fixture
@@ -27,6 +28,13 @@ def test_holding_torque_is_weight_times_lever(arm: Arm) -> None:
     np.testing.assert_allclose(torques(arm, q, qd, qdd)[0], 9.81 * np.array(levers), rtol=1e-4)
     hanging = np.full((1, 3), [np.pi / 2, 0.0, 0.0])
     np.testing.assert_allclose(torques(arm, hanging, qd, qdd), 0.0, atol=1e-12)
+
+
+def test_a_payload_weighs_on_every_joint(arm: Arm) -> None:
+    _, q, qd, qdd = still(arm, [0.0, 0.0, 0.0], 1)
+    burdened = dataclasses.replace(arm, payload=Payload(0.5, (0.02, 0.0, 0.0)))
+    more = torques(burdened, q, qd, qdd) - torques(arm, q, qd, qdd)
+    np.testing.assert_allclose(more[0], 0.5 * 9.81 * np.array([0.72, 0.42, 0.17]), rtol=1e-6)
 
 
 def test_each_kind_is_found_with_joint_time_and_value(arm: Arm) -> None:

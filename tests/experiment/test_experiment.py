@@ -39,6 +39,34 @@ def test_the_least_experiment_has_defaults(tmp_path):
     assert load(tmp_path, GOOD.replace("0.3", "0.61")).string.n == 20
 
 
+def test_a_throw_is_for_a_point_a_bar_a_shape_or_a_swing(tmp_path):
+    assert load(tmp_path, GOOD).objective.kind == "point"
+    bare = GOOD.replace("target_m: [0.5, 0.5]\n", "")
+    bar = load(tmp_path, bare + "objective: {kind: segment, ends_m: [[0.8, 0.2], [0.9, 0.4]]}\n")
+    assert bar.target_m == pytest.approx((0.85, 0.3))
+    places = "[{along_m: 0.1, at_m: [0.7, 0]}, {along_m: 0.3, at_m: [0.9, 0.1]}]"
+    shape = f"objective: {{kind: shape, places: {places}}}\n"
+    assert load(tmp_path, bare + shape).target_m == (0.9, 0.1)
+    assert load(tmp_path, GOOD + shape).target_m == (0.5, 0.5)
+    swing = load(tmp_path, GOOD + "objective: {kind: swing, height_m: 0.7}\n")
+    assert swing.objective.height_m == 0.7
+    (none,) = problems(tmp_path, bare + "objective: {kind: swing, height_m: 0.7}\n")
+    assert none.field == "target_m"
+    (both,) = problems(tmp_path, GOOD + "objective: {kind: swing, height_m: 0.7, speed_m_s: 9}\n")
+    assert both.what == "give height_m or speed_m_s"
+    (wrong,) = problems(tmp_path, GOOD + "objective: {kind: segmnt}\n")
+    assert "'segment'" in wrong.fix
+
+
+def test_the_papers_planner_is_a_word_its_readings_are_named(tmp_path):
+    plan = load(tmp_path, GOOD + "plan: {planner: paper, paper: {altered_from: walking}}\n").plan
+    assert (plan.paper.altered_from, plan.paper.accept, plan.paper.ends) == ("walking", "first_hit", "ramp")
+    # What is not told is the planner's own: the paper's times and commanded angles, see the plan stage.
+    assert (plan.duration_s, plan.use_servo) == (None, None)
+    (wrong,) = problems(tmp_path, GOOD + "plan: {paper: {accept: frist_hit}}\n")
+    assert (wrong.field, wrong.fix) == ("plan.paper.accept", "did you mean 'first_hit'?")
+
+
 def test_all_problems_are_told_at_once_with_their_lines(tmp_path):
     found = problems(
         tmp_path,

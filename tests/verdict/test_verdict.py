@@ -5,7 +5,7 @@ import pytest
 
 from strandcast.records.alignment import Alignment
 from strandcast.records.track import PREDICTED, Track
-from strandcast.verdict import judge
+from strandcast.verdict import judge, not_judged
 
 STEP_S = 0.002
 OFFSET_S = 7.0
@@ -125,3 +125,33 @@ def test_the_verdict_is_a_record(tmp_path):
     found = verdict(fly_by())
     found.write(tmp_path / "verdict.json")
     assert type(found).read(tmp_path / "verdict.json") == found
+
+
+def test_a_bar_is_missed_by_the_distance_of_path_and_bar():
+    def bar(*ends):
+        return judge(fly_by(), alignment(), (0.0, 0.0), 0.02, "e", 1, ends)
+
+    crossed = bar((-0.3, -0.387), (0.3, 0.413))
+    assert crossed.miss_m == pytest.approx(0.0, abs=1e-12)
+    assert crossed.hit
+    assert crossed.closest_m == pytest.approx([0.0, 0.013], abs=1e-12)
+    assert (crossed.objective, crossed.bar_m) == ("segment", [[-0.3, -0.387], [0.3, 0.413]])
+    above = bar((0.003, 0.033), (0.003, 1.0))
+    assert above.miss_m == pytest.approx(0.020, abs=1e-12)
+    assert above.closest_robot_time_s == pytest.approx(
+        OFFSET_S + 100.5 * STEP_S + 0.003 / SPEED_M_S, abs=1e-9
+    )
+    # Beside its middle, which is where the target is, the tip passes far away.
+    end = bar((-0.4, 0.018), (0.4, 0.418))
+    assert end.miss_m == pytest.approx(0.005, abs=1e-12)
+    assert not verdict(fly_by(), (0.0, 0.218)).hit
+    gap = np.ones(200, bool)
+    gap[95:106] = False
+    hidden = judge(fly_by(keep=gap), alignment(), (0.0, 0.0), 0.02, "e", 1, ((0.0, -1.0), (0.0, 1.0)))
+    assert hidden.miss_m is None
+
+
+def test_what_is_not_judged_says_so():
+    found = not_judged((0.1, 0.2), 0.02, "e", 1, "swing", "why")
+    assert (found.miss_m, found.hit, found.judged, found.reason) == (None, False, False, "why")
+    assert verdict(fly_by()).judged

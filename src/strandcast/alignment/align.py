@@ -30,6 +30,7 @@ from strandcast.alignment.events import (
 )
 from strandcast.alignment.fit import SHIFT_S, Candidate, ClockFit, fit_clock, moving_rms_m
 from strandcast.alignment.joints import joint_path
+from strandcast.alignment.led import Led, LedPairs, led_events, pair_led
 from strandcast.alignment.problem import Event, Priors
 from strandcast.alignment.rig import Rig, Seen, rig_of, seen_of
 from strandcast.alignment.rows import motion_span, rows_of
@@ -60,6 +61,7 @@ def align(
     largest_offset_s: float | None = None,
     seen_events: list[SeenEvent] | None = None,
     told_events: list[SyncEvent] | None = None,
+    led: Led | None = None,
     tip_speed_m_s: float | None = None,
     log_file: str | None = None,
 ) -> Alignment:
@@ -83,6 +85,8 @@ def align(
         How far the video's first frame may lie from the log's first row; None: anywhere they can overlap.
     seen_events, told_events
         Sync events in the video, and those that run.json tells beside the log's own.
+    led
+        An LED's switchings in the video; left out where there are `seen_events`.
     tip_speed_m_s
         How fast the string's tip is expected to be, for what an unsure offset costs; by default the hand's.
     log_file
@@ -99,12 +103,15 @@ def align(
     refuse_few(seen)
     events = seen_events or []
     there = robot_events(log, told_events or [])
+    lit = led_events(log, told_events or [])
+    led = Led([]) if led is None or events else led
     motion = motion_s or motion_span(rows)
     nothing = still(seen, rows, arm, log_file)
     if nothing is not None:
-        if not events or nothing.code != "SC-A005":
+        alone = pair(events, there, None, log_file) or pair_led(led, lit, None, 0.0, "").events
+        if not alone or nothing.code != "SC-A005":
             raise nothing
-        return _by_events(pair(events, there, None, log_file), priors, experiment, trial, motion)
+        return _by_events(alone, priors, experiment, trial, motion)
     best = _best(Trial(rig, rows, seen, arm.joints, largest_offset_s), priors, log_file, str(arm.path))
     refuse_rate(best.fit, seen)
     refuse_cut(rows, seen, seen.time_s + best.fit.offset_s(), log_file)
@@ -114,15 +121,20 @@ def align(
     pairs = pair(events, there, best.fit if best.told else None, log_file)
     if best.told:
         refuse_contradiction(pairs, best.fit, log_file)
-    checks = [_check(event, best.fit) for event in pairs]
-    if pairs:
-        best = _with_events(best, rig, priors, tuple(pairs))
     whose, speed_m_s = (
         ("a tip's", tip_speed_m_s) if tip_speed_m_s else ("the hand's", _top_speed(best.covered))
     )
-    if not pairs:
+    by_led = pair_led(led, lit, best.fit if best.told else None, speed_m_s, whose)
+    checks = [
+        *(_check(event, best.fit, kind.kind, True) for event, kind in zip(pairs, events, strict=True)),
+        *_led_checks(by_led, best.fit),
+    ]
+    pairs += [] if by_led.denied else by_led.events
+    if pairs:
+        best = _with_events(best, rig, priors, tuple(pairs))
+    else:
         refuse_unsure(best, speed_m_s, whose)
-    told = warnings_of(best, rig, rows, priors, speed_m_s, whose)
+    told = [*warnings_of(best, rig, rows, priors, speed_m_s, whose), *by_led.warnings]
     return _record(best, rig, priors, experiment, trial, motion, checks, told)
 
 
@@ -197,7 +209,13 @@ def _top_speed(seen: Seen) -> float:
     return float(np.quantile(seen.speed_m_s(), 0.98))
 
 
-def _check(event: Event, fit: ClockFit) -> SyncCheck:
+def _led_checks(led: LedPairs, fit: ClockFit) -> list[SyncCheck]:
+    return [
+        _check(event, fit, kind, not led.denied) for event, kind in zip(led.events, led.kinds, strict=True)
+    ]
+
+
+def _check(event: Event, fit: ClockFit, kind: str, used: bool) -> SyncCheck:
     told_s = fit.told_s(event.camera_s)
     return SyncCheck(
         camera_time_s=event.camera_s,
@@ -205,6 +223,8 @@ def _check(event: Event, fit: ClockFit) -> SyncCheck:
         sigma_s=event.sigma_s,
         difference_s=told_s - event.robot_s,
         motion_se_s=fit.told_se_s(event.camera_s),
+        kind=kind,
+        used=used,
     )
 
 

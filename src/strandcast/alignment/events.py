@@ -27,11 +27,22 @@ class SeenEvent:
 
 def robot_events(log: JointLog, told: list[SyncEvent]) -> list[SyncEvent]:
     """Return the events on the robot's clock: those that run.json tells, and the log's rising sync output."""
-    high = (np.asarray(log.flags) & SYNC_HIGH) > 0
-    rises = np.flatnonzero(high[1:] & ~high[:-1]) + 1
-    # The output rose after the row before.
-    middle = [float(0.5 * (log.time_s[k - 1] + log.time_s[k])) for k in rises]
-    return [*told, *(SyncEvent(kind=FLAG, time_s=time_s) for time_s in middle)]
+    return [*told, *flag_events(log, True, FLAG)]
+
+
+def flag_events(log: JointLog, rise: bool, kind: str) -> list[SyncEvent]:
+    """Return the rises, or the falls, of the log's sync output as events of a kind."""
+    high = ((np.asarray(log.flags) & SYNC_HIGH) > 0) == rise
+    rows = np.flatnonzero(high[1:] & ~high[:-1]) + 1
+    # The output changed after the row before.
+    return [
+        SyncEvent(
+            kind=kind,
+            time_s=float(0.5 * (log.time_s[k - 1] + log.time_s[k])),
+            sigma_s=float((log.time_s[k] - log.time_s[k - 1]) / np.sqrt(12.0)),
+        )
+        for k in rows
+    ]
 
 
 def pair(
@@ -46,7 +57,7 @@ def pair(
     """
     pairs = []
     for event in seen:
-        alike = [other.time_s for other in robot if event.kind in (other.kind, "any")]
+        alike = [other for other in robot if event.kind in (other.kind, "any")]
         if not alike or (fit is None and len(alike) > len(seen)):
             there = ", ".join(f"{other.kind} at {other.time_s:.4f} s" for other in robot) or "none"
             raise StrandcastError(
@@ -59,11 +70,13 @@ def pair(
             )
         if fit is None:
             ranks = sorted(other.camera_s for other in seen if other.kind == event.kind)
-            robot_s = sorted(alike)[min(ranks.index(event.camera_s), len(alike) - 1)]
+            ranked = sorted(alike, key=lambda other: other.time_s)
+            nearest = ranked[min(ranks.index(event.camera_s), len(alike) - 1)]
         else:
             told_s = fit.told_s(event.camera_s)
-            robot_s = min(alike, key=lambda time_s: abs(time_s - told_s))
-        pairs.append(Event(event.camera_s, robot_s, max(event.sigma_s, LEAST_SIGMA_S)))
+            nearest = min(alike, key=lambda other: abs(other.time_s - told_s))
+        sigma_s = float(np.hypot(event.sigma_s, nearest.sigma_s))
+        pairs.append(Event(event.camera_s, nearest.time_s, max(sigma_s, LEAST_SIGMA_S)))
     return pairs
 
 

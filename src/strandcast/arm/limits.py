@@ -120,8 +120,8 @@ def peaks(
 
 
 def torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
-    """Return the joints' torques [N m] by inverse dynamics without the string: (T, J) from (T, J) each."""
-    model = arm.model()
+    """Return the joints' torques [N m] by inverse dynamics with the payload: (T, J) from (T, J) each."""
+    model = arm.burdened_model()
     data = mujoco.MjData(model)
     at = [int(model.joint(name).dofadr[0]) for name in arm.joints]
     resting = arm.coordinates(np.zeros(len(at)))

@@ -18,9 +18,12 @@ from strandcast.arm.kinematics import Clamp, PlanarChain
 from strandcast.arm.limits import Limits
 from strandcast.arm.servo import Servo
 from strandcast.arm.settings import ArmKeys
-from strandcast.arm.urdf import JointLimit, coordinates, read_joint_limits, read_model
+from strandcast.arm.urdf import Burden, JointLimit, coordinates, read_joint_limits, read_model
 from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.records.files import sha256_file
+
+TRACKING_RAD = 0.15  # three times what a servo of 30 ms leaves at 100 rad/s², its lag taken off
+STOP_RISE_S = 0.02  # in which a soft stop reaches its full acceleration, unless the file says otherwise
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,34 @@ class Box:
 
 
 @dataclass(frozen=True, eq=False)
+class Stop:
+    """How the arm stops before its time.
+
+    Attributes
+    ----------
+    acceleration_rad_s2, jerk_rad_s3
+        (J,) of the player's soft stop, finite.
+    distance_rad
+        (J,) how far each joint turns on while the controller itself stops it from full speed, or zero.
+    """
+
+    acceleration_rad_s2: np.ndarray
+    jerk_rad_s3: np.ndarray
+    distance_rad: np.ndarray
+
+
+@dataclass(frozen=True)
+class Payload:
+    """What the controller must have been told that the flange carries.
+
+    Its mass [kg], and where its centre is in the frame of the clamp's link [m].
+    """
+
+    mass_kg: float
+    centre_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
 class Arm:
     """An arm, and how a planar throw lives on it.
 
@@ -78,6 +109,9 @@ class Arm:
         What the joints can do, margins taken off, and how they nominally follow a command.
     start_tolerance_rad, start_velocity_rad_s
         (J,) how near to its start the arm must be for a throw [rad], and how still [rad/s].
+    stop, tracking_rad, payload
+        How it stops before its time; (J,) how far it may be off its command while it moves [rad]; what it
+        carries, if told.
     workspace
         The box that hand and string must not leave.
     log_rate_hz
@@ -103,6 +137,9 @@ class Arm:
     servo: Servo
     start_tolerance_rad: np.ndarray
     start_velocity_rad_s: float
+    stop: Stop
+    tracking_rad: np.ndarray
+    payload: Payload | None
     workspace: Box
     log_rate_hz: float
     driver: str
@@ -112,14 +149,26 @@ class Arm:
         """Return MuJoCo's model of the URDF (compiled once a process)."""
         return _model(self.urdf_path, self.urdf_sha256)
 
+    @property
+    def all_joints(self) -> tuple[str, ...]:
+        """Names of all joints, the held ones too, from the base on."""
+        model = self.model()
+        return tuple(model.joint(k).name for k in range(model.njnt))
+
+    def burdened_model(self) -> mujoco.MjModel:
+        """Return it with the payload at the clamp's link, as its motors feel it."""
+        told = self.payload
+        burden = None if told is None else Burden(self.link, told.mass_kg, told.centre_m)
+        return _model(self.urdf_path, self.urdf_sha256, burden)
+
     def coordinates(self, q: np.ndarray) -> np.ndarray:
         """Return the model's coordinates for (J,) angles of the moving joints, the others held."""
         return coordinates(self.model(), self.held | dict(zip(self.joints, q, strict=True)))
 
 
 @lru_cache(maxsize=8)
-def _model(urdf_path: Path, urdf_sha256: str) -> mujoco.MjModel:
-    return read_model(urdf_path)
+def _model(urdf_path: Path, urdf_sha256: str, burden: Burden | None = None) -> mujoco.MjModel:
+    return read_model(urdf_path, burden)
 
 
 def load_arm(path: str | Path) -> Arm:
@@ -146,6 +195,7 @@ def load_arm(path: str | Path) -> Arm:
             ]
         )
     joints = tuple(keys.throw.joints)
+    limits = _limits(keys, [said[name] for name in joints])
     return Arm(
         name=keys.name,
         path=path,
@@ -163,10 +213,13 @@ def load_arm(path: str | Path) -> Arm:
             for m in keys.markers.hand
         ),
         marker_dictionary=keys.markers.dictionary,
-        limits=_limits(keys, [said[name] for name in joints]),
+        limits=limits,
         servo=_servo(keys),
         start_tolerance_rad=np.array(keys.start.position_rad),
         start_velocity_rad_s=keys.start.velocity_rad_s,
+        stop=_stop(keys, limits),
+        tracking_rad=np.array(keys.guard.tracking_rad or [TRACKING_RAD] * len(joints)),
+        payload=_payload(keys),
         workspace=Box(
             (keys.workspace.x_m[0], keys.workspace.x_m[1]), (keys.workspace.y_m[0], keys.workspace.y_m[1])
         ),
@@ -220,6 +273,21 @@ def _limits(keys: ArmKeys, said: list[JointLimit]) -> Limits:
         jerk_rad_s3=np.array(jerk) * margins.jerk,
         torque_n_m=np.array(torque),
     )
+
+
+def _stop(keys: ArmKeys, limits: Limits) -> Stop:
+    acceleration = limits.acceleration_rad_s2
+    if keys.stop.acceleration_rad_s2 is not None:
+        acceleration = np.minimum(acceleration, keys.stop.acceleration_rad_s2)
+    jerk = np.minimum(limits.jerk_rad_s3, keys.stop.jerk_rad_s3 or acceleration / STOP_RISE_S)
+    return Stop(acceleration, jerk, np.array(keys.stop.distance_rad or [0.0] * len(acceleration)))
+
+
+def _payload(keys: ArmKeys) -> Payload | None:
+    if keys.payload is None:
+        return None
+    x, y, z = keys.payload.centre_m
+    return Payload(keys.payload.mass_kg, (x, y, z))
 
 
 def _servo(keys: ArmKeys) -> Servo:

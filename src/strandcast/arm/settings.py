@@ -78,6 +78,27 @@ class StartKeys(Keys):
     velocity_rad_s: Positive = 0.01
 
 
+class StopKeys(Keys):
+    """How the arm stops before its time, one number per moving joint."""
+
+    acceleration_rad_s2: list[Positive] | None = None
+    jerk_rad_s3: list[Positive] | None = None
+    distance_rad: list[NotNegative] | None = None
+
+
+class GuardKeys(Keys):
+    """What the player stops for while the arm moves, one number per moving joint."""
+
+    tracking_rad: list[Positive] | None = None
+
+
+class PayloadKeys(Keys):
+    """What the flange carries, as the controller must have been told: clamp, markers, the string's weight."""
+
+    mass_kg: NotNegative
+    centre_m: Vector3 = [0.0, 0.0, 0.0]
+
+
 class WorkspaceKeys(Keys):
     """The box that hand and string must not leave, in the plane of the throw."""
 
@@ -113,6 +134,9 @@ class ArmKeys(Keys):
     limits: LimitsKeys
     margins: MarginsKeys = MarginsKeys()
     start: StartKeys
+    stop: StopKeys = StopKeys()
+    guard: GuardKeys = GuardKeys()
+    payload: PayloadKeys | None = None
     workspace: WorkspaceKeys
     servo: ServoKeys
     driver: DriverKeys

@@ -46,8 +46,17 @@ def _limit(joint: ElementTree.Element) -> JointLimit:
     )
 
 
-def read_model(path: str | Path) -> mujoco.MjModel:
-    """Compile the URDF's links and joints, without its pictures and contact shapes.
+@dataclass(frozen=True)
+class Burden:
+    """A mass [kg] that a link carries, at a place in its frame [m]."""
+
+    link: str
+    mass_kg: float
+    centre_m: tuple[float, float, float]
+
+
+def read_model(path: str | Path, burden: Burden | None = None) -> mujoco.MjModel:
+    """Compile the URDF's links and joints, without its pictures and contact shapes, with a burden besides.
 
     Fixed links are kept (MuJoCo would melt them into their parents), so that the clamp's link can be named.
     """
@@ -60,6 +69,11 @@ def read_model(path: str | Path) -> mujoco.MjModel:
         spec.compiler.fusestatic = 0
         spec.compiler.boundmass = LEAST_MASS_KG
         spec.compiler.boundinertia = LEAST_INERTIA_KG_M2
+        if burden is not None and burden.mass_kg > 0.0:
+            least = [LEAST_INERTIA_KG_M2] * 3
+            body = spec.body(burden.link).add_body(pos=burden.centre_m)
+            body.explicitinertial, body.mass, body.inertia = True, burden.mass_kg, least
+            body.ipos = [0.0, 0.0, 0.0]
         return spec.compile()
     except ValueError as error:
         raise StrandcastError(

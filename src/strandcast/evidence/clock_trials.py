@@ -22,8 +22,7 @@ from strandcast.lab.strings import PAPER_STRINGS
 from strandcast.lab.swing import simulate_swing
 from strandcast.lab.variation import draw_variation
 from strandcast.lab.view import View, make_view
-from strandcast.motion.bezier import Samples, sample
-from strandcast.motion.draw import draw_first
+from strandcast.motion.bezier import Curve, Samples, rest_heights, sample, whole_steps
 from strandcast.player.protocol import Command
 from strandcast.records.joint_log import JointLog
 
@@ -33,6 +32,7 @@ BEFORE_S, AFTER_S = 0.5, 0.6
 FILMED_BEFORE_S, FILMED_AFTER_S = 0.25, 0.40
 FREE_HEIGHTS, LARGEST_RAD_S2 = 6, 60.0
 DURATIONS_S = (0.35, 0.9)
+SLOWER = 0.999 * 0.995  # than the limits of the rates
 ENCODER_STEPS = 65536
 WORKSPACE = {"x_m": (-1.0, 1.0), "y_m": (-0.9, 1.0)}
 
@@ -151,14 +151,32 @@ def clock_trial(arm: Arm, seed: int, recipe: Recipe | None = None) -> ClockTrial
     return ClockTrial(markers, log, start_s - lead_s, drift, float(speed.max()))
 
 
+def random_motion(arm: Arm, rng: np.random.Generator) -> Curve:
+    """Return a random motion by eq. 1, from rest to rest, in the joints' range, slowed to their rates."""
+    limits, step_s = arm.limits, 1.0 / arm.log_rate_hz
+    joints = len(arm.joints)
+    while True:
+        time_s = whole_steps(rng.uniform(*DURATIONS_S), step_s)
+        slopes = rng.uniform(-LARGEST_RAD_S2, LARGEST_RAD_S2, (joints, FREE_HEIGHTS))
+        heights = rest_heights(np.cumsum(slopes * time_s / (FREE_HEIGHTS + 3), axis=1))
+        motion = sample(Curve(np.zeros(joints), time_s, heights), step_s)
+        room = np.minimum(
+            limits.velocity_rad_s / np.abs(motion.qd).max(axis=0),
+            limits.acceleration_rad_s2 / np.abs(motion.qdd).max(axis=0),
+        )
+        heights = heights * np.minimum(1.0, SLOWER * room)[:, None]
+        motion = sample(Curve(np.zeros(joints), time_s, heights), step_s)
+        low, high = limits.lower_rad - motion.q.min(axis=0), limits.upper_rad - motion.q.max(axis=0)
+        if (low <= high).all():
+            return Curve(rng.uniform(low, high), time_s, heights)
+
+
 def _played(
     arm: Arm, recipe: Recipe, zero_rad: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return time from the motion's start (K,), true joint angles (K, J), and how long the motion is."""
-    draws = draw_first(
-        1, "rest", arm.limits, DURATIONS_S, FREE_HEIGHTS, LARGEST_RAD_S2, 1.0 / arm.log_rate_hz, rng
-    )
-    motion = recipe.motion or sample(draws[0], CYCLE_S)
+    drawn = random_motion(arm, rng)
+    motion = recipe.motion or sample(drawn, CYCLE_S)
     if recipe.string is not None:
         command = Command(motion.time_s, motion.q, motion.qd, motion.qdd)
         variation = draw_variation(rng, len(arm.joints), 1.0)

@@ -13,8 +13,9 @@ from strandcast.arm.load import Arm, Box, load_arm
 from strandcast.estimation.objective import play
 from strandcast.estimation.space import Strings
 from strandcast.estimation.throw import Throw, prepare
+from strandcast.lab.capture import points_at
 from strandcast.lab.strings import Thread
-from strandcast.lab.swing import Swing, simulate_swing
+from strandcast.lab.swing import simulate_swing
 from strandcast.lab.variation import draw_variation
 from strandcast.motion.bezier import Samples, sample
 from strandcast.motion.first import screen
@@ -151,19 +152,6 @@ def _thrown(
     until_s = time_s[counted][np.argmin(away_m[counted])] + AFTER_S
     seen = points + SEEN_M * rng.standard_normal(points.shape)
     return Throw(time_s, seen, log_s, hand_pose(arm.chain, arm.clamp, q), time_s <= until_s)
-
-
-def points_at(swing: Swing, places_m: Array, time_s: Array) -> Array:
-    """Places (F, n+1, 2) of the points at `places_m` (n+1,) along the string; the last is its tip [m]."""
-    along = np.append(places_m[:-1], swing.places_m[-1])
-    nodes = np.array(
-        [
-            [np.interp(time_s, swing.time_s, node) for node in axis.T]
-            for axis in swing.nodes_m.T.swapaxes(1, 2)
-        ]
-    )
-    points = [[np.interp(along, swing.places_m, axis[:, f]) for axis in nodes] for f in range(len(time_s))]
-    return np.array(points).swapaxes(1, 2)
 
 
 def rethrown(one: Specimen, strings: Strings, rng: np.random.Generator) -> Specimen:

@@ -10,6 +10,7 @@ import numpy as np
 from strandcast.arm.load import Arm
 from strandcast.experiment import Experiment, find_experiment, load_experiment
 from strandcast.lab.film import actors_of, frames
+from strandcast.lab.led import Switched, switched
 from strandcast.lab.scene import Scene, make_scene
 from strandcast.lab.strings import thread_of
 from strandcast.lab.swing import BEFORE_S, CYCLE_S, Swing, simulate_swing
@@ -19,7 +20,7 @@ from strandcast.lab.video import write_video
 from strandcast.layout import ExperimentFolder
 from strandcast.player.protocol import Command, Recording, State
 from strandcast.progress import progress
-from strandcast.records.joint_log import JointLog
+from strandcast.records.joint_log import SYNC_HIGH, JointLog, SyncEvent
 from strandcast.records.motion import Motion
 from strandcast.seeds import rng
 
@@ -51,6 +52,8 @@ class LabDriver:
     """The virtual rig of one throw (see `strandcast.player.protocol.Driver`)."""
 
     name = "lab"
+    streams = False
+    address: str | None = None
 
     def __init__(self, throw: Throw, arm: Arm, scene: Scene | None = None) -> None:
         self.rate_hz = arm.log_rate_hz
@@ -85,24 +88,27 @@ class LabDriver:
         scene = self._scene or make_scene(experiment, throw.name, arm)
         actors = actors_of(swing, thread.shifted(variation.grasp_length_m))
         start_s, motion_s = clocks.log_start_s + BEFORE_S, float(command.time_s[-1])
+        lamp = switched(motion_s, self._random("lab-led")) if experiment.lab.led else None
         camera = experiment.lab.camera
         count = int((clocks.camera_lead_s + motion_s + FILMED_AFTER_S) * camera.frame_rate_hz)
         camera_time_s = np.arange(count) / camera.frame_rate_hz
         robot_time_s = camera_time_s * (1.0 + clocks.drift) + start_s - clocks.camera_lead_s
         shots = frames(scene, actors, robot_time_s - start_s, camera.exposure_s, camera.noise_grey,
-                       self._random("lab-sensor"))  # fmt: skip
+                       self._random("lab-sensor"), lamp)  # fmt: skip
         shown = progress(shots, "film", total=count)
         write_video(folder / VIDEO, shown, camera.width_px, camera.height_px, camera.frame_rate_hz)
         write_truth(throw.truth_path, scene, swing, variation, clocks, robot_time_s, start_s, motion_s,
                     np.array(experiment.target_m))  # fmt: skip
+        log = joint_log(arm, swing, variation, clocks, motion_s, self._random("lab-log"))
         return Recording(
-            log=_log(arm, swing, variation, clocks, motion_s, self._random("lab-log")),
+            log=log,
             status="ok",
             reason=None,
             motion_start_s=start_s,
             motion_end_s=start_s + motion_s,
             clock="virtual controller",
             controller={"model": f"{arm.name} (virtual)", "servo": experiment.lab.servo},
+            sync_events=[] if lamp is None else _switch_output(log, lamp, start_s),
             video={"file": VIDEO},
         )
 
@@ -110,7 +116,18 @@ class LabDriver:
         return rng(self._throw.name, self._throw.experiment.seed, self._throw.trial, what)
 
 
-def _log(
+def _switch_output(log: JointLog, lamp: Switched, start_s: float) -> list[SyncEvent]:
+    """Set the log's sync output as the LED was switched, and return these events."""
+    events = [
+        SyncEvent(kind=kind, time_s=round(start_s + since_s, 6))
+        for kind, since_s in (("led_on", lamp.on_s), ("led_off", lamp.off_s))
+    ]
+    on, off = (np.searchsorted(log.time_s, event.time_s - 1e-9) for event in events)
+    log.flags[on:off] |= SYNC_HIGH
+    return events
+
+
+def joint_log(
     arm: Arm, swing: Swing, variation: Variation, clocks: Clocks, motion_s: float, random: np.random.Generator
 ) -> JointLog:
     """Return what the controller logs: encoders with zero error, noise and steps; commands as received."""

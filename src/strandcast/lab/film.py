@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strandcast.lab.led import Switched
 from strandcast.lab.paint import expose, gather
 from strandcast.lab.rig import PIPE_DIAMETER_M, weight_radius_m
 from strandcast.lab.scene import Canvas, Scene, canvas_on, paint_arm
@@ -81,6 +82,7 @@ def frames(
     exposure_s: float,
     noise_grey: float,
     random: np.random.Generator,
+    switched: Switched | None = None,
 ) -> Iterator[np.ndarray]:
     """Yield the frames (H, W) uint8 of a throw; each is overwritten by the next.
 
@@ -94,23 +96,36 @@ def frames(
         Standard deviation of the sensor's noise at a middle grey.
     random
         For the noise.
+    switched
+        When the scene's LED is lit, from the motion's start.
     """
     canvas = canvas_on(scene.still)
+    still = scene.still if scene.led is None else scene.still.copy()
     height, width = scene.still.shape
     bank = random.standard_normal((height + NOISE_SPARE_PX, width + NOISE_SPARE_PX), dtype=np.float32)
     powers = noise_powers(noise_grey)
     out = np.empty((height, width), np.uint8)
     light = scene.still.copy()
     for middle_s in middles_s:
-        light[:] = scene.still
+        if switched is not None:
+            light_led(scene, still, canvas, switched.share(middle_s, exposure_s))
+        light[:] = still
         times = _instants(scene, actors.swing, middle_s, exposure_s)
         for q, nodes in zip(*at(actors.swing, times), strict=True):
             paint_instant(canvas, scene, actors, q, nodes)
-            gather(light, canvas.light, scene.still, canvas.touched, 1.0 / len(times))
+            gather(light, canvas.light, still, canvas.touched, 1.0 / len(times))
         corner = (int(random.integers(NOISE_SPARE_PX)), int(random.integers(NOISE_SPARE_PX)))
         flicker = 1.0 + FLICKER_SHARE * np.sin(2.0 * np.pi * FLICKER_HZ * middle_s)
         expose(light, scene.gain, flicker, bank, corner, powers, out)
         yield out
+
+
+def light_led(scene: Scene, still: np.ndarray, canvas: Canvas, share: float) -> None:
+    """Set the LED's light on `still` (H, W) and on the canvas to that of a share of an exposure, in place."""
+    if scene.led is not None:
+        part = scene.led.rows, scene.led.columns
+        still[part] = scene.still[part] + np.float32(share) * scene.led.glow
+        canvas.light[part] = still[part]
 
 
 def noise_powers(noise_grey: float) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from strandcast.arm.kinematics import hand_pose, link_points
 from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
 from strandcast.experiment import Experiment
+from strandcast.lab.led import BODY, BODY_RADIUS_M, Led, make_led
 from strandcast.lab.paint import blend, stamp, stroke
 from strandcast.lab.view import View, make_view
 from strandcast.seeds import rng
@@ -77,6 +78,8 @@ class Scene:
         The arm.
     hand_prints
         The hand's markers, in the order of the arm's file, and before them the plate that carries them.
+    led
+        The LED that the controller switches, if there is one; `still` shows it dark.
     """
 
     view: View
@@ -84,6 +87,7 @@ class Scene:
     gain: np.ndarray
     arm: Arm
     hand_prints: tuple[HandPrint, ...]
+    led: Led | None = None
 
 
 def make_scene(experiment: Experiment, name: str, arm: Arm) -> Scene:
@@ -92,7 +96,8 @@ def make_scene(experiment: Experiment, name: str, arm: Arm) -> Scene:
     Raises
     ------
     StrandcastError
-        SC-L004 the experiment's file places no markers in the plane, SC-L005 a marker is out of the picture.
+        SC-L004 the experiment's file places no markers in the plane, SC-L005 a marker is out of the picture,
+        SC-L006 so is the LED.
     """
     assert experiment.lab is not None
     view = make_view(experiment, name, arm)
@@ -105,10 +110,11 @@ def make_scene(experiment: Experiment, name: str, arm: Arm) -> Scene:
         canvas.stroke(
             np.repeat(view.pixels(place), 2, axis=0), np.array([radius * view.scale_px_m(place[0])]), tone
         )
+    led = _paint_led(canvas, view, experiment)
     v, u = np.mgrid[: view.height_px, : view.width_px]
     aside = np.hypot(u / view.width_px - 0.5, v / view.width_px - 0.5 * view.height_px / view.width_px)
     gain = (1.0 - VIGNETTING * (2.0 * aside) ** 2).astype(np.float32)
-    return Scene(view, canvas.light, gain, arm, _hand_prints(arm))
+    return Scene(view, canvas.light, gain, arm, _hand_prints(arm), led)
 
 
 def _hand_prints(arm: Arm) -> tuple[HandPrint, ...]:
@@ -162,6 +168,28 @@ def _paint_plane_markers(canvas: Canvas, view: View, experiment: Experiment) -> 
                 field="camera.plane.markers", fix="move it into the workspace_m box")  # fmt: skip
         canvas.pattern(paper, PLAIN_PAPER)
         canvas.pattern(uv, tones)
+
+
+def _paint_led(canvas: Canvas, view: View, experiment: Experiment) -> Led | None:
+    """Paint the LED as it is when dark, and return it."""
+    wanted, lab = experiment.align.led, experiment.lab
+    if lab is None or not lab.led or wanted is None or wanted.x_m is None or wanted.y_m is None:
+        return None
+    place_m = (wanted.x_m, wanted.y_m)
+    middle = view.pixels(np.array(place_m))
+    if (middle < 0).any() or (middle > np.array([view.width_px, view.height_px]) - 1).any():
+        raise StrandcastError(
+            "SC-L006",
+            f"the LED at {place_m} m is not in the picture",
+            field="align.led",
+            fix="move it into the workspace_m box, where neither string nor arm go",
+        )
+    canvas.stroke(
+        np.repeat(middle[None], 2, axis=0),
+        np.array([BODY_RADIUS_M * view.scale_px_m(np.array(place_m))]),
+        BODY,
+    )
+    return make_led(view, place_m)
 
 
 def _paint_pedestal(canvas: Canvas, view: View, arm: Arm) -> None:

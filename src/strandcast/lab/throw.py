@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
-from strandcast.arm.load import Arm
+import numpy as np
+
+from strandcast.arm.load import Arm, Box
 from strandcast.experiment import Experiment
 from strandcast.lab.calibration import write_lens_photos, write_plane_photo
 from strandcast.lab.driver import LabDriver, Throw
 from strandcast.lab.scene import make_scene
 from strandcast.player.play import play
+from strandcast.player.rehearsal import rehearse
 from strandcast.records.joint_log import Run
 
 
@@ -58,4 +62,8 @@ def throw(
     folder = Path(data_dir) / f"trial-{trial:02d}"
     # Unlike a real throw, a virtual one can be had again.
     (folder / "run.json").unlink(missing_ok=True)
-    return play(motion_path, arm, driver, folder, move_to_start=True)
+    # A virtual arm hits nothing and hurts nobody: it may go where it likes, and nobody need confirm it.
+    anywhere = (-np.inf, np.inf)
+    rehearsal = rehearse(motion_path, replace(arm, workspace=Box(anywhere, anywhere)), driver, folder)
+    driver.move_to_start(rehearsal.motion.joints()[0][0])
+    return play(rehearsal, driver, rehearsal.short_hash)

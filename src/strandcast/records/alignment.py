@@ -41,6 +41,8 @@ class SyncCheck(Part):
     sigma_s: float
     difference_s: float
     motion_se_s: float
+    kind: str = "any"
+    used: bool = True  # in the fit
 
 
 class Alignment(Record):

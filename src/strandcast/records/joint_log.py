@@ -52,11 +52,31 @@ class Timing(Part):
     uneven: int = 0  # steps more than a tenth off the usual one, gaps and duplicates included
 
 
+class Lateness(Part):
+    """How late the host was with its set points, where it had to keep time."""
+
+    cycles: int
+    p50_ms: float
+    p99_ms: float
+    max_ms: float
+    missed: int  # set points never sent
+    scheduling: str  # what of real-time scheduling the system granted
+    degraded: bool  # later than a lab would like: p99 beyond 0.25 ms, or more than one in a thousand missed
+
+
+class Following(Part):
+    """How the joints followed their command during the motion, joint by joint."""
+
+    lag_s: list[float]  # that explains the most
+    peak_error_rad: list[float]  # what it leaves, a constant offset aside
+
+
 class SyncEvent(Part):
     """An event that the camera can see too, on the controller's clock."""
 
-    kind: str
+    kind: str  # "led_on" and "led_off" for an LED, or a name of one's own
     time_s: float
+    sigma_s: float = 0.0  # standard deviation of that, where the controller knows it no better
 
 
 class Run(Record):
@@ -81,6 +101,9 @@ class Run(Record):
     timing: Timing
     video: dict[str, str | float | int | None]  # name of the video file, if the rig knows it
     warnings: list[str] = []
+    time_scale: float = 1.0  # 4: played four times slower than planned
+    lateness: Lateness | None = None
+    following: Following | None = None
 
 
 GROUPS = (

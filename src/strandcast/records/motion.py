@@ -5,9 +5,10 @@ The points carry the field names of ROS' trajectory_msgs/JointTrajectory, so tha
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import SerializerFunctionWrapHandler, model_serializer
 
 from strandcast.records.record import Part, Record
 
@@ -64,16 +65,34 @@ class StringSet(Part):
     options: dict[str, float] = {}
 
 
-class Prediction(Part):
+class AsGiven(Part):
+    """Written with the fields that it was given: a file from before a field was there keeps its hash."""
+
+    @model_serializer(mode="wrap")
+    def _as_given(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in dump(self).items() if name in self.model_fields_set}
+
+
+class Prediction(AsGiven):
     """What the planner expects of the throw."""
 
-    miss_m: float  # of the best string
-    ensemble_miss_m: list[float]
-    hit_probability: float
+    miss_m: float  # of the best string, undisturbed
+    ensemble_miss_m: list[float]  # of every string, undisturbed
+    hit_probability: float  # over strings and disturbances
+    # Over every string with every disturbance: how many throws, and quantiles of their misses, p10 to p90.
+    disturbed_throws: int | None = None
+    miss_quantiles_m: dict[str, float] = {}
     hit_time_s: float  # from the motion's start
     largest_bend_rad: float
     peak_speed_rad_s: list[float]
     peak_acceleration_rad_s2: list[float]
+    peak_jerk_rad_s3: list[float] = []
+    peak_torque_n_m: list[float] = []
+    lowest_rad: list[float] = []
+    highest_rad: list[float] = []
+    # What the peaks must stay below, margins taken off, by name; null where there is no limit.
+    limits: dict[str, list[float | None]] = {}
+    workspace_room_m: float | None = None  # of hand and best string to the workspace's edges, below 0 outside
     peak_tip_speed_m_s: float
     # Sampled every 2 ms from the start: the hand, and the tip of the best string, carried residual included.
     time_s: list[float]
@@ -81,7 +100,7 @@ class Prediction(Part):
     tip_m: list[list[float]]
 
 
-class Provenance(Part):
+class Provenance(AsGiven):
     """What the motion was made from."""
 
     planner: str
@@ -91,6 +110,7 @@ class Provenance(Part):
     parent_motion_sha256: str | None
     simulations: int
     start_string: str | None
+    objective: str | None = None  # in words; a point if not told
     string: StringSet
     flags: list[str]
 

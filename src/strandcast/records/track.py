@@ -85,6 +85,28 @@ class Contact(Part):
     evidence: list[str]  # of "outlines", "tip", "target"; outlines alone may be a passage before the target
 
 
+class SeenSwitch(Part):
+    """The LED that the robot switches goes on or off."""
+
+    kind: str  # "led_on" or "led_off"
+    camera_time_s: float
+    sigma_s: float
+
+
+class SeenLed(Part):
+    """What is seen where the LED should be that the robot switches (`align.led`)."""
+
+    window_px: list[int]  # left, top, right, bottom, the last two beyond it
+    brightness_grey: list[float]  # mean over the window, by frame
+    # None where it keeps to one level.
+    dark_grey: float | None = None
+    lit_grey: float | None = None
+    noise_grey: float | None = None
+    burnt: bool = False  # brighter than the camera can tell
+    events: list[SeenSwitch] = []
+    rejected: list[str] = []  # other changes, and why they are not the LED's
+
+
 class TrackSummary(Record):
     """How the tracking went: counts held against the manifest, quality, automatic choices."""
 
@@ -107,6 +129,7 @@ class TrackSummary(Record):
     sections: list[SeenSection] = []
     target: SeenTarget | None = None
     contact: Contact | None = None
+    led: SeenLed | None = None
 
 
 class Track:

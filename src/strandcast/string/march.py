@@ -129,12 +129,17 @@ def _prepare(
     else:
         x[0, 0], x[0, 1] = pose[0], pose[1]
         x[1:] = start
+    cos, sin, rate = math.cos(fixed[6]), math.sin(fixed[6]), fixed[7]
     v[0, lane], v[1, lane] = 0.0, 0.0
+    away_x, away_y = 0.0, 0.0
     for i in range(n):
         mass[i, lane], factors[i, lane] = m[i], factor[i]
-        for axis in range(2):
-            d[2 * i + axis, lane] = x[i + 1, axis] - x[i, axis]
-            v[2 * i + 2 + axis, lane] = start_velocity[i, axis]
+        along, across = x[i + 1, 0] - x[i, 0], x[i + 1, 1] - x[i, 1]
+        dx, dy = cos * along - sin * across, sin * along + cos * across
+        away_x, away_y = away_x + dx, away_y + dy
+        d[2 * i, lane], d[2 * i + 1, lane] = dx, dy
+        v[2 * i + 2, lane] = start_velocity[i, 0] - rate * away_y
+        v[2 * i + 3, lane] = start_velocity[i, 1] + rate * away_x
 
 
 @njit(**INLINED)
@@ -397,8 +402,9 @@ def march(
     p, m, factor
         (B, 10) parameters, (B, n) masses of points 1…n, (B, n) multipliers of bending at joints 0…n-1.
     fixed
-        (B, 6) rest spacing [m], rest bend per joint [rad], clamp offset [rad], gravity [m/s^2], half-width of
-        the switch, dry friction of a joint [N m/kg]. First, fourth and fifth are the same for all.
+        (B, 8) rest spacing [m], rest bend per joint [rad], clamp offset [rad], gravity [m/s^2], half-width of
+        the switch, dry friction of a joint [N m/kg], turn of the start about the hand [rad], rate of that
+        [rad/s]. First, fourth and fifth are the same for all.
     time_s, pose
         (T,) and (1 or B, T, 3): the hand's path, common or each candidate's own.
     kind_of_start, start, start_velocity

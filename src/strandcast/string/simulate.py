@@ -123,6 +123,7 @@ def simulate_batch(
     clamp_offset_rad: Array | float = 0.0,
     bend_factor: Array | None = None,
     bend_friction: Array | float = 0.0,
+    sway: Array | None = None,
 ) -> tuple[Array, NDArray[np.int64]]:
     """Simulate a batch of B candidates; the bytes do not depend on the number of threads.
 
@@ -141,6 +142,8 @@ def simulate_batch(
     bend_friction
         Dry friction of a joint [N m/kg], per candidate (B,) or common: bending that does not die away by
         itself. A deviation from the paper; real cables have it.
+    sway
+        (B, 2) turn of the whole string about the hand at the start [rad], and its rate [rad/s].
 
     Returns
     -------
@@ -153,6 +156,8 @@ def simulate_batch(
         model, parameters, masses, hand_time_s, hand_pose, out_time_s, start, start_velocity, respace,
         rest_curl_rad_m, clamp_offset_rad, bend_factor, bend_friction,
     )  # fmt: skip
+    if sway is not None:
+        given.fixed[:, 6:] = _rows(sway, len(given.p), 2)
     out = np.empty((len(given.p), len(given.at), model.points + 1, 2))
     for b in range(len(given.pose)):
         hand = out[b : b + 1 if len(given.pose) > 1 else None, :, 0]
@@ -350,7 +355,7 @@ def _given(
     _check(model, m, len(p), time_s, pose, at)
     steps = max(int(np.ceil(at[-1] - 1e-9)), 1) if len(at) else 1
     curl = model.rest_curl_rad_m if rest_curl_rad_m is None else rest_curl_rad_m
-    fixed = np.empty((len(p), 6))
+    fixed = np.zeros((len(p), 8))
     fixed[:, 0] = model.spacing_m
     fixed[:, 1] = np.asarray(curl, dtype=float) * model.spacing_m
     fixed[:, 2] = clamp_offset_rad

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from strandcast.records.track import Contact, SeenTarget
+from strandcast.records.track import Contact, SeenLed, SeenTarget
 from strandcast.tracking.attachments import NOTHING, Attachments
 
 
@@ -38,6 +38,7 @@ class Tracked:
     attachments: Attachments = NOTHING
     target: SeenTarget | None = None
     contact: Contact | None = None
+    led: SeenLed | None = None
 
 
 def as_columns(rows: np.ndarray) -> dict[str, np.ndarray]:

@@ -26,6 +26,7 @@ from strandcast.tracking.hand import HandFinder, HandMarker, HandSighting, box_a
 from strandcast.tracking.hand_path import HandPath, bridge_hand
 from strandcast.tracking.judge import FrameResult, judge
 from strandcast.tracking.jumps import doubt_jumps
+from strandcast.tracking.led import LedPlace, LedWatch
 from strandcast.tracking.looks import BALL_TIMES, learn_looks, level_at, seen_length
 from strandcast.tracking.passes import Look, chain_of, follow, refine, survey, ways_of
 from strandcast.tracking.picture import Looks, Picture
@@ -64,6 +65,8 @@ class Options:
         Whether the string is "bright" or "dark" before the background, or "auto".
     contrast_grey
         By how many grey levels a clear piece of string differs from what is beside it.
+    led
+        Where an LED that the robot switches is looked for.
     """
 
     background: np.ndarray | None = None
@@ -71,6 +74,7 @@ class Options:
     exposure_s: float | None = None
     polarity: str = "auto"
     contrast_grey: float | None = None
+    led: LedPlace | None = None
 
 
 def track_video(
@@ -109,15 +113,17 @@ def track_video(
     ------
     StrandcastError
         SC-T001 the decoded count differs from the manifest's; SC-T002 the picture's size is not the
-        calibration's; SC-T003 the hand's markers are never seen; SC-T004 no string leaves the hand.
+        calibration's; SC-T003 the hand's markers are never seen; SC-T004 no string leaves the hand; SC-T033
+        the LED's window is not in the picture.
     """
     check_size(facts, camera, path)
     exposure_s = options.exposure_s or EXPOSURE_SHARE / facts.frame_rate_hz
     plane = tabulate(camera, camera.string_offset_m)
     finder = HandFinder(camera, markers, dictionary, camera.string_offset_m)
+    watch = None if options.led is None else LedWatch(options.led, camera)
     time_s = camera_times(facts)
     with Crops(plane, CROP_LENGTHS * string.length_m) as crops:
-        scene = decode(path, facts, finder, crops, options)
+        scene = decode(path, facts, finder, crops, options, watch)
         check_hand(scene.hands, finder, path)
         hand = bridge_hand(time_s, scene.hands)
         look = looker(crops, scene.background, hand, time_s, box_around(markers), 0.0)
@@ -174,6 +180,9 @@ def track_video(
         "found_anew": follower.found_anew,
         "strobe_frames": " ".join(map(str, instants)),
     }
+    if watch is not None:
+        tracked.led, unlit = watch.found(time_s, options.exposure_s)
+        tracked.warnings += unlit
     tracked.warnings += scene_warnings(camera, finder, scene, path)
     tracked.warnings += finder.contradictions()
     tracked.warnings += doubts(tracked)
@@ -292,8 +301,15 @@ class Scene:
     samples: Samples
 
 
-def decode(path: str | Path, facts: VideoFacts, finder: HandFinder, crops: Crops, options: Options) -> Scene:
-    """Make the one decoding pass: find the hand, keep a crop around it, learn the background."""
+def decode(
+    path: str | Path,
+    facts: VideoFacts,
+    finder: HandFinder,
+    crops: Crops,
+    options: Options,
+    watch: LedWatch | None = None,
+) -> Scene:
+    """Make the one decoding pass: find hand and LED, keep a crop around the hand, learn the background."""
     hands: list[HandSighting | None] = []
     tell = Progress("track: frames", total=facts.packets)
     with open_ingested(path, facts, threads=DECODER_THREADS) as video:
@@ -305,6 +321,8 @@ def decode(path: str | Path, facts: VideoFacts, finder: HandFinder, crops: Crops
             samples.offer(index, image)
             hands.append(finder.find(image))
             crops.keep(image, None if hands[-1] is None else hands[-1].pose)
+            if watch is not None:
+                watch.look(image)
             tell(index + 1)
     check_count(len(hands), facts, path)
     background, chosen = learn_background(samples.pictures, options.background_frames)

@@ -1,0 +1,120 @@
+"""Torques of the moving joints as those of a planar chain: for searches, which ask for them a lot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from numba import njit
+
+if TYPE_CHECKING:
+    from strandcast.arm.load import Arm
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarDynamics:
+    """The J moving links in the plane of the throw, with all that is fixed to each: held joints, payload.
+
+    Attributes
+    ----------
+    links
+        (J, 9) of each link: sign of its joint (+1 where a positive angle is counter-clockwise); mass [kg];
+        inertia about its centre and the plane's normal [kg m²]; x, y from its joint to its centre, and to the
+        next joint, at zero angles [m]; its joint's viscous friction [N m s/rad] and motor inertia [kg m²].
+    gravity_m_s2
+        (2,).
+    """
+
+    links: np.ndarray
+    gravity_m_s2: np.ndarray
+
+
+# Of an arm whose torques nobody asks for.
+NO_DYNAMICS = PlanarDynamics(np.zeros((0, 9)), np.zeros(2))
+
+
+@lru_cache(maxsize=8)
+def dynamics_of(arm: Arm) -> PlanarDynamics:
+    """Return the arm's links, lumped from its burdened model with the held joints where they are held."""
+    model = arm.burdened_model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = arm.coordinates(np.zeros(len(arm.joints)))
+    mujoco.mj_forward(model, data)
+    normal = np.cross(arm.plane[0], arm.plane[1])
+    anchors = np.array([data.joint(name).xanchor for name in arm.joints]) @ arm.plane.T
+    owner = _owners(model, [int(model.joint(name).bodyid[0]) for name in arm.joints])
+    lumps = [_lump(model, data, np.flatnonzero(owner == j), arm.plane) for j in range(len(arm.joints))]
+    dofs = [int(model.joint(name).dofadr[0]) for name in arm.joints]
+    links = np.column_stack(
+        [
+            [np.sign(data.joint(name).xaxis @ normal) for name in arm.joints],
+            [mass for mass, _, _ in lumps],
+            [inertia for _, _, inertia in lumps],
+            np.array([centre for _, centre, _ in lumps]) - anchors,
+            np.diff(anchors, axis=0, append=anchors[-1:]),
+            model.dof_damping[dofs],
+            model.dof_armature[dofs],
+        ]
+    )
+    return PlanarDynamics(np.ascontiguousarray(links), arm.plane @ model.opt.gravity)
+
+
+def _owners(model: mujoco.MjModel, bodies: list[int]) -> np.ndarray:
+    """Return which moving joint turns each body, -1 for none: parents come before their children."""
+    owner = np.full(model.nbody, -1)
+    for body in range(1, model.nbody):
+        owner[body] = bodies.index(body) if body in bodies else owner[model.body_parentid[body]]
+    return owner
+
+
+def _lump(
+    model: mujoco.MjModel, data: mujoco.MjData, bodies: np.ndarray, plane: np.ndarray
+) -> tuple[float, np.ndarray, float]:
+    """Return mass, centre (2,) in the plane, and inertia about it and the plane's normal, of some bodies."""
+    mass = model.body_mass[bodies]
+    places = data.xipos[bodies] @ plane.T
+    centre = mass @ places / mass.sum()
+    turned = np.einsum("bik,i->bk", data.ximat[bodies].reshape(-1, 3, 3), np.cross(plane[0], plane[1]))
+    own = (turned**2 * model.body_inertia[bodies]).sum(axis=1)
+    return float(mass.sum()), centre, float((own + mass * ((places - centre) ** 2).sum(axis=1)).sum())
+
+
+@njit(cache=True)
+def chain_torques(
+    q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, links: np.ndarray, gravity: np.ndarray
+) -> np.ndarray:
+    """Return torques (T, J) [N m] for angles, speeds, accelerations (T, J), by recursive Newton-Euler.
+
+    Outwards go the links' turn rates and the acceleration of each joint's place, gravity being one; inwards,
+    the force and the moment that each link needs from the one before (Luh, Walker and Paul, 1980).
+    """
+    count, joints = q.shape
+    torque = np.empty((count, joints))
+    force, step, moment = np.empty((joints, 2)), np.empty((joints, 2)), np.empty(joints)
+    for t in range(count):
+        turn, rate, bend = 0.0, 0.0, 0.0
+        ax, ay = -gravity[0], -gravity[1]
+        for j in range(joints):
+            sign, mass, inertia = links[j, 0], links[j, 1], links[j, 2]
+            cx, cy, dx, dy = links[j, 3], links[j, 4], links[j, 5], links[j, 6]
+            turn += sign * q[t, j]
+            rate += sign * qd[t, j]
+            bend += sign * qdd[t, j]
+            cos, sin = math.cos(turn), math.sin(turn)
+            x, y = cos * cx - sin * cy, sin * cx + cos * cy
+            force[j, 0] = mass * (ax - bend * y - rate * rate * x)
+            force[j, 1] = mass * (ay + bend * x - rate * rate * y)
+            moment[j] = inertia * bend + x * force[j, 1] - y * force[j, 0]
+            x, y = cos * dx - sin * dy, sin * dx + cos * dy
+            step[j, 0], step[j, 1] = x, y
+            ax, ay = ax - bend * y - rate * rate * x, ay + bend * x - rate * rate * y
+        fx, fy, turning = 0.0, 0.0, 0.0
+        for j in range(joints - 1, -1, -1):
+            turning += moment[j] + step[j, 0] * fy - step[j, 1] * fx
+            fx, fy = fx + force[j, 0], fy + force[j, 1]
+            torque[t, j] = links[j, 0] * turning + links[j, 7] * qd[t, j] + links[j, 8] * qdd[t, j]
+    return torque

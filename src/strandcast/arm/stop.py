@@ -1,0 +1,48 @@
+"""The soft stop: from where the command is, to rest, within acceleration and jerk (ruckig, velocity mode)."""
+
+from __future__ import annotations
+
+import numpy as np
+import ruckig
+
+
+class SoftStop:
+    """Every joint comes to rest as fast as its limits allow, each for itself.
+
+    Parameters
+    ----------
+    acceleration_rad_s2, jerk_rad_s3
+        (J,) limits, finite.
+    """
+
+    def __init__(self, acceleration_rad_s2: np.ndarray, jerk_rad_s3: np.ndarray) -> None:
+        count = len(acceleration_rad_s2)
+        self._limit = np.asarray(acceleration_rad_s2, float)
+        self._generator = ruckig.Ruckig(count)
+        self._trajectory = ruckig.Trajectory(count)
+        self._input = ruckig.InputParameter(count)
+        self._input.control_interface = ruckig.ControlInterface.Velocity
+        self._input.synchronization = ruckig.Synchronization.No
+        self._input.max_acceleration = self._limit.tolist()
+        self._input.max_jerk = list(map(float, jerk_rad_s3))
+        self._input.target_velocity = [0.0] * count
+        self._input.target_acceleration = [0.0] * count
+
+    def begin(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> float:
+        """Plan the stop from (J,) angles, speeds and accelerations; return how long it takes [s]."""
+        self._input.current_position = q.tolist()
+        self._input.current_velocity = qd.tolist()
+        self._input.current_acceleration = np.clip(qdd, -self._limit, self._limit).tolist()
+        result = self._generator.calculate(self._input, self._trajectory)
+        if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+            raise ValueError(f"no stop from {q}, {qd}, {qdd}: {result}")
+        return float(self._trajectory.duration)
+
+    def at(self, since_s: float) -> tuple[list[float], list[float], list[float]]:
+        """Return (J,) angles, speeds and accelerations of the stop, `since_s` after it began."""
+        q, qd, qdd = self._trajectory.at_time(since_s)
+        return q, qd, qdd
+
+    def resting_place(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+        """Return the angles at which the arm would come to rest: (T, J) from (T, J) each."""
+        return np.array([self.at(self.begin(*row) + 1.0)[0] for row in zip(q, qd, qdd, strict=True)])

@@ -1,0 +1,39 @@
+"""The planar chain's torques are MuJoCo's inverse dynamics, whatever is held, branched off or carried."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from strandcast.arm.dynamics import chain_torques, dynamics_of
+from strandcast.arm.limits import torques
+from strandcast.arm.load import Arm, Payload, load_arm
+
+
+def planar(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    dynamics = dynamics_of(arm)
+    return np.asarray(chain_torques(q, qd, qdd, dynamics.links, dynamics.gravity_m_s2))
+
+
+@pytest.mark.parametrize("name", ["planar3", "ur5e-example", "fr3-example"])
+def test_torques_are_mujocos(project_root: Path, name: str) -> None:
+    arm = load_arm(project_root / f"config/arms/{name}.toml")
+    rng = np.random.default_rng(3)
+    low, high = np.maximum(arm.limits.lower_rad, -3.0), np.minimum(arm.limits.upper_rad, 3.0)
+    q = rng.uniform(low, high, (40, 3))
+    qd, qdd = rng.uniform(-8, 8, (40, 3)), rng.uniform(-90, 90, (40, 3))
+    for one in (arm, replace(arm, payload=Payload(0.7, (0.02, -0.01, 0.05)))):
+        expected = torques(one, q, qd, qdd)
+        np.testing.assert_allclose(planar(one, q, qd, qdd), expected, rtol=1e-6, atol=1e-7)
+
+
+def test_a_payload_is_felt_by_its_weight(project_root: Path) -> None:
+    arm = load_arm(project_root / "config/arms/planar3.toml")
+    still = np.zeros((1, 3))
+    more = planar(replace(arm, payload=Payload(1.0, (0.0, 0.0, 0.0))), still, still, still)
+    # Stretched out sideways, a kilogram at the grip weighs on every joint by its distance.
+    lever = -9.81 * np.array([0.70, 0.40, 0.15])
+    np.testing.assert_allclose(np.abs(more - planar(arm, still, still, still))[0], np.abs(lever), rtol=1e-6)

@@ -1,0 +1,78 @@
+"""Where the hand can get to when it is stopped, against sweeps worked out by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from strandcast.arm.load import Arm, Box, Stop, load_arm
+from strandcast.arm.reach import outside_m, reach_of
+from strandcast.arm.stop import SoftStop
+
+REACH_M = 0.70
+
+
+@pytest.fixture
+def arm(project_root: Path) -> Arm:
+    arm = load_arm(project_root / "config/arms/planar3.toml")
+    stop = Stop(np.full(3, 50.0), np.full(3, 5000.0), np.zeros(3))
+    return dataclasses.replace(arm, stop=stop)
+
+
+def turning(speed_rad_s: float) -> tuple[np.ndarray, ...]:
+    """An outstretched arm that turns about its base, level at its last instant."""
+    time_s = np.arange(101) * 0.001
+    q = np.zeros((101, 3))
+    q[:, 0] = speed_rad_s * (time_s - 0.1)
+    qd = np.zeros((101, 3))
+    qd[:, 0] = speed_rad_s
+    return time_s, q, qd, np.zeros((101, 3))
+
+
+def test_a_soft_stop_takes_the_time_and_angle_of_its_ramps() -> None:
+    # To shed v at acceleration a and jerk j takes v/a + a/j, at half the speed on the mean.
+    stop = SoftStop(np.array([50.0]), np.array([5000.0]))
+    duration_s = stop.begin(np.array([0.2]), np.array([3.0]), np.array([0.0]))
+    assert duration_s == pytest.approx(3.0 / 50.0 + 50.0 / 5000.0)
+    q, qd, qdd = stop.at(duration_s)
+    assert q[0] == pytest.approx(0.2 + 0.5 * 3.0 * duration_s)
+    assert (qd[0], qdd[0]) == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def test_the_soft_stop_carries_the_hand_on(arm: Arm) -> None:
+    reach = reach_of(arm, *turning(2.0), hanging_m=0.0)
+    angle = 0.5 * 2.0 * (2.0 / 50.0 + 0.01)
+    assert reach.stop_rad == pytest.approx([angle, 0.0, 0.0])
+    assert reach.hand_m[1, 1] == pytest.approx(0.0, abs=1e-9)
+    assert reach.swept_m[1, 1] == pytest.approx(REACH_M * np.sin(angle))
+
+
+def test_the_controllers_own_stop_counts_by_the_speed(arm: Arm) -> None:
+    distance = np.array([0.6, 0.0, 0.0])
+    slow = dataclasses.replace(arm, stop=dataclasses.replace(arm.stop, distance_rad=distance))
+    reach = reach_of(slow, *turning(2.0), hanging_m=0.0)
+    angle = 0.6 * 2.0 / arm.limits.velocity_rad_s[0]
+    assert reach.stop_rad[0] == pytest.approx(angle)
+    assert reach.swept_m[1, 1] == pytest.approx(REACH_M * np.sin(angle))
+
+
+def test_what_hangs_may_be_anywhere_about_the_hand(arm: Arm) -> None:
+    bare, hung = (reach_of(arm, *turning(2.0), hanging_m=length) for length in (0.0, 0.4))
+    np.testing.assert_allclose(hung.swept_m - bare.swept_m, [[-0.4, 0.4], [-0.4, 0.4]])
+    np.testing.assert_allclose(hung.hand_m, bare.hand_m)
+
+
+def test_a_stop_past_a_joints_range_is_told(arm: Arm) -> None:
+    time_s, q, qd, qdd = turning(2.0)
+    q[:, 0] += arm.limits.upper_rad[0] - 0.01
+    reach = reach_of(arm, time_s, q, qd, qdd, 0.0)
+    assert reach.beyond_rad == pytest.approx([0.5 * 2.0 * 0.05 - 0.01, 0.0, 0.0])
+
+
+def test_outside_is_the_furthest_side(arm: Arm) -> None:
+    arm = dataclasses.replace(arm, workspace=Box((-1.0, 1.0), (-0.5, 0.5)))
+    assert outside_m(arm, np.array([[-0.9, 0.9], [-0.4, 0.4]])) == 0.0
+    assert outside_m(arm, np.array([[-1.1, 0.9], [-0.4, 0.8]])) == pytest.approx(0.3)
