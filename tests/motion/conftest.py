@@ -36,4 +36,4 @@ def strings() -> Strings:
 
 @pytest.fixture
 def options() -> Options:
-    return Options(screening=64, evaluations=160, members=3)
+    return Options(screening=64, evaluations=480, members=3, finer=False)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from strandcast.motion.objective import assess, closest_approach, segment_distance
+from strandcast.motion.objective import Assessment, Throws, assess, closest_approach, segment_distance
+from strandcast.motion.objectives import Point
 
 FAR = np.array([[-9.0, 9.0], [-9.0, 9.0]])
 
@@ -18,18 +19,21 @@ def one_throw(
     spacing_m: float = 99.0,
 ) -> list[float]:
     last = len(points) - 1 if last is None else last
-    answer = assess(
-        points[None],
-        np.zeros((1, len(points), 2)),
-        bars[None],
-        np.array([0.02]),
-        np.array([last]),
-        np.array(target),
-        box,
-        spacing_m,
-        0.002,
-    )
-    return [float(value[0]) for value in answer]
+    shift = np.zeros((1, len(points), 2))
+    return [float(value[0]) for value in worth(points, shift, bars, target, box, last, spacing_m)]
+
+
+def worth(
+    points: np.ndarray,
+    shift: np.ndarray,
+    bars: np.ndarray,
+    target: tuple[float, float],
+    box: np.ndarray,
+    last: int,
+    spacing_m: float,
+) -> Assessment:
+    throws = Throws(points[None], shift, np.array([last]), 0.002, spacing_m)
+    return assess(Point(target), throws, bars[None], np.array([0.02]), box)
 
 
 def moving_tip(tip: np.ndarray) -> np.ndarray:
@@ -108,7 +112,7 @@ def test_place_is_judged_of_a_string_that_does_not_stretch() -> None:
 
 def test_a_failed_simulation_is_a_metre_off() -> None:
     points = moving_tip(np.tile([0.0, -2.0], (5, 1)))
-    points[3, 1] = np.nan
+    points[3:, 1] = np.nan
     assert one_throw(points, NO_BARS, (0.0, -2.0))[:2] == [1.0, 0.0]
     assert one_throw(points, NO_BARS, (0.0, -2.0), last=2)[0] == 0.0
 
@@ -116,16 +120,6 @@ def test_a_failed_simulation_is_a_metre_off() -> None:
 def test_what_is_carried_over_shifts_the_tip_alone() -> None:
     points = moving_tip(np.tile([0.0, -2.0], (5, 1)))
     shift = np.full((1, 5, 2), [0.3, 0.4])
-    answer = assess(
-        points[None],
-        shift,
-        NO_BARS[None],
-        np.array([0.02]),
-        np.array([4]),
-        np.array([0.0, -2.0]),
-        FAR,
-        9.0,
-        0.002,
-    )
+    answer = worth(points, shift, NO_BARS, (0.0, -2.0), FAR, 4, 9.0)
     np.testing.assert_allclose(answer[0], 0.5)
     np.testing.assert_allclose(answer[2], 0.0)

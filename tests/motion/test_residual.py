@@ -10,11 +10,12 @@ import pytest
 from strandcast.arm.servo import Servo, respond
 from strandcast.motion.bezier import Curve, rest_heights, sample
 from strandcast.motion.earlier import Earlier, start_shape, tip_path
-from strandcast.motion.later import neighbourhood, throw_near
-from strandcast.motion.residual import alike, filled
-from strandcast.motion.strings import Strings, regrasped
-from strandcast.motion.task import Task
-from strandcast.motion.throws import World, commands, throw
+from strandcast.motion.later import Neighbourhood, neighbourhood, throw_near, with_every_disturbance
+from strandcast.motion.paths import Paths, packed, paths_of
+from strandcast.motion.residual import FADING_RAD_S, alike, distance_rad_s, filled
+from strandcast.motion.strings import Strings
+from strandcast.motion.task import Options, Task
+from strandcast.motion.throws import AFTER_END_S, World, commands, throw
 
 SLOW = Servo(np.full(3, 0.010), np.full(3, 40.0), np.full(3, 0.8), np.full(3, 0.98))
 
@@ -28,7 +29,19 @@ def played(task: Task, string: Strings, motion: Curve, trial: int) -> Earlier:
     time_s, q_command, last = commands([sample(motion, task.step_s)], task.step_s)
     q = respond(SLOW, time_s, q_command)
     tip = throw(task, string, World(), q, last).points_m[0, :, -1]
-    return Earlier(trial, motion, q_command[0], q[0], tip, None, 0.1)
+    return Earlier(trial, motion, q_command[0], q[0], tip, None, 0.0, 0.1)
+
+
+def near_to(task: Task, strings: Strings, trials: list[Earlier], options: Options) -> Neighbourhood:
+    return neighbourhood(task, strings, World(task.arm.servo), trials[0], trials, options, disturb=False)
+
+
+def paths(task: Task, curves: list[Curve]) -> Paths:
+    return paths_of(packed(curves), task.step_s, AFTER_END_S)
+
+
+def heights(curves: list[Curve]) -> np.ndarray:
+    return np.array([curve.heights_rad_s for curve in curves])
 
 
 @pytest.fixture(scope="module")
@@ -39,26 +52,48 @@ def unlike(strings: Strings) -> Strings:
 
 
 def test_the_same_motion_is_foreseen_exactly_with_every_string(
-    task: Task, strings: Strings, unlike: Strings
+    task: Task, strings: Strings, unlike: Strings, options: Options
 ) -> None:
     trial = played(task, unlike, curve(), 1)
-    near = neighbourhood(task, strings, World(task.arm.servo), trial, [trial])
-    thrown, shift = throw_near(task, near, [curve()])
+    near = near_to(task, strings, [trial], options)
+    thrown, shift = throw_near(task, near, paths(task, [curve()]), heights([curve()]))
     foreseen = thrown.points_m[:, :, -1] + shift
     np.testing.assert_allclose(foreseen, np.broadcast_to(trial.tip_m, foreseen.shape), atol=1e-9)
     # Without what is carried over the same simulation is millimetres off.
     assert np.abs(thrown.points_m[0, :, -1] - trial.tip_m).max() > 0.005
 
 
-def test_of_two_trials_the_nearer_counts_more(task: Task, strings: Strings, unlike: Strings) -> None:
+def test_of_two_trials_the_nearer_counts_more(
+    task: Task, strings: Strings, unlike: Strings, options: Options
+) -> None:
     trials = [played(task, unlike, curve(), 1), played(task, unlike, curve(1.2), 2)]
-    near = neighbourhood(task, strings, World(task.arm.servo), trials[0], trials)
-    weights = near.carried.weights([curve(), curve(1.1), curve(1.15)])
+    near = near_to(task, strings, trials, options)
+    weights = near.carried.weights(heights([curve(), curve(1.1), curve(1.15)]))
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
     np.testing.assert_allclose(weights[1], [0.5, 0.5], atol=1e-6)
     assert weights[0, 0] > 0.99
     # A third of the distance: nine times the weight.
     np.testing.assert_allclose(weights[2, 1] / weights[2, 0], 9.0, rtol=0.1)
+
+
+def test_what_is_carried_over_fades_with_the_distance(
+    task: Task, strings: Strings, unlike: Strings, options: Options
+) -> None:
+    trial = played(task, unlike, curve(), 1)
+    carried = near_to(task, strings, [trial], options).carried
+    away = [curve(1.0 + scale / rms(curve())) for scale in (0.0, FADING_RAD_S, 3 * FADING_RAD_S)]
+    np.testing.assert_allclose(carried.shares(heights(away))[:, 0], [1.0, 0.5, 0.1])
+    np.testing.assert_allclose(carried.weights(heights(away))[:, 0], 1.0)
+
+
+def test_the_distance_is_to_the_nearest_trial_that_is_like_it(task: Task, unlike: Strings) -> None:
+    trials = [played(task, unlike, curve(), 1), played(task, unlike, curve(1.2), 2)]
+    assert distance_rad_s(curve(1.15), trials) == pytest.approx(0.05 * rms(curve()))
+    assert distance_rad_s(replace(curve(), duration_s=0.6), trials) == np.inf
+
+
+def rms(one: Curve) -> float:
+    return float(np.sqrt(np.mean(one.heights_rad_s**2)))
 
 
 def test_only_trials_of_the_same_posture_and_time_are_alike(
@@ -67,7 +102,7 @@ def test_only_trials_of_the_same_posture_and_time_are_alike(
     best = played(task, unlike, curve(), 1)
     longer = replace(best, curve=replace(curve(), duration_s=0.6))
     elsewhere = replace(best, curve=replace(curve(), q0_rad=np.array([0.4, -0.5, 0.31])))
-    assert alike([best, longer, elsewhere, replace(best, curve=None)], best) == [best]
+    assert alike([best, longer, elsewhere, replace(best, curve=None)], curve()) == [best]
 
 
 def test_gaps_are_filled_in_time_and_nothing_known_carries_nothing() -> None:
@@ -98,10 +133,22 @@ def test_the_start_is_the_mean_before_it_or_unknown() -> None:
     assert start_shape(seen_s, points) is None
 
 
-def test_regrasped_strings_hang_out_further_and_are_turned(task: Task, strings: Strings) -> None:
-    other = regrasped(strings, np.random.default_rng(0))
-    assert np.abs(other.clamp_offset_rad).max() < 0.3
-    longer = replace(strings.take([0]), longer_m=np.array([0.01]))
-    q = np.tile([0.0, 0.0, 0.0], (1, 50, 1))
-    one, two = (throw(task, s, World(), q, np.array([49])).points_m[0] for s in (strings.take([0]), longer))
-    np.testing.assert_allclose(two[0] - one[0], np.tile([0.01, 0.0], (11, 1)), atol=1e-9)
+def test_every_disturbance_keeps_what_is_carried_over_to_its_string(
+    task: Task, strings: Strings, unlike: Strings, options: Options
+) -> None:
+    trial = played(task, unlike, curve(), 1)
+    near = near_to(task, strings, [trial], options)
+    every = with_every_disturbance(task, near, options)
+    assert len(every.strings) == 16 * len(strings)
+    for k in (0, 1, 15, 17, 40, 47):
+        np.testing.assert_array_equal(every.carried.tip_m[:, k], near.carried.tip_m[:, k // 16])
+        np.testing.assert_array_equal(every.strings.parameters[k], strings.parameters[k // 16])
+
+
+def test_without_the_residual_the_simulation_is_left_as_it_is(
+    task: Task, strings: Strings, unlike: Strings, options: Options
+) -> None:
+    trial = played(task, unlike, curve(), 1)
+    near = near_to(task, strings, [trial], replace(options, carry_residual=False))
+    _, shift = throw_near(task, near, paths(task, [curve()]), heights([curve()]))
+    np.testing.assert_array_equal(shift, 0.0)

@@ -7,11 +7,20 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from strandcast.arm.kinematics import hand_pose
+from strandcast.arm.kinematics import Clamp, PlanarChain, hand_pose
 from strandcast.motion.bezier import Curve, rest_heights, sample
-from strandcast.motion.strings import Strings, joined, regrasped
+from strandcast.motion.strings import (
+    GRASP_ANGLE_RAD,
+    GRASP_LENGTH_M,
+    JOINT_ZERO_RAD,
+    SWAY_RAD,
+    SWAY_RAD_S,
+    Strings,
+    crossed,
+    disturbed,
+)
 from strandcast.motion.task import Task
-from strandcast.motion.throws import World, commands, throw
+from strandcast.motion.throws import World, commands, hand_poses, throw
 from strandcast.string.simulate import simulate_batch
 
 
@@ -60,13 +69,114 @@ def test_a_throw_is_of_the_very_strings_given(task: Task, odd: Strings) -> None:
         assert away_m[1:].min() > 1e-4
 
 
-def test_taken_joined_and_regrasped_strings_keep_all_they_are_made_of(odd: Strings) -> None:
-    again = joined(odd.take([2]), odd.first(2))
+def test_taken_strings_keep_all_they_are_made_of(odd: Strings) -> None:
+    held = disturbed(odd, 16, 3)
+    again = held.take([2, 0, 5])
     for column in fields(Strings):
-        np.testing.assert_array_equal(getattr(again, column.name), getattr(odd, column.name)[[2, 0, 1]])
-    held = regrasped(odd, np.random.default_rng(0))
-    np.testing.assert_array_equal(held.bend_friction, odd.bend_friction)
-    np.testing.assert_array_equal(held.bend_factor, odd.bend_factor)
+        np.testing.assert_array_equal(getattr(again, column.name), getattr(held, column.name)[[2, 0, 5]])
+    # Those given come in turn.
+    for name in ("parameters", "masses", "curl_rad_m", "bend_friction", "bend_factor"):
+        np.testing.assert_array_equal(getattr(held, name)[[0, 3, 15]], getattr(odd, name)[[0, 0, 0]])
+        np.testing.assert_array_equal(getattr(held, name)[4], getattr(odd, name)[1])
+
+
+def levels_of(held: Strings) -> np.ndarray:
+    return np.column_stack([held.clamp_offset_rad, held.longer_m, held.sway, held.joint_zero_rad])
+
+
+SIZES = np.array([GRASP_ANGLE_RAD, GRASP_LENGTH_M, SWAY_RAD, SWAY_RAD_S, *[JOINT_ZERO_RAD] * 3])
+
+
+@pytest.mark.parametrize("count", [8, 16])
+def test_the_disturbances_are_a_balanced_design(strings: Strings, count: int) -> None:
+    signs = levels_of(disturbed(strings.take([0]), count, 3)) / SIZES
+    # One standard deviation each, either way as often, no two alike in more than half of the throws.
+    np.testing.assert_allclose(np.abs(signs), 1.0)
+    np.testing.assert_allclose(signs.T @ signs / count, np.eye(7), atol=1e-12)
+    np.testing.assert_allclose(signs.sum(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(levels_of(disturbed(strings.take([0]), count, 3, 0.5)), 0.5 * signs * SIZES)
+
+
+def test_the_mean_square_is_bias_and_variance_of_a_linear_response(strings: Strings) -> None:
+    slopes, bias = np.array([0.3, -2.0, 1.0, 0.4, 5.0, -3.0, 2.0]), 0.017
+    misses = bias + levels_of(disturbed(strings.take([0]), 8, 3)) @ slopes
+    np.testing.assert_allclose(np.mean(misses**2), bias**2 + ((slopes * SIZES) ** 2).sum())
+    # With all signs turned as well, a square in the response does not shift what is odd in it.
+    both = levels_of(disturbed(strings.take([0]), 16, 3))
+    np.testing.assert_allclose(both[8:], -both[:8])
+
+
+def test_every_string_meets_every_disturbance(strings: Strings) -> None:
+    every = crossed(strings, 3)
+    assert len(every) == 16 * len(strings)
+    for k in range(len(strings)):
+        mine = every.take(range(16 * k, 16 * k + 16))
+        np.testing.assert_array_equal(mine.parameters, np.tile(strings.parameters[k], (16, 1)))
+        np.testing.assert_allclose(levels_of(mine), levels_of(disturbed(strings.take([0]), 16, 3)))
+
+
+def test_a_longer_string_hangs_out_further(task: Task, strings: Strings) -> None:
+    longer = replace(strings.take([0]), longer_m=np.array([0.01]))
+    q = np.tile([0.0, 0.0, 0.0], (1, 50, 1))
+    one, two = (throw(task, s, World(), q, np.array([49])).points_m[0] for s in (strings.take([0]), longer))
+    np.testing.assert_allclose(two[0] - one[0], np.tile([0.01, 0.0], (11, 1)), atol=1e-9)
+
+
+def test_a_joints_zero_is_added_to_its_angle(task: Task, strings: Strings) -> None:
+    zero = np.array([[0.03, -0.02, 0.05]])
+    _, q, last = commands([sample(curve(1.0), task.step_s)], task.step_s)
+    off = throw(task, replace(strings.take([0]), joint_zero_rad=zero), World(), q, last)
+    moved = throw(task, strings.take([0]), World(), q + zero, last)
+    np.testing.assert_allclose(off.points_m, moved.points_m, atol=1e-12)
+
+
+def test_sway_is_the_whole_string_turned_about_the_hand(task: Task, strings: Strings) -> None:
+    time_s, q, last = commands([sample(curve(1.0), task.step_s)], task.step_s)
+    turn, rate = 0.05, 0.2
+    swaying = replace(strings.take([0]), sway=np.array([[turn, rate]]))
+    found = throw(task, swaying, World(), q, last).points_m[0]
+    pose = hand_pose(task.arm.chain, task.arm.clamp, q[0])
+    still = throw(task, strings.take([0]), World(), q, last).points_m[0, 0]
+    arms = still[1:] - still[0]
+    cos, sin = np.cos(turn), np.sin(turn)
+    turned = np.stack([cos * arms[:, 0] - sin * arms[:, 1], sin * arms[:, 0] + cos * arms[:, 1]], axis=1)
+    given, _ = simulate_batch(
+        task.model,
+        strings.parameters[:1],
+        strings.masses[:1],
+        time_s,
+        pose,
+        time_s,
+        still[0] + turned,
+        rate * np.stack([-turned[:, 1], turned[:, 0]], axis=1),
+        rest_curl_rad_m=0.0,
+        respace=False,
+    )
+    np.testing.assert_allclose(found, given[0], atol=1e-6)
+    assert (
+        np.abs(found[:, -1] - throw(task, strings.take([0]), World(), q, last).points_m[0, :, -1]).max()
+        > 0.005
+    )
+
+
+def test_hand_poses_are_the_chains(task: Task) -> None:
+    rng = np.random.default_rng(1)
+    q, zero, longer = rng.uniform(-2, 2, (3, 20, 3)), rng.normal(0, 0.1, (2, 3)), np.array([0.0, 0.02])
+    chain = PlanarChain(
+        np.array([0.1, -0.2]),
+        np.array([0.4, 0.3, 0.1]),
+        np.array([0.3, -0.1, 0.8]),
+        np.array([1.0, -1.0, 1.0]),
+    )
+    clamp = Clamp(np.array([0.05, -0.03]), 0.4)
+    found = hand_poses(
+        q, zero, longer, chain.angles_rad, chain.signs, chain.lengths_m, chain.origin_m, clamp.offset_m, 0.4
+    ).reshape(3, 2, 20, 3)
+    for k in range(2):
+        pose = hand_pose(chain, clamp, q + zero[k])
+        out = np.stack([np.cos(pose[..., 2]), np.sin(pose[..., 2])], axis=-1)
+        np.testing.assert_allclose(found[:, k, :, :2], pose[..., :2] + longer[k] * out, atol=1e-12)
+        np.testing.assert_allclose(found[:, k, :, 2], pose[..., 2], atol=1e-12)
 
 
 def test_strings_of_parameters_and_masses_alone_are_plain(strings: Strings) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from strandcast.arm.kinematics import hand_pose, link_points
+import numpy as np
+from numba import njit, prange
+
+from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm
 
 PLATE_RIM_M = 0.015  # beyond the markers' edge
@@ -21,15 +24,50 @@ def bars(arm: Arm, q: np.ndarray) -> np.ndarray:
     q
         (..., J) joint angles [rad].
     """
-    joints = link_points(arm.chain, q)
-    links = np.stack([joints[..., :-1, :], joints[..., 1:, :]], axis=-2)
-    if not arm.markers:
-        return links
-    pose = hand_pose(arm.chain, arm.clamp, q)
-    turn = np.stack([np.cos(pose[..., 2]), np.sin(pose[..., 2])], axis=-1)
+    chain, clamp = arm.chain, arm.clamp
     along = [marker.place_m[0] for marker in arm.markers]
-    plate = [pose[..., :2] + place * turn for place in (min(along), max(along))]
-    return np.concatenate([links, np.stack(plate, axis=-2)[..., None, :, :]], axis=-3)
+    plate = np.array([min(along), max(along)]) if along else np.zeros(0)
+    found = _bars(
+        np.ascontiguousarray(q, float).reshape(-1, q.shape[-1]),
+        chain.angles_rad,
+        chain.signs.astype(float),
+        chain.lengths_m,
+        np.asarray(chain.origin_m, float),
+        np.asarray(clamp.offset_m, float),
+        clamp.angle_rad,
+        plate,
+    )
+    return found.reshape(*q.shape[:-1], *found.shape[1:])
+
+
+@njit(cache=True, parallel=True)
+def _bars(
+    q: np.ndarray,
+    angles_rad: np.ndarray,
+    signs: np.ndarray,
+    lengths_m: np.ndarray,
+    origin_m: np.ndarray,
+    offset_m: np.ndarray,
+    clamp_rad: float,
+    plate_m: np.ndarray,
+) -> np.ndarray:
+    """Return both ends (N, S, 2, 2) of the links, and of the plate between two places along the string."""
+    count, joints = q.shape
+    ends = np.empty((count, joints + len(plate_m) // 2, 2, 2))
+    for k in prange(count):
+        x, y, angle, cos, sin = origin_m[0], origin_m[1], 0.0, 1.0, 0.0
+        for j in range(joints):
+            angle += angles_rad[j] + signs[j] * q[k, j]
+            cos, sin = math.cos(angle), math.sin(angle)
+            ends[k, j, 0, 0], ends[k, j, 0, 1] = x, y
+            x, y = x + lengths_m[j] * cos, y + lengths_m[j] * sin
+            ends[k, j, 1, 0], ends[k, j, 1, 1] = x, y
+        x, y = x + offset_m[0] * cos - offset_m[1] * sin, y + offset_m[0] * sin + offset_m[1] * cos
+        angle += clamp_rad
+        for end in range(len(plate_m)):
+            ends[k, joints, end, 0] = x + plate_m[end] * math.cos(angle)
+            ends[k, joints, end, 1] = y + plate_m[end] * math.sin(angle)
+    return ends
 
 
 def bar_radii(arm: Arm, clearance_m: float) -> np.ndarray:

@@ -14,6 +14,7 @@ from functools import lru_cache
 from math import comb
 
 import numpy as np
+from numba import njit
 
 from strandcast.errors import StrandcastError
 
@@ -89,14 +90,10 @@ def sample(curve: Curve, step_s: float) -> Samples:
 
 def with_stop_ramp(curve: Curve, acceleration_rad_s2: np.ndarray, step_s: float) -> Curve | None:
     """Return the curve with the shortest stop ramp within the acceleration limits (J,), None if none is."""
-    end = sample(replace(curve, ramp_s=0.0), step_s)
     heights = curve.heights_rad_s
     last_acceleration = (heights.shape[1] - 1) / curve.duration_s * (heights[:, -1] - heights[:, -2])
-    for steps in range(2, round(LONGEST_RAMP_S / step_s)):
-        _, _, braking = _ramp(end.q[-1], end.qd[-1], last_acceleration, steps * step_s, steps)
-        if (np.abs(braking) <= acceleration_rad_s2).all():
-            return replace(curve, ramp_s=steps * step_s)
-    return None
+    steps = _least_ramp(heights[:, -1], last_acceleration, acceleration_rad_s2, step_s)
+    return replace(curve, ramp_s=steps * step_s) if steps else None
 
 
 def whole_steps(duration_s: float, step_s: float) -> float:
@@ -122,6 +119,23 @@ def _bases(degree: int, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 def _bernstein(degree: int, s: np.ndarray) -> np.ndarray:
     """Return the Bernstein polynomials of a degree at places s: (len(s), degree+1)."""
     return np.stack([comb(degree, k) * s**k * (1 - s) ** (degree - k) for k in range(degree + 1)], axis=1)
+
+
+@njit(cache=True)
+def _least_ramp(qd: np.ndarray, qdd: np.ndarray, most: np.ndarray, step_s: float) -> int:
+    """Return the steps of the shortest ramp (see `_ramp`) that brakes by `most` at most, 0 if none does."""
+    for steps in range(2, round(LONGEST_RAMP_S / step_s)):
+        ramp_s, fine = steps * step_s, True
+        for k in range(steps):
+            s = ((steps // 2 + k) % steps + 1) / steps  # from the middle on, where it brakes most
+            for j in range(len(qd)):
+                braking = qd[j] / ramp_s * (6 * s**2 - 6 * s) + qdd[j] * (3 * s**2 - 4 * s + 1)
+                fine = fine and abs(braking) <= most[j]
+            if not fine:
+                break
+        if fine:
+            return steps
+    return 0
 
 
 def _ramp(

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from strandcast.motion.bars import start_blame
-from strandcast.motion.bezier import Samples
-from strandcast.motion.draw import excess
 from strandcast.motion.objective import Assessment
+from strandcast.motion.paths import Paths
 from strandcast.motion.task import Task
 
 # Beyond a bend of about 57 degrees between neighbours the model is wrong.
@@ -25,7 +24,7 @@ FORBIDDEN_M = 10.0
 EFFORT_COST_M_S_RAD = 0.0008
 
 
-def throw_cost(assessment: Assessment, strings: int, step_s: float) -> np.ndarray:
+def throw_cost(assessment: Assessment, strings: int, step_s: float, saturate_m: float = np.inf) -> np.ndarray:
     """Return (P,) rms miss over the strings, and the price of all that makes a throw a bad one [m]."""
     miss, index, fold, outside, touch, hidden = (
         getattr(assessment, name).reshape(-1, strings)
@@ -41,11 +40,12 @@ def throw_cost(assessment: Assessment, strings: int, step_s: float) -> np.ndarra
     )
 
 
-def motion_cost(task: Task, motion: Samples) -> float:
-    """Return the price of breaking the arm's limits, and a small one of fast joints [m]."""
-    over = excess(task.arm.limits, motion, task.step_s)
-    effort = float(np.sqrt(np.mean(motion.qd**2)))
-    return FORBIDDEN_M * (over > 0.0) + LIMIT_COST_M * over + EFFORT_COST_M_S_RAD * effort
+def motion_costs(task: Task, paths: Paths) -> np.ndarray:
+    """Return (P,) the price of breaking the arm's limits, and a small one of fast joints [m]."""
+    over = paths.excess(task.arm.limits)
+    return np.asarray(
+        FORBIDDEN_M * (over > 0.0) + LIMIT_COST_M * over + EFFORT_COST_M_S_RAD * paths.effort_rad_s
+    )
 
 
 def start_cost(task: Task, postures_rad: np.ndarray, clearance_m: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strandcast.arm.limits import peaks, violations
+from strandcast.arm.reach import outside_m, reach_of
 from strandcast.errors import StrandcastError
 from strandcast.motion.bezier import Curve, Samples, sample
 from strandcast.motion.cost import start_cost, throw_cost
@@ -28,8 +29,12 @@ class Plan:
         The velocity curves, and the motion's points.
     strings
         The strings that it was planned with, the best first.
-    miss_m, ensemble_miss_m, hit_probability
-        Expected miss with the best string, with every string (K,), and the share of strings that hit.
+    objective
+        What the throw is for, in words.
+    miss_m, ensemble_miss_m
+        Expected miss with the best string, and with every string (K,), undisturbed.
+    disturbed_miss_m, hit_probability
+        Expected misses of every string with every disturbance of the design, and the share of them that hit.
     cost_m
         The rms of these misses, and the price of lateness, folding, leaving, touching and hiding.
     hit_time_s, tip_speed_m_s, largest_bend_rad
@@ -38,6 +43,8 @@ class Plan:
         (T,), (T, 2), (T, 2) expected paths until 0.3 s after the motion, what was carried over included.
     peaks
         Largest speed, acceleration, jerk, torque of each joint, by name.
+    room_m
+        Least distance of the hand and the best string to the workspace's edges, below 0 outside.
     parent_trial
         The trial whose motion was altered, None for a motion planned anew.
     simulations
@@ -48,11 +55,13 @@ class Plan:
 
     planner: str
     kind: str
+    objective: str
     curve: Curve
     motion: Samples
     strings: Strings
     miss_m: float
     ensemble_miss_m: np.ndarray
+    disturbed_miss_m: np.ndarray
     hit_probability: float
     cost_m: float
     hit_time_s: float
@@ -62,6 +71,7 @@ class Plan:
     hand_m: np.ndarray
     tip_m: np.ndarray
     peaks: dict[str, np.ndarray]
+    room_m: float
     parent_trial: int | None
     simulations: int
     flags: tuple[str, ...]
@@ -83,10 +93,24 @@ def described(
     strings: Strings,
     options: Options,
     found: Found,
-    thrown: Thrown,
-    shift_m: np.ndarray | None = None,
+    throws: tuple[Thrown, np.ndarray | None],
+    disturbed_miss_m: np.ndarray,
 ) -> Plan:
-    """Return the plan with what the throws say of it; refuse a motion that breaks the arm's limits."""
+    """Return the plan with what the throws say of it; refuse a motion that breaks the arm's limits.
+
+    Parameters
+    ----------
+    throws
+        The motion thrown with every string, and what is carried over to the tips (K, T, 2).
+    disturbed_miss_m
+        The misses of every string with every disturbance.
+
+    Raises
+    ------
+    StrandcastError
+        SC-P006.
+    """
+    thrown, shift_m = throws
     motion = sample(found.curve, task.step_s)
     _refuse_violations(task, motion)
     told = assessed(task, thrown, shift_m, options.clearance_m)
@@ -94,12 +118,14 @@ def described(
     return Plan(
         planner=options.planner,
         kind=found.kind,
+        objective=str(task.goal),
         curve=found.curve,
         motion=motion,
         strings=strings,
         miss_m=float(told.miss_m[0]),
         ensemble_miss_m=told.miss_m,
-        hit_probability=float(np.mean(told.miss_m <= task.hit_radius_m)),
+        disturbed_miss_m=disturbed_miss_m,
+        hit_probability=float(np.mean(disturbed_miss_m <= task.hit_radius_m)),
         cost_m=float(throw_cost(told, len(strings), task.step_s)[0]),
         hit_time_s=float(thrown.time_s[told.hit_index[0]]),
         tip_speed_m_s=float(told.tip_speed_m_s[0]),
@@ -108,6 +134,7 @@ def described(
         hand_m=path[:, 0],
         tip_m=path[:, -1] + (0.0 if shift_m is None else shift_m[0, : len(path)]),
         peaks=peaks(task.arm, motion.time_s, motion.q, motion.qd, motion.qdd),
+        room_m=_room_m(task, thrown.points_m[0, : len(path)]),
         parent_trial=found.parent_trial,
         simulations=found.simulations,
         flags=(*found.flags, *_expectation_flags(task, found.curve, told, options.clearance_m)),
@@ -116,9 +143,10 @@ def described(
 
 def _expectation_flags(task: Task, curve: Curve, told: Assessment, clearance_m: float) -> list[str]:
     """Say what the best string's throw leaves to be desired."""
-    flags = []
+    flags = _reach_flags(task, sample(curve, task.step_s))
     if told.miss_m[0] > task.hit_radius_m:
-        flags.append(f"not expected to hit: the nearest that was found is {1000 * told.miss_m[0]:.0f} mm")
+        near = f"{1000 * told.miss_m[0]:.0f} mm"
+        flags.append(f"not expected to hit: the nearest that was found within the arm's limits is {near}")
     if told.outside_m[0] > 0.0:
         flags.append(f"may leave the workspace by {1000 * told.outside_m[0]:.0f} mm")
     if told.touch_m[0] > 0.0:
@@ -130,6 +158,23 @@ def _expectation_flags(task: Task, curve: Curve, told: Assessment, clearance_m: 
     return flags
 
 
+def _reach_flags(task: Task, motion: Samples) -> list[str]:
+    """Say what the player will refuse: where a stop at the worst instant could take the arm or the string."""
+    moves = (motion.time_s, motion.q, motion.qd, motion.qdd)
+    out_m = outside_m(task.arm, reach_of(task.arm, *moves, task.model.length_m).swept_m)
+    if out_m == 0.0:
+        return []
+    return [
+        f"stopped at the worst instant, arm or string may be {1000 * out_m:.0f} mm out of the arm's workspace"
+    ]
+
+
+def _room_m(task: Task, points_m: np.ndarray) -> float:
+    low, high = task.box().T
+    room = np.minimum(points_m - low, high - points_m)
+    return float(room.min()) if np.isfinite(room).all() else 0.0
+
+
 def _refuse_violations(task: Task, motion: Samples) -> None:
     found = violations(task.arm, motion.time_s, motion.q, motion.qd, motion.qdd)
     if found:
@@ -137,5 +182,6 @@ def _refuse_violations(task: Task, motion: Samples) -> None:
             "SC-P006",
             "the motion that was found breaks the arm's limits: " + "; ".join(map(str, found)),
             file=task.arm.path,
+            cost="the search found nothing within the limits: no motion is written",
             fix="allow longer motions (plan.duration_s) or more evaluations",
         )

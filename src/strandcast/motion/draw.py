@@ -7,21 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 
+from strandcast.arm.dynamics import NO_DYNAMICS, PlanarDynamics
 from strandcast.arm.limits import Limits
 from strandcast.errors import StrandcastError
 from strandcast.motion.bezier import (
     Curve,
-    Samples,
     paper_heights,
     rest_heights,
     sample,
     whole_steps,
     with_stop_ramp,
 )
+from strandcast.motion.paths import WITHIN, Curves, paths_of, paths_of_any, whole_durations
 
 MOST_DRAWS = 20_000
-# Between the samples a controller goes a little further.
-WITHIN = 0.995
+BATCH = 256
+CALMED, CALMING = 0.8, 8  # a motion that asks for too much torque is slowed by this factor, so often at most
 
 
 def draw_first(
@@ -33,9 +34,10 @@ def draw_first(
     largest_acceleration_rad_s2: float,
     step_s: float,
     rng: np.random.Generator,
-    may_start: Callable[[np.ndarray], bool] = lambda q0: True,
+    may_start: Callable[[np.ndarray], np.ndarray] = lambda q0: np.ones(len(q0), bool),
+    dynamics: PlanarDynamics = NO_DYNAMICS,
 ) -> list[Curve]:
-    """Return random motions from random postures, all within the limits of position, speed and acceleration.
+    """Return random motions from random postures, all within the arm's limits.
 
     Parameters
     ----------
@@ -50,7 +52,9 @@ def draw_first(
     largest_acceleration_rad_s2
         The slopes alpha_k of eq. 1 are uniform within this.
     may_start
-        Whether a motion may start from a posture (J,).
+        Which of the postures (P, J) a motion may start from: (P,).
+    dynamics
+        Of the arm, for its torques.
 
     Raises
     ------
@@ -58,14 +62,26 @@ def draw_first(
         The limits leave no room for such motions.
     """
     found: list[Curve] = []
-    for _ in range(max(MOST_DRAWS, 20 * count)):
-        if len(found) == count:
-            return found
-        time_s = whole_steps(rng.uniform(*duration_s), step_s)
-        curve = _random_curve(reading, limits, time_s, free_heights, largest_acceleration_rad_s2, step_s, rng)
-        placed = place_at_random(curve, reading, limits, step_s, rng)
-        if placed is not None and may_start(placed.q0_rad):
-            found.append(placed)
+    draws = max(MOST_DRAWS, 20 * count)
+    for _ in range(draws if reading == "paper" else -(-draws // BATCH)):
+        if reading == "paper":
+            time_s = whole_steps(rng.uniform(*duration_s), step_s)
+            found += _by_paper(
+                limits, time_s, free_heights, largest_acceleration_rad_s2, step_s, rng, dynamics
+            )
+        else:
+            found += _at_rest(
+                limits,
+                duration_s,
+                free_heights,
+                largest_acceleration_rad_s2,
+                step_s,
+                rng,
+                may_start,
+                dynamics,
+            )
+        if len(found) >= count:
+            return found[:count]
     raise StrandcastError(
         "SC-P004",
         f"only {len(found)} random motions kept the arm's limits and let the string hang freely before,"
@@ -74,53 +90,81 @@ def draw_first(
     )
 
 
-def _random_curve(
-    reading: str,
+def _by_paper(
     limits: Limits,
     time_s: float,
     free: int,
     largest: float,
     step_s: float,
     rng: np.random.Generator,
-) -> Curve:
+    dynamics: PlanarDynamics,
+) -> list[Curve]:
+    """Return one motion by eq. 1, or none if it breaks a limit."""
     joints = len(limits.lower_rad)
-    if reading == "paper":
-        return Curve(
-            np.zeros(joints), time_s, paper_heights(rng.uniform(-largest, largest, (joints, free)), time_s)
-        )
-    # Eq. 1 over the inner heights; the two at either end are zero.
-    slopes = rng.uniform(-largest, largest, (joints, free))
-    inner = np.cumsum(slopes * time_s / (free + 3), axis=1)
-    return slowed(Curve(np.zeros(joints), time_s, rest_heights(inner)), limits, step_s)
-
-
-def slowed(curve: Curve, limits: Limits, step_s: float) -> Curve:
-    """Return the curve with the heights of too fast joints scaled down to the limits of their rates."""
-    motion = sample(curve, step_s)
-    room = np.minimum(
-        limits.velocity_rad_s / np.maximum(np.abs(motion.qd).max(axis=0), 1e-9),
-        limits.acceleration_rad_s2 / np.maximum(np.abs(motion.qdd).max(axis=0), 1e-9),
-    )
-    return replace(curve, heights_rad_s=curve.heights_rad_s * np.minimum(1.0, 0.999 * WITHIN * room)[:, None])
-
-
-def place_at_random(
-    curve: Curve, reading: str, limits: Limits, step_s: float, rng: np.random.Generator
-) -> Curve | None:
-    """Return the curve from a random posture that keeps the joints in range, None if it breaks a limit."""
-    stopped = stopping(curve, reading, limits, step_s)
+    heights = paper_heights(rng.uniform(-largest, largest, (joints, free)), time_s)
+    stopped = stopping(Curve(np.zeros(joints), time_s, heights), "paper", limits, step_s)
     if stopped is None:
-        return None
-    motion = sample(replace(stopped, q0_rad=np.zeros(len(curve.q0_rad))), step_s)
-    if not within_rates(limits, motion):
-        return None
-    low = limits.lower_rad - motion.q.min(axis=0)
-    high = limits.upper_rad - motion.q.max(axis=0)
+        return []
+    swept = sample(stopped, step_s).q
+    low, high = limits.lower_rad - swept.min(axis=0), limits.upper_rad - swept.max(axis=0)
     if (low > high).any():
-        return None
+        return []
     # A joint without a range starts anywhere on its turn.
     low, high = np.maximum(low, -np.pi), np.minimum(high, np.pi)
-    return replace(stopped, q0_rad=rng.uniform(np.minimum(low, high), high))
+    placed = replace(stopped, q0_rad=rng.uniform(np.minimum(low, high), high))
+    return [placed] if keeps(limits, dynamics, placed, step_s) else []
+
+
+def _at_rest(
+    limits: Limits,
+    duration_s: tuple[float, float],
+    free: int,
+    largest: float,
+    step_s: float,
+    rng: np.random.Generator,
+    may_start: Callable[[np.ndarray], np.ndarray],
+    dynamics: PlanarDynamics,
+) -> list[Curve]:
+    """Return those of a batch of motions that keep the limits: eq. 1 over the inner heights, slowed."""
+    joints = len(limits.lower_rad)
+    times_s = whole_durations(rng.uniform(*duration_s, BATCH), step_s)
+    slopes = rng.uniform(-largest, largest, (BATCH, joints, free))
+    inner = np.cumsum(slopes * times_s[:, None, None] / (free + 3), axis=2)
+    wild = Curves(np.zeros((BATCH, joints)), times_s, rest_heights(inner))
+    paths = paths_of(wild, step_s)
+    rates = [
+        limit / np.maximum(most, 1e-9)
+        for limit, most in (
+            (limits.velocity_rad_s, paths.speed),
+            (limits.acceleration_rad_s2, paths.acceleration),
+            (limits.jerk_rad_s3, paths.jerk),
+        )
+    ]
+    share = np.minimum(1.0, 0.999 * WITHIN * np.min(rates, axis=0))
+    # A joint without a range starts anywhere on its turn.
+    low = np.maximum(limits.lower_rad - share * paths.low, -np.pi)
+    high = np.minimum(limits.upper_rad - share * paths.high, np.pi)
+    q0 = low + rng.random((BATCH, joints)) * (high - low)
+    good = np.flatnonzero((low < high).all(axis=1))
+    good = good[may_start(q0[good])]
+    curves = _calmed(
+        Curves(q0, times_s, share[:, :, None] * wild.heights_rad_s).take(good), limits, step_s, dynamics
+    )
+    return [curves[p] for p in range(len(curves))]
+
+
+def _calmed(curves: Curves, limits: Limits, step_s: float, dynamics: PlanarDynamics) -> Curves:
+    """Return motions with those slowed that ask for too much torque, without those that still do."""
+    if not len(dynamics.links) or not len(curves):
+        return curves
+    heights = curves.heights_rad_s.copy()
+    for _ in range(CALMING):
+        curves = replace(curves, heights_rad_s=heights)
+        over = paths_of(curves, step_s, dynamics=dynamics).excess(limits) > 0.0
+        if not over.any():
+            return curves
+        heights = np.where(over[:, None, None], CALMED * heights, heights)
+    return curves.take(np.flatnonzero(~over))
 
 
 def stopping(curve: Curve, reading: str, limits: Limits, step_s: float) -> Curve | None:
@@ -128,31 +172,6 @@ def stopping(curve: Curve, reading: str, limits: Limits, step_s: float) -> Curve
     return curve if reading == "rest" else with_stop_ramp(curve, limits.acceleration_rad_s2, step_s)
 
 
-def within_rates(limits: Limits, motion: Samples) -> bool:
-    """Tell whether speeds and accelerations stay within the limits."""
-    return bool(
-        (np.abs(motion.qd).max(axis=0) <= WITHIN * limits.velocity_rad_s).all()
-        and (np.abs(motion.qdd).max(axis=0) <= WITHIN * limits.acceleration_rad_s2).all()
-    )
-
-
-def within_range(limits: Limits, motion: Samples) -> bool:
-    """Tell whether the joints stay in their ranges."""
-    return bool((motion.q >= limits.lower_rad).all() and (motion.q <= limits.upper_rad).all())
-
-
-def excess(limits: Limits, motion: Samples, step_s: float) -> float:
-    """Return how far a motion breaks the limits: the excess summed over joints and kinds, 1 = the limit."""
-    room = np.where(
-        np.isfinite(limits.upper_rad - limits.lower_rad), limits.upper_rad - limits.lower_rad, np.pi
-    )
-    parts = [
-        (motion.q - limits.upper_rad).max(axis=0) / room,
-        (limits.lower_rad - motion.q).max(axis=0) / room,
-        np.abs(motion.qd).max(axis=0) / limits.velocity_rad_s - WITHIN,
-        np.abs(motion.qdd).max(axis=0) / limits.acceleration_rad_s2 - WITHIN,
-    ]
-    if np.isfinite(limits.jerk_rad_s3).any():
-        jerk = np.abs(np.diff(motion.qdd, axis=0)).max(axis=0) / step_s
-        parts.append(jerk / limits.jerk_rad_s3 - WITHIN)
-    return float(sum(np.maximum(part, 0.0).sum() for part in parts))
+def keeps(limits: Limits, dynamics: PlanarDynamics, curve: Curve, step_s: float) -> bool:
+    """Tell whether a motion keeps all the limits."""
+    return bool(paths_of_any([curve], step_s, dynamics=dynamics).excess(limits)[0] == 0.0)

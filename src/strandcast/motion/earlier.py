@@ -10,6 +10,7 @@ from strandcast.motion.bezier import Curve
 from strandcast.motion.throws import AFTER_END_S
 from strandcast.records.motion import Motion
 
+SWAY_BEFORE_S = 0.12  # the string's turning at the start is looked for in this long before it
 STILL_BEFORE_S = 0.05  # the string's shape at the start is the mean of this long before it
 
 
@@ -29,6 +30,8 @@ class Earlier:
         (T, 2) the tip as seen, NaN where it was not [m].
     start_m
         (n, 2) points 1…n just before the start, None if not all were seen [m].
+    sway_rad_s
+        Rate at which the string turned about the hand then.
     miss_m
         Measured miss, None where the tip was not seen at the closest approach.
     """
@@ -39,6 +42,7 @@ class Earlier:
     q: np.ndarray
     tip_m: np.ndarray
     start_m: np.ndarray | None
+    sway_rad_s: float
     miss_m: float | None
 
 
@@ -87,6 +91,7 @@ def earlier_trial(
         q=resampled(time_s, joint_time_s, q),
         tip_m=tip_path(time_s, camera_time_s, points_m[:, -1]),
         start_m=start_shape(camera_time_s, points_m[:, 1:]),
+        sway_rad_s=start_sway(camera_time_s, points_m),
         miss_m=miss_m,
     )
 
@@ -118,3 +123,22 @@ def start_shape(seen_s: np.ndarray, points_m: np.ndarray) -> np.ndarray | None:
     if not np.isfinite(points_m[before]).all(axis=2).any(axis=0).all():
         return None
     return np.asarray(np.nanmean(points_m[before], axis=0))
+
+
+def start_sway(seen_s: np.ndarray, points_m: np.ndarray) -> float:
+    """Return the rate [rad/s] at which the string (F, n+1, 2) turns about the hand just before the start.
+
+    It is that of the rigid turn that fits all points and frames best; 0 where none is seen.
+    """
+    before = (seen_s <= 0.0) & (seen_s >= -SWAY_BEFORE_S)
+    away = points_m[before, 1:] - points_m[before, :1]
+    known = np.isfinite(away).all(axis=2)
+    swept, spread = 0.0, 0.0
+    for i in np.flatnonzero(known.sum(axis=0) >= 3):
+        place, time_s = away[known[:, i], i], seen_s[before][known[:, i]]
+        since = time_s - time_s.mean()
+        speed = (since[:, None] * place).sum(axis=0) / (since**2).sum()
+        middle = place.mean(axis=0)
+        swept += middle[0] * speed[1] - middle[1] * speed[0]
+        spread += middle @ middle
+    return float(swept / spread) if spread > 0.0 else 0.0

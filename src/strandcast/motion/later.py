@@ -7,19 +7,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strandcast.arm.servo import respond
-from strandcast.motion.bezier import Curve, sample
-from strandcast.motion.cost import motion_cost, throw_cost
+from strandcast.motion.bezier import Curve
+from strandcast.motion.cost import motion_costs, throw_cost
 from strandcast.motion.earlier import Earlier
+from strandcast.motion.paths import Paths, paths_of_any
 from strandcast.motion.residual import Carried, alike, carry
 from strandcast.motion.search import minimise
-from strandcast.motion.strings import Strings, joined, regrasped
+from strandcast.motion.strings import Strings, crossed, disturbed
 from strandcast.motion.task import Options, Task
-from strandcast.motion.throws import Thrown, World, assessed, commands, throw
+from strandcast.motion.throws import AFTER_END_S, Thrown, World, assessed, throw
 from strandcast.progress import Progress
 
 # Scale of the heights, and the standard deviation with which the search starts: wider after a wide miss.
 HEIGHT_RAD_S, SPREAD = 0.15, 0.7
 NEAR_M, WIDEST = 0.04, 4.0
+SAME_SHAPE_M = 0.003  # rms, between the shape at the start and the model's at rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,9 @@ def neighbourhood(
     world: World,
     best: Earlier,
     trials: list[Earlier],
-    regrasp: np.random.Generator | None = None,
+    options: Options,
+    *,
+    disturb: bool,
 ) -> Neighbourhood:
     """Return what planning around the best trial needs.
 
@@ -56,29 +60,63 @@ def neighbourhood(
         With the servo's response, if there is to be one.
     best, trials
         The best trial, which has a curve, and all.
-    regrasp
-        With chance given, every string is there a second time, grasped a little differently; what is
-        carried over to it is the fitted string's.
+    disturb
+        Whether the strings are as many as the options say, the fitted ones in turn, each thrown with other
+        disturbances; what is carried over to one is the fitted string's.
     """
     assert best.curve is not None
-    carried = carry(task, strings, world.servo, alike(trials, best))
-    world = replace(world, start_m=best.start_m)
-    if regrasp is None:
+    carried = carry(task, strings, world.servo, alike(trials, best.curve))
+    world = replace(world, start_m=settled(task, strings, best))
+    if not options.carry_residual:
+        carried = replace(carried, tip_m=np.zeros_like(carried.tip_m))
+    if not disturb:
         return Neighbourhood(best.curve, strings, world, carried)
-    tips = np.concatenate([carried.tip_m, carried.tip_m], axis=1)
-    both = joined(strings, regrasped(strings, regrasp))
-    return Neighbourhood(best.curve, both, world, replace(carried, tip_m=tips))
+    tips = carried.tip_m[:, np.arange(options.members) % len(strings)]
+    thrown = disturbed(strings, options.members, len(task.arm.joints), options.disturbances)
+    return Neighbourhood(best.curve, thrown, world, replace(carried, tip_m=tips))
 
 
-def throw_near(task: Task, near: Neighbourhood, curves: list[Curve]) -> tuple[Thrown, np.ndarray]:
-    """Return the throws of P curves with every string, and (B, T, 2) what is carried over to the tips [m]."""
-    time_s, q, last = commands([sample(curve, task.step_s) for curve in curves], task.step_s)
-    weights = near.carried.weights(curves)
-    q = q if near.world.servo is None else respond(near.world.servo, time_s, q)
-    thrown = throw(
-        task, near.strings, near.world, q + np.einsum("pn,ntj->ptj", weights, near.carried.joints_rad), last
-    )
-    shift = np.einsum("pn,nktx->pktx", weights, near.carried.tip_m)
+def with_every_disturbance(task: Task, near: Neighbourhood, options: Options) -> Neighbourhood:
+    """Return it with every string thrown with every disturbance; what is carried over stays the string's."""
+    thrown = crossed(near.strings, len(task.arm.joints), options.disturbances)
+    whose = np.arange(len(thrown)) * len(near.strings) // len(thrown)
+    return replace(near, strings=thrown, carried=replace(near.carried, tip_m=near.carried.tip_m[:, whose]))
+
+
+def settled(task: Task, strings: Strings, trial: Earlier) -> np.ndarray | None:
+    """Return the shape (n, 2) with which a motion like a trial's starts [m]; None: it hangs as the model's.
+
+    How a string sways is one throw's chance: the shape that it had is turned about the hand to where it hangs
+    at rest. The model's own shape is taken where it is as near as the tracker tells.
+    """
+    if trial.start_m is None:
+        return None
+    assert trial.curve is not None
+    resting = np.tile(trial.curve.q0_rad, (1, 2, 1))
+    shape = throw(task, strings.first(1), World(), resting, np.array([1])).points_m[0, 0]
+    rest, was = shape[1:] - shape[0], trial.start_m - shape[0]
+    turn = np.arctan2((was[:, 0] * rest[:, 1] - was[:, 1] * rest[:, 0]).sum(), (was * rest).sum())
+    cos, sin = np.cos(turn), np.sin(turn)
+    turned = was @ np.array([[cos, sin], [-sin, cos]])
+    off_m = float(np.sqrt(np.mean(((turned - rest) ** 2).sum(axis=1))))
+    return None if off_m < SAME_SHAPE_M else np.asarray(turned + shape[0])
+
+
+def throw_near(
+    task: Task, near: Neighbourhood, paths: Paths, heights: np.ndarray
+) -> tuple[Thrown, np.ndarray]:
+    """Return the throws of P motions with every string, and (B, T, 2) what is carried over to the tips [m].
+
+    Parameters
+    ----------
+    paths, heights
+        The commanded angles and the control heights (P, J, H) of motions as long as the best one.
+    """
+    time_s = np.arange(paths.q.shape[1]) * task.step_s
+    q = paths.q if near.world.servo is None else respond(near.world.servo, time_s, paths.q)
+    q = q + np.einsum("pn,ntj->ptj", near.carried.weights(heights), near.carried.joints_rad)
+    thrown = throw(task, near.strings, near.world, q, paths.last + round(AFTER_END_S / task.step_s))
+    shift = np.einsum("pn,nktx->pktx", near.carried.shares(heights), near.carried.tip_m)
     return thrown, shift.reshape(-1, *shift.shape[2:])
 
 
@@ -86,7 +124,7 @@ def plan_near(
     task: Task, near: Neighbourhood, miss_m: float, options: Options, rng: np.random.Generator
 ) -> tuple[Curve, int]:
     """Return the cheapest motion near the best trial, which missed by `miss_m`, and the throws simulated."""
-    best = near.best
+    task, best = task.rough(), near.best
     inner = slice(2, -2) if not best.ramp_s else slice(1, None)
     shape = best.heights_rad_s[:, inner].shape
 
@@ -97,14 +135,15 @@ def plan_near(
 
     def value(points: np.ndarray) -> np.ndarray:
         curves = [curve(point) for point in points]
-        thrown, shift = throw_near(task, near, curves)
+        paths = paths_of_any(curves, task.step_s, AFTER_END_S, task.dynamics)
+        thrown, shift = throw_near(task, near, paths, np.array([c.heights_rad_s for c in curves]))
         change = HEIGHT_RAD_S * np.sqrt(np.mean(points**2, axis=1))
-        price = np.array([motion_cost(task, sample(c, task.step_s)) for c in curves])
+        price = motion_costs(task, paths)
         told = assessed(task, thrown, shift, options.clearance_m)
         cost = throw_cost(told, len(near.strings), task.step_s)
         return np.asarray(cost + price + options.change_cost_m_s_rad * change)
 
-    budget = options.evaluations // 2
+    budget = options.evaluations // 3
     tell = Progress("plan: search", total=budget)
     spread = SPREAD * float(np.clip(miss_m / NEAR_M, 1.0, WIDEST))
     point, _ = minimise(value, np.zeros(np.prod(shape)), spread, budget, rng, tell)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from strandcast.motion.task import Task
 from strandcast.motion.throws import World, throw
 
 SAME_PLACE_RAD_S = 0.02  # motions nearer than this count as the same
+FADING_RAD_S = (
+    0.4  # so far from the nearest trial, rms over the heights, half of what its tip missed by is left
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,26 +37,38 @@ class Carried:
     joints_rad: np.ndarray
     tip_m: np.ndarray
 
-    def weights(self, curves: list[Curve]) -> np.ndarray:
-        """Return (P, N) weights of the earlier trials, by inverse square distance of the heights."""
-        heights = np.array([curve.heights_rad_s for curve in curves])
+    def weights(self, heights: np.ndarray) -> np.ndarray:
+        """Return (P, N) weights of the earlier trials for heights (P, J, H), by inverse square distance."""
         distance2 = np.mean((heights[:, None] - self.heights_rad_s[None]) ** 2, axis=(2, 3))
         weights = 1.0 / (distance2 + SAME_PLACE_RAD_S**2)
         return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
+    def shares(self, heights: np.ndarray) -> np.ndarray:
+        """Return (P, N) how much of each trial's residual of the tip holds there: the weights, faded out."""
+        distance2 = np.mean((heights[:, None] - self.heights_rad_s[None]) ** 2, axis=(2, 3)).min(axis=1)
+        return np.asarray(self.weights(heights) / (1.0 + distance2 / FADING_RAD_S**2)[:, None])
 
-def alike(trials: list[Earlier], best: Earlier) -> list[Earlier]:
-    """Return the trials that started from the best one's posture and lasted as long."""
-    if best.curve is None:
-        return []
+
+def alike(trials: list[Earlier], curve: Curve) -> list[Earlier]:
+    """Return the trials that started from the motion's posture and lasted as long."""
     return [
         trial
         for trial in trials
         if trial.curve is not None
-        and trial.curve.heights_rad_s.shape == best.curve.heights_rad_s.shape
-        and trial.curve.end_s == best.curve.end_s
-        and np.allclose(trial.curve.q0_rad, best.curve.q0_rad, atol=1e-9)
+        and trial.curve.heights_rad_s.shape == curve.heights_rad_s.shape
+        and trial.curve.end_s == curve.end_s
+        and np.allclose(trial.curve.q0_rad, curve.q0_rad, atol=1e-9)
     ]
+
+
+def distance_rad_s(curve: Curve, trials: list[Earlier]) -> float:
+    """Return how far a motion is from the nearest trial's: rms over the heights, inf if none is like it."""
+    away = [
+        np.sqrt(np.mean((curve.heights_rad_s - trial.curve.heights_rad_s) ** 2))
+        for trial in alike(trials, curve)
+        if trial.curve is not None
+    ]
+    return float(min(away, default=np.inf))
 
 
 def carry(task: Task, strings: Strings, servo: Servo | None, trials: list[Earlier]) -> Carried:
@@ -62,7 +77,8 @@ def carry(task: Task, strings: Strings, servo: Servo | None, trials: list[Earlie
     tips = []
     for trial in trials:
         world = World(start_m=trial.start_m)
-        thrown = throw(task, strings, world, trial.q[None], np.array([len(time_s) - 1]))
+        swaying = replace(strings, sway=np.tile([0.0, trial.sway_rad_s], (len(strings), 1)))
+        thrown = throw(task, swaying, world, trial.q[None], np.array([len(time_s) - 1]))
         tips.append(filled(trial.tip_m - thrown.points_m[:, :, -1]))
     return Carried(
         np.array([trial.curve.heights_rad_s for trial in trials if trial.curve is not None]),

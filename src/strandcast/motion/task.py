@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strandcast.arm.dynamics import NO_DYNAMICS, PlanarDynamics, dynamics_of
 from strandcast.arm.load import Arm, Box
 from strandcast.errors import StrandcastError
+from strandcast.motion.objective import Objective, Places
+from strandcast.motion.objectives import Point
 from strandcast.string.model import StringModel
+
+ROUGH_STEP_S = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Hit a target with the tip of a string on an arm.
+    """Hit a target with the tip of a string on an arm, or reach another objective with it.
 
     Attributes
     ----------
@@ -25,6 +30,8 @@ class Task:
         A miss up to this is a hit [m].
     workspace
         The box that hand and string must not leave.
+    objective
+        What the throw is for, None: the tip hits the target.
     """
 
     arm: Arm
@@ -32,15 +39,66 @@ class Task:
     target_m: np.ndarray
     hit_radius_m: float
     workspace: Box
+    objective: Objective | None = None
+
+    @property
+    def goal(self) -> Objective:
+        """What the throw is for."""
+        return (
+            Point((float(self.target_m[0]), float(self.target_m[1])))
+            if self.objective is None
+            else self.objective
+        )
+
+    @property
+    def dynamics(self) -> PlanarDynamics:
+        """What the arm's torques come from, nothing where they have no limit."""
+        return dynamics_of(self.arm) if np.isfinite(self.arm.limits.torque_n_m).any() else NO_DYNAMICS
 
     @property
     def step_s(self) -> float:
         """Time between the motion's points [s]."""
         return 1.0 / self.arm.log_rate_hz
 
+    def rough(self) -> Task:
+        """Return the task with the string in single precision and steps as long as its samples' distance.
+
+        Four times as fast; the tip is some hundredths of a millimetre away.
+        """
+        model = replace(self.model, precision="f32", dt_s=max(self.model.dt_s, ROUGH_STEP_S))
+        return replace(self, model=model)
+
     def box(self) -> np.ndarray:
         """Return the workspace as (2, 2): low and high of x and y [m]."""
         return np.array([self.workspace.x_m, self.workspace.y_m])
+
+
+@dataclass(frozen=True)
+class PaperReading:
+    """How section V is read where its text allows more than one way.
+
+    Attributes
+    ----------
+    altered_from
+        Whose heights a later motion's tries alter: ``executed``, those of the motion thrown last, or
+        ``walking``, those of the nearest try so far.
+    accept
+        ``first_hit``: the search ends with the first simulated hit; ``best``: all tries are made, the nearest
+        is thrown.
+    ends
+        ``ramp``: eq. 1 leaves the last height free, and a ramp stops the arm; ``rest``: two heights at
+        either end are zero, as an arm with limited jerk needs it.
+    altered_rad_s
+        How far a try alters a height.
+    largest_slope_rad_s2
+        The slopes alpha_k of eq. 1 are uniform within this; not given in the paper.
+    """
+
+    altered_from: str = "executed"
+    accept: str = "first_hit"
+    ends: str = "ramp"
+    altered_rad_s: float = 0.5
+    largest_slope_rad_s2: float = 60.0
 
 
 @dataclass(frozen=True)
@@ -58,15 +116,21 @@ class Options:
     screening
         Random motions tried before the search of a first motion; of the paper's planner, all that it may try.
     evaluations
-        Motions that a first motion's searches may try; a later one's may try half as many.
+        Motions that a first motion's searches may try; a later one's may try a third as many.
     members
-        Fitted strings that a later motion is searched with; a first one is, with all that are given.
+        Strings that motions are searched with, those given in turn, each with other disturbances.
     use_servo
         Plan with the servo's response, not with the commanded angles.
+    disturbances
+        Size of what differs from throw to throw, 1 as usual.
+    finer
+        Whether every other string of a search for a new motion is a chain of twice as many points.
+    carry_residual
+        Whether what the simulation missed by in earlier throws is added to a later one's.
     largest_acceleration_rad_s2
         Of the random slopes alpha_k of eq. 1.
-    altered_rad_s
-        How far the paper's planner alters a height for a later motion.
+    paper
+        Readings of the paper's own planner.
     change_cost_m_s_rad
         Price of changing a later motion's heights [m per rad/s rms].
     replan_from_E_m, replan_from_miss_m
@@ -78,12 +142,15 @@ class Options:
     planner: str = "ensemble"
     duration_s: tuple[float, float] = (0.35, 0.9)
     free_heights: int = 6
-    screening: int = 480
-    evaluations: int = 800
-    members: int = 4
+    screening: int = 1500
+    evaluations: int = 3000
+    members: int = 16
     use_servo: bool = True
+    disturbances: float = 1.0
+    carry_residual: bool = True
+    finer: bool = True
     largest_acceleration_rad_s2: float = 60.0
-    altered_rad_s: float = 0.5
+    paper: PaperReading = PaperReading()
     change_cost_m_s_rad: float = 0.008
     replan_from_E_m: float = 0.008
     replan_from_miss_m: float = 0.020
@@ -91,30 +158,37 @@ class Options:
 
 
 def refuse_unreachable(task: Task) -> None:
-    """Refuse a target that no throw can reach, telling how near it gets.
+    """Refuse what no throw can reach, telling how near it gets.
 
     Raises
     ------
     StrandcastError
-        The target is beyond arm and string, or outside the workspace.
+        A place is beyond arm and string, or outside the workspace.
     """
-    chain = task.arm.chain
-    reach_m = float(chain.lengths_m.sum() + np.hypot(*task.arm.clamp.offset_m) + task.model.length_m)
-    away_m = float(np.hypot(*(task.target_m - chain.origin_m)))
+    for places in task.goal.places():
+        _refuse_place(task, places)
+
+
+def _refuse_place(task: Task, places: Places) -> None:
+    chain, box = task.arm.chain, task.box()
+    along_m = min(places.along_m, task.model.length_m)
+    reach_m = float(chain.lengths_m.sum() + np.hypot(*task.arm.clamp.offset_m) + along_m)
+    away_m = float(np.linalg.norm(places.alternatives_m - chain.origin_m, axis=1).min())
+    field = "target_m" if isinstance(task.goal, Point) else "objective"
     if away_m > reach_m:
         raise StrandcastError(
             "SC-P002",
             f"the target is {away_m:.3f} m from the arm's first joint; arm and string reach {reach_m:.3f} m",
-            field="target_m",
+            field=field,
             cost=f"no throw comes nearer than {away_m - reach_m:.3f} m",
             fix="move the target, or take a longer string",
         )
-    box = task.box()
-    out_m = float(np.max([box[:, 0] - task.target_m, task.target_m - box[:, 1]]))
+    out = np.maximum(box[:, 0] - places.alternatives_m, places.alternatives_m - box[:, 1])
+    out_m = float(out.max(axis=1).min())
     if out_m > 0.0:
         raise StrandcastError(
             "SC-P003",
             f"the target lies {out_m:.3f} m outside the workspace x {box[0].tolist()}, y {box[1].tolist()} m",
-            field="target_m",
+            field=field,
             fix="move the target, or widen workspace_m",
         )

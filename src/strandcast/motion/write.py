@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 
+from strandcast.arm.limits import Limits
 from strandcast.motion.describe import Plan
 from strandcast.motion.strings import Strings
 from strandcast.motion.task import Task
@@ -60,9 +63,10 @@ def to_record(
             stop_ramp_from_s=curve.duration_s if curve.ramp_s else None,
         ),
         points=points_of(np.arange(len(motion.q)) * step_ns, motion.q, motion.qd, motion.qdd),
-        predicted=_prediction(plan),
+        predicted=_prediction(plan, arm.limits),
         provenance=Provenance(
             planner=plan.planner,
+            objective=plan.objective,
             kind=plan.kind,
             seed=seed,
             planned_from=planned_from,
@@ -92,15 +96,31 @@ def _options(strings: Strings) -> dict[str, float]:
     return options
 
 
-def _prediction(plan: Plan) -> Prediction:
+QUANTILES = (0.1, 0.5, 0.9)
+
+
+def _prediction(plan: Plan, limits: Limits) -> Prediction:
     return Prediction(
         miss_m=plan.miss_m,
         ensemble_miss_m=plan.ensemble_miss_m.tolist(),
         hit_probability=plan.hit_probability,
+        disturbed_throws=len(plan.disturbed_miss_m),
+        miss_quantiles_m={
+            f"p{round(100 * share)}": float(np.quantile(plan.disturbed_miss_m, share)) for share in QUANTILES
+        },
         hit_time_s=plan.hit_time_s,
         largest_bend_rad=plan.largest_bend_rad,
         peak_speed_rad_s=plan.peaks["velocity_rad_s"].tolist(),
         peak_acceleration_rad_s2=plan.peaks["acceleration_rad_s2"].tolist(),
+        peak_jerk_rad_s3=plan.peaks["jerk_rad_s3"].tolist(),
+        peak_torque_n_m=plan.peaks["torque_n_m"].tolist(),
+        lowest_rad=plan.motion.q.min(axis=0).tolist(),
+        highest_rad=plan.motion.q.max(axis=0).tolist(),
+        limits={
+            column.name: [float(x) if np.isfinite(x) else None for x in getattr(limits, column.name)]
+            for column in fields(limits)
+        },
+        workspace_room_m=plan.room_m,
         peak_tip_speed_m_s=float(np.hypot(*np.gradient(plan.tip_m, plan.time_s, axis=0).T).max()),
         time_s=plan.time_s.tolist(),
         hand_m=plan.hand_m.tolist(),
