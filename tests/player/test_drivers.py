@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 
 import numpy as np
 import pytest
@@ -39,6 +40,26 @@ def test_the_lab_offers_its_driver(project_root, monkeypatch, motion):
 
 def test_an_unknown_driver_is_named_with_those_there_are(project_root, motion):
     arm = dataclasses.replace(load_arm(project_root / "config/arms/planar3.toml"), driver="ur12")
-    with pytest.raises(StrandcastError, match=r"no driver 'ur12' is installed; there are: lab") as caught:
+    with pytest.raises(
+        StrandcastError, match=r"no driver 'ur12' is installed; there are: franka, lab, ur"
+    ) as caught:
         driver_named(arm.driver, arm, motion)
+    assert caught.value.exit_code == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "package"),
+    [("franka", "fr3-example.toml", "pylibfranka"), ("ur", "ur5e-example.toml", "dashboard_client")],
+)
+def test_without_the_vendors_package_it_is_told_what_to_install(
+    project_root, motion, monkeypatch, name, file, package
+):
+    arm = load_arm(project_root / "config/arms" / file)
+    arm = dataclasses.replace(arm, driver_settings=arm.driver_settings | {"host": "192.0.2.7"})
+    driver = driver_named(arm.driver, arm, motion)
+    assert (driver.name, driver.address, driver.streams) == (name, "192.0.2.7", True)
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(StrandcastError) as caught:
+        driver.connect()
+    assert caught.value.fix == f"pip install 'strandcast[{name}]'"
     assert caught.value.exit_code == 3

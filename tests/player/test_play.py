@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from strandcast.arm.load import Arm, load_arm
-from strandcast.errors import REFUSED, StrandcastError
+from strandcast.errors import LOG_INCOMPLETE, REFUSED, StrandcastError
 from strandcast.player.checks import sample
-from strandcast.player.play import play
-from strandcast.player.protocol import Command, Recording, State
+from strandcast.player.play import play as play_rehearsed
+from strandcast.player.protocol import Command, Driver, Recording, State
+from strandcast.player.rehearsal import Terms, rehearse
 from strandcast.records.joint_log import JointLog, Run, read_run
 from strandcast.records.motion import Motion, Robot, Start, points_of
+
+from .virtual import VirtualClock
 
 ROOT = Path(__file__).parents[2]
 START = np.array([0.4, -0.6, -0.3])
@@ -24,11 +27,14 @@ class PerfectArm:
 
     name = "perfect"
     rate_hz = 500.0
+    streams = False
+    address = None
 
     def __init__(self, q_rad: np.ndarray = START, status: str = "ok", speed_rad_s: float = 0.0) -> None:
         self.q_rad, self.status, self.speed_rad_s = np.array(q_rad), status, speed_rad_s
         self.played: list[Command] = []
         self.stopped = 0
+        self.lose: slice | None = None  # rows of the log
 
     def connect(self) -> None:
         pass
@@ -49,6 +55,9 @@ class PerfectArm:
             command.q_rad[rows], command.qd_rad_s[rows], np.full(count, np.nan), np.zeros(count, np.int32),
         )  # fmt: skip
         end = 10.5 + command.time_s[-1]
+        if self.lose is not None:
+            kept = np.delete(np.arange(count), self.lose)
+            log = JointLog(log.joint_names, *[values[kept] for values in list(vars(log).values())[1:8]])
         return Recording(log, self.status, None if self.status == "ok" else "pulled", 10.5, end, "perfect")
 
     def stop(self) -> None:
@@ -86,6 +95,11 @@ def make_motion(arm: Arm, by: float = 0.8, duration_s: float = 0.5) -> Motion:
         predicted=None,
         provenance=None,
     )
+
+
+def play(path: Path, arm: Arm, driver: Driver, out_dir: Path, **terms: object) -> Run:
+    rehearsal = rehearse(path, arm, driver, out_dir, Terms(**terms))
+    return play_rehearsed(rehearsal, driver, rehearsal.short_hash, VirtualClock())
 
 
 def test_a_motion_is_played_and_logged(arm: Arm, motion: Motion, tmp_path: Path) -> None:
@@ -127,6 +141,10 @@ def not_at_rest(motion: Motion) -> None:
     motion.points = motion.points[:150]
 
 
+def still_moving(motion: Motion) -> None:
+    motion.points[-1].velocities[1] = 0.001
+
+
 def jump(motion: Motion) -> None:
     motion.points[100].positions[1] += 0.05
 
@@ -137,7 +155,8 @@ def backwards(motion: Motion) -> None:
 
 @pytest.mark.parametrize(
     ("spoil", "code"),
-    [(other_arm, "SC-X001"), (other_joints, "SC-X001"), (not_at_rest, "SC-X003"), (jump, "SC-X00[24]"),
+    [(other_arm, "SC-X001"), (other_joints, "SC-X001"), (not_at_rest, "SC-X003"),
+     (still_moving, "SC-X003"), (jump, "SC-X00[24]"),
      (backwards, "SC-X002")],
 )  # fmt: skip
 def test_a_motion_that_does_not_fit_is_refused(
@@ -190,6 +209,33 @@ def test_an_aborted_throw_leaves_an_incomplete_run(arm: Arm, motion: Motion, tmp
     assert not Run.read(tmp_path / "trial-01" / "run.json").complete
     with pytest.raises(StrandcastError, match="not complete"):
         read_run(tmp_path / "trial-01")
+
+
+@pytest.mark.parametrize(
+    ("lost", "reason"),
+    [(slice(-20, None), "ends less than 0.5 s after"), (slice(0, 260), "begins 20 ms after"),
+     (slice(400, 406), "a gap of 14 ms"), (slice(0, 750), "it has no rows")],
+)  # fmt: skip
+def test_a_log_that_is_not_whole_is_a_failed_run(
+    arm: Arm, motion: Motion, tmp_path: Path, lost: slice, reason: str
+) -> None:
+    motion.write(tmp_path / "planned.json")
+    driver = PerfectArm()
+    driver.lose = lost
+    with pytest.raises(StrandcastError, match=f"SC-X011.*{reason}") as caught:
+        play(tmp_path / "planned.json", arm, driver, tmp_path / "trial-01")
+    assert caught.value.exit_code == LOG_INCOMPLETE
+    run = Run.read(tmp_path / "trial-01" / "run.json")
+    assert (run.complete, run.status) == (False, "incomplete")
+
+
+def test_a_short_gap_is_told_and_no_more(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+    motion.write(tmp_path / "planned.json")
+    driver = PerfectArm()
+    driver.lose = slice(400, 404)
+    run = play(tmp_path / "planned.json", arm, driver, tmp_path / "trial-01")
+    assert run.complete
+    assert run.warnings == ["1 gaps and 0 duplicates in the joint log"]
 
 
 def assert_refused(folder: Path, arm: Arm, driver: PerfectArm, code: str) -> None:

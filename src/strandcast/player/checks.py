@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from strandcast.arm.limits import violations
+from strandcast.arm.limits import Violation, violations
 from strandcast.arm.load import Arm
+from strandcast.arm.reach import Reach, outside_m
 from strandcast.errors import StrandcastError
-from strandcast.player.protocol import Command, State
+from strandcast.player.clock import Clock
+from strandcast.player.protocol import Command, Driver, State
+from strandcast.player.surroundings import NOTHING_SENT
+from strandcast.player.trajectory import Trajectory
 from strandcast.records.motion import Motion
 
 CHECK_STEP_S = 0.001
 REST_RAD_S = 1e-6
 REST_RAD_S2 = 1e-3
 SPEED_MISMATCH_RAD_S = 0.05
+FULL_SPEED_WITHIN = 0.001
+PAYLOAD_WITHIN_KG = 0.05
+STILL_S = 0.3
+SETTLING_S = 3.0
+LOOK_EVERY_S = 0.02
 
 
 def check_motion(path: Path, motion: Motion, arm: Arm) -> None:
@@ -42,8 +52,13 @@ def check_motion(path: Path, motion: Motion, arm: Arm) -> None:
     if mismatch > SPEED_MISMATCH_RAD_S:
         raise _refusal("SC-X002", path, "points", f"speeds and positions disagree by {mismatch:.3g} rad/s")
     found = violations(arm, dense.time_s, dense.q_rad, dense.qd_rad_s, dense.qdd_rad_s2)
+    refuse_limits(path, "the motion", found)
+
+
+def refuse_limits(path: Path, what: str, found: list[Violation]) -> None:
+    """Refuse what leaves the arm's limits (SC-X004)."""
     if found:
-        raise _refusal("SC-X004", path, "points", "; ".join(str(violation) for violation in found),
+        raise _refusal("SC-X004", path, "points", f"{what}: {'; '.join(map(str, found))}",
                        "plan again within the limits of the arm's file")  # fmt: skip
 
 
@@ -58,62 +73,115 @@ def _check_arm(path: Path, motion: Motion, arm: Arm) -> None:
                        f"are {motion.joint_names}, the arm's are {list(arm.joints)}")  # fmt: skip
 
 
+def check_reach(path: Path, arm: Arm, reach: Reach, hanging_m: float) -> None:
+    """Refuse a motion whose hand, or what hangs from it, can leave the workspace, a stop included.
+
+    Raises
+    ------
+    StrandcastError
+        SC-X008.
+    """
+    outside = outside_m(arm, reach.swept_m)
+    if outside > 0.0:
+        (x_low, x_high), (y_low, y_high) = reach.swept_m
+        raise _refusal("SC-X008", path, "points",
+                       f"the hand with {hanging_m:.2f} m hanging sweeps x {x_low:.2f} to {x_high:.2f}, "
+                       f"y {y_low:.2f} to {y_high:.2f} m, stopped at the worst instant: {outside:.2f} m out "
+                       "of the workspace",
+                       "plan within a smaller workspace, or make room and widen the arm's")  # fmt: skip
+
+
+def check_state(path: Path, arm: Arm, state: State) -> None:
+    """Refuse an arm that cannot play as it is.
+
+    Raises
+    ------
+    StrandcastError
+        SC-X005.
+    """
+    for what, fix in _state_problems(arm, state):
+        raise _refusal("SC-X005", path, None, f"the arm cannot play: {what}", fix)
+
+
+def _state_problems(arm: Arm, state: State) -> Iterator[tuple[str, str]]:
+    if state.trouble is not None:
+        yield state.trouble, "mend that first"
+    if abs(state.speed_scaling - 1.0) > FULL_SPEED_WITHIN:
+        yield (
+            f"its speed scaling is {100 * state.speed_scaling:.0f} %, which would stretch the motion",
+            "set the speed slider to 100 %",
+        )
+    told = arm.payload
+    if told and state.payload_kg is not None and abs(state.payload_kg - told.mass_kg) > PAYLOAD_WITHIN_KG:
+        yield (
+            f"the controller was told of {state.payload_kg:.3f} kg at the flange, "
+            f"the arm's file of {told.mass_kg:.3f}",
+            "set the payload on the controller, or mend payload.mass_kg",
+        )
+
+
 def check_start(path: Path, motion: Motion, arm: Arm, state: State) -> None:
     """Refuse to play from a posture that is not the motion's start, or from an arm that still moves.
 
     Raises
     ------
     StrandcastError
-        SC-X005 the arm cannot play, SC-X006 it stands elsewhere, SC-X007 it still moves.
+        SC-X006 it stands elsewhere, SC-X007 it still moves.
     """
-    if state.trouble is not None:
-        raise _refusal("SC-X005", path, None, f"the arm cannot play: {state.trouble}", "mend that first")
-    away = np.abs(state.q_rad - np.array(motion.points[0].positions))
-    allowed = np.minimum(arm.start_tolerance_rad, motion.start.tolerance_rad)
-    if (away > allowed).any():
-        worst = int(np.argmax(away - allowed))
-        raise _refusal("SC-X006", path, "start",
-                       f"{arm.joints[worst]} is {away[worst]:.4f} rad from its start, "
-                       f"allowed {allowed[worst]:.4f}",
-                       "move the arm to the motion's start; --move-to-start does it slowly")  # fmt: skip
     speed = float(np.abs(state.qd_rad_s).max())
-    if speed > arm.start_velocity_rad_s:
+    if not speed <= arm.start_velocity_rad_s:
         raise _refusal(
             "SC-X007", path, "start", f"the arm still moves at {speed:.4f} rad/s", "wait until it rests"
         )
+    allowed = np.minimum(arm.start_tolerance_rad, motion.start.tolerance_rad)
+    away = np.abs(state.q_rad - np.array(motion.points[0].positions))
+    names = list(arm.joints) + list(state.q_held_rad)
+    held = [abs(q - arm.held[name]) for name, q in state.q_held_rad.items()]
+    away = np.append(away, held)
+    allowed = np.append(allowed, np.full(len(held), arm.start_tolerance_rad.min()))
+    if not (away <= allowed).all():
+        worst = int(np.argmax(away - allowed))
+        raise _refusal("SC-X006", path, "start",
+                       f"{names[worst]} is {away[worst]:.4f} rad from its start, "
+                       f"allowed {allowed[worst]:.4f}",
+                       "move the arm to the motion's start; --move-to-start does it slowly")  # fmt: skip
+
+
+def await_start(path: Path, motion: Motion, arm: Arm, driver: Driver, clock: Clock) -> None:
+    """Wait until the arm has stood at the motion's start, still, for 0.3 s, its clock going on.
+
+    Raises
+    ------
+    StrandcastError
+        SC-X005, SC-X006, SC-X007 as above; SC-X005 too where the controller's clock stands still.
+    """
+    begun_ns = still_since_ns = clock.now_ns()
+    first = state = driver.state()
+    while clock.now_ns() - still_since_ns < STILL_S * 1e9:
+        clock.sleep_until(clock.now_ns() + round(LOOK_EVERY_S * 1e9))
+        state = driver.state()
+        check_state(path, arm, state)
+        try:
+            check_start(path, motion, arm, state)
+        except StrandcastError as error:
+            if error.code != "SC-X007" or clock.now_ns() - begun_ns > SETTLING_S * 1e9:
+                raise
+            still_since_ns = clock.now_ns()
+    if first.time_s is not None and state.time_s is not None and not state.time_s > first.time_s:
+        raise _refusal("SC-X005", path, None, f"the controller's clock stands still at {state.time_s} s",
+                       "connect anew")  # fmt: skip
 
 
 def sample(motion: Motion, step_s: float) -> Command:
-    """Return the motion every `step_s` from its start to its end: the quintic through its points.
-
-    It has the points' positions, speeds and accelerations, which is what controllers interpolate too.
-    """
-    knots = motion.time_s()
-    count = max(1, round(knots[-1] / step_s))
-    time_s = np.minimum(np.arange(count + 1) * step_s, knots[-1])
-    if time_s[-1] < knots[-1] - 1e-9:
-        time_s = np.append(time_s, knots[-1])
-    k = np.clip(np.searchsorted(knots, time_s, side="right") - 1, 0, len(knots) - 2)
-    h = (knots[k + 1] - knots[k])[:, None]
-    s = (time_s - knots[k])[:, None] / h
-    q, qd, qdd = motion.joints()
-    start, end = (q[k], qd[k] * h, qdd[k] * h * h), (q[k + 1], qd[k + 1] * h, qdd[k + 1] * h * h)
-    rise = end[0] - start[0] - start[1] - 0.5 * start[2]
-    speed = end[1] - start[1] - start[2]
-    bend = end[2] - start[2]
-    c3, c4, c5 = (
-        10 * rise - 4 * speed + 0.5 * bend,
-        -15 * rise + 7 * speed - bend,
-        6 * rise - 3 * speed + 0.5 * bend,
-    )
-    return Command(
-        time_s=time_s,
-        q_rad=start[0] + s * (start[1] + s * (0.5 * start[2] + s * (c3 + s * (c4 + s * c5)))),
-        qd_rad_s=(start[1] + s * (start[2] + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h,
-        qdd_rad_s2=(start[2] + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / (h * h),
-    )
+    """Return the motion every `step_s` from its start to its end: the quintic through its points."""
+    trajectory = Trajectory(motion.time_s(), *motion.joints())
+    count = max(1, round(trajectory.end_s / step_s))
+    time_s = np.minimum(np.arange(count + 1) * step_s, trajectory.end_s)
+    if time_s[-1] < trajectory.end_s - 1e-9:
+        time_s = np.append(time_s, trajectory.end_s)
+    return Command(time_s, *trajectory.at(time_s))
 
 
 def _refusal(code: str, path: Path, field: str | None, what: str, fix: str | None = None) -> StrandcastError:
-    return StrandcastError(code, what, file=path, field=field, cost="nothing was sent to the arm",
+    return StrandcastError(code, what, file=path, field=field, cost=NOTHING_SENT,
                            fix=fix or "make the motion file again with `strandcast plan`")  # fmt: skip

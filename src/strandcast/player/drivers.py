@@ -35,3 +35,10 @@ def driver_named(name: str, arm: Arm, motion: Motion) -> Driver:
         )
     driver: Driver = offered[name].load()(arm, motion)
     return driver
+
+
+def missing_package(package: str, extra: str, error: ImportError) -> StrandcastError:
+    """Return what to tell when a vendor's package is not installed."""
+    return StrandcastError(
+        "SC-X032", f"the driver needs the package {package!r}, which is not installed ({error})",
+        fix=f"pip install 'strandcast[{extra}]'", exit_code=ENVIRONMENT)  # fmt: skip

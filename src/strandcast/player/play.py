@@ -1,107 +1,116 @@
-"""Play one motion: check everything, move, log; run.json, written last, says that the log is complete."""
+"""Play one motion on an arm. This is all that moves it; read it before you trust it.
+
+`rehearse` (rehearsal.py) has checked everything that needs no arm. Then, in this order: the motion's short
+hash must have been typed; the arm is locked, connected, looked at; moved slowly to the start if that was
+wished; looked at again until it has stood still there; and only then is the driver told to play. Whatever
+happens then, the driver brings the arm to rest (stream.py: one soft stop for every fault) and hands back
+the log. run.json is written last: without it, and without its `complete`, there is no run.
+"""
 
 from __future__ import annotations
 
-import shutil
-from pathlib import Path
+import numpy as np
 
-from strandcast.arm.load import Arm
-from strandcast.errors import ABORTED, REFUSED, STOPPED_BY_CONTROLLER, StrandcastError
-from strandcast.player.checks import check_motion, check_start, sample
+from strandcast.arm.limits import violations
+from strandcast.arm.reach import reach_of
+from strandcast.errors import LOG_INCOMPLETE, StrandcastError
+from strandcast.player.approach import slow_path
+from strandcast.player.checks import (
+    CHECK_STEP_S,
+    await_start,
+    check_reach,
+    check_state,
+    refuse_limits,
+    sample,
+)
+from strandcast.player.clock import Clock, HostClock
+from strandcast.player.outcome import EXIT_CODES, run_of
 from strandcast.player.protocol import Driver, Recording
-from strandcast.records.files import atomic_write
-from strandcast.records.joint_log import Run, timing_of, write_joint_log
-from strandcast.records.motion import Motion
-
-TAIL_S = 0.5
-NOTHING_SENT = "nothing was sent to the arm"
+from strandcast.player.rehearsal import Rehearsal
+from strandcast.player.surroundings import NOTHING_SENT, check_folder, one_run
+from strandcast.records.joint_log import Run, write_joint_log
 
 
-def play(
-    motion_path: str | Path, arm: Arm, driver: Driver, out_dir: str | Path, move_to_start: bool = False
-) -> Run:
-    """Play a motion and leave motion.json (what was played), joints.csv and, last, run.json in `out_dir`.
+def play(rehearsal: Rehearsal, driver: Driver, confirmed: str, clock: Clock | None = None) -> Run:
+    """Play a rehearsed motion; leave motion.json (what was played), joints.csv and, last, run.json.
 
     Parameters
     ----------
-    motion_path
-        The planned motion; its content hash is verified.
-    arm
-        The arm that it is for, from its own file: its limits are checked, not the motion's words.
+    rehearsal
+        The motion, checked, and how it is to be played.
     driver
-        Plays it.
-    out_dir
-        The trial's raw folder; a run that is already there is never written over.
-    move_to_start
-        Move slowly to the start first, instead of refusing when the arm stands elsewhere.
+        Plays it; the one that it was rehearsed for.
+    confirmed
+        The motion's short hash, as a person has typed it.
+    clock
+        The host's; the tests bring one that does not sleep.
 
     Raises
     ------
     StrandcastError
-        Refused (exit code 2): nothing was sent. Aborted or stopped by the controller (5, 6): the log is
-        kept, and run.json says that it is not complete.
+        Refused (exit code 2): nothing was sent, or only the slow move to the start. Aborted softly (5),
+        stopped by the controller (6) or the log not whole (7): what there is of the log is kept, and run.json
+        says that it is not complete.
     """
-    motion_path, out_dir = Path(motion_path), Path(out_dir)
-    if (out_dir / "run.json").exists():
+    if confirmed != rehearsal.short_hash:
         raise StrandcastError(
-            "SC-X010", "this trial has been played already", file=out_dir / "run.json",
-            cost="nothing was sent to the arm", fix="play it as the next trial")  # fmt: skip
-    motion = read_motion(motion_path)
-    check_motion(motion_path, motion, arm)
-    driver.connect()
-    try:
-        if move_to_start:
-            driver.move_to_start(motion.joints()[0][0])
-        check_start(motion_path, motion, arm, driver.state())
-        out_dir.mkdir(parents=True, exist_ok=True)
-        recording = driver.play(sample(motion, 1.0 / driver.rate_hz), out_dir)
-    finally:
-        driver.stop()
-    with atomic_write(out_dir / "motion.json") as temporary:
-        shutil.copyfile(motion_path, temporary)
-    run = _run(motion, arm, driver, recording, write_joint_log(out_dir / "joints.csv", recording.log))
-    run.write(out_dir / "run.json")
-    if recording.status != "ok":
+            "SC-X012", f"{confirmed!r} is not the motion's short hash", file=rehearsal.motion_path,
+            cost=NOTHING_SENT, fix=f"read the dry run, and confirm with {rehearsal.short_hash}")  # fmt: skip
+    check_folder(rehearsal.out_dir)
+    clock = clock or HostClock()
+    with one_run(driver.address):
+        try:
+            driver.connect()
+            _bring_to_start(rehearsal, driver, clock)
+            rehearsal.out_dir.mkdir(parents=True, exist_ok=True)
+            recording = _played(rehearsal, driver)
+        finally:
+            driver.stop()
+    run = _keep(rehearsal, driver, recording)
+    if not run.complete:
         raise StrandcastError(
-            "SC-X011", f"the throw was not played to its end ({recording.reason})", file=out_dir / "run.json",
-            cost="the trial cannot be used", fix="mend the reason, move the folder away, and play it again",
-            exit_code=ABORTED if recording.status == "aborted" else STOPPED_BY_CONTROLLER)  # fmt: skip
+            "SC-X011", f"the throw was not played to its end, or not logged whole ({run.reason})",
+            file=rehearsal.out_dir / "run.json", cost="the trial cannot be used",
+            fix="mend the reason, move the folder away, and play it again",
+            exit_code=EXIT_CODES[run.status])  # fmt: skip
     return run
 
 
-def read_motion(path: str | Path) -> Motion:
-    """Read a motion to be played; whatever is wrong with it is a refusal."""
+def _bring_to_start(rehearsal: Rehearsal, driver: Driver, clock: Clock) -> None:
+    path, motion, arm = rehearsal.motion_path, rehearsal.motion, rehearsal.arm
+    state = driver.state()
+    check_state(path, arm, state)
+    if rehearsal.terms.move_to_start:
+        start = np.array(motion.points[0].positions)
+        way = slow_path(state.q_rad, start, 1.0 / CHECK_STEP_S)
+        moves = (way.time_s, way.q_rad, way.qd_rad_s, way.qdd_rad_s2)
+        refuse_limits(path, "the move to the start", violations(arm, *moves))
+        check_reach(path, arm, reach_of(arm, *moves, rehearsal.terms.hanging_m), rehearsal.terms.hanging_m)
+        driver.move_to_start(start)
+    await_start(path, motion, arm, driver, clock)
+
+
+def _played(rehearsal: Rehearsal, driver: Driver) -> Recording:
     try:
-        return Motion.read(path)
-    except StrandcastError as error:
-        error.cost, error.exit_code = NOTHING_SENT, REFUSED
+        return driver.play(sample(rehearsal.motion, 1.0 / driver.rate_hz), rehearsal.out_dir)
+    except StrandcastError:
         raise
+    except Exception as error:
+        raise StrandcastError(
+            "SC-X013", f"the driver {driver.name} failed and left no log ({type(error).__name__}: {error})",
+            file=rehearsal.out_dir, cost="the trial cannot be used", fix="look at the arm, then play again",
+            exit_code=LOG_INCOMPLETE) from error  # fmt: skip
 
 
-def _run(motion: Motion, arm: Arm, driver: Driver, recording: Recording, joints_sha256: str) -> Run:
-    log = recording.log
-    timing = timing_of(log.time_s, driver.rate_hz)
-    warnings = []
-    if timing.gaps or timing.duplicates:
-        warnings.append(f"{len(timing.gaps)} gaps and {timing.duplicates} duplicates in the joint log")
-    if log.time_s[-1] < recording.motion_end_s + TAIL_S - 1e-6:
-        warnings.append(f"the joint log ends less than {TAIL_S} s after the motion")
-    return Run(
-        complete=recording.status == "ok",
-        status=recording.status,
-        reason=recording.reason,
-        joints_sha256=joints_sha256,
-        rows=len(log.time_s),
-        motion_sha256=motion.content_sha256(),
-        arm_sha256=arm.sha256,
-        driver=driver.name,
-        controller=recording.controller,
-        joint_names=log.joint_names,
-        clock=recording.clock,
-        motion_start_s=recording.motion_start_s,
-        motion_end_s=recording.motion_end_s,
-        sync_events=recording.sync_events,
-        timing=timing,
-        video=recording.video,
-        warnings=warnings,
-    )
+def _keep(rehearsal: Rehearsal, driver: Driver, recording: Recording) -> Run:
+    folder = rehearsal.out_dir
+    try:
+        rehearsal.motion.write(folder / "motion.json")
+        run = run_of(rehearsal, driver, recording, write_joint_log(folder / "joints.csv", recording.log))
+        run.write(folder / "run.json")
+    except OSError as error:
+        raise StrandcastError(
+            "SC-X014", f"the log could not be written ({error.strerror})", file=folder,
+            cost="the throw happened, but the trial cannot be used", fix="mend the disk, and play it again",
+            exit_code=LOG_INCOMPLETE) from error  # fmt: skip
+    return run

@@ -1,0 +1,91 @@
+"""The streaming loop on the host's own clock: that it runs, not how well (that is the benchmark's)."""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from strandcast.arm.load import load_arm
+from strandcast.player.bounds import bounds_of
+from strandcast.player.checks import sample
+from strandcast.player.clock import HostClock
+from strandcast.player.lateness import keep_time
+from strandcast.player.stream import Reading, stream
+
+from .test_play import make_motion
+
+ROOT = Path(__file__).parents[2]
+
+
+class Mirror:
+    """A controller that is where it was told to be, by the host's clock."""
+
+    paces = False
+
+    def __init__(self, q: np.ndarray) -> None:
+        self.q, self.qd = q, np.zeros_like(q)
+        self.writes = 0
+
+    def start(self) -> None:
+        pass
+
+    def read(self) -> Reading:
+        return Reading(time.monotonic_ns() * 1e-9, self.q, self.qd)
+
+    def write(self, q_rad: np.ndarray, qd_rad_s: np.ndarray) -> None:
+        self.q, self.qd = q_rad.copy(), qd_rad_s.copy()
+        self.writes += 1
+
+    def finish(self) -> None:
+        pass
+
+    def signal(self, high: bool) -> None:
+        pass
+
+
+def test_a_motion_is_streamed_in_its_own_time() -> None:
+    arm = load_arm(ROOT / "config" / "arms" / "planar3.toml")
+    command = sample(make_motion(arm, by=0.4), 0.002)
+    bounds = bounds_of(arm)
+    bounds = type(bounds)(0.0 * bounds.lag_s, np.full(3, 0.3), *list(vars(bounds).values())[2:])
+    link = Mirror(command.q_rad[0].copy())
+    before = time.monotonic()
+    done = stream(link, command, bounds, 500.0, list(arm.joints), lead_s=0.1, tail_s=0.1)
+    assert time.monotonic() - before >= 0.7
+    if done.status != "ok":  # a shared machine may stall for more than five ticks: then it must have stopped
+        assert "set points running were missed" in str(done.reason)
+        pytest.skip(f"the machine was too busy to stream: {done.reason}")
+    assert done.lateness is not None
+    assert link.writes + done.lateness.missed == pytest.approx(350, abs=2)
+    np.testing.assert_allclose(link.q, command.q_rad[-1], atol=1e-12)
+    assert gc.isenabled()
+    if hasattr(os, "sched_getscheduler"):
+        assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+def test_ticks_are_neither_lost_nor_counted_twice() -> None:
+    late_ns, missed, scheduling = keep_time(500.0, 0.2, HostClock(realtime=False))
+    assert len(late_ns) + missed == pytest.approx(100, abs=1) or missed > 50
+    assert (late_ns >= 0).all()
+    assert scheduling == "normal"
+
+
+def test_it_streams_outside_the_main_thread_too() -> None:
+    arm = load_arm(ROOT / "config" / "arms" / "planar3.toml")
+    command = sample(make_motion(arm, by=0.0), 0.002)
+    done = []
+
+    def run() -> None:
+        link = Mirror(command.q_rad[0].copy())
+        done.append(stream(link, command, bounds_of(arm), 500.0, list(arm.joints), lead_s=0.0, tail_s=0.0))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join(20.0)
+    assert len(done) == 1
