@@ -1,14 +1,17 @@
 from __future__ import annotations
 
+from dataclasses import replace
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 
-from strandcast.errors import StrandcastError, StrandcastErrors
-from strandcast.imports.joints import import_joints
+from strandcast.errors import ENVIRONMENT, StrandcastError, StrandcastErrors
+from strandcast.imports.joints import Reading, import_joints
 from strandcast.imports.mapping import JointMapping, load_mapping
-from strandcast.records.joint_log import AFTER_DUPLICATE, read_run
+from strandcast.records.joint_log import AFTER_DUPLICATE, SYNC_HIGH, read_run
 
-MAPPING = JointMapping(time="t", q=["a", "b"])
+READING = Reading(mapping=JointMapping(time="t", q=["a", "b"]))
 
 
 def log_file(tmp_path, text: str):
@@ -68,16 +71,105 @@ def test_a_mapping_from_a_file_with_degrees_and_milliseconds(tmp_path):
         "time: ms\nq: [one, two]\ntime_unit: ms\nangle_unit: deg\nrate_hz: 500\n"
     )
     path = log_file(tmp_path, "ms;one;two\n1000;90;0\n1002;91;1\n1006;92;2\n")
-    run = import_joints(path, tmp_path, mapping=load_mapping(tmp_path / "m.yaml", JointMapping))
+    run = import_joints(path, tmp_path, Reading(mapping=load_mapping(tmp_path / "m.yaml", JointMapping)))
     _, log = read_run(tmp_path)
     np.testing.assert_allclose(log.q_rad[:, 0], np.radians([90, 91, 92]))
     np.testing.assert_allclose(log.time_s, [1.0, 1.002, 1.006])
     assert [(gap.index, gap.missing) for gap in run.timing.gaps] == [(1, 1)]
 
 
+def test_the_log_of_urs_own_recorder_is_read(tmp_path):
+    # record.py of Universal Robots' RTDE client separates by blanks; the columns are those of its recipe.
+    names = ["timestamp"] + [
+        f"{kind}_{k}" for kind in ("target_q", "actual_q", "actual_qd") for k in range(6)
+    ]
+    names += ["actual_digital_output_bits", "robot_mode"]
+    rows = [[500.0 + 0.008 * k] + [0.01 * k] * 12 + [1.25] * 6 + [8 * (k >= 10) + 1, 7] for k in range(20)]
+    text = "\r\n".join(" ".join(map(str, row)) for row in [names, *rows]) + "\r\n"
+    run = import_joints(log_file(tmp_path, text), tmp_path, Reading(sync_output=3))
+    _, log = read_run(tmp_path)
+    assert run.driver == "import: ur_rtde"
+    assert run.timing.rate_hz == pytest.approx(125)
+    np.testing.assert_allclose(log.q_rad[:, 5], 0.01 * np.arange(20))
+    np.testing.assert_allclose(log.qd_rad_s, 1.25)
+    assert log.flags.tolist() == [0] * 10 + [SYNC_HIGH] * 10
+    with pytest.raises(StrandcastError, match="SC-I009"):
+        import_joints(
+            log_file(tmp_path, "t,a,b\n0,0,0\n1,0,0\n"), tmp_path / "o", replace(READING, sync_output=0)
+        )
+
+
+def test_a_ur_log_without_time_says_what_to_record(tmp_path):
+    names = [f"actual_q_{k}" for k in range(6)]
+    text = " ".join(names) + "\n" + "0 0 0 0 0 0\n" * 3
+    with pytest.raises(StrandcastError, match="no timestamp") as refusal:
+        import_joints(log_file(tmp_path, text), tmp_path / "out")
+    assert "timestamp" in refusal.value.fix
+
+
+def test_the_rows_that_ur_rtdes_recorder_takes_twice_or_too_late_are_told(tmp_path):
+    # Its thread samples the newest state at its own rate: rows come twice, and now and then one is missed.
+    cycles = [0, 1, 1, 2, 3, 3, 3, 4, 22, 23, 24, 24, 25]
+    header = ["timestamp"] + [f"actual_q_{k}" for k in range(6)]
+    rows = [[10 + 0.002 * k] + [0.1 * k] * 6 for k in cycles]
+    text = "\n".join(",".join(map(str, row)) for row in [header, *rows])
+    run = import_joints(log_file(tmp_path, text), tmp_path)
+    _, log = read_run(tmp_path)
+    np.testing.assert_allclose(log.q_rad[:, 0], 0.1 * np.array([0, 1, 2, 3, 4, 22, 23, 24, 25]))
+    assert run.timing.duplicates == 4
+    assert [(gap.missing, round(gap.duration_s, 6)) for gap in run.timing.gaps] == [(17, 0.036)]
+    assert "17 samples missing; the longest is 36.0 ms" in run.warnings[0]
+    assert "4 rows repeat a time" in run.warnings[1]
+
+
+def test_libfrankas_own_csv_is_in_milliseconds(tmp_path):
+    groups = [(f"state.{name}", 7) for name in ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")]
+    groups += [
+        ("cmd.q_d", 7),
+        ("cmd.dq_d", 7),
+        ("cmd.O_T_EE_d", 16),
+        ("cmd.O_dP_EE_d", 6),
+        ("cmd.tau_J_d", 7),
+    ]
+    header = "time, success_rate, " + ",".join(
+        ", ".join(f"{name}[{k}]" for k in range(count)) for name, count in groups
+    )
+    values = [0.1 * i for i, (_, count) in enumerate(groups) for _ in range(count)]
+    lines = [",".join(map(str, [71000 + k, 1.0, *values])) for k in (0, 1, 2, 4, 5)]
+    run = import_joints(log_file(tmp_path, "\n".join([header, *lines])), tmp_path)
+    _, log = read_run(tmp_path)
+    assert run.driver == "import: libfranka"
+    np.testing.assert_allclose(log.time_s, [71.0, 71.001, 71.002, 71.004, 71.005])
+    assert [gap.missing for gap in run.timing.gaps] == [1]
+    assert (log.q_rad == 0.0).all()
+    np.testing.assert_allclose(log.q_cmd_rad, 0.1)
+    np.testing.assert_allclose(log.qd_rad_s, 0.2)
+
+
+def test_a_log_in_degrees_is_told_so(tmp_path):
+    header = ["timestamp"] + [f"actual_q_{k}" for k in range(6)]
+    rows = [[0.002 * k] + [90.0] * 6 for k in range(5)]
+    path = log_file(tmp_path, "\n".join(",".join(map(str, row)) for row in [header, *rows]))
+    with pytest.raises(StrandcastError, match="SC-I008") as refusal:
+        import_joints(path, tmp_path)
+    assert "--degrees" in refusal.value.fix
+    import_joints(path, tmp_path, Reading(degrees=True))
+    np.testing.assert_allclose(read_run(tmp_path)[1].q_rad, np.pi / 2)
+
+
+def test_a_bag_without_the_package_says_what_to_install(tmp_path):
+    if find_spec("rosbags"):
+        pytest.skip("rosbags is installed: tests/drivers/test_rosbag.py reads bags")
+    (tmp_path / "log.mcap").write_bytes(b"")
+    with pytest.raises(StrandcastError, match="SC-I040") as refusal:
+        import_joints(tmp_path / "log.mcap", tmp_path / "out")
+    assert "strandcast[ros]" in refusal.value.fix
+    assert refusal.value.exit_code == ENVIRONMENT
+
+
 def test_doubled_rows_are_left_out_and_counted(tmp_path):
     path = log_file(tmp_path, "t,a,b\n0,0,0\n0.01,1,0\n0.01,1,0\n0.02,2,0\n0.03,3,0\n")
-    run = import_joints(path, tmp_path, mapping=MAPPING)
+    run = import_joints(path, tmp_path, READING)
     _, log = read_run(tmp_path)
     assert run.timing.duplicates == 1
     assert run.rows == 4
@@ -96,7 +188,7 @@ def test_doubled_rows_are_left_out_and_counted(tmp_path):
 )
 def test_rows_that_are_no_log_are_refused_with_the_line(tmp_path, text, line, words):
     with pytest.raises(StrandcastError, match=words) as refusal:
-        import_joints(log_file(tmp_path, text), tmp_path / "out", mapping=MAPPING)
+        import_joints(log_file(tmp_path, text), tmp_path / "out", READING)
     assert refusal.value.line == line
     assert not (tmp_path / "out").exists()
 
@@ -106,9 +198,9 @@ def test_unknown_columns_dialects_and_keys_are_refused(tmp_path):
     with pytest.raises(StrandcastError, match="no known joint log: t, a, b"):
         import_joints(path, tmp_path / "out")
     with pytest.raises(StrandcastError, match="no dialect 'kuka'"):
-        import_joints(path, tmp_path / "out", dialect="kuka")
+        import_joints(path, tmp_path / "out", Reading(dialect="kuka"))
     with pytest.raises(StrandcastError, match="the log has 2 joints, and 3 names are known"):
-        import_joints(path, tmp_path / "out", mapping=MAPPING, namings=[["x", "y", "z"]])
+        import_joints(path, tmp_path / "out", READING, namings=[["x", "y", "z"]])
     (tmp_path / "m.toml").write_text('time = "t"\nangles = ["a"]\n')
     with pytest.raises(StrandcastErrors, match="angles") as refusal:
         load_mapping(tmp_path / "m.toml", JointMapping)

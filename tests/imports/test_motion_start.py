@@ -61,12 +61,15 @@ def log_of(arm, motion: Motion, commanded: bool) -> JointLog:
     )
 
 
+@pytest.mark.parametrize("epoch_s", [0.0, 1.7e9])
 @pytest.mark.parametrize("commanded", [True, False])
-def test_the_start_is_found_after_an_approach(arm, commanded):
+def test_the_start_is_found_after_an_approach(arm, commanded, epoch_s):
     motion = swing(arm)
-    start_s, end_s = motion_times(log_of(arm, motion, commanded), motion, arm)
-    assert start_s == pytest.approx(START_S, abs=5e-4)
-    assert end_s == pytest.approx(START_S + 0.4, abs=5e-4)
+    log = log_of(arm, motion, commanded)
+    log.time_s += epoch_s  # a controller's clock since it was switched on, or ROS' since 1970
+    start_s, end_s = motion_times(log, motion, arm)
+    assert start_s - epoch_s == pytest.approx(START_S, abs=5e-4)
+    assert end_s - epoch_s == pytest.approx(START_S + 0.4, abs=5e-4)
 
 
 def test_the_log_of_another_throw_is_refused(arm):

@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import re
+from typing import Literal
 
 from strandcast.errors import StrandcastError
 from strandcast.imports.mapping import JointMapping
 from strandcast.imports.table import NumberTable
 
 UR_JOINTS = 6
+UR_OUTPUTS = "actual_digital_output_bits"
 
 
 def libfranka(table: NumberTable) -> JointMapping | None:
-    """Read libfranka and franka_ros: ``q[0]``, ``q_d[0]``, ``dq[0]``, and a millisecond counter."""
-    joints = _counted(table, r"q\[(\d+)\]")
+    """Read ``q[0]``, ``q_d[0]``, ``dq[0]``, or ``state.q[0]`` … as libfranka's logToCSV writes them."""
+    own = bool(_counted(table, r"state\.q\[(\d+)\]"))
+    stem = "state." if own else ""
+    joints = _counted(table, re.escape(stem) + r"q\[(\d+)\]")
     clock = next((name for name in ("duration", "time", "t") if name in table.names), None)
     if not joints or clock is None:
         return None
+    unit: Literal["ms", "s"] = "ms" if own or clock == "duration" else "s"  # logToCSV writes milliseconds
     numbers = range(len(joints))
     return JointMapping(
         time=clock,
-        time_unit="ms" if clock == "duration" else "s",
+        time_unit=unit,
         q=joints,
-        qd=_if_there(table, [f"dq[{k}]" for k in numbers]),
-        q_cmd=_if_there(table, [f"q_d[{k}]" for k in numbers]),
-        qd_cmd=_if_there(table, [f"dq_d[{k}]" for k in numbers]),
+        qd=_if_there(table, [f"{stem}dq[{k}]" for k in numbers]),
+        q_cmd=_if_there(table, [f"{stem}q_d[{k}]" for k in numbers]),
+        qd_cmd=_if_there(table, [f"{stem}dq_d[{k}]" for k in numbers]),
         rate_hz=1000.0,
     )
 
@@ -32,8 +37,16 @@ def libfranka(table: NumberTable) -> JointMapping | None:
 def ur_rtde(table: NumberTable) -> JointMapping | None:
     """Read ur_rtde and UR's record.py: ``timestamp``, ``actual_q_0`` …, ``target_q_0`` …."""
     joints = _counted(table, r"actual_q_(\d+)")
-    if not joints or "timestamp" not in table.names:
+    if not joints:
         return None
+    if "timestamp" not in table.names:
+        raise StrandcastError(
+            "SC-I004",
+            "the log has actual_q and no timestamp: when the arm was there is not known",
+            file=table.path,
+            field="timestamp",
+            fix="add the variable `timestamp` to what is recorded",
+        )
     numbers = range(len(joints))
     return JointMapping(
         time="timestamp",
@@ -41,6 +54,7 @@ def ur_rtde(table: NumberTable) -> JointMapping | None:
         qd=_if_there(table, [f"actual_qd_{k}" for k in numbers]),
         q_cmd=_if_there(table, [f"target_q_{k}" for k in numbers]),
         qd_cmd=_if_there(table, [f"target_qd_{k}" for k in numbers]),
+        outputs=UR_OUTPUTS if UR_OUTPUTS in table.names else None,
     )
 
 

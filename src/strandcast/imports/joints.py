@@ -1,21 +1,22 @@
-"""Bring in a joint log: any CSV with known or named columns to joints.csv and run.json."""
+"""Bring in a joint log: a CSV with known or named columns, or a ROS bag, to joints.csv and run.json."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
+from strandcast.imports.bags import BagChoice, is_bag, read_bag, sha256_bag
 from strandcast.imports.dialects import recognise
 from strandcast.imports.mapping import ANGLE_UNITS, TIME_UNITS, JointMapping
 from strandcast.imports.motion_start import motion_times
 from strandcast.imports.table import NumberTable, read_numbers, refusal
 from strandcast.records.files import sha256_file
-from strandcast.records.joint_log import AFTER_DUPLICATE, JointLog, Run, timing_of, write_joint_log
+from strandcast.records.joint_log import AFTER_DUPLICATE, SYNC_HIGH, JointLog, Run, timing_of, write_joint_log
 from strandcast.records.motion import Motion
 
 LARGEST_ANGLE_RAD = 20.0  # three turns: beyond it are degrees
@@ -30,12 +31,48 @@ class Played:
     arm: Arm
 
 
+@dataclass(frozen=True)
+class Reading:
+    """How a log is to be read, where it does not say so itself.
+
+    Attributes
+    ----------
+    dialect
+        ``auto``, ``libfranka``, ``ur_rtde`` or ``ur``; not looked at for a bag, or where a mapping is given.
+    mapping
+        The columns of a log of no known dialect.
+    bag
+        Topic and clock of a ROS bag.
+    degrees
+        The angles are in degrees.
+    sync_output
+        Number of the digital output that is the sync event, in the column of outputs.
+    """
+
+    dialect: str = "auto"
+    mapping: JointMapping | None = None
+    bag: BagChoice = field(default_factory=BagChoice)
+    degrees: bool = False
+    sync_output: int | None = None
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A log's table, what its columns mean, and what is known of it besides."""
+
+    name: str
+    table: NumberTable
+    columns: JointMapping
+    namings: Sequence[list[str]]
+    sha256: str
+    clock: str
+    notes: list[str] = field(default_factory=list)
+
+
 def import_joints(
     path: str | Path,
     folder: str | Path,
-    *,
-    dialect: str = "auto",
-    mapping: JointMapping | None = None,
+    reading: Reading | None = None,
     namings: Sequence[list[str]] = (),
     played: Played | None = None,
 ) -> Run:
@@ -47,13 +84,11 @@ def import_joints(
         The log as the robot's software wrote it.
     folder
         ``data/<experiment>/trial-NN``.
-    dialect
-        ``auto``, ``libfranka``, ``ur_rtde`` or ``ur``; not looked at where a mapping is given.
-    mapping
-        The columns of a log of no known dialect.
+    reading
+        How to read it.
     namings
-        Names that the joints may have, base to hand; the first list of as many as the log has joints is
-        taken. By default ``joint_1`` ….
+        Names that the joints may have, base to hand; of a CSV the first list of as many as the log has joints
+        is taken, by default ``joint_1`` …; a bag's joints go by its own names (`imports.bags.read_bag`).
     played
         Motion and arm, where known. By default the motion is when the commanded joints move.
 
@@ -62,14 +97,13 @@ def import_joints(
     StrandcastError
         A file that does not fit, unsorted times, empty cells: file, line, column.
     """
-    table = read_numbers(path)
-    name, columns = ("mapping", mapping) if mapping is not None else recognise(table, dialect)
-    time_s, log = _log_of(table, columns, namings)
+    source = _source(Path(path), reading or Reading(), namings)
+    time_s, log = _log_of(source, reading.sync_output if reading else None)
     times = _times_of(log) if played is None else motion_times(log, played.motion, played.arm, str(path))
     if times is not None:
         inside = (log.time_s >= times[0]) & (log.time_s <= times[1])
         log.since_start_s[inside] = log.time_s[inside] - times[0]
-    timing = timing_of(time_s, columns.rate_hz)
+    timing = timing_of(time_s, source.columns.rate_hz)
     folder = Path(folder)
     run = Run(
         complete=True,
@@ -79,35 +113,54 @@ def import_joints(
         rows=len(log.time_s),
         motion_sha256=None if played is None else played.motion.content_sha256(),
         arm_sha256=None if played is None else played.arm.sha256,
-        driver=f"import: {name}",
-        controller={"file": Path(path).name, "sha256": sha256_file(path)},
+        driver=f"import: {source.name}",
+        controller={"file": Path(path).name, "sha256": source.sha256},
         joint_names=log.joint_names,
-        clock=f"the column {columns.time!r} of the log",
+        clock=source.clock,
         motion_start_s=None if times is None else times[0],
         motion_end_s=None if times is None else times[1],
         sync_events=[],
         timing=timing,
         video={},
-        warnings=_warnings(time_s),
+        warnings=source.notes + _warnings(time_s),
     )
     run.write(folder / "run.json")
     return run
 
 
-def _log_of(
-    table: NumberTable, columns: JointMapping, namings: Sequence[list[str]]
-) -> tuple[np.ndarray, JointLog]:
+def _source(path: Path, reading: Reading, namings: Sequence[list[str]]) -> _Source:
+    """Read a bag, or a CSV by its mapping or its dialect."""
+    if is_bag(path):
+        bag = read_bag(path, reading.bag, namings)
+        columns = _in_degrees(bag.mapping) if reading.degrees else bag.mapping
+        return _Source("bag", bag.table, columns, [bag.names], sha256_bag(path), bag.clock, bag.notes)
+    table = read_numbers(path)
+    name, columns = (
+        ("mapping", reading.mapping) if reading.mapping is not None else recognise(table, reading.dialect)
+    )
+    columns = _in_degrees(columns) if reading.degrees else columns
+    clock = f"the column {columns.time!r} of the log"
+    return _Source(name, table, columns, namings, sha256_file(path), clock)
+
+
+def _in_degrees(columns: JointMapping) -> JointMapping:
+    return columns.model_copy(update={"angle_unit": "deg"})
+
+
+def _log_of(source: _Source, sync_output: int | None) -> tuple[np.ndarray, JointLog]:
     """Return all times (rows,), and the log without doubled rows."""
+    table, columns = source.table, source.columns
     time_s = table.column(columns.time) * TIME_UNITS[columns.time_unit]
     q = table.columns(columns.q) * ANGLE_UNITS[columns.angle_unit]
     table.require_finite(np.column_stack([time_s, q]), [columns.time, *columns.q])
     _refuse_unsorted(table, columns.time, time_s)
     _refuse_degrees(table, columns, q)
-    names = _names(table, len(columns.q), namings)
+    names = _names(table, len(columns.q), source.namings)
     keep = np.concatenate([[True], np.diff(time_s) > 0])
     doubled = np.flatnonzero(~keep)
     flags = np.zeros(len(time_s), np.int32)
     flags[np.minimum(doubled + 1, len(flags) - 1)] = AFTER_DUPLICATE
+    flags[_sync_high(table, columns, sync_output)] |= SYNC_HIGH
     return time_s, JointLog(
         joint_names=names,
         time_s=time_s[keep],
@@ -118,6 +171,23 @@ def _log_of(
         since_start_s=np.full(int(keep.sum()), np.nan),
         flags=flags[keep],
     )
+
+
+def _sync_high(table: NumberTable, columns: JointMapping, output: int | None) -> np.ndarray:
+    """Return (rows,) whether the output of the sync event is high."""
+    if output is None:
+        return np.zeros(len(table.values), bool)
+    if columns.outputs is None:
+        raise StrandcastError(
+            "SC-I009",
+            "the log has no column of digital outputs",
+            file=table.path,
+            field="sync-output",
+            fix="record actual_digital_output_bits, or name the column in the mapping: outputs",
+        )
+    bits = table.column(columns.outputs)
+    table.require_finite(bits[:, None], [columns.outputs])
+    return (bits.astype(np.int64) >> output & 1).astype(bool)
 
 
 def _names(table: NumberTable, joints: int, namings: Sequence[list[str]]) -> list[str]:
@@ -172,7 +242,7 @@ def _refuse_degrees(table: NumberTable, columns: JointMapping, q: np.ndarray) ->
             int(table.lines[largest[0]]),
             columns.q[largest[1]],
             f"an angle of {q[largest]:.1f} rad",
-            "if the log is in degrees, say angle_unit: deg",
+            "if the log is in degrees, say so: --degrees, or angle_unit: deg in a mapping",
             code="SC-I008",
         )
 

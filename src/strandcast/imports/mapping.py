@@ -38,6 +38,7 @@ class JointMapping(Mapping):
     time_unit: TimeUnit = "s"
     angle_unit: AngleUnit = "rad"
     rate_hz: float | None = Field(None, gt=0, description="Nominal rate, if known.")
+    outputs: str | None = Field(None, description="Column of the digital outputs, a bit each.")
 
 
 class CaptureMarker(Mapping):

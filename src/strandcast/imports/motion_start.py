@@ -54,9 +54,13 @@ def motion_times(log: JointLog, motion: Motion, arm: Arm, file: str | None = Non
     starts = np.arange(
         logged_s[0] - step_s, max(logged_s[-1] - motion.time_s()[-1], logged_s[0]) + COARSE_S, COARSE_S
     )
-    best = starts[int(np.argmin([rms_rad(start) for start in starts]))]
+    best = float(starts[int(np.argmin([rms_rad(start) for start in starts]))])
+    # From there on: the search's tolerance is relative, and a clock may count from 1970.
     found = minimize_scalar(
-        rms_rad, bounds=(best - COARSE_S, best + COARSE_S), method="bounded", options={"xatol": 1e-6}
+        lambda later_s: rms_rad(best + later_s),
+        bounds=(-COARSE_S, COARSE_S),
+        method="bounded",
+        options={"xatol": 1e-6},
     )
     if found.fun > LARGEST_RMS_RAD:
         raise StrandcastError(
@@ -66,4 +70,5 @@ def motion_times(log: JointLog, motion: Motion, arm: Arm, file: str | None = Non
             cost="clock and fit would be of another throw",
             fix="put the motion that was played beside the raw files, and check the joints' order and units",
         )
-    return float(found.x), float(found.x + motion.time_s()[-1])
+    start_s = best + float(found.x)
+    return start_s, start_s + float(motion.time_s()[-1])

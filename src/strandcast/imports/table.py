@@ -61,8 +61,9 @@ class NumberTable:
 
 
 def read_numbers(path: str | Path) -> NumberTable:
-    """Read a CSV file of numbers; comma, semicolon or tab; with a header or without; # and % begin comments.
+    """Read a CSV file of numbers: comma, semicolon, tab or blanks, with a header or without.
 
+    Lines that begin with # or % are comments.
     Without a header the columns are named by their numbers, "1", "2" ….
 
     Raises
@@ -128,6 +129,8 @@ def _split(path: Path, text: str) -> tuple[list[list[str]], list[int]]:
     if not kept:
         raise refusal(path, None, None, "the file is empty", "export or copy it again")
     delimiter = max(";\t,", key=kept[0][1].count)
+    if delimiter not in kept[0][1]:
+        return [line.split() for _, line in kept], [number for number, _ in kept]  # UR's record.py: blanks
     # Line by line: a stray quotation mark must not swallow the lines after it.
     cells = [[cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))] for _, line in kept]
     if cells[0][-1] == "" and all(row and row[-1] == "" for row in cells):
