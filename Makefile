@@ -6,12 +6,16 @@ SHELL := bash
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+DRIVERS := .venv-drivers
+FRANKA_SIM := .venv-franka-sim
 CORES ?= 2
+JOBS ?= $(CORES)
+SEEDS ?= 3
 
 .PHONY: help
 help:  ## what can be made
 	@echo "strandcast: make <target>"
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12 | sed 's/^/  /'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18 | sed 's/^/  /'
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(not ((3, 11) <= sys.version_info < (3, 14)))' || \
@@ -40,6 +44,22 @@ $(VENV)/bench.stamp: requirements/bench.lock $(VENV)/runtime.stamp
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation -r $<
 	@touch $@
 
+# The vendors' packages stay out of the demo's environment: an environment that sees ours, and has them besides.
+$(DRIVERS)/drivers.stamp: requirements/drivers.lock $(VENV)/dev.stamp
+	@echo "set-up: installing the robot vendors' packages in $(DRIVERS)"
+	@rm -rf $(DRIVERS) && $(BIN)/python -m venv $(DRIVERS)
+	@$(BIN)/python -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' > \
+	  "$$($(DRIVERS)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/strandcast.pth"
+	@$(DRIVERS)/bin/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation -r $<
+	@touch $@
+
+# The Franka controller to test against pins an older numpy and MuJoCo.
+$(FRANKA_SIM)/franka-sim.stamp: requirements/franka-sim.lock | $(BIN)/python
+	@echo "set-up: installing franka-sim in $(FRANKA_SIM)"
+	@rm -rf $(FRANKA_SIM) && $(BIN)/python -m venv $(FRANKA_SIM)
+	@$(FRANKA_SIM)/bin/pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r $<
+	@touch $@
+
 .PHONY: install
 install: $(VENV)/runtime.stamp  ## the virtual environment with all that strandcast needs
 
@@ -47,9 +67,21 @@ install: $(VENV)/runtime.stamp  ## the virtual environment with all that strandc
 demo: $(VENV)/runtime.stamp  ## a virtual arm throws an unknown string until it hits; ends with the report
 	@$(BIN)/strandcast run demo --cores $(CORES)
 
+.PHONY: paper
+paper: $(VENV)/runtime.stamp  ## the paper's seven strings through video, its method and ours: results/paper/report.html; JOBS=2 SEEDS=3; hours
+	@$(BIN)/strandcast paper --cores $(JOBS) --seeds $(SEEDS)
+
+.PHONY: paper-quick
+paper-quick: $(VENV)/runtime.stamp  ## the same with three strings, one seed, little effort: results/paper-quick/report.html
+	@$(BIN)/strandcast paper --quick --cores $(JOBS)
+
 .PHONY: test
 test: $(VENV)/dev.stamp  ## all tests
 	@$(BIN)/pytest
+
+.PHONY: test-drivers
+test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## the drivers' tests, against a Franka controller and a UR stand-in
+	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/drivers
 
 .PHONY: bench
 bench: $(VENV)/bench.stamp  ## the string's speed and error beside MuJoCo, PyElastica and numpy: results/bench.json
@@ -58,6 +90,10 @@ bench: $(VENV)/bench.stamp  ## the string's speed and error beside MuJoCo, PyEla
 .PHONY: bench-video
 bench-video: $(VENV)/runtime.stamp  ## the tracker's errors and speed on filmed throws, beside peers: results/bench-video.md; some 40 minutes
 	@$(BIN)/python -m strandcast.bench.video $(if $(WORK),--work $(WORK))
+
+.PHONY: bench-streaming
+bench-streaming: $(VENV)/runtime.stamp  ## how late the streaming loop wakes, with and without real-time scheduling: results/bench-streaming.json
+	@$(BIN)/python -m strandcast.bench.streaming
 
 .PHONY: real
 real: $(VENV)/runtime.stamp  ## predictions of real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
@@ -84,14 +120,14 @@ format: $(VENV)/dev.stamp  ## bring code and workflow into their form
 
 .PHONY: lock
 lock:  ## pin requirements/*.in anew (needs uv)
-	@for name in build runtime; do \
+	@for name in build runtime franka-sim; do \
 	  uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --annotation-style line \
 	    requirements/$$name.in -o requirements/$$name.lock; done
-	@for name in dev bench; do \
+	@for name in dev bench drivers; do \
 	  uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --annotation-style line \
 	    -c requirements/runtime.lock requirements/$$name.in -o requirements/$$name.lock; done
 
 .PHONY: clean
 clean:  ## remove the environment and caches; data and results stay
-	@rm -rf $(VENV) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@rm -rf $(VENV) $(DRIVERS) $(FRANKA_SIM) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -26,8 +26,15 @@ app = typer.Typer(
 )
 bring = typer.Typer(help="Bring in data that was measured elsewhere.", no_args_is_help=True)
 app.add_typer(bring, name="import")
+hand = typer.Typer(help="Hand over to other programs.", no_args_is_help=True)
+app.add_typer(hand, name="export")
 
 ROOT = Path()
+
+PLAY_EXIT_CODES = (
+    "Exit codes: 0 dry run passed, or played and logged; 2 refused; 3 a driver is missing; "
+    "5 stopped softly by the player; 6 stopped by the controller; 7 the log is not whole. See docs/player.md."
+)
 
 ExperimentName = Annotated[str, typer.Argument(metavar="EXPERIMENT", help="Its folder's name under data/.")]
 TrialNumber = Annotated[int, typer.Argument(metavar="TRIAL", min=1, max=99, help="Counted from 1.")]
@@ -74,6 +81,37 @@ def run(
     from strandcast.workflow import run_experiments
 
     sys.exit(run_experiments(ROOT, experiments or [], cores))
+
+
+@app.command()
+def paper(
+    strings: Annotated[str, typer.Option(help="Only these, e.g. 1,3.")] = "",
+    targets: Annotated[str, typer.Option(help="Only these, e.g. 1,2.")] = "",
+    methods: Annotated[str, typer.Option(help="Only paper, or only default.")] = "",
+    seeds: Annotated[int | None, typer.Option(min=1, max=999, help="How many, from the first on.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Few strings, one seed, little effort.")] = False,
+    page_only: Annotated[
+        bool, typer.Option("--page-only", help="Throw nothing; make the page from the runs that there are.")
+    ] = False,
+    cores: Annotated[int, typer.Option(min=1, help="Processor cores to use.")] = 2,
+) -> None:
+    """Throw the paper's strings in the virtual lab, by its method and by ours; one page tells it all."""
+    from strandcast.paper.cases import FILE, cases, load_plan, numbers_in, words_in
+    from strandcast.paper.write import write_experiments
+    from strandcast.workflow import run_paper
+
+    plan = load_plan(ROOT / FILE)
+    chosen = cases(
+        plan,
+        quick=quick,
+        seeds=seeds,
+        strings=numbers_in(strings),
+        targets=numbers_in(targets),
+        methods=words_in(methods),
+    )
+    if not page_only:
+        write_experiments(ROOT, plan, chosen)
+    sys.exit(run_paper(ROOT, chosen, cores, page_only))
 
 
 @app.command()
@@ -191,17 +229,51 @@ def summary(
 
 
 @app.command()
+def transfer(
+    experiment: ExperimentName,
+    fitted: Annotated[list[str] | None, typer.Argument(metavar="[FITTED]...")] = None,
+) -> None:
+    """Tell how strings that were fitted in other experiments predict the last throw of this one."""
+    _stage("transfer", experiment, fitted or [])
+
+
+@app.command("paper-page")
+def paper_page(form: Annotated[str, typer.Argument(metavar="FORM", help="paper or paper-quick.")]) -> None:
+    """Write page and summary of the paper's experiment from the runs that there are."""
+    _stage("paper_page", form)
+
+
+@app.command(epilog=PLAY_EXIT_CODES)
 def play(
     motion: Annotated[Path, typer.Argument(metavar="MOTION", help="The motion.json to play.")],
     arm: Annotated[Path, typer.Option(help="The arm's file.")],
     out: Annotated[Path, typer.Option(help="The trial's folder of raw files.")],
+    live: Annotated[
+        bool, typer.Option("--live", help="Move the arm, once the motion's short hash is typed.")
+    ] = False,
+    confirm: Annotated[
+        str | None, typer.Option(metavar="HASH", help="The motion's short hash: move the arm without asking.")
+    ] = None,
+    time_scale: Annotated[
+        float, typer.Option(min=1.0, help="Play the same path so many times slower: first 4, then 2, then 1.")
+    ] = 1.0,
     move_to_start: Annotated[bool, typer.Option(help="Move slowly to the start posture first.")] = False,
+    hanging: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Metres that hang from the hand; by default as the experiment says."),
+    ] = None,
+    accept_soft_realtime: Annotated[
+        bool, typer.Option("--accept-soft-realtime", help="Stream even if the host keeps time badly.")
+    ] = False,
 ) -> None:
-    """Play a motion on an arm; everything is checked first, and the joint log is kept."""
+    """Check a motion against its arm (a dry run); with --live or --confirm, play and log it."""
+    from strandcast.player.rehearsal import Terms
     from strandcast.stages import play as stage
 
-    done = stage.run(motion, arm, out, move_to_start)
-    print(f"{out}: {done.status}, {done.rows} rows at {done.timing.rate_hz:.0f} Hz")
+    terms = Terms(time_scale=time_scale, move_to_start=move_to_start, soft_realtime=accept_soft_realtime)
+    done = stage.run(motion, arm, out, terms, hanging, live, confirm)
+    if done is not None:
+        print(f"{out}: {done.status}, {done.rows} rows at {done.timing.rate_hz:.0f} Hz")
 
 
 @app.command()
@@ -230,7 +302,7 @@ def boards(
 def import_joints(
     experiment: ExperimentName,
     trial: TrialNumber,
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="The CSV that the robot's software wrote.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="The robot's CSV, or a ROS bag.")],
     dialect: Annotated[str, typer.Option(help="auto, libfranka, ur_rtde or ur.")] = "auto",
     columns: Annotated[
         Path | None, typer.Option(help="TOML or YAML that names the columns of any other CSV.")
@@ -238,12 +310,26 @@ def import_joints(
     joint: Annotated[
         list[str] | None, typer.Option(help="Name of a joint, once for each, from the base on.")
     ] = None,
+    degrees: Annotated[bool, typer.Option("--degrees", help="The log's angles are in degrees.")] = False,
+    topic: Annotated[str | None, typer.Option(help="A bag's topic, where several tell of joints.")] = None,
+    receive: Annotated[
+        bool, typer.Option("--receive-time", help="A bag's times of reception, not the headers' stamps.")
+    ] = False,
+    sync_output: Annotated[
+        int | None, typer.Option(min=0, help="Digital output that lights the LED, from a UR's log.")
+    ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Write over an earlier import.")] = False,
 ) -> None:
     """Bring in a joint log: joints.csv and run.json of a trial."""
+    from strandcast.imports.bags import BagChoice
+    from strandcast.imports.joints import Reading
+    from strandcast.imports.mapping import JointMapping, load_mapping
     from strandcast.stages import import_joints as stage
 
-    run = stage.run(ROOT, experiment, trial, log, dialect, columns, joint or [], replace)
+    mapping = None if columns is None else load_mapping(columns, JointMapping)
+    bag = BagChoice(topic, "receive" if receive else "header")
+    reading = Reading(dialect, mapping, bag, degrees, sync_output)
+    run = stage.run(ROOT, experiment, trial, log, reading, joint or [], replace)
     timing = run.timing
     print(
         f"{run.rows} rows at {timing.rate_hz:.1f} Hz, {len(timing.gaps)} gaps, {timing.duplicates} duplicates"
@@ -291,3 +377,35 @@ def import_track(
     print(f"{summary.decoded_frames} instants, {summary.points} mass points")
     for warning in summary.warnings:
         print(f"warning: {warning}")
+
+
+@hand.command("motion")
+def export_motion(
+    motion: Annotated[Path, typer.Argument(metavar="MOTION", help="The motion.json to hand over.")],
+    kind: Annotated[
+        str,
+        typer.Option("--as", help="ros, ros1, csv or urscript; ros-start, ros1-start: the way to the start."),
+    ],
+    out: Annotated[Path, typer.Option(help="The file; a goal is JSON, with comments if named .yaml.")],
+    arm: Annotated[
+        Path | None, typer.Option(help="The arm's file; by default that of its name in config/arms.")
+    ] = None,
+    hanging: Annotated[
+        float | None,
+        typer.Option(min=0, help="What hangs from the hand [m]; by default the experiment's string."),
+    ] = None,
+    time_scale: Annotated[float, typer.Option(help="How many times slower: 4 first, then 2, then 1.")] = 1.0,
+    rate: Annotated[
+        float | None, typer.Option(help="Rows per second of csv (default: as planned) or urscript (500).")
+    ] = None,
+    sync_output: Annotated[
+        int | None, typer.Option(help="urscript: a digital output that is high during the motion.")
+    ] = None,
+) -> None:
+    """Write a motion for an arm without a driver, after the player's checks."""
+    from strandcast.exports.export import Form
+    from strandcast.stages import export_motion as stage
+
+    done = stage.run(ROOT, motion, out, Form(kind, rate, sync_output), arm, hanging, time_scale)
+    slow = "" if time_scale == 1 else f", {time_scale:g} times slower: not a throw"
+    print(f"{out}: motion {done.short_hash}, {done.motion.time_s()[-1]:.3f} s{slow}")

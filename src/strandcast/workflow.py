@@ -6,11 +6,14 @@ import os
 import shlex
 import subprocess
 import sys
+from itertools import groupby
 from pathlib import Path
 
-from strandcast.errors import ENVIRONMENT, StrandcastError
+from strandcast.errors import ENVIRONMENT, FAILED_TRIALS, StrandcastError
 from strandcast.experiment import find_experiment
 from strandcast.layout import VIDEO_SUFFIXES, trial_name
+from strandcast.paper.cases import Case
+from strandcast.records.paper import PaperRun, PaperSummary
 from strandcast.records.summary import Summary
 
 SMALL_TALK = (
@@ -41,6 +44,21 @@ def command(experiments: list[str], cores: int) -> list[str]:
     return ["snakemake", *targets, "--cores", str(cores), *profile, "--quiet", "rules", "progress", "host"]
 
 
+def paper_command(form: str, cores: int) -> list[str]:
+    """Return the Snakemake command line that makes the paper's page from the runs that there are."""
+    line = command([], cores)
+    return [
+        line[0],
+        f"results/{form}/report.html",
+        *line[1:],
+        "--forcerun",
+        "paper",
+        "--allowed-rules",
+        "paper",
+        "transfer",
+    ]
+
+
 def own_experiments(root: Path) -> list[str]:
     """Return the experiments under data/, which are run where none are named."""
     return sorted(path.parent.name for path in root.glob("data/*/experiment.yaml")) or ["demo"]
@@ -48,14 +66,7 @@ def own_experiments(root: Path) -> list[str]:
 
 def run_experiments(root: Path, experiments: list[str], cores: int) -> int:
     """Run Snakemake and tell how it went; returns the exit code."""
-    if not (root / "workflow" / "Snakefile").is_file():
-        raise StrandcastError(
-            "SC-W001",
-            "there is no workflow/Snakefile here",
-            file=root.resolve(),
-            fix="change to the folder that strandcast was cloned into",
-            exit_code=ENVIRONMENT,
-        )
+    _refuse_elsewhere(root)
     for name in experiments:
         find_experiment(name, root)
     code = _run(command(experiments, cores), root)
@@ -67,6 +78,50 @@ def run_experiments(root: Path, experiments: list[str], cores: int) -> int:
             films = [file for file in files if file.suffix.lower() in VIDEO_SUFFIXES]
             print("".join(f"  film:   {film}\n" for film in films), end="")
     return code
+
+
+def run_paper(root: Path, cases: list[Case], cores: int, page_only: bool = False) -> int:
+    """Make the runs of the paper's experiment seed by seed, then its page from all that there is.
+
+    A run that fails stops no other; the page tells its reason. What is done already is not done again.
+
+    Returns
+    -------
+    The exit code: 0, or 1 if a run did not come to its end, or what Snakemake said of the page.
+    """
+    _refuse_elsewhere(root)
+    for _, batch in [] if page_only else groupby(cases, key=lambda case: case.seed):
+        # Many runs beside each other use the cores better than the threads of one.
+        line = command([case.name for case in batch], cores)
+        _run([*line, "--set-threads", "estimate=1", "plan=1"], root)
+    form = cases[0].form
+    code = _run(paper_command(form, cores), root)
+    if code:
+        return code
+    page = root / "results" / form / "report.html"
+    whole = PaperSummary.read(page.with_name("summary.json"))
+    print("\n".join([*(_paper_line(run) for run in whole.experiments), f"  report: {page}"]))
+    mine = {case.name for case in cases}
+    wanting = [run for run in whole.experiments if run.experiment in mine and run.state != "done"]
+    return FAILED_TRIALS if wanting else 0
+
+
+def _paper_line(run: PaperRun) -> str:
+    misses = ["–" if trial.miss_m is None else f"{1000 * trial.miss_m:.1f}" for trial in run.trials]
+    told = f"hit at trial {run.hit_trial}" if run.hit_trial else "no hit"
+    state = "" if run.state == "done" else f"; {run.state}: {run.reason}"
+    return f"  {run.experiment}: {told}, misses {', '.join(misses) or '–'} mm{state}"
+
+
+def _refuse_elsewhere(root: Path) -> None:
+    if not (root / "workflow" / "Snakefile").is_file():
+        raise StrandcastError(
+            "SC-W001",
+            "there is no workflow/Snakefile here",
+            file=root.resolve(),
+            fix="change to the folder that strandcast was cloned into",
+            exit_code=ENVIRONMENT,
+        )
 
 
 def _run(line: list[str], root: Path) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 from pathlib import Path
 
 import cv2
@@ -25,6 +26,7 @@ from strandcast.records.files import atomic_write
 from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.manifest import LogFacts, Manifest, VideoFacts
 from strandcast.records.motion import (
+    PARAMETERS,
     Bezier,
     Motion,
     Prediction,
@@ -34,10 +36,14 @@ from strandcast.records.motion import (
     StringSet,
     points_of,
 )
+from strandcast.records.paper import Foretold, PaperRun, PaperSummary, Transfer
 from strandcast.records.summary import Verdict
 from strandcast.records.tables import write_table
 from strandcast.records.track import TRACK, Track, TrackSummary
 from strandcast.report.measures import path_distance_m
+from strandcast.report.paper_facts import Hung, PaperFacts, Pipe, StageTime, StringFacts, TargetFacts
+from strandcast.report.paper_summary import summarise_paper
+from strandcast.report.summary import summarise
 
 N = 10
 LENGTH_M = 0.3
@@ -445,3 +451,88 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         build_trial(folder / f"trial-{trial:02d}", "swing", trial)
     motion("swing", 4, 2.55, played=False).write(folder / "trial-04" / "motion.json")
     return folder
+
+
+@pytest.fixture(scope="session")
+def paper(
+    results: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[PaperSummary, dict[str, Path], PaperFacts]:
+    """Return the paper's experiment: three done runs, one that failed and one that is not finished."""
+    root = tmp_path_factory.mktemp("paper") / "results"
+    said = "trial-01 track: SC-T001 ERROR  the string <slipped>"
+    runs = [
+        paper_run(root, results, 1, 1, "paper", 2),
+        paper_run(root, results, 1, 1, "default", 3),
+        paper_run(root, results, 1, 2, "default", 2),
+        paper_run(root, results, 5, 3, "default", 0, "failed", said),
+        paper_run(root, results, 7, 4, "default", 1, "unfinished", "not all of it has been run"),
+    ]
+    own, other = runs[1].experiment, runs[2].experiment
+    for name, values in ((own, (0.002, 0.006)), (other, (0.007, 0.003))):
+        Transfer(
+            experiment=name,
+            trial=3,
+            target_m=TARGET_M,
+            fits=[
+                Foretold(
+                    experiment=fit, target_m=TARGET_M, trial=3, E_m=E_m, ensemble_E_m=[E_m, E_m + 0.001, None]
+                )
+                for fit, E_m in zip((own, other), values, strict=True)
+            ],
+            planned_from={},
+        ).write(root / name / "transfer.json")
+    facts = PaperFacts(
+        strings={
+            1: StringFacts(1, 0.3, N, (Hung(0.3, 111.0),), ()),
+            5: StringFacts(5, 0.51, 17, (Hung(0.17, 66.7),), (Pipe(0.37, 0.44, 10.0),)),
+        },
+        targets={1: TargetFacts(1, (0.5, 0.5), True), 2: TargetFacts(2, (0.75, 0.3), False)},
+        reach_m=0.7,
+        workspace_m=(-0.75, 1.25, -0.32, 0.8),
+        times=[StageTime("default", "track", 20.0, 14.0), StageTime("default", "track", 30.0, None)],
+        settings={"paper": {"estimate.w": "0.1", "plan.planner": "paper"}, "default": {"estimate.w": "0.2"}},
+    )
+    folders = {run.experiment: root / run.experiment for run in runs}
+    return summarise_paper(runs, 0.02), folders, facts
+
+
+def paper_run(
+    root: Path,
+    results: Path,
+    string: int,
+    target: int,
+    method: str,
+    trials: int,
+    state: str = "done",
+    reason: str | None = None,
+) -> PaperRun:
+    """Write a run with the first trials of the swing; the third hits."""
+    name = f"paper-string{string}-target{target}-seed101-{method}"
+    folders = {trial: root / name / f"trial-{trial:02d}" for trial in range(1, trials + 1)}
+    rng = np.random.default_rng(target)
+    for trial, folder in folders.items():
+        shutil.copytree(results / f"trial-{trial:02d}", folder)
+        draws = {name: 10.0 ** rng.uniform(-3, 0, 4) for name in PARAMETERS}
+        write_table(
+            folder / "ensemble.parquet",
+            ENSEMBLE,
+            {"member": np.arange(4), "E_m": np.full(4, 0.003)} | draws,
+        )
+    summary = summarise(
+        name, folders, string_length_m=LENGTH_M, target_m=TARGET_M, hit_radius_m=0.02, next_motion=None
+    )
+    if state == "done":
+        summary.write(root / name / "summary.json")
+    return PaperRun(
+        experiment=name,
+        string=string,
+        target=target,
+        own_target=(string, target) != (1, 2),
+        target_m=TARGET_M,
+        seed=101,
+        method=method,
+        state=state,
+        reason=reason,
+        hit_trial=summary.hit_trial,
+        trials=summary.trials,
+    )

@@ -5,12 +5,14 @@ from __future__ import annotations
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from strandcast.records.files import write_text
+from strandcast.report.paper_page import paper_page
 from strandcast.report.trial_page import trial_page
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -53,10 +55,21 @@ def test_the_page_in_light_and_dark(results: Path, tmp_path: Path, browser: str)
     page = tmp_path / "report.html"
     next_motion = results / "trial-04" / "motion.json"
     write_text(page, trial_page(results / "trial-03", trial=3, experiment="swing", next_motion=next_motion))
-    said = shoot(browser, page, tmp_path / "light.png")
-    shoot(browser, page, tmp_path / "dark.png", "--blink-settings=preferredColorScheme=0")
+    light_and_dark(page, tmp_path, browser)
+
+
+def test_the_papers_page_in_light_and_dark(paper: Any, tmp_path: Path, browser: str) -> None:
+    page = tmp_path / "report.html"
+    write_text(page, paper_page(*paper))
+    light_and_dark(page, tmp_path, browser)
+
+
+def light_and_dark(page: Path, folder: Path, browser: str) -> None:
+    """Open a page both ways: nothing is blocked, paper is white and black, and there is something on it."""
+    said = shoot(browser, page, folder / "light.png")
+    shoot(browser, page, folder / "dark.png", "--blink-settings=preferredColorScheme=0")
     light, dark = (
-        np.asarray(Image.open(tmp_path / f"{name}.png").convert("L"), float) for name in ("light", "dark")
+        np.asarray(Image.open(folder / f"{name}.png").convert("L"), float) for name in ("light", "dark")
     )
     assert "Content Security Policy" not in said
     assert np.median(light) > 240

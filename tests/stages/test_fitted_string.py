@@ -68,7 +68,7 @@ def test_the_planner_throws_what_was_fitted(tmp_path, task, fitted):
     np.testing.assert_allclose(thrown.points_m, simulated, atol=1e-9)
     assert not np.allclose(simulated[0], simulated[1], atol=0.01)
 
-    plan = described(task, planned, Options(), Found("refined", curve, 1, []), thrown)
+    plan = described(task, planned, Options(), Found("refined", curve, 1, []), (thrown, None), np.zeros(3))
     known = _planned(to_record(plan, task, "test", 2, 0, {}), PIPED)
     assert known is not None
     for column in fields(Strings):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from strandcast.imports.joints import Reading
 from strandcast.imports.mapping import capture_mapping_of
 from strandcast.records.estimate import Estimate
 from strandcast.records.joint_log import read_run
@@ -88,7 +89,7 @@ def test_a_cable_fitted_on_its_free_swing_predicts_the_driven_one(root, real_dat
 )
 def test_a_real_robot_log_becomes_a_joint_log(root, real_data, file, arm, joints, rows, lost):
     folder = experiment(root, "log", f"string: {{length_m: 0.3}}\ntarget_m: [0.5, 0.5]\narm: {arm}\n")
-    import_joints.run(root, "log", 1, real_data / "robot_logs" / file, "auto", None, joints)
+    import_joints.run(root, "log", 1, real_data / "robot_logs" / file, Reading(), joints)
     run, log = read_run(folder / "trial-01")
     assert run.rows == len(log.time_s) == rows
     assert sum(gap.missing for gap in run.timing.gaps) == lost

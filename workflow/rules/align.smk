@@ -1,6 +1,6 @@
 """Camera clock to robot clock.
 
-REQUIRED INPUTS: the trial's markers.parquet, manifest.json and joint log; the arm's file
+REQUIRED INPUTS: the trial's markers.parquet, track.json, manifest.json and joint log; the arm's file
 OUTPUTS:         results/<experiment>/trial-NN/{alignment.json, hand.parquet}
 """
 
@@ -9,6 +9,7 @@ rule align:
     input:
         manifest="results/{experiment}/trial-{trial}/manifest.json",
         markers="results/{experiment}/trial-{trial}/markers.parquet",
+        track="results/{experiment}/trial-{trial}/track.json",
         log=raw_log,
         arm=arm_files,
     output:
@@ -16,6 +17,8 @@ rule align:
         hand="results/{experiment}/trial-{trial}/hand.parquet",
     log:
         "results/{experiment}/trial-{trial}/logs/align.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/align.jsonl"
     params:
         settings=stage_settings("align"),
         code=code_version("align"),
@@ -43,6 +46,8 @@ rule supply:
         hand="results/{experiment}/trial-{trial}/hand.parquet",
     log:
         "results/{experiment}/trial-{trial}/logs/supply.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/supply.jsonl"
     params:
         settings=stage_settings("supply"),
         code=code_version("supply"),

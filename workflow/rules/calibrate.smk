@@ -13,6 +13,8 @@ rule calibrate:
         picture="results/{experiment}/camera.webp",
     log:
         "results/{experiment}/logs/calibrate.log",
+    benchmark:
+        "results/{experiment}/logs/calibrate.jsonl"
     params:
         settings=stage_settings("calibrate"),
         code=code_version("calibrate"),

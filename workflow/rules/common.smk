@@ -203,7 +203,7 @@ def first_motion(wildcards):
 
 
 def trials(name):
-    """Return the trials of an experiment: those that were recorded, or in the lab, until the first hit.
+    """Return the trials of an experiment: those that were recorded, or in the lab, until a hit.
 
     In the lab the number is not known ahead; each verdict is a checkpoint that says whether to go on.
     """
@@ -216,7 +216,7 @@ def trials(name):
             verdict = checkpoints.judge.get(
                 experiment=name, trial=f"{number:02d}"
             ).output.verdict
-            if Verdict.read(verdict).hit:
+            if Verdict.read(verdict).hit and number >= experiment(name).min_trials:
                 break
     return thrown
 

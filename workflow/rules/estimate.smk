@@ -29,6 +29,8 @@ rule estimate:
         simulated="results/{experiment}/trial-{trial}/simulated.parquet",
     log:
         "results/{experiment}/trial-{trial}/logs/estimate.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/estimate.jsonl"
     threads: 2
     params:
         settings=stage_settings("estimate"),

@@ -12,6 +12,8 @@ rule ingest:
         manifest="results/{experiment}/trial-{trial}/manifest.json",
     log:
         "results/{experiment}/trial-{trial}/logs/ingest.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/ingest.jsonl"
     params:
         settings=stage_settings("ingest"),
         code=code_version("ingest"),

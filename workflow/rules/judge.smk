@@ -14,6 +14,8 @@ checkpoint judge:
         verdict="results/{experiment}/trial-{trial}/verdict.json",
     log:
         "results/{experiment}/trial-{trial}/logs/judge.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/judge.jsonl"
     params:
         settings=stage_settings("judge"),
         code=code_version("judge"),

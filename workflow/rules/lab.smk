@@ -17,6 +17,8 @@ rule setup:
         plane="data/{experiment}/calibration/plane.png",
     log:
         "results/{experiment}/logs/setup.log",
+    benchmark:
+        "results/{experiment}/logs/setup.jsonl"
     wildcard_constraints:
         experiment=LAB_EXPERIMENTS,
     params:
@@ -41,6 +43,8 @@ rule throw:
         truth="results/{experiment}/trial-{trial}/lab_truth.parquet",
     log:
         "results/{experiment}/trial-{trial}/logs/throw.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/throw.jsonl"
     wildcard_constraints:
         experiment=LAB_EXPERIMENTS,
     params:

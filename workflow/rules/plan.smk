@@ -25,6 +25,8 @@ rule plan:
         motion="results/{experiment}/trial-{trial}/motion.json",
     log:
         "results/{experiment}/trial-{trial}/logs/plan.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/plan.jsonl"
     threads: 2
     params:
         settings=stage_settings("plan"),
@@ -47,6 +49,8 @@ rule adopt:
         motion="results/{experiment}/trial-{trial}/motion.json",
     log:
         "results/{experiment}/trial-{trial}/logs/plan.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/plan.jsonl"
     wildcard_constraints:
         experiment=REAL_EXPERIMENTS,
     params:

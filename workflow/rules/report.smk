@@ -13,6 +13,8 @@ rule report_trial:
         page="results/{experiment}/trial-{trial}/report.html",
     log:
         "results/{experiment}/trial-{trial}/logs/report.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/report.jsonl"
     params:
         settings=stage_settings("report"),
         code=code_version("report"),
@@ -40,6 +42,8 @@ rule report_experiment:
         summary="results/{experiment}/summary.json",
     log:
         "results/{experiment}/logs/summary.log",
+    benchmark:
+        "results/{experiment}/logs/summary.jsonl"
     params:
         trials=lambda w: trials(w.experiment),
         settings=stage_settings("summary"),

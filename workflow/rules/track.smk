@@ -18,6 +18,8 @@ rule track:
         strobe="results/{experiment}/trial-{trial}/strobe.webp",
     log:
         "results/{experiment}/trial-{trial}/logs/track.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/track.jsonl"
     params:
         settings=stage_settings("track"),
         code=code_version("track"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ import matplotlib as mpl
 from markupsafe import Markup
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 # Okabe–Ito. A dash style goes with each role, so that nothing is told by colour alone.
 MEASURED: dict[str, Any] = {"color": "#0072b2", "linestyle": "-", "linewidth": 1.6}
@@ -94,6 +96,20 @@ def legend_below(figure: Figure, *axes: Any) -> None:
     figure.legend(
         list(named.values()), list(named), loc="lower center", ncols=5, handlelength=3.0, columnspacing=1.5
     )
+
+
+def log_ticks(*axes: Any, within: tuple[float, ...] = (1.0,)) -> None:
+    """Write plain text beside logarithmic axes (`axes.xaxis` …): these multiples of powers of ten."""
+    for axis in axes:
+        axis.set_major_locator(LogLocator(subs=within, numticks=5 if len(within) == 1 else None))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: _power(value)))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _power(value: float) -> str:
+    if 1e-2 <= value < 1e5:
+        return f"{value:g}"
+    return "10" + f"{math.log10(value):.0f}".translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def to_svg(figure: Figure, key: str, alt: str) -> Markup:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from strandcast.records.summary import Verdict
 from strandcast.report.checks import FAIL, PASS, run_checks
 from strandcast.report.facts import Facts
 from strandcast.report.figures.alignment import alignment
@@ -18,7 +19,7 @@ from strandcast.report.figures.strobe import strobe
 from strandcast.report.figures.strobe_picture import strobe_picture
 from strandcast.report.figures.tip_path import tip_path
 from strandcast.report.figures.tracking import tracking
-from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent
+from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent, place
 from strandcast.report.pages import render
 from strandcast.report.reportlet import Reportlet, attempt
 from strandcast.report.results import Results, read_results
@@ -118,6 +119,15 @@ def _reportlets(
     return [attempt(*each) for each in plan]
 
 
+def _missed(verdict: Verdict) -> str:
+    """Return what a verdict's miss is from."""
+    if not verdict.judged:
+        return f"not judged: {verdict.reason}"
+    if verdict.bar_m is None:
+        return f"the target at {place(verdict.target_m)}"
+    return f"the bar from {place(verdict.bar_m[0])} to {place(verdict.bar_m[1])}"
+
+
 def _lines(results: Results) -> list[Line]:
     """Return the figures that decide, each with the way down to its evidence."""
     verdict, estimate = results.get("verdict"), results.get("estimate")
@@ -125,6 +135,7 @@ def _lines(results: Results) -> list[Line]:
     manifest = results.get("manifest")
     rows: list[tuple[str, Any, Any, str]] = [
         ("miss", verdict, lambda v: millimetres(v.miss_m, v.miss_sigma_m), "strobe"),
+        ("missed is", verdict, _missed, "strobe"),
         ("hit radius", verdict, lambda v: millimetres(v.hit_radius_m), "strobe"),
         ("E, parameters that planned it", estimate, lambda e: millimetres(e.E_planned_m, digits=2), "fit"),
         ("E, after the fit", estimate, lambda e: millimetres(e.E_m, digits=2), "fit"),

@@ -20,24 +20,31 @@ PACKAGE = Path(__file__).resolve().parent.parent
 SETTINGS: dict[str, tuple[str, ...]] = {
     "setup": (
         *("camera.board", "camera.plane", "workspace_m", "string.length_m", "seed", "target_m"),
-        *("lab.camera",),
+        *("lab.camera", "lab.led", "align.led.x_m", "align.led.y_m"),
     ),
-    "throw": ("camera.plane", "workspace_m", "string", "seed", "lab", "target_m"),
+    "throw": (
+        *("camera.plane", "workspace_m", "string", "seed", "lab", "target_m"),
+        *("align.led.x_m", "align.led.y_m"),
+    ),
     "ingest": ("camera.frame_rate_hz", "camera.missing_policy"),
     "calibrate": (
         *("camera.scale", "camera.lens_photos", "camera.plane_photo", "camera.board", "camera.plane"),
         *("camera.lens_video", "camera.distortion", "camera.string_offset_m", "camera.string_offset_sd_m"),
         *("workspace_m", "string.length_m", "track.background_frames"),
     ),
-    "track": ("string", "track", "camera.exposure_s", "target_m"),
+    "track": (
+        *("string", "track", "camera.exposure_s", "target_m"),
+        *(f"align.led.{name}" for name in ("x_m", "y_m", "radius_m", "box_px", "gamma")),
+    ),
     "align": ("align",),
     "supply": ("string.length_m", "string.points"),
-    "judge": ("target_m", "hit_radius_m"),
+    "judge": ("target_m", "objective", "hit_radius_m"),
     "estimate": ("string", "estimate", "seed"),
     "plan": (
-        *("string", "plan", "seed", "start_string", "workspace_m", "target_m", "hit_radius_m"),
+        *("string", "plan", "seed", "start_string", "workspace_m", "target_m", "objective", "hit_radius_m"),
         *("estimate.reading", "estimate.integrator", "estimate.dt_s", "estimate.joints"),
     ),
+    "transfer": ("string", "estimate"),
     # The pages print all settings.
     "report": tuple(Experiment.model_fields),
     "summary": tuple(Experiment.model_fields),

@@ -56,7 +56,7 @@ def run(root: Path, name: str, trial: int) -> None:
     _refuse_blind(context, trials[-1])
     previous = _previous(context, earlier, layout)
     fit = estimate(
-        [_throw(t, settings) for t in trials],
+        [throw_of(t, settings) for t in trials],
         model,
         layout,
         _fit_settings(settings, layout),
@@ -84,7 +84,7 @@ def _refuse_blind(context: Context, trial: Trial) -> None:
     )
 
 
-def _throw(trial: Trial, settings: EstimateSettings) -> Throw:
+def throw_of(trial: Trial, settings: EstimateSettings) -> Throw:
     """Return a trial as the estimation wants it: only what was seen, weighted by its certainty."""
     track = trial.track
     confidence = 1.0 / (1.0 + (np.nan_to_num(track.sigma_m) / DOUBT_M) ** 2)

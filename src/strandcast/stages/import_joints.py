@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
-
-from strandcast.arm.load import Arm, load_arm
-from strandcast.imports.joints import Played, import_joints
-from strandcast.imports.mapping import JointMapping, load_mapping
+from strandcast.arm.load import load_arm
+from strandcast.imports.joints import Played, Reading, import_joints
 from strandcast.records.joint_log import Run
 from strandcast.records.motion import Motion
 from strandcast.stages.context import context_of, make_room
@@ -19,8 +16,7 @@ def run(
     name: str,
     trial: int,
     log: Path,
-    dialect: str,
-    columns: Path | None,
+    reading: Reading,
     joints: list[str],
     replace: bool = False,
 ) -> Run:
@@ -33,14 +29,7 @@ def run(
     return import_joints(
         log,
         folder.data,
-        dialect=dialect,
-        mapping=None if columns is None else load_mapping(columns, JointMapping),
-        namings=[joints] if joints else [list(arm.joints), all_joints(arm)],
+        reading,
+        namings=[joints] if joints else [list(arm.joints), list(arm.all_joints)],
         played=None if motion is None else Played(Motion.read(motion), arm),
     )
-
-
-def all_joints(arm: Arm) -> list[str]:
-    """Return the names of all of an arm's joints, from the base on."""
-    model = arm.model()
-    return [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, k) for k in range(model.njnt)]

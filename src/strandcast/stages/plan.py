@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
 
 from strandcast.arm.load import Arm, Box, load_arm
 from strandcast.arm.servo import Servo
-from strandcast.experiment import Experiment
+from strandcast.experiment import Experiment, SegmentObjective, ShapeObjective, SwingObjective
 from strandcast.motion.earlier import Earlier, earlier_trial
+from strandcast.motion.objective import Objective
+from strandcast.motion.objectives import Point, Segment, Shape, Swing
 from strandcast.motion.plan import Plan, plan_first, plan_next
 from strandcast.motion.strings import Strings
-from strandcast.motion.task import Options, Task
+from strandcast.motion.task import Options, PaperReading, Task
 from strandcast.motion.write import to_record
+from strandcast.progress import tell
 from strandcast.records.estimate import Estimate, ServoFit
 from strandcast.records.files import sha256_file
 from strandcast.seeds import rng, seed_of
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.trials import Trial, read_members, read_trial, string_model
 from strandcast.string.masses import MassLayout, point_masses
+from strandcast.string.model import StringModel
 from strandcast.string.parameters import PARAMETERS, StringDraw, ensemble, minima, random_strings
 
-FIRST_STRINGS = 2  # times the planner's ensemble: the first throw knows nothing
+PAPER_DURATION_S = (0.2, 1.2)  # section V-A
 FIRST_CURL_RAD_M = 3.0  # cords come off a reel: they may rest bent this much either way
 
 
@@ -32,7 +37,8 @@ def run(root: Path, name: str, trial: int) -> None:
     arm = load_arm(context.arm_file)
     model, layout = string_model(context, arm)
     settings = context.settings
-    task = Task(arm, model, np.array(settings.target_m), settings.hit_radius_m, _workspace(settings, arm))
+    task = _task(settings, arm, model)
+    began_s = time.monotonic()
     random = rng(name, settings.seed, trial, "plan")
     earlier = context.counted_before(trial)
     if earlier:
@@ -45,6 +51,8 @@ def run(root: Path, name: str, trial: int) -> None:
             task, _start_strings(settings, model.length_m, layout, random), _options(settings), random
         )
         parent, start = None, _start_name(settings)
+    # How long it took is no part of the result, which is the same every time.
+    tell(f"plan: {plan.simulations} throws simulated in {time.monotonic() - began_s:.1f} s")
     to_record(
         plan,
         task,
@@ -57,21 +65,46 @@ def run(root: Path, name: str, trial: int) -> None:
     ).write(context.folder.trial(trial).results / "motion.json")
 
 
-def _workspace(settings: Experiment, arm: Arm) -> Box:
-    box = settings.workspace_m
-    return arm.workspace if box is None else Box(box.x_m, box.y_m)
+def known_after(context: Context, arm: Arm, trial: int) -> tuple[Task, Strings, Options]:
+    """Return what planning after a trial begins with: the task, the fitted strings, the options."""
+    model, layout = string_model(context, arm)
+    settings = context.settings
+    fitted = context.folder.trial(trial).results / "ensemble.parquet"
+    return _task(settings, arm, model), _fitted_strings(fitted, layout), _options(settings)
+
+
+def _task(settings: Experiment, arm: Arm, model: StringModel) -> Task:
+    target_m, box = np.array(settings.target_m), settings.workspace_m
+    workspace = arm.workspace if box is None else Box(box.x_m, box.y_m)
+    return Task(arm, model, target_m, settings.hit_radius_m, workspace, _objective(settings))
+
+
+def _objective(settings: Experiment) -> Objective:
+    told = settings.objective
+    if isinstance(told, SegmentObjective):
+        return Segment(told.ends_m)
+    if isinstance(told, ShapeObjective):
+        return Shape(tuple(p.along_m for p in told.places), tuple(p.at_m for p in told.places))
+    if isinstance(told, SwingObjective):
+        return Swing(told.height_m, told.speed_m_s)
+    return Point(settings.target_m, told.direction_rad, told.tolerance_rad, told.least_speed_m_s)
 
 
 def _options(settings: Experiment) -> Options:
     plan = settings.plan
+    by_paper = plan.planner == "paper"
     return Options(
         planner=plan.planner,
-        duration_s=plan.duration_s,
+        duration_s=plan.duration_s or (PAPER_DURATION_S if by_paper else Options.duration_s),
         free_heights=plan.control_points,
         screening=plan.screening,
         evaluations=plan.evaluations,
         members=plan.ensemble,
-        use_servo=plan.use_servo,
+        use_servo=not by_paper if plan.use_servo is None else plan.use_servo,
+        paper=PaperReading(**plan.paper.model_dump()),
+        disturbances=plan.disturbances,
+        carry_residual=plan.carry_residual,
+        finer=plan.finer,
     )
 
 
@@ -85,7 +118,7 @@ def _start_strings(
     """Return the strings that the first motion is planned with."""
     start, string = settings.start_string, settings.string
     if start == "ensemble":
-        count = FIRST_STRINGS * settings.plan.ensemble
+        count = settings.plan.ensemble
         weights = layout.count - layout.stiff
         draw = ensemble(count, length_m, string.n, weights, random, layout.stiff)
         curl = random.uniform(-FIRST_CURL_RAD_M, FIRST_CURL_RAD_M, count)
@@ -110,7 +143,7 @@ def _next(
     return plan_next(
         task,
         _fitted_strings(folder.trial(trials[-1].number).results / "ensemble.parquet", layout),
-        [_earlier(trial, task.step_s) for trial in trials if trial.motion is not None],
+        [earlier_of(trial, task.step_s) for trial in trials if trial.motion is not None],
         _options(context.settings),
         random,
         _servo(newest.servo),
@@ -131,7 +164,8 @@ def _fitted_strings(path: Path, layout: MassLayout) -> Strings:
     )
 
 
-def _earlier(trial: Trial, step_s: float) -> Earlier:
+def earlier_of(trial: Trial, step_s: float) -> Earlier:
+    """Return what a trial taught, on its motion's own clock, every `step_s`."""
     motion, log, start_s = trial.motion, trial.log, trial.alignment.motion_start_s
     assert motion is not None
     if log is None:  # a supplied track: the joints are taken to have done as they were told

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from strandcast.arm.load import Arm, load_arm
+from strandcast.experiment import Led
 from strandcast.records.camera import Camera
 from strandcast.records.files import atomic_write
 from strandcast.records.manifest import Manifest
@@ -16,6 +17,7 @@ from strandcast.records.track import MARKERS, TRACK, Track, TrackSummary
 from strandcast.stages.background import given_background
 from strandcast.stages.context import Context, context_of, free_length_m
 from strandcast.tracking.hand import HandMarker
+from strandcast.tracking.led import LedPlace
 from strandcast.tracking.pivot import track_pivot
 from strandcast.tracking.track import Options, StringHint, Tracked, track_video
 from strandcast.tracking.typed import against_typed
@@ -58,6 +60,7 @@ def _track(context: Context, arm: Arm, manifest: Manifest, video: Path) -> Track
         exposure_s=settings.camera.exposure_s,
         polarity=track.polarity,
         contrast_grey=track.contrast_grey,
+        led=_led_place(settings.align.led),
     )
     tracked = track_video(
         video, manifest.video, camera, hint, _hand_markers(arm), arm.marker_dictionary, options,
@@ -70,6 +73,13 @@ def _track(context: Context, arm: Arm, manifest: Manifest, video: Path) -> Track
         hint.length_m,
     )
     return tracked
+
+
+def _led_place(led: Led | None) -> LedPlace | None:
+    if led is None:
+        return None
+    place_m = None if led.x_m is None or led.y_m is None else (led.x_m, led.y_m)
+    return LedPlace(place_m, led.radius_m, led.box_px, led.gamma)
 
 
 def _hand_markers(arm: Arm) -> list[HandMarker]:
@@ -96,5 +106,6 @@ def _summary(name: str, trial: int, tracked: Tracked, manifest: Manifest, length
         sections=list(tracked.attachments.sections),
         target=tracked.target,
         contact=tracked.contact,
+        led=tracked.led,
         warnings=tracked.warnings,
     )

@@ -90,7 +90,8 @@ def _table(fit: object) -> Table:
         rows.append(["marker against the arm's file, turn", scaled(turn, 180 / np.pi, 2, "°")])
     rows += [
         [
-            f"sync event at camera time {event['camera_time_s']:.4f} s: motion – event",
+            f"sync event ({event['kind']}{'' if event['used'] else ', not used'}) at camera time "
+            f"{event['camera_time_s']:.4f} s: motion – event",
             milliseconds(event["difference_s"], event["motion_se_s"]),
         ]
         for event in facts["sync_events"]

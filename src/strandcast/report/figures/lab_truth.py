@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from strandcast.records.summary import Verdict
 from strandcast.report.drawing import MEASURED, new_figure, to_svg
 from strandcast.report.measures import path_distance_m, rms
 from strandcast.report.numbers import millimetres, milliseconds
@@ -14,6 +15,7 @@ from strandcast.report.reportlet import Reportlet, Table
 from strandcast.report.results import LabTruth, Results
 
 Array = NDArray[np.float64]
+BAR_PLACES = 201  # of a bar to strike, from which the true miss is taken
 
 
 def lab_truth(key: str, title: str, results: Results) -> Reportlet:
@@ -45,7 +47,7 @@ def lab_truth(key: str, title: str, results: Results) -> Reportlet:
         ylim=(0, None),
     )
     curve.set_title("tip")
-    true_miss_m = _miss(truth, np.array(verdict.target_m), results.window_s())
+    true_miss_m = _miss(truth, verdict, results.window_s()) if verdict.judged else None
     finding = (
         f"The track is {millimetres(rms(error_m[moving]), digits=2)} rms from the truth during the motion "
         f"(tip {millimetres(rms(error_m[moving, -1]), digits=2)}); true miss {millimetres(true_miss_m)}, "
@@ -81,9 +83,12 @@ def at_places(truth: LabTruth, places_m: Array) -> Array:
     return np.asarray((1 - share) * truth.points_m[:, left] + share * truth.points_m[:, right])
 
 
-def _miss(truth: LabTruth, target_m: Array, window_s: tuple[float, float]) -> float:
+def _miss(truth: LabTruth, verdict: Verdict, window_s: tuple[float, float]) -> float:
     inside = (truth.robot_time_s >= window_s[0]) & (truth.robot_time_s <= window_s[1])
-    return float(path_distance_m(target_m[None], truth.points_m[inside, -1])[0])
+    ends = np.array(verdict.bar_m or [verdict.target_m])
+    share = np.linspace(0.0, 1.0, BAR_PLACES if verdict.bar_m else 1)[:, None]
+    places = (1.0 - share) * ends[0] + share * ends[-1]
+    return float(path_distance_m(places, truth.points_m[inside, -1]).min())
 
 
 def _any(values: Array) -> bool:

@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
-from strandcast.records.motion import Motion
+from strandcast.records.motion import Motion, Prediction
 from strandcast.report.drawing import (
     FITTED,
     INK,
@@ -156,7 +156,7 @@ def _draw_misses(axes: Any, motion: Motion) -> None:
     axes.set(xlabel="predicted miss [mm] (dashed: best string)", ylabel="near-best string", xlim=(0, None))
     axes.set_ylim(0.3, len(misses_mm) + 0.7)
     axes.yaxis.get_major_locator().set_params(integer=True)
-    axes.set_title("over the ensemble", fontsize=8.5)
+    axes.set_title("over the ensemble, undisturbed", fontsize=8.5)
 
 
 def _finding(motion: Motion) -> str:
@@ -168,10 +168,11 @@ def _finding(motion: Motion) -> str:
         if misses
         else ""
     )
-    return (
-        f"Predicted miss {millimetres(motion.predicted.miss_m)} with the best string{spread}; "
-        f"{percent(motion.predicted.hit_probability)} of them hit."
-    )
+    told = f"Predicted miss {millimetres(motion.predicted.miss_m)} with the best string{spread}; "
+    hit = percent(motion.predicted.hit_probability)
+    if motion.predicted.disturbed_throws is None:
+        return f"{told}{hit} of them hit."
+    return f"{told}{hit} of {motion.predicted.disturbed_throws} throws hit, disturbances included."
 
 
 def _table(motion: Motion, command: str | None) -> Table:
@@ -190,6 +191,8 @@ def _table(motion: Motion, command: str | None) -> Table:
                 "peak joint acceleration",
                 ", ".join(map(significant, predicted.peak_acceleration_rad_s2)) + " rad/s²",
             ],
+            *_disturbed(predicted),
+            *_limits(predicted),
             ["peak speed of the tip", f"{predicted.peak_tip_speed_m_s:.1f} m/s"],
             [
                 "largest bend between neighbours before the hit",
@@ -198,6 +201,7 @@ def _table(motion: Motion, command: str | None) -> Table:
         ]
     if source is not None:
         rows += [
+            ["what for", source.objective or "point"],
             [
                 "planner",
                 f"{source.planner} ({source.kind}), {source.simulations} simulations, seed {source.seed}",
@@ -206,3 +210,29 @@ def _table(motion: Motion, command: str | None) -> Table:
         ]
     rows.append(["to play it", command or UNKNOWN])
     return Table(["next motion", "value"], rows)
+
+
+def _disturbed(predicted: Prediction) -> list[list[str]]:
+    """Return the quantiles of the misses, disturbances included."""
+    if not predicted.miss_quantiles_m:
+        return []
+    told = ", ".join(f"{name} {millimetres(value)}" for name, value in predicted.miss_quantiles_m.items())
+    return [["predicted miss over strings and disturbances", told]]
+
+
+def _limits(predicted: Prediction) -> list[list[str]]:
+    """Return how much of each limit a joint uses most, and how near to the workspace's edge it gets."""
+    rows = []
+    for words, peaks, name in (
+        ("speed", predicted.peak_speed_rad_s, "velocity_rad_s"),
+        ("acceleration", predicted.peak_acceleration_rad_s2, "acceleration_rad_s2"),
+        ("jerk", predicted.peak_jerk_rad_s3, "jerk_rad_s3"),
+        ("torque", predicted.peak_torque_n_m, "torque_n_m"),
+    ):
+        given = predicted.limits.get(name, [])
+        used = [peak / most for peak, most in zip(peaks, given, strict=False) if most]
+        if used:
+            rows.append([f"most of a joint's {words} limit used", percent(max(used))])
+    if predicted.workspace_room_m is not None:
+        rows.append(["least room to the workspace's edge", millimetres(predicted.workspace_room_m, digits=0)])
+    return rows

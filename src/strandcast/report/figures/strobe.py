@@ -83,6 +83,7 @@ def _draw(axes: Any, results: Results, limits: tuple[float, float, float, float]
     track, verdict = results.need("track"), results.need("verdict")
     throw = (results.get("simulated") or {}).get("fitted")
     rows, closest = strobe_rows(results), closest_row(results)
+    named = "simulated, fitted"  # in the legend, once
     for k, row in enumerate(rows):
         bold = row == closest
         strength = 1.0 if bold else 0.75
@@ -97,11 +98,14 @@ def _draw(axes: Any, results: Results, limits: tuple[float, float, float, float]
         )
         if throw is not None and track.frame[row] in throw.frame:
             model_m = throw.points_m[np.searchsorted(throw.frame, track.frame[row])]
-            axes.plot(*model_m.T, **FITTED, alpha=strength, label="simulated, fitted" if k == 0 else None)
+            axes.plot(*model_m.T, **FITTED, alpha=strength, label=named)
+            named = "_simulated"
         _label(axes, string_m, f"{k + 1}", bold)
     hand_m = track.points_m[rows, 0]
     axes.plot(*hand_m.T, linestyle="none", marker="s", markersize=4.5, color="#e69f00", label="hand")
     axes.add_patch(Circle(verdict.target_m, verdict.hit_radius_m, facecolor="none", edgecolor=TARGET, lw=2.0))
+    if verdict.bar_m is not None:
+        axes.plot(*np.array(verdict.bar_m).T, color=TARGET, linewidth=3.0, label="bar")
     axes.plot(*verdict.target_m, linestyle="none", marker="+", color=TARGET, markersize=9, label="target")
     axes.set(xlim=limits[:2], ylim=limits[2:], aspect="equal", xlabel="x [m]")
     axes.set_title(f"trial {verdict.trial}: miss {millimetres(verdict.miss_m, verdict.miss_sigma_m)}")

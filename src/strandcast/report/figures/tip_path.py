@@ -74,6 +74,8 @@ def _draw_target(path_axes: Any, error_axes: Any, verdict: Any, start_s: float) 
     path_axes.add_patch(
         Circle(verdict.target_m, verdict.hit_radius_m, facecolor="none", edgecolor=TARGET, lw=2.0)
     )
+    if verdict.bar_m is not None:
+        path_axes.plot(*np.array(verdict.bar_m).T, color=TARGET, linewidth=3.0, label="Bar")
     path_axes.plot(
         *verdict.target_m, linestyle="none", marker="+", color=TARGET, markersize=9, label="Target"
     )

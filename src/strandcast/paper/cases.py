@@ -1,0 +1,236 @@
+"""config/paper.yaml: which string is thrown at which target, with which seed, by which method."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError, model_validator
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from strandcast.errors import StrandcastError, StrandcastErrors
+from strandcast.experiment import Section, String
+
+FILE = Path("config") / "paper.yaml"
+WHOLE, QUICK = "paper", "paper-quick"  # folders of results, and how the experiments' names begin
+METHODS = ("paper", "default")
+NAME = re.compile(rf"({WHOLE}|{QUICK})-string(\d+)-target(\d+)-seed(\d+)-({'|'.join(METHODS)})")
+
+Number = Annotated[int, Field(ge=1, le=99)]
+Method = Literal["paper", "default"]
+
+
+class Target(Section):
+    """A place to hit, and whether the paper prints it or we chose it."""
+
+    number: Number
+    target_m: tuple[float, float]
+    source: Literal["paper", "ours"]
+
+
+class PaperString(Section):
+    """One of the paper's strings, the target that it is for, and further ones."""
+
+    number: Number
+    target: Number
+    also: list[Number] = []
+    string: String
+
+
+class Quick(Section):
+    """What the quick form does less of."""
+
+    seeds: Annotated[int, Field(ge=1, le=99)]
+    strings: list[Number]
+    settings: dict[str, Any]
+
+
+class Plan(Section):
+    """config/paper.yaml as one typed object."""
+
+    first_seed: Annotated[int, Field(ge=0, le=2**30)]
+    seeds: Annotated[int, Field(ge=1, le=999)]
+    targets: list[Target]
+    strings: list[PaperString]
+    common: dict[str, Any]
+    methods: dict[Method, dict[str, Any]]
+    quick: Quick
+
+    @model_validator(mode="after")
+    def _what_is_named_is_there(self) -> Plan:
+        known = {target.number for target in self.targets}
+        wanted = {number for one in self.strings for number in (one.target, *one.also)}
+        if wanted - known:
+            raise ValueError(f"there is no target {min(wanted - known)}")
+        if set(self.quick.strings) - {one.number for one in self.strings}:
+            raise ValueError("quick.strings names a string that is not there")
+        return self
+
+    def target(self, number: int) -> Target:
+        """Return a target by its number."""
+        return next(target for target in self.targets if target.number == number)
+
+    def string(self, number: int) -> PaperString:
+        """Return a string by its number."""
+        return next(one for one in self.strings if one.number == number)
+
+
+@dataclass(frozen=True, order=True)
+class Case:
+    """One of the experiments: one string, target, seed and method; `form` is `paper` or `paper-quick`."""
+
+    form: str
+    seed: int
+    string: int
+    target: int
+    method: str
+
+    @property
+    def name(self) -> str:
+        """Return the experiment's name, e.g. paper-string1-target1-seed101-default."""
+        return f"{self.form}-string{self.string}-target{self.target}-seed{self.seed}-{self.method}"
+
+
+def case_of(name: str) -> Case | None:
+    """Return what an experiment's name tells, or None if it is none of the paper's."""
+    found = NAME.fullmatch(name)
+    if found is None:
+        return None
+    form, string, target, seed, method = found.groups()
+    return Case(form, int(seed), int(string), int(target), method)
+
+
+def load_plan(path: Path) -> Plan:
+    """Read config/paper.yaml.
+
+    Raises
+    ------
+    StrandcastError
+        SC-Z001 the file is not there or is no YAML, SC-Z002 everything that is wrong with its fields.
+    """
+    try:
+        data = YAML(typ="safe").load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, YAMLError) as error:
+        what = str(error).splitlines()[0]
+        raise StrandcastError("SC-Z001", what, file=path, fix="restore the file") from None
+    try:
+        return Plan.model_validate_json(json.dumps(data), strict=True)
+    except ValidationError as error:
+        raise wrong_fields(error, path) from None
+
+
+def wrong_fields(error: ValidationError, path: Path) -> StrandcastErrors:
+    """Return everything that is wrong with the fields of a file."""
+    return StrandcastErrors(
+        [
+            StrandcastError(
+                "SC-Z002",
+                detail["msg"],
+                file=path,
+                field=".".join(map(str, detail["loc"])),
+                fix="mend the field, or restore the file",
+            )
+            for detail in error.errors()
+        ]
+    )
+
+
+def cases(
+    plan: Plan,
+    *,
+    quick: bool = False,
+    seeds: int | None = None,
+    strings: Collection[int] = (),
+    targets: Collection[int] = (),
+    methods: Collection[str] = (),
+) -> list[Case]:
+    """Return the experiments in the order in which they are run: seed by seed, string by string.
+
+    Parameters
+    ----------
+    plan
+        config/paper.yaml.
+    quick
+        The quick form: fewer strings and seeds, and less effort.
+    seeds
+        How many, from the first on; by default as the file says.
+    strings, targets, methods
+        Only these, where any are given.
+
+    Raises
+    ------
+    StrandcastError
+        SC-Z003 nothing is left.
+    """
+    known = plan.quick.strings if quick else [one.number for one in plan.strings]
+    count = seeds or (plan.quick.seeds if quick else plan.seeds)
+    chosen = [
+        Case(QUICK if quick else WHOLE, plan.first_seed + k, one.number, target, method)
+        for k in range(count)
+        for one in plan.strings
+        if one.number in known and (not strings or one.number in strings)
+        for target in (one.target, *([] if quick else one.also))
+        if not targets or target in targets
+        for method in METHODS
+        if method in plan.methods and (not methods or method in methods)
+    ]
+    if not chosen:
+        raise StrandcastError(
+            "SC-Z003",
+            "no experiment is left by this choice",
+            fix=f"strings are {', '.join(map(str, known))}, methods {', '.join(plan.methods)}",
+        )
+    return chosen
+
+
+def words_in(text: str) -> list[str]:
+    """Return the words of a list with commas."""
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def numbers_in(text: str) -> list[int]:
+    """Return the numbers of a list with commas.
+
+    Raises
+    ------
+    StrandcastError
+        SC-Z003 one of them is no number.
+    """
+    try:
+        return [int(word) for word in words_in(text)]
+    except ValueError:
+        raise StrandcastError("SC-Z003", f"{text!r} is no list of numbers", fix="as in 1,3") from None
+
+
+def settings_of(plan: Plan, case: Case) -> dict[str, Any]:
+    """Return what stands in the experiment.yaml of one experiment, as plain data."""
+    target, string = plan.target(case.target), plan.string(case.string)
+    placed = "printed in the paper" if target.source == "paper" else "ours"
+    own = {
+        "title": f"The paper's string {case.string} at target {case.target} ({placed}), by "
+        + ("the paper's method" if case.method == "paper" else "strandcast's defaults"),
+        "string": string.string.model_dump(mode="json", exclude_unset=True),
+        "target_m": list(target.target_m),
+        "seed": case.seed,
+        "lab": {"string": f"paper-{case.string}"},
+    }
+    method = next(settings for name, settings in plan.methods.items() if name == case.method)
+    less = plan.quick.settings if case.form == QUICK else {}
+    return merged(own, plan.common, method, less)
+
+
+def merged(*parts: dict[str, Any]) -> dict[str, Any]:
+    """Return nested settings over each other, the later ones winning."""
+    whole: dict[str, Any] = {}
+    for part in parts:
+        for key, value in part.items():
+            mine = whole.get(key)
+            if isinstance(mine, dict) and isinstance(value, dict):
+                value = merged(mine, value)
+            whole[key] = value
+    return whole

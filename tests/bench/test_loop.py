@@ -1,0 +1,71 @@
+"""The loop with supplied tracks: one small run through all its stages, and what is made of many."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from strandcast.bench import loop, loop_distance, loop_oracle
+from strandcast.paper.cases import Case
+
+CASE = Case("paper", 11, 1, 1, "default")
+SMALL = {"plan": {"screening": 96, "evaluations": 240, "ensemble": 4}, "estimate": {"evaluations": 800}}
+
+
+@pytest.fixture(scope="module")
+def thrown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[loop.Trial]]:
+    root = tmp_path_factory.mktemp("loop")
+    shutil.copytree(loop.PROJECT / "config" / "arms", root / "config" / "arms")
+    before = loop.VARIANTS["default"]
+    loop.VARIANTS["default"] = SMALL
+    try:
+        return root, loop.run_case(root, CASE, 2)
+    finally:
+        loop.VARIANTS["default"] = before
+
+
+def test_a_run_throws_fits_and_comes_nearer(thrown: tuple[Path, list[loop.Trial]]) -> None:
+    first, second = thrown[1]
+    assert (first.kind, first.trial, second.trial) == ("first", 1, 2)
+    assert first.E_m is not None
+    assert first.E_m < 0.006
+    # What the track says is what happened, but for its noise.
+    assert first.miss_m == pytest.approx(first.true_miss_m, abs=0.003)
+    assert second.true_miss_m < 0.02
+
+
+def test_the_oracle_and_the_distances_start_from_a_run(
+    thrown: tuple[Path, list[loop.Trial]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = thrown[0]
+    monkeypatch.setattr(loop_oracle, "ROUNDS", 2)
+    monkeypatch.setattr(loop_oracle, "DRAWS", 1)
+    mended = loop_oracle.row(root, CASE.name)
+    assert mended["oracle_m"] <= mended["planned_m"] + 1e-9
+    assert mended["oracle_m"] < 0.004
+    monkeypatch.setattr(loop_distance, "DISTANCES_RAD_S", (0.05, 1.0))
+    near, *_, far = loop_distance.rows_of(root, CASE.name)
+    assert near["carried_m"] < 0.01
+    assert far["distance_rad_s"] == 1.0
+
+
+def test_settings_are_laid_over_each_other() -> None:
+    assert loop.merged({"a": {"b": 1, "c": 2}, "d": 3}, {"a": {"c": 4}}) == {"a": {"b": 1, "c": 4}, "d": 3}
+
+
+def test_numbers_of_a_list() -> None:
+    assert loop.numbers("1,3,7-9") == [1, 3, 7, 8, 9]
+
+
+def test_a_summary_counts_failed_runs_and_unknown_misses() -> None:
+    def run(misses: list[float | None], error: str | None = None) -> dict:
+        return {"error": error, "trials": [{"miss_m": miss} for miss in misses]}
+
+    told = loop.summary_of([run([0.030, 0.004]), run([0.010, None]), run([], "it broke")])
+    assert told["failed"] == 1
+    by = {(rate["radius_m"], rate["trial"]): rate["share"] for rate in told["rates"]}
+    assert by[(0.020, 1)] == pytest.approx(1 / 3)
+    assert by[(0.020, 2)] == pytest.approx(2 / 3)
+    assert told["misses"][1]["known"] == 1

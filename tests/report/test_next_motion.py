@@ -1,0 +1,75 @@
+"""What a motion tells of itself, and of what a throw is judged, stands in the pages."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from strandcast.records.motion import Motion
+from strandcast.records.summary import Verdict
+from strandcast.report.facts import Facts
+from strandcast.report.figures.next_motion import next_motion
+from strandcast.report.trial_page import trial_page
+
+
+def rows_of(motion: Motion, folder: Path) -> tuple[str, dict[str, str]]:
+    motion.write(folder / "motion.json")
+    told = next_motion("next", "Next motion", folder / "motion.json", folder, None, Facts())
+    return told.finding, {row[0]: row[1] for row in told.tables[0].rows}
+
+
+def test_the_spread_and_the_share_of_each_limit_are_told(results: Path, tmp_path: Path) -> None:
+    motion = Motion.read(results / "trial-02" / "motion.json")
+    assert motion.predicted is not None
+    assert motion.provenance is not None
+    _, plain = rows_of(motion, tmp_path)
+    assert "predicted miss over strings and disturbances" not in plain
+    assert plain["what for"] == "point"
+    joints = len(motion.joint_names)
+    predicted = motion.predicted.model_copy(
+        update={
+            "disturbed_throws": 256,
+            "miss_quantiles_m": {"p10": 0.002, "p50": 0.005, "p90": 0.0125},
+            "hit_probability": 0.75,
+            "peak_torque_n_m": [12.0] * joints,
+            "limits": {"torque_n_m": [48.0] * (joints - 1) + [16.0], "jerk_rad_s3": [None] * joints},
+            "workspace_room_m": 0.031,
+        }
+    )
+    source = motion.provenance.model_copy(update={"objective": "bar from (0.8, 0.2) to (0.8, 0.4) m"})
+    finding, rows = rows_of(
+        motion.model_copy(update={"predicted": predicted, "provenance": source}), tmp_path
+    )
+    assert "of 256 throws hit, disturbances included" in finding
+    assert "p90 12.5" in rows["predicted miss over strings and disturbances"]
+    assert rows["most of a joint's torque limit used"].startswith("75")
+    assert "most of a joint's jerk limit used" not in rows
+    assert rows["least room to the workspace's edge"].startswith("31")
+    assert rows["what for"] == "bar from (0.8, 0.2) to (0.8, 0.4) m"
+
+
+def test_a_page_says_what_the_miss_is_from(results: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "it"
+    shutil.copytree(results, folder)
+    path = folder / "trial-03" / "verdict.json"
+    verdict = Verdict.read(path)
+
+    def page() -> str:
+        return trial_page(folder / "trial-03", trial=3, experiment="it")
+
+    assert "the target at" in page()
+    bar = [[0.6, 0.6], [0.6, 0.8]]
+    verdict.model_copy(update={"objective": "segment", "bar_m": bar}).write(path)
+    assert "the bar from" in page()
+    assert "NOT JUDGED" not in page()
+    blind = {
+        "judged": False,
+        "objective": "swing",
+        "miss_m": None,
+        "hit": False,
+        "reason": "not told of a swing",
+    }
+    verdict.model_copy(update=blind).write(path)
+    text = page()
+    assert "NOT JUDGED" in text
+    assert "not judged: not told of a swing" in text

@@ -1,0 +1,105 @@
+"""The plan stage: what experiment.yaml says is what is planned for; and what cannot be judged says so."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from strandcast.experiment import load_experiment
+from strandcast.motion.objectives import Point, Segment, Shape, Swing
+from strandcast.records.motion import Motion
+from strandcast.records.summary import Verdict
+from strandcast.report.text import verdict_chip
+from strandcast.stages import judge, plan
+from strandcast.stages.context import context_of
+
+SMALL = "plan: {screening: 16, evaluations: 100, ensemble: 2}\n"
+BAR = "objective: {kind: segment, ends_m: [[0.8, 0.25], [0.8, 0.45]]}\n"
+
+
+@pytest.fixture
+def root(tmp_path: Path, project_root: Path) -> Path:
+    shutil.copytree(project_root / "config/arms", tmp_path / "config/arms")
+    return tmp_path
+
+
+def write(root: Path, name: str, text: str) -> None:
+    folder = root / "data" / name
+    folder.mkdir(parents=True, exist_ok=True)
+    string = "string: {length_m: 0.30, weights: [{place_m: 0.30}]}\n"
+    (folder / "experiment.yaml").write_text(string + text, encoding="utf-8")
+
+
+def planned(root: Path, name: str) -> Motion:
+    plan.run(root, name, 1)
+    return Motion.read(root / "results" / name / "trial-01" / "motion.json")
+
+
+def test_a_bar_is_planned_for_and_the_file_is_the_same_each_time(
+    root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(root, "bar", BAR + SMALL)
+    first = planned(root, "bar")
+    path = root / "results/bar/trial-01/motion.json"
+    written = path.read_bytes()
+    assert first.provenance is not None
+    assert first.provenance.objective == "bar from (0.8, 0.25) to (0.8, 0.45) m"
+    assert first.target_m == pytest.approx([0.8, 0.35])
+    # How long it took is said in the log, and not in the file.
+    assert f"{first.provenance.simulations} throws simulated in " in capsys.readouterr().err
+    assert planned(root, "bar").content_sha256() == first.content_sha256()
+    assert path.read_bytes() == written
+
+
+def test_the_papers_planner_has_the_papers_times_and_commanded_angles(root: Path) -> None:
+    text = "target_m: [0.5, 0.5]\nstart_string: minima\nplan: {planner: paper, screening: 24}\n"
+    write(root, "paper", text)
+    motion = planned(root, "paper")
+    assert motion.provenance is not None
+    assert motion.provenance.planner == "paper"
+    assert motion.bezier is not None
+    assert motion.bezier.stop_ramp_from_s == motion.bezier.duration_s
+    options = plan._options(context_of(root, "paper").settings)
+    assert (options.duration_s, options.use_servo) == ((0.2, 1.2), False)
+    assert (options.paper.altered_from, options.paper.altered_rad_s) == ("executed", 0.5)
+    write(
+        root, "paper", text.replace("}", ", duration_s: [0.4, 0.5], use_servo: true, paper: {accept: best}}")
+    )
+    told = plan._options(context_of(root, "paper").settings)
+    assert (told.duration_s, told.use_servo, told.paper.accept) == ((0.4, 0.5), True, "best")
+    write(root, "paper", "target_m: [0.5, 0.5]\n")
+    ours = plan._options(context_of(root, "paper").settings)
+    assert (ours.duration_s, ours.use_servo) == ((0.35, 0.9), True)
+
+
+@pytest.mark.parametrize(
+    ("told", "objective", "judged"),
+    [
+        ("", Point((0.5, 0.5)), True),
+        (BAR, Segment(((0.8, 0.25), (0.8, 0.45))), True),
+        ("objective: {kind: point, direction_rad: -1.5}\n", Point((0.5, 0.5), -1.5), False),
+        ("objective: {kind: point, least_speed_m_s: 4}\n", Point((0.5, 0.5), least_speed_m_s=4.0), False),
+        (
+            "objective: {kind: shape, places: [{along_m: 0.3, at_m: [0.9, 0.1]}]}\n",
+            Shape((0.3,), ((0.9, 0.1),)),
+            False,
+        ),
+        ("objective: {kind: swing, speed_m_s: 12}\n", Swing(speed_m_s=12.0), False),
+    ],
+)
+def test_each_objective_is_told_to_the_planner_and_judged_or_said_not_to_be(
+    root: Path, told: str, objective: object, judged: bool
+) -> None:
+    write(root, "it", "target_m: [0.5, 0.5]\n" + told)
+    settings = load_experiment(root / "data/it/experiment.yaml")
+    assert plan._objective(settings) == objective
+    if judged:
+        return  # tests/verdict judges it
+    judge.run(root, "it", 1)
+    verdict = Verdict.read(root / "results/it/trial-01/verdict.json")
+    assert (verdict.miss_m, verdict.hit, verdict.judged) == (None, False, False)
+    assert verdict.reason is not None
+    assert "judged" in verdict.reason or "no miss is told" in verdict.reason
+    assert verdict_chip(verdict, None).word == "NOT JUDGED"
