@@ -95,6 +95,14 @@ bench-video: $(VENV)/runtime.stamp  ## the tracker's errors and speed on filmed 
 bench-streaming: $(VENV)/runtime.stamp  ## how late the streaming loop wakes, with and without real-time scheduling: results/bench-streaming.json
 	@$(BIN)/python -m strandcast.bench.streaming
 
+.PHONY: bench-loop
+bench-loop: $(VENV)/runtime.stamp  ## seven strings, 15 seeds, three throws each with supplied tracks: results/bench-loop.json; an hour of one core
+	@$(BIN)/python -m strandcast.bench.loop --jobs $(JOBS) --work results/bench-loop
+
+.PHONY: error-budget
+error-budget: $(VENV)/runtime.stamp  ## what throws miss by, cause by cause (after bench-loop), for the paper's page: results/error-budget.json
+	@$(BIN)/python -m strandcast.bench.loop_budget results/bench-loop/default/usual --jobs $(JOBS)
+
 .PHONY: real
 real: $(VENV)/runtime.stamp  ## predictions of real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
 	@$(BIN)/python -m strandcast.evidence.run

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from strandcast.bench import loop, loop_distance, loop_oracle
+from strandcast.bench import loop, loop_budget, loop_distance, loop_oracle
 from strandcast.paper.cases import Case
+from strandcast.records.budget import BudgetThrow
 
 CASE = Case("paper", 11, 1, 1, "default")
 SMALL = {"plan": {"screening": 96, "evaluations": 240, "ensemble": 4}, "estimate": {"evaluations": 800}}
@@ -49,6 +50,31 @@ def test_the_oracle_and_the_distances_start_from_a_run(
     near, *_, far = loop_distance.rows_of(root, CASE.name)
     assert near["carried_m"] < 0.01
     assert far["distance_rad_s"] == 1.0
+
+
+def test_the_budget_begins_with_the_first_motion_and_switches_causes_off(
+    thrown: tuple[Path, list[loop.Trial]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    root, (first, _) = thrown
+    shutil.copytree(loop.PROJECT / "config" / "arms", tmp_path / "config" / "arms")
+    monkeypatch.setattr(loop_budget, "TRIALS", (1,))
+    usual, still = (
+        loop_budget.throws_without(tmp_path, root, CASE, cause)[0] for cause in ("none", "all but the model")
+    )
+    assert usual == pytest.approx(first.true_miss_m)
+    assert still != pytest.approx(usual, abs=1e-5)
+
+
+def test_what_a_cause_adds_is_reckoned_in_squares() -> None:
+    def one(usual_m: float, without_m: float) -> BudgetThrow:
+        miss_m = dict.fromkeys(loop_budget.CAUSES, without_m) | {"none": usual_m}
+        return BudgetThrow(experiment="x", string=1, target=1, seed=1, trial=2, miss_m=miss_m)
+
+    told = loop_budget.summary_of([one(0.005, 0.003), one(0.005, 0.003)])
+    added = {line.cause: line.cause_rms_m for line in told.without if line.trial == 2}
+    assert added["none"] == 0.0
+    assert added["servo"] == pytest.approx(0.004)
+    assert loop_budget.summary_of([one(0.003, 0.005)]).without[-1].cause_rms_m == pytest.approx(-0.004)
 
 
 def test_settings_are_laid_over_each_other() -> None:

@@ -12,6 +12,7 @@ import pytest
 from PIL import Image, ImageDraw
 
 from strandcast.records.alignment import HAND, Alignment
+from strandcast.records.budget import BudgetThrow, ErrorBudget, Without
 from strandcast.records.camera import Camera, Lens, MarkerFit, View
 from strandcast.records.estimate import (
     ENSEMBLE,
@@ -491,9 +492,28 @@ def paper(
         workspace_m=(-0.75, 1.25, -0.32, 0.8),
         times=[StageTime("default", "track", 20.0, 14.0), StageTime("default", "track", 30.0, None)],
         settings={"paper": {"estimate.w": "0.1", "plan.planner": "paper"}, "default": {"estimate.w": "0.2"}},
+        budget=error_budget(),
     )
     folders = {run.experiment: root / run.experiment for run in runs}
     return summarise_paper(runs, 0.02), folders, facts
+
+
+def error_budget() -> ErrorBudget:
+    """Return the budget of two throws; the servo made the first one miss."""
+    throws = [
+        BudgetThrow(experiment="x", string=1, target=1, seed=seed, trial=2, miss_m=miss)
+        for seed, miss in enumerate(
+            [
+                {"none": 0.012, "servo": 0.003, "tracking": 0.0119, "all but the model": 0.002},
+                {"none": 0.003, "servo": 0.0028, "tracking": 0.0031, "all but the model": 0.002},
+            ]
+        )
+    ]
+    lines = [
+        Without(cause=c, trial=2, throws=2, median_m=0.005, p90_m=0.01, rms_m=0.008, cause_rms_m=-0.001)
+        for c in throws[0].miss_m
+    ]
+    return ErrorBudget(without=lines, throws=throws)
 
 
 def paper_run(

@@ -10,6 +10,7 @@ import pytest
 from strandcast.report.figures.paper_cost import Warned, _rank_correlation, warned
 from strandcast.report.figures.paper_masses import Found, _mass, found_masses
 from strandcast.report.figures.paper_parameters import several_targets
+from strandcast.report.figures.paper_throws import first_and_last
 from strandcast.report.figures.paper_words import READINGS
 from strandcast.report.paper_facts import PaperFacts
 from strandcast.report.paper_page import paper_page
@@ -17,7 +18,18 @@ from strandcast.report.paper_runs import RunResults, to_show
 from strandcast.report.paper_summary import chosen, misses_of, summarise_paper
 
 SECTIONS = {
-    *("trials", "rates", "misses", "strings", "targets", "masses", "parameters", "transfer", "warning"),
+    *(
+        "trials",
+        "rates",
+        "misses",
+        "strings",
+        "targets",
+        "masses",
+        "parameters",
+        "transfer",
+        "warning",
+        "budget",
+    ),
     *(
         "readings",
         "times",
@@ -173,6 +185,21 @@ def test_the_first_fit_and_the_next_miss(paper):
     rising = [Warned(E, E**2) for E in (0.001, 0.002, 0.004, 0.003)]
     assert _rank_correlation(rising) == pytest.approx(1.0)
     assert _rank_correlation([Warned(w.E_m, -w.miss_m) for w in rising]) == pytest.approx(-1.0)
+
+
+def test_after_a_hit_at_once_the_second_throw_is_shown_beside_it(runs):
+    at_once = RunResults(runs[1].run.model_copy(update={"hit_trial": 1}), runs[1].folder)
+    shown = first_and_last("strobe", "Fig. 7", at_once, "string 1")
+    assert shown.problem is None
+    assert "Hit at trial 1. Trials 1 and 2;" in shown.finding
+
+
+def test_the_budget_tells_what_each_cause_adds_and_what_made_the_worst_throws_miss(page):
+    (line,) = rows(page, "without servo")
+    assert line[1:] == ["5.0\u00a0mm", "10.0\u00a0mm", "8.0\u00a0mm", "−1.0\u00a0mm"]
+    worst, next_worst = rows(page, "1", "0", "12.0\u00a0mm") + rows(page, "1", "1", "3.0\u00a0mm")
+    assert worst[-1] == "servo"
+    assert next_worst[-1] == "none alone"
 
 
 def test_readings_hold_the_settings_of_both_methods(page):

@@ -41,6 +41,7 @@ rule paper:
         plan="config/paper.yaml",
         summaries=lambda w: summaries(ROOT, w.form),
         transfers=lambda w: transfers(ROOT, w.form),
+        budget=sorted(ROOT.glob("results/error-budget.json")),
     output:
         page="results/{form}/report.html",
         summary="results/{form}/summary.json",

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from strandcast.records.budget import ErrorBudget
+
 
 class Hung(NamedTuple):
     """A weight on a string: its place [m] and its mass in plain points."""
@@ -66,6 +68,8 @@ class PaperFacts:
         Method -> its settings by dotted name.
     software
         Name -> version.
+    budget
+        The error budget, where one was measured.
     """
 
     strings: dict[int, StringFacts] = field(default_factory=dict)
@@ -75,3 +79,4 @@ class PaperFacts:
     times: list[StageTime] = field(default_factory=list)
     settings: dict[str, dict[str, str]] = field(default_factory=dict)
     software: dict[str, str] = field(default_factory=dict)
+    budget: ErrorBudget | None = None

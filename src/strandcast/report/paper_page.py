@@ -9,6 +9,7 @@ from typing import Any
 from strandcast.errors import StrandcastError
 from strandcast.records.paper import PaperRun, PaperSummary
 from strandcast.records.summary import Summary
+from strandcast.report.figures.paper_budget import budget
 from strandcast.report.figures.paper_cost import first_fit, times
 from strandcast.report.figures.paper_counts import NAMES, misses, rates, trials_to_hit
 from strandcast.report.figures.paper_masses import masses
@@ -81,11 +82,14 @@ def _reportlets(summary: PaperSummary, runs: list[RunResults], facts: PaperFacts
         ("parameters", "Fig. 11: one string, fitted at several targets", parameters, runs),
         ("transfer", "Section VIII: what each fit foretells", transfer, runs),
         ("warning", "First fit’s E against the next miss", first_fit, summary),
+        ("budget", "Error budget: what throws miss by", budget, facts.budget, summary.hit_radius_m),
         ("readings", "What the paper leaves open", readings, facts),
         ("times", "Wall time by stage", times, facts),
     ]
-    several = len({run.target for run in summary.experiments if not run.own_target}) > 0
-    return [attempt(*each) for each in plan if several or each[0] not in ("parameters", "transfer")]
+    unknown = set() if facts.budget else {"budget"}
+    if all(run.own_target for run in summary.experiments):
+        unknown |= {"parameters", "transfer"}
+    return [attempt(*each) for each in plan if each[0] not in unknown]
 
 
 def _thrown(summary: PaperSummary, string: int) -> list[str]:

@@ -16,6 +16,7 @@ from strandcast.lab.strings import PAPER_STRINGS
 from strandcast.layout import ExperimentFolder
 from strandcast.paper.cases import FILE, Case, Plan, cases, load_plan, settings_of
 from strandcast.paper.gather import found, state
+from strandcast.records.budget import ErrorBudget
 from strandcast.records.files import write_text
 from strandcast.records.paper import PaperRun
 from strandcast.records.summary import Summary
@@ -25,6 +26,8 @@ from strandcast.report.paper_page import paper_page
 from strandcast.report.paper_summary import METHODS, summarise_paper
 from strandcast.report.summary import summarise
 from strandcast.stages.pages import SOFTWARE
+
+BUDGET = "error-budget.json"  # under results; `make error-budget` measures it
 
 
 def run(root: Path, form: str) -> None:
@@ -75,6 +78,7 @@ def _facts(root: Path, plan: Plan, form: str, there: list[Case]) -> PaperFacts:
     common = _common(plan)
     arm = load_arm(root / "config" / "arms" / f"{common.arm}.toml")
     box = common.workspace_m
+    budget = root / "results" / BUDGET
     return PaperFacts(
         strings={one.number: _string(plan, one.number) for one in plan.strings},
         targets={t.number: TargetFacts(t.number, t.target_m, t.source == "paper") for t in plan.targets},
@@ -83,6 +87,7 @@ def _facts(root: Path, plan: Plan, form: str, there: list[Case]) -> PaperFacts:
         times=[time for case in there for time in _times(ExperimentFolder(root, case.name).results, case)],
         settings={method: _settings(plan, form, method) for method in METHODS if method in plan.methods},
         software={"strandcast": __version__} | {name: version(name) for name in SOFTWARE},
+        budget=ErrorBudget.read(budget) if budget.exists() else None,
     )
 
 

@@ -135,8 +135,8 @@ def first_fit(key: str, title: str, summary: PaperSummary) -> Reportlet:
         key,
         title,
         finding,
-        "Good: nothing in the upper left, where a good fit is followed by a miss. All targets; runs that hit "
-        "at once have no next throw.",
+        "Good: nothing in the upper left, where a good fit is followed by a miss. All targets; runs that "
+        "ended with their first throw have no next one.",
         to_svg(figure, key, f"First fit's E against the next miss. {finding}"),
         [Table(heads, rows)],
         ["summary.json"],

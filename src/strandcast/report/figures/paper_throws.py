@@ -25,7 +25,7 @@ TIP_STYLES = {"planned": (PLANNED, "as planned"), "fitted": (FITTED, "fitted")}
 
 
 def first_and_last(key: str, title: str, each: RunResults | None, wanted: str) -> Reportlet:
-    """Return the strobes of a run's first throw and of the one that hit (or of its last)."""
+    """Return the strobes of a run's first throw and of the one that hit, or came next (or of its last)."""
     each = _there(each, wanted)
     first, last = _throws(each)
     results = read_results(each.trial(last))
@@ -44,7 +44,9 @@ def first_and_last(key: str, title: str, each: RunResults | None, wanted: str) -
 def tip(key: str, title: str, each: RunResults | None, wanted: str) -> Reportlet:
     """Return the tip's path up to its closest approach, measured and simulated: Fig. 8a."""
     each = _there(each, wanted)
-    results = read_results(each.trial(_throws(each)[1]))
+    hit = each.last()
+    assert hit is not None
+    results = read_results(each.trial(hit))
     start_s, until_s = results.need("alignment").motion_start_s, _closest_s(results)
     figure = new_figure(10.0, 4.6, left=0.07, top=0.97, bottom=0.2, wspace=0.22)
     path_axes, apart_axes = figure.subplots(1, 2)
@@ -90,7 +92,7 @@ def _closest_s(results: Results) -> float:
 
 
 def hand(key: str, title: str, each: RunResults | None, wanted: str) -> Reportlet:
-    """Return the hand's paths in the first throw and in the one that hit: Fig. 8b."""
+    """Return the hand's paths in the first throw and in the one that hit, or came next: Fig. 8b."""
     each = _there(each, wanted)
     summary = Summary.read(each.folder / "summary.json")
     folders = {number: read_results(each.trial(number)) for number in set(_throws(each))}
@@ -98,7 +100,7 @@ def hand(key: str, title: str, each: RunResults | None, wanted: str) -> Reportle
 
 
 def joints(key: str, title: str, each: RunResults | None, wanted: str) -> Reportlet:
-    """Return the joints' angles and speeds as planned for the first throw and for the one that hit."""
+    """Return the joints' angles and speeds as planned for the first throw and the hit, or the next."""
     each = _there(each, wanted)
     first, last = _throws(each)
     motions = {
@@ -109,7 +111,7 @@ def joints(key: str, title: str, each: RunResults | None, wanted: str) -> Report
     grid = figure.subplots(2, len(names), sharex=True, squeeze=False)
     for number, motion in motions.items():
         style = MEASURED if number == last else PLANNED
-        what = "hit" if number == each.run.hit_trial else "first" if number == first else "last"
+        what = "hit" if number == each.run.hit_trial else "first" if number == first else "later"
         time_ms, (q, qd, _) = motion.time_s() * 1e3, motion.joints()
         for column in range(len(names)):
             grid[0][column].plot(time_ms, q[:, column], **style, label=f"trial {number} ({what})")
@@ -131,7 +133,7 @@ def joints(key: str, title: str, each: RunResults | None, wanted: str) -> Report
         f"{finding}.",
         "As planned. The paper keeps posture and duration and alters heights by up to 0.5 rad/s; the "
         "defaults may go further, or plan anew.",
-        to_svg(figure, key, f"Joint angles and speeds of the first and the hitting throw. {finding}."),
+        to_svg(figure, key, f"Joint angles and speeds of two throws. {finding}."),
         sources=[f"../{each.run.experiment}/trial-{number:02d}/motion.json" for number in motions],
     )
 
@@ -143,10 +145,10 @@ def _there(each: RunResults | None, wanted: str) -> RunResults:
 
 
 def _throws(each: RunResults) -> tuple[int, int]:
-    """Return the first counted trial, and the one that hit or the last."""
-    last = each.last()
+    """Return the first counted trial, and the one that hit or the last; the second, where the first hit."""
+    last, counted = each.last(), each.counted()
     assert last is not None
-    return each.counted()[0], last
+    return counted[0], last if last != counted[0] else counted[:2][-1]
 
 
 def _who(each: RunResults) -> str:
