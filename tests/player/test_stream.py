@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from strandcast.player.bounds import bounds_of
 from strandcast.player.checks import sample
 from strandcast.player.play import play
 from strandcast.player.rehearsal import Terms, rehearse
-from strandcast.player.stream import stream
+from strandcast.player.stream import Reading, stream
 from strandcast.records.joint_log import AFTER_DUPLICATE, SYNC_HIGH, JointLog, Run, read_joint_log
 
 from .test_play import START, make_motion
@@ -173,7 +174,42 @@ def test_every_fault_ends_in_the_soft_stop(
     assert host_s[-1] - host_s[np.isfinite(log.since_start_s)][-1] > 0.5
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_clock_that_jumps_ahead_does_not_make_the_command_jump(arm: Arm) -> None:
+    driver = streamed(arm, PacingController)
+    read = driver.controller.read
+
+    def read_ahead() -> Reading:
+        reading = read()
+        reading.time_s += 0.1 if driver.clock.since_s > MIDDLE_S else 0.0
+        return reading
+
+    driver.controller.read = read_ahead
+    command = sample(make_motion(arm), 0.002)
+    done = stream(driver.controller, command, bounds_of(arm), 500.0, list(arm.joints), clock=driver.clock)
+    assert (done.status, done.reason) == ("aborted", "50 set points running were missed")
+    fastest = np.abs(done.log.qd_cmd_rad_s).max(axis=0)
+    assert (np.abs(np.diff(done.log.q_cmd_rad, axis=0)).max(axis=0) < 1.05 * 0.002 * fastest).all()
+
+
+def test_the_streaming_is_ended_undisturbed_too(arm: Arm) -> None:
+    driver = streamed(arm)
+    calm: list[bool] = [False]
+    ended: list[bool] = []
+
+    @contextmanager
+    def undisturbed() -> Iterator[str]:
+        calm[0] = True
+        yield "calm"
+        calm[0] = False
+
+    driver.clock.undisturbed = undisturbed
+    driver.controller.finish = lambda: ended.append(calm[0])
+    command = sample(make_motion(arm), 0.002)
+    done = stream(driver.controller, command, bounds_of(arm), 500.0, list(arm.joints), clock=driver.clock)
+    assert (done.status, ended, calm) == ("ok", [True], [False])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_in_the_soft_stop(arm: Arm, tmp_path: Path, number: signal.Signals) -> None:
     driver = streamed(arm)
     write = driver.controller.write

@@ -7,11 +7,7 @@ a count, writes nothing but the set point and a row that is there already, and e
 from __future__ import annotations
 
 import math
-import signal
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +15,7 @@ import numpy as np
 from strandcast.arm.stop import SoftStop
 from strandcast.player.bounds import Bounds
 from strandcast.player.clock import Clock, HostClock
+from strandcast.player.interrupts import interrupts
 from strandcast.player.lateness import lateness_of
 from strandcast.player.protocol import Command, Recording
 from strandcast.player.rows import Rows
@@ -31,6 +28,7 @@ LEAD_S = 0.5
 TAIL_S = 0.6
 STOPPING_S = 2.0  # room in the log for a soft stop and its tail
 LOST = 5  # cycles running in which the link fails: it will not come back
+LEFT_ALONE = 20  # cycles for which a controller that paces goes on by itself; then it stops, or its clock jumped
 
 
 class ControllerStopped(Exception):
@@ -110,11 +108,8 @@ def stream(
     What happened; nothing that happens while streaming is raised.
     """
     loop = _Loop(link, command, bounds, rate_hz, joint_names, lead_s, tail_s, clock or HostClock())
-    with _interrupts(loop.interrupt):
-        try:
-            scheduling = loop.run()
-        finally:
-            loop.finish()
+    with interrupts(loop.interrupt):
+        scheduling = loop.run()
     return loop.recording(scheduling, clock_name, dict(controller or {}))
 
 
@@ -152,15 +147,24 @@ class _Loop:
         self._interrupted = name
 
     def run(self) -> str:
-        """Stream to the end, or to rest; return what real-time scheduling was granted."""
+        """Stream to the end, or to rest, and end the streaming; return what scheduling was granted.
+
+        The end too must be undisturbed: a link may have set points of its own to send there.
+        """
         with self._clock.undisturbed() as scheduling:
-            self._guarded(self._link.start)
-            if self._status != "ok":
-                return scheduling
-            self._start_ns = self._clock.now_ns()
-            while self._elapsed_s < self._over_s and self._rows.left and self._failures < LOST:
-                self._guarded(self._cycle)
+            try:
+                self._stream()
+            finally:
+                self._finish()
         return scheduling
+
+    def _stream(self) -> None:
+        self._guarded(self._link.start)
+        if self._status != "ok":
+            return
+        self._start_ns = self._clock.now_ns()
+        while self._elapsed_s < self._over_s and self._rows.left and self._failures < LOST:
+            self._guarded(self._cycle)
 
     def _guarded(self, step: Callable[[], None]) -> None:
         """Take a step; whatever goes wrong in it leads to the one soft stop, or is the controller's own."""
@@ -259,7 +263,7 @@ class _Loop:
         if self._status == "ok":
             self._status, self._reason = "aborted", reason
         began_s = max(self._sent_s, self._elapsed_s - self._period_s)
-        if self._link.paces and began_s > self._sent_s:
+        if self._link.paces and 0.0 < began_s - self._sent_s <= LEFT_ALONE * self._period_s:
             # Such a controller goes on by itself where set points are missing: take over where it is now.
             self._set_point_at(began_s)
         self._stop_began_s = began_s
@@ -289,7 +293,7 @@ class _Loop:
             self._sync = high
             self._link.signal(high)
 
-    def finish(self) -> None:
+    def _finish(self) -> None:
         """End the vendor's streaming; that it cannot be ended is a fault of its own."""
         try:
             self._link.finish()
@@ -326,21 +330,3 @@ class _Loop:
             return self._first_s + self._lead_s
         ahead_s = rows.controller_s[: rows.count] - (rows.host_ns[: rows.count] - self._start_ns) * 1e-9
         return float(ahead_s.max()) + self._lead_s
-
-
-@contextmanager
-def _interrupts(ask: Callable[[str], None]) -> Iterator[None]:
-    """Turn SIGINT and SIGTERM into a wish for the soft stop, where Python lets us (in the main thread)."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def note(number: int, frame: FrameType | None) -> None:
-        ask(f"interrupted by {signal.Signals(number).name}")
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
