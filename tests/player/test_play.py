@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strandcast.arm.load import Arm, load_arm
-from strandcast.errors import LOG_INCOMPLETE, REFUSED, StrandcastError
+from strandcast.errors import ENVIRONMENT, LOG_INCOMPLETE, REFUSED, StrandcastError
 from strandcast.player.checks import sample
 from strandcast.player.play import play as play_rehearsed
 from strandcast.player.protocol import Command, Driver, Recording, State
@@ -236,6 +236,61 @@ def test_a_short_gap_is_told_and_no_more(arm: Arm, motion: Motion, tmp_path: Pat
     run = play(tmp_path / "planned.json", arm, driver, tmp_path / "trial-01")
     assert run.complete
     assert run.warnings == ["1 gaps and 0 duplicates in the joint log"]
+
+
+@pytest.mark.parametrize("call", ["connect", "state", "move_to_start"])
+def test_a_driver_that_fails_before_the_throw_is_told_as_such(
+    arm: Arm, motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    motion.write(tmp_path / "planned.json")
+    driver = PerfectArm()
+    monkeypatch.setattr(driver, call, failing)
+    with pytest.raises(StrandcastError, match=r"SC-X013.*before the throw.*no carrier") as caught:
+        play(tmp_path / "planned.json", arm, driver, tmp_path / "trial-01", move_to_start=True)
+    assert caught.value.exit_code == ENVIRONMENT
+    assert (driver.stopped, driver.played) == (1, [])
+
+
+def test_a_driver_that_cannot_be_ended_costs_neither_the_log_nor_an_earlier_error(
+    arm: Arm, motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motion.write(tmp_path / "planned.json")
+    driver = PerfectArm()
+    monkeypatch.setattr(driver, "stop", failing)
+    with pytest.raises(StrandcastError, match=r"SC-X013.*at its end.*no carrier") as caught:
+        play(tmp_path / "planned.json", arm, driver, tmp_path / "trial-01")
+    assert caught.value.exit_code == ENVIRONMENT
+    assert read_run(tmp_path / "trial-01")[0].complete
+    away = PerfectArm(START + 0.5)
+    monkeypatch.setattr(away, "stop", failing)
+    with pytest.raises(StrandcastError, match="SC-X006"):
+        play(tmp_path / "planned.json", arm, away, tmp_path / "trial-02")
+
+
+def failing(*given: object) -> None:
+    raise RuntimeError("no carrier")
+
+
+def test_a_log_without_commands_is_whole_and_one_without_positions_is_not(
+    arm: Arm, motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motion.write(tmp_path / "planned.json")
+    driver = PerfectArm()
+    original = driver.play
+
+    def forgetful(command: Command, folder: Path) -> Recording:
+        recording = original(command, folder)
+        recording.log.q_cmd_rad[:] = np.nan
+        if folder.name == "trial-02":
+            recording.log.q_rad[300, 1] = np.nan
+        return recording
+
+    monkeypatch.setattr(driver, "play", forgetful)
+    run = play(tmp_path / "planned.json", arm, driver, tmp_path / "trial-01")
+    assert (run.complete, run.following) == (True, None)
+    with pytest.raises(StrandcastError, match=r"SC-X011.*joint positions are missing") as caught:
+        play(tmp_path / "planned.json", arm, driver, tmp_path / "trial-02")
+    assert caught.value.exit_code == LOG_INCOMPLETE
 
 
 def assert_refused(folder: Path, arm: Arm, driver: PerfectArm, code: str) -> None:

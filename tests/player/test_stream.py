@@ -18,7 +18,14 @@ from strandcast.player.checks import sample
 from strandcast.player.play import play
 from strandcast.player.rehearsal import Terms, rehearse
 from strandcast.player.stream import Reading, stream
-from strandcast.records.joint_log import AFTER_DUPLICATE, SYNC_HIGH, JointLog, Run, read_joint_log
+from strandcast.records.joint_log import (
+    AFTER_DUPLICATE,
+    SYNC_HIGH,
+    JointLog,
+    Run,
+    read_joint_log,
+    write_joint_log,
+)
 
 from .test_play import START, make_motion
 from .virtual import Controller, PacingController, StreamedArm, VirtualClock
@@ -225,6 +232,26 @@ def test_a_signal_ends_in_the_soft_stop(arm: Arm, tmp_path: Path, number: signal
     _, log = stopped(arm, driver, tmp_path, ABORTED, number.name)
     assert_soft(arm, log)
     assert signal.getsignal(number) is handler
+
+
+def test_pressed_again_ctrl_c_costs_no_log(arm: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = streamed(arm)
+    play_once = driver.play
+
+    def play_and_press(command, folder):
+        recording = play_once(command, folder)
+        os.kill(os.getpid(), signal.SIGINT)
+        return recording
+
+    def write_and_press(path, log):
+        os.kill(os.getpid(), signal.SIGINT)
+        return write_joint_log(path, log)
+
+    driver.play = play_and_press
+    monkeypatch.setattr("strandcast.player.play.write_joint_log", write_and_press)
+    assert throw(arm, driver, tmp_path).complete
+    assert (tmp_path / "run" / "run.json").exists()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @pytest.mark.parametrize("kind", CONTROLLERS)

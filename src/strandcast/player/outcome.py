@@ -65,15 +65,19 @@ def lacks(recording: Recording, rate_hz: float) -> list[str]:
         found.append(f"it begins {1e3 * (time_s[0] - start_s):.0f} ms after the motion did")
     if time_s[-1] < end_s + TAIL_S - 1e-6:
         found.append(f"it ends less than {TAIL_S} s after the motion")
+    if not (np.isfinite(recording.log.q_rad).all() and np.isfinite(time_s).all()):
+        found.append("times or joint positions are missing in it")
     steps = np.where(time_s[1:] > start_s, np.diff(time_s), 0.0)
     if steps.max() > (GAP_TICKS + 0.5) / rate_hz:
         found.append(f"it has a gap of {1e3 * steps.max():.0f} ms")
     return found
 
 
-def following(recording: Recording) -> Following:
-    """Return by how much each joint lagged behind its command, and what that leaves unexplained."""
+def following(recording: Recording) -> Following | None:
+    """Return by how much each joint lagged behind its command, and what that leaves; None if not logged."""
     log = recording.log
+    if not np.isfinite(log.q_cmd_rad).any(axis=0).all():
+        return None
     moving = (log.time_s >= recording.motion_start_s) & (log.time_s <= recording.motion_end_s)
     lags = np.arange(0.0, LONGEST_LAG_S, LAG_STEP_S)
     best, peak = [], []

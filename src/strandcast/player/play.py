@@ -9,11 +9,14 @@ the log. run.json is written last: without it, and without its `complete`, there
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
+
 import numpy as np
 
 from strandcast.arm.limits import violations
 from strandcast.arm.reach import reach_of
-from strandcast.errors import LOG_INCOMPLETE, StrandcastError
+from strandcast.errors import ENVIRONMENT, LOG_INCOMPLETE, StrandcastError
 from strandcast.player.approach import slow_path
 from strandcast.player.checks import (
     CHECK_STEP_S,
@@ -24,6 +27,7 @@ from strandcast.player.checks import (
     sample,
 )
 from strandcast.player.clock import Clock, HostClock
+from strandcast.player.interrupts import held_off
 from strandcast.player.outcome import EXIT_CODES, run_of
 from strandcast.player.protocol import Driver, Recording
 from strandcast.player.rehearsal import Rehearsal
@@ -58,15 +62,16 @@ def play(rehearsal: Rehearsal, driver: Driver, confirmed: str, clock: Clock | No
             cost=NOTHING_SENT, fix=f"read the dry run, and confirm with {rehearsal.short_hash}")  # fmt: skip
     check_folder(rehearsal.out_dir)
     clock = clock or HostClock()
-    with one_run(driver.address):
-        try:
+    with one_run(driver.address), _ended(driver):
+        with _guarded(driver, "before the throw", "the motion was not played", ENVIRONMENT):
             driver.connect()
             _bring_to_start(rehearsal, driver, clock)
-            rehearsal.out_dir.mkdir(parents=True, exist_ok=True)
-            recording = _played(rehearsal, driver)
-        finally:
-            driver.stop()
-    run = _keep(rehearsal, driver, recording)
+        rehearsal.out_dir.mkdir(parents=True, exist_ok=True)
+        # `stream` hears Ctrl-C and its like; pressed again, it must not cost the log of what happened.
+        with held_off() if driver.streams else nullcontext():
+            with _guarded(driver, "and left no log", "the trial cannot be used", LOG_INCOMPLETE):
+                recording = driver.play(sample(rehearsal.motion, 1.0 / driver.rate_hz), rehearsal.out_dir)
+            run = _keep(rehearsal, driver, recording)
     if not run.complete:
         raise StrandcastError(
             "SC-X011", f"the throw was not played to its end, or not logged whole ({run.reason})",
@@ -90,16 +95,32 @@ def _bring_to_start(rehearsal: Rehearsal, driver: Driver, clock: Clock) -> None:
     await_start(path, motion, arm, driver, clock)
 
 
-def _played(rehearsal: Rehearsal, driver: Driver) -> Recording:
+@contextmanager
+def _ended(driver: Driver) -> Iterator[None]:
+    """End the driver in every case; that it cannot be ended hides no error that was before."""
     try:
-        return driver.play(sample(rehearsal.motion, 1.0 / driver.rate_hz), rehearsal.out_dir)
+        yield
+    except BaseException:
+        with suppress(Exception):
+            driver.stop()
+        raise
+    with _guarded(
+        driver, "at its end", "what was played is kept, but the arm may not be let go", ENVIRONMENT
+    ):
+        driver.stop()
+
+
+@contextmanager
+def _guarded(driver: Driver, when: str, cost: str, exit_code: int) -> Iterator[None]:
+    """Tell of whatever a driver fails by in our own form."""
+    try:
+        yield
     except StrandcastError:
         raise
     except Exception as error:
         raise StrandcastError(
-            "SC-X013", f"the driver {driver.name} failed and left no log ({type(error).__name__}: {error})",
-            file=rehearsal.out_dir, cost="the trial cannot be used", fix="look at the arm, then play again",
-            exit_code=LOG_INCOMPLETE) from error  # fmt: skip
+            "SC-X013", f"the driver {driver.name} failed {when} ({type(error).__name__}: {error})",
+            cost=cost, fix="look at the arm, then play again", exit_code=exit_code) from error  # fmt: skip
 
 
 def _keep(rehearsal: Rehearsal, driver: Driver, recording: Recording) -> Run:

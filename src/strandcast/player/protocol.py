@@ -112,7 +112,11 @@ class Driver(Protocol):
         """Move slowly, straight in joint space, to (J,) angles, the held joints to theirs; return at rest."""
 
     def play(self, command: Command, folder: Path) -> Recording:
-        """Play the motion and log it; a camera that the driver controls records into `folder`."""
+        """Play the motion and log it, and return when the arm rests; stopped before its time too.
+
+        A camera that the driver controls records into `folder`. Drivers that do not stream get Ctrl-C as
+        KeyboardInterrupt: they must bring the arm to rest then.
+        """
 
     def stop(self) -> None:
         """Come to rest and close the connection; safe to call at any time."""

@@ -28,7 +28,9 @@ LEAD_S = 0.5
 TAIL_S = 0.6
 STOPPING_S = 2.0  # room in the log for a soft stop and its tail
 LOST = 5  # cycles running in which the link fails: it will not come back
-LEFT_ALONE = 20  # cycles for which a controller that paces goes on by itself; then it stops, or its clock jumped
+LEFT_ALONE = (
+    20  # cycles for which a controller that paces goes on by itself; then it stops, or its clock jumped
+)
 
 
 class ControllerStopped(Exception):
