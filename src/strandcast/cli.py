@@ -118,6 +118,7 @@ def paper(
 def check(experiment: ExperimentName) -> None:
     """Check an experiment's file and its arm's file, before anything runs."""
     from strandcast.arm.load import load_arm
+    from strandcast.arm.weight import torque_gap
     from strandcast.experiment import find_arm, find_experiment, load_experiment
 
     path = find_experiment(experiment, ROOT)
@@ -136,6 +137,9 @@ def check(experiment: ExperimentName) -> None:
     print(
         f"{path}: fine; string of {settings.string.length_m} m as {settings.string.n} points, arm {arm.name}"
     )
+    gap = torque_gap(arm)
+    if gap is not None:
+        print(f"warning: {gap}")
 
 
 @app.command()

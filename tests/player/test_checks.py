@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import re
 import time
 from pathlib import Path
 
@@ -160,5 +161,17 @@ def test_the_dry_run_tells_peaks_that_can_be_worked_out(arm: Arm, tmp_path: Path
     # The quintic's largest speed is 15/8 of the mean one: 0.8 rad in 2 s.
     assert "peak speed [rad/s], of the limit: 0.75 (8 %), 0.75" in words
     assert "2.000 s, 4 times slower" in words
+    assert "  from joint_1 0.400, joint_2 -0.600, joint_3 -0.300 rad" in words
+    assert "torque is not checked" not in words
     assert rehearsal.short_hash in words
     assert not (tmp_path / "run").exists()
+
+
+def test_a_torque_that_nothing_weighs_is_not_told_as_one(tmp_path: Path) -> None:
+    planar3 = ROOT / "config" / "arms" / "planar3"
+    urdf = re.sub(r"<inertial>.*?</inertial>", "", planar3.with_suffix(".urdf").read_text(), flags=re.DOTALL)
+    (tmp_path / "planar3.urdf").write_text(urdf)
+    (tmp_path / "arm.toml").write_text(planar3.with_suffix(".toml").read_text())
+    words = "\n".join(lines_of(rehearsed(load_arm(tmp_path / "arm.toml"), tmp_path)))
+    assert "peak torque [N m], of the limit: not known" in words
+    assert "warning: torque is not checked: planar3.urdf gives no mass to what joint_1, joint_2," in words

@@ -11,6 +11,8 @@ import mujoco
 import numpy as np
 from numba import njit
 
+from strandcast.arm.weight import owners
+
 if TYPE_CHECKING:
     from strandcast.arm.load import Arm
 
@@ -46,7 +48,7 @@ def dynamics_of(arm: Arm) -> PlanarDynamics:
     mujoco.mj_forward(model, data)
     normal = np.cross(arm.plane[0], arm.plane[1])
     anchors = np.array([data.joint(name).xanchor for name in arm.joints]) @ arm.plane.T
-    owner = _owners(model, [int(model.joint(name).bodyid[0]) for name in arm.joints])
+    owner = owners(model, arm.joints)
     lumps = [_lump(model, data, np.flatnonzero(owner == j), arm.plane) for j in range(len(arm.joints))]
     dofs = [int(model.joint(name).dofadr[0]) for name in arm.joints]
     links = np.column_stack(
@@ -61,14 +63,6 @@ def dynamics_of(arm: Arm) -> PlanarDynamics:
         ]
     )
     return PlanarDynamics(np.ascontiguousarray(links), arm.plane @ model.opt.gravity)
-
-
-def _owners(model: mujoco.MjModel, bodies: list[int]) -> np.ndarray:
-    """Return which moving joint turns each body, -1 for none: parents come before their children."""
-    owner = np.full(model.nbody, -1)
-    for body in range(1, model.nbody):
-        owner[body] = bodies.index(body) if body in bodies else owner[model.body_parentid[body]]
-    return owner
 
 
 def _lump(

@@ -8,6 +8,7 @@ import numpy as np
 
 from strandcast.arm.limits import peaks, violations
 from strandcast.arm.reach import outside_m, reach_of
+from strandcast.arm.weight import torque_gap
 from strandcast.errors import StrandcastError
 from strandcast.motion.bezier import Curve, Samples, sample
 from strandcast.motion.cost import start_cost, throw_cost
@@ -143,7 +144,7 @@ def described(
 
 def _expectation_flags(task: Task, curve: Curve, told: Assessment, clearance_m: float) -> list[str]:
     """Say what the best string's throw leaves to be desired."""
-    flags = _reach_flags(task, sample(curve, task.step_s))
+    flags = _reach_flags(task, sample(curve, task.step_s)) + _torque_flags(task)
     if told.miss_m[0] > task.hit_radius_m:
         near = f"{1000 * told.miss_m[0]:.0f} mm"
         flags.append(f"not expected to hit: the nearest that was found within the arm's limits is {near}")
@@ -167,6 +168,13 @@ def _reach_flags(task: Task, motion: Samples) -> list[str]:
     return [
         f"stopped at the worst instant, arm or string may be {1000 * out_m:.0f} mm out of the arm's workspace"
     ]
+
+
+def _torque_flags(task: Task) -> list[str]:
+    """Say that limits of torque, though wished for, hold nothing back."""
+    wished = np.isfinite(task.arm.limits.torque_n_m).any()
+    gap = torque_gap(task.arm) if wished else None
+    return [] if gap is None else [gap]
 
 
 def _room_m(task: Task, points_m: np.ndarray) -> float:

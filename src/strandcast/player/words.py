@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strandcast.arm.weight import torque_gap, weightless
 from strandcast.player.rehearsal import Rehearsal
 from strandcast.player.watch import GAP_TICKS
 
@@ -24,6 +25,8 @@ def lines_of(rehearsal: Rehearsal) -> list[str]:
         f"{motion.time_s()[-1]:.3f} s{slower}"
     ]
     q = motion.joints()[0]
+    start = [*zip(arm.joints, q[0], strict=True), *arm.held.items()]
+    lines.append(f"  from {', '.join(f'{name} {angle:.3f}' for name, angle in start)} rad")
     span = [f"{low:.2f} to {high:.2f}" for low, high in zip(q.min(axis=0), q.max(axis=0), strict=True)]
     limits = arm.limits
     room = [f"{low:.2f} to {high:.2f}" for low, high in zip(limits.lower_rad, limits.upper_rad, strict=True)]
@@ -31,7 +34,8 @@ def lines_of(rehearsal: Rehearsal) -> list[str]:
     for key, word, unit in PEAKS:
         most = getattr(limits, key)
         of = [_share(peak, limit) for peak, limit in zip(rehearsal.peaks[key], most, strict=True)]
-        lines.append(f"  peak {word} [{unit}], of the limit: {', '.join(of)}")
+        known = key != "torque_n_m" or not weightless(arm)
+        lines.append(f"  peak {word} [{unit}], of the limit: {', '.join(of) if known else 'not known'}")
     lines += [
         f"  the hand goes {_box(reach.hand_m)}",
         f"  with {terms.hanging_m:.2f} m hanging from it, stopped at any instant: {_box(reach.swept_m)}; "
@@ -61,8 +65,9 @@ def _warnings(rehearsal: Rehearsal) -> list[str]:
         )
         if late.degraded:
             lines.append("warning: timing degraded; the run will be marked so")
-    if not np.isfinite(arm.limits.torque_n_m).all():
-        lines.append(f"warning: torque is not checked: {arm.path} says no margins.torque")
+    gap = torque_gap(arm)
+    if gap is not None:
+        lines.append(f"warning: {gap}")
     if not arm.stop.distance_rad.any():
         lines.append(
             f"warning: how far the controller's own stop turns each joint is not known: {arm.path} says no "
