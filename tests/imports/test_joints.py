@@ -205,3 +205,26 @@ def test_unknown_columns_dialects_and_keys_are_refused(tmp_path):
     with pytest.raises(StrandcastErrors, match="angles") as refusal:
         load_mapping(tmp_path / "m.toml", JointMapping)
     assert len(refusal.value.problems) == 2  # `angles` is unknown, `q` is missing
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        (range(300), []),
+        (range(155), ["the log ends 40 ms after the motion"]),
+        (
+            [*range(120), *range(130, 300)],
+            ["1 gaps, 10 samples", "the log lacks 110 ms of the motion itself"],
+        ),
+        ([*range(50), *range(60, 300)], ["1 gaps, 10 samples"]),
+    ],
+)
+def test_a_log_that_does_not_cover_the_motion_says_so(tmp_path, rows, told):
+    # The command moves from 1.00 to 1.50 s, a row every 10 ms.
+    text = "t,a,b,ca,cb\n" + "".join(f"{0.01 * k:.2f},0,0,{min(max(k, 100), 150)},0\n" for k in rows)
+    reading = Reading(
+        mapping=JointMapping(time="t", q=["a", "b"], q_cmd=["ca", "cb"], angle_unit="deg", rate_hz=100)
+    )
+    run = import_joints(log_file(tmp_path, text), tmp_path, reading)
+    assert len(run.warnings) == len(told), run.warnings
+    assert all(words in warning for words, warning in zip(told, run.warnings, strict=True))

@@ -21,6 +21,9 @@ from strandcast.records.motion import Motion
 
 LARGEST_ANGLE_RAD = 20.0  # three turns: beyond it are degrees
 COMMAND_MOVES_RAD = 1e-5
+# What the player asks of its own logs.
+TAIL_S = 0.5
+LONGEST_GAP = 6.5  # steps
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,7 @@ def import_joints(
         sync_events=[],
         timing=timing,
         video={},
-        warnings=source.notes + _warnings(time_s),
+        warnings=source.notes + _warnings(time_s) + _cover_warnings(log.time_s, times),
     )
     run.write(folder / "run.json")
     return run
@@ -281,4 +284,25 @@ def _warnings(time_s: np.ndarray) -> list[str]:
             f"{timing.uneven} of {len(step_ms)} steps are not of the usual {1e3 / timing.rate_hz:.1f} ms "
             f"({step_ms.min():.1f} to {step_ms.max():.1f} ms): {1e3 / step_ms.mean():.1f} Hz on average"
         )
+    return warnings
+
+
+def _cover_warnings(time_s: np.ndarray, times: tuple[float, float] | None) -> list[str]:
+    """Tell where a log does not cover the motion as one of the player's must."""
+    if times is None:
+        return []
+    start_s, end_s = times
+    warnings = []
+    if time_s[0] > start_s:
+        warnings.append(f"the log begins {1e3 * (time_s[0] - start_s):.0f} ms after the motion")
+    if time_s[-1] < end_s + TAIL_S:
+        warnings.append(
+            f"the log ends {1e3 * (time_s[-1] - end_s):.0f} ms after the motion; the joints arrive late, and "
+            f"the string moves on: record {TAIL_S} s more"
+        )
+    steps = np.diff(time_s)
+    moving = (time_s[1:] > start_s) & (time_s[:-1] < end_s)
+    if (moving & (steps > LONGEST_GAP * np.median(steps))).any():
+        longest_ms = 1e3 * steps[moving].max()
+        warnings.append(f"the log lacks {longest_ms:.0f} ms of the motion itself: better throw again")
     return warnings
