@@ -37,6 +37,14 @@ def planned(root: Path, name: str) -> Motion:
     return Motion.read(root / "results" / name / "trial-01" / "motion.json")
 
 
+def test_what_a_plan_leaves_to_be_desired_is_said(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(root, "hopeless", "target_m: [0.5, 0.5]\nhit_radius_m: 0.000001\n" + SMALL)
+    flags = planned(root, "hopeless").provenance.flags
+    assert any("not expected to hit" in flag for flag in flags)
+    said = capsys.readouterr().err
+    assert all(f"plan: {flag}\n" in said for flag in flags)
+
+
 def test_a_bar_is_planned_for_and_the_file_is_the_same_each_time(
     root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -88,7 +88,7 @@ def check_reach(path: Path, arm: Arm, reach: Reach, hanging_m: float) -> None:
                        f"the hand with {hanging_m:.2f} m hanging sweeps x {x_low:.2f} to {x_high:.2f}, "
                        f"y {y_low:.2f} to {y_high:.2f} m, stopped at the worst instant: {outside:.2f} m out "
                        "of the workspace",
-                       "plan within a smaller workspace, or make room and widen the arm's")  # fmt: skip
+                       "plan within a smaller workspace_m of the experiment, or widen the arm's")  # fmt: skip
 
 
 def check_state(path: Path, arm: Arm, state: State) -> None:

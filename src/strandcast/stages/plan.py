@@ -53,6 +53,8 @@ def run(root: Path, name: str, trial: int) -> None:
         parent, start = None, _start_name(settings)
     # How long it took is no part of the result, which is the same every time.
     tell(f"plan: {plan.simulations} throws simulated in {time.monotonic() - began_s:.1f} s")
+    for flag in plan.flags:
+        tell(f"plan: {flag}")
     to_record(
         plan,
         task,
