@@ -319,6 +319,16 @@ def reflex_and_recovery(driver: FrankaDriver, arm: Arm, tmp_path: Path) -> None:
     assert again.reason is None
 
 
+def test_states_that_cannot_be_written_cost_no_recording(
+    driver: FrankaDriver, arm: Arm, tmp_path: Path
+) -> None:
+    (tmp_path / "franka.csv").mkdir()
+    driver.move_to_start(START)
+    recording = driver.play(command_of(arm), tmp_path)
+    assert len(recording.log.time_s) > 100
+    assert recording.controller["franka.csv"].startswith("not written (")
+
+
 class Stalling:
     """Loses some of the controller's cycles once, in the midst of the motion, between a state and its answer.
 

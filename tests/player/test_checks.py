@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
+import tempfile
 import time
 from pathlib import Path
 
@@ -140,6 +141,21 @@ def test_one_run_moves_an_arm(arm: Arm, tmp_path: Path) -> None:
         play(rehearsal, driver, rehearsal.short_hash, VirtualClock())
     assert not driver.played
     assert play(rehearsal, driver, rehearsal.short_hash, VirtualClock()).complete
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can be another user for a moment")
+def test_another_user_of_the_host_can_move_the_arm_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+    with tempfile.TemporaryDirectory() as shared:
+        Path(shared).chmod(0o1777)
+        monkeypatch.setattr(tempfile, "tempdir", shared)
+        with one_run("192.0.2.7"):
+            pass
+        os.seteuid(65534)
+        try:
+            with one_run("192.0.2.7"), pytest.raises(StrandcastError, match="SC-X016"), one_run("192.0.2.7"):
+                pass
+        finally:
+            os.seteuid(0)
 
 
 def test_a_motion_from_the_future_is_a_wrong_clock(arm: Arm, tmp_path: Path) -> None:

@@ -189,7 +189,8 @@ class FrankaDriver:
         if mode == self._vendor.RobotMode.Idle and not state.current_errors:
             return None
         errors = f", errors {state.current_errors}" if state.current_errors else ""
-        return f"the controller is in mode {mode.name}{errors}; look at the arm, then clear it in Desk"
+        mend = "look at the arm, then clear it in Desk, or by its enabling device"
+        return f"the controller is in mode {mode.name}{errors}; {mend}"
 
     def recover(self) -> str:
         """Clear a reflex once somebody has looked at the arm, and return what was cleared."""
@@ -219,7 +220,10 @@ class FrankaDriver:
             clock_name="Franka controller", controller=self._controller(),
         )  # fmt: skip
         recording.controller.update(summary(link.states, link.answers_ns))
-        write_text(folder / STATES, states_table(link.states))
+        try:
+            write_text(folder / STATES, states_table(link.states))
+        except OSError as error:  # joints.csv may find room yet, and is what counts
+            recording.controller[STATES] = f"not written ({error.strerror})"
         return recording
 
     def _controller(self) -> dict[str, str]:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 from strandcast.errors import StrandcastError
 
@@ -32,7 +33,7 @@ def check_folder(out_dir: Path) -> None:
     if (out_dir / "run.json").exists():
         raise StrandcastError(
             "SC-X010", "this trial has been played already", file=out_dir / "run.json",
-            cost=NOTHING_SENT, fix="play it as the next trial")  # fmt: skip
+            cost=NOTHING_SENT, fix="play the next trial; or move away a run that failed")  # fmt: skip
     there = next(folder for folder in (out_dir, *out_dir.absolute().parents) if folder.exists())
     try:
         with tempfile.TemporaryFile(dir=there) as probe:
@@ -69,7 +70,7 @@ def check_clock(motion_path: Path) -> None:
 def one_run(address: str | None) -> Iterator[None]:
     """Hold the lock of the arm at `address` (None: a virtual arm, which needs none).
 
-    The system gives it back when the process ends, however it ends.
+    The system gives it back when the process ends, however it ends; the file stays, whoever has made it.
 
     Raises
     ------
@@ -80,7 +81,7 @@ def one_run(address: str | None) -> Iterator[None]:
         yield
         return
     path = Path(tempfile.gettempdir()) / f"strandcast-{re.sub(r'[^A-Za-z0-9.-]', '_', address)}.lock"
-    with path.open("a+") as lock:
+    with _opened(path) as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -88,3 +89,10 @@ def one_run(address: str | None) -> Iterator[None]:
                 "SC-X016", f"another run moves the arm at {address}", file=path, cost=NOTHING_SENT,
                 fix="wait until it is over") from None  # fmt: skip
         yield
+
+
+def _opened(path: Path) -> IO[str]:
+    try:
+        return path.open()  # another user's may be read alone, and that is enough to lock it
+    except FileNotFoundError:
+        return path.open("a")
