@@ -32,7 +32,7 @@ app.add_typer(hand, name="export")
 ROOT = Path()
 
 PLAY_EXIT_CODES = (
-    "Exit codes: 0 dry run passed, or played and logged; 2 refused; 3 a driver is missing; "
+    "Exit codes: 0 dry run passed, or played and logged; 2 refused; 3 no driver, or no answer; "
     "5 stopped softly by the player; 6 stopped by the controller; 7 the log is not whole. See docs/player.md."
 )
 

@@ -55,9 +55,10 @@ def test_a_live_run_wants_the_hash_typed(driver: PerfectArm, monkeypatch: pytest
     said: list[str] = []
     play(said)
     short_hash = said[-1].split()[-1]
-    monkeypatch.setattr(sys, "stdin", Keyboard("y\n"))
-    with pytest.raises(StrandcastError, match="SC-X012"):
-        play(said, live=True)
+    for typed in ("y\n", "\n", ""):
+        monkeypatch.setattr(sys, "stdin", Keyboard(typed))
+        with pytest.raises(StrandcastError, match="SC-X012"):
+            play(said, live=True)
     assert not driver.played
     monkeypatch.setattr(sys, "stdin", Keyboard(short_hash + "\n"))
     assert play(said, live=True).complete

@@ -81,4 +81,7 @@ def _typed(rehearsal: Rehearsal) -> str:
             "SC-X012", "a live run must be confirmed, and nobody is at the keyboard",
             file=rehearsal.motion_path, cost="nothing was sent to the arm",
             fix=f"--confirm {rehearsal.short_hash}")  # fmt: skip
-    return input("the arm will move; type the motion's short hash to play it: ").strip()
+    try:
+        return input("the arm will move; type the motion's short hash to play it: ").strip()
+    except EOFError:  # Ctrl-D: nothing was typed
+        return ""
