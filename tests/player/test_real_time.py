@@ -71,7 +71,8 @@ def test_a_motion_is_streamed_in_its_own_time() -> None:
 
 def test_ticks_are_neither_lost_nor_counted_twice() -> None:
     late_ns, missed, scheduling = keep_time(500.0, 0.2, HostClock(realtime=False))
-    assert len(late_ns) + missed == pytest.approx(100, abs=1) or missed > 50
+    beyond = late_ns[-1] // 2_000_000  # where the host stalled at the very end
+    assert 100 <= len(late_ns) + missed <= 100 + beyond
     assert (late_ns >= 0).all()
     assert scheduling == "normal"
 
