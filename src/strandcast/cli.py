@@ -262,6 +262,10 @@ def play(
         float, typer.Option(min=1.0, help="Play the same path so many times slower: first 4, then 2, then 1.")
     ] = 1.0,
     move_to_start: Annotated[bool, typer.Option(help="Move slowly to the start posture first.")] = False,
+    settle: Annotated[
+        float,
+        typer.Option(min=0.0, max=600.0, help="Seconds to wait at the start, for the string to hang still."),
+    ] = 0.0,
     hanging: Annotated[
         float | None,
         typer.Option(min=0.0, help="Metres that hang from the hand; by default as the experiment says."),
@@ -274,7 +278,12 @@ def play(
     from strandcast.player.rehearsal import Terms
     from strandcast.stages import play as stage
 
-    terms = Terms(time_scale=time_scale, move_to_start=move_to_start, soft_realtime=accept_soft_realtime)
+    terms = Terms(
+        time_scale=time_scale,
+        move_to_start=move_to_start,
+        settle_s=settle,
+        soft_realtime=accept_soft_realtime,
+    )
     done = stage.run(motion, arm, out, terms, hanging, live, confirm)
     if done is not None:
         print(f"{out}: {done.status}, {done.rows} rows at {done.timing.rate_hz:.0f} Hz")

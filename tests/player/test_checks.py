@@ -133,6 +133,18 @@ def test_the_way_to_the_start_is_checked_too(arm: Arm, tmp_path: Path) -> None:
     assert not driver.played
 
 
+def test_the_string_gets_time_to_hang_still_after_the_slow_way(arm: Arm, tmp_path: Path) -> None:
+    driver, clock = PerfectArm(START + 0.2), VirtualClock()
+    rehearsal = rehearsed(arm, tmp_path, driver, move_to_start=True, settle_s=20.0)
+    moved_s = []
+    move = driver.move_to_start
+    driver.move_to_start = lambda q: (move(q), moved_s.append(clock.since_s))
+    throw = driver.play
+    driver.play = lambda *given: (moved_s.append(clock.since_s), throw(*given))[1]
+    assert play(rehearsal, driver, rehearsal.short_hash, clock).complete
+    assert moved_s[1] - moved_s[0] == pytest.approx(20.3, abs=0.05)
+
+
 def test_one_run_moves_an_arm(arm: Arm, tmp_path: Path) -> None:
     driver = PerfectArm()
     driver.address = f"test-{os.getpid()}"

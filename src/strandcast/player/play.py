@@ -92,6 +92,7 @@ def _bring_to_start(rehearsal: Rehearsal, driver: Driver, clock: Clock) -> None:
         refuse_limits(path, "the move to the start", violations(arm, *moves))
         check_reach(path, arm, reach_of(arm, *moves, rehearsal.terms.hanging_m), rehearsal.terms.hanging_m)
         driver.move_to_start(start)
+    clock.sleep_until(clock.now_ns() + round(1e9 * rehearsal.terms.settle_s))
     await_start(path, motion, arm, driver, clock)
 
 

@@ -34,6 +34,8 @@ class Terms:
         Length of what hangs from the hand, its weights included [m].
     move_to_start
         Move slowly to the start first, instead of refusing when the arm stands elsewhere.
+    settle_s
+        How long to wait at the start before the throw, for the string to hang still again [s].
     soft_realtime
         Stream even where the host keeps time badly.
     """
@@ -41,6 +43,7 @@ class Terms:
     time_scale: float = 1.0
     hanging_m: float = 0.0
     move_to_start: bool = False
+    settle_s: float = 0.0
     soft_realtime: bool = False
 
 
