@@ -247,10 +247,15 @@ def test_pressed_again_ctrl_c_costs_no_log(arm: Arm, tmp_path: Path, monkeypatch
         os.kill(os.getpid(), signal.SIGINT)
         return write_joint_log(path, log)
 
-    driver.play = play_and_press
+    def stop_and_press() -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        driver.stopped += 1
+
+    driver.play, driver.stop = play_and_press, stop_and_press
     monkeypatch.setattr("strandcast.player.play.write_joint_log", write_and_press)
     assert throw(arm, driver, tmp_path).complete
     assert (tmp_path / "run" / "run.json").exists()
+    assert driver.stopped == 1
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 

@@ -102,11 +102,12 @@ def _ended(driver: Driver) -> Iterator[None]:
     try:
         yield
     except BaseException:
-        with suppress(Exception):
+        with held_off(), suppress(Exception):
             driver.stop()
         raise
-    with _guarded(
-        driver, "at its end", "what was played is kept, but the arm may not be let go", ENVIRONMENT
+    with (
+        held_off(),
+        _guarded(driver, "at its end", "what was played is kept, but the arm may not be let go", ENVIRONMENT),
     ):
         driver.stop()
 
