@@ -11,7 +11,9 @@ from strandcast.arm.dynamics import dynamics_of
 from strandcast.arm.limits import peaks, violations
 from strandcast.arm.load import Arm
 from strandcast.motion.bezier import Curve, paper_heights, rest_heights, sample, with_stop_ramp
+from strandcast.motion.draw import draw_first
 from strandcast.motion.paths import WITHIN, packed, paths_of, paths_of_any
+from strandcast.player.trajectory import Trajectory
 
 STEP_S = 0.002
 
@@ -80,3 +82,15 @@ def test_a_joint_beyond_its_range_is_told_by_its_share_of_it(arm: Arm) -> None:
     still = Curve(np.array([3.0, 0.0, 0.0]), 0.1, rest_heights(np.zeros((3, 2))))
     over = paths_of(packed([still]), STEP_S).excess(arm.limits)
     np.testing.assert_allclose(over, (3.0 - 2.78) / (2.78 + 0.33))
+
+
+@pytest.mark.parametrize("step_s", [0.002, 0.008])
+def test_what_leaves_rest_at_once_keeps_the_limits_between_its_points_too(arm: Arm, step_s: float) -> None:
+    weak = replace(arm, limits=replace(arm.limits, acceleration_rad_s2=np.full(3, 20.0)))
+    rng = np.random.default_rng(3)
+    drawn = draw_first(60, "paper", weak.limits, (0.2, 1.2), 6, 22.0, step_s, rng)
+    for curve in drawn:
+        motion = sample(curve, step_s)
+        trajectory = Trajectory(motion.time_s, motion.q, motion.qd, motion.qdd)
+        time_s = np.arange(round(1000 * trajectory.end_s) + 1) * 1e-3
+        assert violations(weak, time_s, *trajectory.at(time_s)) == []

@@ -15,6 +15,9 @@ from strandcast.motion.bezier import Curve, Samples, sample, whole_steps
 
 # Between the samples a controller goes a little further.
 WITHIN = 0.995
+# From rest into a curve that begins with an acceleration: the quintic through the first two points goes so
+# much beyond it, 1 + 0.37 at 0.355 of the step.
+ONSET = 1.374
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +60,8 @@ class Paths:
     last
         (P,) last sample of each motion.
     low, high, speed, acceleration, jerk, torque
-        (P, J) least and greatest angle, greatest magnitudes of the rates, and of the torque or 0.
+        (P, J) least and greatest angle, greatest magnitudes of the rates, and of the torque or 0; the
+        acceleration is also that of a controller between the first two points.
     effort_rad_s
         (P,) rms speed.
     """
@@ -125,8 +129,15 @@ def paths_of_any(
             lambda m: _greatest_torque(m, dynamics),
         )
     )
+    acceleration = np.maximum(acceleration, [ONSET * _onset_rad_s2(curve) for curve in curves])
     effort = np.array([np.sqrt(np.mean(m.qd**2)) for m in motions])
     return Paths(q, last, low, high, speed, acceleration, jerk, torque, effort)
+
+
+def _onset_rad_s2(curve: Curve) -> np.ndarray:
+    """Return (J,) with what acceleration the curve leaves rest."""
+    heights = curve.heights_rad_s
+    return np.asarray(np.abs(heights[:, 1] - heights[:, 0]) * (heights.shape[1] - 1) / curve.duration_s)
 
 
 def _greatest_torque(motion: Samples, dynamics: PlanarDynamics) -> np.ndarray:
