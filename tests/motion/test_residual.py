@@ -90,6 +90,10 @@ def test_the_distance_is_to_the_nearest_trial_that_is_like_it(task: Task, unlike
     trials = [played(task, unlike, curve(), 1), played(task, unlike, curve(1.2), 2)]
     assert distance_rad_s(curve(1.15), trials) == pytest.approx(0.05 * rms(curve()))
     assert distance_rad_s(replace(curve(), duration_s=0.6), trials) == np.inf
+    # How long the arm takes to stop differs with the heights.
+    ramped = [replace(trial, curve=replace(curve(), ramp_s=0.12)) for trial in trials[:1]]
+    assert distance_rad_s(replace(curve(1.15), ramp_s=0.14), ramped) == pytest.approx(0.15 * rms(curve()))
+    assert distance_rad_s(curve(1.15), ramped) == np.inf
 
 
 def rms(one: Curve) -> float:

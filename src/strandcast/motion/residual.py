@@ -54,19 +54,29 @@ def alike(trials: list[Earlier], curve: Curve) -> list[Earlier]:
     return [
         trial
         for trial in trials
-        if trial.curve is not None
-        and trial.curve.heights_rad_s.shape == curve.heights_rad_s.shape
-        and trial.curve.end_s == curve.end_s
-        and np.allclose(trial.curve.q0_rad, curve.q0_rad, atol=1e-9)
+        if trial.curve is not None and _same_start(trial.curve, curve) and trial.curve.end_s == curve.end_s
     ]
 
 
+def _same_start(one: Curve, other: Curve) -> bool:
+    """Tell whether two motions have the same posture and time, stop ramps aside, and as many heights."""
+    return (
+        one.heights_rad_s.shape == other.heights_rad_s.shape
+        and (one.ramp_s > 0.0) == (other.ramp_s > 0.0)
+        and abs(one.duration_s - other.duration_s) < 1e-9
+        and np.allclose(one.q0_rad, other.q0_rad, atol=1e-9)
+    )
+
+
 def distance_rad_s(curve: Curve, trials: list[Earlier]) -> float:
-    """Return how far a motion is from the nearest trial's: rms over the heights, inf if none is like it."""
+    """Return how far a motion is from the nearest trial's: rms over the heights, inf if none is like it.
+
+    How long the arm takes to stop after the curve makes no difference.
+    """
     away = [
         np.sqrt(np.mean((curve.heights_rad_s - trial.curve.heights_rad_s) ** 2))
-        for trial in alike(trials, curve)
-        if trial.curve is not None
+        for trial in trials
+        if trial.curve is not None and _same_start(trial.curve, curve)
     ]
     return float(min(away, default=np.inf))
 
