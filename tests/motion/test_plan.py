@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -14,6 +15,7 @@ from strandcast.arm.limits import violations
 from strandcast.arm.load import load_arm
 from strandcast.arm.servo import Servo, respond
 from strandcast.errors import StrandcastError
+from strandcast.motion import first as search_first
 from strandcast.motion.bars import start_blame
 from strandcast.motion.earlier import Earlier, earlier_trial
 from strandcast.motion.objective import closest_approach
@@ -21,7 +23,7 @@ from strandcast.motion.plan import Plan, plan_first, plan_next
 from strandcast.motion.rank import likely_miss_m
 from strandcast.motion.strings import Strings
 from strandcast.motion.task import Options, Task
-from strandcast.motion.throws import World, commands, throw
+from strandcast.motion.throws import Thrown, World, commands, throw, throw_paths
 from strandcast.motion.write import to_record
 from strandcast.player.checks import check_motion
 from strandcast.records.files import content_sha256
@@ -251,6 +253,23 @@ def test_what_is_foreseen_is_over_strings_and_disturbances(
     np.testing.assert_allclose(told.miss_quantiles_m["p50"], np.median(later.disturbed_miss_m))
     still = plan_first(task, strings, replace(options, disturbances=0.0), np.random.default_rng(1))
     np.testing.assert_allclose(still.disturbed_miss_m, np.repeat(still.ensemble_miss_m, 16), atol=1e-4)
+
+
+@pytest.mark.parametrize("budget", [{"evaluations": 8, "members": 1}, {"evaluations": 200, "members": 3}])
+def test_the_throws_that_are_counted_are_those_simulated(
+    task: Task, strings: Strings, budget: dict[str, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    thrown: list[int] = []
+
+    def counted(*given: Any) -> Thrown:
+        thrown.append(len(given[3].q) * len(given[1]))
+        return throw_paths(*given)
+
+    monkeypatch.setattr(search_first, "throw_paths", counted)
+    # No motion is good enough: it looks for others, too.
+    narrow = replace(task, hit_radius_m=1e-6)
+    plan = plan_first(narrow, strings, replace(SMALL, screening=8, **budget), np.random.default_rng(1))
+    assert plan.simulations == sum(thrown)
 
 
 @pytest.mark.parametrize(

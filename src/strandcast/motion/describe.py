@@ -49,7 +49,7 @@ class Plan:
     parent_trial
         The trial whose motion was altered, None for a motion planned anew.
     simulations
-        Throws simulated.
+        Throws simulated by the search.
     flags
         What a reader should know.
     """

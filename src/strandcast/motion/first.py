@@ -86,7 +86,7 @@ def _attempt(
     Many motions are tried with few strings, fewer with more: every round starts from the best of the last.
     """
     found = screen(task, thrown.first(SCREENED_WITH), world, options, rng)
-    simulations = options.screening * SCREENED_WITH
+    simulations = options.screening * min(SCREENED_WITH, len(thrown))
     starts = [coding.point(curve) for curve in found]
     ends: list[End] = []
     tell, told = Progress("plan: search", total=options.evaluations), 0
@@ -99,10 +99,11 @@ def _attempt(
 
         ends = []
         for start in starts[:searches]:
-            ends.append(minimise(value, start, spread, budget, rng, tell, told))
+            point, cost, tried = minimise(value, start, spread, budget, rng, tell, told)
+            ends.append((point, cost))
             told += budget
+            simulations += tried * min(members, len(thrown))
         starts = _best_first(ends)
-        simulations += searches * budget * min(members, len(thrown))
     return min(ends, key=lambda end: end[1]), simulations
 
 

@@ -146,5 +146,5 @@ def plan_near(
     budget = options.evaluations // 3
     tell = Progress("plan: search", total=budget)
     spread = SPREAD * float(np.clip(miss_m / NEAR_M, 1.0, WIDEST))
-    point, _ = minimise(value, np.zeros(np.prod(shape)), spread, budget, rng, tell)
-    return curve(point), budget * len(near.strings)
+    point, _, tried = minimise(value, np.zeros(np.prod(shape)), spread, budget, rng, tell)
+    return curve(point), tried * len(near.strings)

@@ -122,7 +122,8 @@ def _near_or_anew(
         return plan
     why = f"near trial {best.trial}'s motion the best is {1000 * plan.cost_m:.0f} mm"
     anew = _replanned(task, strings, world, options, rng, why)
-    return anew if anew.cost_m < plan.cost_m else plan
+    spent = plan.simulations + anew.simulations
+    return replace(anew if anew.cost_m < plan.cost_m else plan, simulations=spent)
 
 
 def _refined(

@@ -21,7 +21,7 @@ def minimise(
     tell: Progress,
     told: int = 0,
     good_enough: float = 0.0,
-) -> tuple[np.ndarray, float]:
+) -> tuple[np.ndarray, float, int]:
     """Minimise a function of whole populations.
 
     Parameters
@@ -39,7 +39,7 @@ def minimise(
 
     Returns
     -------
-    The best point tried, the start included, and its value.
+    The best point tried, the start included, its value, and how many points were tried.
     """
     strategy = cma.CMAEvolutionStrategy(
         start,
@@ -63,4 +63,4 @@ def minimise(
         if values.min() < best_value:
             best, best_value = points[int(np.argmin(values))], float(values.min())
         tell(told + done, f"best {1000 * best_value:.1f} mm")
-    return best, best_value
+    return best, best_value, done
