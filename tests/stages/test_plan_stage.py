@@ -5,14 +5,19 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from strandcast.bench.loop_throw import Rig, throw
 from strandcast.experiment import load_experiment
 from strandcast.motion.objectives import Point, Segment, Shape, Swing
+from strandcast.records.estimate import Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.summary import Verdict
+from strandcast.records.tables import read_table, write_table
+from strandcast.records.track import TRACK
 from strandcast.report.text import verdict_chip
-from strandcast.stages import judge, plan
+from strandcast.stages import estimate, judge, plan, supply
 from strandcast.stages.context import context_of
 
 SMALL = "plan: {screening: 16, evaluations: 100, ensemble: 2}\n"
@@ -111,3 +116,24 @@ def test_each_objective_is_told_to_the_planner_and_judged_or_said_not_to_be(
     assert verdict.reason is not None
     assert "judged" in verdict.reason or "no miss is told" in verdict.reason
     assert verdict_chip(verdict, None).word == "NOT JUDGED"
+
+
+def test_after_a_throw_whose_tip_nobody_saw_the_next_is_planned(root: Path) -> None:
+    text = "target_m: [0.5, 0.5]\nlab: {string: paper-1}\nestimate: {evaluations: 100, profiles: false}\n"
+    write(root, "blind", text + SMALL)
+    plan.run(root, "blind", 1)
+    throw(root, "blind", 1, Rig())
+    track = root / "data/blind/trial-01/track.parquet"
+    columns = read_table(track, TRACK)
+    tip = columns["point"] == columns["point"].max()
+    for name in ("x_m", "y_m", "sigma_m"):
+        columns[name] = np.where(tip, np.nan, columns[name])
+    write_table(track, TRACK, columns, {"source": "test"})
+    for stage in (supply, judge, estimate):
+        stage.run(root, "blind", 1)
+    fitted = Estimate.read(root / "results/blind/trial-01/estimate.json")
+    assert (fitted.tip_error_m, fitted.E_points_m[-1]) == (None, None)
+    plan.run(root, "blind", 2)
+    motion = Motion.read(root / "results/blind/trial-02/motion.json")
+    assert motion.provenance is not None
+    assert "trial 1: no tip seen" in motion.provenance.flags

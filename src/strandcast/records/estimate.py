@@ -144,7 +144,7 @@ class Estimate(Record):
     E_points_m: list[float | None]  # E_i of points 1…n
     step_change_m: float | None = None  # what half the step changes in the fitted string
     rmse_m: float
-    tip_error_m: float
+    tip_error_m: float | None  # none where the tip was not seen
     held_out: list[HeldOut]
     convergence: list[Step]
     evaluations: int

@@ -231,7 +231,7 @@ def _record(
         E_points_m=[_finite(value) for value in fit.E_points_m],
         step_change_m=_finite(fit.step_change_m),
         rmse_m=fit.rmse_m,
-        tip_error_m=fit.tip_error_m,
+        tip_error_m=_finite(fit.tip_error_m),
         held_out=[HeldOut(what=h.what, E_m=h.E_m) for h in fit.held_out if np.isfinite(h.E_m)],
         convergence=[
             Step(evaluations=int(count), best_m=float(best))
