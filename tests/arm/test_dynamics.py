@@ -37,3 +37,19 @@ def test_a_payload_is_felt_by_its_weight(project_root: Path) -> None:
     # Stretched out sideways, a kilogram at the grip weighs on every joint by its distance.
     lever = -9.81 * np.array([0.70, 0.40, 0.15])
     np.testing.assert_allclose(np.abs(more - planar(arm, still, still, still))[0], np.abs(lever), rtol=1e-6)
+
+
+def test_dry_friction_is_never_made_light_of(project_root: Path, tmp_path: Path) -> None:
+    friction = 0.5
+    for suffix in (".toml", ".urdf"):
+        text = (project_root / f"config/arms/planar3{suffix}").read_text(encoding="utf-8")
+        told = f'<dynamics friction="{friction}"/></joint>'
+        (tmp_path / f"planar3{suffix}").write_text(text.replace("</joint>", told), encoding="utf-8")
+    arm = load_arm(tmp_path / "planar3.toml")
+    rng = np.random.default_rng(3)
+    q = rng.uniform(arm.limits.lower_rad, arm.limits.upper_rad, (40, 3))
+    qd, qdd = rng.uniform(-8, 8, (40, 3)), rng.uniform(-90, 90, (40, 3))
+    found, expected = planar(arm, q, qd, qdd), torques(arm, q, qd, qdd)
+    assert (np.abs(found) >= np.abs(expected) - 1e-6).all()
+    # MuJoCo has it against the motion: as the chain, or the other way.
+    assert (np.abs(found - expected) <= 2.0 * friction + 1e-6).all()

@@ -24,9 +24,10 @@ class PlanarDynamics:
     Attributes
     ----------
     links
-        (J, 9) of each link: sign of its joint (+1 where a positive angle is counter-clockwise); mass [kg];
+        (J, 10) of each link: sign of its joint (+1 where a positive angle is counter-clockwise); mass [kg];
         inertia about its centre and the plane's normal [kg m²]; x, y from its joint to its centre, and to the
-        next joint, at zero angles [m]; its joint's viscous friction [N m s/rad] and motor inertia [kg m²].
+        next joint, at zero angles [m]; its joint's viscous friction [N m s/rad], motor inertia [kg m²] and
+        dry friction [N m].
     gravity_m_s2
         (2,).
     """
@@ -36,7 +37,7 @@ class PlanarDynamics:
 
 
 # Of an arm whose torques nobody asks for.
-NO_DYNAMICS = PlanarDynamics(np.zeros((0, 9)), np.zeros(2))
+NO_DYNAMICS = PlanarDynamics(np.zeros((0, 10)), np.zeros(2))
 
 
 @lru_cache(maxsize=8)
@@ -60,6 +61,7 @@ def dynamics_of(arm: Arm) -> PlanarDynamics:
             np.diff(anchors, axis=0, append=anchors[-1:]),
             model.dof_damping[dofs],
             model.dof_armature[dofs],
+            model.dof_frictionloss[dofs],
         ]
     )
     return PlanarDynamics(np.ascontiguousarray(links), arm.plane @ model.opt.gravity)
@@ -84,7 +86,8 @@ def chain_torques(
     """Return torques (T, J) [N m] for angles, speeds, accelerations (T, J), by recursive Newton-Euler.
 
     Outwards go the links' turn rates and the acceleration of each joint's place, gravity being one; inwards,
-    the force and the moment that each link needs from the one before (Luh, Walker and Paul, 1980).
+    the force and the moment that each link needs from the one before (Luh, Walker and Paul, 1980). Dry
+    friction, whose direction depends on what the joint was about to do, is taken to be in the way.
     """
     count, joints = q.shape
     torque = np.empty((count, joints))
@@ -110,5 +113,6 @@ def chain_torques(
         for j in range(joints - 1, -1, -1):
             turning += moment[j] + step[j, 0] * fy - step[j, 1] * fx
             fx, fy = fx + force[j, 0], fy + force[j, 1]
-            torque[t, j] = links[j, 0] * turning + links[j, 7] * qd[t, j] + links[j, 8] * qdd[t, j]
+            needed = links[j, 0] * turning + links[j, 7] * qd[t, j] + links[j, 8] * qdd[t, j]
+            torque[t, j] = needed + math.copysign(links[j, 9], needed)
     return torque
