@@ -599,6 +599,15 @@ class Experiment(Section):
         return self
 
     @model_validator(mode="after")
+    def _a_shapes_places_lie_on_the_string(self) -> Experiment:
+        told, length_m = self.objective, self.string.length_m
+        if isinstance(told, ShapeObjective):
+            beyond = [place.along_m for place in told.places if place.along_m > length_m + 1e-9]
+            if beyond:
+                raise ValueError(f"the shape's place at {beyond[0]} m lies beyond the string's {length_m} m")
+        return self
+
+    @model_validator(mode="after")
     def _the_lab_names_its_own_photos(self) -> Experiment:
         named = (self.camera.lens_photos, self.camera.plane_photo, self.camera.lens_video)
         if self.lab is not None and named != (LENS_PHOTOS, PLANE_PHOTO, None):
@@ -768,8 +777,9 @@ def _line(node: Any, place: tuple[str, ...]) -> int:
 def _suggestion(detail: ErrorDetails, place: tuple[str, ...]) -> str:
     kind, value, name = detail["type"], detail["input"], place[-1] if place else ""
     if kind == "extra_forbidden":
-        near = difflib.get_close_matches(name, _fields_beside(place), n=1, cutoff=0.5)
-        return f"did you mean {near[0]!r}?" if near else f"one of: {', '.join(_fields_beside(place))}"
+        allowed = _fields_beside(detail["loc"])
+        near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
+        return f"did you mean {near[0]!r}?" if near else f"one of: {', '.join(allowed)}"
     if kind == "missing":
         return "add it"
     if kind.startswith("less_than"):
@@ -795,20 +805,28 @@ def _unit_hint(place: tuple[str, ...], value: Any) -> str:
     return f"see {SCHEMA_FILE} for what is allowed"
 
 
-def _fields_beside(place: tuple[str, ...]) -> list[str]:
-    """Return the names that are allowed where an unknown one was found."""
-    model: type[BaseModel] | None = Experiment
-    for part in place[:-1]:
-        if part.isdigit() or model is None or part not in model.model_fields:
-            continue
-        model = _model_in(model.model_fields[part].annotation)
-    return list(model.model_fields) if model is not None else []
+def _fields_beside(loc: tuple[int | str, ...]) -> list[str]:
+    """Return the names that are allowed where an unknown one was found, of the kind that is there."""
+    annotation: Any = Experiment
+    for part in loc[:-1]:
+        models = _models_in(annotation)
+        of_kind = [model for model in models if part in _kinds(model)]
+        if of_kind:
+            annotation = of_kind[0]
+        elif models and part in models[0].model_fields:
+            annotation = models[0].model_fields[str(part)].annotation
+    return [name for model in _models_in(annotation)[:1] for name in model.model_fields]
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next((found for found in map(_model_in, get_args(annotation)) if found is not None), None)
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models_in(part)]
+
+
+def _kinds(model: type[BaseModel]) -> tuple[Any, ...]:
+    field = model.model_fields.get("kind")
+    return () if field is None else get_args(field.annotation)
 
 
 def find_experiment(name: str, root: Path) -> Path:

@@ -117,6 +117,14 @@ def test_all_problems_are_told_at_once_with_their_lines(tmp_path):
         (GOOD + "plan: {duration_s: [0.9, 0.2]}\n", "plan.duration_s"),
         (GOOD + "start_string: {k_z: 3}\n", "k_z"),
         ("string: {length_m: 0.3, weights: [{place_m: 0.4}]}\ntarget_m: [0.5, 0.5]\n", "beyond the string"),
+        (
+            GOOD + "objective: {kind: shape, places: [{along_m: 0.5, at_m: [0.7, 0.3]}]}\n",
+            "the shape's place at 0.5 m lies beyond the string's 0.3 m",
+        ),
+        (
+            GOOD + "objective: {kind: segment, ends_m: [[0, 0], [1, 1]], tolerance_rad: 0.3}\n",
+            "objective.tolerance_rad: there is no such setting\n        Fix: one of: kind, ends_m",
+        ),
     ],
 )
 def test_bad_files_give_one_clear_message(tmp_path, text, words):
