@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from strandcast.bench.loop_throw import Rig, throw
+from strandcast.errors import StrandcastError
 from strandcast.experiment import load_experiment
 from strandcast.motion.objectives import Point, Segment, Shape, Swing
 from strandcast.records.estimate import Estimate
@@ -116,6 +117,24 @@ def test_each_objective_is_told_to_the_planner_and_judged_or_said_not_to_be(
     assert verdict.reason is not None
     assert "judged" in verdict.reason or "no miss is told" in verdict.reason
     assert verdict_chip(verdict, None).word == "NOT JUDGED"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("target_m: [1.5, 0.5]\n", "experiment.yaml: target_m: the target is 1.581 m from"),
+        (
+            "target_m: [0.6, 0.5]\narm: fr3-example\nplan: {planner: paper, screening: 8}\n",
+            "experiment.yaml: plan: only 0 random motions by eq. 1 kept the arm's limits, 8 are wanted\n"
+            "        Fix: set paper.ends to rest",
+        ),
+    ],
+)
+def test_what_cannot_be_planned_names_file_field_and_fix(root: Path, text: str, words: str) -> None:
+    write(root, "not", text)
+    with pytest.raises(StrandcastError) as caught:
+        plan.run(root, "not", 1)
+    assert words in str(caught.value)
 
 
 def test_after_a_throw_whose_tip_nobody_saw_the_next_is_planned(root: Path) -> None:

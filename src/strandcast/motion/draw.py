@@ -82,11 +82,20 @@ def draw_first(
             )
         if len(found) >= count:
             return found[:count]
-    raise StrandcastError(
-        "SC-P004",
-        f"only {len(found)} random motions kept the arm's limits and let the string hang freely before,"
-        f" {count} are wanted",
-        fix="widen workspace_m, allow longer motions (plan.duration_s), or look at the arm's limits",
+    raise _too_few(len(found), count, reading, limits)
+
+
+def _too_few(found: int, count: int, reading: str, limits: Limits) -> StrandcastError:
+    how, fix = (
+        ("kept the arm's limits and let the string hang freely before", "widen workspace_m,")
+        if reading == "rest"
+        else ("by eq. 1 kept the arm's limits", "lower paper.largest_slope_rad_s2,")
+    )
+    fix += " allow other durations (plan.duration_s), or look at the arm's limits"
+    if reading == "paper" and np.isfinite(limits.jerk_rad_s3).any():
+        fix = "set paper.ends to rest: eq. 1 begins with a jump in acceleration, the arm's jerk is limited"
+    return StrandcastError(
+        "SC-P004", f"only {found} random motions {how}, {count} are wanted", field="plan", fix=fix
     )
 
 

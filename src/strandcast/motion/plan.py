@@ -90,8 +90,8 @@ def plan_next(
         raise StrandcastError(
             "SC-P005",
             "no earlier trial has a motion with control heights to start from",
-            field="bezier",
-            fix="throw a motion that `strandcast plan` made, or plan a first motion",
+            fix="throw a motion that `strandcast plan` made, or list the trials under `excluded`: then the "
+            "next motion is planned as a first one",
         )
     world = World((servo or fitted_servo(task, earlier)) if options.use_servo else None)
     if options.planner == "paper":

@@ -9,6 +9,7 @@ import numpy as np
 
 from strandcast.arm.load import Arm, Box, load_arm
 from strandcast.arm.servo import Servo
+from strandcast.errors import StrandcastError
 from strandcast.experiment import Experiment, SegmentObjective, ShapeObjective, SwingObjective
 from strandcast.motion.earlier import Earlier, earlier_trial
 from strandcast.motion.objective import Objective
@@ -41,16 +42,18 @@ def run(root: Path, name: str, trial: int) -> None:
     began_s = time.monotonic()
     random = rng(name, settings.seed, trial, "plan")
     earlier = context.counted_before(trial)
-    if earlier:
-        trials = [read_trial(context, number) for number in earlier]
-        plan = _next(context, task, layout, trials, random)
-        parent = next((t.motion for t in trials if t.number == plan.parent_trial), None)
-        start = None
-    else:
-        plan = plan_first(
-            task, _start_strings(settings, model.length_m, layout, random), _options(settings), random
-        )
-        parent, start = None, _start_name(settings)
+    trials = [read_trial(context, number) for number in earlier]
+    try:
+        if trials:
+            plan, start = _next(context, task, layout, trials, random), None
+        else:
+            strings = _start_strings(settings, model.length_m, layout, random)
+            plan, start = plan_first(task, strings, _options(settings), random), _start_name(settings)
+    except StrandcastError as error:
+        # What the planner cannot do is asked for in the experiment's file, unless it is the arm's.
+        error.file = error.file or str(context.file)
+        raise
+    parent = next((t.motion for t in trials if t.number == plan.parent_trial), None)
     # How long it took is no part of the result, which is the same every time.
     tell(f"plan: {plan.simulations} throws simulated in {time.monotonic() - began_s:.1f} s")
     for flag in plan.flags:
