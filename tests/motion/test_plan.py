@@ -173,6 +173,31 @@ def test_bad_fit_and_far_miss_plan_anew(
     assert not any("outside the tested region" in flag for flag in near.flags)
 
 
+def test_after_a_motion_without_control_heights_the_fitted_strings_are_planned_with_anew(
+    task: Task, strings: Strings, unknown: Strings, first: Plan, options: Options
+) -> None:
+    trial = replace(thrown_for_real(task, unknown, first, 1), curve=None)
+    small = replace(options, screening=32, evaluations=200)
+    plan = plan_next(task, strings, [trial], small, np.random.default_rng(2))
+    assert plan.kind == "replanned"
+    assert plan.parent_trial is None
+    assert "no earlier trial has a motion with control heights" in plan.flags[0]
+    with pytest.raises(StrandcastError) as told:
+        plan_next(task, strings, [trial], replace(small, planner="paper"), np.random.default_rng(2))
+    assert told.value.code == "SC-P005"
+
+
+@pytest.mark.parametrize(("cost_radii", "attempts"), [(1.0, 1), (3.0, 2), (30.0, 1)])
+def test_only_a_motion_that_is_near_a_good_one_is_searched_for_once_more(
+    task: Task, strings: Strings, options: Options, monkeypatch: pytest.MonkeyPatch,
+    cost_radii: float, attempts: int,
+) -> None:  # fmt: skip
+    point = np.zeros(len(task.arm.joints) * (options.free_heights + 1) + 1)
+    monkeypatch.setattr(search_first, "_attempt", lambda *_: ((point, cost_radii * task.hit_radius_m), 100))
+    _, simulations = search_first.plan_anew(task, strings, World(), options, np.random.default_rng(1))
+    assert simulations == 100 * attempts
+
+
 def test_a_target_beyond_what_is_near_is_planned_anew(
     task: Task, strings: Strings, unknown: Strings, first: Plan, options: Options
 ) -> None:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import pytest
+from matplotlib.figure import Figure
+
 from strandcast.records.motion import Motion
 from strandcast.records.summary import Verdict
 from strandcast.report.facts import Facts
-from strandcast.report.figures.next_motion import next_motion
+from strandcast.report.figures.next_motion import _draw_prediction, next_motion
 from strandcast.report.trial_page import trial_page
 
 
@@ -46,6 +49,18 @@ def test_the_spread_and_the_share_of_each_limit_are_told(results: Path, tmp_path
     assert "most of a joint's jerk limit used" not in rows
     assert rows["least room to the workspace's edge"].startswith("31")
     assert rows["what for"] == "bar from (0.8, 0.2) to (0.8, 0.4) m"
+
+
+@pytest.mark.parametrize(("aims_m", "marks"), [(None, 1), ([(0.8, 0.2), (0.8, 0.4)], 2), ([], 0)])
+def test_only_what_is_aimed_at_is_marked(
+    results: Path, aims_m: list[tuple[float, float]] | None, marks: int
+) -> None:
+    axes = Figure().add_subplot()
+    motion = Motion.read(results / "trial-02" / "motion.json")
+    _draw_prediction(axes, motion, Facts(aims_m=aims_m))
+    assert len(axes.patches) == marks
+    labels = [line.get_label() for line in axes.lines]
+    assert labels.count("target") == min(marks, 1)
 
 
 def test_a_page_says_what_the_miss_is_from(results: Path, tmp_path: Path) -> None:

@@ -23,9 +23,8 @@ SCREENED_WITH = 2  # strings
 # Rounds of the search: searches, from the best motions so far; share of the evaluations; strings; spread.
 ROUNDS = ((6, 0.5, 4, 0.5), (2, 0.27, 8, 0.35), (1, 0.23, 16, 0.2))
 MOST_ATTEMPTS = 2
-GOOD_ENOUGH = (
-    1.5  # hit radii: what a motion may cost, lateness and folding included, without a look for others
-)
+GOOD_ENOUGH = 1.5  # hit radii: what a motion may cost, lateness and folding included, with no look for others
+HOPELESS = 10.0  # hit radii: so far off, it was no bad luck of the search, and another look finds the same
 # One standard deviation of the search: heights, posture, time.
 HEIGHT_RAD_S, POSTURE_RAD, TIME_S = 1.5, 0.25, 0.06
 
@@ -62,19 +61,20 @@ def plan_anew(
 ) -> tuple[Curve, int]:
     """Return the motion with the least rms miss over the strings, and the throws simulated.
 
-    Where the best that was found is no good one, all is done once more with other random motions.
+    Where the best that was found is no good one, but near one, all is done once more with other random
+    motions.
     """
     task = task.rough()
     thrown = disturbed(strings, options.members, len(task.arm.joints), options.disturbances)
     coding = Coding(len(task.arm.joints), options.free_heights, options.duration_s, task.step_s)
     ends: list[End] = []
     simulations = 0
-    while len(ends) < MOST_ATTEMPTS and min((cost for _, cost in ends), default=np.inf) > (
-        GOOD_ENOUGH * task.hit_radius_m
-    ):
+    while len(ends) < MOST_ATTEMPTS:
         end, more = _attempt(task, thrown, world, options, coding, rng)
         ends.append(end)
         simulations += more
+        if not GOOD_ENOUGH < end[1] / task.hit_radius_m < HOPELESS:
+            break
     return coding.curves(_best_first(ends)[0][None])[0], simulations
 
 

@@ -82,18 +82,20 @@ def plan_next(
     Raises
     ------
     StrandcastError
-        No earlier trial was played from a motion with control heights, or the target is out of reach.
+        The target is out of reach; or, for the paper's planner, no earlier trial was played from a motion
+        with control heights.
     """
     refuse_unreachable(task)
     known = [trial for trial in earlier if trial.curve is not None]
-    if not known:
+    if not known and options.planner == "paper":
         raise StrandcastError(
             "SC-P005",
             "no earlier trial has a motion with control heights to start from",
             fix="throw a motion that `strandcast plan` made, or list the trials under `excluded`: then the "
             "next motion is planned as a first one",
         )
-    world = World((servo or fitted_servo(task, earlier)) if options.use_servo else None)
+    servo = servo or (fitted_servo(task, earlier) if earlier else task.arm.servo)
+    world = World(servo if options.use_servo else None)
     if options.planner == "paper":
         found = _altered_last(task, strings, world, known[-1], options, rng)
         plan = _described(task, strings, world, options, found)
@@ -112,6 +114,9 @@ def _near_or_anew(
     fit_E_m: float,
 ) -> Plan:
     """Plan near the best trial, or anew where no good throw is to be had there."""
+    if not known:
+        why = "no earlier trial has a motion with control heights"
+        return _replanned(task, strings, world, options, rng, why)
     misses = [likely_miss_m(task, strings, trial) for trial in known]
     best, least_m = known[int(np.argmin(misses))], min(misses)
     if least_m > options.replan_from_miss_m and fit_E_m > options.replan_from_E_m:

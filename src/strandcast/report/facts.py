@@ -16,6 +16,9 @@ class Facts:
         The experiment's title, for people.
     hit_radius_m
         Within which a tip counts as a hit [m].
+    aims_m
+        Where a throw other than at a point is to go: a bar's two ends, a shape's places; none of a swing.
+        None: at the motion's target.
     excluded
         Trial -> why it does not count.
     weight_places_m, stiff_sections_m
@@ -32,6 +35,7 @@ class Facts:
 
     title: str = ""
     hit_radius_m: float = 0.02
+    aims_m: list[tuple[float, float]] | None = None
     excluded: dict[int, str] = field(default_factory=dict)
     weight_places_m: list[float] = field(default_factory=list)
     stiff_sections_m: list[tuple[float, float]] = field(default_factory=list)

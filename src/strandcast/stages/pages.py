@@ -8,6 +8,7 @@ from pathlib import Path
 from strandcast import __version__
 from strandcast.arm.load import load_arm
 from strandcast.errors import StrandcastError
+from strandcast.experiment import Experiment, SegmentObjective, ShapeObjective, SwingObjective
 from strandcast.report.facts import Facts
 from strandcast.stages.context import Context
 
@@ -21,6 +22,7 @@ def facts_of(context: Context, next_motion: Path | None) -> Facts:
     return Facts(
         title=settings.title,
         hit_radius_m=settings.hit_radius_m,
+        aims_m=_aims_m(settings),
         excluded={exclusion.trial: exclusion.reason for exclusion in settings.excluded},
         weight_places_m=[weight.place_m for weight in settings.string.weights],
         stiff_sections_m=[(section.from_m, section.to_m) for section in settings.string.stiff_sections],
@@ -29,6 +31,15 @@ def facts_of(context: Context, next_motion: Path | None) -> Facts:
         settings=settings.model_dump(mode="json"),
         software={"strandcast": __version__} | {name: version(name) for name in SOFTWARE},
     )
+
+
+def _aims_m(settings: Experiment) -> list[tuple[float, float]] | None:
+    told = settings.objective
+    if isinstance(told, SegmentObjective):
+        return list(told.ends_m)
+    if isinstance(told, ShapeObjective):
+        return [place.at_m for place in told.places]
+    return [] if isinstance(told, SwingObjective) else None
 
 
 def _play_command(context: Context, next_motion: Path | None) -> str | None:

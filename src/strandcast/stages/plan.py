@@ -36,19 +36,18 @@ def run(root: Path, name: str, trial: int) -> None:
     """Plan the motion of one trial."""
     context = context_of(root, name)
     arm = load_arm(context.arm_file)
-    model, layout = string_model(context, arm)
     settings = context.settings
-    task = _task(settings, arm, model)
     began_s = time.monotonic()
     random = rng(name, settings.seed, trial, "plan")
     earlier = context.counted_before(trial)
     trials = [read_trial(context, number) for number in earlier]
     try:
         if trials:
-            plan, start = _next(context, task, layout, trials, random), None
+            task, strings, options = known_after(context, arm, trials[-1].number)
+            plan, start = _next(context, task, strings, options, trials, random), None
         else:
-            strings = _start_strings(settings, model.length_m, layout, random)
-            plan, start = plan_first(task, strings, _options(settings), random), _start_name(settings)
+            task, strings, options = known_before(context, arm, random)
+            plan, start = plan_first(task, strings, options, random), _start_name(settings)
     except StrandcastError as error:
         # What the planner cannot do is asked for in the experiment's file, unless it is the arm's.
         error.file = error.file or str(context.file)
@@ -68,6 +67,14 @@ def run(root: Path, name: str, trial: int) -> None:
         None if parent is None else parent.content_sha256(),
         start,
     ).write(context.folder.trial(trial).results / "motion.json")
+
+
+def known_before(context: Context, arm: Arm, random: np.random.Generator) -> tuple[Task, Strings, Options]:
+    """Return what planning a first motion begins with: the task, what the string may be, the options."""
+    model, layout = string_model(context, arm)
+    settings = context.settings
+    strings = _start_strings(settings, model.length_m, layout, random)
+    return _task(settings, arm, model), strings, _options(settings)
 
 
 def known_after(context: Context, arm: Arm, trial: int) -> tuple[Task, Strings, Options]:
@@ -141,19 +148,16 @@ def _start_strings(
 
 
 def _next(
-    context: Context, task: Task, layout: MassLayout, trials: list[Trial], random: np.random.Generator
+    context: Context,
+    task: Task,
+    strings: Strings,
+    options: Options,
+    trials: list[Trial],
+    random: np.random.Generator,
 ) -> Plan:
-    folder = context.folder
-    newest = Estimate.read(folder.trial(trials[-1].number).results / "estimate.json")
-    return plan_next(
-        task,
-        _fitted_strings(folder.trial(trials[-1].number).results / "ensemble.parquet", layout),
-        [earlier_of(trial, task.step_s) for trial in trials if trial.motion is not None],
-        _options(context.settings),
-        random,
-        _servo(newest.servo),
-        newest.E_m,
-    )
+    newest = Estimate.read(context.folder.trial(trials[-1].number).results / "estimate.json")
+    earlier = [earlier_of(trial, task.step_s) for trial in trials if trial.motion is not None]
+    return plan_next(task, strings, earlier, options, random, _servo(newest.servo), newest.E_m)
 
 
 def _fitted_strings(path: Path, layout: MassLayout) -> Strings:

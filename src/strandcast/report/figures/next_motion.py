@@ -63,7 +63,7 @@ def next_motion(
     axes.set_xlabel("time [ms]")
     legend_below(figure, axes)
     if motion.predicted is not None:
-        _draw_prediction(figure.add_subplot(expected[0]), motion, facts.hit_radius_m)
+        _draw_prediction(figure.add_subplot(expected[0]), motion, facts)
         _draw_misses(figure.add_subplot(expected[1]), motion)
     finding = _finding(motion)
     return Reportlet(
@@ -122,18 +122,21 @@ def _draw_joint(
     axes.set_title(f"{motion.joint_names[joint]}: velocity", fontsize=8.5)
 
 
-def _draw_prediction(axes: Any, motion: Motion, hit_radius_m: float) -> None:
+def _draw_prediction(axes: Any, motion: Motion, facts: Facts) -> None:
     predicted = motion.predicted
     assert predicted is not None
     hand_m, tip_m = np.array(predicted.hand_m).reshape(-1, 2), np.array(predicted.tip_m).reshape(-1, 2)
     axes.plot(*hand_m.T, **TRUE, label="hand")
     axes.plot(*tip_m.T, **FITTED, label="tip, predicted")
-    axes.add_patch(
-        Circle(
-            (motion.target_m[0], motion.target_m[1]), hit_radius_m, facecolor="none", edgecolor=TARGET, lw=1.5
+    aims_m = [tuple(motion.target_m)] if facts.aims_m is None else facts.aims_m
+    for x_m, y_m in aims_m:
+        ring = Circle((x_m, y_m), facts.hit_radius_m, facecolor="none", edgecolor=TARGET, lw=1.5)
+        axes.add_patch(ring)
+    if aims_m:
+        line = "none" if len(aims_m) == 1 else "-"
+        axes.plot(
+            *np.array(aims_m).T, linestyle=line, marker="+", color=TARGET, markersize=10, label="target"
         )
-    )
-    axes.plot(*motion.target_m, linestyle="none", marker="+", color=TARGET, markersize=10, label="target")
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title("predicted throw", fontsize=8.5)
