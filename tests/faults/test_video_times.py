@@ -11,7 +11,7 @@ import pytest
 from strandcast.errors import INTEGRITY, REFUSED, StrandcastError
 from strandcast.records.alignment import Alignment
 from strandcast.records.track import Track
-from strandcast.verdict import judge
+from strandcast.verdict.judge import judge
 from strandcast.video.checks import unchanged
 from strandcast.video.ingest import camera_times
 

@@ -1,4 +1,4 @@
-"""The plan stage: what experiment.yaml says is what is planned for; and what cannot be judged says so."""
+"""The plan stage: what experiment.yaml says is what is planned for; and judged."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from strandcast.experiment import load_experiment
 from strandcast.motion.objectives import Point, Segment, Shape, Swing
 from strandcast.records.estimate import Estimate
 from strandcast.records.motion import Motion
-from strandcast.records.summary import Verdict
 from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK
-from strandcast.report.text import verdict_chip
 from strandcast.stages import estimate, judge, plan, supply
 from strandcast.stages.context import context_of
+from strandcast.verdict import moment
+from strandcast.verdict.moment import Velocity
 
 SMALL = "plan: {screening: 16, evaluations: 100, ensemble: 2}\n"
 BAR = "objective: {kind: segment, ends_m: [[0.8, 0.25], [0.8, 0.45]]}\n"
@@ -89,34 +89,36 @@ def test_the_papers_planner_has_the_papers_times_and_commanded_angles(root: Path
 
 
 @pytest.mark.parametrize(
-    ("told", "objective", "judged"),
+    ("told", "objective", "wanted"),
     [
-        ("", Point((0.5, 0.5)), True),
-        (BAR, Segment(((0.8, 0.25), (0.8, 0.45))), True),
-        ("objective: {kind: point, direction_rad: -1.5}\n", Point((0.5, 0.5), -1.5), False),
-        ("objective: {kind: point, least_speed_m_s: 4}\n", Point((0.5, 0.5), least_speed_m_s=4.0), False),
+        ("", Point((0.5, 0.5)), None),
+        (BAR, Segment(((0.8, 0.25), (0.8, 0.45))), None),
+        (
+            "objective: {kind: point, direction_rad: -1.5}\n",
+            Point((0.5, 0.5), -1.5),
+            Velocity((0.5, 0.5), -1.5, 0.35, 0.0),
+        ),
+        (
+            "objective: {kind: point, least_speed_m_s: 4}\n",
+            Point((0.5, 0.5), least_speed_m_s=4.0),
+            Velocity((0.5, 0.5), None, 0.35, 4.0),
+        ),
         (
             "objective: {kind: shape, places: [{along_m: 0.3, at_m: [0.9, 0.1]}]}\n",
             Shape((0.3,), ((0.9, 0.1),)),
-            False,
+            moment.Shape((0.3,), ((0.9, 0.1),)),
         ),
-        ("objective: {kind: swing, speed_m_s: 12}\n", Swing(speed_m_s=12.0), False),
+        ("objective: {kind: swing, speed_m_s: 12}\n", Swing(speed_m_s=12.0), moment.Swing(None, 12.0)),
     ],
 )
-def test_each_objective_is_told_to_the_planner_and_judged_or_said_not_to_be(
-    root: Path, told: str, objective: object, judged: bool
+def test_planner_and_judge_are_told_the_same_objective(
+    root: Path, told: str, objective: object, wanted: object
 ) -> None:
     write(root, "it", "target_m: [0.5, 0.5]\n" + told)
     settings = load_experiment(root / "data/it/experiment.yaml")
     assert plan._objective(settings) == objective
-    if judged:
-        return  # tests/verdict judges it
-    judge.run(root, "it", 1)
-    verdict = Verdict.read(root / "results/it/trial-01/verdict.json")
-    assert (verdict.miss_m, verdict.hit, verdict.judged) == (None, False, False)
-    assert verdict.reason is not None
-    assert "judged" in verdict.reason or "no miss is told" in verdict.reason
-    assert verdict_chip(verdict, None).word == "NOT JUDGED"
+    assert judge._wanted(settings) == wanted
+    assert wanted is None or str(wanted) == str(objective)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 
 from strandcast.records.alignment import Alignment
 from strandcast.records.track import PREDICTED, Track
-from strandcast.verdict import judge, not_judged
+from strandcast.verdict.judge import judge
 
 STEP_S = 0.002
 OFFSET_S = 7.0
@@ -149,9 +149,3 @@ def test_a_bar_is_missed_by_the_distance_of_path_and_bar():
     gap[95:106] = False
     hidden = judge(fly_by(keep=gap), alignment(), (0.0, 0.0), 0.02, "e", 1, ((0.0, -1.0), (0.0, 1.0)))
     assert hidden.miss_m is None
-
-
-def test_what_is_not_judged_says_so():
-    found = not_judged((0.1, 0.2), 0.02, "e", 1, "swing", "why")
-    assert (found.miss_m, found.hit, found.judged, found.reason) == (None, False, False, "why")
-    assert verdict(fly_by()).judged

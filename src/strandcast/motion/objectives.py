@@ -8,13 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
+from strandcast.lack import (
+    DIRECTION_M_RAD,
+    SPEED_S,
+    VELOCITY_S,
+    point_words,
+    shape_words,
+    swing_words,
+)
 from strandcast.motion.objective import Miss, Objective, Places, Throws, closest_approach, segment_distance
 
-# What is off besides a distance counts as one: so high that a hit of 20 mm is within 1.2 degrees, 0.2 m/s.
-DIRECTION_M_RAD = 1.0
-SPEED_S = 0.1
-# The tip's velocity is that over so many samples to each side: a carried residual is not free of noise.
-VELOCITY_SAMPLES = 3
 WHOLE_STRING = math.inf
 BAR_PLACES = 33  # of a bar, looked at for reach
 
@@ -55,13 +58,7 @@ class Point(Objective):
         return [Places(np.array([self.target_m]), WHOLE_STRING)]
 
     def __str__(self) -> str:
-        words = "point"
-        if self.direction_rad is not None:
-            off = math.degrees(self.tolerance_rad)
-            words += f", the tip moving at {math.degrees(self.direction_rad):.0f}° ± {off:.0f}°"
-        if self.least_speed_m_s > 0.0:
-            words += f", at {self.least_speed_m_s:g} m/s at least"
-        return words
+        return point_words(self.direction_rad, self.tolerance_rad, self.least_speed_m_s)
 
 
 @dataclass(frozen=True)
@@ -115,7 +112,7 @@ class Shape(Objective):
         return [Places(np.array([p]), along) for along, p in zip(self.along_m, self.places_m, strict=True)]
 
     def __str__(self) -> str:
-        return f"shape through {len(self.places_m)} places"
+        return shape_words(len(self.places_m))
 
 
 @dataclass(frozen=True)
@@ -135,15 +132,19 @@ class Swing(Objective):
         return throws.least(np.maximum(self.height_m - tip[:, :, 1], 0.0))
 
     def __str__(self) -> str:
-        what = f"{self.height_m:g} m high" if self.speed_m_s is None else f"at {self.speed_m_s:g} m/s"
-        return f"swing, the tip {what} at least"
+        return swing_words(self.height_m, self.speed_m_s)
 
 
 def velocities(path_m: np.ndarray, step_s: float) -> np.ndarray:
-    """Return velocities (B, T, 2) of paths (B, T, 2): over a few samples to each side, fewer at the ends."""
-    at = np.arange(path_m.shape[1])
-    before, after = np.maximum(at - VELOCITY_SAMPLES, 0), np.minimum(at + VELOCITY_SAMPLES, at[-1])
+    """Return velocities (B, T, 2) of paths (B, T, 2): over `VELOCITY_S` to each side, less at the ends."""
+    at, samples = np.arange(path_m.shape[1]), _velocity_samples(step_s)
+    before, after = np.maximum(at - samples, 0), np.minimum(at + samples, at[-1])
     return np.asarray((path_m[:, after] - path_m[:, before]) / ((after - before) * step_s)[:, None])
+
+
+@njit(cache=True)
+def _velocity_samples(step_s: float) -> int:
+    return max(1, round(VELOCITY_S / step_s))
 
 
 @njit(cache=True, parallel=True)
@@ -170,13 +171,14 @@ def _nearest_velocity(
     anywhere: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
     miss, index = np.full(len(tips), np.inf), np.zeros(len(tips), np.int64)
+    samples = _velocity_samples(step_s)
     for b in prange(len(tips)):
         tip = tips[b]
         for t in range(1, last[b] + 1):
             away = segment_distance(x, y, tip[t - 1, 0], tip[t - 1, 1], tip[t, 0], tip[t, 1])
             if away >= miss[b]:
                 continue
-            before, after = max(t - 1 - VELOCITY_SAMPLES, 0), min(t + VELOCITY_SAMPLES, last[b])
+            before, after = max(t - 1 - samples, 0), min(t + samples, last[b])
             span = (after - before) * step_s
             vx, vy = (tip[after, 0] - tip[before, 0]) / span, (tip[after, 1] - tip[before, 1]) / span
             away += SPEED_S * max(0.0, least_speed - math.sqrt(vx * vx + vy * vy))

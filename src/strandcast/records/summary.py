@@ -10,7 +10,7 @@ AFTER_MOTION_S = 0.3  # a miss is looked for until then: the tip may arrive afte
 
 
 class Verdict(Record):
-    """The miss of one trial, from the track; null, with the reason, if not seen or not judged."""
+    """The miss of one trial, from the track; null, with the reason, if not seen."""
 
     SCHEMA: ClassVar[str] = "strandcast/verdict"
 
@@ -26,7 +26,7 @@ class Verdict(Record):
     closest_m: list[float] | None
     reason: str | None
     objective: str = "point"  # its kind: what the miss is from
-    judged: bool = True  # whether the track can tell of such an objective at all
+    wanted: str | None = None  # what the miss is from, in words, where it is more than a point or a bar
     bar_m: list[list[float]] | None = None  # both ends, of a bar to strike
 
 

@@ -32,8 +32,6 @@ def verdict_chip(verdict: Verdict | None, excluded: str | None) -> Chip:
         return Chip("EXCLUDED", "◌", "excluded")
     if verdict is None:
         return Chip("NO VERDICT", "✕", "failed")
-    if not verdict.judged:
-        return Chip("NOT JUDGED", "◇", "unseen")
     if verdict.miss_m is None:
         return Chip("NOT SEEN", "◇", "unseen")
     return Chip("HIT", "●", "hit") if verdict.hit else Chip("MISS", "▲", "miss")

@@ -121,8 +121,8 @@ def _reportlets(
 
 def _missed(verdict: Verdict) -> str:
     """Return what a verdict's miss is from."""
-    if not verdict.judged:
-        return f"not judged: {verdict.reason}"
+    if verdict.wanted is not None:
+        return f"{verdict.wanted}; what lacks of direction, speed or height counts as metres"
     if verdict.bar_m is None:
         return f"the target at {place(verdict.target_m)}"
     return f"the bar from {place(verdict.bar_m[0])} to {place(verdict.bar_m[1])}"

@@ -47,7 +47,7 @@ def lab_truth(key: str, title: str, results: Results) -> Reportlet:
         ylim=(0, None),
     )
     curve.set_title("tip")
-    true_miss_m = _miss(truth, verdict, results.window_s()) if verdict.judged else None
+    true_miss_m = _miss(truth, verdict, results.window_s()) if verdict.wanted is None else None
     finding = (
         f"The track is {millimetres(rms(error_m[moving]), digits=2)} rms from the truth during the motion "
         f"(tip {millimetres(rms(error_m[moving, -1]), digits=2)}); true miss {millimetres(true_miss_m)}, "

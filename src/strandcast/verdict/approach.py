@@ -1,4 +1,4 @@
-"""The verdict: by how much the tip's path missed a target or bar, with its σ, or why that is not told."""
+"""The closest approach of a tracked path to a target or a bar."""
 
 from __future__ import annotations
 
@@ -6,13 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.records.alignment import Alignment
-from strandcast.records.summary import AFTER_MOTION_S, Verdict
-from strandcast.records.track import UNSURE, Track
-
 GAP_STEPS = 2.5  # a step of more than this many usual ones is a gap: one lost frame is bridged, two are not
 GAP_SAMPLES = 50
-MOST_UNSURE = 0.9  # of the throw's frames, with an unsure tip, from which no miss is told
 
 
 @dataclass(frozen=True)
@@ -23,87 +18,6 @@ class Approach:
     share: float
     distance_m: float
     place_m: np.ndarray
-
-
-def judge(
-    track: Track,
-    alignment: Alignment,
-    target_m: tuple[float, float],
-    hit_radius_m: float,
-    experiment: str,
-    trial: int,
-    bar_m: tuple[tuple[float, float], tuple[float, float]] | None = None,
-) -> Verdict:
-    """Judge one throw, from the motion's start until 0.3 s after its end.
-
-    Parameters
-    ----------
-    track
-        The mass points; a tip that is only predicted or hidden counts as not tracked.
-    alignment
-        Camera time to robot time, and when the motion was.
-    target_m, hit_radius_m
-        In the world frame.
-    experiment, trial
-        Whose verdict it is.
-    bar_m
-        Both ends of a bar to strike; the miss is from it then, not from the target.
-    """
-    target = np.asarray(target_m if bar_m is None else bar_m, float)
-    robot_s = alignment.robot_time_s(track.camera_time_s)
-    start_s, end_s = alignment.motion_start_s, alignment.motion_end_s + AFTER_MOTION_S
-    tip = track.points_m[:, -1]
-    mine = np.flatnonzero(track.seen()[:, -1] & (robot_s >= start_s) & (robot_s <= end_s))
-    told = {} if bar_m is None else {"objective": "segment", "bar_m": target.tolist()}
-    blank = not_judged(target_m, hit_radius_m, experiment, trial).model_copy(update={"judged": True} | told)
-    if len(mine) < 2:
-        return blank.model_copy(
-            update={"reason": f"the tip was tracked in {len(mine)} frames of the throw only"}
-        )
-    if ((track.flags[mine, -1] & UNSURE) > 0).mean() > MOST_UNSURE:
-        unsure = "the tip's place is unsure in nearly every frame of the throw"
-        return blank.model_copy(update={"reason": unsure})
-    found, reason = closest_approach(robot_s[mine], tip[mine], target, _usual_step_s(track), (start_s, end_s))
-    if found is None:
-        return blank.model_copy(update={"reason": reason})
-    before, after, share = mine[found.index], mine[found.index + 1], found.share
-    sigma_m = float(np.hypot(*(np.array([1 - share, share]) * track.sigma_m[[before, after], -1])))
-    return blank.model_copy(
-        update={
-            "miss_m": found.distance_m,
-            "miss_sigma_m": sigma_m if np.isfinite(sigma_m) else None,
-            "hit": found.distance_m <= hit_radius_m,
-            "closest_frame": int(track.frame[before if share < 0.5 else after]),
-            "closest_robot_time_s": float((1 - share) * robot_s[before] + share * robot_s[after]),
-            "closest_m": found.place_m.tolist(),
-        }
-    )
-
-
-def not_judged(
-    target_m: tuple[float, float],
-    hit_radius_m: float,
-    experiment: str,
-    trial: int,
-    objective: str = "point",
-    reason: str | None = None,
-) -> Verdict:
-    """Return a verdict without a miss, of an objective that the track cannot tell of, with the reason."""
-    return Verdict(
-        experiment=experiment,
-        trial=trial,
-        target_m=[float(x) for x in target_m],
-        hit_radius_m=hit_radius_m,
-        miss_m=None,
-        miss_sigma_m=None,
-        hit=False,
-        closest_frame=None,
-        closest_robot_time_s=None,
-        closest_m=None,
-        reason=reason,
-        objective=objective,
-        judged=False,
-    )
 
 
 def closest_approach(
@@ -141,13 +55,13 @@ def closest_approach(
     sample = best.index + round(best.share) if best.share in (0.0, 1.0) else None
     for gap in np.flatnonzero(gaps):
         if sample in (gap, gap + 1) or _gap_distance_m(time_s, tip_m, target_m, int(gap)) < best.distance_m:
-            return None, _words(
+            return None, gap_words(
                 "the tip was not tracked at the closest approach", time_s[gap], time_s[gap + 1]
             )
     if sample == 0 and time_s[0] - window_s[0] > GAP_STEPS * usual_step_s:
-        return None, _words("the tip was not tracked at the closest approach", window_s[0], time_s[0])
+        return None, gap_words("the tip was not tracked at the closest approach", window_s[0], time_s[0])
     if sample == len(time_s) - 1 and window_s[1] - time_s[-1] > GAP_STEPS * usual_step_s:
-        return None, _words("the track ends while the tip still comes nearer", time_s[-1], window_s[1])
+        return None, gap_words("the track ends while the tip still comes nearer", time_s[-1], window_s[1])
     return best, None
 
 
@@ -213,9 +127,6 @@ def _speed(time_s: np.ndarray, tip_m: np.ndarray, first: int, last: int) -> np.n
     return (tip_m[last] - tip_m[first]) / (time_s[last] - time_s[first])
 
 
-def _usual_step_s(track: Track) -> float:
-    return float(np.median(np.diff(track.camera_time_s)))
-
-
-def _words(what: str, from_s: float, to_s: float) -> str:
+def gap_words(what: str, from_s: float, to_s: float) -> str:
+    """Say that something was not tracked, and when."""
     return f"{what} (nothing between {from_s:.3f} and {to_s:.3f} s, robot time)"
