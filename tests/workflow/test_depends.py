@@ -34,9 +34,9 @@ def version_of(tmp_path, project_root):
 
 def test_an_edit_in_an_imported_room_counts_and_a_comment_does_not(version_of):
     before = version_of("judge")
-    assert version_of("judge", "verdict.py", '"""', '"""A different docstring. ') == before
-    assert version_of("judge", "verdict.py", "\nimport", "\n# a comment\nimport") == before
-    assert version_of("judge", "verdict.py", "def ", "_CHANGED = 1\n\n\ndef ") != before
+    assert version_of("judge", "verdict/judge.py", '"""', '"""A different docstring. ') == before
+    assert version_of("judge", "verdict/judge.py", "\nimport", "\n# a comment\nimport") == before
+    assert version_of("judge", "verdict/judge.py", "def ", "_CHANGED = 1\n\n\ndef ") != before
 
 
 def test_an_edit_in_another_room_does_not_count(version_of):
