@@ -61,7 +61,7 @@ def played(context: Context, arm: Arm, curve: Curve, step_s: float) -> Played:
     motion = sample(curve, step_s)
     swing, miss_m = _play(context, arm, motion, still(len(arm.joints)))
     motion_s = float(motion.time_s[-1])
-    seen_s, points_m = seen_points(context, arm, swing, motion_s)
+    seen_s, points_m = seen_points(context, swing, motion_s)
     time_s = np.arange(round((motion_s + AFTER_END_S) / step_s) + 1) * step_s
     earlier = Earlier(
         trial=1,

@@ -80,11 +80,14 @@ def swung(context: Context, arm: Arm, motion: Motion, variation: Variation) -> S
     return simulate_swing(arm, context.settings.lab.servo, thread_of(context.settings), variation, command)
 
 
-def seen_points(context: Context, arm: Arm, swing: Swing, motion_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (F,) since the motion's start [s] and the mass points (F, n+1, 2) [m], without noise."""
-    n, length_m = context.settings.string.n, free_length_m(context, arm.clamp.swallowed_m)
+def seen_points(context: Context, swing: Swing, motion_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (F,) since the motion's start [s] and the mass points (F, n+1, 2) [m], without noise.
+
+    As the tracker's do, they divide evenly what hangs out of the hand, not what is told of it.
+    """
+    n = context.settings.string.n
     time_s = np.arange(-SEEN_BEFORE_S, motion_s + SEEN_AFTER_S, 1.0 / FRAME_RATE_HZ)
-    return time_s, points_at(swing, np.arange(n + 1) * length_m / n, time_s)
+    return time_s, points_at(swing, np.linspace(0.0, swing.places_m[-1], n + 1), time_s)
 
 
 def still(joints: int) -> Variation:
@@ -144,7 +147,7 @@ def _write_track(
 ) -> None:
     folder = context.folder.trial(trial).data
     random = rng(context.name, context.settings.seed, trial, "lab-sensor")
-    since_s, points_m = seen_points(context, arm, swing, span_s[1] - span_s[0])
+    since_s, points_m = seen_points(context, swing, span_s[1] - span_s[0])
     found = seen(points_m, 1.0 / FRAME_RATE_HZ, noise, random)
     sigma_m = np.full(found.shape[:2], max(float(np.hypot(noise.white_m, noise.slow_m)), 1e-6))
     flags = np.full(found.shape[:2], SUPPLIED, np.int32)
