@@ -44,6 +44,7 @@ QUIET: dict[str, Any] = {"estimate": {"profiles": False}}
 VARIANTS: dict[str, dict[str, Any]] = {
     "default": {},
     "paper": {},
+    "paper_wide": {"estimate": {"ranges": "wide"}},  # without which its masses end at 20 plain points
     "minima": {"start_string": "minima"},
     "small_search": {"plan": {"screening": 480, "evaluations": 800}},
     "four_strings": {"plan": {"ensemble": 4}},
@@ -185,7 +186,7 @@ def summary_of(runs: list[dict[str, Any]]) -> dict[str, Any]:
 
 def cases_of(paper: Plan, strings: list[int], seeds: list[int], variant: str) -> list[Case]:
     """Return every string at its own target with every seed."""
-    method = "paper" if variant == "paper" else "default"
+    method = "paper" if variant.startswith("paper") else "default"
     return [
         Case(WHOLE, seed, one.number, one.target, method)
         for seed in seeds
