@@ -76,8 +76,8 @@ paper-quick: $(VENV)/runtime.stamp  ## the same with three strings, one seed, li
 	@$(BIN)/strandcast paper --quick --cores $(JOBS)
 
 .PHONY: test
-test: $(VENV)/dev.stamp  ## all tests
-	@$(BIN)/pytest
+test: $(VENV)/dev.stamp  ## all tests, a file at a time on each of CORES=2
+	@$(BIN)/pytest --numprocesses $(CORES) --dist loadfile
 
 .PHONY: test-drivers
 test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## the drivers' tests, against a Franka controller and a UR stand-in

@@ -64,7 +64,7 @@ def test_free_swing_predicts_the_driven_series(real_data, cable, record_property
     rigid_m = np.linalg.norm(reach - still.mean(axis=0), axis=1).mean()
     record_property("tip_error_mm", 1e3 * error_m)
     record_property("tip_error_percent_of_length", 100 * error_m / length_m)
-    record_property("rigid_cable_mm", 1e3 * rigid_m)
+    record_property("rigid_cable_mm", float(1e3 * rigid_m))
     assert max(fit.E_m for fit, *_ in tries) < 0.02
     assert error_m < 0.08 * length_m
     assert error_m < 0.65 * rigid_m
