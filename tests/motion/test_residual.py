@@ -9,10 +9,10 @@ import pytest
 
 from strandcast.arm.servo import Servo, respond
 from strandcast.motion.bezier import Curve, rest_heights, sample
-from strandcast.motion.earlier import Earlier, start_shape, tip_path
+from strandcast.motion.earlier import Earlier, start_shape
 from strandcast.motion.later import Neighbourhood, neighbourhood, throw_near, with_every_disturbance
 from strandcast.motion.paths import Paths, packed, paths_of
-from strandcast.motion.residual import FADING_RAD_S, alike, distance_rad_s, filled
+from strandcast.motion.residual import FADING_RAD_S, alike, distance_rad_s, missed_by
 from strandcast.motion.strings import Strings
 from strandcast.motion.task import Options, Task
 from strandcast.motion.throws import AFTER_END_S, World, commands, throw
@@ -29,7 +29,7 @@ def played(task: Task, string: Strings, motion: Curve, trial: int) -> Earlier:
     time_s, q_command, last = commands([sample(motion, task.step_s)], task.step_s)
     q = respond(SLOW, time_s, q_command)
     tip = throw(task, string, World(), q, last).points_m[0, :, -1]
-    return Earlier(trial, motion, q_command[0], q[0], tip, None, 0.0, 0.1)
+    return Earlier(trial, motion, q_command[0], q[0], time_s, tip, None, 0.0, 0.1)
 
 
 def near_to(task: Task, strings: Strings, trials: list[Earlier], options: Options) -> Neighbourhood:
@@ -109,22 +109,38 @@ def test_only_trials_of_the_same_posture_and_time_are_alike(
     assert alike([best, longer, elsewhere, replace(best, curve=None)], curve()) == [best]
 
 
-def test_gaps_are_filled_in_time_and_nothing_known_carries_nothing() -> None:
-    residual = np.full((2, 5, 2), np.nan)
-    residual[0, 1], residual[0, 3] = [1.0, 2.0], [3.0, 6.0]
-    np.testing.assert_array_equal(filled(residual)[0, :, 1], [2.0, 2.0, 4.0, 6.0, 6.0])
-    np.testing.assert_array_equal(filled(residual)[1], 0.0)
+def seen_tip(seen_s: np.ndarray, tip_m: np.ndarray) -> Earlier:
+    return Earlier(1, None, np.zeros((0, 3)), np.zeros((0, 3)), seen_s, tip_m, None, 0.0, None)
 
 
-def test_a_tip_unseen_for_long_is_not_made_up() -> None:
-    seen_s = np.arange(0.0, 0.1, 0.002)
-    tip = np.stack([seen_s, 2.0 * seen_s], axis=1)
-    tip[10:14] = np.nan
-    tip[20:45] = np.nan
-    path = tip_path(seen_s, seen_s, tip)
-    np.testing.assert_allclose(path[10:14], np.stack([seen_s, 2.0 * seen_s], axis=1)[10:14])
-    assert np.isnan(path[21:44]).all()
-    assert np.isnan(tip_path(seen_s, seen_s, np.full_like(tip, np.nan))).all()
+def circled(time_s: np.ndarray) -> np.ndarray:
+    """Return a tip on a circle of 0.2 m at 6 m/s, which frames at 250 Hz see bend by 0.4 mm between two."""
+    return 0.2 * np.stack([np.cos(30.0 * time_s), np.sin(30.0 * time_s)], axis=1)
+
+
+def test_what_was_missed_by_is_known_between_frames_where_the_path_bends() -> None:
+    time_s, seen_s = np.arange(0.0, 0.2, 1e-3), np.arange(-0.01, 0.25, 0.004)
+    tip = circled(seen_s) + np.array([0.003, -0.002])
+    tip[20:24] = np.nan
+    missed = missed_by(seen_tip(seen_s, tip), circled(time_s)[None], 1e-3)
+    # The simulated path is itself straight between its samples: 0.02 mm.
+    np.testing.assert_allclose(missed[0], np.broadcast_to([0.003, -0.002], (200, 2)), atol=3e-5)
+
+
+def test_what_was_missed_by_is_linear_between_frames_and_held_at_the_ends() -> None:
+    tip = np.full((6, 2), np.nan)
+    tip[2], tip[4] = [1.0, 2.0], [3.0, 6.0]
+    seen_s = np.arange(-1.0, 5.0)  # the first frame was before the start
+    missed = missed_by(seen_tip(seen_s, tip), np.zeros((1, 5, 2)), 1.0)
+    np.testing.assert_array_equal(missed[0, :, 1], [2.0, 2.0, 4.0, 6.0, 6.0])
+
+
+def test_nothing_seen_or_simulated_carries_nothing() -> None:
+    seen_s, tips = np.arange(5.0), np.zeros((2, 5, 2))
+    np.testing.assert_array_equal(missed_by(seen_tip(seen_s, np.full((5, 2), np.nan)), tips, 1.0), 0.0)
+    tips[1] = np.nan
+    missed = missed_by(seen_tip(seen_s, np.ones((5, 2))), tips, 1.0)
+    np.testing.assert_array_equal(missed, np.stack([np.ones((5, 2)), np.zeros((5, 2))]))
 
 
 def test_the_start_is_the_mean_before_it_or_unknown() -> None:

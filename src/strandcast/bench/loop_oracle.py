@@ -27,7 +27,7 @@ from strandcast.lab.swing import simulate_swing
 from strandcast.lab.truth import true_miss
 from strandcast.lab.variation import Variation, draw_variation
 from strandcast.motion.bezier import Curve, Samples, sample
-from strandcast.motion.earlier import Earlier, curve_of, resampled, start_shape, tip_path
+from strandcast.motion.earlier import Earlier, curve_of, resampled, start_shape
 from strandcast.motion.plan import plan_next
 from strandcast.motion.strings import Strings
 from strandcast.motion.task import Options, Task
@@ -68,7 +68,8 @@ def played(context: Context, arm: Arm, curve: Curve, step_s: float) -> Played:
         curve=curve,
         q_command=resampled(time_s, motion.time_s, motion.q),
         q=resampled(time_s, swing.time_s, swing.q_rad),
-        tip_m=tip_path(time_s, seen_s, points_m[:, -1]),
+        seen_s=seen_s,
+        tip_m=points_m[:, -1],
         start_m=start_shape(seen_s, points_m[:, 1:]),
         sway_rad_s=0.0,
         miss_m=miss_m,

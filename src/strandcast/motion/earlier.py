@@ -26,8 +26,8 @@ class Earlier:
         The motion that was played, None if it came without control heights.
     q_command, q
         (T, J) commanded and measured angles [rad], evenly from the motion's start to 0.3 s after its end.
-    tip_m
-        (T, 2) the tip as seen, NaN where it was not [m].
+    seen_s, tip_m
+        (F,) times of the camera's frames on that clock, and (F, 2) the tip as seen, NaN where it was not [m].
     start_m
         (n, 2) points 1…n just before the start, None if not all were seen [m].
     sway_rad_s
@@ -40,6 +40,7 @@ class Earlier:
     curve: Curve | None
     q_command: np.ndarray
     q: np.ndarray
+    seen_s: np.ndarray
     tip_m: np.ndarray
     start_m: np.ndarray | None
     sway_rad_s: float
@@ -89,7 +90,8 @@ def earlier_trial(
         curve=curve_of(motion),
         q_command=resampled(time_s, motion.time_s(), positions),
         q=resampled(time_s, joint_time_s, q),
-        tip_m=tip_path(time_s, camera_time_s, points_m[:, -1]),
+        seen_s=camera_time_s,
+        tip_m=points_m[:, -1],
         start_m=start_shape(camera_time_s, points_m[:, 1:]),
         sway_rad_s=start_sway(camera_time_s, points_m),
         miss_m=miss_m,
@@ -99,22 +101,6 @@ def earlier_trial(
 def resampled(time_s: np.ndarray, known_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return columns of `values` at other times, linear between samples, held at the ends."""
     return np.stack([np.interp(time_s, known_s, column) for column in values.T], axis=1)
-
-
-def tip_path(
-    time_s: np.ndarray, seen_s: np.ndarray, tip_m: np.ndarray, longest_gap_s: float = 0.03
-) -> np.ndarray:
-    """Return the tip (T, 2) at `time_s`; NaN where it was not seen for longer than `longest_gap_s` around."""
-    seen = np.isfinite(tip_m).all(axis=1)
-    if seen.sum() < 2:
-        return np.full((len(time_s), 2), np.nan)
-    known_s, known_m = seen_s[seen], tip_m[seen]
-    path = resampled(time_s, known_s, known_m)
-    after = np.clip(np.searchsorted(known_s, time_s), 1, len(known_s) - 1)
-    gap_s = known_s[after] - known_s[after - 1]
-    inside = (time_s >= known_s[0]) & (time_s <= known_s[-1])
-    path[~inside | (gap_s > longest_gap_s)] = np.nan
-    return path
 
 
 def start_shape(seen_s: np.ndarray, points_m: np.ndarray) -> np.ndarray | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strandcast.motion.earlier import Earlier
-from strandcast.motion.residual import filled
+from strandcast.motion.residual import missed_by
 from strandcast.motion.strings import Strings
 from strandcast.motion.task import Task
 from strandcast.motion.throws import World, throw, throws_of
@@ -21,7 +21,7 @@ def likely_miss_m(task: Task, strings: Strings, trial: Earlier) -> float:
         return trial.miss_m
     last = np.array([len(trial.q) - 1])
     thrown = throw(task, strings.take([0]), World(start_m=trial.start_m), trial.q[None], last)
-    residual = filled(trial.tip_m - thrown.points_m[:, :, -1])
+    residual = missed_by(trial, thrown.points_m[:, :, -1], task.step_s)
     if not np.isfinite(thrown.points_m).all():
         return np.inf
     return float(task.goal.miss(throws_of(task, thrown, residual))[0][0])

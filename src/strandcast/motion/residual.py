@@ -8,7 +8,7 @@ import numpy as np
 
 from strandcast.arm.servo import Servo, respond
 from strandcast.motion.bezier import Curve
-from strandcast.motion.earlier import Earlier
+from strandcast.motion.earlier import Earlier, resampled
 from strandcast.motion.strings import Strings
 from strandcast.motion.task import Task
 from strandcast.motion.throws import World, throw
@@ -89,7 +89,7 @@ def carry(task: Task, strings: Strings, servo: Servo | None, trials: list[Earlie
         world = World(start_m=trial.start_m)
         swaying = replace(strings, sway=np.tile([0.0, trial.sway_rad_s], (len(strings), 1)))
         thrown = throw(task, swaying, world, trial.q[None], np.array([len(time_s) - 1]))
-        tips.append(filled(trial.tip_m - thrown.points_m[:, :, -1]))
+        tips.append(missed_by(trial, thrown.points_m[:, :, -1], task.step_s))
     return Carried(
         np.array([trial.curve.heights_rad_s for trial in trials if trial.curve is not None]),
         np.array([trial.q - _followed(servo, time_s, trial.q_command) for trial in trials]),
@@ -101,15 +101,20 @@ def _followed(servo: Servo | None, time_s: np.ndarray, q_command: np.ndarray) ->
     return q_command if servo is None else respond(servo, time_s, q_command)
 
 
-def filled(residual_m: np.ndarray) -> np.ndarray:
-    """Return residuals (K, T, 2) with what is not known filled in time: linear between, held at the ends.
+def missed_by(trial: Earlier, tips_m: np.ndarray, step_s: float) -> np.ndarray:
+    """Return (K, T, 2) by what simulated tips (K, T, 2), every `step_s`, missed the tip that was seen [m].
 
-    Nothing known at all, or a string whose simulation failed, carries nothing.
+    It is linear between the frames that saw the tip, and held before and after: from frame to frame the
+    tip's path bends, by millimetres where frames are lost, and what the simulation misses it by hardly does.
+    Nothing seen, or a string whose simulation failed, carries nothing.
     """
-    answer = residual_m.copy()
-    times = np.arange(residual_m.shape[1])
-    for row in answer.reshape(-1, residual_m.shape[1], 2):
-        known = np.isfinite(row).all(axis=1)
-        for axis in range(2):
-            row[:, axis] = np.interp(times, times[known], row[known, axis]) if known.any() else 0.0
+    time_s = np.arange(tips_m.shape[1]) * step_s
+    during = (trial.seen_s >= 0.0) & (trial.seen_s <= time_s[-1])
+    seen_s, seen_m = trial.seen_s[during], trial.tip_m[during]
+    answer = np.zeros_like(tips_m)
+    for tip_m, missed_m in zip(tips_m, answer, strict=True):
+        off_m = seen_m - resampled(seen_s, time_s, tip_m)
+        known = np.isfinite(off_m).all(axis=1)
+        if known.any():
+            missed_m[:] = resampled(time_s, seen_s[known], off_m[known])
     return answer
