@@ -173,7 +173,7 @@ def really(task: Task, string: Strings, curve: Curve, trial: int) -> tuple[Earli
     thrown = throw(task, string, World(), q, last)
     tip = thrown.points_m[0, :, -1]
     seen = tip + np.random.default_rng(trial).normal(0.0, 0.0007, tip.shape)
-    return Earlier(trial, curve, command[0], q[0], seen, None, 0.0, None), thrown
+    return Earlier(trial, curve, command[0], q[0], time_s, seen, None, 0.0, None), thrown
 
 
 def beside(kind: str, points: np.ndarray, step_s: float, aside_m: float) -> Objective:

@@ -7,6 +7,7 @@ the same for all.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 import numpy as np
@@ -69,12 +70,12 @@ class Places(NamedTuple):
     along_m: float
 
 
-class Objective:
+class Objective(ABC):
     """What a throw is for. A new one is a dataclass with a `miss`; docs/planning.md has one in ten lines."""
 
+    @abstractmethod
     def miss(self, throws: Throws) -> Miss:
         """Return by how much each throw misses [m], zero or more, and the sample at which it does."""
-        raise NotImplementedError
 
     def places(self) -> list[Places]:
         """Return what must be within reach, so that what is not is refused at once; nothing if not given."""
