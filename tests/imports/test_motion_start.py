@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,14 @@ def test_the_log_of_another_throw_is_refused(arm):
     log.q_rad[:, 1] *= -1
     with pytest.raises(StrandcastError, match="SC-I031"):
         motion_times(log, motion, arm)
+
+
+@pytest.mark.parametrize("commanded", [True, False])
+@pytest.mark.parametrize(("begins_s", "ends_s"), [(0.0, 0.28), (0.06, 5.0), (0.05, 0.35)])
+def test_the_start_is_found_in_a_log_that_lacks_a_part_of_the_throw(arm, commanded, begins_s, ends_s):
+    motion = swing(arm)
+    log = log_of(arm, motion, commanded)
+    first = 0.0 if begins_s == 0.0 else START_S + begins_s
+    kept = (log.time_s >= first) & (log.time_s <= START_S + ends_s)
+    part = JointLog(NAMES, *(getattr(log, column.name)[kept] for column in fields(JointLog)[1:8]))
+    assert motion_times(part, motion, arm)[0] == pytest.approx(START_S, abs=0.03)

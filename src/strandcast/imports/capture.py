@@ -57,6 +57,8 @@ def import_capture(
     seen = np.isfinite(hand).all(axis=1)
     start_s = float(time_s[0]) if mapping.motion_start_s is None else mapping.motion_start_s
     end_s = float(time_s[-1]) if mapping.motion_end_s is None else mapping.motion_end_s
+    # It says that an import is complete: it must not stand beside half of another.
+    (folder / "track.json").unlink(missing_ok=True)
     write_table(folder / "track.parquet", TRACK, track.columns(), {"source": Path(path).name})
     write_table(
         folder / "hand.parquet", HAND, _hand_columns(time_s[seen], hand[seen]), {"source": Path(path).name}

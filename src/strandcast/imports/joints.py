@@ -24,6 +24,7 @@ COMMAND_MOVES_RAD = 1e-5
 # What the player asks of its own logs.
 TAIL_S = 0.5
 LONGEST_GAP = 6.5  # steps
+IMPORTED = "import: "  # how the driver of an imported run begins
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,8 @@ def import_joints(
     Raises
     ------
     StrandcastError
-        A file that does not fit, unsorted times, empty cells: file, line, column.
+        A file that does not fit, unsorted times, empty cells: file, line, column. SC-I032: the log holds a
+        part of the motion only.
     """
     source = _source(Path(path), reading or Reading(), namings)
     time_s, log = _log_of(source, reading.sync_output if reading else None)
@@ -106,8 +108,11 @@ def import_joints(
     if times is not None:
         inside = (log.time_s >= times[0]) & (log.time_s <= times[1])
         log.since_start_s[inside] = log.time_s[inside] - times[0]
+    _refuse_part(log.time_s, times, str(path))
     timing = timing_of(time_s, source.columns.rate_hz)
     folder = Path(folder)
+    # It says that an import is complete: it must not stand beside half of another.
+    (folder / "run.json").unlink(missing_ok=True)
     run = Run(
         complete=True,
         status="imported",
@@ -116,7 +121,7 @@ def import_joints(
         rows=len(log.time_s),
         motion_sha256=None if played is None else played.motion.content_sha256(),
         arm_sha256=None if played is None else played.arm.sha256,
-        driver=f"import: {source.name}",
+        driver=f"{IMPORTED}{source.name}",
         controller={"file": Path(path).name, "sha256": source.sha256},
         joint_names=log.joint_names,
         clock=source.clock,
@@ -125,7 +130,7 @@ def import_joints(
         sync_events=[],
         timing=timing,
         video={},
-        warnings=source.notes + _warnings(time_s) + _cover_warnings(log.time_s, times),
+        warnings=source.notes + _warnings(time_s) + _cover_warnings(log.time_s, times) + _unknown(played),
     )
     run.write(folder / "run.json")
     return run
@@ -285,6 +290,35 @@ def _warnings(time_s: np.ndarray) -> list[str]:
             f"({step_ms.min():.1f} to {step_ms.max():.1f} ms): {1e3 / step_ms.mean():.1f} Hz on average"
         )
     return warnings
+
+
+def _refuse_part(time_s: np.ndarray, times: tuple[float, float] | None, file: str) -> None:
+    """Refuse a log that begins or ends within the motion, by more cycles than a throw may lack."""
+    if times is None:
+        return
+    early_s, late_s = time_s[0] - times[0], times[1] - time_s[-1]
+    lacking = [
+        f"{1e3 * lack_s:.0f} ms of the motion's {where}"
+        for lack_s, where in ((early_s, "beginning"), (late_s, "end"))
+        if lack_s > LONGEST_GAP * np.median(np.diff(time_s))
+    ]
+    if lacking:
+        raise StrandcastError(
+            "SC-I032",
+            f"the log lacks {' and '.join(lacking)}",
+            file=file,
+            cost="a throw without its whole log is no trial: nothing was imported",
+            fix=f"record from before the motion until {TAIL_S} s after it, and throw again",
+        )
+
+
+def _unknown(played: Played | None) -> list[str]:
+    if played is not None:
+        return []
+    return [
+        "there is no motion.json in the trial's folder: when the motion began is known from the commanded "
+        "joints at best, and no later motion can be planned around it; put it there, import again: --replace"
+    ]
 
 
 def _cover_warnings(time_s: np.ndarray, times: tuple[float, float] | None) -> list[str]:

@@ -49,11 +49,12 @@ def motion_times(log: JointLog, motion: Motion, arm: Arm, file: str | None = Non
 
     def rms_rad(start_s: float) -> float:
         there = np.stack([np.interp(start_s + time_s, logged_s, joint) for joint in logged.T], axis=1)
-        return float(np.sqrt(((there - expected) ** 2).mean()))
+        known = (start_s + time_s >= logged_s[0] - step_s) & (start_s + time_s <= logged_s[-1] + step_s)
+        return float(np.sqrt(((there - expected)[known] ** 2).mean())) if known.any() else np.inf
 
-    starts = np.arange(
-        logged_s[0] - step_s, max(logged_s[-1] - motion.time_s()[-1], logged_s[0]) + COARSE_S, COARSE_S
-    )
+    # Also where the log lacks a part of the motion, so that this can be told.
+    half_s = 0.5 * float(motion.time_s()[-1])
+    starts = np.arange(logged_s[0] - half_s, max(logged_s[-1] - half_s, logged_s[0]), COARSE_S)
     best = float(starts[int(np.argmin([rms_rad(start) for start in starts]))])
     # From there on: the search's tolerance is relative, and a clock may count from 1970.
     found = minimize_scalar(

@@ -234,6 +234,14 @@ def read_run(folder: str | Path) -> tuple[Run, JointLog]:
             f"the run is not complete ({run.reason})",
             "throw again, or exclude the trial with a reason",
         )
+    if run.time_scale != 1.0:
+        raise _refusal(
+            folder / "run.json",
+            None,
+            "time_scale",
+            f"the motion was played {run.time_scale:g} times slower than planned: that is no throw",
+            "play it at its own speed, or exclude the trial with a reason",
+        )
     log = read_joint_log(folder / "joints.csv")
     if sha256_file(folder / "joints.csv") != run.joints_sha256 or len(log.time_s) != run.rows:
         raise _refusal(

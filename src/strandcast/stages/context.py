@@ -35,16 +35,12 @@ def context_of(root: Path, name: str) -> Context:
     return Context(name, load_experiment(file), file, ExperimentFolder(root, name))
 
 
-def make_room(path: Path, replace: bool) -> None:
-    """Refuse to write over what was imported before, unless that is wanted; then it goes first.
-
-    The file is the one that says that an import is complete: it must not stand beside half of another.
-    """
+def refuse_replacing(path: Path, replace: bool) -> None:
+    """Refuse to write over what was imported before, unless that is wanted."""
     if path.is_file() and not replace:
         raise StrandcastError(
             "SC-I022", "has been imported already", file=path, fix="import as another trial, or add --replace"
         )
-    path.unlink(missing_ok=True)
 
 
 def free_length_m(context: Context, swallowed_m: float) -> float:

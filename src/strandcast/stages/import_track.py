@@ -8,7 +8,7 @@ from strandcast.arm.load import load_arm
 from strandcast.imports.capture import import_capture
 from strandcast.imports.mapping import CaptureMapping
 from strandcast.records.track import TrackSummary
-from strandcast.stages.context import context_of, free_length_m, make_room
+from strandcast.stages.context import context_of, free_length_m, refuse_replacing
 
 
 def run(
@@ -17,7 +17,7 @@ def run(
     """Import a capture; `supply` takes it into the results."""
     context = context_of(root, name)
     string = context.settings.string
-    make_room(context.folder.trial(trial).data / "track.json", replace)
+    refuse_replacing(context.folder.trial(trial).data / "track.json", replace)
     return import_capture(
         capture,
         context.folder.trial(trial).data,

@@ -1,0 +1,128 @@
+"""A log is imported whole or not at all, and never over a run that was played."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from strandcast.arm.load import Arm, load_arm
+from strandcast.errors import StrandcastError
+from strandcast.imports.joints import Reading
+from strandcast.imports.mapping import JointMapping
+from strandcast.motion.bezier import Curve, rest_heights, sample
+from strandcast.records.joint_log import Run, read_run
+from strandcast.records.motion import Motion, Robot, Start, points_of
+from strandcast.stages import import_joints
+
+READING = Reading(mapping=JointMapping(time="t", q=["a", "b", "c"], q_cmd=["ca", "cb", "cc"]))
+SETTINGS = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\narm: planar3\n"
+
+
+@dataclass
+class Bench:
+    """An experiment's root, its first trial's folder, and a log of its throw, which begins at 1 s."""
+
+    root: Path
+    trial: Path
+    log: Path
+
+    def take(self, replace: bool = False) -> Run:
+        return import_joints.run(self.root, "thrown", 1, self.log, READING, [], replace)
+
+    def cut(self, from_s: float, to_s: float) -> None:
+        head, *rows = self.log.read_text().splitlines()
+        kept = [row for row in rows if from_s <= float(row.split(",")[0]) <= to_s]
+        self.log.write_text("\n".join([head, *kept]) + "\n")
+
+
+def played(arm: Arm) -> Motion:
+    heights = rest_heights(np.array([[3.0, 2.0, -1.0], [2.0, 4.0, 1.0], [-2.0, 3.0, 5.0]]))
+    points = sample(Curve(np.array([0.4, -0.5, 0.3]), 0.5, heights), 1.0 / arm.log_rate_hz)
+    return Motion(
+        experiment="thrown",
+        trial=1,
+        target_m=[0.5, 0.5],
+        robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
+        joint_names=list(arm.joints),
+        start=Start(positions_rad=points.q[0].tolist(), tolerance_rad=[0.01] * 3),
+        bezier=None,
+        points=points_of(np.round(points.time_s * 1e9).astype(int), points.q, points.qd, points.qdd),
+        predicted=None,
+        provenance=None,
+    )
+
+
+@pytest.fixture
+def bench(tmp_path: Path, project_root: Path) -> Bench:
+    (tmp_path / "config").symlink_to(project_root / "config")
+    trial = tmp_path / "data" / "thrown" / "trial-01"
+    trial.mkdir(parents=True)
+    (trial.parent / "experiment.yaml").write_text(SETTINGS)
+    motion = played(load_arm(project_root / "config" / "arms" / "planar3.toml"))
+    motion.write(trial / "motion.json")
+    time_s = np.arange(1100) * 0.002
+    q = np.stack([np.interp(time_s - 1.0, motion.time_s(), joint) for joint in motion.joints()[0].T], axis=1)
+    rows = [",".join(f"{value:.6f}" for value in row) for row in np.column_stack([time_s, q, q])]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(["t,a,b,c,ca,cb,cc", *rows]) + "\n")
+    return Bench(tmp_path, trial, log)
+
+
+def test_an_import_that_fails_leaves_the_one_before_it(bench: Bench) -> None:
+    run = bench.take()
+    assert run.warnings == []
+    with pytest.raises(StrandcastError, match="SC-I022"):
+        bench.take()
+    whole = bench.log.read_text()
+    bench.log.write_text(whole.replace("t,a,b", "t,a,x"))
+    with pytest.raises(StrandcastError):
+        bench.take(replace=True)
+    assert read_run(bench.trial)[0] == run
+    bench.log.write_text(whole)
+    assert bench.take(replace=True) == run
+
+
+def test_a_run_that_was_played_is_not_written_over(bench: Bench) -> None:
+    run = bench.take().model_copy(update={"driver": "ur"})
+    run.write(bench.trial / "run.json")
+    for replace in (False, True):
+        with pytest.raises(StrandcastError, match="SC-I023"):
+            bench.take(replace)
+    assert read_run(bench.trial)[0].driver == "ur"
+
+
+@pytest.mark.parametrize(
+    ("from_s", "to_s", "told"),
+    [
+        (0.0, 1.35, "lacks 150 ms of the motion's end"),
+        (1.10, 9.0, "lacks 100 ms of the motion's beginning"),
+        (1.05, 1.40, "lacks 50 ms of the motion's beginning and 100 ms of the motion's end"),
+    ],
+)
+def test_a_part_of_a_throw_is_no_trial(bench: Bench, from_s: float, to_s: float, told: str) -> None:
+    bench.cut(from_s, to_s)
+    with pytest.raises(StrandcastError, match=told) as refusal:
+        bench.take()
+    assert refusal.value.code == "SC-I032"
+    assert not (bench.trial / "run.json").exists()
+
+
+def test_a_log_that_begins_with_the_motion_is_taken(bench: Bench) -> None:
+    bench.cut(1.002, 9.0)
+    assert bench.take().motion_start_s == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_log_without_its_motion_is_taken_and_said_to_be(bench: Bench) -> None:
+    (bench.trial / "motion.json").unlink()
+    run = bench.take()
+    assert run.motion_sha256 is None
+    assert ["there is no motion.json" in warning for warning in run.warnings] == [True]
+
+
+def test_a_run_that_was_slowed_down_is_no_throw(bench: Bench) -> None:
+    bench.take().model_copy(update={"time_scale": 4.0}).write(bench.trial / "run.json")
+    with pytest.raises(StrandcastError, match="4 times slower than planned"):
+        read_run(bench.trial)
