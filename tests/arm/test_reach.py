@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from strandcast.arm.load import Arm, Box, Stop, load_arm
-from strandcast.arm.reach import outside_m, reach_of
+from strandcast.arm.reach import outside_m, reach_of, roughly_outside_m
 from strandcast.arm.stop import SoftStop
+from strandcast.motion.bezier import Curve, rest_heights, sample
 
 REACH_M = 0.70
 
@@ -76,3 +77,19 @@ def test_outside_is_the_furthest_side(arm: Arm) -> None:
     arm = dataclasses.replace(arm, workspace=Box((-1.0, 1.0), (-0.5, 0.5)))
     assert outside_m(arm, np.array([[-0.9, 0.9], [-0.4, 0.4]])) == 0.0
     assert outside_m(arm, np.array([[-1.1, 0.9], [-0.4, 0.8]])) == pytest.approx(0.3)
+
+
+def test_the_rough_stop_is_on_the_safe_side_and_near(arm: Arm) -> None:
+    tight = dataclasses.replace(arm, workspace=Box((-0.3, 0.75), (-0.2, 0.7)))
+    random = np.random.default_rng(0)
+    heights = [rest_heights(random.normal(0.0, 3.0, (3, 6))) for _ in range(24)]
+    postures = random.uniform(-0.8, 0.8, (24, 3))
+    curves = [Curve(q0, 0.6, free) for q0, free in zip(postures, heights, strict=True)]
+    motions = [sample(curve, 0.002) for curve in curves]
+    exact_m = [
+        outside_m(tight, reach_of(tight, m.time_s, m.q, m.qd, m.qdd, hanging_m=0.3).swept_m) for m in motions
+    ]
+    rough_m = roughly_outside_m(tight, np.array([m.q for m in motions]), 0.002, hanging_m=0.3)
+    assert np.ptp(exact_m) > 0.2
+    assert np.all(rough_m >= np.array(exact_m) - 5e-4)
+    assert np.all(rough_m <= np.array(exact_m) + 0.02)

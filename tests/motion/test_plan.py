@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from strandcast.arm.limits import violations
-from strandcast.arm.load import load_arm
+from strandcast.arm.load import Box, load_arm
+from strandcast.arm.reach import reach_of
 from strandcast.arm.servo import Servo, respond
 from strandcast.errors import StrandcastError
 from strandcast.motion import first as search_first
 from strandcast.motion.bars import start_blame
+from strandcast.motion.describe import stopped_outside_m
 from strandcast.motion.earlier import Earlier, earlier_trial
 from strandcast.motion.objective import closest_approach
 from strandcast.motion.plan import Plan, plan_first, plan_next
@@ -74,6 +76,21 @@ def test_a_first_motion_is_expected_to_hit_and_is_playable(task: Task, first: Pl
     assert np.all(motion.qdd[[0, -1]] == 0.0)
     # The whole string stays in view.
     assert not any("workspace" in flag for flag in first.flags)
+
+
+def test_a_motion_that_a_stop_could_carry_out_of_the_workspace_is_searched_for_anew(
+    task: Task, strings: Strings, first: Plan
+) -> None:
+    motion = first.motion
+    moves = (motion.time_s, motion.q, motion.qd, motion.qdd)
+    (left, right), (low, high) = reach_of(task.arm, *moves, task.hanging_m).swept_m
+    arm = replace(task.arm, workspace=Box((left, right - 0.04), (low, high)))
+    tight = replace(task, arm=arm)
+    assert stopped_outside_m(tight, first.curve) == pytest.approx(0.04)
+    plan = plan_first(tight, strings, SMALL, np.random.default_rng(1))
+    assert stopped_outside_m(tight, plan.curve) == 0.0
+    assert not any("stopped at the worst instant" in flag for flag in plan.flags)
+    assert plan.simulations >= 2 * first.simulations
 
 
 def test_the_second_throw_hits_a_string_that_was_unknown(

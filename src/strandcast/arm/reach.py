@@ -12,6 +12,7 @@ from strandcast.arm.load import Arm
 from strandcast.arm.stop import SoftStop
 
 EVERY_S = 0.004
+ROUGHLY_EVERY_S = 0.008
 FEW_JOINTS = 4  # for which the middle of each joint's stop is looked at too
 
 
@@ -61,11 +62,8 @@ def reach_of(
     soft = SoftStop(arm.stop.acceleration_rad_s2, arm.stop.jerk_rad_s3).resting_place(q, qd, qdd) - q
     hard = arm.stop.distance_rad * qd / arm.limits.velocity_rad_s
     low, high = np.minimum(np.minimum(soft, hard), 0.0), np.maximum(np.maximum(soft, hard), 0.0)
-    shares = (0.0, 0.5, 1.0) if len(arm.joints) <= FEW_JOINTS else (0.0, 1.0)
-    ways = np.array(list(product(shares, repeat=len(arm.joints))))
-    stopped = q[:, None] + low[:, None] + ways * (high - low)[:, None]
     hand = _box(hand_pose(arm.chain, arm.clamp, q)[..., :2])
-    swept = _box(hand_pose(arm.chain, arm.clamp, stopped)[..., :2])
+    swept = _box(_resting_hands(arm, q, low, high))
     beyond = np.maximum((q + high) - arm.limits.upper_rad, arm.limits.lower_rad - (q + low)).max(axis=0)
     return Reach(
         hand_m=hand,
@@ -73,6 +71,42 @@ def reach_of(
         stop_rad=np.maximum(high, -low).max(axis=0),
         beyond_rad=np.maximum(beyond, 0.0),
     )
+
+
+def roughly_outside_m(arm: Arm, q: np.ndarray, step_s: float, hanging_m: float) -> np.ndarray:
+    """Return (P,) how far out of the arm's workspace P motions may end if stopped, for a search [m].
+
+    It takes a quarter of `reach_of`'s time and is no less, but for what a stop swings back.
+
+    Parameters
+    ----------
+    q
+        (P, T, J) angles [rad], every `step_s`.
+    """
+    every = max(1, round(ROUGHLY_EVERY_S / step_s))
+    qd = np.gradient(q, step_s, axis=1)
+    qdd = np.gradient(qd, step_s, axis=1)[:, ::every]
+    q, qd = q[:, ::every], qd[:, ::every]
+    brake, jerk = arm.stop.acceleration_rad_s2, arm.stop.jerk_rad_s3
+    # First what still speeds a joint up is taken off, then the joint brakes.
+    pushed = np.minimum(np.maximum(qdd * np.sign(qd), 0.0), brake)
+    speed = np.abs(qd) + pushed**2 / (2.0 * jerk)
+    soft = np.abs(qd) * pushed / jerk + pushed**3 / (3.0 * jerk**2)
+    soft += speed**2 / (2.0 * brake) + speed * brake / (2.0 * jerk)
+    hard = arm.stop.distance_rad * np.abs(qd) / arm.limits.velocity_rad_s
+    further = np.sign(qd) * np.maximum(soft, hard)
+    hands = _resting_hands(arm, q, np.minimum(further, 0.0), np.maximum(further, 0.0))
+    workspace = np.array([arm.workspace.x_m, arm.workspace.y_m])
+    beyond = np.maximum(workspace[:, 0] - hands, hands - workspace[:, 1]) + hanging_m
+    return np.asarray(np.maximum(beyond.max(axis=(1, 2, 3)), 0.0))
+
+
+def _resting_hands(arm: Arm, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return (..., W, 2) where the hand may come to rest, its joints (..., J) turning on by low to high."""
+    shares = (0.0, 0.5, 1.0) if len(arm.joints) <= FEW_JOINTS else (0.0, 1.0)
+    ways = np.array(list(product(shares, repeat=len(arm.joints))))
+    rest = (q + low)[..., None, :] + ways * (high - low)[..., None, :]
+    return hand_pose(arm.chain, arm.clamp, rest)[..., :2]
 
 
 def outside_m(arm: Arm, box_m: np.ndarray) -> float:

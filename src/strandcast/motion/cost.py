@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strandcast.arm.reach import roughly_outside_m
 from strandcast.motion.bars import start_blame
 from strandcast.motion.objective import Assessment
 from strandcast.motion.paths import Paths
@@ -24,7 +25,7 @@ FORBIDDEN_M = 10.0
 EFFORT_COST_M_S_RAD = 0.0008
 
 
-def throw_cost(assessment: Assessment, strings: int, step_s: float, saturate_m: float = np.inf) -> np.ndarray:
+def throw_cost(assessment: Assessment, strings: int, step_s: float) -> np.ndarray:
     """Return (P,) rms miss over the strings, and the price of all that makes a throw a bad one [m]."""
     miss, index, fold, outside, touch, hidden = (
         getattr(assessment, name).reshape(-1, strings)
@@ -43,9 +44,10 @@ def throw_cost(assessment: Assessment, strings: int, step_s: float, saturate_m: 
 def motion_costs(task: Task, paths: Paths) -> np.ndarray:
     """Return (P,) the price of breaking the arm's limits, and a small one of fast joints [m]."""
     over = paths.excess(task.arm.limits)
-    return np.asarray(
-        FORBIDDEN_M * (over > 0.0) + LIMIT_COST_M * over + EFFORT_COST_M_S_RAD * paths.effort_rad_s
-    )
+    price = FORBIDDEN_M * (over > 0.0) + LIMIT_COST_M * over + EFFORT_COST_M_S_RAD * paths.effort_rad_s
+    if task.price_stops:
+        price = price + OUTSIDE_COST * roughly_outside_m(task.arm, paths.q, task.step_s, task.hanging_m)
+    return np.asarray(price)
 
 
 def start_cost(task: Task, postures_rad: np.ndarray, clearance_m: float) -> np.ndarray:

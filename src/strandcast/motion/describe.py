@@ -144,7 +144,7 @@ def described(
 
 def _expectation_flags(task: Task, curve: Curve, told: Assessment, clearance_m: float) -> list[str]:
     """Say what the best string's throw leaves to be desired."""
-    flags = _reach_flags(task, sample(curve, task.step_s)) + _torque_flags(task)
+    flags = _reach_flags(task, curve) + _torque_flags(task)
     if told.miss_m[0] > task.hit_radius_m:
         near = f"{1000 * told.miss_m[0]:.0f} mm"
         flags.append(f"not expected to hit: the nearest that was found within the arm's limits is {near}")
@@ -159,10 +159,16 @@ def _expectation_flags(task: Task, curve: Curve, told: Assessment, clearance_m: 
     return flags
 
 
-def _reach_flags(task: Task, motion: Samples) -> list[str]:
-    """Say what the player will refuse: where a stop at the worst instant could take the arm or the string."""
+def stopped_outside_m(task: Task, curve: Curve) -> float:
+    """Return how far out of the arm's workspace arm or string may be if stopped at the worst instant [m]."""
+    motion = sample(curve, task.step_s)
     moves = (motion.time_s, motion.q, motion.qd, motion.qdd)
-    out_m = outside_m(task.arm, reach_of(task.arm, *moves, task.model.length_m).swept_m)
+    return outside_m(task.arm, reach_of(task.arm, *moves, task.hanging_m).swept_m)
+
+
+def _reach_flags(task: Task, curve: Curve) -> list[str]:
+    """Say what the player will refuse."""
+    out_m = stopped_outside_m(task, curve)
     if out_m == 0.0:
         return []
     return [

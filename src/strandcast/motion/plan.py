@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from strandcast.arm.servo import Servo, identify
 from strandcast.errors import StrandcastError
 from strandcast.motion.bezier import Curve
-from strandcast.motion.describe import Found, Plan, described
+from strandcast.motion.describe import Found, Plan, described, stopped_outside_m
 from strandcast.motion.earlier import Earlier
 from strandcast.motion.first import GOOD_ENOUGH, plan_anew
 from strandcast.motion.later import neighbourhood, plan_near, throw_near, with_every_disturbance
@@ -143,7 +144,7 @@ def _refined(
 ) -> Plan:
     """Plan near the best trial, and describe the motion with all strings as they were fitted."""
     few = neighbourhood(task, strings, world, best, known, options, disturb=True)
-    curve, simulations = plan_near(task, few, miss_m, options, rng)
+    curve, simulations = _stopped_inside(task, lambda task: plan_near(task, few, miss_m, options, rng))
     flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
     near = neighbourhood(task, strings, world, best, known, options, disturb=False)
     paths, heights = paths_of_any([curve], task.step_s, AFTER_END_S), curve.heights_rad_s[None]
@@ -184,8 +185,21 @@ def fitted_servo(task: Task, earlier: list[Earlier]) -> Servo:
 def _anew(
     kind: str, task: Task, strings: Strings, world: World, options: Options, rng: np.random.Generator
 ) -> Found:
-    curve, simulations = plan_anew(task, strings, world, options, rng)
+    curve, simulations = _stopped_inside(task, lambda task: plan_anew(task, strings, world, options, rng))
     return Found(kind, curve, simulations, [])
+
+
+def _stopped_inside(task: Task, search: Callable[[Task], tuple[Curve, int]]) -> tuple[Curve, int]:
+    """Search; where a stop could take arm or string out of the arm's workspace, once more with a price on it.
+
+    Most arms have the room, and the price takes time.
+    """
+    curve, simulations = search(task)
+    out_m = stopped_outside_m(task, curve)
+    if out_m == 0.0:
+        return curve, simulations
+    other, more = search(replace(task, price_stops=True))
+    return other if stopped_outside_m(task, other) < out_m else curve, simulations + more
 
 
 def _altered_last(

@@ -32,6 +32,8 @@ class Task:
         The box that hand and string must not leave.
     objective
         What the throw is for, None: the tip hits the target.
+    price_stops
+        Whether a search is to keep arm and string in the arm's workspace also where the arm is stopped.
     """
 
     arm: Arm
@@ -40,6 +42,7 @@ class Task:
     hit_radius_m: float
     workspace: Box
     objective: Objective | None = None
+    price_stops: bool = False
 
     @property
     def goal(self) -> Objective:
@@ -67,6 +70,11 @@ class Task:
         """
         model = replace(self.model, precision="f32", dt_s=max(self.model.dt_s, ROUGH_STEP_S))
         return replace(self, model=model)
+
+    @property
+    def hanging_m(self) -> float:
+        """How far from the hand the string may be, what the clamp swallows included, as the player has it."""
+        return self.model.length_m + self.arm.clamp.swallowed_m
 
     def box(self) -> np.ndarray:
         """Return the workspace as (2, 2): low and high of x and y [m]."""
