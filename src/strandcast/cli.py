@@ -400,9 +400,7 @@ def export_motion(
         typer.Option("--as", help="ros, ros1, csv or urscript; ros-start, ros1-start: the way to the start."),
     ],
     out: Annotated[Path, typer.Option(help="The file; a goal is JSON, with comments if named .yaml.")],
-    arm: Annotated[
-        Path | None, typer.Option(help="The arm's file; by default that of its name in config/arms.")
-    ] = None,
+    arm: Annotated[Path | None, typer.Option(help="The arm's file; by default the experiment's arm.")] = None,
     hanging: Annotated[
         float | None,
         typer.Option(min=0, help="What hangs from the hand [m]; by default the experiment's string."),
@@ -417,8 +415,11 @@ def export_motion(
 ) -> None:
     """Write a motion for an arm without a driver, after the player's checks."""
     from strandcast.exports.export import Form
+    from strandcast.player.words import unchecked
     from strandcast.stages import export_motion as stage
 
     done = stage.run(ROOT, motion, out, Form(kind, rate, sync_output), arm, hanging, time_scale)
+    for line in unchecked(done.arm):
+        print(line)
     slow = "" if time_scale == 1 else f", {time_scale:g} times slower: not a throw"
     print(f"{out}: motion {done.short_hash}, {done.motion.time_s()[-1]:.3f} s{slow}")

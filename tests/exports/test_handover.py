@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +61,8 @@ def test_what_the_player_refuses_is_not_exported(export, planar3, ur5e, planar_f
         ("step", {}, "SC-E002"),
         ("csv", {"rate_hz": 0.0}, "SC-E003"),
         ("csv", {"rate_hz": float("nan")}, "SC-E003"),
+        ("ros", {"rate_hz": 500.0}, "SC-E004"),
+        ("csv", {"sync_output": 1}, "SC-E004"),
         ("urscript", {}, "SC-E010"),
     ],
 )
@@ -73,13 +76,21 @@ def test_what_cannot_be_written_is_refused(export, planar3, planar_file, kind, o
 def test_the_arms_file_and_the_strings_length_are_found_or_asked_for(project_root, planar_file, tmp_path):
     out = tmp_path / "motion.csv"
     with pytest.raises(StrandcastError, match="SC-X009") as refusal:
-        stage.run(project_root, planar_file, out, Form("csv"), None, None, 1.0)
+        stage.run(tmp_path, planar_file, out, Form("csv"), None, 0.3, 1.0)
     assert "--hanging" in refusal.value.fix
-    done = stage.run(project_root, planar_file, out, Form("csv"), None, 0.3, 1.0)
-    assert done.arm.path == project_root / "config" / "arms" / "planar3.toml"
+    assert "--arm" in refusal.value.fix
+    # An arm's file copied under a name of its own, its `name` as it was.
+    shutil.copytree(project_root / "config" / "arms", tmp_path / "config" / "arms")
+    (tmp_path / "config/arms/planar3.toml").rename(tmp_path / "config/arms/mine.toml")
+    (tmp_path / "data" / "e").mkdir(parents=True)
+    (tmp_path / "data/e/experiment.yaml").write_text(
+        "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\narm: mine\n"
+    )
+    done = stage.run(tmp_path, planar_file, out, Form("csv"), None, None, 1.0)
+    assert done.arm.path == tmp_path / "config/arms/mine.toml"
     assert out.is_file()
     with pytest.raises(StrandcastError, match="SC-F203"):
-        stage.run(project_root, planar_file, out, Form("csv"), Path("none.toml"), 0.3, 1.0)
+        stage.run(tmp_path, planar_file, out, Form("csv"), Path("none.toml"), 0.3, 1.0)
 
 
 def test_the_command_writes_the_file_and_tells_the_short_hash(project_root, planar_file, tmp_path):
@@ -90,3 +101,4 @@ def test_the_command_writes_the_file_and_tells_the_short_hash(project_root, plan
     text = (tmp_path / "goal.yaml").read_text()
     (sha256,) = [line.split()[-1] for line in text.splitlines() if line.startswith("# motion_sha256")]
     assert f"motion {sha256[:8]}, 2.044 s, 4 times slower: not a throw" in done.output
+    assert "warning: how far the controller's own stop turns each joint is not known" in done.output

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from strandcast.errors import StrandcastError
 from strandcast.exports.handover import times_ns
 from strandcast.imports.table import read_numbers
+from strandcast.motion.bezier import Curve, rest_heights
+from strandcast.motion.bezier import sample as sample_curve
 from strandcast.player.checks import sample
-from strandcast.records.motion import Motion
+from strandcast.records.motion import Motion, points_of
 
 
 def test_the_table_is_the_motion_bit_for_bit(export, planar3, planar_file):
@@ -35,3 +38,16 @@ def test_another_rate_is_the_quintic_between_the_points(export, ur5e, ur_file, r
     )
     assert table.column("time_s")[-1] == 0.511
     assert "# held_rad: shoulder_pan_joint 3.14159265" in out.read_text()
+
+
+def test_rows_that_make_another_motion_are_refused(export, planar3, planar_file):
+    heights = rest_heights(np.array([[3.0, -2.0, 1.0], [-2.0, 3.0, 1.0], [2.0, -3.0, 2.0]]))
+    swing = sample_curve(Curve(np.array([0.4, -0.6, -0.3]), 0.5, heights), 0.002)
+    ns = np.rint(1e9 * swing.time_s).astype(np.int64)
+    motion = Motion.read(planar_file)
+    motion.points[:] = points_of(ns, swing.q, swing.qd, swing.qdd)
+    motion.write(planar_file)
+    with pytest.raises(StrandcastError, match="SC-E003"):
+        export(planar_file, planar3, "csv", "motion.csv", rate_hz=4.0)
+    assert not planar_file.with_name("motion.csv").exists()
+    assert export(planar_file, planar3, "csv", "motion.csv", rate_hz=50.0).is_file()

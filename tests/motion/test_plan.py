@@ -265,7 +265,7 @@ def test_a_target_in_reach_that_nothing_found_comes_near_is_flagged_with_the_dis
     slow = replace(task, arm=replace(task.arm, limits=calm), target_m=np.array([0.30, 0.75]))
     plan = plan_first(slow, strings, Options(screening=16, evaluations=100), np.random.default_rng(0))
     assert plan.miss_m > 0.05
-    near = f"the nearest that was found within the arm's limits is {1000 * plan.miss_m:.0f} mm"
+    near = f"the best that was found within the arm's limits misses by {1000 * plan.miss_m:.0f} mm"
     assert f"not expected to hit: {near}" in plan.flags
     assert plan.hit_probability == 0.0
 

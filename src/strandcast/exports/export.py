@@ -43,7 +43,8 @@ def export_motion(handover: HandOver, form: Form, out: Path) -> None:
     Raises
     ------
     StrandcastError
-        SC-E002 no such format, SC-E003 a rate that is none; what the formats refuse.
+        SC-E002 no such format, SC-E003 a rate that is none or too low, SC-E004 what a format does not have,
+        SC-E005 no file's name; what the formats refuse.
     """
     if form.kind not in KINDS:
         raise StrandcastError(
@@ -53,7 +54,25 @@ def export_motion(handover: HandOver, form: Form, out: Path) -> None:
         raise StrandcastError(
             "SC-E003", f"a rate of {form.rate_hz:g} Hz", field="rate", fix="give rows per second"
         )
+    _refuse_unused(form)
+    if out.is_dir():
+        raise StrandcastError("SC-E005", "is a folder", file=out, field="out", fix="name the file in it")
     write_text(out, _text(handover, form, out))
+
+
+def _refuse_unused(form: Form) -> None:
+    """Refuse a wish that the format would not look at."""
+    for wish, option, kinds in (
+        (form.rate_hz, "rate", ("csv", "urscript")),
+        (form.sync_output, "sync-output", ("urscript",)),
+    ):
+        if wish is not None and form.kind not in kinds:
+            raise StrandcastError(
+                "SC-E004",
+                f"{form.kind} has no {option.replace('-', ' ')}",
+                field=option,
+                fix=f"leave it out, or write {' or '.join(kinds)}",
+            )
 
 
 def _text(handover: HandOver, form: Form, out: Path) -> str:

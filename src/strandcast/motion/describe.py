@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -143,20 +144,25 @@ def described(
 
 
 def _expectation_flags(task: Task, curve: Curve, told: Assessment, clearance_m: float) -> list[str]:
-    """Say what the best string's throw leaves to be desired."""
+    """Say what the best string's throw leaves to be desired, and what any string's may spoil."""
     flags = _reach_flags(task, curve) + _torque_flags(task)
     if told.miss_m[0] > task.hit_radius_m:
-        near = f"{1000 * told.miss_m[0]:.0f} mm"
-        flags.append(f"not expected to hit: the nearest that was found within the arm's limits is {near}")
-    if told.outside_m[0] > 0.0:
-        flags.append(f"may leave the workspace by {1000 * told.outside_m[0]:.0f} mm")
-    if told.touch_m[0] > 0.0:
-        flags.append(f"the string may come {1000 * told.touch_m[0]:.0f} mm too near to the arm")
-    if told.hidden_m[0] > 0.0:
-        flags.append(f"at the closest approach the tip may lie {1000 * told.hidden_m[0]:.0f} mm over the arm")
+        by = f"{1000 * told.miss_m[0]:.0f} mm"
+        flags.append(f"not expected to hit: the best that was found within the arm's limits misses by {by}")
+    for depth_m, words in (
+        (told.outside_m, "may leave the workspace by {} mm"),
+        (told.touch_m, "the string may come {} mm too near to the arm"),
+        (told.hidden_m, "at the closest approach the tip may lie {} mm over the arm"),
+    ):
+        if depth_m.max() > 0.0:
+            flags.append(words.format(math.ceil(1000 * depth_m.max())) + _how_many(depth_m > 0.0))
     if start_cost(task, curve.q0_rad[None], clearance_m)[0] > 0.0:
         flags.append("at the start the string hangs over the arm or out of the workspace")
     return flags
+
+
+def _how_many(strings: np.ndarray) -> str:
+    return "" if strings.all() else f", with {strings.sum()} of {len(strings)} strings"
 
 
 def stopped_outside_m(task: Task, curve: Curve) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strandcast.arm.load import Arm
 from strandcast.arm.weight import torque_gap, weightless
 from strandcast.player.rehearsal import Rehearsal
 from strandcast.player.watch import GAP_TICKS
@@ -65,6 +66,19 @@ def _warnings(rehearsal: Rehearsal) -> list[str]:
         )
         if late.degraded:
             lines.append("warning: timing degraded; the run will be marked so")
+    lines += unchecked(arm)
+    if reach.beyond_rad.any():
+        worst = int(np.argmax(reach.beyond_rad))
+        lines.append(
+            f"warning: stopped at the worst instant, {arm.joints[worst]} would turn "
+            f"{reach.beyond_rad[worst]:.2f} rad past its range, margins taken off"
+        )
+    return lines
+
+
+def unchecked(arm: Arm) -> list[str]:
+    """Return warnings of what is not checked because the arm's files do not tell it."""
+    lines = []
     gap = torque_gap(arm)
     if gap is not None:
         lines.append(f"warning: {gap}")
@@ -72,11 +86,5 @@ def _warnings(rehearsal: Rehearsal) -> list[str]:
         lines.append(
             f"warning: how far the controller's own stop turns each joint is not known: {arm.path} says no "
             "stop.distance_rad; only the soft stop is reckoned with"
-        )
-    if reach.beyond_rad.any():
-        worst = int(np.argmax(reach.beyond_rad))
-        lines.append(
-            f"warning: stopped at the worst instant, {arm.joints[worst]} would turn "
-            f"{reach.beyond_rad[worst]:.2f} rad past its range, margins taken off"
         )
     return lines
