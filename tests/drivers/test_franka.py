@@ -33,9 +33,10 @@ def test_without_the_package_it_says_what_to_install(arm: Arm, monkeypatch: pyte
     driver.stop()
 
 
-def test_the_example_names_no_host_and_is_refused_until_it_does() -> None:
-    with pytest.raises(StrandcastError, match=r"SC-X060.*driver\.settings\.host"):
-        franka_driver(load_arm(ROOT / "config" / "arms" / "fr3-example.toml"), None)
+def test_the_example_names_no_host_and_is_not_connected_until_it_does() -> None:
+    driver = franka_driver(load_arm(ROOT / "config" / "arms" / "fr3-example.toml"), None)
+    with pytest.raises(StrandcastError, match=r"SC-X033.*driver\.settings\.host"):
+        driver.connect()
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ def told(arm: Arm, **settings: Any) -> Arm:
 def test_the_example_names_the_driver_but_no_address(arm: Arm) -> None:
     assert arm.driver == "ur"
     with pytest.raises(StrandcastError, match=r"driver\.settings\.host") as caught:
-        UrDriver(arm)
+        UrDriver(arm).connect()
     assert caught.value.exit_code == REFUSED
 
 

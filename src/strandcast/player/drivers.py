@@ -42,3 +42,12 @@ def missing_package(package: str, extra: str, error: ImportError) -> StrandcastE
     return StrandcastError(
         "SC-X032", f"the driver needs the package {package!r}, which is not installed ({error})",
         fix=f"pip install 'strandcast[{extra}]'", exit_code=ENVIRONMENT)  # fmt: skip
+
+
+def refuse_nowhere(arm: Arm, address: str) -> None:
+    """Refuse to connect where the arm's file names no controller."""
+    if not address:
+        raise StrandcastError(
+            "SC-X033", "the arm's file does not say where its controller is", file=arm.path,
+            field="driver.settings.host", cost="nothing was sent to the arm",
+            fix="give its address, then plan again: a motion is bound to the arm's file")  # fmt: skip

@@ -26,7 +26,7 @@ from strandcast.arm.load import Arm
 from strandcast.errors import ENVIRONMENT, STOPPED_BY_CONTROLLER, StrandcastError, StrandcastErrors
 from strandcast.player.approach import approach
 from strandcast.player.bounds import bounds_of
-from strandcast.player.drivers import missing_package
+from strandcast.player.drivers import missing_package, refuse_nowhere
 from strandcast.player.posture import Posture
 from strandcast.player.protocol import Command, Recording, State
 from strandcast.player.stream import ControllerStopped, Reading, stream
@@ -69,7 +69,7 @@ class Settings(BaseModel):
     Attributes
     ----------
     host
-        The controller's address. There is no default.
+        The controller's address. There is no default; a dry run needs none.
     realtime
         "enforce": refuse a kernel without real-time scheduling; "ignore": for simulators.
     joints
@@ -82,7 +82,7 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
-    host: Annotated[str, Field(min_length=1)]
+    host: str
     realtime: Literal["enforce", "ignore"] = "enforce"
     joints: Annotated[list[str], Field(min_length=JOINTS, max_length=JOINTS)] = [
         f"fr3_joint{j}" for j in range(1, JOINTS + 1)
@@ -126,6 +126,7 @@ class FrankaDriver:
 
     def connect(self) -> None:
         """Connect, and tell the controller collision behaviour and payload."""
+        refuse_nowhere(self._arm, self.address)
         try:
             self._vendor = import_module(PACKAGE)
         except ImportError as error:

@@ -29,7 +29,7 @@ from strandcast.arm.load import Arm
 from strandcast.errors import ENVIRONMENT, StrandcastError, StrandcastErrors
 from strandcast.player.approach import approach
 from strandcast.player.bounds import bounds_of
-from strandcast.player.drivers import missing_package
+from strandcast.player.drivers import missing_package, refuse_nowhere
 from strandcast.player.posture import Posture
 from strandcast.player.protocol import Command, Recording, State
 from strandcast.player.stream import ControllerStopped, Reading, stream
@@ -87,7 +87,7 @@ class Settings(BaseModel):
     Attributes
     ----------
     host
-        The controller's address. There is no default.
+        The controller's address. There is no default; a dry run needs none.
     rate_hz
         500 for an e-Series, 125 for a CB3.
     look_ahead_s, gain
@@ -104,7 +104,7 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
-    host: Annotated[str, Field(min_length=1)]
+    host: str
     rate_hz: Literal[500, 125] = 500
     look_ahead_s: Annotated[float, Field(ge=0.03, le=0.2)] = 0.03
     gain: Annotated[float, Field(ge=100, le=2000)] = 2000.0
@@ -147,6 +147,7 @@ class UrDriver:
 
     def connect(self) -> None:
         """Open the dashboard and the reading connection; nothing is sent that changes anything."""
+        refuse_nowhere(self._arm, self.address)
         try:
             dashboard, receive = import_module("dashboard_client"), import_module("rtde_receive")
         except ImportError as error:
