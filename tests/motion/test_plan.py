@@ -18,9 +18,10 @@ from strandcast.arm.servo import Servo, respond
 from strandcast.errors import StrandcastError
 from strandcast.motion import first as search_first
 from strandcast.motion.bars import start_blame
-from strandcast.motion.describe import stopped_outside_m
+from strandcast.motion.cost import throw_cost
+from strandcast.motion.describe import expectation_flags, stopped_outside_m
 from strandcast.motion.earlier import Earlier, earlier_trial
-from strandcast.motion.objective import closest_approach
+from strandcast.motion.objective import Assessment, closest_approach
 from strandcast.motion.plan import Plan, plan_first, plan_next
 from strandcast.motion.rank import likely_miss_m
 from strandcast.motion.strings import Strings
@@ -239,6 +240,10 @@ def test_the_papers_planner_by_name(task: Task, strings: Strings, unknown: Strin
     assert (later.kind, later.parent_trial) == ("refined", 1)
     change = later.curve.heights_rad_s - plan.curve.heights_rad_s
     assert 0.0 < np.abs(change).max() <= 0.5
+    assert not any("outside the tested region" in flag for flag in later.flags)
+    wild = replace(options, paper=replace(options.paper, altered_rad_s=6.0, accept="best"))
+    far = plan_next(task, strings, [trial], wild, np.random.default_rng(5))
+    assert any("outside the tested region" in flag and "from the nearest trial" in flag for flag in far.flags)
     np.testing.assert_array_equal(later.curve.q0_rad, plan.curve.q0_rad)
     none = plan_first(
         replace(task, hit_radius_m=1e-9), strings, replace(options, screening=32), np.random.default_rng(4)
@@ -390,3 +395,51 @@ def test_three_parallel_joints_of_six_throw(project_root: Path, strings: Strings
     assert violations(arm, motion.time_s, motion.q, motion.qd, motion.qdd) == []
     assert plan.miss_m < 0.03
     assert np.abs(motion.qd).max() < np.pi
+
+
+def told(outside_m: list[float], touch_m: list[float], hidden_m: list[float]) -> Assessment:
+    nothing = np.zeros(3)
+    return Assessment(
+        nothing,
+        nothing.astype(int),
+        nothing,
+        np.array(outside_m),
+        np.array(touch_m),
+        np.array(hidden_m),
+        nothing,
+    )
+
+
+def test_what_any_string_may_spoil_is_flagged_with_how_many_do(task: Task, first: Plan) -> None:
+    def flags(*depths_m: list[float]) -> list[str]:
+        return expectation_flags(task, first.curve, told(*depths_m), Options().clearance_m)
+
+    assert flags([0.0] * 3, [0.0] * 3, [0.0] * 3) == []
+    assert flags([0.0, 0.0104, 0.002], [0.0] * 3, [0.0] * 3) == [
+        "may leave the workspace by 11 mm, with 2 of 3 strings"
+    ]
+    assert flags([0.0] * 3, [0.001, 0.002, 0.003], [0.0, 0.0, 0.004]) == [
+        "the string may come 3 mm too near to the arm",
+        "at the closest approach the tip may lie 4 mm over the arm, with 1 of 3 strings",
+    ]
+
+
+@pytest.mark.parametrize("name", ["fold", "outside_m", "touch_m", "hidden_m"])
+def test_what_makes_a_throw_a_bad_one_costs(name: str) -> None:
+    good = told([0.0] * 3, [0.0] * 3, [0.0] * 3)
+    bad = good._replace(**{name: np.array([0.0, 0.0, 0.6])})
+    assert throw_cost(good, 3, 0.002)[0] == 0.0
+    assert throw_cost(bad, 3, 0.002)[0] > 0.002
+
+
+def test_a_later_motion_stays_near_the_one_that_it_changes(
+    task: Task, strings: Strings, unknown: Strings, first: Plan
+) -> None:
+    trial = thrown_for_real(task, unknown, first, 1)
+    near, far = (
+        plan_next(task, strings, [trial], replace(SMALL, change_cost_m_s_rad=price), np.random.default_rng(3))
+        for price in (1.0, 0.0)
+    )
+    moved = [np.abs(plan.curve.heights_rad_s - first.curve.heights_rad_s).max() for plan in (near, far)]
+    assert (near.kind, far.kind) == ("refined", "refined")
+    assert moved[0] < 0.5 * moved[1]

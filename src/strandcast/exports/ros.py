@@ -43,7 +43,8 @@ def start_goal(handover: HandOver, ros1: bool = False) -> str:
     """Return a goal of one point that brings the arm to the motion's start.
 
     It takes as long as the farthest posture that the joints' ranges allow needs at 0.25 rad/s: from nearer by
-    it is slower. Nothing but the controller and the operator looks out for obstacles on the way.
+    it is slower. Nothing but the controller and the operator looks out for obstacles on the way; a joint that
+    is kept from following by 0.05 rad ends it.
     """
     model = handover.arm.model()
     start = _all(handover, handover.motion.joints()[0][:1], held=True)[0]
@@ -51,7 +52,7 @@ def start_goal(handover: HandOver, ros1: bool = False) -> str:
     farthest = float(np.maximum(start - lower, upper - start).max())
     ns = int(np.ceil(QUINTIC_PEAK * farthest / APPROACH_RAD_S)) * 10**9
     still = np.zeros(len(start))
-    return _goal(handover, [_point((start, still, still), ns, ros1)], np.zeros(len(start)), ros1)
+    return _goal(handover, [_point((start, still, still), ns, ros1)], np.full(len(start), SLACK_RAD), ros1)
 
 
 def _all(handover: HandOver, rows: np.ndarray, held: bool = False) -> np.ndarray:

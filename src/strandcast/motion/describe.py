@@ -139,11 +139,11 @@ def described(
         room_m=_room_m(task, thrown.points_m[0, : len(path)]),
         parent_trial=found.parent_trial,
         simulations=found.simulations,
-        flags=(*found.flags, *_expectation_flags(task, found.curve, told, options.clearance_m)),
+        flags=(*found.flags, *expectation_flags(task, found.curve, told, options.clearance_m)),
     )
 
 
-def _expectation_flags(task: Task, curve: Curve, told: Assessment, clearance_m: float) -> list[str]:
+def expectation_flags(task: Task, curve: Curve, told: Assessment, clearance_m: float) -> list[str]:
     """Say what the best string's throw leaves to be desired, and what any string's may spoil."""
     flags = _reach_flags(task, curve) + _torque_flags(task)
     if told.miss_m[0] > task.hit_radius_m:
