@@ -94,6 +94,10 @@ def test_a_choice_leaves_only_what_was_chosen(plan):
     ]
     assert {case.method for case in chosen} == {"default"}
     assert refusal(cases, plan, strings=[8]).code == "SC-Z003"
+    assert "there is no string 9" in str(refusal(cases, plan, strings=[1, 9]))
+    assert "there is no target 8" in str(refusal(cases, plan, targets=[5, 8]))
+    assert "one of default, paper" in refusal(cases, plan, methods=["default", "papr"]).fix
+    assert "not every string" in refusal(cases, plan, strings=[2], targets=[5]).fix
     assert numbers_in(" 1, 3,") == [1, 3]
     assert refusal(numbers_in, "1;3").code == "SC-Z003"
 

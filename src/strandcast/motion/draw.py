@@ -89,11 +89,13 @@ def _too_few(found: int, count: int, reading: str, limits: Limits) -> Strandcast
     how, fix = (
         ("kept the arm's limits and let the string hang freely before", "widen workspace_m,")
         if reading == "rest"
-        else ("by eq. 1 kept the arm's limits", "lower paper.largest_slope_rad_s2,")
+        else ("by eq. 1 kept the arm's limits", "lower plan.paper.largest_slope_rad_s2,")
     )
     fix += " allow other durations (plan.duration_s), or look at the arm's limits"
     if reading == "paper" and np.isfinite(limits.jerk_rad_s3).any():
-        fix = "set paper.ends to rest: eq. 1 begins with a jump in acceleration, the arm's jerk is limited"
+        fix = (
+            "set plan.paper.ends to rest: eq. 1 begins with a jump in acceleration, the arm's jerk is limited"
+        )
     return StrandcastError(
         "SC-P004", f"only {found} random motions {how}, {count} are wanted", field="plan", fix=fix
     )

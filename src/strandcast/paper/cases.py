@@ -165,9 +165,13 @@ def cases(
     Raises
     ------
     StrandcastError
-        SC-Z003 nothing is left.
+        SC-Z003 there is no such string, target or method; nothing is left.
     """
     known = plan.quick.strings if quick else [one.number for one in plan.strings]
+    thrown_at = sorted({t for one in plan.strings for t in (one.target, *([] if quick else one.also))})
+    _refuse_unknown("string", strings, known)
+    _refuse_unknown("target", targets, thrown_at)
+    _refuse_unknown("method", methods, plan.methods)
     count = seeds or (plan.quick.seeds if quick else plan.seeds)
     chosen = [
         Case(QUICK if quick else WHOLE, plan.first_seed + k, one.number, target, method)
@@ -183,9 +187,20 @@ def cases(
         raise StrandcastError(
             "SC-Z003",
             "no experiment is left by this choice",
-            fix=f"strings are {', '.join(map(str, known))}, methods {', '.join(plan.methods)}",
+            fix="not every string is thrown at every target: config/paper.yaml tells which are",
         )
     return chosen
+
+
+def _refuse_unknown(what: str, wished: Collection[Any], known: Collection[Any]) -> None:
+    unknown = [str(one) for one in wished if one not in known]
+    if unknown:
+        raise StrandcastError(
+            "SC-Z003",
+            f"there is no {what} {', '.join(unknown)}",
+            field=f"{what}s",
+            fix=f"one of {', '.join(map(str, known))}",
+        )
 
 
 def words_in(text: str) -> list[str]:
