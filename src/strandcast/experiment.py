@@ -401,7 +401,8 @@ class PlanSettings(Section):
     paper: PaperReading = PaperReading()
     disturbances: Annotated[float, Field(ge=0, le=10)] = Field(
         1.0,
-        description="How much throws of one motion differ on the rig, 1 as usual: motions are robust to it.",
+        description="How much throws of one motion differ on the rig, 1 as usual: new motions resist it, "
+        "predictions reckon with it.",
     )
     finer: bool = Field(
         True, description="Search new motions with every other string as a chain of twice as many points."

@@ -33,7 +33,7 @@ def played(task: Task, string: Strings, motion: Curve, trial: int) -> Earlier:
 
 
 def near_to(task: Task, strings: Strings, trials: list[Earlier], options: Options) -> Neighbourhood:
-    return neighbourhood(task, strings, World(task.arm.servo), trials[0], trials, options, disturb=False)
+    return neighbourhood(task, strings, World(task.arm.servo), trials[0], trials, options)
 
 
 def paths(task: Task, curves: list[Curve]) -> Paths:

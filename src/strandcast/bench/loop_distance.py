@@ -68,7 +68,7 @@ def rows_of(root: Path, name: str) -> list[dict[str, Any]]:
     task, strings, options = plan_stage.known_after(context, arm, 1)
     earlier = plan_stage.earlier_of(read_trial(context, 1), task.step_s)
     world = World(fitted_servo(task, [earlier]))
-    near = neighbourhood(task, strings, world, earlier, [earlier], options, disturb=False)
+    near = neighbourhood(task, strings, world, earlier, [earlier], options)
     random = rng(name, context.settings.seed, 1, "distance")
     rows = []
     for distance in np.repeat(DISTANCES_RAD_S, DRAWS):

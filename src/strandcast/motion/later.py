@@ -13,7 +13,7 @@ from strandcast.motion.earlier import Earlier
 from strandcast.motion.paths import Paths, paths_of_any
 from strandcast.motion.residual import Carried, alike, carry
 from strandcast.motion.search import minimise
-from strandcast.motion.strings import Strings, crossed, disturbed
+from strandcast.motion.strings import Strings, crossed
 from strandcast.motion.task import Options, Task
 from strandcast.motion.throws import AFTER_END_S, Thrown, World, assessed, throw
 from strandcast.progress import Progress
@@ -26,7 +26,7 @@ SAME_SHAPE_M = 0.003  # rms, between the shape at the start and the model's at r
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """The best trial, its like, and the strings, as fitted and grasped differently.
+    """The best trial, its like, and the strings.
 
     Attributes
     ----------
@@ -49,8 +49,6 @@ def neighbourhood(
     best: Earlier,
     trials: list[Earlier],
     options: Options,
-    *,
-    disturb: bool,
 ) -> Neighbourhood:
     """Return what planning around the best trial needs.
 
@@ -60,20 +58,13 @@ def neighbourhood(
         With the servo's response, if there is to be one.
     best, trials
         The best trial, which has a curve, and all.
-    disturb
-        Whether the strings are as many as the options say, the fitted ones in turn, each thrown with other
-        disturbances; what is carried over to one is the fitted string's.
     """
     assert best.curve is not None
     carried = carry(task, strings, world.servo, alike(trials, best.curve))
     world = replace(world, start_m=settled(task, strings, best))
     if not options.carry_residual:
         carried = replace(carried, tip_m=np.zeros_like(carried.tip_m))
-    if not disturb:
-        return Neighbourhood(best.curve, strings, world, carried)
-    tips = carried.tip_m[:, np.arange(options.members) % len(strings)]
-    thrown = disturbed(strings, options.members, len(task.arm.joints), options.disturbances)
-    return Neighbourhood(best.curve, thrown, world, replace(carried, tip_m=tips))
+    return Neighbourhood(best.curve, strings, world, carried)
 
 
 def with_every_disturbance(task: Task, near: Neighbourhood, options: Options) -> Neighbourhood:
@@ -123,7 +114,11 @@ def throw_near(
 def plan_near(
     task: Task, near: Neighbourhood, miss_m: float, options: Options, rng: np.random.Generator
 ) -> tuple[Curve, int]:
-    """Return the cheapest motion near the best trial, which missed by `miss_m`, and the throws simulated."""
+    """Return the cheapest motion near the best trial, which missed by `miss_m`, and the throws simulated.
+
+    The strings are thrown undisturbed: so near, no motion scatters noticeably less than another, and the
+    disturbances hide what it misses by (docs/throws.md).
+    """
     task, best = task.rough(), near.best
     inner = slice(2, -2) if not best.ramp_s else slice(1, None)
     shape = best.heights_rad_s[:, inner].shape
@@ -143,7 +138,7 @@ def plan_near(
         cost = throw_cost(told, len(near.strings), task.step_s)
         return np.asarray(cost + price + options.change_cost_m_s_rad * change)
 
-    budget = options.evaluations // 3
+    budget = 2 * options.evaluations // 3
     tell = Progress("plan: search", total=budget)
     spread = SPREAD * float(np.clip(miss_m / NEAR_M, 1.0, WIDEST))
     point, _, tried = minimise(value, np.zeros(np.prod(shape)), spread, budget, rng, tell)

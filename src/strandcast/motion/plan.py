@@ -143,10 +143,9 @@ def _refined(
     rng: np.random.Generator,
 ) -> Plan:
     """Plan near the best trial, and describe the motion with all strings as they were fitted."""
-    few = neighbourhood(task, strings, world, best, known, options, disturb=True)
-    curve, simulations = _stopped_inside(task, lambda task: plan_near(task, few, miss_m, options, rng))
+    near = neighbourhood(task, strings, world, best, known, options)
+    curve, simulations = _stopped_inside(task, lambda task: plan_near(task, near, miss_m, options, rng))
     flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
-    near = neighbourhood(task, strings, world, best, known, options, disturb=False)
     paths, heights = paths_of_any([curve], task.step_s, AFTER_END_S), curve.heights_rad_s[None]
     rough = task.rough()
     spread = throw_near(rough, with_every_disturbance(task, near, options), paths, heights)

@@ -124,13 +124,13 @@ class Options:
     screening
         Random motions tried before the search of a first motion; of the paper's planner, all that it may try.
     evaluations
-        Motions that a first motion's searches may try; a later one's may try a third as many.
+        Motions that a first motion's searches may try; a later one's may try two thirds as many.
     members
-        Strings that motions are searched with, those given in turn, each with other disturbances.
+        Strings that new motions are searched with, those given in turn, each with other disturbances.
     use_servo
         Plan with the servo's response, not with the commanded angles.
     disturbances
-        Size of what differs from throw to throw, 1 as usual.
+        Size of what differs from throw to throw, 1 as usual; predictions reckon with it too.
     finer
         Whether every other string of a search for a new motion is a chain of twice as many points.
     carry_residual
