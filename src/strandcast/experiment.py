@@ -532,6 +532,15 @@ class Box(Section):
 StartString = Literal["ensemble", "minima", "random"]
 
 
+class Conflict(ValueError):
+    """Settings that do not fit each other: the one to look at, and what to do."""
+
+    def __init__(self, what: str, field: str, fix: str) -> None:
+        super().__init__(what)
+        self.field = field
+        self.fix = fix
+
+
 class Experiment(Section):
     """One string, arm, camera set-up and target, and the settings of every stage."""
 
@@ -585,7 +594,11 @@ class Experiment(Section):
     @model_validator(mode="after")
     def _least_is_not_above_most(self) -> Experiment:
         if self.min_trials > self.max_trials:
-            raise ValueError(f"min_trials ({self.min_trials}) is above max_trials ({self.max_trials})")
+            raise Conflict(
+                f"min_trials ({self.min_trials}) is above max_trials ({self.max_trials})",
+                "min_trials",
+                "raise max_trials, or lower it",
+            )
         return self
 
     @model_validator(mode="after")
@@ -594,8 +607,10 @@ class Experiment(Section):
         if box is not None:
             for value, (low, high), axis in zip(self.target_m, (box.x_m, box.y_m), "xy", strict=True):
                 if not low <= value <= high:
-                    raise ValueError(
-                        f"the target's {axis}, {value} m, lies outside workspace_m, {low} to {high} m"
+                    raise Conflict(
+                        f"the target's {axis}, {value} m, lies outside workspace_m, {low} to {high} m",
+                        "target_m",
+                        "move the target, or widen workspace_m where the room is free",
                     )
         return self
 
@@ -605,20 +620,28 @@ class Experiment(Section):
         if isinstance(told, ShapeObjective):
             beyond = [place.along_m for place in told.places if place.along_m > length_m + 1e-9]
             if beyond:
-                raise ValueError(f"the shape's place at {beyond[0]} m lies beyond the string's {length_m} m")
+                raise Conflict(
+                    f"the shape's place at {beyond[0]} m lies beyond the string's {length_m} m",
+                    "objective",
+                    "give along_m from the hand, up to string.length_m",
+                )
         return self
 
     @model_validator(mode="after")
     def _the_lab_names_its_own_photos(self) -> Experiment:
         named = (self.camera.lens_photos, self.camera.plane_photo, self.camera.lens_video)
         if self.lab is not None and named != (LENS_PHOTOS, PLANE_PHOTO, None):
-            raise ValueError(f"the lab writes {LENS_PHOTOS} and {PLANE_PHOTO}: leave these settings out")
+            raise Conflict(
+                f"the lab writes {LENS_PHOTOS} and {PLANE_PHOTO}",
+                "camera",
+                "leave lens_photos, plane_photo and lens_video out",
+            )
         return self
 
     @model_validator(mode="after")
     def _the_labs_led_has_a_place(self) -> Experiment:
         if self.lab is not None and self.lab.led and (self.align.led is None or self.align.led.x_m is None):
-            raise ValueError("lab.led needs the LED's place, align.led: {x_m: …, y_m: …}")
+            raise Conflict("lab.led needs the LED's place", "lab", "add align.led: {x_m: …, y_m: …}")
         return self
 
     def excluded_reason(self, trial: int) -> str | None:
@@ -723,10 +746,16 @@ def _one_per_place(data: Any, details: list[ErrorDetails]) -> list[tuple[tuple[s
     return [(place, detail) for place, detail in kept.items() if place not in wholes]
 
 
+def _conflict(detail: ErrorDetails) -> Conflict | None:
+    told = detail.get("ctx", {}).get("error")
+    return told if isinstance(told, Conflict) else None
+
+
 def _place(node: Any, detail: ErrorDetails) -> tuple[str, ...]:
     """Return where an error lies in the file: pydantic's location without its names of union branches."""
     place = []
-    for part in detail["loc"]:
+    conflict = _conflict(detail)
+    for part in detail["loc"] if conflict is None else (*detail["loc"], conflict.field):
         child = _child(node, part)
         if child is not None:
             node = child
@@ -751,6 +780,8 @@ def _problem(path: Path, data: CommentedMap, place: tuple[str, ...], detail: Err
     what = what[0].lower() + what[1:]
     if detail["type"] == "extra_forbidden":
         what = "there is no such setting"
+    elif detail["type"] == "union_tag_not_found":
+        what = "does not say its kind"
     elif detail["type"] != "missing" and not isinstance(value, dict | list):
         what += f" (got {value!r})"
     return StrandcastError(
@@ -777,6 +808,9 @@ def _line(node: Any, place: tuple[str, ...]) -> int:
 
 def _suggestion(detail: ErrorDetails, place: tuple[str, ...]) -> str:
     kind, value, name = detail["type"], detail["input"], place[-1] if place else ""
+    conflict = _conflict(detail)
+    if conflict is not None:
+        return conflict.fix
     if kind == "extra_forbidden":
         allowed = _fields_beside(detail["loc"])
         near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)

@@ -141,6 +141,26 @@ def test_yaml_1_2_numbers_and_words(tmp_path):
     assert experiment.title == "no"
 
 
+@pytest.mark.parametrize(
+    ("more", "line", "field", "fix"),
+    [
+        ("workspace_m: {x_m: [0, 0.4], y_m: [0, 1]}\n", 3, "target_m", "widen workspace_m"),
+        ("title: x\nmin_trials: 4\nmax_trials: 3\n", 5, "min_trials", "max_trials"),
+        ("objective: {direction_rad: 1}\n", 4, "objective", "kind is one of point"),
+        (
+            "title: x\nobjective: {kind: shape, places: [{along_m: 0.5, at_m: [0.7, 0.3]}]}\n",
+            5,
+            "objective",
+            "up to string.length_m",
+        ),
+    ],
+)
+def test_settings_that_do_not_fit_each_other_say_where_and_what_to_do(tmp_path, more, line, field, fix):
+    (problem,) = problems(tmp_path, GOOD + more)
+    assert (problem.line, problem.field) == (line, field)
+    assert fix in problem.fix
+
+
 @given(text=st.text(max_size=80))
 @settings(max_examples=150, deadline=None)
 def test_no_text_raises_anything_else(tmp_path_factory, text):
