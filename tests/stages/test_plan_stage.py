@@ -128,7 +128,7 @@ def test_planner_and_judge_are_told_the_same_objective(
         (
             "target_m: [0.6, 0.5]\narm: fr3-example\nplan: {planner: paper, screening: 8}\n",
             "experiment.yaml: plan: only 0 random motions by eq. 1 kept the arm's limits, 8 are wanted\n"
-            "        Fix: set paper.ends to rest",
+            "        Fix: set plan.paper.ends to rest",
         ),
     ],
 )
