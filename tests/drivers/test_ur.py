@@ -7,8 +7,6 @@ as no test can forbid, it is tried again.
 
 from __future__ import annotations
 
-import contextlib
-import functools
 import itertools
 import os
 import re
@@ -54,8 +52,9 @@ LEAD_S = 0.5  # the arm is held so long before the motion begins
 MID_S = LEAD_S + 0.5 * DURATION_S  # when most faults happen
 SERVO_LAG_S = 0.034  # of the stand-in: look-ahead and transport
 CB3 = {"version": (3, 15, 0)}
-TRIES = 3
 NUMBERS = itertools.count(1)
+
+again = pytest.mark.flaky(reruns=4, reruns_delay=2)
 
 
 @pytest.fixture(autouse=True)
@@ -150,19 +149,6 @@ def motion_of(arm: Arm) -> Motion:
 def played(bench: Bench) -> tuple[Run, JointLog]:
     bench.play()
     return read_run(bench.folder / "trial-01")
-
-
-def again(test: Callable[..., None]) -> Callable[..., None]:
-    """Try a test of a live throw anew, with another stand-in: the machine itself may have been in the way."""
-
-    @functools.wraps(test)
-    def tried(*given: Any, **named: Any) -> None:
-        for _ in range(TRIES - 1):
-            with contextlib.suppress(AssertionError, StrandcastError):
-                return test(*given, **named)
-        return test(*given, **named)
-
-    return tried
 
 
 def at_rest(bench: Bench) -> dict[str, Any]:
