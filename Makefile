@@ -99,6 +99,10 @@ bench-streaming: $(VENV)/runtime.stamp  ## how late the streaming loop wakes, wi
 bench-loop: $(VENV)/runtime.stamp  ## seven strings, 15 seeds, three throws each with supplied tracks: results/bench-loop.json; an hour of one core
 	@$(BIN)/python -m strandcast.bench.loop --jobs $(JOBS) --work results/bench-loop
 
+.PHONY: bench-drawn
+bench-drawn: $(VENV)/runtime.stamp  ## sixty strings, targets and servos drawn by chance, three throws each: results/bench-drawn.json; half an hour of one core
+	@$(BIN)/python -m strandcast.bench.loop_drawn --jobs $(JOBS)
+
 .PHONY: error-budget
 error-budget: $(VENV)/runtime.stamp  ## what throws miss by, cause by cause (after bench-loop), for the paper's page: results/error-budget.json
 	@$(BIN)/python -m strandcast.bench.loop_budget results/bench-loop/default/usual --jobs $(JOBS)

@@ -77,10 +77,6 @@ def test_what_a_cause_adds_is_reckoned_in_squares() -> None:
     assert loop_budget.summary_of([one(0.003, 0.005)]).without[-1].cause_rms_m == pytest.approx(-0.004)
 
 
-def test_settings_are_laid_over_each_other() -> None:
-    assert loop.merged({"a": {"b": 1, "c": 2}, "d": 3}, {"a": {"c": 4}}) == {"a": {"b": 1, "c": 4}, "d": 3}
-
-
 def test_numbers_of_a_list() -> None:
     assert loop.numbers("1,3,7-9") == [1, 3, 7, 8, 9]
 

@@ -15,6 +15,7 @@ import shutil
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
@@ -26,7 +27,7 @@ from ruamel.yaml import YAML
 from strandcast.bench.loop_throw import Rig, still, throw, without_scatter
 from strandcast.lab.capture import SeenNoise
 from strandcast.lab.variation import Variation
-from strandcast.paper.cases import FILE, WHOLE, Case, Plan, load_plan, settings_of
+from strandcast.paper.cases import FILE, WHOLE, Case, Plan, load_plan, merged, settings_of
 from strandcast.records.estimate import Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.summary import Verdict
@@ -94,48 +95,43 @@ class Trial:
     estimate_cpu_s: float | None = None
 
 
-def prepare(root: Path, paper: Plan, case: Case, more: dict[str, Any]) -> None:
+def prepare(root: Path, name: str, settings: dict[str, Any]) -> None:
     """Make the folder of one experiment, fresh, in a root that has the arms."""
-    settings = merged(merged(settings_of(paper, case), QUIET), more)
     for folder in ("data", "results"):
-        shutil.rmtree(root / folder / case.name, ignore_errors=True)
-    file = root / "data" / case.name / "experiment.yaml"
+        shutil.rmtree(root / folder / name, ignore_errors=True)
+    file = root / "data" / name / "experiment.yaml"
     file.parent.mkdir(parents=True)
     with file.open("w", encoding="utf-8") as out:
-        YAML(typ="safe").dump(settings, out)
-
-
-def merged(settings: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
-    """Return nested settings with others over them."""
-    answer = dict(settings)
-    for name, value in more.items():
-        old = answer.get(name)
-        answer[name] = merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
-    return answer
+        YAML(typ="safe").dump(merged(settings, QUIET), out)
 
 
 def run_case(
     root: Path, case: Case, trials: int, variant: str = "default", rig: str = "usual"
 ) -> list[Trial]:
-    """Throw one experiment's string `trials` times, and estimate and plan in between."""
-    prepare(root, load_plan(PROJECT / FILE), case, VARIANTS[variant])
-    folder = context_of(root, case.name).folder
+    """Throw one of the paper's experiments' string `trials` times, and estimate and plan in between."""
+    prepare(root, case.name, merged(settings_of(load_plan(PROJECT / FILE), case), VARIANTS[variant]))
+    return run_prepared(root, case.name, trials, RIGS[rig])
+
+
+def run_prepared(root: Path, name: str, trials: int, rig: Rig) -> list[Trial]:
+    """Throw the string of an experiment that is prepared `trials` times, and estimate and plan in between."""
+    folder = context_of(root, name).folder
     thrown = []
     for number in range(1, trials + 1):
         results = folder.trial(number).results
         wall, cpu = time.perf_counter(), time.process_time()
-        plan.run(root, case.name, number)
+        plan.run(root, name, number)
         spent = time.process_time() - cpu, time.perf_counter() - wall
-        true_m = throw(root, case.name, number, RIGS[rig])
-        supply.run(root, case.name, number)
-        judge.run(root, case.name, number)
+        true_m = throw(root, name, number, rig)
+        supply.run(root, name, number)
+        judge.run(root, name, number)
         now = _trial(
             Motion.read(results / "motion.json"), Verdict.read(results / "verdict.json"), true_m, spent
         )
         thrown.append(now)
         if number < trials:
             cpu = time.process_time()
-            estimate.run(root, case.name, number)
+            estimate.run(root, name, number)
             now.estimate_cpu_s = time.process_time() - cpu
             now.E_m = Estimate.read(results / "estimate.json").E_m
     return thrown
@@ -163,11 +159,15 @@ def _trial(motion: Motion, verdict: Verdict, true_m: float, spent: tuple[float, 
 
 def _job(root: str, case: Case, trials: int, variant: str, rig: str) -> dict[str, Any]:
     told = {"string": case.string, "target": case.target, "seed": case.seed, "variant": variant, "rig": rig}
+    return told | outcome(lambda: run_case(Path(root), case, trials, variant, rig))
+
+
+def outcome(run: Callable[[], list[Trial]]) -> dict[str, Any]:
+    """Return the trials of a run, or its error: one run's failure must not stop the others."""
     try:
-        thrown = run_case(Path(root), case, trials, variant, rig)
-    except Exception as error:  # one run's failure must not stop the others
-        return told | {"error": f"{type(error).__name__}: {error}", "trials": []}
-    return told | {"error": None, "trials": [asdict(trial) for trial in thrown]}
+        return {"error": None, "trials": [asdict(trial) for trial in run()]}
+    except Exception as error:
+        return {"error": f"{type(error).__name__}: {error}", "trials": []}
 
 
 def summary_of(runs: list[dict[str, Any]]) -> dict[str, Any]:
@@ -219,21 +219,34 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def run_cases(told: argparse.Namespace, work: Path) -> dict[str, Any]:
-    """Run the experiments in a folder and return their summary; `told.out` has it after every one."""
+    """Run the experiments in a folder and return their summary."""
     cases = cases_of(load_plan(PROJECT / FILE), told.strings, told.seeds, told.variant)
-    runs: list[dict[str, Any]] = []
-    told.out.parent.mkdir(parents=True, exist_ok=True)
-    root = work / told.variant / told.rig
+    root = root_with_arms(work / told.variant / told.rig)
+    jobs = [(str(root), case, told.trials, told.variant, told.rig) for case in cases]
+    return run_jobs(_job, jobs, told.jobs, told.out)
+
+
+def root_with_arms(root: Path) -> Path:
+    """Return the folder, made so that experiments can be in it."""
     shutil.copytree(PROJECT / "config" / "arms", root / "config" / "arms", dirs_exist_ok=True)
-    with ProcessPoolExecutor(told.jobs, mp_context=get_context("spawn")) as pool:
-        jobs = [pool.submit(_job, str(root), case, told.trials, told.variant, told.rig) for case in cases]
-        for done in as_completed(jobs):
-            runs.append(done.result())
-            runs.sort(key=lambda run: (run["seed"], run["string"]))
+    return root
+
+
+def run_jobs(
+    job: Callable[..., dict[str, Any]], jobs: Sequence[tuple[Any, ...]], processes: int, out: Path
+) -> dict[str, Any]:
+    """Call `job` with each tuple, in processes, and return the summary; `out` has all after every one."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    done: dict[int, dict[str, Any]] = {}
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        place = {pool.submit(job, *told): k for k, told in enumerate(jobs)}
+        for future in as_completed(place):
+            done[place[future]] = future.result()
+            runs = [done[k] for k in sorted(done)]
             text = json.dumps({"summary": summary_of(runs), "runs": runs}, indent=1)
-            told.out.write_text(text, encoding="utf-8")
-            print(f"{len(runs)} of {len(cases)}", file=sys.stderr)
-    return summary_of(runs)
+            out.write_text(text, encoding="utf-8")
+            print(f"{len(runs)} of {len(jobs)}", file=sys.stderr)
+    return summary_of(list(done.values()))
 
 
 if __name__ == "__main__":

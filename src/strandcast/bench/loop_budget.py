@@ -20,7 +20,7 @@ import numpy as np
 
 from strandcast.bench.loop import PROJECT, RIGS, cases_of, numbers, prepare
 from strandcast.bench.loop_throw import Rig, throw
-from strandcast.paper.cases import FILE, Case, load_plan
+from strandcast.paper.cases import FILE, Case, load_plan, settings_of
 from strandcast.records.budget import BudgetThrow, ErrorBudget, Without
 from strandcast.stages import estimate, judge, plan, supply
 from strandcast.stages.context import context_of
@@ -48,7 +48,7 @@ def throws_without(root: Path, begun: Path, case: Case, cause: str) -> list[floa
     begun
         The root in which its first motion was planned.
     """
-    prepare(root, load_plan(PROJECT / FILE), case, {"estimate": {"profiles": False}})
+    prepare(root, case.name, settings_of(load_plan(PROJECT / FILE), case))
     folder = context_of(root, case.name).folder
     missed = []
     for trial in TRIALS:

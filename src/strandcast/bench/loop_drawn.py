@@ -1,0 +1,117 @@
+"""The loop on strings, targets and servos drawn by chance, which nothing was tried out on.
+
+    python -m strandcast.bench.loop_drawn --seeds 3001-3060 --out results/bench-drawn.json
+
+As `strandcast.bench.loop`, but every seed has a string, a target and a servo of its own. Nothing of a string
+is told to the planner but its length and where weights sit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strandcast.bench.loop import (
+    PROJECT,
+    RIGS,
+    numbers,
+    outcome,
+    prepare,
+    root_with_arms,
+    run_jobs,
+    run_prepared,
+)
+from strandcast.paper.cases import FILE, load_plan, merged
+
+REPORTED_SEEDS = range(3001, 3061)
+LENGTH_M = (0.20, 0.65)
+WEIGHTS, WEIGHT_KG = 2, (0.003, 0.020)
+FIRST_PLACE_M, APART_M = 0.06, 0.05  # of weights: from the hand, and from each other
+# Of the string: from sewing thread to thin rope; logarithmic, but for the curl.
+DENSITY_KG_M, STIFFNESS_N_M2, DIAMETER_M = (0.002, 0.020), (3e-7, 1e-5), (0.002, 0.005)
+CURL_RAD_M = 4.0
+SERVOS = ("servoj", "stiff", "pd", "soft")
+ARM_M, OF_LENGTH = 0.70, 0.6  # a target is farther from the base than the arm reaches, but not by more
+EDGE_M = 0.10  # from the workspace's edge
+
+
+def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
+    """Return the settings of one experiment: what is common to the paper's, and what is drawn."""
+    random = np.random.default_rng([seed, 5])
+    length_m = round(float(random.uniform(*LENGTH_M)), 2)
+    return merged(
+        common,
+        {
+            "seed": seed,
+            "string": {"length_m": length_m, "weights": _weights(length_m, random)},
+            "target_m": _target(common["workspace_m"], ARM_M + OF_LENGTH * length_m, random),
+            "lab": {
+                "string": {
+                    "linear_density_kg_m": _spread(DENSITY_KG_M, random),
+                    "bending_stiffness_n_m2": _spread(STIFFNESS_N_M2, random),
+                    "diameter_m": _spread(DIAMETER_M, random),
+                    "curl_rad_m": float(random.uniform(-CURL_RAD_M, CURL_RAD_M)),
+                },
+                "servo": SERVOS[random.integers(len(SERVOS))],
+            },
+        },
+    )
+
+
+def _weights(length_m: float, random: np.random.Generator) -> list[dict[str, float]]:
+    """Return up to two weights; their masses are for the lab alone."""
+    places_m = np.sort(random.uniform(FIRST_PLACE_M, length_m, random.integers(WEIGHTS + 1)))
+    apart = np.diff(places_m, prepend=0.0) >= APART_M
+    return [
+        {"place_m": round(float(place_m), 2), "mass_kg": _spread(WEIGHT_KG, random)}
+        for place_m in places_m[apart]
+    ]
+
+
+def _target(workspace_m: dict[str, list[float]], far_m: float, random: np.random.Generator) -> list[float]:
+    """Return a place in the workspace that the hand cannot reach and the string can."""
+    while True:
+        x_m, y_m = (
+            random.uniform(workspace_m[axis][0] + EDGE_M, workspace_m[axis][1] - EDGE_M)
+            for axis in ("x_m", "y_m")
+        )
+        if ARM_M < math.hypot(x_m, y_m) < far_m:
+            return [round(float(x_m), 3), round(float(y_m), 3)]
+
+
+def _spread(between: tuple[float, float], random: np.random.Generator) -> float:
+    return float(np.exp(random.uniform(*np.log(between))))
+
+
+def _job(root: str, seed: int, trials: int) -> dict[str, Any]:
+    settings = settings_of(load_plan(PROJECT / FILE).common, seed)
+    name = f"drawn-{seed}"
+    prepare(Path(root), name, settings)
+    told = {key: settings[key] for key in ("seed", "string", "target_m", "lab")}
+    return told | outcome(lambda: run_prepared(Path(root), name, trials, RIGS["usual"]))
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the experiments, two at a time; write what each came to as soon as it is known."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=numbers, default=list(REPORTED_SEEDS))
+    parser.add_argument("--trials", type=int, default=3)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("results/bench-drawn.json"))
+    told = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory(prefix="strandcast-drawn-") as folder:
+        root = str(root_with_arms(Path(folder)))
+        jobs = [(root, seed, told.trials) for seed in told.seeds]
+        print(json.dumps(run_jobs(_job, jobs, told.jobs, told.out), indent=1))
+
+
+if __name__ == "__main__":
+    main()
