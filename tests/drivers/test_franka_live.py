@@ -364,6 +364,20 @@ def test_a_long_stall_ends_the_throw_and_leaves_the_log(
     assert driver.state().trouble is None
 
 
+def test_an_error_that_is_kept_does_not_keep_the_connection(
+    arm: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with connected(FrankaDriver(arm)) as driver:
+        driver.move_to_start(START)
+        monkeypatch.setattr(FrankaLink, "write", sleeping(FrankaLink.write))
+        with pytest.raises(StrandcastError, match="SC-X051") as caught:
+            driver.move_to_start(START + 0.2)
+    assert caught.tb is not None  # and with it whatever the stream's frames hold
+    with connected(FrankaDriver(arm)) as driver:
+        driver.recover()
+        assert driver.state().trouble is None
+
+
 def test_a_few_lost_cycles_are_ridden_through(
     driver: FrankaDriver, arm: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -326,7 +326,9 @@ class FrankaLink:
                 self._end_eased(self._ease)
         except ControllerStopped:
             return
-        self._control = None
+        finally:
+            # The controller is let go with the last reference to it, which an error's traceback may keep.
+            self._control = self._robot = None
 
     def _end_eased(self, ease: Ease) -> None:
         for _ in range(ENDING_CYCLES):
