@@ -100,7 +100,7 @@ bench-loop: $(VENV)/runtime.stamp  ## seven strings, 15 seeds, three throws each
 	@$(BIN)/python -m strandcast.bench.loop --jobs $(JOBS) --work results/bench-loop
 
 .PHONY: bench-drawn
-bench-drawn: $(VENV)/runtime.stamp  ## sixty strings, targets and servos drawn by chance, three throws each: results/bench-drawn.json; half an hour of one core
+bench-drawn: $(VENV)/runtime.stamp  ## sixty strings, targets and servos drawn by chance, three throws each: results/bench-drawn.json; three quarters of an hour of one core
 	@$(BIN)/python -m strandcast.bench.loop_drawn --jobs $(JOBS)
 
 .PHONY: error-budget

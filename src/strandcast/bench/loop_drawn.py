@@ -37,12 +37,13 @@ FIRST_PLACE_M, APART_M = 0.06, 0.05  # of weights: from the hand, and from each 
 DENSITY_KG_M, STIFFNESS_N_M2, DIAMETER_M = (0.002, 0.020), (3e-7, 1e-5), (0.002, 0.005)
 CURL_RAD_M = 4.0
 SERVOS = ("servoj", "stiff", "pd", "soft")
-ARM_M, OF_LENGTH = 0.70, 0.6  # a target is farther from the base than the arm reaches, but not by more
+# A target is farther from the base than the arm reaches, by up to that much of the string's length.
+ARM_M, OF_LENGTH = 0.70, 0.6
 EDGE_M = 0.10  # from the workspace's edge
 
 
 def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
-    """Return the settings of one experiment: what is common to the paper's, and what is drawn."""
+    """Return an experiment's settings: the `common` ones of config/paper.yaml, and what is drawn."""
     random = np.random.default_rng([seed, 5])
     length_m = round(float(random.uniform(*LENGTH_M)), 2)
     return merged(
