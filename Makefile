@@ -13,7 +13,7 @@ JOBS ?= $(CORES)
 SEEDS ?= 3
 
 .PHONY: help
-help:  ## what can be made
+help:  ## list the targets
 	@echo "strandcast: make <target>"
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18 | sed 's/^/  /'
 
@@ -44,7 +44,7 @@ $(VENV)/bench.stamp: requirements/bench.lock $(VENV)/runtime.stamp
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation -r $<
 	@touch $@
 
-# The vendors' packages stay out of the demo's environment: an environment that sees ours, and has them besides.
+# The vendors' packages stay out of the demo's environment: this one extends it.
 $(DRIVERS)/drivers.stamp: requirements/drivers.lock $(VENV)/dev.stamp
 	@echo "set-up: installing the robot vendors' packages in $(DRIVERS)"
 	@rm -rf $(DRIVERS) && $(BIN)/python -m venv $(DRIVERS)
@@ -61,77 +61,81 @@ $(FRANKA_SIM)/franka-sim.stamp: requirements/franka-sim.lock | $(BIN)/python
 	@touch $@
 
 .PHONY: install
-install: $(VENV)/runtime.stamp  ## the virtual environment with all that strandcast needs
+install: $(VENV)/runtime.stamp  ## make the virtual environment
 
 .PHONY: demo
-demo: $(VENV)/runtime.stamp  ## a virtual arm throws an unknown string until it hits; ends with the report
+demo: $(VENV)/runtime.stamp  ## let a virtual arm throw an unknown string until it hits; write the report
 	@$(BIN)/strandcast run demo --cores $(CORES)
 
 .PHONY: paper
-paper: $(VENV)/runtime.stamp  ## the paper's seven strings through video, its method and ours: results/paper/report.html; JOBS=2 SEEDS=3; hours
-	@$(BIN)/strandcast paper --cores $(JOBS) --seeds $(SEEDS)
+paper: $(VENV)/runtime.stamp  ## reproduce the paper: seven strings, its method and ours: results/paper/report.html; JOBS=2 SEEDS=3; hours
+	@$(BIN)/python -m strandcast_studies.paper run --cores $(JOBS) --seeds $(SEEDS)
 
 .PHONY: paper-quick
-paper-quick: $(VENV)/runtime.stamp  ## the same with three strings, one seed, little effort: results/paper-quick/report.html
-	@$(BIN)/strandcast paper --quick --cores $(JOBS)
+paper-quick: $(VENV)/runtime.stamp  ## the same with three strings, one seed, smaller searches: results/paper-quick/report.html
+	@$(BIN)/python -m strandcast_studies.paper run --quick --cores $(JOBS)
 
 .PHONY: test
-test: $(VENV)/dev.stamp  ## all tests, a file at a time on each of CORES=2
-	@$(BIN)/pytest --numprocesses $(CORES) --dist loadfile
+test: $(VENV)/dev.stamp  ## run all tests on CORES=2; COVERAGE=1 prints their coverage
+	@$(BIN)/pytest --numprocesses $(CORES) --dist loadfile $(if $(COVERAGE),--cov)
+
+.PHONY: test-fast
+test-fast: $(VENV)/dev.stamp  ## run the tests for daily work: under 90 s, without the slow ones and the browser's
+	@$(BIN)/pytest --numprocesses $(CORES) --dist loadfile -m "not slow and not browser"
 
 .PHONY: test-drivers
-test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## the drivers' tests, against a Franka controller and a UR stand-in
-	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/drivers
+test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run the drivers' tests, against a Franka controller and a simulated UR
+	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/executor/drivers
 
 .PHONY: bench
-bench: $(VENV)/bench.stamp  ## the string's speed and error beside MuJoCo, PyElastica and numpy: results/bench.json
-	@$(BIN)/python -m strandcast.bench.run --threads $(CORES)
+bench: $(VENV)/bench.stamp  ## compare the string's speed and error with MuJoCo, PyElastica and numpy: results/bench.json
+	@$(BIN)/python -m strandcast_studies.benchmarks.simulation.run --threads $(CORES)
 
 .PHONY: bench-video
-bench-video: $(VENV)/runtime.stamp  ## the tracker's errors and speed on filmed throws, beside peers: results/bench-video.md; some 40 minutes
-	@$(BIN)/python -m strandcast.bench.video $(if $(WORK),--work $(WORK))
+bench-video: $(VENV)/runtime.stamp  ## compare the tracker's errors and speed with peers: results/bench-video.md; about 40 minutes
+	@$(BIN)/python -m strandcast_studies.benchmarks.video.run $(if $(WORK),--work $(WORK))
 
 .PHONY: bench-streaming
-bench-streaming: $(VENV)/runtime.stamp  ## how late the streaming loop wakes, with and without real-time scheduling: results/bench-streaming.json
-	@$(BIN)/python -m strandcast.bench.streaming
+bench-streaming: $(VENV)/runtime.stamp  ## measure the streaming loop's jitter: results/bench-streaming.json
+	@$(BIN)/python -m strandcast_studies.benchmarks.streaming
 
 .PHONY: bench-loop
-bench-loop: $(VENV)/runtime.stamp  ## seven strings, 15 seeds, three throws each with supplied tracks: results/bench-loop.json; an hour of one core
-	@$(BIN)/python -m strandcast.bench.loop --jobs $(JOBS) --work results/bench-loop
+bench-loop: $(VENV)/runtime.stamp  ## run the loop on seven strings, 15 seeds, three throws each: results/bench-loop.json; an hour of one core
+	@$(BIN)/python -m strandcast_studies.benchmarks.loop.run --jobs $(JOBS) --work results/bench-loop
 
 .PHONY: bench-drawn
-bench-drawn: $(VENV)/runtime.stamp  ## sixty strings, targets and servos drawn by chance, three throws each: results/bench-drawn.json; three quarters of an hour of one core
-	@$(BIN)/python -m strandcast.bench.loop_drawn --jobs $(JOBS)
+bench-drawn: $(VENV)/runtime.stamp  ## run the loop on sixty random strings, targets and servos: results/bench-drawn.json; 45 minutes of one core
+	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS)
 
 .PHONY: error-budget
-error-budget: $(VENV)/runtime.stamp  ## what throws miss by, cause by cause (after bench-loop), for the paper's page: results/error-budget.json
-	@$(BIN)/python -m strandcast.bench.loop_budget results/bench-loop/default/usual --jobs $(JOBS)
+error-budget: $(VENV)/runtime.stamp  ## split the misses of bench-loop by cause: results/error-budget.json
+	@$(BIN)/python -m strandcast_studies.benchmarks.loop.error_budget results/bench-loop/default/usual --jobs $(JOBS)
 
 .PHONY: real
-real: $(VENV)/runtime.stamp  ## predictions of real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
-	@$(BIN)/python -m strandcast.evidence.run
+real: $(VENV)/runtime.stamp  ## predict real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
+	@$(BIN)/python -m strandcast_studies.evidence.run
 
 .PHONY: claims
-claims: $(VENV)/runtime.stamp  ## the paper's claims on masses and motions, ablated in the lab, as JSON; some ten minutes
-	@$(BIN)/python -m strandcast.evidence.claims --jobs $(CORES)
+claims: $(VENV)/runtime.stamp  ## test the paper's claims on masses and motions in the lab, as JSON; about ten minutes
+	@$(BIN)/python -m strandcast_studies.evidence.claims --jobs $(CORES)
 
 .PHONY: check
-check: $(VENV)/dev.stamp  ## lint, formats, types, import rules, the workflow's lint
+check: $(VENV)/dev.stamp  ## check lint, formats, types, import rules and the workflow
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/lint-imports --no-cache
-	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/snakefmt --check Snakefile workflow
+	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/snakefmt --check Snakefile workflow src/strandcast_studies/paper/Snakefile
 	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/snakemake --lint
 
 .PHONY: format
-format: $(VENV)/dev.stamp  ## bring code and workflow into their form
+format: $(VENV)/dev.stamp  ## format code and workflow
 	@$(BIN)/ruff check --fix --quiet . || true
 	@$(BIN)/ruff format --quiet .
-	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/snakefmt Snakefile workflow
+	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/snakefmt Snakefile workflow src/strandcast_studies/paper/Snakefile
 
 .PHONY: lock
-lock:  ## pin requirements/*.in anew (needs uv)
+lock:  ## pin requirements/*.in again (needs uv)
 	@for name in build runtime franka-sim; do \
 	  uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --annotation-style line \
 	    requirements/$$name.in -o requirements/$$name.lock; done

@@ -1,7 +1,28 @@
 """strandcast: a robot arm throws a string it has never met, until the string's tip hits."""
 
-from strandcast.kernels import use_own_cache
+from __future__ import annotations
 
-__version__ = "0.1.0"
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from strandcast.kernel_cache import use_own_cache
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from strandcast.records.record import Record
+
+__all__ = ["__version__", "load"]
+__version__ = "0.2.0"
 
 use_own_cache()
+
+
+def load(path: str | Path) -> Record | pd.DataFrame:
+    """Return a result file as a pandas table (.parquet, joints.csv) or as a record (.json).
+
+    See `strandcast.records.load.load`, and docs/reference/reading-results.md.
+    """
+    from strandcast.records.load import load as load_result  # pandas and pyarrow are heavy: not at start-up
+
+    return load_result(path)

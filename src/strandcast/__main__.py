@@ -1,5 +1,5 @@
 """`python -m strandcast`."""
 
-from strandcast.cli import main
+from strandcast.cli.main import main
 
 main()

@@ -1,6 +1,4 @@
-"""Random numbers that follow from the experiment's name, its seed, the trial and the stage."""
-
-from __future__ import annotations
+"""Random generators determined by the experiment's name, its seed, the trial and the stage."""
 
 import hashlib
 
@@ -8,7 +6,7 @@ import numpy as np
 
 
 def seed_of(experiment: str, seed: int, trial: int, stage: str) -> int:
-    """Return a 63-bit seed; the same words give the same seed on every machine."""
+    """Return a 63-bit seed; the same arguments give the same seed on every computer."""
     words = f"{experiment}\0{seed}\0{trial}\0{stage}".encode()
     return int.from_bytes(hashlib.sha256(words).digest()[:8], "big") >> 1
 

@@ -1,6 +1,4 @@
-"""Throws of the lab of which the clocks are known, and ways to spoil them."""
-
-from __future__ import annotations
+"""Lab throws with known clocks, and ways to spoil them."""
 
 import dataclasses
 from collections.abc import Callable
@@ -8,13 +6,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from strandcast.alignment.align import align
+from strandcast.alignment.align import RobotData, VideoData, align
 from strandcast.arm.load import Arm, load_arm
-from strandcast.evidence.clock_trials import ClockTrial, Recipe, clock_trial
+from strandcast.config.align import AlignSettings
+from strandcast.core.trajectory import JointTrajectory
 from strandcast.lab.servo import CYCLE_S
-from strandcast.motion.bezier import Samples
 from strandcast.records.alignment import Alignment
 from strandcast.records.joint_log import JointLog
+from strandcast_studies.evidence.clock_trials import ClockTrial, Recipe, clock_trial
 
 PER_ROW = ("time_s", "since_start_s", "q_rad", "qd_rad_s", "q_cmd_rad", "qd_cmd_rad_s", "flags")
 
@@ -32,16 +31,25 @@ def throw(arm) -> Callable[..., ClockTrial]:
 
 @pytest.fixture(scope="session")
 def fit(arm) -> Callable[..., Alignment]:
-    """Return a function that aligns a throw, as it is or with its parts exchanged."""
+    """Return a function that aligns a throw, as it is or with parts exchanged."""
 
-    def run(trial: ClockTrial, markers=None, log=None, on: Arm = arm, **more) -> Alignment:
+    def run(
+        trial: ClockTrial,
+        markers=None,
+        log=None,
+        on: Arm = arm,
+        sync_events=(),
+        led=None,
+        settings=None,
+        **more,
+    ) -> Alignment:
         return align(
-            trial.markers if markers is None else markers,
-            trial.log if log is None else log,
+            VideoData(trial.markers if markers is None else markers, led),
+            RobotData(trial.log if log is None else log, sync_events, file="trial-01/joints.csv"),
             on,
+            AlignSettings() if settings is None else settings,
             experiment="e",
             trial=1,
-            log_file="trial-01/joints.csv",
             **more,
         )
 
@@ -50,7 +58,7 @@ def fit(arm) -> Callable[..., Alignment]:
 
 @pytest.fixture(scope="session")
 def error_s() -> Callable[[Alignment, ClockTrial], float]:
-    """Return a function that tells the error in the middle of the sightings."""
+    """Return a function that gives the error in the middle of the detections."""
 
     def run(found: Alignment, trial: ClockTrial) -> float:
         middle = found.middle_camera_time_s
@@ -61,20 +69,20 @@ def error_s() -> Callable[[Alignment, ClockTrial], float]:
 
 @pytest.fixture(scope="session")
 def rows() -> Callable[[JointLog, np.ndarray], JointLog]:
-    """Return a function that gives the rows of a log that an index names, in its order."""
+    """Return a function that selects rows of a log by an index, in its order."""
     return lambda log, which: dataclasses.replace(
         log, **{name: getattr(log, name)[which] for name in PER_ROW}
     )
 
 
 @pytest.fixture(scope="session")
-def motion() -> Callable[..., Samples]:
+def motion() -> Callable[..., JointTrajectory]:
     """Return a function that samples joint angles given as a function of time."""
 
-    def run(angles: Callable[[np.ndarray], np.ndarray], duration_s: float = 0.6) -> Samples:
+    def run(angles: Callable[[np.ndarray], np.ndarray], duration_s: float = 0.6) -> JointTrajectory:
         time_s = np.arange(round(duration_s / CYCLE_S) + 1) * CYCLE_S
         q = angles(time_s)
         qd = np.gradient(q, CYCLE_S, axis=0)
-        return Samples(time_s, q, qd, np.gradient(qd, CYCLE_S, axis=0))
+        return JointTrajectory(time_s, q, qd, np.gradient(qd, CYCLE_S, axis=0))
 
     return run

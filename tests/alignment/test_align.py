@@ -1,15 +1,15 @@
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 import pytest
 
-from strandcast.alignment.problem import Priors
-from strandcast.alignment.rows import Rows, motion_span, rows_of
+from strandcast.alignment.log_rows import LogRows, log_rows_of, motion_span
+from strandcast.config.align import AlignSettings
 from strandcast.errors import StrandcastError
-from strandcast.evidence.clock_trials import Faults, Recipe
-from strandcast.evidence.clocks import HALF_BLIND, WORN, coverage
+from strandcast_studies.evidence.clock_trials import Faults, Recipe
+from strandcast_studies.evidence.clocks import HALF_BLIND, WORN, coverage
+
+pytestmark = pytest.mark.slow
 
 START = np.array([0.5, 0.2, 0.1])
 
@@ -18,7 +18,7 @@ START = np.array([0.5, 0.2, 0.1])
     ("recipe", "trials"), [(Recipe(), 20), (Recipe(faults=WORN), 10), (Recipe(faults=HALF_BLIND), 10)]
 )
 def test_the_standard_error_is_honest(arm, recipe, trials):
-    """The small version of `python -m strandcast.evidence.clocks`; other seeds than its own."""
+    """The small version of `python -m strandcast_studies.evidence.clocks`; other seeds than its own."""
     found = coverage(arm, "", recipe, range(trials))
     assert found.refused == {}
     assert 0.6 < found.z_rms < 1.5
@@ -42,7 +42,7 @@ def test_a_good_rig_makes_a_small_standard_error(throw, fit, error_s):
     assert found.warnings == []
 
 
-def test_errors_that_follow_each_other_make_a_larger_standard_error(throw, fit):
+def test_correlated_errors_increase_the_standard_error(throw, fit):
     def mean_se(**errors) -> float:
         kind = Faults(white_px=(0.1, 0.1), pixel_px=0.0, **errors)
         return float(np.mean([fit(throw(seed, faults=kind)).middle_se_s for seed in range(3)]))
@@ -58,7 +58,7 @@ def test_a_shifted_clock_shifts_the_offset_alone(throw, fit):
     assert after.middle_se_s == pytest.approx(before.middle_se_s, rel=0.05)
 
 
-def test_the_record_says_what_was_fitted(throw, fit, tmp_path):
+def test_the_record_holds_what_was_fitted(throw, fit, tmp_path):
     trial = throw(2, faults=Faults(glued_m=2e-3))
     found = fit(trial)
     found.write(tmp_path / "alignment.json")
@@ -70,7 +70,7 @@ def test_the_record_says_what_was_fitted(throw, fit, tmp_path):
     assert len(again.joint_zero_rad) == len(again.link_length_m) == 3
 
 
-def test_drift_of_two_per_cent_is_healed_and_told(throw, fit):
+def test_a_drift_of_two_percent_is_corrected_and_reported(throw, fit):
     trial = throw(4)
     stretched = trial.markers | {"camera_time_s": trial.markers["camera_time_s"] / 1.02}
     found = fit(trial, markers=stretched)
@@ -83,7 +83,7 @@ def test_drift_of_two_per_cent_is_healed_and_told(throw, fit):
 def test_drift_beyond_100_ppm_is_flagged(throw, fit):
     trial = throw(4)
     stretched = trial.markers | {"camera_time_s": trial.markers["camera_time_s"] / 1.0003}
-    found = fit(trial, markers=stretched, priors=Priors(drift=2e-3))
+    found = fit(trial, markers=stretched, settings=AlignSettings(drift_prior=2e-3))
     assert found.drift == pytest.approx(3e-4 + trial.drift, abs=3 * found.drift_se)
     assert any("ppm" in warning for warning in found.warnings)
     assert not any("ppm" in warning for warning in fit(trial).warnings)
@@ -102,7 +102,7 @@ def test_one_noisy_marker_does_not_spoil_the_other(throw, fit, error_s):
     assert any("marker 41 is" in warning and "times as noisy" in warning for warning in found.warnings)
 
 
-def test_a_misread_marker_is_left_out_and_told(throw, fit, error_s):
+def test_a_misread_marker_is_left_out_and_reported(throw, fit, error_s):
     trial = throw(5, faults=Faults(misread=0.0))
     markers = {name: column.copy() for name, column in trial.markers.items()}
     draw = np.random.default_rng(1)
@@ -112,7 +112,7 @@ def test_a_misread_marker_is_left_out_and_told(throw, fit, error_s):
     assert found.markers[0].wrong >= 55
     assert found.markers[1].wrong <= 5
     assert abs(error_s(found, trial)) < 4 * found.middle_se_s
-    assert any("of marker 40's sightings are wrong" in warning for warning in found.warnings)
+    assert any("of marker 40's detections are wrong" in warning for warning in found.warnings)
 
 
 def test_a_marker_in_the_wrong_place_is_named(throw, fit, arm, error_s):
@@ -124,7 +124,7 @@ def test_a_marker_in_the_wrong_place_is_named(throw, fit, arm, error_s):
     assert any("marker 41 sits" in warning for warning in found.warnings)
 
 
-def test_rows_out_of_order_and_doubled_do_no_harm(throw, fit, error_s, rows):
+def test_unsorted_and_doubled_rows_have_no_effect(throw, fit, error_s, rows):
     trial = throw(5)
     order = np.arange(len(trial.log.time_s))
     for k in (200, 310, 420):
@@ -142,7 +142,7 @@ def test_rows_out_of_order_and_doubled_do_no_harm(throw, fit, error_s, rows):
 def test_rows_that_are_wrong_or_repeated_are_left_out(throw, fit, error_s):
     trial = throw(5)
     q = trial.log.q_rad.copy()
-    start_s = motion_span(Rows(trial.log.time_s, q))[0]
+    start_s = motion_span(LogRows(trial.log.time_s, q))[0]
     start = int(np.searchsorted(trial.log.time_s, start_s))
     q[start + 60] += 0.2
     q[start + 91] = q[start + 90]
@@ -154,7 +154,7 @@ def test_rows_that_are_wrong_or_repeated_are_left_out(throw, fit, error_s):
 def test_the_motion_is_found_in_the_joints(arm, motion, throw):
     ramp = motion(lambda t: np.outer(np.clip(t - 0.1, 0, 0.3), [1.0, 2.0, -1.0]) + START)
     trial = throw(0, motion=ramp, faults=Faults(log_rad=2e-4))
-    start_s, end_s = motion_span(rows_of(trial.log, arm))
+    start_s, end_s = motion_span(log_rows_of(trial.log, arm))
     begin_s = trial.log.time_s[0] + 0.5
     assert start_s == pytest.approx(begin_s + 0.1 + 0.02, abs=0.03)  # the servo trails
     assert end_s == pytest.approx(begin_s + 0.4 + 0.10, abs=0.06)

@@ -1,11 +1,10 @@
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 import pytest
 
-from strandcast.alignment.events import FLAG, SeenEvent
+from strandcast.alignment.events import SYNC_OUTPUT
+from strandcast.config.align import AlignSettings, VideoSyncEvent
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import SYNC_HIGH, SyncEvent
 
@@ -18,12 +17,17 @@ def trial(throw):
 
 
 def led(trial, camera_s, late_s=0.0, sigma_s=1e-3, kind="led"):
-    """An LED that lights at a camera time; the log tells its time `late_s` too late."""
-    told = SyncEvent(kind=kind, time_s=trial.robot_s(camera_s) + late_s)
-    return {"seen_events": [SeenEvent("led", camera_s, sigma_s)], "told_events": [told]}
+    """An LED that lights at a camera time; the log records it `late_s` too late."""
+    recorded = SyncEvent(kind=kind, time_s=trial.robot_s(camera_s) + late_s)
+    return {"settings": in_video("led", camera_s, sigma_s), "sync_events": [recorded]}
 
 
-def test_an_event_that_agrees_is_told_and_sharpens_the_offset(trial, fit, error_s):
+def in_video(kind, camera_s, sigma_s):
+    event = VideoSyncEvent(trial=1, kind=kind, camera_time_s=camera_s, sigma_s=sigma_s)
+    return AlignSettings(sync_events=[event])
+
+
+def test_an_event_that_agrees_is_reported_and_sharpens_the_offset(trial, fit, error_s):
     alone = fit(trial)
     coarse = fit(trial, **led(trial, 0.1, sigma_s=1e-3))
     [check] = coarse.sync_events
@@ -34,11 +38,12 @@ def test_an_event_that_agrees_is_told_and_sharpens_the_offset(trial, fit, error_
     assert abs(error_s(sharp, trial)) < 4 * sharp.middle_se_s
 
 
-def test_two_events_far_apart_tell_the_drift(throw, fit):
+def test_two_events_far_apart_determine_the_drift(throw, fit):
     trial = throw(5, drift=3e-4)
     pairs = [led(trial, camera_s, sigma_s=1e-5) for camera_s in (0.05, 1.0)]
-    both = {key: pairs[0][key] + pairs[1][key] for key in pairs[0]}
-    found = fit(trial, **both)
+    in_both = [event for pair in pairs for event in pair["settings"].sync_events]
+    recorded = [event for pair in pairs for event in pair["sync_events"]]
+    found = fit(trial, settings=AlignSettings(sync_events=in_both), sync_events=recorded)
     assert found.drift == pytest.approx(trial.drift, abs=4 * found.drift_se)
     assert found.drift_se < 2e-5
 
@@ -48,9 +53,9 @@ def test_an_event_that_contradicts_is_refused_with_both_numbers(trial, fit):
         fit(trial, **led(trial, 0.1, late_s=0.02))
     assert refusal.value.code == "SC-A018"
     by_motion_ms = fit(trial).offset_s * 1e3
-    told = [float(word) for word in refusal.value.what.replace("(", " ").split() if is_number(word)]
-    assert any(abs(number - by_motion_ms) < 0.5 for number in told)
-    assert any(abs(number - by_motion_ms - 20.0) < 0.5 for number in told)
+    numbers = [float(word) for word in refusal.value.what.replace("(", " ").split() if is_number(word)]
+    assert any(abs(number - by_motion_ms) < 0.5 for number in numbers)
+    assert any(abs(number - by_motion_ms - 20.0) < 0.5 for number in numbers)
     assert "+20.0" in refusal.value.what.replace("+19.9", "+20.0")
 
 
@@ -72,11 +77,11 @@ def test_the_logs_sync_output_is_an_event(trial, fit):
     rise = int(np.searchsorted(trial.log.time_s, trial.robot_s(0.1)))
     flags[rise : rise + 20] |= SYNC_HIGH
     log = dataclasses.replace(trial.log, flags=flags)
-    found = fit(trial, log=log, seen_events=[SeenEvent(FLAG, 0.1, 1e-3)])
+    found = fit(trial, log=log, settings=in_video(SYNC_OUTPUT, 0.1, 1e-3))
     assert found.sync_events[0].robot_time_s == pytest.approx(trial.robot_s(0.1), abs=0.0011)
 
 
-def test_an_event_that_the_log_has_not_is_refused(trial, fit):
+def test_an_event_missing_from_the_log_is_refused(trial, fit):
     with pytest.raises(StrandcastError, match="SC-A019") as refusal:
         fit(trial, **led(trial, 0.1, kind="trigger"))
     assert "trigger at" in refusal.value.what

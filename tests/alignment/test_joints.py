@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -21,7 +19,7 @@ def log():
     return time_s, angles(time_s) + noise
 
 
-def test_noise_is_smoothed_and_told(log):
+def test_noise_is_smoothed_and_estimated(log):
     time_s, q = log
     path = joint_path(time_s, q, (0.1, 1.2))
     assert path.encoder_rad == pytest.approx(NOISE_RAD, rel=0.2)
@@ -29,11 +27,11 @@ def test_noise_is_smoothed_and_told(log):
     between = np.arange(0.2, 1.1, 0.0013)
     off = path.at(between) - angles(between)
     assert np.sqrt((off**2).mean()) < 0.4 * NOISE_RAD
-    said = path.covariance(np.ones((len(between), 1, 2)), between, np.eye(len(between)))
-    assert (off.sum(axis=1) ** 2).mean() == pytest.approx(np.diag(said).mean(), rel=0.8)
+    claimed = path.covariance(np.ones((len(between), 1, 2)), between, np.eye(len(between)))
+    assert (off.sum(axis=1) ** 2).mean() == pytest.approx(np.diag(claimed).mean(), rel=0.8)
 
 
-def test_jitter_of_stamps_is_told_from_encoder_noise(log):
+def test_time_stamp_jitter_is_separated_from_encoder_noise(log):
     time_s, _ = log
     draw = np.random.default_rng(1)
     late = np.clip(draw.normal(0, 5e-4, len(time_s)), -9e-4, 9e-4)
@@ -41,12 +39,12 @@ def test_jitter_of_stamps_is_told_from_encoder_noise(log):
     assert path.jitter_s == pytest.approx(4.6e-4, rel=0.3)
 
 
-def test_encoders_with_steps_are_not_taken_for_perfect(log):
-    """At rest they tell one number; in motion, no row of theirs is wrong."""
+def test_quantised_encoders_are_not_taken_for_perfect(log):
+    """At rest they report one value; in motion, none of their rows is wrong."""
     time_s, _ = log
     step = 2e-4
     path = joint_path(time_s, np.round(angles(time_s) / step) * step, (0.0, 1.3))
-    assert path.wrong.sum() <= 20  # rows that repeat the one before where the motion begins and ends
+    assert path.outlier.sum() <= 20  # rows that repeat the one before where the motion begins and ends
     assert 0.1 * step < path.encoder_rad.max() < step
 
 
@@ -55,11 +53,11 @@ def test_wrong_and_repeated_rows_are_left_out(log):
     q[300] += 0.05
     q[331] = q[330]
     path = joint_path(time_s, q, (0.0, 1.3))
-    assert np.flatnonzero(path.wrong).tolist() == [300, 331]
+    assert np.flatnonzero(path.outlier).tolist() == [300, 331]
     assert np.abs(path.at(time_s[[300, 331]]) - angles(time_s[[300, 331]])).max() < 1e-3
 
 
-def test_a_hole_of_20_ms_is_bridged(log):
+def test_a_gap_of_20_ms_is_bridged(log):
     time_s, q = log
     kept = np.abs(time_s - 0.6) > 0.01
     path = joint_path(time_s[kept], q[kept], (0.0, 1.3))
@@ -67,6 +65,6 @@ def test_a_hole_of_20_ms_is_bridged(log):
     assert np.abs(path.at(inside) - angles(inside)).max() < 2e-3
 
 
-def test_before_and_after_the_log_the_joints_stay(log):
+def test_the_joints_are_constant_before_and_after_the_log(log):
     path = joint_path(*log, (0.0, 1.3))
     np.testing.assert_array_equal(path.at(np.array([-1.0, 0.0]))[0], path.at(np.array([-1.0, 0.0]))[1])

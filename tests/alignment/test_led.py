@@ -1,6 +1,4 @@
-"""An LED's switchings in video and log: used, held against the motion, or left out."""
-
-from __future__ import annotations
+"""An LED's switchings in video and log: used, compared with the motion, or left out."""
 
 import dataclasses
 import re
@@ -8,10 +6,10 @@ import re
 import numpy as np
 import pytest
 
-from strandcast.alignment.events import SeenEvent
-from strandcast.alignment.led import Led
+from strandcast.config.align import AlignSettings, LedSettings, VideoSyncEvent
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import SYNC_HIGH, SyncEvent
+from strandcast.records.track import DetectedLed, DetectedSwitch
 
 LIT_S = (0.05, 1.0)  # camera time
 STILL = np.array([0.8, 0.5, 0.2])
@@ -22,8 +20,11 @@ def trial(throw):
     return throw(5)
 
 
-def seen(*switchings, sigma_s=2e-4):
-    return [SeenEvent(kind, camera_s, sigma_s) for kind, camera_s in switchings]
+def detected(*switchings, sigma_s=2e-4):
+    events = [
+        DetectedSwitch(kind=kind, camera_time_s=camera_s, sigma_s=sigma_s) for kind, camera_s in switchings
+    ]
+    return DetectedLed(window_px=[0, 0, 9, 9], brightness_grey=[1.0], events=events)
 
 
 def both(late_s=0.0):
@@ -31,18 +32,20 @@ def both(late_s=0.0):
 
 
 def switched(trial):
-    """What run.json tells of an LED that is lit between LIT_S."""
+    """The events in run.json of an LED that is lit between LIT_S."""
     return [SyncEvent(kind=kind, time_s=trial.robot_s(camera_s)) for kind, camera_s in both()]
 
 
-def with_led(trial, *switchings, sigma_s=2e-4, latency_s=0.0, latency_sd_s=1e-5, told=None):
+def with_led(trial, *switchings, sigma_s=2e-4, latency_s=0.0, latency_sd_s=1e-5, recorded=None):
+    led = LedSettings(x_m=0.0, y_m=0.0, latency_s=latency_s, latency_sd_s=latency_sd_s)
     return {
-        "led": Led(seen(*switchings, sigma_s=sigma_s), latency_s, latency_sd_s),
-        "told_events": switched(trial) if told is None else told,
+        "led": detected(*switchings, sigma_s=sigma_s),
+        "settings": AlignSettings(led=led),
+        "sync_events": switched(trial) if recorded is None else recorded,
     }
 
 
-def test_an_led_that_agrees_is_used_and_told(trial, fit, error_s):
+def test_an_led_that_agrees_is_used_and_reported(trial, fit, error_s):
     alone = fit(trial)
     found = fit(trial, **with_led(trial, *both(), sigma_s=1e-5))
     assert [(check.kind, check.used) for check in found.sync_events] == [("led_on", True), ("led_off", True)]
@@ -52,26 +55,26 @@ def test_an_led_that_agrees_is_used_and_told(trial, fit, error_s):
     assert abs(error_s(found, trial)) < 4 * found.middle_se_s
 
 
-def test_a_delay_that_is_known_is_taken_off(trial, fit):
+def test_a_known_delay_is_subtracted(trial, fit):
     found = fit(trial, **with_led(trial, *both(late_s=0.004), latency_s=0.004))
     assert all(check.used for check in found.sync_events)
     assert max(abs(check.difference_s) for check in found.sync_events) < 5e-4
 
 
-def test_an_led_that_contradicts_is_told_with_its_cost_and_left_out(trial, fit):
+def test_an_led_that_contradicts_is_reported_with_its_cost_and_left_out(trial, fit):
     alone = fit(trial)
     found = fit(trial, tip_speed_m_s=8.0, **with_led(trial, *both(late_s=0.005)))
-    [told] = [warning for warning in found.warnings if "SC-A023" in warning]
-    by_ms, cost_mm = (float(re.search(f"([-+.0-9]+) {unit}", told)[1]) for unit in ("ms", "mm"))
+    [warning] = [warning for warning in found.warnings if "SC-A023" in warning]
+    by_ms, cost_mm = (float(re.search(f"([-+.0-9]+) {unit}", warning)[1]) for unit in ("ms", "mm"))
     assert by_ms == pytest.approx(-5.0, abs=0.5)
     assert cost_mm == pytest.approx(8.0 * abs(by_ms), abs=0.6)
-    assert "a tip's 8.0 m/s" in told
+    assert "a tip's 8.0 m/s" in warning
     assert [check.used for check in found.sync_events] == [False, False]
     assert found.sync_events[0].difference_s == pytest.approx(0.005, abs=5e-4)
     assert found.offset_s == alone.offset_s
 
 
-def test_a_small_contradiction_is_left_out_without_words(trial, fit):
+def test_a_small_contradiction_is_left_out_silently(trial, fit):
     alone = fit(trial)
     found = fit(trial, **with_led(trial, *both(late_s=8e-4), sigma_s=1e-5))
     assert [check.used for check in found.sync_events] == [False, False]
@@ -89,8 +92,8 @@ def test_a_frame_of_uncertainty_is_no_contradiction(trial, fit):
 def test_a_flash_of_something_else_has_no_counterpart(trial, fit, flash):
     found = fit(trial, **with_led(trial, both()[0], flash, both()[1]))
     assert [check.camera_time_s for check in found.sync_events] == list(LIT_S)
-    [told] = [warning for warning in found.warnings if "SC-A025" in warning]
-    assert f"{flash[0]} at {flash[1]:.4f} s" in told
+    [warning] = [warning for warning in found.warnings if "SC-A025" in warning]
+    assert f"{flash[0]} at {flash[1]:.4f} s" in warning
 
 
 def test_another_light_alone_is_left_out(trial, fit):
@@ -98,8 +101,8 @@ def test_another_light_alone_is_left_out(trial, fit):
     found = fit(trial, **with_led(trial, ("led_on", 0.3), ("led_off", 0.5)))
     assert found.sync_events == []
     assert found.offset_s == alone.offset_s
-    [told] = [warning for warning in found.warnings if "SC-A024" in warning]
-    assert "led_on at 0.3000 s" in told
+    [warning] = [warning for warning in found.warnings if "SC-A024" in warning]
+    assert "led_on at 0.3000 s" in warning
 
 
 def test_of_several_single_ones_the_motion_chooses(trial, fit):
@@ -107,24 +110,24 @@ def test_of_several_single_ones_the_motion_chooses(trial, fit):
     assert [check.camera_time_s for check in found.sync_events] == [LIT_S[1]]
 
 
-def test_a_log_without_events_is_told_once(trial, fit):
+def test_a_log_without_events_is_reported_once(trial, fit):
     alone = fit(trial)
-    found = fit(trial, **with_led(trial, *both(), told=[]))
+    found = fit(trial, **with_led(trial, *both(), recorded=[]))
     assert found.offset_s == alone.offset_s
     assert len(found.warnings) == len(alone.warnings) + 1
     assert "SC-A024" in found.warnings[-1]
 
 
-def test_no_led_is_no_word(trial, fit):
+def test_no_led_changes_nothing(trial, fit):
     assert fit(trial, **with_led(trial)) == fit(trial)
 
 
-def test_the_logs_sync_output_tells_of_the_led(trial, fit):
+def test_the_logs_sync_output_is_used_for_the_led(trial, fit):
     on, off = (int(np.searchsorted(trial.log.time_s, trial.robot_s(at_s))) for at_s in LIT_S)
     flags = trial.log.flags.copy()
     flags[on:off] |= SYNC_HIGH
     log = dataclasses.replace(trial.log, flags=flags)
-    found = fit(trial, log=log, **with_led(trial, *both(), told=[], sigma_s=1e-5))
+    found = fit(trial, log=log, **with_led(trial, *both(), recorded=[], sigma_s=1e-5))
     row_s = float(np.median(np.diff(log.time_s)))
     assert [check.kind for check in found.sync_events] == ["led_on", "led_off"]
     for check, at_s in zip(found.sync_events, LIT_S, strict=True):
@@ -132,10 +135,12 @@ def test_the_logs_sync_output_tells_of_the_led(trial, fit):
         assert check.sigma_s > row_s / np.sqrt(12.0)
 
 
-def test_typed_events_override_the_led(trial, fit):
-    typed = [SeenEvent("led_on", LIT_S[0], 1e-3)]
-    found = fit(trial, seen_events=typed, **with_led(trial, *both(late_s=0.02)))
-    assert found == fit(trial, seen_events=typed, told_events=switched(trial))
+def test_events_found_by_hand_override_the_led(trial, fit):
+    by_hand = [VideoSyncEvent(trial=1, kind="led_on", camera_time_s=LIT_S[0], sigma_s=1e-3)]
+    given = with_led(trial, *both(late_s=0.02))
+    settings = given["settings"].model_copy(update={"sync_events": by_hand})
+    found = fit(trial, **given | {"settings": settings})
+    assert found == fit(trial, settings=AlignSettings(sync_events=by_hand), sync_events=switched(trial))
     assert len(found.sync_events) == 1
 
 

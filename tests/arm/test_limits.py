@@ -1,6 +1,4 @@
-"""What a motion asks of the arm, against numbers that can be worked out by hand."""
-
-from __future__ import annotations
+"""A motion's torques and limit violations, against numbers that can be computed by hand."""
 
 import dataclasses
 from pathlib import Path
@@ -9,7 +7,9 @@ import numpy as np
 import pytest
 
 from strandcast.arm.limits import peaks, torques, violations
-from strandcast.arm.load import Arm, Payload, load_arm
+from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.settings import Payload
+from strandcast.core.trajectory import JointTrajectory
 
 
 @pytest.fixture
@@ -17,33 +17,33 @@ def arm(project_root: Path) -> Arm:
     return load_arm(project_root / "config/arms/planar3.toml")
 
 
-def still(arm: Arm, q: list[float], samples: int = 3) -> tuple[np.ndarray, ...]:
+def still(q: list[float], samples: int = 3) -> JointTrajectory:
     rest = np.zeros((samples, 3))
-    return np.arange(samples) * 0.002, rest + q, rest.copy(), rest.copy()
+    return JointTrajectory(np.arange(samples) * 0.002, rest + q, rest.copy(), rest.copy())
 
 
 def test_holding_torque_is_weight_times_lever(arm: Arm) -> None:
-    _, q, qd, qdd = still(arm, [0.0, 0.0, 0.0], 1)
+    rest = np.zeros((1, 3))
     levers = [1.0 * 0.12 + 0.6 * 0.40 + 0.25 * 0.62, 0.6 * 0.10 + 0.25 * 0.32, 0.25 * 0.07]
-    np.testing.assert_allclose(torques(arm, q, qd, qdd)[0], 9.81 * np.array(levers), rtol=1e-4)
+    np.testing.assert_allclose(torques(arm, rest, rest, rest)[0], 9.81 * np.array(levers), rtol=1e-4)
     hanging = np.full((1, 3), [np.pi / 2, 0.0, 0.0])
-    np.testing.assert_allclose(torques(arm, hanging, qd, qdd), 0.0, atol=1e-12)
+    np.testing.assert_allclose(torques(arm, hanging, rest, rest), 0.0, atol=1e-12)
 
 
-def test_a_payload_weighs_on_every_joint(arm: Arm) -> None:
-    _, q, qd, qdd = still(arm, [0.0, 0.0, 0.0], 1)
-    burdened = dataclasses.replace(arm, payload=Payload(0.5, (0.02, 0.0, 0.0)))
-    more = torques(burdened, q, qd, qdd) - torques(arm, q, qd, qdd)
+def test_a_payload_adds_torque_to_every_joint(arm: Arm) -> None:
+    rest = np.zeros((1, 3))
+    with_payload = dataclasses.replace(arm, payload=Payload(mass_kg=0.5, centre_m=(0.02, 0.0, 0.0)))
+    more = torques(with_payload, rest, rest, rest) - torques(arm, rest, rest, rest)
     np.testing.assert_allclose(more[0], 0.5 * 9.81 * np.array([0.72, 0.42, 0.17]), rtol=1e-6)
 
 
 def test_each_kind_is_found_with_joint_time_and_value(arm: Arm) -> None:
-    time_s, q, qd, qdd = still(arm, [0.5, 0.0, 0.0], 5)
-    assert violations(arm, time_s, q, qd, qdd) == []
-    q[:, 1] = 2.39
-    qd[3, 2] = -9.6
-    qdd[2, 0] = 96.0
-    found = {(v.joint, v.kind): v for v in violations(arm, time_s, q, qd, qdd)}
+    motion = still([0.5, 0.0, 0.0], 5)
+    assert violations(arm, motion) == []
+    motion.q_rad[:, 1] = 2.39
+    motion.qd_rad_s[3, 2] = -9.6
+    motion.qdd_rad_s2[2, 0] = 96.0
+    found = {(v.joint, v.kind): v for v in violations(arm, motion)}
     assert found[("joint_2", "upper position")].limit == pytest.approx(2.38)
     assert found[("joint_3", "velocity")].value == pytest.approx(9.6)
     assert found[("joint_3", "velocity")].time_s == pytest.approx(0.006)
@@ -51,15 +51,15 @@ def test_each_kind_is_found_with_joint_time_and_value(arm: Arm) -> None:
     assert "joint_1: acceleration 96 rad/s² at 0.004 s, limit 95 rad/s²" in map(str, found.values())
 
 
-def test_speed_is_also_taken_from_the_positions(arm: Arm) -> None:
-    time_s, q, qd, qdd = still(arm, [0.5, 0.0, 0.0])
-    q[1, 0] += 0.002 * 9.7
-    kinds = {violation.kind for violation in violations(arm, time_s, q, qd, qdd)}
+def test_speed_is_also_computed_from_the_positions(arm: Arm) -> None:
+    motion = still([0.5, 0.0, 0.0])
+    motion.q_rad[1, 0] += 0.002 * 9.7
+    kinds = {violation.kind for violation in violations(arm, motion)}
     assert kinds == {"velocity"}
 
 
-def test_lower_position_is_told_as_the_angle(arm: Arm) -> None:
-    (violation,) = violations(arm, *still(arm, [-0.34, 0.0, 0.0]))
+def test_a_lower_position_is_reported_as_the_angle(arm: Arm) -> None:
+    (violation,) = violations(arm, still([-0.34, 0.0, 0.0]))
     assert (violation.kind, violation.value, violation.limit) == (
         "lower position",
         -0.34,
@@ -68,12 +68,8 @@ def test_lower_position_is_told_as_the_angle(arm: Arm) -> None:
 
 
 def test_torque_beyond_the_margin_is_refused(arm: Arm) -> None:
-    time_s, q, qd, qdd = still(arm, [0.5, 0.0, 0.0])
-    qdd[1] = [90.0, 90.0, 90.0]
-    assert peaks(arm, time_s, q, qd, qdd)["torque_n_m"][0] > 30.0
-    slack = {
-        violation.joint
-        for violation in violations(arm, time_s, q, qd, qdd * 3.0)
-        if violation.kind == "torque"
-    }
-    assert "joint_1" in slack
+    motion = still([0.5, 0.0, 0.0])
+    motion.qdd_rad_s2[1] = 90.0
+    assert peaks(arm, motion)["torque_n_m"][0] > 30.0
+    motion.qdd_rad_s2[1] *= 3.0
+    assert "joint_1" in {v.joint for v in violations(arm, motion) if v.kind == "torque"}

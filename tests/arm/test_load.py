@@ -1,6 +1,4 @@
-"""An arm's file: what it gives, and that each fault is told with field and fix, all at once."""
-
-from __future__ import annotations
+"""An arm's file: its values, and every fault reported at once with field and fix."""
 
 from pathlib import Path
 
@@ -28,7 +26,7 @@ def copy(project_root: Path, tmp_path: Path):
     return make
 
 
-def told(path: Path) -> str:
+def refusal(path: Path) -> str:
     with pytest.raises(StrandcastError) as caught:
         load_arm(path)
     return str(caught.value)
@@ -48,7 +46,7 @@ def test_planar3_is_what_its_files_say(project_root: Path) -> None:
 
 def test_a_positive_angle_lifts_the_hand_and_is_counter_clockwise(project_root: Path) -> None:
     arm = load_arm(project_root / "config/arms/planar3.toml")
-    pose = hand_pose(arm.chain, arm.clamp, np.array([np.pi / 2, 0.0, 0.0]))
+    pose = hand_pose(arm.chain, arm.clamp, np.array([np.pi / 2, 0.0, 0.0])).array()
     np.testing.assert_allclose(pose, [0.0, 0.7, np.pi / 2], atol=1e-15)
 
 
@@ -59,7 +57,7 @@ def test_chain_agrees_with_mujoco_in_every_posture(project_root: Path, name: str
     for q in np.random.default_rng(3).uniform(-3.0, 3.0, (20, 3)):
         data.qpos[:] = arm.coordinates(q)
         mujoco.mj_kinematics(arm.model(), data)
-        bodies = [data.joint(joint).xanchor for joint in arm.joints] + [data.body(arm.link).xpos]
+        bodies = [data.joint(joint).xanchor for joint in arm.joints] + [data.body(arm.clamp.link).xpos]
         np.testing.assert_allclose(link_points(arm.chain, q), np.array(bodies) @ arm.plane.T, atol=1e-12)
 
 
@@ -70,8 +68,8 @@ def test_the_hands_angle_turns_with_mujocos_frame(project_root: Path, name: str)
     for q in np.random.default_rng(4).uniform(-3.0, 3.0, (5, 3)):
         data.qpos[:] = arm.coordinates(q)
         mujoco.mj_kinematics(arm.model(), data)
-        tool = arm.plane @ data.body(arm.link).xmat.reshape(3, 3)[:, 2]
-        angle = hand_pose(arm.chain, arm.clamp, q)[2]
+        tool = arm.plane @ data.body(arm.clamp.link).xmat.reshape(3, 3)[:, 2]
+        angle = hand_pose(arm.chain, arm.clamp, q).angle_rad
         # The example's clamp points along the tool's z axis.
         np.testing.assert_allclose([np.cos(angle), np.sin(angle)], tool, atol=1e-12)
 
@@ -81,7 +79,7 @@ def test_clamp_offset_and_angle_move_the_hand(copy) -> None:
         ("offset_m = [0.0, 0.0]", "offset_m = [0.02, 0.01]"), ("angle_rad = 0.0   ", "angle_rad = 0.5   ")
     )
     arm = load_arm(path)
-    pose = hand_pose(arm.chain, arm.clamp, np.array([np.pi / 2, 0.0, 0.0]))
+    pose = hand_pose(arm.chain, arm.clamp, np.array([np.pi / 2, 0.0, 0.0])).array()
     np.testing.assert_allclose(pose, [-0.01, 0.72, np.pi / 2 + 0.5], atol=1e-15)
 
 
@@ -110,13 +108,13 @@ def test_clamp_offset_and_angle_move_the_hand(copy) -> None:
     ],
 )
 def test_faults_name_file_field_and_value(copy, old: str, new: str, expected: str) -> None:
-    message = told(copy((old, new)))
+    message = refusal(copy((old, new)))
     assert expected in message
     assert "Fix:" in message
 
 
-def test_several_faults_are_told_at_once(copy) -> None:
-    message = told(
+def test_several_faults_are_reported_at_once(copy) -> None:
+    message = refusal(
         copy(("[100, 100, 100]", "[100, 100]"), ("[62, 62, 62]", "[62]"), ("[-1.35, 1.35]", "[2, 1]"))
     )
     assert message.count("SC-F205") == 3

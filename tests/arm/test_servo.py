@@ -1,7 +1,5 @@
 """The servo's response against closed forms, and the search for it."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.signal import lsim
 
@@ -49,9 +47,9 @@ def test_identify_finds_the_response_through_noise_and_zero_error() -> None:
     rng = np.random.default_rng(1)
     command = np.stack([0.6 * np.sin(6 * TIME_S) ** 2, 0.8 * (1 - np.cos(4 * TIME_S))], axis=1)
     true = Servo(np.array([0.010, 0.004]), np.array([45.0, 80.0]), np.array([0.7, 1.1]), np.ones(2))
-    seen = respond(true, TIME_S, command) + rng.normal(0, 5e-4, command.shape) + [0.002, -0.001]
-    found, residual = identify(TIME_S, command, seen, servo())
-    # Delay and lag of the filter trade against each other; their sum is what a throw feels.
+    measured = respond(true, TIME_S, command) + rng.normal(0, 5e-4, command.shape) + [0.002, -0.001]
+    found, residual = identify(TIME_S, command, measured, servo())
+    # Delay and lag of the filter trade against each other; only their sum matters in a throw.
     np.testing.assert_allclose(found.lag_s, true.lag_s, atol=3e-4)
     np.testing.assert_allclose(residual, 5e-4, rtol=0.1)
     np.testing.assert_allclose(respond(found, TIME_S, command), respond(true, TIME_S, command), atol=5e-4)
@@ -59,15 +57,15 @@ def test_identify_finds_the_response_through_noise_and_zero_error() -> None:
 
 def test_identify_ignores_what_was_not_measured() -> None:
     command = 0.6 * np.sin(6 * TIME_S)[:, None] ** 2
-    seen = respond(servo(joints=1), TIME_S, command)
-    seen[100:150] = np.nan
-    found, residual = identify(TIME_S, command, seen, servo(0.0, 100.0, 0.7, joints=1))
+    measured = respond(servo(joints=1), TIME_S, command)
+    measured[100:150] = np.nan
+    found, residual = identify(TIME_S, command, measured, servo(0.0, 100.0, 0.7, joints=1))
     np.testing.assert_allclose(found.natural_frequency_rad_s, 60.0, rtol=1e-3)
     assert residual[0] < 1e-6
 
 
 def test_gain_is_fitted_on_request() -> None:
     command = 0.6 * np.sin(6 * TIME_S)[:, None] ** 2
-    seen = respond(servo(gain=0.97, joints=1), TIME_S, command)
-    found, _ = identify(TIME_S, command, seen, servo(joints=1), fit_gain=True)
+    measured = respond(servo(gain=0.97, joints=1), TIME_S, command)
+    found, _ = identify(TIME_S, command, measured, servo(joints=1), fit_gain=True)
     np.testing.assert_allclose(found.gain, 0.97, atol=1e-4)

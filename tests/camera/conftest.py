@@ -1,6 +1,4 @@
-"""A photographer: pictures of flat things through a known lens, by ray casting, with blur and noise."""
-
-from __future__ import annotations
+"""Pictures of flat objects through a known lens, by ray casting, with blur and noise."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -10,8 +8,9 @@ import numpy as np
 import pytest
 
 from strandcast.camera.mapping import undistort
-from strandcast.camera.markers import CharucoBoard, marker_cells, opencv_board
+from strandcast.camera.markers import marker_cells, opencv_board
 from strandcast.camera.views import BoardCorners
+from strandcast.config.camera import Board
 from strandcast.records.camera import Lens
 
 OVER = 2  # samples a side in each pixel
@@ -100,7 +99,7 @@ def corner_views() -> Callable[..., list[BoardCorners]]:
     The lens is that of `lens`, the board 7 x 5 squares of 35 mm in random poses; with the rational model's
     eight coefficients it is a wide angle.
     """
-    board = CharucoBoard(7, 5, 0.035, 0.026, "DICT_5X5_100")
+    board = Board(squares_x=7, squares_y=5, square_m=0.035, marker_m=0.026, dictionary="DICT_5X5_100")
     board_m = np.asarray(opencv_board(board).getChessboardCorners(), float)
     size = np.array([960, 540])
 

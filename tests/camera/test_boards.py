@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 
 import cv2
@@ -8,16 +6,20 @@ import pytest
 from PIL import Image
 
 from strandcast.camera.boards import RULER_MM, write_charuco, write_markers
-from strandcast.camera.lens import find_board
-from strandcast.camera.markers import CharucoBoard, detect_markers, marker_detector, opencv_board
+from strandcast.camera.markers import detect_markers, marker_detector, opencv_board
+from strandcast.camera.views import find_board
+from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 
 DPI = 300
+PRINTED = Board(squares_x=5, squares_y=8, square_m=0.030, marker_m=0.022, dictionary="DICT_5X5_100")
 
 
 @pytest.mark.parametrize("legacy", [False, True])
 def test_a_printed_charuco_board_has_its_true_size(tmp_path, legacy):
-    board = CharucoBoard(5, 8, 0.030, 0.022, "DICT_5X5_100", legacy)
+    board = Board(
+        squares_x=5, squares_y=8, square_m=0.030, marker_m=0.022, dictionary="DICT_5X5_100", legacy=legacy
+    )
     [path] = write_charuco(board, tmp_path / "board.png", dpi=DPI)
     assert Image.open(path).info["dpi"] == pytest.approx((DPI, DPI), rel=1e-3)
     ids, corners_px = find_board(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), board)
@@ -29,14 +31,18 @@ def test_a_printed_charuco_board_has_its_true_size(tmp_path, legacy):
     np.testing.assert_allclose(affine[:2], np.eye(2), atol=2e-4)
 
 
-def test_the_other_pattern_is_not_taken_for_the_printed_one(tmp_path):
-    board = CharucoBoard(5, 8, 0.030, 0.022, "DICT_5X5_100", legacy=True)
+def test_the_other_pattern_is_not_detected(tmp_path):
+    board = Board(
+        squares_x=5, squares_y=8, square_m=0.030, marker_m=0.022, dictionary="DICT_5X5_100", legacy=True
+    )
     [path] = write_charuco(board, tmp_path / "board.png", dpi=DPI)
-    other = CharucoBoard(5, 8, 0.030, 0.022, "DICT_5X5_100", legacy=False)
+    other = Board(
+        squares_x=5, squares_y=8, square_m=0.030, marker_m=0.022, dictionary="DICT_5X5_100", legacy=False
+    )
     assert len(find_board(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), other)[0]) == 0
 
 
-def test_printed_markers_have_their_true_size_and_all_are_there(tmp_path):
+def test_printed_markers_are_complete_and_of_true_size(tmp_path):
     wanted = [3, 0, 12, 7, 21]
     paths = write_markers(wanted, 0.080, "DICT_4X4_50", tmp_path / "m.png", dpi=DPI)
     assert [path.name for path in paths] == ["m-1.png", "m-2.png", "m-3.png"]
@@ -53,7 +59,7 @@ def test_printed_markers_have_their_true_size_and_all_are_there(tmp_path):
     np.testing.assert_allclose(sides_mm, 80.0, atol=0.05)
 
 
-def test_the_ruler_is_as_long_as_it_says(tmp_path):
+def test_the_ruler_has_the_stated_length(tmp_path):
     [path] = write_markers([1], 0.05, "DICT_4X4_50", tmp_path / "m.png", dpi=300)
     page = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     lowest = page.shape[0] - round(11.0 / 25.4 * 300)
@@ -63,7 +69,7 @@ def test_the_ruler_is_as_long_as_it_says(tmp_path):
 
 
 def test_pdf_is_a4_vector_and_the_same_bytes_twice(tmp_path):
-    board = CharucoBoard(7, 5, 0.035, 0.026, "DICT_5X5_100")
+    board = Board(squares_x=7, squares_y=5, square_m=0.035, marker_m=0.026, dictionary="DICT_5X5_100")
     first = write_charuco(board, tmp_path / "a.pdf", page="A4")[0].read_bytes()
     second = write_charuco(board, tmp_path / "b.pdf", page="A4")[0].read_bytes()
     assert first == second
@@ -72,8 +78,8 @@ def test_pdf_is_a4_vector_and_the_same_bytes_twice(tmp_path):
     np.testing.assert_allclose(np.array(box[2:]) * 25.4 / 72, (297, 210), atol=0.1)
 
 
-def test_what_does_not_fit_or_does_not_exist_is_refused(tmp_path):
-    big = CharucoBoard(7, 5, 0.06, 0.04, "DICT_5X5_100")
+def test_patterns_that_do_not_fit_and_unknown_names_are_refused(tmp_path):
+    big = Board(squares_x=7, squares_y=5, square_m=0.06, marker_m=0.04, dictionary="DICT_5X5_100")
     with pytest.raises(StrandcastError, match="does not fit A4"):
         write_charuco(big, tmp_path / "a.pdf", page="A4")
     write_charuco(big, tmp_path / "a.pdf", page="auto")
@@ -83,3 +89,10 @@ def test_what_does_not_fit_or_does_not_exist_is_refused(tmp_path):
         write_markers([1], 0.05, "DICT_9X9", tmp_path / "m.pdf")
     with pytest.raises(StrandcastError, match=r"\.pdf or \.png"):
         write_markers([1], 0.05, "DICT_4X4_50", tmp_path / "m.svg")
+
+
+def test_a_board_with_more_markers_than_its_dictionary_is_refused():
+    board = Board(squares_x=12, squares_y=10, dictionary="DICT_4X4_50")
+    with pytest.raises(StrandcastError, match="needs 60 markers and DICT_4X4_50 has 50") as caught:
+        opencv_board(board)
+    assert caught.value.code == "SC-C002"

@@ -1,6 +1,4 @@
-"""The whole stage on files: photos or a video of the board, the plane's photo, the record and its picture."""
-
-from __future__ import annotations
+"""The calibration stage with files: photos or a video of the board, the plane's photo, the record."""
 
 import textwrap
 from fractions import Fraction
@@ -13,22 +11,29 @@ import pytest
 from PIL import Image
 
 from strandcast.camera.boards import write_charuco
+from strandcast.camera.flat import flat_camera
 from strandcast.camera.frames import choose_frames, corner_sharpness
-from strandcast.camera.lens import calibrate_lens, find_board
+from strandcast.camera.lens import calibrate_lens
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
-from strandcast.camera.markers import CharucoBoard
-from strandcast.camera.plane import PlaneKnowledge, PlaneMarker, plane_from_markers
+from strandcast.camera.plane import PlaneGeometry, plane_from_markers
+from strandcast.camera.pose import PlacedMarker
+from strandcast.camera.views import find_board
+from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
-from strandcast.report.figures.camera_picture import camera_picture
-from strandcast.stages.calibrate import run
+from strandcast.records.summary import ExperimentSummary
+from strandcast.report.panels.camera_picture import camera_picture
+from strandcast.report.panels.page_data import ExperimentPageData
+from strandcast.stages.cameras import read_camera, warn_of_former
+from strandcast.stages.context import context_of
+from strandcast.stages.run import run_stage
 
-BOARD = CharucoBoard(7, 5, 0.035, 0.026, "DICT_5X5_100")
+BOARD = Board(squares_x=7, squares_y=5, square_m=0.035, marker_m=0.026, dictionary="DICT_5X5_100")
 MARKERS = [
-    PlaneMarker(0, -0.6, 0.35, 0.08),
-    PlaneMarker(1, 0.6, 0.35, 0.08, 0.4),
-    PlaneMarker(2, 0.6, -0.3, 0.08, -1.0),
-    PlaneMarker(3, -0.6, -0.3, 0.08),
+    PlacedMarker(0, -0.6, 0.35, 0.08),
+    PlacedMarker(1, 0.6, 0.35, 0.08, 0.4),
+    PlacedMarker(2, 0.6, -0.3, 0.08, -1.0),
+    PlacedMarker(3, -0.6, -0.3, 0.08),
 ]
 # (tilts, turn, place of the board looked at, distance): the board goes through all of the picture.
 STATIONS = [
@@ -79,7 +84,7 @@ def plane_photo(photograph, paint_markers, looking, lens) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def frames(board_seen) -> list[np.ndarray]:
-    """Return a board carried from station to station; every third frame is smeared."""
+    """Return frames of a board moved from pose to pose; every third frame is blurred."""
     flat = np.array([[*view[:3], *view[3], view[4]] for view in STATIONS])
     found = []
     for k, share in enumerate(np.linspace(0, len(flat) - 1, 18)):
@@ -103,7 +108,7 @@ def film(path: Path, pictures: list[np.ndarray]) -> None:
 
 @pytest.fixture
 def root(tmp_path, project_root, plane_photo) -> Path:
-    """Return a project with an experiment that lacks its lens photos."""
+    """Return a project with an experiment without its lens photos."""
     (tmp_path / "config").symlink_to(project_root / "config")
     folder = tmp_path / "data" / "own"
     (folder / "calibration").mkdir(parents=True)
@@ -118,13 +123,14 @@ def truth_of(camera: Camera, lens, looking) -> Camera:
     return camera.model_copy(update=pose)
 
 
+@pytest.mark.slow
 def test_a_video_of_the_board_gives_lens_plane_and_picture(root, frames, lens, looking):
     folder, results = root / "data" / "own", root / "results" / "own"
     film(folder / "calibration" / "board.avi", frames)
     text = EXPERIMENT.replace("camera:\n", "camera:\n  lens_video: calibration/board.avi\n")
     (folder / "experiment.yaml").write_text(text)
-    run(root, "own")
-    camera = Camera.read(results / "camera.json")
+    run_stage("calibrate", root, "own")
+    camera = Camera.read(results / "cameras" / "main.json")
     assert 8 <= len(camera.lens.views) <= 12  # of 18 the 12 sharp ones, at most
     numbers = [int(view.file.split()[-1]) for view in camera.lens.views]
     assert all(number % BLURRED != 2 for number in numbers)
@@ -136,14 +142,25 @@ def test_a_video_of_the_board_gives_lens_plane_and_picture(root, frames, lens, l
     off = np.linalg.norm(back - places, axis=-1)
     assert off.max() < 5e-4
     assert (off < 4 * np.array(camera.plane_error.sigma_m)).all()
-    assert Image.open(results / "camera.webp").size[0] == 1600
-    reportlet = camera_picture("camera", "Calibration", results)
-    assert f"±{camera.plane_error.worst_m * 1e3:.2f} mm at worst" in reportlet.finding
-    assert "data:image/webp;base64," in reportlet.markup
+    assert Image.open(results / "cameras" / "main.webp").size[0] == 1600
+    summary = ExperimentSummary(
+        experiment="own",
+        string_length_m=0.3,
+        target_m=[0, 0],
+        hit_radius_m=0.02,
+        verdict="no hit",
+        hit_trial=None,
+        trials=[],
+        next_motion_sha256=None,
+    )
+    content = camera_picture(ExperimentPageData(summary, {}, results))
+    assert f"±{camera.plane_error.worst_m * 1e3:.2f} mm at worst" in content.finding
+    assert "data:image/webp;base64," in content.drawing
 
 
+@pytest.mark.slow
 def test_photos_are_read_as_the_sensor_has_them(root, board_seen):
-    """A phone writes how to turn a picture; turned, it would no longer be the lens' picture."""
+    """A phone stores a rotation tag; a rotated picture would not fit the lens."""
     folder = root / "data" / "own" / "calibration"
     for k, view in enumerate(STATIONS):
         exif = Image.Exif()
@@ -151,32 +168,32 @@ def test_photos_are_read_as_the_sensor_has_them(root, board_seen):
         Image.fromarray(board_seen(view, k)).save(folder / f"lens-{k}.jpg", quality=95, exif=exif)
     experiment = EXPERIMENT.replace("camera:\n", 'camera:\n  lens_photos: "calibration/lens-*.jpg"\n')
     (folder.parent / "experiment.yaml").write_text(experiment)
-    run(root, "own")
-    lens = Camera.read(root / "results" / "own" / "camera.json").lens
+    run_stage("calibrate", root, "own")
+    lens = Camera.read(root / "results" / "own" / "cameras" / "main.json").lens
     assert lens.matrix[0][2] == pytest.approx(470.0, abs=4)
     assert lens.matrix[1][2] == pytest.approx(280.0, abs=4)
 
 
-def test_what_is_missing_is_named(root):
+def test_missing_files_are_named(root):
     with pytest.raises(StrandcastError, match=r"no photo fits 'calibration/lens-\*\.png'; there: plane\.png"):
-        run(root, "own")
+        run_stage("calibrate", root, "own")
     (root / "data" / "own" / "experiment.yaml").write_text(
         textwrap.dedent(EXPERIMENT).replace("camera:\n", "camera:\n  lens_video: calibration/board.avi\n")
     )
-    with pytest.raises(StrandcastError, match=r"board\.avi: the video is not there"):
-        run(root, "own")
+    with pytest.raises(StrandcastError, match=r"board\.avi: the video does not exist"):
+        run_stage("calibrate", root, "own")
 
 
-def test_sharp_and_unlike_frames_are_chosen(frames):
+def test_sharp_and_different_frames_are_chosen(frames):
     for sharp, smeared in ((frames[1], frames[2]), (frames[4], frames[5])):
         corners = find_board(sharp, BOARD)[1], find_board(smeared, BOARD)[1]
         assert corner_sharpness(smeared, corners[1]) < 0.6 * corner_sharpness(sharp, corners[0])
-    chosen = choose_frames(((str(k), grey) for k, grey in enumerate(frames)), BOARD, 8, kept=5)
+    chosen = choose_frames(((str(k), grey) for k, grey in enumerate(frames)), BOARD, kept=5)
     numbers = [int(view.file) for view, _ in chosen]
     assert len(numbers) == 5
     assert all(number % BLURRED != 2 for number in numbers)
     assert min(np.diff(numbers)) >= 2
-    none = choose_frames([("a", np.full_like(frames[0], 90))], BOARD, 8)
+    none = choose_frames([("a", np.full_like(frames[0], 90))], BOARD)
     assert none[0][1] is None
     assert "only 0 of 24 corners" in none[0][0].reason
 
@@ -187,25 +204,42 @@ def test_sharp_and_unlike_frames_are_chosen(frames):
         ([STATIONS[0], STATIONS[2], STATIONS[5]], "only 3 photos of the board"),
         (
             [(0.02 * k, 0.0, 0.2 * k, (0.04 * k, 0.03 * k), 0.42 + 0.02 * k) for k in range(7)],
-            "all parallel within",
+            "tilts differ by",
         ),
         (
             [(*view[:3], (view[3][0] * 2 - 0.14, view[3][1] * 2 - 0.1), 1.5) for view in STATIONS],
-            "of the picture's width only",
+            "of the picture's width",
         ),
     ],
 )
-def test_weak_photos_are_named_with_their_cost_at_the_string(board_seen, plane_photo, views, words):
+def test_weak_photos_give_a_warning_with_the_error_at_the_string(board_seen, plane_photo, views, words):
     found = calibrate_lens([(str(k), board_seen(view, k)) for k, view in enumerate(views)], BOARD)
     assert any(words in weakness for weakness in found.weaknesses)
-    known = PlaneKnowledge(0.02, 1e-3, None, ((-0.55, 0.55), (-0.25, 0.3)))
+    known = PlaneGeometry(0.02, 1e-3, None, ((-0.55, 0.55), (-0.25, 0.3)))
     try:
-        camera = plane_from_markers(plane_photo, found, MARKERS, "DICT_4X4_50", knowledge=known)
+        camera = plane_from_markers(plane_photo, found, MARKERS, "DICT_4X4_50", geometry=known)
     except StrandcastError as problem:
         assert problem.code == "SC-C015"
         assert words in problem.what
         assert "mm (standard error) at the string" in problem.cost
     else:
-        [told] = [warning for warning in camera.warnings if words in warning]
-        assert "mm (standard error) at the string" in told
+        [warning] = [text for text in camera.warnings if words in text]
+        assert "mm (standard error) at the string" in warning
         assert camera.plane_error.sources_m["lens"] > 1e-4
+
+
+def test_a_record_under_its_former_name_is_not_ignored(project_root, tmp_path, capsys):
+    folder = tmp_path / "data" / "own"
+    folder.mkdir(parents=True)
+    (folder / "experiment.yaml").write_text("string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n")
+    context = context_of(tmp_path, "own")
+    former = context.folder.results / "camera.json"
+    flat_camera(64, 48, 0.001, (32.0, 24.0)).write(former)
+    with pytest.raises(StrandcastError, match="SC-C033") as caught:
+        read_camera(context, context.folder.camera("main"))
+    assert "cameras/main.json" in caught.value.what
+    warn_of_former(context)
+    assert "camera.json is not read" in capsys.readouterr().err
+    context.folder.camera("main").parent.mkdir()
+    former.rename(context.folder.camera("main"))
+    assert read_camera(context, context.folder.camera("main")).source == "given"

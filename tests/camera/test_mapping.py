@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
@@ -60,7 +58,7 @@ def test_the_rational_model_is_opencvs_and_has_its_inverse(camera):
     np.testing.assert_allclose(pixel_to_metre(wide, theirs.reshape(-1, 2), 0.03), xy_m, atol=1e-9)
 
 
-def test_missing_points_stay_missing_and_spoil_no_others(camera):
+def test_missing_points_stay_missing_and_do_not_affect_others(camera):
     pixels = np.array([[100.0, 200.0], [np.nan, 3.0], [400.0, 100.0]])
     places = pixel_to_metre(camera, pixels)
     assert np.isnan(places[1]).all()
@@ -68,7 +66,7 @@ def test_missing_points_stay_missing_and_spoil_no_others(camera):
     assert np.isnan(metre_to_pixel(camera, np.array([[np.nan, 1.0]]))).all()
 
 
-def test_a_nearer_plane_is_seen_larger_by_the_distances_ratio(looking, lens):
+def test_a_closer_plane_appears_larger_by_the_ratio_of_distances(looking, lens):
     straight = lens.model_copy(update={"distortion": [0.0] * 5})
     rotation, shift = looking(0.0, 0.0, 0.0, (0.0, 0.0), 2.0)
     camera = Camera(
@@ -90,7 +88,7 @@ def test_a_nearer_plane_is_seen_larger_by_the_distances_ratio(looking, lens):
     assert scale == pytest.approx(2.0 / np.sqrt(1100.0 * 1090.0), rel=1e-6)
 
 
-def test_jacobian_tells_the_next_pixel(camera):
+def test_the_jacobian_predicts_a_neighbouring_pixel(camera):
     here, step = np.array([0.2, 0.1]), np.array([1e-4, -2e-4])
     moved = metre_to_pixel(camera, here + step, 0.02) - metre_to_pixel(camera, here, 0.02)
     np.testing.assert_allclose(pixel_per_metre(camera, here, 0.02) @ step, moved, atol=1e-4)

@@ -1,6 +1,4 @@
-"""The picture of the calibration: what it shows lies where the camera says."""
-
-from __future__ import annotations
+"""The picture of the calibration shows everything where the camera projects it."""
 
 import cv2
 import matplotlib as mpl
@@ -10,14 +8,15 @@ import pytest
 from strandcast.camera.flat import flat_camera
 from strandcast.camera.mapping import metre_to_pixel
 from strandcast.camera.picture import ARROW, ERROR, GRID, MARKER, WIDTH_PX, camera_picture
-from strandcast.camera.plane import PlaneKnowledge, PlaneMarker, plane_from_markers
+from strandcast.camera.plane import PlaneGeometry, plane_from_markers
+from strandcast.camera.pose import PlacedMarker
 from strandcast.records.camera import Camera
 
 MARKERS = [
-    PlaneMarker(0, -0.6, 0.35, 0.08),
-    PlaneMarker(1, 0.6, 0.35, 0.08, 0.4),
-    PlaneMarker(2, 0.6, -0.3, 0.08, -1.0),
-    PlaneMarker(3, -0.6, -0.3, 0.08),
+    PlacedMarker(0, -0.6, 0.35, 0.08),
+    PlacedMarker(1, 0.6, 0.35, 0.08, 0.4),
+    PlacedMarker(2, 0.6, -0.3, 0.08, -1.0),
+    PlacedMarker(3, -0.6, -0.3, 0.08),
 ]
 
 
@@ -30,18 +29,18 @@ def photo(photograph, paint_markers, looking, lens) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def camera(photo, lens) -> Camera:
-    known = PlaneKnowledge(0.02, 1e-3, None, ((-0.55, 0.55), (-0.25, 0.3)))
-    return plane_from_markers(photo, lens, MARKERS, "DICT_4X4_50", knowledge=known)
+    known = PlaneGeometry(0.02, 1e-3, None, ((-0.55, 0.55), (-0.25, 0.3)))
+    return plane_from_markers(photo, lens, MARKERS, "DICT_4X4_50", geometry=known)
 
 
 def near(picture: np.ndarray, place_px: np.ndarray, colour: str, reach: int = 2) -> bool:
-    """Tell whether a colour is drawn at a place (u, v)."""
+    """Return whether a colour is drawn at a position (u, v)."""
     u, v = np.rint(place_px).astype(int)
     window = picture[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1].astype(float)
     return bool(np.abs(window - 255.0 * np.array(mpl.colors.to_rgb(colour))).sum(axis=-1).min() < 120)
 
 
-def test_grid_markers_and_errors_lie_where_the_camera_says(photo, camera, lens):
+def test_grid_markers_and_errors_are_at_the_projected_positions(photo, camera, lens):
     picture = camera_picture(photo, camera)
     zoom = WIDTH_PX / lens.width_px
     assert picture.shape[1] == WIDTH_PX

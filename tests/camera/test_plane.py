@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import dataclasses
 import re
 
@@ -12,20 +10,21 @@ from strandcast.camera.distortion import fit_lens
 from strandcast.camera.lens_error import lens_covariance
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
 from strandcast.camera.marker_pose import marker_pose
-from strandcast.camera.markers import CharucoBoard, detect_markers, marker_detector
-from strandcast.camera.plane import PlaneKnowledge, PlaneMarker, board_markers, plane_from_markers
+from strandcast.camera.markers import detect_markers, marker_detector
+from strandcast.camera.plane import PlaneGeometry, board_markers, plane_from_markers
 from strandcast.camera.plane_error import grid_over, place_sd_m, plane_error
-from strandcast.camera.pose import fit_pose, posed, project
+from strandcast.camera.pose import PlacedMarker, fit_pose, posed, project
+from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera, Lens
 
 DICTIONARY = "DICT_4X4_50"
 MARKERS = [
-    PlaneMarker(0, -0.6, 0.35, 0.08),
-    PlaneMarker(1, 0.6, 0.35, 0.08, 0.4),
-    PlaneMarker(2, 0.6, -0.3, 0.08, -1.0),
-    PlaneMarker(3, -0.6, -0.3, 0.08),
-    PlaneMarker(4, 0.05, 0.3, 0.08, 3.0),
+    PlacedMarker(0, -0.6, 0.35, 0.08),
+    PlacedMarker(1, 0.6, 0.35, 0.08, 0.4),
+    PlacedMarker(2, 0.6, -0.3, 0.08, -1.0),
+    PlacedMarker(3, -0.6, -0.3, 0.08),
+    PlacedMarker(4, 0.05, 0.3, 0.08, 3.0),
 ]
 POSE = (0.06, -0.1, 0.03, (0.0, 0.02), 1.9)
 
@@ -50,6 +49,7 @@ def truth(lens, looking) -> Camera:
     )
 
 
+@pytest.mark.slow
 def test_the_plane_is_mapped_to_a_tenth_of_a_millimetre(photo, lens, truth):
     found = plane_from_markers(photo, lens, MARKERS, DICTIONARY)
     x, y = np.meshgrid(np.linspace(-0.6, 0.6, 9), np.linspace(-0.3, 0.35, 7))
@@ -66,10 +66,10 @@ def test_the_plane_is_mapped_to_a_tenth_of_a_millimetre(photo, lens, truth):
     )  # world z: to us
 
 
-def test_a_marker_that_is_not_seen_is_told(photo, lens):
-    extra = PlaneMarker(17, 0.0, 0.0, 0.08)
+def test_a_missing_marker_gives_a_warning(photo, lens):
+    extra = PlacedMarker(17, 0.0, 0.0, 0.08)
     found = plane_from_markers(photo, lens, [*MARKERS, extra], DICTIONARY)
-    assert found.warnings == ["markers [17] of the plane were not seen"]
+    assert found.warnings == ["markers [17] of the plane were not detected"]
 
 
 def test_a_mirrored_picture_is_named(photo, lens):
@@ -78,7 +78,7 @@ def test_a_mirrored_picture_is_named(photo, lens):
 
 
 def test_a_wrong_dictionary_is_named(photo, lens):
-    with pytest.raises(StrandcastError, match="of DICT_4X4_1000 or a part of it, not of DICT_6X6_50"):
+    with pytest.raises(StrandcastError, match="from DICT_4X4_1000 or a subset of it, not from DICT_6X6_50"):
         plane_from_markers(photo, lens, MARKERS, "DICT_6X6_50")
 
 
@@ -86,34 +86,35 @@ def test_no_markers_and_other_markers_are_named(photo, lens):
     with pytest.raises(StrandcastError, match=r"needed \[0, 1, 2, 3, 4\], found \[\]"):
         plane_from_markers(np.full_like(photo, 128), lens, MARKERS, DICTIONARY)
     others = [dataclasses.replace(marker, marker=marker.marker + 20) for marker in MARKERS]
-    with pytest.raises(StrandcastError, match=r"other ids seen: \[0, 1, 2, 3, 4\]"):
+    with pytest.raises(StrandcastError, match=r"other ids detected: \[0, 1, 2, 3, 4\]"):
         plane_from_markers(photo, lens, others, DICTIONARY)
     with pytest.raises(StrandcastError, match="the plane has 1 markers"):
         plane_from_markers(photo, lens, MARKERS[:1], DICTIONARY)
 
 
-def test_a_marker_that_is_there_twice_is_named(photograph, paint_markers, looking, lens):
-    copy = PlaneMarker(3, 0.1, 0.0, 0.08)
+def test_a_duplicate_marker_is_refused(photograph, paint_markers, looking, lens):
+    copy = PlacedMarker(3, 0.1, 0.0, 0.08)
     photo = photograph(*paint_markers([*MARKERS, copy], DICTIONARY), lens, *looking(*POSE))
     problem = refusal(photo, lens, MARKERS)
     assert problem.code == "SC-C021"
-    assert "[3] are in the picture twice" in problem.what
+    assert "[3] appear twice in the picture" in problem.what
     assert cost_mm(problem) == pytest.approx(1e3 * np.hypot(0.7, 0.3), rel=0.05)
 
 
-def test_two_markers_roughly_placed_are_told_to_tell_little(photo, lens):
-    known = PlaneKnowledge(place_sd_m=1e-3, workspace_m=((-0.8, 0.8), (-0.45, 0.45)))
-    found = plane_from_markers(photo, lens, [MARKERS[1], MARKERS[4]], DICTIONARY, knowledge=known)
+def test_two_inaccurate_markers_give_a_large_standard_error(photo, lens):
+    known = PlaneGeometry(place_sd_m=1e-3, workspace_m=((-0.8, 0.8), (-0.45, 0.45)))
+    found = plane_from_markers(photo, lens, [MARKERS[1], MARKERS[4]], DICTIONARY, geometry=known)
     assert found.plane_error.worst_m > 2e-3
     assert re.search(
-        r"known to ±[\d.]+ mm only .* mostly for the markers' (corners|places)", found.warnings[-1]
+        r"reaches [\d.]+ mm in the workspace, mostly from the markers' (corners|positions)",
+        found.warnings[-1],
     )
 
 
-def test_a_marker_in_another_place_is_named_with_its_place(photo, lens):
+def test_a_misplaced_marker_is_named_with_its_position(photo, lens):
     wrong = [*MARKERS[:2], dataclasses.replace(MARKERS[2], x_m=0.57), *MARKERS[3:]]
     with pytest.raises(
-        StrandcastError, match=r"marker 2 lies at \(0\.(600|599|601)\d, -0\.(300|299|301)\d\) m.*30\.\d mm"
+        StrandcastError, match=r"marker 2 is at \(0\.(600|599|601)\d, -0\.(300|299|301)\d\) m.*30\.\d mm"
     ):
         plane_from_markers(photo, lens, wrong, DICTIONARY)
 
@@ -141,7 +142,7 @@ def cost_mm(problem: StrandcastError) -> float:
         (10.0, ""),
     ],
 )
-def test_a_size_that_does_not_fit_the_distances_is_named_with_its_cost(photo, lens, factor, words):
+def test_a_size_inconsistent_with_the_distances_is_refused(photo, lens, factor, words):
     problem = refusal(photo, lens, [dataclasses.replace(m, size_m=0.08 * factor) for m in MARKERS])
     assert problem.code == "SC-C026"
     assert words in problem.what
@@ -149,7 +150,7 @@ def test_a_size_that_does_not_fit_the_distances_is_named_with_its_cost(photo, le
     assert cost_mm(problem) == pytest.approx(off, rel=0.15)
 
 
-def test_places_in_another_unit_are_named_as_a_size_that_does_not_fit(photo, lens):
+def test_positions_in_another_unit_are_reported_as_a_wrong_size(photo, lens):
     inches = [dataclasses.replace(m, x_m=m.x_m / 0.0254 * 0.025, y_m=m.y_m / 0.0254 * 0.025) for m in MARKERS]
     assert (
         plane_from_markers(photo, lens, inches, DICTIONARY).warnings[0].startswith("the markers' size fits")
@@ -158,7 +159,7 @@ def test_places_in_another_unit_are_named_as_a_size_that_does_not_fit(photo, len
     assert refusal(photo, lens, feet).code == "SC-C026"
 
 
-def test_the_size_is_measured_to_a_per_mille(photo, lens):
+def test_the_size_is_measured_to_one_part_in_a_thousand(photo, lens):
     found = plane_from_markers(photo, lens, MARKERS, DICTIONARY)
     assert found.marker_size_ratio == pytest.approx(1.0, abs=2e-3)
     assert abs(found.marker_size_ratio - 1.0) < 4 * found.marker_size_ratio_se
@@ -169,7 +170,7 @@ def test_one_marker_of_another_size_is_named(photo, lens):
     odd = [dataclasses.replace(m, size_m=0.072) if m.marker == 2 else m for m in MARKERS]
     problem = refusal(photo, lens, odd)
     assert problem.code == "SC-C026"
-    assert re.search(r"marker 2 measures (79|80)\.\d mm by the others, \+1[01]\.\d%", problem.what)
+    assert re.search(r"marker 2 measures (79|80)\.\d mm relative to the others, \+1[01]\.\d%", problem.what)
 
 
 def test_a_marker_in_front_of_the_plane_is_named(photograph, paint_markers, looking, lens):
@@ -184,7 +185,7 @@ def test_a_marker_in_front_of_the_plane_is_named(photograph, paint_markers, look
     both[:v, u:] = lone[:v, u:]
     problem = refusal(both, lens, MARKERS)
     assert problem.code == "SC-C026"
-    assert re.search(r"marker 1 measures .* 1[3-7]\d mm before their plane", problem.what)
+    assert re.search(r"marker 1 measures .* 1[3-7]\d mm in front of their plane", problem.what)
 
 
 def test_swapped_markers_are_named(photo, lens):
@@ -200,11 +201,11 @@ def test_swapped_markers_are_named(photo, lens):
     assert cost_mm(problem) > 20
 
 
-def test_a_turned_marker_is_named(photo, lens):
+def test_a_rotated_marker_is_named(photo, lens):
     turned = [*MARKERS[:3], dataclasses.replace(MARKERS[3], angle_rad=np.pi / 2), MARKERS[4]]
     problem = refusal(photo, lens, turned)
     assert problem.code == "SC-C028"
-    assert "marker 3 is turned by 270 degrees" in problem.what
+    assert "marker 3 is rotated by 270 degrees" in problem.what
 
 
 def test_y_counted_downwards_is_named(photo, lens):
@@ -214,12 +215,12 @@ def test_y_counted_downwards_is_named(photo, lens):
     assert "y was counted downwards" in problem.what
 
 
-def test_a_marker_a_little_aside_is_a_warning_with_its_cost(photo, lens):
-    aside = [*MARKERS[:2], dataclasses.replace(MARKERS[2], x_m=0.598), *MARKERS[3:]]
-    found = plane_from_markers(photo, lens, aside, DICTIONARY)
+def test_a_slightly_misplaced_marker_gives_a_warning_with_the_error(photo, lens):
+    misplaced = [*MARKERS[:2], dataclasses.replace(MARKERS[2], x_m=0.598), *MARKERS[3:]]
+    found = plane_from_markers(photo, lens, misplaced, DICTIONARY)
     assert len(found.warnings) == 1
     assert re.search(
-        r"marker 2 lies at .* (1\.[89]|2\.[012]) mm from the place given: up to [01]\.\d mm",
+        r"marker 2 is at .* (1\.[89]|2\.[012]) mm from the given position: up to [01]\.\d mm",
         found.warnings[0],
     )
     off = {fit.marker: fit.off_m for fit in found.plane_markers}
@@ -231,7 +232,7 @@ def test_a_marker_a_little_aside_is_a_warning_with_its_cost(photo, lens):
     )
 
 
-def test_places_that_are_all_rough_are_refused_or_told_in_the_standard_error(photo, lens):
+def test_inaccurate_positions_are_refused_or_raise_the_standard_error(photo, lens):
     random = np.random.default_rng(1)
     rough = [
         dataclasses.replace(m, x_m=m.x_m + random.normal(0, 8e-3), y_m=m.y_m + random.normal(0, 8e-3))
@@ -241,12 +242,12 @@ def test_places_that_are_all_rough_are_refused_or_told_in_the_standard_error(pho
     assert problem.code == "SC-C027"
 
 
-def test_a_larger_dictionary_than_needed_is_told(photo, lens):
+def test_an_oversized_dictionary_gives_a_warning(photo, lens):
     found = plane_from_markers(photo, lens, MARKERS, "DICT_4X4_1000")
     assert any("DICT_4X4_50 has the same markers" in words for words in found.warnings)
     assert plane_from_markers(photo, lens, MARKERS, DICTIONARY).warnings == []
     with pytest.raises(StrandcastError, match="DICT_4X4_50 has no marker 60"):
-        plane_from_markers(photo, lens, [*MARKERS, PlaneMarker(60, 0, 0, 0.08)], DICTIONARY)
+        plane_from_markers(photo, lens, [*MARKERS, PlacedMarker(60, 0, 0, 0.08)], DICTIONARY)
 
 
 def test_a_negative_is_named(photo, lens):
@@ -256,11 +257,14 @@ def test_a_negative_is_named(photo, lens):
 
 
 def test_a_board_lying_in_the_plane_gives_the_same_plane(tmp_path, photograph, looking, lens, truth):
-    board = CharucoBoard(7, 5, 0.035, 0.026, "DICT_5X5_100")
+    board = Board(squares_x=7, squares_y=5, square_m=0.035, marker_m=0.026, dictionary="DICT_5X5_100")
     [page] = write_charuco(board, tmp_path / "board.png", page="A4", dpi=200)
     texture = cv2.imread(str(page), cv2.IMREAD_GRAYSCALE)
     scale = 200 / 0.0254
-    left_m, low_m = (297 - 245) / 2e3, (22 + (210 - 22 - 175) / 2) / 1e3  # where the page holds the pattern
+    left_m, low_m = (
+        (297 - 245) / 2e3,
+        (22 + (210 - 22 - 175) / 2) / 1e3,
+    )  # of the pattern on the page
     to_texture = np.array(
         [[scale, 0.0, left_m * scale - 0.5], [0.0, -scale, texture.shape[0] - low_m * scale - 0.5]]
     )
@@ -278,8 +282,8 @@ def test_a_board_lying_in_the_plane_gives_the_same_plane(tmp_path, photograph, l
 
 
 def test_the_strings_offset_is_corrected(photo, lens, truth):
-    known = PlaneKnowledge(string_offset_m=0.02, string_offset_sd_m=1e-3)
-    found = plane_from_markers(photo, lens, MARKERS, DICTIONARY, knowledge=known)
+    known = PlaneGeometry(string_offset_m=0.02, string_offset_sd_m=1e-3)
+    found = plane_from_markers(photo, lens, MARKERS, DICTIONARY, geometry=known)
     places = np.array([[-0.6, 0.3], [0.6, -0.3]])
     seen = metre_to_pixel(truth, places, 0.02)
     assert np.abs(pixel_to_metre(found, seen, found.string_offset_m) - places).max() < 3e-4
@@ -290,7 +294,7 @@ def test_the_strings_offset_is_corrected(photo, lens, truth):
 
 
 def test_standard_errors_over_the_workspace_are_right(lens, looking, corner_views):
-    """Redraw lens, corners and places many times: the spread of a point is what the record says."""
+    """Redraw lens, corners and places many times: a point scatters as much as the record states."""
     rotation, shift = looking(*POSE)
     world_m = np.array([marker.corners_m() for marker in MARKERS])
     random = np.random.default_rng(4)
@@ -331,7 +335,7 @@ def test_standard_errors_over_the_workspace_are_right(lens, looking, corner_view
     assert (ratio < 1.7).all()
 
 
-def test_the_places_standard_deviation_is_found_from_the_fit(lens, looking):
+def test_the_residuals_give_the_positions_standard_deviation(lens, looking):
     rotation, shift = looking(*POSE)
     world_m = np.array([marker.corners_m() for marker in MARKERS])
     random = np.random.default_rng(2)
@@ -344,17 +348,17 @@ def test_the_places_standard_deviation_is_found_from_the_fit(lens, looking):
         assert np.sqrt(np.mean(np.square(found))) == pytest.approx(wanted_m, rel=0.2, abs=1e-4)
 
 
-def test_a_weak_lens_is_told_with_its_cost_at_the_string(photo, lens):
+def test_a_weak_lens_gives_a_warning_with_the_error_at_the_string(photo, lens):
     def weak(sigma_k1: float) -> Lens:
         covariance = np.diag([1.0, 1.0, 1.0, 1.0, sigma_k1**2, 1e-4, 1e-8, 1e-8, 0.0])
         return lens.model_copy(
             update={"covariance": covariance.tolist(), "weaknesses": ["only 3 photos of the board"]}
         )
 
-    known = PlaneKnowledge(workspace_m=((-0.8, 0.8), (-0.45, 0.45)))
-    found = plane_from_markers(photo, weak(0.02), MARKERS, DICTIONARY, knowledge=known)
+    known = PlaneGeometry(workspace_m=((-0.8, 0.8), (-0.45, 0.45)))
+    found = plane_from_markers(photo, weak(0.02), MARKERS, DICTIONARY, geometry=known)
     assert re.search(r"the lens costs up to [\d.]+ mm .*only 3 photos of the board", found.warnings[0])
-    problem = refusal(photo, weak(0.3), MARKERS, knowledge=known)
+    problem = refusal(photo, weak(0.3), MARKERS, geometry=known)
     assert problem.code == "SC-C015"
     assert "only 3 photos" in problem.what
     assert cost_mm(problem) > 5
@@ -363,13 +367,13 @@ def test_a_weak_lens_is_told_with_its_cost_at_the_string(photo, lens):
 def test_a_wrong_size_is_named(photo, lens):
     wrong = [dataclasses.replace(marker, size_m=0.072) for marker in MARKERS]
     with pytest.raises(
-        StrandcastError, match=r"measure (79\.\d+|80(\.\d+)?) mm .* \+1[01]\.\d% from the size given"
+        StrandcastError, match=r"measure (79\.\d+|80(\.\d+)?) mm .* \+1[01]\.\d% from the given size"
     ):
         plane_from_markers(photo, lens, wrong, DICTIONARY)
 
 
 def test_a_picture_of_another_size_is_refused(photo, lens):
-    with pytest.raises(StrandcastError, match="480 x 270 px, the lens was calibrated at 960 x 540"):
+    with pytest.raises(StrandcastError, match="480 x 270 px; the lens was calibrated at 960 x 540"):
         plane_from_markers(cv2.resize(photo, (480, 270)), lens, MARKERS, DICTIONARY)
 
 
@@ -379,8 +383,8 @@ def test_twelve_bits_give_the_plane_of_eight(photo, lens):
     np.testing.assert_allclose(twelve.translation_m, eight.translation_m, atol=1e-3)
 
 
-def test_place_and_turn_of_a_marker_before_the_plane(photograph, paint_markers, looking, lens, truth):
-    hand = PlaneMarker(40, 0.21, -0.07, 0.05, 0.7)
+def test_pose_of_a_marker_in_front_of_the_plane(photograph, paint_markers, looking, lens, truth):
+    hand = PlacedMarker(40, 0.21, -0.07, 0.05, 0.7)
     rotation, shift = looking(*POSE)
     nearer = shift + rotation @ np.array([0.0, 0.0, 0.02])  # the picture of the plane 20 mm in front
     photo = photograph(*paint_markers([hand], DICTIONARY), lens, rotation, nearer)

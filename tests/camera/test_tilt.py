@@ -1,6 +1,4 @@
-"""The plane in which a marker of known size moves, from how large it is seen."""
-
-from __future__ import annotations
+"""The plane in which a marker of known size moves, from its apparent size."""
 
 import numpy as np
 import pytest
@@ -8,7 +6,7 @@ import pytest
 from strandcast.camera.mapping import pixel_to_metre
 from strandcast.camera.markers import corners_of
 from strandcast.camera.pose import project
-from strandcast.camera.tilt import find_tilt, refuse_tilt
+from strandcast.camera.tilt import check_plane_tilt, fit_plane_tilt
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
 
@@ -53,44 +51,44 @@ def swing(
     return pixels
 
 
-def test_the_plane_meant_is_not_accused(camera):
+def test_motion_in_the_declared_plane_gives_no_warning(camera):
     off = []
     for seed in range(20):
-        tilt = find_tilt(camera, swing(camera, 0.0, 0.0, 0.0, seed), SIZE_M, OFFSET_M)
+        tilt = fit_plane_tilt(camera, swing(camera, 0.0, 0.0, 0.0, seed), SIZE_M, OFFSET_M)
         off.append((tilt.height_m / tilt.sigma_m, tilt.slope_x / tilt.sigma_x, tilt.slope_y / tilt.sigma_y))
-        assert refuse_tilt(tilt) == []
+        assert check_plane_tilt(tilt) == []
     assert np.sqrt(np.mean(np.square(off))) < 1.0  # the sigma allows for frames that err alike
 
 
 @pytest.mark.parametrize(
     ("height_m", "slope_x", "slope_y"), [(0.0, 0.0875, 0.0), (0.0, 0.0, -0.0875), (0.03, 0.03, 0.02)]
 )
-def test_a_tilt_is_measured_and_named_with_its_cost(camera, height_m, slope_x, slope_y):
+def test_a_tilt_is_measured_and_reported_with_its_error(camera, height_m, slope_x, slope_y):
     corners = swing(camera, height_m, slope_x, slope_y, 1)
-    tilt = find_tilt(camera, corners, SIZE_M, OFFSET_M)
+    tilt = fit_plane_tilt(camera, corners, SIZE_M, OFFSET_M)
     middle = np.nanmean(pixel_to_metre(camera, corners, OFFSET_M), axis=(0, 1))
     assert tilt.slope_x == pytest.approx(slope_x, abs=0.012)
     assert tilt.slope_y == pytest.approx(slope_y, abs=0.02)
     assert tilt.height_m == pytest.approx(height_m + middle @ (slope_x, slope_y), abs=2e-3)
     assert tilt.significance > 10
-    told = refuse_tilt(tilt) if tilt.cost_m <= 0.01 else None
-    if told is None:
+    warnings = check_plane_tilt(tilt) if tilt.cost_m <= 0.01 else None
+    if warnings is None:
         with pytest.raises(StrandcastError, match=r"the hand moves in a plane .* degrees along x") as caught:
-            refuse_tilt(tilt, "video.mp4")
+            check_plane_tilt(tilt, "video.mp4")
         assert caught.value.code == "SC-C041"
         assert float(caught.value.cost.split()[2]) == pytest.approx(tilt.cost_m * 1e3, abs=1.0)
     else:
-        assert "at the string" in told[0]
+        assert "at the string" in warnings[0]
 
 
-def test_the_cost_of_five_degrees(camera):
-    """At 0.4 m they are 35 mm of height, of which the picture makes parallax; and 1.5 mm of cosine."""
+def test_the_error_of_five_degrees(camera):
+    """At 0.4 m they are 35 mm of height, which causes parallax, and 1.5 mm from the cosine."""
     slope = np.tan(np.radians(5))
-    tilt = find_tilt(camera, swing(camera, 0.0, slope, 0.0, 3), SIZE_M, OFFSET_M)
+    tilt = fit_plane_tilt(camera, swing(camera, 0.0, slope, 0.0, 3), SIZE_M, OFFSET_M)
     eye = -np.array(camera.rotation).T @ camera.translation_m
     parallax_m = 0.4 * slope * (0.4 + abs(eye[0])) / eye[2]
     assert tilt.cost_m == pytest.approx(parallax_m + 0.4 * (1 / np.cos(np.radians(5)) - 1), rel=0.1)
 
 
-def test_too_few_sightings_say_nothing(camera):
-    assert find_tilt(camera, swing(camera, 0, 0, 0, 0, frames=15), SIZE_M, OFFSET_M) is None
+def test_too_few_detections_give_no_result(camera):
+    assert fit_plane_tilt(camera, swing(camera, 0, 0, 0, 0, frames=15), SIZE_M, OFFSET_M) is None

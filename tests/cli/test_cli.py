@@ -1,7 +1,5 @@
 """The command line: one clear message and the right exit code; each command imports only what it needs."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -9,6 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from strandcast.cli.stages import stage_commands
+from strandcast.stages.declarations import STAGES
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
@@ -27,9 +30,9 @@ def strandcast(root: Path, *arguments: str) -> subprocess.CompletedProcess:
     [
         (["check", "dmeo"], 2, "did you mean 'demo'?"),
         (["estimate", "demo", "1"], 4, "track.parquet"),
-        (["ingest", "demo", "1"], 2, "wanted one video.* file"),
-        (["throw", "demo", "1"], 2, "motion.json"),
-        (["check", "../x"], 2, "is no name of an experiment"),
+        (["ingest", "demo", "1"], 2, "expected one video.* file"),
+        (["lab-throw", "demo", "1"], 2, "motion.json"),
+        (["check", "../x"], 2, "is not a valid name of an experiment"),
         (["run", "demo"], 3, "there is no workflow/Snakefile here"),
         (["play", "nothing.json", "--arm", "config/arms/planar3.toml", "--out", "x"], 2, "nothing.json"),
         (["import", "joints", "demo", "1", "nothing.csv"], 4, "nothing.csv"),
@@ -49,6 +52,20 @@ def test_check_and_schema(root):
     assert strandcast(root, "schema").stdout == (root / "config" / "experiment.schema.json").read_text()
 
 
+def test_every_declared_stage_has_a_command():
+    assert {name.replace("-", "_") for name in stage_commands()} | {"summary"} == set(STAGES)
+
+
+def test_a_renamed_setting_is_one_warning(root):
+    path = root / "config" / "experiments" / "demo.yaml"
+    path.write_text(path.read_text() + "track: {hand: marker}\n")
+    run = strandcast(root, "check", "demo")
+    assert run.returncode == 0
+    assert run.stderr.startswith("warning: config/experiments/demo.yaml:")
+    assert "track.hand is now called track.tracker" in run.stderr
+    assert len(run.stderr.splitlines()) == 1
+
+
 def test_boards_are_printed_at_true_size(root):
     run = strandcast(root, "boards", "demo")
     assert run.returncode == 0, run.stderr
@@ -63,8 +80,8 @@ def test_boards_are_printed_at_true_size(root):
 @pytest.mark.parametrize(
     ("stage", "forbidden"),
     [
-        ("judge", {"cv2", "numba", "scipy", "pandas", "matplotlib", "mujoco", "av", "skimage"}),
-        ("supply", {"cv2", "numba", "scipy", "pandas", "matplotlib", "mujoco", "av", "skimage"}),
+        ("score", {"cv2", "numba", "scipy", "pandas", "matplotlib", "mujoco", "av", "skimage"}),
+        ("register_track", {"cv2", "numba", "scipy", "pandas", "matplotlib", "mujoco", "av", "skimage"}),
         ("ingest", {"cv2", "numba", "scipy", "pandas", "matplotlib", "mujoco", "skimage"}),
         ("track", {"pandas", "matplotlib"}),
         ("align", {"cv2", "pandas", "matplotlib", "av"}),

@@ -1,14 +1,16 @@
 """A known short string with one weight, thrown on a smooth path and seen with noise."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from strandcast.estimation.objective import Objective
-from strandcast.estimation.throw import Throw, prepare
-from strandcast.string.masses import mass_layout, point_masses
-from strandcast.string.model import StringModel
-from strandcast.string.simulate import simulate
+from strandcast.core.strings import StringBatch
+from strandcast.dynamics.batch import HandPath
+from strandcast.dynamics.masses import mass_layout, point_masses
+from strandcast.dynamics.model import StringModel
+from strandcast.dynamics.simulate import OK, simulate_batch
+from strandcast.estimation.fit_objective import FitObjective
+from strandcast.estimation.measured import Throw
+from strandcast.estimation.throws import prepare
+from strandcast.estimation.unknowns import space_of
 
 MODEL = StringModel(length_m=0.24, points=6, dt_s=2e-3)
 LAYOUT = mass_layout(0.24, 6, [0.2])
@@ -26,17 +28,26 @@ def hand_path(strength):
     )
 
 
+def known_string():
+    return StringBatch(TRUTH[None], point_masses(LAYOUT, np.array([[MASS]])))
+
+
+def simulated(string, pose):
+    """Points (F, n+1, 2) [m] of one string."""
+    points, status = simulate_batch(MODEL, string, HandPath(TIME_S, pose), TIME_S)
+    assert status[0] == OK
+    return points[0]
+
+
 def seen(strength, seed=0, noise=NOISE_M):
     pose = hand_path(strength)
-    masses = point_masses(LAYOUT, np.array([MASS]))
-    points, status = simulate(MODEL, TRUTH, masses, TIME_S, pose, TIME_S)
-    assert status == 0
+    points = simulated(known_string(), pose)
     points = points + noise * np.random.default_rng(seed).standard_normal(points.shape)
     return Throw(TIME_S, points, TIME_S, pose, TIME_S < 0.55)
 
 
-def objective_of(throws, settings, layout=LAYOUT, model=MODEL):
-    tasks = tuple(prepare(throw, model.places_m()).fitted() for throw in throws)
-    space = settings.space(layout, model.length_m)
-    shares = np.full(len(tasks), 1.0 / len(tasks))
-    return Objective(model, space, tasks, shares, settings.w, settings.evaluation, False)
+def objective_of(throws, settings, layout=LAYOUT, model=MODEL, plain_mass=None):
+    prepared = tuple(prepare(throw, model.places_m()).fitted() for throw in throws)
+    space = space_of(settings, layout, model.length_m, plain_mass=plain_mass)
+    shares = np.full(len(prepared), 1.0 / len(prepared))
+    return FitObjective(model, space, prepared, shares, settings.w, settings.evaluation, False)

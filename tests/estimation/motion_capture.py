@@ -1,11 +1,9 @@
 """Arrays of an estimate from a motion-capture series: hand pose and a few marked places of the string."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from strandcast.estimation.evaluation import Array
-from strandcast.estimation.throw import Throw
+from strandcast.estimation.measured import Throw
 
 
 def throw_from_markers(

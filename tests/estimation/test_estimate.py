@@ -1,24 +1,21 @@
 """A known string, seen with noise, is found again; and what is told about the fit is true."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 import pytest
 
+from strandcast.config.estimate import EstimateSettings
+from strandcast.core.strings import REST_CURL, StringBatch
+from strandcast.dynamics.parameters import RANGES
 from strandcast.errors import StrandcastError
+from strandcast.estimation.cross_validation import CHOSEN, REFITTED
 from strandcast.estimation.estimate import estimate
-from strandcast.estimation.forecast import CHOSEN, REFITTED
-from strandcast.estimation.settings import FitSettings
-from strandcast.estimation.space import CURL, Strings
-from strandcast.estimation.throw import Throw
-from strandcast.string.masses import point_masses
-from strandcast.string.parameters import RANGES
-from strandcast.string.simulate import simulate
+from strandcast.estimation.measured import Throw
+from strandcast.estimation.unknowns import space_of
 
-from .known_string import LAYOUT, MASS, MODEL, NOISE_M, TIME_S, TRUTH, hand_path, seen
+from .known_string import LAYOUT, MODEL, NOISE_M, TIME_S, hand_path, known_string, seen, simulated
 
-QUICK = FitSettings(evaluations=1500, ensemble=4)
+QUICK = EstimateSettings(evaluations=1500, ensemble=4, profiles=False)
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +29,9 @@ def test_finds_a_string_that_moves_like_the_true_one(fit):
     assert fit.rmse_m < 1.3 * NOISE_M * np.sqrt(2)
     assert fit.tip_error_m < 1.6 * floor
     assert fit.evaluations <= QUICK.evaluations
-    masses = fit.best.masses[0]
-    unseen, _ = simulate(MODEL, fit.best.parameters[0], masses, TIME_S, hand_path(0.8), TIME_S)
-    true, _ = simulate(MODEL, TRUTH, point_masses(LAYOUT, np.array([MASS])), TIME_S, hand_path(0.8), TIME_S)
+    masses = fit.best.masses[:1]
+    unseen = simulated(StringBatch(fit.best.parameters[:1], masses), hand_path(0.8))
+    true = simulated(known_string(), hand_path(0.8))
     early = TIME_S < 0.55
     assert np.abs(true[early, -1] - true[0, -1]).max() > 0.3
     assert np.linalg.norm(unseen - true, axis=2)[early].mean() < 0.002
@@ -80,7 +77,7 @@ def test_same_seed_same_bytes_on_one_core_and_two(fit):
 
 
 def test_second_trial_starts_from_the_first_and_is_predicted_by_it(fit):
-    few = FitSettings(evaluations=400, ensemble=2)
+    few = EstimateSettings(evaluations=400, ensemble=2, profiles=False)
     second = estimate(
         [seen(1.0), seen(0.8, 1)],
         MODEL,
@@ -95,7 +92,7 @@ def test_second_trial_starts_from_the_first_and_is_predicted_by_it(fit):
     assert second.held_out[0].E_m == pytest.approx(second.E_planned_m)
     assert second.E_m < 0.0018
     assert second.E_planned_m < 0.003
-    latest = FitSettings(evaluations=200, trials="latest")
+    latest = EstimateSettings(evaluations=200, trials="latest", profiles=False)
     third = estimate(
         [seen(1.0), seen(0.8, 1)], MODEL, LAYOUT, latest, np.random.default_rng(2), previous=fit.best
     )
@@ -109,18 +106,18 @@ def test_three_points_at_30_hz_are_enough_to_move_like_it():
     sparse = Throw(whole.time_s[::8], points, whole.hand_time_s, whole.hand_pose, whole.used[::8])
     found = estimate([sparse], MODEL, LAYOUT, QUICK, np.random.default_rng(3))
     assert np.isnan(found.E_points_m).sum() == 4
-    assert any("never seen" in words for words in found.warnings)
+    assert any("never measured" in words for words in found.warnings)
     true = seen(1.0, noise=0.0).points_m[::8][found.frames]
     early = found.time_s < 0.5
     assert np.linalg.norm(found.fitted_m - true, axis=2)[early].mean() < 0.003
 
 
 def test_paper_search_runs_within_table_2():
-    settings = FitSettings(
+    settings = EstimateSettings(
         search="paper",
         evaluations=160,
         ranges="paper",
-        plain_mass=True,
+        profiles=False,
         start_shape="hanging",
         trials="latest",
     )
@@ -134,16 +131,16 @@ def test_paper_search_runs_within_table_2():
     assert [held.what for held in found.held_out] == [CHOSEN]
     assert found.held_out[0].E_m >= found.E_m
     assert not found.converged
-    assert not found.knowledge.gauge_fixed
+    assert not found.uncertainty.gauge_fixed
 
 
 def test_given_ranges_bounds_and_curl_are_told():
-    settings = FitSettings(evaluations=400, ranges={"k_s": (1e3, 1e5)}, rest_curl=True)
+    settings = EstimateSettings(evaluations=400, ranges={"k_s": (1e3, 1e5)}, profiles=False)
     found = estimate([seen(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(5))
     assert found.best.parameters[0, 0] <= 1e5 * (1 + 1e-12)
     assert found.at_bound[0]
     assert any(words.startswith("k_s ended at a bound") for words in found.warnings)
-    assert CURL in found.space.names
+    assert REST_CURL in found.space.names
     assert found.E_m > 0.0012  # so soft a string cannot move like it
 
 
@@ -152,14 +149,14 @@ def test_a_hand_that_jumps_gives_one_clear_error():
     torn = Throw(throw.time_s, throw.points_m, throw.hand_time_s, throw.hand_pose.copy(), throw.used)
     torn.hand_pose[60:] += [5e3, 0.0, 0.0]
     with pytest.raises(StrandcastError, match="SC-E003"):
-        estimate([torn], MODEL, LAYOUT, FitSettings(evaluations=60), np.random.default_rng(7))
+        estimate([torn], MODEL, LAYOUT, EstimateSettings(evaluations=100), np.random.default_rng(7))
 
 
 def test_space_round_trip():
-    space = FitSettings(rest_curl=True, clamp_offset=True, plain_mass=True).space(LAYOUT)
+    space = space_of(EstimateSettings(clamp_offset=True), LAYOUT, plain_mass=True)
     chi = np.random.default_rng(6).random((5, space.dimension))
     strings = space.strings(chi)
-    assert isinstance(strings, Strings)
+    assert isinstance(strings, StringBatch)
     chi[:, 11] = space.chi_of(strings)[:, 11]  # the common mass is part of the masses, not kept apart
     np.testing.assert_allclose(space.chi_of(strings), chi, atol=1e-12)
     assert strings.rest_curl_rad_m.min() < 0 < strings.rest_curl_rad_m.max()

@@ -1,7 +1,5 @@
 """Eqs. 4 to 6 on numbers that a person can check."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from strandcast.estimation.evaluation import distances, evaluation_value, point_values, rmse, tip_error

@@ -1,12 +1,10 @@
 """Which frames of a throw enter E: those of the pass that was planned, until the tip touches."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest
 
-from strandcast.experiment import EstimateSettings
+from strandcast.config.estimate import EstimateSettings
 from strandcast.stages.estimate import _until_s
 
 START_S, END_S, EXPECTED_S = 2.0, 2.9, 0.6

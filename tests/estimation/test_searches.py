@@ -1,15 +1,21 @@
 """The searches on functions whose minimum is known, and on a throw at an equal budget."""
 
-from __future__ import annotations
+import re
 
 import numpy as np
 import pytest
 
-from strandcast.estimation.objective import Ledger
-from strandcast.estimation.search import SEARCHES, Start, run
-from strandcast.estimation.searches import evolution, evolve, latin_hypercube, paper
-from strandcast.estimation.settings import FitSettings
-from strandcast.estimation.spread import distant_members
+from strandcast.config.estimate import EstimateSettings, PaperSearch
+from strandcast.errors import StrandcastError
+from strandcast.estimation.ensemble import distant_members
+from strandcast.estimation.estimate import search
+from strandcast.estimation.fit_objective import EvaluationLog
+from strandcast.estimation.optimisers.cma_es import minimise_by_cma_es
+from strandcast.estimation.optimisers.evolution import evolve
+from strandcast.estimation.optimisers.optimiser import SearchStart
+from strandcast.estimation.optimisers.paper import shrinking_search
+from strandcast.estimation.optimisers.registry import OPTIMISERS
+from strandcast.estimation.optimisers.starts import latin_hypercube
 
 from .known_string import objective_of, seen
 
@@ -24,11 +30,13 @@ def bowl(chi):
 
 
 def test_paper_search_is_equation_3():
-    ledger = Ledger(bowl)
+    log = EvaluationLog(bowl)
     centre = np.array([0.5, 0.5, 0.98])
-    paper(ledger, centre, 400, np.random.default_rng(1), trials=2, centre="fixed", chi_0=0.4, beta=0.99)
-    chi, _ = ledger.all()
-    assert ledger.count == 400
+    shrinking_search(
+        log, centre, 400, np.random.default_rng(1), trials=2, centre="fixed", chi_0=0.4, beta=0.99
+    )
+    chi, _ = log.all()
+    assert log.count == 400
     reach = 0.4 / 2 * 0.99 ** np.arange(400)
     off = np.abs(chi - centre).max(axis=1)
     assert np.all(off <= reach + 1e-12)
@@ -41,56 +49,58 @@ def test_running_centre_walks_where_the_fixed_one_cannot():
     far = np.array([0.85, 0.2, 0.1])
     ends = {}
     for centre in ("fixed", "running"):
-        ledger = Ledger(bowl)
-        paper(ledger, far, 600, np.random.default_rng(2), centre=centre, chi_0=0.2, beta=0.998)
-        ends[centre] = ledger.best()[1]
+        log = EvaluationLog(bowl)
+        shrinking_search(log, far, 600, np.random.default_rng(2), centre=centre, chi_0=0.2, beta=0.998)
+        ends[centre] = log.best()[1]
     assert ends["running"] < 0.1 < 0.5 < ends["fixed"]
 
 
 def test_cma_finds_the_minimum_past_invalid_candidates():
-    ledger = Ledger(bowl)
-    evolve(ledger, np.array([0.85, 0.15, 0.5]), 1200, np.random.default_rng(3), population=12)
-    best, value = ledger.best()
+    log = EvaluationLog(bowl)
+    minimise_by_cma_es(log, np.array([0.85, 0.15, 0.5]), 1200, np.random.default_rng(3), population=12)
+    best, value = log.best()
     np.testing.assert_allclose(best, GOAL, atol=2e-3)
     assert value < 1e-3
-    assert 0 < ledger.rejected() < 200
-    assert np.all(np.diff(ledger.convergence()[1]) <= 0)
+    assert 0 < log.rejected() < 200
+    assert np.all(np.diff(log.convergence()[1]) <= 0)
 
 
 def test_differential_evolution_finds_it_too_and_says_that_it_converged():
-    ledger, random = Ledger(lambda chi: 1.0 + bowl(chi)), np.random.default_rng(3)
+    log, random = EvaluationLog(lambda chi: 1.0 + bowl(chi)), np.random.default_rng(3)
     population = random.random((20, 3))
-    assert evolution(ledger, population, 3000, random, patience=1e-4)
-    np.testing.assert_allclose(ledger.best()[0], GOAL, atol=5e-3)
-    assert ledger.rejected() > 0
-    assert ledger.count < 2500
-    short = Ledger(bowl)
-    assert not evolution(short, population, 70, np.random.default_rng(3))
+    assert evolve(log, population, 3000, random, patience=1e-4)
+    np.testing.assert_allclose(log.best()[0], GOAL, atol=5e-3)
+    assert log.rejected() > 0
+    assert log.count < 2500
+    short = EvaluationLog(bowl)
+    assert not evolve(short, population, 70, np.random.default_rng(3))
     assert short.count == 60  # whole generations only
 
 
 def test_nan_never_wins():
-    ledger = Ledger(lambda chi: np.where(chi[:, 0] < 0.5, np.nan, chi[:, 0]))
-    ledger(np.array([[0.1], [0.7], [0.6]]))
-    assert ledger.best()[1] == 0.6
+    log = EvaluationLog(lambda chi: np.where(chi[:, 0] < 0.5, np.nan, chi[:, 0]))
+    log(np.array([[0.1], [0.7], [0.6]]))
+    assert log.best()[1] == 0.6
 
 
 @pytest.fixture(scope="module")
 def by_chance():
     """The usual best E of 400 strings drawn anywhere."""
-    objective = objective_of([seen(1.0)], FitSettings())
+    objective = objective_of([seen(1.0)], EstimateSettings())
     drawn = np.random.default_rng(1).random((5, 400, objective.space.dimension))
     return np.median([objective.cost(draws).min() for draws in drawn])
 
 
-@pytest.mark.parametrize("name", list(SEARCHES))
+@pytest.mark.parametrize("name", ["descent", "cma", "evolution", "paper"])
 def test_every_search_beats_chance_within_its_budget(name, by_chance):
-    settings = FitSettings(search=name, evaluations=400, beta=0.99)
+    settings = EstimateSettings(search=name, evaluations=400, paper=PaperSearch(beta=0.99))
     objective = objective_of([seen(1.0)], settings)
-    ledgers = [run(objective, settings, np.random.default_rng(k), Start(None, 1), 400) for k in (1, 1, 2)]
-    assert ledgers[0].all()[0].tobytes() == ledgers[1].all()[0].tobytes()
-    assert all(ledger.count <= 400 for ledger in ledgers)
-    assert max(ledger.best()[1] for ledger in ledgers) < by_chance
+    logs = [
+        search(objective, settings, np.random.default_rng(k), SearchStart(None, 1), 400) for k in (1, 1, 2)
+    ]
+    assert logs[0].all()[0].tobytes() == logs[1].all()[0].tobytes()
+    assert all(log.count <= 400 for log in logs)
+    assert max(log.best()[1] for log in logs) < by_chance
 
 
 def test_latin_hypercube_fills_every_slice():
@@ -109,3 +119,25 @@ def test_members_are_near_optimal_and_apart():
     assert values[rows].max() <= 1.1 * values.min()
     assert np.ptp(chi[rows, 1]) > 0.9  # spread where the value does not care
     assert len(distant_members(chi[:2], np.array([1.0, np.inf]), 4)) == 1
+
+
+def test_an_optimiser_of_another_package_is_a_search_by_name(project_root):
+    page = (project_root / "docs/extending/optimiser.md").read_text(encoding="utf-8")
+    names = {}
+    exec(re.search(r"```python\n(.*?)```", page, re.DOTALL)[1], names)
+    halving = names["halving"]
+    OPTIMISERS.register("halving", halving)
+    settings = EstimateSettings(search="halving", evaluations=400)
+    objective = objective_of([seen(1.0)], settings)
+    log = search(objective, settings, np.random.default_rng(1), SearchStart(None, 1), 400)
+    assert log.count == 400
+    assert not log.converged
+    assert log.best()[1] < 0.5 * log.all()[1][0]
+    with pytest.raises(ValueError, match="registered already"):
+        OPTIMISERS.register("halving", halving)
+
+
+def test_an_unknown_optimiser_is_refused_with_the_known_ones():
+    with pytest.raises(StrandcastError, match="SC-E007.*cma, descent, evolution") as refused:
+        OPTIMISERS.get("annealing")
+    assert refused.value.field == "estimate.search"

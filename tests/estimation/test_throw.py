@@ -1,14 +1,13 @@
 """Where a throw begins, and the shape with which the string starts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError
-from strandcast.estimation.throw import Throw, complete, motion_start_s, prepare
+from strandcast.estimation.measured import Throw, complete, motion_start_s
+from strandcast.estimation.throws import prepare
 
 from .motion_capture import throw_from_markers
 
@@ -28,38 +27,40 @@ def swaying(rate=0.08, moves_s=0.3, noise=0.0):
 
 
 def test_starts_shortly_before_the_hand_moves():
-    task = prepare(swaying(), PLACES)
+    prepared = prepare(swaying(), PLACES)
     moved_s = 0.3 + np.sqrt(0.002 / 20.0)
-    assert task.time_s[0] == pytest.approx(moved_s - 0.03, abs=0.004)
-    assert task.hand_time_s[0] == task.time_s[0]
-    assert task.weight.any(axis=1).sum() == np.sum(task.time_s < 0.5)
-    assert prepare(swaying(), PLACES, "hanging").start_m is None
+    assert prepared.time_s[0] == pytest.approx(moved_s - 0.03, abs=0.004)
+    assert prepared.hand.time_s[0] == prepared.time_s[0]
+    assert prepared.weight.any(axis=1).sum() == np.sum(prepared.time_s < 0.5)
+    assert prepare(swaying(), PLACES, "hanging").start.points_m is None
 
 
 @pytest.mark.parametrize(("noise", "tolerance"), [(0.0, 2e-5), (0.0007, 6e-4)])
 def test_observed_start_has_the_shape_and_the_sway(noise, tolerance):
-    task = prepare(swaying(noise=noise), PLACES)
-    angle = -np.pi / 2 + 0.02 + 0.08 * (task.time_s[0] - 0.3)
+    prepared = prepare(swaying(noise=noise), PLACES)
+    angle = -np.pi / 2 + 0.02 + 0.08 * (prepared.time_s[0] - 0.3)
     truth = PLACES[1:, None] * [np.cos(angle), np.sin(angle)]
     across = 0.08 * PLACES[1:, None] * [-np.sin(angle), np.cos(angle)]
-    assert np.abs(task.start_m - truth).max() < tolerance
-    np.testing.assert_allclose(task.start_velocity_m_s, across, atol=max(1e-4, 6 * noise))
+    assert np.abs(prepared.start.points_m - truth).max() < tolerance
+    np.testing.assert_allclose(prepared.start.velocity_m_s, across, atol=max(1e-4, 6 * noise))
 
 
 def test_the_shape_may_begin_at_the_hand_as_seen():
     straight = prepare(swaying(), PLACES)
     throw = swaying()
     off = replace(throw, points_m=throw.points_m + np.array([0.02, -0.01]))
-    np.testing.assert_allclose(prepare(off, PLACES).start_m - straight.start_m, [[0.02, -0.01]] * 10)
-    again = prepare(off, PLACES, from_seen_hand=True)
-    np.testing.assert_allclose(again.start_m, straight.start_m, atol=1e-12)
+    np.testing.assert_allclose(
+        prepare(off, PLACES).start.points_m - straight.start.points_m, [[0.02, -0.01]] * 10
+    )
+    again = prepare(off, PLACES, from_measured_hand=True)
+    np.testing.assert_allclose(again.start.points_m, straight.start.points_m, atol=1e-12)
     np.testing.assert_array_equal(again.points_m, prepare(off, PLACES).points_m)
 
 
 def test_a_string_that_moves_first_is_not_cut():
     throw = swaying(rate=1.0)
     assert motion_start_s(throw) < 0.05
-    velocity = prepare(throw, PLACES).start_velocity_m_s
+    velocity = prepare(throw, PLACES).start.velocity_m_s
     assert np.linalg.norm(velocity[-1]) == pytest.approx(0.3, rel=0.05)
 
 
@@ -87,13 +88,13 @@ def test_no_used_frame_is_an_error():
 
 
 def test_parts_of_a_throw_are_spans_of_its_used_frames():
-    task = prepare(swaying(), PLACES)
-    parts = [task.part(k, 4) for k in range(4)]
-    np.testing.assert_array_equal(sum(part.weight for part in parts), task.weight)
+    prepared = prepare(swaying(), PLACES)
+    parts = [prepared.part(k, 4) for k in range(4)]
+    np.testing.assert_array_equal(sum(part.weight for part in parts), prepared.weight)
     used = [np.flatnonzero(part.weight.any(axis=1)) for part in parts]
     assert all(np.all(np.diff(span) == 1) for span in used)
     assert used[0][-1] + 1 == used[1][0]
-    thin = task.thinned(40)
+    thin = prepared.thinned(40)
     assert 30 < len(thin.time_s) <= 40
-    assert np.all(np.isin(thin.time_s, task.time_s))
+    assert np.all(np.isin(thin.time_s, prepared.time_s))
     assert thin.weight.shape == (len(thin.time_s), 10)

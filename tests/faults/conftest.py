@@ -1,7 +1,5 @@
 """Real video files to damage, and the way that a trial's video goes: ingest, then the decoding pass."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -13,10 +11,10 @@ import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError
-from strandcast.records.joint_log import JointLog, Run, Timing, write_joint_log
+from strandcast.records.joint_log import JointLog, LogTiming, Run, write_joint_log
 from strandcast.records.manifest import Manifest
-from strandcast.stages import ingest
-from strandcast.tracking.counts import check_count, open_ingested
+from strandcast.stages.run import run_stage
+from strandcast.tracking.preconditions import check_count, open_ingested
 
 RATE = 500
 SIZE = (160, 120)
@@ -117,7 +115,7 @@ def flipped(first: float, last: float, bits: int = 50) -> Callable[[bytearray], 
 
 @dataclass
 class Outcome:
-    """How a trial's video ended: an error, or a manifest, the frames' times and what is to be told."""
+    """The outcome of a trial's video: an error, or a manifest, the frames' times and the printed messages."""
 
     error: StrandcastError | None = None
     manifest: Manifest | None = None
@@ -125,7 +123,7 @@ class Outcome:
     frames: list[np.ndarray] = field(default_factory=list)
 
     @property
-    def told(self) -> str:
+    def printed(self) -> str:
         return self.error.message() if self.error is not None else "\n".join(self.warnings)
 
 
@@ -168,12 +166,12 @@ class Trial:
             motion_start_s=0.0,
             motion_end_s=seconds,
             sync_events=[],
-            timing=Timing(nominal_rate_hz=100.0, rate_hz=100.0, gaps=[], duplicates=0),
+            timing=LogTiming(nominal_rate_hz=100.0, rate_hz=100.0, gaps=[], duplicates=0),
             video=video or {},
         ).write(self.folder / "run.json")
 
     def ingest(self) -> Manifest:
-        ingest.run(self.root, "film", 1)
+        run_stage("ingest", self.root, "film", 1)
         return Manifest.read(self.root / "results" / "film" / "trial-01" / "manifest.json")
 
     def outcome(self) -> Outcome:

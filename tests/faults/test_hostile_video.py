@@ -1,7 +1,5 @@
 """Rows 22 to 24 and 27 of the fault list: files that ask for too much or for others; decoders that fail."""
 
-from __future__ import annotations
-
 import os
 import struct
 import sys
@@ -11,12 +9,13 @@ import numpy as np
 import pytest
 
 from strandcast.errors import REFUSED, StrandcastError
-from strandcast.video import child
-from strandcast.video.child import Limits
 from strandcast.video.ingest import inspect_video
+from strandcast.video.isolated import ProcessLimits
 from strandcast.video.reader import open_video
 
 from .conftest import Trial, cut, damage, noisy, write_film
+
+pytestmark = pytest.mark.slow
 
 
 def refusal(path, **arguments) -> StrandcastError:
@@ -47,7 +46,7 @@ def test_row22_a_decode_bomb_is_refused_before_it_is_decoded(trial: Trial):
 def test_row22_a_decoder_that_takes_too_much_memory_ends_in_one_error(trial: Trial):
     """Frames of 24 megapixels are small enough to be tried, and too large for a limit of 160 MB."""
     path = write_film(trial.folder / "video.avi", "mjpeg", "yuvj420p", [np.zeros((4000, 6000), np.uint8)] * 2)
-    error = refusal(path, limits=Limits(memory_bytes=160 << 20))
+    error = refusal(path, limits=ProcessLimits(memory_bytes=160 << 20))
     assert error.code == "SC-V033"
     assert error.file == str(path)
     assert "needs more than 0.2 GiB of memory" in error.what
@@ -142,7 +141,7 @@ def test_row24_a_movie_whose_frames_lie_in_another_file_is_refused(trial: Trial,
     ("program", "code", "words"),
     [
         ("import os; os.kill(os.getpid(), 11)", "SC-V031", "crashed (SIGSEGV)"),
-        ("import time; time.sleep(600)", "SC-V032", "gave no frame for 1 s"),
+        ("import time; time.sleep(600)", "SC-V032", "returned no frame for 1 s"),
         ("import os; os.abort()", "SC-V031", "crashed (SIGABRT)"),
         ("raise SystemExit(3)", "SC-V034", "exit code 3"),
     ],
@@ -152,12 +151,13 @@ def test_row27_a_decoder_that_fails_ends_in_one_error_and_others_go_on(
 ):
     path = write_film(trial.folder / "video.mp4")
     with monkeypatch.context() as patch:
-        patch.setattr(child, "COMMAND", [sys.executable, "-c", program])
-        error = refusal(path, limits=Limits(stall_s=1.0))
+        patch.setattr("strandcast.video.isolated.COMMAND", [sys.executable, "-c", program])
+        error = refusal(path, limits=ProcessLimits(stall_s=1.0))
         assert error.code == code
         assert error.file == str(path)
         assert words in error.what
-        assert "convert it with another program" in (error.fix or "")
+        advice = "limits of this computer" if code == "SC-V034" else "convert it with another program"
+        assert advice in (error.fix or "")
     found = trial.outcome()
     assert found.error is None
     assert len(found.frames) == 60
@@ -165,7 +165,9 @@ def test_row27_a_decoder_that_fails_ends_in_one_error_and_others_go_on(
 
 def test_row27_ingest_fails_in_the_same_way(trial: Trial, monkeypatch):
     write_film(trial.folder / "video.mp4")
-    monkeypatch.setattr(child, "COMMAND", [sys.executable, "-c", "import os; os.kill(os.getpid(), 11)"])
+    monkeypatch.setattr(
+        "strandcast.video.isolated.COMMAND", [sys.executable, "-c", "import os; os.kill(os.getpid(), 11)"]
+    )
     error = trial.outcome().error
     assert error is not None
     assert error.code == "SC-V031"

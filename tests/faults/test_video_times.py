@@ -1,21 +1,22 @@
 """Rows 13 to 17 of the fault list: wrong rates, frames dropped, frozen, or still to come."""
 
-from __future__ import annotations
-
 import threading
 import time
 
 import numpy as np
 import pytest
 
+from strandcast.core.objectives import PointObjective
 from strandcast.errors import INTEGRITY, REFUSED, StrandcastError
 from strandcast.records.alignment import Alignment
 from strandcast.records.track import Track
-from strandcast.verdict.judge import judge
+from strandcast.scoring.score import Aim, score_throw
 from strandcast.video.checks import unchanged
 from strandcast.video.ingest import camera_times
 
 from .conftest import RATE, Trial, noisy, write_film
+
+pytestmark = pytest.mark.slow
 
 TRUE_RATE = f"{{frame_rate_hz: {RATE}}}"
 
@@ -26,9 +27,9 @@ def test_row13_a_slow_motion_export_is_named_by_the_logs_duration(trial: Trial):
     found = trial.outcome()
     assert found.manifest is not None
     assert found.manifest.video.frame_rate_hz == pytest.approx(30, rel=1e-3)
-    assert "slow-motion export" in found.told
-    assert "some 500 frames/s would fit" in found.told
-    assert "camera.frame_rate_hz in experiment.yaml" in found.told
+    assert "slow-motion export" in found.printed
+    assert "about 500 frames/s would fit" in found.printed
+    assert "camera.frame_rate_hz in experiment.yaml" in found.printed
 
 
 def test_row13_the_experiments_rate_settles_it(trial: Trial):
@@ -40,8 +41,8 @@ def test_row13_the_experiments_rate_settles_it(trial: Trial):
     facts = found.manifest.video
     assert facts.frame_rate_source == "experiment"
     np.testing.assert_allclose(camera_times(facts), np.arange(60) / RATE, atol=1e-9)
-    assert "its time stamps tell 30 frames/s, the experiment 500, which is taken" in found.told
-    assert "slow-motion export, 16.7 times" in found.told
+    assert "its time stamps give 30 frames/s, the experiment 500, which is used" in found.printed
+    assert "slow-motion export, 16.7 times" in found.printed
 
 
 def test_row13_a_phones_own_word_is_passed_on(trial: Trial):
@@ -58,7 +59,7 @@ def test_row13_a_phones_own_word_is_passed_on(trial: Trial):
                 stream.encode(av.VideoFrame.from_ndarray(picture, "gray").reformat(format="yuv420p"))
             )
         container.mux(stream.encode())
-    assert "its header says that it was filmed at 240 frames/s" in trial.outcome().told
+    assert "its header says that it was filmed at 240 frames/s" in trial.outcome().printed
 
 
 def test_row13_the_true_rate_is_told_without_a_warning(trial: Trial):
@@ -78,9 +79,9 @@ def test_row14_a_conversion_to_a_lower_rate_is_refused(trial: Trial):
     assert found.error.code == "SC-V019"
     assert found.error.exit_code == INTEGRITY
     assert found.error.field == "camera.frame_rate_hz"
-    assert "96 frames at 500 frames/s last 0.192" in found.told
-    assert "the motion took 0.8 s" in found.told
-    assert "the camera's own file" in found.told
+    assert "96 frames at 500 frames/s last 0.192" in found.printed
+    assert "the motion took 0.8 s" in found.printed
+    assert "the camera's original file" in found.printed
 
 
 @pytest.mark.parametrize(("name", "codec"), [("video.mp4", "libx264"), ("video.mkv", "ffv1")])
@@ -92,7 +93,7 @@ def test_row15_dropped_frames_keep_the_true_times_of_the_others(trial: Trial, na
     facts = found.manifest.video
     assert [(gap.index, gap.missing) for gap in facts.gaps] == [(19, 3), (37, 1)]
     np.testing.assert_allclose(camera_times(facts), np.array(stamps) / RATE, atol=6e-4)
-    assert "4 frames missing in 2 gaps, up to 0.0080 s" in found.told
+    assert "4 frames missing in 2 gaps, up to 0.0080 s" in found.printed
 
 
 def test_row15_too_many_dropped_frames_are_refused(trial: Trial):
@@ -121,7 +122,9 @@ def test_row15_no_miss_is_told_where_frames_were_dropped_at_the_closest_approach
             experiment="film", trial=1, source="fit", offset_s=0.0, offset_se_s=1e-4, drift=0.0,
             drift_se=None, drift_prior=None, residual_rms_m=1e-3, frames=len(time_s),
             motion_start_s=0.0, motion_end_s=0.2)  # fmt: skip
-        verdicts.append(judge(track, aligned, (0.0, 0.0), 0.02, "film", 1))
+        target = (0.0, 0.0)
+        aim = Aim("film", 1, PointObjective().aimed_at(target), target, 0.02)
+        verdicts.append(score_throw(track, aligned, aim, 0.3))
     assert verdicts[0].miss_m == pytest.approx(0.01, abs=1e-6)
     assert verdicts[1].miss_m is None
     assert verdicts[1].reason
@@ -134,9 +137,9 @@ def test_row16_frozen_frames_are_flagged(trial: Trial):
     write_film(trial.folder / "video.mkv", "ffv1", "gray", pictures)
     found = trial.outcome()
     assert found.error is None
-    assert "frames 20 to 29 are copies of frame 19, bit by bit" in found.told
-    assert "frame 45 is a copy of frame 44" in found.told
-    assert found.told.count("of frame") == 2
+    assert "frames 20 to 29 are copies of frame 19, bit by bit" in found.printed
+    assert "frame 45 is a copy of frame 44" in found.printed
+    assert found.printed.count("of frame") == 2
 
 
 def test_row16_frames_that_are_only_alike_are_not(trial: Trial):

@@ -1,11 +1,9 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError
-from strandcast.imports.capture import import_capture
 from strandcast.imports.mapping import CaptureMapping, capture_mapping_of, load_mapping
+from strandcast.imports.motion_capture import import_capture
 from strandcast.records.alignment import Alignment, read_hand
 from strandcast.records.track import SUPPLIED, TrackSummary, read_track
 
@@ -37,7 +35,7 @@ def test_units_places_angles_and_missing_markers(tmp_path):
     assert track.flags[0, 4] == SUPPLIED
     assert track.sigma_m[0, 4] == 5e-4
     time_s, pose = read_hand(tmp_path / "out/hand.parquet", "measured")
-    np.testing.assert_allclose(pose[:, 2], -np.pi / 2 - np.radians([0, 10, 20]))
+    np.testing.assert_allclose(pose.angle_rad, -np.pi / 2 - np.radians([0, 10, 20]))
     np.testing.assert_allclose(time_s, track.camera_time_s)
     assert summary.tracked_fraction == pytest.approx(5 / 6)
     assert summary.tip_fraction == pytest.approx(2 / 3)
@@ -48,7 +46,7 @@ def test_units_places_angles_and_missing_markers(tmp_path):
     assert (alignment.motion_start_s, alignment.motion_end_s) == (0.0, 0.02)
 
 
-def test_markers_between_points_are_told_with_a_better_number(tmp_path):
+def test_markers_between_points_are_reported_with_a_better_number(tmp_path):
     summary = capture(tmp_path, mapping_of(), points=5)
     assert "40.0 mm along the string" in summary.warnings[0]
     assert "string.points: 4" in summary.warnings[0]
@@ -64,9 +62,17 @@ def test_points_may_be_named(tmp_path):
     assert summary.choices["point_3_place_m"] == 0.2
 
 
-def test_wrong_units_show_as_a_string_too_short(tmp_path):
-    summary = capture(tmp_path, mapping_of(length_unit="m"))
-    assert any(" 200.0" in warning for warning in summary.warnings)
+def test_wrong_units_are_refused_with_the_distance_that_shows_them(tmp_path):
+    with pytest.raises(StrandcastError, match=r"SC-I027 .* 0\.2 m along the string, is 200 m from the hand"):
+        capture(tmp_path, mapping_of(length_unit="m"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_marker_that_is_never_detected_leaves_nothing_behind(tmp_path):
+    empty = "ms,hx,hy,deg,mx,my,ex,ey\n" + "".join(f"{10 * k},0,900,0,0,700,,\n" for k in range(3))
+    with pytest.raises(StrandcastError, match="SC-I021"):
+        capture(tmp_path, mapping_of(), empty)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_mapping_file_says_the_same_as_options(tmp_path):
@@ -110,11 +116,11 @@ def test_the_real_cable_comes_in_with_options_alone(real_data, tmp_path, series,
     assert rows is None or len(track.frame) == rows
     assert summary.warnings == []
     assert summary.tracked_fraction == 1.0
-    seen = np.isfinite(track.points_m).all(axis=2)
-    assert seen.all(axis=0).nonzero()[0].tolist() == [0, 6, 12]
+    detected = np.isfinite(track.points_m).all(axis=2)
+    assert detected.all(axis=0).nonzero()[0].tolist() == [0, 6, 12]
     reach_m = np.linalg.norm(track.points_m[:, 12] - track.points_m[:, 0], axis=1)
     assert reach_m.max() < 0.401  # a cable does not stretch
     _, pose = read_hand(tmp_path / "hand.parquet", "measured")
     upper = track.points_m[:, 6] - track.points_m[:, 0]
-    off = np.abs(np.arctan2(upper[:, 1], upper[:, 0]) - pose[:, 2])
+    off = np.abs(np.arctan2(upper[:, 1], upper[:, 0]) - pose.angle_rad)
     assert np.median(off) < 0.6  # the cable leaves the hand downwards, along the angle given

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib.util import find_spec
 
@@ -11,6 +9,9 @@ from strandcast.imports.joints import Reading, import_joints
 from strandcast.imports.mapping import JointMapping, load_mapping
 from strandcast.records.joint_log import AFTER_DUPLICATE, SYNC_HIGH, read_run
 
+MOVING = Reading(
+    mapping=JointMapping(time="t", q=["a", "b"], q_cmd=["ca", "cb"], angle_unit="deg", rate_hz=100)
+)
 READING = Reading(mapping=JointMapping(time="t", q=["a", "b"]))
 
 
@@ -95,7 +96,7 @@ def test_the_log_of_urs_own_recorder_is_read(tmp_path):
     assert log.flags.tolist() == [0] * 10 + [SYNC_HIGH] * 10
     with pytest.raises(StrandcastError, match="SC-I009"):
         import_joints(
-            log_file(tmp_path, "t,a,b\n0,0,0\n1,0,0\n"), tmp_path / "o", replace(READING, sync_output=0)
+            log_file(tmp_path, "t,a,b\n0,0,0\n0.01,0,0\n"), tmp_path / "o", replace(READING, sync_output=0)
         )
 
 
@@ -107,7 +108,7 @@ def test_a_ur_log_without_time_says_what_to_record(tmp_path):
     assert "timestamp" in refusal.value.fix
 
 
-def test_the_rows_that_ur_rtdes_recorder_takes_twice_or_too_late_are_told(tmp_path):
+def test_rows_that_ur_rtde_records_twice_or_late_are_reported(tmp_path):
     # Its thread samples the newest state at its own rate: rows come twice, and now and then one is missed.
     cycles = [0, 1, 1, 2, 3, 3, 3, 4, 22, 23, 24, 24, 25]
     header = ["timestamp"] + [f"actual_q_{k}" for k in range(6)]
@@ -146,7 +147,7 @@ def test_libfrankas_own_csv_is_in_milliseconds(tmp_path):
     np.testing.assert_allclose(log.qd_rad_s, 0.2)
 
 
-def test_a_log_in_degrees_is_told_so(tmp_path):
+def test_a_log_in_degrees_is_refused_with_that_hint(tmp_path):
     header = ["timestamp"] + [f"actual_q_{k}" for k in range(6)]
     rows = [[0.002 * k] + [90.0] * 6 for k in range(5)]
     path = log_file(tmp_path, "\n".join(",".join(map(str, row)) for row in [header, *rows]))
@@ -159,7 +160,7 @@ def test_a_log_in_degrees_is_told_so(tmp_path):
 
 def test_a_bag_without_the_package_says_what_to_install(tmp_path):
     if find_spec("rosbags"):
-        pytest.skip("rosbags is installed: tests/drivers/test_rosbag.py reads bags")
+        pytest.skip("rosbags is installed: tests/executor/drivers/test_rosbag.py reads bags")
     (tmp_path / "log.mcap").write_bytes(b"")
     with pytest.raises(StrandcastError, match="SC-I040") as refusal:
         import_joints(tmp_path / "log.mcap", tmp_path / "out")
@@ -208,24 +209,52 @@ def test_unknown_columns_dialects_and_keys_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rows", "told"),
+    ("rows", "expected"),
     [
         (range(300), []),
         (range(155), ["the log ends 40 ms after the motion"]),
         (
-            [*range(120), *range(130, 300)],
-            ["1 gaps, 10 samples", "the log lacks 110 ms of the motion itself"],
+            [*range(120), *range(127, 300)],
+            ["1 gaps, 7 samples", "the log misses 80 ms of the motion itself"],
         ),
         ([*range(50), *range(60, 300)], ["1 gaps, 10 samples"]),
     ],
 )
-def test_a_log_that_does_not_cover_the_motion_says_so(tmp_path, rows, told):
+def test_a_log_that_does_not_cover_the_motion_gives_a_warning(tmp_path, rows, expected):
+    run = import_joints(moving_log(tmp_path, rows), tmp_path, MOVING)
+    expected = [*expected, "there is no motion.json"]
+    assert len(run.warnings) == len(expected), run.warnings
+    assert all(words in warning for words, warning in zip(expected, run.warnings, strict=True))
+
+
+def moving_log(tmp_path, rows):
     # The command moves from 1.00 to 1.50 s, a row every 10 ms.
     text = "t,a,b,ca,cb\n" + "".join(f"{0.01 * k:.2f},0,0,{min(max(k, 100), 150)},0\n" for k in rows)
-    reading = Reading(
-        mapping=JointMapping(time="t", q=["a", "b"], q_cmd=["ca", "cb"], angle_unit="deg", rate_hz=100)
-    )
-    run = import_joints(log_file(tmp_path, text), tmp_path, reading)
-    told = [*told, "there is no motion.json"]
-    assert len(run.warnings) == len(told), run.warnings
-    assert all(words in warning for words, warning in zip(told, run.warnings, strict=True))
+    return log_file(tmp_path, text)
+
+
+def test_a_long_gap_within_the_motion_is_refused(tmp_path):
+    with pytest.raises(StrandcastError, match="SC-I035 .* misses 110 ms within the motion"):
+        import_joints(moving_log(tmp_path, [*range(120), *range(130, 300)]), tmp_path / "out", MOVING)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "code", "words"),
+    [
+        ("t,a,b", ["0,0,0", "0.01,0,0", "1e300,0,0"], "SC-I028", r"span 1e\+300 s"),
+        ("t,a,b", ["1e12,0,0", "1.00001e12,0,0", "1.00002e12,0,0"], "SC-I028", r"span 2e\+07 s"),
+        ("t,a,b", ["0,0,0", "1e-9,0,0", "2e-9,0,0"], "SC-I028", "rows are 1e-09 s apart"),
+        ("t,a,b", ["0,0,0", "2,0,0", "4,0,0"], "SC-I028", "rows are 2 s apart, 0.5 per second"),
+        ("t,a,b", ["5,0,0", "5,0,0"], "SC-I028", "all 2 rows are at 5 s"),
+        ("t,a,b,o", ["0,0,0,0", "0.01,0,0,1.5"], "SC-I015", "1.5 is no set of digital outputs"),
+        ("t,a,b,o", ["0,0,0,0", "0.01,0,0,1e300"], "SC-I015", r"1e\+300 is no set of digital outputs"),
+    ],
+)
+def test_times_and_outputs_that_no_log_has_are_refused(tmp_path, header, rows, code, words):
+    outputs = "o" if header.endswith("o") else None
+    mapping = JointMapping(time="t", q=["a", "b"], outputs=outputs)
+    reading = Reading(mapping=mapping, sync_output=0 if outputs else None)
+    with pytest.raises(StrandcastError, match=f"{code} .*{words}"):
+        import_joints(log_file(tmp_path, "\n".join([header, *rows])), tmp_path / "out", reading)
+    assert not (tmp_path / "out").exists()

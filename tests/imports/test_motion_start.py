@@ -1,7 +1,5 @@
 """The start of a played motion is found on the log's clock, from commands or from the joints alone."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np
@@ -12,7 +10,7 @@ from strandcast.arm.servo import respond
 from strandcast.errors import StrandcastError
 from strandcast.imports.motion_start import motion_times
 from strandcast.records.joint_log import JointLog
-from strandcast.records.motion import Motion, Robot, Start, points_of
+from strandcast.records.motion import Motion, Robot, StartPosture, points_of
 
 START_S = 3.217
 NAMES = ["joint_1", "joint_2", "joint_3"]
@@ -34,7 +32,7 @@ def swing(arm) -> Motion:
         target_m=[0.5, 0.5],
         robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
         joint_names=NAMES,
-        start=Start(positions_rad=q[0].tolist(), tolerance_rad=[0.01] * 3),
+        start=StartPosture(positions_rad=q[0].tolist(), tolerance_rad=[0.01] * 3),
         bezier=None,
         points=points_of(np.round(time_s * 1e9).astype(int), q, qd, np.gradient(qd, time_s, axis=0)),
         predicted=None,
@@ -45,18 +43,19 @@ def swing(arm) -> Motion:
 def log_of(arm, motion: Motion, commanded: bool) -> JointLog:
     """Return a log with a slow approach before the throw, as a real one has."""
     time_s = np.arange(2500) * 0.002 + 0.0007
-    told = np.stack(
-        [np.interp(time_s - START_S, motion.time_s(), joint) for joint in motion.joints()[0].T], axis=1
+    planned = motion.trajectory()
+    command = np.stack(
+        [np.interp(time_s - START_S, planned.time_s, joint) for joint in planned.q_rad.T], axis=1
     )
-    told -= 0.5 * np.clip(1.0 - time_s, 0.0, 1.0)[:, None]
-    q = respond(arm.servo, time_s, told) + np.random.default_rng(0).normal(0.0, 5e-4, told.shape)
+    command -= 0.5 * np.clip(1.0 - time_s, 0.0, 1.0)[:, None]
+    q = respond(arm.servo, time_s, command) + np.random.default_rng(0).normal(0.0, 5e-4, command.shape)
     nothing = np.full_like(q, np.nan)
     return JointLog(
         NAMES,
         time_s,
         q,
         nothing,
-        told if commanded else nothing,
+        command if commanded else nothing,
         nothing,
         np.full(2500, np.nan),
         np.zeros(2500, np.int32),

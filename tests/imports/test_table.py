@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -49,6 +47,14 @@ def test_comments_blank_lines_bom_and_closing_separators_are_taken(tmp_path):
         ("t,q\n0,1\n0.1\0\0\0,2\n", 3, "NUL bytes from byte 11 on"),
         (b"t,q\n0,\xff\xfe\n", 2, "not text"),
         ("t,q,q\n0,1,2\n", 1, "names this column twice"),
+        ('t,q\n0,1\n0.1,"2\n0.2,3\n', 3, "quotation marks do not enclose cells"),
+        ('t,q\n0,"1"2\n', 2, "quotation marks do not enclose cells"),
+        ('t,q\n0,"' + "1" * 140_000 + '"\n', 2, r"field limit .131072.*140004 characters"),
+        ("t,q\n0," + "1" * 140_000 + "\n", 2, r"1… .140000 characters.' is not a finite number"),
+        ("t," + "q" * 500 + "\n0,1\n", 1, "column's name of 500 characters"),
+        ("t,q\n0,1_0\n", 2, "'1_0' is not a number"),
+        ("t,q\n0,١\n", 2, "'١' is not a number"),
+        ("t,q\n0,1\x0c0.1,2\n", 2, "3 cells, the header has 2"),
         ("t,q\n", None, "no rows"),
         ("", None, "empty"),
     ],
@@ -61,8 +67,14 @@ def test_what_does_not_fit_is_one_message_with_the_line(tmp_path, text, line, wo
     assert refusal.value.fix
 
 
+def test_cells_in_quotation_marks_are_read(tmp_path):
+    table = table_of(tmp_path, '"t","q, measured"\n"0",1\n0.1,"2"\n')
+    assert table.names == ["t", "q, measured"]
+    np.testing.assert_array_equal(table.values, [[0, 1], [0.1, 2]])
+
+
 def test_a_missing_file_and_a_missing_column_are_named(tmp_path):
-    with pytest.raises(StrandcastError, match="not there"):
+    with pytest.raises(StrandcastError, match="the file is missing"):
         read_numbers(tmp_path / "none.csv")
     with pytest.raises(StrandcastError, match="no column 'x'; the columns are t, q"):
         table_of(tmp_path, "t,q\n0,1\n").column("x")

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,21 +5,21 @@ import numpy as np
 import pytest
 
 from strandcast.arm.load import Arm, load_arm
-from strandcast.experiment import Experiment
-from strandcast.lab.throw import set_up, throw
-from strandcast.player.protocol import Command
-from strandcast.records.motion import Motion, Robot, Start, points_of
+from strandcast.config.experiment import Experiment
+from strandcast.core.trajectory import JointTrajectory
+from strandcast.lab.throw import photograph_boards, throw
+from strandcast.records.motion import Motion, Robot, StartPosture, points_of
 
 ROOT = Path(__file__).parents[2]
 TARGET_M = (0.55, 0.35)
 
 
-def swing_command(duration_s: float = 0.4, by: tuple[float, ...] = (0.7, 0.9, 0.8)) -> Command:
+def swing_command(duration_s: float = 0.4, by: tuple[float, ...] = (0.7, 0.9, 0.8)) -> JointTrajectory:
     """A jerk-limited swing from rest to rest."""
     time_s = np.arange(round(duration_s / 0.002) + 1) * 0.002
     s = (time_s / duration_s)[:, None]
     way = np.array(by)
-    return Command(
+    return JointTrajectory(
         time_s,
         np.array([0.3, -0.6, -0.5]) + way * s**3 * (10 - 15 * s + 6 * s**2),
         way * 30 * s**2 * (1 - s) ** 2 / duration_s,
@@ -29,14 +27,14 @@ def swing_command(duration_s: float = 0.4, by: tuple[float, ...] = (0.7, 0.9, 0.
     )
 
 
-def write_motion(path: Path, arm: Arm, command: Command) -> Path:
+def write_motion(path: Path, arm: Arm, command: JointTrajectory) -> Path:
     Motion(
         experiment="lab-test",
         trial=1,
         target_m=list(TARGET_M),
         robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
         joint_names=list(arm.joints),
-        start=Start(positions_rad=command.q_rad[0].tolist(), tolerance_rad=[0.01] * 3),
+        start=StartPosture(positions_rad=command.q_rad[0].tolist(), tolerance_rad=[0.01] * 3),
         bezier=None,
         points=points_of(
             np.round(command.time_s * 1e9).astype(int), command.q_rad, command.qd_rad_s, command.qdd_rad_s2
@@ -56,7 +54,7 @@ def make_experiment(**lab: object) -> Experiment:
             "string": {"length_m": 0.3},
             "target_m": TARGET_M,
             "workspace_m": {"x_m": [-0.32, 0.92], "y_m": [-0.48, 0.82]},
-            "camera": {"plane": {"size_m": 0.08, "markers": markers}},
+            "cameras": {"main": {"plane": {"size_m": 0.08, "markers": markers}}},
             "lab": {"camera": camera} | lab,
         }
     )
@@ -88,6 +86,6 @@ def thrown(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Thrown:
     experiment = make_experiment()
     motion = write_motion(folder / "motion.json", arm, swing_command())
     data, truth = folder / "data", folder / "lab_truth.parquet"
-    set_up(experiment, "lab-test", arm, data)
+    photograph_boards(experiment, "lab-test", arm, data)
     throw(experiment, "lab-test", arm, 1, motion, data, truth)
     return Thrown(experiment, arm, motion, data, truth)

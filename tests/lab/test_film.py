@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 
@@ -8,9 +6,9 @@ import numpy as np
 import pytest
 
 from strandcast.arm.load import Arm
-from strandcast.camera.markers import CharucoBoard, detect_markers, marker_detector
-from strandcast.lab.film import Actors, actors_of, at, frames
-from strandcast.lab.scene import Scene, make_scene, square_corners_m
+from strandcast.camera.markers import detect_markers, marker_detector
+from strandcast.lab.film import FilmSubject, film_frames, film_subject, interpolated
+from strandcast.lab.scene import LabScene, make_scene, square_corners_m
 from strandcast.lab.strings import PAPER_STRINGS
 from strandcast.lab.swing import simulate_swing
 from strandcast.lab.truth import LAB_TRUTH
@@ -23,19 +21,21 @@ from .test_swing import QUIET
 
 
 def test_string_is_drawn_where_it_is(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
-    thread = PAPER_STRINGS["paper-1"]
+    string = PAPER_STRINGS["paper-1"]
     scene = make_scene(make_experiment(), "lab-test", arm)
-    plain = Scene(scene.view, np.full_like(scene.still, 80.0), np.ones_like(scene.gain), arm, ())
+    plain = LabScene(scene.view, np.full_like(scene.still, 80.0), np.ones_like(scene.gain), arm, ())
     monkeypatch.setattr("strandcast.lab.film.paint_arm", lambda *_: None)
     monkeypatch.setattr("strandcast.lab.film.FLICKER_SHARE", 0.0)
-    swing = simulate_swing(arm, "servoj", thread, QUIET, swing_command())
-    actors = replace(actors_of(swing, thread), weights=())
+    swing = simulate_swing(arm, "servoj", string, QUIET, swing_command())
+    actors = replace(film_subject(swing, string), weights=())
     middles = np.linspace(0.0, 0.5, 12)
     offsets = []
     for middle, frame in zip(
-        middles, frames(plain, actors, middles, 4e-4, 0.0, np.random.default_rng(0)), strict=True
+        middles, film_frames(plain, actors, middles, 4e-4, 0.0, np.random.default_rng(0)), strict=True
     ):
-        offsets += _offsets_px(frame.astype(np.float32) - 80.0, scene.view.pixels(at(swing, middle)[1]))
+        offsets += _offsets_px(
+            frame.astype(np.float32) - 80.0, scene.view.pixels(interpolated(swing, middle)[1])
+        )
     assert len(offsets) > 150
     assert np.abs(offsets).max() < 0.05
 
@@ -53,7 +53,8 @@ def _offsets_px(drawn: np.ndarray, line: np.ndarray) -> list[float]:
     return offsets
 
 
-def test_hand_markers_are_seen_where_they_are(thrown: Thrown) -> None:
+@pytest.mark.slow
+def test_hand_markers_are_detected_where_they_are(thrown: Thrown) -> None:
     scene = make_scene(thrown.experiment, "lab-test", thrown.arm)
     truth = read_facts(thrown.truth, LAB_TRUTH)["hand_markers"]
     detector = marker_detector("DICT_4X4_50")
@@ -94,11 +95,10 @@ def test_time_stamps_are_even_and_frames_are_those_of_the_truth(thrown: Thrown) 
     assert truth["robot_time_s"][-1] - run.motion_end_s > 0.4
 
 
-def test_board_photos_give_the_lens_back(thrown: Thrown) -> None:
-    board = thrown.experiment.camera.board
-    shape = CharucoBoard(board.squares_x, board.squares_y, board.square_m, board.marker_m, board.dictionary)
+def test_board_photos_recover_the_lens(thrown: Thrown) -> None:
+    shape = thrown.experiment.camera.board
     made = cv2.aruco.CharucoBoard(
-        (shape.columns, shape.rows),
+        (shape.squares_x, shape.squares_y),
         shape.square_m,
         shape.marker_m,
         cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100),
@@ -139,8 +139,8 @@ def test_plane_photo_shows_every_marker_where_the_lens_puts_it(thrown: Thrown) -
     assert np.sqrt((errors**2).sum(axis=1).mean()) < 0.5
 
 
-def test_actors_put_the_weight_at_the_tip(arm: Arm) -> None:
+def test_the_film_subject_has_the_weight_at_the_tip(arm: Arm) -> None:
     swing = simulate_swing(arm, "stiff", PAPER_STRINGS["paper-1"], QUIET, swing_command())
-    actors: Actors = actors_of(swing, PAPER_STRINGS["paper-1"])
+    actors: FilmSubject = film_subject(swing, PAPER_STRINGS["paper-1"])
     assert actors.weights[0][0] == len(swing.places_m) - 1
     assert not actors.pipe.any()

@@ -1,18 +1,16 @@
 """The lab's LED: it shines when the controller says, and changes nothing else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from strandcast.arm.load import Arm
+from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
-from strandcast.experiment import Experiment
-from strandcast.lab.driver import VIDEO, LabDriver, Throw
-from strandcast.lab.film import actors_of, frames
-from strandcast.lab.led import LATENCY_S, Switched
+from strandcast.lab.driver import VIDEO, LabDriver, LabThrow
+from strandcast.lab.film import film_frames, film_subject
+from strandcast.lab.led import LATENCY_S, LedTimes
 from strandcast.lab.scene import make_scene
 from strandcast.lab.strings import PAPER_STRINGS
 from strandcast.lab.swing import simulate_swing
@@ -35,18 +33,18 @@ def with_led(place_m: tuple[float, float] = PLACE_M, led: bool = True) -> Experi
     return Experiment.model_validate(settings)
 
 
-def test_it_lights_its_place_alone_for_its_share_of_an_exposure(arm: Arm) -> None:
-    thread = PAPER_STRINGS["paper-1"]
-    actors = actors_of(simulate_swing(arm, "servoj", thread, QUIET, swing_command()), thread)
+def test_the_led_lights_only_its_region_for_its_share_of_an_exposure(arm: Arm) -> None:
+    string = PAPER_STRINGS["paper-1"]
+    actors = film_subject(simulate_swing(arm, "servoj", string, QUIET, swing_command()), string)
     scene = make_scene(with_led(), "lab-test", arm)
     assert scene.led is not None
     middles, exposure_s = np.arange(-0.03, 0.05, 0.01), 4e-3
     films = [
         [
             image.astype(float)
-            for image in frames(scene, actors, middles, exposure_s, 0.0, np.random.default_rng(0), lamp)
+            for image in film_frames(scene, actors, middles, exposure_s, 0.0, np.random.default_rng(0), lamp)
         ]
-        for lamp in (None, Switched(-0.0108, 0.0303, 5e-4))
+        for lamp in (None, LedTimes(-0.0108, 0.0303, 5e-4))
     ]
     lit = np.array([on - off for off, on in zip(*films, strict=True)])
     part = (slice(None), scene.led.rows, scene.led.columns)
@@ -57,16 +55,17 @@ def test_it_lights_its_place_alone_for_its_share_of_an_exposure(arm: Arm) -> Non
     assert not lit.any()
 
 
-def test_a_scene_without_it_is_as_it_was(arm: Arm) -> None:
-    dark = make_scene(make_experiment(camera=SMALL), "lab-test", arm)
-    told = make_scene(with_led(led=False), "lab-test", arm)  # where it would be, but there is none
-    np.testing.assert_array_equal(told.still, dark.still)
-    assert told.led is None
+def test_a_scene_without_the_led_is_unchanged(arm: Arm) -> None:
+    plain = make_scene(make_experiment(camera=SMALL), "lab-test", arm)
+    dark = make_scene(with_led(led=False), "lab-test", arm)
+    np.testing.assert_array_equal(dark.still, plain.still)
+    assert dark.led is None
 
 
-def test_a_throw_switches_it_by_the_true_clocks(arm: Arm, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_throw_switches_the_led_by_the_true_clocks(arm: Arm, tmp_path: Path) -> None:
     experiment, command = with_led(), swing_command()
-    driver = LabDriver(Throw("lab-test", experiment, 1, tmp_path / "truth.parquet"), arm)
+    driver = LabDriver(LabThrow("lab-test", experiment, 1, tmp_path / "truth.parquet"), arm)
     driver.move_to_start(command.q_rad[0])
     record = driver.play(command, tmp_path)
     on, off = record.sync_events
@@ -90,8 +89,8 @@ def test_a_throw_switches_it_by_the_true_clocks(arm: Arm, tmp_path: Path) -> Non
     assert light[lit].min() > light[dark].max() + 60
 
 
-def test_it_must_be_in_the_picture_and_have_a_place(arm: Arm) -> None:
+def test_the_led_must_have_a_position_inside_the_picture(arm: Arm) -> None:
     with pytest.raises(StrandcastError, match="SC-L006"):
         make_scene(with_led((3.0, 0.0)), "lab-test", arm)
-    with pytest.raises(ValueError, match="needs the LED's place"):
+    with pytest.raises(ValueError, match="needs the LED's position"):
         make_experiment(led=True)

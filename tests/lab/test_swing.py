@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco
@@ -8,25 +6,27 @@ import pytest
 from scipy.optimize import curve_fit
 
 from strandcast.arm.load import Arm, load_arm
-from strandcast.lab.rig import Grasp, build_rig, links_of, weight_radius_m
-from strandcast.lab.servo import CYCLE_S, PRESETS, SetPoints, drive_of
-from strandcast.lab.strings import PAPER_STRINGS, Thread
-from strandcast.lab.swing import STEP_S, Loop, Swing, at_rest, simulate_swing
-from strandcast.lab.variation import Variation, draw_variation
-from strandcast.player.protocol import Command
+from strandcast.core.trajectory import JointTrajectory
+from strandcast.lab.rig import LabGrasp, build_rig, links_of, weight_radius_m
+from strandcast.lab.servo import CYCLE_S, SERVO_PRESETS, ServoSetPoints, joint_drives
+from strandcast.lab.strings import PAPER_STRINGS, PhysicalString
+from strandcast.lab.swing import STEP_S, LabSwing, ServoLoop, at_rest, simulate_swing
+from strandcast.lab.variation import ThrowVariation, draw_variation
 
 from .conftest import swing_command
+
+pytestmark = pytest.mark.slow
 
 QUIET = draw_variation(np.random.default_rng(0), 3, 0.0)
 
 
-def still(q: tuple[float, float, float], duration_s: float) -> Command:
+def still(q: tuple[float, float, float], duration_s: float) -> JointTrajectory:
     time_s = np.array([0.0, duration_s])
     zero = np.zeros((2, 3))
-    return Command(time_s, np.array([q, q]), zero, zero)
+    return JointTrajectory(time_s, np.array([q, q]), zero, zero)
 
 
-def throw(arm: Arm, name: str, step_s: float = STEP_S, variation: Variation = QUIET) -> Swing:
+def throw(arm: Arm, name: str, step_s: float = STEP_S, variation: ThrowVariation = QUIET) -> LabSwing:
     return simulate_swing(arm, "servoj", PAPER_STRINGS[name], variation, swing_command(), step_s)
 
 
@@ -67,9 +67,9 @@ def test_weights_and_pipes_lie_on_link_ends() -> None:
 
 def test_small_swings_have_the_period_of_a_pendulum(arm: Arm) -> None:
     length, density, mass = 0.3, 0.001, 0.010
-    thread = Thread(length, density, 1e-10, 0.0, 0.001, ((length, mass),))
-    sway = Variation(0.0, 0.0, 0.0, 0.02, 0.0, np.zeros(3), np.ones(3), 0.0)
-    swing = simulate_swing(arm, "stiff", thread, sway, still((0.8, -0.8, -1.5), 1.4))
+    string = PhysicalString(length, density, 1e-10, 0.0, 0.001, ((length, mass),))
+    sway = ThrowVariation(0.0, 0.0, 0.0, 0.02, 0.0, np.zeros(3), np.ones(3), 0.0)
+    swing = simulate_swing(arm, "stiff", string, sway, still((0.8, -0.8, -1.5), 1.4))
     tip = swing.nodes_m[:, -1, 0] - swing.nodes_m[:, 0, 0]
 
     def wave(t: np.ndarray, a: float, w: float, p: float, c: float, d: float) -> np.ndarray:
@@ -85,11 +85,11 @@ def test_small_swings_have_the_period_of_a_pendulum(arm: Arm) -> None:
 
 def test_stiff_string_sags_like_a_cantilever(arm: Arm) -> None:
     length, density, stiffness = 0.3, 0.003, 0.02
-    thread = Thread(length, density, stiffness, 0.0, 0.003)
-    drive = drive_of(arm, PRESETS["stiff"])
-    rig = build_rig(arm, drive, thread, Grasp(), STEP_S)
-    stretched = SetPoints(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3)))
-    rigid = Loop(np.full(3, 1e6), np.ones(3), np.full(3, 1e6), np.zeros(3))
+    string = PhysicalString(length, density, stiffness, 0.0, 0.003)
+    drive = joint_drives(arm, SERVO_PRESETS["stiff"])
+    rig = build_rig(arm, drive, string, LabGrasp(), STEP_S)
+    stretched = ServoSetPoints(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3)))
+    rigid = ServoLoop(np.full(3, 1e6), np.ones(3), np.full(3, 1e6), np.zeros(3))
     data = mujoco.MjData(rig.model)
     data.qpos[:] = at_rest(rig, rigid, stretched)
     mujoco.mj_kinematics(rig.model, data)
@@ -98,13 +98,13 @@ def test_stiff_string_sags_like_a_cantilever(arm: Arm) -> None:
     assert sag == pytest.approx(density * 9.81 * length**4 / (8 * stiffness), rel=0.02)
 
 
-def test_servos_lag_as_their_names_say(arm: Arm) -> None:
+def test_each_servo_has_its_own_lag(arm: Arm) -> None:
     lags = {}
     for name in ("servoj", "stiff", "soft"):
         swing = simulate_swing(arm, name, PAPER_STRINGS["paper-1"], QUIET, swing_command())
-        told, did = swing.command_rad, swing.q_rad
+        command, measured = swing.command_rad, swing.q_rad
         count = 120
-        gaps = [((did[count:] - told[count - k : len(told) - k]) ** 2).sum() for k in range(count)]
+        gaps = [((measured[count:] - command[count - k : len(command) - k]) ** 2).sum() for k in range(count)]
         lags[name] = int(np.argmin(gaps)) * CYCLE_S
     assert lags["servoj"] == pytest.approx(0.034, abs=0.002)
     assert lags["stiff"] == pytest.approx(0.0045, abs=0.0015)
@@ -121,7 +121,7 @@ def test_variation_scales_and_moves_the_tip_by_millimetres(arm: Arm) -> None:
     assert (QUIET.servo_gain == 1.0).all()
 
 
-def test_weak_motors_give_no_more_than_they_can(arm: Arm) -> None:
+def test_weak_motors_stay_within_their_torque(arm: Arm) -> None:
     swing = simulate_swing(
         arm, "weak", PAPER_STRINGS["paper-1"], QUIET, swing_command(0.2, by=(1.5, 1.5, 1.5))
     )
@@ -129,7 +129,7 @@ def test_weak_motors_give_no_more_than_they_can(arm: Arm) -> None:
     assert np.abs(swing.q_rad[-1] - swing.command_rad[-1]).max() < 0.01
 
 
-def test_an_arm_with_a_held_joint_throws_as_the_planar_one(arm: Arm, tmp_path: Path) -> None:
+def test_an_arm_with_a_held_joint_throws_like_the_planar_one(arm: Arm, tmp_path: Path) -> None:
     """A turret below the arm, held askew: the same throw in a turned plane."""
     yaw = 0.7
     turret = (

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +5,9 @@ import pytest
 
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm
+from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
-from strandcast.experiment import Experiment
-from strandcast.lab.strings import PAPER_STRINGS, thread_of
+from strandcast.lab.strings import PAPER_STRINGS, physical_string
 from strandcast.lab.throw import throw
 from strandcast.lab.truth import LAB_TRUTH
 from strandcast.records.files import sha256_file
@@ -19,10 +17,12 @@ from strandcast.records.tables import read_facts, read_table
 
 from .conftest import Thrown, make_experiment, swing_command, write_motion
 
+pytestmark = pytest.mark.slow
+
 SMALL = {"width_px": 400, "height_px": 320, "frame_rate_hz": 100.0}
 
 
-def test_a_throw_leaves_what_a_rig_leaves(thrown: Thrown) -> None:
+def test_a_throw_writes_the_files_of_a_real_rig(thrown: Thrown) -> None:
     assert {p.name for p in thrown.trial.iterdir()} == {"video.mp4", "joints.csv", "run.json", "motion.json"}
     run, log = read_run(thrown.trial)
     assert run.complete
@@ -44,22 +44,22 @@ def test_the_log_is_noisy_and_the_string_hangs_on_the_hand(thrown: Thrown) -> No
     truth, facts = read_table(thrown.truth, LAB_TRUTH), read_facts(thrown.truth, LAB_TRUTH)
     clamped = truth["place_m"] == 0.0
     clamp = np.column_stack([truth["x_m"][clamped], truth["y_m"][clamped]])
-    told = np.stack(
+    commanded = np.stack(
         [np.interp(truth["robot_time_s"][clamped], log.time_s, log.q_rad[:, j]) for j in range(3)], axis=1
     )
-    hand = hand_pose(thrown.arm.chain, thrown.arm.clamp, told)[:, :2]
+    hand = hand_pose(thrown.arm.chain, thrown.arm.clamp, commanded).position_m
     assert np.median(np.linalg.norm(clamp - hand, axis=1)) < 0.004
     assert 0.0 < facts["miss_m"] < 1.0
 
 
-def test_the_same_throw_twice_is_the_same_to_the_byte(thrown: Thrown, tmp_path: Path) -> None:
+def test_repeating_a_throw_gives_the_same_bytes(thrown: Thrown, tmp_path: Path) -> None:
     throw(thrown.experiment, "lab-test", thrown.arm, 1, thrown.motion, tmp_path, tmp_path / "truth.parquet")
     for name in ("video.mp4", "joints.csv", "run.json", "motion.json"):
         assert sha256_file(tmp_path / "trial-01" / name) == sha256_file(thrown.trial / name), name
     assert sha256_file(tmp_path / "truth.parquet") == sha256_file(thrown.truth)
 
 
-def test_without_noise_trials_differ_in_their_clocks_alone(arm: Arm, tmp_path: Path) -> None:
+def test_without_noise_trials_differ_only_in_their_clocks(arm: Arm, tmp_path: Path) -> None:
     experiment = make_experiment(noise=0.0, camera=SMALL)
     motion = write_motion(tmp_path / "motion.json", arm, swing_command())
     for trial in (1, 2):
@@ -73,37 +73,30 @@ def test_without_noise_trials_differ_in_their_clocks_alone(arm: Arm, tmp_path: P
 
 
 def test_with_noise_trials_differ(thrown: Thrown, tmp_path: Path) -> None:
-    throw(
-        make_experiment(camera=SMALL),
-        "lab-test",
-        thrown.arm,
-        2,
-        thrown.motion,
-        tmp_path,
-        tmp_path / "t.parquet",
-    )
-    misses = [read_facts(path, LAB_TRUTH)["miss_m"] for path in (thrown.truth, tmp_path / "t.parquet")]
+    small, truth = make_experiment(camera=SMALL), tmp_path / "t.parquet"
+    throw(small, "lab-test", thrown.arm, 2, thrown.motion, tmp_path, truth)
+    misses = [read_facts(path, LAB_TRUTH)["miss_m"] for path in (thrown.truth, truth)]
     assert 1e-4 < abs(misses[0] - misses[1]) < 0.05
 
 
 def test_strings_by_name_and_by_value() -> None:
-    assert thread_of(make_experiment(string="paper-2")) == PAPER_STRINGS["paper-2"]
-    own = thread_of(make_experiment(string={"linear_density_kg_m": 0.004}))
+    assert physical_string(make_experiment(string="paper-2")) == PAPER_STRINGS["paper-2"]
+    own = physical_string(make_experiment(string={"linear_density_kg_m": 0.004}))
     assert (own.length_m, own.linear_density_kg_m, own.weights) == (0.3, 0.004, ())
 
 
 def test_a_string_that_does_not_fit_is_refused() -> None:
     with pytest.raises(StrandcastError, match="SC-L003"):
-        thread_of(make_experiment(string="paper-4"))
+        physical_string(make_experiment(string="paper-4"))
 
 
-def test_markers_must_be_given_and_in_the_picture(arm: Arm, tmp_path: Path) -> None:
+def test_markers_must_be_declared_and_inside_the_picture(arm: Arm, tmp_path: Path) -> None:
     from strandcast.lab.scene import make_scene
 
     bare = make_experiment().model_dump()
-    bare["camera"]["plane"]["markers"] = []
+    bare["cameras"]["main"]["plane"]["markers"] = []
     with pytest.raises(StrandcastError, match="SC-L004"):
         make_scene(Experiment.model_validate(bare), "x", arm)
-    bare["camera"]["plane"]["markers"] = [{"id": 1, "x_m": 3.0, "y_m": 0.0}]
+    bare["cameras"]["main"]["plane"]["markers"] = [{"id": 1, "x_m": 3.0, "y_m": 0.0}]
     with pytest.raises(StrandcastError, match="SC-L005"):
         make_scene(Experiment.model_validate(bare), "x", arm)

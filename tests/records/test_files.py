@@ -1,19 +1,21 @@
-"""A write leaves the old file or the new one, never a third thing."""
+"""A write leaves the old file or the new one, never a part of it."""
 
-from __future__ import annotations
-
+import errno
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
+from strandcast.errors import StrandcastError
 from strandcast.records.files import atomic_write, canonical_json, sha256_file, write_text
 
 
-def test_a_failed_write_leaves_the_old_file_and_no_litter(tmp_path):
+def test_a_failed_write_leaves_the_old_file_and_no_temporary_one(tmp_path):
     path = tmp_path / "result.json"
     write_text(path, "old")
     with pytest.raises(RuntimeError), atomic_write(path) as temporary:
@@ -50,3 +52,62 @@ def test_sha256_of_a_file(tmp_path):
     write_text(tmp_path / "abc", "abc")
     # FIPS 180-2, appendix B.1
     assert sha256_file(tmp_path / "abc") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+@pytest.mark.parametrize("number", [errno.EPERM, errno.ENOTSUP, errno.EINVAL])
+def test_a_file_system_that_refuses_chmod_and_fsync_is_written_to(tmp_path, monkeypatch, number):
+    def refuse(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    monkeypatch.setattr(Path, "chmod", refuse)
+    write_text(tmp_path / "a.json", "text")
+    assert (tmp_path / "a.json").read_text() == "text"
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "words"),
+    [
+        (errno.EDQUOT, "SC-R041", "4 B needed, .* free on this disk, but your quota is used up"),
+        (errno.EIO, "SC-R042", "Input/output error"),
+        (errno.ESTALE, "SC-R042", "Stale file handle"),
+    ],
+)
+def test_what_a_network_file_system_reports_at_last_is_an_error(tmp_path, monkeypatch, number, code, words):
+    write_text(tmp_path / "a.json", "old")
+
+    def fail(descriptor):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(StrandcastError, match=f"{code} ERROR  {tmp_path}/a.json: .*{words}"):
+        write_text(tmp_path / "a.json", "text")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.json", "old")]
+
+
+def test_a_limit_of_file_sizes_is_named(tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, before[1]))
+    try:
+        with pytest.raises(
+            StrandcastError, match="SC-R041.*2 MB needed, 1.05 MB allowed for a file"
+        ) as caught:
+            write_text(tmp_path / "a.json", 2_000_000 * "n")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert "ulimit -f" in caught.value.message()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_of_another_file_stays_as_it_is(tmp_path):
+    with pytest.raises(FileNotFoundError, match="absent"), atomic_write(tmp_path / "a.json"):
+        (tmp_path / "absent").read_bytes()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_path_through_a_file_is_refused_by_name(tmp_path):
+    (tmp_path / "file").write_text("text")
+    with pytest.raises(
+        StrandcastError, match=r"SC-R042 ERROR  .*file/a.json: cannot be written \((File exists|Not a)"
+    ):
+        write_text(tmp_path / "file" / "a.json", "text")

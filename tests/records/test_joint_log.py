@@ -1,7 +1,5 @@
 """The joint log: round trip, and one error with line and column for a damaged one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -41,7 +39,7 @@ def log_of(rows: int, joints: int, seed: int) -> JointLog:
 def test_round_trip_is_exact(tmp_path_factory, rows, joints, seed):
     path = tmp_path_factory.mktemp("log") / "joints.csv"
     log = log_of(rows, joints, seed)
-    log.qd_cmd_rad_s[:] = np.nan  # not every controller tells it
+    log.qd_cmd_rad_s[:] = np.nan  # not every controller logs it
     write_joint_log(path, log)
     again = read_joint_log(path)
     assert again.joint_names == log.joint_names
@@ -101,18 +99,41 @@ def run_of(sha: str, rows: int, complete: bool = True) -> Run:
     )
 
 
-def test_a_log_that_its_sidecar_does_not_know_is_refused(tmp_path):
+def test_a_log_that_run_json_does_not_describe_is_refused(tmp_path):
     sha = write_joint_log(tmp_path / "joints.csv", log_of(6, 2, 0))
     run_of(sha, 6).write(tmp_path / "run.json")
     run, log = read_run(tmp_path)
     assert run.rows == len(log.time_s) == 6
     text = (tmp_path / "joints.csv").read_text()
     (tmp_path / "joints.csv").write_text(text[: text.rindex("\n", 0, -1) + 1])
-    with pytest.raises(StrandcastError, match="is not the log that run.json speaks of"):
+    with pytest.raises(StrandcastError, match="is not the log that run.json describes"):
         read_run(tmp_path)
     run_of(sha, 6, complete=False).write(tmp_path / "run.json")
     with pytest.raises(StrandcastError, match="not complete .power cut"):
         read_run(tmp_path)
+
+
+@pytest.mark.parametrize("damage", ['"', "\0", "x" * 140_000, "1_0", "\n"])
+def test_a_log_with_another_hash_is_not_parsed(tmp_path, monkeypatch, damage):
+    sha = write_joint_log(tmp_path / "joints.csv", log_of(6, 2, 0))
+    run_of(sha, 6).write(tmp_path / "run.json")
+    head, rows = (tmp_path / "joints.csv").read_text().split("\n", 1)
+    (tmp_path / "joints.csv").write_text(f"{head}\n{damage}{rows}")
+    with pytest.raises(StrandcastError, match=f"SC-J005 .* is [0-9a-f]{{12}}, not {sha[:12]}"):
+        read_run(tmp_path)
+    # The reader itself refuses it too, or reads the numbers that are there.
+    if damage != "\n":
+        with pytest.raises(StrandcastError, match=r"SC-J001 .*joints\.csv:2: "):
+            read_joint_log(tmp_path / "joints.csv")
+
+
+@pytest.mark.parametrize("flags", ["-1", "4294967296", "1.5", "1e300"])
+def test_flags_that_are_no_bits_are_refused(tmp_path, flags):
+    write_joint_log(tmp_path / "joints.csv", log_of(3, 2, 0))
+    head, row, *rest = (tmp_path / "joints.csv").read_text().splitlines()
+    (tmp_path / "joints.csv").write_text("\n".join([head, row.rsplit(",", 1)[0] + "," + flags, *rest]))
+    with pytest.raises(StrandcastError, match=r"SC-J001 .*joints\.csv:2: flags"):
+        read_joint_log(tmp_path / "joints.csv")
 
 
 def test_timing_finds_gaps_and_duplicates():
@@ -122,3 +143,20 @@ def test_timing_finds_gaps_and_duplicates():
     assert timing.duplicates == 1
     assert [gap.missing for gap in timing.gaps] == [2, 1]
     assert timing.gaps[0].duration_s == pytest.approx(0.03)
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(allow_nan=False, allow_infinity=False), st.integers(0, 2**63 - 1)), min_size=1
+    )
+)
+@settings(max_examples=50, deadline=None)
+def test_every_bit_of_a_number_survives(tmp_path_factory, numbers):
+    path = tmp_path_factory.mktemp("log") / "joints.csv"
+    values, host = (np.array(column) for column in zip(*numbers, strict=True))
+    log = log_of(len(numbers), 1, 0)
+    log.q_rad[:, 0], log.host_time_ns = values, host
+    write_joint_log(path, log)
+    again = read_joint_log(path)
+    assert again.q_rad.tobytes() == log.q_rad.tobytes()
+    assert again.host_time_ns.tolist() == host.tolist()

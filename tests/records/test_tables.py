@@ -1,7 +1,5 @@
 """Tables: round trip, units in the metadata, and every flipped bit that matters is caught."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -40,8 +38,8 @@ def test_track_round_trip_with_gaps(tmp_path_factory, points, seed):
     again = read_track(path, count - 1)
     np.testing.assert_array_equal(again.points_m, points)
     np.testing.assert_array_equal(again.frame, track.frame)
-    seen = np.isfinite(points[..., 0])
-    np.testing.assert_array_equal(again.flags[seen], track.flags[seen])
+    known = np.isfinite(points[..., 0])
+    np.testing.assert_array_equal(again.flags[known], track.flags[known])
 
 
 def hand_columns():
@@ -61,7 +59,7 @@ def test_units_facts_and_text_columns(tmp_path):
     assert pq.read_schema(path).field("angle_rad").metadata[b"unit"] == b"rad"
     assert read_facts(path, HAND) == {"arm": "planar3"}
     time_s, pose = read_hand(path, "seen")
-    assert pose.shape == (25, 3)
+    assert pose.array().shape == (25, 3)
     assert time_s[0] == pytest.approx(25 / 49)
 
 

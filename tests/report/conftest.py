@@ -1,9 +1,6 @@
 """A synthetic experiment in records: three throws of a weighted string, made by numpy alone."""
 
-from __future__ import annotations
-
 import io
-import shutil
 from pathlib import Path
 
 import cv2
@@ -12,39 +9,33 @@ import pytest
 from PIL import Image, ImageDraw
 
 from strandcast.records.alignment import HAND, Alignment
-from strandcast.records.budget import BudgetThrow, ErrorBudget, Without
-from strandcast.records.camera import Camera, Lens, MarkerFit, View
+from strandcast.records.camera import BoardView, Camera, Lens, MarkerFit
 from strandcast.records.estimate import (
     ENSEMBLE,
     SIMULATED,
+    ConvergenceStep,
     Estimate,
-    HeldOut,
+    HeldOutError,
     ParameterFit,
-    Step,
     WeightFit,
 )
 from strandcast.records.files import atomic_write
 from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.manifest import LogFacts, Manifest, VideoFacts
 from strandcast.records.motion import (
-    PARAMETERS,
     Bezier,
     Motion,
     Prediction,
     Provenance,
     Robot,
-    Start,
+    StartPosture,
     StringSet,
     points_of,
 )
-from strandcast.records.paper import Foretold, PaperRun, PaperSummary, Transfer
-from strandcast.records.summary import Verdict
 from strandcast.records.tables import write_table
 from strandcast.records.track import TRACK, Track, TrackSummary
+from strandcast.records.verdict import Verdict
 from strandcast.report.measures import path_distance_m
-from strandcast.report.paper_facts import Hung, PaperFacts, Pipe, StageTime, StringFacts, TargetFacts
-from strandcast.report.paper_summary import summarise_paper
-from strandcast.report.summary import summarise
 
 N = 10
 LENGTH_M = 0.3
@@ -98,10 +89,10 @@ def camera() -> Camera:
         return np.column_stack([places, rng.normal(0, sigma_px, (count, 2))]).tolist()
 
     views = [
-        View(file=f"lens-{k}.png", corners=24, rms_px=0.11, used=True, residuals_px=corners(24, 0.08))
+        BoardView(file=f"lens-{k}.png", corners=24, rms_px=0.11, used=True, residuals_px=corners(24, 0.08))
         for k in range(4)
     ]
-    views.append(View(file="lens-4.png", corners=3, rms_px=None, used=False, reason="too few corners"))
+    views.append(BoardView(file="lens-4.png", corners=3, rms_px=None, used=False, reason="too few corners"))
     return Camera(
         lens=Lens(
             width_px=1280,
@@ -162,7 +153,7 @@ def motion(experiment: str, trial: int, swing_rad: float, played: bool) -> Motio
         target_m=TARGET_M,
         robot=Robot(name="planar3", file_sha256="a" * 64, urdf_sha256="b" * 64),
         joint_names=["joint_1", "joint_2", "joint_3"],
-        start=Start(positions_rad=q[0].tolist(), tolerance_rad=[0.01] * 3),
+        start=StartPosture(positions_rad=q[0].tolist(), tolerance_rad=[0.01] * 3),
         bezier=Bezier(duration_s=MOTION_S, heights_rad_s=heights),
         points=points_of((time_s * 1e9).round().astype(int), q, qd, np.gradient(qd, 0.01, axis=0)),
         predicted=Prediction(
@@ -262,8 +253,10 @@ def estimate(experiment: str, trial: int) -> Estimate:
         E_points_m=[best * (0.3 + 0.14 * i) for i in range(N)],
         rmse_m=best * 1.2,
         tip_error_m=best * 1.9,
-        held_out=[HeldOut(what="every fifth frame", E_m=best * 1.1)],
-        convergence=[Step(evaluations=16 * k, best_m=best + 0.04 * np.exp(-k / 25)) for k in range(1, 190)],
+        held_out=[HeldOutError(what="every fifth frame", E_m=best * 1.1)],
+        convergence=[
+            ConvergenceStep(evaluations=16 * k, best_m=best + 0.04 * np.exp(-k / 25)) for k in range(1, 190)
+        ],
         evaluations=3024,
         rejected=37,
         servo=None,
@@ -287,7 +280,7 @@ def build_trial(folder: Path, experiment: str, trial: int) -> None:
     track = Track(frames, camera_s, seen_m, sigma_m, np.zeros(sigma_m.shape, dtype=np.int32))
     write_table(folder / "track.parquet", TRACK, track.columns())
     record = camera()
-    record.write(folder.parent / "camera.json")
+    record.write(folder.parent / "cameras" / "main.json")
     write_strobe(folder / "strobe.webp", record, true_m)
     apart = np.linalg.norm(seen_m[:, -1] - TARGET_M, axis=1)
     closest = int(np.nanargmin(apart))
@@ -408,17 +401,17 @@ def _simulated(folder: Path, frames: np.ndarray, robot_s: np.ndarray, points_m: 
     since = (robot_s - START_S)[:, None, None]
     along = (np.arange(N + 1) / N)[None, :, None]
     wrong = along**2 * np.sin(9 * since) * np.array([0.7, -0.6])
-    columns: dict[str, list[np.ndarray]] = {name: [] for name in SIMULATED.columns}
-    for source, amplitude_m in (("planned", 0.06), ("fitted", 0.005)):
-        moved = points_m + amplitude_m * wrong
-        count = len(frames) * (N + 1)
-        columns["source"].append(np.full(count, source, dtype=object))
-        columns["frame"].append(np.repeat(frames, N + 1))
-        columns["robot_time_s"].append(np.repeat(robot_s, N + 1))
-        columns["point"].append(np.tile(np.arange(N + 1), len(frames)))
-        columns["x_m"].append(moved[..., 0].ravel())
-        columns["y_m"].append(moved[..., 1].ravel())
-    write_table(folder / "simulated.parquet", SIMULATED, {k: np.concatenate(v) for k, v in columns.items()})
+    count = len(frames) * (N + 1)
+    moved = np.stack([points_m + amplitude_m * wrong for amplitude_m in (0.06, 0.005)])
+    columns = {
+        "source": np.repeat(np.array(["planned", "fitted"], dtype=object), count),
+        "frame": np.tile(np.repeat(frames, N + 1), 2),
+        "robot_time_s": np.tile(np.repeat(robot_s, N + 1), 2),
+        "point": np.tile(np.arange(N + 1), 2 * len(frames)),
+        "x_m": moved[..., 0].ravel(),
+        "y_m": moved[..., 1].ravel(),
+    }
+    write_table(folder / "simulated.parquet", SIMULATED, columns)
 
 
 def _lab_truth(folder: Path, frames: np.ndarray, robot_s: np.ndarray, points_m: np.ndarray) -> None:
@@ -452,107 +445,3 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         build_trial(folder / f"trial-{trial:02d}", "swing", trial)
     motion("swing", 4, 2.55, played=False).write(folder / "trial-04" / "motion.json")
     return folder
-
-
-@pytest.fixture(scope="session")
-def paper(
-    results: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[PaperSummary, dict[str, Path], PaperFacts]:
-    """Return the paper's experiment: three done runs, one that failed and one that is not finished."""
-    root = tmp_path_factory.mktemp("paper") / "results"
-    said = "trial-01 track: SC-T001 ERROR  the string <slipped>"
-    runs = [
-        paper_run(root, results, 1, 1, "paper", 2),
-        paper_run(root, results, 1, 1, "default", 3),
-        paper_run(root, results, 1, 2, "default", 2),
-        paper_run(root, results, 5, 3, "default", 0, "failed", said),
-        paper_run(root, results, 7, 4, "default", 1, "unfinished", "not all of it has been run"),
-    ]
-    own, other = runs[1].experiment, runs[2].experiment
-    for name, values in ((own, (0.002, 0.006)), (other, (0.007, 0.003))):
-        Transfer(
-            experiment=name,
-            trial=3,
-            target_m=TARGET_M,
-            fits=[
-                Foretold(
-                    experiment=fit, target_m=TARGET_M, trial=3, E_m=E_m, ensemble_E_m=[E_m, E_m + 0.001, None]
-                )
-                for fit, E_m in zip((own, other), values, strict=True)
-            ],
-            planned_from={},
-        ).write(root / name / "transfer.json")
-    facts = PaperFacts(
-        strings={
-            1: StringFacts(1, 0.3, N, (Hung(0.3, 111.0),), ()),
-            5: StringFacts(5, 0.51, 17, (Hung(0.17, 66.7),), (Pipe(0.37, 0.44, 10.0),)),
-        },
-        targets={1: TargetFacts(1, (0.5, 0.5), True), 2: TargetFacts(2, (0.75, 0.3), False)},
-        reach_m=0.7,
-        workspace_m=(-0.75, 1.25, -0.32, 0.8),
-        times=[StageTime("default", "track", 20.0, 14.0), StageTime("default", "track", 30.0, None)],
-        settings={"paper": {"estimate.w": "0.1", "plan.planner": "paper"}, "default": {"estimate.w": "0.2"}},
-        budget=error_budget(),
-    )
-    folders = {run.experiment: root / run.experiment for run in runs}
-    return summarise_paper(runs, 0.02), folders, facts
-
-
-def error_budget() -> ErrorBudget:
-    """Return the budget of two throws; the servo made the first one miss."""
-    throws = [
-        BudgetThrow(experiment="x", string=1, target=1, seed=seed, trial=2, miss_m=miss)
-        for seed, miss in enumerate(
-            [
-                {"none": 0.012, "servo": 0.003, "tracking": 0.0119, "all but the model": 0.002},
-                {"none": 0.003, "servo": 0.0028, "tracking": 0.0031, "all but the model": 0.002},
-            ]
-        )
-    ]
-    lines = [
-        Without(cause=c, trial=2, throws=2, median_m=0.005, p90_m=0.01, rms_m=0.008, cause_rms_m=-0.001)
-        for c in throws[0].miss_m
-    ]
-    return ErrorBudget(without=lines, throws=throws)
-
-
-def paper_run(
-    root: Path,
-    results: Path,
-    string: int,
-    target: int,
-    method: str,
-    trials: int,
-    state: str = "done",
-    reason: str | None = None,
-) -> PaperRun:
-    """Write a run with the first trials of the swing; the third hits."""
-    name = f"paper-string{string}-target{target}-seed101-{method}"
-    folders = {trial: root / name / f"trial-{trial:02d}" for trial in range(1, trials + 1)}
-    rng = np.random.default_rng(target)
-    for trial, folder in folders.items():
-        shutil.copytree(results / f"trial-{trial:02d}", folder)
-        draws = {name: 10.0 ** rng.uniform(-3, 0, 4) for name in PARAMETERS}
-        write_table(
-            folder / "ensemble.parquet",
-            ENSEMBLE,
-            {"member": np.arange(4), "E_m": np.full(4, 0.003)} | draws,
-        )
-    summary = summarise(
-        name, folders, string_length_m=LENGTH_M, target_m=TARGET_M, hit_radius_m=0.02, next_motion=None
-    )
-    if state == "done":
-        summary.write(root / name / "summary.json")
-    return PaperRun(
-        experiment=name,
-        string=string,
-        target=target,
-        own_target=(string, target) != (1, 2),
-        target_m=TARGET_M,
-        seed=101,
-        method=method,
-        state=state,
-        reason=reason,
-        hit_trial=summary.hit_trial,
-        trials=summary.trials,
-    )

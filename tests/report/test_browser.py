@@ -1,20 +1,17 @@
 """The pages in a real browser: nothing blocked, nothing asked from outside, light and dark not the same."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from strandcast.records.files import write_text
-from strandcast.report.paper_page import paper_page
 from strandcast.report.trial_page import trial_page
 
+pytestmark = pytest.mark.browser
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 QUIET = [
     "--headless",
@@ -51,16 +48,11 @@ def shoot(browser: str, page: Path, picture: Path, *more: str) -> str:
     return done.stderr
 
 
+@pytest.mark.slow
 def test_the_page_in_light_and_dark(results: Path, tmp_path: Path, browser: str) -> None:
     page = tmp_path / "report.html"
     next_motion = results / "trial-04" / "motion.json"
     write_text(page, trial_page(results / "trial-03", trial=3, experiment="swing", next_motion=next_motion))
-    light_and_dark(page, tmp_path, browser)
-
-
-def test_the_papers_page_in_light_and_dark(paper: Any, tmp_path: Path, browser: str) -> None:
-    page = tmp_path / "report.html"
-    write_text(page, paper_page(*paper))
     light_and_dark(page, tmp_path, browser)
 
 

@@ -1,7 +1,5 @@
 """Distances and instants that a person can check by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from strandcast.report import numbers
 from strandcast.report.measures import arc_length_m, equal_instants, path_distance_m, rms
 
 
-def test_arc_length_bridges_what_was_not_seen() -> None:
+def test_arc_length_bridges_gaps() -> None:
     path = np.array([[0.0, 0.0], [3.0, 4.0], [np.nan, np.nan], [3.0, 10.0]])
     assert arc_length_m(path).tolist() == [0.0, 5.0, 5.0, 11.0]
 
@@ -26,7 +24,7 @@ def test_the_forced_instant_replaces_its_neighbour() -> None:
     assert equal_instants(tip, 5, 30).tolist() == [0, 30, 50, 75, 100]
 
 
-def test_instants_of_an_unseen_tip_are_none() -> None:
+def test_a_tip_that_is_never_detected_has_no_instants() -> None:
     assert len(equal_instants(np.full((5, 2), np.nan), 4, None)) == 0
 
 
@@ -36,7 +34,7 @@ def test_distance_is_to_segments_not_to_samples() -> None:
     assert path_distance_m(points, path) == pytest.approx([0.3, 0.5, 5.0])
 
 
-def test_rms_leaves_out_what_is_not_known() -> None:
+def test_rms_leaves_out_unknown_values() -> None:
     assert rms(np.array([3.0, np.nan, 4.0])) == pytest.approx(np.sqrt(12.5))
     assert np.isnan(rms(np.array([np.nan])))
 

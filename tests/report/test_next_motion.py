@@ -1,6 +1,4 @@
-"""What a motion tells of itself, and of what a throw is judged, stands in the pages."""
-
-from __future__ import annotations
+"""The pages show the prediction of a motion, and the place from which a miss is measured."""
 
 import shutil
 from pathlib import Path
@@ -9,25 +7,27 @@ import pytest
 from matplotlib.figure import Figure
 
 from strandcast.records.motion import Motion
-from strandcast.records.summary import Verdict
+from strandcast.records.verdict import Verdict
 from strandcast.report.facts import Facts
-from strandcast.report.figures.next_motion import _draw_prediction, next_motion
+from strandcast.report.panels.next_motion import _draw_prediction, next_motion
+from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.results import TrialResults
 from strandcast.report.trial_page import trial_page
 
 
 def rows_of(motion: Motion, folder: Path) -> tuple[str, dict[str, str]]:
     motion.write(folder / "motion.json")
-    told = next_motion("next", "Next motion", folder / "motion.json", folder, None, Facts())
-    return told.finding, {row[0]: row[1] for row in told.tables[0].rows}
+    content = next_motion(TrialPageData(TrialResults(folder), next_motion=folder / "motion.json"))
+    return content.finding, {row[0]: row[1] for row in content.tables[0].rows}
 
 
-def test_the_spread_and_the_share_of_each_limit_are_told(results: Path, tmp_path: Path) -> None:
+def test_misses_with_disturbances_and_use_of_each_limit_are_shown(results: Path, tmp_path: Path) -> None:
     motion = Motion.read(results / "trial-02" / "motion.json")
     assert motion.predicted is not None
     assert motion.provenance is not None
     _, plain = rows_of(motion, tmp_path)
     assert "predicted miss over strings and disturbances" not in plain
-    assert plain["what for"] == "point"
+    assert plain["objective"] == "point"
     joints = len(motion.joint_names)
     predicted = motion.predicted.model_copy(
         update={
@@ -48,11 +48,11 @@ def test_the_spread_and_the_share_of_each_limit_are_told(results: Path, tmp_path
     assert rows["most of a joint's torque limit used"].startswith("75")
     assert "most of a joint's jerk limit used" not in rows
     assert rows["least room to the workspace's edge"].startswith("31")
-    assert rows["what for"] == "bar from (0.8, 0.2) to (0.8, 0.4) m"
+    assert rows["objective"] == "bar from (0.8, 0.2) to (0.8, 0.4) m"
 
 
 @pytest.mark.parametrize(("aims_m", "marks"), [(None, 1), ([(0.8, 0.2), (0.8, 0.4)], 2), ([], 0)])
-def test_only_what_is_aimed_at_is_marked(
+def test_only_places_aimed_at_are_marked(
     results: Path, aims_m: list[tuple[float, float]] | None, marks: int
 ) -> None:
     axes = Figure().add_subplot()
@@ -63,7 +63,8 @@ def test_only_what_is_aimed_at_is_marked(
     assert labels.count("target") == min(marks, 1)
 
 
-def test_a_page_says_what_the_miss_is_from(results: Path, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_page_says_from_where_the_miss_is_measured(results: Path, tmp_path: Path) -> None:
     folder = tmp_path / "it"
     shutil.copytree(results, folder)
     path = folder / "trial-03" / "verdict.json"
@@ -78,4 +79,4 @@ def test_a_page_says_what_the_miss_is_from(results: Path, tmp_path: Path) -> Non
     assert "the bar from" in page()
     swing = {"objective": "swing", "wanted": "swing, the tip 0.7 m high at least"}
     verdict.model_copy(update=swing).write(path)
-    assert "swing, the tip 0.7 m high at least; what lacks of" in page()
+    assert "swing, the tip 0.7 m high at least; a shortfall in" in page()

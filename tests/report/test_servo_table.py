@@ -1,9 +1,7 @@
 """The servo's table on a trial's page."""
 
-from __future__ import annotations
-
 from strandcast.records.estimate import ServoFit
-from strandcast.report.figures.hand_path import servo_table
+from strandcast.report.panels.hand_path import servo_table
 
 OLD = {
     "delay_s": [0.004, 0.006],

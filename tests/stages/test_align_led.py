@@ -1,18 +1,16 @@
 """What tracking saw of the LED reaches the alignment."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest
 
 from strandcast.arm.load import load_arm
-from strandcast.evidence.clock_trials import ARM_FILE, clock_trial
 from strandcast.records.alignment import Alignment
 from strandcast.records.joint_log import Run, SyncEvent, timing_of, write_joint_log
 from strandcast.records.tables import write_table
-from strandcast.records.track import MARKERS, SeenLed, SeenSwitch, TrackSummary
-from strandcast.stages import align
+from strandcast.records.track import MARKERS, DetectedLed, DetectedSwitch, TrackSummary
+from strandcast.stages.run import run_stage
+from strandcast_studies.evidence.clock_trials import ARM_FILE, clock_trial
 
 SETTINGS = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\nseed: 1\n"
 LIT_S = (0.05, 1.0)
@@ -36,28 +34,32 @@ def root(tmp_path, project_root):
     ).write(data / "run.json")  # fmt: skip
     write_table(results / "markers.parquet", MARKERS, trial.markers)
     events = [
-        SeenSwitch(kind=k, camera_time_s=s + 0.003, sigma_s=5e-4) for k, s in zip(kinds, LIT_S, strict=True)
+        DetectedSwitch(kind=k, camera_time_s=s + 0.003, sigma_s=5e-4)
+        for k, s in zip(kinds, LIT_S, strict=True)
     ]
     TrackSummary(
         experiment="e", trial=1, source="video", points=10, length_m=0.3, decoded_frames=1, expected_frames=1,
         tracked_fraction=1.0, tip_fraction=1.0, marker_fraction=1.0, median_sigma_m=0.001, choices={},
-        warnings=[], led=SeenLed(window_px=[0, 0, 9, 9], brightness_grey=[1.0], events=events),
+        warnings=[], led=DetectedLed(window_px=[0, 0, 9, 9], brightness_grey=[1.0], events=events),
     ).write(results / "track.json")  # fmt: skip
     return tmp_path
 
 
 def aligned(root, more):
     (root / "data/e/experiment.yaml").write_text(SETTINGS + more)
-    align.run(root, "e", 1)
+    run_stage("align", root, "e", 1)
     return Alignment.read(root / "results/e/trial-01/alignment.json")
 
 
 def test_the_led_is_used_with_its_delay_unless_it_is_not_wanted(root):
     assert aligned(root, "").sync_events == []
-    told = aligned(root, "align: {led: {x_m: 0.1, y_m: 0.2, latency_s: 0.003, latency_sd_s: 2.0e-4}}")
-    assert [(check.kind, check.used) for check in told.sync_events] == [("led_on", True), ("led_off", True)]
-    assert max(abs(check.difference_s) for check in told.sync_events) < 5e-4
+    delayed = aligned(root, "align: {led: {x_m: 0.1, y_m: 0.2, latency_s: 0.003, latency_sd_s: 2.0e-4}}")
+    assert [(check.kind, check.used) for check in delayed.sync_events] == [
+        ("led_on", True),
+        ("led_off", True),
+    ]
+    assert max(abs(check.difference_s) for check in delayed.sync_events) < 5e-4
     # As it enters the fit: two switchings of one delay.
-    assert told.sync_events[0].sigma_s == pytest.approx(2**0.5 * (5e-4**2 + 2e-4**2) ** 0.5, rel=0.01)
+    assert delayed.sync_events[0].sigma_s == pytest.approx(2**0.5 * (5e-4**2 + 2e-4**2) ** 0.5, rel=0.01)
     denied = aligned(root, "align: {led: {x_m: 0.1, y_m: 0.2, latency_sd_s: 1.0e-5}}")
     assert any("SC-A023" in warning for warning in denied.warnings)

@@ -1,7 +1,5 @@
 """A log is imported whole or not at all, and never over a run that was played."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +10,9 @@ from strandcast.arm.load import Arm, load_arm
 from strandcast.errors import StrandcastError
 from strandcast.imports.joints import Reading
 from strandcast.imports.mapping import JointMapping
-from strandcast.motion.bezier import Curve, rest_heights, sample
+from strandcast.planning.bezier import Curve, rest_heights, sample
 from strandcast.records.joint_log import Run, read_run
-from strandcast.records.motion import Motion, Robot, Start, points_of
+from strandcast.records.motion import Motion, Robot, StartPosture, points_of
 from strandcast.stages import import_joints
 
 READING = Reading(mapping=JointMapping(time="t", q=["a", "b", "c"], q_cmd=["ca", "cb", "cc"]))
@@ -47,9 +45,11 @@ def played(arm: Arm) -> Motion:
         target_m=[0.5, 0.5],
         robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
         joint_names=list(arm.joints),
-        start=Start(positions_rad=points.q[0].tolist(), tolerance_rad=[0.01] * 3),
+        start=StartPosture(positions_rad=points.q_rad[0].tolist(), tolerance_rad=[0.01] * 3),
         bezier=None,
-        points=points_of(np.round(points.time_s * 1e9).astype(int), points.q, points.qd, points.qdd),
+        points=points_of(
+            np.round(points.time_s * 1e9).astype(int), points.q_rad, points.qd_rad_s, points.qdd_rad_s2
+        ),
         predicted=None,
         provenance=None,
     )
@@ -64,7 +64,8 @@ def bench(tmp_path: Path, project_root: Path) -> Bench:
     motion = played(load_arm(project_root / "config" / "arms" / "planar3.toml"))
     motion.write(trial / "motion.json")
     time_s = np.arange(1100) * 0.002
-    q = np.stack([np.interp(time_s - 1.0, motion.time_s(), joint) for joint in motion.joints()[0].T], axis=1)
+    planned = motion.trajectory()
+    q = np.stack([np.interp(time_s - 1.0, planned.time_s, joint) for joint in planned.q_rad.T], axis=1)
     rows = [",".join(f"{value:.6f}" for value in row) for row in np.column_stack([time_s, q, q])]
     log = tmp_path / "log.csv"
     log.write_text("\n".join(["t,a,b,c,ca,cb,cc", *rows]) + "\n")
@@ -95,27 +96,27 @@ def test_a_run_that_was_played_is_not_written_over(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("from_s", "to_s", "told"),
+    ("from_s", "to_s", "words"),
     [
-        (0.0, 1.35, "lacks 150 ms of the motion's end"),
-        (1.10, 9.0, "lacks 100 ms of the motion's beginning"),
-        (1.05, 1.40, "lacks 50 ms of the motion's beginning and 100 ms of the motion's end"),
+        (0.0, 1.35, "misses 150 ms of the motion's end"),
+        (1.10, 9.0, "misses 100 ms of the motion's beginning"),
+        (1.05, 1.40, "misses 50 ms of the motion's beginning and 100 ms of the motion's end"),
     ],
 )
-def test_a_part_of_a_throw_is_no_trial(bench: Bench, from_s: float, to_s: float, told: str) -> None:
+def test_part_of_a_throw_is_refused(bench: Bench, from_s: float, to_s: float, words: str) -> None:
     bench.cut(from_s, to_s)
-    with pytest.raises(StrandcastError, match=told) as refusal:
+    with pytest.raises(StrandcastError, match=words) as refusal:
         bench.take()
     assert refusal.value.code == "SC-I032"
     assert not (bench.trial / "run.json").exists()
 
 
-def test_a_log_that_begins_with_the_motion_is_taken(bench: Bench) -> None:
+def test_a_log_that_begins_with_the_motion_is_accepted(bench: Bench) -> None:
     bench.cut(1.002, 9.0)
     assert bench.take().motion_start_s == pytest.approx(1.0, abs=1e-3)
 
 
-def test_a_log_without_its_motion_is_taken_and_said_to_be(bench: Bench) -> None:
+def test_a_log_without_its_motion_is_accepted_with_a_warning(bench: Bench) -> None:
     (bench.trial / "motion.json").unlink()
     run = bench.take()
     assert run.motion_sha256 is None

@@ -1,6 +1,4 @@
-"""The plan stage: what experiment.yaml says is what is planned for; and judged."""
-
-from __future__ import annotations
+"""The plan stage: it plans, and the score stage scores, for the objective of experiment.yaml."""
 
 import shutil
 from pathlib import Path
@@ -8,18 +6,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.bench.loop_throw import Rig, throw
+from strandcast.arm.load import load_arm
+from strandcast.core.objectives import (
+    AimedPoint,
+    Objective,
+    SegmentObjective,
+    ShapeObjective,
+    ShapePlace,
+    SwingObjective,
+)
 from strandcast.errors import StrandcastError
-from strandcast.experiment import load_experiment
-from strandcast.motion.objectives import Point, Segment, Shape, Swing
 from strandcast.records.estimate import Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK
-from strandcast.stages import estimate, judge, plan, supply
 from strandcast.stages.context import context_of
-from strandcast.verdict import moment
-from strandcast.verdict.moment import Velocity
+from strandcast.stages.plan_inputs import first_inputs
+from strandcast.stages.run import run_stage
+from strandcast_studies.benchmarks.loop.throw import LoopRig, throw
 
 SMALL = "plan: {screening: 16, evaluations: 100, ensemble: 2}\n"
 BAR = "objective: {kind: segment, ends_m: [[0.8, 0.25], [0.8, 0.45]]}\n"
@@ -39,11 +43,11 @@ def write(root: Path, name: str, text: str) -> None:
 
 
 def planned(root: Path, name: str) -> Motion:
-    plan.run(root, name, 1)
+    run_stage("plan", root, name, 1)
     return Motion.read(root / "results" / name / "trial-01" / "motion.json")
 
 
-def test_what_a_plan_leaves_to_be_desired_is_said(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_flags_of_a_plan_are_logged(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write(root, "hopeless", "target_m: [0.5, 0.5]\nhit_radius_m: 0.000001\n" + SMALL)
     flags = planned(root, "hopeless").provenance.flags
     assert any("not expected to hit" in flag for flag in flags)
@@ -75,50 +79,46 @@ def test_the_papers_planner_has_the_papers_times_and_commanded_angles(root: Path
     assert motion.provenance.planner == "paper"
     assert motion.bezier is not None
     assert motion.bezier.stop_ramp_from_s == motion.bezier.duration_s
-    options = plan._options(context_of(root, "paper").settings)
-    assert (options.duration_s, options.use_servo) == ((0.2, 1.2), False)
-    assert (options.paper.altered_from, options.paper.altered_rad_s) == ("executed", 0.5)
+    settings = context_of(root, "paper").settings.plan
+    assert (settings.duration_range_s, settings.plans_with_servo) == ((0.2, 1.2), False)
+    assert (settings.paper.altered_from, settings.paper.altered_rad_s) == ("executed", 0.5)
     write(
         root, "paper", text.replace("}", ", duration_s: [0.4, 0.5], use_servo: true, paper: {accept: best}}")
     )
-    told = plan._options(context_of(root, "paper").settings)
-    assert (told.duration_s, told.use_servo, told.paper.accept) == ((0.4, 0.5), True, "best")
+    given = context_of(root, "paper").settings.plan
+    assert (given.duration_range_s, given.plans_with_servo, given.paper.accept) == ((0.4, 0.5), True, "best")
     write(root, "paper", "target_m: [0.5, 0.5]\n")
-    ours = plan._options(context_of(root, "paper").settings)
-    assert (ours.duration_s, ours.use_servo) == ((0.35, 0.9), True)
+    ours = context_of(root, "paper").settings.plan
+    assert (ours.duration_range_s, ours.plans_with_servo) == ((0.35, 0.9), True)
+
+
+SHAPE = "objective: {kind: shape, places: [{along_m: 0.3, at_m: [0.9, 0.1]}]}\n"
 
 
 @pytest.mark.parametrize(
-    ("told", "objective", "wanted"),
+    ("text", "objective"),
     [
-        ("", Point((0.5, 0.5)), None),
-        (BAR, Segment(((0.8, 0.25), (0.8, 0.45))), None),
+        ("", AimedPoint(target_m=(0.5, 0.5))),
+        (BAR, SegmentObjective(kind="segment", ends_m=((0.8, 0.25), (0.8, 0.45)))),
         (
             "objective: {kind: point, direction_rad: -1.5}\n",
-            Point((0.5, 0.5), -1.5),
-            Velocity((0.5, 0.5), -1.5, 0.35, 0.0),
+            AimedPoint(target_m=(0.5, 0.5), direction_rad=-1.5),
         ),
         (
             "objective: {kind: point, least_speed_m_s: 4}\n",
-            Point((0.5, 0.5), least_speed_m_s=4.0),
-            Velocity((0.5, 0.5), None, 0.35, 4.0),
+            AimedPoint(target_m=(0.5, 0.5), least_speed_m_s=4.0),
         ),
-        (
-            "objective: {kind: shape, places: [{along_m: 0.3, at_m: [0.9, 0.1]}]}\n",
-            Shape((0.3,), ((0.9, 0.1),)),
-            moment.Shape((0.3,), ((0.9, 0.1),)),
-        ),
-        ("objective: {kind: swing, speed_m_s: 12}\n", Swing(speed_m_s=12.0), moment.Swing(None, 12.0)),
+        (SHAPE, ShapeObjective(kind="shape", places=[ShapePlace(along_m=0.3, at_m=(0.9, 0.1))])),
+        ("objective: {kind: swing, speed_m_s: 12}\n", SwingObjective(kind="swing", speed_m_s=12.0)),
     ],
 )
-def test_planner_and_judge_are_told_the_same_objective(
-    root: Path, told: str, objective: object, wanted: object
+def test_planner_and_scorer_get_the_objective_of_the_experiment(
+    root: Path, text: str, objective: Objective
 ) -> None:
-    write(root, "it", "target_m: [0.5, 0.5]\n" + told)
-    settings = load_experiment(root / "data/it/experiment.yaml")
-    assert plan._objective(settings) == objective
-    assert judge._wanted(settings) == wanted
-    assert wanted is None or str(wanted) == str(objective)
+    write(root, "it", "target_m: [0.5, 0.5]\n" + text)
+    context = context_of(root, "it")
+    task, _ = first_inputs(context, load_arm(context.arm_file), np.random.default_rng(1))
+    assert task.aim == context.settings.aim == objective
 
 
 @pytest.mark.parametrize(
@@ -132,29 +132,30 @@ def test_planner_and_judge_are_told_the_same_objective(
         ),
     ],
 )
-def test_what_cannot_be_planned_names_file_field_and_fix(root: Path, text: str, words: str) -> None:
+def test_a_plan_that_cannot_be_made_names_file_field_and_fix(root: Path, text: str, words: str) -> None:
     write(root, "not", text)
     with pytest.raises(StrandcastError) as caught:
-        plan.run(root, "not", 1)
+        run_stage("plan", root, "not", 1)
     assert words in str(caught.value)
 
 
-def test_after_a_throw_whose_tip_nobody_saw_the_next_is_planned(root: Path) -> None:
+@pytest.mark.slow
+def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(root: Path) -> None:
     text = "target_m: [0.5, 0.5]\nlab: {string: paper-1}\nestimate: {evaluations: 100, profiles: false}\n"
     write(root, "blind", text + SMALL)
-    plan.run(root, "blind", 1)
-    throw(root, "blind", 1, Rig())
+    run_stage("plan", root, "blind", 1)
+    throw(root, "blind", 1, LoopRig())
     track = root / "data/blind/trial-01/track.parquet"
     columns = read_table(track, TRACK)
     tip = columns["point"] == columns["point"].max()
     for name in ("x_m", "y_m", "sigma_m"):
         columns[name] = np.where(tip, np.nan, columns[name])
     write_table(track, TRACK, columns, {"source": "test"})
-    for stage in (supply, judge, estimate):
-        stage.run(root, "blind", 1)
+    for stage in ("register_track", "score", "estimate"):
+        run_stage(stage, root, "blind", 1)
     fitted = Estimate.read(root / "results/blind/trial-01/estimate.json")
     assert (fitted.tip_error_m, fitted.E_points_m[-1]) == (None, None)
-    plan.run(root, "blind", 2)
+    run_stage("plan", root, "blind", 2)
     motion = Motion.read(root / "results/blind/trial-02/motion.json")
     assert motion.provenance is not None
     assert "trial 1: no tip seen" in motion.provenance.flags

@@ -1,7 +1,5 @@
 """Real measured data through the same doors that a user has."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -13,7 +11,10 @@ from strandcast.imports.mapping import capture_mapping_of
 from strandcast.records.estimate import Estimate
 from strandcast.records.joint_log import read_run
 from strandcast.records.track import read_track
-from strandcast.stages import calibrate, estimate, import_joints, import_track, ingest, judge, supply, track
+from strandcast.stages import import_joints, import_track
+from strandcast.stages.run import run_stage
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
@@ -33,17 +34,18 @@ def test_the_pendulum_video_gives_its_period(root, real_data):
     folder = experiment(
         root,
         "pendulum",
-        "string: {length_m: 0.62}\ntarget_m: [0, 0]\ncamera: {scale: arc}\ntrack: {hand: pivot}\n",
+        "string: {length_m: 0.62}\ntarget_m: [0, 0]\ncamera: {scale: arc}\ntrack: {tracker: pendulum}\n",
     )
     (folder / "trial-01").mkdir()
     shutil.copy(
         real_data / "string_pendulum" / "rope_pendulum_0.62m_60fps.mp4", folder / "trial-01" / "video.mp4"
     )
-    ingest.run(root, "pendulum", 1)
-    calibrate.run(root, "pendulum")
-    track.run(root, "pendulum", 1)
-    seen = read_track(root / "results/pendulum/trial-01/track.parquet", 21)
-    x, time_s = seen.points_m[:, -1, 0], seen.camera_time_s
+    run_stage("ingest", root, "pendulum", 1)
+    run_stage("calibrate", root, "pendulum")
+    run_stage("track", root, "pendulum", 1)
+    run_stage("reconstruct", root, "pendulum", 1)
+    track = read_track(root / "results/pendulum/trial-01/track.parquet", 21)
+    x, time_s = track.points_m[:, -1, 0], track.camera_time_s
     rising = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0) & (np.diff(time_s) < 0.05))
     crossing = time_s[rising] - x[rising] * np.diff(time_s)[rising] / np.diff(x)[rising]
     count = np.round((crossing - crossing[0]) / 1.6)
@@ -69,10 +71,10 @@ def test_a_cable_fitted_on_its_free_swing_predicts_the_driven_one(root, real_dat
     for trial, series in ((1, "free_swing"), (2, "dynamic")):
         file = real_data / "pac_cable" / series / "black_weighted.markers_rebuilt.csv"
         import_track.run(root, "cable", trial, file, mapping)
-        supply.run(root, "cable", trial)
-        judge.run(root, "cable", trial)
-    estimate.run(root, "cable", 1)
-    estimate.run(root, "cable", 2)
+        run_stage("register_track", root, "cable", trial)
+        run_stage("score", root, "cable", trial)
+    run_stage("estimate", root, "cable", 1)
+    run_stage("estimate", root, "cable", 2)
     first = Estimate.read(root / "results/cable/trial-01/estimate.json")
     second = Estimate.read(root / "results/cable/trial-02/estimate.json")
     (forecast,) = (held.E_m for held in second.held_out if "estimate before" in held.what)

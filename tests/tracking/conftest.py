@@ -1,7 +1,5 @@
 """The tracker's small world, filmed once for all tests."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from types import ModuleType

@@ -3,13 +3,18 @@
 It shares nothing with the lab: no physics, no renderer.
 """
 
-from __future__ import annotations
-
 import av
 import cv2
 import numpy as np
 
+from strandcast.config.string import String
+from strandcast.config.track import TrackSettings
+from strandcast.core.hand_marker import HandMarker
 from strandcast.records.camera import Camera, Lens
+from strandcast.tracking.result import Tracked
+from strandcast.tracking.track_video import track_video
+from strandcast.tracking.tracker import TrackerInput
+from strandcast.video.ingest import inspect_video
 
 SCALE_M = 0.0015
 WIDTH, HEIGHT = 800, 600
@@ -21,14 +26,22 @@ def flat_camera(
     """A camera that looks straight at the plane; the world's origin is in the middle of the picture."""
     focal = 1400.0
     lens = Lens(
-        width_px=width, height_px=height, rms_px=0.1, distortion=[k1, 0.0, 0.0, 0.0, 0.0],
+        width_px=width,
+        height_px=height,
+        rms_px=0.1,
+        distortion=[k1, 0.0, 0.0, 0.0, 0.0],
         matrix=[[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]],
-    )  # fmt: skip
+    )
     return Camera(
-        lens=lens, rotation=[[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]],
-        translation_m=[0.0, 0.0, focal * scale_m], plane_rms_px=0.1, plane_markers=[], string_offset_m=0.0,
-        scale_m_per_px=scale_m, source="given",
-    )  # fmt: skip
+        lens=lens,
+        rotation=[[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]],
+        translation_m=[0.0, 0.0, focal * scale_m],
+        plane_rms_px=0.1,
+        plane_markers=[],
+        string_offset_m=0.0,
+        scale_m_per_px=scale_m,
+        source="given",
+    )
 
 
 def to_pixels(points_m: np.ndarray) -> np.ndarray:
@@ -45,9 +58,13 @@ def draw_line(image: np.ndarray, line_px: np.ndarray, width_px: float, level: fl
     cover = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
     fine = cv2.polylines(
         np.zeros((cover.shape[0] * 4, cover.shape[1] * 4), np.uint8),
-        [np.rint(((line_px - low + 0.5) * 4 - 0.5) * 16).astype(np.int32)], False, 255,
-        max(1, round(width_px * 4)), cv2.LINE_AA, 4,
-    )  # fmt: skip
+        [np.rint(((line_px - low + 0.5) * 4 - 0.5) * 16).astype(np.int32)],
+        False,
+        255,
+        max(1, round(width_px * 4)),
+        cv2.LINE_AA,
+        4,
+    )
     cover = (
         cv2.resize(fine, (cover.shape[1], cover.shape[0]), interpolation=cv2.INTER_AREA).astype(np.float32)
         / 255
@@ -115,6 +132,25 @@ def swing(length_m: float, time_s: np.ndarray, links: int = 150) -> tuple[np.nda
 
 
 MARKER_M, MARKER_PLACE_M = 0.05, (-0.06, 0.0)
+HAND_MARKER = HandMarker(7, MARKER_M, MARKER_PLACE_M)
+
+
+def tracker_input(path, length_m=0.3, points=10, **changes) -> TrackerInput:
+    """What the tracker gets for a filmed swing."""
+    known = {
+        "video": path,
+        "facts": inspect_video(path),
+        "camera": flat_camera(),
+        "string": String(length_m=length_m, points=points),
+        "free_length_m": length_m,
+        "markers": (HAND_MARKER,),
+    }
+    return TrackerInput(**(known | changes))
+
+
+def track(path, length_m=0.3, **changes) -> Tracked:
+    """Track a filmed swing with the default settings."""
+    return track_video(tracker_input(path, length_m, **changes), TrackSettings())
 
 
 def draw_frame(background, hand, curves_px, thickness_px, level, tip_radius_px, noise, rng) -> np.ndarray:
@@ -157,9 +193,16 @@ def cover(picture, curve_px, margin=12) -> None:
 
 
 def film(
-    path, length_m=0.3, frames=110, tip_radius_px=0.0, noise=2.5, thickness_px=2.0, level=35.0, seed=3,
+    path,
+    length_m=0.3,
+    frames=110,
+    tip_radius_px=0.0,
+    noise=2.5,
+    thickness_px=2.0,
+    level=35.0,
+    seed=3,
     hidden=(0, 0),
-):  # fmt: skip
+):
     """Write a video of a swing; returns hand poses (F, 3) and curves (F, K, 2), m, at mid exposure.
 
     From the first to before the second frame of `hidden` the string is behind a board.

@@ -1,12 +1,10 @@
 """A drawn ball whose shadow, texture and light change: the outline stays on it."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
 
-from strandcast.tracking.ball import find_ball, silhouette
+from strandcast.tracking.pendulum.ball import find_ball, silhouette
 
 CENTRE, RADIUS = np.array([201.3, 118.6]), 22.0
 WALL = np.broadcast_to(np.linspace(140.0, 170.0, 400), (300, 400))

@@ -1,11 +1,12 @@
-"""The hand's pose from its markers, read once and followed by its corners."""
-
-from __future__ import annotations
+"""The hand's pose from its markers, decoded once and then tracked by their corners."""
 
 import numpy as np
 import pytest
 
-from strandcast.tracking.hand import HandFinder, HandMarker, box_around, fit_rigid, place
+from strandcast.core.hand_marker import HandMarker
+from strandcast.core.pose import Pose
+from strandcast.tracking.hand.finder import HandFinder
+from strandcast.tracking.hand.rigid import box_around, fit_rigid, place
 
 
 def pictures(scene, poses, blank=()):
@@ -14,7 +15,9 @@ def pictures(scene, poses, blank=()):
         image = np.full((scene.HEIGHT, scene.WIDTH), 150.0, np.float32)
         if index not in blank:
             square = scene.MARKER_M * 0.5 * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]])
-            scene.draw_marker(image, scene.to_pixels(place(pose, square + scene.MARKER_PLACE_M)), 7)
+            scene.draw_marker(
+                image, scene.to_pixels(place(Pose.from_array(pose), square + scene.MARKER_PLACE_M)), 7
+            )
         yield np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8)
 
 
@@ -24,11 +27,11 @@ def finder(scene):
     return HandFinder(scene.flat_camera(), [marker], "DICT_4X4_50", 0.0)
 
 
-def test_pose_is_found_and_followed(scene, finder):
+def test_pose_is_found_and_tracked(scene, finder):
     turn = np.linspace(0.3, 1.5, 25)
     poses = np.column_stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), turn - 0.7])
     seen = [finder.find(picture) for picture in pictures(scene, poses)]
-    off = np.array([hand.pose for hand in seen if hand is not None]) - poses
+    off = np.array([hand.pose.array() for hand in seen if hand is not None]) - poses
     assert len(off) == 25
     assert np.sqrt((off[:, :2] ** 2).sum(axis=1).mean()) < 2e-4
     assert np.abs(off[:, 2]).max() < 0.004
@@ -44,8 +47,8 @@ def test_a_hidden_marker_gives_no_pose_and_is_found_again(scene, finder):
 
 def test_rigid_fit_is_exact_for_a_turned_square():
     model = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 2.0]])
-    pose, residual = fit_rigid(model, place(np.array([0.3, -0.2, 2.5]), model))
-    np.testing.assert_allclose(pose, [0.3, -0.2, 2.5], atol=1e-12)
+    pose, residual = fit_rigid(model, place(Pose.from_array(np.array([0.3, -0.2, 2.5])), model))
+    np.testing.assert_allclose(pose.array(), [0.3, -0.2, 2.5], atol=1e-12)
     np.testing.assert_allclose(residual, 0.0, atol=1e-12)
 
 

@@ -1,17 +1,16 @@
-"""The LED in written videos: when it switches, and what is no switching."""
-
-from __future__ import annotations
+"""The LED in written videos: the times when it switches, and changes that are no switching."""
 
 import cv2
 import numpy as np
 import pytest
 
+from strandcast.config.align import LedSettings
 from strandcast.errors import StrandcastError
-from strandcast.tracking.hand import HandMarker
-from strandcast.tracking.led import LedPlace, LedWatch
-from strandcast.tracking.track import Options, StringHint, track_video
+from strandcast.tracking.events.led import LedMonitor
 from strandcast.video.ingest import camera_times, inspect_video
 from strandcast.video.reader import open_video
+
+pytestmark = pytest.mark.slow
 
 WIDTH, HEIGHT = 96, 64
 BOX = (30, 20, 46, 36)
@@ -36,9 +35,18 @@ class Film:
         self.scene, self.path, self.count = scene, folder, 0
 
     def __call__(
-        self, *lit_s, rate_hz=200, exposure_s=1e-3, noise=1.5, gamma=1.0, bright=BRIGHT, change=None,
-        scale=1, frames=70, **video,
-    ):  # fmt: skip
+        self,
+        *lit_s,
+        rate_hz=200,
+        exposure_s=1e-3,
+        noise=1.5,
+        gamma=1.0,
+        bright=BRIGHT,
+        change=None,
+        scale=1,
+        frames=70,
+        **video,
+    ):
         rng = np.random.default_rng([7, self.count])
         self.count += 1
         path = self.path / f"{self.count}.mkv"
@@ -65,10 +73,10 @@ def film(scene, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def look(scene):
-    """Return a function that decodes a video and tells what is seen of its LED."""
+    """Return a function that decodes a video and returns its LED and the warnings."""
 
     def run(path, exposure_s=1e-3, gamma=1.0, box_px=BOX):
-        watch = LedWatch(LedPlace(box_px=box_px, gamma=gamma), scene.flat_camera(WIDTH, HEIGHT))
+        watch = LedMonitor(LedSettings(box_px=box_px, gamma=gamma), scene.flat_camera(WIDTH, HEIGHT))
         with open_video(path) as video:
             for _, _, image in video:
                 watch.look(image)
@@ -77,21 +85,21 @@ def look(scene):
     return run
 
 
-def errors(seen, *lit_s):
+def errors(led, *lit_s):
     """Errors and sigmas [s] of the switchings that there must be."""
-    assert [event.kind for event in seen.events] == ["led_on", "led_off"] * len(lit_s)
-    off = np.array([event.camera_time_s for event in seen.events]) - np.ravel(lit_s)
-    return off, np.array([event.sigma_s for event in seen.events])
+    assert [event.kind for event in led.events] == ["led_on", "led_off"] * len(lit_s)
+    off = np.array([event.camera_time_s for event in led.events]) - np.ravel(lit_s)
+    return off, np.array([event.sigma_s for event in led.events])
 
 
 @pytest.mark.parametrize(("rate_hz", "exposure_s"), [(200, 1e-3), (200, 4.5e-3), (500, 1.5e-3)])
-def test_the_time_of_a_switching_is_known_as_well_as_is_said(film, look, rate_hz, exposure_s):
+def test_the_time_of_a_switching_is_within_its_uncertainty(film, look, rate_hz, exposure_s):
     # On and off at all phases of the frames.
     lit_s = [((10 + 24 * k + k / 12) / rate_hz, (22 + 24 * k + 7 * k / 12) / rate_hz) for k in range(12)]
     path = film(*lit_s, rate_hz=rate_hz, exposure_s=exposure_s, frames=310)
-    seen, told = look(path, exposure_s)
-    assert told == []
-    off, sigma = errors(seen, *lit_s)
+    led, warnings = look(path, exposure_s)
+    assert warnings == []
+    off, sigma = errors(led, *lit_s)
     assert (np.abs(off) < 1.001 * np.sqrt(3) * sigma).all()
     if exposure_s * rate_hz < 0.5:
         assert 0.6 < np.sqrt(((off / sigma) ** 2).mean()) < 1.2
@@ -128,11 +136,11 @@ def test_a_camera_of_unknown_gamma_is_allowed_for(film, look):
     assert (np.abs(off) > np.sqrt(3) * sigma).all()
 
 
-def test_a_burnt_led_tells_that_it_is_lit_not_for_how_long(film, look):
+def test_a_saturated_led_shows_that_it_is_lit_not_for_how_long(film, look):
     lit_s = [(0.0992 + 0.1007 * k, 0.1503 + 0.1007 * k) for k in range(6)]
-    seen, _ = look(film(*lit_s, exposure_s=4e-3, bright=900.0, frames=150), 4e-3)
-    assert seen.burnt
-    off, sigma = errors(seen, *lit_s)
+    led, _ = look(film(*lit_s, exposure_s=4e-3, bright=900.0, frames=150), 4e-3)
+    assert led.burnt
+    off, sigma = errors(led, *lit_s)
     assert (np.abs(off) < np.sqrt(3) * sigma).all()
     assert (np.abs(off) > 3 * 0.05 * 4e-3).any()  # what trusting the share would have made of it
 
@@ -154,10 +162,10 @@ def test_flashes_are_no_switchings(film, look):
         return light
 
     on_s, off_s = 0.1004, 0.2006
-    seen, told = look(film((on_s, off_s), change=flash))
-    errors(seen, (on_s, off_s))
-    assert any("flashes" in why for why in seen.rejected)
-    assert "flashes" in told[0]
+    led, warnings = look(film((on_s, off_s), change=flash))
+    errors(led, (on_s, off_s))
+    assert any("flashes" in why for why in led.rejected)
+    assert "flashes" in warnings[0]
 
 
 def test_a_string_that_passes_is_no_switching(film, look):
@@ -168,8 +176,8 @@ def test_a_string_that_passes_is_no_switching(film, look):
         return image.astype(float)
 
     on_s, off_s = 0.1004, 0.2506
-    seen, _ = look(film((on_s, off_s), change=string))
-    errors(seen, (on_s, off_s))
+    led, _ = look(film((on_s, off_s), change=string))
+    errors(led, (on_s, off_s))
 
 
 def test_a_string_over_the_switching_hides_it_rather_than_shift_it(film, look):
@@ -179,52 +187,52 @@ def test_a_string_over_the_switching_hides_it_rather_than_shift_it(film, look):
             image[:, 32:40] = 75.0
         return image
 
-    seen, told = look(film((0.1004, 0.2506), change=string))
-    on = [event for event in seen.events if event.kind == "led_on"]
+    led, warnings = look(film((0.1004, 0.2506), change=string))
+    on = [event for event in led.events if event.kind == "led_on"]
     assert abs(on[0].camera_time_s - 0.1004) < np.sqrt(3) * on[0].sigma_s
-    assert len(seen.events) == 1
-    assert "led_off" in told[0]
+    assert len(led.events) == 1
+    assert "led_off" in warnings[0]
 
 
 def test_the_rooms_light_is_no_led(film, look):
     def room(light, at_s):
         return light * (1.6 if at_s > 0.15 else 1.0)
 
-    seen, told = look(film((9.0, 9.1), change=room))
-    assert seen.events == []
-    assert "no LED is seen" in told[0]
+    led, warnings = look(film((9.0, 9.1), change=room))
+    assert led.events == []
+    assert "no LED switches" in warnings[0]
 
 
-def test_an_led_that_never_switches_is_told_once(film, look):
+def test_an_led_that_never_switches_gives_one_warning(film, look):
     for on_s, off_s in ((9.0, 9.1), (-1.0, 9.0)):
-        seen, told = look(film((on_s, off_s)))
-        assert (seen.events, seen.rejected) == ([], [])
-        assert len(told) == 1
-        assert "by the hand's motion alone" in told[0]
+        led, warnings = look(film((on_s, off_s)))
+        assert (led.events, led.rejected) == ([], [])
+        assert len(warnings) == 1
+        assert "by the hand's motion alone" in warnings[0]
 
 
 def test_a_contradiction_between_frames_is_no_switching(film, look):
     path = film((0.1004, 0.2006), exposure_s=4.8e-3)
-    seen, _ = look(path, exposure_s=4.8e-3)
-    assert len(seen.events) == 2
+    led, _ = look(path, exposure_s=4.8e-3)
+    assert len(led.events) == 2
     slow = film((0.1004, 0.2006), rate_hz=500, exposure_s=9e-3)  # an afterglow over several frames
-    seen, _ = look(slow, exposure_s=1e-3)
-    assert seen.events == []
-    assert all("frames" in why for why in seen.rejected)
+    led, _ = look(slow, exposure_s=1e-3)
+    assert led.events == []
+    assert all("frames" in why for why in led.rejected)
 
 
 def test_the_window_is_around_the_place_and_must_be_in_the_picture(scene):
     camera = scene.flat_camera(WIDTH, HEIGHT)
-    left, top, right, bottom = LedWatch(LedPlace((0.015, 0.0), radius_m=0.006), camera).window
+    left, top, right, bottom = LedMonitor(LedSettings(x_m=0.015, y_m=0.0, radius_m=0.006), camera).window
     assert ((left + right - 1) / 2, (top + bottom - 1) / 2) == pytest.approx((57.5, 31.5), abs=0.6)
     assert 9 <= right - left <= 11
     with pytest.raises(StrandcastError, match="SC-T033"):
-        LedWatch(LedPlace((0.5, 0.0)), camera)
+        LedMonitor(LedSettings(x_m=0.5, y_m=0.0), camera)
     with pytest.raises(StrandcastError, match="SC-T033"):
-        LedWatch(LedPlace(box_px=(90, 10, 97, 20)), camera)
+        LedMonitor(LedSettings(box_px=(90, 10, 97, 20)), camera)
 
 
-def test_the_led_is_seen_in_the_pass_that_tracks_the_string(scene, filmed, tmp_path):
+def test_the_led_is_detected_in_the_pass_that_tracks_the_string(scene, filmed, tmp_path):
     place_m, (on_s, off_s) = (0.45, 0.35), (0.0604, 0.1609)
     u, v = scene.to_pixels(np.array(place_m))
     time_s = np.arange(len(filmed[1])) / scene.RATE_HZ
@@ -238,14 +246,11 @@ def test_the_led_is_seen_in_the_pass_that_tracks_the_string(scene, filmed, tmp_p
             pictures.append(np.clip(np.rint(picture), 0, 255).astype(np.uint8))
     path = tmp_path / "led.mkv"
     scene.write_video(path, pictures, scene.RATE_HZ)
-    marker = HandMarker(7, scene.MARKER_M, scene.MARKER_PLACE_M)
-    tracked = track_video(
-        path, inspect_video(path), scene.flat_camera(), StringHint(0.3, 10), [marker],
-        options=Options(exposure_s=scene.EXPOSURE_S, led=LedPlace(place_m)),
-    )  # fmt: skip
+    led = LedSettings(x_m=place_m[0], y_m=place_m[1])
+    tracked = scene.track(path, exposure_s=scene.EXPOSURE_S, led=led)
     off, sigma = errors(tracked.led, (on_s, off_s))
     assert (np.abs(off) < np.sqrt(3) * sigma).all()
     assert len(tracked.led.brightness_grey) == len(pictures)
-    assert tracked.warnings == []
+    assert tracked.warnings == ()
     truth = filmed[2][:, np.linspace(0, filmed[2].shape[1] - 1, 11).astype(int)]
     assert np.sqrt((np.linalg.norm(tracked.points_m - truth, axis=2)[:, 1:] ** 2).mean()) < 1e-3

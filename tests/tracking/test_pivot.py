@@ -1,16 +1,17 @@
 """A pendulum whose pivot is out of view: scale and pivot from its arc; a drawn one and a real one."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
 
+from strandcast.config.track import TrackSettings
 from strandcast.errors import StrandcastError
-from strandcast.tracking.arc import calibrate_arc, fit_arc
-from strandcast.tracking.pivot import track_pivot
-from strandcast.tracking.result import StringHint
+from strandcast.tracking.pendulum.arc import calibrate_arc, fit_arc
+from strandcast.tracking.pendulum.track import track_pendulum
+from strandcast.tracking.result import Tracked
 from strandcast.video.ingest import inspect_video
+
+pytestmark = pytest.mark.slow
 
 
 def periods_s(time_s: np.ndarray, x_m: np.ndarray) -> np.ndarray:
@@ -20,6 +21,10 @@ def periods_s(time_s: np.ndarray, x_m: np.ndarray) -> np.ndarray:
     x = x - x.mean()
     k = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
     return np.diff(time_s[k] - x[k] * (time_s[k + 1] - time_s[k]) / (x[k + 1] - x[k]))
+
+
+def pendulum(scene, path, camera, length_m, points) -> Tracked:
+    return track_pendulum(scene.tracker_input(path, length_m, points, camera=camera), TrackSettings())
 
 
 def swing_film(scene, path, swing_rad):
@@ -43,7 +48,7 @@ def test_scale_pivot_and_path_of_a_drawn_pendulum(scene, tmp_path):
     camera = calibrate_arc(tmp_path / "v.mkv", facts, length_m=0.7)
     assert camera.source == "arc"
     assert camera.scale_m_per_px == pytest.approx(0.001, rel=0.01)
-    tracked = track_pivot(tmp_path / "v.mkv", facts, camera, StringHint(0.7, 4))
+    tracked = pendulum(scene, tmp_path / "v.mkv", camera, 0.7, 4)
     tip = tracked.points_m[:, -1]
     expected = 0.7 * np.column_stack([np.sin(angles), -np.cos(angles)])
     assert np.abs(tip - expected).max() < 0.004
@@ -68,11 +73,11 @@ def test_arc_of_exact_points():
     assert arc.radius_px == pytest.approx(500, abs=1e-4)
 
 
-def test_period_of_a_real_pendulum(real_data):
+def test_period_of_a_real_pendulum(scene, real_data):
     path = real_data / "string_pendulum" / "rope_pendulum_0.62m_60fps.mp4"
     facts = inspect_video(path)
     camera = calibrate_arc(path, facts, length_m=0.62)
-    tracked = track_pivot(path, facts, camera, StringHint(0.62, 20))
+    tracked = pendulum(scene, path, camera, 0.62, 20)
     assert tracked.decoded_frames == 1844
     periods = periods_s(tracked.camera_time_s, tracked.points_m[:, -1, 0])
     assert len(periods) >= 15

@@ -1,6 +1,4 @@
-"""A preview shows hand, string and what is wrong, from a few frames and before there is a calibration."""
-
-from __future__ import annotations
+"""A preview shows hand, string and problems, from a few frames and without a calibration."""
 
 from dataclasses import replace
 
@@ -8,21 +6,23 @@ import cv2
 import numpy as np
 import pytest
 
+from strandcast.core.hand_marker import HandMarker
 from strandcast.stages.preview import run
-from strandcast.tracking.hand import HandMarker
-from strandcast.tracking.preview import Wanted, preview
-from strandcast.tracking.preview_picture import preview_picture, shown_size, shown_window, spots_px
-from strandcast.tracking.preview_words import contrast_to_noise, findings, problems
-from strandcast.tracking.result import StringHint
-from strandcast.tracking.sampled import Sampled, sample_video
+from strandcast.tracking.preview.findings import contrast_to_noise, findings, problems
+from strandcast.tracking.preview.picture import preview_picture, shown_size, shown_window, spots_px
+from strandcast.tracking.preview.preview import Expected, preview
+from strandcast.tracking.preview.sampled import sample_video
+from strandcast.tracking.tracker import StringHint
 from strandcast.video.ingest import camera_times, inspect_video
+
+pytestmark = pytest.mark.slow
 
 LENGTH_M, NOISE = 0.3, 2.5
 
 
-def wanted(scene, marker=7, dictionary="DICT_4X4_50"):
+def expected(scene, marker=7, dictionary="DICT_4X4_50"):
     hand = [HandMarker(marker, scene.MARKER_M, scene.MARKER_PLACE_M)]
-    return Wanted(StringHint(LENGTH_M, 10), hand, dictionary, np.array([0.2, -0.2]), (0.1,))
+    return Expected(StringHint(LENGTH_M, 10), hand, dictionary, np.array([0.2, -0.2]), (0.1,))
 
 
 @pytest.fixture(scope="module")
@@ -33,13 +33,12 @@ def sampled(filmed):
 
 @pytest.fixture(scope="module")
 def seen(scene, sampled):
-    return preview(sampled, scene.flat_camera(), wanted(scene))
+    return preview(sampled, scene.flat_camera(), expected(scene))
 
 
 def changed(sampled, change):
     """The same frames with each picture changed."""
-    return Sampled(sampled.indices, sampled.time_s, [change(picture) for picture in sampled.pictures],
-                   sampled.decoded, sampled.max_level, [])  # fmt: skip
+    return replace(sampled, pictures=[change(picture) for picture in sampled.pictures])
 
 
 def test_samples_are_spread_over_the_video(filmed, sampled):
@@ -49,23 +48,23 @@ def test_samples_are_spread_over_the_video(filmed, sampled):
     assert np.allclose(sampled.time_s, camera_times(facts)[sampled.indices])
 
 
-def test_hand_and_string_are_seen_where_they_are(scene, filmed, seen):
+def test_hand_and_string_are_found_at_their_places(scene, filmed, seen):
     _, hands, curves = filmed
-    assert seen.hands_seen == seen.sampled == 24
-    assert len(seen.looks) == 6
+    assert seen.hands_found == seen.sampled == 24
+    assert len(seen.frames) == 6
     assert len(seen.strings) >= 5
-    for look in seen.looks:
-        assert np.hypot(*(look.hand.pose - hands[look.index])[:2]) < 0.001
+    for frame in seen.frames:
+        assert np.hypot(*(frame.hand.pose.position_m - hands[frame.index][:2])) < 0.001
     near = []
-    for look in seen.looks:
-        if look.string is not None:
-            course = curves[look.index]
-            apart = np.linalg.norm(look.string.nodes_m[:, None] - course[None], axis=2).min(axis=1)
+    for frame in seen.frames:
+        if frame.string is not None:
+            course = curves[frame.index]
+            apart = np.linalg.norm(frame.string.nodes_m[:, None] - course[None], axis=2).min(axis=1)
             near.append(np.median(apart) / scene.SCALE_M)
     assert np.median(near) < 0.7
 
 
-def test_looks_are_measured(seen):
+def test_the_string_is_measured_in_each_frame(seen):
     string = seen.strings[0]
     assert (string.polarity, string.profile[len(string.profile) // 2] < -60) == (-1.0, True)
     assert string.width_px == pytest.approx(2.6, abs=0.5)  # 2 px thick, and the blur
@@ -74,46 +73,46 @@ def test_looks_are_measured(seen):
     assert contrast_to_noise(seen) == pytest.approx(string.contrast / NOISE, rel=0.25)
 
 
-def test_words_tell_what_was_found(seen):
-    told = "\n".join(findings(seen))
-    assert "hand: markers 7 in 24 of 24 frames" in told
-    assert "darker than the background" in told
-    assert "target: nothing distinct" in told
+def test_the_findings_are_listed(seen):
+    lines = "\n".join(findings(seen))
+    assert "hand: markers 7 in 24 of 24 frames" in lines
+    assert "darker than the background" in lines
+    assert "target: nothing distinct" in lines
 
 
-def test_without_calibration_metres_are_guessed(scene, sampled):
-    rough = preview(sampled, None, wanted(scene))
+def test_without_calibration_metres_are_estimated(scene, sampled):
+    rough = preview(sampled, None, expected(scene))
     assert not rough.calibrated
     assert rough.camera.scale_m_per_px == pytest.approx(scene.SCALE_M, rel=0.03)
     assert len(rough.strings) >= 4
-    assert any("no camera.json" in text for text in problems(rough))
+    assert any("no calibration" in text for text in problems(rough))
     assert preview_picture(rough, "x").ndim == 3
 
 
 @pytest.mark.parametrize(
     ("marker", "dictionary", "mirror", "words"),
     [
-        (3, "DICT_4X4_50", False, "markers 7 of DICT_4X4_50 are seen"),
-        (7, "DICT_5X5_50", False, "markers 7 of DICT_4X4_1000 are seen"),
+        (3, "DICT_4X4_50", False, "markers 7 of DICT_4X4_50 are found"),
+        (7, "DICT_5X5_50", False, "markers 7 of DICT_4X4_1000 are found"),
         (7, "DICT_4X4_50", True, "the picture is flipped"),
     ],
 )
 def test_other_markers_are_named(scene, sampled, marker, dictionary, mirror, words):
     frames = changed(sampled, lambda picture: np.ascontiguousarray(picture[:, ::-1])) if mirror else sampled
-    none = preview(frames, scene.flat_camera(), wanted(scene, marker, dictionary))
-    told = problems(none)
-    assert f"none of the hand's markers {marker} of {dictionary}" in told[0]
-    assert words in "\n".join(told)
+    none = preview(frames, scene.flat_camera(), expected(scene, marker, dictionary))
+    lines = problems(none)
+    assert f"none of the hand's markers {marker} of {dictionary}" in lines[0]
+    assert words in "\n".join(lines)
     assert preview_picture(none, "x").ndim == 3
 
 
-def test_a_hand_out_of_the_picture_is_told(scene, sampled):
-    none = preview(changed(sampled, lambda picture: np.full_like(picture, 120)), None, wanted(scene))
-    assert "no other marker is seen either" in "\n".join(problems(none))
+def test_a_hand_outside_the_picture_is_reported(scene, sampled):
+    none = preview(changed(sampled, lambda picture: np.full_like(picture, 120)), None, expected(scene))
+    assert "no other marker is found either" in "\n".join(problems(none))
 
 
-def test_dark_burnt_and_faint_pictures_are_told(scene, sampled):
-    camera, want = scene.flat_camera(), wanted(scene)
+def test_dark_burnt_and_faint_pictures_are_reported(scene, sampled):
+    camera, want = scene.flat_camera(), expected(scene)
     dark = preview(changed(sampled, lambda picture: (picture * 0.2).astype(np.uint8)), camera, want)
     assert problems(dark)[0].startswith("too dark")
     bright = changed(sampled, lambda picture: np.minimum(picture.astype(int) + 95, 255).astype(np.uint8))
@@ -123,33 +122,33 @@ def test_dark_burnt_and_faint_pictures_are_told(scene, sampled):
     def noisy(picture):
         return np.clip(picture + rng.normal(0, 18, picture.shape), 0, 255).astype(np.uint8)
 
-    told = "\n".join(problems(preview(changed(sampled, noisy), camera, want)))
-    assert "contrast:" in told or "no string is found" in told
+    lines = "\n".join(problems(preview(changed(sampled, noisy), camera, want)))
+    assert "contrast:" in lines or "no string is found" in lines
 
 
-def test_a_string_that_leaves_the_picture_is_told(scene, sampled):
+def test_a_string_that_leaves_the_picture_is_reported(scene, sampled):
     def cropped(picture):
         return np.ascontiguousarray(picture[:330])
 
     camera = scene.flat_camera()
     lens = camera.lens.model_copy(update={"height_px": 330})
-    told = problems(
-        preview(changed(sampled, cropped), camera.model_copy(update={"lens": lens}), wanted(scene))
+    lines = problems(
+        preview(changed(sampled, cropped), camera.model_copy(update={"lens": lens}), expected(scene))
     )
     assert any(
-        "leaves the picture at the bottom" in text or "nearer to the picture's edge" in text for text in told
+        "leaves the picture at the bottom" in text or "nearer to the picture's edge" in text for text in lines
     )
 
 
 def test_each_panel_shows_hand_and_string_at_one_scale(scene, seen):
     size = shown_size(seen)
-    for look in seen.looks:
-        left, right, top, bottom = shown_window(seen, look, size)
+    for frame in seen.frames:
+        left, right, top, bottom = shown_window(seen, frame, size)
         assert (right - left, bottom - top) == pytest.approx(size)
-        points = scene.to_pixels(look.string.points_m) if look.string is not None else np.zeros((0, 2))
-        spots = np.concatenate([points, look.hand.corners_px[7]])
+        points = scene.to_pixels(frame.string.points_m) if frame.string is not None else np.zeros((0, 2))
+        spots = np.concatenate([points, frame.hand.corners_px[7]])
         assert np.allclose(
-            np.sort(spots, axis=0)[[0, -1]], np.sort(spots_px(seen, look), axis=0)[[0, -1]], atol=0.1
+            np.sort(spots, axis=0)[[0, -1]], np.sort(spots_px(seen, frame), axis=0)[[0, -1]], atol=0.1
         )
         assert left <= spots[:, 0].min()
         assert spots[:, 0].max() <= right
@@ -157,9 +156,9 @@ def test_each_panel_shows_hand_and_string_at_one_scale(scene, seen):
         assert spots[:, 1].max() <= bottom
 
 
-def test_what_is_found_is_drawn_in_colour(seen):
+def test_detections_are_drawn_in_colour(seen):
     plain = preview_picture(
-        replace(seen, looks=[replace(look, hand=None, string=None) for look in seen.looks]), "x"
+        replace(seen, frames=[replace(frame, hand=None, string=None) for frame in seen.frames]), "x"
     )
     marked = preview_picture(seen, "x")
     assert marked.shape == plain.shape
@@ -197,14 +196,14 @@ def root(scene, filmed, seen, project_root, tmp_path):
     return tmp_path
 
 
-def test_the_command_writes_a_picture_and_says_what_it_sees(scene, root):
-    told = run(root, "small", 1)
-    assert any("no camera.json" in line for line in told)
-    scene.flat_camera().write(root / "results" / "small" / "camera.json")
-    told = run(root, "small", 1)
-    assert "110 frames at 500/s" in told[0]
-    assert any(line.startswith("string: in ") for line in told)
-    assert not any("no camera.json" in line for line in told)
+def test_the_command_writes_a_picture_and_prints_its_findings(scene, root):
+    lines = run(root, "small", 1)
+    assert any("no calibration" in line for line in lines)
+    scene.flat_camera().write(root / "results" / "small" / "cameras" / "main.json")
+    lines = run(root, "small", 1)
+    assert "110 frames at 500/s" in lines[0]
+    assert any(line.startswith("string: in ") for line in lines)
+    assert not any("no calibration" in line for line in lines)
     picture = cv2.imread(str(root / "results" / "small" / "trial-01" / "preview.webp"))
     assert picture.shape == (980, 1500, 3)
 

@@ -1,7 +1,5 @@
 """Which instants make the strobe picture, and what it is made of."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from strandcast.tracking.strobe import INSTANTS, choose_instants, moving_frames, strobe_picture
@@ -34,7 +32,7 @@ def test_instants_without_a_tip_are_not_chosen():
     assert not ((instants >= 110) & (instants < 150)).any()
 
 
-def test_the_picture_takes_of_each_pixel_what_changed_most(scene):
+def test_each_pixel_shows_the_frame_in_which_it_changed_most(scene):
     background = np.full((scene.HEIGHT, scene.WIDTH), 80, np.uint8)
     dark, bright = background.copy(), background.copy()
     dark[:10], bright[5:15] = 50, 200

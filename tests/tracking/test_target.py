@@ -1,14 +1,13 @@
-"""The target is seen where it is, nothing is seen where nothing is; the tip's contact with it is noticed."""
-
-from __future__ import annotations
+"""The target is located where it is and only there, and the tip's contact with it is detected."""
 
 import cv2
 import numpy as np
 import pytest
 
 from strandcast.records.camera import MarkerFit
-from strandcast.tracking.contact import find_contact, notice_contact, target_changed
-from strandcast.tracking.target import locate_target, target_warnings
+from strandcast.tracking.background import Samples
+from strandcast.tracking.events.contact import TipPath, detect_contact, find_contact, target_changed
+from strandcast.tracking.events.target import locate_target, target_warnings
 
 TARGET_M = np.array([0.081, -0.0476])
 FINE = 8
@@ -40,7 +39,7 @@ def sensed(picture):
 
 @pytest.mark.parametrize(("radius_m", "level"), [(0.010, 30), (0.006, 230), (0.025, 60)])
 @pytest.mark.parametrize("off_m", [(0.0, 0.0), (0.009, -0.012)])
-def test_a_disc_is_seen_to_a_fraction_of_a_pixel(scene, radius_m, level, off_m):
+def test_a_disc_is_located_to_a_fraction_of_a_pixel(scene, radius_m, level, off_m):
     picture = wall(scene)
     disc(scene, picture, TARGET_M + off_m, radius_m, level)
     seen = locate_target(sensed(picture), scene.flat_camera(), TARGET_M)
@@ -58,7 +57,7 @@ def test_a_rim_belongs_to_the_target(scene):
     )
 
 
-def test_a_square_sticker_and_a_marker_will_do(scene):
+def test_a_square_sticker_and_a_marker_are_targets_too(scene):
     place = scene.to_pixels(TARGET_M + np.array([0.004, 0.0]))
     picture = wall(scene, edges=False)
     corners = place + 8.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -72,14 +71,15 @@ def test_a_square_sticker_and_a_marker_will_do(scene):
     assert np.allclose(seen.offset_m, [0.004, 0.0], atol=0.0006)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
-def test_nothing_is_claimed_where_nothing_is(scene, seed):
+def test_nothing_is_located_where_there_is_no_target(scene, seed):
     picture, camera = sensed(wall(scene, seed)), scene.flat_camera()
     places = np.random.default_rng(seed).uniform([-0.55, -0.4], [0.55, 0.4], (40, 2))
     assert [place for place in places if locate_target(picture, camera, place) is not None] == []
 
 
-def test_nothing_is_claimed_of_two_things_of_a_marker_of_the_plane_or_outside(scene):
+def test_two_discs_a_marker_of_the_plane_and_places_outside_are_not_located(scene):
     picture, camera = wall(scene, edges=False), scene.flat_camera()
     for side in (-1, 1):
         disc(scene, picture, TARGET_M + np.array([side * 0.018, 0.0]), 0.008, 220)
@@ -97,6 +97,7 @@ def test_nothing_is_claimed_of_two_things_of_a_marker_of_the_plane_or_outside(sc
 
 
 TIME_S = np.arange(200) / 500
+DISC = np.zeros(2), 0.010  # the target: place and radius [m]
 SPEED, AT_S = 6.0, 0.2031  # m/s, and when the tip is nearest
 
 
@@ -106,13 +107,15 @@ def straight_tip(aside_m):
 
 def test_a_tip_that_passes_by_touches_nothing():
     seen = np.ones(len(TIME_S), bool)
-    assert find_contact(TIME_S, straight_tip(0.013), seen, np.zeros(2), 0.010, 0.002) is None
+    assert find_contact(TipPath(TIME_S, straight_tip(0.013), seen, 0.002), *DISC) is None
     seen[90:115] = False
-    assert find_contact(TIME_S, straight_tip(0.0), seen, np.zeros(2), 0.010, 0.002) is None
+    assert find_contact(TipPath(TIME_S, straight_tip(0.0), seen, 0.002), *DISC) is None
 
 
 def test_contact_is_when_the_outlines_meet():
-    contact = find_contact(TIME_S, straight_tip(0.009), np.ones(len(TIME_S), bool), np.zeros(2), 0.010, 0.005)
+    contact = find_contact(
+        TipPath(TIME_S, straight_tip(0.009), np.ones(len(TIME_S), bool), 0.005), np.zeros(2), 0.010
+    )
     assert contact.camera_time_s == pytest.approx(AT_S - 0.012 / SPEED, abs=2e-4)
     assert contact.frame == 101  # the first at or after that
     assert 0.009 <= contact.distance_m < 0.0115
@@ -129,11 +132,14 @@ def test_a_blow_shows_in_the_tips_velocity():
     )
     struck[after] += 0.0003 * rng.normal(size=(after.sum(), 2))
     seen = np.ones(len(TIME_S), bool)
-    assert find_contact(TIME_S, tip, seen, np.zeros(2), 0.010, 0.003).evidence == ["outlines"]
-    assert find_contact(TIME_S, struck, seen, np.zeros(2), 0.010, 0.003).evidence == ["outlines", "tip"]
+    assert find_contact(TipPath(TIME_S, tip, seen, 0.003), *DISC).evidence == ["outlines"]
+    assert find_contact(TipPath(TIME_S, struck, seen, 0.003), *DISC).evidence == [
+        "outlines",
+        "tip",
+    ]
 
 
-def test_a_target_that_was_knocked_away_looks_otherwise(scene):
+def test_a_target_that_was_knocked_away_looks_different(scene):
     rng = np.random.default_rng(0)
     there, gone = wall(scene, edges=False), wall(scene, edges=False)
     disc(scene, there, TARGET_M, 0.01, 220)
@@ -150,19 +156,17 @@ def test_a_target_that_was_knocked_away_looks_otherwise(scene):
     assert not target_changed(filmed(gone), frames, 30, middle, 6.7)  # two pictures before: not enough
 
 
-def test_all_evidence_is_told_together(scene):
+def test_all_evidence_is_reported_together(scene):
     rng = np.random.default_rng(0)
     there, gone = wall(scene, edges=False), wall(scene, edges=False)
     disc(scene, there, TARGET_M, 0.01, 220)
     target = locate_target(sensed(there), scene.flat_camera(), TARGET_M)
     scenes = [there] * 6 + [gone] * 6
     pictures = [np.clip(s + rng.normal(0, 2.5, s.shape), 0, 255).astype(np.uint8) for s in scenes]
-    tip, seen, frames = straight_tip(0.0) + TARGET_M, np.ones(len(TIME_S), bool), np.arange(12) * 18
-    known = TIME_S, tip, seen, 0.002
-    assert notice_contact(*known, None, scene.flat_camera(), pictures, frames) is None
-    assert notice_contact(*known, target, scene.flat_camera(), pictures, frames).evidence == [
-        "outlines",
-        "target",
-    ]
-    still = pictures[:6] * 2
-    assert notice_contact(*known, target, scene.flat_camera(), still, frames).evidence == ["outlines"]
+    tip = TipPath(TIME_S, straight_tip(0.0) + TARGET_M, np.ones(len(TIME_S), bool), 0.002)
+    camera, samples = scene.flat_camera(), Samples(12, 12, 1)
+    samples.pictures, samples.indices = pictures, (18 * np.arange(12)).tolist()
+    assert detect_contact(tip, None, camera, samples) is None
+    assert detect_contact(tip, target, camera, samples).evidence == ["outlines", "target"]
+    samples.pictures = pictures[:6] * 2
+    assert detect_contact(tip, target, camera, samples).evidence == ["outlines"]

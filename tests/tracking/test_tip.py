@@ -1,24 +1,24 @@
-"""The string's end and the balls on it, on drawn pictures."""
-
-from __future__ import annotations
+"""The string's end and the beads on it, in drawn images."""
 
 import cv2
 import numpy as np
 import pytest
 
-from strandcast.tracking.chain import place_nodes
-from strandcast.tracking.fit import NARROW_PX, fit_frame
-from strandcast.tracking.picture import Looks, Picture
-from strandcast.tracking.pixelmap import tabulate
-from strandcast.tracking.tip import ball_centre, end_of_string, pin_balls
+from strandcast.tracking.chain.appearance import Appearance
+from strandcast.tracking.chain.bead_search import Beads, bead_centre, pin_beads
+from strandcast.tracking.chain.fit import NARROW_PX, ChainModel, PredictedChain, fit_frame
+from strandcast.tracking.chain.links import place_nodes
+from strandcast.tracking.chain.search_window import HandBox, SearchWindow
+from strandcast.tracking.chain.tip import end_of_string
+from strandcast.tracking.pixel_map import tabulate
 
-DARK = Looks(half_m=0.0015, contrast=100.0, polarity=-1.0)
-NO_HAND = np.array([0.0, 0.1, -np.pi / 2, -0.001, -0.001, 0.0, 0.001])
+DARK = Appearance(half_m=0.0015, contrast=100.0, polarity=-1.0)
+NO_HAND = HandBox(0.0, 0.1, -np.pi / 2, -0.001, -0.001, 0.0, 0.001)
 
 
-def seen(scene, image, background, box=NO_HAND) -> Picture:
+def seen(scene, image, background, box=NO_HAND) -> SearchWindow:
     pair = [np.clip(np.rint(one), 0, 255).astype(np.uint8) for one in (image, background)]
-    return Picture(pair[0], 0, 0, pair[1], tabulate(scene.flat_camera(), 0.0), box)
+    return SearchWindow(pair[0], 0, 0, pair[1], tabulate(scene.flat_camera(), 0.0), box)
 
 
 def drawn(scene, end_m, ball_px=0.0, arm=False):
@@ -42,9 +42,9 @@ def straight():
 
 @pytest.mark.parametrize("beyond_m", [-0.008, 0.0, 0.006])
 def test_end_is_found_along_the_string(scene, beyond_m):
-    picture = seen(scene, *drawn(scene, -0.1 - beyond_m))
-    end_m, half_px = end_of_string(picture, *straight(), DARK, 0.018)
-    round_end_m = 1.0 * picture.plane.metre_per_pixel  # half of the drawn line's width
+    window = seen(scene, *drawn(scene, -0.1 - beyond_m))
+    end_m, half_px = end_of_string(window, *straight(), DARK, 0.018)
+    round_end_m = 1.0 * window.plane.metre_per_pixel  # half of the drawn line's width
     assert end_m == pytest.approx(beyond_m + round_end_m, abs=0.0007)
     assert half_px == pytest.approx(1.0, abs=0.6)
 
@@ -53,53 +53,54 @@ def test_a_string_that_goes_on_has_no_end(scene):
     assert np.isnan(end_of_string(seen(scene, *drawn(scene, -0.2)), *straight(), DARK, 0.018)[0])
 
 
-def test_an_end_before_what_is_like_the_string_is_not_clear(scene):
+def test_an_end_in_front_of_a_similar_background_is_not_clear(scene):
     image, background = drawn(scene, -0.1)
     end_row = round(scene.to_pixels(np.array([0.0, -0.1]))[1])
     image[end_row - 2 :], background[end_row - 2 :] = 60.0, 60.0
-    picture = seen(scene, image, background)
+    window = seen(scene, image, background)
     ends = [
-        end_of_string(picture, *straight(), looks, 0.018)[0] for looks in (DARK, DARK._replace(level=60.0))
+        end_of_string(window, *straight(), appearance, 0.018)[0]
+        for appearance in (DARK, DARK._replace(level=60.0))
     ]
     assert np.isfinite(ends[0])
     assert np.isnan(ends[1])
 
 
-def test_a_string_before_a_greyer_patch_does_not_end_there(scene):
+def test_a_string_in_front_of_a_greyer_patch_does_not_end_there(scene):
     image, background = drawn(scene, -0.1)
     rows = slice(*(round(scene.to_pixels(np.array([0.0, y]))[1]) for y in (-0.085, -0.097)))
     for one in (image, background):
         part = one[rows]
         part[part > 130] = 125.0  # half of the string's depth is left before it
-    picture = seen(scene, image, background)
-    end_m, _ = end_of_string(picture, *straight(), DARK._replace(level=60.0), 0.03)
-    assert end_m == pytest.approx(picture.plane.metre_per_pixel, abs=0.0012)
+    window = seen(scene, image, background)
+    end_m, _ = end_of_string(window, *straight(), DARK._replace(level=60.0), 0.03)
+    assert end_m == pytest.approx(window.plane.metre_per_pixel, abs=0.0012)
 
 
 @pytest.mark.parametrize("arm", [False, True])
 def test_ball_is_found_to_a_tenth_of_a_pixel_even_beside_the_arm(scene, arm):
-    picture = seen(scene, *drawn(scene, -0.1, ball_px=6.0, arm=arm))
-    scale = picture.plane.metre_per_pixel
-    centre = ball_centre(picture, np.array([0.006, -0.094]), 6.0 * scale, 60.0)
+    window = seen(scene, *drawn(scene, -0.1, ball_px=6.0, arm=arm))
+    scale = window.plane.metre_per_pixel
+    centre = bead_centre(window, np.array([0.006, -0.094]), 6.0 * scale, 60.0)
     assert np.linalg.norm(centre - [0.0, -0.1]) < 0.25 * scale
 
 
 def test_balls_that_are_not_there_give_no_pins(scene):
-    picture = seen(scene, *drawn(scene, -0.1, ball_px=6.0))
-    radius_m = 6.0 * picture.plane.metre_per_pixel
-    balls = np.array([[0.06, radius_m, 60.0], [0.2, radius_m, 60.0]])
+    window = seen(scene, *drawn(scene, -0.1, ball_px=6.0))
+    radius_m = 6.0 * window.plane.metre_per_pixel
+    beads = Beads(np.array([0.06, 0.2]), np.full(2, radius_m), np.full(2, 60.0))
     unknown = np.full((2, 2), np.nan)
-    pins = pin_balls(picture, *straight(), balls, unknown)
-    assert pins[:, 0].tolist() == [0.2]
-    np.testing.assert_allclose(pins[0, 1:3], [0.0, -0.1], atol=0.0004)
+    pins = pin_beads(window, *straight(), beads, unknown)
+    assert pins.place_m.tolist() == [0.2]
+    np.testing.assert_allclose(pins.point_m[0], [0.0, -0.1], atol=0.0004)
     off_chain = place_nodes(np.array([0.05, 0.1]), straight()[1], 0.2 / 34)
-    assert len(pin_balls(picture, off_chain, straight()[1], balls, unknown)) == 0
+    assert len(pin_beads(window, off_chain, straight()[1], beads, unknown).place_m) == 0
     known = np.array([[np.nan, np.nan], [0.002, -0.1]])
-    assert len(pin_balls(picture, off_chain, straight()[1], balls, known)) == 1
+    assert len(pin_beads(window, off_chain, straight()[1], beads, known).place_m) == 1
 
 
 @pytest.mark.parametrize(("hold_tip", "low_m", "high_m"), [(True, 0.0, 0.0022), (False, 0.0028, 0.02)])
-def test_the_visible_end_tells_how_much_string_the_hand_hides(scene, hold_tip, low_m, high_m):
+def test_the_visible_end_shows_how_much_string_the_hand_hides(scene, hold_tip, low_m, high_m):
     bulge = np.zeros(34)
     bulge[:10] = np.repeat([0.6, -0.6], 5)
     link_m = 0.2 / 34
@@ -108,11 +109,11 @@ def test_the_visible_end_tells_how_much_string_the_hand_hides(scene, hold_tip, l
     image = np.full((scene.HEIGHT, scene.WIDTH), 180.0, np.float32)
     background = image.copy()
     scene.draw_line(image, scene.to_pixels(nodes[10:]), 2.0, 60.0)
-    looks = Looks(half_m=scene.SCALE_M, contrast=80.0, tip_excess_m=scene.SCALE_M, polarity=-1.0)
-    hides = np.array([0.0, 0.1, -np.pi / 2, 0.0, -0.05, 0.1 - nodes[10, 1] - 0.002, 0.05])
+    appearance = Appearance(half_m=scene.SCALE_M, contrast=80.0, tip_excess_m=scene.SCALE_M, polarity=-1.0)
+    hides = HandBox(0.0, 0.1, -np.pi / 2, 0.0, -0.05, 0.1 - nodes[10, 1] - 0.002, 0.05)
     start = 0.3 * bulge - np.pi / 2
-    fit = fit_frame(
-        seen(scene, image, background, hides), root, start, start, link_m, np.full(35, 1.0), looks,
-        np.zeros((0, 3)), np.zeros((0, 2)), NARROW_PX, hold_tip,
-    )  # fmt: skip
+    no_beads = Beads(np.zeros(0), np.zeros(0), np.zeros(0))
+    expected = PredictedChain(root, start, start, np.full(35, 1.0), np.zeros((0, 2)))
+    string = ChainModel(link_m, appearance, no_beads)
+    fit = fit_frame(seen(scene, image, background, hides), string, expected, NARROW_PX, hold_tip)
     assert low_m <= np.linalg.norm(fit.nodes()[-1] - nodes[-1]) <= high_m

@@ -1,6 +1,4 @@
-"""The whole tracker on a filmed swing: figures that would move if any of its parts were wrong."""
-
-from __future__ import annotations
+"""The whole tracker on a filmed swing: numbers that would change if any part were wrong."""
 
 import dataclasses
 
@@ -8,9 +6,7 @@ import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError
-from strandcast.tracking.hand import HandMarker
-from strandcast.tracking.judge import in_long_gap
-from strandcast.tracking.track import StringHint, track_video
+from strandcast.tracking.chain.point_uncertainty import in_long_gap
 from strandcast.video.ingest import inspect_video
 
 POINTS = 10
@@ -18,9 +14,7 @@ POINTS = 10
 
 @pytest.fixture(scope="module")
 def tracked(scene, filmed):
-    path, _, _ = filmed
-    marker = HandMarker(7, scene.MARKER_M, scene.MARKER_PLACE_M)
-    return track_video(path, inspect_video(path), scene.flat_camera(), StringHint(0.3, POINTS), [marker])
+    return scene.track(filmed[0])
 
 
 @pytest.fixture(scope="module")
@@ -40,20 +34,20 @@ def test_hand_is_the_markers(off):
     assert np.sqrt((off[:, 0] ** 2).mean()) < 2.5e-4
 
 
-def test_sigma_is_honest(tracked, off):
+def test_sigma_matches_the_error(tracked, off):
     z = off[:, 1:] / (np.sqrt(2) * tracked.sigma_m[:, 1:])
     assert 0.4 < np.sqrt((z**2).mean()) < 2.0
 
 
-def test_counts_and_choices_are_written_down(tracked, filmed):
+def test_counts_and_choices_are_recorded(tracked, filmed):
     assert tracked.decoded_frames == len(filmed[1])
     assert tracked.choices["polarity"] == -1.0
-    assert tracked.choices["ball_at_tip"] is False
+    assert tracked.choices["bead_at_tip"] is False
     assert tracked.choices["length_m"] == pytest.approx(0.3, abs=0.002)
-    assert tracked.warnings == []
+    assert tracked.warnings == ()
 
 
-def test_markers_table_has_each_sighting(tracked):
+def test_markers_table_has_each_detection(tracked):
     assert len(tracked.markers["frame"]) == tracked.decoded_frames
     assert set(tracked.markers["marker"]) == {7}
     assert np.isfinite(tracked.markers["angle_rad"]).all()
@@ -65,53 +59,46 @@ def test_strobe_shows_the_throw(tracked, scene):
     assert 1000 < coloured.sum() < 0.1 * coloured.size
 
 
-def test_twice_gives_the_same(tracked, scene, filmed):
-    marker = HandMarker(7, scene.MARKER_M, scene.MARKER_PLACE_M)
-    again = track_video(
-        filmed[0], inspect_video(filmed[0]), scene.flat_camera(), StringHint(0.3, POINTS), [marker]
-    )
+@pytest.mark.slow
+def test_tracking_twice_gives_the_same(tracked, scene, filmed):
+    again = scene.track(filmed[0])
     np.testing.assert_array_equal(again.points_m, tracked.points_m)
     np.testing.assert_array_equal(again.sigma_m, tracked.sigma_m)
 
 
-def test_a_ball_at_the_tip_is_seen_and_held(scene, tmp_path):
+@pytest.mark.slow
+def test_a_bead_at_the_tip_is_detected_and_tracked(scene, tmp_path):
     _, curves = scene.film(tmp_path / "v.mkv", frames=70, tip_radius_px=6.0)
-    marker = HandMarker(7, scene.MARKER_M, scene.MARKER_PLACE_M)
-    tracked = track_video(
-        tmp_path / "v.mkv",
-        inspect_video(tmp_path / "v.mkv"),
-        scene.flat_camera(),
-        StringHint(0.3, POINTS),
-        [marker],
-    )
-    assert tracked.choices["ball_at_tip"] is True
+    tracked = scene.track(tmp_path / "v.mkv")
+    assert tracked.choices["bead_at_tip"] is True
     assert tracked.choices["tip_excess_m"] == pytest.approx(6.0 * scene.SCALE_M, abs=0.0015)
     assert np.sqrt(((tracked.points_m[:, -1] - curves[:, -1]) ** 2).sum(axis=1).mean()) < 1.0e-3
 
 
-def refusal(scene, path, facts, marker=7) -> StrandcastError:
-    markers = [HandMarker(marker, scene.MARKER_M, scene.MARKER_PLACE_M)]
+def refusal(scene, path, **changes) -> StrandcastError:
     with pytest.raises(StrandcastError) as caught:
-        track_video(path, facts, scene.flat_camera(), StringHint(0.3, POINTS), markers)
+        scene.track(path, **changes)
     return caught.value
 
 
+@pytest.mark.slow
 def test_a_wrong_count_is_refused(scene, filmed):
     facts = inspect_video(filmed[0])
     more = facts.model_copy(
         update={"packets": facts.packets + 1, "time_stamps": [*facts.time_stamps, facts.time_stamps[-1] + 2]}
     )
-    assert refusal(scene, filmed[0], more).code == "SC-T001"
+    assert refusal(scene, filmed[0], facts=more).code == "SC-T001"
 
 
 def test_another_size_is_refused(scene, filmed):
     facts = inspect_video(filmed[0]).model_copy(update={"width_px": 640})
-    assert refusal(scene, filmed[0], facts).code == "SC-T002"
+    assert refusal(scene, filmed[0], facts=facts).code == "SC-T002"
 
 
-def test_an_unseen_marker_is_named(scene, tmp_path):
+def test_a_missing_marker_is_named(scene, tmp_path):
     scene.film(tmp_path / "v.mkv", frames=3)
-    error = refusal(scene, tmp_path / "v.mkv", inspect_video(tmp_path / "v.mkv"), marker=33)
+    other = dataclasses.replace(scene.HAND_MARKER, id=33)
+    error = refusal(scene, tmp_path / "v.mkv", markers=(other,))
     assert error.code == "SC-T003"
     assert "33" in error.what
 
@@ -122,5 +109,6 @@ def test_hidden_runs_are_given_up_only_when_long():
     np.testing.assert_array_equal(in_long_gap(np.array([True, False, False]), 3), [0, 1, 1])
 
 
-def test_what_is_known_of_the_string_is_plain_data():
-    assert dataclasses.asdict(StringHint(0.3, 10)) == {"length_m": 0.3, "points": 10, "thickness_m": None}
+def test_the_hint_is_the_string_beyond_the_clamp(scene, filmed):
+    given = scene.tracker_input(filmed[0], free_length_m=0.29)
+    assert dataclasses.asdict(given.hint) == {"length_m": 0.29, "points": POINTS, "thickness_m": None}

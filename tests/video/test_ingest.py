@@ -1,6 +1,4 @@
-"""The container's facts, and one clear error for whatever is no video."""
-
-from __future__ import annotations
+"""The facts of a container, and one clear error for any file that is not a video."""
 
 import hashlib
 from fractions import Fraction
@@ -33,7 +31,7 @@ def refusal(path) -> StrandcastError:
     return caught.value
 
 
-def test_facts_of_a_whole_video(tmp_path):
+def test_facts_of_a_complete_video(tmp_path):
     path = tmp_path / "v.mp4"
     write(path, range(60))
     facts = inspect_video(path)
@@ -63,7 +61,7 @@ def test_the_experiments_rate_wins_over_a_slow_motion_export(tmp_path):
     assert camera_times(facts)[10] == pytest.approx(0.010)
 
 
-def test_missing_video_lists_near_names(tmp_path):
+def test_missing_video_lists_similar_names(tmp_path):
     (tmp_path / "video.avi").write_bytes(b"x")
     error = refusal(tmp_path / "vidoe.avi")
     assert error.code == "SC-V002"
@@ -110,6 +108,7 @@ def test_sound_alone_is_refused(tmp_path):
     assert refusal(tmp_path / "v.mp4").code == "SC-V006"
 
 
+@pytest.mark.slow
 def test_a_cut_file_is_refused(tmp_path):
     write(tmp_path / "index-last.mp4", range(60))
     write(tmp_path / "index-first.mp4", range(60), faststart=True)

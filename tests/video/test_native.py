@@ -1,6 +1,4 @@
-"""Native files of high-speed cameras: Photron's pair and Phantom's cine, held against readings made here."""
-
-from __future__ import annotations
+"""Files of high-speed cameras (Photron's pair, Phantom's cine), compared with independent readings."""
 
 import struct
 from pathlib import Path
@@ -22,7 +20,7 @@ def frames_of(path: Path, isolated: bool = True) -> np.ndarray:
 
 
 def pack_12(frames: np.ndarray) -> bytes:
-    """Write every pixel's 12 bits, highest first, one behind the other."""
+    """Concatenate every pixel's 12 bits, highest first."""
     bits = (frames.reshape(-1, 1) >> np.arange(11, -1, -1)) & 1
     return np.packbits(bits.astype(np.uint8)).tobytes()
 
@@ -76,7 +74,7 @@ def test_photrons_pixels_are_read_by_either_name(tmp_path, frames, bits, given, 
         ({"Color Type": "Color"}, "SC-V010", "Color Bit"),
     ],
 )
-def test_a_photron_header_that_makes_no_sense_is_refused(tmp_path, frames, fields, code, field):
+def test_an_invalid_photron_header_is_refused(tmp_path, frames, fields, code, field):
     with pytest.raises(StrandcastError) as caught:
         inspect_video(photron(tmp_path, frames, 12, **fields))
     assert (caught.value.code, caught.value.field) == (code, field)
@@ -91,6 +89,7 @@ def test_a_photron_header_in_xml_may_not_expand_to_more(tmp_path, frames):
     assert caught.value.code == "SC-V015"
 
 
+@pytest.mark.slow
 def test_real_photron_video(real_data):
     """README: 15 frames, 384 x 384, 30000 frames/s, 12 bits packed."""
     header = real_data / "highspeed_native" / "ball_12bit.cihx"
@@ -126,14 +125,14 @@ def test_real_cine_video(real_data):
     levels = packed_cine_frames(path)
     assert levels.max() < 1 << 10
     np.testing.assert_array_equal(frames_of(path) >> 6, levels)
-    # Its last time stamp is damaged, which is told; those before are the camera's.
+    # Its last time stamp is damaged, which is reported; those before are the camera's.
     assert any("jump by 2.528e+07 s after frame 233" in note for note in facts.notes)
     times = cine_times_ns(path)
     assert times is not None
     np.testing.assert_allclose(np.diff(times[:-1]), 10_000_000, atol=2)
 
 
-def test_a_cines_own_times_tell_of_frames_lost(real_data, tmp_path):
+def test_a_cines_own_times_reveal_lost_frames(real_data, tmp_path):
     data = bytearray((real_data / "highspeed_native" / "data_small_cine.cine").read_bytes())
     setup = struct.unpack_from("<I", data, 28)[0]
     block = setup + struct.unpack_from("<H", data, setup + 142)[0]
@@ -152,7 +151,7 @@ def test_a_cines_own_times_tell_of_frames_lost(real_data, tmp_path):
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("isolated", [True, False])
 def test_a_cine_without_compression_is_read_the_right_way_up(real_data, tmp_path, bits, isolated):
-    """Its rows lie from bottom to top, as in a Windows bitmap."""
+    """Its rows are stored from bottom to top, as in a Windows bitmap."""
     data = bytearray((real_data / "highspeed_native" / "data_small_cine.cine").read_bytes())
     header, _, images = struct.unpack_from("<III", data, 24)
     levels = 1 << min(bits, 10)  # its header says that 10 of the bits count

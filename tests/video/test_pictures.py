@@ -1,6 +1,4 @@
-"""Folders of numbered pictures, and TIFF files of many pages, as videos."""
-
-from __future__ import annotations
+"""Folders of numbered pictures and multi-page TIFF files as videos."""
 
 from pathlib import Path
 
@@ -56,7 +54,7 @@ def test_pictures_come_in_the_order_of_their_numbers(tmp_path, suffix, kind, iso
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-def test_a_tiff_of_many_pages_is_a_video(tmp_path, kind):
+def test_a_multi_page_tiff_is_a_video(tmp_path, kind):
     true = RNG.integers(0, np.iinfo(kind).max, (6, 24, 32)).astype(kind)
     tifffile.imwrite(tmp_path / "video.tif", true, photometric="minisblack")
     facts = inspect_video(tmp_path / "video.tif", 500.0)
@@ -65,7 +63,7 @@ def test_a_tiff_of_many_pages_is_a_video(tmp_path, kind):
     np.testing.assert_array_equal(read(tmp_path / "video.tif")[0], true)
 
 
-def test_numbers_that_are_missing_are_frames_lost(tmp_path):
+def test_missing_numbers_are_lost_frames(tmp_path):
     series(tmp_path / "video", [f"f{k:04d}.png" for k in (1, 2, 3, 4, 5, 8, 9, 10, 11, 12)])
     facts = inspect_video(tmp_path / "video", 1000.0)
     assert [(gap.index, gap.missing, gap.duration_s) for gap in facts.gaps] == [(4, 2, pytest.approx(0.003))]

@@ -1,6 +1,4 @@
-"""Frames come in order, at full range, with the time that the container states."""
-
-from __future__ import annotations
+"""Frames come in order, at full range, with the container's time stamps."""
 
 from fractions import Fraction
 
@@ -8,7 +6,7 @@ import av
 import numpy as np
 import pytest
 
-from strandcast.video.container import expand
+from strandcast.video.grey import expand
 from strandcast.video.reader import open_video
 
 STEPS = np.repeat(np.array([0, 64, 128, 192, 255], np.uint8), 16)[None].repeat(48, axis=0)
@@ -54,7 +52,7 @@ def test_limited_range_is_expanded(tmp_path):
 
 
 @pytest.mark.parametrize(("pixel_format", "full_range"), [("yuv420p", True), ("gray", False)])
-def test_full_range_is_left_as_it_is(tmp_path, pixel_format, full_range):
+def test_full_range_is_unchanged(tmp_path, pixel_format, full_range):
     write(tmp_path / "v.mkv", [STEPS] * 2, pixel_format, full_range=full_range)
     frames, _ = read(tmp_path / "v.mkv")
     np.testing.assert_array_equal(frames[0][2], STEPS)
@@ -77,7 +75,8 @@ def test_times_are_the_containers_not_the_nominal_rates(tmp_path):
     np.testing.assert_allclose([time_s for _, time_s, _ in frames], np.array(stamps) / 1000, atol=1e-9)
 
 
-def test_damage_is_told(tmp_path):
+@pytest.mark.slow
+def test_damage_is_reported(tmp_path):
     rng = np.random.default_rng(0)
     noisy = [rng.integers(0, 255, (240, 320)).astype(np.uint8) for _ in range(30)]
     write(tmp_path / "v.mp4", noisy, "yuv420p", codec="libx264")
@@ -109,7 +108,7 @@ def test_damage_is_told(tmp_path):
     ],
 )
 def test_each_codec_in_its_container_gives_ffmpegs_own_pictures(tmp_path, codec, pixels, suffix):
-    """Held against FFmpeg's scaler, whose grey of limited range is rounded by one level at most."""
+    """Compare with FFmpeg's scaler, which rounds grey of limited range by one level at most."""
     path = tmp_path / f"v.{suffix}"
     rng = np.random.default_rng(0)
     with av.open(str(path), "w") as container:
@@ -145,7 +144,7 @@ def test_limited_range_is_expanded_as_exact_arithmetic_would(tmp_path):
 
 
 def test_every_reading_gives_the_same_pixels(tmp_path):
-    """FFmpeg's scaler, by default, spoils eight pixels now and then in widths such as 162."""
+    """With several threads, FFmpeg's scaler sometimes changes eight pixels in widths such as 162."""
     rng = np.random.default_rng(0)
     frames = [rng.integers(64, 940, (122, 162)).astype(np.uint16) for _ in range(8)]
     write(tmp_path / "v.mkv", frames, "yuv422p10le")

@@ -1,8 +1,7 @@
-"""The whole way, run for real on a small lab experiment: results, re-runs, settings, exclusions, bytes."""
-
-from __future__ import annotations
+"""The whole workflow on a small lab experiment: results, reruns, settings, exclusions, reproducible bytes."""
 
 import hashlib
+import io
 import json
 import os
 import shutil
@@ -10,10 +9,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from strandcast.records.files import sha256_file
-from strandcast.records.summary import Summary
+from strandcast.records.motion import Motion
+from strandcast.records.summary import ExperimentSummary
+from strandcast.records.tables import arrow_sha256
+from strandcast.stages.run import files_of
+from strandcast.workflow.verify import verify
+
+pytestmark = pytest.mark.slow
 
 TINY = """\
 title: A small throw
@@ -38,6 +44,41 @@ lab:
 """
 
 
+WATCH = Path(__file__).with_name("watch")
+OPENED = "opened.txt"
+ESTIMATE_READS = ("alignment.json", "verdict.json")
+
+
+def inputs_of(path: Path) -> list[str]:
+    """Return what a result was made from, as its lineage says."""
+    if not path.is_file() or path.suffix not in (".json", ".parquet"):
+        return []
+    if path.suffix == ".json":
+        lineage = json.loads(path.read_text()).get("lineage", {})
+    else:
+        lineage = json.loads(pq.read_schema(path).metadata.get(b"lineage", b"{}"))
+    return list(lineage.get("inputs", {}))
+
+
+def undeclared(root: Path, experiment: str) -> set[str]:
+    """Return the files under data/, results/ and config/ that stages opened without having declared them."""
+    found = set()
+    for line in set((root / OPENED).read_text().splitlines()):
+        command, path = line.split("\t")
+        stage, name, *trials = command.split()
+        written_now = ".tmp." in path or (root / path).is_dir()  # flushed to disk by the atomic writer
+        if name == experiment and path.startswith(("data/", "results/", "config/")) and not written_now:
+            numbers = [int(number) for number in trials]
+            trial = 0 if stage == "summary" else sum(numbers)
+            files = files_of(stage.replace("-", "_"), root, experiment, trial, numbers)
+            known = {file.resolve() for file in files.known()}
+            # Reading a result checks that its own inputs are still the same.
+            known |= {(root / name).resolve() for file in files.known() for name in inputs_of(file)}
+            if (root / path).resolve() not in known:
+                found.add(f"{stage}: {path}")
+    return found
+
+
 def project(folder: Path, source: Path) -> Path:
     """Return a project's root with the tiny experiment alone."""
     shutil.copy(source / "Snakefile", folder)
@@ -52,6 +93,8 @@ def snakemake(root: Path, *arguments: str, cores: int = 2) -> subprocess.Complet
     line = [sys.executable, "-m", "snakemake", *arguments, "--cores", str(cores)]
     line += ["--workflow-profile", "workflow/profiles/default"]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("SNAKEMAKE")}
+    environment["PYTHONPATH"] = os.pathsep.join([str(WATCH), environment.get("PYTHONPATH", "")])
+    environment["STRANDCAST_OPENED_FILES"] = str(root / OPENED)
     return subprocess.run(line, cwd=root, capture_output=True, text=True, check=False, env=environment)
 
 
@@ -62,7 +105,7 @@ def jobs(run: subprocess.CompletedProcess) -> set[str]:
 
 
 def dry(root: Path, edit: tuple[str, str] = ("", "")) -> set[str]:
-    """Return what would run again after an edit of the experiment's file; the edit is undone."""
+    """Return the rules that would run again after an edit of the experiment's file; the edit is undone."""
     path = root / "config" / "experiments" / "tiny.yaml"
     assert edit[0] in TINY
     path.write_text(TINY.replace(*edit) if edit[0] else TINY)
@@ -80,17 +123,77 @@ def thrown(tmp_path_factory, project_root) -> Path:
     return root
 
 
-def test_every_stage_left_its_files(thrown):
+def test_every_stage_writes_its_files(thrown):
     trial = thrown / "results" / "tiny" / "trial-01"
-    wanted = ["motion.json", "manifest.json", "track.parquet", "markers.parquet", "track.json", "strobe.webp"]
-    wanted += ["alignment.json", "hand.parquet", "verdict.json", "estimate.json", "ensemble.parquet"]
+    wanted = ["motion.json", "manifest.json", "observations.parquet", "track.json", "strobe.webp"]
+    wanted += ["track.parquet", "markers.parquet", "alignment.json", "hand.parquet", "verdict.json"]
+    wanted += ["estimate.json", "ensemble.parquet"]
     wanted += ["simulated.parquet", "lab_truth.parquet", "report.html"]
     assert [name for name in wanted if not (trial / name).stat().st_size] == []
     assert (thrown / "results/tiny/trial-02/motion.json").is_file()
 
 
-def test_the_summary_holds_the_figures(thrown):
-    summary = Summary.read(thrown / "results" / "tiny" / "summary.json")
+@pytest.fixture
+def copied(thrown, tmp_path) -> Path:
+    """Return a copy of the thrown experiment that a test may damage."""
+    for folder in ("data", "results"):
+        shutil.copytree(thrown / folder, tmp_path / folder)
+    return tmp_path
+
+
+def test_verify_finds_nothing_in_sound_files(copied):
+    assert verify(copied, "tiny") == []
+
+
+def test_verify_names_every_result_that_belongs_to_another_trial(copied):
+    folder = copied / "results" / "tiny"
+    names = [
+        path.name for path in (folder / "trial-01").iterdir() if path.suffix in (".json", ".parquet", ".html")
+    ]
+    assert len(names) >= 14
+    shutil.rmtree(folder / "trial-02")
+    for name in names:
+        shutil.copytree(
+            folder / "trial-01", folder / "trial-03", ignore=lambda _, found, keep=name: {*found} - {keep}
+        )
+        (finding,) = [
+            each for each in verify(copied, "tiny", raw=False) if each.file.parent.name == "trial-03"
+        ]
+        assert (finding.file.name, finding.state) == (name, "misplaced")
+        assert finding.what == "is of tiny trial 1, but lies in the folder of tiny trial 3"
+        shutil.rmtree(folder / "trial-03")
+
+
+def same_table(path: Path, whole: bytes) -> bool:
+    """Return whether a table reads as it did before a byte was changed."""
+    return arrow_sha256(pq.read_table(path)) == arrow_sha256(pq.read_table(io.BytesIO(whole)))
+
+
+def test_verify_finds_a_changed_byte_in_every_file(copied):
+    places = ("data/tiny/trial-01", "results/tiny/trial-01", "results/tiny/cameras")
+    paths = [path for place in places for path in (copied / place).iterdir() if path.is_file()]
+    assert {path.suffix for path in paths} == {".json", ".parquet", ".html", ".webp", ".csv", ".mp4"}
+    silent = []
+    for path in paths:
+        whole, at = path.read_bytes(), path.stat().st_size * 7 // 8  # beyond the versions in a record's head
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        # Some bytes of a table's footer have no meaning: the same numbers are read.
+        harmless = path.suffix == ".parquet" and not verify(copied, "tiny") and same_table(path, whole)
+        silent += [] if harmless or verify(copied, "tiny") else [path.name]
+        path.write_bytes(whole)
+    assert silent == []
+
+
+def test_a_stage_opens_only_the_files_that_it_declares(thrown):
+    opened = (thrown / OPENED).read_text()
+    assert {f"estimate tiny 01\tresults/tiny/trial-01/{name}" for name in ESTIMATE_READS} <= set(
+        opened.splitlines()
+    )
+    assert undeclared(thrown, "tiny") == set()
+
+
+def test_the_summary_contains_the_results(thrown):
+    summary = ExperimentSummary.read(thrown / "results" / "tiny" / "summary.json")
     assert summary.target_m == [0.5, 0.5]
     assert summary.hit_radius_m == 0.02
     (trial,) = summary.trials
@@ -108,13 +211,13 @@ def test_a_changed_setting_runs_only_what_depends_on_it(thrown):
     search = dry(thrown, ("evaluations: 400", "evaluations: 500"))
     assert search == {"estimate", "plan", "report_trial", "report_experiment"}
     clocks = dry(thrown, ("plan:", "align: {drift_prior: 1.0e-4}\nplan:"))
-    assert {"align", "judge"} <= clocks
-    assert not clocks & {"setup", "calibrate", "ingest", "track", "throw"}
+    assert {"align", "score"} <= clocks
+    assert not clocks & {"lab_calibrate", "calibrate", "ingest", "track", "lab_throw"}
     title = dry(thrown, ("A small throw", "Another title"))
     assert title == {"report_trial", "report_experiment"}
 
 
-def test_one_stage_of_one_trial_can_be_asked_for(thrown):
+def test_one_stage_of_one_trial_can_be_requested(thrown):
     verdict = thrown / "results" / "tiny" / "trial-01" / "verdict.json"
     before = verdict.read_bytes()
     verdict.unlink()
@@ -131,7 +234,7 @@ def test_an_excluded_trial_shows_its_reason(thrown):
     assert run.returncode == 0, run.stderr
     assert "the string &lt;slipped&gt;" in (thrown / "results/tiny/report.html").read_text()
     assert "the string &lt;slipped&gt;" in (thrown / "results/tiny/trial-01/report.html").read_text()
-    summary = Summary.read(thrown / "results" / "tiny" / "summary.json")
+    summary = ExperimentSummary.read(thrown / "results" / "tiny" / "summary.json")
     assert summary.trials[0].excluded == "the string <slipped>"
     assert summary.hit_trial is None
 
@@ -142,16 +245,17 @@ def test_recordings_of_a_real_rig_give_a_report_and_the_next_motion(thrown):
     run = snakemake(thrown, "results/rig/report.html")
     assert run.returncode == 0, run.stderr[-3000:]
     results = thrown / "results" / "rig"
-    assert len(Summary.read(results / "summary.json").trials) == 1
+    assert len(ExperimentSummary.read(results / "summary.json").trials) == 1
     assert (results / "trial-02" / "motion.json").is_file()
-    # What was played is never planned again.
-    played = (thrown / "data" / "rig" / "trial-01" / "motion.json").read_bytes()
-    assert (results / "trial-01" / "motion.json").read_bytes() == played
+    assert undeclared(thrown, "rig") == set()
+    # A motion that was played is not planned again.
+    played = Motion.read(thrown / "data" / "rig" / "trial-01" / "motion.json")
+    assert Motion.read(results / "trial-01" / "motion.json") == played
     shutil.rmtree(thrown / "data" / "rig")
     shutil.rmtree(results)
 
 
-def test_a_bad_setting_is_told_before_any_job_starts(tmp_path, project_root):
+def test_an_invalid_setting_is_reported_before_any_job_starts(tmp_path, project_root):
     root = project(tmp_path, project_root)
     path = root / "config" / "experiments" / "tiny.yaml"
     path.write_text(TINY.replace("length_m: 0.30,", "length_m: 300,").replace("seed:", "sede:"))

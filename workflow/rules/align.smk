@@ -1,57 +1,46 @@
 """Camera clock to robot clock.
 
-REQUIRED INPUTS: the trial's markers.parquet, track.json, manifest.json and joint log; the arm's file
+REQUIRED INPUTS: the trial's markers.parquet, track.json, manifest.json, joint log and played motion; the arm's file
 OUTPUTS:         results/<experiment>/trial-NN/{alignment.json, hand.parquet}
 """
 
 
 rule align:
     input:
-        manifest="results/{experiment}/trial-{trial}/manifest.json",
-        markers="results/{experiment}/trial-{trial}/markers.parquet",
-        track="results/{experiment}/trial-{trial}/track.json",
-        log=raw_log,
-        arm=arm_files,
+        unpack(stage_inputs("align")),
     output:
-        alignment="results/{experiment}/trial-{trial}/alignment.json",
-        hand="results/{experiment}/trial-{trial}/hand.parquet",
+        **stage_outputs("align"),
     log:
         "results/{experiment}/trial-{trial}/logs/align.log",
     benchmark:
         "results/{experiment}/trial-{trial}/logs/align.jsonl"
+    wildcard_constraints:
+        experiment=targets.experiment_pattern(SUPPLIED, other=True),
     params:
         settings=stage_settings("align"),
         code=code_version("align"),
     message:
-        "{wildcards.experiment} trial {wildcards.trial}: the camera's clock is set by the robot's"
+        "{wildcards.experiment} trial {wildcards.trial}: the camera's clock is aligned with the robot's"
     shell:
         "python -m strandcast align {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
 
 
-# A lab that measures otherwise (motion capture) hands in track and alignment beside its raw files.
-ruleorder: supply > track
-ruleorder: supply > align
-
-
-rule supply:
+# Where another system (motion capture) measured track and alignment, they are supplied beside the raw files.
+rule register_track:
     input:
-        track="data/{experiment}/trial-{trial}/track.parquet",
-        summary="data/{experiment}/trial-{trial}/track.json",
-        alignment="data/{experiment}/trial-{trial}/alignment.json",
-        hand="data/{experiment}/trial-{trial}/hand.parquet",
+        unpack(stage_inputs("register_track")),
     output:
-        track="results/{experiment}/trial-{trial}/track.parquet",
-        summary="results/{experiment}/trial-{trial}/track.json",
-        alignment="results/{experiment}/trial-{trial}/alignment.json",
-        hand="results/{experiment}/trial-{trial}/hand.parquet",
+        **stage_outputs("register_track"),
     log:
-        "results/{experiment}/trial-{trial}/logs/supply.log",
+        "results/{experiment}/trial-{trial}/logs/register_track.log",
     benchmark:
-        "results/{experiment}/trial-{trial}/logs/supply.jsonl"
+        "results/{experiment}/trial-{trial}/logs/register_track.jsonl"
+    wildcard_constraints:
+        experiment=targets.experiment_pattern(SUPPLIED),
     params:
-        settings=stage_settings("supply"),
-        code=code_version("supply"),
+        settings=stage_settings("register_track"),
+        code=code_version("register_track"),
     message:
-        "{wildcards.experiment} trial {wildcards.trial}: the supplied track is taken in"
+        "{wildcards.experiment} trial {wildcards.trial}: the supplied track is registered"
     shell:
-        "python -m strandcast supply {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "python -m strandcast register-track {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

@@ -1,24 +1,23 @@
 """Lens and plane of motion.
 
 REQUIRED INPUTS: data/<experiment>/calibration/{lens-*.png or a video, plane.png}
-OUTPUTS:         results/<experiment>/{camera.json, camera.webp}
+OUTPUTS:         results/<experiment>/cameras/<camera>.{json, webp}
 """
 
 
 rule calibrate:
     input:
-        files=calibration_files,
+        unpack(stage_inputs("calibrate")),
     output:
-        camera="results/{experiment}/camera.json",
-        picture="results/{experiment}/camera.webp",
+        **stage_outputs("calibrate"),
     log:
-        "results/{experiment}/logs/calibrate.log",
+        "results/{experiment}/cameras/{camera}/logs/calibrate.log",
     benchmark:
-        "results/{experiment}/logs/calibrate.jsonl"
+        "results/{experiment}/cameras/{camera}/logs/calibrate.jsonl"
     params:
         settings=stage_settings("calibrate"),
         code=code_version("calibrate"),
     message:
-        "{wildcards.experiment}: the lens and the plane of motion are calibrated"
+        "{wildcards.experiment}: lens and plane of motion of camera {wildcards.camera} are calibrated"
     shell:
         "python -m strandcast calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"

@@ -1,4 +1,4 @@
-"""What was recorded: hashes, counts, time stamps, gaps.
+"""Raw files to a manifest: hashes, counts, time stamps, gaps.
 
 REQUIRED INPUTS: data/<experiment>/trial-NN/{video.*, joints.csv, run.json, motion.json}
 OUTPUTS:         results/<experiment>/trial-NN/manifest.json
@@ -7,9 +7,9 @@ OUTPUTS:         results/<experiment>/trial-NN/manifest.json
 
 rule ingest:
     input:
-        raw=raw_files,
+        unpack(stage_inputs("ingest")),
     output:
-        manifest="results/{experiment}/trial-{trial}/manifest.json",
+        **stage_outputs("ingest"),
     log:
         "results/{experiment}/trial-{trial}/logs/ingest.log",
     benchmark:

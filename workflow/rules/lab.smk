@@ -2,55 +2,45 @@
 
 REQUIRED INPUTS: results/<experiment>/trial-NN/motion.json
 OUTPUTS:         data/<experiment>/calibration/*, data/<experiment>/trial-NN/{video.mp4, joints.csv, run.json, motion.json}
-STEPS:           setup (calibration photos), throw (play the motion, film it)
+STEPS:           lab_calibrate (calibration photos), lab_throw (play the motion, film it)
 """
 
 
-rule setup:
+rule lab_calibrate:
     input:
-        arm=arm_files,
+        unpack(stage_inputs("lab_calibrate")),
     output:
-        photos=[
-            f"data/{{experiment}}/calibration/lens-{number:02d}.png"
-            for number in range(1, 13)
-        ],
-        plane="data/{experiment}/calibration/plane.png",
+        **kept(stage_outputs("lab_calibrate")),
     log:
-        "results/{experiment}/logs/setup.log",
+        "results/{experiment}/logs/lab_calibrate.log",
     benchmark:
-        "results/{experiment}/logs/setup.jsonl"
+        "results/{experiment}/logs/lab_calibrate.jsonl"
     wildcard_constraints:
         experiment=LAB_EXPERIMENTS,
     params:
-        settings=stage_settings("setup"),
-        code=code_version("setup"),
+        settings=stage_settings("lab_calibrate"),
+        code=code_version("lab_calibrate"),
     message:
         "{wildcards.experiment}: the lab photographs its calibration boards"
     shell:
-        "python -m strandcast setup {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
+        "python -m strandcast lab-calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
 
 
-rule throw:
+rule lab_throw:
     input:
-        motion="results/{experiment}/trial-{trial}/motion.json",
-        plane="data/{experiment}/calibration/plane.png",
-        arm=arm_files,
+        unpack(stage_inputs("lab_throw")),
     output:
-        video="data/{experiment}/trial-{trial}/video.mp4",
-        joints="data/{experiment}/trial-{trial}/joints.csv",
-        run="data/{experiment}/trial-{trial}/run.json",
-        motion="data/{experiment}/trial-{trial}/motion.json",
-        truth="results/{experiment}/trial-{trial}/lab_truth.parquet",
+        **kept(stage_outputs("lab_throw")),
     log:
-        "results/{experiment}/trial-{trial}/logs/throw.log",
+        "results/{experiment}/trial-{trial}/logs/lab_throw.log",
     benchmark:
-        "results/{experiment}/trial-{trial}/logs/throw.jsonl"
+        "results/{experiment}/trial-{trial}/logs/lab_throw.jsonl"
     wildcard_constraints:
         experiment=LAB_EXPERIMENTS,
     params:
-        settings=stage_settings("throw"),
-        code=code_version("throw"),
+        settings=stage_settings("lab_throw"),
+        code=code_version("lab_throw"),
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the lab plays the motion and films the throw"
     shell:
-        "python -m strandcast throw {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "python -m strandcast lab-throw {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

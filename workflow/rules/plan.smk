@@ -7,26 +7,15 @@ OUTPUTS:         results/<experiment>/trial-NN/motion.json, made from the trials
 
 rule plan:
     input:
-        estimate=lambda w: results_of(
-            w.experiment, earlier(w)[-1:], "estimate.json", "ensemble.parquet"
-        ),
-        trials=lambda w: results_of(
-            w.experiment,
-            earlier(w),
-            "track.parquet",
-            "alignment.json",
-            "hand.parquet",
-            "verdict.json",
-        ),
-        motions=lambda w: played_motions(w.experiment, earlier(w)),
-        logs=lambda w: logs(w.experiment, earlier(w)),
-        arm=arm_files,
+        unpack(stage_inputs("plan")),
     output:
-        motion="results/{experiment}/trial-{trial}/motion.json",
+        **stage_outputs("plan"),
     log:
         "results/{experiment}/trial-{trial}/logs/plan.log",
     benchmark:
         "results/{experiment}/trial-{trial}/logs/plan.jsonl"
+    wildcard_constraints:
+        experiment=targets.experiment_pattern(PLAYED, other=True),
     threads: 2
     params:
         settings=stage_settings("plan"),
@@ -38,24 +27,21 @@ rule plan:
         " 2>&1 | tee {log:q} >&2"
 
 
-# What a real arm has played is never planned again: the motion beside the raw files is the trial's motion.
-ruleorder: adopt > plan
-
-
-rule adopt:
+# A motion that a real arm has played is not planned again: the file beside the raw files is the trial's motion.
+rule register_motion:
     input:
-        motion="data/{experiment}/trial-{trial}/motion.json",
+        unpack(stage_inputs("register_motion")),
     output:
-        motion="results/{experiment}/trial-{trial}/motion.json",
+        **stage_outputs("register_motion"),
     log:
-        "results/{experiment}/trial-{trial}/logs/plan.log",
+        "results/{experiment}/trial-{trial}/logs/register_motion.log",
     benchmark:
-        "results/{experiment}/trial-{trial}/logs/plan.jsonl"
+        "results/{experiment}/trial-{trial}/logs/register_motion.jsonl"
     wildcard_constraints:
-        experiment=REAL_EXPERIMENTS,
+        experiment=targets.experiment_pattern(PLAYED),
     params:
-        code=code_version("adopt"),
+        code=code_version("register_motion"),
     message:
-        "{wildcards.experiment} trial {wildcards.trial}: the motion that was played is taken in"
+        "{wildcards.experiment} trial {wildcards.trial}: the motion that was played is registered"
     shell:
-        "python -m strandcast adopt {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "python -m strandcast register-motion {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

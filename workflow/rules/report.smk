@@ -1,16 +1,16 @@
 """Pages, from results only.
 
-REQUIRED INPUTS: everything that the stages made for a trial, and the next motion
+REQUIRED INPUTS: all results of a trial and of the one before, the next motion, the arm's file
 OUTPUTS:         results/<experiment>/trial-NN/report.html, results/<experiment>/{report.html, summary.json}
+EXIT CODE 4:     the page was made, and says which results could not be read: its job has not failed
 """
 
 
 rule report_trial:
     input:
-        results=trial_results,
-        previous=lambda w: results_of(w.experiment, earlier(w)[-1:], *TRIAL_FILES),
+        unpack(stage_inputs("report")),
     output:
-        page="results/{experiment}/trial-{trial}/report.html",
+        **stage_outputs("report"),
     log:
         "results/{experiment}/trial-{trial}/logs/report.log",
     benchmark:
@@ -22,33 +22,24 @@ rule report_trial:
         "{wildcards.experiment} trial {wildcards.trial}: the page is written"
     shell:
         "python -m strandcast report {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        " || [ $? -eq 4 ]"
 
 
 rule report_experiment:
     input:
-        motion=first_motion,
-        pages=lambda w: results_of(w.experiment, trials(w.experiment), "report.html"),
-        results=lambda w: results_of(
-            w.experiment,
-            counted(w.experiment, trials(w.experiment)),
-            "verdict.json",
-            "estimate.json",
-            "track.json",
-            "alignment.json",
-            "hand.parquet",
-        ),
+        unpack(stage_inputs("summary", all_trials)),
     output:
-        page="results/{experiment}/report.html",
-        summary="results/{experiment}/summary.json",
+        **stage_outputs("summary"),
     log:
         "results/{experiment}/logs/summary.log",
     benchmark:
         "results/{experiment}/logs/summary.jsonl"
     params:
-        trials=lambda w: trials(w.experiment),
+        trials=all_trials,
         settings=stage_settings("summary"),
         code=code_version("summary"),
     message:
         "{wildcards.experiment}: the experiment's page and summary are written"
     shell:
         "python -m strandcast summary {wildcards.experiment:q} {params.trials} 2>&1 | tee {log:q} >&2"
+        " || [ $? -eq 4 ]"

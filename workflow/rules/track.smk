@@ -1,25 +1,21 @@
-"""The one decoding pass: string to mass points, hand markers, picture of the throw.
+"""The one decoding pass: string and hand markers in pixels, picture of the throw.
 
-REQUIRED INPUTS: the trial's manifest (and the video that it speaks of), results/<experiment>/camera.json
-OUTPUTS:         results/<experiment>/trial-NN/{track.parquet, markers.parquet, track.json, strobe.webp}
+REQUIRED INPUTS: the trial's manifest (and the video it describes), results/<experiment>/cameras/*.json
+OUTPUTS:         results/<experiment>/trial-NN/{observations.parquet, track.json, strobe.webp}
 """
 
 
 rule track:
     input:
-        manifest="results/{experiment}/trial-{trial}/manifest.json",
-        camera="results/{experiment}/camera.json",
-        arm=arm_files,
-        background=background_file,
+        unpack(stage_inputs("track")),
     output:
-        track="results/{experiment}/trial-{trial}/track.parquet",
-        markers="results/{experiment}/trial-{trial}/markers.parquet",
-        summary="results/{experiment}/trial-{trial}/track.json",
-        strobe="results/{experiment}/trial-{trial}/strobe.webp",
+        **stage_outputs("track"),
     log:
         "results/{experiment}/trial-{trial}/logs/track.log",
     benchmark:
         "results/{experiment}/trial-{trial}/logs/track.jsonl"
+    wildcard_constraints:
+        experiment=targets.experiment_pattern(SUPPLIED, other=True),
     params:
         settings=stage_settings("track"),
         code=code_version("track"),

@@ -1,1 +1,1 @@
-"""The camera's clock on the robot's: the hand that the video saw against the hand that the joints tell."""
+"""The camera's clock on the robot's clock: the hand in the video compared with the hand by the joints."""

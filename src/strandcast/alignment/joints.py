@@ -1,37 +1,37 @@
 """The joints as smooth functions of time, from a log with noise, late and wrong rows, and holes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import solve_triangular
 
+# Chosen.
 KNOT_S = 0.010
 LEAST_ROWS = 2.0  # usual rows between knots
 ROUNDS = 4
-WRONG = 6.0  # standard deviations beyond which a row counts for nothing
+OUTLIER = 6.0  # standard deviations beyond which a row is left out
 RIDGE = 1e-9  # of a coefficient's weight
-SMOOTHINGS = np.geomspace(1e-3, 1e9, 61)  # weights of third differences that are tried
+SMOOTHINGS = np.geomspace(1e-3, 1e9, 61)  # weights of third differences to try
 SMALLEST_NOISE_RAD = 1e-6
 MAD = 1.4826  # standard deviation over median absolute deviation
 SLOW, FAST = 0.3, 0.5  # of the greatest speed
-LEAST_JUDGED = 20  # rows
-STIRRING = 0.05  # of the greatest speed: above it, a row that repeats the one before is an old one
+LEAST_ROWS_FOR_NOISE = 20
+STIRRING = 0.05  # of the greatest speed: above it, a row that repeats the one before is stale
 
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """Smooth cubic splines through the rows of a log, R of them within the span that matters.
+    """Smoothing cubic splines through the R rows of a log that lie within the needed span.
 
     Attributes
     ----------
     spline
         Time [s] to (J,) angles [rad], C coefficients each.
-    doubt
-        (J, C, C): covariance of the coefficients [rad²].
-    reach
+    coefficient_covariance
+        (J, C, C) [rad²].
+    smoother
         (J, C, R): the coefficients from the rows.
     encoder_rad
         (J,) noise of one row.
@@ -39,36 +39,36 @@ class JointPath:
         Noise of one row's time stamp.
     speed_rad_s
         (R, J) at the rows.
-    wrong
+    outlier
         (R,) rows that were left out.
     """
 
     spline: BSpline
-    doubt: np.ndarray
-    reach: np.ndarray
+    coefficient_covariance: np.ndarray
+    smoother: np.ndarray
     encoder_rad: np.ndarray
     jitter_s: float
     speed_rad_s: np.ndarray
-    wrong: np.ndarray
+    outlier: np.ndarray
 
     def at(self, time_s: np.ndarray) -> np.ndarray:
-        """Return the joints (m, J) [rad]; before and after, they stay."""
+        """Return the joint angles (m, J) [rad], constant before and after the log."""
         return np.asarray(self.spline(self._within(time_s)))
 
     def speed(self, time_s: np.ndarray) -> np.ndarray:
-        """Return their speeds (m, J) [rad/s]."""
+        """Return the joint speeds (m, J) [rad/s]."""
         return np.asarray(self.spline(self._within(time_s), 1))
 
     def _within(self, time_s: np.ndarray) -> np.ndarray:
-        return np.clip(time_s, self.spline.t[0], self.spline.t[-1])
+        return np.asarray(np.clip(time_s, self.spline.t[0], self.spline.t[-1]))
 
-    def covariance(self, slopes: np.ndarray, time_s: np.ndarray, sums: np.ndarray) -> np.ndarray:
-        """Return the covariance that the rows' noise gives to sums over instants.
+    def covariance(self, jacobian: np.ndarray, time_s: np.ndarray, sums: np.ndarray) -> np.ndarray:
+        """Return the covariance of sums over instants that the rows' noise causes.
 
         Parameters
         ----------
-        slopes
-            (m, c, J) of c quantities with the joints, at m instants.
+        jacobian
+            (m, c, J) derivatives of c quantities by the joints, at m instants.
         time_s
             (m,) the instants.
         sums
@@ -79,32 +79,29 @@ class JointPath:
         (c b, c b), quantity by quantity.
         """
         basis = _basis(self._within(time_s), self.spline.t)
-        count, joints = slopes.shape[1], slopes.shape[2]
+        count, joints = jacobian.shape[1], jacobian.shape[2]
         square = np.zeros((count * len(sums),) * 2)
-        late = np.zeros((len(square), self.reach.shape[2]))
+        late = np.zeros((len(square), self.smoother.shape[2]))
         for joint in range(joints):
-            share = np.concatenate([(sums * slopes[:, axis, joint]) @ basis for axis in range(count)])
-            square += share @ self.doubt[joint] @ share.T
+            share = np.concatenate([(sums * jacobian[:, axis, joint]) @ basis for axis in range(count)])
+            square += share @ self.coefficient_covariance[joint] @ share.T
             if self.jitter_s > 0.0:
-                late += (share @ self.reach[joint]) * self.speed_rad_s[:, joint]
+                late += (share @ self.smoother[joint]) * self.speed_rad_s[:, joint]
         return square + self.jitter_s**2 * (late @ late.T)
 
-    def false_motion(self, slopes: np.ndarray, time_s: np.ndarray, sums: np.ndarray) -> np.ndarray:
-        """Return what the rows' noise adds to the velocities of the same sums (c b, J R), row by row.
+    def spurious_motion(self, jacobian: np.ndarray, time_s: np.ndarray, sums: np.ndarray) -> np.ndarray:
+        """Return the contribution of the rows' noise to the velocities of the same sums (c b, J R), by row.
 
-        Its outer product with itself is the covariance of that part of the velocities which is no motion.
+        Its outer product with itself is the covariance of the part of the velocities that is not motion.
         """
-        basis = self._rates(self._within(time_s))
-        found = []
-        for joint in range(slopes.shape[2]):
-            share = np.concatenate([(sums * axis[:, joint]) @ basis for axis in slopes.swapaxes(0, 1)])
-            noise = np.hypot(self.encoder_rad[joint], self.jitter_s * self.speed_rad_s[:, joint])
-            found.append(share @ self.reach[joint] * noise)
-        return np.concatenate(found, axis=1)
-
-    def _rates(self, time_s: np.ndarray) -> np.ndarray:
         each = BSpline(self.spline.t, np.eye(self.spline.c.shape[0]), 3)
-        return np.asarray(each(time_s, 1))
+        rates = np.asarray(each(self._within(time_s), 1))
+        found = []
+        for joint in range(jacobian.shape[2]):
+            share = np.concatenate([(sums * axis[:, joint]) @ rates for axis in jacobian.swapaxes(0, 1)])
+            noise = np.hypot(self.encoder_rad[joint], self.jitter_s * self.speed_rad_s[:, joint])
+            found.append(share @ self.smoother[joint] * noise)
+        return np.concatenate(found, axis=1)
 
 
 def joint_path(time_s: np.ndarray, q_rad: np.ndarray, span_s: tuple[float, float]) -> JointPath:
@@ -115,15 +112,15 @@ def joint_path(time_s: np.ndarray, q_rad: np.ndarray, span_s: tuple[float, float
     time_s, q_rad
         (T,) strictly rising [s], (T, J) [rad].
     span_s
-        Only what lies between these times is needed.
+        Start and end of the needed span.
 
     Notes
     -----
-    An interpolating spline follows the rows' noise, and its wiggles would pass for a motion that tells the
+    An interpolating spline follows the rows' noise, and its wiggles would pass for motion that determines the
     offset. Penalised splines (Eilers and Marx, Statistical Science 11, 1996) are as smooth as the log allows,
-    bridge holes, and tell which rows are late or wrong: those lie off the others by more than what the
-    encoders' and the stamps' noise explains. Rows that repeat the one before, in motion, are always late and
-    never early: they are left out however little they are off.
+    bridge gaps, and show which rows are late or wrong: those deviate by more than the noise of encoders and
+    time stamps explains. Rows that repeat the one before, in motion, are always late and never early: they
+    are left out however small their deviation.
     """
     near = (time_s >= span_s[0] - 4 * KNOT_S) & (time_s <= span_s[1] + 4 * KNOT_S)
     time_s, q_rad = time_s[near], q_rad[near]
@@ -135,27 +132,36 @@ def joint_path(time_s: np.ndarray, q_rad: np.ndarray, span_s: tuple[float, float
     weight = np.ones(len(time_s))
     repeated = np.concatenate([[False], (np.diff(q_rad, axis=0) == 0.0).all(axis=1)])
     for _ in range(ROUNDS):
-        reach, shape, free = _smoothed(basis, weight, q_rad)
-        spline = BSpline(knots, np.einsum("jcr,rj->cj", reach, q_rad), 3)
+        smoothed = _smoothed(basis, weight, q_rad)
+        spline = BSpline(knots, np.einsum("jcr,rj->cj", smoothed.smoother, q_rad), 3)
         off, speed = q_rad - basis @ spline.c, spline(time_s, 1)
         # A spline that is free to follow the rows follows their noise.
-        encoder, jitter_s = row_noise(off / free, speed)
-        apart = np.abs(off) / free / np.hypot(encoder, jitter_s * np.abs(speed))
+        encoder, jitter_s = row_noise(off / smoothed.residual_share, speed)
+        apart = np.abs(off) / smoothed.residual_share / np.hypot(encoder, jitter_s * np.abs(speed))
         pace = np.abs(speed).max(axis=1)
-        wrong = (apart.max(axis=1) > WRONG) | (repeated & (pace > STIRRING * pace.max()))
-        weight = np.where(wrong, 1e-9, 1.0)
-    doubt = shape * encoder[:, None, None] ** 2
-    return JointPath(spline, doubt, reach, encoder, jitter_s, speed, wrong)
+        outlier = (apart.max(axis=1) > OUTLIER) | (repeated & (pace > STIRRING * pace.max()))
+        weight = np.where(outlier, 1e-9, 1.0)
+    covariance = smoothed.covariance * encoder[:, None, None] ** 2
+    return JointPath(spline, covariance, smoothed.smoother, encoder, jitter_s, speed, outlier)
 
 
-def _smoothed(
-    basis: np.ndarray, weight: np.ndarray, q_rad: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what gives the coefficients from the rows, their covariance, and the residuals' freedom.
+class _Smoothed(NamedTuple):
+    """A smoothing: the map from rows to coefficients, and its effect on the rows' noise.
 
-    (J, C, R); (J, C, C) over the noise's variance; (J,) the share of the noise that residuals keep. Each
-    joint is as smooth as its restricted likelihood has it, third differences of the coefficients taken as
-    normal (Wood, Journal of the Royal Statistical Society B 73, 2011).
+    smoother is (J, C, R); covariance (J, C, C) of the coefficients over the noise's variance; residual_share
+    (J,) the share of the noise that the residuals keep.
+    """
+
+    smoother: np.ndarray
+    covariance: np.ndarray
+    residual_share: np.ndarray
+
+
+def _smoothed(basis: np.ndarray, weight: np.ndarray, q_rad: np.ndarray) -> _Smoothed:
+    """Smooth each joint as much as maximises its restricted likelihood.
+
+    Third differences of the coefficients are taken as normal (Wood, Journal of the Royal Statistical Society
+    B 73, 2011).
     """
     coefficients = basis.shape[1]
     third = np.diff(np.eye(coefficients), n=3, axis=0)
@@ -167,17 +173,17 @@ def _smoothed(
     rough = np.maximum(rough, 0.0)
     rough[:3] = 0.0
     back = solve_triangular(lower, turn, lower=True, trans="T")
-    told = back.T @ (basis.T @ (weight[:, None] * q_rad))
+    projected = back.T @ (basis.T @ (weight[:, None] * q_rad))
     counted = float((weight > 0.5).sum())
     power = (weight[:, None] * q_rad**2).sum(axis=0)
     kept = 1.0 / (1.0 + SMOOTHINGS[:, None] * rough)
-    left = np.maximum(power - kept @ told**2, 1e-15 * power)
+    left = np.maximum(power - kept @ projected**2, 1e-15 * power)
     cost = (counted - 3.0) * np.log(left) - np.log(kept).sum(axis=1)[:, None]
     cost -= (coefficients - 3.0) * np.log(SMOOTHINGS)[:, None]
     best = kept[np.argmin(cost, axis=0)]
     shape = np.stack([(back * one) @ back.T for one in best])
     free = np.sqrt(np.maximum(1.0 - best.sum(axis=1) / counted, 0.1))
-    return shape @ (basis.T * weight), shape, free
+    return _Smoothed(shape @ (basis.T * weight), shape, free)
 
 
 def _basis(time_s: np.ndarray, knots: np.ndarray) -> np.ndarray:
@@ -185,9 +191,9 @@ def _basis(time_s: np.ndarray, knots: np.ndarray) -> np.ndarray:
 
 
 def row_noise(off_rad: np.ndarray, speed_rad_s: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the encoders' noise (J,) [rad] and the stamps' [s], from rows (R, J) at rest and in motion.
+    """Return the noise of encoders (J,) [rad] and time stamps [s], from rows (R, J) at rest and in motion.
 
-    At rest, encoders with steps tell one number: slow rows have the noise of the steps, too.
+    At rest, a quantised encoder reports one constant value; slow rows show the noise of its steps as well.
     """
     pace = np.abs(speed_rad_s)
     most = pace.max(axis=1)
@@ -195,7 +201,7 @@ def row_noise(off_rad: np.ndarray, speed_rad_s: np.ndarray) -> tuple[np.ndarray,
     parts = [
         off_rad[some] for some in (most < STIRRING * top, (most >= STIRRING * top) & (most < SLOW * top))
     ]
-    sizes = [MAD * np.median(np.abs(part), axis=0) for part in parts if len(part) >= LEAST_JUDGED]
+    sizes = [MAD * np.median(np.abs(part), axis=0) for part in parts if len(part) >= LEAST_ROWS_FOR_NOISE]
     encoder = np.max(sizes or [MAD * np.median(np.abs(off_rad), axis=0)], axis=0)
     encoder = np.maximum(encoder, SMALLEST_NOISE_RAD)
     fast = pace > FAST * top

@@ -1,156 +1,176 @@
 """The LED that the robot switches: which of its switchings in the video is which in the log.
 
-They are held against each other first (they must lie equally far apart by both clocks), then against the
+They are compared with each other first (both clocks must show the same time between them), then with the
 hand's motion.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from strandcast.alignment.events import CONTRADICTION, LEAST_SIGMA_S, SeenEvent, flag_events
-from strandcast.alignment.fit import ClockFit
-from strandcast.alignment.problem import Event
+from strandcast.alignment.cost import FastestPoint
+from strandcast.alignment.events import CONTRADICTION, LEAST_SIGMA_S, VideoEvent, sync_output_events
+from strandcast.alignment.fine_fit import ClockFit
+from strandcast.alignment.problem import EventPair
+from strandcast.config.align import LedSettings
 from strandcast.records.joint_log import JointLog, SyncEvent
 
 LED_ON, LED_OFF = "led_on", "led_off"
-PLAIN_S = 1e-3  # from which on a contradiction is told
-FASTEST_DRIFT = 1e-3  # of the clocks, between two switchings
+PLAIN_S = 1e-3  # smallest contradiction that is worth a warning; chosen
+FASTEST_DRIFT = 1e-3  # of the clocks, between two switchings; chosen, far beyond any quartz
 
-
-@dataclass(frozen=True)
-class Led:
-    """Switchings of an LED in the video, and its delay behind the joint log: one for all of them [s]."""
-
-    seen: list[SeenEvent]
-    latency_s: float = 0.0
-    latency_sd_s: float = 0.0
+Match = tuple[int, int]  # index of a switching in the video, and in the log
 
 
 @dataclass(frozen=True)
 class LedPairs:
-    """Switchings that both clocks tell, their kinds, and what is to be told of the others.
+    """Switchings on both clocks with their kinds, and warnings.
 
-    `denied` says that the hand's motion contradicts them.
+    `contradicted` means that the hand's motion contradicts them.
     """
 
-    events: list[Event] = field(default_factory=list)
+    events: list[EventPair] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
-    denied: bool = False
+    contradicted: bool = False
     warnings: list[str] = field(default_factory=list)
 
 
-def led_events(log: JointLog, told: list[SyncEvent]) -> list[SyncEvent]:
-    """Return when the robot switched the LED: as run.json tells, else by the log's sync output."""
-    named = [event for event in told if event.kind in (LED_ON, LED_OFF)]
-    return named or [*flag_events(log, True, LED_ON), *flag_events(log, False, LED_OFF)]
+@dataclass(frozen=True, eq=False)
+class _Switchings:
+    """The LED's switchings in the video, and those of the log with the LED's delay added."""
+
+    video: Sequence[VideoEvent]
+    robot: list[SyncEvent]
+    latency_sd_s: float
+    fit: ClockFit | None
+
+    def sigmas(self, match: Match) -> tuple[float, ...]:
+        """Return the standard deviations that make up that of a pair's difference."""
+        return self.video[match[0]].sigma_s, self.robot[match[1]].sigma_s, self.latency_sd_s, LEAST_SIGMA_S
+
+    def difference_s(self, match: Match, fit: ClockFit) -> float:
+        """Return the robot's time of a pair minus that by the hand's motion."""
+        return self.robot[match[1]].time_s - fit.robot_s(self.video[match[0]].camera_time_s)
+
+
+def led_events(log: JointLog, recorded: Sequence[SyncEvent]) -> list[SyncEvent]:
+    """Return when the robot switched the LED: from run.json, or else from the log's sync output."""
+    named = [event for event in recorded if event.kind in (LED_ON, LED_OFF)]
+    return named or [*sync_output_events(log, True, LED_ON), *sync_output_events(log, False, LED_OFF)]
 
 
 def pair_led(
-    led: Led, robot: list[SyncEvent], fit: ClockFit | None, speed_m_s: float, whose: str
+    video: Sequence[VideoEvent],
+    robot: list[SyncEvent],
+    settings: LedSettings,
+    fit: ClockFit | None,
+    fastest: FastestPoint | None = None,
 ) -> LedPairs:
-    """Return the LED's switchings with those of the log.
+    """Pair the LED's switchings in the video with those of the log.
 
-    A pair of them fixes the offset; the offset is taken by which most switchings find a counterpart. A flash
-    of something else has none. Where all offsets find but one, and there are several, the motion must agree.
+    Each possible pair implies an offset; the offset under which most switchings find a counterpart is used.
+    Flashes of something else have none. If every offset matches a single switching and several are possible,
+    the motion must agree.
 
     Parameters
     ----------
-    led
-        As seen in the video.
-    robot
-        When the robot switched it, of `led_events`.
+    video, robot
+        The LED's switchings by tracking, and by `led_events`.
     fit
-        The clocks by the hand's motion; None where that does not tell them.
-    speed_m_s, whose
-        How fast the fastest thing moves, and what that is, for what a contradiction costs.
+        The clocks by the hand's motion; None if the motion does not determine them.
+    fastest
+        For the cost of a contradiction; needed with a fit.
     """
-    if not led.seen:
+    if not video:
         return LedPairs()
-    lit = [SyncEvent(kind=e.kind, time_s=e.time_s + led.latency_s, sigma_s=e.sigma_s) for e in robot]
-    matches = _matches(led, lit, fit)
+    late = [SyncEvent(kind=e.kind, time_s=e.time_s + settings.latency_s, sigma_s=e.sigma_s) for e in robot]
+    led = _Switchings(video, late, settings.latency_sd_s, fit)
+    matches = _matches(led)
     if not matches:
-        seen, there = _list((e.kind, e.camera_s) for e in led.seen), _list((e.kind, e.time_s) for e in robot)
-        return LedPairs(
-            warnings=[
-                f"SC-A024: the LED's switchings in the video ({seen}) have no counterpart in run.json's "
-                f"sync_events or the log's sync output ({there or 'none'}): they are left out"
-            ]
+        return LedPairs(warnings=[_no_counterpart(video, robot)])
+    spare = _list((e.kind, e.camera_time_s) for k, e in enumerate(video) if k not in dict(matches))
+    warnings = []
+    if spare:
+        warnings.append(
+            f"SC-A025: the LED's window changes without the robot's switching it ({spare}): ignored"
         )
-    pairs = [(led.seen[k], lit[j]) for k, j in matches]
-    spare = _list((e.kind, e.camera_s) for k, e in enumerate(led.seen) if k not in dict(matches))
-    told = (
-        [f"SC-A025: the LED's window changes without the robot's doing ({spare}): left out"] if spare else []
-    )
-    if fit is None:
-        told.append(f"the offset rests on {len(pairs)} switching(s) of the LED alone, held against nothing")
-        return LedPairs(*_events(pairs, led), False, told)
-    apart_s, sigma_s = _worst(pairs, led, fit)
-    denied = abs(apart_s) > CONTRADICTION * sigma_s
-    if denied and abs(apart_s) > PLAIN_S:
-        told.append(
+    events, kinds = _pairs(led, matches), [late[j].kind for _, j in matches]
+    if fit is None or fastest is None:
+        warnings.append(f"the offset rests on {len(matches)} switching(s) of the LED alone, without a check")
+        return LedPairs(events, kinds, False, warnings)
+    apart_s, sigma_s = _worst(led, matches, fit)
+    contradicted = abs(apart_s) > CONTRADICTION * sigma_s
+    if contradicted and abs(apart_s) > PLAIN_S:
+        warnings.append(
             f"SC-A023: the LED contradicts the hand's motion: by the LED the robot's clock is "
             f"{apart_s * 1e3:+.2f} ms from where the motion puts it (± {sigma_s * 1e3:.2f}), "
-            f"{abs(apart_s) * speed_m_s * 1e3:.0f} mm at {whose} {speed_m_s:.1f} m/s; the motion is "
-            "followed: check the LED's delay (align.led.latency_s), and that log and video are of one throw"
+            f"{fastest.error_mm(apart_s):.0f} mm at {fastest}; the motion is used: "
+            "check the LED's delay (align.led.latency_s), and that log and video are of one throw"
         )
-    return LedPairs(*_events(pairs, led), denied, told)
+    return LedPairs(events, kinds, contradicted, warnings)
 
 
-def _events(pairs: list[tuple[SeenEvent, SyncEvent]], led: Led) -> tuple[list[Event], list[str]]:
-    """Return the pairs as what a fit takes, and their kinds."""
-    # What makes them unsure they share: one delay, and frames that may keep step with the controller's cycle.
-    # Several are to tell the offset no better than one.
-    events = [
-        Event(
-            seen.camera_s,
-            lit.time_s,
-            float(np.sqrt(len(pairs)) * np.linalg.norm(_sigmas(seen, lit, led))),
+def _no_counterpart(video: Sequence[VideoEvent], robot: list[SyncEvent]) -> str:
+    switched = _list((e.kind, e.camera_time_s) for e in video)
+    recorded = _list((e.kind, e.time_s) for e in robot)
+    return (
+        f"SC-A024: the LED's switchings in the video ({switched}) have no counterpart in run.json's "
+        f"sync_events or the log's sync output ({recorded or 'none'}): they are ignored"
+    )
+
+
+def _pairs(led: _Switchings, matches: list[Match]) -> list[EventPair]:
+    """Return the pairs for the fit."""
+    # They share their uncertainty: one delay, and frames that may keep step with the controller's cycle.
+    # Several must not determine the offset better than one.
+    return [
+        EventPair(
+            led.video[k].camera_time_s,
+            led.robot[j].time_s,
+            float(np.sqrt(len(matches)) * np.linalg.norm(led.sigmas((k, j)))),
         )
-        for seen, lit in pairs
+        for k, j in matches
     ]
-    return events, [lit.kind for _, lit in pairs]
 
 
-def _sigmas(seen: SeenEvent, lit: SyncEvent, led: Led) -> tuple[float, ...]:
-    return seen.sigma_s, lit.sigma_s, led.latency_sd_s, LEAST_SIGMA_S
-
-
-def _worst(pairs: list[tuple[SeenEvent, SyncEvent]], led: Led, fit: ClockFit) -> tuple[float, float]:
+def _worst(led: _Switchings, matches: list[Match], fit: ClockFit) -> tuple[float, float]:
     """Return difference and standard deviation of the pair that contradicts the motion most."""
     apart = []
-    for seen, lit in pairs:
-        parts = (*_sigmas(seen, lit, led), fit.told_se_s(seen.camera_s))
-        apart.append((lit.time_s - fit.told_s(seen.camera_s), float(np.linalg.norm(parts))))
+    for match in matches:
+        parts = (*led.sigmas(match), fit.robot_se_s(led.video[match[0]].camera_time_s))
+        apart.append((led.difference_s(match, fit), float(np.linalg.norm(parts))))
     return max(apart, key=lambda one: abs(one[0]) / one[1])
 
 
-def _matches(led: Led, lit: list[SyncEvent], fit: ClockFit | None) -> list[tuple[int, int]]:
-    """Return which of the seen switchings (k) is which of the robot's (j); none where it is not clear."""
-    alike = [(k, j) for k, e in enumerate(led.seen) for j, other in enumerate(lit) if e.kind == other.kind]
-    found = [_agreeing(k, j, led.seen, lit) for k, j in alike]
+def _matches(led: _Switchings) -> list[Match]:
+    """Return which switching of the video is which of the robot's; empty if that is ambiguous."""
+    alike = [
+        (k, j) for k, e in enumerate(led.video) for j, other in enumerate(led.robot) if e.kind == other.kind
+    ]
+    found = [_agreeing(led, match) for match in alike]
     most = max(map(len, found), default=0)
     best = [list(matches) for matches in {tuple(one) for one in found if len(one) == most}]
-    if len(best) > 1 and fit is not None:
-        best.sort(key=lambda matches: _off_s(matches, led, lit, fit))
+    if len(best) > 1 and (fit := led.fit) is not None:
+        best.sort(
+            key=lambda matches: abs(float(np.mean([led.difference_s(match, fit) for match in matches])))
+        )
         best = best[:1]
-    if len(best) != 1 or (most == 1 < len(alike) and not _agrees(best[0], led, lit, fit)):
+    if len(best) != 1 or (most == 1 < len(alike) and not _agrees_with_motion(led, best[0])):
         return []
     return best[0]
 
 
-def _agreeing(k: int, j: int, seen: list[SeenEvent], lit: list[SyncEvent]) -> list[tuple[int, int]]:
-    """Return the pairs that lie as far from pair (k, j) by one clock as by the other."""
+def _agreeing(led: _Switchings, match: Match) -> list[Match]:
+    """Return the pairs with the same time since a given pair on both clocks."""
+    first, first_robot = led.video[match[0]], led.robot[match[1]]
     found = []
-    for b, other in enumerate(lit):
+    for b, other in enumerate(led.robot):
         offs = []
-        for a, event in enumerate(seen):
-            since_s = event.camera_s - seen[k].camera_s
-            off_s = abs(other.time_s - lit[j].time_s - since_s)
-            parts = (event.sigma_s, seen[k].sigma_s, other.sigma_s, lit[j].sigma_s, LEAST_SIGMA_S)
+        for a, event in enumerate(led.video):
+            since_s = event.camera_time_s - first.camera_time_s
+            off_s = abs(other.time_s - first_robot.time_s - since_s)
+            parts = (event.sigma_s, first.sigma_s, other.sigma_s, first_robot.sigma_s, LEAST_SIGMA_S)
             within_s = CONTRADICTION * float(np.linalg.norm(parts)) + FASTEST_DRIFT * abs(since_s)
             if event.kind == other.kind and off_s <= within_s:
                 offs.append((off_s, a))
@@ -159,14 +179,10 @@ def _agreeing(k: int, j: int, seen: list[SeenEvent], lit: list[SyncEvent]) -> li
     return found
 
 
-def _off_s(matches: list[tuple[int, int]], led: Led, lit: list[SyncEvent], fit: ClockFit) -> float:
-    return abs(float(np.mean([lit[j].time_s - fit.told_s(led.seen[k].camera_s) for k, j in matches])))
-
-
-def _agrees(matches: list[tuple[int, int]], led: Led, lit: list[SyncEvent], fit: ClockFit | None) -> bool:
-    if fit is None:
+def _agrees_with_motion(led: _Switchings, matches: list[Match]) -> bool:
+    if led.fit is None:
         return False
-    apart_s, sigma_s = _worst([(led.seen[k], lit[j]) for k, j in matches], led, fit)
+    apart_s, sigma_s = _worst(led, matches, led.fit)
     return abs(apart_s) <= CONTRADICTION * sigma_s
 
 

@@ -1,28 +1,35 @@
-"""What is fitted: clocks and constants of a rig, in units of their priors, to sightings of its markers."""
+"""The least-squares problem of the alignment: clocks and rig errors, in units of their priors."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from strandcast.alignment.joints import JointPath
-from strandcast.alignment.rig import Misfit, Rig, Seen, marker_poses, marker_slopes, misfit_of
+from strandcast.alignment.rig_error import Detections, Rig, RigError, marker_jacobian, marker_poses
+from strandcast.config.align import AlignSettings
+from strandcast.core.pose import wrapped
 
 OFFSET_UNIT_S = 1e-3
 
 
 @dataclass(frozen=True)
 class Priors:
-    """Standard deviations of what the fit frees beside the offset; 0 holds a value at its nominal one.
+    """Standard deviations of the fit's unknowns besides the offset; 0 fixes a value at its nominal one.
 
-    A rig's constant errors look like a time shift while the hand moves one way: free, they cost some
-    certainty; held, they would turn up as a wrong offset (1 mm at 2 m/s: 0.5 ms). `known_drift` is the
-    drift that the prior is about.
+    A rig's constant errors look like a time shift while the hand moves one way. Estimating them costs some
+    certainty; ignoring them would bias the offset (1 mm at 2 m/s: 0.5 ms).
+
+    Attributes
+    ----------
+    clock
+        Holds the prior of the drift: its mean and standard deviation.
+    base_shift_m, stretch, joint_zero_rad, link_length_m, marker_shift_m, marker_turn_rad
+        Of the rig's errors, see `RigError`. Chosen: the errors of measurements in a careful lab.
     """
 
-    drift: float = 5e-5
-    known_drift: float = 0.0
+    clock: AlignSettings = field(default_factory=AlignSettings)
     base_shift_m: float = 1e-3
     stretch: float = 2e-3
     joint_zero_rad: float = 1e-3
@@ -30,8 +37,22 @@ class Priors:
     marker_shift_m: float = 3e-3
     marker_turn_rad: float = 0.02
 
+    @property
+    def drift(self) -> float:
+        """Standard deviation of the clocks' relative drift."""
+        return self.clock.drift_prior
+
+    @property
+    def known_drift(self) -> float:
+        """Mean of the drift's prior."""
+        return self.clock.known_drift
+
+    def with_drift(self, drift: float) -> Priors:
+        """Return the same priors with another standard deviation of the drift."""
+        return replace(self, clock=self.clock.model_copy(update={"drift_prior": drift}))
+
     def scales(self, rig: Rig) -> np.ndarray:
-        """Return the units of offset, drift and `Misfit.vector`: 1 ms, then the standard deviations."""
+        """Return the units of offset, drift and `RigError.vector`: 1 ms, then the standard deviations."""
         joints, markers = len(rig.chain.lengths_m), len(rig.place_m)
         return np.array(
             [
@@ -46,15 +67,15 @@ class Priors:
         )
 
     def expected(self, rig: Rig) -> np.ndarray:
-        """Return what is expected, in these units: the known drift, and a rig as its files say."""
+        """Return the priors' mean in these units: the known drift, and a rig as its files say."""
         expected = np.zeros(len(self.scales(rig)))
         expected[1] = self.known_drift / self.drift if self.drift > 0 else 0.0
         return expected
 
 
 @dataclass(frozen=True)
-class Event:
-    """An event that both clocks saw, and the standard deviation of the difference of its times [s]."""
+class EventPair:
+    """An event on both clocks, and the standard deviation of the difference of its times [s]."""
 
     camera_s: float
     robot_s: float
@@ -62,61 +83,89 @@ class Event:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """What a fit is of: x = (offset, drift, `Misfit.vector`) in units of `scales`, about a start."""
+class ClockProblem:
+    """The residuals that a fit minimises, by x = (offset, drift, `RigError.vector`) in units of `scales`.
+
+    Attributes
+    ----------
+    rig, path, detections, events
+        The arm and its markers, the joints over all the time of the detections, the detected markers in order
+        of time, the events on both clocks.
+    scales, expected
+        (p,) units of x, and the priors' mean in these units.
+    middle_s
+        Mean camera time of the detections, about which the clocks are fitted.
+    offset_s
+        Start of the fit, near the solution; x counts from it.
+    """
 
     rig: Rig
     path: JointPath
-    seen: Seen
-    events: tuple[Event, ...]
+    detections: Detections
+    events: tuple[EventPair, ...]
     scales: np.ndarray
     expected: np.ndarray
     middle_s: float
     offset_s: float
 
-    def robot_s(self, x: np.ndarray) -> np.ndarray:
-        """Return the robot's times of the sightings."""
-        shift_s, drift = x[:2] * self.scales[:2]
-        return self.middle_s + self.offset_s + shift_s + (1.0 + drift) * (self.seen.time_s - self.middle_s)
+    @classmethod
+    def of(
+        cls,
+        rig: Rig,
+        path: JointPath,
+        detections: Detections,
+        offset_s: float,
+        priors: Priors,
+        events: tuple[EventPair, ...] = (),
+    ) -> ClockProblem:
+        """Return the problem of a fit that starts at `offset_s`."""
+        scales, expected = priors.scales(rig), priors.expected(rig)
+        middle_s = float(detections.time_s.mean())
+        return cls(rig, path, detections, events, scales, expected, middle_s, offset_s)
 
-    def misfit(self, x: np.ndarray) -> Misfit:
-        """Return the rig's constants."""
-        return misfit_of((x * self.scales)[2:], self.rig)
+    def robot_s(self, x: np.ndarray) -> np.ndarray:
+        """Return the robot times (m,) of the detections."""
+        shift_s, drift = x[:2] * self.scales[:2]
+        since_s = self.detections.time_s - self.middle_s
+        return np.asarray(self.middle_s + self.offset_s + shift_s + (1.0 + drift) * since_s)
+
+    def rig_error(self, x: np.ndarray) -> RigError:
+        """Return the rig's constant errors."""
+        return RigError.from_vector((x * self.scales)[2:], self.rig)
 
     def residual(self, x: np.ndarray) -> np.ndarray:
-        """Return seen minus told (m, 3)."""
-        told = marker_poses(self.rig, self.path.at(self.robot_s(x)), self.seen.marker, self.misfit(x))
-        off = self.seen.pose - told
-        off[:, 2] = _wrap(off[:, 2])
-        return off
+        """Return measured minus predicted marker poses (m, 3) [m, m, rad]."""
+        q_rad = self.path.at(self.robot_s(x))
+        predicted = marker_poses(self.rig, q_rad, self.detections.marker, self.rig_error(x))
+        off = self.detections.pose.array() - predicted.array()
+        off[:, 2] = wrapped(off[:, 2])
+        return np.asarray(off)
 
-    def slopes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the slopes of what is told: with the joints (m, 3, J), with x (m, 3, p)."""
+    def jacobian(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of the predicted poses: by the joints (m, 3, J), by x (m, 3, p)."""
         robot_s = self.robot_s(x)
-        joint, misfit = marker_slopes(self.rig, self.path.at(robot_s), self.seen.marker, self.misfit(x))
+        joint, error = marker_jacobian(
+            self.rig, self.path.at(robot_s), self.detections.marker, self.rig_error(x)
+        )
         velocity = np.einsum("mcj,mj->mc", joint, self.path.speed(robot_s))
-        since_s = self.seen.time_s - self.middle_s
+        since_s = self.detections.time_s - self.middle_s
         clock = np.stack([velocity, velocity * since_s[:, None]], axis=2)
-        return joint, np.concatenate([clock, misfit], axis=2) * self.scales
+        return joint, np.concatenate([clock, error], axis=2) * self.scales
 
-    def event_rows(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the events' residuals (e,) and slopes (e, p), in standard deviations."""
+    def event_residual(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the events' residuals (e,) and derivatives (e, p), in standard deviations."""
         full = x * self.scales
         off, slope = np.zeros(len(self.events)), np.zeros((len(self.events), len(x)))
         for k, event in enumerate(self.events):
             since_s = event.camera_s - self.middle_s
-            told_s = self.middle_s + self.offset_s + full[0] + (1.0 + full[1]) * since_s
-            off[k] = (event.robot_s - told_s) / event.sigma_s
+            predicted_s = self.middle_s + self.offset_s + full[0] + (1.0 + full[1]) * since_s
+            off[k] = (event.robot_s - predicted_s) / event.sigma_s
             slope[k, :2] = np.array([1.0, since_s]) * self.scales[:2] / event.sigma_s
         return off, slope
 
     def prior(self, wider: float = 1.0) -> np.ndarray:
-        """Return the priors' information (p,): none on the offset; what is held is held."""
+        """Return the priors' information (p,), none on the offset; `wider` scales the rig's priors."""
         information = np.where(self.scales > 0, 1.0, 1e12)
         information[2:] /= wider**2
         information[0] = 0.0
         return information
-
-
-def _wrap(angle_rad: np.ndarray) -> np.ndarray:
-    return np.asarray((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)

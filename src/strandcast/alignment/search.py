@@ -1,88 +1,97 @@
-"""The coarse search: every offset at which the log could belong to the video, on a grid."""
+"""The best fit of all offsets at which log and video overlap."""
 
-from __future__ import annotations
+from dataclasses import dataclass, replace
 
-import numpy as np
+from strandcast.alignment.checks import LEAST_DETECTIONS, PLAIN_RESIDUAL_M, no_overlap_error
+from strandcast.alignment.coarse_search import APART_S, AlignmentData, candidate_offsets, shape_change_m
+from strandcast.alignment.diagnosis import diagnose
+from strandcast.alignment.fine_fit import SHIFT_S, Candidate, fit_clock, moving_rms_m
+from strandcast.alignment.joints import joint_path
+from strandcast.alignment.problem import ClockProblem, EventPair, Priors
+from strandcast.alignment.rig_error import Rig
+from strandcast.errors import StrandcastError
 
-from strandcast.alignment.rig import Rig, Seen, marker_poses, no_misfit
-from strandcast.alignment.rows import MOVES, Rows
+# Chosen.
+LARGEST_RESIDUAL_M = 0.005
+LARGEST_COARSE_M = 0.05
+RIVAL_RATIO = 1.5
+SURPRISE = 4.0  # standard deviations of the drift's prior
+ANY_DRIFT = 0.05
+FREED_SHARE = 0.7  # of the residual: a free drift must leave less
+LEAST_SHARE = 0.5  # of the path in the video that a rival must explain
 
-STEP_S = 0.002
-MOST_SIGHTINGS = 200
-CHUNK = 2000
-LARGEST_OFF_M = 0.1  # a misread marker counts no more than this
-APART_S = 0.05  # two offsets nearer than this are one
+
+@dataclass(frozen=True)
+class AlignmentFiles:
+    """The files that messages name."""
+
+    log: str | None
+    arm: str
 
 
-def candidate_offsets(
-    rig: Rig, log_time_s: np.ndarray, q_rad: np.ndarray, seen: Seen, window_s: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return offsets that fit best among their neighbours, the best first, and their rms [m].
+def best_fit(data: AlignmentData, priors: Priors, files: AlignmentFiles) -> Candidate:
+    """Return the best fit of all offsets.
 
-    Parameters
-    ----------
-    rig
-        Arm and markers.
-    log_time_s, q_rad
-        (T,) rising, (T, J): the joint log.
-    seen
-        Marker sightings.
-    window_s
-        Least and greatest offset.
-
-    Notes
-    -----
-    The median difference of each marker is taken off, so that a displaced marker does no harm. Before and
-    after the log the arm is taken to stand still.
+    It is refused if no offset covers the detections, none fits (with the mistake that explains it), or two
+    fit alike.
     """
-    few = seen.where(np.unique(np.linspace(0, len(seen.time_s) - 1, MOST_SIGHTINGS).astype(int)))
-    offsets = np.arange(window_s[0], window_s[1] + STEP_S, STEP_S)
-    square = np.zeros(len(offsets))
-    for marker in np.unique(few.marker):
-        mine = few.where(few.marker == marker)
-        path_m = marker_poses(rig, q_rad, np.full(len(q_rad), marker), no_misfit(rig))[:, :2]
-        for start in range(0, len(offsets), CHUNK):
-            chunk = slice(start, start + CHUNK)
-            times = offsets[chunk, None] + mine.time_s
-            for axis in range(2):
-                off = mine.pose[:, axis] - np.interp(times, log_time_s, path_m[:, axis])
-                off = np.clip(off - np.median(off, axis=1, keepdims=True), -LARGEST_OFF_M, LARGEST_OFF_M)
-                square[chunk] += (off**2).sum(axis=1)
-    rms = np.sqrt(square / len(few.time_s))
-    chosen = _best_apart(rms)
-    return offsets[chosen], rms[chosen]
+    offsets, coarse_m = candidate_offsets(data)
+    if coarse_m[0] > LARGEST_COARSE_M:
+        raise diagnose(data, float(coarse_m[0]), files.log, files.arm)
+    near = offsets[coarse_m <= max(3.0 * coarse_m[0], 0.01)]
+    fits = [found for offset_s in near if (found := _fitted(data, float(offset_s), priors)) is not None]
+    if not fits:
+        raise no_overlap_error(files.log)
+    # Where log and video hardly overlap, the hand rests in both, and anything fits.
+    shares = [float(found.covered.speed_m_s().sum()) for found in fits]
+    fits = [found for found, share in zip(fits, shares, strict=True) if share >= LEAST_SHARE * max(shares)]
+    fits.sort(key=lambda found: found.residual_m)
+    if fits[0].residual_m > LARGEST_RESIDUAL_M:
+        raise diagnose(data, fits[0].residual_m, files.log, files.arm)
+    _refuse_rivals(fits)
+    return fits[0]
 
 
-def shape_m(rig: Rig, rows: Rows, seen: Seen, offset_s: float, shift_s: float) -> float:
-    """Return how much a shift of the offset changes the shape of the hand's path, in the median [m].
-
-    A hand that moves evenly along a line is moved by it as a whole, and a rig is not known to the millimetre:
-    only what remains beside one displacement of all its way in motion tells the offset.
-    """
-    speed = seen.speed_m_s()
-    moving = seen.where(speed >= MOVES * np.quantile(speed, 0.98))
-    changes = []
-    for marker in np.unique(moving.marker):
-        robot_s = moving.time_s[moving.marker == marker] + offset_s
-        path_m = marker_poses(rig, rows.q_rad, np.full(len(rows.q_rad), marker), no_misfit(rig))[:, :2]
-        for later_s in (-shift_s, shift_s):
-            moved = [
-                np.interp(robot_s + later_s, rows.time_s, axis) - np.interp(robot_s, rows.time_s, axis)
-                for axis in path_m.T
-            ]
-            change = np.stack(moved, axis=1)
-            changes.append(float(np.median(np.linalg.norm(change - np.median(change, axis=0), axis=1))))
-    return min(changes)
+def fit_with_events(best: Candidate, rig: Rig, priors: Priors, events: tuple[EventPair, ...]) -> Candidate:
+    """Return the fit with events on both clocks added."""
+    start_s = best.fit.offset_s() if best.determined else events[0].robot_s - events[0].camera_s
+    fit = fit_clock(ClockProblem.of(rig, best.path, best.covered, start_s, priors, events))
+    return replace(best, fit=fit, residual_m=moving_rms_m(fit.residual, best.covered, fit.outlier))
 
 
-def _best_apart(rms: np.ndarray, most: int = 4) -> np.ndarray:
-    """Return the indices of the lowest local minima that are apart, lowest first."""
-    padded = np.concatenate([[np.inf], rms, [np.inf]])
-    minima = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]))
-    chosen: list[int] = []
-    for index in minima[np.argsort(rms[minima], kind="stable")]:
-        if all(abs(int(index) - other) * STEP_S > APART_S for other in chosen):
-            chosen.append(int(index))
-        if len(chosen) == most:
-            break
-    return np.array(chosen, int)
+def _fitted(data: AlignmentData, offset_s: float, priors: Priors) -> Candidate | None:
+    """Fit from one offset; with any drift, if the expected one does not fit."""
+    rig, rows = data.rig, data.rows
+    covered = data.detections.where(rows.covers(data.detections.time_s + offset_s))
+    if len(covered.time_s) < LEAST_DETECTIONS:
+        return None
+    robot_s = covered.time_s + offset_s
+    path = joint_path(rows.time_s, rows.q_rad, (float(robot_s[0]), float(robot_s[-1])))
+    shape_m = shape_change_m(rig, rows, covered, offset_s, SHIFT_S)
+
+    def fitted(priors: Priors) -> Candidate:
+        fit = fit_clock(ClockProblem.of(rig, path, covered, offset_s, priors))
+        return Candidate(fit, covered, path, moving_rms_m(fit.residual, covered, fit.outlier), shape_m)
+
+    found = fitted(priors)
+    surprise = abs(found.fit.drift - priors.known_drift) > SURPRISE * priors.drift
+    if priors.drift < ANY_DRIFT and (surprise or found.residual_m > PLAIN_RESIDUAL_M):
+        freed = fitted(priors.with_drift(ANY_DRIFT))
+        if freed.residual_m < FREED_SHARE * found.residual_m or surprise:
+            return freed
+    return found
+
+
+def _refuse_rivals(fits: list[Candidate]) -> None:
+    best = fits[0]
+    for rival in fits[1:] if best.determined else ():
+        apart_s = abs(rival.fit.offset_s() - best.fit.offset_s())
+        if apart_s > APART_S and rival.residual_m < RIVAL_RATIO * best.residual_m:
+            raise StrandcastError(
+                "SC-A009",
+                f"two offsets, {best.fit.offset_s():.3f} and {rival.fit.offset_s():.3f} s, fit alike "
+                f"({best.residual_m * 1e3:.1f} and {rival.residual_m * 1e3:.1f} mm): the motion repeats"
+                " itself",
+                field="align.largest_offset_s",
+                fix="play a motion that does not repeat itself, or lower this limit",
+            )

@@ -1,1 +1,1 @@
-"""The arm: kinematics from the URDF, limits, servo response, and how a planar throw lives on it."""
+"""The arm: kinematics from the URDF, limits, servo response, and how it makes a planar throw."""

@@ -1,6 +1,4 @@
-"""What can be wrong with an arm's file, each problem in one sentence."""
-
-from __future__ import annotations
+"""Problems of an arm's file, each in one sentence."""
 
 import mujoco
 import numpy as np
@@ -12,20 +10,20 @@ from strandcast.arm.urdf import JointLimit
 Problem = tuple[str, str, str]  # field, what is wrong, fix
 
 
-def name_problems(keys: ArmKeys, said: dict[str, JointLimit], model: mujoco.MjModel) -> list[Problem]:
-    """Find joints and links that the URDF does not have, or that the file forgets."""
+def name_problems(keys: ArmKeys, urdf: dict[str, JointLimit], model: mujoco.MjModel) -> list[Problem]:
+    """Return joints and links that the URDF does not have, or that the file does not name."""
     found = []
     for where, names in (("throw.joints", keys.throw.joints), ("throw.held", list(keys.throw.held))):
         found += [
-            (where, f"the URDF has no moving joint {name!r}", f"one of: {', '.join(said)}")
+            (where, f"the URDF has no moving joint {name!r}", f"one of: {', '.join(urdf)}")
             for name in names
-            if name not in said
+            if name not in urdf
         ]
     both = set(keys.throw.joints) & set(keys.throw.held)
     found += [("throw.held", f"{name!r} is in throw.joints too", "name it once") for name in sorted(both)]
     twice = {name for name in keys.throw.joints if keys.throw.joints.count(name) > 1}
     found += [("throw.joints", f"{name!r} is named twice", "name it once") for name in sorted(twice)]
-    forgotten = [name for name in said if name not in keys.throw.joints and name not in keys.throw.held]
+    forgotten = [name for name in urdf if name not in keys.throw.joints and name not in keys.throw.held]
     found += [
         ("throw.held", f"joint {name!r} of the URDF neither moves nor is held", f"add `{name} = <rad>`")
         for name in forgotten
@@ -38,8 +36,8 @@ def name_problems(keys: ArmKeys, said: dict[str, JointLimit], model: mujoco.MjMo
     return found
 
 
-def number_problems(keys: ArmKeys, said: dict[str, JointLimit]) -> list[Problem]:
-    """Find lists of the wrong length, limits that the URDF does not give, ranges upside down."""
+def number_problems(keys: ArmKeys, urdf: dict[str, JointLimit]) -> list[Problem]:
+    """Return lists of the wrong length, limits missing from the URDF, reversed ranges."""
     count = len(keys.throw.joints)
     lists = {
         "limits.acceleration_rad_s2": keys.limits.acceleration_rad_s2,
@@ -60,35 +58,35 @@ def number_problems(keys: ArmKeys, said: dict[str, JointLimit]) -> list[Problem]
         if values is not None and len(values) != count
     ]
     for name in keys.throw.joints:
-        found += _limit_problems(keys, name, said[name])
+        found += _limit_problems(keys, name, urdf[name])
     for where, pair in (("workspace.x_m", keys.workspace.x_m), ("workspace.y_m", keys.workspace.y_m)):
         if pair[0] >= pair[1]:
             found.append((where, f"{pair[0]} is not below {pair[1]}", "give the lower end first"))
     return found
 
 
-def _limit_problems(keys: ArmKeys, name: str, said: JointLimit) -> list[Problem]:
+def _limit_problems(keys: ArmKeys, name: str, limit: JointLimit) -> list[Problem]:
     where = f"{keys.urdf} <joint name={name!r}> <limit>"
-    if said.kind == "prismatic":
+    if limit.kind == "prismatic":
         return [("throw.joints", f"{name!r} slides", "only turning joints can move in a throw")]
     missing = [
         key
-        for key, value in (("velocity", said.velocity_rad_s), ("effort", said.effort_n_m))
+        for key, value in (("velocity", limit.velocity_rad_s), ("effort", limit.effort_n_m))
         if value is None
     ]
-    if said.kind == "revolute":
+    if limit.kind == "revolute":
         missing += [
-            key for key, value in (("lower", said.lower_rad), ("upper", said.upper_rad)) if value is None
+            key for key, value in (("lower", limit.lower_rad), ("upper", limit.upper_rad)) if value is None
         ]
     found = [(where, f"has no {key}", "add it to the URDF; no motion is planned without") for key in missing]
     room = 2.0 * keys.margins.position_rad
-    if said.kind == "revolute" and not missing and said.upper_rad - said.lower_rad <= room:  # type: ignore[operator]
+    if limit.kind == "revolute" and not missing and limit.upper_rad - limit.lower_rad <= room:  # type: ignore[operator]
         found.append((where, f"leaves no range within margins.position_rad = {room / 2}", "widen it"))
     return found
 
 
 def geometry_problems(keys: ArmKeys, model: mujoco.MjModel, plane: np.ndarray) -> list[Problem]:
-    """Find a plane that is none, joints that do not turn in it, joints out of order."""
+    """Return an invalid plane, joints that do not turn in it, joints out of order."""
     if not np.allclose(plane @ plane.T, np.eye(2), atol=1e-6):
         return [("throw.plane_x, plane_y", "are not at right angles", "give two perpendicular directions")]
     joints = tuple(keys.throw.joints)
@@ -96,7 +94,7 @@ def geometry_problems(keys: ArmKeys, model: mujoco.MjModel, plane: np.ndarray) -
         (
             "throw.joints",
             f"the axis of {name!r} is {np.degrees(tilt):.1f}° off the plane's normal",
-            "choose joints that are parallel, or mend throw.plane_x, plane_y or throw.held",
+            "choose joints that are parallel, or correct throw.plane_x, plane_y or throw.held",
         )
         for name, tilt in joints_out_of_plane(model, joints, keys.throw.held, plane).items()
     ]

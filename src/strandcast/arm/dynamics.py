@@ -1,25 +1,23 @@
-"""Torques of the moving joints as those of a planar chain: for searches, which ask for them a lot."""
-
-from __future__ import annotations
+"""Torques of the moving joints as those of a planar chain: fast, for searches."""
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from numba import njit
 
-from strandcast.arm.weight import owners
+from strandcast.arm.link_masses import owners
+from strandcast.arm.load import Arm
 
-if TYPE_CHECKING:
-    from strandcast.arm.load import Arm
+# Columns of `PlanarDynamics.links`.
+SIGN, MASS, INERTIA, CENTRE_X, CENTRE_Y, NEXT_X, NEXT_Y, VISCOUS, ARMATURE, DRY = range(10)
 
 
 @dataclass(frozen=True, eq=False)
 class PlanarDynamics:
-    """The J moving links in the plane of the throw, with all that is fixed to each: held joints, payload.
+    """The J moving links in the plane of the throw, each with all that is fixed to it: held joints, payload.
 
     Attributes
     ----------
@@ -36,14 +34,14 @@ class PlanarDynamics:
     gravity_m_s2: np.ndarray
 
 
-# Of an arm whose torques nobody asks for.
-NO_DYNAMICS = PlanarDynamics(np.zeros((0, 10)), np.zeros(2))
+# For an arm without torque limits.
+NO_DYNAMICS = PlanarDynamics(np.zeros((0, DRY + 1)), np.zeros(2))
 
 
 @lru_cache(maxsize=8)
 def dynamics_of(arm: Arm) -> PlanarDynamics:
-    """Return the arm's links, lumped from its burdened model with the held joints where they are held."""
-    model = arm.burdened_model()
+    """Return the arm's links, lumped from its model with payload, the held joints at their angles."""
+    model = arm.model_with_payload()
     data = mujoco.MjData(model)
     data.qpos[:] = arm.coordinates(np.zeros(len(arm.joints)))
     mujoco.mj_forward(model, data)
@@ -85,9 +83,9 @@ def chain_torques(
 ) -> np.ndarray:
     """Return torques (T, J) [N m] for angles, speeds, accelerations (T, J), by recursive Newton-Euler.
 
-    Outwards go the links' turn rates and the acceleration of each joint's place, gravity being one; inwards,
-    the force and the moment that each link needs from the one before (Luh, Walker and Paul, 1980). Dry
-    friction, whose direction depends on what the joint was about to do, is taken to be in the way.
+    The outward pass gives the links' turn rates and the accelerations of the joints, gravity included; the
+    inward pass the force and the moment that each link needs from the one before (Luh, Walker and Paul,
+    1980). Dry friction, whose direction is uncertain, is taken to oppose the motion.
     """
     count, joints = q.shape
     torque = np.empty((count, joints))
@@ -96,8 +94,9 @@ def chain_torques(
         turn, rate, bend = 0.0, 0.0, 0.0
         ax, ay = -gravity[0], -gravity[1]
         for j in range(joints):
-            sign, mass, inertia = links[j, 0], links[j, 1], links[j, 2]
-            cx, cy, dx, dy = links[j, 3], links[j, 4], links[j, 5], links[j, 6]
+            sign, mass, inertia = links[j, SIGN], links[j, MASS], links[j, INERTIA]
+            cx, cy = links[j, CENTRE_X], links[j, CENTRE_Y]
+            dx, dy = links[j, NEXT_X], links[j, NEXT_Y]
             turn += sign * q[t, j]
             rate += sign * qd[t, j]
             bend += sign * qdd[t, j]
@@ -113,6 +112,7 @@ def chain_torques(
         for j in range(joints - 1, -1, -1):
             turning += moment[j] + step[j, 0] * fy - step[j, 1] * fx
             fx, fy = fx + force[j, 0], fy + force[j, 1]
-            needed = links[j, 0] * turning + links[j, 7] * qd[t, j] + links[j, 8] * qdd[t, j]
-            torque[t, j] = needed + math.copysign(links[j, 9], needed)
+            viscous, armature = links[j, VISCOUS], links[j, ARMATURE]
+            needed = links[j, SIGN] * turning + viscous * qd[t, j] + armature * qdd[t, j]
+            torque[t, j] = needed + math.copysign(links[j, DRY], needed)
     return torque

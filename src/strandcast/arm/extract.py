@@ -1,13 +1,13 @@
 """The planar chain of a throw, taken from the URDF's model."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 
 from strandcast.arm.kinematics import PlanarChain
 from strandcast.arm.urdf import coordinates
+from strandcast.core.pose import wrapped
 
+# Chosen: beyond rounding, below any real misalignment.
 AXIS_TOLERANCE = 1e-6
 SHORTEST_LINK_M = 1e-9
 
@@ -15,7 +15,7 @@ SHORTEST_LINK_M = 1e-9
 def joints_out_of_plane(
     model: mujoco.MjModel, joints: tuple[str, ...], held: dict[str, float], plane: np.ndarray
 ) -> dict[str, float]:
-    """Return the joints whose axes are not normal to the plane, with the angle they are off by [rad]."""
+    """Return the joints whose axes are not normal to the plane, with their tilt [rad]."""
     data = _posed(model, held)
     normal = np.cross(plane[0], plane[1])
     tilts = {name: float(np.arccos(min(1.0, abs(data.joint(name).xaxis @ normal)))) for name in joints}
@@ -25,7 +25,8 @@ def joints_out_of_plane(
 def joints_out_of_order(model: mujoco.MjModel, joints: tuple[str, ...], link: str) -> list[str]:
     """Return the joints that do not lie, in the order given, on the way from the base to the link."""
     on_the_way = [model.body(b).name for b in _ancestors(model, model.body(link).id)]
-    places = [on_the_way.index(b) if b in on_the_way else -1 for b in (_body_of(model, j) for j in joints)]
+    bodies = [model.body(model.joint(name).bodyid[0]).name for name in joints]
+    places = [on_the_way.index(body) if body in on_the_way else -1 for body in bodies]
     return [
         name
         for i, (name, place) in enumerate(zip(joints, places, strict=True))
@@ -53,13 +54,13 @@ def extract_chain(
     points = np.array([data.joint(name).xanchor for name in joints] + [data.body(link).xpos]) @ plane.T
     steps = np.diff(points, axis=0)
     lengths = np.hypot(*steps.T)
-    # A link of no length has no direction of its own: it goes on in that of the link before.
+    # A link of zero length continues in the direction of the link before.
     directions = np.zeros(len(joints) + 1)
     for j, (step, length) in enumerate(zip(steps, lengths, strict=True)):
         directions[j + 1] = np.arctan2(step[1], step[0]) if length > SHORTEST_LINK_M else directions[j]
     angles = np.diff(directions)
     signs = np.array([np.sign(data.joint(name).xaxis @ np.cross(plane[0], plane[1])) for name in joints])
-    return PlanarChain(points[0], lengths, (angles + np.pi) % (2 * np.pi) - np.pi, signs)
+    return PlanarChain(points[0], lengths, wrapped(angles), signs)
 
 
 def _posed(model: mujoco.MjModel, held: dict[str, float]) -> mujoco.MjData:
@@ -67,10 +68,6 @@ def _posed(model: mujoco.MjModel, held: dict[str, float]) -> mujoco.MjData:
     data.qpos[:] = coordinates(model, held)
     mujoco.mj_kinematics(model, data)
     return data
-
-
-def _body_of(model: mujoco.MjModel, joint: str) -> str:
-    return model.body(model.joint(joint).bodyid[0]).name
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:

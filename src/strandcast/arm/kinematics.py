@@ -1,10 +1,11 @@
-"""Where the hand and the links are in the plane of the throw, from the joint angles."""
-
-from __future__ import annotations
+"""Planar forward kinematics: positions of the links and poses of the hand, from the joint angles."""
 
 from dataclasses import dataclass
 
 import numpy as np
+
+from strandcast.arm.settings import Clamp
+from strandcast.core.pose import Pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,11 +18,11 @@ class PlanarChain:
     Attributes
     ----------
     origin_m
-        (2,) place of the first moving joint in the plane [m].
+        (2,) position of the first moving joint in the plane [m].
     lengths_m
         (J,) from each joint to the next, the last one to the clamp's link [m].
     angles_rad
-        (J,) angle of each link against the one before, all joints at zero [rad].
+        (J,) angle of each link relative to the one before, all joints at zero [rad].
     signs
         (J,) +1 where a positive joint angle is counter-clockwise for the camera, -1 where it is clockwise.
     """
@@ -32,32 +33,13 @@ class PlanarChain:
     signs: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Clamp:
-    """How the hand holds the string: from the last link's end, in its direction.
-
-    Attributes
-    ----------
-    offset_m
-        (2,) where the string leaves, along the last link and to its left [m].
-    angle_rad
-        Direction in which the string leaves, against the last link [rad].
-    swallowed_m
-        String inside the clamp [m]: free length = string length - this.
-    """
-
-    offset_m: np.ndarray
-    angle_rad: float
-    swallowed_m: float = 0.0
-
-
 def link_angles(chain: PlanarChain, q: np.ndarray) -> np.ndarray:
     """Return the directions of the links [rad], not wrapped: (..., J) from joint angles (..., J)."""
     return np.cumsum(chain.angles_rad + chain.signs * np.asarray(q, float), axis=-1)
 
 
 def link_points(chain: PlanarChain, q: np.ndarray) -> np.ndarray:
-    """Return the joints' places and the last link's end [m]: (..., J+1, 2) from angles (..., J) [rad]."""
+    """Return positions (..., J+1, 2) of the joints and the last link's end [m] from angles (..., J) [rad]."""
     angles = link_angles(chain, q)
     steps = chain.lengths_m[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     points = np.empty((*angles.shape[:-1], angles.shape[-1] + 1, 2))
@@ -66,8 +48,8 @@ def link_points(chain: PlanarChain, q: np.ndarray) -> np.ndarray:
     return points
 
 
-def hand_pose(chain: PlanarChain, clamp: Clamp, q: np.ndarray) -> np.ndarray:
-    """Return the hand's pose from the joint angles.
+def hand_pose(chain: PlanarChain, clamp: Clamp, q: np.ndarray) -> Pose:
+    """Return the hand's poses from the joint angles.
 
     Parameters
     ----------
@@ -76,13 +58,11 @@ def hand_pose(chain: PlanarChain, clamp: Clamp, q: np.ndarray) -> np.ndarray:
 
     Returns
     -------
-    (..., 3): x [m], y [m] of the place where the string leaves the clamp, and the direction in which it
-    leaves [rad], not wrapped.
+    Poses (...): where the string leaves the clamp, and the direction in which it leaves, not wrapped.
     """
     angle = link_angles(chain, q)[..., -1]
     along, left = clamp.offset_m
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = np.moveaxis(link_points(chain, q)[..., -1, :], -1, 0)
-    return np.stack(
-        [x + along * cos - left * sin, y + along * sin + left * cos, angle + clamp.angle_rad], axis=-1
-    )
+    position_m = np.stack([x + along * cos - left * sin, y + along * sin + left * cos], axis=-1)
+    return Pose(position_m, angle + clamp.angle_rad)

@@ -1,40 +1,19 @@
-"""What the arm can do, and where a motion asks for more."""
-
-from __future__ import annotations
+"""Where a motion exceeds the arm's limits, and its peak values."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
-if TYPE_CHECKING:
-    from strandcast.arm.load import Arm
+from strandcast.arm.load import Arm
+from strandcast.core.trajectory import JointTrajectory
 
-ROUNDING = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """Limits of the moving joints, margins taken off: (J,) each, infinite where there is none.
-
-    Attributes
-    ----------
-    lower_rad, upper_rad, velocity_rad_s, acceleration_rad_s2, jerk_rad_s3, torque_n_m
-        Usable range of each joint.
-    """
-
-    lower_rad: np.ndarray
-    upper_rad: np.ndarray
-    velocity_rad_s: np.ndarray
-    acceleration_rad_s2: np.ndarray
-    jerk_rad_s3: np.ndarray
-    torque_n_m: np.ndarray
+ROUNDING = 1e-9  # relative, of the limit
 
 
 @dataclass(frozen=True)
 class Violation:
-    """The worst moment at which a joint is asked for more than its limit of one kind."""
+    """The instant at which a joint exceeds its limit of one kind the most."""
 
     joint: str
     kind: str
@@ -58,22 +37,12 @@ UNITS = {
 }
 
 
-def violations(
-    arm: Arm, time_s: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
-) -> list[Violation]:
-    """Return where a motion leaves the arm's limits, margins taken off; empty if nowhere.
+def violations(arm: Arm, motion: JointTrajectory) -> list[Violation]:
+    """Return where a motion exceeds the arm's limits less their margins; empty if nowhere.
 
-    Parameters
-    ----------
-    time_s
-        (T,) [s].
-    q, qd, qdd
-        (T, J) angles [rad], speeds [rad/s], accelerations [rad/s²] of the moving joints.
-
-    Notes
-    -----
-    Speed is checked as told and as the positions' differences say, jerk by the accelerations' differences.
+    Speed is checked as given and by the differences of the positions, jerk by those of the accelerations.
     """
+    time_s, q, qd, qdd = motion.time_s, motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2
     step = np.diff(time_s)[:, None]
     middle = 0.5 * (time_s[1:] + time_s[:-1])
     limits = arm.limits
@@ -106,11 +75,10 @@ def _beyond(
     ]
 
 
-def peaks(
-    arm: Arm, time_s: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Return (J,) the largest speed, acceleration, jerk and torque that a motion asks for."""
-    jerk = np.diff(qdd, axis=0) / np.diff(time_s)[:, None]
+def peaks(arm: Arm, motion: JointTrajectory) -> dict[str, np.ndarray]:
+    """Return the largest speed, acceleration, jerk and torque of a motion, (J,) each."""
+    q, qd, qdd = motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2
+    jerk = np.diff(qdd, axis=0) / np.diff(motion.time_s)[:, None]
     return {
         "velocity_rad_s": np.abs(qd).max(axis=0),
         "acceleration_rad_s2": np.abs(qdd).max(axis=0),
@@ -121,16 +89,16 @@ def peaks(
 
 def torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     """Return the joints' torques [N m] by inverse dynamics with the payload: (T, J) from (T, J) each."""
-    model = arm.burdened_model()
+    model = arm.model_with_payload()
     data = mujoco.MjData(model)
     at = [int(model.joint(name).dofadr[0]) for name in arm.joints]
-    resting = arm.coordinates(np.zeros(len(at)))
-    answer = np.empty_like(q)
+    at_zero = arm.coordinates(np.zeros(len(at)))
+    torque = np.empty_like(q)
     for k in range(len(q)):
-        data.qpos[:] = resting
+        data.qpos[:] = at_zero
         data.qpos[at] = q[k]
         data.qvel[at] = qd[k]
         data.qacc[at] = qdd[k]
         mujoco.mj_inverse(model, data)
-        answer[k] = data.qfrc_inverse[at]
-    return answer
+        torque[k] = data.qfrc_inverse[at]
+    return torque

@@ -1,6 +1,4 @@
-"""Where the hand and what hangs from it can get to during a motion, a stop at any instant included."""
-
-from __future__ import annotations
+"""The region that hand and string can reach during a motion, including a stop at any instant."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -10,26 +8,28 @@ import numpy as np
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm
 from strandcast.arm.stop import SoftStop
+from strandcast.core.trajectory import JointTrajectory
 
+# Chosen; not sensitive: the hand moves some centimetres in between.
 EVERY_S = 0.004
 ROUGHLY_EVERY_S = 0.008
-FEW_JOINTS = 4  # for which the middle of each joint's stop is looked at too
+FEW_JOINTS = 4  # for which the middle of each joint's stop is checked too
 
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """What a motion sweeps.
+    """The region that a motion sweeps.
 
     Attributes
     ----------
     hand_m
-        (2, 2) low and high of x and y of the hand on its path [m].
+        (2, 2) least and greatest x and y of the hand on its path [m].
     swept_m
-        The same of the hand and what hangs from it, wherever the arm is stopped.
+        The same for the hand and the string, wherever the arm is stopped.
     stop_rad
-        (J,) how far each joint turns on when it is stopped at the worst instant [rad].
+        (J,) how far each joint still turns when it is stopped at the worst instant [rad].
     beyond_rad
-        (J,) how far that may carry it past its range, margins taken off, or zero [rad].
+        (J,) how far that may carry it beyond its range less the margin, or zero [rad].
     """
 
     hand_m: np.ndarray
@@ -38,31 +38,22 @@ class Reach:
     beyond_rad: np.ndarray
 
 
-def reach_of(
-    arm: Arm, time_s: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, hanging_m: float
-) -> Reach:
-    """Return what a motion sweeps.
+def reach_of(arm: Arm, motion: JointTrajectory, hanging_m: float) -> Reach:
+    """Return the region that a densely sampled motion sweeps.
 
-    Parameters
-    ----------
-    time_s, q, qd, qdd
-        (T,) [s]; (T, J) the motion, densely.
-    hanging_m
-        Length of what hangs from the hand [m]; it may be anywhere that near to the hand.
-
-    Notes
-    -----
-    A joint may come to rest anywhere between where it is and the further of two stops: the player's soft
-    stop, and the controller's own, whose angle at full speed the arm's file tells (it grows with the square
-    of the speed; in proportion to it is on the safe side). The joints need not stop together.
+    The string may be anywhere within `hanging_m` from the hand. A joint may come to rest anywhere between its
+    angle and the further of two stops: the player's soft stop, and the controller's own, whose angle at full
+    speed the arm's file gives (it grows with the square of the speed; assuming proportionality is
+    conservative). The joints need not stop together.
     """
+    time_s = motion.time_s
     every = max(1, round(EVERY_S / float(np.median(np.diff(time_s)))))
     rows = np.unique(np.append(np.arange(0, len(time_s), every), len(time_s) - 1))
-    q, qd, qdd = q[rows], qd[rows], qdd[rows]
+    q, qd, qdd = motion.q_rad[rows], motion.qd_rad_s[rows], motion.qdd_rad_s2[rows]
     soft = SoftStop(arm.stop.acceleration_rad_s2, arm.stop.jerk_rad_s3).resting_place(q, qd, qdd) - q
     hard = arm.stop.distance_rad * qd / arm.limits.velocity_rad_s
     low, high = np.minimum(np.minimum(soft, hard), 0.0), np.maximum(np.maximum(soft, hard), 0.0)
-    hand = _box(hand_pose(arm.chain, arm.clamp, q)[..., :2])
+    hand = _box(hand_pose(arm.chain, arm.clamp, q).position_m)
     swept = _box(_resting_hands(arm, q, low, high))
     beyond = np.maximum((q + high) - arm.limits.upper_rad, arm.limits.lower_rad - (q + low)).max(axis=0)
     return Reach(
@@ -74,9 +65,9 @@ def reach_of(
 
 
 def roughly_outside_m(arm: Arm, q: np.ndarray, step_s: float, hanging_m: float) -> np.ndarray:
-    """Return (P,) how far out of the arm's workspace P motions may end if stopped, for a search [m].
+    """Return (P,) how far outside the arm's workspace P motions may end if stopped, for a search [m].
 
-    It takes a quarter of `reach_of`'s time and is no less, but for what a stop swings back.
+    It takes a quarter of `reach_of`'s time and is an upper bound, except for stops that swing back.
 
     Parameters
     ----------
@@ -88,7 +79,7 @@ def roughly_outside_m(arm: Arm, q: np.ndarray, step_s: float, hanging_m: float) 
     qdd = np.gradient(qd, step_s, axis=1)[:, ::every]
     q, qd = q[:, ::every], qd[:, ::every]
     brake, jerk = arm.stop.acceleration_rad_s2, arm.stop.jerk_rad_s3
-    # First what still speeds a joint up is taken off, then the joint brakes.
+    # First the acceleration of a joint is removed, then the joint brakes.
     pushed = np.minimum(np.maximum(qdd * np.sign(qd), 0.0), brake)
     speed = np.abs(qd) + pushed**2 / (2.0 * jerk)
     soft = np.abs(qd) * pushed / jerk + pushed**3 / (3.0 * jerk**2)
@@ -102,15 +93,15 @@ def roughly_outside_m(arm: Arm, q: np.ndarray, step_s: float, hanging_m: float) 
 
 
 def _resting_hands(arm: Arm, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return (..., W, 2) where the hand may come to rest, its joints (..., J) turning on by low to high."""
+    """Return resting positions (..., W, 2) of the hand, its joints (..., J) turning by low to high."""
     shares = (0.0, 0.5, 1.0) if len(arm.joints) <= FEW_JOINTS else (0.0, 1.0)
-    ways = np.array(list(product(shares, repeat=len(arm.joints))))
-    rest = (q + low)[..., None, :] + ways * (high - low)[..., None, :]
-    return hand_pose(arm.chain, arm.clamp, rest)[..., :2]
+    corners = np.array(list(product(shares, repeat=len(arm.joints))))
+    rest = (q + low)[..., None, :] + corners * (high - low)[..., None, :]
+    return hand_pose(arm.chain, arm.clamp, rest).position_m
 
 
 def outside_m(arm: Arm, box_m: np.ndarray) -> float:
-    """Return how far a box (2, 2) reaches out of the arm's workspace, zero if nowhere [m]."""
+    """Return how far a box (2, 2) extends beyond the arm's workspace, zero if nowhere [m]."""
     workspace = np.array([arm.workspace.x_m, arm.workspace.y_m])
     return float(max(0.0, (workspace[:, 0] - box_m[:, 0]).max(), (box_m[:, 1] - workspace[:, 1]).max()))
 

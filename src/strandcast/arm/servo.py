@@ -1,7 +1,5 @@
 """How the joints follow a command: gain, transport delay and a second-order lag, joint by joint."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,13 +24,13 @@ class Servo:
 
     @property
     def time_constant_s(self) -> np.ndarray:
-        """(J,) how far a joint trails a command of constant speed, the delay aside [s]."""
-        return 2.0 * self.damping_ratio / self.natural_frequency_rad_s
+        """(J,) lag behind a command of constant speed, without the delay [s]."""
+        return np.asarray(2.0 * self.damping_ratio / self.natural_frequency_rad_s)
 
     @property
     def lag_s(self) -> np.ndarray:
-        """(J,) how far a joint trails a command of constant speed [s]."""
-        return self.delay_s + self.time_constant_s
+        """(J,) lag behind a command of constant speed [s]."""
+        return np.asarray(self.delay_s + self.time_constant_s)
 
     def matrix(self) -> np.ndarray:
         """(J, 4) delay [s], natural frequency [rad/s], damping ratio, gain."""
@@ -40,7 +38,7 @@ class Servo:
 
 
 def respond(servo: Servo, time_s: np.ndarray, q_command: np.ndarray) -> np.ndarray:
-    """Return the joint angles that a command leads to, from rest at its first sample.
+    """Return the joint angles that follow a command, from rest at its first sample.
 
     Parameters
     ----------
@@ -86,19 +84,22 @@ def _respond(joints: np.ndarray, step_s: float, commands: np.ndarray) -> np.ndar
 @njit(cache=True)
 def _sample(values: np.ndarray, place: float) -> float:
     """Value at a fractional index, the first value before the first sample."""
+    first: float = values[0]
+    last: float = values[-1]
     if place <= 0.0:
-        return values[0]
+        return first
     k = int(place)
     if k >= len(values) - 1:
-        return values[-1]
-    return values[k] + (place - k) * (values[k + 1] - values[k])
+        return last
+    between: float = values[k] + (place - k) * (values[k + 1] - values[k])
+    return between
 
 
 @njit(cache=True)
 def _transition(w: float, z: float, step_s: float) -> tuple[np.ndarray, np.ndarray]:
     """(2, 2) transition of x'' = w^2 (u - x) - 2 z w x' over a step; (2, 2) weights of u before and after.
 
-    By the exponential of the (x, x', u, u') system, summed as a series after halving the step until small.
+    The exponential of the (x, x', u, u') system: a series after scaling, then squaring.
     """
     system = np.zeros((4, 4))
     system[0, 1] = 1.0
@@ -136,11 +137,11 @@ def identify(
     q_command, q
         (T, J) or (B, T, J) commanded and measured angles [rad]; NaN in `q` where nothing was measured.
     start
-        Where the search starts; its gain is kept unless `fit_gain`.
+        Start of the search; its gain is kept unless `fit_gain`.
 
     Returns
     -------
-    The servo, and (J,) the rms of what it leaves unexplained, constant offset aside [rad].
+    The servo, and (J,) the rms of its residual without a constant offset [rad].
     """
     commands = np.asarray(q_command, float).reshape(-1, *np.shape(q_command)[-2:])
     measured = np.asarray(q, float).reshape(commands.shape)
@@ -165,4 +166,4 @@ def _residual(
     servo = Servo(*np.concatenate([free, row[len(free) :]])[:, None])
     difference = respond(servo, time_s, commands) - measured
     difference = difference - np.nanmean(difference, axis=1, keepdims=True)
-    return difference[np.isfinite(measured)]
+    return np.asarray(difference[np.isfinite(measured)])

@@ -1,12 +1,11 @@
 """The keys of an arm's TOML file (see ``config/arms/planar3.toml``, which explains each)."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Vector2 = Annotated[list[float], Field(min_length=2, max_length=2)]
+from strandcast.core.hand_marker import HandMarker
+
 Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -14,9 +13,9 @@ Fraction = Annotated[float, Field(gt=0, le=1)]
 
 
 class Keys(BaseModel):
-    """A table of the file; keys that it does not know are errors."""
+    """A table of the file; unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class ThrowKeys(Keys):
@@ -28,41 +27,45 @@ class ThrowKeys(Keys):
     held: dict[str, float] = {}
 
 
-class ClampKeys(Keys):
-    """How the hand holds the string."""
+class Clamp(Keys):
+    """How the hand holds the string: from the end of the last link, in its direction.
+
+    Attributes
+    ----------
+    link
+        The link that carries the clamp.
+    offset_m
+        Where the string leaves, along the last link and to its left [m].
+    angle_rad
+        Direction in which the string leaves, relative to the last link [rad].
+    clamped_length_m
+        String inside the clamp [m]: free length = string length - this. The file says ``swallowed_m``.
+    """
+
+    model_config = ConfigDict(populate_by_name=True)
 
     link: str
-    offset_m: Vector2 = [0.0, 0.0]
+    offset_m: tuple[float, float] = (0.0, 0.0)
     angle_rad: float = 0.0
-    swallowed_m: NotNegative = 0.0
-
-
-class HandMarkerKeys(Keys):
-    """One ArUco marker on the hand."""
-
-    id: Annotated[int, Field(ge=0)]
-    size_m: Positive
-    place_m: Vector2
-    angle_rad: float = 0.0
-    offset_m: float = 0.0
+    clamped_length_m: NotNegative = Field(0.0, alias="swallowed_m")
 
 
 class MarkersKeys(Keys):
     """The ArUco markers on the hand."""
 
     dictionary: str = "DICT_4X4_50"
-    hand: list[HandMarkerKeys] = []
+    hand: tuple[HandMarker, ...] = ()
 
 
 class LimitsKeys(Keys):
-    """Limits that a URDF cannot say, one number per moving joint."""
+    """Limits that a URDF has no place for, one number per moving joint."""
 
     acceleration_rad_s2: list[Positive]
     jerk_rad_s3: list[Positive] | None = None
 
 
 class MarginsKeys(Keys):
-    """How far inside the limits plans stay."""
+    """Margins that plans keep from the limits."""
 
     position_rad: NotNegative = 0.0
     velocity: Fraction = 1.0
@@ -72,14 +75,14 @@ class MarginsKeys(Keys):
 
 
 class StartKeys(Keys):
-    """How near the arm must be to a throw's start, and how still."""
+    """How close to a throw's start the arm must be, and how still."""
 
     position_rad: list[Positive]
     velocity_rad_s: Positive = 0.01
 
 
 class StopKeys(Keys):
-    """How the arm stops before its time, one number per moving joint."""
+    """How the arm stops before the motion's end, one number per moving joint."""
 
     acceleration_rad_s2: list[Positive] | None = None
     jerk_rad_s3: list[Positive] | None = None
@@ -87,23 +90,26 @@ class StopKeys(Keys):
 
 
 class GuardKeys(Keys):
-    """What the player stops for while the arm moves, one number per moving joint."""
+    """Tracking errors at which the player stops the arm, one number per moving joint."""
 
     tracking_rad: list[Positive] | None = None
 
 
-class PayloadKeys(Keys):
-    """What the flange carries, as the controller must have been told: clamp, markers, the string's weight."""
+class Payload(Keys):
+    """The load of the flange, as configured in the controller: clamp, markers, the string's weight.
+
+    `centre_m` is in the frame of the clamp's link.
+    """
 
     mass_kg: NotNegative
-    centre_m: Vector3 = [0.0, 0.0, 0.0]
+    centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class WorkspaceKeys(Keys):
-    """The box that hand and string must not leave, in the plane of the throw."""
+    """The box in the plane of the throw that hand and string must not leave."""
 
-    x_m: Vector2
-    y_m: Vector2
+    x_m: tuple[float, float]
+    y_m: tuple[float, float]
 
 
 class ServoKeys(Keys):
@@ -129,14 +135,14 @@ class ArmKeys(Keys):
     urdf: str
     log_rate_hz: Positive = 500.0
     throw: ThrowKeys
-    clamp: ClampKeys
+    clamp: Clamp
     markers: MarkersKeys = MarkersKeys()
     limits: LimitsKeys
     margins: MarginsKeys = MarginsKeys()
     start: StartKeys
     stop: StopKeys = StopKeys()
     guard: GuardKeys = GuardKeys()
-    payload: PayloadKeys | None = None
+    payload: Payload | None = None
     workspace: WorkspaceKeys
     servo: ServoKeys
     driver: DriverKeys

@@ -1,13 +1,11 @@
-"""The soft stop: from where the command is, to rest, within acceleration and jerk (ruckig, velocity mode)."""
-
-from __future__ import annotations
+"""The soft stop: from any command to rest within limits of acceleration and jerk (ruckig, velocity mode)."""
 
 import numpy as np
 import ruckig
 
 
 class SoftStop:
-    """Every joint comes to rest as fast as its limits allow, each for itself.
+    """Bring each joint to rest as fast as its limits allow, independently of the others.
 
     Parameters
     ----------
@@ -29,7 +27,7 @@ class SoftStop:
         self._input.target_acceleration = [0.0] * count
 
     def begin(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> float:
-        """Plan the stop from (J,) angles, speeds and accelerations; return how long it takes [s]."""
+        """Plan the stop from (J,) angles, speeds and accelerations; return its duration [s]."""
         self._input.current_position = q.tolist()
         self._input.current_velocity = qd.tolist()
         self._input.current_acceleration = np.clip(qdd, -self._limit, self._limit).tolist()

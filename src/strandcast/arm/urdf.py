@@ -1,7 +1,5 @@
 """The URDF: limits by ElementTree (MuJoCo drops the speed limit), everything else through MuJoCo."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,17 +7,21 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from strandcast.arm.settings import Payload
+from strandcast.config.problems import SHOWN
 from strandcast.errors import StrandcastError
 
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
-# Enough for links without <inertial>, which serve kinematics and have no part in torques.
+MOST_BYTES = 8 << 20  # chosen; a URDF of 50 joints takes 50 KiB, its shapes are in other files
+MOST_LEVELS = 32  # chosen; URDF has five, and MuJoCo reads each level by recursion
+# For links without <inertial>: MuJoCo needs some, and it does not affect torques.
 LEAST_MASS_KG = 1e-6
 LEAST_INERTIA_KG_M2 = 1e-9
 
 
 @dataclass(frozen=True)
 class JointLimit:
-    """What the URDF says of one joint that can move; None where it says nothing."""
+    """The URDF's limits of one joint that can move; None where it gives none."""
 
     kind: str
     lower_rad: float | None
@@ -31,34 +33,29 @@ class JointLimit:
 def read_joint_limits(path: str | Path) -> dict[str, JointLimit]:
     """Return the limits of every joint that can move, by name, in the file's order."""
     joints = [joint for joint in _root(path).findall("joint") if joint.get("type") in MOVING_TYPES]
-    return {joint.get("name", ""): _limit(joint) for joint in joints}
+    return {joint.get("name", ""): _limit(joint, path) for joint in joints}
 
 
-def _limit(joint: ElementTree.Element) -> JointLimit:
+def _limit(joint: ElementTree.Element, path: str | Path) -> JointLimit:
     limit = joint.find("limit")
 
     def number(key: str) -> float | None:
         text = None if limit is None else limit.get(key)
-        return None if text is None else float(text)
+        try:
+            return None if text is None else float(text)
+        except ValueError:
+            where = f"joint {joint.get('name')!r}, limit {key}"
+            raise _refusal(path, f"{where}: {SHOWN.repr(text)} is not a number") from None
 
     return JointLimit(
         str(joint.get("type")), number("lower"), number("upper"), number("velocity"), number("effort")
     )
 
 
-@dataclass(frozen=True)
-class Burden:
-    """A mass [kg] that a link carries, at a place in its frame [m]."""
+def read_model(path: str | Path, carrier: str = "", payload: Payload | None = None) -> mujoco.MjModel:
+    """Compile the URDF's links and joints, without meshes and contact shapes, with a payload on a link.
 
-    link: str
-    mass_kg: float
-    centre_m: tuple[float, float, float]
-
-
-def read_model(path: str | Path, burden: Burden | None = None) -> mujoco.MjModel:
-    """Compile the URDF's links and joints, without its pictures and contact shapes, with a burden besides.
-
-    Fixed links are kept (MuJoCo would melt them into their parents), so that the clamp's link can be named.
+    Fixed links are kept (MuJoCo would merge them into their parents), so that the clamp's link has a name.
     """
     root = _root(path)
     for link in root.iter("link"):
@@ -69,21 +66,14 @@ def read_model(path: str | Path, burden: Burden | None = None) -> mujoco.MjModel
         spec.compiler.fusestatic = 0
         spec.compiler.boundmass = LEAST_MASS_KG
         spec.compiler.boundinertia = LEAST_INERTIA_KG_M2
-        if burden is not None and burden.mass_kg > 0.0:
+        if payload is not None and payload.mass_kg > 0.0:
             least = [LEAST_INERTIA_KG_M2] * 3
-            body = spec.body(burden.link).add_body(pos=burden.centre_m)
-            body.explicitinertial, body.mass, body.inertia = True, burden.mass_kg, least
+            body = spec.body(carrier).add_body(pos=payload.centre_m)
+            body.explicitinertial, body.mass, body.inertia = True, payload.mass_kg, least
             body.ipos = [0.0, 0.0, 0.0]
         return spec.compile()
     except ValueError as error:
-        raise StrandcastError(
-            "SC-F202", f"MuJoCo cannot read it as a URDF ({error})", file=path, fix="mend the URDF"
-        ) from None
-
-
-def joint_names(model: mujoco.MjModel) -> list[str]:
-    """Return the names of the model's joints, in the order of its coordinates."""
-    return [model.joint(j).name for j in range(model.njnt)]
+        raise _refusal(path, f"MuJoCo cannot read it as a URDF ({error})") from None
 
 
 def coordinates(model: mujoco.MjModel, positions: dict[str, float]) -> np.ndarray:
@@ -95,21 +85,27 @@ def coordinates(model: mujoco.MjModel, positions: dict[str, float]) -> np.ndarra
 
 
 def _root(path: str | Path) -> ElementTree.Element:
-    try:
-        root = ElementTree.fromstring(Path(path).read_bytes())
-    except FileNotFoundError:
+    if not Path(path).is_file():
         raise StrandcastError(
             "SC-F201", "the URDF is not there", file=path, fix="give `urdf` a path beside the arm's file"
-        ) from None
-    except ElementTree.ParseError as error:
-        raise StrandcastError(
-            "SC-F202",
-            f"is not XML ({error})",
-            file=path,
-            fix="mend the URDF (a xacro must be expanded first)",
-        ) from None
-    if root.tag != "robot":
-        raise StrandcastError(
-            "SC-F202", f"its root is <{root.tag}>, not <robot>", file=path, fix="give a URDF"
         )
+    try:
+        content = Path(path).read_bytes()
+        if len(content) > MOST_BYTES:
+            raise _refusal(path, f"is larger than {MOST_BYTES >> 20} MiB")
+        root = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        fix = "correct the URDF (a xacro must be expanded first)"
+        raise _refusal(path, f"is not XML ({error})", fix) from None
+    level = [root]
+    for _ in range(MOST_LEVELS):
+        level = [child for element in level for child in element]
+    if level:
+        raise _refusal(path, f"has more than {MOST_LEVELS} levels")
+    if root.tag != "robot":
+        raise _refusal(path, f"its root is <{root.tag}>, not <robot>", "give a URDF")
     return root
+
+
+def _refusal(path: str | Path, what: str, fix: str = "correct the URDF") -> StrandcastError:
+    return StrandcastError("SC-F202", what, file=path, fix=fix)

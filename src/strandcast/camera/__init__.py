@@ -1,1 +1,1 @@
-"""Boards and markers to a lens and a plane; pixel to metre and back."""
+"""Camera calibration from boards and markers; mapping between pixels and metres."""

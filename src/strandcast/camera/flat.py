@@ -1,10 +1,8 @@
-"""A camera that looks straight at the plane, where only the scale is known."""
-
-from __future__ import annotations
+"""A camera perpendicular to the plane; only its scale is known."""
 
 from strandcast.records.camera import Camera, Lens
 
-FAR = 20.0  # focal length over picture width: nearly parallel rays, so that offsets do not matter
+FOCAL_OVER_WIDTH = 20.0  # chosen: nearly parallel rays, so that offsets from the plane do not matter
 
 
 def flat_camera(
@@ -19,15 +17,15 @@ def flat_camera(
     Parameters
     ----------
     width_px, height_px
-        Size of the picture.
+        Size of the frames.
     scale_m_per_px
-        Metres in the plane that a pixel covers.
+        Metres per pixel in the plane.
     origin_px
-        Where the world's origin is in the picture.
+        Pixel of the world's origin.
     source
-        How the scale is known: ``given``, or ``arc`` (a pendulum of known length).
+        Origin of the scale: ``given``, ``arc`` (a pendulum of known length) or ``hand`` (its markers' size).
     """
-    focal_px = FAR * width_px
+    focal_px = FOCAL_OVER_WIDTH * width_px
     lens = Lens(
         width_px=width_px,
         height_px=height_px,

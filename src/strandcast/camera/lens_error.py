@@ -1,6 +1,4 @@
-"""What the board photos do not tell about the lens: the covariance of all its numbers."""
-
-from __future__ import annotations
+"""The covariance of the lens parameters that the board photos leave."""
 
 from collections.abc import Sequence
 
@@ -11,23 +9,23 @@ from strandcast.camera.distortion import COEFFICIENTS, MODELS, PINHOLE, LensFit
 from strandcast.camera.views import BoardCorners
 
 ALWAYS_FREE = ("k1", "k2", "p1", "p2")
-# What lenses are like before any photo is looked at, one standard deviation; the pinhole's in shares.
+# Chosen weak priors, one standard deviation: focal length relative to itself, centre to the picture's width.
 FOCAL_SD, CENTRE_SD = 0.3, 0.05
 PRIOR_SD = {"k1": 0.3, "k2": 0.5, "p1": 3e-3, "p2": 3e-3, "k3": 1.0, "k4": 1.0, "k5": 1.0, "k6": 1.0}
 
 
-def lens_covariance(seen: Sequence[BoardCorners], fit: LensFit, size: tuple[int, int]) -> np.ndarray:
+def lens_covariance(views: Sequence[BoardCorners], fit: LensFit, size: tuple[int, int]) -> np.ndarray:
     """Return the covariance of fx, fy, cx, cy and the distortion, (9, 9), or (12, 12) for the rational model.
 
-    The normal equations of all corners, the boards' poses eliminated (Schur complement). k1, k2, p1 and p2
-    are free here even where the fit has fewer: a coefficient that did not pay is not known to be zero. Weak
-    priors on what lenses are like keep what the photos do not tell finite.
+    The normal equations of all corners with the boards' poses eliminated (Schur complement). k1, k2, p1 and
+    p2 are free here even if the fit has fewer: a coefficient that was not worth fitting is not known to be
+    zero. Weak priors keep undetermined parameters finite.
     """
     names = PINHOLE + COEFFICIENTS[: len(fit.distortion)]
     free = np.array([name in PINHOLE + ALWAYS_FREE + MODELS[fit.model][0] for name in names])
     information = np.zeros((len(names), len(names)))
-    for corners, turn, shift in zip(seen, fit.turns, fit.shifts, strict=True):
-        pose, lens = jacobians(corners.board_m, turn, shift, fit.matrix, fit.distortion)
+    for corners, rotation, translation in zip(views, fit.rotations, fit.translations_m, strict=True):
+        pose, lens = jacobians(corners.board_m, rotation, translation, fit.matrix, fit.distortion)
         cross = pose.T @ lens
         information += lens.T @ lens - cross.T @ np.linalg.solve(pose.T @ pose, cross)
     information = information[np.ix_(free, free)] / corner_variance(fit)
@@ -38,19 +36,23 @@ def lens_covariance(seen: Sequence[BoardCorners], fit: LensFit, size: tuple[int,
 
 
 def corner_variance(fit: LensFit) -> float:
-    """Return the variance [px²] of a corner in u or v, by the residuals and what was fitted to them."""
+    """Return the variance [px²] of a corner in u or v, from residuals and degrees of freedom."""
     residuals = np.concatenate(fit.residuals_px)
     fitted = len(fit.free()) + 6 * len(fit.residuals_px)
     return float((residuals**2).sum() / max(residuals.size - fitted, 1))
 
 
 def jacobians(
-    world_m: np.ndarray, turn: np.ndarray, shift: np.ndarray, matrix: np.ndarray, distortion: np.ndarray
+    world_m: np.ndarray,
+    rotation: np.ndarray,
+    translation: np.ndarray,
+    matrix: np.ndarray,
+    distortion: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the slopes of the pixels (2m) over the pose (2m, 6) and over the lens' numbers (2m, 9 or 12)."""
-    _, slopes = cv2.projectPoints(world_m.reshape(-1, 3), turn, shift, matrix, distortion)
+    """Return the Jacobians of the pixels (2m) by the pose (2m, 6) and by the lens (2m, 9 or 12)."""
+    _, jacobian = cv2.projectPoints(world_m.reshape(-1, 3), rotation, translation, matrix, distortion)
     count = len(PINHOLE) + len(distortion)
-    return np.asarray(slopes[:, :6]), np.asarray(slopes[:, 6 : 6 + count])
+    return np.asarray(jacobian[:, :6]), np.asarray(jacobian[:, 6 : 6 + count])
 
 
 def _prior_sd(fit: LensFit, names: tuple[str, ...], size: tuple[int, int]) -> np.ndarray:

@@ -1,13 +1,11 @@
-"""Pixel to metre and back, through the lens' distortion, for points in the plane or in front of it."""
-
-from __future__ import annotations
+"""Pixel to metre and back through the lens distortion, for points in the plane or in front of it."""
 
 import numpy as np
 
 from strandcast.records.camera import Camera, Lens
 
-NEWTON_STEPS = 20
-CONVERGED = 1e-12  # of normalised picture coordinates: about 1e-9 px
+NEWTON_STEPS = 20  # chosen: 4 to 6 are usual
+CONVERGED = 1e-12  # chosen: in normalised picture coordinates, about 1e-9 px
 
 
 def metre_to_pixel(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> np.ndarray:
@@ -20,7 +18,7 @@ def metre_to_pixel(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> n
     xy_m
         (..., 2), world metres.
     offset_m
-        Height of the points over the plane of the markers, towards the camera.
+        Height of the points above the plane of the markers, towards the camera.
 
     Returns
     -------
@@ -29,15 +27,15 @@ def metre_to_pixel(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> n
     """
     xy_m = np.asarray(xy_m, float)
     rotation, shift = np.array(camera.rotation), np.array(camera.translation_m)
-    seen = xy_m @ rotation[:, :2].T + rotation[:, 2] * offset_m + shift
-    depth = np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
-    return distort(camera.lens, seen[..., :2] / depth)
+    in_camera = xy_m @ rotation[:, :2].T + rotation[:, 2] * offset_m + shift
+    depth = np.where(in_camera[..., 2:] > 0, in_camera[..., 2:], np.nan)
+    return distort(camera.lens, in_camera[..., :2] / depth)
 
 
 def pixel_to_metre(camera: Camera, uv_px: np.ndarray, offset_m: float = 0.0) -> np.ndarray:
-    """Return where pixels (..., 2) lie in the motion plane, or `offset_m` in front of it: (..., 2) [m].
+    """Return the positions (..., 2) [m] of pixels (..., 2) in the motion plane, or `offset_m` in front of it.
 
-    The inverse of `metre_to_pixel`; NaN where the pixel's ray does not meet the plane.
+    The inverse of `metre_to_pixel`; NaN if the pixel's ray does not meet the plane.
     """
     rays = undistort(camera.lens, np.asarray(uv_px, float))
     rotation, shift = np.array(camera.rotation), np.array(camera.translation_m)
@@ -60,26 +58,26 @@ def pixel_per_metre(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> 
 
 
 def metre_per_pixel(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> np.ndarray:
-    """Return the local scale (...) [m/px] at points (..., 2): side of the square that a pixel covers."""
-    slopes = pixel_per_metre(camera, xy_m, offset_m)
-    area = slopes[..., 0, 0] * slopes[..., 1, 1] - slopes[..., 0, 1] * slopes[..., 1, 0]
+    """Return the local scale (...) [m/px] at points (..., 2): the side of a square as large as a pixel."""
+    jacobian = pixel_per_metre(camera, xy_m, offset_m)
+    area = jacobian[..., 0, 0] * jacobian[..., 1, 1] - jacobian[..., 0, 1] * jacobian[..., 1, 0]
     return np.asarray(1.0 / np.sqrt(np.abs(area)))
 
 
 def distort(lens: Lens, rays: np.ndarray) -> np.ndarray:
     """Return the pixels (..., 2) of undistorted rays (..., 2) = X/Z, Y/Z."""
     matrix = np.array(lens.matrix)
-    return _bend(np.array(lens.distortion), rays)[0] @ matrix[:2, :2].T + matrix[:2, 2]
+    return np.asarray(_distorted(np.array(lens.distortion), rays)[0] @ matrix[:2, :2].T + matrix[:2, 2])
 
 
 def undistort(lens: Lens, uv_px: np.ndarray) -> np.ndarray:
-    """Return the undistorted rays (..., 2) of pixels (..., 2), by Newton's method; NaN where it fails."""
+    """Return the undistorted rays (..., 2) of pixels (..., 2) by Newton's method; NaN if it diverges."""
     matrix = np.array(lens.matrix)
     wanted = (uv_px - matrix[:2, 2]) @ np.linalg.inv(matrix[:2, :2]).T
     rays = wanted.copy()
     coefficients = np.array(lens.distortion)
     for _ in range(NEWTON_STEPS):
-        bent, slope = _bend(coefficients, rays)
+        bent, slope = _distorted(coefficients, rays)
         miss = wanted - bent
         if not np.nanmax(np.abs(miss), initial=0.0) > CONVERGED:
             break
@@ -87,14 +85,14 @@ def undistort(lens: Lens, uv_px: np.ndarray) -> np.ndarray:
         step_x = (slope[..., 1, 1] * miss[..., 0] - slope[..., 0, 1] * miss[..., 1]) / determinant
         step_y = (slope[..., 0, 0] * miss[..., 1] - slope[..., 1, 0] * miss[..., 0]) / determinant
         rays = rays + np.stack([step_x, step_y], axis=-1)
-    off = np.abs(wanted - _bend(coefficients, rays)[0]).max(axis=-1, keepdims=True)
+    off = np.abs(wanted - _distorted(coefficients, rays)[0]).max(axis=-1, keepdims=True)
     return np.where(off < 1e3 * CONVERGED, rays, np.nan)
 
 
-def _bend(coefficients: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Apply OpenCV's k1, k2, p1, p2, k3[, k4, k5, k6] to rays (..., 2); also the slope (..., 2, 2).
+def _distorted(coefficients: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rays (..., 2) distorted by OpenCV's k1, k2, p1, p2, k3[, k4, k5, k6], and the Jacobian.
 
-    The radial factor is (1 + k1 s + k2 s² + k3 s³) / (1 + k4 s + k5 s² + k6 s³), s the ray's square.
+    The radial factor is (1 + k1 s + k2 s² + k3 s³) / (1 + k4 s + k5 s² + k6 s³), s the squared ray.
     """
     p1, p2 = coefficients[2:4]
     x, y = rays[..., 0], rays[..., 1]
@@ -110,7 +108,7 @@ def _bend(coefficients: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _radial(coefficients: np.ndarray, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the radial factor and its slope over the ray's square, (...) each."""
+    """Return the radial factor and its slope by the squared ray, (...) each."""
     k1, k2, _, _, k3 = coefficients[:5]
     above = 1.0 + square * (k1 + square * (k2 + square * k3))
     above_slope = k1 + square * (2.0 * k2 + square * 3.0 * k3)

@@ -1,6 +1,4 @@
-"""The calibration in one picture: markers as found, what each corner is off, the string's plane as a grid."""
-
-from __future__ import annotations
+"""A picture of the calibration: detected markers, corner residuals, and a grid in the string's plane."""
 
 from itertools import product
 from typing import Any
@@ -13,18 +11,19 @@ from matplotlib.patheffects import Stroke, withStroke
 
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
 from strandcast.camera.markers import eight_bit
-from strandcast.camera.plane_error import Box
+from strandcast.camera.plane_error import PlaneBox
+from strandcast.camera.pose import rms
 from strandcast.records.camera import Camera
 
 WIDTH_PX = 1600
 DPI = 100
-STRIP_PX = 132  # under the photo, for the words
+STRIP_PX = 132  # height of the legend under the photo
 BACK, INK = "#14181d", "#f2f4f6"
-# Okabe–Ito; on a photo each lies on a dark casing.
+# Okabe–Ito; each is drawn on a dark outline.
 GRID, MARKER, ARROW, ERROR = "#56b4e9", "#e69f00", "#ff8ad4", "#f0e442"
-ARROW_SHARE = 0.022  # of the picture's width, for the arrows' rms
-LINES = 10  # of the grid, about, along the longer side
-DIM = 0.78
+ARROW_SHARE = 0.022  # chosen: largest rms length of the arrows relative to the picture's width
+LINES = 10  # chosen: approximate number of grid lines along the longer side
+DIM = 0.78  # chosen: brightness of the photo
 ARROWS: dict[str, Any] = {
     "color": ARROW,
     "angles": "xy",
@@ -38,20 +37,7 @@ ARROWS: dict[str, Any] = {
 
 
 def camera_picture(grey: np.ndarray, camera: Camera) -> np.ndarray:
-    """Draw the calibration over the photo of the plane.
-
-    Parameters
-    ----------
-    grey
-        The photo (height, width).
-    camera
-        As it was made from it.
-
-    Returns
-    -------
-    ndarray (rows, columns, 3)
-        uint8, red, green, blue.
-    """
+    """Draw a calibration over its photo (height, width); return an RGB image (rows, columns, 3), uint8."""
     height, width = grey.shape
     photo_px = round(WIDTH_PX * height / width)
     with mpl.rc_context():
@@ -61,14 +47,9 @@ def camera_picture(grey: np.ndarray, camera: Camera) -> np.ndarray:
         canvas = FigureCanvasAgg(figure)
         share = STRIP_PX / (photo_px + STRIP_PX)
         axes = figure.add_axes((0.0, share, 1.0, 1.0 - share))
-        axes.imshow(
-            DIM * eight_bit(grey),
-            cmap="gray",
-            vmin=0,
-            vmax=255,
-            extent=(-0.5, width - 0.5, height - 0.5, -0.5),
-        )
-        axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+        left, right, bottom, top = edges = (-0.5, width - 0.5, height - 0.5, -0.5)
+        axes.imshow(DIM * eight_bit(grey), cmap="gray", vmin=0, vmax=255, extent=edges)
+        axes.set(xlim=(left, right), ylim=(bottom, top))
         axes.axis("off")
         box = _box(camera, width, height)
         step_m = _draw_grid(axes, camera, box)
@@ -81,8 +62,8 @@ def camera_picture(grey: np.ndarray, camera: Camera) -> np.ndarray:
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def _box(camera: Camera, width: int, height: int) -> Box:
-    """Return the workspace, or what the picture shows of the plane."""
+def _box(camera: Camera, width: int, height: int) -> PlaneBox:
+    """Return the workspace, or the visible part of the plane."""
     if camera.plane_error is not None:
         x, y = camera.plane_error.x_m, camera.plane_error.y_m
         return (x[0], x[-1]), (y[0], y[-1])
@@ -97,12 +78,10 @@ def _casing(width: float = 2.6) -> list[Stroke]:
     return [withStroke(linewidth=width, foreground=BACK)]
 
 
-def _draw_grid(axes: Any, camera: Camera, box: Box) -> float:
-    """Draw the metric grid of the string's plane, through the lens; return its step [m]."""
+def _draw_grid(axes: Any, camera: Camera, box: PlaneBox) -> float:
+    """Draw the metric grid of the string's plane through the lens; return its step [m]."""
     longest = max(high - low for low, high in box)
-    step_m = min(
-        (each for each in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)), key=lambda s: abs(longest / s - LINES)
-    )
+    step_m = min((0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0), key=lambda step: abs(longest / step - LINES))
     for axis in (0, 1):
         along = np.linspace(*box[1 - axis], 60)
         first, last = (
@@ -119,14 +98,14 @@ def _draw_grid(axes: Any, camera: Camera, box: Box) -> float:
     return step_m
 
 
-def _label(axes: Any, place_px: np.ndarray, words: str, axis: int) -> None:
-    """Write a coordinate at the line's lower or left end, a little outside."""
+def _label(axes: Any, place_px: np.ndarray, text: str, axis: int) -> None:
+    """Write a coordinate slightly outside the line's lower or left end."""
     shift, across, up = ((0, -5), "center", "top") if axis == 0 else ((-5, 0), "right", "center")
-    axes.annotate(words, place_px, shift, textcoords="offset points", color=GRID, ha=across, va=up,
-                  path_effects=_casing(), annotation_clip=True)  # fmt: skip
+    style = {"color": GRID, "path_effects": _casing(), "annotation_clip": True}
+    axes.annotate(text, place_px, shift, textcoords="offset points", ha=across, va=up, **style)
 
 
-def _name_axes(axes: Any, camera: Camera, box: Box) -> None:
+def _name_axes(axes: Any, camera: Camera, box: PlaneBox) -> None:
     places = np.array([[box[0][1], box[1][0]], [box[0][0], box[1][1]]])
     right, top = metre_to_pixel(camera, places, camera.string_offset_m)
     style = {"textcoords": "offset points", "color": GRID, "path_effects": _casing(), "fontweight": "bold"}
@@ -135,11 +114,11 @@ def _name_axes(axes: Any, camera: Camera, box: Box) -> None:
 
 
 def _draw_markers(axes: Any, camera: Camera, width: int) -> float:
-    """Draw the markers' outlines, ids and residual arrows; return by how much the arrows are drawn longer."""
+    """Draw the markers' outlines, ids and residual arrows; return the magnification of the arrows."""
     if not camera.plane_markers:
         return 0.0
     rows = np.array([fit.residuals_px for fit in camera.plane_markers])
-    gain = _gain(rows, width)
+    gain = _round_down(ARROW_SHARE * width / max(rms(rows[..., 2:]), 1e-6))
     for fit, corners in zip(camera.plane_markers, rows[..., :2], strict=True):
         ring = np.vstack([corners, corners[:1]])
         axes.plot(*ring.T, color=BACK, linewidth=3.4)
@@ -154,16 +133,8 @@ def _draw_markers(axes: Any, camera: Camera, width: int) -> float:
     return gain
 
 
-def _gain(rows: np.ndarray, width: int) -> float:
-    """Return 1, 2 or 5 times a power of ten that makes the arrows' rms a few per cent of the width."""
-    rms_px = float(np.sqrt((rows[..., 2:] ** 2).sum(axis=-1).mean()))
-    wanted = ARROW_SHARE * width / max(rms_px, 1e-6)
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(step for step in (1, 2, 5) if step * power <= wanted) * power)
-
-
 def _draw_errors(axes: Any, camera: Camera) -> None:
-    """Write the standard error at nine places of the workspace."""
+    """Write the standard error at nine positions in the workspace."""
     error = camera.plane_error
     if error is None:
         return
@@ -172,27 +143,28 @@ def _draw_errors(axes: Any, camera: Camera) -> None:
         place = np.array([error.x_m[column], error.y_m[row]])
         u, v = metre_to_pixel(camera, place, camera.string_offset_m)
         axes.plot(u, v, "o", markersize=5, color=ERROR, markeredgecolor=BACK, zorder=5)
-        axes.annotate(f"±{error.sigma_m[row][column] * 1e3:.2f}", (u, v), (6, 5), textcoords="offset points",
-                      color=ERROR, ha="left", va="bottom", path_effects=_casing(), zorder=5)  # fmt: skip
+        style = {"color": ERROR, "ha": "left", "va": "bottom", "path_effects": _casing(), "zorder": 5}
+        label = f"±{error.sigma_m[row][column] * 1e3:.2f}"
+        axes.annotate(label, (u, v), (6, 5), textcoords="offset points", **style)
 
 
 def _write_strip(strip: Any, camera: Camera, step_m: float, gain: float, zoom: float) -> None:
-    """Explain each sign beside a sample of it."""
-    left, right, aside = 24.0, 0.5 * WIDTH_PX + 12.0, 50.0
+    """Draw the legend: each symbol with its meaning."""
+    left, right, text_offset = 24.0, 0.5 * WIDTH_PX + 12.0, 50.0
     rows = [STRIP_PX - 28.0, STRIP_PX - 64.0, STRIP_PX - 100.0]
     strip.plot([left, left + 36], [rows[0]] * 2, color=GRID, linewidth=2)
-    grid = f"the string's plane, a line each {step_m * 1e3:g} mm (world frame, m)"
-    for row, words in zip(rows, (grid, _offset_words(camera), _lens_words(camera)), strict=True):
-        strip.text(left + aside, row, words, va="center")
+    grid = f"the string's plane, a line every {step_m * 1e3:g} mm (world frame, m)"
+    for row, words in zip(rows, (grid, _offset_text(camera), _lens_text(camera)), strict=True):
+        strip.text(left + text_offset, row, words, va="center")
     if camera.plane_markers:
         u, v = np.array([8, 28, 28, 8, 8]) + right, np.array([-8, -8, 8, 8, -8]) + rows[0]
         strip.plot(u, v, color=MARKER, linewidth=1.8)
-        found = f"markers as found, with their ids: {camera.plane_rms_px:.2f} px rms off the plane"
-        strip.text(right + aside, rows[0], found, va="center")
-        bar_px = _round_bar(0.1 * WIDTH_PX / (gain * zoom))
+        found = f"detected markers with ids: {camera.plane_rms_px:.2f} px rms residual"
+        strip.text(right + text_offset, rows[0], found, va="center")
+        bar_px = _round_down(0.1 * WIDTH_PX / (gain * zoom))
         length = bar_px * gain * zoom
         strip.quiver([right - 4], [rows[1]], [length], [0], scale=1.0, **ARROWS)
-        words = f"{bar_px:g} px: corner seen minus model, drawn × {gain:g}"
+        words = f"{bar_px:g} px: measured minus model corner, drawn × {gain:g}"
         strip.text(right + length + 14, rows[1], words, va="center")
     if camera.plane_error is not None:
         error = camera.plane_error
@@ -201,30 +173,31 @@ def _write_strip(strip: Any, camera: Camera, step_m: float, gain: float, zoom: f
             f"± standard error of a point of the string's plane, mm: median {error.median_m * 1e3:.2f}, "
             f"worst {error.worst_m * 1e3:.2f}"
         )
-        strip.text(right + aside, rows[2], words, va="center")
+        strip.text(right + text_offset, rows[2], words, va="center")
 
 
-def _round_bar(longest_px: float) -> float:
-    power = 10.0 ** np.floor(np.log10(longest_px))
-    return float(max(step for step in (1, 2, 5) if step * power <= longest_px) * power)
+def _round_down(largest: float) -> float:
+    """Return the largest 1, 2 or 5 times a power of ten that does not exceed a limit."""
+    power = 10.0 ** np.floor(np.log10(largest))
+    return float(max(step for step in (1, 2, 5) if step * power <= largest) * power)
 
 
-def _offset_words(camera: Camera) -> str:
+def _offset_text(camera: Camera) -> str:
     offset_mm = camera.string_offset_m * 1e3
     if camera.source != "markers":
         return f"scale from a pendulum of known length, {camera.scale_m_per_px * 1e3:.3f} mm per pixel"
     if offset_mm == 0.0:
         where = "it is the markers' plane"
     else:
-        side = "before" if offset_mm > 0 else "behind"
-        where = f"it lies {abs(offset_mm):g} mm {side} the markers' plane (allowed for)"
+        side = "in front of" if offset_mm > 0 else "behind"
+        where = f"it is {abs(offset_mm):g} mm {side} the markers' plane (corrected)"
     return f"{where}; {camera.scale_m_per_px * 1e3:.3f} mm per pixel"
 
 
-def _lens_words(camera: Camera) -> str:
+def _lens_text(camera: Camera) -> str:
     lens = camera.lens
     used = sum(view.used for view in lens.views)
     if not used:
         return "no lens was calibrated"
-    held_out = "" if lens.held_out_px is None else f", {lens.held_out_px:.2f} px over photos held out"
+    held_out = "" if lens.held_out_px is None else f", {lens.held_out_px:.2f} px on held-out photos"
     return f"lens from {used} photos, {lens.model}: {lens.rms_px:.2f} px rms{held_out}"

@@ -1,6 +1,4 @@
-"""The plane of motion from one photo of ArUco markers, or of a ChArUco board, of known size and place."""
-
-from __future__ import annotations
+"""The plane of motion from one photo of ArUco markers, or of a ChArUco board, of known size and position."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,73 +7,69 @@ import numpy as np
 
 from strandcast.camera.find_markers import find_markers
 from strandcast.camera.mapping import metre_per_pixel, pixel_to_metre
-from strandcast.camera.markers import CharucoBoard, opencv_board
-from strandcast.camera.plane_checks import Layout, check_markers
-from strandcast.camera.plane_error import Box, place_sd_m, plane_error
-from strandcast.camera.pose import PlaneMarker, PoseFit, fit_pose, posed, rms
+from strandcast.camera.markers import opencv_board
+from strandcast.camera.plane_checks import MarkerLayout, check_markers
+from strandcast.camera.plane_error import PlaneBox, place_sd_m, plane_error
+from strandcast.camera.pose import PlacedMarker, PoseFit, fit_pose, posed, rms
+from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera, Lens, MarkerFit, PlaneError
 
-__all__ = ["PlaneKnowledge", "PlaneMarker", "board_markers", "plane_from_markers"]
-
-LENS_ERROR_M = 5e-3  # what the lens alone may cost in the string's plane
-LENS_WARNING_M = 5e-4
-WORST_WARNING_M = 2e-3
+LENS_ERROR_M = 5e-3  # chosen: largest standard error in the string's plane from the lens alone
+LENS_WARNING_M = 5e-4  # chosen
+WORST_WARNING_M = 2e-3  # chosen
 SOURCES = {
-    "corners": "markers' corners: take larger ones, or more, all around the workspace",
-    "places": "markers' places: measure them again",
+    "corners": "markers' corners: use larger markers, or more, all around the workspace",
+    "places": "markers' positions: measure them again",
     "lens": "lens",
     "offset": "string's offset: measure it again",
 }
 
 
 @dataclass(frozen=True)
-class PlaneKnowledge:
-    """What is known of the plane besides its photo.
+class PlaneGeometry:
+    """The plane's geometry that the photo does not show.
 
     Attributes
     ----------
     string_offset_m, string_offset_sd_m
-        Height of the string's plane over that of the markers, towards the camera, and how well it is known.
+        Height of the string's plane above that of the markers, towards the camera; its standard deviation.
     place_sd_m
-        How well the markers' places were measured; by default found from how well they fit.
+        Standard deviation of the markers' measured positions; by default from the residuals.
     workspace_m
-        Where the string may be: (x from, to), (y from, to); by default between the markers.
+        Region of the string: (x from, to), (y from, to); by default between the markers.
     """
 
     string_offset_m: float = 0.0
     string_offset_sd_m: float = 0.0
     place_sd_m: float | None = None
-    workspace_m: Box | None = None
+    workspace_m: PlaneBox | None = None
 
 
 def plane_from_markers(
     grey: np.ndarray,
     lens: Lens,
-    markers_world: Sequence[PlaneMarker],
+    markers_world: Sequence[PlacedMarker],
     dictionary: str,
-    string_offset_m: float = 0.0,
     file: str | None = None,
-    knowledge: PlaneKnowledge | None = None,
+    geometry: PlaneGeometry | None = None,
 ) -> Camera:
-    """Find the camera's pose over the motion plane by perspective-n-point, through the lens.
+    """Estimate the camera's pose relative to the motion plane by perspective-n-point, through the lens.
 
     Parameters
     ----------
     grey
-        Photo (height, width) of the plane, in the camera's filming position and mode.
+        Photo (height, width) of the plane, taken with the position and mode used for filming.
     lens
         From `calibrate_lens`.
     markers_world
-        The markers as placed: world metres, x right, y up, turn counter-clockwise.
+        The markers as placed: world metres, x right, y up, rotation counter-clockwise.
     dictionary
         Their ArUco dictionary.
-    string_offset_m
-        Height of the string's plane over that of the markers, where `knowledge` is not given.
     file
         The photo's name, for messages.
-    knowledge
-        What else is known of the plane.
+    geometry
+        The plane's geometry that the photo does not show.
 
     Returns
     -------
@@ -86,54 +80,46 @@ def plane_from_markers(
     Raises
     ------
     StrandcastError
-        SC-C020 another size of picture than the lens'; SC-C021 to SC-C025 as `find_markers`; SC-C026 to
-        SC-C028 as `plane_checks`; SC-C015 the lens is too little known.
+        SC-C020 the photo's size is not the lens calibration's; SC-C021 to SC-C025 as `find_markers`;
+        SC-C026 to SC-C028 as `plane_checks`; SC-C015 the lens is too uncertain.
     """
-    known = knowledge or PlaneKnowledge(string_offset_m)
+    geometry = geometry or PlaneGeometry()
     if grey.shape != (lens.height_px, lens.width_px):
-        raise StrandcastError(
-            "SC-C020",
-            f"is {grey.shape[1]} x {grey.shape[0]} px, the lens was calibrated at {lens.width_px} x "
-            f"{lens.height_px}",
-            file=file,
-            fix="take the photo in the mode that films the throw",
-        )
+        sizes = f"{grey.shape[1]} x {grey.shape[0]} px", f"{lens.width_px} x {lens.height_px}"
+        what = f"is {sizes[0]}; the lens was calibrated at {sizes[1]}"
+        fix = "take the photo in the camera mode used for filming"
+        raise StrandcastError("SC-C020", what, file=file, fix=fix)
     wanted = {marker.marker: marker for marker in markers_world}
     ids, corners_px, warnings = find_markers(grey, wanted, dictionary, file)
-    seen = [wanted[int(marker)] for marker in ids]
-    fit = fit_pose(np.array([marker.corners_m() for marker in seen]), corners_px, lens)
-    camera = _camera(lens, fit, known.string_offset_m, dictionary)
-    box = known.workspace_m or _around(seen)
-    layout = Layout(seen, corners_px, camera, fit, box, file)
-    size, told = check_markers(layout)
+    detected = [wanted[int(marker)] for marker in ids]
+    fit = fit_pose(np.array([marker.corners_m() for marker in detected]), corners_px, lens)
+    camera = _camera(lens, fit, geometry.string_offset_m, dictionary)
+    box = geometry.workspace_m or _around(detected)
+    layout = MarkerLayout(detected, corners_px, camera, fit, box, file)
+    size, marker_warnings = check_markers(layout)
     camera.marker_size_ratio, camera.marker_size_ratio_se = size.ratio, size.error
     camera.plane_markers = _marker_fits(layout)
-    camera.plane_error = plane_error(camera, fit, box, known.place_sd_m, known.string_offset_sd_m)
-    camera.warnings = warnings + told + _lens_warnings(camera) + _error_warnings(camera.plane_error)
+    camera.plane_error = plane_error(camera, fit, box, geometry.place_sd_m, geometry.string_offset_sd_m)
+    camera.warnings = (
+        warnings + marker_warnings + _lens_warnings(camera) + _error_warnings(camera.plane_error)
+    )
     return camera
 
 
-def board_markers(board: CharucoBoard, x_m: float, y_m: float, angle_rad: float = 0.0) -> list[PlaneMarker]:
-    """Return the markers of a ChArUco board that lies in the plane.
+def board_markers(board: Board, x_m: float, y_m: float, angle_rad: float = 0.0) -> list[PlacedMarker]:
+    """Return the markers of a ChArUco board lying in the plane.
 
-    `x_m`, `y_m` is the place of the board's lower left corner (as printed), `angle_rad` its turn.
+    `x_m`, `y_m` is the position of the board's lower left corner (as printed), `angle_rad` its rotation.
     """
     pattern = opencv_board(board)
-    height_m = board.rows * board.square_m
+    height_m = board.squares_y * board.square_m
     cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
     markers = []
     for marker, corners in zip(np.asarray(pattern.getIds()).reshape(-1), pattern.getObjPoints(), strict=True):
         across, down = np.asarray(corners, float).reshape(4, 3)[:, :2].mean(axis=0)
         up = height_m - down
-        markers.append(
-            PlaneMarker(
-                int(marker),
-                x_m + cosine * across - sine * up,
-                y_m + sine * across + cosine * up,
-                board.marker_m,
-                angle_rad,
-            )
-        )
+        u_m, v_m = x_m + cosine * across - sine * up, y_m + sine * across + cosine * up
+        markers.append(PlacedMarker(int(marker), u_m, v_m, board.marker_m, angle_rad))
     return markers
 
 
@@ -154,14 +140,14 @@ def _camera(lens: Lens, fit: PoseFit, string_offset_m: float, dictionary: str) -
     return camera
 
 
-def _around(markers: Sequence[PlaneMarker]) -> Box:
+def _around(markers: Sequence[PlacedMarker]) -> PlaneBox:
     """Return the box between the markers' centres."""
     x, y = [marker.x_m for marker in markers], [marker.y_m for marker in markers]
     return (min(x), max(x)), (min(y), max(y))
 
 
-def _marker_fits(layout: Layout) -> list[MarkerFit]:
-    """Return each marker's residuals, and its place by the others."""
+def _marker_fits(layout: MarkerLayout) -> list[MarkerFit]:
+    """Return each marker's residuals, and its position as predicted by the others."""
     fit, camera = layout.fit, layout.camera
     count = len(layout.markers)
     fits = []
@@ -177,41 +163,40 @@ def _marker_fits(layout: Layout) -> list[MarkerFit]:
         if count > 2:
             without = posed(camera, fit_pose(fit.world_m[others], layout.corners_px[others], camera.lens))
             place = pixel_to_metre(without, corners_px).mean(axis=0) - (marker.x_m, marker.y_m)
-            sigma_m = np.hypot(
-                0.5 * fit.corner_sigma_px() * camera.scale_m_per_px, place_sd_m(fit, camera.scale_m_per_px)
-            )
+            scale = camera.scale_m_per_px
+            sigma_m = np.hypot(0.5 * fit.corner_sigma_px() * scale, place_sd_m(fit, scale))
             record.off_m, record.off_sigma_m = place.tolist(), float(sigma_m)
         fits.append(record)
     return fits
 
 
 def _lens_warnings(camera: Camera) -> list[str]:
-    """Say what the weaknesses of the lens photos cost at the string."""
+    """Return a warning about the error at the string from weak lens photos, or refuse it."""
     error = camera.plane_error
     cost_m = error.sources_m.get("lens", 0.0) if error is not None else 0.0
-    told = "; ".join(camera.lens.weaknesses)
+    weaknesses = "; ".join(camera.lens.weaknesses)
     if cost_m > LENS_ERROR_M:
         raise StrandcastError(
             "SC-C015",
-            f"the lens photos do not tell the lens: {told or 'its standard errors are large'}",
+            f"the lens photos do not determine the lens: {weaknesses or 'its standard errors are large'}",
             field="camera.lens_photos",
-            cost=f"{cost_m * 1e3:.1f} mm (standard error) at the string's worst place",
+            cost=f"{cost_m * 1e3:.1f} mm (standard error) at the worst position of the string",
             fix="take ten photos, the board large, tilted 30-45 degrees each way, all over the picture",
         )
-    if told or cost_m > LENS_WARNING_M:
+    if weaknesses or cost_m > LENS_WARNING_M:
         return [
             f"the lens costs up to {cost_m * 1e3:.2f} mm (standard error) at the string"
-            + (f"; its photos are weak: {told}" if told else "")
+            + (f"; its photos are weak: {weaknesses}" if weaknesses else "")
         ]
     return []
 
 
 def _error_warnings(error: PlaneError) -> list[str]:
-    """Tell of a plane that is poorly known somewhere, and what makes most of it."""
+    """Return a warning if the plane is uncertain somewhere, with the main source."""
     if error.worst_m < WORST_WARNING_M:
         return []
     most = max(error.sources_m, key=lambda name: error.sources_m[name])
     return [
-        f"a point of the string is known to ±{error.worst_m * 1e3:.1f} mm only at the workspace's worst "
-        f"place, mostly for the {SOURCES[most]}"
+        f"the standard error of a point of the string reaches {error.worst_m * 1e3:.1f} mm in the "
+        f"workspace, mostly from the {SOURCES[most]}"
     ]

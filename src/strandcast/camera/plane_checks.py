@@ -1,67 +1,70 @@
-"""What is wrong with the plane's markers: size, swapped, turned, misplaced; and what it costs at the string.
+"""Diagnosis of the plane's markers: wrong size, swapped, rotated, misplaced; and the error at the string.
 
-What costs more than 2 mm somewhere in the workspace is an error; less is told, from 0.3 mm on.
+More than 2 mm anywhere in the workspace is an error, more than 0.3 mm a warning.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from strandcast.camera.mapping import pixel_to_metre
-from strandcast.camera.plane_error import Box, worst_difference_m
-from strandcast.camera.pose import PlaneMarker, PoseFit, SizeFit, fit_pose, fit_size, posed
+from strandcast.camera.plane_error import PlaneBox, worst_difference_m
+from strandcast.camera.pose import PlacedMarker, PoseFit, SizeFit, fit_pose, fit_size, posed
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
 
-ERROR_M, WARNING_M = 2e-3, 3e-4
-SURE = 4.0  # standard errors
-POOR_PX = 1.0  # rms of a fit for which a reason is looked for
-SIZE_ERROR, SIZE_WARNING = 0.02, 0.005
-ONE_SIZE_ERROR = 0.03
-EXPLAINED = 0.35  # of the rms, that a reason must leave at most
-PRINTED = "measure the printed black squares and the distances of their centres; sizes are metres"
+ERROR_M, WARNING_M = 2e-3, 3e-4  # chosen
+SIGNIFICANT = 4.0  # chosen: standard errors
+POOR_PX = 1.0  # chosen: rms of a fit above which an explanation is searched
+SIZE_ERROR, SIZE_WARNING = 0.02, 0.005  # chosen: relative
+ONE_SIZE_ERROR = 0.03  # chosen: relative, of a single marker
+EXPLAINED = 0.35  # chosen: largest rms, relative to the original fit's, under a correct explanation
 
 
 @dataclass(frozen=True)
-class Layout:
-    """The markers that were seen, as the experiment places them, and their corners (K, 4, 2) [px]."""
+class MarkerLayout:
+    """The detected markers as the experiment places them, and their corners (K, 4, 2) [px]."""
 
-    markers: list[PlaneMarker]
+    markers: list[PlacedMarker]
     corners_px: np.ndarray
     camera: Camera
     fit: PoseFit
-    box: Box
+    workspace: PlaneBox
     file: str | None
 
     def cost_m(self, other: PoseFit) -> float:
-        """Return by how much the string would be off, at the worst place, were another pose the true one."""
-        return worst_difference_m(posed(self.camera, other), self.camera, self.box)
+        """Return the largest error [m] in the workspace if another pose is the true one."""
+        return worst_difference_m(posed(self.camera, other), self.camera, self.workspace)
+
+    def error(
+        self, code: str, what: str, cost: str, fix: str, field: str = "camera.plane.markers"
+    ) -> StrandcastError:
+        """Return an error in this photo."""
+        return StrandcastError(code, what, file=self.file, field=field, cost=cost, fix=fix)
 
 
-def check_markers(layout: Layout) -> tuple[SizeFit, list[str]]:
-    """Hold the markers against their size and places.
+def check_markers(layout: MarkerLayout) -> tuple[SizeFit, list[str]]:
+    """Compare the markers with their declared size and positions.
 
     Returns
     -------
     size
-        As the markers' distances tell it.
+        Estimated from the markers' distances.
     warnings
-        What is a little off, with what it costs.
+        Small deviations and the errors they cause.
 
     Raises
     ------
     StrandcastError
-        SC-C026 size or distances are wrong by more than 2 %, or one marker is of another size or out of the
-        plane; SC-C027 one lies elsewhere, or no single reason explains it; SC-C028 two are swapped, one is
-        turned, or the axes are not those of the world.
+        SC-C026 size or distances are wrong by more than 2 %, or one marker has another size or is out of the
+        plane; SC-C027 one is misplaced, or no single cause explains the residuals; SC-C028 two are swapped,
+        one is rotated, or the axes are not those of the world.
     """
     size = fit_size(layout.markers, layout.corners_px, layout.camera.lens)
     by_size = size.rms_px < POOR_PX
-    if by_size and abs(size.ratio - 1.0) > max(SIZE_ERROR, SURE * size.error):
+    if by_size and abs(size.ratio - 1.0) > max(SIZE_ERROR, SIGNIFICANT * size.error):
         raise _wrong_size(layout, size)
     poor = layout.fit.rms_px > POOR_PX
     if poor:
@@ -69,33 +72,32 @@ def check_markers(layout: Layout) -> tuple[SizeFit, list[str]]:
     return size, _size_warnings(layout, size) + _place_warnings(layout, poor)
 
 
-def _wrong_size(layout: Layout, size: SizeFit) -> StrandcastError:
+def _wrong_size(layout: MarkerLayout, size: SizeFit) -> StrandcastError:
     given_m = float(np.median([marker.size_m for marker in layout.markers]))
-    reach_m = _reach_m(layout.box)
-    return StrandcastError(
+    reach_m = _reach_m(layout.workspace)
+    return layout.error(
         "SC-C026",
-        f"the markers measure {given_m * size.ratio * 1e3:.4g} mm against each other's places, "
-        f"{size.ratio - 1.0:+.1%} from the size given ({given_m * 1e3:g} mm){_unit_words(size.ratio)}",
-        file=layout.file,
+        f"the markers measure {given_m * size.ratio * 1e3:.4g} mm relative to their distances, "
+        f"{size.ratio - 1.0:+.1%} from the given size ({given_m * 1e3:g} mm){_unit_hint(size.ratio)}",
+        f"if the positions are wrong, {abs(1.0 / size.ratio - 1.0) * reach_m * 1e3:.0f} mm at "
+        f"{reach_m:.2f} m from the centre; if only the size is wrong, little",
+        "measure the printed black squares and the distances of their centres; sizes are metres",
         field="camera.plane.size_m",
-        cost=f"if the places are wrong, {abs(1.0 / size.ratio - 1.0) * reach_m * 1e3:.0f} mm at "
-        f"{reach_m:.2f} m from the middle; if the size is, little",
-        fix=PRINTED,
     )
 
 
-def _reach_m(box: Box) -> float:
-    """Return the half diagonal of a box."""
-    return 0.5 * float(np.hypot(*np.ptp(np.array(box), axis=1)))
+def _reach_m(workspace: PlaneBox) -> float:
+    """Return half the diagonal of the workspace."""
+    return 0.5 * float(np.hypot(*np.ptp(np.array(workspace), axis=1)))
 
 
-def _unit_words(ratio: float) -> str:
-    """Guess what a wrong size comes from."""
+def _unit_hint(ratio: float) -> str:
+    """Return a likely cause of a wrong size."""
     guesses = {
         1e-3: "was the size given in millimetres?",
         1e-2: "was the size given in centimetres?",
-        1e2: "were the places given in centimetres?",
-        1e3: "were the places given in millimetres?",
+        1e2: "were the positions given in centimetres?",
+        1e3: "were the positions given in millimetres?",
     }
     near = [words for factor, words in guesses.items() if abs(np.log(ratio / factor)) < 0.2]
     if not near and 0.85 < ratio < 0.99:
@@ -103,19 +105,19 @@ def _unit_words(ratio: float) -> str:
     return f"; {near[0]}" if near else ""
 
 
-def _size_warnings(layout: Layout, size: SizeFit) -> list[str]:
-    """Tell of a size that is a little off, and what it costs where the places are wrong by as much."""
+def _size_warnings(layout: MarkerLayout, size: SizeFit) -> list[str]:
+    """Return a warning for a slightly wrong size, with the error if the positions are wrong by as much."""
     off = abs(size.ratio - 1.0)
-    if size.rms_px > POOR_PX or off < max(SIZE_WARNING, SURE * size.error):
+    if size.rms_px > POOR_PX or off < max(SIZE_WARNING, SIGNIFICANT * size.error):
         return []
     return [
         f"the markers' size fits their distances with {size.ratio - 1.0:+.2%} ± {size.error:.2%}: up to "
-        f"{off * _reach_m(layout.box) * 1e3:.1f} mm at the string if the places are wrong"
+        f"{off * _reach_m(layout.workspace) * 1e3:.1f} mm at the string if the positions are wrong"
     ]
 
 
-def _place_warnings(layout: Layout, poor: bool) -> list[str]:
-    """Name the marker without which the others fit, and what it costs; or refuse."""
+def _place_warnings(layout: MarkerLayout, poor: bool) -> list[str]:
+    """Return a warning about the marker without which the others fit, or refuse it."""
     fit = layout.fit
     if len(layout.markers) < 3:
         if poor:
@@ -132,91 +134,78 @@ def _place_warnings(layout: Layout, poor: bool) -> list[str]:
     return []
 
 
-def _fit_without(layout: Layout, out: int) -> PoseFit:
+def _fit_without(layout: MarkerLayout, out: int) -> PoseFit:
     world_m, corners_px = (np.delete(each, out, axis=0) for each in (layout.fit.world_m, layout.corners_px))
     return fit_pose(world_m, corners_px, layout.camera.lens)
 
 
-def _refuse_other_size(layout: Layout, out: int, others: PoseFit, cost_m: float) -> None:
-    """Refuse a marker that the others' pose sees larger or smaller than it is said to be."""
+def _refuse_other_size(layout: MarkerLayout, out: int, others: PoseFit, cost_m: float) -> None:
+    """Refuse a marker that is larger or smaller than declared, measured in the others' pose."""
     marker, camera = layout.markers[out], posed(layout.camera, others)
     corners_m = pixel_to_metre(camera, layout.corners_px[out])
     side_m = float(np.linalg.norm(np.roll(corners_m, -1, axis=0) - corners_m, axis=1).mean())
     ratio = side_m / marker.size_m
     sigma = others.corner_sigma_px() * camera.scale_m_per_px / side_m
-    if abs(ratio - 1.0) < max(ONE_SIZE_ERROR, 2.0 * SURE * sigma):
+    if abs(ratio - 1.0) < max(ONE_SIZE_ERROR, 2.0 * SIGNIFICANT * sigma):
         return
     eye_m = float(-(others.rotation.T @ others.shift_m)[2])
     nearer_m = eye_m * (1.0 - 1.0 / ratio)
-    raise StrandcastError(
+    raise layout.error(
         "SC-C026",
-        f"marker {marker.marker} measures {side_m * 1e3:.1f} mm by the others, {ratio - 1.0:+.1%} from the "
-        f"size given: another print, or it lies {abs(nearer_m) * 1e3:.0f} mm "
-        f"{'before' if nearer_m > 0 else 'behind'} their plane",
-        file=layout.file,
+        f"marker {marker.marker} measures {side_m * 1e3:.1f} mm relative to the others, "
+        f"{ratio - 1.0:+.1%} from the given size: another print, or it is {abs(nearer_m) * 1e3:.0f} mm "
+        f"{'in front of' if nearer_m > 0 else 'behind'} their plane",
+        f"up to {cost_m * 1e3:.1f} mm at the string",
+        "put all markers in one plane, printed at one size",
         field="camera.plane.size_m",
-        cost=f"up to {cost_m * 1e3:.1f} mm at the string",
-        fix="lay all markers into one plane, printed at one size",
     )
 
 
-def _fit_of(layout: Layout, markers: Sequence[PlaneMarker]) -> PoseFit:
-    world_m = np.array([marker.corners_m() for marker in markers])
-    return fit_pose(world_m, layout.corners_px, layout.camera.lens)
-
-
-def _misplaced(layout: Layout, out: int, others: PoseFit, cost_m: float) -> list[str]:
+def _misplaced(layout: MarkerLayout, out: int, others: PoseFit, cost_m: float) -> list[str]:
     marker = layout.markers[out]
-    seen = pixel_to_metre(posed(layout.camera, others), layout.corners_px[out]).mean(axis=0)
-    off_m = float(np.hypot(seen[0] - marker.x_m, seen[1] - marker.y_m))
+    x_m, y_m = pixel_to_metre(posed(layout.camera, others), layout.corners_px[out]).mean(axis=0)
+    off_m = float(np.hypot(x_m - marker.x_m, y_m - marker.y_m))
     what = (
-        f"marker {marker.marker} lies at ({seen[0]:.4f}, {seen[1]:.4f}) m by the others, "
-        f"{off_m * 1e3:.1f} mm from the place given"
+        f"marker {marker.marker} is at ({x_m:.4f}, {y_m:.4f}) m relative to the others, "
+        f"{off_m * 1e3:.1f} mm from the given position"
     )
+    cost = f"up to {cost_m * 1e3:.1f} mm at the string"
     if cost_m < ERROR_M and off_m < 2.0 * ERROR_M:
-        return [f"{what}: up to {cost_m * 1e3:.1f} mm at the string"]
-    raise StrandcastError(
-        "SC-C027",
-        what,
-        file=layout.file,
-        field="camera.plane.markers",
-        cost=f"up to {cost_m * 1e3:.1f} mm at the string",
-        fix="correct its place or turn in the experiment",
-    )
+        return [f"{what}: {cost}"]
+    raise layout.error("SC-C027", what, cost, "correct its position or rotation in the experiment")
 
 
-def _does_not_fit(layout: Layout) -> StrandcastError:
+def _does_not_fit(layout: MarkerLayout) -> StrandcastError:
     square = (layout.fit.residuals_px**2).sum(axis=(1, 2))
     worst = layout.markers[int(np.argmax(square))].marker
     rms_px = layout.fit.rms_px
-    return StrandcastError(
+    return layout.error(
         "SC-C027",
-        f"the markers fit their places with {rms_px:.1f} px rms only, marker {worst} worst",
-        file=layout.file,
-        field="camera.plane.markers",
-        cost=f"some {rms_px * layout.camera.scale_m_per_px * 1e3:.1f} mm at the string",
-        fix="measure the markers' places and turns again; is the lens this camera's?",
+        f"the markers fit their positions with a residual of {rms_px:.1f} px rms, marker {worst} worst",
+        f"about {rms_px * layout.camera.scale_m_per_px * 1e3:.1f} mm at the string",
+        "measure the markers' positions and rotations again; is the lens this camera's?",
     )
 
 
-def _refuse_rearranged(layout: Layout) -> None:
-    """Raise where another arrangement of the same markers fits: swapped, turned, upside down."""
-    trials = [(words, _fit_of(layout, markers)) for words, markers in _arrangements(layout.markers)]
+def _refuse_rearranged(layout: MarkerLayout) -> None:
+    """Refuse the layout if another arrangement of the same markers fits: swapped, rotated, upside down."""
+    trials = []
+    for words, markers in _arrangements(layout.markers):
+        world_m = np.array([marker.corners_m() for marker in markers])
+        trials.append((words, fit_pose(world_m, layout.corners_px, layout.camera.lens)))
     words, fit = min(trials, key=lambda trial: trial[1].rms_px)
     if fit.rms_px > EXPLAINED * layout.fit.rms_px:
         return
-    raise StrandcastError(
+    raise layout.error(
         "SC-C028",
-        f"{words}: so the corners fit with {fit.rms_px:.2f} px rms, as given with {layout.fit.rms_px:.1f}",
-        file=layout.file,
-        field="camera.plane.markers",
-        cost=f"up to {layout.cost_m(fit) * 1e3:.0f} mm at the string",
-        fix="correct the places in the experiment, or the markers in the plane",
+        f"{words}: then the corners fit with {fit.rms_px:.2f} px rms, as given with {layout.fit.rms_px:.1f}",
+        f"up to {layout.cost_m(fit) * 1e3:.0f} mm at the string",
+        "correct the positions in the experiment, or the markers in the plane",
     )
 
 
-def _arrangements(markers: list[PlaneMarker]) -> Iterator[tuple[str, list[PlaneMarker]]]:
-    """Yield arrangements that people lay instead of the one they mean."""
+def _arrangements(markers: list[PlacedMarker]) -> Iterator[tuple[str, list[PlacedMarker]]]:
+    """Yield common mistakes in arranging markers, with their descriptions."""
     for i, j in combinations(range(len(markers)), 2):
         swapped = list(markers)
         swapped[i] = replace(markers[j], marker=markers[i].marker)
@@ -226,11 +215,11 @@ def _arrangements(markers: list[PlaneMarker]) -> Iterator[tuple[str, list[PlaneM
         for quarter in (1, 2, 3):
             turned = list(markers)
             turned[i] = replace(marker, angle_rad=marker.angle_rad + quarter * np.pi / 2.0)
-            yield f"marker {marker.marker} is turned by {90 * quarter} degrees", turned
+            yield f"marker {marker.marker} is rotated by {90 * quarter} degrees", turned
     upside = [replace(m, y_m=-m.y_m, angle_rad=-m.angle_rad) for m in markers]
     yield "y was counted downwards (it is up in the world frame)", upside
     exchanged = [replace(m, x_m=m.y_m, y_m=m.x_m) for m in markers]
     yield "x and y are exchanged", exchanged
     for quarter in (1, 2, 3):
         all_turned = [replace(m, angle_rad=m.angle_rad + quarter * np.pi / 2.0) for m in markers]
-        yield f"all markers are turned by {90 * quarter} degrees", all_turned
+        yield f"all markers are rotated by {90 * quarter} degrees", all_turned

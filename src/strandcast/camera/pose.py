@@ -1,6 +1,4 @@
-"""The camera's pose over a plane of markers: perspective-n-point through the lens, and the markers' size."""
-
-from __future__ import annotations
+"""The camera's pose relative to a plane of markers by perspective-n-point, and the markers' size."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,12 +11,12 @@ from scipy.optimize import least_squares
 from strandcast.camera.markers import corners_of
 from strandcast.records.camera import Camera, Lens
 
-TIGHT = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
+CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
 
 
 @dataclass(frozen=True)
-class PlaneMarker:
-    """A marker of the motion plane: its centre in the world [m], the side of its black square, its turn."""
+class PlacedMarker:
+    """A marker in the motion plane: centre in the world [m], side of the black square [m], rotation."""
 
     marker: int
     x_m: float
@@ -27,7 +25,7 @@ class PlaneMarker:
     angle_rad: float = 0.0
 
     def corners_m(self) -> np.ndarray:
-        """Return the corners (4, 3) [m] in the world, in the order in which they are detected."""
+        """Return the corners (4, 3) [m] in the world, in detection order."""
         cosine, sine = np.cos(self.angle_rad), np.sin(self.angle_rad)
         turned = corners_of(self.size_m) @ np.array([[cosine, sine], [-sine, cosine]])
         return np.column_stack([turned + np.array([self.x_m, self.y_m]), np.zeros(4)])
@@ -35,7 +33,7 @@ class PlaneMarker:
 
 @dataclass(frozen=True)
 class PoseFit:
-    """A pose fitted: corners in the world (K, 4, 3) and in the picture (K, 4, 2), R, t, residuals [px]."""
+    """A fitted pose: corners in the world (K, 4, 3) and in the picture (K, 4, 2), R, t, residuals [px]."""
 
     world_m: np.ndarray
     corners_px: np.ndarray
@@ -47,7 +45,7 @@ class PoseFit:
     def corner_sigma_px(self) -> float:
         """Return the standard deviation of a corner in u or v, from the scatter within each marker.
 
-        A marker that lies elsewhere than said moves its four corners alike, which does not count here.
+        A misplaced marker displaces its four corners alike, which has no effect here.
         """
         about = self.residuals_px - self.residuals_px.mean(axis=1, keepdims=True)
         return float(np.sqrt((about**2).sum() / (6.0 * len(about))))
@@ -61,7 +59,9 @@ def fit_pose(world_m: np.ndarray, corners_px: np.ndarray, lens: Lens) -> PoseFit
         points, pixels, matrix, distortion, flags=cv2.SOLVEPNP_IPPE
     )
     best = min(range(count), key=lambda k: float(np.asarray(errors).reshape(-1)[k]))
-    turn, shift = cv2.solvePnPRefineLM(points, pixels, matrix, distortion, turns[best], shifts[best], TIGHT)
+    turn, shift = cv2.solvePnPRefineLM(
+        points, pixels, matrix, distortion, turns[best], shifts[best], CRITERIA
+    )
     rotation, shift = np.asarray(cv2.Rodrigues(turn)[0]), np.asarray(shift).reshape(3)
     residuals = corners_px - project(world_m, rotation, shift, lens)
     return PoseFit(world_m, corners_px, rotation, shift, residuals, rms(residuals))
@@ -93,15 +93,15 @@ def posed(camera: Camera, fit: PoseFit) -> Camera:
 
 @dataclass(frozen=True)
 class SizeFit:
-    """The markers' size, by the distances of their centres, over the size given; its error; the fit's rms."""
+    """Measured over declared size of the markers, its standard error, and the rms of the fit."""
 
     ratio: float
     error: float
     rms_px: float
 
 
-def fit_size(markers: Sequence[PlaneMarker], corners_px: np.ndarray, lens: Lens) -> SizeFit:
-    """Measure the markers' size by the distances between their centres: fitted with the pose."""
+def fit_size(markers: Sequence[PlacedMarker], corners_px: np.ndarray, lens: Lens) -> SizeFit:
+    """Measure the markers' size relative to the distances of their centres, jointly with the pose."""
     world_m = np.array([marker.corners_m() for marker in markers])
     centres = world_m.mean(axis=1, keepdims=True)
     start = _rough_ratio(markers, corners_px, lens)
@@ -121,17 +121,17 @@ def fit_size(markers: Sequence[PlaneMarker], corners_px: np.ndarray, lens: Lens)
     return SizeFit(ratio, float(ratio * error), rms(fit.fun.reshape(-1, 2)))
 
 
-def _rough_ratio(markers: Sequence[PlaneMarker], corners_px: np.ndarray, lens: Lens) -> float:
-    """Return the size ratio to a per cent or two, however wrong it is: each marker posed by itself."""
+def _rough_ratio(markers: Sequence[PlacedMarker], corners_px: np.ndarray, lens: Lens) -> float:
+    """Return the size ratio to within 2 %, whatever it is, from the pose of each single marker."""
     unit = np.column_stack([corners_of(1.0), np.zeros(4)])
     matrix, distortion = np.array(lens.matrix), np.array(lens.distortion)
-    seen = [
+    places_m = [
         np.asarray(cv2.solvePnP(unit, four, matrix, distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE)[2]).reshape(3)
         for four in corners_px
     ]
     ratios = [
         np.hypot(markers[i].x_m - markers[j].x_m, markers[i].y_m - markers[j].y_m)
-        / np.linalg.norm(seen[i] - seen[j])
+        / np.linalg.norm(places_m[i] - places_m[j])
         / np.sqrt(markers[i].size_m * markers[j].size_m)
         for i, j in combinations(range(len(markers)), 2)
     ]

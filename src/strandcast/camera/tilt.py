@@ -1,6 +1,4 @@
-"""Whether the motion lies in the plane that is meant: the height of a moving marker of known size."""
-
-from __future__ import annotations
+"""Detection of motion outside the declared plane, from the apparent size of a moving marker."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,31 +7,31 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from strandcast.camera.mapping import pixel_to_metre, undistort
-from strandcast.camera.plane_error import Box, grid_over
+from strandcast.camera.plane_error import PlaneBox, grid_over
 from strandcast.camera.pose import project
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
 
-LEAST_SIGHTINGS = 20
-SMOOTH = 10  # neighbouring frames share the errors of their corners: so many count as one
-ERROR_M, WARNING_M = 10e-3, 2e-3
-SURE = 4.0
+MIN_DETECTIONS = 20  # chosen
+CORRELATED_FRAMES = 10  # chosen: neighbouring frames with common corner errors that count as one
+ERROR_M, WARNING_M = 10e-3, 2e-3  # chosen
+SIGNIFICANT = 4.0  # chosen: standard errors
 
 
 @dataclass(frozen=True)
-class Tilt:
-    """The plane in which a marker moves, against the plane that is meant.
+class PlaneTilt:
+    """The plane in which a marker moves, relative to the declared plane.
 
     Attributes
     ----------
     height_m
-        Of the marker's plane over the plane meant, towards the camera, at the middle of its path.
+        Height of the marker's plane above the declared one, towards the camera, at the path's centre.
     slope_x, slope_y
-        How that height grows over x and y (tangents of the tilt).
+        Gradient of that height along x and y (tangents of the tilt).
     sigma_m, sigma_x, sigma_y
         Standard errors.
     cost_m
-        By how much a point of the workspace would be off, at the worst place of the marker's path.
+        Largest error of a point in the box around the marker's path.
     """
 
     height_m: float
@@ -46,7 +44,7 @@ class Tilt:
 
     @property
     def significance(self) -> float:
-        """Return the largest of the three numbers over its standard error."""
+        """Return the largest ratio of the three parameters to their standard errors."""
         return max(
             abs(self.height_m) / self.sigma_m,
             abs(self.slope_x) / self.sigma_x,
@@ -54,30 +52,32 @@ class Tilt:
         )
 
 
-def find_tilt(camera: Camera, corners_px: np.ndarray, size_m: float, offset_m: float) -> Tilt | None:
-    """Fit the plane in which a marker moved to how large it was seen at each place.
+def fit_plane_tilt(
+    camera: Camera, corners_px: np.ndarray, size_m: float, offset_m: float
+) -> PlaneTilt | None:
+    """Fit the plane in which a marker moved to its apparent size along the path.
 
-    A marker nearer to the camera is seen larger: by 0.44 % per 10 mm at 2.3 m. One sighting tells its height
-    to centimetres, hundreds over the whole path tell a plane to millimetres.
+    A marker appears larger by 0.44 % per 10 mm at 2.3 m. One detection gives its height to centimetres,
+    hundreds along the path give a plane to millimetres.
 
     Parameters
     ----------
     camera
         Lens and pose.
     corners_px
-        (F, 4, 2), the marker's corners in frames; NaN where it was not seen.
+        (F, 4, 2), the marker's corners in each frame; NaN if not detected.
     size_m
         Side of its black square.
     offset_m
-        Its height over the plane of the plane's markers, as it is meant.
+        Its declared height above the plane's markers.
 
     Returns
     -------
-    Tilt or None
-        None for fewer than 20 sightings.
+    PlaneTilt or None
+        None for fewer than 20 detections.
     """
     good = np.isfinite(corners_px).all(axis=(1, 2))
-    if good.sum() < LEAST_SIGHTINGS:
+    if good.sum() < MIN_DETECTIONS:
         return None
     corners = corners_px[good]
     middle_m = pixel_to_metre(camera, corners, offset_m).mean(axis=1)
@@ -88,13 +88,13 @@ def find_tilt(camera: Camera, corners_px: np.ndarray, size_m: float, offset_m: f
     cost_m = _cost_m(camera, numbers, origin, ((left, right), (low, high)), offset_m)
     height_m, slope_x, slope_y = map(float, numbers)
     sigma_m, sigma_x, sigma_y = map(float, sigma)
-    return Tilt(height_m, slope_x, slope_y, sigma_m, sigma_x, sigma_y, cost_m)
+    return PlaneTilt(height_m, slope_x, slope_y, sigma_m, sigma_x, sigma_y, cost_m)
 
 
 def _fit(
     camera: Camera, corners_px: np.ndarray, size_m: float, offset_m: float, origin: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return height and slopes (3,) of the plane in which all the sides are of the marker's size."""
+    """Return height and slopes (3,) of the plane in which all sides have the marker's size."""
     rotation = np.array(camera.rotation)
     eye = -rotation.T @ np.array(camera.translation_m)
     rays = undistort(camera.lens, corners_px)
@@ -113,12 +113,12 @@ def _fit(
     fit = least_squares(off, np.zeros(3), loss="soft_l1", f_scale=2.0 * rough, x_scale="jac")
     slopes = np.asarray(fit.jac)
     residuals = off(fit.x)
-    variance = (1.4826 * np.median(np.abs(residuals))) ** 2 * SMOOTH
+    variance = (1.4826 * np.median(np.abs(residuals))) ** 2 * CORRELATED_FRAMES
     return np.asarray(fit.x), np.linalg.pinv(slopes.T @ slopes) * variance
 
 
-def _cost_m(camera: Camera, numbers: np.ndarray, origin: np.ndarray, box: Box, offset_m: float) -> float:
-    """Return the largest error of places on the tilted plane that are read as if they were in the plane."""
+def _cost_m(camera: Camera, numbers: np.ndarray, origin: np.ndarray, box: PlaneBox, offset_m: float) -> float:
+    """Return the largest error of points in the tilted plane that are mapped to the declared plane."""
     places = grid_over(box)
     height = numbers[0] + (places - origin) @ numbers[1:]
     rotation, shift = np.array(camera.rotation), np.array(camera.translation_m)
@@ -128,29 +128,27 @@ def _cost_m(camera: Camera, numbers: np.ndarray, origin: np.ndarray, box: Box, o
     return float(np.linalg.norm(read - origin - (places - origin) * stretched, axis=-1).max())
 
 
-def refuse_tilt(tilt: Tilt, file: str | Path | None = None) -> list[str]:
-    """Say whether the motion's plane is the one meant; returns warnings.
+def check_plane_tilt(tilt: PlaneTilt, file: str | Path | None = None) -> list[str]:
+    """Check that the motion lies in the declared plane; return warnings.
 
     Raises
     ------
     StrandcastError
-        SC-C041: by more than 10 mm at the string.
+        SC-C041 the error at the string exceeds 10 mm.
     """
-    if tilt.significance < SURE or tilt.cost_m < WARNING_M:
+    if tilt.significance < SIGNIFICANT or tilt.cost_m < WARNING_M:
         return []
     angle = np.degrees(np.arctan([tilt.slope_x, tilt.slope_y]))
     what = (
-        f"the hand moves in a plane {tilt.height_m * 1e3:+.0f} mm before the one meant, leaning by "
+        f"the hand moves in a plane {tilt.height_m * 1e3:+.0f} mm in front of the declared one, tilted by "
         f"{angle[0]:+.1f} degrees along x and {angle[1]:+.1f} along y"
     )
     if tilt.cost_m > ERROR_M:
-        raise StrandcastError(
-            "SC-C041",
-            what,
-            file=file,
-            field="camera.string_offset_m",
-            cost=f"up to {tilt.cost_m * 1e3:.0f} mm at the string",
-            fix="lay the plane's markers parallel to the arm's motion, and measure string_offset_m; "
-            "is the size of the hand's markers right?",
+        cost = f"up to {tilt.cost_m * 1e3:.0f} mm at the string"
+        fix = (
+            "place the plane's markers parallel to the arm's motion, and measure string_offset_m; is the "
+            "size of the hand's markers right?"
         )
+        field = "camera.string_offset_m"
+        raise StrandcastError("SC-C041", what, file=file, field=field, cost=cost, fix=fix)
     return [f"{what}: up to {tilt.cost_m * 1e3:.1f} mm at the string"]

@@ -1,16 +1,12 @@
-"""How far a simulated string is from the measured one: eqs. (4) to (6) of the paper.
+"""Distance between simulated and measured string: eqs. (4) to (6) of the paper.
 
-Eq. (4) is read as x_r - x_s and y_r - y_s; its print pairs x with y. Points not seen carry no weight.
+Eq. (4) is read as x_r - x_s and y_r - y_s; its print pairs x with y. Points not measured have no weight.
 """
-
-from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
-READINGS = ("world", "hand")
 
 
 def distances(measured: Array, simulated: Array, reading: str = "world") -> Array:
@@ -19,17 +15,17 @@ def distances(measured: Array, simulated: Array, reading: str = "world") -> Arra
     Parameters
     ----------
     measured
-        (F, n+1, 2) measured points [m], NaN where not seen.
+        (F, n+1, 2) measured points [m], NaN where not measured.
     simulated
         (..., F, n+1, 2) simulated points [m].
     reading
         ``world``, or ``hand``: both relative to their own hand, as the paper centres its images. A frame
-        whose hand was not seen is compared in the world.
+        whose hand was not measured is compared in the world.
 
     Returns
     -------
-    (..., F, n) distances of points 1…n [m], NaN where not seen, infinite where seen but not simulated (a
-    blow-up).
+    (..., F, n) distances of points 1…n [m], NaN where not measured, infinite where measured but not
+    simulated (a blow-up).
     """
     difference = measured - simulated
     if reading == "hand":
@@ -45,36 +41,35 @@ def point_values(distance: Array, confidence: Array | None = None) -> Array:
     Parameters
     ----------
     distance
-        (..., F, n) [m], NaN where not seen.
+        (..., F, n) [m], NaN where not measured.
     confidence
         (F, n) weights of the measurements, None for equal ones.
 
     Returns
     -------
-    (..., n) [m]; NaN for a point never seen.
+    (..., n) [m]; NaN for a point never measured.
     """
     weight = np.ones(distance.shape[-2:]) if confidence is None else confidence
-    seen = ~np.isnan(distance)
-    weights = np.where(seen, weight, 0.0)
+    weights = np.where(np.isnan(distance), 0.0, weight)
     total = weights.sum(axis=-2)
     summed = (weights * np.where(weights > 0, distance, 0.0)).sum(axis=-2)
     return np.asarray(np.divide(summed, total, out=np.full_like(summed, np.nan), where=total > 0))
 
 
 def evaluation_of_points(values: Array, w: float = 0.0) -> Array:
-    """E of eq. (6) from the E_i: weighted by 1 + w (i - 1), mean over the points that were seen.
+    """E of eq. (6) from the E_i: weighted by 1 + w (i - 1), mean over the measured points.
 
     Parameters
     ----------
     values
-        (..., n) E_i of points 1…n [m], NaN for points never seen.
+        (..., n) E_i of points 1…n [m], NaN for points never measured.
     w
         Weight towards the tip; the paper does not print it. Reported values use 0.
     """
     factor = 1.0 + w * np.arange(values.shape[-1])
-    seen = ~np.isnan(values)
-    count = seen.sum(axis=-1)
-    summed = np.where(seen, values * factor, 0.0).sum(axis=-1)
+    measured = ~np.isnan(values)
+    count = measured.sum(axis=-1)
+    summed = np.where(measured, values * factor, 0.0).sum(axis=-1)
     return np.asarray(np.divide(summed, count, out=np.full(np.shape(summed), np.nan), where=count > 0))
 
 
@@ -90,11 +85,11 @@ def evaluation_value(
 
 
 def rmse(distance: Array) -> float:
-    """Root mean square of all distances seen, each with the same weight [m]."""
+    """Root mean square of all measured distances, each with the same weight [m]."""
     return float(np.sqrt(np.nanmean(distance**2)))
 
 
 def tip_error(distance: Array) -> float:
-    """Mean distance of the tip over the frames in which it was seen [m]; NaN if it never was."""
-    tip = distance[:, -1]
-    return float(tip[~np.isnan(tip)].mean()) if np.any(~np.isnan(tip)) else float("nan")
+    """Mean distance of the tip over the frames in which it was measured [m]; NaN if there are none."""
+    tip = distance[:, -1][~np.isnan(distance[:, -1])]
+    return float(tip.mean()) if len(tip) else float("nan")

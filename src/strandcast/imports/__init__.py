@@ -1,1 +1,1 @@
-"""The door for data measured elsewhere: joint logs in their makers' dialects, motion capture."""
+"""Importers of data measured elsewhere: joint logs in their makers' dialects, motion capture."""

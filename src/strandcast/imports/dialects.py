@@ -1,6 +1,4 @@
-"""Joint logs of known makers, told by their columns."""
-
-from __future__ import annotations
+"""Joint logs of known makers, recognised by their columns."""
 
 import re
 from typing import Literal
@@ -27,9 +25,9 @@ def libfranka(table: NumberTable) -> JointMapping | None:
         time=clock,
         time_unit=unit,
         q=joints,
-        qd=_if_there(table, [f"{stem}dq[{k}]" for k in numbers]),
-        q_cmd=_if_there(table, [f"{stem}q_d[{k}]" for k in numbers]),
-        qd_cmd=_if_there(table, [f"{stem}dq_d[{k}]" for k in numbers]),
+        qd=_if_present(table, [f"{stem}dq[{k}]" for k in numbers]),
+        q_cmd=_if_present(table, [f"{stem}q_d[{k}]" for k in numbers]),
+        qd_cmd=_if_present(table, [f"{stem}dq_d[{k}]" for k in numbers]),
         rate_hz=1000.0,
     )
 
@@ -42,18 +40,18 @@ def ur_rtde(table: NumberTable) -> JointMapping | None:
     if "timestamp" not in table.names:
         raise StrandcastError(
             "SC-I004",
-            "the log has actual_q and no timestamp: when the arm was there is not known",
+            "the log has actual_q but no timestamp: the time of each row is unknown",
             file=table.path,
             field="timestamp",
-            fix="add the variable `timestamp` to what is recorded",
+            fix="add `timestamp` to the recorded variables",
         )
     numbers = range(len(joints))
     return JointMapping(
         time="timestamp",
         q=joints,
-        qd=_if_there(table, [f"actual_qd_{k}" for k in numbers]),
-        q_cmd=_if_there(table, [f"target_q_{k}" for k in numbers]),
-        qd_cmd=_if_there(table, [f"target_qd_{k}" for k in numbers]),
+        qd=_if_present(table, [f"actual_qd_{k}" for k in numbers]),
+        q_cmd=_if_present(table, [f"target_q_{k}" for k in numbers]),
+        qd_cmd=_if_present(table, [f"target_qd_{k}" for k in numbers]),
         outputs=UR_OUTPUTS if UR_OUTPUTS in table.names else None,
     )
 
@@ -78,7 +76,7 @@ def recognise(table: NumberTable, dialect: str = "auto") -> tuple[str, JointMapp
     Raises
     ------
     StrandcastError
-        No dialect fits, or not the one that was named.
+        No dialect fits, or not the named one.
     """
     if dialect != "auto" and dialect not in DIALECTS:
         raise StrandcastError(
@@ -93,18 +91,18 @@ def recognise(table: NumberTable, dialect: str = "auto") -> tuple[str, JointMapp
             return name, mapping
     raise StrandcastError(
         "SC-I003",
-        f"the columns are those of no known joint log: {', '.join(table.names[:12])} …",
+        f"the columns match no known joint log: {', '.join(table.names[:12])} …",
         file=table.path,
-        fix="give a column mapping: time, q, and if there are any qd, q_cmd, qd_cmd; time_unit, angle_unit",
+        fix="give a column mapping: time, q, and if available qd, q_cmd, qd_cmd; time_unit, angle_unit",
     )
 
 
 def _counted(table: NumberTable, pattern: str) -> list[str]:
-    """Return the columns of a pattern, which must count up from 0."""
+    """Return the columns that match a pattern, numbered from 0 without gaps."""
     found = [(int(match.group(1)), name) for name in table.names if (match := re.fullmatch(pattern, name))]
     found.sort()
     return [name for _, name in found] if [k for k, _ in found] == list(range(len(found))) else []
 
 
-def _if_there(table: NumberTable, names: list[str]) -> list[str]:
+def _if_present(table: NumberTable, names: list[str]) -> list[str]:
     return names if all(name in table.names for name in names) else []

@@ -1,15 +1,11 @@
-"""Which column means what: given in a small TOML or YAML file, or as options."""
+"""Column mappings: the meaning of each column, from a small TOML or YAML file or from options."""
 
-from __future__ import annotations
-
-import tomllib
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
+from strandcast.config.bounded import BoundError, load_toml, load_yaml, read_bounded
 from strandcast.errors import StrandcastError, StrandcastErrors
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -22,7 +18,7 @@ LengthUnit = Literal["m", "mm"]
 
 
 class Mapping(BaseModel):
-    """What all mappings share: unknown keys are errors, columns may be given by number."""
+    """Base of all mappings: unknown keys are errors, columns may be given by number."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, coerce_numbers_to_str=True)
 
@@ -37,8 +33,8 @@ class JointMapping(Mapping):
     qd_cmd: list[str] = Field([], description="… of the commanded joint speeds.")
     time_unit: TimeUnit = "s"
     angle_unit: AngleUnit = "rad"
-    rate_hz: float | None = Field(None, gt=0, description="Nominal rate, if known.")
-    outputs: str | None = Field(None, description="Column of the digital outputs, a bit each.")
+    rate_hz: float | None = Field(None, gt=0, le=1e6, description="Nominal rate, if known.")
+    outputs: str | None = Field(None, description="Column of the digital outputs, one bit each.")
 
 
 class CaptureMarker(Mapping):
@@ -61,7 +57,7 @@ class CaptureMapping(Mapping):
     )
     angle_sign: Literal[-1, 1] = Field(1, description="-1 where the file's angle grows clockwise.")
     angle_offset_rad: float = Field(
-        0.0, description="Direction in which the string leaves the hand, where the file's angle is zero."
+        0.0, description="Direction in which the string leaves the hand when the file's angle is zero."
     )
     markers: list[CaptureMarker] = Field(min_length=1)
     time_unit: TimeUnit = "s"
@@ -81,26 +77,22 @@ def load_mapping(path: str | Path, kind: type[Kind]) -> Kind:
     Raises
     ------
     StrandcastError
-        The file is missing or is neither, or everything in it that does not fit.
+        The file is missing or is neither, or with every invalid entry.
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
-        data = tomllib.loads(text) if path.suffix == ".toml" else YAML(typ="safe").load(text)
+        text = read_bounded(path)
+        data = load_toml(text) if path.suffix == ".toml" else load_yaml(text)
     except FileNotFoundError:
-        raise StrandcastError(
-            "SC-I010", "the mapping is not there", file=path, fix="check the path"
-        ) from None
-    except (tomllib.TOMLDecodeError, YAMLError, UnicodeDecodeError) as error:
-        what = str(error).splitlines()[0]
-        raise StrandcastError(
-            "SC-I010", f"is not a mapping ({what})", file=path, fix="mend the line"
-        ) from None
+        raise StrandcastError("SC-I010", "the mapping is missing", file=path, fix="check the path") from None
+    except BoundError as error:
+        what = f"is not a mapping ({error})"
+        raise StrandcastError("SC-I010", what, file=path, line=error.line, fix="correct the line") from None
     return check_mapping(data, kind, path)
 
 
 def check_mapping(data: Any, kind: type[Kind], path: Path | None = None) -> Kind:
-    """Return a mapping from plain data; all that does not fit is told at once."""
+    """Return a mapping from plain data; every invalid entry is reported at once."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:
@@ -120,7 +112,7 @@ def check_mapping(data: Any, kind: type[Kind], path: Path | None = None) -> Kind
 
 
 def capture_mapping_of(time: str, hand: str, markers: list[str], **more: Any) -> CaptureMapping:
-    """Return a mapping from command-line words.
+    """Return a mapping from command-line arguments.
 
     Parameters
     ----------
@@ -143,14 +135,14 @@ def capture_mapping_of(time: str, hand: str, markers: list[str], **more: Any) ->
         "time": time,
         "hand_x": columns[0],
         "hand_y": columns[1],
-        "markers": [_marker_words(m) for m in markers],
+        "markers": [_marker_argument(m) for m in markers],
     }
     if len(columns) == 3:
         data["hand_angle"] = columns[2]
     return check_mapping(data | more, CaptureMapping)
 
 
-def _marker_words(words: str) -> dict[str, Any]:
+def _marker_argument(words: str) -> dict[str, Any]:
     place, colon, columns = words.partition(":")
     place, _, point = place.partition("@")
     names = [name.strip() for name in columns.split(",")]

@@ -1,1 +1,1 @@
-"""The virtual arm, string and camera: they leave the raw files that a real rig would leave."""
+"""The virtual arm, string and camera, which write the same raw files as a real rig."""

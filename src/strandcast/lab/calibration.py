@@ -1,6 +1,4 @@
-"""The photos a lab takes before it throws: a ChArUco board from many sides, and the markers in the plane."""
-
-from __future__ import annotations
+"""The lab's calibration photos: a ChArUco board from many sides, and the markers in the plane."""
 
 from itertools import product
 from pathlib import Path
@@ -10,28 +8,30 @@ import numpy as np
 
 from strandcast.arm.kinematics import link_points
 from strandcast.arm.load import Arm
-from strandcast.experiment import Board, Experiment
+from strandcast.camera.picture_file import write_picture
+from strandcast.config.camera import Board
+from strandcast.config.experiment import Experiment
 from strandcast.lab.film import noise_powers
 from strandcast.lab.paint import PSF_PX, expose
-from strandcast.lab.scene import INK, PAPER, WALL, Scene, canvas_on, paint_arm
-from strandcast.lab.view import View
-from strandcast.records.files import atomic_write
+from strandcast.lab.scene import INK, PAPER, WALL, LabScene, canvas_on, paint_arm
+from strandcast.lab.view import LabView
 from strandcast.seeds import rng
 
+# Chosen, like the photos of a careful user.
 PHOTOS = 12
-CELL_PX = 24  # texture pixels of a chessboard square's twelfth part
-FINER = 2
+CELL_PX = 24  # a fifth of a chessboard square in the texture
+SUPERSAMPLING = 2
 BOARD_SHARE = (0.45, 0.75)  # of the picture's width
-AIMED = (0.1, 0.9)  # of the picture, where the board's middle comes to lie
-STEEPEST_RAD = 0.6
+CENTRE_SHARE = (0.1, 0.9)  # of the picture, for the board's centre
+MAX_TILT_RAD = 0.6
 
 
-def write_lens_photos(experiment: Experiment, name: str, view: View, data_dir: Path) -> None:
-    """Write ``lens-01.png`` … where the experiment's ``camera.lens_photos`` looks for them."""
+def write_lens_photos(experiment: Experiment, name: str, view: LabView, data_dir: Path) -> None:
+    """Write ``lens-01.png`` … to the folder of the experiment's ``camera.lens_photos``."""
     random = rng(name, experiment.seed, 0, "lab-lens-photos")
     texture, texels_m, rim = _board_texture(experiment.camera.board)
     height, width = view.height_px, view.width_px
-    steps = (np.arange(FINER) + 0.5) / FINER - 0.5
+    steps = (np.arange(SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5
     u = (np.arange(width)[:, None] + steps).ravel()
     v = (np.arange(height)[:, None] + steps).ravel()
     rays = view.rays(np.stack(np.meshgrid(u, v), axis=-1)).astype(np.float32)
@@ -44,16 +44,19 @@ def write_lens_photos(experiment: Experiment, name: str, view: View, data_dir: P
         fine = cv2.remap(
             texture, places[..., 0], places[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_CONSTANT, WALL
         )
-        light = fine.reshape(height, FINER, width, FINER).mean(axis=(1, 3), dtype=np.float32)
+        light = fine.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING).mean(axis=(1, 3), dtype=np.float32)
         light = cv2.GaussianBlur(light, (0, 0), PSF_PX)
         _write(folder / f"lens-{number:02d}.png", light, np.ones_like(light), experiment, random)
 
 
 def _board_texture(board: Board) -> tuple[np.ndarray, float, int]:
-    """Return the printed board with its white rim, texels per metre, and the rim's width in texels."""
+    """Return the printed board with its white rim, texels per metre and the rim's width in texels."""
     made = cv2.aruco.CharucoBoard(
-        (board.squares_x, board.squares_y), board.square_m, board.marker_m,
-        cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary)))  # fmt: skip
+        (board.squares_x, board.squares_y),
+        board.square_m,
+        board.marker_m,
+        cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary)),
+    )
     made.setLegacyPattern(board.legacy)
     square = 5 * CELL_PX
     pattern = made.generateImage((board.squares_x * square, board.squares_y * square))
@@ -62,18 +65,18 @@ def _board_texture(board: Board) -> tuple[np.ndarray, float, int]:
     return printed.astype(np.float32), square / board.square_m, rim
 
 
-def _board_pose(board: Board, view: View, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return a pose, board to camera, at which most of the board is in the picture."""
+def _board_pose(board: Board, view: LabView, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return a pose, board to camera, with most of the board in the picture."""
     size = np.array([board.squares_x, board.squares_y]) * board.square_m
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * size
     corners3 = np.column_stack([corners, np.zeros(4)])
     focal, middle = view.matrix[0, 0], view.matrix[:2, 2]
     limit = np.array([view.width_px, view.height_px])
     while True:
-        turn = np.append(random.uniform(-STEEPEST_RAD, STEEPEST_RAD, 2), random.uniform(-0.5, 0.5))
+        turn = np.append(random.uniform(-MAX_TILT_RAD, MAX_TILT_RAD, 2), random.uniform(-0.5, 0.5))
         rotation, _ = cv2.Rodrigues(turn)
         depth = focal * size[0] / (view.width_px * random.uniform(*BOARD_SHARE))
-        aim = (random.uniform(*AIMED, 2) * limit - middle) / focal * depth
+        aim = (random.uniform(*CENTRE_SHARE, 2) * limit - middle) / focal * depth
         translation = np.append(aim, depth) - rotation @ np.append(size / 2, 0.0)
         uv, _ = cv2.projectPoints(corners3, turn, translation, view.matrix, view.distortion)
         inside = ((uv.reshape(4, 2) > 8) & (uv.reshape(4, 2) < limit - 8)).all(axis=1)
@@ -81,8 +84,8 @@ def _board_pose(board: Board, view: View, random: np.random.Generator) -> tuple[
             return rotation, translation
 
 
-def write_plane_photo(experiment: Experiment, name: str, scene: Scene, data_dir: Path) -> None:
-    """Write the photo of the markers in the plane, without a string, the arm out of their way."""
+def write_plane_photo(experiment: Experiment, name: str, scene: LabScene, data_dir: Path) -> None:
+    """Write the photo of the markers in the plane, without a string and with the arm away from them."""
     canvas = canvas_on(scene.still)
     paint_arm(canvas, scene, _parked(experiment, scene.arm))
     random = rng(name, experiment.seed, 0, "lab-plane-photo")
@@ -90,7 +93,7 @@ def write_plane_photo(experiment: Experiment, name: str, scene: Scene, data_dir:
 
 
 def _parked(experiment: Experiment, arm: Arm) -> np.ndarray:
-    """Return the posture that keeps furthest from the markers."""
+    """Return the posture with the largest distance from the markers."""
     markers = np.array([[m.x_m, m.y_m] for m in experiment.camera.plane.markers])
     limits = zip(np.maximum(arm.limits.lower_rad, -3.1), np.minimum(arm.limits.upper_rad, 3.1), strict=True)
     postures = np.array(list(product(*(np.linspace(low, high, 9) for low, high in limits))))
@@ -99,8 +102,8 @@ def _parked(experiment: Experiment, arm: Arm) -> np.ndarray:
     body = (points[:, :-1, None] + along * (points[:, 1:, None] - points[:, :-1, None])).reshape(
         len(postures), -1, 2
     )
-    room = np.min([np.linalg.norm(body - marker, axis=2).min(axis=1) for marker in markers], axis=0)
-    return np.asarray(postures[np.argmax(room)])
+    distance_m = np.min([np.linalg.norm(body - marker, axis=2).min(axis=1) for marker in markers], axis=0)
+    return np.asarray(postures[np.argmax(distance_m)])
 
 
 def _write(
@@ -110,6 +113,4 @@ def _write(
     out = np.empty(light.shape, np.uint8)
     noise = random.standard_normal(light.shape, dtype=np.float32)
     expose(light, gain, 1.0, noise, (0, 0), noise_powers(experiment.lab.camera.noise_grey), out)
-    with atomic_write(path) as temporary:
-        if not cv2.imwrite(str(temporary), out):
-            raise OSError(f"{path}: could not be written")
+    write_picture(path, out)

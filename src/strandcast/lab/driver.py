@@ -1,4 +1,4 @@
-"""The player's driver of the virtual arm; playing, it also films, as the camera in a lab does."""
+"""The driver of the virtual arm, which also films the throw."""
 
 from __future__ import annotations
 
@@ -8,31 +8,36 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.experiment import Experiment, find_experiment, load_experiment
-from strandcast.lab.film import actors_of, frames
-from strandcast.lab.led import Switched, switched
-from strandcast.lab.scene import Scene, make_scene
-from strandcast.lab.strings import thread_of
-from strandcast.lab.swing import BEFORE_S, CYCLE_S, Swing, simulate_swing
-from strandcast.lab.truth import write_truth
-from strandcast.lab.variation import Clocks, Variation, draw_clocks, draw_variation
+from strandcast.config.experiment import Experiment
+from strandcast.config.find import find_experiment
+from strandcast.config.load import load_experiment
+from strandcast.core.trajectory import JointTrajectory
+from strandcast.executor.drivers.protocol import ArmState, Recording
+from strandcast.lab.film import film_frames, film_subject
+from strandcast.lab.led import LedTimes, led_times
+from strandcast.lab.scene import LabScene, make_scene
+from strandcast.lab.servo import CYCLE_S
+from strandcast.lab.strings import physical_string
+from strandcast.lab.swing import BEFORE_S, LabSwing, simulate_swing
+from strandcast.lab.truth import FilmedThrow, write_truth
+from strandcast.lab.variation import LabClocks, ThrowVariation, draw_clocks, draw_variation
 from strandcast.lab.video import write_video
-from strandcast.layout import ExperimentFolder
-from strandcast.player.protocol import Command, Recording, State
 from strandcast.progress import progress
+from strandcast.records.folders import ExperimentFolder
 from strandcast.records.joint_log import SYNC_HIGH, JointLog, SyncEvent
 from strandcast.records.motion import Motion
 from strandcast.seeds import rng
 
 VIDEO = "video.mp4"
+# Chosen.
 FILMED_AFTER_S = 0.45
-ENCODER_STEPS = 65536  # a turn
+ENCODER_STEPS = 65536  # per turn
 SPEED_DIGITS = 4
 
 
 @dataclass(frozen=True)
-class Throw:
-    """Which throw of which experiment, and where its truth is to be written."""
+class LabThrow:
+    """A throw of an experiment, and the file for its truth."""
 
     name: str
     experiment: Experiment
@@ -41,21 +46,21 @@ class Throw:
 
 
 def lab_driver(arm: Arm, motion: Motion) -> LabDriver:
-    """Return the virtual rig of the experiment and trial that a motion is for (see `player.drivers`)."""
+    """Return the virtual rig of a motion's experiment (see `strandcast.executor.drivers.registry`)."""
     root = Path()
     experiment = load_experiment(find_experiment(motion.experiment, root))
     truth = ExperimentFolder(root, motion.experiment).trial(motion.trial).results / "lab_truth.parquet"
-    return LabDriver(Throw(motion.experiment, experiment, motion.trial, truth), arm)
+    return LabDriver(LabThrow(motion.experiment, experiment, motion.trial, truth), arm)
 
 
 class LabDriver:
-    """The virtual rig of one throw (see `strandcast.player.protocol.Driver`)."""
+    """The virtual rig of one throw (see `strandcast.executor.drivers.protocol.Driver`)."""
 
     name = "lab"
     streams = False
     address: str | None = None
 
-    def __init__(self, throw: Throw, arm: Arm, scene: Scene | None = None) -> None:
+    def __init__(self, throw: LabThrow, arm: Arm, scene: LabScene | None = None) -> None:
         self.rate_hz = arm.log_rate_hz
         self._throw = throw
         self._arm = arm
@@ -64,41 +69,41 @@ class LabDriver:
 
     def connect(self) -> None:
         """Check that the experiment has a virtual rig."""
-        thread_of(self._throw.experiment)
+        physical_string(self._throw.experiment)
 
-    def state(self) -> State:
-        """Return the arm at rest where it was last moved to."""
-        return State(self._q_rad.copy(), np.zeros_like(self._q_rad))
+    def state(self) -> ArmState:
+        """Return the arm at rest at its last posture."""
+        return ArmState(self._q_rad.copy(), np.zeros_like(self._q_rad))
 
     def move_to_start(self, q_rad: np.ndarray) -> None:
-        """Stand at (J,) angles."""
+        """Set the posture to (J,) angles."""
         self._q_rad = np.array(q_rad, float)
 
     def stop(self) -> None:
-        """Do nothing: the virtual arm rests between throws."""
+        """Do nothing: the virtual arm is at rest between throws."""
 
-    def play(self, command: Command, folder: Path) -> Recording:
-        """Throw, film, write the truth; the log is what the controller says."""
+    def play(self, command: JointTrajectory, folder: Path) -> Recording:
+        """Throw, film and write the truth; return the controller's log."""
         throw, arm, experiment = self._throw, self._arm, self._throw.experiment
         assert experiment.lab is not None
         variation = draw_variation(self._random("lab-throw"), len(arm.joints), experiment.lab.noise)
         clocks = draw_clocks(self._random("lab-clocks"))
-        thread = thread_of(experiment)
-        swing = simulate_swing(arm, experiment.lab.servo, thread, variation, command)
+        string = physical_string(experiment)
+        swing = simulate_swing(arm, experiment.lab.servo, string, variation, command)
         scene = self._scene or make_scene(experiment, throw.name, arm)
-        actors = actors_of(swing, thread.shifted(variation.grasp_length_m))
+        actors = film_subject(swing, string.shifted(variation.grasp_length_m))
         start_s, motion_s = clocks.log_start_s + BEFORE_S, float(command.time_s[-1])
-        lamp = switched(motion_s, self._random("lab-led")) if experiment.lab.led else None
+        lamp = led_times(motion_s, self._random("lab-led")) if experiment.lab.led else None
         camera = experiment.lab.camera
         count = int((clocks.camera_lead_s + motion_s + FILMED_AFTER_S) * camera.frame_rate_hz)
         camera_time_s = np.arange(count) / camera.frame_rate_hz
         robot_time_s = camera_time_s * (1.0 + clocks.drift) + start_s - clocks.camera_lead_s
-        shots = frames(scene, actors, robot_time_s - start_s, camera.exposure_s, camera.noise_grey,
-                       self._random("lab-sensor"), lamp)  # fmt: skip
+        since_s, random = robot_time_s - start_s, self._random("lab-sensor")
+        shots = film_frames(scene, actors, since_s, camera.exposure_s, camera.noise_grey, random, lamp)
         shown = progress(shots, "film", total=count)
         write_video(folder / VIDEO, shown, camera.width_px, camera.height_px, camera.frame_rate_hz)
-        write_truth(throw.truth_path, scene, swing, variation, clocks, robot_time_s, start_s, motion_s,
-                    np.array(experiment.target_m))  # fmt: skip
+        filmed = FilmedThrow(scene, swing, variation, clocks, robot_time_s, start_s, motion_s)
+        write_truth(throw.truth_path, filmed, np.array(experiment.target_m))
         log = joint_log(arm, swing, variation, clocks, motion_s, self._random("lab-log"))
         return Recording(
             log=log,
@@ -116,8 +121,8 @@ class LabDriver:
         return rng(self._throw.name, self._throw.experiment.seed, self._throw.trial, what)
 
 
-def _switch_output(log: JointLog, lamp: Switched, start_s: float) -> list[SyncEvent]:
-    """Set the log's sync output as the LED was switched, and return these events."""
+def _switch_output(log: JointLog, lamp: LedTimes, start_s: float) -> list[SyncEvent]:
+    """Mark the LED's switching in the log's sync output; return its events."""
     events = [
         SyncEvent(kind=kind, time_s=round(start_s + since_s, 6))
         for kind, since_s in (("led_on", lamp.on_s), ("led_off", lamp.off_s))
@@ -128,9 +133,14 @@ def _switch_output(log: JointLog, lamp: Switched, start_s: float) -> list[SyncEv
 
 
 def joint_log(
-    arm: Arm, swing: Swing, variation: Variation, clocks: Clocks, motion_s: float, random: np.random.Generator
+    arm: Arm,
+    swing: LabSwing,
+    variation: ThrowVariation,
+    clocks: LabClocks,
+    motion_s: float,
+    random: np.random.Generator,
 ) -> JointLog:
-    """Return what the controller logs: encoders with zero error, noise and steps; commands as received."""
+    """Return the controller's log: encoders with zero error, noise and steps; commands as received."""
     every = round(1.0 / (arm.log_rate_hz * CYCLE_S))
     rows = slice(0, None, every)
     since_s = swing.time_s[rows]

@@ -3,16 +3,14 @@
 A stroke's edge is that of a straight edge seen through a Gaussian blur of PSF_PX, computed, not sampled.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 from numba import njit
 
-PSF_PX = 0.6
+PSF_PX = 0.6  # chosen
 REACH_PX = 3.0 * PSF_PX
-# Places within a pixel, and their weights, that stand for the blur of a marker.
+# Sampling places within a pixel, with weights, which approximate the blur of a marker.
 TAPS = np.array([(x, y) for x in (-0.9, -0.3, 0.3, 0.9) for y in (-0.9, -0.3, 0.3, 0.9)])
 TAP_WEIGHTS = np.exp(-0.5 * (TAPS**2).sum(axis=1) / PSF_PX**2)
 TAP_WEIGHTS /= TAP_WEIGHTS.sum()
@@ -25,9 +23,9 @@ def _edge(distance: float) -> float:
 
 @njit(cache=True, nogil=True)
 def stroke(cover: np.ndarray, spans: np.ndarray, line: np.ndarray, half_px: np.ndarray) -> None:
-    """Cover a polyline (K, 2) [px] of half widths (K - 1,) on `cover` (H, W), 0 to 1; overlaps count once.
+    """Cover a polyline (K, 2) [px] with half widths (K - 1,) on `cover` (H, W), 0 to 1; overlaps count once.
 
-    `spans` (H, 2) keeps the first and the last-but-one column touched in each row.
+    `spans` (H, 2) holds the first column touched in each row, and the one after the last.
     """
     height, width = cover.shape
     for k in range(len(line) - 1):
@@ -59,7 +57,7 @@ def stroke(cover: np.ndarray, spans: np.ndarray, line: np.ndarray, half_px: np.n
 def blend(
     picture: np.ndarray, cover: np.ndarray, spans: np.ndarray, touched: np.ndarray, tone: float
 ) -> None:
-    """Lay a tone over the picture where it is covered, and clear `cover` and `spans`."""
+    """Blend a tone into the picture where it is covered, and clear `cover` and `spans`."""
     for v in range(len(spans)):
         first, end = spans[v, 0], spans[v, 1]
         for u in range(first, end):
@@ -76,7 +74,7 @@ def blend(
 def stamp(
     picture: np.ndarray, touched: np.ndarray, to_cells: np.ndarray, corners: np.ndarray, cells: np.ndarray
 ) -> None:
-    """Lay a printed pattern over the picture.
+    """Paint a printed pattern over the picture.
 
     Parameters
     ----------
@@ -112,7 +110,7 @@ def stamp(
 def gather(
     total: np.ndarray, picture: np.ndarray, still: np.ndarray, touched: np.ndarray, share: float
 ) -> None:
-    """Add one instant's changes against the still scene to the exposure, and put the scene back."""
+    """Add one instant's difference from the still scene to the exposure, and restore the scene."""
     for v in range(len(touched)):
         for u in range(touched[v, 0], touched[v, 1]):
             total[v, u] += share * (picture[v, u] - still[v, u])
@@ -122,17 +120,22 @@ def gather(
 
 @njit(cache=True, nogil=True)
 def expose(
-    light: np.ndarray, gain: np.ndarray, flicker: float, noise: np.ndarray, corner: tuple[int, int],
-    noise_powers: tuple[float, float], out: np.ndarray,
-) -> None:  # fmt: skip
-    """Turn light (H, W) into a sensor's grey levels: vignetting, flicker, read and photon noise, rounding.
+    light: np.ndarray,
+    gain: np.ndarray,
+    flicker: float,
+    noise: np.ndarray,
+    corner: tuple[int, int],
+    noise_powers: tuple[float, float],
+    out: np.ndarray,
+) -> None:
+    """Convert light (H, W) to a sensor's grey levels: vignetting, flicker, read and photon noise, rounding.
 
     Parameters
     ----------
     noise, corner
-        A larger field of standard noise, and the corner of the part to use.
+        A larger field of standard normal noise, and the corner of the region to use.
     noise_powers
-        Of the read-out [grey²], and of the photons [grey² per grey].
+        Power of read-out noise [grey²] and of photon noise [grey² per grey].
     """
     height, width = light.shape
     zero, white, half = np.float32(0.0), np.float32(255.0), np.float32(0.5)

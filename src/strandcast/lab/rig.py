@@ -1,6 +1,4 @@
-"""Arm and string as one MuJoCo model: a chain of rigid links with bending springs hangs on the hand."""
-
-from __future__ import annotations
+"""Arm and string as one MuJoCo model: the string is a chain of rigid links with bending springs."""
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
@@ -13,10 +11,10 @@ import numpy as np
 from strandcast.arm.kinematics import link_angles
 from strandcast.arm.load import Arm
 from strandcast.arm.urdf import LEAST_INERTIA_KG_M2, LEAST_MASS_KG
-from strandcast.lab.servo import Drive
-from strandcast.lab.strings import Thread
+from strandcast.lab.servo import JointDrives
+from strandcast.lab.strings import PhysicalString
 
-LINK_M = 0.015
+LINK_M = 0.015  # chosen
 CLAY_KG_M3 = 1800.0
 PIPE_DIAMETER_M = 0.006
 AIR_KG_M3 = 1.2
@@ -26,8 +24,8 @@ OFF = mujoco.mjtDisableBit
 
 
 @dataclass(frozen=True)
-class Link:
-    """One straight piece of the string: its ends [m] along it, its pipe, what hangs at its far end [kg]."""
+class StringLink:
+    """A straight link of the string: its ends along it [m], its pipe, the weight at its far end [kg]."""
 
     from_m: float
     to_m: float
@@ -36,49 +34,49 @@ class Link:
     weight_kg: float
 
 
-def links_of(thread: Thread) -> list[Link]:
-    """Cut a string into links of about LINK_M that end where weights hang and pipes begin and end."""
-    marks = [0.0, thread.length_m, *(place for place, _ in thread.weights)]
-    marks += [place for start, end, _ in thread.pipes for place in (start, end)]
+def links_of(string: PhysicalString) -> list[StringLink]:
+    """Divide a string into links of about LINK_M that end at weights and at the ends of pipes."""
+    marks = [0.0, string.length_m, *(place for place, _ in string.weights)]
+    marks += [place for start, end, _ in string.pipes for place in (start, end)]
     marks = sorted({round(mark, 9) for mark in marks})
     places = [0.0]
     for start, end in pairwise(marks):
         places += np.linspace(start, end, max(1, round((end - start) / LINK_M)) + 1)[1:].tolist()
     links = []
     for start, end in pairwise(places):
-        pipe = next((p for p in thread.pipes if p[0] - 1e-9 <= start and end <= p[1] + 1e-9), None)
-        weight = sum(mass for place, mass in thread.weights if abs(place - end) < 1e-9)
+        pipe = next((p for p in string.pipes if p[0] - 1e-9 <= start and end <= p[1] + 1e-9), None)
+        weight = sum(mass for place, mass in string.weights if abs(place - end) < 1e-9)
         share = 0.0 if pipe is None else pipe[2] * (end - start) / (pipe[1] - pipe[0])
-        links.append(Link(start, end, pipe is not None, share, weight))
+        links.append(StringLink(start, end, pipe is not None, share, weight))
     return links
 
 
 @dataclass(frozen=True)
-class Grasp:
-    """How the string lies in the clamp, against what the arm's file says: to the left [m], turned [rad]."""
+class LabGrasp:
+    """Deviation of the string in the clamp from the arm's file: lateral offset [m] and angle [rad]."""
 
     lateral_m: float = 0.0
     angle_rad: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
-    """The compiled model and where things are in it.
+class LabRig:
+    """The compiled model, and the indices of its parts.
 
     Attributes
     ----------
     model
-        MuJoCo's.
+        MuJoCo's model.
     arm_dofs
-        (J,) coordinates of the moving joints; joints turn, so coordinates and speeds are numbered alike.
+        (J,) coordinates of the moving joints; all are hinges, so speeds have the same indices.
     held
-        Angle [rad] by coordinate of the joints that are held.
+        Angle [rad] of each held joint, by coordinate.
     string_dofs
         (H,) coordinates of the string's hinges, from the clamp on.
     nodes
         (N,) sites at the ends of the links, from the clamp on.
     places_m
-        (N,) their places along the string [m].
+        (N,) their positions along the string [m].
     plane
         (2, 3) unit vectors of the plane of the throw.
     """
@@ -92,21 +90,17 @@ class Rig:
     plane: np.ndarray = field(repr=False)
 
     def nodes_m(self, data: mujoco.MjData) -> np.ndarray:
-        """Return the places (N, 2) of the nodes in the plane [m]."""
+        """Return the nodes' positions (N, 2) in the plane [m]."""
         return np.asarray(data.site_xpos[self.nodes] @ self.plane.T)
 
 
-def build_rig(arm: Arm, drive: Drive, thread: Thread, grasp: Grasp, dt_s: float) -> Rig:
+def build_rig(arm: Arm, drive: JointDrives, string: PhysicalString, grasp: LabGrasp, dt_s: float) -> LabRig:
     """Return the model of an arm that holds a string.
 
     Parameters
     ----------
-    arm, drive
-        The arm and its motors.
-    thread
-        The string, with the length that hangs out in this throw.
-    grasp
-        How it lies in the clamp.
+    string
+        The string, with its free length in this throw.
     dt_s
         Step of the integration [s].
     """
@@ -115,10 +109,10 @@ def build_rig(arm: Arm, drive: Drive, thread: Thread, grasp: Grasp, dt_s: float)
     spec.compiler.boundmass = LEAST_MASS_KG
     spec.compiler.boundinertia = LEAST_INERTIA_KG_M2
     spec.option.timestep = dt_s
-    # First-order integrators are off by millimetres at the tip at any affordable step.
+    # First-order integrators have errors of millimetres at the tip at any affordable step.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.density, spec.option.viscosity = AIR_KG_M3, AIR_PA_S
-    # Rotations about the plane's normal alone: inertia across it is never used, so no constraint is needed.
+    # All rotations are about the plane's normal, so no constraint is needed.
     spec.option.disableflags = int(OFF.mjDSBL_CONSTRAINT | OFF.mjDSBL_CONTACT | OFF.mjDSBL_AUTORESET)
     spec.option.gravity = -9.81 * arm.plane[1]
     for name, inertia, friction in zip(arm.joints, drive.armature, drive.friction, strict=True):
@@ -126,11 +120,11 @@ def build_rig(arm: Arm, drive: Drive, thread: Thread, grasp: Grasp, dt_s: float)
         joint.armature, joint.damping = inertia, [friction, 0.0, 0.0]
     for name in arm.held:
         spec.joint(name).armature = LOCKED_KG_M2
-    links = links_of(thread)
-    _hang(spec.body(arm.link), arm, links, thread, grasp)
+    links = links_of(string)
+    _hang(spec.body(arm.clamp.link), arm, links, string, grasp)
     model = spec.compile()
     hinges = [f"hinge_{k}" for k in range(len(links)) if _bends(links, k)]
-    return Rig(
+    return LabRig(
         model=model,
         arm_dofs=_dofs(model, arm.joints),
         held={int(model.joint(name).dofadr[0]): angle for name, angle in arm.held.items()},
@@ -153,12 +147,14 @@ def _dofs(model: mujoco.MjModel, names: tuple[str, ...] | list[str]) -> np.ndarr
     return np.array([int(model.joint(name).dofadr[0]) for name in names])
 
 
-def _bends(links: list[Link], k: int) -> bool:
+def _bends(links: list[StringLink], k: int) -> bool:
     return k == 0 or not (links[k].pipe and links[k - 1].pipe)
 
 
-def _hang(body: mujoco.MjsBody, arm: Arm, links: list[Link], thread: Thread, grasp: Grasp) -> None:
-    """Add the string's links to the body of the hand, each a child of the one before."""
+def _hang(
+    body: mujoco.MjsBody, arm: Arm, links: list[StringLink], string: PhysicalString, grasp: LabGrasp
+) -> None:
+    """Add the string's links to the hand's body, each a child of the one before."""
     place, frame = _clamp(arm, grasp)
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, frame.T.ravel())
@@ -169,27 +165,27 @@ def _hang(body: mujoco.MjsBody, arm: Arm, links: list[Link], thread: Thread, gra
         if _bends(links, k):
             # The clamp holds the direction, so half a link bends before the first hinge.
             reach = 0.5 * length if k == 0 else 0.5 * (length + links[k - 1].to_m - links[k - 1].from_m)
-            stiffness = thread.bending_stiffness_n_m2 / reach
+            stiffness = string.bending_stiffness_n_m2 / reach
             body.add_joint(
                 name=f"hinge_{k}",
                 type=mujoco.mjtJoint.mjJNT_HINGE,
                 axis=[0, 0, 1],
                 stiffness=[stiffness, 0, 0],
-                damping=[stiffness * thread.damping_time_s, 0, 0],
-                springref=thread.curl_rad_m * reach,
+                damping=[stiffness * string.damping_time_s, 0, 0],
+                springref=string.curl_rad_m * reach,
             )
-        _add_shapes(body, link, thread, length)
+        _add_shapes(body, link, string, length)
         place, quat = np.array([length, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])
     body.add_site(name=f"node_{len(links)}", pos=place)
 
 
-def _add_shapes(body: mujoco.MjsBody, link: Link, thread: Thread, length: float) -> None:
-    diameter = PIPE_DIAMETER_M if link.pipe else thread.diameter_m
+def _add_shapes(body: mujoco.MjsBody, link: StringLink, string: PhysicalString, length: float) -> None:
+    diameter = PIPE_DIAMETER_M if link.pipe else string.diameter_m
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         fromto=[0, 0, 0, length, 0, 0],
         size=[diameter / 2, 0, 0],
-        mass=thread.linear_density_kg_m * length + link.pipe_kg,
+        mass=string.linear_density_kg_m * length + link.pipe_kg,
         fluid_ellipsoid=1,
     )
     if link.weight_kg > 0:
@@ -207,14 +203,14 @@ def weight_radius_m(mass_kg: float) -> float:
     return float((3.0 * mass_kg / (4.0 * np.pi * CLAY_KG_M3)) ** (1.0 / 3.0))
 
 
-def _clamp(arm: Arm, grasp: Grasp) -> tuple[np.ndarray, np.ndarray]:
-    """Return, in the hand's body, where the string leaves it (3,) and the string's axes as rows (3, 3)."""
+def _clamp(arm: Arm, grasp: LabGrasp) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the string leaves the hand (3,) and its axes as rows (3, 3), in the hand's frame."""
     model = arm.model()
     data = mujoco.MjData(model)
     rest = np.zeros(len(arm.joints))
     data.qpos[:] = arm.coordinates(rest)
     mujoco.mj_kinematics(model, data)
-    turn = data.body(arm.link).xmat.reshape(3, 3)
+    turn = data.body(arm.clamp.link).xmat.reshape(3, 3)
     x, y = arm.plane
     angle = float(link_angles(arm.chain, rest)[-1])
     along, left = np.cos(angle) * x + np.sin(angle) * y, -np.sin(angle) * x + np.cos(angle) * y

@@ -1,6 +1,4 @@
-"""What stands still before the camera: wall, pedestal, markers in the plane, target; and how things look."""
-
-from __future__ import annotations
+"""The still scene before the camera: wall, pedestal, markers in the plane, target; and painting the arm."""
 
 from dataclasses import dataclass
 
@@ -9,11 +7,11 @@ import numpy as np
 
 from strandcast.arm.kinematics import hand_pose, link_points
 from strandcast.arm.load import Arm
+from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
-from strandcast.experiment import Experiment
-from strandcast.lab.led import BODY, BODY_RADIUS_M, Led, make_led
+from strandcast.lab.led import BODY, BODY_RADIUS_M, LabLed, make_led
 from strandcast.lab.paint import blend, stamp, stroke
-from strandcast.lab.view import View, make_view
+from strandcast.lab.view import LabView, make_view
 from strandcast.seeds import rng
 
 WALL, PEDESTAL, ARM, ARM_RIDGE, JOINT, PAPER, INK, TARGET, TARGET_RIM = 78, 52, 44, 58, 30, 226, 22, 150, 24
@@ -28,7 +26,7 @@ PLAIN_PAPER = np.full((1, 1), PAPER, np.float32)
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
-    """A picture being painted: light (H, W), and what the painting functions keep from call to call."""
+    """A picture being painted: light (H, W), and the buffers of the painting functions."""
 
     light: np.ndarray
     cover: np.ndarray
@@ -36,12 +34,12 @@ class Canvas:
     touched: np.ndarray
 
     def stroke(self, line_px: np.ndarray, half_px: np.ndarray, tone: float) -> None:
-        """Paint a polyline (K, 2) of half widths (K - 1,) in one tone."""
+        """Paint a polyline (K, 2) with half widths (K - 1,) in one tone."""
         stroke(self.cover, self.spans, line_px, half_px)
         blend(self.light, self.cover, self.spans, self.touched, tone)
 
     def pattern(self, corners_px: np.ndarray, cells: np.ndarray) -> None:
-        """Paint a printed pattern with its corners (4, 2) at the given pixels, top left first, clockwise."""
+        """Paint a printed pattern with its corners at pixels (4, 2), clockwise from the top left."""
         rows, columns = cells.shape
         flat = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], np.float32)
         to_cells = cv2.getPerspectiveTransform(corners_px.astype(np.float32), flat)
@@ -57,7 +55,7 @@ def canvas_on(light: np.ndarray) -> Canvas:
 
 @dataclass(frozen=True, eq=False)
 class HandPrint:
-    """Something printed on the hand: its tones, its corners (4, 2) in the hand's frame, its height."""
+    """A print on the hand: tones, corners (4, 2) in the hand's frame, and height above the plane."""
 
     tones: np.ndarray
     corners_m: np.ndarray
@@ -65,39 +63,38 @@ class HandPrint:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """A set-up that does not change from throw to throw.
+class LabScene:
+    """The set-up, the same for all throws of an experiment.
 
     Attributes
     ----------
     view
         The camera.
     still, gain
-        (H, W) light of what stands still; vignetting.
+        (H, W) light of the still scene; vignetting.
     arm
         The arm.
     hand_prints
-        The hand's markers, in the order of the arm's file, and before them the plate that carries them.
+        The plate on the hand, then its markers in the order of the arm's file.
     led
-        The LED that the controller switches, if there is one; `still` shows it dark.
+        The LED switched by the controller, if there is one; `still` shows it dark.
     """
 
-    view: View
+    view: LabView
     still: np.ndarray
     gain: np.ndarray
     arm: Arm
     hand_prints: tuple[HandPrint, ...]
-    led: Led | None = None
+    led: LabLed | None = None
 
 
-def make_scene(experiment: Experiment, name: str, arm: Arm) -> Scene:
+def make_scene(experiment: Experiment, name: str, arm: Arm) -> LabScene:
     """Build the scene of an experiment.
 
     Raises
     ------
     StrandcastError
-        SC-L004 the experiment's file places no markers in the plane, SC-L005 a marker is out of the picture,
-        SC-L006 so is the LED.
+        SC-L004 no markers in the plane, SC-L005 a marker is outside the picture, SC-L006 the LED is.
     """
     assert experiment.lab is not None
     view = make_view(experiment, name, arm)
@@ -112,9 +109,9 @@ def make_scene(experiment: Experiment, name: str, arm: Arm) -> Scene:
         )
     led = _paint_led(canvas, view, experiment)
     v, u = np.mgrid[: view.height_px, : view.width_px]
-    aside = np.hypot(u / view.width_px - 0.5, v / view.width_px - 0.5 * view.height_px / view.width_px)
-    gain = (1.0 - VIGNETTING * (2.0 * aside) ** 2).astype(np.float32)
-    return Scene(view, canvas.light, gain, arm, _hand_prints(arm), led)
+    radius = np.hypot(u / view.width_px - 0.5, v / view.width_px - 0.5 * view.height_px / view.width_px)
+    gain = (1.0 - VIGNETTING * (2.0 * radius) ** 2).astype(np.float32)
+    return LabScene(view, canvas.light, gain, arm, _hand_prints(arm), led)
 
 
 def _hand_prints(arm: Arm) -> tuple[HandPrint, ...]:
@@ -142,18 +139,22 @@ def marker_tones(dictionary: str, marker: int) -> np.ndarray:
 
 
 def square_corners_m(centre_m: np.ndarray, angle_rad: float, side_m: float) -> np.ndarray:
-    """Return the corners (4, 2) of a square, top left first, clockwise as seen by the camera."""
+    """Return the corners (4, 2) of a square, clockwise from the top left in the camera's view."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     corners = 0.5 * side_m * np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
-    return np.asarray(centre_m) + corners @ np.array([[cos, sin], [-sin, cos]])
+    return np.asarray(np.asarray(centre_m) + corners @ np.array([[cos, sin], [-sin, cos]]))
 
 
-def _paint_plane_markers(canvas: Canvas, view: View, experiment: Experiment) -> None:
+def _paint_plane_markers(canvas: Canvas, view: LabView, experiment: Experiment) -> None:
     plane = experiment.camera.plane
     if not plane.markers:
-        raise StrandcastError("SC-L004", "places no markers in the plane of motion",
-                              field="camera.plane.markers", cost="the video would have no scale",
-                              fix="give at least four, at the edges of the workspace")  # fmt: skip
+        raise StrandcastError(
+            "SC-L004",
+            "has no markers in the plane of motion",
+            field="camera.plane.markers",
+            cost="the video would have no scale",
+            fix="give at least four, at the edges of the workspace",
+        )
     for marker in plane.markers:
         tones = marker_tones(plane.dictionary, marker.id)
         sides = plane.size_m * np.array([1.0 + 2.0 * MARGIN_CELLS / len(tones), 1.0])
@@ -164,25 +165,28 @@ def _paint_plane_markers(canvas: Canvas, view: View, experiment: Experiment) -> 
         )
         if (uv < 0).any() or (uv > np.array([view.width_px, view.height_px]) - 1).any():
             raise StrandcastError(
-                "SC-L005", f"marker {marker.id} at ({marker.x_m}, {marker.y_m}) m is not in the picture",
-                field="camera.plane.markers", fix="move it into the workspace_m box")  # fmt: skip
+                "SC-L005",
+                f"marker {marker.id} at ({marker.x_m}, {marker.y_m}) m is outside the picture",
+                field="camera.plane.markers",
+                fix="move it into the workspace_m box",
+            )
         canvas.pattern(paper, PLAIN_PAPER)
         canvas.pattern(uv, tones)
 
 
-def _paint_led(canvas: Canvas, view: View, experiment: Experiment) -> Led | None:
-    """Paint the LED as it is when dark, and return it."""
-    wanted, lab = experiment.align.led, experiment.lab
-    if lab is None or not lab.led or wanted is None or wanted.x_m is None or wanted.y_m is None:
+def _paint_led(canvas: Canvas, view: LabView, experiment: Experiment) -> LabLed | None:
+    """Paint the dark LED, and return it."""
+    declared, lab = experiment.align.led, experiment.lab
+    if lab is None or not lab.led or declared is None or declared.x_m is None or declared.y_m is None:
         return None
-    place_m = (wanted.x_m, wanted.y_m)
+    place_m = (declared.x_m, declared.y_m)
     middle = view.pixels(np.array(place_m))
     if (middle < 0).any() or (middle > np.array([view.width_px, view.height_px]) - 1).any():
         raise StrandcastError(
             "SC-L006",
-            f"the LED at {place_m} m is not in the picture",
+            f"the LED at {place_m} m is outside the picture",
             field="align.led",
-            fix="move it into the workspace_m box, where neither string nor arm go",
+            fix="move it into the workspace_m box, away from string and arm",
         )
     canvas.stroke(
         np.repeat(middle[None], 2, axis=0),
@@ -192,7 +196,7 @@ def _paint_led(canvas: Canvas, view: View, experiment: Experiment) -> Led | None
     return make_led(view, place_m)
 
 
-def _paint_pedestal(canvas: Canvas, view: View, arm: Arm) -> None:
+def _paint_pedestal(canvas: Canvas, view: LabView, arm: Arm) -> None:
     origin = arm.chain.origin_m
     foot = origin - np.array([0.0, 3.0])
     line = view.pixels(np.linspace(origin, foot, 40), -0.03)
@@ -201,8 +205,8 @@ def _paint_pedestal(canvas: Canvas, view: View, arm: Arm) -> None:
     canvas.stroke(line[inside], half, PEDESTAL)
 
 
-def _wall(random: np.random.Generator, view: View, kind: str) -> np.ndarray:
-    """Return the light of the wall behind the plane (H, W)."""
+def _wall(random: np.random.Generator, view: LabView, kind: str) -> np.ndarray:
+    """Return the light (H, W) of the wall behind the plane."""
     shape = (view.height_px, view.width_px)
     grains = {"plain": ((80.0, 4.0),)}.get(kind, ((1.2, 2.5), (4.0, 2.5), (90.0, 9.0)))
     light = np.full(shape, float(WALL), np.float32)
@@ -213,13 +217,18 @@ def _wall(random: np.random.Generator, view: View, kind: str) -> np.ndarray:
         for _ in range(14):
             u, v = random.uniform(0, shape[1]), random.uniform(0, shape[0])
             size = random.uniform(40, 220, 2)
-            cv2.rectangle(light, (int(u), int(v)), (int(u + size[0]), int(v + size[1])),
-                          float(random.uniform(45, 120)), int(random.choice([-1, 2, 3])))  # fmt: skip
+            cv2.rectangle(
+                light,
+                (int(u), int(v)),
+                (int(u + size[0]), int(v + size[1])),
+                float(random.uniform(45, 120)),
+                int(random.choice([-1, 2, 3])),
+            )
         light = cv2.GaussianBlur(light, (0, 0), 1.2)
     return light
 
 
-def paint_arm(canvas: Canvas, scene: Scene, q_rad: np.ndarray) -> None:
+def paint_arm(canvas: Canvas, scene: LabScene, q_rad: np.ndarray) -> None:
     """Paint the arm at (J,) true joint angles: links, joints, the hand's markers."""
     points = link_points(scene.arm.chain, q_rad)
     radii = np.linspace(BASE_RADIUS_M, HAND_RADIUS_M, len(points))
@@ -234,9 +243,9 @@ def paint_arm(canvas: Canvas, scene: Scene, q_rad: np.ndarray) -> None:
         canvas.pattern(scene.view.pixels(corners, printed.height_m), printed.tones)
 
 
-def hand_corners_m(scene: Scene, q_rad: np.ndarray) -> list[np.ndarray]:
-    """Return the corners (4, 2) of each of the hand's prints, as if in the plane."""
-    x, y, angle = hand_pose(scene.arm.chain, scene.arm.clamp, q_rad)
-    cos, sin = np.cos(angle), np.sin(angle)
+def hand_corners_m(scene: LabScene, q_rad: np.ndarray) -> list[np.ndarray]:
+    """Return the corners (4, 2) of each print on the hand, projected into the plane."""
+    hand = hand_pose(scene.arm.chain, scene.arm.clamp, q_rad)
+    cos, sin = np.cos(hand.angle_rad), np.sin(hand.angle_rad)
     turn = np.array([[cos, sin], [-sin, cos]])
-    return [np.array([x, y]) + printed.corners_m @ turn for printed in scene.hand_prints]
+    return [hand.position_m + printed.corners_m @ turn for printed in scene.hand_prints]

@@ -1,6 +1,4 @@
-"""Servos by name: smoothing of the command, feed-forward, a stiff or soft loop, limited torque."""
-
-from __future__ import annotations
+"""Servos by name: command smoothing, feed-forward, stiff or soft loop, limited torque."""
 
 from dataclasses import dataclass
 
@@ -9,29 +7,30 @@ import numpy as np
 
 from strandcast.arm.load import Arm
 from strandcast.arm.urdf import read_joint_limits
+from strandcast.core.trajectory import JointTrajectory
 
 CYCLE_S = 5e-4  # of the joints' controller
-TRANSPORT_S = 0.004
-DAMPING_RATIO = 0.9
-# Rotor inertia and friction of a geared joint, taken in proportion to the torque that it can give.
+TRANSPORT_S = 0.004  # UR: 34 ms measured at a look-ahead of 30 ms
+DAMPING_RATIO = 0.9  # chosen
+# Rotor inertia and friction of a geared joint, in proportion to its largest torque (chosen).
 ARMATURE_PER_TORQUE = 1.0 / 1200.0
 FRICTION_PER_TORQUE = 1.0 / 150.0
 
 
 @dataclass(frozen=True)
-class Preset:
+class ServoPreset:
     """A kind of servo.
 
     Attributes
     ----------
     look_ahead_s
-        By how much the smoothing of the command delays it [s].
+        Delay by the smoothing of the command [s].
     feed_forward
-        Whether the arm's own dynamics are put in ahead (the string's never are).
+        Whether the arm's dynamics are fed forward (the string's never are).
     natural_frequency_rad_s
-        Of the loop, with the arm stretched out.
+        Natural frequency of the loop with the arm stretched out.
     torque_share
-        Of the URDF's effort that the motors can give.
+        Share of the URDF's effort available from the motors.
     """
 
     look_ahead_s: float
@@ -40,18 +39,18 @@ class Preset:
     torque_share: float = 1.0
 
 
-PRESETS = {
-    "servoj": Preset(0.030, True, 65.0),
-    "stiff": Preset(0.0, True, 65.0),
-    "pd": Preset(0.0, False, 65.0),
-    "soft": Preset(0.0, False, 25.0),
-    "weak": Preset(0.030, True, 65.0, torque_share=0.4),
+SERVO_PRESETS = {
+    "servoj": ServoPreset(0.030, True, 65.0),
+    "stiff": ServoPreset(0.0, True, 65.0),
+    "pd": ServoPreset(0.0, False, 65.0),
+    "soft": ServoPreset(0.0, False, 25.0),
+    "weak": ServoPreset(0.030, True, 65.0, torque_share=0.4),
 }
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
-    """The joints' motors, (J,) each: loop gains, torque limit, rotor inertia and friction, SI units."""
+class JointDrives:
+    """The joints' motors, (J,) each in SI units: loop gains, torque limit, rotor inertia and friction."""
 
     stiffness: np.ndarray
     damping: np.ndarray
@@ -60,14 +59,14 @@ class Drive:
     friction: np.ndarray
 
 
-def drive_of(arm: Arm, preset: Preset) -> Drive:
-    """Return the motors of an arm whose loops have the preset's frequency with the arm stretched out."""
-    said = read_joint_limits(arm.urdf_path)
-    effort = np.array([said[name].effort_n_m for name in arm.joints], float)
+def joint_drives(arm: Arm, preset: ServoPreset) -> JointDrives:
+    """Return motors whose loops have the preset's frequency with the arm stretched out."""
+    limits = read_joint_limits(arm.urdf_path)
+    effort = np.array([limits[name].effort_n_m for name in arm.joints], float)
     armature = effort * ARMATURE_PER_TORQUE
     inertia = np.diag(_mass_matrix(arm)) + armature
     w = preset.natural_frequency_rad_s
-    return Drive(
+    return JointDrives(
         stiffness=inertia * w**2,
         damping=2.0 * DAMPING_RATIO * inertia * w,
         torque_n_m=effort * preset.torque_share,
@@ -77,44 +76,48 @@ def drive_of(arm: Arm, preset: Preset) -> Drive:
 
 
 def _mass_matrix(arm: Arm) -> np.ndarray:
-    model = arm.model()
-    data = mujoco.MjData(model)
-    data.qpos[:] = arm.coordinates(np.zeros(len(arm.joints)))
+    model, data, at = _at_zero(arm)
     mujoco.mj_forward(model, data)
     full = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, full)
-    at = [int(model.joint(name).dofadr[0]) for name in arm.joints]
     return full[np.ix_(at, at)]
 
 
+def _at_zero(arm: Arm) -> tuple[mujoco.MjModel, mujoco.MjData, list[int]]:
+    """Return the arm's model, its data with all moving joints at zero, and the joints' coordinates."""
+    model = arm.model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = arm.coordinates(np.zeros(len(arm.joints)))
+    return model, data, [int(model.joint(name).dofadr[0]) for name in arm.joints]
+
+
 @dataclass(frozen=True, eq=False)
-class SetPoints:
-    """What the loops aim at, every CYCLE_S: angles and speeds (K, J), torque put in ahead (K, J)."""
+class ServoSetPoints:
+    """Set points of the loops, every CYCLE_S: angles, speeds and feed-forward torques, (K, J) each."""
 
     q_rad: np.ndarray
     qd_rad_s: np.ndarray
     torque_n_m: np.ndarray
 
 
-def set_points(
-    arm: Arm, preset: Preset, drive: Drive, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
-) -> SetPoints:
-    """Return what the loops aim at from the command, (K, J) each, every CYCLE_S, at rest at the beginning."""
-    late = round(TRANSPORT_S / CYCLE_S)
-    q, qd, qdd = (np.concatenate([x[:1].repeat(late, axis=0), x[: len(x) - late]]) for x in (q, qd, qdd))
+def set_points(arm: Arm, preset: ServoPreset, drive: JointDrives, command: JointTrajectory) -> ServoSetPoints:
+    """Return the loops' set points for a command (K, J) every CYCLE_S that begins at rest."""
+    delay = round(TRANSPORT_S / CYCLE_S)
+    blocks = (command.q_rad, command.qd_rad_s, command.qdd_rad_s2)
+    q, qd, qdd = (np.concatenate([x[:1].repeat(delay, axis=0), x[: len(x) - delay]]) for x in blocks)
     if preset.look_ahead_s > 0:
         q, qd, qdd = _smoothed(q, preset.look_ahead_s)
     if preset.feed_forward:
-        ahead = _torques(arm, q, qd, qdd) + drive.armature * qdd + drive.friction * qd
+        feed_forward = _torques(arm, q, qd, qdd) + drive.armature * qdd + drive.friction * qd
     else:
-        ahead = np.zeros_like(q)
-    return SetPoints(q, qd, ahead)
+        feed_forward = np.zeros_like(q)
+    return ServoSetPoints(q, qd, feed_forward)
 
 
 def _smoothed(q: np.ndarray, lag_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return angles, speeds and accelerations behind a critically damped filter that lags by `lag_s`."""
+    """Return angles, speeds and accelerations after a critically damped filter with a lag of `lag_s`."""
     w = 2.0 / lag_s
-    # Implicit midpoint: second order, and its rest is exactly the command's.
+    # Implicit midpoint: second order, and at rest exactly the command.
     h = CYCLE_S
     x, v = q[0].copy(), np.zeros(q.shape[1])
     out = np.empty((3, *q.shape))
@@ -127,10 +130,7 @@ def _smoothed(q: np.ndarray, lag_s: float) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def _torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
-    model = arm.model()
-    data = mujoco.MjData(model)
-    at = [int(model.joint(name).dofadr[0]) for name in arm.joints]
-    data.qpos[:] = arm.coordinates(np.zeros(len(at)))
+    model, data, at = _at_zero(arm)
     answer = np.empty_like(q)
     for k in range(len(q)):
         data.qpos[at], data.qvel[at], data.qacc[at] = q[k], qd[k], qdd[k]

@@ -1,29 +1,28 @@
-"""The lab's two doors: set a virtual rig up, and throw with it."""
-
-from __future__ import annotations
+"""The lab's two actions: photograph the calibration boards, and throw."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from strandcast.arm.load import Arm, Box
-from strandcast.experiment import Experiment
+from strandcast.arm.load import Arm
+from strandcast.config.experiment import Experiment
+from strandcast.core.box import Box
+from strandcast.executor.play import play
+from strandcast.executor.preflight import run_preflight
 from strandcast.lab.calibration import write_lens_photos, write_plane_photo
-from strandcast.lab.driver import LabDriver, Throw
+from strandcast.lab.driver import LabDriver, LabThrow
 from strandcast.lab.scene import make_scene
-from strandcast.player.play import play
-from strandcast.player.rehearsal import rehearse
 from strandcast.records.joint_log import Run
 
 
-def set_up(experiment: Experiment, name: str, arm: Arm, data_dir: str | Path) -> None:
+def photograph_boards(experiment: Experiment, name: str, arm: Arm, data_dir: str | Path) -> None:
     """Take the calibration photos of a virtual rig: lens-01.png … and plane.png.
 
     Parameters
     ----------
     experiment, name
-        The experiment and its name, from which its random numbers follow.
+        The experiment, and its name, which seeds the random numbers.
     arm
         The arm in the scene.
     data_dir
@@ -48,7 +47,7 @@ def throw(
     Parameters
     ----------
     experiment, name, arm
-        As in `set_up`.
+        As in `photograph_boards`.
     trial
         Counted from 1.
     motion_path
@@ -56,14 +55,14 @@ def throw(
     data_dir
         ``data/<name>``; ``trial-NN/`` in it gets video.mp4, motion.json, joints.csv and, last, run.json.
     truth_path
-        Where lab_truth.parquet is to be written.
+        Where to write lab_truth.parquet.
     """
-    driver = LabDriver(Throw(name, experiment, trial, Path(truth_path)), arm)
+    driver = LabDriver(LabThrow(name, experiment, trial, Path(truth_path)), arm)
     folder = Path(data_dir) / f"trial-{trial:02d}"
-    # Unlike a real throw, a virtual one can be had again.
+    # Unlike a real throw, a virtual one can be repeated.
     (folder / "run.json").unlink(missing_ok=True)
-    # A virtual arm hits nothing and hurts nobody: it may go where it likes, and nobody need confirm it.
-    anywhere = (-np.inf, np.inf)
-    rehearsal = rehearse(motion_path, replace(arm, workspace=Box(anywhere, anywhere)), driver, folder)
-    driver.move_to_start(rehearsal.motion.joints()[0][0])
-    return play(rehearsal, driver, rehearsal.short_hash)
+    # A virtual arm can hurt nobody: it needs no workspace and no confirmation by a person.
+    unbounded = Box.unchecked((-np.inf, np.inf), (-np.inf, np.inf))
+    preflight = run_preflight(motion_path, replace(arm, workspace=unbounded), driver, folder)
+    driver.move_to_start(preflight.motion.trajectory().q_rad[0])
+    return play(preflight, driver, preflight.short_hash)

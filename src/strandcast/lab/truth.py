@@ -1,50 +1,52 @@
-"""What really happened in a throw: for tests and the report's "lab truth" section alone."""
-
-from __future__ import annotations
+"""The truth of a lab throw, only for tests and the report's "lab truth" section."""
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.lab.film import at
-from strandcast.lab.scene import Scene, hand_corners_m
-from strandcast.lab.swing import Swing
-from strandcast.lab.variation import Clocks, Variation
+from strandcast.lab.film import interpolated
+from strandcast.lab.scene import LabScene, hand_corners_m
+from strandcast.lab.swing import LabSwing
+from strandcast.lab.variation import LabClocks, ThrowVariation
 from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.tables import write_table
 
-MISS_AFTER_S = 0.3
+MISS_AFTER_S = 0.3  # the miss counts until 0.3 s after the motion, by definition
 
 
-def write_truth(
-    path: Path,
-    scene: Scene,
-    swing: Swing,
-    variation: Variation,
-    clocks: Clocks,
-    robot_time_s: np.ndarray,
-    motion_start_s: float,
-    motion_s: float,
-    target_m: np.ndarray,
-) -> None:
-    """Write lab_truth.parquet: the string's nodes at the middle of each frame's exposure, and facts.
+class FilmedThrow(NamedTuple):
+    """A throw and its film: robot times (F,) of the frames, and of the motion's start; its duration [s]."""
 
-    Facts: the clocks (``robot_time = camera_time · (1 + drift) + offset``, camera time = the frame's time
-    stamp = the middle of its exposure), the true miss, this throw's deviations, the camera, and by frame
-    the true joint angles and the middles of the hand's markers.
+    scene: LabScene
+    swing: LabSwing
+    variation: ThrowVariation
+    clocks: LabClocks
+    robot_time_s: np.ndarray
+    start_s: float
+    motion_s: float
+
+
+def write_truth(path: Path, throw: FilmedThrow, target_m: np.ndarray) -> None:
+    """Write lab_truth.parquet: the string's nodes at the middle of each frame's exposure, and metadata.
+
+    Metadata: the clocks (``robot_time = camera_time · (1 + drift) + offset``; camera time is the frame's time
+    stamp, at the middle of its exposure), the true miss, this throw's deviations, the camera, and per frame
+    the true joint angles and the centres of the hand's markers.
     """
-    q, nodes = at(swing, robot_time_s - motion_start_s)
+    scene, swing, robot_time_s, start_s = throw.scene, throw.swing, throw.robot_time_s, throw.start_s
+    q, nodes = interpolated(swing, robot_time_s - start_s)
     frames, count = nodes.shape[:2]
     corners = [hand_corners_m(scene, angles)[1:] for angles in q]  # the plate comes first
-    miss_m, miss_time_s = true_miss(swing, target_m, motion_s)
+    miss_m, miss_time_s = true_miss(swing, target_m, throw.motion_s)
     facts = {
         "offset_s": float(robot_time_s[0]),
-        "drift": clocks.drift,
-        "motion_start_s": motion_start_s,
+        "drift": throw.clocks.drift,
+        "motion_start_s": start_s,
         "miss_m": miss_m,
-        "miss_robot_time_s": motion_start_s + miss_time_s,
-        "variation": {k: np.asarray(v).tolist() for k, v in asdict(variation).items()},
+        "miss_robot_time_s": start_s + miss_time_s,
+        "variation": {k: np.asarray(v).tolist() for k, v in asdict(throw.variation).items()},
         "joint_angles_rad": np.round(q, 9).tolist(),
         "hand_markers": {
             str(marker.id): np.round([c[k].mean(axis=0) for c in corners], 7).tolist()
@@ -71,8 +73,8 @@ def write_truth(
     )
 
 
-def true_miss(swing: Swing, target_m: np.ndarray, motion_s: float) -> tuple[float, float]:
-    """Return the target's least distance from the tip's path [m], and when [s from the motion's start]."""
+def true_miss(swing: LabSwing, target_m: np.ndarray, motion_s: float) -> tuple[float, float]:
+    """Return the tip path's least distance from the target [m], and its time since the motion's start [s]."""
     within = (swing.time_s >= 0.0) & (swing.time_s <= motion_s + MISS_AFTER_S)
     tip, time_s = swing.nodes_m[within, -1], swing.time_s[within]
     step = np.diff(tip, axis=0)

@@ -1,12 +1,10 @@
-"""What differs from throw to throw though nothing was changed: grasp, sway, joints, clocks."""
-
-from __future__ import annotations
+"""Throw-to-throw variation: clamp, sway, joints and clocks."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-# Standard deviations of a usual rig ("1x").
+# Standard deviations of a typical rig (scale 1); chosen.
 GRASP_LENGTH_M = 0.002
 GRASP_LATERAL_M = 0.001
 GRASP_ANGLE_RAD = np.radians(3.0)
@@ -19,7 +17,7 @@ CLOCK_DRIFT = 2e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Variation:
+class ThrowVariation:
     """One throw's deviations: (J,) for the joints, scalars for the rest."""
 
     grasp_length_m: float
@@ -32,11 +30,11 @@ class Variation:
     log_noise_rad: float
 
 
-def draw_variation(rng: np.random.Generator, joints: int, scale: float) -> Variation:
-    """Draw a throw's deviations; `scale` 0 gives none, 1 those of a usual rig."""
+def draw_variation(rng: np.random.Generator, joints: int, scale: float) -> ThrowVariation:
+    """Draw a throw's deviations; `scale` 0: none, 1: those of a typical rig."""
     single = rng.standard_normal(5) * scale
     zero, gain = rng.standard_normal((2, joints)) * scale
-    return Variation(
+    return ThrowVariation(
         grasp_length_m=float(single[0] * GRASP_LENGTH_M),
         grasp_lateral_m=float(single[1] * GRASP_LATERAL_M),
         grasp_angle_rad=float(single[2] * GRASP_ANGLE_RAD),
@@ -49,17 +47,17 @@ def draw_variation(rng: np.random.Generator, joints: int, scale: float) -> Varia
 
 
 @dataclass(frozen=True)
-class Clocks:
-    """How the clocks of one throw lie: robot time = camera time · (1 + drift) + offset.
+class LabClocks:
+    """The clocks of one throw: robot time = camera time · (1 + drift) + offset.
 
     Attributes
     ----------
     log_start_s
         Robot time at which the joint log begins.
     camera_lead_s
-        Time from the first frame to the motion's start, on the robot's clock.
+        Time from the first frame to the motion's start on the robot's clock [s].
     drift
-        Of the camera's clock against the robot's.
+        Drift of the camera's clock against the robot's.
     """
 
     log_start_s: float
@@ -67,9 +65,9 @@ class Clocks:
     drift: float
 
 
-def draw_clocks(rng: np.random.Generator) -> Clocks:
-    """Draw the clocks of one throw; nobody tells them to the pipeline."""
-    return Clocks(
+def draw_clocks(rng: np.random.Generator) -> LabClocks:
+    """Draw the clocks of one throw, which are unknown to the pipeline."""
+    return LabClocks(
         log_start_s=round(float(rng.uniform(1.0, 5.0)), 3),
         camera_lead_s=float(rng.uniform(0.18, 0.30)),
         drift=float(rng.standard_normal() * CLOCK_DRIFT),

@@ -1,6 +1,4 @@
-"""Write grey frames as an H.264 file: the same frames give the same bytes."""
-
-from __future__ import annotations
+"""Write grey frames as an H.264 file; the same frames give the same bytes."""
 
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +10,7 @@ import numpy as np
 
 from strandcast.records.files import atomic_write
 
-# A constant quantiser: rate control at 500 frames/s would take the sensor's noise for waste.
+# A constant quantiser: rate control at 500 frames/s would remove the sensor's noise.
 ENCODER = {"preset": "ultrafast", "qp": "20", "threads": "1"}
 FULL_RANGE = 2
 NO_COLOUR = 128
@@ -38,7 +36,7 @@ def write_video(
         stream.codec_context.options = dict(encoder)
         upcoming = iter(frames)
         with ThreadPoolExecutor(1) as painter:
-            # The next frame is painted while this one, already copied, is encoded.
+            # The next frame is painted while this one is encoded from its copy.
             pending = painter.submit(next, upcoming, None)
             while (grey := pending.result()) is not None:
                 frame = full_range_frame(grey, count)
@@ -50,7 +48,7 @@ def write_video(
 
 
 def full_range_frame(grey: np.ndarray, number: int, pixels: str = "yuv420p") -> av.VideoFrame:
-    """Return a colourless frame whose luma is a grey picture (H, W) uint8 as it is."""
+    """Return a colourless frame whose luma is the grey picture (H, W) uint8 unchanged."""
     frame = av.VideoFrame(grey.shape[1], grey.shape[0], pixels)
     frame.color_range = FULL_RANGE
     frame.pts = number

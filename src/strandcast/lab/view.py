@@ -1,16 +1,15 @@
-"""The lab's camera: where it stands, its lens, and the way from the plane of the throw to its pixels."""
+"""The lab's camera: its pose, its lens, and the projection from the plane of the throw to pixels."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.experiment import Experiment
+from strandcast.config.experiment import Experiment
 from strandcast.seeds import rng
 
+# Chosen.
 FOCAL_SHARE = 1.55  # focal length over the picture's width
 DISTORTION = (-0.10, 0.03, 4e-4, -3e-4, 0.0)
 OBLIQUE_RAD = (0.055, -0.07, 0.008)  # about the picture's x, y and z axes: a tripod is never quite square
@@ -19,13 +18,13 @@ FACING = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """A camera that looks at the plane of the throw; world z is towards the camera.
+class LabView:
+    """A camera facing the plane of the throw; world z points towards the camera.
 
     Attributes
     ----------
     width_px, height_px
-        Of the picture.
+        Size of the picture.
     matrix
         (3, 3) pinhole [px].
     distortion
@@ -42,7 +41,7 @@ class View:
     translation_m: np.ndarray
 
     def pixels(self, xy_m: np.ndarray, height_m: float = 0.0) -> np.ndarray:
-        """Return the pixels (..., 2) of places (..., 2) in the plane, or `height_m` before it."""
+        """Return the pixels (..., 2) of positions (..., 2) in the plane, or `height_m` in front of it."""
         xy = np.asarray(xy_m, float)
         flat = np.column_stack([xy.reshape(-1, 2), np.full(xy.size // 2, height_m)])
         turn, _ = cv2.Rodrigues(self.rotation)
@@ -50,7 +49,7 @@ class View:
         return np.asarray(uv, float).reshape(xy.shape)
 
     def scale_px_m(self, xy_m: np.ndarray, height_m: float = 0.0) -> float:
-        """Return pixels per metre about a place (2,) in the plane."""
+        """Return pixels per metre around a position (2,) in the plane."""
         step = 0.005
         corners = np.asarray(xy_m) + step * np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
         left, right, low, high = self.pixels(corners, height_m)
@@ -58,15 +57,15 @@ class View:
         return float(np.sqrt(abs(sides[0][0] * sides[1][1] - sides[0][1] * sides[1][0])))
 
     def rays(self, uv: np.ndarray) -> np.ndarray:
-        """Return the directions (..., 2) at depth 1, in the camera's frame, of pixels (..., 2)."""
+        """Return the rays (..., 2) at depth 1 in the camera's frame, for pixels (..., 2)."""
         flat = np.asarray(uv, float).reshape(-1, 1, 2)
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 1e-9)
         out = cv2.undistortPoints(flat, self.matrix, self.distortion, criteria=criteria)
         return np.asarray(out, float).reshape(np.shape(uv))
 
 
-def make_view(experiment: Experiment, name: str, arm: Arm) -> View:
-    """Set the camera up before an experiment: all of the workspace in the picture, a little obliquely."""
+def make_view(experiment: Experiment, name: str, arm: Arm) -> LabView:
+    """Place the camera for an experiment: slightly oblique, with the whole workspace in the picture."""
     assert experiment.lab is not None
     camera = experiment.lab.camera
     random = rng(name, experiment.seed, 0, "lab-camera")
@@ -78,20 +77,20 @@ def make_view(experiment: Experiment, name: str, arm: Arm) -> View:
     rotation = tilt @ FACING
     box = experiment.workspace_m or arm.workspace
     corners = np.array([(x, y) for x in box.x_m for y in box.y_m])
-    return _backed_off(View(width, height, matrix, np.array(DISTORTION), rotation, np.zeros(3)), corners)
+    return _move_back(LabView(width, height, matrix, np.array(DISTORTION), rotation, np.zeros(3)), corners)
 
 
-def _backed_off(view: View, corners_m: np.ndarray) -> View:
+def _move_back(view: LabView, corners_m: np.ndarray) -> LabView:
     """Move the camera back along its axis until all the corners are in the picture."""
     middle = np.append(corners_m.mean(axis=0), 0.0)
     margin = MARGIN_SHARE * view.width_px
     limit = np.array([view.width_px, view.height_px]) - margin
     distance_m = 0.3
     while True:
-        # The middle of the box, not the world's origin, lies on the axis; then centred in the picture.
+        # Put the centre of the box, not the world's origin, on the axis; then centre it in the picture.
         ahead = np.array([0.0, 0.0, distance_m]) - view.rotation @ middle
         for _ in range(3):
-            moved = View(view.width_px, view.height_px, view.matrix, view.distortion, view.rotation, ahead)
+            moved = replace(view, translation_m=ahead)
             uv = moved.pixels(corners_m)
             off = 0.5 * (uv.min(axis=0) + uv.max(axis=0)) - 0.5 * (limit + margin)
             ahead = ahead - np.append(off * distance_m / np.diag(view.matrix)[:2], 0.0)

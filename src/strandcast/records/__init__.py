@@ -1,1 +1,1 @@
-"""The files between the stages: their schemas, atomic writing, verified reading."""
+"""The files between the stages: schemas, atomic writing, verified reading, migrations, provenance."""

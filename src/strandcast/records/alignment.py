@@ -1,12 +1,11 @@
-"""alignment.json and hand.parquet: the camera's clock on the robot's, and the hand's path."""
-
-from __future__ import annotations
+"""alignment.json and hand.parquet: offset and drift between the clocks, and the paths of the hand."""
 
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
+from strandcast.core.pose import Pose
 from strandcast.errors import StrandcastError
 from strandcast.records.record import Part, Record
 from strandcast.records.tables import Column, TableSpec, read_table
@@ -23,8 +22,8 @@ HAND = TableSpec(
 )
 
 
-class MarkerFit(Part):
-    """One marker of the hand: where it sits against the arm's file, and how many sightings were wrong."""
+class HandMarkerFit(Part):
+    """One marker of the hand: its offset from the arm's file, and how many of its detections were wrong."""
 
     marker: int
     shift_m: list[float]
@@ -34,7 +33,7 @@ class MarkerFit(Part):
 
 
 class SyncCheck(Part):
-    """An event that both clocks saw, held against the hand's motion: difference = motion − event."""
+    """An event on both clocks, compared with the hand's motion: difference = motion − event."""
 
     camera_time_s: float
     robot_time_s: float
@@ -58,28 +57,29 @@ class Alignment(Record):
     drift: float
     drift_se: float | None
     drift_prior: float | None  # standard deviation of the prior, if one was used
-    known_drift: float = 0.0  # what that prior is about
+    known_drift: float = 0.0  # mean of that prior
     residual_rms_m: float | None
     frames: int
     motion_start_s: float  # robot time
     motion_end_s: float
-    # Where the markers sit on the hand, against the arm's file: in the mean, and each.
+    # Offset of the markers on the hand from the arm's file: their mean, and each.
     marker_shift_m: list[float] | None = None
     marker_turn_rad: float | None = None
-    markers: list[MarkerFit] = []
-    # Other constant errors of the rig that the fit freed within priors: the arm's base, the joints' zeros,
-    # the links' lengths, the camera's scale along x and y and its shear.
+    markers: list[HandMarkerFit] = []
+    # Other constant errors of the rig, fitted within priors: the arm's base, joint zeros, link lengths, the
+    # camera's scale along x and y and its shear.
     base_shift_m: list[float] | None = None
     joint_zero_rad: list[float] | None = None
     link_length_m: list[float] | None = None
     stretch: list[float] | None = None
-    # The standard error where it is least, in the middle of the sightings, and that camera time.
+    # The smallest standard error of the offset, in the middle of the detections, and its camera time.
     middle_se_s: float | None = None
     middle_camera_time_s: float | None = None
-    unaided_se_s: float | None = None  # the same, were the rig's constants known ten times less
-    slow_error_m: float | None = None  # size of errors of the markers' places that neighbouring frames share
-    wrong_rows: int | None = None  # of the joint log, late, repeated or wrong: left out
+    unaided_se_s: float | None = None  # the same with priors of the rig's constants ten times wider
+    slow_error_m: float | None = None  # marker errors that neighbouring frames share
+    wrong_rows: int | None = None  # rows of the joint log left out: late, repeated or wrong
     sync_events: list[SyncCheck] = []
+    camera: str = "main"  # the camera of this clock
     warnings: list[str] = []
 
     def robot_time_s(self, camera_time_s: np.ndarray) -> np.ndarray:
@@ -87,8 +87,8 @@ class Alignment(Record):
         return camera_time_s * (1.0 + self.drift) + self.offset_s
 
 
-def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return one path of the hand: robot_time_s (T,) and pose (T, 3) = x_m, y_m, angle_rad."""
+def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, Pose]:
+    """Return one path of the hand: robot times (T,) [s] and poses (T,)."""
     rows = read_table(path, HAND)
     mine = rows["source"] == source
     if not mine.any():
@@ -100,5 +100,5 @@ def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, np.ndarray]:
             field="source",
             fix="choose another with estimate.joints in experiment.yaml",
         )
-    pose = np.column_stack([rows["x_m"][mine], rows["y_m"][mine], rows["angle_rad"][mine]])
-    return rows["robot_time_s"][mine], pose
+    position_m = np.column_stack([rows["x_m"][mine], rows["y_m"][mine]])
+    return rows["robot_time_s"][mine], Pose(position_m, rows["angle_rad"][mine])

@@ -1,13 +1,11 @@
-"""camera.json: lens, pose of the motion plane, how well each corner fits, and what it is worth."""
-
-from __future__ import annotations
+"""cameras/<name>.json: lens, pose of the motion plane, residuals, and accuracy."""
 
 from typing import ClassVar
 
 from strandcast.records.record import Part, Record
 
 
-class View(Part):
+class BoardView(Part):
     """One board photo: how many corners it gave, and whether it was used."""
 
     file: str
@@ -24,11 +22,11 @@ class ModelTrial(Part):
 
     model: str
     held_out_px: float | None
-    reason: str | None = None  # why it was out of the question
+    reason: str | None = None  # why it was rejected
 
 
 class Coverage(Part):
-    """Where in the picture the board's corners were, and how the board was held."""
+    """Where in the picture the board's corners were, and how far the board was tilted."""
 
     cells: list[list[int]]  # corners in each cell of a grid over the picture, rows from the top
     share: float  # of the cells that hold a corner
@@ -38,7 +36,7 @@ class Coverage(Part):
 
 
 class MarkerFit(Part):
-    """One marker of the motion plane: its residuals, and where and how large the other markers see it."""
+    """One marker of the motion plane: its residuals, and its offset estimated from the others."""
 
     marker: int
     rms_px: float
@@ -56,16 +54,18 @@ class Lens(Part):
     distortion: list[float]
     rms_px: float
     standard_errors: dict[str, float] = {}  # fx_px, fy_px, cx_px, cy_px, k1 …: of those that were free
-    views: list[View] = []
+    views: list[BoardView] = []
     model: str = "given"  # which coefficients were free: "none", "k1", "k1k2", … "rational"
     models: list[ModelTrial] = []
     held_out_px: float | None = None
     coverage: Coverage | None = None
-    # Of fx, fy, cx, cy and the distortion, k1 to p2 always free: what photos do not tell is not known.
+    # Of fx, fy, cx, cy and the distortion (k1 to p2 free): large where the photos do not determine them.
     covariance: list[list[float]] = []
     legacy: bool = False  # the board's pattern, as it was found
     warnings: list[str] = []
-    weaknesses: list[str] = []  # what the photos lack; the camera's warnings say what it costs in the plane
+    weaknesses: list[
+        str
+    ] = []  # shortcomings of the photos; the camera's warnings give their cost in the plane
 
 
 class PlaneError(Part):
@@ -76,7 +76,7 @@ class PlaneError(Part):
     sigma_m: list[list[float]]  # a row for each y
     median_m: float
     worst_m: float
-    # The worst error over the grid that each source makes by itself: corners, places, lens, offset.
+    # The worst error over the grid from each source alone: corners, places, lens, offset.
     sources_m: dict[str, float]
     corner_sigma_px: float
     place_sd_m: float

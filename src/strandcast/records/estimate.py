@@ -1,14 +1,13 @@
 """estimate.json, ensemble.parquet and simulated.parquet: the string that explains the throws so far."""
 
-from __future__ import annotations
-
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 from strandcast.records.motion import StringSet
-from strandcast.records.record import Part, Record
+from strandcast.records.record import Migration, Part, Record
 from strandcast.records.tables import Column, TableSpec
 
-# One row per member; a float column per parameter and per mass (`mass_1`…`mass_n`) follows.
+# One row per member of the ensemble; a float column per parameter and per mass (`mass_1`…`mass_n`) follows.
 ENSEMBLE = TableSpec(
     "strandcast/ensemble", {"member": Column("i4", "1"), "E_m": Column("f8", "m")}, open_ended=True
 )
@@ -27,7 +26,7 @@ SIMULATED = TableSpec(
 
 
 class ParameterFit(Part):
-    """One estimated number, where it lies in its range, and how far the near-best ones spread."""
+    """One estimated parameter: its value, its place in its range, and its range over the ensemble."""
 
     name: str
     unit: str
@@ -41,7 +40,7 @@ class ParameterFit(Part):
 
 
 class WeightFit(Part):
-    """The relative mass found for a weight or a stiff section at a known place."""
+    """The estimated relative mass of a weight or a stiff section at a known place."""
 
     place_m: float
     kind: str  # "weight" or "stiff"
@@ -53,22 +52,22 @@ class WeightFit(Part):
     ensemble_high: float
 
 
-class Knowledge(Part):
-    """How well the d unknowns are known, in the order of `unknowns`.
+class ParameterUncertainty(Part):
+    """Uncertainty of the estimate's d unknowns, in the order of `unknowns`.
 
     Standard deviations are in decades, or in the number's own unit where it may be negative (`in_decades`).
-    A profile's ends are values at which the best E that all other unknowns allow is higher by the share
-    `profile_rise`; null without profiles. `open`: it goes on beyond that end, at least to the range's bound.
+    A profile ends where E, minimised over all other unknowns, has risen by the fraction `profile_rise`; null
+    without profiles. `open`: the profile continues beyond that end, at least to the bound of the range.
     """
 
     unknowns: list[str]
     in_decades: list[bool]
-    conditional_sd: list[float]  # all others known
-    marginal_sd: list[float]  # nothing known but the ranges
+    conditional_sd: list[float]  # with all others known
+    marginal_sd: list[float]  # with only the ranges known
     correlation: list[list[float]]
     noise_m: float  # standard deviation of a coordinate of the residuals
-    measurements_per_datum: float  # neighbours in time and along the string err alike
-    gauge_fixed: bool  # the scale common to masses and coefficients, by plain points of mass 1
+    measurements_per_datum: float  # errors of neighbours in time and along the string are correlated
+    gauge_fixed: bool  # the common scale of masses and coefficients is set by plain points of mass 1
     profile_rise: float
     profile_low: list[float | None]
     profile_high: list[float | None]
@@ -76,7 +75,7 @@ class Knowledge(Part):
     profile_high_open: list[bool]
 
 
-class Step(Part):
+class ConvergenceStep(Part):
     """One point of the convergence curve."""
 
     evaluations: int
@@ -84,40 +83,47 @@ class Step(Part):
 
 
 class ServoFit(Part):
-    """How the joints follow their commands: second order with a delay, joint by joint.
+    """Servo response of each joint: second order with a delay.
 
-    The lag, delay and time constant together, is known better than either. `held_out`: predictions of motion
+    The lag, the sum of delay and time constant, is known better than either. `held_out`: prediction of motion
     that was not fitted.
     """
 
     delay_s: list[float]
     natural_frequency_rad_s: list[float]
     damping_ratio: list[float]
-    gain: list[float]  # as planned with: the arm's file's
+    gain: list[float]  # used for planning, from the arm's file
     residual_rad: list[float | None]
     delay_sd_s: list[float | None] | None = None
     time_constant_s: list[float] | None = None
     time_constant_sd_s: list[float | None] | None = None
     lag_s: list[float] | None = None
     lag_sd_s: list[float | None] | None = None
-    fitted_gain: list[float | None] | None = None  # of a second fit, not used
+    fitted_gain: list[float | None] | None = None  # from a second fit; not used
     fitted_gain_sd: list[float | None] | None = None
-    held_out: str | None = None  # what was held out
-    held_out_rad: list[float | None] | None = None  # rms by joint
-    held_out_hand_m: float | None = None  # rms distance of the hand
+    held_out: str | None = None  # which data were held out
+    held_out_rad: list[float | None] | None = None  # rms per joint
+    held_out_hand_m: float | None = None  # rms distance at the hand
 
 
-class HeldOut(Part):
-    """E on data that the fit has not seen."""
+class HeldOutError(Part):
+    """E on data held out from the fit."""
 
     what: str
     E_m: float
 
 
+def _with_uncertainty(content: dict[str, Any]) -> dict[str, Any]:
+    """Return content of version 2: `knowledge` is called `uncertainty`."""
+    return {"uncertainty" if name == "knowledge" else name: value for name, value in content.items()}
+
+
 class Estimate(Record):
-    """The fit after one trial, on the trials so far."""
+    """The fit after one trial, on all trials so far."""
 
     SCHEMA: ClassVar[str] = "strandcast/estimate"
+    VERSION: ClassVar[int] = 2
+    MIGRATIONS: ClassVar[Mapping[int, Migration]] = {1: _with_uncertainty}
 
     experiment: str
     trial: int
@@ -136,21 +142,21 @@ class Estimate(Record):
     string: StringSet
     parameters: list[ParameterFit]
     weights: list[WeightFit]
-    options: dict[str, float] = {}  # further fitted numbers, e.g. rest curl, turn of the clamp
+    options: dict[str, float] = {}  # other fitted numbers, e.g. rest curl, clamp angle
     frames_used: int
-    E_planned_m: float | None  # this trial under the parameters that planned it
+    E_planned_m: float | None  # this trial with the parameters that planned it
     E_m: float  # this trial after the fit; w = 0
     E_weighted_m: float
     E_points_m: list[float | None]  # E_i of points 1…n
-    step_change_m: float | None = None  # what half the step changes in the fitted string
+    step_change_m: float | None = None  # change of the fitted motion when the time step is halved
     rmse_m: float
-    tip_error_m: float | None  # none where the tip was not seen
-    held_out: list[HeldOut]
-    convergence: list[Step]
+    tip_error_m: float | None  # null if the tip was not detected
+    held_out: list[HeldOutError]
+    convergence: list[ConvergenceStep]
     evaluations: int
-    rejected: int  # draws that blew up or overstretched
-    converged: bool | None = None  # whether nothing gained any more before the evaluations were spent
-    knowledge: Knowledge | None = None
+    rejected: int  # candidates that diverged or overstretched
+    converged: bool | None = None  # whether the search stopped improving before its evaluations ran out
+    uncertainty: ParameterUncertainty | None = None
     servo: ServoFit | None
     planned_from: dict[str, str]  # files read -> content hash
     warnings: list[str]

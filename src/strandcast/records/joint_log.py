@@ -1,6 +1,4 @@
-"""joints.csv and run.json: what the arm was told and what it did, on the controller's clock."""
-
-from __future__ import annotations
+"""joints.csv and run.json: the commanded and measured joints, on the controller's clock."""
 
 import csv
 import io
@@ -10,10 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from strandcast.errors import INTEGRITY, StrandcastError
+from strandcast.errors import StrandcastError
+from strandcast.records.csv_cells import Cells, read_cells
 from strandcast.records.files import sha256_file, write_text
 from strandcast.records.manifest import Gap
-from strandcast.records.record import Part, Record
+from strandcast.records.record import Part, Record, refusal
 
 # Bits of `flags`.
 LATE = 1
@@ -27,7 +26,7 @@ AFTER_DUPLICATE = 16
 class JointLog:
     """A joint log as arrays: time_s (T,) on the controller's clock; q_rad, q_cmd_rad… (T, J), NaN if unknown.
 
-    `since_start_s` is the trajectory time that was commanded, NaN outside the swing.
+    `since_start_s` is the commanded time along the trajectory, NaN outside the motion.
     """
 
     joint_names: list[str]
@@ -41,46 +40,46 @@ class JointLog:
     host_time_ns: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
-class Timing(Part):
-    """How evenly the log was taken."""
+class LogTiming(Part):
+    """Regularity of the log's sampling."""
 
     nominal_rate_hz: float | None
     rate_hz: float
     gaps: list[Gap]
     duplicates: int
     unsorted: int = 0
-    uneven: int = 0  # steps more than a tenth off the usual one, gaps and duplicates included
+    uneven: int = 0  # steps more than 10 % off the usual one, gaps and duplicates included
 
 
-class Lateness(Part):
-    """How late the host was with its set points, where it had to keep time."""
+class StreamingJitter(Part):
+    """Delay of the set points that the computer sent, for drivers that stream."""
 
     cycles: int
     p50_ms: float
     p99_ms: float
     max_ms: float
-    missed: int  # set points never sent
-    scheduling: str  # what of real-time scheduling the system granted
-    degraded: bool  # later than a lab would like: p99 beyond 0.25 ms, or more than one in a thousand missed
+    missed: int  # set points that were never sent
+    scheduling: str  # the real-time scheduling that the system granted
+    degraded: bool  # too late for good data: p99 beyond 0.25 ms, or more than 0.1 % missed
 
 
 class Following(Part):
-    """How the joints followed their command during the motion, joint by joint."""
+    """Following error of each joint during the motion."""
 
-    lag_s: list[float]  # that explains the most
-    peak_error_rad: list[float]  # what it leaves, a constant offset aside
+    lag_s: list[float]  # the lag that explains most of the error
+    peak_error_rad: list[float]  # the remaining peak, without a constant offset
 
 
 class SyncEvent(Part):
-    """An event that the camera can see too, on the controller's clock."""
+    """An event that the camera can detect too, on the controller's clock."""
 
-    kind: str  # "led_on" and "led_off" for an LED, or a name of one's own
+    kind: str  # "led_on" and "led_off" for an LED, or any other name
     time_s: float
-    sigma_s: float = 0.0  # standard deviation of that, where the controller knows it no better
+    sigma_s: float = 0.0  # its standard deviation
 
 
 class Run(Record):
-    """run.json, written last: its presence says that the log beside it is complete."""
+    """run.json, written last: its presence means that the log beside it is complete."""
 
     SCHEMA: ClassVar[str] = "strandcast/run"
 
@@ -98,11 +97,11 @@ class Run(Record):
     motion_start_s: float | None  # controller time of the first commanded sample
     motion_end_s: float | None
     sync_events: list[SyncEvent]
-    timing: Timing
-    video: dict[str, str | float | int | None]  # name of the video file, if the rig knows it
+    timing: LogTiming
+    video: dict[str, str | float | int | None]  # facts about the video file, if the rig knows them
     warnings: list[str] = []
     time_scale: float = 1.0  # 4: played four times slower than planned
-    lateness: Lateness | None = None
+    lateness: StreamingJitter | None = None
     following: Following | None = None
 
 
@@ -115,7 +114,7 @@ GROUPS = (
 
 
 def column_names(joint_names: list[str]) -> list[str]:
-    """Return the header of joints.csv."""
+    """Return the column names of joints.csv."""
     joints = [f"{stem}_{name}_{unit}" for _, stem, unit in GROUPS for name in joint_names]
     return ["seq", "host_time_ns", "controller_time_s", "since_start_s", *joints, "flags"]
 
@@ -145,117 +144,78 @@ def read_joint_log(path: str | Path) -> JointLog:
     Raises
     ------
     StrandcastError
-        The file is missing, cut, or has a cell that is not a number (line and column are named).
+        SC-J001 the file is missing, cut off, or has a cell that is not a number (with line and column).
     """
     path = Path(path)
-    try:
-        lines = path.read_bytes().decode("utf-8").splitlines()
-    except FileNotFoundError:
-        raise _refusal(path, None, None, "the joint log is not there", "play or import the trial") from None
-    except UnicodeDecodeError as error:
-        raise _refusal(path, None, None, f"is not text (byte {error.start})", "copy it again") from None
-    rows = list(csv.reader(lines))
-    if len(rows) < 2:
-        raise _refusal(path, None, None, "the joint log has no rows", "play or import the trial again")
-    header = rows[0]
-    names = [
-        c.removeprefix("q_").removesuffix("_rad")
-        for c in header
-        if c.startswith("q_") and c.endswith("_rad") and not c.startswith("q_cmd_")
-    ]
-    if not names or header != column_names(names):
-        raise _refusal(
-            path,
-            1,
-            None,
-            "is not the header of a strandcast joint log",
-            "bring the file in with `strandcast import joints`",
-        )
-    table = np.empty((len(rows) - 1, len(header)))
-    for k, row in enumerate(rows[1:]):
-        if len(row) != len(header):
-            raise _refusal(
-                path, k + 2, None, f"{len(row)} cells, the header has {len(header)}", "copy it again"
-            )
-        table[k] = [_number(path, k + 2, header[c], cell) for c, cell in enumerate(row)]
-    count = len(names)
-    blocks = {name: table[:, 4 + i * count : 4 + (i + 1) * count] for i, (name, _, _) in enumerate(GROUPS)}
-    if not np.isfinite(blocks["q_rad"]).all() or not np.isfinite(table[:, 2]).all():
-        whole = np.isfinite(blocks["q_rad"]).all(axis=1) & np.isfinite(table[:, 2])
-        raise _refusal(
-            path,
-            int(np.argmin(whole)) + 2,
-            None,
-            "a time or a joint position is missing",
-            "import the log again",
-        )
+    _require(path)
+    cells = read_cells(path, "SC-J001")
+    commands = [name for name in cells.names if name.startswith("q_cmd_")]
+    names = [name.removeprefix("q_cmd_").removesuffix("_rad") for name in commands]
+    if not names or cells.names != column_names(names):
+        what = "is not the header of a strandcast joint log"
+        raise refusal("SC-J001", path, None, what, "import the file with `strandcast import joints`", 1)
+    table = cells.numbers(empty=frozenset({""}))
+    joints = np.split(table[:, 4:-1], len(GROUPS), axis=1)
+    blocks = {name: block for (name, _, _), block in zip(GROUPS, joints, strict=True)}
+    whole = np.isfinite(blocks["q_rad"]).all(axis=1) & np.isfinite(table[:, 2])
+    if not whole.all():
+        what = "a time or a joint position is missing"
+        raise refusal("SC-J001", path, None, what, "import the log again", cells.lines[np.argmin(whole)])
     return JointLog(
         joint_names=names,
         time_s=table[:, 2],
         since_start_s=table[:, 3],
-        flags=table[:, -1].astype(np.int32),
-        host_time_ns=np.array(
-            [_whole(path, k + 2, row[1]) for k, row in enumerate(rows[1:])], dtype=np.int64
-        ),
+        flags=_flags(cells),
+        # Exactly: a float would round it after 104 days of uptime.
+        host_time_ns=cells.integers("host_time_ns"),
         **blocks,
     )
 
 
-def _number(path: Path, line: int, column: str, cell: str) -> float:
-    try:
-        value = float(cell) if cell else float("nan")
-    except ValueError:
-        raise _refusal(
-            path, line, column, f"{cell!r} is not a number", "copy or import the log again"
-        ) from None
-    if cell and not np.isfinite(value):
-        raise _refusal(path, line, column, f"{cell!r} is not a finite number", "copy or import the log again")
-    return value
-
-
-def _whole(path: Path, line: int, cell: str) -> int:
-    """Return a time in nanoseconds exactly: a float would round it after 104 days of uptime."""
-    try:
-        return int(cell or 0)
-    except ValueError:
-        fix = "copy or import the log again"
-        raise _refusal(path, line, "host_time_ns", f"{cell!r} is not a whole number", fix) from None
+def _flags(cells: Cells) -> np.ndarray:
+    flags = cells.integers("flags")
+    wrong = (flags < 0) | (flags > np.iinfo(np.int32).max)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        what = f"{flags[row]} is no set of bits"
+        raise refusal("SC-J001", cells.path, "flags", what, "import the log again", cells.lines[row])
+    return flags.astype(np.int32)
 
 
 def read_run(folder: str | Path) -> tuple[Run, JointLog]:
-    """Read run.json and joints.csv of a trial, holding one against the other."""
-    folder = Path(folder)
-    run = Run.read(folder / "run.json")
+    """Read run.json and joints.csv of a trial; a log that is not the one of run.json is not parsed."""
+    record_file, log_file = Path(folder) / "run.json", Path(folder) / "joints.csv"
+    run = Run.read(record_file)
     if not run.complete:
-        raise _refusal(
-            folder / "run.json",
-            None,
-            "complete",
-            f"the run is not complete ({run.reason})",
-            "throw again, or exclude the trial with a reason",
-        )
+        what = f"the run is not complete ({run.reason})"
+        fix = "throw again, or exclude the trial with a reason"
+        raise refusal("SC-J003", record_file, "complete", what, fix)
     if run.time_scale != 1.0:
-        raise _refusal(
-            folder / "run.json",
-            None,
-            "time_scale",
-            f"the motion was played {run.time_scale:g} times slower than planned: that is no throw",
-            "play it at its own speed, or exclude the trial with a reason",
+        what = f"the motion was played {run.time_scale:g} times slower than planned: that is no throw"
+        fix = "play it at its own speed, or exclude the trial with a reason"
+        raise refusal("SC-J004", record_file, "time_scale", what, fix)
+    _require(log_file)
+    fix = "copy both files again from the computer that played the motion"
+    sha256 = sha256_file(log_file)
+    if sha256 != run.joints_sha256:
+        what = (
+            f"is not the log that run.json describes: its hash is {sha256[:12]}, not {run.joints_sha256[:12]}"
         )
-    log = read_joint_log(folder / "joints.csv")
-    if sha256_file(folder / "joints.csv") != run.joints_sha256 or len(log.time_s) != run.rows:
-        raise _refusal(
-            folder / "joints.csv",
-            None,
-            None,
-            "is not the log that run.json speaks of",
-            "copy both files again from the machine that played the motion",
-        )
+        raise refusal("SC-J005", log_file, None, what, fix)
+    log = read_joint_log(log_file)
+    if len(log.time_s) != run.rows:
+        what = f"is not the log that run.json describes: it has {len(log.time_s)} rows, not {run.rows}"
+        raise refusal("SC-J005", log_file, None, what, fix)
     return run, log
 
 
-def timing_of(time_s: np.ndarray, nominal_rate_hz: float | None = None) -> Timing:
-    """Return rate, gaps (steps beyond 1.5 of the usual) and duplicates (steps of zero) of sorted times."""
+def _require(path: Path) -> None:
+    if not path.is_file():
+        raise refusal("SC-J001", path, None, "the joint log is missing", "play or import the trial")
+
+
+def timing_of(time_s: np.ndarray, nominal_rate_hz: float | None = None) -> LogTiming:
+    """Return rate, gaps (steps above 1.5 times the usual) and duplicates (steps of zero) of sorted times."""
     steps = np.diff(time_s)
     if not (steps > 0).any():
         raise StrandcastError(
@@ -264,7 +224,7 @@ def timing_of(time_s: np.ndarray, nominal_rate_hz: float | None = None) -> Timin
     usual = 1.0 / nominal_rate_hz if nominal_rate_hz else float(np.median(steps[steps > 0]))
     late = np.nonzero(steps > 1.5 * usual)[0]
     gaps = [Gap(index=int(k), duration_s=float(steps[k]), missing=round(steps[k] / usual) - 1) for k in late]
-    return Timing(
+    return LogTiming(
         nominal_rate_hz=nominal_rate_hz,
         rate_hz=1.0 / usual,
         gaps=gaps,
@@ -272,7 +232,3 @@ def timing_of(time_s: np.ndarray, nominal_rate_hz: float | None = None) -> Timin
         unsorted=int((steps < 0).sum()),
         uneven=int((np.abs(steps - usual) > 0.1 * usual).sum()),
     )
-
-
-def _refusal(path: Path, line: int | None, column: str | None, what: str, fix: str) -> StrandcastError:
-    return StrandcastError("SC-J001", what, file=path, line=line, field=column, fix=fix, exit_code=INTEGRITY)

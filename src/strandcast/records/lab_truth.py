@@ -1,11 +1,9 @@
-"""lab_truth.parquet: where the lab's string was; for tests and the report's "lab truth" section."""
-
-from __future__ import annotations
+"""lab_truth.parquet: the true places of the lab's string; for tests and the report's "lab truth" panel."""
 
 from strandcast.records.tables import Column, TableSpec
 
-# The lab's chain at the middle of every frame's exposure, at places along the string from the clamp (0) to
-# the tip. The facts beside the table are the lab's own: the clocks, the true miss, the throw's variation.
+# The lab's string in the middle of every frame's exposure, at places along it from the clamp (0) to the tip.
+# Facts stored beside the table: the clocks, the true miss, the throw's disturbances.
 LAB_TRUTH = TableSpec(
     "strandcast/lab-truth",
     {

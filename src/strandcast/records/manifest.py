@@ -1,6 +1,4 @@
-"""manifest.json: what was recorded for one trial, told without decoding a frame."""
-
-from __future__ import annotations
+"""manifest.json: the recorded files of one trial, described without decoding a frame."""
 
 from typing import ClassVar
 
@@ -16,7 +14,7 @@ class Gap(Part):
 
 
 class VideoFacts(Part):
-    """The video file as its container tells it."""
+    """The video file as its container describes it."""
 
     file: str
     sha256: str
@@ -34,10 +32,10 @@ class VideoFacts(Part):
     time_stamps: list[int]  # per packet in order of display, in time bases from the first
     gaps: list[Gap]
     duplicates: int
-    discarded_packets: int = 0  # that the container's edit list takes out
-    time_stamp_rate_hz: float | None = None  # as the time stamps tell it, whatever the experiment says
-    whole: bool = True  # False: it was cut, and the frames before the cut are taken
-    notes: list[str] = []  # what a user should know of the file
+    discarded_packets: int = 0  # removed by the container's edit list
+    time_stamp_rate_hz: float | None = None  # from the time stamps, whatever the experiment's file says
+    whole: bool = True  # False: it was cut off, and the frames before the cut are used
+    notes: list[str] = []  # remarks for the user
 
 
 class LogFacts(Part):
@@ -54,7 +52,7 @@ class LogFacts(Part):
 
 
 class Manifest(Record):
-    """Raw files of one trial: hashes, counts, time stamps, gaps."""
+    """The raw files of one trial: hashes, counts, time stamps, gaps."""
 
     SCHEMA: ClassVar[str] = "strandcast/manifest"
 

@@ -1,31 +1,32 @@
 """motion.json: a timed joint trajectory, from rest to rest, with the control points it came from.
 
-The points carry the field names of ROS' trajectory_msgs/JointTrajectory, so that drivers can pass them on.
+The points have the field names of ROS' trajectory_msgs/JointTrajectory, so that drivers can pass them on.
 """
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
-from pydantic import SerializerFunctionWrapHandler, model_serializer
+from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from strandcast.core.strings import PARAMETERS, StringBatch
+from strandcast.core.trajectory import JointTrajectory
 from strandcast.records.record import Part, Record
 
+LONGEST_NS = 600 * 10**9  # chosen: a throw lasts seconds, and its playback is at most slowed down
+LARGEST = 1e6  # rad, rad/s, rad/s²; chosen, far above any joint, so that squares stay numbers
 UNITS = {"angle": "rad", "time": "s", "length": "m"}
-
-# The string's ten parameters as the paper's Table 1 names them, in the order of every array of them.
-PARAMETERS = ("k_s", "c_s", "k_h", "c_h", "k_sh", "c_sh", "C_c1", "C_c2", "k_ph", "c_ph")
 
 
 class TimeFromStart(Part):
-    """Whole seconds and nanoseconds: floats would round."""
+    """Whole seconds and nanoseconds; a float would round."""
 
     sec: int
     nanosec: int
 
 
-class Point(Part):
+class TrajectoryPoint(Part):
     """The joints at one instant [rad, rad/s, rad/s²]."""
 
     positions: list[float]
@@ -35,22 +36,22 @@ class Point(Part):
 
 
 class Robot(Part):
-    """The arm that the motion is for."""
+    """The arm for which the motion was planned."""
 
     name: str
     file_sha256: str
     urdf_sha256: str
 
 
-class Start(Part):
-    """The posture that the motion starts from."""
+class StartPosture(Part):
+    """The posture in which the motion starts."""
 
     positions_rad: list[float]
     tolerance_rad: list[float]
 
 
 class Bezier(Part):
-    """Control heights of each joint's velocity curve (eq. 1), joint by joint."""
+    """Control heights of each joint's velocity curve (eq. 1)."""
 
     duration_s: float
     heights_rad_s: list[list[float]]
@@ -58,28 +59,38 @@ class Bezier(Part):
 
 
 class StringSet(Part):
-    """Parameters by name, the relative masses of points 1…n, and further numbers (rest curl, clamp)."""
+    """String parameters by name, relative masses of points 1…n, and other numbers (rest curl, clamp)."""
 
     parameters: dict[str, float]
     masses: list[float]
     options: dict[str, float] = {}
 
+    @classmethod
+    def first_of(cls, strings: StringBatch) -> StringSet:
+        """Return the first string of a batch."""
+        first = strings.first(1)
+        return cls(
+            parameters=dict(zip(PARAMETERS, first.parameters[0].tolist(), strict=True)),
+            masses=first.masses[0].tolist(),
+            options={name: float(values[0]) for name, values in first.options().items()},
+        )
 
-class AsGiven(Part):
-    """Written with the fields that it was given: a file from before a field was there keeps its hash."""
+
+class OmitsUnset(Part):
+    """Written without fields that were not set, so that files older than a field keep their hash."""
 
     @model_serializer(mode="wrap")
-    def _as_given(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _set_fields(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {name: value for name, value in dump(self).items() if name in self.model_fields_set}
 
 
-class Prediction(AsGiven):
-    """What the planner expects of the throw."""
+class Prediction(OmitsUnset):
+    """The planner's prediction of the throw."""
 
-    miss_m: float  # of the best string, undisturbed
-    ensemble_miss_m: list[float]  # of every string, undisturbed
+    miss_m: float  # with the best string, undisturbed
+    ensemble_miss_m: list[float]  # with each string of the ensemble, undisturbed
     hit_probability: float  # over strings and disturbances
-    # Over every string with every disturbance: how many throws, and quantiles of their misses, p10 to p90.
+    # Over all strings with all disturbances: the number of throws, and quantiles of their misses, p10 to p90.
     disturbed_throws: int | None = None
     miss_quantiles_m: dict[str, float] = {}
     hit_time_s: float  # from the motion's start
@@ -90,27 +101,28 @@ class Prediction(AsGiven):
     peak_torque_n_m: list[float] = []
     lowest_rad: list[float] = []
     highest_rad: list[float] = []
-    # What the peaks must stay below, margins taken off, by name; null where there is no limit.
+    # Upper limits of the peaks by name, less their margins; null where there is no limit.
     limits: dict[str, list[float | None]] = {}
-    workspace_room_m: float | None = None  # of hand and best string to the workspace's edges, below 0 outside
+    # Least distance of hand and best string from the workspace's edges, negative outside.
+    workspace_room_m: float | None = None
     peak_tip_speed_m_s: float
-    # Sampled every 2 ms from the start: the hand, and the tip of the best string, carried residual included.
+    # Sampled every 2 ms from the start: the hand, and the tip of the best string with its bias correction.
     time_s: list[float]
     hand_m: list[list[float]]
     tip_m: list[list[float]]
 
 
-class Provenance(AsGiven):
-    """What the motion was made from."""
+class Provenance(OmitsUnset):
+    """How the motion was planned, and from which files."""
 
     planner: str
     kind: str  # "first", "refined" or "replanned"
     seed: int
-    planned_from: dict[str, str]  # name of a file -> its content hash
+    planned_from: dict[str, str]  # file -> hash of its content
     parent_motion_sha256: str | None
     simulations: int
     start_string: str | None
-    objective: str | None = None  # in words; a point if not told
+    objective: str | None = None  # in words; null: a point
     string: StringSet
     flags: list[str]
 
@@ -119,6 +131,7 @@ class Motion(Record):
     """One motion of one arm."""
 
     SCHEMA: ClassVar[str] = "strandcast/motion"
+    REUSABLE: ClassVar[bool] = True  # a throw may be repeated; run.json names the motion that was played
 
     experiment: str
     trial: int
@@ -126,30 +139,45 @@ class Motion(Record):
     robot: Robot
     joint_names: list[str]
     units: dict[str, str] = UNITS
-    start: Start
+    start: StartPosture
     bezier: Bezier | None
-    points: list[Point]
+    points: list[TrajectoryPoint]
     predicted: Prediction | None
     provenance: Provenance | None
 
-    def time_s(self) -> np.ndarray:
-        """Return the times of the points (T,) from the start."""
-        stamps = [(p.time_from_start.sec, p.time_from_start.nanosec) for p in self.points]
-        return np.array([sec + nanosec * 1e-9 for sec, nanosec in stamps])
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        """Refuse points that are no trajectory of the joints; player and importer check the times' order."""
+        joints = len(self.joint_names)
+        if not joints or len(set(self.joint_names)) < joints or len(self.points) < 2:
+            raise ValueError(f"joint_names {self.joint_names} with {len(self.points)} points are no motion")
+        for k, point in enumerate(self.points):
+            sizes = {len(point.positions), len(point.velocities), len(point.accelerations)}
+            if sizes != {joints}:
+                raise ValueError(f"point {k} has {sorted(sizes)} numbers, the motion {joints} joints")
+            largest = max(map(abs, [*point.positions, *point.velocities, *point.accelerations]))
+            if largest > LARGEST:
+                raise ValueError(f"point {k} has {largest:g} rad, rad/s or rad/s²")
+            time_ns = point.time_from_start.sec * 10**9 + point.time_from_start.nanosec
+            if not 0 <= time_ns <= LONGEST_NS:
+                raise ValueError(f"point {k} is at {time_ns} ns; a throw lasts seconds")
+        return self
 
-    def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return positions, velocities, accelerations, each (T, J)."""
-        return (
+    def trajectory(self) -> JointTrajectory:
+        """Return the points as a joint trajectory."""
+        stamps = [(p.time_from_start.sec, p.time_from_start.nanosec) for p in self.points]
+        return JointTrajectory(
+            np.array([sec + nanosec * 1e-9 for sec, nanosec in stamps]),
             np.array([p.positions for p in self.points]),
             np.array([p.velocities for p in self.points]),
             np.array([p.accelerations for p in self.points]),
         )
 
 
-def points_of(time_ns: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> list[Point]:
+def points_of(time_ns: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> list[TrajectoryPoint]:
     """Return trajectory points from integer times (T,) and joints (T, J)."""
     return [
-        Point(
+        TrajectoryPoint(
             positions=q[k].tolist(),
             velocities=qd[k].tolist(),
             accelerations=qdd[k].tolist(),

@@ -1,18 +1,28 @@
-"""What all small JSON records share: schema name, version, content hash, atomic write, verified read."""
-
-from __future__ import annotations
+"""The base of all JSON records: schema, version, content hash, migration, atomic write, verified read."""
 
 import json
+import logging
 import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, PrivateAttr, ValidationError
 
+from strandcast.core.nesting import is_deeper
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.records.files import content_sha256, write_text
+from strandcast.records.files import canonical_json, content_sha256, write_text
+from strandcast.records.lineage import Lineage, check_lineage, lineage_at
+from strandcast.records.provenance import current_versions
 
-HEAD = ("schema", "version", "content_sha256")
+log = logging.getLogger(__name__)
+
+MOST_BYTES = 64 << 20  # a motion of 60 s at 1 kHz of seven joints takes about 35 MiB
+MOST_LEVELS = 32  # chosen; records have eight at most
+HEAD = ("schema", "version", "content_sha256", "made_by", "lineage")
+REMAKE = "restore the file, or delete it and make it again"
+
+Migration = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 class Part(BaseModel):
@@ -24,98 +34,148 @@ class Part(BaseModel):
 class Record(Part):
     """A small JSON file between stages.
 
-    On disk it opens with ``schema``, ``version`` and ``content_sha256`` (the hash of the canonical form of
-    everything else), so that damage and foreign files are told from each other and from old versions.
-    Unknown keys are kept; an unknown version is refused.
+    On disk it opens with a head: ``schema``, ``version``, ``content_sha256`` (the hash of the canonical form
+    of all other fields), ``made_by`` (versions) and ``lineage`` (experiment, trial, stage, hashes of inputs).
+    The same content has the same hash whatever it was made by and from. ``lineage`` has a hash of its own; a
+    changed byte within ``made_by`` is not detected. Unknown keys are kept. An older version is migrated; a
+    newer one is refused.
     """
 
     SCHEMA: ClassVar[str]
     VERSION: ClassVar[int] = 1
+    REUSABLE: ClassVar[bool] = False  # whether a raw file of this kind may be used for another trial
+    # Version -> function that turns that version's content into the content of the next version.
+    MIGRATIONS: ClassVar[Mapping[int, Migration]] = {}
+
+    _made_by: dict[str, str] = PrivateAttr(default_factory=current_versions)
+
+    _lineage: Lineage | None = PrivateAttr(default=None)
+
+    @property
+    def lineage(self) -> Lineage | None:
+        """Return what a record that was read belongs to and was made from; None where it does not say."""
+        return self._lineage
+
+    @property
+    def made_by(self) -> dict[str, str]:
+        """Return the versions that made the record; empty for files from before versions were stored."""
+        return self._made_by
+
+    def __eq__(self, other: object) -> bool:
+        """Compare the content; the versions that made it do not count."""
+        return type(self) is type(other) and isinstance(other, Record) and self.content() == other.content()
 
     def content(self) -> dict[str, Any]:
         """Return the record as plain JSON data, without the head."""
         return self.model_dump(mode="json")
 
     def content_sha256(self) -> str:
-        """Return the hash that names this record's content."""
+        """Return the hash that identifies this record's content."""
         return content_sha256(self.content())
 
     def write(self, path: str | Path) -> None:
         """Write the record atomically."""
         content = self.content()
-        head = {"schema": self.SCHEMA, "version": self.VERSION, "content_sha256": content_sha256(content)}
+        head = {
+            "schema": self.SCHEMA,
+            "version": self.VERSION,
+            "content_sha256": content_sha256(content),
+            "made_by": self.made_by,
+        }
+        lineage = lineage_at(path)
+        head |= {} if lineage is None else {"lineage": lineage.to_json()}
         write_text(path, json.dumps(head | content, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read and verify a record.
+        """Read, verify and if necessary migrate a record.
 
         Raises
         ------
         StrandcastError
-            The file is missing, is not JSON, is of another schema or version, was changed, or does not fit.
+            SC-R001 the file is missing or not JSON; SC-R002 another schema; SC-R003 a newer version, or one
+            without migration; SC-R004 it was changed; SC-R005 its fields do not fit; SC-R006,
+            SC-R007 see `check_lineage`.
         """
-        data = _load(path)
+        data = read_json(path)
         if data.get("schema") != cls.SCHEMA:
-            raise _refusal(
-                "SC-R002",
-                path,
-                "schema",
-                f"is {data.get('schema')!r}, wanted {cls.SCHEMA!r}",
-                "give the file that the stage asks for",
-            )
-        if data.get("version") != cls.VERSION:
-            raise _refusal(
-                "SC-R003",
-                path,
-                "version",
-                f"is {data.get('version')!r}; this strandcast reads version {cls.VERSION}",
-                "make the file again with this strandcast, or use the one that wrote it",
-            )
-        content = {key: value for key, value in data.items() if key not in HEAD}
-        if content_sha256(content) != data.get("content_sha256"):
-            raise _refusal(
-                "SC-R004",
-                path,
-                "content_sha256",
-                "does not fit the content: the file was changed",
-                "restore the file, or delete it and make it again",
-            )
+            what = f"is {data.get('schema')!r}, expected {cls.SCHEMA!r}"
+            raise refusal("SC-R002", path, "schema", what, "give the file that the stage asks for")
+        version = data.get("version")
+        steps = range(version, cls.VERSION) if type(version) is int and version <= cls.VERSION else None
+        if steps is None or not all(old in cls.MIGRATIONS for old in steps):
+            what = f"is {version!r}; this strandcast reads version {cls.VERSION}"
+            fix = "make the file again with this strandcast, or use the one that wrote it"
+            raise refusal("SC-R003", path, "version", what, fix)
+        content = verify_hash(path, data)
+        lineage = lineage_in(path, data.get("lineage"))
+        check_lineage(path, lineage, reusable=cls.REUSABLE)
+        for old in steps:
+            log.info("%s: migrated from version %s of %s", path, old, cls.SCHEMA)
+            try:
+                content = cls.MIGRATIONS[old](content)
+            except (LookupError, TypeError, ValueError, AttributeError) as error:
+                what = f"version {old} cannot be migrated ({type(error).__name__}: {error})"
+                raise refusal("SC-R005", path, "version", what, REMAKE) from None
         try:
-            return cls.model_validate(content)
+            record = cls.model_validate(content)
         except ValidationError as error:
             first = error.errors()[0]
-            raise _refusal(
-                "SC-R005",
-                path,
-                ".".join(str(part) for part in first["loc"]),
-                first["msg"],
-                "delete the file and make it again",
-            ) from None
+            place = ".".join(str(part) for part in first["loc"])
+            raise refusal("SC-R005", path, place, first["msg"], REMAKE) from None
+        record._lineage, record._made_by = lineage, data.get("made_by", {})
+        made_by = record._made_by
+        if not isinstance(made_by, dict) or not all(isinstance(value, str) for value in made_by.values()):
+            raise refusal("SC-R005", path, "made_by", "must be versions by name", REMAKE)
+        return record
 
 
-def _load(path: str | Path) -> dict[str, Any]:
-    path = Path(path)
+def verify_hash(path: str | Path, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a record's JSON data without the head, or raise SC-R004 if the hash in the head is another."""
+    content = content_of(data)
+    if content_sha256(content) != data.get("content_sha256"):
+        what = "does not fit the content: the file was changed"
+        raise refusal("SC-R004", path, "content_sha256", what, REMAKE)
+    return content
+
+
+def lineage_in(path: str | Path, data: Any) -> Lineage | None:
+    """Return the lineage in a file's head; None for files from before lineage was stored."""
     try:
-        data = json.loads(path.read_bytes(), parse_constant=_refuse_constant, parse_float=_finite)
-    except FileNotFoundError:
-        raise _refusal("SC-R001", path, None, "the file is not there", "make it first") from None
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise _refusal(
-            "SC-R001",
-            path,
-            None,
-            f"is not a JSON record ({error})",
-            "restore the file, or delete it and make it again",
-        ) from None
+        return None if data is None else Lineage.from_json(data)
+    except ValueError as error:
+        raise refusal("SC-R005", path, "lineage", str(error), REMAKE) from None
+
+
+def content_of(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a record's JSON data without the head."""
+    return {key: value for key, value in data.items() if key not in HEAD}
+
+
+def read_json(path: str | Path) -> dict[str, Any]:
+    """Return the JSON object in a file, refusing NaN, infinity and anything but one object."""
+    path = Path(path)
+    if not path.is_file():  # reading a pipe would never end
+        raise refusal("SC-R001", path, None, "the file is not there", "make it first")
+    try:
+        data = _parse(path)
+    except (ValueError, OverflowError, RecursionError) as error:
+        raise refusal("SC-R001", path, None, f"is not a JSON record ({error})", REMAKE) from None
     if not isinstance(data, dict):
-        raise _refusal(
-            "SC-R001",
-            path,
-            None,
-            "is not a JSON record (no object at its top)",
-            "restore the file, or delete it and make it again",
-        )
+        raise refusal("SC-R001", path, None, "is not a JSON record (no object at its top)", REMAKE)
+    return data
+
+
+def _parse(path: Path) -> Any:
+    with path.open("rb") as file:
+        content = file.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        raise ValueError(f"larger than {MOST_BYTES >> 20} MiB")
+    data = json.loads(content, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_int64)
+    if is_deeper(data, MOST_LEVELS):
+        raise ValueError(f"more than {MOST_LEVELS} levels")
+    if b"\\u" in content:
+        canonical_json(data).encode()  # half of a surrogate pair ("\\ud800") is not text
     return data
 
 
@@ -125,10 +185,19 @@ def _refuse_constant(name: str) -> None:
 
 def _finite(text: str) -> float:
     value = float(text)
-    if math.isinf(value):  # 1e999 is JSON, but no number that a record holds
+    if math.isinf(value):  # 1e999 is valid JSON, but not a number that a record may hold
         raise ValueError(f"{text} is too large a number")
     return value
 
 
-def _refusal(code: str, path: str | Path, field: str | None, what: str, fix: str) -> StrandcastError:
-    return StrandcastError(code, what, file=path, field=field, fix=fix, exit_code=INTEGRITY)
+def _int64(text: str) -> int:
+    value = int(text)
+    value.to_bytes(8, signed=True)  # OverflowError: no count or time needs more, and no array holds it
+    return value
+
+
+def refusal(
+    code: str, path: str | Path, field: str | None, what: str, fix: str, line: int | None = None
+) -> StrandcastError:
+    """Return the error for a file that cannot be used."""
+    return StrandcastError(code, what, file=path, line=line, field=field, fix=fix, exit_code=INTEGRITY)

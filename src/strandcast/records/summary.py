@@ -1,59 +1,60 @@
-"""verdict.json and summary.json: did the tip hit, and how did the trials go."""
+"""summary.json: one experiment in numbers."""
 
-from __future__ import annotations
+from collections.abc import Mapping
+from typing import ClassVar, Literal
 
-from typing import ClassVar
-
-from strandcast.records.record import Part, Record
-
-AFTER_MOTION_S = 0.3  # a miss is looked for until then: the tip may arrive after the arm has stopped
-
-
-class Verdict(Record):
-    """The miss of one trial, from the track; null, with the reason, if not seen."""
-
-    SCHEMA: ClassVar[str] = "strandcast/verdict"
-
-    experiment: str
-    trial: int
-    target_m: list[float]
-    hit_radius_m: float
-    miss_m: float | None
-    miss_sigma_m: float | None
-    hit: bool
-    closest_frame: int | None
-    closest_robot_time_s: float | None
-    closest_m: list[float] | None
-    reason: str | None
-    objective: str = "point"  # its kind: what the miss is from
-    wanted: str | None = None  # what the miss is from, in words, where it is more than a point or a bar
-    bar_m: list[list[float]] | None = None  # both ends, of a bar to strike
+from strandcast.records.record import Migration, Part, Record
 
 
 class TrialSummary(Part):
-    """One line of the experiment's table."""
+    """One row of the experiment's table of trials."""
 
     trial: int
     miss_m: float | None
     miss_sigma_m: float | None
-    hit: bool
+    hit: bool | None  # null: unknown
     E_planned_m: float | None
     E_m: float | None
     tracked_fraction: float | None
     alignment_offset_s: float | None
     alignment_offset_se_s: float | None
     excluded: str | None = None  # the reason
+    unread: dict[str, str] = {}  # results that could not be read -> why
 
 
-class Summary(Record):
+class VersionGroup(Part):
+    """Result files that were made by the same versions of strandcast and of its libraries."""
+
+    versions: dict[str, str]  # empty: from before versions were stored
+    files: list[str]
+
+
+class ExperimentSummary(Record):
     """One experiment in numbers."""
 
     SCHEMA: ClassVar[str] = "strandcast/summary"
+    VERSION: ClassVar[int] = 2
+    MIGRATIONS: ClassVar[Mapping[int, Migration]] = {
+        1: lambda old: old | {"verdict": "no hit" if old["hit_trial"] is None else "hit"}
+    }
 
     experiment: str
     string_length_m: float
     target_m: list[float]
     hit_radius_m: float
+    verdict: Literal["hit", "no hit", "unknown"]  # unknown: a result that it depends on could not be read
     hit_trial: int | None
     trials: list[TrialSummary]
     next_motion_sha256: str | None
+    unread: dict[str, str] = {}  # results beside those of trials that could not be read -> why
+    made_with: list[VersionGroup] = []  # one group if all results were made by the same versions
+
+    def all_unread(self) -> dict[str, str]:
+        """Return why results could not be read, by file; those of excluded trials do not count."""
+        files = {
+            f"trial {line.trial}, {file}": why
+            for line in self.trials
+            if line.excluded is None
+            for file, why in line.unread.items()
+        }
+        return files | self.unread

@@ -1,8 +1,9 @@
-"""Tables between stages: Parquet with page checksums, schema name, version and units in the metadata."""
+"""Tables between stages: Parquet with page checksums; schema, version, units and provenance as metadata."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.files import atomic_write, canonical_json
+from strandcast.records.lineage import check_lineage, lineage_at
+from strandcast.records.provenance import current_versions
+from strandcast.records.record import REMAKE, lineage_in, refusal
+
+MOST_CELLS = 100_000_000  # seven times a track of 60 s at 1 kHz with 30 points; 0.8 GB
 
 
 @dataclass(frozen=True)
@@ -24,12 +29,15 @@ class Column:
 
 @dataclass(frozen=True)
 class TableSpec:
-    """What a table holds; `open_ended` tables may carry further float columns (unit in the name)."""
+    """The schema of a table: its name, its columns by name, and the version of both."""
 
     schema: str
     columns: dict[str, Column]
     version: int = 1
-    open_ended: bool = False
+    open_ended: bool = False  # it may have further float columns, with their units in their names
+    optional: dict[str, Column] = field(default_factory=dict)
+    # Version -> function that turns a table of that version into one of the next version.
+    migrations: Mapping[int, Callable[[pa.Table], pa.Table]] = field(default_factory=dict)
 
 
 ARROW_TYPES = {"f8": pa.float64(), "i4": pa.int32(), "i8": pa.int64(), "str": pa.string()}
@@ -38,41 +46,95 @@ ARROW_TYPES = {"f8": pa.float64(), "i4": pa.int32(), "i8": pa.int64(), "str": pa
 def write_table(
     path: str | Path, spec: TableSpec, columns: dict[str, Any], facts: dict[str, Any] | None = None
 ) -> None:
-    """Write columns (each (rows,)) as a table; `facts` are a few plain JSON values kept beside them."""
-    names = list(spec.columns) + [name for name in columns if name not in spec.columns]
+    """Write columns (each (rows,)) as a table; `facts` are a few plain JSON values stored beside them."""
+    further = [name for name in columns if name not in spec.columns]
     missing = [name for name in spec.columns if name not in columns]
-    if missing or (len(names) > len(spec.columns) and not spec.open_ended):
+    if missing or not (spec.open_ended or spec.optional.keys() >= set(further)):
         raise ValueError(f"{spec.schema}: missing columns {missing}, given {list(columns)}")
     fields, arrays = [], []
-    for name in names:
-        column = spec.columns.get(name, Column("f8", ""))
+    known = spec.columns | spec.optional
+    for name in [*spec.columns, *further]:
+        column = known.get(name, Column("f8", ""))
         kind = ARROW_TYPES[column.dtype]
         fields.append(pa.field(name, kind, metadata={"unit": column.unit}))
         values = np.asarray(columns[name])
         arrays.append(pa.array(values.tolist() if column.dtype == "str" else values, type=kind))
-    metadata = {"schema": spec.schema, "version": str(spec.version), "facts": canonical_json(facts or {})}
-    table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=metadata))
+    metadata = {
+        "schema": spec.schema,
+        "version": str(spec.version),
+        "facts": canonical_json(facts or {}),
+        "made_by": canonical_json(current_versions()),
+    }
+    write_arrow(path, pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=metadata)))
+
+
+def write_arrow(path: str | Path, table: pa.Table) -> None:
+    """Write an Arrow table with the hash of its content, and with the lineage that its place gives it."""
+    metadata = dict(table.schema.metadata or {}) | {b"content_sha256": arrow_sha256(table).encode()}
+    lineage = lineage_at(path)
+    metadata |= {} if lineage is None else {b"lineage": canonical_json(lineage.to_json()).encode()}
     with atomic_write(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+        pq.write_table(
+            table.replace_schema_metadata(metadata), temporary, compression="zstd", write_page_checksum=True
+        )
 
 
 def read_table(path: str | Path, spec: TableSpec) -> dict[str, np.ndarray]:
-    """Read and verify a table; returns its columns, each (rows,).
+    """Read, verify and if necessary migrate a table; return its columns, each (rows,).
 
     Raises
     ------
     StrandcastError
-        The file is missing, damaged, of another schema or version, or lacks a column.
+        SC-R011 the file is missing or damaged; SC-R012 another schema; SC-R013 a newer version, or one
+        without migration; SC-R014 a column is missing; SC-R015 it was changed; SC-R016 it has unknown
+        columns; SC-R006, SC-R007 see `check_lineage`.
     """
-    table = _read(path, spec)
+    table = read_arrow(path, spec)
     return {name: _to_numpy(table.column(name)) for name in table.column_names}
 
 
 def read_facts(path: str | Path, spec: TableSpec) -> dict[str, Any]:
-    """Return the plain values kept beside a table."""
-    import json
+    """Return the plain values stored beside a table."""
+    return table_facts(read_arrow(path, spec))
 
-    return dict(json.loads(_read(path, spec).schema.metadata[b"facts"]))
+
+def table_facts(table: pa.Table) -> dict[str, Any]:
+    """Return the plain values in a table's metadata."""
+    return dict(json.loads((table.schema.metadata or {}).get(b"facts", b"{}")))
+
+
+def table_made_by(table: pa.Table) -> dict[str, str]:
+    """Return the versions that made a table; empty for files from before versions were stored."""
+    return dict(json.loads((table.schema.metadata or {}).get(b"made_by", b"{}")))
+
+
+def table_schema(table: pa.Table) -> tuple[str, str]:
+    """Return the name and the version of a table's schema; empty where it has none."""
+    metadata = table.schema.metadata or {}
+    schema, version = (metadata.get(name, b"").decode(errors="replace") for name in (b"schema", b"version"))
+    return schema, version
+
+
+def table_sha256(path: str | Path) -> str:
+    """Return the hash of a table's content: schema, version, facts and columns, without `made_by`."""
+    return arrow_sha256(read_parquet(path))
+
+
+def arrow_sha256(table: pa.Table) -> str:
+    """Return the hash of an Arrow table's content."""
+    digest = hashlib.sha256(canonical_json([*table_schema(table), table_facts(table)]).encode())
+    for name in table.column_names:
+        values = _to_numpy(table.column(name))
+        digest.update(f"\0{name}\0{values.dtype}\0".encode())
+        digest.update("\0".join(map(str, values)).encode() if values.dtype == object else values.tobytes())
+    return digest.hexdigest()
+
+
+def scattered(shape: tuple[int, ...], at: Any, values: Any, fill: float = np.nan) -> np.ndarray:
+    """Return an array of a shape with values at some indices and `fill` elsewhere, of `fill`'s type."""
+    array = np.full(shape, fill, dtype=np.int32 if isinstance(fill, int) else float)
+    array[at] = values
+    return array
 
 
 def _to_numpy(column: pa.ChunkedArray) -> np.ndarray:
@@ -81,50 +143,65 @@ def _to_numpy(column: pa.ChunkedArray) -> np.ndarray:
     return np.asarray(column.combine_chunks().to_numpy(zero_copy_only=False))
 
 
-def _read(path: str | Path, spec: TableSpec) -> pa.Table:
+def read_parquet(path: str | Path) -> pa.Table:
+    """Return any Parquet file as an Arrow table, its page checksums verified."""
     path = Path(path)
     if not path.is_file():
-        raise _refusal("SC-R011", path, None, "the file is not there", "make it first")
+        raise refusal("SC-R011", path, None, "the file is not there", "make it first")
     try:
-        table = pq.read_table(path, page_checksum_verification=True)
-    except (pa.ArrowException, OSError) as error:
+        return _read_bounded(path)
+    except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise _refusal(
-            "SC-R011",
-            path,
-            None,
-            f"is damaged or is not a table ({reason})",
-            "restore the file, or delete it and make it again",
-        ) from None
-    metadata = table.schema.metadata or {}
-    schema, version = metadata.get(b"schema", b"").decode(), metadata.get(b"version", b"").decode()
+        what = f"is damaged or is not a table ({reason})"
+        raise refusal("SC-R011", path, None, what, REMAKE) from None
+
+
+def _read_bounded(path: Path) -> pa.Table:
+    """Read a Parquet file if its footer does not promise too much: a page of zeros takes almost no bytes."""
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        rows, columns = file.metadata.num_rows, file.metadata.num_columns
+        if rows * columns > MOST_CELLS:
+            raise ValueError(f"{rows} rows of {columns} columns; at most {MOST_CELLS} values are read")
+        return file.read()
+
+
+def read_arrow(path: str | Path, spec: TableSpec) -> pa.Table:
+    """Return a table of a known schema as an Arrow table of the present version, verified."""
+    path = Path(path)
+    table = read_parquet(path)
+    schema, version = table_schema(table)
     if schema != spec.schema:
-        raise _refusal(
-            "SC-R012",
-            path,
-            "schema",
-            f"is {schema!r}, wanted {spec.schema!r}",
-            "give the file that the stage asks for",
-        )
-    if version != str(spec.version):
-        raise _refusal(
-            "SC-R013",
-            path,
-            "version",
-            f"is {version!r}; this strandcast reads {spec.version}",
-            "make the file again with this strandcast",
-        )
-    for name, column in spec.columns.items():
+        what = f"is {schema!r}, expected {spec.schema!r}"
+        raise refusal("SC-R012", path, "schema", what, "give the file that the stage asks for")
+    steps = range(int(version), spec.version) if version.isdecimal() else range(0)
+    if version != str(spec.version) and not (steps and all(step in spec.migrations for step in steps)):
+        what = f"is {version!r}; this strandcast reads {spec.version}"
+        raise refusal("SC-R013", path, "version", what, "make the file again with this strandcast")
+    verify_content(path, table)
+    for step in steps:
+        table = spec.migrations[step](table)
+    given = {name: column for name, column in spec.optional.items() if name in table.column_names}
+    for name, column in (spec.columns | given).items():
         if name not in table.column_names or table.schema.field(name).type != ARROW_TYPES[column.dtype]:
-            raise _refusal(
-                "SC-R014",
-                path,
-                name,
-                f"the column is missing or is not of type {column.dtype}",
-                "delete the file and make it again",
-            )
+            what = f"the column is missing or is not of type {column.dtype}"
+            raise refusal("SC-R014", path, name, what, "delete the file and make it again")
+    unknown = set(table.column_names) - spec.columns.keys() - spec.optional.keys()
+    if unknown and not spec.open_ended:
+        what = f"unknown columns; {spec.schema} has {', '.join([*spec.columns, *spec.optional])}"
+        raise refusal("SC-R016", path, ", ".join(sorted(unknown)), what, "remove these columns")
     return table
 
 
-def _refusal(code: str, path: Path, field: str | None, what: str, fix: str) -> StrandcastError:
-    return StrandcastError(code, what, file=path, field=field, fix=fix, exit_code=INTEGRITY)
+def verify_content(path: Path, table: pa.Table) -> None:
+    """Check a table's hash, which covers what page checksums do not: names and types of columns, facts."""
+    metadata = table.schema.metadata or {}
+    try:
+        table_facts(table), table_made_by(table)
+        lineage = json.loads(metadata.get(b"lineage", b"null"))
+        written = metadata.get(b"content_sha256", b"").decode()
+    except (ValueError, TypeError, RecursionError):
+        raise refusal("SC-R011", path, None, "is damaged (its metadata cannot be read)", REMAKE) from None
+    if written and written != arrow_sha256(table):
+        what = "does not fit the content: the file was changed"
+        raise refusal("SC-R015", path, "content_sha256", what, REMAKE)
+    check_lineage(path, lineage_in(path, lineage))

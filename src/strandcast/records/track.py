@@ -1,7 +1,6 @@
-"""track.parquet, markers.parquet and track.json: the string as the video shows it."""
+"""track.parquet, markers.parquet and track.json: the tracked string, the hand's markers, a summary."""
 
-from __future__ import annotations
-
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -9,8 +8,9 @@ import numpy as np
 
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.record import Part, Record
-from strandcast.records.tables import Column, TableSpec, read_table
+from strandcast.records.tables import Column, TableSpec, read_table, scattered
 
+COVARIANCE = ("var_xx_m2", "cov_xy_m2", "var_yy_m2")
 TRACK = TableSpec(
     "strandcast/track",
     {
@@ -22,6 +22,8 @@ TRACK = TableSpec(
         "sigma_m": Column("f8", "m"),
         "flags": Column("i4", "1"),
     },
+    # A track in space has a third coordinate; a supplied one may come without covariance.
+    optional={"z_m": Column("f8", "m"), **{name: Column("f8", "m2") for name in COVARIANCE}},
 )
 
 MARKERS = TableSpec(
@@ -37,47 +39,46 @@ MARKERS = TableSpec(
     },
 )
 
+AXES = ("x_m", "y_m", "z_m")
+
 # Bits of `flags`.
-UNSURE = 1  # seen, but the place along or across the string is doubtful
+UNSURE = 1  # detected, but the place along or across the string is doubtful
 OCCLUDED = 2  # hidden by the arm or by the string itself; the place is inferred
-PREDICTED = 4  # not seen at all; the place is a prediction
-SUPPLIED = 8  # measured elsewhere and handed in
+PREDICTED = 4  # not detected; the place is a prediction
+SUPPLIED = 8  # measured elsewhere and imported
 
 
-class SeenWeight(Part):
-    """A weight that was seen on the string: its middle from the clamp on, half its width."""
+class DetectedWeight(Part):
+    """A weight detected on the string: the distance of its middle from the clamp, and half its width."""
 
     place_m: float
     sigma_m: float
     half_width_m: float
 
 
-class SeenSection(Part):
-    """A long stretch of the string that is seen to be of another width, as a pipe is.
-
-    `stiff` tells whether it stays straight while the rest of the string bends; None where that does not show.
-    """
+class DetectedSection(Part):
+    """A long stretch of the string with another width, such as a pipe."""
 
     from_m: float
     from_sigma_m: float
     to_m: float
     to_sigma_m: float
     width_m: float
-    stiff: bool | None = None
+    stiff: bool | None = None  # stays straight while the rest of the string bends; None: unknown
 
 
-class SeenTarget(Part):
-    """What is seen where the target should be, and how far that is from `target_m`."""
+class DetectedTarget(Part):
+    """The detected target, and its offset from `target_m`."""
 
     place_m: list[float]
     sigma_m: float
-    offset_m: list[float]  # seen minus given
+    offset_m: list[float]  # detected minus given
     radius_m: float
     kind: str  # "round" or "marker"
 
 
 class Contact(Part):
-    """The tip meets the target: when their outlines touch, and what else speaks for it."""
+    """The tip touches the target: when their outlines meet, and the evidence."""
 
     frame: int
     camera_time_s: float
@@ -85,30 +86,30 @@ class Contact(Part):
     evidence: list[str]  # of "outlines", "tip", "target"; outlines alone may be a passage before the target
 
 
-class SeenSwitch(Part):
-    """The LED that the robot switches goes on or off."""
+class DetectedSwitch(Part):
+    """One switching of the LED by the robot."""
 
     kind: str  # "led_on" or "led_off"
     camera_time_s: float
     sigma_s: float
 
 
-class SeenLed(Part):
-    """What is seen where the LED should be that the robot switches (`align.led`)."""
+class DetectedLed(Part):
+    """The brightness in the window of the LED that the robot switches (`align.led`)."""
 
-    window_px: list[int]  # left, top, right, bottom, the last two beyond it
+    window_px: list[int]  # left, top, right, bottom; the last two are exclusive
     brightness_grey: list[float]  # mean over the window, by frame
-    # None where it keeps to one level.
+    # None if the brightness stays at one level.
     dark_grey: float | None = None
     lit_grey: float | None = None
     noise_grey: float | None = None
-    burnt: bool = False  # brighter than the camera can tell
-    events: list[SeenSwitch] = []
+    burnt: bool = False  # the LED saturates the camera
+    events: list[DetectedSwitch] = []
     rejected: list[str] = []  # other changes, and why they are not the LED's
 
 
 class TrackSummary(Record):
-    """How the tracking went: counts held against the manifest, quality, automatic choices."""
+    """Summary of the tracking: frame counts against the manifest, quality, automatic choices."""
 
     SCHEMA: ClassVar[str] = "strandcast/track-summary"
 
@@ -119,68 +120,60 @@ class TrackSummary(Record):
     length_m: float
     decoded_frames: int
     expected_frames: int
-    tracked_fraction: float  # of frames × points, seen without any flag
-    tip_fraction: float  # of frames with the tip seen
-    marker_fraction: float  # of frames with the hand's marker seen
+    tracked_fraction: float  # of frames × points, detected without any flag
+    tip_fraction: float  # of frames with the tip detected
+    marker_fraction: float  # of frames with the hand's marker detected
     median_sigma_m: float
     choices: dict[str, float | int | str | bool | None]  # every automatic choice, by name
+    cameras: list[str] = ["main"]  # that filmed it; none where it was supplied
     warnings: list[str]
-    weights: list[SeenWeight] = []
-    sections: list[SeenSection] = []
-    target: SeenTarget | None = None
+    weights: list[DetectedWeight] = []
+    sections: list[DetectedSection] = []
+    target: DetectedTarget | None = None
     contact: Contact | None = None
-    led: SeenLed | None = None
+    led: DetectedLed | None = None
 
 
+@dataclass(eq=False)
 class Track:
-    """A track as arrays: frames (F,), camera_time_s (F,), points (F, n+1, 2), sigma_m and flags (F, n+1)."""
+    """A track as arrays, F frames of n + 1 mass points, 0 the hand."""
 
-    def __init__(
-        self,
-        frame: np.ndarray,
-        camera_time_s: np.ndarray,
-        points_m: np.ndarray,
-        sigma_m: np.ndarray,
-        flags: np.ndarray,
-    ) -> None:
-        self.frame = frame
-        self.camera_time_s = camera_time_s
-        self.points_m = points_m
-        self.sigma_m = sigma_m
-        self.flags = flags
+    frame: np.ndarray  # (F,)
+    camera_time_s: np.ndarray  # (F,)
+    points_m: np.ndarray  # (F, n+1, 2) in the plane of motion, (F, n+1, 3) in space; NaN where not detected
+    sigma_m: np.ndarray  # standard error per axis, (F, n+1)
+    flags: np.ndarray  # bits, (F, n+1)
+    covariance_m2: np.ndarray | None = None  # (F, n+1, 2, 2)
 
-    def seen(self) -> np.ndarray:
-        """Return which points were seen, (F, n+1): a place inferred or predicted is no measurement."""
-        return np.isfinite(self.points_m).all(axis=2) & ((self.flags & (OCCLUDED | PREDICTED)) == 0)
+    def detected(self) -> np.ndarray:
+        """Return which points were detected, (F, n+1), not inferred or predicted."""
+        return np.asarray(
+            np.isfinite(self.points_m).all(axis=2) & ((self.flags & (OCCLUDED | PREDICTED)) == 0)
+        )
 
-    def seen_m(self) -> np.ndarray:
-        """Return the points (F, n+1, 2), NaN where they were not seen."""
-        return np.where(self.seen()[..., None], self.points_m, np.nan)
+    def detected_m(self) -> np.ndarray:
+        """Return the points (F, n+1, 2 or 3), NaN where they were not detected."""
+        return np.where(self.detected()[..., None], self.points_m, np.nan)
 
     def columns(self) -> dict[str, np.ndarray]:
         """Return the rows of track.parquet: one per frame and point that has a place."""
         frame, point = np.nonzero(np.isfinite(self.points_m).all(axis=2))
-        return {
+        columns = {
             "frame": self.frame[frame],
             "camera_time_s": self.camera_time_s[frame],
             "point": point,
-            "x_m": self.points_m[frame, point, 0],
-            "y_m": self.points_m[frame, point, 1],
             "sigma_m": self.sigma_m[frame, point],
             "flags": self.flags[frame, point],
         }
+        columns |= dict(zip(AXES, np.moveaxis(self.points_m[frame, point], -1, 0), strict=False))
+        if self.covariance_m2 is not None:
+            (xx, xy), (_, yy) = np.moveaxis(self.covariance_m2[frame, point, :2, :2], 0, -1)
+            columns |= dict(zip(COVARIANCE, (xx, xy, yy), strict=True))
+        return columns
 
 
 def read_track(path: str | Path, points: int) -> Track:
-    """Read track.parquet as arrays over the frames that it mentions; what is absent is NaN.
-
-    Parameters
-    ----------
-    path
-        The track.
-    points
-        The number n of free mass points; the arrays have n + 1 points, 0 the hand.
-    """
+    """Read track.parquet as arrays over its frames, for n = `points` free mass points; NaN without a row."""
     rows = read_table(path, TRACK)
     if len(rows["point"]) and not 0 <= rows["point"].min() <= rows["point"].max() <= points:
         raise StrandcastError(
@@ -192,12 +185,13 @@ def read_track(path: str | Path, points: int) -> Track:
             exit_code=INTEGRITY,
         )
     frame, first, place = np.unique(rows["frame"], return_index=True, return_inverse=True)
-    count = len(frame)
-    points_m = np.full((count, points + 1, 2), np.nan)
-    sigma_m = np.full((count, points + 1), np.nan)
-    flags = np.zeros((count, points + 1), dtype=np.int32)
-    points_m[place, rows["point"], 0] = rows["x_m"]
-    points_m[place, rows["point"], 1] = rows["y_m"]
-    sigma_m[place, rows["point"]] = rows["sigma_m"]
-    flags[place, rows["point"]] = rows["flags"]
-    return Track(frame, rows["camera_time_s"][first], points_m, sigma_m, flags)
+    shape, at = (len(frame), points + 1), (place, rows["point"])
+    axes = [name for name in AXES if name in rows]
+    points_m = scattered((*shape, len(axes)), at, np.stack([rows[name] for name in axes], axis=-1))
+    sigma_m, flags = scattered(shape, at, rows["sigma_m"]), scattered(shape, at, rows["flags"], fill=0)
+    covariance_m2 = None
+    if COVARIANCE[0] in rows:
+        xx, xy, yy = (rows[name] for name in COVARIANCE)
+        symmetric = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
+        covariance_m2 = scattered((*shape, 2, 2), at, symmetric)
+    return Track(frame, rows["camera_time_s"][first], points_m, sigma_m, flags, covariance_m2)

@@ -1,6 +1,4 @@
-"""Every check of one trial with its result: "all passed" is proven by the list."""
-
-from __future__ import annotations
+"""All checks of one trial, each with its result."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,31 +9,34 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
 from strandcast.report.numbers import millimetres, milliseconds, percent
-from strandcast.report.results import FILES, Results
+from strandcast.report.results import FILES, TrialResults
 
 PASS, WARN, FAIL, NOT_RUN = "PASS", "WARN", "FAIL", "NOT RUN"
 OPTIONAL = {"lab_truth"}
 
 
-class Check(NamedTuple):
-    """One check: what is asked, how it came out, what was found, what was wanted."""
+class CheckResult(NamedTuple):
+    """One check on the page: its name, its state, what was found, what is expected."""
 
     name: str
     state: str
     found: str
-    wanted: str
+    expected: str
 
 
-class Outcome(NamedTuple):
-    """What one check found: whether it is good, in words what was found, and in words what was wanted."""
+class CheckOutcome(NamedTuple):
+    """The outcome of one check: whether it is good, what was found, what is expected."""
 
     good: bool
     found: str
-    wanted: str
+    expected: str
 
 
-def run_checks(results: Results, next_motion: Path | None) -> list[Check]:
-    """Return the checks of one trial, those that could not run among them with the reason."""
+TrialCheck = Callable[[TrialResults], CheckOutcome | None]
+
+
+def run_checks(results: TrialResults, next_motion: Path | None) -> list[CheckResult]:
+    """Return the checks of one trial; a check that could not run gives the reason."""
     checks = [
         _readable(results, name)
         for name in FILES
@@ -46,153 +47,155 @@ def run_checks(results: Results, next_motion: Path | None) -> list[Check]:
     return checks
 
 
-def _readable(results: Results, name: str) -> Check:
+def _readable(results: TrialResults, name: str) -> CheckResult:
     problem = results.problems.get(name)
-    what = f"{FILES[name].removeprefix('../')} can be read and is unchanged"
-    if problem is None:
-        return Check(what, PASS, "read and verified", "there, whole, of this version")
-    return Check(what, FAIL, problem.what, "there, whole, of this version")
+    state, found = (PASS, "read and verified") if problem is None else (FAIL, problem.what)
+    check = f"{results.file(name).removeprefix('../')} can be read and is unchanged"
+    return CheckResult(check, state, found, "complete, of this version")
 
 
-def _run(name: str, severity: str, check: Callable[[Results], Outcome | None], results: Results) -> Check:
+def _run(name: str, severity: str, check: TrialCheck, results: TrialResults) -> CheckResult:
     try:
         outcome = check(results)
     except StrandcastError as problem:
-        return Check(name, NOT_RUN, problem.what, "")
+        return CheckResult(name, NOT_RUN, problem.what, "")
     if outcome is None:
-        return Check(name, NOT_RUN, "nothing to check", "")
-    return Check(name, PASS if outcome.good else severity, outcome.found, outcome.wanted)
+        return CheckResult(name, NOT_RUN, "nothing to check", "")
+    return CheckResult(name, PASS if outcome.good else severity, outcome.found, outcome.expected)
 
 
-def _next_motion(path: Path | None) -> Check:
-    name = "next motion: planned, whole, without flags"
+def _next_motion(path: Path | None) -> CheckResult:
+    name = "next motion: planned, complete, without flags"
     if path is None:
-        return Check(name, NOT_RUN, "none was given", "")
+        return CheckResult(name, NOT_RUN, "none was given", "")
     try:
         motion = Motion.read(path)
     except StrandcastError as problem:
-        return Check(name, FAIL, problem.what, "readable, its hash right")
+        return CheckResult(name, FAIL, problem.what, "readable, with the right hash")
     flags = motion.provenance.flags if motion.provenance is not None else []
-    return Check(name, WARN if flags else PASS, ", ".join(flags) or "no flags", "no flags of the planner")
+    state = WARN if flags else PASS
+    return CheckResult(name, state, ", ".join(flags) or "no flags", "no flags of the planner")
 
 
-def _frames(results: Results) -> Outcome:
+def _frames(results: TrialResults) -> CheckOutcome:
     summary = results.need("track_summary")
     found = f"{summary.decoded_frames} decoded, {summary.expected_frames} expected"
-    return Outcome(summary.decoded_frames == summary.expected_frames, found, "as many as the manifest says")
+    return CheckOutcome(
+        summary.decoded_frames == summary.expected_frames, found, "as many as the manifest says"
+    )
 
 
-def _header(results: Results) -> Outcome | None:
+def _header(results: TrialResults) -> CheckOutcome | None:
     video = results.need("manifest").video
     if video.header_frames is None:
         return None
     found = f"{video.packets} packets, {video.header_frames} in the header"
-    return Outcome(video.packets == video.header_frames, found, "the same number")
+    return CheckOutcome(video.packets == video.header_frames, found, "the same number")
 
 
-def _video_gaps(results: Results) -> Outcome:
+def _video_gaps(results: TrialResults) -> CheckOutcome:
     video = results.need("manifest").video
     missing = sum(gap.missing for gap in video.gaps)
     found = f"{len(video.gaps)} gaps ({missing} frames), {video.duplicates} duplicates"
-    return Outcome(not video.gaps and not video.duplicates, found, "none")
+    return CheckOutcome(not video.gaps and not video.duplicates, found, "none")
 
 
-def _log_gaps(results: Results) -> Outcome | None:
+def _log_gaps(results: TrialResults) -> CheckOutcome | None:
     log = results.need("manifest").joint_log
     if log is None:
         return None
     longest = max((gap.duration_s for gap in log.gaps), default=0.0)
     found = f"{len(log.gaps)} gaps (longest {milliseconds(longest, digits=0)}), {log.duplicates} duplicates"
-    return Outcome(not log.gaps and not log.duplicates, found, "none")
+    return CheckOutcome(not log.gaps and not log.duplicates, found, "none")
 
 
-def _played(results: Results) -> Outcome | None:
+def _played(results: TrialResults) -> CheckOutcome | None:
     planned, played = results.need("motion").content_sha256(), results.need("manifest").motion_sha256
     if played is None:
         return None
-    return Outcome(planned == played, f"planned {planned[:12]}…, played {played[:12]}…", "the same hash")
+    return CheckOutcome(planned == played, f"planned {planned[:12]}…, played {played[:12]}…", "the same hash")
 
 
-def _lens(results: Results) -> Outcome:
+def _lens(results: TrialResults) -> CheckOutcome:
     rms_px = results.need("camera").lens.rms_px
-    return Outcome(rms_px <= 0.5, f"{rms_px:.3f} px", "≤ 0.5 px rms")
+    return CheckOutcome(rms_px <= 0.5, f"{rms_px:.3f} px", "≤ 0.5 px rms")
 
 
-def _plane(results: Results) -> Outcome:
+def _plane(results: TrialResults) -> CheckOutcome:
     rms_px = results.need("camera").plane_rms_px
-    return Outcome(rms_px <= 1.0, f"{rms_px:.3f} px", "≤ 1 px rms")
+    return CheckOutcome(rms_px <= 1.0, f"{rms_px:.3f} px", "≤ 1 px rms")
 
 
-def _tracked(results: Results) -> Outcome:
+def _tracked(results: TrialResults) -> CheckOutcome:
     fraction = results.need("track_summary").tracked_fraction
-    return Outcome(fraction >= 0.8, percent(fraction), "≥ 80 % of points without a flag")
+    return CheckOutcome(fraction >= 0.8, percent(fraction), "≥ 80 % of points without a flag")
 
 
-def _sigma(results: Results) -> Outcome:
+def _sigma(results: TrialResults) -> CheckOutcome:
     sigma_m = results.need("track_summary").median_sigma_m
-    return Outcome(sigma_m <= 0.003, millimetres(sigma_m, digits=2), "≤ 3 mm (median σ)")
+    return CheckOutcome(sigma_m <= 0.003, millimetres(sigma_m, digits=2), "≤ 3 mm (median σ)")
 
 
-def _length(results: Results) -> Outcome | None:
+def _length(results: TrialResults) -> CheckOutcome | None:
     length_m = results.need("track_summary").length_m
     measured_m = np.linalg.norm(np.diff(results.need("track").points_m, axis=1), axis=2).sum(axis=1)
     if not np.isfinite(measured_m).any():
         return None
     median_m = float(np.nanmedian(measured_m))
     good = abs(median_m / length_m - 1.0) <= 0.03
-    return Outcome(good, f"{millimetres(median_m)} measured", f"{millimetres(length_m)} ± 3 %")
+    return CheckOutcome(good, f"{millimetres(median_m)} measured", f"{millimetres(length_m)} ± 3 %")
 
 
-def _tip(results: Results) -> Outcome:
+def _tip(results: TrialResults) -> CheckOutcome:
     verdict = results.need("verdict")
-    found = verdict.reason or f"seen, miss {millimetres(verdict.miss_m, verdict.miss_sigma_m)}"
-    return Outcome(verdict.miss_m is not None, found, "tip seen at the closest approach")
+    found = verdict.reason or f"detected, miss {millimetres(verdict.miss_m, verdict.miss_sigma_m)}"
+    return CheckOutcome(verdict.miss_m is not None, found, "tip detected at the closest approach")
 
 
-def _offset(results: Results) -> Outcome | None:
+def _offset(results: TrialResults) -> CheckOutcome | None:
     error_s = results.need("alignment").offset_se_s
     if error_s is None:
         return None
-    return Outcome(error_s <= 0.002, f"± {milliseconds(error_s)}", "≤ 2 ms (standard error)")
+    return CheckOutcome(error_s <= 0.002, f"± {milliseconds(error_s)}", "≤ 2 ms (standard error)")
 
 
-def _drift(results: Results) -> Outcome:
+def _drift(results: TrialResults) -> CheckOutcome:
     drift = results.need("alignment").drift
-    return Outcome(abs(drift) <= 1e-4, f"{drift * 1e6:.1f} ppm".replace("-", "−"), "≤ 100 ppm")
+    return CheckOutcome(abs(drift) <= 1e-4, f"{drift * 1e6:.1f} ppm".replace("-", "−"), "≤ 100 ppm")
 
 
-def _hand(results: Results) -> Outcome | None:
+def _hand(results: TrialResults) -> CheckOutcome | None:
     residual_m = results.need("alignment").residual_rms_m
     if residual_m is None:
         return None
-    return Outcome(residual_m <= 0.005, millimetres(residual_m, digits=2), "≤ 5 mm rms")
+    return CheckOutcome(residual_m <= 0.005, millimetres(residual_m, digits=2), "≤ 5 mm rms")
 
 
-def _fit(results: Results) -> Outcome:
+def _fit(results: TrialResults) -> CheckOutcome:
     error_m = results.need("estimate").E_m
-    return Outcome(
+    return CheckOutcome(
         error_m <= 0.008, millimetres(error_m, digits=2), "≤ 8 mm; beyond it the next throw often misses"
     )
 
 
-def _bounds(results: Results) -> Outcome:
+def _bounds(results: TrialResults) -> CheckOutcome:
     estimate = results.need("estimate")
     names = [fit.name for fit in estimate.parameters if fit.at_bound]
     names += [f"mass at {weight.place_m * 1e3:.0f} mm" for weight in estimate.weights if weight.at_bound]
-    return Outcome(not names, ", ".join(names) or "none", "no estimate at a bound")
+    return CheckOutcome(not names, ", ".join(names) or "none", "no estimate at a bound")
 
 
-def _bend(results: Results) -> Outcome | None:
+def _bend(results: TrialResults) -> CheckOutcome | None:
     predicted = results.need("motion").predicted
     if predicted is None:
         return None
     bend_deg = float(np.degrees(predicted.largest_bend_rad))
-    return Outcome(
-        bend_deg <= 57.0, f"{bend_deg:.0f}°", "≤ 57° between neighbours: beyond it the model is wrong"
+    return CheckOutcome(
+        bend_deg <= 57.0, f"{bend_deg:.0f}°", "≤ 57° between neighbours: the model is wrong beyond"
     )
 
 
-CHECKS: list[tuple[str, str, Callable[[Results], Outcome | None]]] = [
+CHECKS: list[tuple[str, str, TrialCheck]] = [
     ("video: frames decoded", FAIL, _frames),
     ("video: packets against header", WARN, _header),
     ("video: gaps and duplicates", WARN, _video_gaps),
@@ -200,7 +203,7 @@ CHECKS: list[tuple[str, str, Callable[[Results], Outcome | None]]] = [
     ("played motion is the planned one", FAIL, _played),
     ("calibration: lens", WARN, _lens),
     ("calibration: plane of motion", WARN, _plane),
-    ("track: points seen", WARN, _tracked),
+    ("track: points detected", WARN, _tracked),
     ("track: σ", WARN, _sigma),
     ("track: length of the string", WARN, _length),
     ("track: tip at the closest approach", WARN, _tip),

@@ -1,28 +1,29 @@
-"""Matplotlib figures as SVG for a page: same bytes each time, selectable text, colours for light and dark."""
-
-from __future__ import annotations
+"""Matplotlib figures as SVG for a page: reproducible bytes, selectable text, colours for light and dark."""
 
 import io
-import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 from markupsafe import Markup
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.patches import Circle
 
-# Okabe–Ito. A dash style goes with each role, so that nothing is told by colour alone.
+# The palette of Okabe and Ito. Each role has a dash style too, so that nothing depends on colour alone.
 MEASURED: dict[str, Any] = {"color": "#0072b2", "linestyle": "-", "linewidth": 1.6}
 FITTED: dict[str, Any] = {"color": "#d55e00", "linestyle": (0, (5, 2)), "linewidth": 1.5}
 PLANNED: dict[str, Any] = {"color": "#009e73", "linestyle": (0, (5, 2, 1, 2)), "linewidth": 1.3}
 TRUE: dict[str, Any] = {"color": "#e69f00", "linestyle": (0, (1, 1.2)), "linewidth": 1.8}
-TARGET = "#cc79a7"
+TARGET, HAND, GREY = "#cc79a7", "#e69f00", "#808890"
 
-# The page's style sheet gives these their value in light and in dark.
+# Labels that several figures share.
+SINCE_START = "time from the motion's start [ms]"
+ALONG_STRING = "place along the string from the hand [mm]"
+
+# The page's style sheet defines these for light and dark.
 THEME = {
     "#0072b2": "var(--blue)",
     "#d55e00": "var(--vermilion)",
@@ -64,7 +65,7 @@ SETTINGS: dict[str, Any] = {
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Draw in the house's style, whatever the user's own settings of matplotlib are."""
+    """Draw in the style of the pages, whatever the user's matplotlib settings are."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(SETTINGS)
@@ -75,20 +76,13 @@ def new_figure(width: float, height: float, **margins: float) -> Figure:
     """Return an empty figure of a size in inches, with margins as fractions of it."""
     figure = Figure(figsize=(width, height))
     FigureCanvasSVG(figure)
-    sides = {
-        "left": 0.09,
-        "right": 0.985,
-        "top": 0.93,
-        "bottom": 0.12,
-        "wspace": 0.25,
-        "hspace": 0.3,
-    } | margins
-    figure.subplots_adjust(**sides)
+    usual = {"left": 0.09, "right": 0.985, "top": 0.93, "bottom": 0.12, "wspace": 0.25, "hspace": 0.3}
+    figure.subplots_adjust(**(usual | margins))
     return figure
 
 
 def legend_below(figure: Figure, *axes: Any) -> None:
-    """Put the legend of some axes at the foot of the figure, where it hides nothing."""
+    """Put the legend of some axes at the bottom of the figure, where it hides nothing."""
     named: dict[str, Any] = {}
     for each in axes or figure.axes:
         for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
@@ -98,45 +92,55 @@ def legend_below(figure: Figure, *axes: Any) -> None:
     )
 
 
-def log_ticks(*axes: Any, within: tuple[float, ...] = (1.0,)) -> None:
-    """Write plain text beside logarithmic axes (`axes.xaxis` …): these multiples of powers of ten."""
-    for axis in axes:
-        axis.set_major_locator(LogLocator(subs=within, numticks=5 if len(within) == 1 else None))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: _power(value)))
-        axis.set_minor_formatter(NullFormatter())
+def dashes(style: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    """Return the colour and the dashes of a role, without its width, for lines across the axes."""
+    return {"color": style["color"], "linestyle": style["linestyle"]} | changes
 
 
-def _power(value: float) -> str:
-    if 1e-2 <= value < 1e5:
-        return f"{value:g}"
-    return "10" + f"{math.log10(value):.0f}".translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+def marks(marker: str, size: float, **style: Any) -> dict[str, Any]:
+    """Return a style of markers without a line."""
+    return {"linestyle": "none", "marker": marker, "markersize": size} | style
 
 
-def to_svg(figure: Figure, key: str, alt: str) -> Markup:
-    """Return a figure as inline SVG.
+def equal_axes(axes: Any) -> None:
+    """Label axes with the plane's coordinates, at one scale for both."""
+    axes.set(xlabel="x [m]", ylabel="y [m]")
+    axes.set_aspect("equal", adjustable="datalim")
 
-    Parameters
-    ----------
-    figure
-        What to draw.
-    key
-        The figure's name on its page; it keeps ids apart and seeds them.
-    alt
-        What the figure shows, for those who do not see it.
-    """
+
+def ring(axes: Any, place_m: Sequence[float], radius_m: float, width: float = 2.0) -> None:
+    """Draw the hit radius around a place of the target."""
+    circle = Circle((place_m[0], place_m[1]), radius_m, facecolor="none", edgecolor=TARGET, lw=width)
+    axes.add_patch(circle)
+
+
+def note(axes: Any, text: str, at: Any, offset: Any, **style: Any) -> None:
+    """Write a text beside a place of the data, at an offset in points."""
+    axes.annotate(text, at, xytext=offset, textcoords="offset points", **style)
+
+
+class Drawing(NamedTuple):
+    """A figure and its alternative text, for screen readers."""
+
+    figure: Figure
+    alt: str
+
+
+def to_svg(drawn: Drawing, name: str) -> Markup:
+    """Return a figure as inline SVG; its name, unique on the page, is the prefix and seed of all ids."""
     out = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": key}):
-        figure.savefig(out, format="svg", metadata={"Date": None})
+    with mpl.rc_context({"svg.hashsalt": name}):
+        drawn.figure.savefig(out, format="svg", metadata={"Date": None})
     text = out.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
-    text = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)  # it would reach beyond this figure
+    text = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)  # it would apply to the whole page
     text = re.sub(r' xmlns(:xlink)?="[^"]*"', "", text)
     text = re.sub(r'<g id="[^"]*"', "<g", text)
-    text = re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{key}-", text)
+    text = re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{name}-", text)
     text = re.sub(r"<g>\s*</g>\n?", "", text)
     for sentinel, value in THEME.items():
         text = text.replace(sentinel, value)
-    head = Markup('<svg role="img" aria-label="{}"').format(alt)
+    head = Markup('<svg role="img" aria-label="{}"').format(drawn.alt)
     return Markup(str(head) + text[len("<svg") :].rstrip())

@@ -1,6 +1,4 @@
-"""What the pages tell that no result holds: plain values from the experiment's and the arm's files."""
-
-from __future__ import annotations
+"""Facts that the pages show besides the results: values from the experiment's and the arm's files."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,41 +6,18 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Facts:
-    """Plain values that the caller knows.
-
-    Attributes
-    ----------
-    title
-        The experiment's title, for people.
-    hit_radius_m
-        Within which a tip counts as a hit [m].
-    aims_m
-        Where a throw other than at a point is to go: a bar's two ends, a shape's places; none of a swing.
-        None: at the motion's target.
-    excluded
-        Trial -> why it does not count.
-    weight_places_m, stiff_sections_m
-        Where weights and pipes truly are along the string [m].
-    speed_limits_rad_s
-        Of the joints that move, in the order of the motion's joints.
-    play_command
-        The exact command that plays the next motion.
-    settings
-        The experiment's settings as plain nested data.
-    software
-        Name -> version.
-    """
+    """Plain values from the settings."""
 
     title: str = ""
     hit_radius_m: float = 0.02
+    # Places to mark: a bar's two ends, a shape's places; none for a swing. None: the motion's target.
     aims_m: list[tuple[float, float]] | None = None
-    excluded: dict[int, str] = field(default_factory=dict)
-    weight_places_m: list[float] = field(default_factory=list)
-    stiff_sections_m: list[tuple[float, float]] = field(default_factory=list)
-    speed_limits_rad_s: list[float] = field(default_factory=list)
-    play_command: str | None = None
-    settings: dict[str, Any] = field(default_factory=dict)
-    software: dict[str, str] = field(default_factory=dict)
+    excluded: dict[int, str] = field(default_factory=dict)  # trial -> why it does not count
+    weight_places_m: list[float] = field(default_factory=list)  # declared, along the string
+    stiff_sections_m: list[tuple[float, float]] = field(default_factory=list)  # likewise, of pipes
+    speed_limits_rad_s: list[float] = field(default_factory=list)  # in the order of the motion's joints
+    play_command: str | None = None  # plays the next motion
+    settings: dict[str, Any] = field(default_factory=dict)  # the experiment's, as plain nested data
 
     def flat_settings(self) -> list[tuple[str, str]]:
         """Return the settings as dotted names and texts, in the order of the file."""

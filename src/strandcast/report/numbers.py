@@ -1,12 +1,10 @@
-"""Numbers as a reader wants them: a unit, an uncertainty, a dash where nothing is known."""
-
-from __future__ import annotations
+"""Numbers as text: with a unit and an uncertainty, a dash for unknown values."""
 
 import math
 
 UNKNOWN = "–"
 MINUS = "−"
-HARD = "\u00a0"  # a space at which no line is broken
+HARD = "\u00a0"  # a no-break space
 
 
 def signed(text: str) -> str:
@@ -41,17 +39,18 @@ def percent(fraction: float | None) -> str:
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """Return a number with so many significant digits, as a power of ten if very large or small."""
+    """Return a number with this many significant digits, with a power of ten if very large or small."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
     if value == 0 or 1e-2 <= abs(value) < 1e5:
         return signed(f"{value:.{digits}g}" if abs(value) < 1e3 else f"{value:.0f}")
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
-    return f"{signed(mantissa)}·10{_superscript(int(exponent))}"
+    return f"{signed(mantissa)}·10{superscript(int(exponent))}"
 
 
-def _superscript(number: int) -> str:
+def superscript(number: int) -> str:
+    """Return an exponent in superscript digits."""
     return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 

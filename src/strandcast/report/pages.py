@@ -1,19 +1,17 @@
-"""Templates to pages: escaped, strict about names, one file, nothing from outside."""
-
-from __future__ import annotations
+"""Pages from templates: escaped, strict about names, one file without external resources."""
 
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from strandcast.report import numbers
 
 
-def render(template: str, **values: Any) -> str:
-    """Return a page; a name that the template wants and nobody gave is an error."""
+def render(template: str, package: str = "strandcast.report", **values: Any) -> str:
+    """Return a page; a name that the template uses but did not get is an error."""
     environment = Environment(
-        loader=PackageLoader("strandcast.report"),
+        loader=ChoiceLoader([PackageLoader(package), PackageLoader("strandcast.report")]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

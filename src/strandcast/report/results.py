@@ -1,6 +1,4 @@
-"""The results of one trial as its pages need them: what could be read, and why the rest could not."""
-
-from __future__ import annotations
+"""The results of one trial as the pages need them: what could be read, and why the rest could not."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,16 +13,18 @@ from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.camera import Camera
 from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
 from strandcast.records.lab_truth import LAB_TRUTH
+from strandcast.records.lineage import Lineage, check_picture
 from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
-from strandcast.records.summary import AFTER_MOTION_S, Verdict
-from strandcast.records.tables import read_facts, read_table
+from strandcast.records.record import Record
+from strandcast.records.tables import read_facts, read_parquet, read_table, scattered, table_made_by
 from strandcast.records.track import Track, TrackSummary, read_track
+from strandcast.records.verdict import AFTER_MOTION_S, Verdict
 
 Array = NDArray[np.float64]
 
 
-class Simulated(NamedTuple):
+class SimulatedThrow(NamedTuple):
     """One simulated throw: frame (F,), robot_time_s (F,), points_m (F, n+1, 2)."""
 
     frame: NDArray[np.int32]
@@ -32,14 +32,14 @@ class Simulated(NamedTuple):
     points_m: Array
 
 
-class HandPath(NamedTuple):
+class HandPoses(NamedTuple):
     """One path of the hand: robot_time_s (T,), pose (T, 3) = x_m, y_m, angle_rad."""
 
     robot_time_s: Array
     pose: Array
 
 
-class LabTruth(NamedTuple):
+class TrueString(NamedTuple):
     """The lab's string: frame (F,), true robot_time_s (F,), place_m (P,), points_m (F, P, 2)."""
 
     frame: NDArray[np.int32]
@@ -52,7 +52,7 @@ class LabTruth(NamedTuple):
 FILES = {
     "verdict": "verdict.json",
     "manifest": "manifest.json",
-    "camera": "../camera.json",
+    "camera": "../cameras/main.json",
     "track_summary": "track.json",
     "track": "track.parquet",
     "strobe": "strobe.webp",
@@ -67,68 +67,76 @@ FILES = {
 
 
 @dataclass(frozen=True)
-class Results:
-    """What one trial's folder holds, by the names of `FILES`, and the problem of each piece that it lacks."""
+class TrialResults:
+    """The results in one trial's folder, by the names of `FILES`."""
 
     folder: Path
-    pieces: dict[str, Any] = field(default_factory=dict)
-    problems: dict[str, StrandcastError] = field(default_factory=dict)
+    pieces: dict[str, Any] = field(default_factory=dict)  # results that could be read
+    problems: dict[str, StrandcastError] = field(default_factory=dict)  # why the others could not
+    made_by: dict[str, dict[str, str]] = field(default_factory=dict)  # versions of each record and table
 
     def need(self, name: str) -> Any:
-        """Return a piece.
-
-        Raises
-        ------
-        StrandcastError
-            What kept it from being read.
-        """
+        """Return a result, or raise the problem that kept it from being read."""
         if name in self.problems:
             raise self.problems[name]
         return self.pieces[name]
 
     def get(self, name: str) -> Any | None:
-        """Return a piece, or None if it is not to be had."""
+        """Return a result, or None if it could not be read."""
         return self.pieces.get(name)
 
     def path(self, name: str) -> Path:
-        """Return where a piece lies."""
-        return self.folder / FILES[name]
+        """Return the file of a result."""
+        return self.folder / self.file(name)
+
+    def file(self, name: str) -> str:
+        """Return the file of a result, relative to the trial's folder."""
+        summary = self.get("track_summary")
+        if name == "camera" and summary is not None and summary.cameras:
+            return f"../cameras/{summary.cameras[0]}.json"
+        return FILES[name]
 
     def supplied(self) -> bool:
-        """Return whether the track was measured elsewhere and handed in."""
+        """Return whether the track was measured elsewhere and imported."""
         summary = self.get("track_summary")
         return summary is not None and summary.source == "supplied"
 
     def not_made(self) -> set[str]:
-        """Return what a trial without video, or without a motion of ours, does not have."""
+        """Return the results that a trial without video does not have."""
         return {"manifest", "camera", "strobe", "motion"} if self.supplied() else set()
+
+    def unread(self) -> dict[str, str]:
+        """Return the results that should be there but could not be read, each with the reason."""
+        there = (name for name in self.problems if name not in self.not_made() or self.path(name).exists())
+        needed = (name for name in there if name != "lab_truth" or self.path(name).exists())
+        return {FILES[name].removeprefix("../"): self.problems[name].what for name in needed}
 
     def robot_time_s(self) -> Array:
         """Return the robot time (F,) of the track's frames."""
         return np.asarray(self.need("alignment").robot_time_s(self.need("track").camera_time_s))
 
     def window_s(self) -> tuple[float, float]:
-        """Return the robot times between which the miss is looked for: the motion and 0.3 s after it."""
+        """Return start and end of the time in which a miss counts: the motion and 0.3 s after it."""
         alignment = self.need("alignment")
         return alignment.motion_start_s, alignment.motion_end_s + AFTER_MOTION_S
 
     def in_window(self) -> NDArray[np.bool_]:
-        """Return which frames of the track (F,) lie in the miss's window."""
+        """Return which frames of the track (F,) lie within `window_s`."""
         start_s, end_s = self.window_s()
         time_s = self.robot_time_s()
         return (time_s >= start_s) & (time_s <= end_s)
 
 
-def read_results(folder: Path) -> Results:
-    """Read all results of one trial; what is missing or damaged becomes a problem, never an exception."""
-    results = Results(Path(folder))
+def read_results(folder: Path) -> TrialResults:
+    """Read all results of one trial; a missing or damaged file becomes a problem, never an exception."""
+    results = TrialResults(Path(folder))
     readers: dict[str, Callable[[Path], Any]] = {
         "verdict": Verdict.read,
         "manifest": Manifest.read,
-        "camera": Camera.read,
         "track_summary": TrackSummary.read,
+        "camera": Camera.read,
         "track": lambda path: _every_frame(read_track(path, results.need("track_summary").points)),
-        "strobe": _read_picture,
+        "strobe": lambda path: _read_picture(path, results.need("track_summary").lineage),
         "alignment": Alignment.read,
         "hand": _read_hand,
         "estimate": Estimate.read,
@@ -140,68 +148,72 @@ def read_results(folder: Path) -> Results:
     for name, read in readers.items():
         try:
             results.pieces[name] = read(results.path(name))
+            results.made_by.update(_made_by(name, results))
         except StrandcastError as problem:
-            problem.file = FILES[name]  # the page tells the same wherever the folder lies
+            problem.file = results.file(name)  # the page must not depend on where the folder is
             results.problems[name] = problem
     return results
 
 
+def _made_by(name: str, results: TrialResults) -> dict[str, dict[str, str]]:
+    """Return the versions that made a result that was just read; empty for pictures."""
+    piece = results.pieces[name]
+    if isinstance(piece, Record):
+        return {name: piece.made_by}
+    if results.path(name).suffix == ".parquet":
+        return {name: table_made_by(read_parquet(results.path(name)))}
+    return {}
+
+
 def _every_frame(track: Track) -> Track:
-    """Return a track without holes in its frames: where nothing was seen, points are NaN."""
+    """Return a track with every frame; points of frames without detections are NaN."""
     frame = np.arange(track.frame[0], track.frame[-1] + 1, dtype=np.int32)
     rows = track.frame - frame[0]
-    points_m = np.full((len(frame), *track.points_m.shape[1:]), np.nan)
-    sigma_m = np.full(points_m.shape[:2], np.nan)
-    flags = np.zeros(points_m.shape[:2], dtype=np.int32)
-    points_m[rows], sigma_m[rows], flags[rows] = track.points_m, track.sigma_m, track.flags
-    return Track(frame, np.interp(frame, track.frame, track.camera_time_s), points_m, sigma_m, flags)
+    shape = (len(frame), track.points_m.shape[1])
+    return Track(
+        frame,
+        np.interp(frame, track.frame, track.camera_time_s),
+        scattered((*shape, track.points_m.shape[2]), rows, track.points_m),
+        scattered(shape, rows, track.sigma_m),
+        scattered(shape, rows, track.flags, fill=0),
+    )
 
 
-def _read_picture(path: Path) -> bytes:
+def _read_picture(path: Path, lineage: Lineage | None) -> bytes:
     if not path.is_file():
-        raise StrandcastError("SC-R021", "the picture is not there", file=path, fix="track the trial again")
+        raise StrandcastError("SC-H022", "the picture is missing", file=path, fix="track the trial again")
+    check_picture(path, lineage)
     return path.read_bytes()
 
 
-def _read_hand(path: Path) -> dict[str, HandPath]:
+def _read_hand(path: Path) -> dict[str, HandPoses]:
     rows = read_table(path, HAND)
     paths = {}
     for source in ("commanded", "measured", "seen"):
         mine = rows["source"] == source
         if mine.any():
             pose = np.column_stack([rows[name][mine] for name in ("x_m", "y_m", "angle_rad")])
-            paths[source] = HandPath(rows["robot_time_s"][mine], pose)
+            paths[source] = HandPoses(rows["robot_time_s"][mine], pose)
     return paths
 
 
-def _read_simulated(path: Path) -> dict[str, Simulated]:
+def _read_simulated(path: Path) -> dict[str, SimulatedThrow]:
     rows = read_table(path, SIMULATED)
     throws = {}
     for source in ("planned", "fitted"):
         mine = rows["source"] == source
         if mine.any():
             frame, first, place = np.unique(rows["frame"][mine], return_index=True, return_inverse=True)
-            points_m = _grid(
-                rows, mine, place, rows["point"][mine], len(frame), rows["point"][mine].max() + 1
-            )
-            throws[source] = Simulated(frame, rows["robot_time_s"][mine][first], points_m)
+            point, x_y_m = rows["point"][mine], np.column_stack([rows["x_m"][mine], rows["y_m"][mine]])
+            points_m = scattered((len(frame), point.max() + 1, 2), (place, point), x_y_m)
+            throws[source] = SimulatedThrow(frame, rows["robot_time_s"][mine][first], points_m)
     return throws
 
 
-def _read_lab_truth(path: Path) -> LabTruth:
+def _read_lab_truth(path: Path) -> TrueString:
     rows = read_table(path, LAB_TRUTH)
-    every = np.ones(len(rows["frame"]), dtype=bool)
     frame, first, row = np.unique(rows["frame"], return_index=True, return_inverse=True)
     place_m, column = np.unique(rows["place_m"], return_inverse=True)
-    points_m = _grid(rows, every, row, column, len(frame), len(place_m))
-    return LabTruth(frame, rows["robot_time_s"][first], place_m, points_m, read_facts(path, LAB_TRUTH))
-
-
-def _grid(
-    rows: dict[str, Any], mine: NDArray[np.bool_], row: Any, column: Any, height: int, width: int
-) -> Array:
-    """Return long x_m, y_m as an array (height, width, 2), NaN where nothing is said."""
-    points_m = np.full((height, width, 2), np.nan)
-    points_m[row, column, 0] = rows["x_m"][mine]
-    points_m[row, column, 1] = rows["y_m"][mine]
-    return points_m
+    x_y_m = np.column_stack([rows["x_m"], rows["y_m"]])
+    points_m = scattered((len(frame), len(place_m), 2), (row, column), x_y_m)
+    return TrueString(frame, rows["robot_time_s"][first], place_m, points_m, read_facts(path, LAB_TRUTH))

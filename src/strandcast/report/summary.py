@@ -1,13 +1,13 @@
 """summary.json: one experiment in numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 
+from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
-from strandcast.records.summary import Summary, TrialSummary
-from strandcast.report.results import Results, read_results
+from strandcast.records.summary import ExperimentSummary, TrialSummary
+from strandcast.report.provenance import version_groups
+from strandcast.report.results import TrialResults, read_results
 
 
 def summarise(
@@ -19,52 +19,56 @@ def summarise(
     hit_radius_m: float,
     excluded: Mapping[int, str] | None = None,
     next_motion: Path | None = None,
-) -> Summary:
+) -> ExperimentSummary:
     """Return the summary of an experiment.
 
-    Parameters
-    ----------
-    experiment
-        Its name.
-    trials
-        Trial -> its folder of results, the excluded ones among them; what cannot be read there is null.
-    string_length_m, target_m, hit_radius_m
-        From the experiment's file [m].
-    excluded
-        Trial -> why it does not count; such a trial cannot be the hitting one.
-    next_motion
-        The motion that would be played next.
+    `trials` are folders of results by trial, including excluded trials; values that cannot be read are null.
+    `excluded` gives the reason why a trial does not count; such a trial cannot be the hit.
     """
     excluded = excluded or {}
-    lines = [
-        trial_summary(trial, read_results(folder), excluded.get(trial))
-        for trial, folder in sorted(trials.items())
-    ]
-    hits = [line.trial for line in lines if line.hit and line.excluded is None]
-    return Summary(
+    results = {trial: read_results(folder) for trial, folder in sorted(trials.items())}
+    lines = [trial_summary(trial, each, excluded.get(trial)) for trial, each in results.items()]
+    next_sha256, unread = _hash_of(next_motion)
+    counted = [line for line in lines if line.excluded is None]
+    decisive = next((line for line in counted if line.hit or line.hit is None), None)
+    return ExperimentSummary(
         experiment=experiment,
         string_length_m=string_length_m,
         target_m=target_m,
         hit_radius_m=hit_radius_m,
-        hit_trial=hits[0] if hits else None,
+        verdict="no hit" if decisive is None else "hit" if decisive.hit else "unknown",
+        hit_trial=decisive.trial if decisive is not None and decisive.hit else None,
         trials=lines,
-        next_motion_sha256=None if next_motion is None else Motion.read(next_motion).content_sha256(),
+        next_motion_sha256=next_sha256,
+        unread=unread,
+        made_with=version_groups({trials[trial].name: each for trial, each in results.items()}),
     )
 
 
-def trial_summary(trial: int, results: Results, excluded: str | None) -> TrialSummary:
-    """Return one trial's line."""
+def _hash_of(motion: Path | None) -> tuple[str | None, dict[str, str]]:
+    """Return the hash of the next motion, and why it could not be read."""
+    if motion is None:
+        return None, {}
+    try:
+        return Motion.read(motion).content_sha256(), {}
+    except StrandcastError as problem:
+        return None, {f"{motion.parent.name}/{motion.name}": problem.what}
+
+
+def trial_summary(trial: int, results: TrialResults, excluded: str | None) -> TrialSummary:
+    """Return one row of the summary."""
     verdict, estimate = results.get("verdict"), results.get("estimate")
     track, alignment = results.get("track_summary"), results.get("alignment")
     return TrialSummary(
         trial=trial,
         miss_m=verdict.miss_m if verdict else None,
         miss_sigma_m=verdict.miss_sigma_m if verdict else None,
-        hit=bool(verdict and verdict.hit),
+        hit=verdict.hit if verdict else None,
         E_planned_m=estimate.E_planned_m if estimate else None,
         E_m=estimate.E_m if estimate else None,
         tracked_fraction=track.tracked_fraction if track else None,
         alignment_offset_s=alignment.offset_s if alignment else None,
         alignment_offset_se_s=alignment.offset_se_s if alignment else None,
         excluded=excluded,
+        unread=results.unread(),
     )

@@ -1,35 +1,25 @@
-"""The page of one trial: what happened, how well it is known, and what comes next."""
+"""The page of one trial: what happened, how certain it is, and what comes next."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from strandcast.records.summary import Verdict
+from strandcast.records.manifest import Manifest
+from strandcast.records.verdict import Verdict
 from strandcast.report.checks import FAIL, PASS, run_checks
 from strandcast.report.facts import Facts
-from strandcast.report.figures.alignment import alignment
-from strandcast.report.figures.calibration import calibration
-from strandcast.report.figures.evaluation import evaluation
-from strandcast.report.figures.hand_path import hand_path
-from strandcast.report.figures.lab_truth import lab_truth
-from strandcast.report.figures.next_motion import next_motion as next_motion_figure
-from strandcast.report.figures.parameters import masses, parameters
-from strandcast.report.figures.strobe import strobe
-from strandcast.report.figures.strobe_picture import strobe_picture
-from strandcast.report.figures.tip_path import tip_path
-from strandcast.report.figures.tracking import tracking
 from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent, place
 from strandcast.report.pages import render
-from strandcast.report.reportlet import Reportlet, attempt
-from strandcast.report.results import Results, read_results
-from strandcast.report.text import methods, provenance, verdict_chip, warnings_of
+from strandcast.report.panels.content import make_sections
+from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.panels.registry import panels_of
+from strandcast.report.provenance import mixed_versions, trial_provenance, version_groups
+from strandcast.report.results import TrialResults, read_results
+from strandcast.report.text import methods, verdict_badge, warnings_of
 
-FROM_VIDEO = {"picture", "hand", "clocks", "camera"}
 
-
-class Line(NamedTuple):
-    """One line of the verdict's table: what, how much, and the anchor of its evidence."""
+class KeyFigure(NamedTuple):
+    """One row of the table at the top: a quantity, its value, and the anchor of its evidence."""
 
     name: str
     value: str
@@ -45,120 +35,86 @@ def trial_page(
     next_motion: Path | None = None,
     facts: Facts | None = None,
 ) -> str:
-    """Return the HTML page of one trial.
+    """Return the HTML page of one trial from its folder of results.
 
-    Parameters
-    ----------
-    folder
-        The trial's folder of results.
-    trial, experiment
-        What the page is about, told also where no result can be read.
-    previous
-        The folder of the trial before, whose throw is drawn beside this one.
-    next_motion
-        The motion that was planned after this trial.
-    facts
-        What no result holds: title, exclusions, known weights, limits, settings.
+    `trial` and `experiment` are shown even if no result can be read. `previous` is the folder of the trial
+    before, drawn beside this one; `next_motion` was planned after this trial.
     """
     facts = facts or Facts()
     results = read_results(folder)
     before = None if previous is None else read_results(previous)
-    reportlets = _reportlets(results, before, next_motion, facts)
+    page = TrialPageData(results, before, next_motion, facts)
+    sections = make_sections(panels_of("trial"), page)
     checks = run_checks(results, next_motion)
-    broken = [each for each in reportlets if each.problem is not None]
+    verdict = results.get("verdict")
+    groups = version_groups({folder.name: results})
     return render(
         "trial.html.jinja",
         experiment=experiment,
         trial=trial,
         title=facts.title,
         excluded=facts.excluded.get(trial),
-        chip=verdict_chip(results.get("verdict"), facts.excluded.get(trial)),
-        verdict=results.get("verdict"),
-        lines=_lines(results),
-        reportlets=reportlets,
-        broken=broken,
+        badge=verdict_badge(verdict, facts.excluded.get(trial)),
+        verdict=verdict,
+        unread=results.unread(),
+        key_figures=_key_figures(results),
+        sections=sections,
+        broken=[each for each in sections if each.problem is not None],
         checks=checks,
         failed=sum(check.state == FAIL for check in checks),
         passed=sum(check.state == PASS for check in checks),
         warnings=warnings_of(results),
         methods=methods(results),
-        provenance=provenance(results, facts),
+        mixed_versions=mixed_versions(groups),
+        provenance=trial_provenance(results, groups, facts),
         previous=None if previous is None else previous.name,
     )
 
 
-def _reportlets(
-    results: Results, before: Results | None, next_motion: Path | None, facts: Facts
-) -> list[Reportlet]:
-    plan: list[tuple[Any, ...]] = [
-        ("picture", "Strobe picture of the throw", strobe_picture, results),
-        ("strobe", "The throw at equal steps of the tip’s path", strobe, results, before),
-        ("tip", "Tip path, measured and simulated", tip_path, results),
-        ("hand", "Hand path: commanded, measured, seen", hand_path, results),
-        ("fit", "Evaluation value E and the search", evaluation, results),
-        ("parameters", "String parameters", parameters, results),
-        ("masses", "Masses along the string", masses, results, facts),
-        (
-            "next",
-            "The next motion",
-            next_motion_figure,
-            next_motion,
-            results.folder,
-            results.get("motion"),
-            facts,
-        ),
-        ("tracking", "Tracking quality", tracking, results),
-        ("clocks", "Alignment of the clocks", alignment, results),
-        ("camera", "Calibration", calibration, results),
-    ]
-    if results.path("lab_truth").exists():
-        plan.append(("truth", "Lab truth", lab_truth, results))
-    if results.supplied():
-        there = next_motion is not None
-        plan = [each for each in plan if each[0] not in FROM_VIDEO and (there or each[0] != "next")]
-    return [attempt(*each) for each in plan]
-
-
 def _missed(verdict: Verdict) -> str:
-    """Return what a verdict's miss is from."""
+    """Return in words what the miss is measured from."""
     if verdict.wanted is not None:
-        return f"{verdict.wanted}; what lacks of direction, speed or height counts as metres"
+        return f"{verdict.wanted}; a shortfall in direction, speed or height counts as metres"
     if verdict.bar_m is None:
         return f"the target at {place(verdict.target_m)}"
     return f"the bar from {place(verdict.bar_m[0])} to {place(verdict.bar_m[1])}"
 
 
-def _lines(results: Results) -> list[Line]:
-    """Return the figures that decide, each with the way down to its evidence."""
-    verdict, estimate = results.get("verdict"), results.get("estimate")
-    summary, camera, clock = results.get("track_summary"), results.get("camera"), results.get("alignment")
-    manifest = results.get("manifest")
-    rows: list[tuple[str, Any, Any, str]] = [
-        ("miss", verdict, lambda v: millimetres(v.miss_m, v.miss_sigma_m), "strobe"),
-        ("missed is", verdict, _missed, "strobe"),
-        ("hit radius", verdict, lambda v: millimetres(v.hit_radius_m), "strobe"),
-        ("E, parameters that planned it", estimate, lambda e: millimetres(e.E_planned_m, digits=2), "fit"),
-        ("E, after the fit", estimate, lambda e: millimetres(e.E_m, digits=2), "fit"),
-        ("rms distance, fit", estimate, lambda e: millimetres(e.rmse_m, digits=2), "fit"),
-        ("mean distance of the tip, fit", estimate, lambda e: millimetres(e.tip_error_m, digits=2), "tip"),
-        ("points tracked", summary, lambda s: percent(s.tracked_fraction), "tracking"),
-        (
-            "frames decoded / expected",
-            summary,
-            lambda s: f"{s.decoded_frames} / {s.expected_frames}",
-            "checks",
-        ),
-        ("lens, rms", camera, lambda c: f"{c.lens.rms_px:.3f} px", "camera"),
-        ("plane of motion, rms", camera, lambda c: f"{c.plane_rms_px:.3f} px", "camera"),
-        ("clock offset", clock, lambda a: milliseconds(a.offset_s, a.offset_se_s), "clocks"),
-        ("video, sha256", manifest, lambda m: m.video.sha256[:16] + "…", "provenance"),
-        (
-            "joint log, sha256",
-            manifest,
-            lambda m: UNKNOWN if m.joint_log is None else m.joint_log.sha256[:16] + "…",
-            "provenance",
-        ),
-    ]
+def _key_figures(results: TrialResults) -> list[KeyFigure]:
+    """Return the most important numbers, each with a link to its evidence."""
     return [
-        Line(name, UNKNOWN if record is None else tell(record), anchor) for name, record, tell, anchor in rows
+        KeyFigure(name, UNKNOWN if (record := results.get(source)) is None else text_of(record), anchor)
+        for name, source, text_of, anchor in KEY_FIGURES
     ]
+
+
+def _fine(length_m: float | None) -> str:
+    return millimetres(length_m, digits=2)
+
+
+def _log_sha(manifest: Manifest) -> str:
+    return UNKNOWN if manifest.joint_log is None else manifest.joint_log.sha256[:16] + "…"
+
+
+# Quantity, the result that gives it, its text, and the anchor of its evidence.
+KEY_FIGURES: tuple[tuple[str, str, Callable[[Any], str], str], ...] = (
+    ("miss", "verdict", lambda v: millimetres(v.miss_m, v.miss_sigma_m), "strobe"),
+    ("measured from", "verdict", _missed, "strobe"),
+    ("hit radius", "verdict", lambda v: millimetres(v.hit_radius_m), "strobe"),
+    ("E, with the parameters that planned it", "estimate", lambda e: _fine(e.E_planned_m), "fit"),
+    ("E, after the fit", "estimate", lambda e: _fine(e.E_m), "fit"),
+    ("rms distance, fit", "estimate", lambda e: _fine(e.rmse_m), "fit"),
+    ("mean distance of the tip, fit", "estimate", lambda e: _fine(e.tip_error_m), "tip"),
+    ("points tracked", "track_summary", lambda t: percent(t.tracked_fraction), "tracking"),
+    (
+        "frames decoded / expected",
+        "track_summary",
+        lambda t: f"{t.decoded_frames} / {t.expected_frames}",
+        "checks",
+    ),
+    ("lens, rms", "camera", lambda c: f"{c.lens.rms_px:.3f} px", "camera"),
+    ("plane of motion, rms", "camera", lambda c: f"{c.plane_rms_px:.3f} px", "camera"),
+    ("clock offset", "alignment", lambda a: milliseconds(a.offset_s, a.offset_se_s), "clocks"),
+    ("video, sha256", "manifest", lambda m: m.video.sha256[:16] + "…", "provenance"),
+    ("joint log, sha256", "manifest", _log_sha, "provenance"),
+)

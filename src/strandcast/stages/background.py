@@ -1,6 +1,4 @@
-"""The empty scene, where the experiment gives a picture of it."""
-
-from __future__ import annotations
+"""The picture of the empty scene, if the experiment gives one."""
 
 import cv2
 import numpy as np
@@ -8,28 +6,34 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.manifest import VideoFacts
 from strandcast.stages.context import Context
+from strandcast.stages.photos import given_pictures
+
+GREY = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
 
 
 def given_background(context: Context, facts: VideoFacts) -> np.ndarray | None:
-    """Return the background (height, width) that the experiment gives, None where the video is to tell it.
+    """Return the background (height, width) that the experiment gives; None if it is learned from the video.
 
     Raises
     ------
     StrandcastError
-        SC-T030 the picture is not there, or is none; SC-T031 it is of another size than the video.
+        SC-T030 the picture is missing or unreadable; SC-T031 its size is not that of the video.
     """
-    name = context.settings.track.background_picture
-    if name is None:
+    path, field = context.background_picture, "track.background_picture"
+    if path is None:
         return None
-    path, field = context.folder.data / name, "track.background_picture"
-    grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH) if path.is_file() else None
+    grey = next(given_pictures(context, [path], GREY)) if path.is_file() else None
     if grey is None:
         raise StrandcastError(
-            "SC-T030", "there is no picture of the empty scene", file=path, field=field,
-            fix="put it there, or leave the setting out: the video then tells the background")  # fmt: skip
+            "SC-T030",
+            "there is no picture of the empty scene",
+            file=path,
+            field=field,
+            fix="put it there, or leave the setting out to learn it from the video",
+        )
     if grey.shape != (facts.height_px, facts.width_px):
         sizes = f"is {grey.shape[1]} x {grey.shape[0]} px, the video {facts.width_px} x {facts.height_px}"
         raise StrandcastError(
-            "SC-T031", sizes, file=path, field=field, fix="take it with the same camera, and do not crop it"
+            "SC-T031", sizes, file=path, field=field, fix="take it with the same camera and do not crop it"
         )
-    return np.asarray(grey)
+    return grey

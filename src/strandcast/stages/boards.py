@@ -1,12 +1,9 @@
-"""The boards of an experiment, to print at true size: ChArUco for the lens, markers for plane and hand."""
-
-from __future__ import annotations
+"""Boards to print at true size: ChArUco for the lens, markers for the plane and the hand."""
 
 from pathlib import Path
 
 from strandcast.arm.load import load_arm
 from strandcast.camera.boards import write_charuco, write_markers
-from strandcast.stages.calibrate import charuco_of
 from strandcast.stages.context import context_of
 
 
@@ -15,7 +12,7 @@ def run(root: Path, name: str, out: Path, suffix: str) -> list[Path]:
     context = context_of(root, name)
     camera = context.settings.camera
     arm = load_arm(context.arm_file)
-    written = write_charuco(charuco_of(camera.board), out / f"lens-board.{suffix}", f"{name}: lens")
+    written = write_charuco(camera.board, out / f"lens-board.{suffix}", f"{name}: lens")
     ids = [marker.id for marker in camera.plane.markers]
     if ids:
         plane = out / f"plane-markers.{suffix}"
@@ -23,8 +20,8 @@ def run(root: Path, name: str, out: Path, suffix: str) -> list[Path]:
             ids, camera.plane.size_m, camera.plane.dictionary, plane, f"{name}: plane of motion"
         )
     if camera.plane.board is not None:
-        lying = charuco_of(camera.plane.board)
-        written += write_charuco(lying, out / f"plane-board.{suffix}", f"{name}: plane of motion")
+        board_file = out / f"plane-board.{suffix}"
+        written += write_charuco(camera.plane.board, board_file, f"{name}: plane of motion")
     for size_m in sorted({marker.size_m for marker in arm.markers}):
         hand = [marker.id for marker in arm.markers if marker.size_m == size_m]
         path = out / f"hand-markers-{size_m * 1000:g}mm.{suffix}"

@@ -1,6 +1,4 @@
-"""Board photos or video, and the plane's photo, to camera.json and a picture of it."""
-
-from __future__ import annotations
+"""Photos of the board and of the plane of motion to the camera record, and a picture of the result."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,52 +8,60 @@ import numpy as np
 from PIL import Image
 
 from strandcast.camera.lens import calibrate_lens, calibrate_lens_video
-from strandcast.camera.markers import CharucoBoard
 from strandcast.camera.picture import camera_picture
-from strandcast.camera.plane import PlaneKnowledge, PlaneMarker, board_markers, plane_from_markers
+from strandcast.camera.plane import PlaneGeometry, board_markers, plane_from_markers
+from strandcast.camera.pose import PlacedMarker
+from strandcast.config.camera import Plane
+from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
-from strandcast.experiment import Board, Experiment, Plane
 from strandcast.progress import progress
 from strandcast.records.camera import Camera, Lens
 from strandcast.records.files import atomic_write
+from strandcast.records.lineage import note_picture
 from strandcast.records.manifest import Manifest
-from strandcast.stages.context import Context, context_of
-from strandcast.tracking.arc import calibrate_arc
+from strandcast.stages.cameras import warn_of_former
+from strandcast.stages.context import Context
+from strandcast.stages.job import Files, Job
+from strandcast.stages.photos import given_pictures
+from strandcast.tracking.pendulum.arc import calibrate_arc
 from strandcast.video.ingest import inspect_video
 from strandcast.video.reader import open_video
 
-LOOKED_AT = 150  # frames of a lens video in which the board is looked for
-# As the sensor has it: a phone's note on how to turn a picture would turn the lens about.
-AS_IT_IS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+SEARCHED_FRAMES = 150  # frames of a lens video in which the board is searched; chosen, not sensitive
+# As the sensor recorded it: a phone's orientation tag would rotate the lens model too.
+UNROTATED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 
 
-def run(root: Path, name: str) -> None:
-    """Write results/<experiment>/{camera.webp, camera.json}."""
-    context = context_of(root, name)
-    if context.settings.camera.scale == "arc":
-        camera, picture = _by_arc(context)
-    else:
-        camera, picture = _by_markers(context)
-    with atomic_write(context.folder.results / "camera.webp") as temporary:
+def run(job: Job, files: Files) -> None:
+    """Write the camera's picture and record."""
+    warn_of_former(job.context)
+    fit = _by_arc if job.context.settings.camera.scale == "arc" else _by_markers
+    camera, picture = fit(job.context, files)
+    with atomic_write(files.output("picture")) as temporary:
         Image.fromarray(camera_picture(picture, camera)).save(temporary, "WEBP", quality=82, method=4)
-    camera.write(context.folder.results / "camera.json")
+    note_picture(files.output("picture"))
+    camera.write(files.output("camera"))
 
 
-def _by_markers(context: Context) -> tuple[Camera, np.ndarray]:
-    """Take the lens from the board's photos or video, the plane from the photo of its markers or board."""
-    settings = context.settings
-    plane = context.folder.data / settings.camera.plane_photo
-    picture = _photo(plane)
+def _by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
+    """Fit the lens to photos or a video of the board, the plane to a photo of its markers or board."""
+    settings, plane = context.settings, files.input("plane")
+    [picture] = _photos(context, [plane])
     markers, dictionary = plane_markers_of(settings.camera.plane)
     camera = plane_from_markers(
-        picture, _lens(context), markers, dictionary, file=str(plane), knowledge=_knowledge(settings)
+        picture,
+        _lens(context, files),
+        markers,
+        dictionary,
+        file=str(plane),
+        geometry=_plane_geometry(settings),
     )
     return camera, picture
 
 
-def _knowledge(settings: Experiment) -> PlaneKnowledge:
+def _plane_geometry(settings: Experiment) -> PlaneGeometry:
     camera, box = settings.camera, settings.workspace_m
-    return PlaneKnowledge(
+    return PlaneGeometry(
         camera.string_offset_m,
         camera.string_offset_sd_m,
         camera.plane.place_sd_m,
@@ -63,12 +69,12 @@ def _knowledge(settings: Experiment) -> PlaneKnowledge:
     )
 
 
-def _lens(context: Context) -> Lens:
+def _lens(context: Context, files: Files) -> Lens:
     camera, folder = context.settings.camera, context.folder.data
     if camera.lens_video is not None:
-        frames = _board_frames(folder / camera.lens_video)
-        return calibrate_lens_video(frames, charuco_of(camera.board), camera.distortion)
-    paths = sorted(folder.glob(camera.lens_photos))
+        frames = _board_frames(files.input("lens"))
+        return calibrate_lens_video(frames, camera.board, camera.distortion)
+    paths = files.inputs("lens")
     if not paths:
         there = sorted(path.name for path in (folder / camera.lens_photos).parent.glob("*"))
         raise StrandcastError(
@@ -78,50 +84,46 @@ def _lens(context: Context) -> Lens:
             field="camera.lens_photos",
             fix="take 10 photos of the ChArUco board, all over the picture (`strandcast boards` prints it)",
         )
-    photos = [(path.name, _photo(path)) for path in progress(paths, "calibrate: photos", len(paths))]
-    return calibrate_lens(photos, charuco_of(camera.board), camera.distortion)
+    read = progress(_photos(context, paths), "calibrate: photos", len(paths))
+    photos = [(path.name, grey) for path, grey in zip(paths, read, strict=True)]
+    return calibrate_lens(photos, camera.board, camera.distortion)
 
 
 def _board_frames(path: Path) -> Iterator[tuple[str, np.ndarray]]:
     """Yield frames spread evenly over the board's video, named by their numbers."""
-    every = max(1, inspect_video(path).packets // LOOKED_AT)
+    every = max(1, inspect_video(path).packets // SEARCHED_FRAMES)
     with open_video(path) as video:
         for index, _, grey in video:
             if index % every == 0:
                 yield f"{path.name} frame {index}", grey
 
 
-def _by_arc(context: Context) -> tuple[Camera, np.ndarray]:
-    """Take scale and origin from the first trial's pendulum, whose length is known."""
-    first = context.folder.trial(1)
-    video = Manifest.read(first.results / "manifest.json").video
-    settings, path = context.settings, first.data / video.file
+def _by_arc(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
+    """Fit scale and origin to the pendulum of the first trial, with its known length."""
+    video = Manifest.read(files.input("manifest")).video
+    settings, path = context.settings, context.folder.trial(1).data / video.file
     camera = calibrate_arc(path, video, settings.string.length_m, settings.track.background_frames)
     with open_video(path) as frames:
         _, _, grey = next(iter(frames))
         return camera, grey.copy()
 
 
-def _photo(path: Path) -> np.ndarray:
-    if not path.is_file():
-        raise StrandcastError("SC-C031", "the photo is not there", file=path, fix="take it, and put it there")
-    grey = cv2.imread(str(path), AS_IT_IS)
-    if grey is None:
-        raise StrandcastError("SC-C032", "is not a picture", file=path, fix="copy it again")
-    return np.asarray(grey)
+def _photos(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:
+    for path in paths:
+        if not path.is_file():
+            raise StrandcastError(
+                "SC-C031", "the photo is missing", file=path, fix="take it and save it here"
+            )
+    for path, grey in zip(paths, given_pictures(context, paths, UNROTATED), strict=True):
+        if grey is None:
+            raise StrandcastError("SC-C032", "is not a readable picture", file=path, fix="copy it again")
+        yield grey
 
 
-def charuco_of(board: Board) -> CharucoBoard:
-    """Return a board of the experiment's file."""
-    return CharucoBoard(
-        board.squares_x, board.squares_y, board.square_m, board.marker_m, board.dictionary, board.legacy
-    )
-
-
-def plane_markers_of(plane: Plane) -> tuple[list[PlaneMarker], str]:
+def plane_markers_of(plane: Plane) -> tuple[list[PlacedMarker], str]:
     """Return the plane's markers, single ones or those of the board lying in it, and their dictionary."""
     if plane.board is not None:
         board = plane.board
-        return board_markers(charuco_of(board), board.x_m, board.y_m, board.angle_rad), board.dictionary
-    single = [PlaneMarker(m.id, m.x_m, m.y_m, plane.size_m, m.angle_rad) for m in plane.markers]
+        return board_markers(board, board.x_m, board.y_m, board.angle_rad), board.dictionary
+    single = [PlacedMarker(m.id, m.x_m, m.y_m, plane.size_m, m.angle_rad) for m in plane.markers]
     return single, plane.dictionary

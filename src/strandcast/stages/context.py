@@ -1,18 +1,19 @@
-"""What every stage begins with: the experiment's settings and its folders."""
+"""The experiment that a stage works on: its settings and its folders."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from strandcast.config.experiment import Experiment
+from strandcast.config.find import find_arm, find_experiment
+from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
-from strandcast.experiment import Experiment, find_arm, find_experiment, load_experiment
-from strandcast.layout import ExperimentFolder
+from strandcast.records.folders import ExperimentFolder
 
 
 @dataclass(frozen=True)
 class Context:
-    """One experiment: its name, settings, the file that they come from, its folders."""
+    """One experiment: its name, its settings and the file they come from, its folders."""
 
     name: str
     settings: Experiment
@@ -24,9 +25,19 @@ class Context:
         """Return the arm's file."""
         return find_arm(self.settings, self.file, self.folder.root)
 
+    @property
+    def background_picture(self) -> Path | None:
+        """Return the picture of the empty scene, None if it is learned from the video."""
+        name = self.settings.track.background_picture
+        return None if name is None else self.folder.data / name
+
+    def counted(self, trials: Iterable[int]) -> list[int]:
+        """Return those of the trials that are not excluded."""
+        return [number for number in trials if self.settings.excluded_reason(number) is None]
+
     def counted_before(self, trial: int) -> list[int]:
         """Return the trials before this one that are not excluded."""
-        return [number for number in range(1, trial) if self.settings.excluded_reason(number) is None]
+        return self.counted(range(1, trial))
 
 
 def context_of(root: Path, name: str) -> Context:
@@ -36,13 +47,13 @@ def context_of(root: Path, name: str) -> Context:
 
 
 def refuse_replacing(path: Path, replace: bool) -> None:
-    """Refuse to write over what was imported before, unless that is wanted."""
+    """Refuse to overwrite an earlier import, unless asked to."""
     if path.is_file() and not replace:
         raise StrandcastError(
             "SC-I022", "has been imported already", file=path, fix="import as another trial, or add --replace"
         )
 
 
-def free_length_m(context: Context, swallowed_m: float) -> float:
+def free_length_m(context: Context, clamped_length_m: float) -> float:
     """Return the length of the string beyond the clamp [m]."""
-    return context.settings.string.length_m - swallowed_m
+    return context.settings.string.length_m - clamped_length_m

@@ -1,29 +1,29 @@
-"""A planned motion written for an arm that has no driver."""
-
-from __future__ import annotations
+"""Export a planned motion for an arm that has no driver."""
 
 from pathlib import Path
 
 from strandcast.arm.load import load_arm
+from strandcast.config.experiment import Experiment
+from strandcast.config.find import find_arm, find_experiment
+from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
-from strandcast.experiment import Experiment, find_arm, find_experiment, load_experiment
-from strandcast.exports.export import Form, export_motion
-from strandcast.exports.handover import HandOver, prepare
-from strandcast.player.rehearsal import read_motion
+from strandcast.executor.handover.export import ExportForm, export_motion
+from strandcast.executor.handover.handover import Handover, prepare
+from strandcast.executor.preflight import read_motion
 
 
 def run(
     root: Path,
     motion: Path,
     out: Path,
-    form: Form,
+    form: ExportForm,
     arm_file: Path | None,
     hanging_m: float | None,
     time_scale: float,
-) -> HandOver:
+) -> Handover:
     """Export a motion.
 
-    By default the arm is that of the motion's experiment, and as much hangs from the hand as it says.
+    By default, the arm and the length hanging from the hand are those of the motion's experiment.
     """
     planned = read_motion(motion)
     if arm_file is None or hanging_m is None:
@@ -37,13 +37,13 @@ def run(
 
 
 def _experiment(root: Path, motion: Path, name: str) -> tuple[Experiment, Path]:
-    """Return the motion's experiment and its file, or say what to give instead."""
+    """Return the motion's experiment and its file (SC-X009 if there is none)."""
     try:
         file = find_experiment(name, root)
     except StrandcastError:
         raise StrandcastError(
             "SC-X009",
-            f"there is no experiment {name!r} here to tell the arm and how much hangs from its hand",
+            f"there is no experiment {name!r} here that gives the arm and the length hanging from its hand",
             file=motion,
             fix="give both: --arm, the arm's file, and --hanging, the string's length with its weights [m]",
         ) from None

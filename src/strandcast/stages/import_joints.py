@@ -1,6 +1,4 @@
-"""A robot's own log brought into a trial's folder: joints.csv and run.json."""
-
-from __future__ import annotations
+"""Import a robot's own log into a trial's folder: joints.csv and run.json."""
 
 from pathlib import Path
 
@@ -21,28 +19,23 @@ def run(
     joints: list[str],
     replace: bool = False,
 ) -> Run:
-    """Import a log; a motion.json that lies in the trial's folder is what was played."""
+    """Import a log; a motion.json in the trial's folder is the played motion."""
     context = context_of(root, name)
     folder = context.folder.trial(trial)
     arm = load_arm(context.arm_file)
-    motion = folder.played_motion
-    _refuse_played(folder.data / "run.json")
-    refuse_replacing(folder.data / "run.json", replace)
+    motion, record = folder.data / "motion.json", folder.data / "run.json"
+    if record.is_file() and not Run.read(record).driver.startswith(IMPORTED):  # the only copy of that run
+        raise StrandcastError(
+            "SC-I023",
+            "this trial was played and logged by `strandcast play`",
+            file=record,
+            fix="import as another trial, or move joints.csv and run.json away first",
+        )
+    refuse_replacing(record, replace)
     return import_joints(
         log,
         folder.data,
         reading,
         namings=[joints] if joints else [list(arm.joints), list(arm.all_joints)],
-        played=None if motion is None else Played(Motion.read(motion), arm),
+        played=Played(Motion.read(motion), arm) if motion.is_file() else None,
     )
-
-
-def _refuse_played(path: Path) -> None:
-    """Refuse to write over a run that `strandcast play` has logged: there is no other copy of it."""
-    if path.is_file() and not Run.read(path).driver.startswith(IMPORTED):
-        raise StrandcastError(
-            "SC-I023",
-            "this trial was played and logged by `strandcast play`",
-            file=path,
-            fix="import as another trial, or move joints.csv and run.json away first",
-        )

@@ -1,41 +1,62 @@
 """Raw video, joint log and played motion to manifest.json: hashes, counts, time stamps, gaps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.joint_log import JointLog, Run, read_run
-from strandcast.records.manifest import LogFacts, Manifest
+from strandcast.records.manifest import LogFacts, Manifest, VideoFacts
 from strandcast.records.motion import Motion
-from strandcast.stages.context import context_of
+from strandcast.records.record import read_json
+from strandcast.stages.job import Files, Job
 from strandcast.video.checks import check_cover, check_recorded, unchanged, warnings_of
 from strandcast.video.ingest import inspect_video
 
 
-def run(root: Path, name: str, trial: int) -> None:
-    """Write results/<experiment>/trial-NN/manifest.json; the raw files stay as they are."""
-    context = context_of(root, name)
-    folder, camera = context.folder.trial(trial), context.settings.camera
-    path = folder.video()
+def run(job: Job, files: Files) -> None:
+    """Write the manifest; the raw files stay as they are."""
+    context, camera = job.context, job.context.settings.camera
+    path = job.folder.video()
     with unchanged(path):
         video = inspect_video(path, camera.frame_rate_hz, camera.missing_policy)
-    played_run, joint_log = read_run(folder.data) if (folder.data / "run.json").is_file() else (None, None)
+    _refuse_video_of_another_trial(path, video, files.inputs("others"))
+    record, planned = files.optional("run"), files.optional("motion")
+    played_run, joint_log = read_run(record.parent) if record else (None, None)
     log = None if played_run is None or joint_log is None else _log_facts(played_run, joint_log)
     check_recorded(path, video, played_run)
     check_cover(path, video, played_run)
-    played = None if folder.played_motion is None else Motion.read(folder.played_motion)
+    played = Motion.read(planned) if planned else None
     motion = None if played is None else played.content_sha256()
-    if played_run is not None and motion is not None:
-        _check_played(folder.data, played_run, motion)
+    if played_run is not None and planned is not None and played_run.motion_sha256 not in (None, motion):
+        raise StrandcastError(
+            "SC-X020",
+            "is not the motion that run.json says was played",
+            file=planned,
+            cost="the fit would be made for another motion",
+            fix="copy the folder again from the machine that played the motion",
+            exit_code=INTEGRITY,
+        )
     Manifest(
-        experiment=name,
-        trial=trial,
+        experiment=context.name,
+        trial=job.trial,
         video=video,
         joint_log=log,
         motion_sha256=motion,
-        warnings=warnings_of(video, log) + _log_warnings(log) + _foreign(played, name, trial),
-    ).write(folder.results / "manifest.json")
+        warnings=warnings_of(video, log) + _log_warnings(log) + _foreign(played, context.name, job.trial),
+    ).write(files.output("manifest"))
+
+
+def _refuse_video_of_another_trial(path: Path, video: VideoFacts, manifests: list[Path]) -> None:
+    for other in manifests:
+        if read_json(other).get("video", {}).get("sha256") == video.sha256:
+            raise StrandcastError(
+                "SC-V023",
+                f"is the video of {other.parent.name}, byte for byte",
+                file=path,
+                cost="another throw would be tracked",
+                fix="copy this trial's own video from the camera; "
+                f"if the two were exchanged and are right now, delete {other}",
+                exit_code=INTEGRITY,
+            )
 
 
 def _log_facts(run_record: Run, log: JointLog) -> LogFacts:
@@ -51,22 +72,8 @@ def _log_facts(run_record: Run, log: JointLog) -> LogFacts:
     )
 
 
-def _check_played(data: Path, run_record: Run, played: str) -> None:
-    """Hold the motion beside the raw files against what run.json says was played."""
-    said = run_record.motion_sha256
-    if said is not None and said != played:
-        raise StrandcastError(
-            "SC-X020",
-            "is not the motion that run.json says was played",
-            file=data / "motion.json",
-            cost="the fit would be made for another motion",
-            fix="copy the folder again from the machine that played the motion",
-            exit_code=INTEGRITY,
-        )
-
-
 def _foreign(played: Motion | None, name: str, trial: int) -> list[str]:
-    """Tell of a motion that was planned for another throw: a repeated one, or a folder in the wrong place."""
+    """Warn of a motion that was planned for another trial: a repeated throw, or a misplaced folder."""
     if played is None or (played.experiment, played.trial) == (name, trial):
         return []
     return [f"motion.json was planned for {played.experiment} trial {played.trial}"]

@@ -1,65 +1,56 @@
-"""What both kinds of pages need from the experiment's and the arm's files."""
+"""Facts for the pages of trials and of experiments, from the experiment's and the arm's files."""
 
-from __future__ import annotations
-
-from importlib.metadata import version
+from collections.abc import Mapping
 from pathlib import Path
 
-from strandcast import __version__
 from strandcast.arm.load import load_arm
-from strandcast.errors import StrandcastError
-from strandcast.experiment import Experiment, SegmentObjective, ShapeObjective, SwingObjective
+from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.report.facts import Facts
 from strandcast.stages.context import Context
 
-SOFTWARE = ("numpy", "numba", "scipy", "opencv-contrib-python-headless", "av", "mujoco", "cma", "snakemake")
-
 
 def facts_of(context: Context, next_motion: Path | None) -> Facts:
-    """Return what the pages tell that no result holds."""
+    """Return the facts that the pages show besides results."""
     settings = context.settings
     arm = load_arm(context.arm_file)
     return Facts(
         title=settings.title,
         hit_radius_m=settings.hit_radius_m,
-        aims_m=_aims_m(settings),
+        aims_m=settings.objective.marks_m,
         excluded={exclusion.trial: exclusion.reason for exclusion in settings.excluded},
         weight_places_m=[weight.place_m for weight in settings.string.weights],
         stiff_sections_m=[(section.from_m, section.to_m) for section in settings.string.stiff_sections],
         speed_limits_rad_s=arm.limits.velocity_rad_s.tolist(),
         play_command=_play_command(context, next_motion),
         settings=settings.model_dump(mode="json"),
-        software={"strandcast": __version__} | {name: version(name) for name in SOFTWARE},
     )
-
-
-def _aims_m(settings: Experiment) -> list[tuple[float, float]] | None:
-    told = settings.objective
-    if isinstance(told, SegmentObjective):
-        return list(told.ends_m)
-    if isinstance(told, ShapeObjective):
-        return [place.at_m for place in told.places]
-    return [] if isinstance(told, SwingObjective) else None
 
 
 def _play_command(context: Context, next_motion: Path | None) -> str | None:
     if next_motion is None:
         return None
-    name, trial = context.name, next_motion.parent.name
+    trial = int(next_motion.parent.name.removeprefix("trial-"))
     if context.settings.lab is not None:
-        return f"strandcast throw {name} {int(trial.removeprefix('trial-'))}"
-    arm = context.arm_file.as_posix()
-    return f"strandcast play {next_motion.as_posix()} --arm {arm} --out data/{name}/{trial}"
+        return f"strandcast lab-throw {context.name} {trial}"
+    arm, out = context.arm_file.as_posix(), context.folder.trial(trial).data.as_posix()
+    return f"strandcast play {next_motion.as_posix()} --arm {arm} --out {out}"
 
 
-def next_motion_of(context: Context, trial: int) -> Path | None:
-    """Return the motion that was planned for the trial after this one, if there is one."""
-    path = context.folder.trial(trial + 1).results / "motion.json"
-    return path if path.is_file() else None
+def refuse_unread(context: Context, page: Path, unread: Mapping[str, str]) -> None:
+    """Raise SC-H023 if a page that was just written shows results that could not be read."""
+    files = [f"{file}: {why}" for file, why in unread.items()]
+    if files:
+        raise StrandcastError(
+            "SC-H023",
+            f"the page says what could not be read ({'; '.join(files)})",
+            file=page,
+            fix=f"restore these files, or delete them and make them again: strandcast run {context.name}",
+            exit_code=INTEGRITY,
+        )
 
 
 def no_such_trial(context: Context, trial: int) -> StrandcastError:
-    """Return the refusal of a page about a trial that is not there."""
+    """Return the error for a trial that does not exist."""
     return StrandcastError(
         "SC-H001",
         f"there is no trial {trial}",

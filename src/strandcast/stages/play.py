@@ -1,6 +1,4 @@
-"""A planned motion played on an arm, by the driver that the arm's file names."""
-
-from __future__ import annotations
+"""Play a planned motion on an arm, with the driver named in the arm's file."""
 
 import sys
 from collections.abc import Callable
@@ -8,13 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from strandcast.arm.load import load_arm
+from strandcast.config.find import find_experiment
+from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
-from strandcast.experiment import find_experiment, load_experiment
-from strandcast.player.drivers import driver_named
-from strandcast.player.play import play
-from strandcast.player.protocol import Driver
-from strandcast.player.rehearsal import Rehearsal, Terms, read_motion, rehearse
-from strandcast.player.words import lines_of
+from strandcast.executor.drivers.protocol import Driver
+from strandcast.executor.drivers.registry import driver_named
+from strandcast.executor.dry_run_report import dry_run_report
+from strandcast.executor.play import play
+from strandcast.executor.preflight import PlayOptions, Preflight, read_motion, run_preflight
 from strandcast.records.joint_log import Run
 from strandcast.records.motion import Motion
 
@@ -23,24 +22,24 @@ def run(
     motion_path: Path,
     arm_file: Path,
     out: Path,
-    terms: Terms,
+    options: PlayOptions,
     hanging_m: float | None,
     live: bool,
     confirm: str | None,
     say: Callable[[str], None] = print,
 ) -> Run | None:
-    """Rehearse a motion, and if it is to be `live` and is confirmed, play it.
+    """Check a motion; if it is `live` and confirmed, play it.
 
     Parameters
     ----------
     motion_path, arm_file, out
         The motion, the arm's file, the trial's raw folder.
-    terms, hanging_m
-        How to play it; what hangs from the hand [m], None: as the motion's experiment says.
+    options, hanging_m
+        How to play it; the length hanging from the hand [m], None: the experiment's string.
     live, confirm
-        Whether to play, and the motion's short hash, None: it is asked for.
+        Whether to play; the motion's short hash, None: ask for it.
     say
-        Takes each line that the user is to read.
+        Prints one line for the user.
 
     Returns
     -------
@@ -51,13 +50,13 @@ def run(
     driver = driver_named(arm.driver, arm, motion)
     if hanging_m is None:
         hanging_m = _hanging_m(motion_path, motion, driver)
-    rehearsal = rehearse(motion_path, arm, driver, out, replace(terms, hanging_m=hanging_m))
-    for line in lines_of(rehearsal):
+    preflight = run_preflight(motion_path, arm, driver, out, replace(options, hanging_m=hanging_m))
+    for line in dry_run_report(preflight):
         say(line)
     if not live and confirm is None:
-        say(f"dry run: nothing was sent. To play it: --live, or --confirm {rehearsal.short_hash}")
+        say(f"dry run: nothing was sent. To play it: --live, or --confirm {preflight.short_hash}")
         return None
-    done = play(rehearsal, driver, confirm if confirm is not None else _typed(rehearsal))
+    done = play(preflight, driver, confirm if confirm is not None else _typed(preflight))
     for warning in done.warnings:
         say(f"warning: {warning}")
     return done
@@ -65,22 +64,28 @@ def run(
 
 def _hanging_m(path: Path, motion: Motion, driver: Driver) -> float:
     if driver.address is None:
-        return 0.0  # a virtual arm's string hits nothing
+        return 0.0  # a virtual arm's string can hit nothing
     try:
         return load_experiment(find_experiment(motion.experiment, Path())).string.length_m
     except StrandcastError:
         raise StrandcastError(
-            "SC-X009", f"how much hangs from the hand is not known: no experiment {motion.experiment!r} here",
-            file=path, cost="nothing was sent to the arm",
-            fix="give --hanging, the string's length with its weights [m]") from None  # fmt: skip
+            "SC-X009",
+            f"the length hanging from the hand is unknown: there is no experiment {motion.experiment!r} here",
+            file=path,
+            cost="nothing was sent to the arm",
+            fix="give --hanging, the string's length with its weights [m]",
+        ) from None
 
 
-def _typed(rehearsal: Rehearsal) -> str:
+def _typed(preflight: Preflight) -> str:
     if not sys.stdin.isatty():
         raise StrandcastError(
-            "SC-X012", "a live run must be confirmed, and nobody is at the keyboard",
-            file=rehearsal.motion_path, cost="nothing was sent to the arm",
-            fix=f"--confirm {rehearsal.short_hash}")  # fmt: skip
+            "SC-X019",
+            "a live run must be confirmed, but there is no keyboard",
+            file=preflight.motion_path,
+            cost="nothing was sent to the arm",
+            fix=f"--confirm {preflight.short_hash}",
+        )
     try:
         return input("the arm will move; type the motion's short hash to play it: ").strip()
     except EOFError:  # Ctrl-D: nothing was typed

@@ -1,31 +1,29 @@
 """The page of one trial, from results only."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
-from strandcast.records.files import write_text
+from strandcast.records.page import write_page
+from strandcast.report.results import read_results
 from strandcast.report.trial_page import trial_page
-from strandcast.stages.context import context_of
-from strandcast.stages.pages import facts_of, next_motion_of, no_such_trial
+from strandcast.stages.files import past
+from strandcast.stages.job import Files, Job
+from strandcast.stages.pages import facts_of, no_such_trial, refuse_unread
 
 
-def run(root: Path, name: str, trial: int) -> None:
-    """Write results/<experiment>/trial-NN/report.html."""
-    context = context_of(root, name)
-    trial_folder = context.folder.trial(trial)
-    folder = trial_folder.results
-    known = folder.is_dir() or trial_folder.data.is_dir()
-    if not known and context.settings.excluded_reason(trial) is None:
-        raise no_such_trial(context, trial)
-    earlier = context.counted_before(trial)
-    next_motion = next_motion_of(context, trial)
+def run(job: Job, files: Files) -> None:
+    """Write the page of a trial."""
+    context, folder = job.context, job.folder
+    known = folder.results.is_dir() or folder.data.is_dir()
+    if not known and context.settings.excluded_reason(job.trial) is None:
+        raise no_such_trial(context, job.trial)
+    before = past(job)
+    next_motion = files.optional("planned")
     page = trial_page(
-        folder,
-        trial=trial,
-        experiment=name,
-        previous=context.folder.trial(earlier[-1]).results if earlier else None,
+        folder.results,
+        trial=job.trial,
+        experiment=context.name,
+        previous=context.folder.trial(before[-1]).results if before else None,
         next_motion=next_motion,
         facts=facts_of(context, next_motion),
     )
-    write_text(folder / "report.html", page)
+    write_page(files.output("page"), page)
+    if context.settings.excluded_reason(job.trial) is None:
+        refuse_unread(context, files.output("page"), read_results(folder.results).unread())

@@ -1,27 +1,21 @@
 """The experiment's page and its summary in numbers, from results only."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
-from strandcast.records.files import write_text
+from strandcast.records.page import write_page
 from strandcast.report.experiment_page import experiment_page
 from strandcast.report.summary import summarise
-from strandcast.stages.context import context_of
-from strandcast.stages.pages import facts_of, next_motion_of, no_such_trial
+from strandcast.stages.job import Files, Job
+from strandcast.stages.pages import facts_of, no_such_trial, refuse_unread
 
 
-def run(root: Path, name: str, trials: list[int] | None = None) -> None:
-    """Write {summary.json, report.html} of results/<experiment>; by default for all trials with a page."""
-    context = context_of(root, name)
-    settings, results = context.settings, context.folder.results
-    numbers = trials or _with_results(results)
-    for number in set(numbers) - set(_with_results(results)):
+def run(job: Job, files: Files) -> None:
+    """Write the summary and the page of an experiment for the trials of the job."""
+    context, settings = job.context, job.context.settings
+    for number in set(job.trials) - set(context.folder.reported_trials()):
         raise no_such_trial(context, number)
-    folders = {number: context.folder.trial(number).results for number in numbers}
-    next_motion = next_motion_of(context, numbers[-1] if numbers else 0)
+    folders = {number: context.folder.trial(number).results for number in job.trials}
+    next_motion = files.optional("planned")
     summary = summarise(
-        name,
+        context.name,
         folders,
         string_length_m=settings.string.length_m,
         target_m=list(settings.target_m),
@@ -30,11 +24,6 @@ def run(root: Path, name: str, trials: list[int] | None = None) -> None:
         next_motion=next_motion,
     )
     page = experiment_page(summary, folders, next_motion=next_motion, facts=facts_of(context, next_motion))
-    summary.write(results / "summary.json")
-    write_text(results / "report.html", page)
-
-
-def _with_results(results: Path) -> list[int]:
-    """Return the trials that have a page of their own."""
-    pages = results.glob("trial-[0-9][0-9]/report.html")
-    return sorted(int(page.parent.name.removeprefix("trial-")) for page in pages)
+    summary.write(files.output("summary"))
+    write_page(files.output("page"), page)
+    refuse_unread(context, files.output("page"), summary.all_unread())

@@ -1,1 +1,1 @@
-"""Frames to mass points: the hand's markers, the string beyond the clamp, and how sure we are of both."""
+"""Frames to mass points: the hand's markers, the string beyond the clamp, and the uncertainty of both."""

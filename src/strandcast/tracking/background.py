@@ -1,13 +1,11 @@
-"""The scene without arm and string: a median over frames that differ from each other as much as possible."""
-
-from __future__ import annotations
+"""The empty scene: a median over frames that differ from each other as much as possible."""
 
 import cv2
 import numpy as np
 from numba import njit, prange
 
-THUMB_PX = 8  # frames are compared by the means of squares of this side
-KEPT_BYTES = 120e6  # of frames held at a time
+THUMB_PX = 8  # chosen: frames are compared by the means of squares of this side
+KEPT_BYTES = 120e6  # chosen: of frames held at a time
 
 
 class Samples:
@@ -20,31 +18,17 @@ class Samples:
         self.pictures: list[np.ndarray] = []
 
     def offer(self, index: int, image: np.ndarray) -> None:
-        """Keep a copy of the frame if it is its turn."""
+        """Keep a copy of the frame if its index is one of those sampled."""
         if index % self.every == 0:
             self.indices.append(index)
             self.pictures.append(image.copy())
 
 
 def learn_background(pictures: list[np.ndarray], frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Learn the background from frames of a video.
+    """Return the median (H, W) of grey frames (H, W) in their type, and the indices of those used.
 
-    The string may rest in one place for most of the recording, so that a median over frames evenly spread in
-    time would hold it. Of the frames given, those are taken that are as unlike each other as possible.
-
-    Parameters
-    ----------
-    pictures
-        Grey frames (height, width).
-    frames
-        How many to take the median of.
-
-    Returns
-    -------
-    background : ndarray (height, width)
-        Grey levels, of the video's own type.
-    chosen : ndarray
-        Which of the pictures were used.
+    The string may rest in one place for most of the recording; a median over frames evenly spread in time
+    would then contain it. Instead, the `frames` pictures that differ most from each other are used.
     """
     size = (pictures[0].shape[1] // THUMB_PX, pictures[0].shape[0] // THUMB_PX)
     thumbs = np.stack([cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in pictures])
@@ -53,7 +37,7 @@ def learn_background(pictures: list[np.ndarray], frames: int) -> tuple[np.ndarra
 
 
 def unlike_frames(thumbs: np.ndarray, count: int) -> np.ndarray:
-    """Return indices of `count` pictures (N, h, w), each as unlike those before it as possible."""
+    """Return indices of `count` pictures (N, h, w), each as different from those before it as possible."""
     flat = thumbs.reshape(len(thumbs), -1).astype(np.float32)
     chosen = [0]
     nearest = np.abs(flat - flat[0]).mean(axis=1)
@@ -69,7 +53,7 @@ def pixel_median(stack: np.ndarray) -> np.ndarray:
     """Return the lower median over the first axis of (N, H, W) unsigned integers.
 
     Bit by bit from the highest: the median is the largest value that more than half of the pictures reach.
-    Each step is a comparison over a row, which runs many pixels at a time; sorting takes twenty times longer.
+    Each step compares a whole row, many pixels at a time; sorting takes twenty times longer.
     """
     count, height, width = stack.shape
     bits = 8 * stack.itemsize

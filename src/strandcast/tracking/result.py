@@ -1,47 +1,37 @@
-"""What tracking takes as known of the string, and what it gives back."""
+"""The result of a tracker."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.records.track import Contact, SeenLed, SeenTarget
-from strandcast.tracking.attachments import NOTHING, Attachments
+from strandcast.records.track import Contact, DetectedLed, DetectedTarget
+from strandcast.tracking.attachments.detect import NOTHING, Attachments
 
 
-@dataclass(frozen=True)
-class StringHint:
-    """What is known of the string: free length, number of mass points n, and its thickness if measured."""
-
-    length_m: float
-    points: int
-    thickness_m: float | None = None
-
-
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Tracked:
-    """What the pass found: arrays over F frames and n + 1 points (0 the hand); NaN where not seen.
+    """The track of one video: F frames, n + 1 points (0 is the hand)."""
 
-    ``markers`` are the columns of markers.parquet. ``strobe`` is a colour picture (height, width, 3).
-    """
-
-    camera_time_s: np.ndarray
-    points_m: np.ndarray
-    sigma_m: np.ndarray
-    flags: np.ndarray
-    markers: dict[str, np.ndarray]
-    strobe: np.ndarray
-    decoded_frames: int
-    choices: dict[str, float | int | str | bool | None]
-    warnings: list[str] = field(default_factory=list)
+    camera_time_s: np.ndarray  # (F,) on the camera's clock
+    points_m: np.ndarray  # (F, n + 1, 2) in the plane of motion; NaN where not measured
+    sigma_m: np.ndarray  # (F, n + 1) standard deviation per axis
+    flags: np.ndarray  # (F, n + 1), see `strandcast.records.track`
+    markers: dict[str, np.ndarray]  # columns of markers.parquet
+    strobe: np.ndarray  # colour picture of the throw, (height, width, 3)
+    choices: dict[str, float | int | str | bool | None]  # estimates and decisions, for track.json
+    warnings: tuple[str, ...] = ()  # for the user
     attachments: Attachments = NOTHING
-    target: SeenTarget | None = None
+    target: DetectedTarget | None = None
     contact: Contact | None = None
-    led: SeenLed | None = None
+    led: DetectedLed | None = None
+
+    @property
+    def decoded_frames(self) -> int:
+        """Return the number of frames."""
+        return len(self.camera_time_s)
 
 
-def as_columns(rows: np.ndarray) -> dict[str, np.ndarray]:
+def marker_columns(rows: np.ndarray) -> dict[str, np.ndarray]:
     """Return the columns of markers.parquet from rows (K, 7)."""
     names = ("frame", "camera_time_s", "marker", "x_m", "y_m", "angle_rad", "sigma_m")
     columns = {name: rows[:, i] for i, name in enumerate(names)}

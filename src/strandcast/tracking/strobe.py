@@ -1,6 +1,4 @@
-"""The throw in one picture: a dozen instants over the empty scene, with the tracked points."""
-
-from __future__ import annotations
+"""The throw in one picture: a dozen frames over the empty scene, with the tracked points."""
 
 import cv2
 import numpy as np
@@ -9,20 +7,15 @@ from strandcast.camera.mapping import metre_to_pixel
 from strandcast.camera.markers import eight_bit
 from strandcast.records.camera import Camera
 
-INSTANTS = 12
-MOVED_M = 0.005  # from its first or last place, from which the hand is in motion
-AFTER_SHARE = 0.15  # of the motion, that is shown after it
+INSTANTS = 12  # chosen
+MOVED_M = 0.005  # chosen: from its first or last place, beyond which the hand is in motion
+AFTER_SHARE = 0.15  # chosen: of the motion's duration, shown after its end
 
 
 def choose_instants(candidates: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """Return frames spread evenly along the tip's path while the hand moves and just after.
+    """Return those of the candidate frames (K,) that spread evenly along the tip's path during the throw.
 
-    Parameters
-    ----------
-    candidates
-        Frames (K,) of which there is a picture.
-    points_m
-        The track (F, n + 1, 2); NaN where not seen.
+    `points_m` is the track (F, n + 1, 2). The throw lasts while the hand moves and a little longer.
     """
     first, last = moving_frames(points_m[:, 0])
     tips = np.flatnonzero(np.isfinite(points_m[:, -1]).all(axis=1))
@@ -37,12 +30,12 @@ def choose_instants(candidates: np.ndarray, points_m: np.ndarray) -> np.ndarray:
 
 
 def moving_frames(hand_m: np.ndarray) -> tuple[int, int]:
-    """Return the first and the last frame of the hand's motion (F, 2), or of all where it does not move."""
-    seen = np.flatnonzero(np.isfinite(hand_m).all(axis=1))
-    if not len(seen):
+    """Return the first and the last frame of the hand's motion (F, 2), or of the video if it is still."""
+    known = np.flatnonzero(np.isfinite(hand_m).all(axis=1))
+    if not len(known):
         return 0, len(hand_m) - 1
-    left = seen[np.linalg.norm(hand_m[seen] - hand_m[seen[0]], axis=1) > MOVED_M]
-    coming = seen[np.linalg.norm(hand_m[seen] - hand_m[seen[-1]], axis=1) > MOVED_M]
+    left = known[np.linalg.norm(hand_m[known] - hand_m[known[0]], axis=1) > MOVED_M]
+    coming = known[np.linalg.norm(hand_m[known] - hand_m[known[-1]], axis=1) > MOVED_M]
     if not len(left) or not len(coming):
         return 0, len(hand_m) - 1
     return int(left[0]), int(coming[-1] + AFTER_SHARE * (coming[-1] - left[0]))
@@ -51,18 +44,9 @@ def moving_frames(hand_m: np.ndarray) -> tuple[int, int]:
 def strobe_picture(
     background: np.ndarray, pictures: list[np.ndarray], points_m: np.ndarray, camera: Camera
 ) -> np.ndarray:
-    """Return the composite (height, width, 3), RGB.
+    """Return the composite (height, width, 3), RGB, with the string's points (K, n + 1, 2) drawn in.
 
-    Parameters
-    ----------
-    background
-        The empty scene, grey.
-    pictures
-        Whole grey frames to lay over it: of each pixel, the one that has changed most.
-    points_m
-        The string's points at the instants to draw (K, n + 1, 2).
-    camera
-        Where points are in the picture.
+    Each pixel shows the grey frame in which it differs most from the empty scene.
     """
     grey = background.copy()
     most = np.zeros_like(grey)
@@ -70,7 +54,7 @@ def strobe_picture(
         change = cv2.absdiff(now, background)
         cv2.copyTo(now, cv2.compare(change, most, cv2.CMP_GT), grey)
         most = cv2.max(most, change)
-    picture = cv2.cvtColor(eight_bit(grey), cv2.COLOR_GRAY2RGB)
+    picture: np.ndarray = cv2.cvtColor(eight_bit(grey), cv2.COLOR_GRAY2RGB)
     for turn, string_m in enumerate(points_m):
         pixels = metre_to_pixel(camera, string_m, camera.string_offset_m)
         draw_points(picture, pixels, turn / max(1, len(points_m) - 1))

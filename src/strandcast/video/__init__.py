@@ -1,1 +1,1 @@
-"""Files to frames: which video this is, whether it is whole, and its frames in order."""
+"""Video files: format, completeness, time stamps, and grey frames in order."""

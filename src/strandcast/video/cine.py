@@ -1,10 +1,8 @@
-"""The time stamps that a Phantom camera writes into a cine file, which FFmpeg does not read.
+"""Time stamps in a Phantom camera's cine file, which FFmpeg does not read.
 
 Source: Vision Research, *Cine file format*: CINEFILEHEADER, SETUP and the tagged blocks between them and the
 images; block 1002 holds one TIME64 (fraction in 2^-32 s, then seconds) per image.
 """
-
-from __future__ import annotations
 
 import struct
 from pathlib import Path
@@ -13,12 +11,12 @@ from typing import IO
 import numpy as np
 
 IMAGE_TIMES = 1002
-COUNT_AT, SETUP_AT = 0x14, 0x1C  # of the header: images in the file; places of setup and image table
-LENGTH_AT = 142  # of the setup
+COUNT_AT, SETUP_AT = 0x14, 0x1C  # in the header: number of images; positions of setup and image table
+LENGTH_AT = 142  # in the setup
 
 
 def cine_times_ns(path: str | Path) -> list[int] | None:
-    """Return the time of each image (ns) from the first, None where the camera wrote none."""
+    """Return the time of each image [ns] from the first; None if the camera wrote none."""
     with Path(path).open("rb") as file:
         try:
             stamps = _image_times(file)
@@ -34,7 +32,7 @@ def cine_times_ns(path: str | Path) -> list[int] | None:
 
 
 def _image_times(file: IO[bytes]) -> np.ndarray | None:
-    """Return the TIME64 of all images, shape (N, 2) uint32, from the tagged block that holds them."""
+    """Return the TIME64 of all images, (N, 2) uint32, from their tagged block."""
     count = _read(file, COUNT_AT, "<I")[0]
     setup, images = _read(file, SETUP_AT, "<II")
     place = setup + _read(file, setup + LENGTH_AT, "<H")[0]

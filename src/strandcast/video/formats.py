@@ -1,50 +1,67 @@
-"""Which reader reads which video."""
-
-from __future__ import annotations
+"""Selection of the reader of a video: a built-in one, or one that another package provides."""
 
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Protocol
 
-from strandcast.video.files import IMAGES, PHOTRON, check_video_path
+from strandcast.core.registry import Registry
+from strandcast.records.folders import CONTAINERS, FRAME_READERS_GROUP, PHOTRON, TIFFS
+from strandcast.video.files import check_video_path
 from strandcast.video.source import Contents, Source
 
-# Each reader is imported where it is used: the decoding process starts in a third of the time.
+
+class FrameReader(Protocol):
+    """Reads one format of video; a module with these two functions is a reader."""
+
+    def probe(self, path: str | Path) -> Contents:
+        """Return a video's contents; at most its first frame is decoded."""
+
+    def open_source(
+        self, path: str | Path, threads: int, frames: int | None
+    ) -> AbstractContextManager[Source]:
+        """Open a video for one sequential pass; `threads` 0: the decoder's choice, `frames` None: all."""
+
+
+# By suffix without its dot; entry points only, because the decoding process does not know registered ones.
+FRAME_READERS: Registry[FrameReader] = Registry("frame reader", FRAME_READERS_GROUP)
 
 
 def probe(path: str | Path) -> Contents:
-    """Return what a video holds, told without decoding it but for its first frame."""
-    kind = _kind(path)
-    if kind == "pictures":
-        from strandcast.video.pictures import probe as probe_pictures
-
-        return probe_pictures(path)
-    if kind == "photron":
-        from strandcast.video.photron import probe as probe_photron
-
-        return probe_photron(path)
-    from strandcast.video.container import probe as probe_container
-
-    return probe_container(path)
+    """Return a video's contents; at most its first frame is decoded."""
+    return reader_of(path).probe(path)
 
 
 def open_source(path: str | Path, threads: int, frames: int | None) -> AbstractContextManager[Source]:
-    """Open a video in this process; `threads` 0 is the decoder's choice, `frames` None is all."""
-    kind = _kind(path)
-    if kind == "pictures":
-        from strandcast.video.pictures import open_source as open_pictures
-
-        return open_pictures(path, frames)
-    if kind == "photron":
-        from strandcast.video.photron import open_source as open_photron
-
-        return open_photron(path, frames)
-    from strandcast.video.container import open_source as open_container
-
-    return open_container(path, threads, frames)
+    """Open a video in this process; arguments as for `FrameReader.open_source`."""
+    return reader_of(path).open_source(path, threads, frames)
 
 
-def _kind(path: str | Path) -> str:
+def reader_of(path: str | Path) -> FrameReader:
+    """Return the reader of a video.
+
+    A package provides a reader as an entry point of the group ``strandcast.frame_readers``. The entry's name
+    is the suffix, in lower case and without the dot. Built-in suffixes cannot be replaced.
+
+    Raises
+    ------
+    StrandcastError
+        SC-V001 to V004 it is not a video file; SC-W003 the installed reader cannot be imported.
+    """
+    # Readers are imported on use, and entry points searched for unknown suffixes only: the decoding process
+    # then starts in a third of the time.
     file = check_video_path(path)
-    if file.is_dir() or file.suffix.lower() in IMAGES[1:]:
-        return "pictures"
-    return "photron" if file.suffix.lower() in PHOTRON else "container"
+    suffix = file.suffix.lower()
+    if file.is_dir() or suffix in TIFFS:
+        from strandcast.video import pictures
+
+        return pictures
+    if suffix in PHOTRON:
+        from strandcast.video import photron
+
+        return photron
+    installed = None if suffix in CONTAINERS else FRAME_READERS.find(suffix[1:])
+    if installed is not None:
+        return installed
+    from strandcast.video import container
+
+    return container

@@ -1,22 +1,20 @@
-"""What a video tells before it is tracked: frames, time stamps, gaps, hash, and whether it is whole."""
-
-from __future__ import annotations
+"""Inspection of a video before tracking: frames, time stamps, gaps, hash, completeness."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from strandcast.errors import INTEGRITY, StrandcastError
+from strandcast.errors import StrandcastError
 from strandcast.records.manifest import Gap, VideoFacts
-from strandcast.video.child import Limits, probe_in_child
-from strandcast.video.files import check_video_path, video_sha256
+from strandcast.video.files import check_video_path, damaged, video_sha256
 from strandcast.video.formats import probe
+from strandcast.video.isolated import ProcessLimits, probe_isolated
 from strandcast.video.source import Contents
 
-GAP_FACTOR = 1.5  # neighbours further apart than this many usual intervals have lost frames between them
-MOST_MISSING = 0.2  # of all frames may be missing in gaps
-RATE_TOLERANCE = 0.02  # by which the experiment's rate and the time stamps' may differ unsaid
+GAP_FACTOR = 1.5  # chosen: frame interval relative to the usual one above which frames are missing
+MAX_MISSING = 0.2  # chosen: largest share of frames missing in gaps
+RATE_TOLERANCE = 0.02  # chosen: relative difference of declared and stamped rate without a note
 
 
 def inspect_video(
@@ -25,35 +23,35 @@ def inspect_video(
     missing_policy: str = "refuse",
     isolated: bool = True,
 ) -> VideoFacts:
-    """Read the facts of a video; no more than its first frame is decoded.
+    """Return the facts of a video; at most its first frame is decoded.
 
     Parameters
     ----------
     path
         A video file, or a folder of pictures.
     frame_rate_hz
-        The true frame rate, if the experiment gives it: cameras that export slow motion write another.
+        The true frame rate if declared: slow-motion exports store another one.
     missing_policy
-        "refuse" a video that was cut, or "use_prefix": the frames before the cut.
+        "refuse" a truncated video, or "use_prefix": the frames before the cut.
     isolated
-        Read the file in a process of its own.
+        Read the file in a separate process.
 
     Returns
     -------
     VideoFacts
-        ``packets`` and ``time_stamps`` hold what a decoder shows: packets that the container's edit list
-        takes out are counted in ``discarded_packets`` instead.
+        ``packets`` and ``time_stamps`` describe displayed frames: packets removed by the container's edit
+        list are counted in ``discarded_packets`` instead.
 
     Raises
     ------
     StrandcastError
-        As `strandcast.video.reader.open_video` when it opens, and SC-V011 fewer than two frames, SC-V012
-        fewer than the header promises (it was cut), SC-V017 no frame rate, SC-V018 too many missing.
+        As `strandcast.video.reader.open_video` on opening, and SC-V011 fewer than two frames, SC-V012
+        fewer than the header states (truncated), SC-V017 no frame rate, SC-V018 too many missing.
     """
     check_video_path(path)
-    contents = probe_in_child(path, Limits()) if isolated else probe(path)
+    contents = probe_isolated(path, ProcessLimits()) if isolated else probe(path)
     digest, size = video_sha256(path)
-    _check_some(contents, path)
+    _check_not_empty(contents, path)
     clock = _clock(contents, frame_rate_hz, path)
     missing = sum(gap.missing for gap in clock.gaps)
     cut = _cut(contents, missing)
@@ -89,20 +87,19 @@ def camera_times(facts: VideoFacts) -> np.ndarray:
     return np.asarray(facts.time_stamps, dtype=np.float64) * facts.time_base_s
 
 
-def _check_some(contents: Contents, path: str | Path) -> None:
+def _check_not_empty(contents: Contents, path: str | Path) -> None:
     held = len(contents.ticks)
     if held < 2 and contents.promised > held + contents.discarded + 1:
         raise _refusal(_cut(contents, 0) or "", path)
     if held < 2:
         why = f" ({contents.breaks_off})" if contents.breaks_off else ""
-        raise StrandcastError(
-            "SC-V011", f"holds {held} frames with a time stamp{why}; at least 2 are needed", file=path,
-            exit_code=INTEGRITY, fix="give the recording of the throw")  # fmt: skip
+        what = f"has {held} frames with a time stamp{why}; at least 2 are needed"
+        raise damaged("SC-V011", what, path, fix="give the recording of the throw")
 
 
 @dataclass(frozen=True)
 class _Clock:
-    """Time stamps from 0, in `time_base_s` of true time; the true rate and the one that they tell."""
+    """Time stamps from 0 in units of `time_base_s`; the true frame rate and that of the stamps."""
 
     ticks: np.ndarray
     time_base_s: float
@@ -118,49 +115,47 @@ def _clock(contents: Contents, frame_rate_hz: float | None, path: str | Path) ->
     stamped_hz = None if contents.time_base_s is None else 1.0 / (step * contents.time_base_s)
     rate_hz = frame_rate_hz or stamped_hz
     if rate_hz is None:
-        raise StrandcastError(
-            "SC-V017", "pictures state no frame rate", file=path, field="camera.frame_rate_hz",
-            fix="give camera.frame_rate_hz in experiment.yaml")  # fmt: skip
+        field = "camera.frame_rate_hz"
+        fix = f"give {field} in experiment.yaml"
+        raise StrandcastError("SC-V017", "pictures have no frame rate", file=path, field=field, fix=fix)
     true = contents.time_base_s if frame_rate_hz is None else None
     return _Clock(ticks, true or 1.0 / (rate_hz * step), rate_hz, stamped_hz, _gaps(ticks, step, rate_hz))
 
 
 def _cut(contents: Contents, missing: int) -> str | None:
-    """Return in what way frames are lost other than in gaps between time stamps; None if none are."""
+    """Return how frames are lost other than in gaps between time stamps; None if none are."""
     held = len(contents.ticks) + contents.discarded
     # A container that states a duration only may be one frame off.
     short = contents.promised - held - missing > (0 if contents.exact else 1)
     if contents.promised and short:
-        return (
-            f"holds {held} frames of the {contents.promised} that its header promises: it was cut or damaged"
-        )
+        return f"has {held} frames of the {contents.promised} that its header states: it is cut or damaged"
     if contents.breaks_off:
         return f"breaks off after {held} frames ({contents.breaks_off})"
     return None
 
 
 def _ends_early(contents: Contents) -> bool:
-    """Return whether the frames before a cut are known to be all there.
+    """Return whether the frames before a cut are known to be complete.
 
-    An AVI only counts its frames as it finds them: unless its data end within one, the hole may be anywhere.
+    An AVI has no time stamps: unless its data end within a frame, any frames may be missing.
     """
     return contents.breaks_off is not None or contents.container != "avi"
 
 
 def _refusal(cut: str, path: str | Path) -> StrandcastError:
-    return StrandcastError(
-        "SC-V012", cut, file=path, field="camera.missing_policy", exit_code=INTEGRITY,
-        cost="frames after the damage are not seen, or at wrong times",
-        fix="copy the file again from the camera; if its end is all that is lost, "
-        "camera.missing_policy: use_prefix in experiment.yaml takes the frames before")  # fmt: skip
+    cost = "frames after the damage are missing, or have wrong times"
+    fix = (
+        "copy the file again from the camera; if only its end is lost, camera.missing_policy: use_prefix in "
+        "experiment.yaml uses the frames before"
+    )
+    return damaged("SC-V012", cut, path, field="camera.missing_policy", cost=cost, fix=fix)
 
 
 def _check_missing(missing: int, held: int, path: str | Path) -> None:
-    if missing > MOST_MISSING * (held + missing):
-        raise StrandcastError(
-            "SC-V018", f"{missing} of {held + missing} frames are missing (gaps in time)", file=path,
-            exit_code=INTEGRITY, cost="the string is not seen in fast parts of the throw",
-            fix="record again: a shorter exposure, a faster disk or a constant frame rate")  # fmt: skip
+    if missing > MAX_MISSING * (held + missing):
+        what = f"{missing} of {held + missing} frames are missing (gaps in time)"
+        fix = "record again: a shorter exposure, a faster disk or a constant frame rate"
+        raise damaged("SC-V018", what, path, cost="fast parts of the throw are missing", fix=fix)
 
 
 def _rate_notes(clock: _Clock) -> list[str]:
@@ -168,15 +163,15 @@ def _rate_notes(clock: _Clock) -> list[str]:
         return []
     kind = "a slow-motion export" if clock.rate_hz > clock.stamped_hz else "a time-lapse export"
     return [
-        f"its time stamps tell {clock.stamped_hz:.6g} frames/s, the experiment {clock.rate_hz:.6g}, which is "
-        f"taken: it is {kind}, {clock.rate_hz / clock.stamped_hz:.3g} times as fast as it plays"
+        f"its time stamps give {clock.stamped_hz:.6g} frames/s, the experiment {clock.rate_hz:.6g}, which is "
+        f"used: it is {kind}, {clock.rate_hz / clock.stamped_hz:.3g} times as fast as it plays"
     ]
 
 
 def _usual_step(ticks: np.ndarray) -> float:
-    """Return the usual spacing of the time stamps, in ticks: the mean of those near the median.
+    """Return the usual spacing of the time stamps [ticks]: the mean of those near the median.
 
-    Time bases are coarse (500 frames/s at 1/16384 s steps by 32 or 33 ticks), so the median alone is not it.
+    Time bases are coarse (500 frames/s at 1/16384 s steps by 32 or 33 ticks): the median is too inexact.
     """
     steps = np.diff(ticks).astype(np.float64)
     median = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0

@@ -1,6 +1,4 @@
-"""Videos of pictures: a folder of numbered TIFF or PNG files, or one TIFF of many pages."""
-
-from __future__ import annotations
+"""Image sequences: a folder of numbered TIFF or PNG files, or one TIFF with many pages."""
 
 import re
 from collections.abc import Iterator
@@ -13,7 +11,8 @@ import tifffile
 from PIL import Image, UnidentifiedImageError
 
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.video.files import check_video_path, files_of
+from strandcast.records.folders import files_of_video
+from strandcast.video.files import check_video_path, damaged
 from strandcast.video.source import Contents, Grey, Source, VideoInfo, check_pixels, in_place
 
 NUMBERED = re.compile(r"^(.*?)(\d+)$")
@@ -21,24 +20,23 @@ PNG_MODES = {"L": 255, "1": 255, "P": 255, "RGB": 255, "RGBA": 255, "LA": 255, "
 
 
 def numbered(folder: Path) -> list[tuple[int, Path]]:
-    """Return the pictures of a folder with the numbers in their names, in the order of these.
+    """Return the numbers in the names of a folder's pictures, ascending, and the pictures.
 
     Raises
     ------
     StrandcastError
-        SC-V016 a name without number, a number that is there twice, or two series in one folder; SC-V003 a
+        SC-V016 a name without a number, a number that occurs twice, or two series in one folder; SC-V003 a
         link out of the folder.
     """
     found: dict[int, Path] = {}
     series = set()
-    for file in files_of(folder):
+    for file in files_of_video(folder):
         match = NUMBERED.match(file.stem)
         if match is None:
             raise _unclear(folder, f"{file.name!r} has no number at the end of its name")
         if file.resolve().parent != folder.resolve() or not file.is_file():
-            raise StrandcastError(
-                "SC-V003", "is not a file of this folder", file=file, fix="copy the file itself"
-            )
+            what = "is a link out of its folder, or not a file"
+            raise StrandcastError("SC-V003", what, file=file, fix="copy the file itself")
         series.add((match[1], file.suffix.lower()))
         number = int(match[2])
         if number in found:
@@ -46,18 +44,17 @@ def numbered(folder: Path) -> list[tuple[int, Path]]:
         found[number] = file
     if len(series) > 1:
         names = ", ".join(f"{stem}*{suffix}" for stem, suffix in sorted(series)[:3])
-        raise _unclear(folder, f"holds more than one series of pictures: {names}")
+        raise _unclear(folder, f"contains more than one series of pictures: {names}")
     return sorted(found.items())
 
 
 def _unclear(folder: Path, what: str) -> StrandcastError:
-    return StrandcastError(
-        "SC-V016", what, file=folder, fix="keep one series of pictures, numbered as they were filmed"
-    )
+    fix = "keep one series of pictures, numbered in the order of recording"
+    return StrandcastError("SC-V016", what, file=folder, fix=fix)
 
 
 def probe(path: str | Path) -> Contents:
-    """Return what a video of pictures holds; it states no rate, and each number missing is a frame lost."""
+    """Return the contents of an image sequence; it has no rate, and a missing number is a lost frame."""
     file = check_video_path(path)
     if file.is_dir():
         pictures = numbered(file)
@@ -81,21 +78,19 @@ def probe(path: str | Path) -> Contents:
 
 
 @contextmanager
-def open_source(path: str | Path, frames: int | None) -> Iterator[Source]:
-    """Open a video of pictures; a frame's time is its number from the first, as if at 1 frame/s.
+def open_source(path: str | Path, threads: int, frames: int | None) -> Iterator[Source]:
+    """Open an image sequence; a frame's time is its number from the first, as if at 1 frame/s.
 
     Raises
     ------
     StrandcastError
-        As `numbered`, and SC-V005 no picture that can be read, SC-V007 too large, SC-V008 a picture is
-        damaged, SC-V009 one of another size or depth, SC-V010 a kind of pixel that is not read.
+        As `numbered`, and SC-V005 not a PNG or TIFF, SC-V007 too large, SC-V008 a damaged picture,
+        SC-V009 one of another size or depth, SC-V010 an unsupported kind of pixel.
     """
-    facts = probe(path)
+    held = probe(path)
     file = check_video_path(path)
-    max_level = 255 if facts.pixel_format == "gray" else 65535
-    info = VideoInfo(
-        Path(path), facts.width_px, facts.height_px, facts.codec, facts.pixel_format, max_level
-    )  # fmt: skip
+    max_level = 255 if held.pixel_format == "gray" else 65535
+    info = VideoInfo(Path(path), held.width_px, held.height_px, held.codec, held.pixel_format, max_level)
     pictures = _folder(file) if file.is_dir() else _pages(file)
     yield Source(info, _checked(pictures, info, frames), in_place)
 
@@ -108,7 +103,7 @@ def _checked(
         if count == limit:
             return
         if grey.shape != (info.height, info.width) or max_level != info.max_level:
-            what = f"frame {count} is of another size or depth than the first ({grey.shape[::-1]} px)"
+            what = f"frame {count} has another size or depth than the first ({grey.shape[::-1]} px)"
             raise StrandcastError("SC-V009", what, file=file, exit_code=INTEGRITY)
         first = number if first is None else first
         yield float(number - first), grey
@@ -127,9 +122,7 @@ def _pages(file: Path) -> Iterator[tuple[int, Path, Grey, int]]:
 
 def _read(file: Path) -> tuple[Grey, int]:
     if file.stat().st_size == 0:
-        raise StrandcastError(
-            "SC-V004", "is empty (0 bytes)", file=file, exit_code=INTEGRITY, fix="copy it again"
-        )
+        raise damaged("SC-V004", "is empty (0 bytes)", file)
     if file.suffix.lower() != ".png":
         with _open_tiff(file) as tiff:
             return _page(tiff, 0, file)
@@ -140,24 +133,26 @@ def _read_png(file: Path) -> tuple[Grey, int]:
     try:
         with Image.open(file, formats=["PNG"]) as picture:
             check_pixels(*picture.size, file)
-            # Pillow cuts colours of 16 bits to 8.
+            # Pillow reduces colours of 16 bits to 8.
             deep_colour = picture.mode in {"RGB", "RGBA", "LA"} and ";16" in str(picture.tile)
             if picture.mode not in PNG_MODES or deep_colour:
-                raise _unread(file, f"PNG of mode {picture.mode}" + (" in 16 bits" if deep_colour else ""))
+                raise _unsupported(
+                    file, f"PNG of mode {picture.mode}" + (" with 16 bits" if deep_colour else "")
+                )
             max_level = PNG_MODES[picture.mode]
             grey = picture if max_level > 255 else picture.convert("L")
             return np.asarray(grey, dtype=np.uint8 if max_level == 255 else np.uint16), max_level
     except UnidentifiedImageError:
-        raise _no_picture(file, "is no PNG") from None
+        raise damaged("SC-V005", "is not a PNG", file) from None
     except (OSError, SyntaxError, ValueError) as error:
-        raise _damaged(file, error) from None
+        raise damaged("SC-V008", f"is damaged ({error})", file) from None
 
 
 def _open_tiff(file: Path) -> tifffile.TiffFile:
     try:
         return tifffile.TiffFile(file)
     except (tifffile.TiffFileError, ValueError, OSError) as error:
-        raise _no_picture(file, f"is no TIFF ({error})") from None
+        raise damaged("SC-V005", f"is not a TIFF ({error})", file) from None
 
 
 def _page(tiff: tifffile.TiffFile, number: int, file: Path) -> tuple[Grey, int]:
@@ -165,36 +160,17 @@ def _page(tiff: tifffile.TiffFile, number: int, file: Path) -> tuple[Grey, int]:
         page = tiff.pages[number]
         check_pixels(page.shape[1], page.shape[0], file)
         grey = page.asarray()
-    except StrandcastError:
+    except (StrandcastError, MemoryError):
         raise
-    except MemoryError:
-        raise
-    except Exception as error:  # tifffile and its codecs raise whatever their parts do
-        raise _damaged(file, error) from None
+    except Exception as error:  # tifffile and its codecs raise exceptions of any kind
+        raise damaged("SC-V008", f"is damaged ({error})", file) from None
     if grey.dtype not in (np.uint8, np.uint16) or grey.ndim not in (2, 3):
-        raise _unread(file, f"TIFF of {grey.dtype} in {grey.ndim} dimensions")
+        raise _unsupported(file, f"TIFF of {grey.dtype} with {grey.ndim} dimensions")
     if grey.ndim == 3:
         grey = cv2.cvtColor(np.ascontiguousarray(grey[..., :3]), cv2.COLOR_RGB2GRAY)
     return grey, 255 if grey.dtype == np.uint8 else 65535
 
 
-def _unread(file: Path, what: str) -> StrandcastError:
-    return StrandcastError(
-        "SC-V010", f"{what} is not read", file=file, fix="save pictures in 8 or 16-bit grey"
-    )
-
-
-def _no_picture(file: Path, what: str) -> StrandcastError:
-    return StrandcastError(
-        "SC-V005", what, file=file, exit_code=INTEGRITY, fix="copy it again from the camera"
-    )
-
-
-def _damaged(file: Path, error: Exception) -> StrandcastError:
-    return StrandcastError(
-        "SC-V008",
-        f"is damaged ({error})",
-        file=file,
-        exit_code=INTEGRITY,
-        fix="copy it again from the camera",
-    )
+def _unsupported(file: Path, kind: str) -> StrandcastError:
+    fix = "save pictures as 8-bit or 16-bit grey"
+    return StrandcastError("SC-V010", f"{kind} is not supported", file=file, fix=fix)

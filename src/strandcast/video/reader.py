@@ -1,19 +1,19 @@
 """Frames of a video, in order, as full-range grey images with the time on the camera's clock."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from strandcast.video.child import Limits, decode_in_child
+import numpy as np
+
 from strandcast.video.files import check_video_path
 from strandcast.video.formats import open_source
+from strandcast.video.isolated import ProcessLimits, decode_isolated
 from strandcast.video.source import Grey, Source, VideoInfo, is_copy
 
-TOLD = 5  # of the kinds of the decoder's messages, and of the runs of copies
+MAX_REPORTED = 5  # chosen: kinds of decoder messages, and runs of copies
 NUMBER = re.compile(r"-?\b(0x)?[0-9A-F]*[0-9][0-9A-Fa-f.]*")
 
 
@@ -22,20 +22,20 @@ class VideoFile:
     """An open video: iterate once for ``(index, time_s, grey)``.
 
     ``grey`` is (height, width) uint8, or uint16 for 9 to 16 bits, from 0 to ``info.max_level``. It is
-    not copied: use it before the next frame is taken (or `keep` frames later), and do not write into it.
+    not copied: use it before taking the next frame (or `keep` frames later), and do not write into it.
 
     Attributes
     ----------
     info
-        Of the frames.
+        Properties of the frames.
     frames
         The iterator.
     messages
-        The decoder's complaints, as they come.
+        Messages of the decoder so far.
     copies
-        Indices of the frames that are exact copies of the one before: the camera or a converter froze.
+        Indices of frames that are exact copies of their predecessors: the camera or a converter froze.
     pid
-        Of the process that decodes, None where it is this one.
+        Id of the decoding process; None if it is this process.
     """
 
     info: VideoInfo
@@ -48,19 +48,21 @@ class VideoFile:
         return self.frames
 
     def warnings(self) -> list[str]:
-        """Return what the frames so far leave to be told: the decoder's complaints, frozen frames."""
-        told = [f"decoder: {text}" for text in summed_up(self.messages)[:TOLD]]
+        """Return warnings about the frames so far: the decoder's messages, frozen frames."""
+        warnings = [f"decoder: {text}" for text in summed_up(self.messages)[:MAX_REPORTED]]
         frozen = runs(self.copies)
-        for first, last in frozen[:TOLD]:
+        for first, last in frozen[:MAX_REPORTED]:
             these = f"frames {first} to {last} are copies" if last > first else f"frame {first} is a copy"
-            told.append(f"{these} of frame {first - 1}, bit by bit")
-        if len(frozen) > TOLD:
-            told.append(f"{len(frozen) - TOLD} more runs of copied frames, {len(self.copies)} copies in all")
-        return told
+            warnings.append(f"{these} of frame {first - 1}, bit by bit")
+        if len(frozen) > MAX_REPORTED:
+            warnings.append(
+                f"{len(frozen) - MAX_REPORTED} more runs of copied frames, {len(self.copies)} copies in all"
+            )
+        return warnings
 
 
 def summed_up(messages: list[str]) -> list[str]:
-    """Return one message of each kind, with how often it came; messages of a kind differ in numbers only."""
+    """Return one message of each kind with its count; messages of a kind differ in numbers only."""
     kinds: dict[str, list[str]] = {}
     for text in messages:
         kinds.setdefault(NUMBER.sub("#", text), []).append(text)
@@ -68,14 +70,9 @@ def summed_up(messages: list[str]) -> list[str]:
 
 
 def runs(indices: list[int]) -> list[tuple[int, int]]:
-    """Return first and last of each run of successive numbers, from numbers in order."""
-    found: list[tuple[int, int]] = []
-    for index in indices:
-        if found and index == found[-1][1] + 1:
-            found[-1] = (found[-1][0], index)
-        else:
-            found.append((index, index))
-    return found
+    """Return the first and last number of each run of consecutive numbers in an ascending list."""
+    groups = np.split(np.array(indices), np.flatnonzero(np.diff(indices) != 1) + 1)
+    return [(int(group[0]), int(group[-1])) for group in groups if len(group)]
 
 
 @contextmanager
@@ -85,7 +82,7 @@ def open_video(
     isolated: bool = True,
     frames: int | None = None,
     keep: int = 1,
-    limits: Limits | None = None,
+    limits: ProcessLimits | None = None,
 ) -> Iterator[VideoFile]:
     """Open a video for one sequential decoding pass.
 
@@ -96,28 +93,27 @@ def open_video(
     threads
         Decoder threads, 0 for the decoder's choice. The frames are the same.
     isolated
-        Decode in a process of its own, which a bad file cannot take this one down with, and which works
-        while this one does.
+        Decode in a separate process: a bad file cannot crash this one, and decoding runs in parallel.
     frames
-        Decode only so many, the first; of a file that was cut, those before the cut.
+        Decode only the first so many; of a truncated file, those before the cut.
     keep
-        A frame stays as it is until so many more have been taken.
+        A frame stays valid until so many more have been taken.
     limits
-        What the process may take.
+        Resource limits of the process.
 
     Yields
     ------
     VideoFile
-        Frames in order of display; time is the container's time stamp (s), whatever the nominal rate says.
-        A video without clock counts 1 frame/s.
+        Frames in display order; time is the container's time stamp [s], regardless of the nominal rate.
+        A video without time stamps counts 1 frame/s.
 
     Raises
     ------
     StrandcastError
-        As the format's reader: SC-V001 to V007 and V013 to V016 when it is opened; while iterating, SC-V008
-        the data end in damage, SC-V009 a frame without time or of another size, SC-V010 a pixel format that
-        is not read. Isolated also SC-V031 the decoder crashed, SC-V032 it hangs, SC-V033 it needs too much
-        memory, SC-V034 it could not run.
+        From the format's reader: SC-V001 to V007 and V013 to V016 on opening; while iterating, SC-V008 the
+        data end in damage, SC-V009 a frame without time stamp or of another size, SC-V010 an unsupported
+        pixel format. If isolated also SC-V031 the decoder crashed, SC-V032 it hangs, SC-V033 it needs too
+        much memory, SC-V034 it could not run.
     """
     check_video_path(path)
     copies: list[int] = []
@@ -129,9 +125,9 @@ def open_video(
             finally:
                 video.messages[:] = source.messages()
         return
-    with decode_in_child(path, threads, frames, keep, limits or Limits()) as decoding:
+    with decode_isolated(path, threads, frames, keep, limits or ProcessLimits()) as decoding:
         counted = _counted(decoding.frames(), copies)
-        yield VideoFile(decoding.info, counted, decoding.messages, copies, decoding.child.process.pid)
+        yield VideoFile(decoding.info, counted, decoding.messages, copies, decoding.decoder.process.pid)
 
 
 def _compared(source: Source) -> Iterator[tuple[float, Grey, bool]]:

@@ -1,6 +1,4 @@
-"""What every reader of a video format gives: facts without decoding, and frames one after the other."""
-
-from __future__ import annotations
+"""The types that all frame readers share: a video's contents without decoding it, and its frames in order."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -17,7 +15,7 @@ Grey = np.ndarray
 
 @dataclass(frozen=True)
 class VideoInfo:
-    """What the decoder says about the frames: size in pixels, pixel format, levels of grey."""
+    """Properties of the frames as the decoder states them; sizes in pixels, grey levels 0 to `max_level`."""
 
     path: Path
     width: int
@@ -38,14 +36,13 @@ class Source:
 
     Attributes
     ----------
-    info
-        Of the frames.
     raws
-        Time (s) and raw frame, in order of display.
+        Time [s] and raw frame, in order of display.
     to_grey
-        Makes the grey image (height, width) of a raw frame, in the array given if there is one.
+        Returns the grey image (height, width) of a raw frame; writes it to the second argument if that is an
+        array.
     messages
-        Returns the decoder's complaints so far.
+        Returns the decoder's messages so far.
     """
 
     info: VideoInfo
@@ -56,24 +53,22 @@ class Source:
 
 @dataclass(frozen=True)
 class Contents:
-    """What a video holds, told without decoding it (but for its first frame).
+    """The contents of a video; at most its first frame is decoded for them.
 
     Attributes
     ----------
-    container, codec, pixel_format, width_px, height_px
-        As the file says.
     ticks
-        Time stamp of each frame in order of display, in `time_base_s`.
+        Time stamp of each frame in order of display, in units of `time_base_s`.
     time_base_s
-        None where the file states no rate (image sequences): then ticks count frames.
+        None if the file states no rate (image sequences): ticks then count frames.
     promised, exact
-        Frames that the header promises, 0 if it does not; and whether that is a count, not a duration.
+        Number of frames that the header states, 0 if it states none; False if derived from a duration.
     discarded
-        Frames that the container's edit list takes out.
+        Number of frames that the container's edit list removes.
     breaks_off
         Why the data end before the file does; None if they do not.
     notes
-        What a user should know, in words.
+        Remarks for the user.
     """
 
     container: str
@@ -91,25 +86,21 @@ class Contents:
 
 
 def check_pixels(width: int, height: int, path: str | Path) -> None:
-    """Refuse frames too large to be decoded, before any is (SC-V007)."""
+    """Refuse frames that are too large to decode (SC-V007)."""
     if width * height <= 0 or width * height > MAX_PIXELS:
-        raise StrandcastError(
-            "SC-V007", f"frames of {width} x {height} pixels are not read (limit {MAX_PIXELS} pixels)",
-            file=path, fix="crop or scale the video")  # fmt: skip
+        what = f"frames of {width} x {height} pixels are not supported (limit {MAX_PIXELS} pixels)"
+        raise StrandcastError("SC-V007", what, file=path, fix="crop or scale the video")
 
 
 def in_place(image: Grey, out: Grey | None) -> Grey:
-    """Return `image`, in the array given if there is one."""
+    """Return `image`, copied to `out` if that is an array."""
     if out is None:
         return image
     np.copyto(out, image)
     return out
 
 
-def is_copy(now: Grey, before: Grey) -> bool:
-    """Return whether a frame is the exact copy of another: a camera's noise never repeats.
-
-    One row tells nearly all frames apart.
-    """
-    row = len(now) // 2
-    return bool(np.array_equal(now[row], before[row]) and np.array_equal(now, before))
+def is_copy(frame: Grey, previous: Grey) -> bool:
+    """Return whether two frames are identical: a camera's noise never repeats."""
+    row = len(frame) // 2  # one row distinguishes nearly all frames
+    return bool(np.array_equal(frame[row], previous[row]) and np.array_equal(frame, previous))

@@ -1,0 +1,116 @@
+"""alignment.json from a fit, or from sync events alone."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from strandcast.alignment.checks import NORMAL
+from strandcast.alignment.events import clock_of_events
+from strandcast.alignment.fine_fit import Candidate, ClockFit
+from strandcast.alignment.problem import EventPair, Priors
+from strandcast.alignment.rig_error import Rig
+from strandcast.records.alignment import Alignment, HandMarkerFit, SyncCheck
+
+
+class Heading(NamedTuple):
+    """The first fields of every alignment; start and end of the motion are in robot time [s]."""
+
+    experiment: str
+    trial: int
+    motion_s: tuple[float, float]
+
+
+def sync_check(event: EventPair, fit: ClockFit, kind: str, used: bool) -> SyncCheck:
+    """Return the comparison of an event with the hand's motion."""
+    return SyncCheck(
+        camera_time_s=event.camera_s,
+        robot_time_s=event.robot_s,
+        sigma_s=event.sigma_s,
+        difference_s=fit.robot_s(event.camera_s) - event.robot_s,
+        motion_se_s=fit.robot_se_s(event.camera_s),
+        kind=kind,
+        used=used,
+    )
+
+
+def record_of_fit(
+    best: Candidate,
+    rig: Rig,
+    priors: Priors,
+    heading: Heading,
+    checks: Sequence[SyncCheck],
+    warnings: Sequence[str],
+) -> Alignment:
+    """Return the record of a fit to the hand's motion."""
+    fit, error, covered = best.fit, best.fit.rig_error, best.covered
+    return Alignment(
+        experiment=heading.experiment,
+        trial=heading.trial,
+        source="fit",
+        offset_s=fit.offset_s(),
+        offset_se_s=fit.offset_se_s(),
+        drift=fit.drift,
+        drift_se=fit.drift_se,
+        drift_prior=priors.drift,
+        known_drift=priors.known_drift,
+        residual_rms_m=best.residual_m,
+        frames=len(np.unique(covered.time_s)),
+        motion_start_s=heading.motion_s[0],
+        motion_end_s=heading.motion_s[1],
+        marker_shift_m=error.shift_m.mean(axis=0).tolist(),
+        marker_turn_rad=float(error.turn_rad.mean()),
+        base_shift_m=error.base_m.tolist(),
+        joint_zero_rad=error.zero_rad.tolist(),
+        link_length_m=error.length_m.tolist(),
+        stretch=error.stretch.tolist(),
+        markers=[_marker_fit(best, name, index) for index, name in enumerate(rig.ids)],
+        middle_se_s=fit.middle_se_s,
+        middle_camera_time_s=fit.middle_camera_s,
+        unaided_se_s=fit.unaided_se_s,
+        slow_error_m=fit.slow_m,
+        wrong_rows=int(best.path.outlier.sum()),
+        sync_events=list(checks),
+        warnings=list(warnings),
+    )
+
+
+def _marker_fit(best: Candidate, name: int, index: int) -> HandMarkerFit:
+    mine = best.covered.marker == index
+    return HandMarkerFit(
+        marker=name,
+        shift_m=best.fit.rig_error.shift_m[index].tolist(),
+        turn_rad=float(best.fit.rig_error.turn_rad[index]),
+        sightings=int(mine.sum()),
+        wrong=int(best.fit.outlier[mine].sum()),
+    )
+
+
+def record_of_events(events: list[EventPair], priors: Priors, heading: Heading) -> Alignment:
+    """Return the record of an alignment by sync events alone: the hand does not move."""
+    found, covariance, middle_s = clock_of_events(events, priors.known_drift, priors.drift)
+    offset_s = float(found[0] - (1.0 + found[1]) * middle_s)
+    back = np.array([1.0, -middle_s])
+    se_s = float(np.sqrt(back @ covariance @ back))
+    half_ms = NORMAL * float(np.sqrt(covariance[0, 0])) * 1e3
+    return Alignment(
+        experiment=heading.experiment,
+        trial=heading.trial,
+        source="event",
+        offset_s=offset_s,
+        offset_se_s=se_s,
+        drift=float(found[1]),
+        drift_se=float(np.sqrt(covariance[1, 1])),
+        drift_prior=priors.drift,
+        known_drift=priors.known_drift,
+        residual_rms_m=None,
+        frames=0,
+        motion_start_s=heading.motion_s[0],
+        motion_end_s=heading.motion_s[1],
+        middle_se_s=float(np.sqrt(covariance[0, 0])),
+        middle_camera_time_s=middle_s,
+        warnings=[
+            f"the hand does not move: the offset rests on {len(events)} sync event(s) alone "
+            f"(± {half_ms:.2f} ms, 95 %), without a check"
+        ],
+    )

@@ -1,0 +1,132 @@
+"""Commands that exchange data with other programs: import joints, import track, export motion."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from strandcast.cli.common import ROOT, ExperimentName, TrialNumber
+
+
+def import_joints(
+    experiment: ExperimentName,
+    trial: TrialNumber,
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="The robot's CSV, or a ROS bag.")],
+    dialect: Annotated[str, typer.Option(help="auto, libfranka, ur_rtde or ur.")] = "auto",
+    columns: Annotated[
+        Path | None, typer.Option(help="TOML or YAML file that names the columns of any other CSV.")
+    ] = None,
+    joint: Annotated[
+        list[str] | None, typer.Option(help="Name of a joint; repeat for each joint, starting at the base.")
+    ] = None,
+    degrees: Annotated[bool, typer.Option("--degrees", help="The log's angles are in degrees.")] = False,
+    topic: Annotated[
+        str | None, typer.Option(help="The topic to read, if several topics of a bag contain joints.")
+    ] = None,
+    receive: Annotated[
+        bool, typer.Option("--receive-time", help="Use a bag's receive times instead of the header stamps.")
+    ] = False,
+    sync_output: Annotated[
+        int | None, typer.Option(min=0, help="UR logs: the digital output that switches the LED.")
+    ] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
+) -> None:
+    """Import a joint log as joints.csv and run.json of a trial."""
+    from strandcast.imports.joints import Reading
+    from strandcast.imports.mapping import JointMapping, load_mapping
+    from strandcast.imports.ros_bags import BagChoice
+    from strandcast.stages import import_joints as stage
+
+    mapping = None if columns is None else load_mapping(columns, JointMapping)
+    bag = BagChoice(topic, "receive" if receive else "header")
+    reading = Reading(dialect, mapping, bag, degrees, sync_output)
+    run = stage.run(ROOT, experiment, trial, log, reading, joint or [], replace)
+    timing = run.timing
+    print(
+        f"{run.rows} rows at {timing.rate_hz:.1f} Hz, {len(timing.gaps)} gaps, {timing.duplicates} duplicates"
+    )
+    if timing.gaps:
+        worst = max(timing.gaps, key=lambda gap: gap.duration_s)
+        lost = sum(gap.missing for gap in timing.gaps)
+        print(
+            f"{lost} samples lost; longest gap {1000 * worst.duration_s:.1f} ms after row {worst.index + 1}"
+        )
+    for warning in run.warnings:
+        print(f"warning: {warning}")
+
+
+def import_track(
+    experiment: ExperimentName,
+    trial: TrialNumber,
+    capture: Annotated[Path, typer.Argument(metavar="CAPTURE", help="CSV file with one row per sample.")],
+    time: Annotated[str, typer.Option(help="Column of the time.")] = "t",
+    hand: Annotated[str, typer.Option(help="Columns of the hand: X,Y or X,Y,ANGLE.")] = "x,y,angle",
+    marker: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="PLACE:X,Y of a marker on the string, e.g. 0.2:x_mid,z_mid; repeat for each marker."
+        ),
+    ] = None,
+    angle_sign: Annotated[int, typer.Option(help="-1 if the file's angle grows clockwise.")] = 1,
+    angle_offset: Annotated[
+        float, typer.Option(help="Direction in which the string leaves the hand at angle 0 [rad].")
+    ] = 0.0,
+    columns: Annotated[
+        Path | None, typer.Option(help="TOML or YAML file that gives all this instead.")
+    ] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
+) -> None:
+    """Import motion capture as track, hand and alignment of a trial without video."""
+    from strandcast.imports.mapping import CaptureMapping, capture_mapping_of, load_mapping
+    from strandcast.stages import import_track as stage
+
+    if columns is None and not marker:
+        raise typer.BadParameter("give --marker PLACE:X,Y for each marker, or --columns FILE")
+    if columns is not None:
+        mapping = load_mapping(columns, CaptureMapping)
+    else:
+        turned = {"angle_sign": angle_sign, "angle_offset_rad": angle_offset}
+        mapping = capture_mapping_of(time, hand, marker or [], **turned)
+    summary = stage.run(ROOT, experiment, trial, capture, mapping, replace)
+    print(f"{summary.decoded_frames} samples, {summary.points} mass points")
+    for warning in summary.warnings:
+        print(f"warning: {warning}")
+
+
+def export_motion(
+    motion: Annotated[Path, typer.Argument(metavar="MOTION", help="The motion.json to export.")],
+    kind: Annotated[
+        str,
+        typer.Option(
+            "--as", help="ros, ros1, csv or urscript; ros-start, ros1-start: the move to the start."
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option(help="Output file; a goal is JSON, with comments if the name ends in .yaml.")
+    ],
+    arm: Annotated[Path | None, typer.Option(help="The arm's file (default: the experiment's arm).")] = None,
+    hanging: Annotated[
+        float | None,
+        typer.Option(min=0, help="Length hanging from the hand [m]; default: the experiment's string."),
+    ] = None,
+    time_scale: Annotated[
+        float, typer.Option(help="Play the same path this many times slower: 4, then 2, then 1.")
+    ] = 1.0,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="Rows per second of csv (default: as planned) or urscript (500)."),
+    ] = None,
+    sync_output: Annotated[
+        int | None, typer.Option(help="urscript: the digital output that is high during the motion.")
+    ] = None,
+) -> None:
+    """Check a motion as the player does and write it for an arm without a driver."""
+    from strandcast.executor.dry_run_report import unchecked_limits
+    from strandcast.executor.handover.export import ExportForm
+    from strandcast.stages import export_motion as stage
+
+    done = stage.run(ROOT, motion, out, ExportForm(kind, rate, sync_output), arm, hanging, time_scale)
+    for line in unchecked_limits(done.arm):
+        print(line)
+    slow = "" if time_scale == 1 else f", {time_scale:g} times slower: not a throw"
+    print(f"{out}: motion {done.short_hash}, {done.motion.trajectory().end_s:.3f} s{slow}")

@@ -1,0 +1,56 @@
+"""The command that plays a motion on an arm."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EXIT_CODES = (
+    "Exit codes: 0 dry run passed, or played and logged; 2 refused; 3 no driver, or no answer; "
+    "5 stopped by the player; 6 stopped by the controller; 7 the log is incomplete. "
+    "See docs/reference/executor.md."
+)
+
+
+def play(
+    motion: Annotated[Path, typer.Argument(metavar="MOTION", help="The motion.json to play.")],
+    arm: Annotated[Path, typer.Option(help="The arm's file.")],
+    out: Annotated[Path, typer.Option(help="The trial's folder of raw files.")],
+    live: Annotated[
+        bool, typer.Option("--live", help="Move the arm after the motion's short hash is typed.")
+    ] = False,
+    confirm: Annotated[
+        str | None,
+        typer.Option(metavar="HASH", help="The motion's short hash: move the arm without asking for it."),
+    ] = None,
+    time_scale: Annotated[
+        float, typer.Option(min=1.0, help="Play the same path this many times slower: 4, then 2, then 1.")
+    ] = 1.0,
+    move_to_start: Annotated[
+        bool, typer.Option(help="Move slowly to the first configuration before playing.")
+    ] = False,
+    settle: Annotated[
+        float,
+        typer.Option(min=0.0, max=600.0, help="Seconds to wait at the start until the string hangs still."),
+    ] = 0.0,
+    hanging: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Length hanging from the hand [m]; default: the experiment's string."),
+    ] = None,
+    accept_soft_realtime: Annotated[
+        bool, typer.Option("--accept-soft-realtime", help="Stream even if the host's timing is poor.")
+    ] = False,
+) -> None:
+    """Check a motion against its arm (a dry run); with --live or --confirm, play and log it."""
+    from strandcast.executor.preflight import PlayOptions
+    from strandcast.stages import play as stage
+
+    options = PlayOptions(
+        time_scale=time_scale,
+        move_to_start=move_to_start,
+        settle_s=settle,
+        soft_realtime=accept_soft_realtime,
+    )
+    done = stage.run(motion, arm, out, options, hanging, live, confirm)
+    if done is not None:
+        print(f"{out}: {done.status}, {done.rows} rows at {done.timing.rate_hz:.0f} Hz")

@@ -1,0 +1,1 @@
+"""experiment.yaml as typed, frozen sections: the arguments of the algorithms, each default once."""

@@ -1,0 +1,123 @@
+"""`estimate:` the fit of the string."""
+
+from collections.abc import Iterable
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from strandcast.core.section import Section
+from strandcast.core.strings import PARAMETERS
+
+PluginName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")]
+Ranges = Literal["wide", "paper"] | dict[str, tuple[float, float]]
+
+
+def known_parameters(names: Iterable[str]) -> None:
+    """Refuse names that are no string parameters."""
+    unknown = [name for name in names if name not in PARAMETERS]
+    if unknown:
+        raise ValueError(f"{unknown[0]!r} is no string parameter; these are: {', '.join(PARAMETERS)}")
+
+
+class PaperSearch(Section):
+    """Numbers of eq. 3 that the paper does not print."""
+
+    centre: Literal["fixed", "running"] = Field(
+        "running",
+        description="Draw around the previous trial's estimate (fixed), or around the best so far (running).",
+    )
+    chi_0: Annotated[float, Field(gt=0, le=1)] = Field(
+        1.0, description="Largest first change of a parameter with one trial, as a share of its range."
+    )
+    beta: Annotated[float, Field(gt=0, lt=1)] = Field(
+        0.999, description="Factor by which the largest change shrinks from change to change."
+    )
+
+
+class EstimateSettings(Section):
+    """The fit of the string."""
+
+    search: PluginName = Field(
+        "descent",
+        description="descent: from several draws; cma: CMA-ES; evolution: differential evolution; paper: the "
+        "paper's eq. 3; or an optimiser that an installed package provides.",
+    )
+    evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
+        4000,
+        description="Strings to simulate for the search, which ends earlier where nothing gains any more; "
+        "forecast and profiles may add to them.",
+    )
+    trials: Literal["all", "latest"] = Field(
+        "all", description="Fit all trials so far, or only the latest one."
+    )
+    older_trials_weight: Annotated[float, Field(ge=0, le=1)] = Field(
+        0.6, description="Weight of a trial in the fit relative to the trial after it."
+    )
+    evaluation: Literal["world", "hand"] = Field(
+        "world", description="Frame of the evaluation value E: world, or positions relative to the hand."
+    )
+    w: Annotated[float, Field(ge=0, le=10)] = Field(0.1, description="Weight of eq. 6 towards the tip.")
+    ranges: Ranges = Field(
+        "wide",
+        description="Ranges of the string parameters: wide, the paper's, or [least, greatest] by parameter.",
+    )
+    reading: Literal["rate", "sign", "strain"] = Field(
+        "rate",
+        description="Which bend takes the coefficients h and which sh: rate: growing and straightening, "
+        "sign: left and right, strain: compressed and stretched.",
+    )
+    integrator: PluginName = Field(
+        "lfcn",
+        description="lfcn: leapfrog with implicit dampers, second order; semi_implicit; euler: as in the "
+        "paper, needs steps of microseconds; or a scheme that an installed package provides.",
+    )
+    dt_s: Annotated[float, Field(gt=0, le=0.005)] = Field(
+        1e-3, description="Time step of the simulation [s]."
+    )
+    start_shape: Literal["observed", "hanging"] = Field(
+        "observed",
+        description="Shape of the string at the start of the simulation: as observed, or hanging at rest.",
+    )
+    rest_curl: bool = Field(True, description="Fit a constant rest curvature (real cables keep one).")
+    clamp_offset: bool = Field(False, description="Fit a turn of the clamp against the arm's file.")
+    clamp_offset_sd_rad: Annotated[float, Field(gt=0, le=0.5)] = Field(
+        0.05, description="How far the clamp's turn may well lie from the arm's file (prior, one sigma)."
+    )
+    camera_offset_sd_m: Annotated[float, Field(gt=0, le=0.05)] | None = Field(
+        None,
+        description="Fit an offset of the camera against the robot with this prior; null: none.",
+    )
+    stiff_bend: bool = Field(
+        False, description="Fit how much stiffer the stiff sections bend than the string."
+    )
+    bend_friction: bool = Field(
+        False,
+        description="Fit one dry friction of all joints: for thick cables, which stop swinging abruptly.",
+    )
+    find_weights: Annotated[int, Field(ge=0, le=3)] = Field(
+        0, description="Number of weights at unknown places: place and mass are both estimated."
+    )
+    horizon_s: Annotated[float, Field(ge=0, le=60)] | None = Field(
+        0.03, description="Frames up to this long after the closest approach enter E; null: the whole motion."
+    )
+    joints: Literal["measured", "commanded"] = Field(
+        "measured",
+        description="Drive the simulated hand with the measured or with the commanded joint angles.",
+    )
+    ensemble: Annotated[int, Field(ge=1, le=64)] = Field(
+        6, description="Number of near-best strings that are kept beside the best one."
+    )
+    profiles: bool = Field(
+        True, description="Find how far each number may move while E rises by 2 %, all others fitted again."
+    )
+    paper: PaperSearch = Field(PaperSearch(), description="Settings of `search: paper`.")
+
+    @field_validator("ranges")
+    @classmethod
+    def _ranges_have_names_and_order(cls, value: Ranges) -> Ranges:
+        if isinstance(value, dict):
+            known_parameters(value)
+            bad = [name for name, (low, high) in value.items() if not 0 < low < high]
+            if bad:
+                raise ValueError(f"the range of {bad[0]} must be [least, greatest], both above 0")
+        return value

@@ -1,0 +1,185 @@
+"""One experiment: string, arm, camera set-up, target, and the settings of every stage."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from strandcast.config.align import AlignSettings
+from strandcast.config.camera import (
+    LENS_PHOTOS,
+    MAIN,
+    PLANE_PHOTO,
+    CameraName,
+    CameraSettings,
+    each_once,
+    only_camera,
+)
+from strandcast.config.estimate import EstimateSettings, known_parameters
+from strandcast.config.lab import LabSettings
+from strandcast.config.plan import PlanSettings
+from strandcast.config.string import String
+from strandcast.config.track import TrackSettings
+from strandcast.core.box import Box
+from strandcast.core.objectives import OBJECTIVES, AnyObjective, Objective, PointObjective
+from strandcast.core.quantities import Position, Trial
+from strandcast.core.section import Section
+
+
+class Exclusion(Section):
+    """A trial that does not count, with the reason that the report shows."""
+
+    trial: Trial = Field(description="Number of the trial, counted from 1.")
+    reason: Annotated[str, Field(min_length=1, max_length=500)] = Field(
+        description="Why it does not count, e.g. the string slipped; the report shows it."
+    )
+
+
+StartString = Literal["ensemble", "minima", "random"]
+
+
+class Conflict(ValueError):
+    """Settings that contradict each other; `field` is the one to change."""
+
+    def __init__(self, what: str, field: str, fix: str) -> None:
+        super().__init__(what)
+        self.field = field
+        self.fix = fix
+
+
+class Experiment(Section):
+    """One string, arm, camera set-up and target, and the settings of every stage."""
+
+    schema_version: Literal[1] = Field(1, description="Version of this file format.")
+    title: Annotated[str, Field(max_length=200)] = Field("", description="Title of the report.")
+    string: String = Field(description="The string: its length, weights and stiff sections.")
+    arm: Annotated[str, Field(min_length=1, max_length=200)] = Field(
+        "planar3", description="A name in config/arms, or the path of an arm's file."
+    )
+    target_m: tuple[Position, Position] = Field(description="The target in the world frame.")
+    objective: AnyObjective = Field(
+        PointObjective(), description="The goal of a throw; by default, the tip hits target_m."
+    )
+    hit_radius_m: Annotated[float, Field(gt=0, le=0.5)] = Field(
+        0.02, description="A throw hits if the tip's path passes the target within this distance [m]."
+    )
+    max_trials: Trial = Field(5, description="The lab stops after this many trials, hit or not.")
+    min_trials: Trial = Field(1, description="The lab throws at least this many trials, even after a hit.")
+    seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = Field(
+        1, description="Seed of all random numbers; the same seed gives the same results."
+    )
+    start_string: StartString | dict[str, float] = Field(
+        "ensemble",
+        description="Strings with which the first motion is planned: a random ensemble, the minima of the "
+        "ranges, one random string, or values by parameter.",
+    )
+    workspace_m: Box | None = Field(
+        None, description="The region that the hand and the string may enter; by default the arm's own."
+    )
+    excluded: Annotated[list[Exclusion], each_once("trial", "trial {} is excluded twice")] = Field(
+        [], description="Trials that neither estimation nor planning uses."
+    )
+    cameras: dict[CameraName, CameraSettings] = Field(
+        {MAIN: CameraSettings()},
+        min_length=1,
+        description="Set-up and calibration files of each camera, by name; `camera: {…}` is short for "
+        "`cameras: {main: {…}}`.",
+    )
+    track: TrackSettings = Field(TrackSettings(), description="Tracking of the string in the video.")
+    align: AlignSettings = Field(
+        AlignSettings(), description="Alignment of the camera's clock with the robot's."
+    )
+    estimate: EstimateSettings = Field(
+        EstimateSettings(), description="Fit of the string parameters to the throws."
+    )
+    plan: PlanSettings = Field(PlanSettings(), description="Planning of the next motion.")
+    lab: LabSettings | None = Field(
+        None, description="The virtual rig; leave it out for an experiment with a real robot."
+    )
+
+    @field_validator("start_string")
+    @classmethod
+    def _start_values_are_known_and_positive(
+        cls, value: StartString | dict[str, float]
+    ) -> StartString | dict[str, float]:
+        if isinstance(value, dict):
+            known_parameters(value)
+            bad = [name for name, number in value.items() if number <= 0]
+            if bad:
+                raise ValueError(f"{bad[0]} must be above 0")
+        return value
+
+    @model_validator(mode="after")
+    def _min_trials_not_above_max_trials(self) -> Experiment:
+        if self.min_trials > self.max_trials:
+            raise Conflict(
+                f"min_trials ({self.min_trials}) is above max_trials ({self.max_trials})",
+                "min_trials",
+                "raise max_trials, or lower it",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _target_in_workspace(self) -> Experiment:
+        box = self.workspace_m
+        if box is not None:
+            for value, (low, high), axis in zip(self.target_m, (box.x_m, box.y_m), "xy", strict=True):
+                if not low <= value <= high:
+                    raise Conflict(
+                        f"the target's {axis}, {value} m, lies outside workspace_m, {low} to {high} m",
+                        "target_m",
+                        "move the target, or widen workspace_m if there is free space",
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _the_objectives_places_lie_on_the_string(self) -> Experiment:
+        length_m = self.string.length_m
+        beyond = [along_m for along_m in self.objective.along_m if along_m > length_m + 1e-9]
+        if beyond:
+            raise Conflict(
+                f"the {self.objective.kind}'s place at {beyond[0]} m lies beyond the string's {length_m} m",
+                "objective",
+                "give along_m from the hand, up to string.length_m",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _lab_uses_default_photo_names(self) -> Experiment:
+        named = {(c.lens_photos, c.plane_photo, c.lens_video) for c in self.cameras.values()}
+        if self.lab is not None and named != {(LENS_PHOTOS, PLANE_PHOTO, None)}:
+            raise Conflict(
+                f"the lab writes {LENS_PHOTOS} and {PLANE_PHOTO}",
+                "cameras",
+                "leave lens_photos, plane_photo and lens_video out",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _lab_led_has_position(self) -> Experiment:
+        if self.lab is not None and self.lab.led and (self.align.led is None or self.align.led.x_m is None):
+            raise Conflict("lab.led needs the LED's position", "lab", "add align.led: {x_m: …, y_m: …}")
+        return self
+
+    @property
+    def aim(self) -> Objective:
+        """The objective of every throw, with the target."""
+        return self.objective.aimed_at(self.target_m)
+
+    @property
+    def camera_name(self) -> str:
+        """Return the name of the one camera; several are refused."""
+        return only_camera(self.cameras)
+
+    @property
+    def camera(self) -> CameraSettings:
+        """Return the set-up of the one camera; several are refused."""
+        return self.cameras[self.camera_name]
+
+    def excluded_reason(self, trial: int) -> str | None:
+        """Return why a trial does not count, or None if it does."""
+        return next((e.reason for e in self.excluded if e.trial == trial), None)
+
+
+OBJECTIVES.on_registration(lambda: Experiment.model_rebuild(force=True))

@@ -1,0 +1,101 @@
+"""Read experiment.yaml and report all its errors at once, each with file, line, field and fix."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+
+from strandcast.config.bounded import BoundError, load_yaml, read_bounded
+from strandcast.config.camera import MAIN, only_camera
+from strandcast.config.experiment import Experiment
+from strandcast.config.problems import line_of, one_per_place, problem
+from strandcast.config.renamed import with_new_names
+from strandcast.core.objectives import OBJECTIVES
+from strandcast.errors import StrandcastError, StrandcastErrors
+
+MOST_PROBLEMS = 50  # reported at once; chosen
+EXAMPLE = "config/experiments/demo.yaml is a commented example"
+
+
+def load_experiment(path: str | Path) -> Experiment:
+    """Read experiment.yaml.
+
+    Raises
+    ------
+    StrandcastErrors
+        Every invalid setting, with line, field, value and suggestion.
+    """
+    path = Path(path)
+    data = _parse(path)
+    with_new_names(data, path)
+    try:
+        # JSON in strict mode: no "0.3" for 0.3, no true for 1, but a list may stand for a pair.
+        experiment = Experiment.model_validate_json(
+            json.dumps(_with_cameras(_with_target(_plain(data))), default=str), strict=True
+        )
+        only_camera(experiment.cameras)
+        return experiment
+    except ValidationError as error:
+        found = one_per_place(data, error.errors())
+        raise StrandcastErrors(
+            [problem(path, data, place, detail) for place, detail in found[:MOST_PROBLEMS]]
+        ) from None
+    except StrandcastError as error:
+        error.file, error.line = str(path), line_of(data, (str(error.field),))
+        raise
+
+
+def _parse(path: Path) -> CommentedMap:
+    if not path.is_file():
+        what = "the experiment's file does not exist"
+        raise StrandcastError("SC-F001", what, file=path, fix=f"write it; {EXAMPLE}")
+    try:
+        data = load_yaml(read_bounded(path), lines=True)
+    except BoundError as error:
+        what, fix = str(error), "correct the YAML"
+        raise StrandcastError("SC-F002", what, file=path, line=error.line, fix=fix) from None
+    if not isinstance(data, CommentedMap):
+        raise StrandcastError("SC-F002", "contains no settings", file=path, fix=EXAMPLE)
+    return data
+
+
+def _with_target(data: dict[str, Any]) -> dict[str, Any]:
+    """Add the target where the settings give none but their objective implies one."""
+    try:
+        objective = data["objective"]
+        kind = OBJECTIVES.find(str(objective["kind"]))
+        target_m = None if kind is None else kind.default_target_m(objective)
+    except (TypeError, KeyError, IndexError, ValueError):
+        return data  # validation reports what is wrong or missing
+    return data if target_m is None else {"target_m": target_m} | data
+
+
+def _with_cameras(data: dict[str, Any]) -> dict[str, Any]:
+    """Return settings with `camera: …` written out as `cameras: {main: …}`."""
+    if "camera" not in data:
+        return data
+    if "cameras" in data:
+        raise StrandcastError(
+            "SC-F009",
+            "both camera and cameras are given",
+            field="camera",
+            fix="move it into cameras, by name",
+        )
+    others = {key: value for key, value in data.items() if key != "camera"}
+    return others | {"cameras": {MAIN: data["camera"]}}
+
+
+def _plain(node: Any) -> Any:
+    """Return YAML nodes as plain data."""
+    if isinstance(node, CommentedMap):
+        return {str(key): _plain(value) for key, value in node.items()}
+    if isinstance(node, CommentedSeq):
+        return [_plain(value) for value in node]
+    if isinstance(node, bool):
+        return bool(node)
+    for kind in (int, float, str):
+        if isinstance(node, kind):
+            return kind(node)
+    return node

@@ -1,0 +1,91 @@
+"""`plan:` the planner."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from strandcast.core.section import Section
+
+ENSEMBLE_DURATION_S = (0.35, 0.9)  # chosen: the example arms can throw in this time
+PAPER_DURATION_S = (0.2, 1.2)  # section V-A of the paper
+
+
+class PaperReading(Section):
+    """Reading of section V where its text is ambiguous, for `planner: paper`."""
+
+    altered_from: Literal["executed", "walking"] = Field(
+        "executed",
+        description="Later tries alter the motion played last, or walk from the nearest try so far.",
+    )
+    accept: Literal["first_hit", "best"] = Field(
+        "first_hit",
+        description="Throw the first motion that hits in the simulation, or the nearest of all tries.",
+    )
+    ends: Literal["ramp", "rest"] = Field(
+        "ramp",
+        description="A ramp stops the arm after eq. 1's curve, or the curve itself begins and ends at rest.",
+    )
+    altered_rad_s: Annotated[float, Field(gt=0, le=10)] = Field(
+        0.5, description="Largest change of a control point's velocity from one try to the next [rad/s]."
+    )
+    largest_slope_rad_s2: Annotated[float, Field(gt=0, le=10_000)] = Field(
+        60.0, description="Of alpha_k in eq. 1; not given in the paper."
+    )
+
+
+class PlanSettings(Section):
+    """The planner."""
+
+    planner: Literal["ensemble", "paper"] = Field(
+        "ensemble", description="Robust planning over the ensemble of strings, or the paper's planner."
+    )
+    duration_s: tuple[float, float] | None = Field(
+        None, description="Shortest and longest first motion: [0.35, 0.9], or the paper's [0.2, 1.2]."
+    )
+    control_points: Annotated[int, Field(ge=3, le=20)] = Field(6, description="Free heights per joint.")
+    screening: Annotated[int, Field(ge=8, le=100_000)] = Field(
+        1500,
+        description="Random motions to try before the search; of the paper's planner, all that it may try.",
+    )
+    evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = Field(
+        3000, description="Motions that the searches may try; for a later motion, two thirds as many."
+    )
+    ensemble: Annotated[int, Field(ge=1, le=64)] = Field(
+        16, description="Strings to search new motions with, each with other disturbances."
+    )
+    use_servo: bool | None = Field(
+        None,
+        description="Plan with the servo's response: true, except for the paper's planner, which plans "
+        "commanded angles.",
+    )
+    paper: PaperReading = Field(
+        PaperReading(), description="How section V of the paper is read; for `planner: paper`."
+    )
+    disturbances: Annotated[float, Field(ge=0, le=10)] = Field(
+        1.0,
+        description="Scale of throw-to-throw disturbances (1 = typical rig), used in robust planning and "
+        "predicted misses.",
+    )
+    mesh_refinement: bool = Field(
+        True, description="Search new motions with every other string as a chain of twice as many points."
+    )
+    bias_correction: bool = Field(
+        True, description="Correct predictions by the simulation's error in past trials."
+    )
+
+    @property
+    def duration_range_s(self) -> tuple[float, float]:
+        """Shortest and longest time of a first motion [s]."""
+        return self.duration_s or (PAPER_DURATION_S if self.planner == "paper" else ENSEMBLE_DURATION_S)
+
+    @property
+    def plans_with_servo(self) -> bool:
+        """Whether to plan with the servo's response, not with the commanded angles."""
+        return self.planner != "paper" if self.use_servo is None else self.use_servo
+
+    @field_validator("duration_s")
+    @classmethod
+    def _shortest_first(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not 0.05 <= value[0] <= value[1] <= 5.0:
+            raise ValueError("must be [shortest, longest] within 0.05 and 5 s")
+        return value

@@ -1,0 +1,33 @@
+"""`track:` the tracker."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from strandcast.config.camera import Below
+from strandcast.core.section import Section
+
+
+class TrackSettings(Section):
+    """The tracker and its few settings; those left out are estimated from the video and recorded."""
+
+    tracker: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")] = Field(
+        "chain",
+        description="chain: markers on the hand and a string; pendulum: a bead on a thread that swings from "
+        "a fixed pivot; or a tracker that an installed package provides.",
+    )
+    background_frames: Annotated[int, Field(ge=5, le=500)] = Field(
+        40, description="Number of frames from which the background is computed."
+    )
+    background_picture: Below | None = Field(
+        None,
+        description="A picture of the empty scene from the same camera; by default a median over frames.",
+    )
+    polarity: Literal["auto", "bright", "dark"] = Field(
+        "auto", description="Whether the string is brighter or darker than the background."
+    )
+    contrast_grey: Annotated[float, Field(gt=0, le=65535)] | None = Field(
+        None,
+        description="By how many grey levels a clear piece of the string differs from the background; "
+        "estimated from the video if not given.",
+    )

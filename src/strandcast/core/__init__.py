@@ -1,0 +1,1 @@
+"""The domain's types, each declared once: strings, poses, trajectories, objectives, disturbances. No I/O."""

@@ -1,0 +1,26 @@
+"""A box in the plane of the throw."""
+
+from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from strandcast.core.quantities import Position
+from strandcast.core.section import Section
+
+
+class Box(Section):
+    """Limits of the places that hand and string may reach, and of the camera's view."""
+
+    x_m: tuple[Position, Position] = Field(description="Least and greatest x [m] in the world frame.")
+    y_m: tuple[Position, Position] = Field(description="Least and greatest y [m] in the world frame.")
+
+    @model_validator(mode="after")
+    def _lower_bound_first(self) -> Box:
+        if self.x_m[0] >= self.x_m[1] or self.y_m[0] >= self.y_m[1]:
+            raise ValueError("x_m and y_m must be [least, greatest]")
+        return self
+
+    @classmethod
+    def unchecked(cls, x_m: tuple[float, float], y_m: tuple[float, float]) -> Box:
+        """Return a box of infinite values, or of values checked elsewhere."""
+        return cls.model_construct(x_m=x_m, y_m=y_m)

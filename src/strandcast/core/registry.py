@@ -1,0 +1,116 @@
+"""The extension points: entries by name, built in, registered at run time, or of an installed package."""
+
+import difflib
+from collections.abc import Callable, Iterator, Mapping
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from strandcast.errors import ENVIRONMENT, StrandcastError
+
+Entry = TypeVar("Entry")
+
+
+def installed(group: str) -> dict[str, EntryPoint]:
+    """Return the entry points of a group that the installed packages offer, in order of name."""
+    return {point.name: point for point in sorted(entry_points(group=group), key=lambda point: point.name)}
+
+
+class Registry(Generic[Entry]):
+    """The entries of one extension point by name.
+
+    Parameters
+    ----------
+    what
+        A word for an entry, for messages.
+    group
+        Group of entry points of installed packages. One is imported when an unknown name is requested.
+    code, field
+        Code of the error for an unknown name (none where only `find` is called), and the setting that
+        gives the name.
+    entries
+        The built-in entries.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        group: str,
+        code: str = "",
+        field: str | None = None,
+        entries: Mapping[str, Entry] | None = None,
+    ) -> None:
+        self.what, self.group, self.code, self.field = what, group, code, field
+        self._entries = dict(entries or {})
+        self._listeners: list[Callable[[], object]] = []
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over all names: the built-in and registered ones in order, then those of packages."""
+        return iter(self._entries | installed(self.group))
+
+    def known(self) -> dict[str, Entry]:
+        """Return the entries that are built in, registered or imported already."""
+        return dict(self._entries)
+
+    def register(self, name: str, entry: Entry) -> None:
+        """Add an entry under a name, which must be free."""
+        if name in self._entries:
+            raise ValueError(f"{name!r} is registered already as {self.what}")
+        self._entries[name] = entry
+        for listener in self._listeners:
+            listener()
+
+    def on_registration(self, listener: Callable[[], object]) -> None:
+        """Call a function whenever an entry is added."""
+        self._listeners.append(listener)
+
+    def find(self, name: str) -> Entry | None:
+        """Return the entry with this name, None if there is none.
+
+        Raises
+        ------
+        StrandcastError
+            SC-W003 it cannot be imported.
+        """
+        if name not in self._entries and (point := installed(self.group).get(name)):
+            entry = self._load(point)
+            if name not in self._entries:  # the module may have registered it
+                self.register(name, entry)
+        return self._entries.get(name)
+
+    def get(self, name: str, file: Path | str | None = None) -> Entry:
+        """Return the entry with this name; `file` names it and is only for the message.
+
+        Raises
+        ------
+        StrandcastError
+            The registry's code: there is no such entry; SC-W003 it cannot be imported.
+        """
+        entry = self.find(name)
+        if entry is None:
+            names = sorted(self)
+            near = difflib.get_close_matches(name, names, n=1)
+            raise StrandcastError(
+                self.code,
+                f"there is no {self.what} {name!r}; available: {', '.join(names) or 'none'}",
+                file=file,
+                field=self.field,
+                fix=(f"did you mean {near[0]!r}? " if near else "")
+                + "Name one of these, or install the package that provides it",
+                exit_code=ENVIRONMENT,
+            )
+        return entry
+
+    def _load(self, point: EntryPoint) -> Entry:
+        try:
+            entry: Entry = point.load()
+            return entry
+        except Exception as error:
+            raise StrandcastError(
+                "SC-W003",
+                f"the {self.what} {point.name!r} ({point.value}) cannot be imported: "
+                f"{type(error).__name__}: {error}",
+                field=self.field,
+                fix="install the package that provides it again",
+                exit_code=ENVIRONMENT,
+            ) from error

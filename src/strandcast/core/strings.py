@@ -1,0 +1,176 @@
+"""Strings: the parameters' names and units, and batches of strings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+
+from strandcast.core.disturbances import Disturbances
+
+# Names of the paper's Table 1.
+UNITS = {
+    "k_s": "N/m/kg",
+    "c_s": "N s/m/kg",
+    "k_h": "N m/rad/kg",
+    "c_h": "N m s/rad/kg",
+    "k_sh": "N m/rad/kg",
+    "c_sh": "N m s/rad/kg",
+    "C_c1": "N s/m/kg",
+    "C_c2": "N s2/m2/kg",
+    "k_ph": "N m/rad/kg",
+    "c_ph": "N m s/rad/kg",
+}
+PARAMETERS = tuple(UNITS)  # in the order of every array of parameters
+
+# Names of the numbers beside parameters and masses, as files and the unknowns of the fit use them.
+REST_CURL, CLAMP_OFFSET, PLAIN_MASS = "rest_curl_rad_m", "clamp_offset_rad", "plain_mass"
+CAMERA_OFFSET = ("camera_offset_x_m", "camera_offset_y_m")
+STIFF_BEND, BEND_FRICTION = "stiff_bend_factor", "bend_friction"
+FOUND_WEIGHT = "found_"
+
+
+def found_place(k: int) -> str:
+    """Return the name of the place of weight k = 1, 2, … of those at unknown places."""
+    return f"{FOUND_WEIGHT}{k}_place_m"
+
+
+def found_mass(k: int) -> str:
+    """Return the name of the relative mass of weight k = 1, 2, … of those at unknown places."""
+    return f"{FOUND_WEIGHT}{k}_mass"
+
+
+def count_found_weights(names: Sequence[str] | Mapping[str, Any]) -> int:
+    """Return how many weights at unknown places the names contain; each has a place and a mass."""
+    return sum(name.startswith(FOUND_WEIGHT) for name in names) // 2
+
+
+@dataclass(frozen=True, eq=False)
+class StringBatch:
+    """A batch of B strings; where they are ranked, the best comes first.
+
+    Attributes
+    ----------
+    parameters
+        (B, 10) in the order of `PARAMETERS`.
+    masses
+        (B, n) relative masses of points 1…n.
+    rest_curl_rad_m, clamp_offset_rad
+        (B,) bend at rest [rad/m], turn of the clamp against the arm's file [rad]; zero if not given.
+    bend_factor
+        (B, n) multiplier of bending at joints 0…n-1; None: all joints bend alike.
+    bend_friction
+        (B,) dry friction of a joint [N m/kg]; zero if not given.
+    free_masses
+        (B, w) the free masses of the layout from which `masses` were made; (B, 0) if not given.
+    found_weights
+        (B, k, 2) place [m from the hand] and relative mass of the weights at unknown places; they are part
+        of `masses`. (B, 0, 2) if not given.
+    camera_offset_m
+        (B, 2) offset of the camera's positions from the robot's; zero if not given.
+    disturbances
+        Of the throw that each string is in; none if not given.
+    """
+
+    parameters: np.ndarray
+    masses: np.ndarray
+    rest_curl_rad_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    clamp_offset_rad: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    bend_factor: np.ndarray | None = None
+    bend_friction: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    free_masses: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    found_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    camera_offset_m: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    disturbances: Disturbances = field(default_factory=lambda: Disturbances.none(0))
+
+    def __post_init__(self) -> None:
+        for column in fields(self):
+            value = getattr(self, column.name)
+            if isinstance(value, np.ndarray) and not len(value):
+                object.__setattr__(self, column.name, np.zeros((len(self), *value.shape[1:])))
+        if not len(self.disturbances):
+            object.__setattr__(self, "disturbances", Disturbances.none(len(self)))
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def take(self, rows: Sequence[int] | np.ndarray | int) -> StringBatch:
+        """Return the strings `rows` of this batch."""
+        at = np.atleast_1d(rows).astype(int)
+        columns: dict[str, Any] = {}
+        for column in fields(self):
+            value = getattr(self, column.name)
+            if isinstance(value, Disturbances):
+                columns[column.name] = value.take(at)
+            else:
+                columns[column.name] = None if value is None else value[at]
+        return StringBatch(**columns)
+
+    def first(self, count: int) -> StringBatch:
+        """Return the first `count` strings, or all if there are fewer."""
+        return self.take(range(min(count, len(self))))
+
+    def with_disturbances(self, **columns: np.ndarray) -> StringBatch:
+        """Return the same strings with some of the disturbances replaced."""
+        return replace(self, disturbances=replace(self.disturbances, **columns))
+
+    def bend_factors(self) -> np.ndarray:
+        """Return `bend_factor`, or ones where it is None: (B, n)."""
+        return np.ones_like(self.masses, dtype=float) if self.bend_factor is None else self.bend_factor
+
+    def thrown_clamp_offset_rad(self) -> np.ndarray:
+        """Return the clamp's offset and its disturbance together: (B,)."""
+        return np.asarray(self.clamp_offset_rad + self.disturbances.clamp_turn_rad)
+
+    def options(self) -> dict[str, np.ndarray]:
+        """Return the numbers in use beside parameters and masses by name, each (B,)."""
+        options = {REST_CURL: self.rest_curl_rad_m, CLAMP_OFFSET: self.clamp_offset_rad}
+        if self.camera_offset_m.any():
+            options |= dict(zip(CAMERA_OFFSET, self.camera_offset_m.T, strict=True))
+        if self.bend_factor is not None:
+            options[STIFF_BEND] = self.bend_factor.max(axis=1)
+        if self.bend_friction.any():
+            options[BEND_FRICTION] = self.bend_friction
+        for k in range(self.found_weights.shape[1]):
+            options[found_place(k + 1)], options[found_mass(k + 1)] = self.found_weights[:, k].T
+        return options
+
+    @classmethod
+    def from_options(
+        cls,
+        parameters: np.ndarray,
+        masses: np.ndarray,
+        free_masses: np.ndarray,
+        options: Mapping[str, np.ndarray],
+        stiff_joints: np.ndarray,
+    ) -> StringBatch:
+        """Return strings from their arrays and their `options`; an option that is absent is not in use.
+
+        Parameters
+        ----------
+        parameters, masses, free_masses
+            See `StringBatch`.
+        options
+            Name to (B,) values.
+        stiff_joints
+            (n,) True for the joints that the stiff sections' factor multiplies.
+        """
+        none = np.zeros(len(parameters))
+        factor = options.get(STIFF_BEND)
+        found = [
+            np.column_stack([options[found_place(k + 1)], options[found_mass(k + 1)]])
+            for k in range(count_found_weights(options))
+        ]
+        return cls(
+            parameters,
+            masses,
+            options.get(REST_CURL, none),
+            options.get(CLAMP_OFFSET, none),
+            bend_factor=None if factor is None else np.where(stiff_joints, factor[:, None], 1.0),
+            bend_friction=options.get(BEND_FRICTION, none),
+            free_masses=free_masses,
+            found_weights=np.stack(found, axis=1) if found else np.zeros((len(parameters), 0, 2)),
+            camera_offset_m=np.column_stack([options.get(name, none) for name in CAMERA_OFFSET]),
+        )

@@ -1,0 +1,156 @@
+"""The inputs of a simulation, and the contiguous arrays that the kernels take."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strandcast.core.strings import StringBatch
+from strandcast.dynamics.candidates import AS_GIVEN, HANGING, RESPACED, Candidates, StartArrays
+from strandcast.dynamics.elements import FIXED
+from strandcast.dynamics.model import StringModel
+from strandcast.dynamics.observe import Outputs
+from strandcast.dynamics.parameters import Array
+
+
+class HandPath(NamedTuple):
+    """Path of the hand; the simulation starts at its first sample, and the hand rests at the last one.
+
+    Attributes
+    ----------
+    time_s
+        (T,) increasing times [s].
+    pose
+        (T, 3) x, y [m] and unwrapped angle [rad], or (B, T, 3) for a path of each string's own.
+    """
+
+    time_s: Array
+    pose: Array
+
+
+class StringStart(NamedTuple):
+    """How all strings of a batch start.
+
+    Attributes
+    ----------
+    points_m
+        (n, 2) positions of points 1…n at the first sample [m]; None: hanging at rest, clamped in the hand.
+    velocity_m_s
+        (n, 2) velocities [m/s]; None: at rest.
+    respace
+        Keep only the directions of `points_m`, and give the segments the lengths of a string at rest.
+    """
+
+    points_m: Array | None = None
+    velocity_m_s: Array | None = None
+    respace: bool = True
+
+
+HANGING_AT_REST = StringStart()
+
+
+class MeasuredPoints(NamedTuple):
+    """Measured points that simulated strings are compared with.
+
+    Attributes
+    ----------
+    time_s
+        (F,) times [s].
+    points_m
+        (F, n, 2) points 1…n [m], anything where their weight is 0.
+    per_metre
+        (F, n) weights of the distances.
+    """
+
+    time_s: Array
+    points_m: Array
+    per_metre: Array
+
+
+class Batch(NamedTuple):
+    """B candidates and their throw, as `strandcast.dynamics.integrate.integrate_batch` takes them."""
+
+    model: StringModel
+    candidates: Candidates
+    hand: HandPath
+    start: StartArrays
+    steps: int
+    outputs: Outputs
+
+    def observing(self, **outputs: Any) -> Batch:
+        """Return this batch with other outputs."""
+        return self._replace(outputs=self.outputs._replace(**outputs))
+
+    def take(self, rows: NDArray[np.int64]) -> Batch:
+        """Return the candidates `rows`, with arrays of their own for the positions."""
+        hand, out = self.hand, self.outputs.out
+        return self._replace(
+            candidates=Candidates(*(column[rows] for column in self.candidates)),
+            hand=hand if len(hand.pose) == 1 else hand._replace(pose=hand.pose[rows]),
+        ).observing(out=out[rows] if len(out) else out)
+
+
+def make_batch(
+    model: StringModel, strings: StringBatch, hand: HandPath, out_time_s: Array, start: StringStart
+) -> Batch:
+    """Return checked arrays of a simulation with outputs at `out_time_s` (F,) [s] and no observer yet."""
+    n, count = model.points, len(strings)
+    time_s, pose, out_s = (np.ascontiguousarray(a, dtype=float) for a in (*hand, out_time_s))
+    pose = pose[None] if pose.ndim == 2 else pose
+    masses = rows_of(strings.masses, count, n)
+    at = (out_s - time_s[0]) / model.dt_s
+    _check(count, time_s, pose, at)
+    steps = max(int(np.ceil(at[-1] - 1e-9)), 1) if len(at) else 1
+    fixed = np.column_stack(
+        np.broadcast_arrays(
+            model.spacing_m,
+            strings.rest_curl_rad_m * model.spacing_m,
+            strings.thrown_clamp_offset_rad(),
+            model.gravity_m_s2,
+            model.switch(),
+            strings.bend_friction,
+            *strings.disturbances.sway.T,
+        )
+    )
+    return Batch(
+        model,
+        Candidates(
+            rows_of(strings.parameters, count, 10),
+            masses,
+            rows_of(strings.bend_factors(), count, n),
+            rows_of(fixed, count, FIXED),
+            np.zeros((count, 2)),
+        ),
+        HandPath(time_s, pose),
+        StartArrays(
+            HANGING if start.points_m is None else (RESPACED if start.respace else AS_GIVEN),
+            np.zeros((n, 2)) if start.points_m is None else rows_of(start.points_m, n, 2),
+            np.zeros((n, 2)) if start.velocity_m_s is None else rows_of(start.velocity_m_s, n, 2),
+        ),
+        steps,
+        Outputs(
+            np.clip(at, 0.0, float(steps)),
+            np.empty((0, n, 2)),
+            np.empty((0, n)),
+            np.empty((0, 0, 0, 0)),
+        ),
+    )
+
+
+def rows_of(values: Array, rows: int, columns: int) -> Array:
+    """Return `values` as a contiguous array of that shape; the kernels check no bounds."""
+    array = np.ascontiguousarray(values, dtype=float)
+    if array.shape != (rows, columns):
+        raise ValueError(f"expected an array of shape ({rows}, {columns}), got {array.shape}")
+    return array
+
+
+def _check(count: int, time_s: Array, pose: Array, at: Array) -> None:
+    if pose.shape[0] not in (1, count) or pose.shape[1:] != (len(time_s), 3):
+        raise ValueError(f"{count} candidates and {len(time_s)} times do not fit hand poses {pose.shape}")
+    if len(time_s) < 2 or not np.all(np.diff(time_s) > 0):
+        raise ValueError("the hand's times must increase")
+    if len(at) and (at[0] < -1e-6 or not np.all(np.diff(at) >= 0)):
+        raise ValueError("output times must increase and not precede the hand's first sample")

@@ -1,0 +1,186 @@
+"""Simulate batches of candidate strings on a given path of the hand, on all cores."""
+
+import os
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strandcast.core.strings import StringBatch
+from strandcast.dynamics.batch import (
+    HANGING_AT_REST,
+    Batch,
+    HandPath,
+    MeasuredPoints,
+    StringStart,
+    make_batch,
+    rows_of,
+)
+from strandcast.dynamics.hand import places
+from strandcast.dynamics.integrate import integrate_batch
+from strandcast.dynamics.model import READINGS, StringModel
+from strandcast.dynamics.observe import FAR_M, LONGEST, SHORTEST, VALUE
+from strandcast.dynamics.parameters import Array
+from strandcast.dynamics.schemes.registry import SCHEMES
+from strandcast.dynamics.vectors import VectorSpec, register_bits
+
+OK, BLEW_UP, OVERSTRETCHED, COLLAPSED = range(4)
+STATUS = {
+    OK: "ok",
+    BLEW_UP: "blew up",
+    OVERSTRETCHED: "a segment longer than three rest lengths",
+    COLLAPSED: "a segment shorter than 0.3 rest lengths",
+}
+LONGEST_SEGMENT, SHORTEST_SEGMENT = 3.0, 0.3  # rest lengths: beyond, the model is no string (chosen)
+
+SMALLEST_STEP = 8  # the model's step over the smallest one with which a diverged candidate is repeated
+_STIFF = 1.4  # k_s h^2 / m beyond which a string is too stiff to be stretched by its loads
+
+
+def vector_spec(precision: str) -> VectorSpec:
+    """Return how the kernels hold candidates: as many as fit a vector register of this processor.
+
+    The environment variable STRANDCAST_REGISTER_BITS overrides the size of the register: 512, 256, 128, or 0
+    for plain numbers.
+    """
+    bits = {"f64": 64, "f32": 32}[precision]
+    register = int(os.environ.get("STRANDCAST_REGISTER_BITS") or register_bits())
+    if register not in (0, 128, 256, 512):
+        raise ValueError(f"STRANDCAST_REGISTER_BITS is 512, 256, 128 or 0, not {register}")
+    return VectorSpec(bits, max(register // bits, 1))
+
+
+def simulate_batch(
+    model: StringModel,
+    strings: StringBatch,
+    hand: HandPath,
+    out_time_s: Array,
+    start: StringStart = HANGING_AT_REST,
+) -> tuple[Array, NDArray[np.int64]]:
+    """Simulate B strings; the bytes do not depend on the number of threads.
+
+    Parameters
+    ----------
+    model
+        What does not vary between strings.
+    strings
+        The strings, with the disturbances of the clamp and of the sway.
+    hand
+        Its path, common or each string's own.
+    out_time_s
+        (F,) increasing times of the outputs [s], none before the hand's first sample.
+    start
+        Shape and velocity of all strings at the hand's first sample.
+
+    Returns
+    -------
+    positions
+        (B, F, n+1, 2) points 0…n [m]; NaN from a blow-up on.
+    status
+        (B,) keys of `STATUS`.
+    """
+    batch = make_batch(model, strings, hand, out_time_s, start)
+    time_s, poses = batch.hand
+    out = np.empty((len(strings), len(out_time_s), model.points + 1, 2))
+    for b, pose in enumerate(poses):
+        place = np.empty((len(out_time_s), 2))
+        places(time_s, pose, np.ascontiguousarray(out_time_s, dtype=float), place)
+        out[b : b + 1 if len(poses) > 1 else None, :, 0] = place
+    status = _run(batch.observing(out=out))[1]
+    for b in map(int, np.flatnonzero(status == BLEW_UP)):
+        out[b, np.isnan(out[b, :, -1, 0])] = np.nan
+    return out, status
+
+
+def evaluate_batch(
+    model: StringModel,
+    strings: StringBatch,
+    hand: HandPath,
+    measured: MeasuredPoints,
+    start: StringStart = HANGING_AT_REST,
+    *,
+    shift_m: Array | None = None,
+) -> tuple[Array, NDArray[np.int64]]:
+    """Weighted distance between measured points and B strings, without keeping a position.
+
+    Parameters
+    ----------
+    model, strings, start
+        As for `simulate_batch`.
+    hand
+        One common path.
+    measured
+        What the strings are compared with.
+    shift_m
+        (B, 2) added to each string's points [m].
+
+    Returns
+    -------
+    values
+        (B,) sum of weight times distance; infinite after a blow-up.
+    status
+        (B,) keys of `STATUS`.
+    """
+    batch = make_batch(model, strings, hand, measured.time_s, start)
+    used = rows_of(measured.per_metre, len(measured.time_s), model.points)
+    if len(batch.hand.pose) > 1 or np.shape(measured.points_m) != (*used.shape, 2):
+        raise ValueError(f"one path of the hand and points of shape {(*used.shape, 2)} are compared")
+    points_m = np.where(used[..., None] > 0, measured.points_m, 0.0)
+    if np.isnan(points_m).any():
+        raise ValueError("a point that was not measured has a weight")
+    if shift_m is not None:
+        shift = rows_of(shift_m, len(strings), 2)
+        batch = batch._replace(candidates=batch.candidates._replace(shift_m=shift))
+    kept, status = _run(batch.observing(measured=points_m, per_metre=used))
+    values = kept[:, VALUE]
+    return np.where((status == BLEW_UP) | np.isnan(values), np.inf, values), status
+
+
+def _run(batch: Batch) -> tuple[Array, NDArray[np.int64]]:
+    """Simulate candidates, and diverged ones again with smaller steps; return results and status.
+
+    In a snap a segment may turn by half a radian within a step. If a string that is too stiff to be stretched
+    by its loads is overstretched all the same, the scheme failed, not the physics.
+    """
+    model, candidates = batch.model, batch.candidates
+    kept = _pass(batch, 1)
+    status = _status(model, kept)
+    stiff = candidates.parameters[:, 0] * model.dt_s**2 > _STIFF * candidates.masses.min(axis=1)
+    stiff &= SCHEMES.get(model.integrator).repeats_diverged
+    finer = 2
+    while finer <= SMALLEST_STEP and (diverged := np.flatnonzero(stiff & (status != OK))).size:
+        again = batch.take(diverged)
+        kept[diverged] = _pass(again, finer)
+        status[diverged] = _status(model, kept[diverged])
+        if len(batch.outputs.out):
+            batch.outputs.out[diverged] = again.outputs.out
+        finer *= 2
+    return kept, status
+
+
+def _pass(batch: Batch, finer: int) -> Array:
+    """Run candidates once, with steps `finer` times smaller than the model's."""
+    model, outputs = batch.model, batch.outputs
+    spec = vector_spec(model.precision)
+    return np.asarray(
+        integrate_batch(
+            spec,
+            np.empty((1, spec.width), spec.dtype),
+            batch.candidates,
+            batch.hand,
+            batch.start,
+            batch.steps * finer,
+            model.dt_s / finer,
+            READINGS.index(model.reading),
+            SCHEMES.get(model.integrator),
+            outputs._replace(at=outputs.at * finer),
+        )
+    )
+
+
+def _status(model: StringModel, kept: Array) -> NDArray[np.int64]:
+    longest, shortest = kept[:, LONGEST] / model.spacing_m, kept[:, SHORTEST] / model.spacing_m
+    status = np.full(len(kept), OK)
+    status[shortest < SHORTEST_SEGMENT] = COLLAPSED
+    status[longest > LONGEST_SEGMENT] = OVERSTRETCHED
+    status[~(kept[:, LONGEST] < FAR_M)] = BLEW_UP
+    return status

@@ -1,0 +1,94 @@
+"""The one form in which strandcast reports a problem to its user."""
+
+import signal
+from pathlib import Path
+
+# Exit codes of the command line (docs/how-to/play-on-an-arm.md lists them for `strandcast play`).
+FAILED_TRIALS = 1
+REFUSED = 2
+ENVIRONMENT = 3
+INTEGRITY = 4
+ABORTED = 5
+STOPPED_BY_CONTROLLER = 6
+LOG_INCOMPLETE = 7
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # exit code: 128 + the signal's number
+
+
+class Ended(BaseException):
+    """A signal ended the process; not an `Exception`, so that no handler of errors holds it back."""
+
+    def __init__(self, number: int, kept: str = "finished files are kept; run the command again") -> None:
+        self.kept = kept
+        self.exit_code = 128 + number
+        super().__init__(signal.Signals(number).name)
+
+
+class StrandcastError(Exception):
+    """A problem that the user can fix: what is wrong, where, what it costs, how to fix it.
+
+    Parameters
+    ----------
+    code
+        "SC-" + a letter for the subject + three digits, e.g. ``SC-V012``; declared in ``errors/codes.toml``.
+    what
+        What is wrong, in one sentence, with the offending value.
+    file, line, field
+        Where: the file, the line or frame in it, the field or column.
+    cost
+        What ignoring the problem would cost (mm, s).
+    fix
+        What to do about it.
+    exit_code
+        The process's exit code (module constants).
+    """
+
+    def __init__(
+        self,
+        code: str,
+        what: str,
+        *,
+        file: str | Path | None = None,
+        line: int | None = None,
+        field: str | None = None,
+        cost: str | None = None,
+        fix: str | None = None,
+        exit_code: int = REFUSED,
+    ) -> None:
+        self.code = code
+        self.what = what
+        self.file = None if file is None else str(file)
+        self.line = line
+        self.field = field
+        self.cost = cost
+        self.fix = fix
+        self.exit_code = exit_code
+        super().__init__(code, what)
+
+    def __str__(self) -> str:
+        return self.message()
+
+    def message(self) -> str:
+        """Return the message: one line to grep, then the cost and the fix."""
+        place = ""
+        if self.file is not None:
+            place = self.file + (f":{self.line}" if self.line is not None else "") + ": "
+        field = f"{self.field}: " if self.field else ""
+        lines = [f"{self.code} ERROR  {place}{field}{self.what}"]
+        if self.cost:
+            lines.append(f"        Cost: {self.cost}")
+        if self.fix:
+            lines.append(f"        Fix: {self.fix}")
+        return "\n".join(lines)
+
+
+class StrandcastErrors(StrandcastError):
+    """Several problems reported together, e.g. all invalid settings of one file."""
+
+    def __init__(self, problems: list[StrandcastError]) -> None:
+        self.problems = problems
+        first = problems[0]
+        super().__init__(first.code, first.what, file=first.file, exit_code=first.exit_code)
+
+    def message(self) -> str:
+        """Return all messages, in the order in which the problems were found."""
+        return "\n".join(problem.message() for problem in self.problems)

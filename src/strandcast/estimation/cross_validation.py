@@ -1,0 +1,80 @@
+"""Cross-validation: each part of the newest throw is left out of the fit once, and predicted by it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strandcast.estimation.descent import LADDER, GaussNewtonModel, descend, descent_batch
+from strandcast.estimation.evaluation import Array, evaluation_of_points
+from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
+from strandcast.estimation.throws import PreparedThrow
+
+# Chosen.
+PARTS = 4
+CHOSEN_FROM = 32  # best candidates of a search
+
+REFITTED = f"each of {PARTS} parts of the throw, from a fit to the others"
+CHOSEN = f"each of {PARTS} parts of the throw, from the best of the strings tried for the others"
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutEvaluation:
+    """E (w = 0) on data that were not part of the fit [m]."""
+
+    what: str
+    E_m: float
+
+
+def refitted(objective: FitObjective, log: EvaluationLog, evaluations: int) -> HeldOutEvaluation:
+    """Leave each part out of the fit, and evaluate it under the string that is fitted without it.
+
+    These fits start at the result of the whole one and share `evaluations`. After few steps they still depend
+    on the part that was left out, so that the error is too small. NaN if no step is affordable.
+    """
+    best, ends = log.best()[0], []
+    if evaluations // PARTS - 1 < len(best) + 1 + len(LADDER):
+        return HeldOutEvaluation(REFITTED, float("nan"))
+    parts = _parts(objective.throws[-1])
+    for part in parts:
+        fold = replace(objective, throws=(*objective.throws[:-1], _without(objective.throws[-1], part)))
+        own = EvaluationLog(fold.cost)
+        now = descent_batch(best[None], own(best[None]))
+        ends.append(descend(own, GaussNewtonModel(fold), now, evaluations // PARTS - 1).chi[0])
+        log.count += own.count
+    return HeldOutEvaluation(REFITTED, _mean(objective, parts, ends))
+
+
+def reselected(objective: FitObjective, log: EvaluationLog) -> HeldOutEvaluation:
+    """Leave each part out of the choice among the best strings tried: for searches that only select."""
+    chi, values = log.all()
+    tried = chi[np.argsort(values, kind="stable")[:CHOSEN_FROM]]
+    parts = _parts(objective.throws[-1])
+    simulated, _ = simulate_throw(objective.model, objective.throws[-1], objective.space.strings(tried))
+    log.count += len(tried)
+    ends = []
+    for part in parts:
+        rest = _without(objective.throws[-1], part)
+        error = evaluation_of_points(objective.point_values(rest, simulated), objective.w)
+        ends.append(tried[int(np.argmin(np.where(np.isfinite(error), error, np.inf)))])
+    return HeldOutEvaluation(CHOSEN, _mean(objective, parts, ends))
+
+
+def _parts(throw: PreparedThrow) -> list[PreparedThrow]:
+    """Return the parts of a throw that contain a measured point and leave one in the rest."""
+    parts = [throw.part(k, PARTS) for k in range(PARTS)]
+    return [part for part in parts if part.weight.any() and (throw.weight > part.weight).any()]
+
+
+def _without(throw: PreparedThrow, part: PreparedThrow) -> PreparedThrow:
+    return replace(throw, weight=throw.weight - part.weight)
+
+
+def _mean(objective: FitObjective, parts: list[PreparedThrow], ends: list[Array]) -> float:
+    """Return the mean of E on each part under the string found without it, by weight; NaN without parts."""
+    if not parts:
+        return float("nan")
+    errors = [
+        float(objective.value(part, objective.space.strings(chi), 0.0)[0])
+        for part, chi in zip(parts, ends, strict=True)
+    ]
+    return float(np.average(errors, weights=[part.weight.sum() for part in parts]))

@@ -1,0 +1,187 @@
+"""The result of a fit: the string that explains the throws, its ensemble, errors and uncertainty."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strandcast.config.estimate import EstimateSettings
+from strandcast.core.strings import StringBatch
+from strandcast.dynamics.model import StringModel
+from strandcast.dynamics.simulate import OK
+from strandcast.estimation.cross_validation import HeldOutEvaluation
+from strandcast.estimation.ensemble import distant_members
+from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, rmse, tip_error
+from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
+from strandcast.estimation.space import Space
+from strandcast.estimation.throws import PreparedThrow
+from strandcast.estimation.uncertainty import Uncertainty
+
+AT_BOUND = 0.01  # distance to a bound, as a share of the range (chosen)
+
+
+@dataclass(frozen=True, eq=False)
+class StringFit:
+    """The string that explains the throws, and how well it does so.
+
+    Attributes
+    ----------
+    space, chi
+        The unknowns and the best exponents (d,).
+    best, members, member_values_m
+        The best string (a batch of one), the ensemble (K, the best first) and the members' E on all throws.
+    at_bound, low, high
+        (d,) which unknowns ended at a bound; (d,) their range over the ensemble, as values.
+    frames, time_s, frames_used
+        (G,) frames of the newest throw that were simulated, their times [s], and how many entered E.
+    E_planned_m, E_m, E_weighted_m
+        E of the newest throw under the string that planned it and after the fit (w = 0), and after it with
+        the search's w. None where there is no such string or its simulation failed.
+    E_points_m
+        (n,) E_i of points 1…n, NaN for points never measured.
+    step_change_m
+        How far the fitted string moves if it is simulated with half the step, mean over measured points [m].
+    rmse_m, tip_error_m
+        Unweighted root mean square distance and mean distance of the tip, used frames.
+    held_out
+        E on held-out data: this throw under the previous estimate, where there is one, and its own parts.
+    uncertainty
+        How well each unknown is known.
+    convergence
+        Evaluations and best E at each improvement: two arrays.
+    evaluations, rejected
+        Strings simulated, and how many of the candidates were invalid.
+    converged
+        Whether the search ended because nothing improved any more, before its evaluations were spent.
+    planned_m, fitted_m
+        (G, n+1, 2) simulated points; `planned_m` None without a planned string.
+    trial_weights
+        Weight of each throw in the fit, in the order given.
+    warnings
+        Reasons to doubt the estimate.
+    """
+
+    space: Space
+    chi: Array
+    best: StringBatch
+    members: StringBatch
+    member_values_m: Array
+    at_bound: np.ndarray
+    low: Array
+    high: Array
+    frames: np.ndarray
+    time_s: Array
+    frames_used: int
+    E_planned_m: float | None
+    E_m: float
+    E_weighted_m: float
+    E_points_m: Array
+    step_change_m: float
+    rmse_m: float
+    tip_error_m: float
+    held_out: tuple[HeldOutEvaluation, ...]
+    uncertainty: Uncertainty
+    convergence: tuple[Array, Array]
+    evaluations: int
+    rejected: int
+    converged: bool
+    planned_m: Array | None
+    fitted_m: Array
+    trial_weights: Array
+    warnings: tuple[str, ...]
+
+
+def fit_of(
+    objective: FitObjective,
+    newest: PreparedThrow,
+    log: EvaluationLog,
+    held_out: list[HeldOutEvaluation],
+    uncertainty: Uncertainty,
+    settings: EstimateSettings,
+    planned: StringBatch | None,
+    trial_weights: Array,
+) -> StringFit:
+    """Return the fit that a search has found.
+
+    Parameters
+    ----------
+    objective, log
+        The function that was minimised, and all candidates that were tried.
+    newest
+        The newest throw with all its frames.
+    held_out, uncertainty
+        Results of the cross-validation, and the uncertainty of the best string.
+    planned
+        The string with which the newest throw was planned.
+    """
+    space, model = objective.space, objective.model
+    chi, values = log.all()
+    rows = distant_members(chi, values, settings.ensemble)
+    best = space.strings(chi[rows[0]])
+    fitted, status = simulate_throw(model, newest, best)
+    step_change_m = _step_change(model, newest, best, fitted[0])
+    points = objective.point_values(newest, fitted[0])
+    compared_m = newest.points_m.copy()
+    compared_m[:, 1:][~(newest.weight > 0)] = np.nan
+    distance = distances(compared_m, fitted[0], settings.evaluation)
+    members = space.values(chi[rows])
+    at_bound = np.asarray((chi[rows[0]] < AT_BOUND) | (chi[rows[0]] > 1.0 - AT_BOUND))
+    planned_m, planned_value = None, None
+    if planned is not None:
+        planned_m = simulate_throw(model, newest, planned.take(0))[0][0]
+        value = float(evaluation_of_points(objective.point_values(newest, planned_m)))
+        planned_value = value if np.isfinite(value) else None
+    return StringFit(
+        space=space,
+        chi=chi[rows[0]],
+        best=best,
+        members=space.strings(chi[rows]),
+        member_values_m=values[rows],
+        at_bound=at_bound,
+        low=members.min(axis=0),
+        high=members.max(axis=0),
+        frames=newest.frames,
+        time_s=newest.time_s,
+        frames_used=int(newest.weight.any(axis=1).sum()),
+        E_planned_m=planned_value,
+        E_m=float(evaluation_of_points(points)),
+        E_weighted_m=float(evaluation_of_points(points, settings.w)),
+        E_points_m=points,
+        step_change_m=step_change_m,
+        rmse_m=rmse(distance),
+        tip_error_m=tip_error(distance),
+        held_out=tuple(held_out),
+        uncertainty=uncertainty,
+        convergence=log.convergence(),
+        evaluations=log.count,
+        rejected=log.rejected(),
+        converged=log.converged,
+        planned_m=planned_m,
+        fitted_m=fitted[0],
+        trial_weights=trial_weights,
+        warnings=tuple(_warnings(space, at_bound, int(status[0]) == OK, points, log, step_change_m)),
+    )
+
+
+def _step_change(model: StringModel, throw: PreparedThrow, best: StringBatch, fitted_m: Array) -> float:
+    """Mean distance between the fitted string and the same by half the step, where it was compared [m]."""
+    finer, _ = simulate_throw(replace(model, dt_s=0.5 * model.dt_s), throw, best)
+    moved = np.linalg.norm(finer[0] - fitted_m, axis=-1)[:, 1:][throw.weight > 0]
+    return float(moved.mean())
+
+
+def _warnings(
+    space: Space, at_bound: np.ndarray, valid: bool, points: Array, log: EvaluationLog, step_change_m: float
+) -> list[str]:
+    warnings = [f"{space.names[k]} ended at a bound of its range" for k in np.flatnonzero(at_bound)]
+    if not valid:
+        warnings.append("the best string stretches a segment beyond three rest lengths")
+    if np.isnan(points).any():
+        warnings.append(f"{int(np.isnan(points).sum())} of {len(points)} points were never measured")
+    if log.rejected() > 0.5 * log.count:
+        warnings.append(f"{log.rejected()} of {log.count} candidates were invalid")
+    if not step_change_m < evaluation_of_points(points):
+        warnings.append(
+            f"half the step moves the fitted string by {1e3 * step_change_m:.1f} mm: choose a smaller "
+            "estimate.dt_s"
+        )
+    return warnings

@@ -1,0 +1,189 @@
+"""E of candidate strings over all throws of the fit, and the log of all evaluations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strandcast.core.strings import StringBatch
+from strandcast.dynamics.batch import MeasuredPoints
+from strandcast.dynamics.hand import places
+from strandcast.dynamics.model import StringModel
+from strandcast.dynamics.simulate import BLEW_UP, OK, evaluate_batch, simulate_batch
+from strandcast.estimation.evaluation import Array, distances, point_values
+from strandcast.estimation.space import Space
+from strandcast.estimation.throws import PreparedThrow
+
+
+@dataclass(frozen=True, eq=False)
+class FitObjective:
+    """The function that a fit minimises.
+
+    Attributes
+    ----------
+    model, space
+        The string model and the unknowns.
+    throws, shares
+        The throws of the fit and their shares in E, which sum to 1.
+    w, reading
+        Weight of eq. (6) and the frame of reference of eq. (4).
+    overstretched_allowed
+        Whether a string longer than 3 l0 in a segment may be chosen; one that blew up never may.
+    """
+
+    model: StringModel
+    space: Space
+    throws: tuple[PreparedThrow, ...]
+    shares: Array
+    w: float
+    reading: str
+    overstretched_allowed: bool
+
+    def evaluate(self, chi: Array) -> Array:
+        """E of candidates (B, d): (B,) [m], infinite where the simulation is invalid."""
+        strings = self.space.strings(chi)
+        total = np.zeros(len(strings))
+        for throw, share in zip(self.throws, self.shares, strict=True):
+            total += share * self.value(throw, strings)
+        return np.where(np.isfinite(total), total, np.inf)
+
+    def value(self, throw: PreparedThrow, strings: StringBatch, w: float | None = None) -> Array:
+        """E of strings on one throw: (B,) [m], infinite where invalid."""
+        result, status = evaluate_batch(
+            self.model,
+            strings,
+            throw.hand,
+            MeasuredPoints(
+                throw.time_s, self.compared(throw), self.per_metre(throw, self.w if w is None else w)
+            ),
+            throw.start,
+            shift_m=None if self.reading == "hand" else strings.camera_offset_m,
+        )
+        allowed = (status == OK) | (self.overstretched_allowed & (status != BLEW_UP))
+        return np.where(allowed & np.isfinite(result), result, np.inf)
+
+    def compared(self, throw: PreparedThrow) -> Array:
+        """Measured points 1…n (G, n, 2), moved to the robot's hand where E is relative to it."""
+        points = throw.points_m[:, 1:]
+        if self.reading != "hand":
+            return points
+        hand = np.empty((len(throw.time_s), 2))
+        places(*throw.hand, throw.time_s, hand)
+        off = throw.points_m[:, 0] - hand
+        return np.asarray(points - np.where(np.isnan(off), 0.0, off)[:, None])
+
+    def per_metre(self, throw: PreparedThrow, w: float) -> Array:
+        """Weight of each distance in E of one throw, eqs. (5) and (6): (G, n)."""
+        total = throw.weight.sum(axis=0)
+        point = (1.0 + w * np.arange(len(total))) / np.maximum(total, 1e-300) / max((total > 0).sum(), 1)
+        return np.asarray(throw.weight * point)
+
+    def point_values(self, throw: PreparedThrow, simulated: Array) -> Array:
+        """E_i of simulated points (..., G, n+1, 2): (..., n) [m]."""
+        return point_values(distances(throw.points_m, simulated, self.reading), throw.weight)
+
+    def cost(self, chi: Array) -> Array:
+        """E of candidates (B, d), plus the penalty of their deviations from the priors: (B,) [m]."""
+        return np.asarray(self.evaluate(chi) + self.space.penalty(chi))
+
+    def residuals(self, chi: Array) -> tuple[Array, Array]:
+        """Differences and their weights, such that E is the sum of weight times length of difference.
+
+        Returns
+        -------
+        differences
+            (B, R, 2) measured minus simulated [m] of every point measured in a used frame of every throw; NaN
+            where the simulation failed.
+        weights
+            (R,).
+        """
+        strings = self.space.strings(chi)
+        parts, weights = [], []
+        for throw, share in zip(self.throws, self.shares, strict=True):
+            used = throw.weight > 0
+            simulated, _ = simulate_throw(self.model, throw, strings)
+            difference = throw.points_m - simulated
+            if self.reading == "hand":
+                hand = difference[..., :1, :]
+                difference = difference - np.where(np.isnan(hand), 0.0, hand)
+            parts.append(difference[:, :, 1:][:, used])
+            weights.append(share * self.per_metre(throw, self.w)[used])
+        return np.concatenate(parts, axis=1), np.concatenate(weights)
+
+    def thinned(self, most: int) -> FitObjective:
+        """Return this objective with at most `most` frames of each throw: for derivatives, not for E."""
+        return replace(self, throws=tuple(throw.thinned(most) for throw in self.throws))
+
+
+def simulate_throw(
+    model: StringModel, throw: PreparedThrow, strings: StringBatch
+) -> tuple[Array, NDArray[np.int64]]:
+    """Simulate candidate strings on one throw, as the camera sees them: (B, G, n+1, 2) [m], (B,) status."""
+    points, status = simulate_batch(model, strings, throw.hand, throw.time_s, throw.start)
+    if strings.camera_offset_m.any():
+        points = points + strings.camera_offset_m[:, None, None]
+    return points, status
+
+
+@dataclass(eq=False)
+class EvaluationLog:
+    """All candidates evaluated so far, in order; a search evaluates by calling it.
+
+    Attributes
+    ----------
+    evaluate
+        E of candidates (B, d).
+    report
+        Called with the number of evaluations and the best E after each batch.
+    chi, values, at
+        Batches of candidates, their E, and how many evaluations each of them was.
+    count
+        Strings simulated so far, those for derivatives included.
+    converged
+        Whether the search ended because nothing improved any more.
+    """
+
+    evaluate: Callable[[Array], Array]
+    report: Callable[[int, float], None] = lambda count, best: None
+    chi: list[Array] = field(default_factory=list)
+    values: list[Array] = field(default_factory=list)
+    at: list[Array] = field(default_factory=list)
+    count: int = 0
+    converged: bool = False
+
+    def __call__(self, chi: Array) -> Array:
+        """Evaluate candidates (B, d), each clipped to [0, 1], and remember them."""
+        clipped = np.clip(chi, 0.0, 1.0)
+        values = self.evaluate(clipped)
+        values = np.where(np.isnan(values), np.inf, values)
+        self.chi.append(clipped)
+        self.values.append(values)
+        self.at.append(self.count + np.arange(1.0, len(values) + 1))
+        self.count += len(values)
+        self.report(self.count, self.best()[1])
+        return values
+
+    def all(self) -> tuple[Array, Array]:
+        """Return all candidates (N, d) and their E (N,)."""
+        return np.concatenate(self.chi), np.concatenate(self.values)
+
+    def best(self) -> tuple[Array, float]:
+        """Return the best candidate (d,) and its E; a NaN never wins."""
+        chi, values = self.all()
+        k = int(np.argmin(values))
+        return chi[k], float(values[k])
+
+    def rejected(self) -> int:
+        """Return how many candidates were invalid."""
+        return int(sum(np.sum(~np.isfinite(batch)) for batch in self.values))
+
+    def convergence(self) -> tuple[Array, Array]:
+        """Return evaluations and best E at every improvement."""
+        values = self.all()[1]
+        best = np.minimum.accumulate(values)
+        better = np.flatnonzero(np.isfinite(best) & (best < np.r_[np.inf, best[:-1]]))
+        at = np.unique(np.r_[better, len(values) - 1])
+        return np.concatenate(self.at)[at], best[at]

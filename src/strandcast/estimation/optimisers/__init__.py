@@ -1,0 +1,1 @@
+"""Searches for the string that explains the throws, each registered under its name."""

@@ -1,0 +1,111 @@
+"""A measured throw, cut to the part that is simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
+from strandcast.errors import FAILED_TRIALS, StrandcastError
+from strandcast.estimation.evaluation import Array
+from strandcast.estimation.measured import Throw, motion_start_s, moved_to_hand, observed_start
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedThrow:
+    """A throw cut to its simulated part: from shortly before the motion to the last frame.
+
+    Attributes
+    ----------
+    frames
+        (G,) indices of the throw's frames that are simulated.
+    time_s, points_m, weight
+        (G,), (G, n+1, 2) and (G, n): their times, measured points, weights in E (0 for frames not used).
+    hand
+        The hand's path from the start on.
+    start
+        Observed shape and velocity at the start, or hanging at rest.
+    """
+
+    frames: np.ndarray
+    time_s: Array
+    points_m: Array
+    weight: Array
+    hand: HandPath
+    start: StringStart = HANGING_AT_REST
+
+    def until(self, share: float) -> PreparedThrow:
+        """Return this throw up to the first `share` of its used frames."""
+        used = np.flatnonzero(self.weight.any(axis=1))
+        return self._take(slice(used[max(round(share * len(used)), 1) - 1] + 1))
+
+    def part(self, part: int, parts: int) -> PreparedThrow:
+        """Return this throw with weights in only one of `parts` equal spans of its used frames."""
+        used = np.flatnonzero(self.weight.any(axis=1))
+        span = np.array_split(used, parts)[part]
+        weight = np.zeros_like(self.weight)
+        weight[span] = self.weight[span]
+        return replace(self, weight=weight)
+
+    def fitted(self) -> PreparedThrow:
+        """Return this throw without the frames after the last used one."""
+        return self._take(slice(np.flatnonzero(self.weight.any(axis=1))[-1] + 1))
+
+    def thinned(self, most: int) -> PreparedThrow:
+        """Return this throw with every k-th of its frames, such that at most `most` remain."""
+        return self._take(slice(0, None, max(-(-len(self.time_s) // most), 1)))
+
+    def _take(self, kept: slice) -> PreparedThrow:
+        columns = {name: getattr(self, name)[kept] for name in ("frames", "time_s", "points_m", "weight")}
+        return replace(self, **columns)
+
+
+def prepare(
+    throw: Throw, places_m: Array, start_shape: str = "observed", *, from_measured_hand: bool = False
+) -> PreparedThrow:
+    """Cut a throw to its motion and find how the string started.
+
+    Parameters
+    ----------
+    throw
+        The measured throw.
+    places_m
+        (n+1,) places of the points along the string [m].
+    start_shape
+        ``observed``: the directions of the string in the frames before the motion, and its sway; ``hanging``:
+        at rest under gravity.
+    from_measured_hand
+        The observed shape begins at the hand as the camera measures it, not as the robot reports it: for an
+        unknown offset between them.
+
+    Raises
+    ------
+    StrandcastError
+        SC-E002 no used frame lies within the hand's path.
+    """
+    first = max(int(np.searchsorted(throw.hand_time_s, motion_start_s(throw) + 1e-9, side="right")) - 1, 0)
+    start_s = throw.hand_time_s[first]
+    inside = (throw.time_s >= start_s - 1e-9) & (throw.time_s <= throw.hand_time_s[-1] + 1e-9)
+    frames = np.flatnonzero(inside)
+    weight = _weights(throw)[frames]
+    if not weight.any():
+        raise StrandcastError(
+            "SC-E002",
+            "no frame with a point of the string lies within the logged path of the hand",
+            fix="check the alignment's offset and the frames before the first contact",
+            exit_code=FAILED_TRIALS,
+        )
+    start = HANGING_AT_REST
+    if start_shape == "observed":
+        placed = moved_to_hand(throw) if from_measured_hand else throw
+        start = observed_start(placed, places_m, float(start_s))
+    hand = HandPath(throw.hand_time_s[first:], throw.hand_pose[first:])
+    return PreparedThrow(frames, throw.time_s[frames], throw.points_m[frames], weight, hand, start)
+
+
+def _weights(throw: Throw) -> Array:
+    """(F, n) weights of the free points: confidence where used and measured, else 0."""
+    confidence = np.ones(throw.points_m.shape[:2]) if throw.confidence is None else throw.confidence
+    measured = ~np.isnan(throw.points_m).any(axis=2)
+    return np.asarray(np.where(measured & throw.used[:, None], np.nan_to_num(confidence), 0.0)[:, 1:])

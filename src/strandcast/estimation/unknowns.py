@@ -1,0 +1,109 @@
+"""The unknown numbers of the string, their ranges and priors, and plausible strings to start from."""
+
+import numpy as np
+
+from strandcast.config.estimate import EstimateSettings, Ranges
+from strandcast.core.strings import (
+    BEND_FRICTION,
+    CAMERA_OFFSET,
+    CLAMP_OFFSET,
+    PARAMETERS,
+    PLAIN_MASS,
+    REST_CURL,
+    STIFF_BEND,
+    found_mass,
+    found_place,
+)
+from strandcast.dynamics.masses import MassLayout
+from strandcast.dynamics.model import StringModel
+from strandcast.dynamics.parameters import MASS_RANGE, RANGES, ensemble
+from strandcast.estimation.evaluation import Array
+from strandcast.estimation.space import Space
+
+# All chosen.
+CURL_RANGE_RAD_M = (-15.0, 15.0)
+CLAMP_RANGE_RAD = (-0.2, 0.2)
+CAMERA_OFFSET_RANGE_SD = 4.0  # half-width, in standard deviations of the prior
+STIFF_RANGE = (1.0, 1e3)
+FRICTION_RANGE = (1e-4, 1e2)  # N m/kg
+FRICTION_BEND_RAD = (1e-3, 1e-1)  # plausible bends that dry friction alone can hold
+
+
+def bounds_of(ranges: Ranges) -> Array:
+    """Return the (10, 2) bounds of the parameters; those given by name replace the wide ones."""
+    if isinstance(ranges, str):
+        return RANGES[ranges]
+    bounds = RANGES["wide"].copy()
+    for name, pair in ranges.items():
+        bounds[PARAMETERS.index(name)] = pair
+    return bounds
+
+
+def space_of(
+    settings: EstimateSettings, layout: MassLayout, length_m: float = 0.0, *, plain_mass: bool | None = None
+) -> Space:
+    """Return the box of all unknowns.
+
+    Parameters
+    ----------
+    settings, layout
+        The options to fit; where the free masses sit.
+    length_m
+        Length of the string [m]: weights at unknown places are searched for along it.
+    plain_mass
+        Whether to fit the common mass of the plain points; None: only in the paper's search. Only ratios of
+        masses can be known, so every other search fixes it at 1.
+    """
+    mass_range = MASS_RANGE[settings.ranges if isinstance(settings.ranges, str) else "wide"]
+    options: dict[str, tuple[float, float]] = {}
+    sd: dict[str, float] = {}
+    if plain_mass is None:
+        plain_mass = settings.search == "paper" and layout.count > 0
+    if plain_mass:
+        options[PLAIN_MASS] = mass_range
+    if settings.rest_curl:
+        options[REST_CURL] = CURL_RANGE_RAD_M
+    if settings.clamp_offset:
+        options[CLAMP_OFFSET], sd[CLAMP_OFFSET] = CLAMP_RANGE_RAD, settings.clamp_offset_sd_rad
+    if settings.camera_offset_sd_m is not None:
+        reach_m = CAMERA_OFFSET_RANGE_SD * settings.camera_offset_sd_m
+        options |= dict.fromkeys(CAMERA_OFFSET, (-reach_m, reach_m))
+        sd |= dict.fromkeys(CAMERA_OFFSET, settings.camera_offset_sd_m)
+    if settings.stiff_bend and layout.stiff:
+        options[STIFF_BEND] = STIFF_RANGE
+    if settings.bend_friction:
+        options[BEND_FRICTION] = FRICTION_RANGE
+    for k in range(settings.find_weights):
+        options[found_place(k + 1)] = (0.0, length_m)
+        options[found_mass(k + 1)] = mass_range
+    names = (*PARAMETERS, *(f"weight_{k + 1}" for k in range(layout.count)), *options)
+    bounds = np.vstack([bounds_of(settings.ranges), *[mass_range] * layout.count, *options.values()])
+    prior_sd = np.array([sd.get(name, np.inf) for name in names])
+    return Space(names, bounds, layout, prior_sd, length_m / layout.shares.shape[1])
+
+
+def prior_exponents(
+    space: Space, model: StringModel, count: int, rng: np.random.Generator, scatter: float = 0.08
+) -> Array:
+    """Return exponents (count, d) of plausible strings, with a little scatter; options at mid-range.
+
+    Weights at unknown places may be anywhere, and as heavy as those at known places.
+    """
+    stiff, found = space.layout.stiff, space.weights_found
+    known = space.layout.count - stiff
+    draw = ensemble(count, model.length_m, model.points, known + found, rng, stiff)
+    weights, found_masses, pipes = np.split(draw.weight_masses, [known, known + found], axis=1)
+    # The first unknowns are the ten parameters and the masses at known places.
+    plausible = dict(zip(space.names, np.hstack([draw.parameters, weights, pipes]).T, strict=False))
+    for k, mass in enumerate(found_masses.T, start=1):
+        plausible |= {found_place(k): model.length_m * rng.random(count), found_mass(k): mass}
+    plausible[PLAIN_MASS] = np.ones(count)
+    if BEND_FRICTION in space.names:
+        low, high = FRICTION_BEND_RAD
+        held_rad = low * (high / low) ** rng.random(count)
+        plausible[BEND_FRICTION] = held_rad * plausible["k_h"]
+    values = space.values(np.full((count, space.dimension), 0.5))
+    for k, name in enumerate(space.names):
+        values[:, k] = plausible.get(name, values[:, k])
+    chi = space.exponents(values) + scatter * rng.standard_normal(values.shape)
+    return np.asarray(np.clip(chi, 0.0, 1.0))

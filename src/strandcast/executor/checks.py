@@ -1,0 +1,191 @@
+"""The checks before anything moves. The motion's own `predicted` is never trusted."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.arm.limits import violations
+from strandcast.arm.load import Arm
+from strandcast.arm.reach import Reach, outside_m, reach_of
+from strandcast.core.trajectory import JointTrajectory
+from strandcast.errors import StrandcastError
+from strandcast.executor.drivers.protocol import ArmState, Driver
+from strandcast.executor.locks import NOTHING_SENT
+from strandcast.executor.streaming.clock import Clock
+from strandcast.records.motion import Motion
+
+# Chosen, unless said otherwise.
+CHECK_STEP_S = 0.001  # finer than any controller's cycle but Franka's, which has the same
+REST_RAD_S = 1e-6
+REST_RAD_S2 = 1e-3
+SPEED_MISMATCH_RAD_S = 0.05
+FULL_SPEED_TOLERANCE = 0.001
+PAYLOAD_TOLERANCE_KG = 0.05
+STILL_S = 0.3  # arms still creep 0.2 s after they report the end of a motion (ros-industrial/motoman #324)
+SETTLING_S = 3.0
+POLL_S = 0.02
+
+
+def check_motion(path: Path, motion: Motion, arm: Arm) -> JointTrajectory:
+    """Return the motion as the checks sample it; refuse one that the arm cannot play from rest to rest.
+
+    Raises
+    ------
+    StrandcastError
+        SC-X001 another arm, SC-X002 times or numbers, SC-X003 not at rest, SC-X004 limits.
+    """
+    _check_arm(path, motion, arm)
+    played = motion.trajectory()
+    time_s, q, qd, qdd = played.time_s, played.q_rad, played.qd_rad_s, played.qdd_rad_s2
+    shape = (len(time_s), len(arm.joints))
+    if len(time_s) < 2 or not (q.shape == qd.shape == qdd.shape == shape):
+        raise _refusal("SC-X002", path, "points", "are too few, or do not have one number per joint")
+    if time_s[0] != 0.0 or not (np.diff(time_s) > 0).all():
+        raise _refusal("SC-X002", path, "points", "do not have rising times from 0")
+    if max(np.abs(qd[[0, -1]]).max(), 0) > REST_RAD_S or np.abs(qdd[[0, -1]]).max() > REST_RAD_S2:
+        raise _refusal(
+            "SC-X003",
+            path,
+            "points",
+            "the motion does not start and end at rest",
+            "plan it with a stop ramp: the arm must be at rest at the end",
+        )
+    dense = played.resampled(CHECK_STEP_S)
+    mismatch = np.abs(np.gradient(dense.q_rad, dense.time_s, axis=0) - dense.qd_rad_s).max()
+    if mismatch > SPEED_MISMATCH_RAD_S:
+        raise _refusal("SC-X002", path, "points", f"speeds and positions disagree by {mismatch:.3g} rad/s")
+    check_limits(path, "the motion", arm, dense)
+    return dense
+
+
+def check_limits(path: Path, what: str, arm: Arm, motion: JointTrajectory) -> None:
+    """Refuse a motion that exceeds the arm's limits (SC-X004)."""
+    if found := violations(arm, motion):
+        raise _refusal(
+            "SC-X004",
+            path,
+            "points",
+            f"{what}: {'; '.join(map(str, found))}",
+            "plan again within the limits of the arm's file",
+        )
+
+
+def _check_arm(path: Path, motion: Motion, arm: Arm) -> None:
+    robot = motion.robot
+    if robot.file_sha256 != arm.sha256 or robot.urdf_sha256 != arm.urdf_sha256:
+        raise _refusal(
+            "SC-X001",
+            path,
+            "robot",
+            f"the motion was planned for {robot.name!r}, with versions of {arm.path.name} and "
+            f"{arm.urdf_path.name} that differ from the present ones",
+            "plan again",
+        )
+    if tuple(motion.joint_names) != arm.joints:
+        raise _refusal(
+            "SC-X001", path, "joint_names", f"are {motion.joint_names}, the arm's are {list(arm.joints)}"
+        )
+
+
+def check_reach(path: Path, arm: Arm, motion: JointTrajectory, hanging_m: float) -> Reach:
+    """Return the region that a motion sweeps, stopped at any instant, if it is in the workspace (SC-X008)."""
+    reach = reach_of(arm, motion, hanging_m)
+    outside = outside_m(arm, reach.swept_m)
+    if outside > 0.0:
+        (x_low, x_high), (y_low, y_high) = reach.swept_m
+        raise _refusal(
+            "SC-X008",
+            path,
+            "points",
+            f"the hand with {hanging_m:.2f} m hanging sweeps x {x_low:.2f} to {x_high:.2f}, "
+            f"y {y_low:.2f} to {y_high:.2f} m, if stopped at the worst instant: {outside:.2f} m "
+            "outside the workspace",
+            "plan with a smaller workspace_m in the experiment, or widen the arm's",
+        )
+    return reach
+
+
+def check_state(path: Path, arm: Arm, state: ArmState) -> None:
+    """Refuse an arm whose present state does not allow it to play (SC-X005)."""
+    for what, fix in _state_problems(arm, state):
+        raise _refusal("SC-X005", path, None, f"the arm cannot play: {what}", fix)
+
+
+def _state_problems(arm: Arm, state: ArmState) -> Iterator[tuple[str, str]]:
+    if state.fault is not None:
+        yield state.fault, "clear this fault first"
+    if abs(state.speed_scaling - 1.0) > FULL_SPEED_TOLERANCE:
+        yield (
+            f"its speed scaling is {100 * state.speed_scaling:.0f} %, which would stretch the motion",
+            "set the speed slider to 100 %",
+        )
+    declared = arm.payload
+    if (
+        declared
+        and state.payload_kg is not None
+        and abs(state.payload_kg - declared.mass_kg) > PAYLOAD_TOLERANCE_KG
+    ):
+        yield (
+            f"the controller's payload is {state.payload_kg:.3f} kg, "
+            f"the arm's file has {declared.mass_kg:.3f} kg",
+            "set the payload on the controller, or correct payload.mass_kg",
+        )
+
+
+def check_start(path: Path, motion: Motion, arm: Arm, state: ArmState) -> None:
+    """Refuse an arm that is not at the motion's start (SC-X006), or that still moves (SC-X007)."""
+    speed = float(np.abs(state.qd_rad_s).max())
+    if not speed <= arm.start_velocity_rad_s:
+        raise _refusal(
+            "SC-X007", path, "start", f"the arm still moves at {speed:.4f} rad/s", "wait until it is at rest"
+        )
+    allowed = np.minimum(arm.start_tolerance_rad, motion.start.tolerance_rad)
+    away = np.abs(state.q_rad - np.array(motion.points[0].positions))
+    names = list(arm.joints) + list(state.q_held_rad)
+    held = [abs(q - arm.held[name]) for name, q in state.q_held_rad.items()]
+    away = np.append(away, held)
+    allowed = np.append(allowed, np.full(len(held), arm.start_tolerance_rad.min()))
+    if not (away <= allowed).all():
+        worst = int(np.argmax(away - allowed))
+        raise _refusal(
+            "SC-X006",
+            path,
+            "start",
+            f"{names[worst]} is {away[worst]:.4f} rad from its start, allowed {allowed[worst]:.4f}",
+            "move the arm to the motion's start, or add --move-to-start to do so slowly",
+        )
+
+
+def await_start(path: Path, motion: Motion, arm: Arm, driver: Driver, clock: Clock) -> None:
+    """Wait until the arm has been at rest at the motion's start for 0.3 s, and its clock has advanced.
+
+    The refusals are those of `check_state` and `check_start`; SC-X005 also if the clock does not advance.
+    """
+    begun_ns = still_since_ns = clock.now_ns()
+    first = state = driver.state()
+    while clock.now_ns() - still_since_ns < STILL_S * 1e9:
+        clock.sleep_until(clock.now_ns() + round(POLL_S * 1e9))
+        state = driver.state()
+        check_state(path, arm, state)
+        try:
+            check_start(path, motion, arm, state)
+        except StrandcastError as error:
+            if error.code != "SC-X007" or clock.now_ns() - begun_ns > SETTLING_S * 1e9:
+                raise
+            still_since_ns = clock.now_ns()
+    if first.time_s is not None and state.time_s is not None and not state.time_s > first.time_s:
+        raise _refusal(
+            "SC-X005", path, None, f"the controller's clock has stopped at {state.time_s} s", "connect again"
+        )
+
+
+def _refusal(code: str, path: Path, field: str | None, what: str, fix: str | None = None) -> StrandcastError:
+    return StrandcastError(
+        code,
+        what,
+        file=path,
+        field=field,
+        cost=NOTHING_SENT,
+        fix=fix or "make the motion file again with `strandcast plan`",
+    )

@@ -1,0 +1,1 @@
+"""Drivers of arms: the protocol, the registry, and the ones that ship."""

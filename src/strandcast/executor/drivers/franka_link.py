@@ -1,0 +1,159 @@
+"""The Franka driver's stream: one joint position in answer to every state of the controller."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from strandcast.executor.drivers.franka_settings import JOINTS
+from strandcast.executor.streaming.link import ControllerState, ControllerStopped
+
+CYCLE_S = 0.001
+# A stream begins at the controller's own set point, not at the motion's start; after lost cycles it goes on
+# where the controller has extrapolated to. The difference is eased out over these times (chosen).
+START_EASE_S = 0.3
+GAP_EASE_S = 0.05
+MAX_START_OFFSET_RAD = 0.02
+TOO_LATE_NS = 1_000_000  # one cycle
+ENDING_CYCLES = 500  # enough for an easing to end if some cycles are lost
+
+
+class FrankaLink:
+    """A stream of joint positions (see `strandcast.executor.streaming.link.StreamLink`).
+
+    `vendor` is the package, `robot` its connected `Robot`, `moving` (J,) the indices of the streamed joints
+    among the seven; the others stay where they are.
+    """
+
+    paces = True
+
+    def __init__(self, vendor: Any, robot: Any, moving: np.ndarray) -> None:
+        self._vendor, self._robot, self._moving = vendor, robot, moving
+        self._control: Any = None  # while streaming
+        self._answered_s = 0.0  # time of the last state that was answered
+        self._easing: Easing | None = None
+        self._sent = np.zeros(JOINTS)
+        self._planned = self._planned_speed = np.zeros(len(moving))
+        self.states: list[tuple[int, Any]] = []  # host's time [ns] and state, converted after the stream
+        self.answers_ns: list[int] = []  # from each state to its answer
+
+    def start(self) -> None:
+        """Take control; from now on the controller waits for an answer to every state."""
+        mode = self._vendor.ControllerMode.JointImpedance
+        with self._detect_end():
+            self._control = self._robot.start_joint_position_control(mode)
+
+    def read(self) -> ControllerState:
+        """Wait for the controller's next state; before the stream and after its end, only observe."""
+        with self._detect_end():
+            state = self._robot.read_once() if self._control is None else self._control.readOnce()[0]
+        self.states.append((time.monotonic_ns(), state))
+        q, qd = np.array(state.q)[self._moving], np.array(state.dq)[self._moving]
+        return ControllerState(state.time.to_sec(), q, qd)
+
+    def write(self, q_rad: np.ndarray, qd_rad_s: np.ndarray) -> None:
+        """Answer the newest state with (J,) angles, eased in from the controller's set point.
+
+        An answer that would come too late is not sent: the controller has gone on without it.
+        """
+        read_ns, state = self.states[-1]
+        if time.monotonic_ns() - read_ns > TOO_LATE_NS and self._easing is not None:
+            return
+        cycles = round((state.time.to_sec() - self._answered_s) / CYCLE_S)
+        if self._easing is None:
+            self._sent[:] = state.q_d
+            self._easing = _start_easing(self._sent[self._moving] - q_rad)
+        elif cycles > 1:
+            self._easing = self._gap_easing(state, cycles, q_rad, qd_rad_s)
+        self._sent[self._moving] = q_rad + self._easing.next()
+        self._planned, self._planned_speed = q_rad.copy(), qd_rad_s.copy()
+        self._answered_s = state.time.to_sec()
+        self._send(finished=False)
+
+    def _gap_easing(self, state: Any, cycles: int, q_rad: np.ndarray, qd_rad_s: np.ndarray) -> Easing:
+        """Return the easing back from where the controller has extrapolated to, one cycle ahead."""
+        q, qd, qdd = (np.array(value)[self._moving] for value in (state.q_d, state.dq_d, state.ddq_d))
+        planned = (qd_rad_s - self._planned_speed) / (cycles * CYCLE_S)
+        qd = qd + qdd * CYCLE_S
+        return Easing(GAP_EASE_S, q + qd * CYCLE_S - q_rad, qd - qd_rad_s, qdd - planned)
+
+    def _send(self, finished: bool) -> None:
+        command = self._vendor.JointPositions(self._sent.tolist())
+        command.motion_finished = finished
+        with self._detect_end():
+            self._control.writeOnce(command)
+        self.answers_ns.append(time.monotonic_ns() - self.states[-1][0])
+
+    @contextmanager
+    def _detect_end(self) -> Iterator[None]:
+        """Note if the controller ends the stream; states can only be read after control is released."""
+        try:
+            yield
+        except RuntimeError as error:
+            self._control = None
+            raise ControllerStopped(str(error).removeprefix("libfranka: ")) from None
+
+    def finish(self) -> None:
+        """End the stream, at rest."""
+        try:
+            if self._control is not None and self._easing is not None:
+                self._end_eased(self._easing)
+        except ControllerStopped:
+            return
+        finally:
+            # The controller is released with the last reference to it, which an error's traceback may keep.
+            self._control = self._robot = None
+
+    def _end_eased(self, easing: Easing) -> None:
+        for _ in range(ENDING_CYCLES):
+            if easing.ended():
+                break
+            self.read()
+            self.write(self._planned, np.zeros(len(self._planned)))
+            easing = self._easing or easing
+        self.read()
+        self._send(finished=True)
+
+    def signal(self, high: bool) -> None:
+        """Do nothing: the controller has no output that its 1 kHz interface can switch."""
+
+
+def _start_easing(offset_rad: np.ndarray) -> Easing:
+    worst = float(np.abs(offset_rad).max())
+    if worst > MAX_START_OFFSET_RAD:
+        raise ValueError(f"the controller's set point is {worst:.3f} rad from the motion's start")
+    return Easing(START_EASE_S, offset_rad)
+
+
+class Easing:
+    """An offset to a command that goes to zero cycle by cycle, along a quintic.
+
+    Parameters
+    ----------
+    duration_s
+        Its length [s].
+    e, ed, edd
+        (J,) offset at the start [rad], its speed and its acceleration.
+    """
+
+    def __init__(self, duration_s: float, e: np.ndarray, ed: Any = 0.0, edd: Any = 0.0) -> None:
+        count = round(duration_s / CYCLE_S)
+        s = (np.arange(count + 1) / count)[:, None]
+        c0, c1, c2 = e, ed * duration_s, 0.5 * edd * duration_s**2
+        c3, c4, c5 = -10 * c0 - 6 * c1 - 3 * c2, 15 * c0 + 8 * c1 + 3 * c2, -6 * c0 - 3 * c1 - c2
+        self._rows = c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
+        self._next = 0
+
+    def next(self) -> np.ndarray:
+        """Return (J,) the offset for this cycle [rad], and advance to the next cycle."""
+        row: np.ndarray = self._rows[min(self._next, len(self._rows) - 1)]
+        self._next += 1
+        return row
+
+    def ended(self) -> bool:
+        """Return whether the offset has reached zero."""
+        return self._next >= len(self._rows)

@@ -1,0 +1,1 @@
+"""The streaming loop, and its safety monitor."""

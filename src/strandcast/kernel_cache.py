@@ -1,0 +1,65 @@
+"""The folder of compiled kernels.
+
+numba checks only a kernel's own file to decide whether its machine code is current. But kernels call each
+other across files, and numba compiles the constants that they import as literals: after an update, old
+machine code could run from the cache. So the cache's folder is named by a hash of all code that machine
+code depends on: the files with kernels and the modules from which they import constants. Comments and
+docstrings do not count, but numba compiles the kernels of a file again whenever that file is touched.
+"""
+
+import hashlib
+import os
+import stat
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from strandcast.source_code import cache_folder, source_cache
+
+PACKAGE = Path(__file__).resolve().parent
+MARK = b"njit"
+
+
+def use_own_cache() -> None:
+    """Set numba's cache to the folder of these kernels, unless the user has set NUMBA_CACHE_DIR."""
+    if "NUMBA_CACHE_DIR" not in os.environ:
+        folder = _writable_folder()
+        if folder is not None:
+            os.environ["NUMBA_CACHE_DIR"] = str(folder / kernels_sha256()[:16])
+
+
+def kernels_sha256() -> str:
+    """Return the hash of the code that compiled kernels depend on."""
+    code = source_cache()
+    kernels = {path for path in PACKAGE.rglob("*.py") if MARK in path.read_bytes()}
+    constants = {file for path in kernels for file in _constants_of(code.code_of(path).imports)}
+    digest = hashlib.sha256()
+    for path in sorted(kernels | constants):
+        digest.update(f"{path.relative_to(PACKAGE)}\0{code.code_of(path).sha256}".encode())
+    code.save()
+    return digest.hexdigest()
+
+
+def _constants_of(imports: tuple[str, ...]) -> Iterator[Path]:
+    """Yield the files of this package from which constants are imported."""
+    for name in imports:
+        module, _, constant = name.rpartition(".")
+        if module.startswith(f"{PACKAGE.name}.") and constant.isupper():
+            stem = PACKAGE.parent.joinpath(*module.split("."))
+            yield from (path for path in (stem.with_suffix(".py"), stem / "__init__.py") if path.is_file())
+
+
+def _writable_folder() -> Path | None:
+    """Return this user's folder of kernels: in the home folder, or else among the temporary files."""
+    folder = cache_folder()
+    if folder is not None:
+        return folder / "kernels"
+    try:
+        shared = Path(tempfile.gettempdir()) / f"strandcast-kernels-{os.getuid()}"
+        shared.mkdir(mode=0o700, exist_ok=True)
+        # numba runs the code that it finds there: a folder that others can write is not safe.
+        found = shared.lstat()
+        own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
+        return shared if own else Path(tempfile.mkdtemp(prefix="strandcast-kernels-"))
+    except OSError:
+        return None

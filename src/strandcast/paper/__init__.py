@@ -1,1 +1,0 @@
-"""The paper's experiment: its strings, targets, methods and seeds as experiments of the lab."""

@@ -1,0 +1,121 @@
+"""The simulation's error in past trials, as a correction of its prediction for a motion near them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strandcast.arm.servo import Servo, respond
+from strandcast.core.strings import StringBatch
+from strandcast.planning.bezier import Curve
+from strandcast.planning.past_trials import PastTrial, resampled
+from strandcast.planning.rollouts import RolloutConditions, simulate_rollouts
+from strandcast.planning.task import PlanningTask
+
+SAME_MOTION_RAD_S = 0.02  # motions nearer than this count as the same; chosen
+# This far from the nearest trial, rms over the heights, half of its tip's bias is left: tuned on seeds 4 to 7
+# (docs/explanation/throws.md, "How far a later motion may go").
+HALF_LEFT_RAD_S = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class BiasCorrection:
+    """Errors of the simulation in N past trials with the same posture and time.
+
+    Attributes
+    ----------
+    heights_rad_s
+        (N, J, H) control heights of those motions.
+    joints_rad
+        (N, T, J) measured angles minus the servo's.
+    tip_m
+        (N, K, T, 2) tracked tip minus tip simulated with each string on the measured joints.
+    """
+
+    heights_rad_s: np.ndarray
+    joints_rad: np.ndarray
+    tip_m: np.ndarray
+
+    def weights(self, heights: np.ndarray) -> np.ndarray:
+        """Return (P, N) weights of the past trials for heights (P, J, H), by inverse square distance."""
+        distance2 = np.mean((heights[:, None] - self.heights_rad_s[None]) ** 2, axis=(2, 3))
+        weights = 1.0 / (distance2 + SAME_MOTION_RAD_S**2)
+        return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+    def tip_weights(self, heights: np.ndarray) -> np.ndarray:
+        """Return (P, N) how much of each trial's tip bias to apply: the weights, faded with the distance."""
+        distance2 = np.mean((heights[:, None] - self.heights_rad_s[None]) ** 2, axis=(2, 3)).min(axis=1)
+        return np.asarray(self.weights(heights) / (1.0 + distance2 / HALF_LEFT_RAD_S**2)[:, None])
+
+
+def comparable(trials: list[PastTrial], curve: Curve) -> list[PastTrial]:
+    """Return the trials that started from the motion's posture and lasted as long."""
+    return [
+        trial
+        for trial in trials
+        if trial.curve is not None and _same_start(trial.curve, curve) and trial.curve.end_s == curve.end_s
+    ]
+
+
+def _same_start(one: Curve, other: Curve) -> bool:
+    """Whether two motions have the same posture, the same time without stop ramps, and as many heights."""
+    return (
+        one.heights_rad_s.shape == other.heights_rad_s.shape
+        and (one.ramp_s > 0.0) == (other.ramp_s > 0.0)
+        and abs(one.duration_s - other.duration_s) < 1e-9
+        and np.allclose(one.q0_rad, other.q0_rad, atol=1e-9)
+    )
+
+
+def distance_rad_s(curve: Curve, trials: list[PastTrial]) -> float:
+    """Return the distance of a motion from the nearest trial's: rms over the heights, inf if none is like it.
+
+    How long the arm takes to stop after the curve makes no difference.
+    """
+    away = [
+        np.sqrt(np.mean((curve.heights_rad_s - trial.curve.heights_rad_s) ** 2))
+        for trial in trials
+        if trial.curve is not None and _same_start(trial.curve, curve)
+    ]
+    return float(min(away, default=np.inf))
+
+
+def bias_correction(
+    task: PlanningTask, strings: StringBatch, servo: Servo | None, trials: list[PastTrial]
+) -> BiasCorrection:
+    """Simulate past trials as they were, and return the simulation's errors."""
+    time_s = np.arange(len(trials[0].q_rad)) * task.step_s
+    last = np.array([len(time_s) - 1])
+    tips = []
+    for trial in trials:
+        conditions = RolloutConditions(start_m=trial.start_m)
+        swaying = strings.with_disturbances(sway=np.tile([0.0, trial.sway_rad_s], (len(strings), 1)))
+        rollouts = simulate_rollouts(task, swaying, conditions, trial.q_rad[None], last)
+        tips.append(tip_bias(trial, rollouts.points_m[:, :, -1], task.step_s))
+    return BiasCorrection(
+        np.array([trial.curve.heights_rad_s for trial in trials if trial.curve is not None]),
+        np.array([trial.q_rad - _response(servo, time_s, trial.q_command_rad) for trial in trials]),
+        np.array(tips),
+    )
+
+
+def _response(servo: Servo | None, time_s: np.ndarray, q_command_rad: np.ndarray) -> np.ndarray:
+    return q_command_rad if servo is None else respond(servo, time_s, q_command_rad)
+
+
+def tip_bias(trial: PastTrial, tips_m: np.ndarray, step_s: float) -> np.ndarray:
+    """Return (K, T, 2) tracked minus simulated tip, for simulated tips (K, T, 2) every `step_s` [m].
+
+    It is linear between the frames with a tracked tip, and held before and after. The bias is interpolated,
+    not the tip: from frame to frame the tip's path bends, by millimetres where frames are lost; the bias
+    hardly changes. It is zero where nothing was tracked, or the simulation of a string failed.
+    """
+    time_s = np.arange(tips_m.shape[1]) * step_s
+    during = (trial.frame_s >= 0.0) & (trial.frame_s <= time_s[-1])
+    frame_s, tracked_m = trial.frame_s[during], trial.tip_m[during]
+    answer = np.zeros_like(tips_m)
+    for tip_m, bias_m in zip(tips_m, answer, strict=True):
+        off_m = tracked_m - resampled(frame_s, time_s, tip_m)
+        known = np.isfinite(off_m).all(axis=1)
+        if known.any():
+            bias_m[:] = resampled(time_s, frame_s[known], off_m[known])
+    return answer

@@ -1,0 +1,125 @@
+"""The arm as capsules that hide and foul the string: its links, and the plate with the hand's markers."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from strandcast.arm.kinematics import PlanarChain, hand_pose
+from strandcast.arm.load import Arm
+from strandcast.arm.settings import Clamp
+
+PLATE_RIM_M = 0.015  # of the plate beyond the markers' edge; chosen
+NEAR_HAND_M = 0.06  # string this near to the hand cannot be far from it; chosen
+HANGING_SPACING_M = 0.015  # between the places of the hanging string that are checked; chosen
+LONGER = 1.05  # how much longer than specified a string may be; chosen
+
+
+class PlanarArm(NamedTuple):
+    """Chain and clamp for kernels; see `strandcast.arm.kinematics` for the columns."""
+
+    angles_rad: np.ndarray
+    signs: np.ndarray
+    lengths_m: np.ndarray
+    origin_m: np.ndarray
+    offset_m: np.ndarray
+    clamp_rad: float
+
+
+def planar_arm(chain: PlanarChain, clamp: Clamp) -> PlanarArm:
+    """Return chain and clamp for kernels."""
+    return PlanarArm(
+        chain.angles_rad,
+        chain.signs.astype(float),
+        chain.lengths_m,
+        np.asarray(chain.origin_m, float),
+        np.asarray(clamp.offset_m, float),
+        clamp.angle_rad,
+    )
+
+
+def capsules(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """Return both ends of each link, and of the plate between the outer markers: (..., S, 2, 2) [m].
+
+    Parameters
+    ----------
+    q
+        (..., J) joint angles [rad].
+    """
+    along = [marker.place_m[0] for marker in arm.markers]
+    plate = np.array([min(along), max(along)]) if along else np.zeros(0)
+    found = _capsules(
+        np.ascontiguousarray(q, float).reshape(-1, q.shape[-1]), planar_arm(arm.chain, arm.clamp), plate
+    )
+    return found.reshape(*q.shape[:-1], *found.shape[1:])
+
+
+@njit(cache=True, parallel=True)
+def _capsules(q: np.ndarray, arm: PlanarArm, plate_m: np.ndarray) -> np.ndarray:
+    """Return both ends (N, S, 2, 2) of the links, and of the plate between two places along the string."""
+    count, joints = q.shape
+    ends = np.empty((count, joints + len(plate_m) // 2, 2, 2))
+    for k in prange(count):
+        x, y, angle, cos, sin = arm.origin_m[0], arm.origin_m[1], 0.0, 1.0, 0.0
+        for j in range(joints):
+            angle += arm.angles_rad[j] + arm.signs[j] * q[k, j]
+            cos, sin = math.cos(angle), math.sin(angle)
+            ends[k, j, 0, 0], ends[k, j, 0, 1] = x, y
+            x, y = x + arm.lengths_m[j] * cos, y + arm.lengths_m[j] * sin
+            ends[k, j, 1, 0], ends[k, j, 1, 1] = x, y
+        offset_m = arm.offset_m
+        x, y = x + offset_m[0] * cos - offset_m[1] * sin, y + offset_m[0] * sin + offset_m[1] * cos
+        angle += arm.clamp_rad
+        for end in range(len(plate_m)):
+            ends[k, joints, end, 0] = x + plate_m[end] * math.cos(angle)
+            ends[k, joints, end, 1] = y + plate_m[end] * math.sin(angle)
+    return ends
+
+
+def capsule_radii(arm: Arm, clearance_m: float) -> np.ndarray:
+    """Return (S,) how near to each capsule the string may come [m]."""
+    radii = np.full(len(arm.chain.lengths_m), clearance_m)
+    if not arm.markers:
+        return radii
+    return np.append(radii, PLATE_RIM_M + max(abs(m.place_m[1]) + 0.5 * m.size_m for m in arm.markers))
+
+
+def start_violation_m(
+    arm: Arm, length_m: float, box: np.ndarray, clearance_m: float, q0: np.ndarray
+) -> np.ndarray:
+    """Return how deep the hanging string is in the capsules, or out of the box, in start postures.
+
+    The string hangs straight down from the hand; no model's stretch enters.
+
+    Parameters
+    ----------
+    length_m
+        The string's free length [m].
+    box
+        (2, 2) low and high of x and y [m].
+    clearance_m
+        How near to the links it may hang [m].
+    q0
+        (P, J) postures [rad].
+
+    Returns
+    -------
+    (P,) [m], 0 where a start posture is allowed.
+    """
+    hand = hand_pose(arm.chain, arm.clamp, q0).position_m
+    down = np.append(np.arange(NEAR_HAND_M, length_m, HANGING_SPACING_M), LONGER * length_m)
+    hanging = hand[:, None] - down[:, None] * np.array([0.0, 1.0])
+    away = _distances(hanging, capsules(arm, q0))
+    deep = np.maximum(capsule_radii(arm, clearance_m) - away, 0.0).max(axis=(1, 2))
+    shown = np.concatenate([hand[:, None], hanging], axis=1)
+    out = np.maximum(box[:, 0] - shown, shown - box[:, 1]).max(axis=(1, 2))
+    return np.asarray(np.maximum(deep, np.maximum(out, 0.0)))
+
+
+def _distances(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return (P, D, S) distances of points (P, D, 2) to segments (P, S, 2, 2)."""
+    start, step = ends[:, None, :, 0], (ends[:, :, 1] - ends[:, :, 0])[:, None]
+    from_start = points[:, :, None] - start
+    share = (from_start * step).sum(axis=-1) / np.maximum((step**2).sum(axis=-1), 1e-300)
+    return np.asarray(np.linalg.norm(from_start - np.clip(share, 0.0, 1.0)[..., None] * step, axis=-1))

@@ -1,0 +1,56 @@
+"""The cost of a motion in the searches: its miss over the ensemble, and everything else in metres too."""
+
+import numpy as np
+
+from strandcast.arm.reach import roughly_outside_m
+from strandcast.planning.assessment import Assessment
+from strandcast.planning.capsules import start_violation_m
+from strandcast.planning.paths import JointPaths
+from strandcast.planning.task import PlanningTask
+
+# The weights are chosen; docs/explanation/throws.md has what the planner as a whole achieves with them.
+# 1 - cos of a bend of about 57 degrees between neighbours: beyond it the model is wrong.
+FREE_FOLD = 0.45
+FOLD_COST_M = 0.05
+OUTSIDE_COST = 2.0
+TOUCH_COST = 1.0
+HIDDEN_COST = 3.0
+START_COST = 10.0
+# The model's error grows with time.
+LATE_COST_M_S = 0.01
+LIMIT_COST_M = 1.0
+# More than any miss can gain: a motion that is not allowed is never better than one that is.
+FORBIDDEN_M = 10.0
+EFFORT_COST_M_S_RAD = 0.0008
+CLEARANCE_M = 0.035  # how near to the middle of the arm's links the string may come; chosen
+
+
+def rollout_cost(assessment: Assessment, strings: int, step_s: float) -> np.ndarray:
+    """Return (P,) rms miss over the strings, plus the price of everything else that spoils a throw [m]."""
+    miss, index, fold, outside, touch, hidden = (
+        getattr(assessment, name).reshape(-1, strings)
+        for name in ("miss_m", "hit_index", "fold", "outside_m", "touch_m", "hidden_m")
+    )
+    return np.asarray(
+        np.sqrt(np.mean(miss**2, axis=1))
+        + LATE_COST_M_S * step_s * index.mean(axis=1)
+        + FOLD_COST_M * np.maximum(0.0, fold - FREE_FOLD).mean(axis=1)
+        + OUTSIDE_COST * outside.mean(axis=1)
+        + TOUCH_COST * touch.mean(axis=1)
+        + HIDDEN_COST * hidden.mean(axis=1)
+    )
+
+
+def motion_costs(task: PlanningTask, paths: JointPaths) -> np.ndarray:
+    """Return (P,) the price of breaking the arm's limits, plus a small one for fast joints [m]."""
+    over = paths.excess(task.arm.limits)
+    price = FORBIDDEN_M * (over > 0.0) + LIMIT_COST_M * over + EFFORT_COST_M_S_RAD * paths.effort_rad_s
+    if task.price_stops:
+        price = price + OUTSIDE_COST * roughly_outside_m(task.arm, paths.q, task.step_s, task.hanging_m)
+    return np.asarray(price)
+
+
+def start_cost(task: PlanningTask, postures_rad: np.ndarray) -> np.ndarray:
+    """Return (P,) the price of a string that hangs over the arm or out of the box at the start [m]."""
+    away_m = start_violation_m(task.arm, task.model.length_m, task.box(), CLEARANCE_M, postures_rad)
+    return np.where(away_m > 0.0, FORBIDDEN_M + START_COST * away_m, 0.0)

@@ -1,0 +1,190 @@
+"""A motion with what the simulation predicts for it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from strandcast.arm.limits import peaks, violations
+from strandcast.arm.link_masses import torque_gap
+from strandcast.arm.reach import outside_m, reach_of
+from strandcast.core.strings import StringBatch
+from strandcast.core.trajectory import JointTrajectory
+from strandcast.errors import StrandcastError
+from strandcast.planning.assessment import Assessment, assess_rollouts
+from strandcast.planning.bezier import Curve, sample
+from strandcast.planning.cost import CLEARANCE_M, rollout_cost, start_cost
+from strandcast.planning.rollouts import Rollouts
+from strandcast.planning.search import SearchResult
+from strandcast.planning.task import PlanningTask
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedMotion:
+    """A motion and the simulation's prediction of its throw.
+
+    Attributes
+    ----------
+    planner, kind
+        ``ensemble`` or ``paper``; ``first``, ``refined`` (near a past motion), ``replanned`` (from scratch).
+    curve, motion
+        The velocity curves, and the motion's points.
+    strings
+        The strings that it was planned with, the best first.
+    objective
+        The objective in words.
+    miss_m, ensemble_miss_m
+        Predicted miss with the best string, and with every string (K,), undisturbed.
+    disturbed_miss_m, hit_probability
+        Predicted misses of every string with every disturbance of the design, and the share of them that hit.
+    cost_m
+        The rms of the undisturbed misses, plus the price of lateness, folding, leaving the workspace,
+        touching the arm and hiding the tip.
+    hit_time_s, tip_speed_m_s, largest_bend_rad
+        When and how fast the best string's tip comes nearest, and its largest bend until then.
+    time_s, hand_m, tip_m
+        (T,), (T, 2), (T, 2) predicted paths until 0.3 s after the motion, with bias correction.
+    peaks
+        Largest speed, acceleration, jerk, torque of each joint, by name.
+    room_m
+        Least distance of the hand and the best string to the workspace's edges, below 0 outside.
+    parent_trial
+        The trial whose motion was altered, None for a motion planned from scratch.
+    simulations
+        Throws simulated by the search.
+    flags
+        Warnings for the reader.
+    """
+
+    planner: str
+    kind: str
+    objective: str
+    curve: Curve
+    motion: JointTrajectory
+    strings: StringBatch
+    miss_m: float
+    ensemble_miss_m: np.ndarray
+    disturbed_miss_m: np.ndarray
+    hit_probability: float
+    cost_m: float
+    hit_time_s: float
+    tip_speed_m_s: float
+    largest_bend_rad: float
+    time_s: np.ndarray
+    hand_m: np.ndarray
+    tip_m: np.ndarray
+    peaks: dict[str, np.ndarray]
+    room_m: float
+    parent_trial: int | None
+    simulations: int
+    flags: tuple[str, ...]
+
+
+def describe(
+    task: PlanningTask,
+    strings: StringBatch,
+    planner: str,
+    found: SearchResult,
+    rollouts: Rollouts,
+    disturbed_miss_m: np.ndarray,
+) -> PlannedMotion:
+    """Return a motion with its prediction; refuse one that breaks the arm's limits.
+
+    Parameters
+    ----------
+    rollouts
+        The motion simulated with every string.
+    disturbed_miss_m
+        The misses of every string with every disturbance.
+
+    Raises
+    ------
+    StrandcastError
+        SC-P006.
+    """
+    motion = sample(found.curve, task.step_s)
+    _refuse_violations(task, motion)
+    assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
+    count = rollouts.last[0] + 1
+    path, time_s = rollouts.points_m[0, :count], np.arange(count) * task.step_s
+    return PlannedMotion(
+        planner=planner,
+        kind=found.kind,
+        objective=task.objective.description,
+        curve=found.curve,
+        motion=motion,
+        strings=strings,
+        miss_m=float(assessment.miss_m[0]),
+        ensemble_miss_m=assessment.miss_m,
+        disturbed_miss_m=disturbed_miss_m,
+        hit_probability=float(np.mean(disturbed_miss_m <= task.hit_radius_m)),
+        cost_m=float(rollout_cost(assessment, len(strings), task.step_s)[0]),
+        hit_time_s=float(time_s[assessment.hit_index[0]]),
+        tip_speed_m_s=float(assessment.tip_speed_m_s[0]),
+        largest_bend_rad=float(np.arccos(np.clip(1.0 - assessment.fold[0], -1.0, 1.0))),
+        time_s=time_s,
+        hand_m=path[:, 0],
+        tip_m=path[:, -1] + rollouts.tip_bias_m[0, :count],
+        peaks=peaks(task.arm, motion),
+        room_m=_room_m(task, path),
+        parent_trial=found.parent_trial,
+        simulations=found.simulations,
+        flags=(*found.flags, *prediction_flags(task, found.curve, assessment)),
+    )
+
+
+def prediction_flags(task: PlanningTask, curve: Curve, predicted: Assessment) -> list[str]:
+    """Return the faults of the best string's throw, and those that any string may have."""
+    flags = _arm_flags(task, curve)
+    if predicted.miss_m[0] > task.hit_radius_m:
+        by = f"{1000 * predicted.miss_m[0]:.0f} mm"
+        flags.append(f"not expected to hit: the best that was found within the arm's limits misses by {by}")
+    for depth_m, words in (
+        (predicted.outside_m, "may leave the workspace by {} mm"),
+        (predicted.touch_m, "the string may come {} mm too near to the arm"),
+        (predicted.hidden_m, "at the closest approach the tip may lie {} mm over the arm"),
+    ):
+        if depth_m.max() > 0.0:
+            flags.append(words.format(math.ceil(1000 * depth_m.max())) + _how_many(depth_m > 0.0))
+    if start_cost(task, curve.q0_rad[None])[0] > 0.0:
+        flags.append("at the start the string hangs over the arm or out of the workspace")
+    return flags
+
+
+def _how_many(strings: np.ndarray) -> str:
+    return "" if strings.all() else f", with {strings.sum()} of {len(strings)} strings"
+
+
+def stopped_outside_m(task: PlanningTask, curve: Curve) -> float:
+    """Return how far out of the arm's workspace arm or string may be if stopped at the worst instant [m]."""
+    motion = sample(curve, task.step_s)
+    return outside_m(task.arm, reach_of(task.arm, motion, task.hanging_m).swept_m)
+
+
+def _arm_flags(task: PlanningTask, curve: Curve) -> list[str]:
+    """Return the flags for a motion that the player will refuse, and for torque limits without effect."""
+    flags = []
+    out_m = stopped_outside_m(task, curve)
+    if out_m != 0.0:
+        out = f"{1000 * out_m:.0f} mm out of the arm's workspace"
+        flags.append(f"stopped at the worst instant, arm or string may be {out}")
+    gap = torque_gap(task.arm) if np.isfinite(task.arm.limits.torque_n_m).any() else None
+    return flags if gap is None else [*flags, gap]
+
+
+def _room_m(task: PlanningTask, points_m: np.ndarray) -> float:
+    low, high = task.box().T
+    room = np.minimum(points_m - low, high - points_m)
+    return float(room.min()) if np.isfinite(room).all() else 0.0
+
+
+def _refuse_violations(task: PlanningTask, motion: JointTrajectory) -> None:
+    found = violations(task.arm, motion)
+    if found:
+        raise StrandcastError(
+            "SC-P006",
+            "the motion that was found breaks the arm's limits: " + "; ".join(map(str, found)),
+            file=task.arm.path,
+            cost="the search found nothing within the limits: no motion is written",
+            fix="allow longer motions (plan.duration_s) or more evaluations",
+        )

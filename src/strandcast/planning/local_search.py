@@ -1,0 +1,142 @@
+"""Search for a later motion: small changes around the best past trial, with bias correction."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strandcast.arm.servo import respond
+from strandcast.config.plan import PlanSettings
+from strandcast.core.strings import StringBatch
+from strandcast.planning.assessment import assess_rollouts
+from strandcast.planning.bezier import Curve
+from strandcast.planning.bias_correction import BiasCorrection, bias_correction, comparable
+from strandcast.planning.cost import CLEARANCE_M, motion_costs, rollout_cost
+from strandcast.planning.past_trials import PastTrial
+from strandcast.planning.paths import JointPaths, paths_of_any
+from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, Rollouts, simulate_rollouts
+from strandcast.planning.scenarios import crossed
+from strandcast.planning.search import minimise
+from strandcast.planning.task import PlanningTask
+from strandcast.progress import Progress
+
+# Scale of the heights; the search's standard deviation at its start, wider after a wide miss. Chosen.
+HEIGHT_RAD_S, SPREAD = 0.15, 0.7
+NEAR_M, WIDEST = 0.04, 4.0
+CHANGE_COST_M_S_RAD = 0.008  # price of changing the heights [m per rad/s rms]; chosen
+SAME_SHAPE_M = 0.003  # rms, between the shape at the start and the model's at rest; the tracker's accuracy
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbourhood:
+    """The curve of the best past trial, and the strings, conditions and bias correction near it."""
+
+    best: Curve
+    strings: StringBatch
+    conditions: RolloutConditions
+    bias: BiasCorrection
+
+
+def neighbourhood(
+    task: PlanningTask,
+    strings: StringBatch,
+    conditions: RolloutConditions,
+    best: PastTrial,
+    trials: list[PastTrial],
+    settings: PlanSettings,
+) -> Neighbourhood:
+    """Return the neighbourhood of the best trial.
+
+    Parameters
+    ----------
+    conditions
+        With the servo's response, if there is to be one.
+    best, trials
+        The best trial, which has a curve, and all.
+    """
+    assert best.curve is not None
+    bias = bias_correction(task, strings, conditions.servo, comparable(trials, best.curve))
+    conditions = replace(conditions, start_m=settled(task, strings, best))
+    if not settings.bias_correction:
+        bias = replace(bias, tip_m=np.zeros_like(bias.tip_m))
+    return Neighbourhood(best.curve, strings, conditions, bias)
+
+
+def with_every_disturbance(task: PlanningTask, near: Neighbourhood, settings: PlanSettings) -> Neighbourhood:
+    """Return it with every string under every disturbance; each keeps its string's bias correction."""
+    strings = crossed(near.strings, len(task.arm.joints), settings.disturbances)
+    member = np.arange(len(strings)) * len(near.strings) // len(strings)
+    return replace(near, strings=strings, bias=replace(near.bias, tip_m=near.bias.tip_m[:, member]))
+
+
+def settled(task: PlanningTask, strings: StringBatch, trial: PastTrial) -> np.ndarray | None:
+    """Return the shape (n, 2) with which a motion like a trial's starts [m]; None: it hangs as the model's.
+
+    How a string sways differs from throw to throw, so the trial's shape is turned about the hand to where it
+    hangs at rest. The model's own shape is used where it is as near as the tracker can resolve.
+    """
+    if trial.start_m is None:
+        return None
+    assert trial.curve is not None
+    resting = np.tile(trial.curve.q0_rad, (1, 2, 1))
+    at_rest = simulate_rollouts(task, strings.first(1), RolloutConditions(), resting, np.array([1]))
+    shape = at_rest.points_m[0, 0]
+    rest, was = shape[1:] - shape[0], trial.start_m - shape[0]
+    turn = np.arctan2((was[:, 0] * rest[:, 1] - was[:, 1] * rest[:, 0]).sum(), (was * rest).sum())
+    cos, sin = np.cos(turn), np.sin(turn)
+    turned = was @ np.array([[cos, sin], [-sin, cos]])
+    off_m = float(np.sqrt(np.mean(((turned - rest) ** 2).sum(axis=1))))
+    return None if off_m < SAME_SHAPE_M else np.asarray(turned + shape[0])
+
+
+def rollouts_near(
+    task: PlanningTask, near: Neighbourhood, paths: JointPaths, heights: np.ndarray
+) -> Rollouts:
+    """Simulate P motions with every string, with bias correction of joints and tip.
+
+    Parameters
+    ----------
+    paths, heights
+        The commanded angles and the control heights (P, J, H) of motions as long as the best one.
+    """
+    time_s = np.arange(paths.q.shape[1]) * task.step_s
+    servo = near.conditions.servo
+    q = paths.q if servo is None else respond(servo, time_s, paths.q)
+    q = q + np.einsum("pn,ntj->ptj", near.bias.weights(heights), near.bias.joints_rad)
+    last = paths.last + round(AFTER_END_S / task.step_s)
+    rollouts = simulate_rollouts(task, near.strings, near.conditions, q, last)
+    bias_m = np.einsum("pn,nktx->pktx", near.bias.tip_weights(heights), near.bias.tip_m)
+    return rollouts.with_bias(bias_m.reshape(-1, *bias_m.shape[2:]))
+
+
+def search_near(
+    task: PlanningTask, near: Neighbourhood, miss_m: float, settings: PlanSettings, rng: np.random.Generator
+) -> tuple[Curve, int]:
+    """Return the cheapest motion near the best trial, which missed by `miss_m`, and the number of rollouts.
+
+    The strings are not disturbed: this close to a tested motion all candidates scatter alike; disturbances
+    would only mask the bias (docs/explanation/throws.md, "Robustness near a motion").
+    """
+    task, best = task.rough(), near.best
+    inner = slice(2, -2) if not best.ramp_s else slice(1, None)
+    shape = best.heights_rad_s[:, inner].shape
+
+    def curve(point: np.ndarray) -> Curve:
+        heights = best.heights_rad_s.copy()
+        heights[:, inner] += point.reshape(shape) * HEIGHT_RAD_S
+        return replace(best, heights_rad_s=heights)
+
+    def value(points: np.ndarray) -> np.ndarray:
+        curves = [curve(point) for point in points]
+        paths = paths_of_any(curves, task.step_s, AFTER_END_S, task.dynamics)
+        rollouts = rollouts_near(task, near, paths, np.array([c.heights_rad_s for c in curves]))
+        change = HEIGHT_RAD_S * np.sqrt(np.mean(points**2, axis=1))
+        price = motion_costs(task, paths)
+        assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
+        cost = rollout_cost(assessment, len(near.strings), task.step_s)
+        return np.asarray(cost + price + CHANGE_COST_M_S_RAD * change)
+
+    budget = 2 * settings.evaluations // 3
+    progress = Progress("plan: search", total=budget)
+    spread = SPREAD * float(np.clip(miss_m / NEAR_M, 1.0, WIDEST))
+    point, _, tried = minimise(value, np.zeros(np.prod(shape)), spread, budget, rng, progress)
+    return curve(point), tried * len(near.strings)

@@ -1,0 +1,38 @@
+"""The same string with more mass points: where a refined chain moves differently, do not trust the model.
+
+How a chain whips depends on its spacing long before it depends on what the string is made of. A motion that
+brings the tip to the target with one spacing and with half of it does not rely on what the model cannot know.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from strandcast.core.strings import PARAMETERS, StringBatch
+from strandcast.planning.task import PlanningTask
+
+# Per unit of a plain point's mass, bending stiffness grows with the square of the number of points; drag does
+# not. Stretching stiffness only keeps the cord's length: it stays as high as the time step allows.
+UNCHANGED = ("C_c1", "C_c2", "k_s", "c_s")
+
+
+def refined_task(task: PlanningTask, factor: int = 2) -> PlanningTask:
+    """Return the task with `factor` times as many mass points."""
+    return replace(task, model=replace(task.model, points=factor * task.model.points))
+
+
+def refined_strings(strings: StringBatch, factor: int = 2) -> StringBatch:
+    """Return the same strings as chains of `factor` times as many points.
+
+    Masses beyond that of a plain point keep their places; bending stiffness and density are the same.
+    """
+    between = np.array([1.0 if name in UNCHANGED else factor**2 for name in PARAMETERS])
+    masses = np.ones((len(strings), factor * strings.masses.shape[1]))
+    masses[:, factor - 1 :: factor] += factor * (strings.masses - 1.0)
+    return replace(
+        strings,
+        parameters=strings.parameters * between,
+        masses=masses,
+        bend_friction=strings.bend_friction * factor**2,
+        bend_factor=np.repeat(strings.bend_factors(), factor, axis=1),
+    )

@@ -1,0 +1,127 @@
+"""A past trial on its motion's own clock: the motion that was played, the joints, the string."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from strandcast.planning.bezier import Curve
+from strandcast.planning.rollouts import AFTER_END_S
+from strandcast.records.motion import Motion
+
+SWAY_BEFORE_S = 0.12  # the string's turning at the start is measured over this long before it; chosen
+STILL_BEFORE_S = 0.05  # the string's shape at the start is the mean of this long before it; chosen
+
+
+@dataclass(frozen=True, eq=False)
+class PastTrial:
+    """One past trial on the motion's own clock.
+
+    Attributes
+    ----------
+    trial
+        Its number.
+    curve
+        The motion that was played, None if it came without control heights.
+    q_command_rad, q_rad
+        (T, J) commanded and measured angles, evenly from the motion's start to 0.3 s after its end.
+    frame_s, tip_m
+        (F,) times of the camera's frames on that clock, and (F, 2) the tracked tip, NaN where it was not [m].
+    start_m
+        (n, 2) points 1…n just before the start, None if not all were tracked [m].
+    sway_rad_s
+        Rate at which the string turned about the hand then.
+    miss_m
+        Measured miss, None where the tip was not tracked at the closest approach.
+    """
+
+    trial: int
+    curve: Curve | None
+    q_command_rad: np.ndarray
+    q_rad: np.ndarray
+    frame_s: np.ndarray
+    tip_m: np.ndarray
+    start_m: np.ndarray | None
+    sway_rad_s: float
+    miss_m: float | None
+
+
+class Measured(NamedTuple):
+    """The measurements of a trial; times are since the motion's start, on the robot's clock.
+
+    Attributes
+    ----------
+    joint_time_s, q_rad
+        (R,) times, also before the start, and (R, J) measured angles.
+    frame_s, points_m
+        (F,) times of the camera's frames, and (F, n+1, 2) the track, NaN where a point was not tracked [m].
+    miss_m
+        The measured miss.
+    """
+
+    joint_time_s: np.ndarray
+    q_rad: np.ndarray
+    frame_s: np.ndarray
+    points_m: np.ndarray
+    miss_m: float | None
+
+
+def curve_of(motion: Motion) -> Curve | None:
+    """Return the velocity curve of a motion record, None if it has no control heights."""
+    if motion.bezier is None:
+        return None
+    end_s = motion.trajectory().end_s
+    duration_s = motion.bezier.duration_s
+    ramp_s = end_s - duration_s if motion.bezier.stop_ramp_from_s is not None else 0.0
+    return Curve(
+        np.array(motion.start.positions_rad), duration_s, np.array(motion.bezier.heights_rad_s), ramp_s
+    )
+
+
+def past_trial(motion: Motion, measured: Measured, step_s: float) -> PastTrial:
+    """Bring one trial's data onto the clock of its motion, joints every `step_s`."""
+    planned = motion.trajectory()
+    time_s = np.arange(round((planned.end_s + AFTER_END_S) / step_s) + 1) * step_s
+    return PastTrial(
+        trial=motion.trial,
+        curve=curve_of(motion),
+        q_command_rad=resampled(time_s, planned.time_s, planned.q_rad),
+        q_rad=resampled(time_s, measured.joint_time_s, measured.q_rad),
+        frame_s=measured.frame_s,
+        tip_m=measured.points_m[:, -1],
+        start_m=start_shape(measured.frame_s, measured.points_m[:, 1:]),
+        sway_rad_s=start_sway(measured.frame_s, measured.points_m),
+        miss_m=measured.miss_m,
+    )
+
+
+def resampled(time_s: np.ndarray, known_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return columns of `values` at other times, linear between samples, held at the ends."""
+    return np.stack([np.interp(time_s, known_s, column) for column in values.T], axis=1)
+
+
+def start_shape(frame_s: np.ndarray, points_m: np.ndarray) -> np.ndarray | None:
+    """Return the mean place (n, 2) of points 1…n just before the start, None if one was not tracked."""
+    before = (frame_s <= 0.0) & (frame_s >= -STILL_BEFORE_S)
+    if not np.isfinite(points_m[before]).all(axis=2).any(axis=0).all():
+        return None
+    return np.asarray(np.nanmean(points_m[before], axis=0))
+
+
+def start_sway(frame_s: np.ndarray, points_m: np.ndarray) -> float:
+    """Return the rate [rad/s] at which the string (F, n+1, 2) turns about the hand just before the start.
+
+    It is the rigid rotation that fits all points and frames best; 0 where none is tracked.
+    """
+    before = (frame_s <= 0.0) & (frame_s >= -SWAY_BEFORE_S)
+    away = points_m[before, 1:] - points_m[before, :1]
+    known = np.isfinite(away).all(axis=2)
+    swept, inertia = 0.0, 0.0
+    for i in np.flatnonzero(known.sum(axis=0) >= 3):
+        place, time_s = away[known[:, i], i], frame_s[before][known[:, i]]
+        since = time_s - time_s.mean()
+        speed = (since[:, None] * place).sum(axis=0) / (since**2).sum()
+        middle = place.mean(axis=0)
+        swept += middle[0] * speed[1] - middle[1] * speed[0]
+        inertia += middle @ middle
+    return float(swept / inertia) if inertia > 0.0 else 0.0

@@ -1,0 +1,206 @@
+"""Plan the first motion and every later one."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+
+from strandcast.arm.servo import Servo, identify
+from strandcast.config.plan import PlanSettings
+from strandcast.core.strings import StringBatch
+from strandcast.errors import StrandcastError
+from strandcast.planning.assessment import assess_rollouts
+from strandcast.planning.bezier import Curve
+from strandcast.planning.bias_correction import distance_rad_s
+from strandcast.planning.describe import PlannedMotion, describe, stopped_outside_m
+from strandcast.planning.global_search import GOOD_ENOUGH, search_globally
+from strandcast.planning.local_search import (
+    neighbourhood,
+    rollouts_near,
+    search_near,
+    with_every_disturbance,
+)
+from strandcast.planning.paper import first_by_paper, later_by_paper
+from strandcast.planning.past_trials import PastTrial
+from strandcast.planning.paths import paths_of_any
+from strandcast.planning.ranking import likely_miss_m
+from strandcast.planning.reachability import refuse_unreachable
+from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_curves
+from strandcast.planning.scenarios import crossed
+from strandcast.planning.search import SearchInputs, SearchResult
+from strandcast.planning.task import PlanningTask
+
+# Within this of a trial, rms over the control heights, nearly nine throws in ten passed within half a hit
+# radius of 20 mm of where they were predicted to (docs/explanation/throws.md, "How far a later motion may
+# go").
+TESTED_RAD_S = 0.5
+# A later motion is searched for globally if both the fit's E and the least miss so far are above these. A fit
+# above 8 mm is the best warning of a miss; 20 mm is the default hit radius.
+REPLAN_FROM_E_M = 0.008
+REPLAN_FROM_MISS_M = 0.020
+
+
+def plan_first(
+    task: PlanningTask, strings: StringBatch, settings: PlanSettings, rng: np.random.Generator
+) -> PlannedMotion:
+    """Plan a motion for a string that was never thrown.
+
+    Parameters
+    ----------
+    task
+        Arm, target, workspace.
+    strings
+        The plausible strings.
+    settings
+        Planner and budget.
+    rng
+        Random numbers.
+
+    Raises
+    ------
+    StrandcastError
+        The target is out of reach, or the arm's limits leave no motion.
+    """
+    refuse_unreachable(task)
+    conditions = RolloutConditions(task.arm.servo if settings.plans_with_servo else None)
+    given = SearchInputs(task, strings, conditions, settings, rng)
+    return (
+        _described(given, first_by_paper(given)) if settings.planner == "paper" else _globally(given, "first")
+    )
+
+
+def plan_next(
+    task: PlanningTask,
+    strings: StringBatch,
+    past_trials: list[PastTrial],
+    settings: PlanSettings,
+    rng: np.random.Generator,
+    servo: Servo | None = None,
+    fit_E_m: float | None = None,
+) -> PlannedMotion:
+    """Plan the motion after one or more trials.
+
+    Parameters
+    ----------
+    task, settings, rng
+        See `plan_first`.
+    strings
+        The fitted strings, the best first.
+    past_trials
+        The trials so far, in order.
+    servo
+        The servo's response; identified from the past trials' joints if not given.
+    fit_E_m
+        E of the newest trial after the fit, the best warning of a miss.
+
+    Raises
+    ------
+    StrandcastError
+        The target is out of reach; or, for the paper's planner, no past trial was played from a motion with
+        control heights.
+    """
+    refuse_unreachable(task)
+    known = [trial for trial in past_trials if trial.curve is not None]
+    if not known and settings.planner == "paper":
+        raise StrandcastError(
+            "SC-P005",
+            "no past trial has a motion with control heights to start from",
+            fix="throw a motion that `strandcast plan` made, or list the trials under `excluded`: then the "
+            "next motion is planned as a first one",
+        )
+    servo = servo or (fitted_servo(task, past_trials) if past_trials else task.arm.servo)
+    conditions = RolloutConditions(servo if settings.plans_with_servo else None)
+    given = SearchInputs(task, strings, conditions, settings, rng)
+    if settings.planner == "paper":
+        found = later_by_paper(given, cast(Curve, known[-1].curve))
+        plan = _described(given, replace(found, parent_trial=known[-1].trial))
+    else:
+        plan = _near_or_globally(given, known, fit_E_m or 0.0)
+    return replace(plan, flags=(*plan.flags, *_far_flags(plan.curve, known)))
+
+
+def fitted_servo(task: PlanningTask, past_trials: list[PastTrial]) -> Servo:
+    """Return the servo's response that explains the joints of all trials as long as the last one."""
+    same = [trial for trial in past_trials if trial.q_rad.shape == past_trials[-1].q_rad.shape]
+    time_s = np.arange(len(same[0].q_rad)) * task.step_s
+    q = np.array([trial.q_rad for trial in same])
+    return identify(time_s, np.array([trial.q_command_rad for trial in same]), q, task.arm.servo)[0]
+
+
+def _globally(given: SearchInputs, kind: str, *flags: str) -> PlannedMotion:
+    """Plan with the strings as if nothing had been thrown."""
+    curve, simulations = _stopped_inside(given.task, lambda task: search_globally(replace(given, task=task)))
+    return _described(given, SearchResult(kind, curve, simulations, list(flags)))
+
+
+def _near_or_globally(given: SearchInputs, known: list[PastTrial], fit_E_m: float) -> PlannedMotion:
+    """Plan near the best trial, or globally where no good throw can be found there."""
+    if not known:
+        return _from_scratch(given, "no past trial has a motion with control heights")
+    misses = [likely_miss_m(given.task, given.strings, trial) for trial in known]
+    best, least_m = known[int(np.argmin(misses))], min(misses)
+    if least_m > REPLAN_FROM_MISS_M and fit_E_m > REPLAN_FROM_E_M:
+        return _from_scratch(given, f"the fit leaves {1000 * fit_E_m:.1f} mm and no throw came near")
+    near = _near(given, best, least_m, known)
+    if near.cost_m <= GOOD_ENOUGH * given.task.hit_radius_m:
+        return near
+    again = _from_scratch(given, f"near trial {best.trial}'s motion the best is {1000 * near.cost_m:.0f} mm")
+    simulations = near.simulations + again.simulations
+    return replace(again if again.cost_m < near.cost_m else near, simulations=simulations)
+
+
+def _from_scratch(given: SearchInputs, reason: str) -> PlannedMotion:
+    return _globally(given, "replanned", f"planned from scratch: {reason}")
+
+
+def _near(given: SearchInputs, best: PastTrial, miss_m: float, known: list[PastTrial]) -> PlannedMotion:
+    """Plan near the best trial, and describe the motion with all strings as they were fitted."""
+    task, settings = given.task, given.settings
+    near = neighbourhood(task, given.strings, given.conditions, best, known, settings)
+    curve, simulations = _stopped_inside(
+        task, lambda task: search_near(task, near, miss_m, settings, given.rng)
+    )
+    flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
+    paths, heights = paths_of_any([curve], task.step_s, AFTER_END_S), curve.heights_rad_s[None]
+    rough = task.rough()
+    scattered = rollouts_near(rough, with_every_disturbance(task, near, settings), paths, heights)
+    found = SearchResult("refined", curve, simulations, flags, best.trial)
+    rollouts = rollouts_near(task, near, paths, heights)
+    scattered_m = assess_rollouts(rough, scattered).miss_m
+    return describe(task, given.strings, settings.planner, found, rollouts, scattered_m)
+
+
+def _described(given: SearchInputs, found: SearchResult) -> PlannedMotion:
+    """Describe a motion without bias correction."""
+    task, rough, settings = given.task, given.task.rough(), given.settings
+    every = crossed(given.strings, len(task.arm.joints), settings.disturbances)
+    scattered = rollouts_of_curves(rough, every, given.conditions, [found.curve])
+    scattered_m = assess_rollouts(rough, scattered).miss_m
+    rollouts = rollouts_of_curves(task, given.strings, given.conditions, [found.curve])
+    return describe(task, given.strings, settings.planner, found, rollouts, scattered_m)
+
+
+def _stopped_inside(
+    task: PlanningTask, search: Callable[[PlanningTask], tuple[Curve, int]]
+) -> tuple[Curve, int]:
+    """Search; if a stop could take arm or string out of the arm's workspace, repeat with a price on that.
+
+    Most arms have the room, and the price takes time.
+    """
+    curve, simulations = search(task)
+    out_m = stopped_outside_m(task, curve)
+    if out_m == 0.0:
+        return curve, simulations
+    other, more = search(replace(task, price_stops=True))
+    return other if stopped_outside_m(task, other) < out_m else curve, simulations + more
+
+
+def _far_flags(curve: Curve, known: list[PastTrial]) -> list[str]:
+    far_rad_s = distance_rad_s(curve, known)
+    if far_rad_s <= TESTED_RAD_S:
+        return []
+    where = f"{far_rad_s:.1f} rad/s (rms over the heights) from the nearest trial"
+    if not np.isfinite(far_rad_s):
+        where = "no trial had its posture and time"
+    return [f"outside the tested region: {where}: the prediction is less certain"]

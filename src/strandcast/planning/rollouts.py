@@ -1,0 +1,187 @@
+"""Simulate many motions with many strings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from strandcast.arm.servo import Servo, respond
+from strandcast.core.strings import StringBatch
+from strandcast.core.trajectory import JointTrajectory
+from strandcast.dynamics.batch import HandPath, StringStart
+from strandcast.dynamics.simulate import simulate_batch
+from strandcast.planning.approach import closest_approaches
+from strandcast.planning.bezier import Curve, sample
+from strandcast.planning.capsules import PlanarArm, capsules, planar_arm
+from strandcast.planning.paths import JointPaths
+from strandcast.planning.task import PlanningTask
+from strandcast.records.verdict import AFTER_MOTION_S
+
+# The miss's window ends this long after the motion, as the scorer's: the tip may arrive after the arm stops.
+AFTER_END_S = AFTER_MOTION_S
+
+Miss = tuple[np.ndarray, np.ndarray]  # (B,) by how much each rollout misses [m], (B,) at which sample
+
+
+@dataclass(frozen=True, eq=False)
+class RolloutConditions:
+    """What rollouts have in common besides the strings.
+
+    Attributes
+    ----------
+    servo
+        Response of the joints, None where they follow exactly.
+    start_m
+        (n, 2) where the string's points 1…n are at the start [m], None for hanging at rest.
+    """
+
+    servo: Servo | None = None
+    start_m: np.ndarray | None = None
+
+
+class Rollouts(NamedTuple):
+    """P motions simulated with K strings each: B = P * K rollouts, motion by motion.
+
+    Attributes
+    ----------
+    points_m
+        (B, T, n+1, 2) hand and string [m], NaN from where a simulation failed.
+    tip_bias_m
+        (B, T, 2) bias correction of the tip, zero if there is none [m].
+    last
+        (B,) last sample of each rollout's window, which starts with its motion.
+    step_s, spacing_m
+        Time between samples; rest length of a segment.
+    capsules_m
+        (P, T, S, 2, 2) ends of the arm's capsules [m].
+    """
+
+    points_m: np.ndarray
+    tip_bias_m: np.ndarray
+    last: np.ndarray
+    step_s: float
+    spacing_m: float
+    capsules_m: np.ndarray
+
+    def tip_m(self) -> np.ndarray:
+        """Return the tip's path (B, T, 2), with its bias correction [m]."""
+        return np.asarray(self.points_m[:, :, -1] + self.tip_bias_m)
+
+    def place_m(self, along_m: float) -> np.ndarray:
+        """Return the path (B, T, 2) of a place on the string, from the hand on; at its end, the tip's."""
+        count = self.points_m.shape[2] - 1
+        if along_m >= (count - 1e-6) * self.spacing_m:
+            return self.tip_m()
+        before, share = divmod(max(along_m, 0.0) / self.spacing_m, 1.0)
+        ends = self.points_m[:, :, int(before)], self.points_m[:, :, int(before) + 1]
+        return np.asarray((1.0 - share) * ends[0] + share * ends[1])
+
+    def nearest(self, path_m: np.ndarray, target_m: np.ndarray | tuple[float, float]) -> Miss:
+        """Return how near paths (B, T, 2) come to a place (2,), between the samples too, and when."""
+        x, y = (float(value) for value in target_m)
+        miss, index = closest_approaches(np.ascontiguousarray(path_m), self.last, x, y)
+        return miss, index
+
+    def least(self, values: np.ndarray) -> Miss:
+        """Return the least of values (B, T) within each rollout's window, and its sample."""
+        within = np.arange(values.shape[1]) <= self.last[:, None]
+        index = np.argmin(np.where(within, values, np.inf), axis=1)
+        return np.take_along_axis(values, index[:, None], axis=1)[:, 0], index
+
+    def with_bias(self, tip_bias_m: np.ndarray) -> Rollouts:
+        """Return the rollouts with another bias correction (B, T, 2) of the tip [m]."""
+        return self._replace(tip_bias_m=np.ascontiguousarray(tip_bias_m))
+
+
+def commands(motions: list[JointTrajectory], step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return time (T,), commanded angles (P, T, J), held at the end, the last sample of each window (P,)."""
+    after = round(AFTER_END_S / step_s)
+    ends = np.array([len(motion.time_s) for motion in motions])
+    count = int(ends.max()) + after
+    q = np.empty((len(motions), count, motions[0].q_rad.shape[1]))
+    for p, motion in enumerate(motions):
+        q[p, : ends[p]] = motion.q_rad
+        q[p, ends[p] :] = motion.q_rad[-1]
+    return np.arange(count) * step_s, q, ends - 1 + after
+
+
+def simulate_rollouts(
+    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, q: np.ndarray, last: np.ndarray
+) -> Rollouts:
+    """Simulate joint paths with every string.
+
+    Parameters
+    ----------
+    q
+        (P, T, J) angles that the joints take [rad].
+    last
+        (P,) last sample of each window.
+    """
+    time_s = np.arange(q.shape[1], dtype=np.float64) * task.step_s
+    zeros = strings.disturbances.joint_zero_rad
+    if not zeros.size:
+        zeros = np.zeros((len(strings), q.shape[2]))
+    longer_m = strings.disturbances.longer_m
+    arm = planar_arm(task.arm.chain, task.arm.clamp)
+    poses = hand_poses(np.ascontiguousarray(q), zeros, longer_m, arm)
+    every = strings.take(np.tile(np.arange(len(strings)), len(q)))
+    hand = HandPath(time_s, poses)
+    points, _ = simulate_batch(task.model, every, hand, time_s, StringStart(conditions.start_m))
+    no_bias = np.zeros((len(points), points.shape[1], 2))
+    windows = np.repeat(last, len(points) // len(last))
+    return Rollouts(points, no_bias, windows, task.step_s, task.model.spacing_m, capsules(task.arm, q))
+
+
+def rollouts_of_curves(
+    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, curves: list[Curve]
+) -> Rollouts:
+    """Simulate motions, the servo's response included, with every string."""
+    time_s, q, last = commands([sample(curve, task.step_s) for curve in curves], task.step_s)
+    if conditions.servo is not None:
+        q = respond(conditions.servo, time_s, q)
+    return simulate_rollouts(task, strings, conditions, q, last)
+
+
+def rollouts_of_paths(
+    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, paths: JointPaths
+) -> Rollouts:
+    """Simulate motions side by side, sampled until the end of the miss's window, with every string."""
+    time_s = np.arange(paths.q.shape[1]) * task.step_s
+    q = paths.q if conditions.servo is None else respond(conditions.servo, time_s, paths.q)
+    return simulate_rollouts(task, strings, conditions, q, paths.last + round(AFTER_END_S / task.step_s))
+
+
+@njit(cache=True, parallel=True)
+def hand_poses(q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray, arm: PlanarArm) -> np.ndarray:
+    """Return the hand's poses (P * K, T, 3) of joint paths (P, T, J) with K strings.
+
+    Parameters
+    ----------
+    zero_rad
+        (K, J) added to the joints' angles [rad].
+    longer_m
+        (K,) a longer string hangs out further: the hand of the nominal one is further out [m].
+    """
+    paths, count, joints = q.shape
+    strings = len(longer_m)
+    poses = np.empty((paths * strings, count, 3))
+    for b in prange(paths * strings):
+        p, k = b // strings, b % strings
+        for t in range(count):
+            angle, x, y = 0.0, arm.origin_m[0], arm.origin_m[1]
+            cos, sin = 1.0, 0.0
+            for j in range(joints):
+                angle += arm.angles_rad[j] + arm.signs[j] * (q[p, t, j] + zero_rad[k, j])
+                cos, sin = math.cos(angle), math.sin(angle)
+                x, y = x + arm.lengths_m[j] * cos, y + arm.lengths_m[j] * sin
+            offset_m = arm.offset_m
+            x, y = x + offset_m[0] * cos - offset_m[1] * sin, y + offset_m[0] * sin + offset_m[1] * cos
+            angle += arm.clamp_rad
+            poses[b, t, 0] = x + longer_m[k] * math.cos(angle)
+            poses[b, t, 1] = y + longer_m[k] * math.sin(angle)
+            poses[b, t, 2] = angle
+    return poses

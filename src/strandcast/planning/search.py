@@ -1,0 +1,78 @@
+"""Inputs and result of a search for a motion, and CMA-ES over motions."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from strandcast.config.plan import PlanSettings
+from strandcast.core.cma_es import cma_es
+from strandcast.core.strings import StringBatch
+from strandcast.planning.bezier import Curve
+from strandcast.planning.rollouts import RolloutConditions
+from strandcast.planning.task import PlanningTask
+from strandcast.progress import Progress
+
+POPULATION = 16  # chosen
+
+
+@dataclass(frozen=True, eq=False)
+class SearchInputs:
+    """The task, the strings and the conditions to simulate motions with, the settings, random numbers."""
+
+    task: PlanningTask
+    strings: StringBatch
+    conditions: RolloutConditions
+    settings: PlanSettings
+    rng: np.random.Generator
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """The motion that a search found, and how."""
+
+    kind: str
+    curve: Curve
+    simulations: int
+    flags: list[str]
+    parent_trial: int | None = None
+
+
+def minimise(
+    value: Callable[[np.ndarray], np.ndarray],
+    start: np.ndarray,
+    spread: float,
+    evaluations: int,
+    rng: np.random.Generator,
+    progress: Progress,
+    done_before: int = 0,
+) -> tuple[np.ndarray, float, int]:
+    """Minimise a function of whole populations.
+
+    Parameters
+    ----------
+    value
+        Returns (P,) values of (P, d) points.
+    start, spread
+        (d,) where the search starts, and its standard deviation, the same for all coordinates.
+    evaluations
+        How many points it may try.
+    progress, done_before
+        Where to report progress, and how many evaluations were reported before.
+
+    Returns
+    -------
+    The best point tried, the start included, its value, and how many points were tried.
+    """
+    strategy = cma_es(start, spread, POPULATION, rng, tolfun=1e-6)
+    best, best_value = np.array(start, float), float(value(np.array(start)[None])[0])
+    done = 1
+    while done + POPULATION <= evaluations and best_value > 0.0 and not strategy.stop():
+        points = np.array(strategy.ask())
+        values = value(points)
+        strategy.tell(list(points), values.tolist())
+        done += POPULATION
+        if values.min() < best_value:
+            best, best_value = points[int(np.argmin(values))], float(values.min())
+        progress(done_before + done, f"best {1000 * best_value:.1f} mm")
+    return best, best_value, done

@@ -1,0 +1,38 @@
+"""The plausible strings for a first motion."""
+
+import numpy as np
+
+from strandcast.config.experiment import Experiment
+from strandcast.core.strings import PARAMETERS, StringBatch
+from strandcast.dynamics.masses import MassLayout, point_masses
+from strandcast.dynamics.parameters import StringDraw, ensemble, minima, random_strings
+
+FIRST_CURL_RAD_M = 3.0  # cords come off a reel: they may rest bent this much either way; chosen
+
+
+def start_string_name(settings: Experiment) -> str:
+    """Return the name of the first motion's strings in its record."""
+    return settings.start_string if isinstance(settings.start_string, str) else "given"
+
+
+def start_strings(
+    settings: Experiment, length_m: float, layout: MassLayout, random: np.random.Generator
+) -> StringBatch:
+    """Return the strings that the first motion is planned with."""
+    start, string = settings.start_string, settings.string
+    if start == "ensemble":
+        count = settings.plan.ensemble
+        weights = layout.count - layout.stiff
+        draw = ensemble(count, length_m, string.n, weights, random, layout.stiff)
+        curl = random.uniform(-FIRST_CURL_RAD_M, FIRST_CURL_RAD_M, count)
+        return StringBatch(draw.parameters, point_masses(layout, draw.weight_masses), curl)
+    if start == "random":
+        draw = random_strings(1, layout.count, random)
+    elif isinstance(start, dict):
+        given = [
+            start.get(name, least) for name, least in zip(PARAMETERS, minima().parameters[0], strict=True)
+        ]
+        draw = StringDraw(np.array([given]), minima(layout.count).weight_masses)
+    else:
+        draw = minima(layout.count)
+    return StringBatch(draw.parameters, point_masses(layout, draw.weight_masses))

@@ -1,0 +1,77 @@
+"""A planning task: arm, string, target, workspace and objective."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strandcast.arm.dynamics import NO_DYNAMICS, PlanarDynamics, dynamics_of
+from strandcast.arm.load import Arm
+from strandcast.core.box import Box
+from strandcast.core.objectives import Objective, PointObjective
+from strandcast.dynamics.model import StringModel
+
+# Least step of the simulation in a search: single precision and this step are four times as fast, and the tip
+# is some hundredths of a millimetre away.
+ROUGH_STEP_S = 2e-3
+
+HIT_THE_TARGET = PointObjective()
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningTask:
+    """Hit a target with the tip of a string on an arm, or reach another objective with it.
+
+    Attributes
+    ----------
+    arm, model
+        The arm and the fixed properties of its string.
+    target_m
+        (2,) the target in the world frame [m].
+    hit_radius_m
+        A miss up to this is a hit [m].
+    workspace
+        The box that hand and string must not leave.
+    objective
+        The throw's objective; by default, the tip hits the target.
+    price_stops
+        Whether a search also keeps arm and string in the arm's workspace if the arm is stopped on the way.
+    """
+
+    arm: Arm
+    model: StringModel
+    target_m: np.ndarray
+    hit_radius_m: float
+    workspace: Box
+    objective: Objective = HIT_THE_TARGET
+    price_stops: bool = False
+
+    @property
+    def aim(self) -> Objective:
+        """The objective with the target."""
+        return self.objective.aimed_at((self.target_m[0], self.target_m[1]))
+
+    @property
+    def dynamics(self) -> PlanarDynamics:
+        """The arm's dynamics, if its torques are limited."""
+        return dynamics_of(self.arm) if np.isfinite(self.arm.limits.torque_n_m).any() else NO_DYNAMICS
+
+    @property
+    def step_s(self) -> float:
+        """Time between the motion's points [s]."""
+        return 1.0 / self.arm.log_rate_hz
+
+    def rough(self) -> PlanningTask:
+        """Return the task with the string in single precision and with steps of at least `ROUGH_STEP_S`."""
+        model = replace(self.model, precision="f32", dt_s=max(self.model.dt_s, ROUGH_STEP_S))
+        return replace(self, model=model)
+
+    @property
+    def hanging_m(self) -> float:
+        """Greatest distance of the string from the hand, the part inside the clamp included [m]."""
+        return self.model.length_m + self.arm.clamp.clamped_length_m
+
+    def box(self) -> np.ndarray:
+        """Return the workspace as (2, 2): low and high of x and y [m]."""
+        return np.array([self.workspace.x_m, self.workspace.y_m])

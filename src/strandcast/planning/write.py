@@ -1,0 +1,120 @@
+"""A plan as a motion record."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+
+from strandcast.arm.joint_limits import Limits
+from strandcast.core.strings import StringBatch
+from strandcast.planning.describe import PlannedMotion
+from strandcast.planning.task import PlanningTask
+from strandcast.records.motion import (
+    Bezier,
+    Motion,
+    Prediction,
+    Provenance,
+    Robot,
+    StartPosture,
+    StringSet,
+    points_of,
+)
+
+
+def to_record(
+    plan: PlannedMotion,
+    task: PlanningTask,
+    experiment: str,
+    trial: int,
+    seed: int,
+    planned_from: dict[str, str],
+    parent_motion_sha256: str | None = None,
+    start_string: str | None = None,
+) -> Motion:
+    """Return the motion record of a plan.
+
+    Parameters
+    ----------
+    experiment, trial
+        Which throw the motion is for.
+    seed
+        Seed of the planner's random numbers.
+    planned_from
+        Names and content hashes of the files that it was planned from.
+    parent_motion_sha256
+        Content hash of the motion that was altered.
+    start_string
+        For a first motion: what was assumed about the string.
+    """
+    curve, motion, arm = plan.curve, plan.motion, task.arm
+    step_ns = round(1e9 * task.step_s)
+    return Motion(
+        experiment=experiment,
+        trial=trial,
+        target_m=[float(x) for x in task.target_m],
+        robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
+        joint_names=list(arm.joints),
+        start=StartPosture(
+            positions_rad=curve.q0_rad.tolist(), tolerance_rad=arm.start_tolerance_rad.tolist()
+        ),
+        bezier=Bezier(
+            duration_s=curve.duration_s,
+            heights_rad_s=curve.heights_rad_s.tolist(),
+            stop_ramp_from_s=curve.duration_s if curve.ramp_s else None,
+        ),
+        points=points_of(
+            np.arange(len(motion.time_s)) * step_ns, motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2
+        ),
+        predicted=_prediction(plan, arm.limits),
+        provenance=Provenance(
+            planner=plan.planner,
+            objective=plan.objective,
+            kind=plan.kind,
+            seed=seed,
+            planned_from=planned_from,
+            parent_motion_sha256=parent_motion_sha256,
+            simulations=plan.simulations,
+            start_string=start_string,
+            string=_best_string(plan.strings),
+            flags=list(plan.flags),
+        ),
+    )
+
+
+def _best_string(strings: StringBatch) -> StringSet:
+    """Return the best string as a record; a bend factor of 1 everywhere is not written."""
+    best = strings.first(1)
+    if (best.bend_factors() == 1.0).all():
+        best = replace(best, bend_factor=None)
+    return StringSet.first_of(best)
+
+
+QUANTILES = (0.1, 0.5, 0.9)
+
+
+def _prediction(plan: PlannedMotion, limits: Limits) -> Prediction:
+    return Prediction(
+        miss_m=plan.miss_m,
+        ensemble_miss_m=plan.ensemble_miss_m.tolist(),
+        hit_probability=plan.hit_probability,
+        disturbed_throws=len(plan.disturbed_miss_m),
+        miss_quantiles_m={
+            f"p{round(100 * share)}": float(np.quantile(plan.disturbed_miss_m, share)) for share in QUANTILES
+        },
+        hit_time_s=plan.hit_time_s,
+        largest_bend_rad=plan.largest_bend_rad,
+        peak_speed_rad_s=plan.peaks["velocity_rad_s"].tolist(),
+        peak_acceleration_rad_s2=plan.peaks["acceleration_rad_s2"].tolist(),
+        peak_jerk_rad_s3=plan.peaks["jerk_rad_s3"].tolist(),
+        peak_torque_n_m=plan.peaks["torque_n_m"].tolist(),
+        lowest_rad=plan.motion.q_rad.min(axis=0).tolist(),
+        highest_rad=plan.motion.q_rad.max(axis=0).tolist(),
+        limits={
+            column.name: [float(x) if np.isfinite(x) else None for x in getattr(limits, column.name)]
+            for column in fields(limits)
+        },
+        workspace_room_m=plan.room_m,
+        peak_tip_speed_m_s=float(np.hypot(*np.gradient(plan.tip_m, plan.time_s, axis=0).T).max()),
+        time_s=plan.time_s.tolist(),
+        hand_m=plan.hand_m.tolist(),
+        tip_m=plan.tip_m.tolist(),
+    )

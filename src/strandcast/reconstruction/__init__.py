@@ -1,0 +1,1 @@
+"""Observations in pixels and camera records to the track in metres."""

@@ -1,0 +1,30 @@
+"""The hash by which one result names the results that it was made from."""
+
+from pathlib import Path
+
+from strandcast.errors import StrandcastError
+from strandcast.records.files import content_sha256, sha256_file
+from strandcast.records.record import content_of, read_json
+
+
+def result_sha256(path: str | Path) -> str:
+    """Return the hash of a result's content; of the bytes, for a file that is neither record nor table.
+
+    The versions in a file's head or metadata do not count: the same numbers have the same hash, whatever
+    patch version of a library made them. A damaged record or table has the hash of its bytes.
+    """
+    path = Path(path)
+    try:
+        return _result_sha256(path)
+    except StrandcastError:
+        return sha256_file(path)
+
+
+def _result_sha256(path: Path) -> str:
+    if path.suffix == ".json":
+        return content_sha256(content_of(read_json(path)))
+    if path.suffix == ".parquet":
+        from strandcast.records.tables import table_sha256
+
+        return table_sha256(path)
+    return sha256_file(path)

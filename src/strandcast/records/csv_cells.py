@@ -1,0 +1,189 @@
+"""A strict reader of CSV files of numbers: every problem is one message with its line."""
+
+import csv
+import math
+import re
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.errors import StrandcastError
+from strandcast.records.record import refusal
+
+COMMENT = ("#", "%")
+LARGEST_FILE_BYTES = 2 << 30  # chosen
+LONGEST_NAME = 200  # characters of a column's name; chosen, ROS' nested names have some 80
+LONGEST_QUOTE = 40  # characters of a cell in a message; chosen, one line of a terminal
+EMPTY = frozenset({"", "nan", "na"})
+# Not str.splitlines: a damaged byte such as a form feed would split one row into two.
+LINE_END = re.compile(r"\r\n|\n|\r")
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The text of a CSV file's cells, the line of each row, and the code of its errors."""
+
+    path: Path
+    names: list[str]
+    rows: list[list[str]]
+    lines: list[int]
+    has_header: bool
+    code: str
+
+    def numbers(self, empty: frozenset[str] = EMPTY) -> np.ndarray:
+        """Return all cells (rows, columns) as floats; words in `empty`, in any case, become NaN."""
+        values = np.empty((len(self.rows), len(self.names)))
+        for k, row in enumerate(self.rows):
+            if len(row) != len(self.names):
+                first = "header" if self.has_header else "first line"
+                what = f"{len(row)} cells, the {first} has {len(self.names)}"
+                fix = "was the file cut, or does it use a decimal comma? copy it again"
+                raise self._refusal(k, None, what, fix)
+            values[k] = [
+                math.nan if cell.lower() in empty else self._number(k, column, cell)
+                for column, cell in enumerate(row)
+            ]
+        return values
+
+    def integers(self, name: str) -> np.ndarray:
+        """Return one column (rows,) exactly, as 64-bit integers; empty cells become 0."""
+        column = self.names.index(name)
+        values = np.empty(len(self.rows), np.int64)
+        for k, row in enumerate(self.rows):
+            try:
+                values[k] = int(_plain(row[column] or "0"))
+            except (ValueError, OverflowError):
+                raise self._not_a(k, name, row[column], "whole number") from None
+        return values
+
+    def _number(self, row: int, column: int, cell: str) -> float:
+        try:
+            value = float(_plain(cell))
+        except ValueError:
+            if _has_decimal_comma(cell):
+                what = f"{_quoted(cell)} has a decimal comma"
+                raise self._refusal(row, self.names[column], what, "export with decimal points") from None
+            raise self._not_a(row, self.names[column], cell, "number") from None
+        if not math.isfinite(value):
+            raise self._not_a(row, self.names[column], cell, "finite number")
+        return value
+
+    def _not_a(self, row: int, name: str, cell: str, what: str) -> StrandcastError:
+        return self._refusal(row, name, f"{_quoted(cell)} is not a {what}", "correct or delete the line")
+
+    def _refusal(self, row: int, field: str | None, what: str, fix: str) -> StrandcastError:
+        return refusal(self.code, self.path, field, what, fix, self.lines[row])
+
+
+def read_cells(path: str | Path, code: str) -> Cells:
+    """Read a CSV file of numbers: comma, semicolon, tab or blanks, with a header or without.
+
+    Lines that begin with # or % are comments.
+    Without a header the columns are named by their numbers, "1", "2" ….
+
+    Parameters
+    ----------
+    code
+        Code of the errors, with file and line: a missing or empty file, NUL bytes, a header that names a
+        column twice; from `Cells`, a line with another number of cells, or a cell that is not a number (a
+        decimal comma is reported as such), or quotation marks that do not enclose a cell.
+    """
+    path = Path(path)
+    rows, lines = _split(path, _text(path, code), code)
+    if all(_is_number(cell) for cell in rows[0]):
+        return Cells(path, [str(k + 1) for k in range(len(rows[0]))], rows, lines, False, code)
+    longest = max(rows[0], key=len)
+    if len(longest) > LONGEST_NAME:
+        what = f"the header has a column's name of {len(longest)} characters, {_quoted(longest)}"
+        raise refusal(code, path, None, what, "name it shortly, or export the file again", lines[0])
+    twice = [name for name, count in Counter(rows[0]).items() if count > 1]
+    if twice:
+        what = "the header names this column twice"
+        raise refusal(code, path, twice[0], what, "rename one of them", lines[0])
+    if len(rows) == 1:
+        raise refusal(code, path, None, "the file has a header and no rows", "export or copy it again")
+    return Cells(path, rows[0], rows[1:], lines[1:], True, code)
+
+
+def _text(path: Path, code: str) -> str:
+    if not path.is_file():
+        raise refusal(code, path, None, "the file is missing", "check the path")
+    if path.stat().st_size > LARGEST_FILE_BYTES:
+        raise refusal(code, path, None, "the file is larger than 2 GiB", "cut it to the throw")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise refusal(code, path, None, f"cannot be read ({error.strerror})", "check the rights") from None
+    nul = data.find(b"\0")
+    if nul >= 0:
+        what = f"there are NUL bytes from byte {nul} on: the file was not written completely"
+        line = data.count(b"\n", 0, nul) + 1
+        raise refusal(code, path, None, what, "copy it again, or cut it before that line", line)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line, what = data.count(b"\n", 0, error.start) + 1, f"is not text (byte {error.start})"
+        raise refusal(code, path, None, what, "export it as CSV in UTF-8", line) from None
+
+
+def _split(path: Path, text: str, code: str) -> tuple[list[list[str]], list[int]]:
+    """Return the cells of all lines that are not empty, and the lines' numbers."""
+    kept = [
+        (number, line)
+        for number, line in enumerate(LINE_END.split(text), 1)
+        if line.strip() and not line.lstrip().startswith(COMMENT)
+    ]
+    if not kept:
+        raise refusal(code, path, None, "the file is empty: it has no rows", "export or copy it again")
+    numbers, lines = [number for number, _ in kept], [line for _, line in kept]
+    delimiter = max(";\t,", key=lines[0].count)
+    if delimiter not in lines[0]:
+        return [line.split() for line in lines], numbers  # UR's record.py: blanks
+    # Line by line: a stray quotation mark must not swallow the lines after it.
+    split = (
+        _unquoted(path, line, number, delimiter, code) if '"' in line else line.split(delimiter)
+        for number, line in kept
+    )
+    cells = [[cell.strip() for cell in row] for row in split]
+    if all(row and row[-1] == "" for row in cells):
+        cells = [row[:-1] for row in cells]  # every line ends in a separator
+    return cells, numbers
+
+
+def _unquoted(path: Path, line: str, number: int, delimiter: str, code: str) -> list[str]:
+    """Return the cells of a line with quotation marks; strictly, so that `"1"2` does not become 12."""
+    try:
+        return next(csv.reader([line], delimiter=delimiter, strict=True))
+    except csv.Error as error:
+        what = f"the quotation marks do not enclose cells ({error}): {_quoted(line)}"
+        raise refusal(code, path, None, what, "remove them, or export the file again", number) from None
+
+
+def _plain(cell: str) -> str:
+    """Return the text of a number; Python alone takes 1_0 and digits of other scripts for numbers too."""
+    if "_" in cell or not cell.isascii():
+        raise ValueError
+    return cell
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}… ({len(text)} characters)"
+
+
+def _quoted(text: str) -> str:
+    return repr(_shortened(text))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(_plain(cell))
+    except ValueError:
+        return cell == "" or _has_decimal_comma(cell)
+    return True
+
+
+def _has_decimal_comma(cell: str) -> bool:
+    head, comma, tail = cell.partition(",")
+    return bool(comma) and head.lstrip("+-").isdigit() and tail[:1].isdigit()

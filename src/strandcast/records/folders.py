@@ -1,0 +1,118 @@
+"""The folders and files of an experiment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from strandcast.core.registry import installed
+from strandcast.errors import StrandcastError
+
+# Suffixes of videos, by the module of strandcast.video that reads them.
+CONTAINERS = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".cine")
+TIFFS = (".tif", ".tiff")
+PICTURES = (".png", *TIFFS)  # in a folder
+PHOTRON = (".mraw", ".cih", ".cihx")  # raw frames and their headers; the last one present names the video
+# Entry points of packages that read other formats; the name of each is a suffix without its dot.
+FRAME_READERS_GROUP = "strandcast.frame_readers"
+
+
+@dataclass(frozen=True)
+class ExperimentFolder:
+    """The folders of one experiment under the project's root."""
+
+    root: Path
+    name: str
+
+    @property
+    def data(self) -> Path:
+        """Return the folder of raw files."""
+        return self.root / "data" / self.name
+
+    @property
+    def results(self) -> Path:
+        """Return the folder of results."""
+        return self.root / "results" / self.name
+
+    def camera(self, name: str) -> Path:
+        """Return the record of a camera."""
+        return self.results / "cameras" / f"{name}.json"
+
+    def trial(self, number: int) -> TrialFolder:
+        """Return the folders of one trial."""
+        return TrialFolder(self.data / trial_name(number), self.results / trial_name(number), number)
+
+    def recorded_trials(self) -> list[int]:
+        """Return the numbers of the trials with a video, or with a track that was measured elsewhere."""
+        names = (path.name.removeprefix("trial-") for path in self.data.glob("trial-[0-9][0-9]"))
+        trials = [self.trial(number) for number in sorted(int(name) for name in names)]
+        if trials and trials[0].number == 0:
+            what, fix = "there is no trial 0: trials are counted from 1", "rename the folder"
+            raise StrandcastError("SC-R032", what, file=trials[0].data, fix=fix)
+        return [t.number for t in trials if t.has_video() or (t.data / "track.parquet").exists()]
+
+    def reported_trials(self) -> list[int]:
+        """Return the numbers of the trials with a page of their own."""
+        pages = self.results.glob("trial-[0-9][0-9]/report.html")
+        return sorted(int(page.parent.name.removeprefix("trial-")) for page in pages)
+
+
+@dataclass(frozen=True)
+class TrialFolder:
+    """The raw files and the results of one trial."""
+
+    data: Path
+    results: Path
+    number: int
+
+    def video(self) -> Path:
+        """Return the one video among the raw files: a file, or a folder of pictures."""
+        there = sorted(self.data.glob("video*"))
+        found = [path for path in there if path.stem == "video" and path.suffix.lower() in video_suffixes()]
+        photron = files_of_video(self.data / "video.mraw")
+        found += sorted(photron, key=lambda path: PHOTRON.index(path.suffix.lower()))[-1:]
+        found += [path for path in there if path.name == "video" and path.is_dir()]
+        if len(found) == 1:
+            return found[0]
+        names = ", ".join(path.name for path in found) or "none"
+        others = sorted(path.name for path in self.data.iterdir()) if self.data.is_dir() else []
+        inside = "" if found else f"; in the folder: {', '.join(others[:8]) or 'nothing'}"
+        raise StrandcastError(
+            "SC-V020",
+            f"expected one video.* file ({', '.join((*video_suffixes(), PHOTRON[-1], PHOTRON[0]))}) or a "
+            f"folder video of pictures, found {names}{inside}",
+            file=self.data,
+            fix="name the recording video.mp4 (or .avi, .mkv, .mov ...) and keep no other beside it",
+        )
+
+    def has_video(self) -> bool:
+        """Return whether the raw files include one or more videos."""
+        known = (*video_suffixes(), *PHOTRON)
+        there = (path for path in self.data.glob("video*") if path.stem == "video")
+        return any(path.suffix.lower() in known or path.is_dir() for path in there)
+
+    def video_files(self) -> list[Path]:
+        """Return all files that the video consists of."""
+        return files_of_video(self.video())
+
+
+def files_of_video(video: Path) -> list[Path]:
+    """Return the files of a video: itself, Photron's files of its name, or the pictures of a folder."""
+    if video.is_dir():
+        return sorted(path for path in video.iterdir() if path.suffix.lower() in PICTURES)
+    if video.suffix.lower() not in PHOTRON:
+        return [video]
+    beside = (path for path in video.parent.glob("*") if path.stem == video.stem)
+    return sorted(path for path in beside if path.suffix.lower() in PHOTRON)
+
+
+def video_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of video files: built-in ones, then those of installed frame readers."""
+    others = (f".{name}" for name in installed(FRAME_READERS_GROUP))
+    built_in = (*CONTAINERS, *TIFFS)
+    return (*built_in, *(suffix for suffix in others if suffix not in built_in))
+
+
+def trial_name(number: int) -> str:
+    """Return the folder name of a trial, e.g. trial-01."""
+    return f"trial-{number:02d}"

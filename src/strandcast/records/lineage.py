@@ -1,0 +1,204 @@
+"""Lineage of a file: the experiment, trial and stage that it belongs to, and the hashes of its inputs.
+
+A record or table is written with its lineage. It is refused if it lies in another trial's folder, or if its
+inputs have changed since. Contents are hashed, without the versions that made them, so that a result that was
+made again with the same numbers still fits.
+"""
+
+import os
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+from strandcast.errors import INTEGRITY, StrandcastError
+from strandcast.records.files import content_sha256, sha256_file
+
+MISPLACED, OUTDATED = "SC-R006", "SC-R007"
+TRIAL = re.compile(r"trial-(\d\d)")
+HASHES_KEPT = 4096  # paths; a process reads far fewer
+FIX = "restore the file, or delete it and make it again"
+
+
+class Place(NamedTuple):
+    """Where a file lies in a project; trial 0: it belongs to the whole experiment."""
+
+    root: Path
+    experiment: str
+    trial: int
+    raw: bool
+
+    def __str__(self) -> str:
+        return _named(self.experiment, self.trial)
+
+
+@dataclass(frozen=True)
+class Lineage:
+    """What a file belongs to and was made from.
+
+    Attributes
+    ----------
+    experiment, trial
+        Trial 0: the whole experiment.
+    stage
+        The stage that wrote it; empty if no stage did.
+    inputs
+        Path relative to the project -> hash of the content.
+    pictures
+        Name of a picture that the stage wrote beside the file -> hash of its bytes.
+    """
+
+    experiment: str
+    trial: int
+    stage: str = ""
+    inputs: dict[str, str] = field(default_factory=dict)
+    pictures: dict[str, str] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data, with its hash."""
+        data = asdict(self)
+        return data | {"sha256": content_sha256(data)}
+
+    @classmethod
+    def from_json(cls, data: Any) -> Self:
+        """Return the lineage in JSON data, or raise a `ValueError` if it was changed."""
+        kinds = {"experiment": str, "trial": int, "stage": str, "inputs": dict, "pictures": dict}
+        content: dict[str, Any] = {name: data.get(name) for name in kinds} if isinstance(data, dict) else {}
+        if not content or any(type(content[name]) is not kind for name, kind in kinds.items()):
+            raise ValueError(f"must have {', '.join(kinds)}")
+        if data.get("sha256") != content_sha256(content):
+            raise ValueError("was changed")
+        return cls(**content)
+
+
+class _Making(NamedTuple):
+    """The stage that is running, the hashes of its inputs, and those of the pictures that it has written."""
+
+    stage: str
+    inputs: dict[str, str]
+    pictures: dict[Path, str]
+
+
+_MAKING: ContextVar[_Making] = ContextVar("making")
+
+
+@contextmanager
+def made_by_stage(stage: str, root: Path, inputs: Iterable[Path]) -> Iterator[None]:
+    """Give all files that are written within the block this stage and these inputs, hashed here."""
+    found = sorted({path for path in inputs if path.is_file()})
+    hashes = {relative_to(root, path): content_sha256_of(path) for path in found}
+    token = _MAKING.set(_Making(stage, hashes, {}))
+    try:
+        yield
+    finally:
+        _MAKING.reset(token)
+
+
+def lineage_at(path: str | Path) -> Lineage | None:
+    """Return the lineage of a file that is written at `path` now; None outside a project's folders."""
+    place = place_of(path)
+    if place is None:
+        return None
+    making = _MAKING.get(_Making("", {}, {}))
+    beside = {file.name: sha for file, sha in making.pictures.items() if file.parent == Path(path).parent}
+    return Lineage(place.experiment, place.trial, making.stage, making.inputs, beside)
+
+
+def note_picture(path: Path) -> None:
+    """Add a picture to the lineage of the records that the running stage still writes beside it."""
+    if _MAKING.get(None) is not None:
+        _MAKING.get().pictures[path] = sha256_file(path)
+
+
+def check_picture(path: Path, lineage: Lineage | None) -> None:
+    """Check a picture against the lineage of the record beside it.
+
+    Raises
+    ------
+    StrandcastError
+        SC-R008 it is not the picture that was written with the record.
+    """
+    expected = None if lineage is None else lineage.pictures.get(path.name)
+    if expected is not None and sha256_file(path) != expected:
+        raise _refusal("SC-R008", path, "is not the picture that was made with the results beside it", FIX)
+
+
+def place_of(path: str | Path) -> Place | None:
+    """Return where a file lies in a project: data or results, an experiment, perhaps a trial."""
+    parents = Path(os.path.normpath(Path(path).absolute())).parents  # not "trial-01/../cameras"
+    for experiment, trial in zip(parents, [None, *parents], strict=False):
+        raw = experiment.parent.name == "data"
+        number = TRIAL.fullmatch(trial.name) if trial is not None else None
+        if (raw and number) or experiment.parent.name == "results":
+            return Place(experiment.parent.parent, experiment.name, int(number[1]) if number else 0, raw)
+    return None
+
+
+def check_lineage(path: str | Path, lineage: Lineage | None, *, reusable: bool = False) -> None:
+    """Check that a file that was read lies where it belongs, and that its inputs are those that are there.
+
+    Raw files may be copied to another experiment, to process them with other settings, and they outlive the
+    results that they were made from: only a trial's number within its own experiment is checked. Inputs that
+    are missing are not checked. A `reusable` raw file, e.g. the motion of a repeated throw, may lie anywhere.
+    trial.
+
+    Raises
+    ------
+    StrandcastError
+        SC-R006 it belongs to another experiment or trial; SC-R007 an input has changed since.
+    """
+    place = place_of(path)
+    if place is None or lineage is None or (place.raw and reusable):
+        return
+    elsewhere = (lineage.experiment, lineage.trial) != (place.experiment, place.trial)
+    if elsewhere and (lineage.experiment == place.experiment or not place.raw):
+        what = f"is of {_named(lineage.experiment, lineage.trial)}, but lies in the folder of {place}"
+        raise _refusal(MISPLACED, path, what, "put back this trial's own file")
+    changed = [] if place.raw else changed_inputs(place.root, lineage)
+    if changed:
+        what = f"was made from another {changed[0]} than the one that is there"
+        fix = f"restore {changed[0]}, or make this file again: strandcast run {place.experiment}"
+        raise _refusal(OUTDATED, path, what, fix)
+
+
+def changed_inputs(root: Path, lineage: Lineage) -> list[str]:
+    """Return the inputs that are there with another content than the file was made from."""
+    found = []
+    for name, expected in lineage.inputs.items():
+        path = root / name
+        if path.is_file() and content_sha256_of(path) != expected:
+            found.append(name)
+    return found
+
+
+def relative_to(root: Path, path: Path) -> str:
+    """Return a path as lineage names it: relative to the project, with forward slashes."""
+    path, root = path.absolute(), root.absolute()
+    return path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
+
+
+def content_sha256_of(path: str | Path) -> str:
+    """Return the hash of a file's content, computed once for a file that stays as it is."""
+    path = Path(path).absolute()
+    facts = path.stat()
+    return _content_sha256(path, facts.st_size, facts.st_mtime_ns)
+
+
+@lru_cache(HASHES_KEPT)
+def _content_sha256(path: Path, size: int, mtime_ns: int) -> str:
+    del size, mtime_ns  # they only tell whether the file is still the one that was hashed
+    from strandcast.records.content_hash import result_sha256
+
+    return result_sha256(path)
+
+
+def _named(experiment: str, trial: int) -> str:
+    return f"{experiment} trial {trial}" if trial else experiment
+
+
+def _refusal(code: str, path: str | Path, what: str, fix: str) -> StrandcastError:
+    return StrandcastError(code, what, file=path, field="lineage", fix=fix, exit_code=INTEGRITY)

@@ -1,0 +1,48 @@
+"""Provenance of result files: the versions of strandcast and of the libraries that made them."""
+
+import sys
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+
+from strandcast import __version__
+
+# The libraries on which numbers in results depend. A fixed list, not the imported modules: a stage writes the
+# same bytes however it is run.
+LIBRARIES = (
+    "av",
+    "cma",
+    "mujoco",
+    "numba",
+    "numpy",
+    "opencv-contrib-python-headless",
+    "pyarrow",
+    "scikit-image",
+    "scipy",
+)
+
+
+@cache
+def _versions() -> tuple[tuple[str, str], ...]:
+    found = [("strandcast", __version__), ("python", ".".join(map(str, sys.version_info[:3])))]
+    for name in LIBRARIES:
+        try:
+            found.append((name, version(name)))
+        except PackageNotFoundError:  # the computer at the arm needs only some of them
+            continue
+    return tuple(found)
+
+
+def current_versions() -> dict[str, str]:
+    """Return the versions of strandcast, Python and the installed libraries of `LIBRARIES`, by name."""
+    return dict(_versions())
+
+
+def group_by_versions(
+    made_by: Iterable[tuple[str, Mapping[str, str]]],
+) -> list[tuple[dict[str, str], list[str]]]:
+    """Return sets of versions, each with the names of the files that it made, in order of first use."""
+    groups: dict[tuple[tuple[str, str], ...], list[str]] = {}
+    for file, versions in made_by:
+        groups.setdefault(tuple(sorted(versions.items())), []).append(file)
+    return [(dict(versions), files) for versions, files in groups.items()]

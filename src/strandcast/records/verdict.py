@@ -1,0 +1,28 @@
+"""verdict.json: by how much the tip of one throw missed."""
+
+from typing import ClassVar
+
+from strandcast.records.record import Record
+
+AFTER_MOTION_S = 0.3  # the miss counts until then: the tip may arrive after the arm has stopped; chosen
+
+
+class Verdict(Record):
+    """The miss of one trial, from the track; null, with the reason, if the tip was not detected."""
+
+    SCHEMA: ClassVar[str] = "strandcast/verdict"
+
+    experiment: str
+    trial: int
+    target_m: list[float]
+    hit_radius_m: float
+    miss_m: float | None
+    miss_sigma_m: float | None
+    hit: bool
+    closest_frame: int | None
+    closest_robot_time_s: float | None
+    closest_m: list[float] | None
+    reason: str | None
+    objective: str = "point"  # its kind
+    wanted: str | None = None  # the aim in words, if it is not a point or a bar
+    bar_m: list[list[float]] | None = None  # both ends of a bar to strike

@@ -1,1 +1,0 @@
-"""One figure per file; each says what it found."""

@@ -1,0 +1,1 @@
+"""The panels of the pages: one function each, declared in lists, open to other packages."""

@@ -1,0 +1,85 @@
+"""The alignment of the clocks: the hand by the camera and by the joint log."""
+
+import numpy as np
+
+from strandcast.errors import StrandcastError
+from strandcast.records.alignment import Alignment
+from strandcast.report import drawing as draw
+from strandcast.report.measures import at_times, with_gaps
+from strandcast.report.numbers import millimetres, milliseconds, scaled
+from strandcast.report.panels.content import PanelContent, Table
+from strandcast.report.panels.hand_path import within_motion
+from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.results import FILES
+
+
+def alignment(page: TrialPageData) -> PanelContent:
+    """Return the hand's speed from both sources, and the residual of its place."""
+    results = page.results
+    fit = results.need("alignment")
+    paths = within_motion(results)
+    if "seen" not in paths or "measured" not in paths:
+        raise StrandcastError(
+            "SC-H041",
+            f"the hand was not both detected and logged (alignment: {fit.source})",
+            file=FILES["hand"],
+            fix="the offset can be checked only where the camera sees the hand's marker",
+        )
+    seen, measured = paths["seen"], paths["measured"]
+    figure = draw.new_figure(10.0, 4.6, left=0.07, top=0.97, bottom=0.19, hspace=0.15)
+    speed_axes, apart_axes = figure.subplots(2, 1, sharex=True)
+    for path, style, name in ((measured, draw.MEASURED, "joint log"), (seen, draw.FITTED, "camera")):
+        time_s, speed = _speed(path.robot_time_s, path.pose[:, :2])
+        speed_axes.plot((time_s - fit.motion_start_s) * 1e3, speed, **style, label=f"hand by {name}")
+    apart_mm = (seen.pose[:, :2] - at_times(measured, seen.robot_time_s)) * 1e3
+    styles = (draw.FITTED | {"linewidth": 1.0}, draw.PLANNED | {"linewidth": 1.0})
+    since_s, apart_mm = with_gaps(seen.robot_time_s - fit.motion_start_s, apart_mm)
+    for k, axis in enumerate("xy"):
+        apart_axes.plot(since_s * 1e3, apart_mm[:, k], **styles[k], label=f"camera – joint log, {axis}")
+    speed_axes.set_ylabel("speed [m/s]")
+    apart_axes.set(xlabel=draw.SINCE_START, ylabel="residual [mm]")
+    speed_axes.legend(loc="upper right")
+    draw.legend_below(figure, apart_axes)
+    finding = (
+        f"Offset {milliseconds(fit.offset_s, fit.offset_se_s)}; residual of the hand "
+        f"{millimetres(fit.residual_rms_m, digits=2)} rms over {fit.frames} frames."
+    )
+    return PanelContent(
+        finding,
+        "Good: the speeds agree and the residual has no structure. Bad: the residual resembles the speed "
+        "(offset: 1 ms is 2 mm at 2 m/s) or the place (marker's place, camera).",
+        draw.Drawing(figure, f"Alignment of the clocks. {finding}"),
+        [_table(fit)],
+        ["alignment.json", "hand.parquet"],
+    )
+
+
+def _speed(time_s: np.ndarray, place_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return speeds over about 10 ms, less noisy than between neighbouring frames."""
+    step = max(1, round(0.01 / max(float(np.median(np.diff(time_s))), 1e-6)))
+    if len(time_s) <= step:
+        return time_s[:0], time_s[:0]
+    speed = np.linalg.norm(place_m[step:] - place_m[:-step], axis=1) / (time_s[step:] - time_s[:-step])
+    return with_gaps((time_s[step:] + time_s[:-step]) / 2, speed)
+
+
+def _table(fit: Alignment) -> Table:
+    offset = milliseconds(fit.offset_s, fit.offset_se_s)
+    rows = [
+        ["offset (robot = camera · (1 + drift) + offset)", offset],
+        ["drift", scaled(fit.drift, 1e6, 1, "ppm", fit.drift_se)],
+        ["prior of the drift (standard deviation)", scaled(fit.drift_prior, 1e6, 0, "ppm")],
+        ["residual of the hand, rms", millimetres(fit.residual_rms_m, digits=2)],
+        ["source", fit.source],
+    ]
+    if fit.marker_shift_m is not None:
+        shift = ", ".join(map(millimetres, fit.marker_shift_m))
+        rows.append(["marker against the arm's file, x and y", shift])
+    if fit.marker_turn_rad is not None:
+        turn = scaled(fit.marker_turn_rad, 180 / np.pi, 2, "°")
+        rows.append(["marker against the arm's file, turn", turn])
+    for event in fit.sync_events:
+        name = f"sync event ({event.kind}{'' if event.used else ', not used'})"
+        when = f"{name} at camera time {event.camera_time_s:.4f} s: motion – event"
+        rows.append([when, milliseconds(event.difference_s, event.motion_se_s)])
+    return Table(["clock", "value"], rows)

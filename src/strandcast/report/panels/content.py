@@ -1,0 +1,86 @@
+"""A panel of a page: its declaration, the content that its function returns, and its section on the page."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from markupsafe import Markup
+
+from strandcast.errors import StrandcastError
+from strandcast.report.drawing import Drawing, drawing, to_svg
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A small table: heads and rows of text; cells may be markup."""
+
+    heads: list[str]
+    rows: list[list[Any]]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class PanelContent:
+    """The content of a panel, as its function returns it."""
+
+    finding: str  # one sentence with numbers, computed from the data
+    reading: str = ""  # how good and bad data look in this panel
+    drawing: Drawing | Markup | None = None
+    tables: list[Table] = field(default_factory=list)
+    sources: list[str] = field(default_factory=list)  # files it was made from, relative to the page
+
+
+def always(page: Any) -> bool:
+    """Return True: the panel is on every page."""
+    return True
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel, as a page declares it; `Any` is the page's data (`TrialPageData`, `ExperimentPageData`)."""
+
+    name: str  # also its anchor, unique on the page
+    title: str
+    build: Callable[[Any], PanelContent]
+    needs: tuple[str, ...] = ()  # required results, by the names of `report.results.FILES`
+    shown: Callable[[Any], bool] = always  # whether a page has this panel at all
+
+
+@dataclass(frozen=True)
+class PageSection:
+    """A panel on a page: its content, or the problem that prevented it."""
+
+    name: str
+    title: str
+    finding: str = ""
+    reading: str = ""
+    markup: Markup = field(default_factory=Markup)
+    tables: list[Table] = field(default_factory=list)
+    sources: list[str] = field(default_factory=list)
+    problem: str | None = None
+
+
+def make_section(panel: Panel, page: Any) -> PageSection:
+    """Return a panel's section; an error in its function becomes its problem, and the page stays complete."""
+    try:
+        for name in panel.needs:
+            page.need(name)
+        with drawing():
+            made = panel.build(page)
+            shape = made.drawing
+            markup = to_svg(shape, panel.name) if isinstance(shape, Drawing) else shape or Markup()
+    except StrandcastError as problem:
+        return PageSection(panel.name, panel.title, problem=problem.message())
+    except Exception as problem:
+        log.warning("panel %r failed", panel.name, exc_info=log.isEnabledFor(logging.DEBUG))
+        text = StrandcastError("SC-H002", f"{type(problem).__name__}: {problem}").message()
+        return PageSection(panel.name, panel.title, problem=text)
+    return PageSection(panel.name, panel.title, made.finding, made.reading, markup, made.tables, made.sources)
+
+
+def make_sections(panels: list[Panel], page: Any) -> list[PageSection]:
+    """Return the sections of all panels that the page has."""
+    return [make_section(panel, page) for panel in panels if panel.shown(page)]

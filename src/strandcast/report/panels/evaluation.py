@@ -1,0 +1,75 @@
+"""E by point, and the convergence of the search."""
+
+import numpy as np
+from matplotlib.ticker import LogLocator, NullLocator
+
+from strandcast.records.estimate import Estimate
+from strandcast.report import drawing as draw
+from strandcast.report.numbers import millimetres
+from strandcast.report.panels.content import PanelContent, Table
+from strandcast.report.panels.page_data import TrialPageData
+
+
+def evaluation(page: TrialPageData) -> PanelContent:
+    """Return E_i (eq. 5) along the string and the convergence of the search."""
+    results = page.results
+    estimate: Estimate = results.need("estimate")
+    figure = draw.new_figure(10.0, 3.6, top=0.9, bottom=0.15, wspace=0.22)
+    bars, curve = figure.subplots(1, 2)
+    places_mm = np.arange(1, estimate.points + 1) * estimate.length_m / estimate.points * 1e3
+    errors_mm = np.array([np.nan if e is None else e * 1e3 for e in estimate.E_points_m])
+    bars.bar(places_mm, errors_mm, 0.7 * places_mm[0], color=draw.MEASURED["color"])
+    bars.axhline(estimate.E_m * 1e3, **draw.dashes(draw.FITTED, linewidth=1.5))
+    left = {"xycoords": ("axes fraction", "data"), "fontsize": 8.5}
+    draw.note(bars, f"E {estimate.E_m * 1e3:.2f} mm", (0.0, estimate.E_m * 1e3), (4, 3), **left)
+    bars.set(xlabel=draw.ALONG_STRING, ylabel="mean distance E_i [mm]")
+    bars.set_title("by point, after the fit")
+    steps = [step.evaluations for step in estimate.convergence]
+    best_mm = [step.best_m * 1e3 for step in estimate.convergence]
+    curve.step(steps, best_mm, where="post", **draw.MEASURED)
+    curve.set(xlabel="simulations", ylabel="best E so far [mm]")
+    if best_mm and min(best_mm) > 0:
+        curve.set_yscale("log")
+        curve.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        curve.yaxis.set_minor_locator(NullLocator())
+        curve.yaxis.set_major_formatter("{x:g}")
+    if estimate.E_planned_m is not None:
+        curve.axhline(estimate.E_planned_m * 1e3, **draw.dashes(draw.PLANNED))
+    curve.set_title(f"search: {estimate.search}, {estimate.evaluations} simulations")
+    finding = _finding(estimate)
+    return PanelContent(
+        finding,
+        "E is the mean distance between measured and simulated points, E_i that of point i (eqs. 4–6). "
+        "Good: E_i grows gently towards the tip and stays near the tracker's σ; the curve is flat at its "
+        "end. Bad: one point stands out (a weight at the wrong place, a lost stretch), or the curve still "
+        "falls (too small a budget). The curve is for all trials in the fit, with w; "
+        "green dash-dot: this trial alone with the parameters that planned it, w = 0.",
+        draw.Drawing(figure, f"Evaluation value by point and convergence. {finding}"),
+        [_table(estimate)],
+        ["estimate.json"],
+    )
+
+
+def _finding(estimate: Estimate) -> str:
+    after = f"E {millimetres(estimate.E_m, digits=2)} after the fit"
+    if estimate.E_planned_m is None:
+        return f"{after}; this throw was planned without a fitted string, so there is no E before the fit."
+    ratio = estimate.E_planned_m / max(estimate.E_m, 1e-12)
+    return f"{after}, {millimetres(estimate.E_planned_m, digits=2)} before it: {ratio:.1f} times better."
+
+
+def _table(estimate: Estimate) -> Table:
+    planned = "E of this trial with the parameters that planned it (w = 0)"
+    simulations = "simulations; of these rejected (diverged or overstretched)"
+    rows = [
+        [planned, millimetres(estimate.E_planned_m, digits=2)],
+        ["E of this trial after the fit (w = 0)", millimetres(estimate.E_m, digits=2)],
+        [f"E after the fit, weighted (w = {estimate.w:g})", millimetres(estimate.E_weighted_m, digits=2)],
+        ["rms distance over points and frames", millimetres(estimate.rmse_m, digits=2)],
+        ["mean distance of the tip", millimetres(estimate.tip_error_m, digits=2)],
+        *([f"held out: {held.what}", millimetres(held.E_m, digits=2)] for held in estimate.held_out),
+        ["frames in the fit", str(estimate.frames_used)],
+        [simulations, f"{estimate.evaluations}; {estimate.rejected}"],
+        ["trials in the fit", ", ".join(map(str, estimate.trials_used))],
+    ]
+    return Table(["figure", "value"], rows)

@@ -1,0 +1,93 @@
+"""Errors of track, miss and clock against the truth, which only the lab knows."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strandcast.records.verdict import Verdict
+from strandcast.report.drawing import ALONG_STRING, MEASURED, SINCE_START, Drawing, new_figure
+from strandcast.report.measures import path_distance_m, rms
+from strandcast.report.numbers import millimetres, milliseconds
+from strandcast.report.panels.content import PanelContent, Table
+from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.results import TrueString
+
+Array = NDArray[np.float64]
+BAR_PLACES = 201  # along a bar to strike, for the true miss; chosen
+
+
+def lab_truth(page: TrialPageData) -> PanelContent:
+    """Return the tracker's error by point and in time, the true miss and the true offset."""
+    results = page.results
+    truth: TrueString = results.need("lab_truth")
+    track, summary = results.need("track"), results.need("track_summary")
+    alignment, verdict = results.need("alignment"), results.need("verdict")
+    mine, theirs = np.intersect1d(track.frame, truth.frame, return_indices=True)[1:]
+    places_m = np.arange(summary.points + 1) * summary.length_m / summary.points
+    error_m = np.linalg.norm(track.points_m[mine] - at_places(truth, places_m)[theirs], axis=2)
+    camera_s = track.camera_time_s[mine]
+    start_s = alignment.motion_start_s
+    clock_s = alignment.robot_time_s(camera_s) - truth.robot_time_s[theirs]
+    moving = results.in_window()[mine]
+    figure = new_figure(10.0, 3.4, top=0.9, bottom=0.16)
+    bars, curve = figure.subplots(1, 2)
+    by_point_mm = [rms(error_m[moving, k]) * 1e3 for k in range(len(places_m))]
+    bars.bar(places_m * 1e3, by_point_mm, 0.7e3 * places_m[1], color=MEASURED["color"])
+    bars.set(xlabel=ALONG_STRING, ylabel="rms error of the track [mm]")
+    bars.set_title("by point, during the motion")
+    curve.plot(
+        (truth.robot_time_s[theirs] - start_s) * 1e3, error_m[:, -1] * 1e3, **(MEASURED | {"linewidth": 0.9})
+    )
+    curve.set(xlabel=f"true {SINCE_START}", ylabel="error of the tracked tip [mm]", ylim=(0, None))
+    curve.set_title("tip")
+    true_miss_m = _miss(truth, verdict, results.window_s()) if verdict.wanted is None else None
+    finding = (
+        f"The track is {millimetres(rms(error_m[moving]), digits=2)} rms from the truth during the motion "
+        f"(tip {millimetres(rms(error_m[moving, -1]), digits=2)}); true miss {millimetres(true_miss_m)}, "
+        f"measured {millimetres(verdict.miss_m, verdict.miss_sigma_m)}; the clocks' offset is off by "
+        f"{milliseconds(float(np.mean(clock_s)), digits=3)}."
+    )
+    rows = [
+        ["miss", millimetres(verdict.miss_m, verdict.miss_sigma_m), millimetres(true_miss_m)],
+        [
+            "clock offset",
+            milliseconds(alignment.offset_s, alignment.offset_se_s, digits=3),
+            milliseconds(alignment.offset_s - float(np.mean(clock_s)), digits=3),
+        ],
+        *([name, "", _plain(value)] for name, value in _scalars(truth.facts)),
+    ]
+    return PanelContent(
+        finding,
+        "No stage used any of this: it is shown beside the measurement, never instead of it.",
+        Drawing(figure, f"Errors against the lab's truth. {finding}"),
+        [Table(["quantity", "measured", "lab truth"], rows)],
+        ["lab_truth.parquet"],
+    )
+
+
+def at_places(truth: TrueString, places_m: Array) -> Array:
+    """Return the true points (F, len(places), 2) at places along the string, interpolated."""
+    right = np.searchsorted(truth.place_m, places_m).clip(1, len(truth.place_m) - 1)
+    left = right - 1
+    share = (places_m - truth.place_m[left]) / (truth.place_m[right] - truth.place_m[left])
+    share = np.clip(share, 0.0, 1.0)[None, :, None]
+    return np.asarray((1 - share) * truth.points_m[:, left] + share * truth.points_m[:, right])
+
+
+def _miss(truth: TrueString, verdict: Verdict, window_s: tuple[float, float]) -> float:
+    inside = (truth.robot_time_s >= window_s[0]) & (truth.robot_time_s <= window_s[1])
+    ends = np.array(verdict.bar_m or [verdict.target_m])
+    share = np.linspace(0.0, 1.0, BAR_PLACES if verdict.bar_m else 1)[:, None]
+    places = (1.0 - share) * ends[0] + share * ends[-1]
+    return float(path_distance_m(places, truth.points_m[inside, -1]).min())
+
+
+def _scalars(facts: dict[str, Any]) -> list[tuple[str, Any]]:
+    """Return the facts that are single values, including those of the trial's variation."""
+    every = facts | {f"variation: {name}": value for name, value in facts.get("variation", {}).items()}
+    return [(name, value) for name, value in sorted(every.items()) if isinstance(value, int | float | str)]
+
+
+def _plain(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

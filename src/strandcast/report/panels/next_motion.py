@@ -1,0 +1,196 @@
+"""The next motion, for approval before the arm moves: curves, limits, predicted path and misses."""
+
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strandcast.errors import StrandcastError
+from strandcast.records.motion import Motion, Prediction
+from strandcast.report import drawing as draw
+from strandcast.report.facts import Facts
+from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent, place, significant
+from strandcast.report.panels.content import PanelContent, Table
+from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
+
+Array = NDArray[np.float64]
+
+
+def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
+    """Return the joint velocities with their control points, and the prediction."""
+    path, played, facts = page.next_motion, page.played, page.facts
+    if path is None:
+        raise StrandcastError(
+            "SC-H051",
+            "no next motion was planned",
+            fix="`strandcast plan` makes it from this trial's estimate",
+        )
+    place_of_file = os.path.relpath(path, page.folder)
+    try:
+        motion = Motion.read(path)
+    except StrandcastError as problem:
+        problem.file = place_of_file
+        raise
+    joints = len(motion.joint_names)
+    height = 1.1 + 1.75 * joints
+    figure = draw.new_figure(10.0, height)
+    curves = figure.add_gridspec(
+        joints, 1, left=0.07, right=0.56, top=0.95, bottom=0.85 / height, hspace=0.28
+    )
+    expected = figure.add_gridspec(
+        2, 1, left=0.64, right=0.985, top=0.95, bottom=0.85 / height, hspace=0.4, height_ratios=[2, 1]
+    )
+    for joint in range(joints):
+        axes = figure.add_subplot(curves[joint])
+        _draw_joint(axes, motion, played, joint, facts.speed_limits_rad_s)
+        if joint < joints - 1:
+            axes.tick_params(labelbottom=False)
+    axes.set_xlabel("time [ms]")
+    draw.legend_below(figure, axes)
+    if motion.predicted is not None:
+        _draw_prediction(figure.add_subplot(expected[0]), motion, facts)
+        _draw_misses(figure.add_subplot(expected[1]), motion)
+    finding = _finding(motion)
+    return PanelContent(
+        finding,
+        "Good: the predicted path ends at the target, the ensemble's misses lie below the hit radius, the "
+        "curves stay within the limits. Bad: the misses spread over decimetres: the string is too uncertain "
+        "for this motion.",
+        draw.Drawing(figure, f"The next motion. {finding}"),
+        [_table(motion, facts.play_command)],
+        [place_of_file],
+    )
+
+
+def _draw_joint(
+    axes: Any, motion: Motion, played: Motion | None, joint: int, limits_rad_s: list[float]
+) -> None:
+    drawn = [(motion, draw.MEASURED)]
+    if played is not None and played.joint_names == motion.joint_names:
+        drawn.append((played, draw.PLANNED))
+    for each, style in drawn:
+        curve = each.trajectory()
+        label = f"motion of trial {each.trial}"
+        axes.plot(curve.time_s * 1e3, curve.qd_rad_s[:, joint], **style, label=label)
+    if motion.bezier is not None and joint < len(motion.bezier.heights_rad_s):
+        heights = motion.bezier.heights_rad_s[joint]
+        at_ms = np.linspace(0.0, motion.bezier.duration_s * 1e3, len(heights))
+        dots = draw.marks(
+            "o", 4, color=draw.FITTED["color"], linestyle=":", linewidth=0.8, markerfacecolor="none"
+        )
+        axes.plot(at_ms, heights, **dots, label="control points")
+    if joint < len(limits_rad_s):
+        for k, sign in enumerate((-1, 1)):
+            dashed = {"color": draw.INK, "linewidth": 1.0, "linestyle": (0, (6, 3))}
+            axes.axhline(sign * limits_rad_s[joint], **dashed, label=None if k else "limit")
+    axes.set_ylabel("[rad/s]")
+    axes.set_title(f"{motion.joint_names[joint]}: velocity", fontsize=8.5)
+
+
+def _draw_prediction(axes: Any, motion: Motion, facts: Facts) -> None:
+    predicted = motion.predicted
+    assert predicted is not None
+    hand_m, tip_m = np.array(predicted.hand_m).reshape(-1, 2), np.array(predicted.tip_m).reshape(-1, 2)
+    axes.plot(*hand_m.T, **draw.TRUE, label="hand")
+    axes.plot(*tip_m.T, **draw.FITTED, label="tip, predicted")
+    aims_m = [tuple(motion.target_m)] if facts.aims_m is None else facts.aims_m
+    for x_m, y_m in aims_m:
+        draw.ring(axes, (x_m, y_m), facts.hit_radius_m, width=1.5)
+    if aims_m:
+        line = "none" if len(aims_m) == 1 else "-"
+        axes.plot(
+            *np.array(aims_m).T, **draw.marks("+", 10, color=draw.TARGET, linestyle=line), label="target"
+        )
+    draw.equal_axes(axes)
+    axes.set_title("predicted throw", fontsize=8.5)
+    axes.legend(loc="best", fontsize=7.5)
+
+
+def _draw_misses(axes: Any, motion: Motion) -> None:
+    predicted = motion.predicted
+    assert predicted is not None
+    misses_mm = np.sort(np.array(predicted.ensemble_miss_m)) * 1e3
+    axes.plot(
+        misses_mm, np.arange(1, len(misses_mm) + 1), **draw.marks("D", 4.5, color=draw.MEASURED["color"])
+    )
+    axes.axvline(predicted.miss_m * 1e3, **draw.dashes(draw.FITTED, linewidth=1.3))
+    axes.set(
+        xlabel="predicted miss [mm] (dashed: best string)", ylabel="string of the ensemble", xlim=(0, None)
+    )
+    axes.set_ylim(0.3, len(misses_mm) + 0.7)
+    axes.yaxis.get_major_locator().set_params(integer=True)
+    axes.set_title("over the ensemble, undisturbed", fontsize=8.5)
+
+
+def _finding(motion: Motion) -> str:
+    if motion.predicted is None:
+        return f"Motion for trial {motion.trial}; without a prediction."
+    misses = motion.predicted.ensemble_miss_m
+    spread = f", {millimetres(min(misses))} to {millimetres(max(misses))}" if misses else ""
+    spread += f" over {len(misses)} strings of the ensemble" if misses else ""
+    predicted = f"Predicted miss {millimetres(motion.predicted.miss_m)} with the best string{spread}; "
+    hit = percent(motion.predicted.hit_probability)
+    if motion.predicted.disturbed_throws is None:
+        return f"{predicted}{hit} of them hit."
+    return f"{predicted}{hit} of {motion.predicted.disturbed_throws} throws hit, disturbances included."
+
+
+def _table(motion: Motion, command: str | None) -> Table:
+    rows = [
+        ["target", place(motion.target_m)],
+        ["duration", milliseconds(motion.trajectory().end_s, digits=0)],
+        ["content hash (sha256)", motion.content_sha256()],
+        ["arm", motion.robot.name],
+    ]
+    predicted, source = motion.predicted, motion.provenance
+    if predicted is not None:
+        speeds = ", ".join(map(significant, predicted.peak_speed_rad_s))
+        accelerations = ", ".join(map(significant, predicted.peak_acceleration_rad_s2))
+        bend_deg = np.degrees(predicted.largest_bend_rad)
+        rows += [
+            ["predicted time of the hit, from the start", milliseconds(predicted.hit_time_s, digits=0)],
+            ["peak joint speed", f"{speeds} rad/s"],
+            ["peak joint acceleration", f"{accelerations} rad/s²"],
+            *_disturbed(predicted),
+            *_limits(predicted),
+            ["peak speed of the tip", f"{predicted.peak_tip_speed_m_s:.1f} m/s"],
+            ["largest bend between neighbours before the hit", f"{bend_deg:.0f}°"],
+        ]
+    if source is not None:
+        planner = f"{source.planner} ({source.kind}), {source.simulations} simulations, seed {source.seed}"
+        rows += [
+            ["objective", source.objective or "point"],
+            ["planner", planner],
+            ["planner's flags", ", ".join(source.flags) or "none"],
+        ]
+    rows.append(["command to play it", command or UNKNOWN])
+    return Table(["next motion", "value"], rows)
+
+
+def _disturbed(predicted: Prediction) -> list[list[str]]:
+    """Return the quantiles of the misses, disturbances included."""
+    if not predicted.miss_quantiles_m:
+        return []
+    quantiles = ", ".join(
+        f"{name} {millimetres(value)}" for name, value in predicted.miss_quantiles_m.items()
+    )
+    return [["predicted miss over strings and disturbances", quantiles]]
+
+
+def _limits(predicted: Prediction) -> list[list[str]]:
+    """Return the largest use of each limit by a joint, and the least distance to the workspace's edge."""
+    rows = []
+    for words, peaks, name in (
+        ("speed", predicted.peak_speed_rad_s, "velocity_rad_s"),
+        ("acceleration", predicted.peak_acceleration_rad_s2, "acceleration_rad_s2"),
+        ("jerk", predicted.peak_jerk_rad_s3, "jerk_rad_s3"),
+        ("torque", predicted.peak_torque_n_m, "torque_n_m"),
+    ):
+        given = predicted.limits.get(name, [])
+        used = [peak / most for peak, most in zip(peaks, given, strict=False) if most]
+        if used:
+            rows.append([f"most of a joint's {words} limit used", percent(max(used))])
+    if predicted.workspace_room_m is not None:
+        rows.append(["least room to the workspace's edge", millimetres(predicted.workspace_room_m, digits=0)])
+    return rows

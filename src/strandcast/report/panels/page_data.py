@@ -1,0 +1,65 @@
+"""The data that the two kinds of pages pass to their panels."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from strandcast.records.motion import Motion
+from strandcast.records.summary import ExperimentSummary
+from strandcast.report.facts import Facts
+from strandcast.report.results import TrialResults
+
+
+@dataclass(frozen=True)
+class TrialPageData:
+    """The data of a trial's page."""
+
+    results: TrialResults
+    previous: TrialResults | None = None  # of the trial before, drawn beside this one
+    next_motion: Path | None = None  # planned after the trial
+    facts: Facts = field(default_factory=Facts)
+
+    @property
+    def folder(self) -> Path:
+        """Return the page's folder."""
+        return self.results.folder
+
+    @property
+    def played(self) -> Motion | None:
+        """Return the motion of the trial."""
+        return self.results.get("motion")
+
+    def need(self, name: str) -> Any:
+        """Return a result of the trial, or raise the problem that kept it from being read."""
+        return self.results.need(name)
+
+
+@dataclass(frozen=True)
+class ExperimentPageData:
+    """The data of an experiment's page."""
+
+    summary: ExperimentSummary
+    trials: Mapping[int, TrialResults]
+    folder: Path = Path()  # of the page
+    next_motion: Path | None = None
+    facts: Facts = field(default_factory=Facts)
+
+    @property
+    def camera_record(self) -> Path:
+        """Return the record of the camera that filmed the trials."""
+        records = (each.path("camera") for each in self.trials.values() if not each.supplied())
+        return next(records, self.folder / "cameras" / "main.json")
+
+    @property
+    def played(self) -> Motion | None:
+        """Return the motion of the last trial that counts."""
+        counted = [each.trial for each in self.summary.trials if each.excluded is None]
+        return self.trials[counted[-1]].get("motion") if counted and counted[-1] in self.trials else None
+
+    def need(self, name: str) -> Any:
+        """Return a result of every trial that has it; raise the first problem if none has."""
+        found = {trial: results.get(name) for trial, results in self.trials.items()}
+        if self.trials and all(piece is None for piece in found.values()):
+            next(iter(self.trials.values())).need(name)
+        return found

@@ -1,0 +1,110 @@
+"""The course of an experiment: the miss of every trial, and E before and after every fit."""
+
+from typing import Any
+
+from strandcast.records.summary import ExperimentSummary, TrialSummary
+from strandcast.report.drawing import FITTED, GREY, INK, MEASURED, PLANNED, TARGET, Drawing, new_figure, note
+from strandcast.report.numbers import millimetres
+from strandcast.report.panels.content import PanelContent
+from strandcast.report.panels.page_data import ExperimentPageData
+
+
+def misses(page: ExperimentPageData) -> PanelContent:
+    """Return the miss per trial against the hit radius; excluded trials are grey."""
+    summary = page.summary
+    figure = new_figure(8.4, 3.6, top=0.95, bottom=0.15)
+    axes = figure.add_subplot()
+    radius_mm = summary.hit_radius_m * 1e3
+    axes.axhspan(0, radius_mm, facecolor=TARGET, alpha=0.25, linewidth=0)
+    axes.axhline(radius_mm, color=TARGET, linewidth=1.2, linestyle=(0, (6, 3)))
+    counted = [line for line in summary.trials if line.excluded is None and line.miss_m is not None]
+    axes.plot([line.trial for line in counted], [(line.miss_m or 0.0) * 1e3 for line in counted], **MEASURED)
+    for line in summary.trials:
+        _draw_miss(axes, line)
+    right = {"xycoords": ("axes fraction", "data"), "ha": "right", "fontsize": 8}
+    note(axes, "hit radius", (1.0, radius_mm), (-3, 3), **right)
+    axes.set(xlabel="trial", ylabel="miss [mm]", ylim=(0, None))
+    _trial_axis(axes.xaxis, axes.set_xlim, summary)
+    finding = _finding(summary)
+    return PanelContent(
+        finding,
+        "Bars: ± σ of the tracked tip. Full disc: hit; open triangle: miss; grey cross: excluded; no mark: "
+        "the tip was not detected at its closest approach.",
+        Drawing(figure, f"Miss per trial. {finding}"),
+        sources=["summary.json"],
+    )
+
+
+def evaluations(page: ExperimentPageData) -> PanelContent:
+    """Return E with the parameters that planned each throw and after its fit, as dumbbells."""
+    summary = page.summary
+    known = [line for line in summary.trials if line.E_m is not None]
+    figure = new_figure(8.4, 1.1 + 0.42 * max(len(summary.trials), 2), top=0.95, bottom=0.26)
+    axes = figure.add_subplot()
+    for line in known:
+        after_mm = (line.E_m or 0.0) * 1e3
+        before, after = (GREY, GREY) if line.excluded is not None else (PLANNED["color"], FITTED["color"])
+        if line.E_planned_m is not None:
+            before_mm = line.E_planned_m * 1e3
+            axes.plot([before_mm, after_mm], [line.trial] * 2, color=GREY, linewidth=2, zorder=1)
+            axes.plot(before_mm, line.trial, "D", color=before, markersize=7)
+        axes.plot(after_mm, line.trial, "o", color=after, markersize=7)
+    axes.axvline(8.0, color=INK, linewidth=0.8, linestyle=(0, (2, 2)))
+    axes.set(
+        xlabel="E [mm], w = 0 (dotted: 8 mm, beyond which the next throw often misses)",
+        ylabel="trial",
+        xlim=(0, None),
+    )
+    _trial_axis(axes.yaxis, axes.set_ylim, summary)
+    axes.invert_yaxis()
+    axes.plot([], [], "D", color=PLANNED["color"], markersize=7, label="as planned")
+    axes.plot([], [], "o", color=FITTED["color"], markersize=7, label="after the fit")
+    axes.legend(loc="best")
+    pairs = [line for line in known if line.E_planned_m is not None and line.excluded is None]
+    better = sum((line.E_m or 0.0) < (line.E_planned_m or 0.0) for line in pairs)
+    finding = f"The fit lowered E in {better} of {len(pairs)} counted trials"
+    finding += f"; last: {millimetres(known[-1].E_m, digits=2)}." if known else "."
+    return PanelContent(
+        finding,
+        "Good: the diamonds move left from trial to trial: the string is better known before each throw. "
+        "Excluded trials are grey.",
+        Drawing(figure, f"Evaluation value before and after each fit. {finding}"),
+        sources=["summary.json"],
+    )
+
+
+def _draw_miss(axes: Any, line: TrialSummary) -> None:
+    if line.miss_m is None:
+        note(axes, "not seen", (line.trial, 0), (0, 4), ha="center", fontsize=8)
+        return
+    colour, marker = (
+        (GREY, "x") if line.excluded is not None else (MEASURED["color"], "o" if line.hit else "^")
+    )
+    axes.errorbar(
+        line.trial,
+        line.miss_m * 1e3,
+        yerr=None if line.miss_sigma_m is None else line.miss_sigma_m * 1e3,
+        marker=marker,
+        markersize=9,
+        color=colour,
+        markerfacecolor=colour if line.hit else "none",
+        markeredgewidth=1.8,
+        capsize=4,
+    )
+    note(axes, f"{line.miss_m * 1e3:.1f}", (line.trial, line.miss_m * 1e3), (9, 5), fontsize=8.5)
+
+
+def _trial_axis(axis: Any, set_limits: Any, summary: ExperimentSummary) -> None:
+    trials = [line.trial for line in summary.trials]
+    axis.set_ticks(trials)
+    set_limits(min(trials, default=1) - 0.6, max(trials, default=1) + 0.6)
+
+
+def _finding(summary: ExperimentSummary) -> str:
+    counted = [line for line in summary.trials if line.excluded is None and line.miss_m is not None]
+    if not counted:
+        return "No counted trial has a measured miss."
+    best = min(counted, key=lambda line: line.miss_m or 0.0)
+    path = " → ".join(f"{(line.miss_m or 0.0) * 1e3:.1f}" for line in counted)
+    best_text = f"{millimetres(best.miss_m, best.miss_sigma_m)} in trial {best.trial}"
+    return f"Miss by trial: {path} mm; the best is {best_text}."

@@ -1,0 +1,138 @@
+"""The tracker's strobe picture with the target, the measured points and the simulated string over it."""
+
+import base64
+import io
+
+import cv2
+import numpy as np
+from markupsafe import Markup, escape
+from numpy.typing import NDArray
+from PIL import Image
+
+from strandcast.errors import StrandcastError
+from strandcast.records.camera import Camera
+from strandcast.report.numbers import millimetres, place
+from strandcast.report.panels.content import PanelContent
+from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.results import FILES, TrialResults
+
+Array = NDArray[np.float64]
+LARGEST_BYTES = 1_500_000
+
+
+def strobe_picture(page: TrialPageData) -> PanelContent:
+    """Return the picture of the throw, with overlays if the camera is known."""
+    results = page.results
+    picture: bytes = results.need("strobe")
+    if len(picture) > LARGEST_BYTES:
+        raise StrandcastError(
+            "SC-H021",
+            f"the picture has {len(picture) / 1e6:.1f} MB, too large for a page",
+            file=FILES["strobe"],
+            fix="open the file beside this page",
+        )
+    width, height = Image.open(io.BytesIO(picture)).size
+    verdict = results.need("verdict")
+    finding = (
+        f"The tip passed the target at {place(verdict.target_m)} at {millimetres(verdict.miss_m)}."
+        if verdict.miss_m is not None
+        else f"The tip's closest approach was not detected: {verdict.reason}."
+    )
+    try:
+        drawn = _overlay(results, width)
+    except StrandcastError as problem:
+        drawn = Markup("")
+        finding += f" Nothing is drawn over the picture: {problem.what}."
+    data = base64.b64encode(picture).decode()
+    markup = Markup(
+        '<svg class="picture" role="img" aria-label="{}" viewBox="0 0 {} {}">'
+        '<image href="data:image/webp;base64,{}" width="{}" height="{}"/>{}</svg>'
+    ).format(f"Strobe picture of the throw. {finding}", width, height, Markup(data), width, height, drawn)
+    return PanelContent(
+        finding,
+        "Large ring: the target. Dashed: the fitted string at the instants of the picture, with the "
+        "measured points as small rings, or, if the picture's instants are unknown, the fitted tip's "
+        "path beside the measured one (solid). Good: rings and dashes lie on the string of the picture. "
+        "Bad: they lie beside it everywhere (camera or alignment), or at some instants (tracking).",
+        markup,
+        sources=["strobe.webp"],
+    )
+
+
+def project_px(camera: Camera, places_m: Array, scale: float) -> Array:
+    """Return the pixels (K, 2) of places (K, 2) in the string's plane, in a picture `scale` times as wide."""
+    depth_m = np.full(len(places_m), camera.string_offset_m)
+    world_m = np.column_stack([places_m, depth_m])
+    turn, _ = cv2.Rodrigues(np.array(camera.rotation, dtype=float))
+    lens = camera.lens
+    shift_m, matrix = np.array(camera.translation_m, dtype=float), np.array(lens.matrix, dtype=float)
+    distortion = np.array(lens.distortion, dtype=float)
+    pixels, _ = cv2.projectPoints(world_m, turn, shift_m, matrix, distortion)
+    return np.asarray(pixels.reshape(-1, 2) * scale)
+
+
+def _overlay(results: TrialResults, width: int) -> Markup:
+    """Return the target, and the strings at the picture's instants, or else the tip's paths."""
+    camera: Camera = results.need("camera")
+    scale, size = width / camera.lens.width_px, width / 640.0
+    track, throw = results.need("track"), (results.get("simulated") or {}).get("fitted")
+    frames = [int(f) for f in str(results.need("track_summary").choices.get("strobe_frames") or "").split()]
+    parts = [_target(results, camera, scale, size)]
+    if not frames:
+        window = results.in_window()
+        parts.append(_line("track", _known_px(camera, track.points_m[window, -1], scale), size))
+        if throw is not None:
+            inside = np.isin(throw.frame, track.frame[window])
+            parts.append(_line("model", _known_px(camera, throw.points_m[inside, -1], scale), size))
+    for frame in frames:
+        if throw is not None and frame in throw.frame:
+            string_m = throw.points_m[np.searchsorted(throw.frame, frame)]
+            parts.append(_line("model", _known_px(camera, string_m, scale), size))
+        for string_m in track.points_m[track.frame == frame]:
+            parts.extend(
+                _ring(pixel, size) for pixel in _known_px(camera, string_m, scale) if np.isfinite(pixel[0])
+            )
+    return Markup("").join(parts)
+
+
+def _known_px(camera: Camera, places_m: Array, scale: float) -> Array:
+    """Return pixels (K, 2), NaN for unknown places."""
+    known = np.isfinite(places_m).all(axis=1)
+    pixels = np.full(places_m.shape, np.nan)
+    if known.any():
+        pixels[known] = project_px(camera, places_m[known], scale)
+    return pixels
+
+
+def _target(results: TrialResults, camera: Camera, scale: float, size: float) -> Markup:
+    verdict = results.need("verdict")
+    turn = np.linspace(0.0, 2 * np.pi, 49)
+    rim_m = np.array(verdict.target_m) + verdict.hit_radius_m * np.column_stack([np.cos(turn), np.sin(turn)])
+    return Markup('<path class="rim" d="{}Z" stroke-width="{:.2f}"/>').format(
+        _path(project_px(camera, rim_m, scale)), 1.6 * size
+    )
+
+
+def _line(kind: str, pixels: Array, size: float) -> Markup:
+    path = _path(pixels)
+    dashes = f"{5 * size:.1f} {2.5 * size:.1f}" if kind == "model" else "none"
+    return Markup(
+        '<path class="casing" d="{}" stroke-width="{:.2f}"/>'
+        '<path class="{}" d="{}" stroke-width="{:.2f}" stroke-dasharray="{}"/>'
+    ).format(path, 2.4 * size, kind, path, 1.3 * size, dashes)
+
+
+def _ring(pixel: Array, size: float) -> Markup:
+    return Markup('<circle class="seen" cx="{:.1f}" cy="{:.1f}" r="{:.2f}" stroke-width="{:.2f}"/>').format(
+        pixel[0], pixel[1], 1.8 * size, 0.8 * size
+    )
+
+
+def _path(pixels: Array) -> Markup:
+    """Return the path's commands; it starts again after gaps."""
+    commands, pen = [], "M"
+    for u, v in pixels:
+        if np.isfinite(u):
+            commands.append(f"{pen}{u:.1f} {v:.1f}")
+        pen = "L" if np.isfinite(u) else "M"
+    return escape("".join(commands))

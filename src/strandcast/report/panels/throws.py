@@ -1,0 +1,108 @@
+"""The throws of an experiment in one figure: tip paths, and hand paths as in Fig. 8b of the paper."""
+
+from typing import Any
+
+from strandcast.errors import StrandcastError
+from strandcast.records.summary import ExperimentSummary
+from strandcast.report import drawing as draw
+from strandcast.report.measures import arc_length_m
+from strandcast.report.numbers import millimetres, signed
+from strandcast.report.panels.content import PanelContent
+from strandcast.report.panels.hand_path import within_motion
+from strandcast.report.panels.page_data import ExperimentPageData
+from strandcast.report.results import FILES, HandPoses, TrialResults
+
+STYLES: tuple[dict[str, Any], ...] = (
+    draw.PLANNED,
+    draw.TRUE,
+    {"color": draw.GREY, "linestyle": (0, (8, 2, 1, 2, 1, 2)), "linewidth": 1.3},
+)
+
+
+def hand_paths(page: ExperimentPageData) -> PanelContent:
+    """Return the hand's paths in the first throw and in the one that hit (or the last)."""
+    summary, trials = page.summary, page.trials
+    counted = [line.trial for line in summary.trials if line.excluded is None and line.trial in trials]
+    if not counted:
+        raise StrandcastError("SC-H061", "there is no counted trial")
+    first, last = counted[0], summary.hit_trial or counted[-1]
+    figure = draw.new_figure(8.4, 4.8, top=0.97, bottom=0.2)
+    axes = figure.add_subplot()
+    lengths = {}
+    for trial, style in {first: draw.PLANNED, last: draw.MEASURED}.items():
+        path = _hand(trials[trial])
+        lengths[trial] = float(arc_length_m(path.pose[:, :2])[-1])
+        what = "hit" if trial == summary.hit_trial else "first" if trial == first else "last"
+        axes.plot(
+            *path.pose[:, :2].T, **style, label=f"trial {trial} ({what}): {lengths[trial] * 1e3:.0f} mm"
+        )
+        axes.plot(*path.pose[0, :2], **draw.marks("s", 5, color=style["color"]))
+    _finish(axes, summary)
+    finding = f"The hand of trial {first} travelled {millimetres(lengths[first], digits=0)}"
+    if last != first:
+        change = lengths[last] / lengths[first] - 1
+        more = signed(f"{change * 100:+.0f} %")
+        finding += f", that of trial {last} {millimetres(lengths[last], digits=0)} ({more})"
+    return PanelContent(
+        finding + ".",
+        "Squares: where the motion starts. In the paper the path after estimation is the longer one, "
+        "because the string of its first plan stretches.",
+        draw.Drawing(figure, f"Hand paths of the first and the hitting throw. {finding}."),
+        sources=[f"trial-{trial:02d}/hand.parquet" for trial in lengths],
+    )
+
+
+def _hand(results: TrialResults) -> HandPoses:
+    paths = within_motion(results)
+    for source in ("measured", "commanded", "seen"):
+        if source in paths:
+            return paths[source]
+    raise StrandcastError(
+        "SC-H062", "the hand has no path within the motion", file=FILES["hand"], fix="align the trial again"
+    )
+
+
+def tip_paths(page: ExperimentPageData) -> PanelContent:
+    """Return the measured tip paths of all counted trials, the hit in bold."""
+    summary, trials = page.summary, page.trials
+    figure = draw.new_figure(8.4, 5.6, top=0.97, bottom=0.17)
+    axes = figure.add_subplot()
+    shown: list[int] = []
+    missing: list[str] = []
+    for line in summary.trials:
+        if line.excluded is not None or line.trial not in trials:
+            continue
+        try:
+            tip_m = trials[line.trial].need("track").points_m[trials[line.trial].in_window(), -1]
+        except StrandcastError:
+            missing.append(str(line.trial))
+            continue
+        style = (
+            draw.MEASURED | {"linewidth": 2.4}
+            if line.trial == summary.hit_trial
+            else STYLES[len(shown) % len(STYLES)]
+        )
+        axes.plot(*tip_m.T, **style, label=f"trial {line.trial}: {millimetres(line.miss_m)}")
+        shown.append(line.trial)
+    if not shown:
+        raise StrandcastError("SC-H063", "no counted trial has a track", fix="track the trials")
+    _finish(axes, summary)
+    finding = f"Tip paths of {len(shown)} trials" + (
+        f"; trial {summary.hit_trial}, the hit, is bold." if summary.hit_trial in shown else "; none has hit."
+    )
+    if missing:
+        finding += f" Not shown, without a track: {', '.join(missing)}."
+    return PanelContent(
+        finding,
+        "From the motion's start until 0.3 s after its end.",
+        draw.Drawing(figure, f"Measured tip paths. {finding}"),
+        sources=[f"trial-{trial:02d}/track.parquet" for trial in shown],
+    )
+
+
+def _finish(axes: Any, summary: ExperimentSummary) -> None:
+    draw.ring(axes, summary.target_m, summary.hit_radius_m)
+    axes.plot(*summary.target_m, **draw.marks("+", 10, color=draw.TARGET), label="target")
+    axes.plot(0, 0, **draw.marks("o", 5, color=draw.FITTED["color"]), label="arm’s base")
+    draw.equal_axes(axes)
+    draw.legend_below(axes.figure)

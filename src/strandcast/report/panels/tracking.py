@@ -1,0 +1,118 @@
+"""The whole track in one figure: σ of every point in every frame, and the length of every segment."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import LogNorm
+
+from strandcast.report.drawing import INK, Drawing, new_figure
+from strandcast.report.numbers import millimetres, percent
+from strandcast.report.panels.content import PanelContent, Table
+from strandcast.report.panels.page_data import TrialPageData
+
+MOST_COLUMNS = 1500
+
+
+def tracking(page: TrialPageData) -> PanelContent:
+    """Return kymographs of σ and of the segments' length errors."""
+    results = page.results
+    track, summary = results.need("track"), results.need("track_summary")
+    figure = new_figure(10.0, 4.6, left=0.07, right=1.0, top=0.94, bottom=0.1, hspace=0.4)
+    sigma_axes, length_axes = figure.subplots(2, 1)
+    sigma_mm = np.where(np.isfinite(track.points_m).all(axis=2), track.sigma_m, np.nan).T * 1e3
+    usual_mm = summary.length_m / summary.points * 1e3
+    error = (np.linalg.norm(np.diff(track.points_m, axis=1), axis=2).T * 1e3 / usual_mm - 1.0) * 100
+    extent = (float(track.frame[0]) - 0.5, float(track.frame[-1]) + 0.5)
+    sure_mm = np.where(sigma_mm > 0, sigma_mm, np.nan)
+    _image(sigma_axes, sure_mm, extent, "σ [mm]", norm=LogNorm(0.1, 10.0), cmap="cividis")
+    _image(length_axes, error, extent, "length error [%]", vmin=-20.0, vmax=20.0, cmap="PuOr")
+    sigma_axes.set_title("σ of each point; empty: not detected")
+    length_axes.set_title("length of each segment against L/n; empty: not detected")
+    sigma_axes.set_ylabel("point (0: hand)")
+    length_axes.set(xlabel="frame", ylabel="segment")
+    length_m = np.linalg.norm(np.diff(track.points_m, axis=1), axis=2).sum(axis=1)
+    whole = np.isfinite(length_m)
+    finding = (
+        f"{percent(summary.tracked_fraction)} of points detected without a flag, the tip in "
+        f"{percent(summary.tip_fraction)} of frames, the hand's marker in "
+        f"{percent(summary.marker_fraction)}; median σ {millimetres(summary.median_sigma_m, digits=2)}."
+    )
+    if whole.any():
+        finding += (
+            f" Measured length {millimetres(float(np.median(length_m[whole])))} (median), "
+            f"the string's is {millimetres(summary.length_m)}."
+        )
+    return PanelContent(
+        finding,
+        "Good: even and dark above, pale below. Bad: columns of gaps (a fast or folded string), a bright "
+        "row (a point that is always uncertain), a coloured band in the lower picture (points slipped "
+        "along the string).",
+        Drawing(figure, f"Tracking quality, point by frame. {finding}"),
+        [_lost_table(track), detected_table(summary), _choice_table(summary)],
+        ["track.parquet", "track.json"],
+    )
+
+
+def _image(axes: Any, values: Any, extent: tuple[float, float], label: str, **colours: Any) -> None:
+    step = max(1, -(-values.shape[1] // MOST_COLUMNS))
+    shown = axes.imshow(
+        values[:, ::step],
+        aspect="auto",
+        origin="lower",
+        interpolation="nearest",
+        extent=(*extent, -0.5, values.shape[0] - 0.5),
+        **colours,
+    )
+    bar = axes.figure.colorbar(shown, ax=axes, pad=0.01, fraction=0.08, aspect=12, format="{x:g}")
+    bar.set_label(label)
+    bar.outline.set_edgecolor(INK)
+    axes.grid(visible=False)
+
+
+def _lost_table(track: Any) -> Table:
+    """Return the longest runs of frames without the tip."""
+    lost = ~np.isfinite(track.points_m[:, -1]).all(axis=1)
+    edges = np.diff(np.concatenate([[False], lost, [False]]).astype(int))
+    starts, ends = np.nonzero(edges == 1)[0], np.nonzero(edges == -1)[0] - 1
+    longest = sorted(range(len(starts)), key=lambda k: (starts[k] - ends[k], starts[k]))[:6]
+    rows = [
+        [str(track.frame[starts[k]]), str(track.frame[ends[k]]), str(ends[k] - starts[k] + 1)]
+        for k in sorted(longest)
+    ]
+    caption = (
+        "The longest runs without the tip." if rows else "The tip was detected in every frame of the track."
+    )
+    return Table(["tip lost from frame", "to frame", "frames"], rows, caption)
+
+
+def detected_table(summary: Any) -> Table:
+    """Return what was detected on the string and at the target."""
+    rows = []
+    for weight in summary.weights:
+        at = f"{1e3 * weight.place_m:.1f} ± {1e3 * weight.sigma_m:.1f} mm from the clamp"
+        rows.append(["weight", at, f"{2e3 * weight.half_width_m:.1f} mm wide"])
+    for section in summary.sections:
+        start = f"{1e3 * section.from_m:.0f} ± {1e3 * section.from_sigma_m:.0f}"
+        end = f"{1e3 * section.to_m:.0f} ± {1e3 * section.to_sigma_m:.0f} mm from the clamp"
+        width = f"{1e3 * section.width_m:.1f} mm wide"
+        rows.append(["section of another width", f"{start} to {end}", width])
+    if summary.target is not None:
+        x, y = summary.target.offset_m
+        place = f"{1e3 * x:+.1f} mm in x, {1e3 * y:+.1f} mm in y from target_m"
+        rows.append(["target", place, f"radius {1e3 * summary.target.radius_m:.1f} mm"])
+    if summary.contact is not None:
+        contact = summary.contact
+        when = f"frame {contact.frame}, {contact.camera_time_s:.3f} s on the camera's clock"
+        rows.append(["contact with the target", when, f"evidence: {', '.join(contact.evidence)}"])
+    caption = "Detected on the string and at the target." if rows else "Nothing was detected on the string."
+    return Table(["detected", "where", "what"], rows, caption)
+
+
+def _choice_table(summary: Any) -> Table:
+    rows = [
+        [name, f"{value:.4g}" if isinstance(value, float) else str(value)]
+        for name, value in sorted(summary.choices.items())
+    ]
+    return Table(
+        ["choice of the tracker", "value"], rows, "" if rows else "The tracker made no automatic choices."
+    )

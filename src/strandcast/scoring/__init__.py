@@ -1,0 +1,1 @@
+"""By how much a throw missed its objective, from the track."""

@@ -1,0 +1,217 @@
+"""The miss of a tracked throw: one function per kind of objective, registered for its class."""
+
+from functools import singledispatch
+from typing import NamedTuple
+
+import numpy as np
+
+from strandcast.core.objectives import (
+    DIRECTION_M_RAD,
+    SPEED_S,
+    VELOCITY_S,
+    AimedPoint,
+    Objective,
+    SegmentObjective,
+    ShapeObjective,
+    SwingObjective,
+)
+from strandcast.errors import StrandcastError
+from strandcast.scoring.closest_approach import (
+    GAP_STEPS,
+    closest_approach,
+    gap_message,
+    segment_approaches,
+)
+
+
+class TrackedThrow(NamedTuple):
+    """The string as it was tracked during a throw.
+
+    Attributes
+    ----------
+    time_s
+        (F,) of the frames, robot time.
+    points_m, sigma_m
+        (F, n+1, 2), NaN where a point was not tracked, and (F, n+1).
+    length_m
+        From the hand to the tip, along the string.
+    step_s
+        Usual time between frames.
+    window_s
+        The time that counts, robot time.
+    """
+
+    time_s: np.ndarray
+    points_m: np.ndarray
+    sigma_m: np.ndarray
+    length_m: float
+    step_s: float
+    window_s: tuple[float, float]
+
+    def place_m(self, along_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the path (F, 2) of a place on the string, and its sigma's square (F,)."""
+        count = self.points_m.shape[1] - 1
+        at = np.clip(along_m / self.length_m * count, 0.0, count)
+        k = min(int(at), count - 1)
+        share = at - k
+        path = (1.0 - share) * self.points_m[:, k] + share * self.points_m[:, k + 1]
+        path = self.points_m[:, k] if share == 0.0 else self.points_m[:, -1] if at == count else path
+        return path, (1 - share) ** 2 * self.sigma_m[:, k] ** 2 + share**2 * self.sigma_m[:, k + 1] ** 2
+
+
+class Shortfall(NamedTuple):
+    """The least miss of a throw, its sigma, the nearest row of the track, and when and where the tip was."""
+
+    miss_m: float
+    sigma_m: float
+    row: int
+    time_s: float
+    tip_m: np.ndarray
+
+
+Measured = tuple[Shortfall | None, str | None]  # the shortfall, or why it is not known
+Series = tuple[np.ndarray, np.ndarray]  # (F,) the miss at each frame, NaN where not known; its sigma [m]
+
+
+@singledispatch
+def measured_shortfall(objective: Objective, throw: TrackedThrow) -> Measured:
+    """Return the miss of a throw, or why it is not known.
+
+    Register a function for each new kind of objective: ``@measured_shortfall.register``.
+    """
+    raise StrandcastError(
+        "SC-P009",
+        f"the scorer has no shortfall for objectives of the kind {objective.kind!r}",
+        field="objective",
+        fix="register one (scoring.measured_misses.measured_shortfall): docs/extending/objective.md",
+    )
+
+
+@measured_shortfall.register
+def _point_shortfall(objective: AimedPoint, throw: TrackedThrow) -> Measured:
+    if objective.has_velocity:
+        return least(throw, *passage_series(objective, throw))
+    return nearest(throw, np.asarray(objective.target_m, float))
+
+
+@measured_shortfall.register
+def _segment_shortfall(objective: SegmentObjective, throw: TrackedThrow) -> Measured:
+    return nearest(throw, np.asarray(objective.ends_m, float))
+
+
+@measured_shortfall.register
+def _shape_shortfall(objective: ShapeObjective, throw: TrackedThrow) -> Measured:
+    """Return the least rms distance of the places."""
+    squares, variance = np.zeros(len(throw.time_s)), np.zeros(len(throw.time_s))
+    for place in objective.places:
+        path_m, sigma2 = throw.place_m(place.along_m)
+        squares += ((path_m - np.array(place.at_m)) ** 2).sum(axis=1)
+        variance += sigma2
+    count = len(objective.places)
+    return least(throw, np.sqrt(squares / count), np.sqrt(variance) / count)
+
+
+@measured_shortfall.register
+def _swing_shortfall(objective: SwingObjective, throw: TrackedThrow) -> Measured:
+    return least(throw, *swing_series(objective, throw))
+
+
+def swing_series(objective: SwingObjective, throw: TrackedThrow) -> Series:
+    """Return the shortfall of height, or of speed as a distance, in each frame."""
+    if objective.speed_m_s is not None:
+        velocity, sigma_m_s = tip_velocity(throw)
+        return SPEED_S * np.maximum(objective.speed_m_s - np.hypot(*velocity.T), 0.0), SPEED_S * sigma_m_s
+    assert objective.height_m is not None
+    return np.maximum(objective.height_m - throw.points_m[:, -1, 1], 0.0), throw.sigma_m[:, -1]
+
+
+def passage_series(objective: AimedPoint, throw: TrackedThrow) -> Series:
+    """Return distance and velocity's shortfall on the way from the frame before to each."""
+    velocity, sigma_m_s = tip_velocity(throw, from_before=1)
+    found = segment_approaches(throw.points_m[:, -1], np.array(objective.target_m))
+    missed = np.array([np.nan, *(one.distance_m for one in found)])
+    speed = np.hypot(*velocity.T)
+    slow = SPEED_S * np.maximum(objective.least_speed_m_s - speed, 0.0)
+    missed = missed + slow
+    sigma = np.hypot(throw.sigma_m[:, -1], np.where(slow > 0.0, SPEED_S * sigma_m_s, 0.0))
+    if objective.direction_rad is not None:
+        off = np.arctan2(velocity[:, 1], velocity[:, 0]) - objective.direction_rad
+        off = np.abs((off + np.pi) % (2.0 * np.pi) - np.pi)
+        turned = DIRECTION_M_RAD * np.maximum(off - objective.tolerance_rad, 0.0)
+        missed = missed + turned
+        beyond = np.where(turned > 0.0, DIRECTION_M_RAD * sigma_m_s / np.maximum(speed, 1e-9), 0.0)
+        sigma = np.hypot(sigma, beyond)
+    return missed, sigma
+
+
+def tip_velocity(throw: TrackedThrow, from_before: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return (F, 2) the tip's velocity over `VELOCITY_S` to each side, NaN across gaps, and its sigma.
+
+    With `from_before` = 1 it is the velocity on the way from the frame before: its chord begins `VELOCITY_S`
+    before that one.
+    """
+    there = np.isfinite(throw.points_m[:, -1]).all(axis=1)
+    velocity = np.full((len(there), 2), np.nan)
+    if there.sum() > 1:
+        time_s, tip_m = throw.time_s[there], throw.points_m[there, -1]
+        before = np.maximum(np.arange(len(there)) - from_before, 0)
+        begin_s = np.maximum(throw.time_s[before] - VELOCITY_S, time_s[0])
+        end_s = np.minimum(throw.time_s + VELOCITY_S, time_s[-1])
+        ends = [np.stack([np.interp(t, time_s, x) for x in tip_m.T], axis=1) for t in (begin_s, end_s)]
+        known = there & ~_across_gaps(throw, time_s, begin_s, end_s) & (end_s > begin_s)
+        velocity[known] = ((ends[1] - ends[0]) / (end_s - begin_s)[:, None])[known]
+    return velocity, throw.sigma_m[:, -1] / (np.sqrt(2.0) * VELOCITY_S)
+
+
+def _across_gaps(
+    throw: TrackedThrow, time_s: np.ndarray, begin_s: np.ndarray, end_s: np.ndarray
+) -> np.ndarray:
+    """Return which intervals (F,) reach across a gap between the tracked times (R,)."""
+    gaps_s = time_s[:-1][np.diff(time_s) > GAP_STEPS * throw.step_s]
+    first = np.maximum(np.searchsorted(time_s, begin_s, "right") - 1, 0)
+    last = np.searchsorted(time_s, end_s, "left")
+    return np.array(
+        [bool(((gaps_s >= time_s[a]) & (gaps_s < time_s[b])).any()) for a, b in zip(first, last, strict=True)]
+    )
+
+
+def nearest(throw: TrackedThrow, target_m: np.ndarray) -> Measured:
+    """Return the tip's closest approach to a place (2,) or bar (2, 2), between the frames too."""
+    rows = np.flatnonzero(np.isfinite(throw.points_m[:, -1]).all(axis=1))
+    tip_m = throw.points_m[rows, -1]
+    found, reason = closest_approach(throw.time_s[rows], tip_m, target_m, throw.step_s, throw.window_s)
+    if found is None:
+        return None, reason
+    before, after, share = rows[found.index], rows[found.index + 1], found.share
+    return Shortfall(
+        found.distance_m,
+        float(np.hypot(*(np.array([1 - share, share]) * throw.sigma_m[[before, after], -1]))),
+        int(before if share < 0.5 else after),
+        float((1 - share) * throw.time_s[before] + share * throw.time_s[after]),
+        found.place_m,
+    ), None
+
+
+def least(throw: TrackedThrow, miss_m: np.ndarray, sigma_m: np.ndarray) -> Measured:
+    """Return the least of a miss (F,) per frame; nothing is known between frames, or where it is NaN."""
+    best, reason = _least_row(throw, miss_m)
+    if best is None:
+        return None, reason
+    time_s, tip_m = float(throw.time_s[best]), throw.points_m[best, -1]
+    return Shortfall(float(miss_m[best]), float(sigma_m[best]), best, time_s, tip_m), None
+
+
+def _least_row(throw: TrackedThrow, miss_m: np.ndarray) -> tuple[int | None, str | None]:
+    known = np.flatnonzero(np.isfinite(miss_m))
+    if not len(known):
+        return None, "the objective was not tracked in any frame"
+    best = int(known[np.argmin(miss_m[known])])
+    if miss_m[best] == 0.0:
+        return best, None
+    edges = np.array([throw.window_s[0], *throw.time_s[known], throw.window_s[1]])
+    place = int(np.searchsorted(known, best)) + 1
+    for before in (place - 1, place):
+        if edges[before + 1] - edges[before] > GAP_STEPS * throw.step_s:
+            what = "the objective was not tracked at its best moment"
+            return None, gap_message(what, float(edges[before]), float(edges[before + 1]))
+    return best, None

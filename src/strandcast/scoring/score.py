@@ -1,0 +1,102 @@
+"""Score a throw: its miss with the standard deviation, or why it is not known."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from strandcast.core.objectives import Objective
+from strandcast.records.alignment import Alignment
+from strandcast.records.track import UNSURE, Track
+from strandcast.records.verdict import AFTER_MOTION_S, Verdict
+from strandcast.scoring.measured_misses import Shortfall, TrackedThrow, measured_shortfall
+
+MOST_UNSURE = 0.9  # of the throw's frames: with more of them unsure no miss is reported; chosen
+
+
+class Aim(NamedTuple):
+    """The objective of one trial's throw.
+
+    Attributes
+    ----------
+    experiment, trial
+        The throw.
+    objective
+        Includes the target, if it needs one.
+    target_m, hit_radius_m
+        The experiment's target, and the greatest miss that is a hit, in the world frame.
+    """
+
+    experiment: str
+    trial: int
+    objective: Objective
+    target_m: tuple[float, float]
+    hit_radius_m: float
+
+
+def score_throw(track: Track, alignment: Alignment, aim: Aim, length_m: float) -> Verdict:
+    """Score one throw, from the motion's start until 0.3 s after its end.
+
+    Parameters
+    ----------
+    track
+        The mass points; a tip that is only predicted or hidden counts as not tracked.
+    alignment
+        Camera time to robot time, and when the motion was.
+    length_m
+        From the hand to the tip, along the string.
+    """
+    robot_s = alignment.robot_time_s(track.camera_time_s)
+    window_s = (alignment.motion_start_s, alignment.motion_end_s + AFTER_MOTION_S)
+    inside, tracked = (robot_s >= window_s[0]) & (robot_s <= window_s[1]), track.detected()
+    reason = _too_little(track, np.flatnonzero(tracked[:, -1] & inside))
+    if reason is not None:
+        return _verdict(aim, reason=reason)
+    points_m = np.where(tracked[..., None], track.points_m, np.nan)[inside]
+    step_s = float(np.median(np.diff(track.camera_time_s)))
+    throw = TrackedThrow(robot_s[inside], points_m, track.sigma_m[inside], length_m, step_s, window_s)
+    shortfall, reason = measured_shortfall(aim.objective, throw)
+    if shortfall is None:
+        return _verdict(aim, reason=reason)
+    return _verdict(aim, shortfall, frame=int(track.frame[inside][shortfall.row]))
+
+
+def _too_little(track: Track, rows: np.ndarray) -> str | None:
+    """Return the reason if the frames with a tracked tip are too few or too unsure for a miss."""
+    if len(rows) < 2:
+        return f"the tip was tracked in {len(rows)} frames of the throw only"
+    if ((track.flags[rows, -1] & UNSURE) > 0).mean() > MOST_UNSURE:
+        return "the tip's place is unsure in nearly every frame of the throw"
+    return None
+
+
+def _verdict(
+    aim: Aim, shortfall: Shortfall | None = None, *, frame: int | None = None, reason: str | None = None
+) -> Verdict:
+    """Return a throw's verdict: its shortfall, or the reason why it is not known."""
+    objective, bar_m = aim.objective, aim.objective.bar_m
+    unknown = Verdict(
+        experiment=aim.experiment,
+        trial=aim.trial,
+        target_m=[float(x) for x in aim.target_m],
+        hit_radius_m=aim.hit_radius_m,
+        miss_m=None,
+        miss_sigma_m=None,
+        hit=False,
+        closest_frame=frame,
+        closest_robot_time_s=None,
+        closest_m=None,
+        reason=reason,
+        objective=objective.kind,
+        wanted=objective.refinement,
+        bar_m=None if bar_m is None else [list(end) for end in bar_m],
+    )
+    if shortfall is None:
+        return unknown
+    known: dict[str, Any] = {
+        "miss_m": shortfall.miss_m,
+        "miss_sigma_m": shortfall.sigma_m if np.isfinite(shortfall.sigma_m) else None,
+        "hit": shortfall.miss_m <= aim.hit_radius_m,
+        "closest_robot_time_s": shortfall.time_s,
+        "closest_m": shortfall.tip_m.tolist() if np.isfinite(shortfall.tip_m).all() else None,
+    }
+    return unknown.model_copy(update=known)

@@ -1,0 +1,112 @@
+"""The content of source files: a hash of the code without comments and docstrings, and the imports.
+
+Parsing all files takes seconds, so the results are kept in the user's cache, by the files' content.
+"""
+
+import ast
+import hashlib
+import json
+import os
+import sys
+import tempfile
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+FORMAT = f"1-{sys.version_info.major}.{sys.version_info.minor}"  # ast.dump differs between versions of Python
+
+MOST = 4000  # contents of files that are remembered, some 2 MB (chosen; the package has 300 files)
+
+
+class SourceCode(NamedTuple):
+    """The code of one file: the hash of its syntax tree, and the names that it imports anywhere."""
+
+    sha256: str
+    imports: tuple[str, ...]
+
+
+def cache_folder() -> Path | None:
+    """Return the folder of this user's caches, or None if it cannot be written."""
+    try:
+        folder = Path.home() / ".cache" / "strandcast"
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder if os.access(folder, os.W_OK) else None
+    except (OSError, RuntimeError):
+        return None
+
+
+class SourceCache:
+    """The code of files, parsed once for each content."""
+
+    def __init__(self) -> None:
+        folder = cache_folder()
+        self._file = None if folder is None else folder / f"source-code-{FORMAT}.json"
+        self._known: dict[str, list[str]] = self._read()
+        self._new = False
+
+    def code_of(self, path: Path) -> SourceCode:
+        """Return the code of a file."""
+        text = path.read_bytes()
+        key = hashlib.sha256(text).hexdigest()
+        if key not in self._known:
+            code = parse(text)
+            self._known[key] = [code.sha256, *code.imports]
+            self._new = True
+        sha256, *imports = self._known[key]
+        return SourceCode(sha256, tuple(imports))
+
+    def save(self) -> None:
+        """Write the cache if it grew; a cache that cannot be written is no error."""
+        if not self._new or self._file is None:
+            return
+        if len(self._known) > MOST:  # forget what was added first
+            self._known = dict(list(self._known.items())[-MOST // 2 :])
+        try:
+            handle, name = tempfile.mkstemp(dir=self._file.parent)
+        except OSError:
+            return
+        try:
+            with os.fdopen(handle, "w") as temporary:
+                json.dump(self._known, temporary)
+            Path(name).replace(self._file)
+            self._new = False
+        except OSError:
+            with suppress(OSError):
+                Path(name).unlink()
+
+    def _read(self) -> dict[str, list[str]]:
+        try:
+            return dict(json.loads(self._file.read_bytes())) if self._file is not None else {}
+        except (OSError, ValueError, TypeError):
+            return {}
+
+
+@cache
+def source_cache() -> SourceCache:
+    """Return the cache of this process."""
+    return SourceCache()
+
+
+def parse(text: bytes) -> SourceCode:
+    """Parse a file: its tree without docstrings, and the modules and names that it imports."""
+    tree = ast.parse(text)
+    imports: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            imports.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            imports.add(node.module)
+            imports.update(f"{node.module}.{alias.name}" for alias in node.names)
+        body = getattr(node, "body", None)
+        if isinstance(body, list) and body and _is_docstring(body[0]):
+            body[0] = ast.Pass()
+    return SourceCode(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(sorted(imports)))
+
+
+def _is_docstring(node: ast.stmt) -> bool:
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )

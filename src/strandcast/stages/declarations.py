@@ -1,0 +1,228 @@
+"""The input files, output files and settings of each stage, declared once.
+
+The rules, their `params` and the checks are made from these declarations. A stage opens no other file under
+data/, results/ or config/ than its inputs, its `may_read` files, and experiment.yaml.
+"""
+
+from strandcast.config.experiment import Experiment
+from strandcast.stages import files, page_files
+from strandcast.stages.files import (
+    LAB_PHOTOS,
+    SUPPLIED_FILES,
+    Scope,
+    every,
+    every_or_excluded,
+    latest,
+    logged,
+    past,
+    played_motions,
+    raw,
+    results,
+    so_far,
+    this,
+)
+from strandcast.stages.job import Role, Stage
+
+RAW = "data/{experiment}/trial-{trial}/"
+TRIAL = "results/{experiment}/trial-{trial}/"
+EXPERIMENT = "results/{experiment}/"
+CAMERA = EXPERIMENT + "cameras/{camera}"
+_CALIBRATION = (
+    *("scale", "lens_photos", "lens_video", "plane_photo", "board", "plane", "distortion"),
+    *("string_offset_m", "string_offset_sd_m"),
+)
+ALL_SETTINGS = tuple(Experiment.model_fields)  # the pages print all settings
+
+
+def _throws(scope: Scope) -> dict[str, Role]:
+    """Return the roles of throws, as the fit and the planner read them."""
+    return {
+        "track": results(scope, "track.parquet"),
+        "alignment": results(scope, "alignment.json"),
+        "hand": results(scope, "hand.parquet"),
+        "verdict": results(scope, "verdict.json"),
+        "motion": played_motions(scope),
+        "joints": logged(scope, "joints.csv"),
+        "run": logged(scope, "run.json"),
+    }
+
+
+_DECLARED = (
+    Stage(
+        "lab_calibrate",
+        inputs={"arm": files.arm},
+        outputs={
+            "photos": [f"data/{{experiment}}/{name}" for name in LAB_PHOTOS],
+            "plane": "data/{experiment}/calibration/plane.png",
+        },
+        settings=(
+            *("cameras.*.board", "cameras.*.plane", "workspace_m", "string.length_m", "seed", "target_m"),
+            *("lab.camera", "lab.led", "align.led.x_m", "align.led.y_m"),
+        ),
+    ),
+    Stage(
+        "lab_throw",
+        inputs={
+            "motion": results(this, "motion.json"),
+            "plane": files.plane,
+            "arm": files.arm,
+        },
+        outputs={
+            "video": RAW + "video.mp4",
+            "joints": RAW + "joints.csv",
+            "run": RAW + "run.json",
+            "motion": RAW + "motion.json",
+            "truth": TRIAL + "lab_truth.parquet",
+        },
+        settings=(
+            *("cameras.*.plane", "workspace_m", "string", "seed", "lab", "target_m"),
+            *("align.led.x_m", "align.led.y_m"),
+        ),
+    ),
+    Stage(
+        "ingest",
+        inputs={
+            "video": files.video,
+            "joints": logged(this, "joints.csv"),
+            "run": logged(this, "run.json"),
+            "motion": played_motions(this),
+        },
+        outputs={"manifest": TRIAL + "manifest.json"},
+        hashed_by_stage=("video",),
+        settings=("cameras.*.frame_rate_hz", "cameras.*.missing_policy"),
+        may_read={"others": files.other_manifests},
+    ),
+    Stage(
+        "calibrate",
+        inputs={"lens": files.lens, "plane": files.plane, "manifest": files.pendulum},
+        outputs={"camera": CAMERA + ".json", "picture": CAMERA + ".webp"},
+        settings=(
+            *(f"cameras.*.{name}" for name in _CALIBRATION),
+            *("workspace_m", "string.length_m", "track.background_frames"),
+        ),
+        may_read={"video": files.pendulum_video},
+    ),
+    Stage(
+        "track",
+        inputs={
+            "manifest": results(this, "manifest.json"),
+            "cameras": files.cameras,
+            "arm": files.arm,
+            "background": files.background,
+        },
+        outputs={
+            "observations": TRIAL + "observations.parquet",
+            "summary": TRIAL + "track.json",
+            "strobe": TRIAL + "strobe.webp",
+        },
+        settings=(
+            *("string", "track", "cameras.*.exposure_s", "target_m"),
+            *(f"align.led.{name}" for name in ("x_m", "y_m", "radius_m", "box_px", "gamma")),
+        ),
+        may_read={"video": files.video},  # the manifest holds its hash
+    ),
+    Stage(
+        "reconstruct",
+        inputs={"observations": results(this, "observations.parquet"), "cameras": files.cameras},
+        outputs={"track": TRIAL + "track.parquet", "markers": TRIAL + "markers.parquet"},
+    ),
+    Stage(
+        "align",
+        inputs={
+            "manifest": results(this, "manifest.json"),
+            "markers": results(this, "markers.parquet"),
+            "summary": results(this, "track.json"),
+            "joints": logged(this, "joints.csv"),
+            "run": logged(this, "run.json"),
+            "motion": played_motions(this),
+            "arm": files.arm,
+        },
+        outputs={"alignment": TRIAL + "alignment.json", "hand": TRIAL + "hand.parquet"},
+        settings=("align",),
+    ),
+    Stage(
+        "register_track",
+        inputs={role: raw(name) for role, name in SUPPLIED_FILES.items()},
+        outputs={role: TRIAL + name for role, name in SUPPLIED_FILES.items()},
+        settings=("string.length_m", "string.points"),
+    ),
+    Stage(
+        "score",
+        inputs={
+            "track": results(this, "track.parquet"),
+            "summary": results(this, "track.json"),
+            "alignment": results(this, "alignment.json"),
+        },
+        outputs={"verdict": TRIAL + "verdict.json"},
+        settings=("target_m", "objective", "hit_radius_m"),
+    ),
+    Stage(
+        "estimate",
+        inputs={
+            **_throws(so_far),
+            "previous": results(latest, "ensemble.parquet"),
+            "arm": files.arm,
+        },
+        outputs={
+            "estimate": TRIAL + "estimate.json",
+            "ensemble": TRIAL + "ensemble.parquet",
+            "simulated": TRIAL + "simulated.parquet",
+        },
+        settings=("string", "estimate", "seed"),
+    ),
+    Stage(
+        "plan",
+        inputs={
+            **_throws(past),
+            "estimate": results(latest, "estimate.json"),
+            "ensemble": results(latest, "ensemble.parquet"),
+            "arm": files.arm,
+        },
+        outputs={"motion": TRIAL + "motion.json"},
+        settings=(
+            *("string", "plan", "seed", "start_string", "workspace_m", "target_m", "objective"),
+            *("hit_radius_m", "estimate.reading", "estimate.integrator", "estimate.dt_s", "estimate.joints"),
+        ),
+    ),
+    Stage(
+        "register_motion",
+        inputs={"motion": raw("motion.json")},
+        outputs={"motion": TRIAL + "motion.json"},
+    ),
+    Stage(
+        "report",
+        inputs={
+            "results": page_files.shown(this),
+            "next_motion": page_files.next_motion,
+            "previous": page_files.shown(latest),
+            "arm": files.arm,
+        },
+        outputs={"page": TRIAL + "report.html"},
+        settings=ALL_SETTINGS,
+        may_read={
+            "shown": results(so_far, *page_files.ON_PAGE),
+            "cameras": files.cameras,
+            "planned": page_files.motion_after,
+        },
+    ),
+    Stage(
+        "summary",
+        inputs={
+            "motion": page_files.first_motion,
+            "pages": results(every_or_excluded, "report.html"),
+            "results": page_files.shown(every),
+            "next_motion": page_files.next_motion,
+            "arm": files.arm,
+        },
+        outputs={"page": EXPERIMENT + "report.html", "summary": EXPERIMENT + "summary.json"},
+        settings=ALL_SETTINGS,
+        may_read={
+            "shown": results(every_or_excluded, *page_files.ON_PAGE),
+            "cameras": files.cameras,
+            "pictures": files.camera_pictures,
+            "planned": page_files.motion_after,
+        },
+    ),
+)
+
+STAGES: dict[str, Stage] = {stage.name: stage for stage in _DECLARED}

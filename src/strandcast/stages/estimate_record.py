@@ -1,0 +1,202 @@
+"""The estimate as files: the record estimate.json, the tables of ensemble.parquet and simulated.parquet."""
+
+import numpy as np
+
+from strandcast.arm.kinematics import hand_pose
+from strandcast.arm.load import Arm
+from strandcast.arm.servo_response import HeldOut as Predicted
+from strandcast.arm.servo_response import Response
+from strandcast.core.strings import PARAMETERS, UNITS
+from strandcast.dynamics.masses import MassLayout
+from strandcast.dynamics.model import StringModel
+from strandcast.estimation.fit import StringFit
+from strandcast.estimation.uncertainty import RISE
+from strandcast.records.estimate import (
+    ConvergenceStep,
+    Estimate,
+    HeldOutError,
+    ParameterFit,
+    ParameterUncertainty,
+    ServoFit,
+    WeightFit,
+)
+from strandcast.records.motion import StringSet
+from strandcast.seeds import seed_of
+from strandcast.stages.context import Context
+from strandcast.stages.past_trials import Trial
+
+
+def estimate_record(
+    context: Context,
+    model: StringModel,
+    layout: MassLayout,
+    trials: list[Trial],
+    fit: StringFit,
+    servo: ServoFit | None,
+    planned_from: dict[str, str],
+) -> Estimate:
+    """Return estimate.json of the newest trial; `planned_from` has the hashes of the files that were read."""
+    settings, seed = context.settings.estimate, context.settings.seed
+    newest = trials[-1]
+    kept = [t.number for t, weight in zip(trials, fit.trial_weights, strict=True) if weight > 0]
+    return Estimate(
+        experiment=context.name,
+        trial=newest.number,
+        trials_used=kept,
+        length_m=model.length_m,
+        points=model.points,
+        reading=model.reading,
+        integrator=model.integrator,
+        dt_s=model.dt_s,
+        search=settings.search,
+        ranges=settings.ranges if isinstance(settings.ranges, str) else "given",
+        start_shape=settings.start_shape,
+        evaluation=settings.evaluation,
+        w=settings.w,
+        seed=seed_of(context.name, seed, newest.number, "estimate"),
+        string=StringSet.first_of(fit.best),
+        parameters=[
+            ParameterFit(name=name, unit=UNITS[name], **_fitted_range(fit, k))
+            for k, name in enumerate(PARAMETERS)
+        ],
+        weights=_weight_fits(context, fit, layout),
+        options={
+            name: float(fit.space.values(fit.chi)[k])
+            for k, name in enumerate(fit.space.names)
+            if k >= len(PARAMETERS) + layout.count
+        },
+        frames_used=fit.frames_used,
+        E_planned_m=_finite(fit.E_planned_m),
+        E_m=fit.E_m,
+        E_weighted_m=fit.E_weighted_m,
+        E_points_m=[_finite(value) for value in fit.E_points_m],
+        step_change_m=_finite(fit.step_change_m),
+        rmse_m=fit.rmse_m,
+        tip_error_m=_finite(fit.tip_error_m),
+        held_out=[HeldOutError(what=h.what, E_m=h.E_m) for h in fit.held_out if np.isfinite(h.E_m)],
+        convergence=[
+            ConvergenceStep(evaluations=int(count), best_m=float(best))
+            for count, best in zip(*fit.convergence, strict=True)
+            if np.isfinite(best)
+        ],
+        evaluations=fit.evaluations,
+        rejected=fit.rejected,
+        converged=fit.converged,
+        uncertainty=uncertainty_record(fit),
+        servo=servo,
+        planned_from=planned_from,
+        warnings=list(fit.warnings),
+    )
+
+
+def _fitted_range(fit: StringFit, k: int) -> dict[str, float]:
+    return {
+        "value": float(fit.space.values(fit.chi)[k]),
+        "exponent": float(fit.chi[k]),
+        "minimum": float(fit.space.bounds[k, 0]),
+        "maximum": float(fit.space.bounds[k, 1]),
+        "at_bound": bool(fit.at_bound[k]),
+        "ensemble_low": float(fit.low[k]),
+        "ensemble_high": float(fit.high[k]),
+    }
+
+
+def _weight_fits(context: Context, fit: StringFit, layout: MassLayout) -> list[WeightFit]:
+    found = []
+    weights = len(context.settings.string.weights)
+    for k in range(layout.count):
+        numbers = _fitted_range(fit, len(PARAMETERS) + k)
+        numbers.pop("exponent")
+        kind = "weight" if k < weights else "stiff"
+        found.append(WeightFit(place_m=float(layout.places_m[k]), kind=kind, **numbers))
+    return found
+
+
+def uncertainty_record(fit: StringFit) -> ParameterUncertainty:
+    """Return the uncertainty of the unknowns as values: in decades, or in their own units."""
+    known, space = fit.uncertainty, fit.space
+    linear = space.is_linear()
+    width = np.where(linear, space.bounds[:, 1] - space.bounds[:, 0], known.decades)
+    return ParameterUncertainty(
+        unknowns=list(space.names),
+        in_decades=np.logical_not(linear).tolist(),
+        conditional_sd=(known.conditional * width).tolist(),
+        marginal_sd=(known.marginal * width).tolist(),
+        correlation=np.round(known.correlation, 4).tolist(),
+        noise_m=known.noise_m,
+        measurements_per_datum=known.per_datum,
+        gauge_fixed=known.gauge_fixed,
+        profile_rise=RISE,
+        profile_low=[_finite(value) for value in space.values(known.low)],
+        profile_high=[_finite(value) for value in space.values(known.high)],
+        profile_low_open=known.open_low.tolist(),
+        profile_high_open=known.open_high.tolist(),
+    )
+
+
+def servo_record(arm: Arm, response: Response) -> ServoFit:
+    """Return the fitted response of the servos as a record."""
+    servo, held_out = response.servo, response.held_out
+    return ServoFit(
+        delay_s=servo.delay_s.tolist(),
+        natural_frequency_rad_s=servo.natural_frequency_rad_s.tolist(),
+        damping_ratio=servo.damping_ratio.tolist(),
+        gain=servo.gain.tolist(),
+        residual_rad=_finite_list(response.residual_rad),
+        delay_sd_s=_finite_list(response.delay_sd_s),
+        time_constant_s=servo.time_constant_s.tolist(),
+        time_constant_sd_s=_finite_list(response.time_constant_sd_s),
+        lag_s=servo.lag_s.tolist(),
+        lag_sd_s=_finite_list(response.lag_sd_s),
+        fitted_gain=_finite_list(response.gain),
+        fitted_gain_sd=_finite_list(response.gain_sd),
+        held_out=None if held_out is None else held_out.what,
+        held_out_rad=None if held_out is None else _finite_list(held_out.error_rad),
+        held_out_hand_m=None if held_out is None else _finite(_hand_error_m(arm, held_out)),
+    )
+
+
+def _hand_error_m(arm: Arm, held_out: Predicted) -> float:
+    """Return the distance of the hand at predicted joints from that at the measured ones, rms [m]."""
+    predicted, measured = (
+        hand_pose(arm.chain, arm.clamp, q).position_m for q in (held_out.predicted_rad, held_out.measured_rad)
+    )
+    return float(np.sqrt(np.nanmean(((predicted - measured) ** 2).sum(axis=1))))
+
+
+def _finite_list(values: np.ndarray) -> list[float | None]:
+    """Return numbers as a record stores them: None for a joint that stood still."""
+    return [_finite(float(value)) for value in values]
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(value)
+
+
+def ensemble_table(fit: StringFit) -> dict[str, np.ndarray]:
+    """Return the columns of ensemble.parquet."""
+    strings = fit.members
+    columns = {"member": np.arange(len(strings)), "E_m": fit.member_values_m}
+    columns |= dict(zip(PARAMETERS, strings.parameters.T, strict=True))
+    columns |= {f"mass_{k + 1}": mass for k, mass in enumerate(strings.masses.T)}
+    columns |= {f"weight_{k + 1}": mass for k, mass in enumerate(strings.free_masses.T)}
+    return columns | strings.options()
+
+
+def simulated_table(fit: StringFit, trial: Trial) -> dict[str, np.ndarray]:
+    """Return the columns of simulated.parquet: the newest throw under the planned and the fitted string."""
+    paths = [("planned", fit.planned_m), ("fitted", fit.fitted_m)]
+    tables = [_points_table(name, points, fit, trial) for name, points in paths if points is not None]
+    return {column: np.concatenate([table[column] for table in tables]) for column in tables[0]}
+
+
+def _points_table(source: str, points_m: np.ndarray, fit: StringFit, trial: Trial) -> dict[str, np.ndarray]:
+    frame, point = np.nonzero(np.isfinite(points_m).all(axis=2))
+    return {
+        "source": np.full(len(frame), source, dtype=object),
+        "frame": trial.track.frame[fit.frames[frame]],
+        "robot_time_s": fit.time_s[frame],
+        "point": point,
+        "x_m": points_m[frame, point, 0],
+        "y_m": points_m[frame, point, 1],
+    }

@@ -1,0 +1,155 @@
+"""The files of one job of a stage, by role and by trial.
+
+A role is a function that returns the files of one kind for a job, e.g.
+``results(this, "track.parquet")``. A scope is a function that returns the trials that a role covers.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from strandcast.config.bounded import load_toml, read_bounded
+from strandcast.stages.job import Job, Role
+
+Scope = Callable[[Job], list[int]]
+
+
+def this(job: Job) -> list[int]:
+    """Return the trial itself."""
+    return [job.trial]
+
+
+def past(job: Job) -> list[int]:
+    """Return the trials before this one that are not excluded."""
+    return job.context.counted_before(job.trial)
+
+
+def latest(job: Job) -> list[int]:
+    """Return the last of the past trials, if any."""
+    return past(job)[-1:]
+
+
+def so_far(job: Job) -> list[int]:
+    """Return the past trials and this one, even if this one is excluded."""
+    return [*past(job), job.trial]
+
+
+def every(job: Job) -> list[int]:
+    """Return all trials of an experiment that are not excluded."""
+    return job.context.counted(job.trials)
+
+
+def every_or_excluded(job: Job) -> list[int]:
+    """Return all trials of an experiment, excluded ones too."""
+    return list(job.trials)
+
+
+def results(scope: Scope, *names: str) -> Role:
+    """Return the role of result files of trials."""
+    return lambda job: _results(job, scope(job), *names)
+
+
+def cameras(job: Job) -> list[Path]:
+    """Return the records of the experiment's cameras."""
+    return [job.context.folder.camera(name) for name in job.context.settings.cameras]
+
+
+def camera_pictures(job: Job) -> list[Path]:
+    """Return the pictures of the cameras' calibrations."""
+    return [path.with_suffix(".webp") for path in cameras(job)]
+
+
+def raw(name: str) -> Role:
+    """Return the role of a raw file of the trial."""
+    return lambda job: [job.folder.data / name]
+
+
+def played_motions(scope: Scope) -> Role:
+    """Return the role of the motions that were played; an imported trial may have none."""
+    return lambda job: _raw_if_there(job, scope(job), "motion.json")
+
+
+def logged(scope: Scope, name: str) -> Role:
+    """Return the role of joint logs or their records, of the trials that have a log."""
+    return lambda job: [path.with_name(name) for path in _raw_if_there(job, scope(job), "run.json")]
+
+
+def video(job: Job) -> list[Path]:
+    """Return the files of the trial's video; the lab's is video.mp4."""
+    return [job.folder.data / "video.mp4"] if job.is_lab else job.folder.video_files()
+
+
+def other_manifests(job: Job) -> list[Path]:
+    """Return the manifests of the experiment's other trials that have been ingested."""
+    folder = job.context.folder
+    numbers = (number for number in folder.recorded_trials() if number != job.trial)
+    return [path for number in numbers if (path := folder.trial(number).results / "manifest.json").is_file()]
+
+
+def arm(job: Job) -> list[Path]:
+    """Return the arm's file and its URDF."""
+    path = job.context.arm_file
+    try:
+        urdf = path.parent / load_toml(read_bounded(path))["urdf"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return [path]  # the stage reports what is wrong with it
+    return [path, urdf] if urdf.is_file() else [path]
+
+
+LAB_PHOTOS = tuple(f"calibration/lens-{number:02d}.png" for number in range(1, 13))
+
+
+def lens(job: Job) -> list[Path]:
+    """Return the photos or the video of the lens board; none with ``camera.scale: arc``."""
+    camera, folder = job.context.settings.camera, job.context.folder.data
+    if camera.scale == "arc":
+        return []
+    if camera.lens_video is not None:
+        return [folder / camera.lens_video]
+    return [folder / name for name in LAB_PHOTOS] if job.is_lab else sorted(folder.glob(camera.lens_photos))
+
+
+def plane(job: Job) -> list[Path]:
+    """Return the photo of the plane of motion; none with ``camera.scale: arc``."""
+    camera = job.context.settings.camera
+    return [] if camera.scale == "arc" else [job.context.folder.data / camera.plane_photo]
+
+
+def pendulum(job: Job) -> list[Path]:
+    """Return the manifest of the first trial if its pendulum gives the scale (``camera.scale: arc``)."""
+    by_arc = job.context.settings.camera.scale == "arc"
+    return _results(job, [1], "manifest.json") if by_arc else []
+
+
+def pendulum_video(job: Job) -> list[Path]:
+    """Return the video of the first trial if its pendulum gives the scale (``camera.scale: arc``)."""
+    return video(Job(job.context, 1)) if job.context.settings.camera.scale == "arc" else []
+
+
+def background(job: Job) -> list[Path]:
+    """Return the picture of the empty scene, if the experiment gives one."""
+    picture = job.context.background_picture
+    return [] if picture is None else [picture]
+
+
+# Role -> name of the files of a trial that was measured elsewhere.
+SUPPLIED_FILES = {
+    "track": "track.parquet",
+    "summary": "track.json",
+    "alignment": "alignment.json",
+    "hand": "hand.parquet",
+}
+
+
+def supplied(job: Job, trial: int) -> bool:
+    """Return whether a trial's track was measured elsewhere and supplied beside its raw files."""
+    return (job.context.folder.trial(trial).data / "track.parquet").is_file()
+
+
+def _results(job: Job, trials: list[int], *names: str) -> list[Path]:
+    return [job.context.folder.trial(number).results / name for number in trials for name in names]
+
+
+def _raw_if_there(job: Job, trials: list[int], name: str) -> list[Path]:
+    """Return a raw file of each trial that has it; the lab's trials will have it."""
+    paths = (job.context.folder.trial(number).data / name for number in trials)
+    return [path for path in paths if job.is_lab or path.is_file()]

@@ -1,0 +1,11 @@
+"""Take the calibration photos of a lab experiment."""
+
+from strandcast.arm.load import load_arm
+from strandcast.lab.throw import photograph_boards
+from strandcast.stages.job import Files, Job
+
+
+def run(job: Job, files: Files) -> None:
+    """Write the calibration photos."""
+    context = job.context
+    photograph_boards(context.settings, context.name, load_arm(files.input("arm")), context.folder.data)

@@ -1,0 +1,64 @@
+"""The results that the pages show: of one trial, of all trials, and the motion that comes next."""
+
+from pathlib import Path
+
+from strandcast.stages import files
+from strandcast.stages.files import Scope, played_motions
+from strandcast.stages.job import Job, Role
+
+TRIAL_FILES = (
+    "track.parquet",
+    "track.json",
+    "alignment.json",
+    "hand.parquet",
+    "verdict.json",
+    "estimate.json",
+    "ensemble.parquet",
+    "simulated.parquet",
+)
+# Files that a page shows if they exist, also of excluded and supplied trials.
+ON_PAGE = (*TRIAL_FILES, "manifest.json", "strobe.webp", "motion.json", "lab_truth.parquet")
+
+
+def shown(scope: Scope) -> Role:
+    """Return the role of the results that a page shows of trials that are not excluded."""
+
+    def found(job: Job) -> list[Path]:
+        trials = job.context.counted(scope(job))
+        paths = [path for number in trials for path in _shown_of(job, number)]
+        return list(dict.fromkeys(paths))
+
+    return found
+
+
+def _shown_of(job: Job, trial: int) -> list[Path]:
+    context = job.context
+    by_camera = not files.supplied(job, trial)
+    names = [*TRIAL_FILES, *(["manifest.json", "strobe.webp"] if by_camera else [])]
+    names += ["lab_truth.parquet"] if job.is_lab else []
+    names += ["motion.json"] if _is_played(job, trial) else []
+    camera = files.cameras(job) if by_camera else []
+    return [context.folder.trial(trial).results / name for name in names] + camera
+
+
+def next_motion(job: Job) -> list[Path]:
+    """Return the motion of the next trial; none follows a supplied track without its motion."""
+    last = job.trial or max(job.trials, default=0)
+    planned = not files.supplied(job, last) or _is_played(job, last)
+    return motion_after(job) if last and planned and job.context.counted([last]) else []
+
+
+def first_motion(job: Job) -> list[Path]:
+    """Return the motion to begin with, for a real experiment without a recorded trial."""
+    begun = job.is_lab or job.context.folder.recorded_trials()
+    return [] if begun else [job.context.folder.trial(1).results / "motion.json"]
+
+
+def _is_played(job: Job, trial: int) -> bool:
+    return bool(played_motions(lambda _: [trial])(job))
+
+
+def motion_after(job: Job) -> list[Path]:
+    """Return the place of the motion after the last trial, which may not be planned yet."""
+    last = job.trial or max(job.trials, default=0)
+    return [job.context.folder.trial(last + 1).results / "motion.json"]

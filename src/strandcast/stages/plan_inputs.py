@@ -1,0 +1,78 @@
+"""Inputs of the planner: the task, the strings, the past trials."""
+
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.arm.load import Arm
+from strandcast.arm.servo import Servo
+from strandcast.config.experiment import Experiment
+from strandcast.core.strings import StringBatch
+from strandcast.dynamics.masses import MassLayout
+from strandcast.dynamics.model import StringModel
+from strandcast.planning.past_trials import Measured, PastTrial, past_trial
+from strandcast.planning.start_strings import start_strings
+from strandcast.planning.task import PlanningTask
+from strandcast.records.estimate import ServoFit
+from strandcast.stages.context import Context
+from strandcast.stages.past_trials import Trial, read_members, string_model
+
+
+def first_inputs(context: Context, arm: Arm, random: np.random.Generator) -> tuple[PlanningTask, StringBatch]:
+    """Return the task and plausible strings, for the first motion."""
+    model, layout = string_model(context, arm)
+    strings = start_strings(context.settings, model.length_m, layout, random)
+    return _task(context.settings, arm, model), strings
+
+
+def next_inputs(context: Context, arm: Arm, ensemble: Path) -> tuple[PlanningTask, StringBatch]:
+    """Return the task and the strings fitted to past trials, for a later motion."""
+    model, layout = string_model(context, arm)
+    return _task(context.settings, arm, model), fitted_strings(ensemble, layout)
+
+
+def _task(settings: Experiment, arm: Arm, model: StringModel) -> PlanningTask:
+    return PlanningTask(
+        arm,
+        model,
+        np.array(settings.target_m),
+        settings.hit_radius_m,
+        arm.workspace if settings.workspace_m is None else settings.workspace_m,
+        settings.objective,
+    )
+
+
+def fitted_strings(path: Path, layout: MassLayout) -> StringBatch:
+    """Read the fitted strings, without the unknowns that only concern the measurement or the fit."""
+    fitted = read_members(path, layout)
+    return StringBatch(
+        fitted.parameters,
+        fitted.masses,
+        fitted.rest_curl_rad_m,
+        fitted.clamp_offset_rad,
+        fitted.bend_factor,
+        fitted.bend_friction,
+    )
+
+
+def past_trial_of(trial: Trial, step_s: float) -> PastTrial:
+    """Return a trial on its motion's own clock, joints every `step_s`."""
+    motion, log, start_s = trial.motion, trial.log, trial.alignment.motion_start_s
+    assert motion is not None
+    if log is None:  # a supplied track: the joints are taken to have followed the commands
+        time_s, q_rad = motion.trajectory().time_s, motion.trajectory().q_rad
+    else:
+        columns = [log.joint_names.index(name) for name in motion.joint_names]
+        time_s, q_rad = log.time_s - start_s, log.q_rad[:, columns]
+    measured = Measured(
+        time_s, q_rad, trial.frame_time_s - start_s, trial.track.detected_m(), trial.verdict.miss_m
+    )
+    return past_trial(motion, measured, step_s)
+
+
+def servo_of(fit: ServoFit | None) -> Servo | None:
+    """Return the fitted response of the joints, if there is one."""
+    if fit is None:
+        return None
+    numbers = (fit.delay_s, fit.natural_frequency_rad_s, fit.damping_ratio, fit.gain)
+    return Servo(*(np.array(values) for values in numbers))

@@ -1,0 +1,17 @@
+"""Observations and camera records to metres: track.parquet, markers.parquet."""
+
+from strandcast.reconstruction.reconstruct import reconstruct
+from strandcast.records.camera import Camera
+from strandcast.records.observations import read_observations
+from strandcast.records.tables import write_table
+from strandcast.records.track import MARKERS, TRACK
+from strandcast.stages.job import Files, Job
+
+
+def run(job: Job, files: Files) -> None:
+    """Reconstruct the track of one trial from its observations and the records of their cameras."""
+    observations = read_observations(files.input("observations"))
+    cameras = {camera: Camera.read(job.context.folder.camera(camera)) for camera in observations}
+    track, markers = reconstruct(observations, cameras)
+    write_table(files.output("track"), TRACK, track.columns())
+    write_table(files.output("markers"), MARKERS, markers)

@@ -1,0 +1,1 @@
+"""Weights and stiff sections detected on the string."""

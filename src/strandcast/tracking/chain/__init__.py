@@ -1,0 +1,1 @@
+"""The string as a chain of links, fitted to every frame."""

@@ -1,0 +1,145 @@
+"""The first pass: track the string both ways from its clearest frame, then retrack weak stretches."""
+
+import itertools
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from strandcast.progress import Progress
+from strandcast.tracking.chain.detection import Detection, detect_string
+from strandcast.tracking.chain.fit import FrameFit
+from strandcast.tracking.chain.frames import StringFrames
+from strandcast.tracking.chain.motion import ChainState
+from strandcast.tracking.chain.tracker import BETTER, GOOD, LINK_M, WORSE, ChainTracker
+from strandcast.tracking.tracker import StringHint
+
+# Frames in which the string is detected without its neighbours: the larger number only where the smaller one
+# shows the string's end in fewer than SHOWN good frames. Chosen; not sensitive.
+SURVEYED = (6, 24)
+SHOWN = 4
+CLEAR_REWARD = 0.5  # chosen: reward from which a node counts as the first visible one
+ANCHORS = 4  # chosen: best detections tried as the start
+
+
+def chain_of(string: StringHint) -> tuple[int, int]:
+    """Return the number of links of the tracker's chain, and the links per mass point."""
+    links_per_point = max(1, round(string.length_m / string.points / LINK_M))
+    return links_per_point * string.points, links_per_point
+
+
+def survey(
+    frames: StringFrames, candidates: np.ndarray, string: StringHint, polarity: float | None
+) -> list[Detection]:
+    """Return detections of the string in frames spread over the candidates (K,)."""
+    links, _ = chain_of(string)
+    found: dict[int, Detection | None] = {}
+    for count in SURVEYED:
+        spread = np.unique(np.linspace(0, len(candidates) - 1, count).astype(int))
+        for index in candidates[spread].tolist():
+            frame = frames.at(index) if index not in found else None
+            if frame is not None:
+                found[index] = detect_string(
+                    index, frame, links, string.length_m / links, string.thickness_m, polarity
+                )
+        detections = [one for index in sorted(found) if (one := found[index]) is not None]
+        good = [one for one in detections if one.fit.value >= GOOD]
+        if len(good) >= SHOWN and sum(np.isfinite(one.end_m) for one in good) >= SHOWN:
+            break
+    return detections
+
+
+def track_bidirectional(
+    frames: StringFrames, detections: list[Detection], tracker: ChainTracker
+) -> list[FrameFit | None]:
+    """Track the string both ways from the best detection; returns the fit per frame, None where not found.
+
+    The tracker knows the string's appearance and length, and counts its redetections.
+    """
+    count = len(frames)
+    progress, done = Progress("track: string", total=count), itertools.count(2)
+    anchor, fit = best_anchor(frames, detections, tracker)
+    fits: list[FrameFit | None] = [None] * count
+    fits[anchor] = fit
+
+    def one_way(order: range) -> int:
+        own = tracker.copy()
+        own.restart(states_at(frames, fits, [anchor]))
+        for index in order:
+            frame = frames.at(index)
+            fits[index] = own.step(frame) if frame is not None else None
+            progress(next(done))
+        return own.redetections
+
+    # The kernels release the GIL; the two directions run in parallel and write to different frames.
+    with ThreadPoolExecutor(2) as pool:
+        ways = pool.map(one_way, (range(anchor + 1, count), range(anchor - 1, -1, -1)))
+        tracker.redetections += sum(ways)
+    retrack(frames, fits, anchor, tracker)
+    return fits
+
+
+def best_anchor(
+    frames: StringFrames, detections: list[Detection], tracker: ChainTracker
+) -> tuple[int, FrameFit]:
+    """Return the frame that shows the string best, and the string there."""
+    ranked = sorted(detections, key=lambda one: one.fit.value * one.fit.open_share, reverse=True)[:ANCHORS]
+    tried = []
+    for detection in ranked:
+        frame = frames.at(detection.frame)
+        assert frame is not None
+        tried.append((detection.frame, tracker.fit(frame, detection.fit.heading)))
+    return max(tried, key=lambda one: one[1].value * one[1].open_share)
+
+
+def retrack(frames: StringFrames, fits: list[FrameFit | None], anchor: int, tracker: ChainTracker) -> None:
+    """Track weak stretches from their far end, in place, and keep the better fits."""
+    values = np.array([np.nan if fit is None else fit.value for fit in fits])
+    bar = max(GOOD, float(np.nanmedian(values)) - WORSE)
+    weak = np.array([fit is None or fit.value < bar or fit.end_is_off for fit in fits])
+    for first, last in runs(weak):
+        after = first > anchor
+        known = last + 1 if after else first - 1
+        beyond = known + 1 if after else known - 1
+        if not (0 <= known < len(fits)):
+            continue
+        tracker.restart(states_at(frames, fits, [beyond, known]))
+        for index in range(last, first - 1, -1) if after else range(first, last + 1):
+            frame = frames.at(index)
+            fit = tracker.step(frame) if frame is not None else None
+            old = fits[index]
+            if fit is not None and (old is None or fit.value > old.value + BETTER):
+                fits[index] = fit
+
+
+def states_at(frames: StringFrames, fits: list[FrameFit | None], indices: list[int]) -> list[ChainState]:
+    """Return the chain at the given frames, without those in which it was not found."""
+    states = []
+    for index in indices:
+        fit = fits[index] if 0 <= index < len(fits) else None
+        if fit is not None:
+            states.append(ChainState(float(frames.time_s[index]), fit.root, fit.heading))
+    return states
+
+
+def clamp_paths(frames: StringFrames, fits: list[FrameFit | None]) -> tuple[np.ndarray, np.ndarray]:
+    """Return path lengths and directions (K,) as `fit_clamp` takes them, from frames that show the tip."""
+    paths = []
+    for index, fit in enumerate(fits):
+        if fit is None or fit.end_is_off or fit.value < GOOD:
+            continue
+        clear = np.flatnonzero(fit.reward[:-1] >= CLEAR_REWARD)
+        if len(clear) and np.isfinite(fit.tip_slide_m):
+            first = clear[0]
+            hidden_m = float(np.hypot(*(fit.nodes()[first] - frames.clamp_m(index))))
+            along_m = fit.link_m * (len(fit.heading) - first) + fit.tip_slide_m
+            paths.append((hidden_m + along_m, fit.heading[first] - frames.hand.pose.angle_rad[index]))
+    both = np.array(paths).reshape(-1, 2)
+    return both[:, 0], both[:, 1]
+
+
+def runs(mask: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Yield first and last index of each run of true values (F,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    for first, end in edges.reshape(-1, 2).tolist():
+        yield first, end - 1

@@ -1,0 +1,131 @@
+"""Detect the string in single frames, and learn its appearance as medians, robust to single bad frames."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strandcast.tracking.chain.appearance import Appearance
+from strandcast.tracking.chain.bead_search import Beads
+from strandcast.tracking.chain.fit import NARROW_PX, ChainModel, FrameFit, PredictedChain, fit_frame
+from strandcast.tracking.chain.frames import FrameInput
+from strandcast.tracking.chain.measure import LEAST_CONTRAST, level_at, measure_appearance, noise_of
+from strandcast.tracking.chain.motion import still_half_px
+from strandcast.tracking.chain.tip import end_of_string
+from strandcast.tracking.chain.tracker import GOOD, find_string
+
+# All chosen on the drawn and lab videos of the tracking benchmark.
+NOISE_TIMES = 5.0  # a line this many times the noise is taken for the string while its contrast is unknown
+LEAST_HALF_PX = 0.6  # of the string's visible half width
+FIRST_REACH_M = 0.03  # from the tip to the visible end: a bead's radius,
+FIRST_REACH_SHARE = 0.15  # and an error of the length, relative
+LENGTH_SPREAD = 0.02  # of the length, within which half of the detections' ends must agree
+FOUND = 0.35  # mean reward of a path that is the string
+BEAD_TIMES = 1.6  # wider than this, in the string's own widths plus a pixel, is a bead at the tip
+BEAD_FRAMES, BEAD_SHARE = 3, 0.6  # frames, and share of those with a clear end, that must show a bead there
+OPEN_SHARE = 0.9  # of the largest open share, from which a frame shows the string's end well
+NO_BEADS, NO_PLACES = Beads(np.zeros(0), np.zeros(0), np.zeros(0)), np.zeros((0, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """The string as one frame alone shows it."""
+
+    frame: int
+    appearance: Appearance
+    fit: FrameFit
+    end_m: float  # how far beyond the chain's tip the string ends; NaN if that is not clear
+    end_half_m: float  # half its width near that end
+    end_level: float  # grey level half that width before the end
+
+
+def detect_string(
+    frame: int,
+    given: FrameInput,
+    links: int,
+    link_m: float,
+    thickness_m: float | None,
+    polarity: float | None,
+) -> Detection | None:
+    """Detect the string in a single frame; None where nothing long and thin leaves the clamp.
+
+    A known thickness and polarity (as in `Appearance`) are kept; those given as None are measured.
+    """
+    window = given.window
+    scale = window.plane.metre_per_pixel
+    noise = noise_of(window)
+    half_m = 0.5 * thickness_m if thickness_m else 1.0 * scale
+    contrast = max(NOISE_TIMES * noise, LEAST_CONTRAST)
+    appearance = Appearance(
+        max(half_m, LEAST_HALF_PX * scale), contrast, polarity=polarity or 0.0, noise=noise
+    )
+    heading, value = find_string(given, None, links, link_m, appearance)
+    if value < FOUND:
+        return None
+    fit = _fit_free(given, heading, link_m, appearance)
+    for _ in range(2):
+        appearance = measure_appearance(window, fit, appearance)
+        if polarity is not None:
+            appearance = appearance._replace(polarity=polarity)
+        if thickness_m is not None:
+            appearance = appearance._replace(half_m=max(0.5 * thickness_m, LEAST_HALF_PX * scale))
+        fit = _fit_free(given, fit.heading, link_m, appearance)
+    reach_m = FIRST_REACH_M + FIRST_REACH_SHARE * links * link_m
+    return _with_end(frame, given, appearance, fit, reach_m)
+
+
+def _fit_free(given: FrameInput, heading: np.ndarray, link_m: float, appearance: Appearance) -> FrameFit:
+    """Fit the chain without holding its tip."""
+    half_px = still_half_px(appearance, len(heading), given.window)
+    expected = PredictedChain(given.clamp_m, heading, heading, half_px, NO_PLACES)
+    fit: FrameFit = fit_frame(
+        given.window, ChainModel(link_m, appearance, NO_BEADS), expected, NARROW_PX, False
+    )
+    return fit
+
+
+def _with_end(
+    frame: int, given: FrameInput, appearance: Appearance, fit: FrameFit, reach_m: float
+) -> Detection:
+    """Return the detection with the string's end, searched within `reach_m` of the chain's tip."""
+    nodes = fit.nodes()
+    end_m, half_px = end_of_string(given.window, nodes, fit.heading, appearance, reach_m)
+    half_m = half_px * given.window.plane.metre_per_pixel
+    along = np.array([np.cos(fit.heading[-1]), np.sin(fit.heading[-1])])
+    level = level_at(given.window, nodes[-1] + (end_m - half_m) * along) if np.isfinite(end_m) else np.nan
+    return Detection(frame, appearance, fit, end_m, half_m, level)
+
+
+def learn_appearance(detections: list[Detection], pixel_m: float) -> Appearance:
+    """Return the string's appearance: the medians over the detections (at least one) that show it well."""
+    good = [one for one in detections if one.fit.value >= GOOD] or detections
+    appearance = Appearance(
+        half_m=float(np.median([one.appearance.half_m for one in good])),
+        contrast=float(np.median([one.appearance.contrast for one in good])),
+        polarity=float(np.sign(sum(one.appearance.polarity for one in good))),
+        noise=float(np.median([one.appearance.noise for one in good])),
+        level=float(np.median([one.appearance.level for one in good])),
+    )
+    ended = [one for one in good if np.isfinite(one.end_m)]
+    openest = max((one.fit.open_share for one in ended), default=0.0)
+    clear = [one for one in ended if one.fit.open_share >= OPEN_SHARE * openest]
+    wide = [one for one in clear if one.end_half_m > BEAD_TIMES * appearance.half_m + pixel_m]
+    if len(wide) < max(BEAD_FRAMES, BEAD_SHARE * len(clear)):
+        return appearance._replace(tip_excess_m=appearance.half_m)
+    half_m = float(np.median([one.end_half_m for one in wide]))
+    level = float(np.median([one.end_level for one in wide]))
+    return appearance._replace(tip_excess_m=half_m, bead_level=level)
+
+
+def visible_length(detections: list[Detection], appearance: Appearance, given_m: float) -> float:
+    """Return the string's length from the detections' ends, or the given one where they disagree.
+
+    A rough value, so that the chain has about the right length from the start; all frames together show it
+    better.
+    """
+    good = [one for one in detections if one.fit.value >= GOOD and np.isfinite(one.end_m)]
+    if len(good) < BEAD_FRAMES:
+        return given_m
+    beyond_m = np.array([one.end_m for one in good]) - appearance.tip_excess_m
+    middle_m = float(np.median(beyond_m))
+    spread_m = float(np.median(np.abs(beyond_m - middle_m)))
+    return given_m + middle_m if spread_m < LENGTH_SPREAD * given_m else given_m

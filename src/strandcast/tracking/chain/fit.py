@@ -1,0 +1,195 @@
+"""The string in one frame: profiles across the chain, the fit of the chain to them, the tip, and a score."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from strandcast.tracking.chain.appearance import Appearance
+from strandcast.tracking.chain.bead_search import Beads, behind_bead, has_tip_pin, no_pins, pin_beads
+from strandcast.tracking.chain.constraints import NO_TIP, Anchors, Constraints, Stiffness
+from strandcast.tracking.chain.line_scores import blank_hand, rewards_near, score_across
+from strandcast.tracking.chain.links import node_normals, place_nodes, place_on
+from strandcast.tracking.chain.profiles import best_path, line_centre
+from strandcast.tracking.chain.reward import counted_once, mean_reward
+from strandcast.tracking.chain.search_window import SearchWindow, hidden_nodes
+from strandcast.tracking.chain.smoother import fit_headings
+from strandcast.tracking.chain.tip import END_PX, ends_at_tip, locate_tip
+
+# All chosen on the drawn and lab videos of the tracking benchmark.
+DETECTION_PX = 0.45  # standard deviation of a detection across a clear line
+CLEAR = 0.25  # reward below which a detection is not used
+STIFFNESS = Stiffness(change=0.2, bend=1.0, hidden=0.2, prior=0.8, clamp=2.0, root_m=0.0025)
+PATH_STIFFNESS = 0.012  # of the path across profiles, in clear lines per sample²
+WIDE_PX, NARROW_PX = 14.0, 6.0  # how far from the prediction the string is searched, first and then
+MOVED_PX = 0.7  # change of the chain in one round, from which another round is worth it
+ROUNDS = 3  # at most, after the first
+BEND_COST = 0.03  # in mean reward, per squared radian of bend, summed over the joints
+END_COST = 0.15  # in mean reward, for a chain whose end is not the string's
+
+
+class ChainModel(NamedTuple):
+    """The string as the chain is fitted to it: length of a link, appearance, beads."""
+
+    link_m: float
+    appearance: Appearance
+    beads: Beads
+
+
+class PredictedChain(NamedTuple):
+    """The string expected in one frame."""
+
+    clamp_m: np.ndarray  # where it leaves the clamp, (2,)
+    start: np.ndarray  # headings (M,) to start from
+    prior: np.ndarray  # expected headings (M,)
+    half_px: np.ndarray  # half the visible width at each node, blur included, (M + 1,)
+    bead_m: np.ndarray  # where the beads are expected, (B, 2); NaN where the chain gives their place
+
+
+class FrameFit(NamedTuple):
+    """The string in one frame."""
+
+    root: np.ndarray  # where the chain starts (m), (2,)
+    heading: np.ndarray  # of its links, (M,)
+    link_m: float
+    reward: np.ndarray  # of each node, 0 not visible ... 1 clear, (M + 1,)
+    covariances: np.ndarray  # of the nodes, as estimated by the fit (m²), (M + 1, 2, 2)
+    tip_slide_m: float  # from the chain's tip to the string's visible end; NaN if that was not found
+    value: float  # mean reward of the nodes that can be visible, minus costs
+    open_share: float  # share of the chain that can be visible
+    end_is_off: bool  # the tip should be visible but is not where the string ends
+    bead_found: bool  # at the tip
+    doubled: int  # visible nodes along an earlier part of the chain: it may be folded onto itself
+
+    def nodes(self) -> np.ndarray:
+        """Return the chain's nodes (M + 1, 2) (m)."""
+        return np.asarray(place_nodes(self.root, self.heading, self.link_m))
+
+
+class ChainFit(NamedTuple):
+    """A chain fitted to profiles."""
+
+    root: np.ndarray  # (2,)
+    heading: np.ndarray  # (M,)
+    covariances: np.ndarray  # of the nodes, (M + 1, 2, 2)
+    reward: np.ndarray  # of the nodes, (M + 1,)
+
+
+@njit(cache=True, nogil=True)
+def fit_frame(
+    window: SearchWindow, string: ChainModel, expected: PredictedChain, reach_px: float, hold_tip: bool
+) -> FrameFit:
+    """Fit the chain to one frame.
+
+    The string is first searched within `reach_px` of `expected.start`. With `hold_tip`, its visible end holds
+    the chain's tip.
+    """
+    appearance, scale = string.appearance, window.plane.metre_per_pixel
+    chain, (tip, pins) = fit_in_rounds(window, string, expected, reach_px, hold_tip)
+    nodes = place_nodes(chain.root, chain.heading, string.link_m)
+    hidden = hidden_nodes(window, nodes, node_normals(chain.heading), expected.half_px, appearance)
+    hidden &= chain.reward < CLEAR
+    slide_m = tip.along_m if tip.weight > 0 else np.nan
+    bead_found = np.isfinite(appearance.bead_level) and has_tip_pin(pins, string.beads)
+    if bead_found:
+        off = pins.point_m[-1] - place_on(nodes, chain.heading, pins.place_m[-1])
+        slide_m = np.cos(chain.heading[-1]) * off[0] + np.sin(chain.heading[-1]) * off[1]
+    slid = not abs(slide_m) < END_PX * scale
+    end_is_off = (
+        hold_tip and not hidden[-1] and (slid or not ends_at_tip(window, nodes, chain.heading, appearance))
+    )
+    for k in range(len(hidden)):
+        hidden[k] |= behind_bead(k * string.link_m, string.beads)
+    hidden[0] = True
+    once = counted_once(nodes, chain.heading, 2.5 * scale)
+    value, open_share, doubled = mean_reward(chain.reward, hidden, once)
+    bends = chain.heading[1:] - chain.heading[:-1]
+    value -= END_COST * end_is_off + BEND_COST * (bends * bends).sum()
+    return FrameFit(
+        chain.root,
+        chain.heading,
+        string.link_m,
+        chain.reward,
+        chain.covariances,
+        slide_m,
+        value,
+        open_share,
+        end_is_off,
+        bead_found,
+        doubled,
+    )
+
+
+@njit(cache=True)
+def fit_in_rounds(
+    window: SearchWindow, string: ChainModel, expected: PredictedChain, reach_px: float, hold_tip: bool
+) -> tuple[ChainFit, Anchors]:
+    """Return the chain after rounds of profiles and fits, and its anchors."""
+    link_m, scale = string.link_m, window.plane.metre_per_pixel
+    anchors = Anchors(NO_TIP, no_pins())
+    chain = sample_and_fit(window, string, expected, expected.clamp_m, expected.start, reach_px, anchors)
+    moved = largest_shift_m(expected.clamp_m, expected.start, chain.root, chain.heading, link_m)
+    for turn in range(ROUNDS):
+        if hold_tip:
+            nodes = place_nodes(chain.root, chain.heading, link_m)
+            tip, pins = anchors.tip, pin_beads(window, nodes, chain.heading, string.beads, expected.bead_m)
+            if not np.isfinite(string.appearance.bead_level):
+                tip = locate_tip(window, nodes, chain.heading, string.appearance)
+            anchors = Anchors(tip, pins)
+        if turn > 0 and moved < MOVED_PX * scale:
+            break
+        before = chain
+        chain = sample_and_fit(window, string, expected, before.root, before.heading, NARROW_PX, anchors)
+        moved = largest_shift_m(before.root, before.heading, chain.root, chain.heading, link_m)
+    return chain, anchors
+
+
+@njit(cache=True)
+def nearest_turn(angle_rad: float, reference_rad: float) -> float:
+    """Return `angle_rad` plus the whole turns that bring it closest to `reference_rad`."""
+    return float(angle_rad + 2 * np.pi * np.round((reference_rad - angle_rad) / (2 * np.pi)))
+
+
+@njit(cache=True)
+def largest_shift_m(
+    root_before: np.ndarray, before: np.ndarray, root: np.ndarray, heading: np.ndarray, link_m: float
+) -> float:
+    """Return the largest distance of a node between two chains (m)."""
+    off = place_nodes(root, heading, link_m) - place_nodes(root_before, before, link_m)
+    return float(np.sqrt((off[:, 0] ** 2 + off[:, 1] ** 2).max()))
+
+
+@njit(cache=True)
+def sample_and_fit(
+    window: SearchWindow,
+    string: ChainModel,
+    expected: PredictedChain,
+    root: np.ndarray,
+    heading: np.ndarray,
+    reach_px: float,
+    anchors: Anchors,
+) -> ChainFit:
+    """Take profiles across a chain with start (2,) and headings (M,), and fit it to them."""
+    link_m, scale = string.link_m, window.plane.metre_per_pixel
+    nodes = place_nodes(root, heading, link_m)
+    lines = score_across(window, nodes, node_normals(heading), expected.half_px, string.appearance, reach_px)
+    blank_hand(lines, window.hand_box)
+    path = best_path(lines.score, PATH_STIFFNESS, max(1, int(0.8 * link_m / lines.pitch_m)))
+    centre = line_centre(lines.score, path, lines.line_half)
+    count = len(nodes)
+    target = nodes.copy()
+    weight = np.zeros(count)
+    for k in range(1, count):
+        reward = min(max(lines.score[k, path[k]], 0.0), 1.0)
+        across = (centre[k] - lines.half) * lines.pitch_m
+        target[k, 0] += across * lines.normals[k, 0]
+        target[k, 1] += across * lines.normals[k, 1]
+        if reward >= CLEAR and not behind_bead(k * link_m, string.beads):
+            sigma = DETECTION_PX * scale * (1.0 + 0.3 * expected.half_px[k])
+            weight[k] = (reward / sigma) ** 2
+    clamp_rad = nearest_turn(window.hand_box.angle_rad, heading[0])
+    known = Constraints(
+        target, lines.normals, weight, anchors, expected.prior, expected.clamp_m, clamp_rad, STIFFNESS
+    )
+    root, heading, covariances = fit_headings(root, heading, link_m, known, 2)
+    return ChainFit(root, heading, covariances, rewards_near(lines, place_nodes(root, heading, link_m)))

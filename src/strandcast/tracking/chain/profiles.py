@@ -1,0 +1,147 @@
+"""Grey-level profiles across a predicted chain: their line score, and the best path along the chain.
+
+The string differs from the arm by being thin: the core must differ from both flanks. It differs from the
+background by having changed: the core must differ from the learned background. In front of the background,
+the difference alone shows both; in front of the moving arm, which has changed too, the image must show it.
+"""
+
+import numpy as np
+from numba import njit
+
+from strandcast.tracking.chain.search_window import GAP_PX, SearchWindow, levels_at
+from strandcast.tracking.pixel_map import to_pixel
+
+STEP_PX = 0.5  # chosen: spacing of samples across the string
+FLANK_PX = 2.0  # chosen: width of a flank
+
+
+@njit(cache=True)
+def changed_by(difference: float, polarity: float) -> float:
+    """Return the change of a place in the direction of the polarity; 0 if in the other."""
+    return abs(difference) if polarity == 0 else max(0.0, polarity * difference)
+
+
+@njit(cache=True)
+def sample_across(
+    window: SearchWindow,
+    nodes: np.ndarray,
+    normals: np.ndarray,
+    pitch_m: float,
+    half: int,
+    along: int,
+    polarity: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return grey levels along the normal of each node (K, 2), `half` samples to each side, `pitch_m` apart.
+
+    Each sample is the mean of 2 along + 1 places one pitch apart along the string. Polarity as in
+    `Appearance`. The two profiles (K, 2 half + 1) are the image (negative for polarity -1) and its change
+    from the background.
+    """
+    count, width = len(nodes), 2 * half + 1
+    level = np.zeros((count, width))
+    difference = np.zeros((count, width))
+    share = 1.0 / (2 * along + 1)
+    for k in range(count):
+        u0, v0 = to_pixel(nodes[k, 0], nodes[k, 1], window.plane)
+        if u0 < 0 or v0 < 0:
+            continue
+        u1, v1 = to_pixel(
+            nodes[k, 0] + pitch_m * normals[k, 0], nodes[k, 1] + pitch_m * normals[k, 1], window.plane
+        )
+        du, dv = u1 - u0, v1 - v0
+        for w in range(width):
+            u = u0 + (w - half) * du
+            v = v0 + (w - half) * dv
+            now = was = 0.0
+            for a in range(-along, along + 1):
+                one, other = levels_at(window, u - a * dv, v + a * du)
+                now += share * one
+                was += share * other
+            level[k, w] = now if polarity >= 0 else -now
+            difference[k, w] = changed_by(now - was, polarity)
+    return level, difference
+
+
+@njit(cache=True)
+def line_score(level: np.ndarray, difference: np.ndarray, middle: np.ndarray, polarity: float) -> np.ndarray:
+    """Return how well each place of each profile matches a thin, changed line: (K, W) grey levels.
+
+    Negative where there is no line. `middle` (K,) is the line's half width in samples: half the string's
+    thickness and half its blur.
+    """
+    count, width = level.shape
+    gap, flank = int(GAP_PX / STEP_PX + 0.5), int(FLANK_PX / STEP_PX + 0.5)
+    score = np.full((count, width), -1.0)
+    sum_level = np.zeros(width + 1)
+    sum_difference = np.zeros(width + 1)
+    for k in range(count):
+        h = middle[k]
+        for w in range(width):
+            sum_level[w + 1] = sum_level[w] + level[k, w]
+            sum_difference[w + 1] = sum_difference[w] + difference[k, w]
+        reach = h + gap + flank
+        for w in range(reach, width - reach):
+            a, b = w - h, w + h + 1
+            inner, outer = a - gap, b + gap
+            level_in = (sum_level[b] - sum_level[a]) / (b - a)
+            level_left = (sum_level[inner] - sum_level[inner - flank]) / flank
+            level_right = (sum_level[outer + flank] - sum_level[outer]) / flank
+            changed = (sum_difference[b] - sum_difference[a]) / (b - a)
+            changed_left = (sum_difference[inner] - sum_difference[inner - flank]) / flank
+            changed_right = (sum_difference[outer + flank] - sum_difference[outer]) / flank
+            against_background = changed - max(changed_left, changed_right)
+            line = level_in - max(level_left, level_right)
+            if polarity == 0:
+                line = max(line, min(level_left, level_right) - level_in)
+            in_picture = min(line, changed)
+            score[k, w] = max(against_background, in_picture)
+    return score
+
+
+@njit(cache=True)
+def best_path(score: np.ndarray, stiffness: float, largest_jump: int) -> np.ndarray:
+    """Return the sample (K,) of each profile on the best smooth path from the middle of the first (Viterbi).
+
+    `score` (K, W) is in clear lines and counts up to 1, so that bright spots do not attract the path.
+    `stiffness` is the cost of a jump of one sample squared, `largest_jump` in samples per node.
+    """
+    count, width = score.shape
+    spare = largest_jump
+    best = np.full(width + 2 * spare, -1e9)
+    best[spare + width // 2] = 0.0
+    origin = np.zeros((count, width), dtype=np.int64)
+    new = np.empty(width)
+    for k in range(1, count):
+        for w in range(width):
+            new[w] = best[w + spare]
+            origin[k, w] = 0
+        for jump in range(-largest_jump, largest_jump + 1):
+            cost = stiffness * jump * jump
+            for w in range(width):
+                value = best[w + spare + jump] - cost
+                if value > new[w]:
+                    new[w] = value
+                    origin[k, w] = jump
+        for w in range(width):
+            best[w + spare] = new[w] + min(max(score[k, w], -0.2), 1.0)
+    path = np.empty(count, dtype=np.int64)
+    path[count - 1] = np.argmax(best[spare : spare + width])
+    for k in range(count - 1, 0, -1):
+        path[k - 1] = path[k] + origin[k, path[k]]
+    return path
+
+
+@njit(cache=True)
+def line_centre(score: np.ndarray, path: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Return the sub-sample place (K,) of the line near `path`: the centroid of the score around it."""
+    count, width = score.shape
+    place = np.empty(count)
+    for k in range(count):
+        reach = middle[k] + 1
+        total = moment = 0.0
+        for w in range(max(0, path[k] - reach), min(width, path[k] + reach + 1)):
+            value = max(score[k, w], 0.0)
+            total += value * value
+            moment += value * value * w
+        place[k] = moment / total if total > 0 else float(path[k])
+    return place

@@ -1,0 +1,150 @@
+"""The string through a video: a first pass, the values learned from all its frames, and a refined pass."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.config.track import TrackSettings
+from strandcast.errors import StrandcastError
+from strandcast.tracking.attachments.detect import Attachments, detect_attachments
+from strandcast.tracking.chain.appearance import Appearance
+from strandcast.tracking.chain.bead_search import Beads
+from strandcast.tracking.chain.bidirectional import chain_of, clamp_paths, survey, track_bidirectional
+from strandcast.tracking.chain.clamp_fit import ClampFit, fit_clamp
+from strandcast.tracking.chain.detection import BEAD_TIMES, learn_appearance, visible_length
+from strandcast.tracking.chain.fit import ChainModel, FrameFit
+from strandcast.tracking.chain.frames import StringFrames
+from strandcast.tracking.chain.links import place_on
+from strandcast.tracking.chain.measure import level_at
+from strandcast.tracking.chain.point_uncertainty import FramePoints
+from strandcast.tracking.chain.refine import refine
+from strandcast.tracking.chain.tracker import ChainTracker
+from strandcast.tracking.tracker import StringHint
+
+POLARITIES = {"bright": 1.0, "dark": -1.0, "auto": None}
+TIP_BEAD_M = 0.01  # chosen: a weight this close to the tip is the tip's own bead
+LEVEL_FRAMES = 15  # chosen; not sensitive: frames whose median gives a bead's grey level
+
+
+@dataclass(frozen=True, eq=False)
+class FirstPass:
+    """The string as the first pass finds it."""
+
+    appearance: Appearance
+    length_m: float  # from the clamp to the tip; a rough value from single frames
+    links: int
+    links_per_point: int
+    fits: list[FrameFit | None]  # per frame; None where the string was not found
+    redetections: int  # successful searches where a fit was poor
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """Values learned from all frames together: free length and clamp, weights and sections, beads."""
+
+    clamp_fit: ClampFit
+    attachments: Attachments
+    beads: Beads
+
+
+@dataclass(frozen=True, eq=False)
+class StringTrack:
+    """The string in a video: both passes' results, and the mass points of each frame."""
+
+    first: FirstPass
+    learned: Learned
+    points: list[FramePoints | None]
+
+
+def track_string(
+    frames: StringFrames, hint: StringHint, settings: TrackSettings, exposure_s: float, video: Path
+) -> StringTrack:
+    """Track the string through a video; SC-T004, naming the file, if none leaves the hand in any frame."""
+    first = first_pass(frames, hint, settings, exposure_s, video)
+    learned = learn_from_all_frames(frames, first)
+    string = ChainModel(learned.clamp_fit.length_m / first.links, first.appearance, learned.beads)
+    aligned = replace(frames, lateral_offset_m=learned.clamp_fit.lateral_offset_m)
+    sigma_m = learned.clamp_fit.length_sigma_m
+    points = refine(aligned, first.fits, string, first.links_per_point, sigma_m, exposure_s)
+    return StringTrack(first, learned, points)
+
+
+def first_pass(
+    frames: StringFrames, hint: StringHint, settings: TrackSettings, exposure_s: float, video: Path
+) -> FirstPass:
+    """Learn the string's appearance from single frames, then track it both ways from the clearest one."""
+    with_hand = np.flatnonzero(frames.hand.flags == 0)
+    detections = survey(frames, with_hand, hint, POLARITIES[settings.polarity])
+    if not detections:
+        raise StrandcastError(
+            "SC-T004",
+            "no string leaves the hand in any frame",
+            file=video,
+            fix="run `strandcast preview`; check the clamp's place and angle in the arm's file, the light, "
+            "and track.polarity, contrast_grey and background_picture",
+        )
+    appearance = learn_appearance(detections, frames.crops.plane.metre_per_pixel)
+    if settings.contrast_grey is not None:
+        appearance = appearance._replace(contrast=settings.contrast_grey)
+    links, links_per_point = chain_of(hint)
+    length_m = visible_length(detections, appearance, hint.length_m)
+    string = ChainModel(length_m / links, appearance, beads_of(tip_bead(appearance, length_m)))
+    tracker = ChainTracker(links, string, exposure_s)
+    fits = track_bidirectional(frames, detections, tracker)
+    return FirstPass(appearance, length_m, links, links_per_point, fits, tracker.redetections)
+
+
+def learn_from_all_frames(frames: StringFrames, first: FirstPass) -> Learned:
+    """Return the string's length, how the clamp holds it, and its attachments, from all frames."""
+    clamp_fit = fit_clamp(first.length_m, *clamp_paths(frames, first.fits))
+    attachments = attachments_of(frames, first).moved(clamp_fit.length_m - first.length_m)
+    return Learned(clamp_fit, attachments, all_beads(frames, first, attachments, clamp_fit))
+
+
+def attachments_of(frames: StringFrames, first: FirstPass) -> Attachments:
+    """Return the weights and sections on the string, with places along the chain of the first pass."""
+    nodes = np.full((len(first.fits), first.links + 1, 2), np.nan)
+    quality = np.zeros((len(first.fits), first.links + 1))
+    for index, fit in enumerate(first.fits):
+        if fit is not None:
+            nodes[index], quality[index] = fit.nodes(), fit.reward
+    return detect_attachments(
+        frames.window, nodes, quality, first.appearance.level, first.appearance.contrast
+    )
+
+
+def tip_bead(appearance: Appearance, length_m: float) -> list[tuple[float, float, float]]:
+    """Return place, radius and grey level of the bead at the tip, if there is one."""
+    return [(length_m, appearance.tip_excess_m, appearance.bead_level)] if appearance.has_bead else []
+
+
+def beads_of(rows: list[tuple[float, float, float]]) -> Beads:
+    """Return beads from their places, radii and grey levels."""
+    place_m, radius_m, level = np.array(rows).reshape(-1, 3).T.copy()
+    return Beads(place_m, radius_m, level)
+
+
+def all_beads(frames: StringFrames, first: FirstPass, attachments: Attachments, clamp_fit: ClampFit) -> Beads:
+    """Return the beads on the string: detected weights, then the tip's."""
+    length_m = clamp_fit.length_m
+    least_m = BEAD_TIMES * first.appearance.half_m  # a smaller weight cannot be tracked as a bead
+    weights = [
+        w for w in attachments.weights if w.half_width_m > least_m and w.place_m < length_m - TIP_BEAD_M
+    ]
+    shift_m = length_m - first.length_m
+    inner = [
+        (w.place_m, w.half_width_m, bead_level(frames, first.fits, w.place_m - shift_m)) for w in weights
+    ]
+    known = [bead for bead in inner if np.isfinite(bead[2])]
+    return beads_of([*known, *tip_bead(first.appearance, length_m)])
+
+
+def bead_level(frames: StringFrames, fits: list[FrameFit | None], place_m: float) -> float:
+    """Return the grey level at a place along the chain: the median over frames spread over the video."""
+    levels = []
+    for index in np.linspace(0, len(fits) - 1, LEVEL_FRAMES).astype(int).tolist():
+        fit, window = fits[index], frames.window(index)
+        if fit is not None and window is not None:
+            levels.append(level_at(window, place_on(fit.nodes(), fit.heading, place_m)))
+    return float(np.median(levels)) if levels else float("nan")

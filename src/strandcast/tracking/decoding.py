@@ -1,0 +1,97 @@
+"""The decoding pass: find hand and LED in every frame, keep a crop around the hand and some whole frames."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.camera.markers import eight_bit
+from strandcast.errors import StrandcastError
+from strandcast.progress import Progress
+from strandcast.records.manifest import VideoFacts
+from strandcast.tracking.background import Samples, learn_background
+from strandcast.tracking.crops import Crops
+from strandcast.tracking.events.led import LedMonitor
+from strandcast.tracking.hand.finder import HandDetection, HandFinder
+from strandcast.tracking.preconditions import check_count, open_ingested
+
+DECODER_THREADS = 2  # chosen: beside this process, which finds the hand meanwhile
+BRIGHTNESS_TOLERANCE = 0.15  # chosen: relative difference in median grey between a given background and video
+
+
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """Result of the decoding pass."""
+
+    hands: list[HandDetection | None]  # per frame; None where it was not found
+    samples: Samples  # whole frames, spread over the video
+    warnings: list[str]  # of the decoder
+
+
+def decode(
+    video: str | Path,
+    facts: VideoFacts,
+    finder: HandFinder,
+    crops: Crops,
+    background_frames: int,
+    led_monitor: LedMonitor | None = None,
+) -> Decoded:
+    """Decode a video once, and keep the parts that later steps need.
+
+    Raises
+    ------
+    StrandcastError
+        SC-T001 the decoded count differs from the manifest's; SC-V021 the file changed since ingestion.
+    """
+    hands: list[HandDetection | None] = []
+    progress = Progress("track: frames", total=facts.packets)
+    with open_ingested(video, facts, threads=DECODER_THREADS) as opened:
+        depth = 1 if opened.info.max_level < 256 else 2
+        samples = Samples(facts.packets, background_frames, depth * opened.info.width * opened.info.height)
+        for index, _, image in opened:
+            samples.offer(index, image)
+            hands.append(finder.find(image))
+            crops.keep(image, None if hands[-1] is None else hands[-1].pose)
+            if led_monitor is not None:
+                led_monitor.look(image)
+            progress(index + 1)
+    check_count(len(hands), facts, video)
+    return Decoded(hands, samples, opened.warnings())
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """The empty scene (height, width) in the video's depth, and where it comes from."""
+
+    picture: np.ndarray
+    source: str
+
+
+def scene_background(samples: Samples, frames: int, given: np.ndarray | None) -> Background:
+    """Return the empty scene: the given picture, or the median over `frames` of the sampled frames.
+
+    Raises
+    ------
+    StrandcastError
+        SC-T032 the given picture is much brighter or darker than the video.
+    """
+    learned, chosen = learn_background(samples.pictures, frames)
+    if given is None:
+        return Background(learned, f"median of {len(chosen)} frames")
+    return Background(_matched(given, learned), "given")
+
+
+def _matched(given: np.ndarray, learned: np.ndarray) -> np.ndarray:
+    """Return the given background in the video's depth; refuse one taken under different light."""
+    if given.dtype != learned.dtype:
+        given = eight_bit(given) if learned.dtype == np.uint8 else given.astype(learned.dtype)
+    light, usual = float(np.median(given)), float(np.median(learned))
+    if abs(light - usual) > BRIGHTNESS_TOLERANCE * max(usual, 1.0):
+        raise StrandcastError(
+            "SC-T032",
+            f"the picture of the empty scene has a median grey level of {light:.0f}, the video of "
+            f"{usual:.0f}",
+            field="track.background_picture",
+            fix="take it with the video's exposure and light, or leave the setting out",
+        )
+    return given

@@ -1,0 +1,1 @@
+"""The hand's pose from the markers it carries."""

@@ -1,0 +1,1 @@
+"""A ball on a thread that swings from a fixed pivot."""

@@ -1,0 +1,1 @@
+"""What the tracker sees in a few frames, before tracking."""

@@ -1,0 +1,220 @@
+"""A preview of the tracker's detections in a few frames of a video, without tracking it."""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from strandcast.camera.flat import flat_camera
+from strandcast.camera.mapping import metre_to_pixel
+from strandcast.camera.markers import FAMILIES, detect_markers, eight_bit, marker_detector, same_family
+from strandcast.core.hand_marker import HandMarker
+from strandcast.records.camera import Camera
+from strandcast.records.track import DetectedTarget
+from strandcast.tracking.background import learn_background
+from strandcast.tracking.chain.search_window import HandBox, SearchWindow
+from strandcast.tracking.events.target import locate_target
+from strandcast.tracking.hand.finder import HandDetection, HandFinder
+from strandcast.tracking.hand.rigid import box_around
+from strandcast.tracking.pixel_map import PixelMap, tabulate
+from strandcast.tracking.preview.sampled import SampledFrames
+from strandcast.tracking.preview.single_frame import StringInFrame, string_in_frame
+from strandcast.tracking.tracker import StringHint
+
+SHOWN = 6
+LEAST_BACKGROUND = 7  # frames for the background's median, at least
+SEARCHED_FOR_IDS = 8  # frames searched for other markers than the hand's
+OFTEN = 2  # pictures that must show a marker: large dictionaries find markers in any texture
+
+
+@dataclass(frozen=True)
+class Expected:
+    """The declared contents of the video."""
+
+    string: StringHint
+    markers: tuple[HandMarker, ...]  # on the hand
+    dictionary: str  # of these markers
+    target_m: np.ndarray  # (2,)
+    weights_m: tuple[float, ...] = ()  # places of declared weights along the string
+    polarity: float | None = None  # 1, -1, or None to measure it
+    plane_ids: tuple[int, ...] = ()  # markers of the plane of motion from the hand's dictionary
+
+
+@dataclass(frozen=True)
+class PreviewFrame:
+    """One frame: its index, time and picture, the hand and the string if they are found."""
+
+    index: int
+    time_s: float
+    image: np.ndarray
+    hand: HandDetection | None
+    string: StringInFrame | None = None
+
+
+@dataclass(frozen=True)
+class OtherMarkers:
+    """Other markers than the hand's: how they were read, and their ids."""
+
+    how: str
+    ids: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Preview:
+    """The tracker's detections in a few frames."""
+
+    frames: list[PreviewFrame]  # those shown
+    hands_found: int  # number of sampled frames with the hand
+    sampled: int  # number of sampled frames
+    background: np.ndarray  # the scene without arm and string
+    noise: float  # standard deviation of unchanged pixels [grey levels]
+    max_level: int  # the whitest grey
+    camera: Camera | None  # the calibration, or an estimate from the hand's markers
+    calibrated: bool
+    target: DetectedTarget | None
+    others: list[OtherMarkers]  # only if no marker of the hand is found
+    expected: Expected
+
+    @property
+    def strings(self) -> list[StringInFrame]:
+        """Return the strings that were found."""
+        return [frame.string for frame in self.frames if frame.string is not None]
+
+
+def preview(
+    sampled: SampledFrames,
+    camera: Camera | None,
+    expected: Expected,
+    background_frames: int = 40,
+    background: np.ndarray | None = None,
+) -> Preview:
+    """Detect hand, string and target in sampled frames.
+
+    Without a calibrated camera, metres come from the size of the hand's markers. Without a given background
+    (H, W), it is the median of at most `background_frames` frames.
+    """
+    if background is None:
+        # Few frames, which differ most: an arm that rests for long would otherwise stay in the background.
+        few = max(LEAST_BACKGROUND, len(sampled.pictures) // 3)
+        background, _ = learn_background(sampled.pictures, min(few, background_frames))
+    noise = unchanged_noise(sampled.pictures)
+    used = camera or rough_camera(sampled.pictures, expected)
+    hands = find_hands(sampled.pictures, used, expected)
+    frames = [
+        PreviewFrame(int(sampled.indices[k]), float(sampled.time_s[k]), sampled.pictures[k], hands[k])
+        for k in choose_shown(sampled.pictures, hands)
+    ]
+    if used is not None:
+        pixels = tabulate(used, used.string_offset_m)
+        frames = [with_string(frame, background, pixels, expected) for frame in frames]
+    return Preview(
+        frames=frames,
+        hands_found=sum(hand is not None for hand in hands),
+        sampled=len(hands),
+        background=background,
+        noise=noise,
+        max_level=sampled.max_level,
+        camera=used,
+        calibrated=camera is not None,
+        target=None if camera is None else locate_target(background, camera, expected.target_m),
+        others=[] if any(hand is not None for hand in hands) else other_markers(sampled.pictures, expected),
+        expected=expected,
+    )
+
+
+def unchanged_noise(pictures: list[np.ndarray]) -> float:
+    """Return the standard deviation [grey levels] of unchanged pixels, from pairs of pictures."""
+    found = []
+    for k in range(0, len(pictures) - 1, max(1, len(pictures) // 8)):
+        change = (pictures[k][::4, ::4].astype(np.float32) - pictures[k + 1][::4, ::4]) / np.sqrt(2.0)
+        change -= np.median(change)
+        usual = np.abs(change) < 5.0 * max(1.48 * float(np.median(np.abs(change))), 0.7)
+        found.append(float(change[usual].std()))
+    return float(np.median(found))
+
+
+def rough_camera(pictures: list[np.ndarray], expected: Expected) -> Camera | None:
+    """Return a flat camera whose scale is that of the hand's markers; None if none is found."""
+    detector = marker_detector(expected.dictionary)
+    sizes = {marker.id: marker.size_m for marker in expected.markers}
+    scales = []
+    for picture in pictures[:: max(1, len(pictures) // SEARCHED_FOR_IDS)]:
+        ids, corners = detect_markers(picture, detector)
+        for marker, four in zip(ids.tolist(), corners, strict=True):
+            if marker in sizes:
+                side_px = np.linalg.norm(four - np.roll(four, 1, axis=0), axis=1).mean()
+                scales.append(sizes[marker] / side_px)
+    if not scales:
+        return None
+    height, width = pictures[0].shape
+    return flat_camera(width, height, float(np.median(scales)), (0.5 * width, 0.5 * height), source="hand")
+
+
+def find_hands(
+    pictures: list[np.ndarray], camera: Camera | None, expected: Expected
+) -> list[HandDetection | None]:
+    """Return the hand in each picture, found independently."""
+    if camera is None:
+        return [None] * len(pictures)
+    finder = HandFinder(camera, expected.markers, expected.dictionary, camera.string_offset_m)
+    return [finder.find(picture) for picture in pictures]
+
+
+def choose_shown(pictures: list[np.ndarray], hands: list[HandDetection | None]) -> list[int]:
+    """Return the pictures to show, spread evenly along the hand's path, or in time if it is not found."""
+    found = [k for k, hand in enumerate(hands) if hand is not None]
+    if len(found) < SHOWN:
+        return [int(k) for k in np.unique(np.linspace(0, len(pictures) - 1, SHOWN).astype(int))]
+    poses = np.array([hand.pose.array() for hand in hands if hand is not None])
+    turn = np.unwrap(poses[:, 2])
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T) + 0.1 * np.abs(np.diff(turn)) + 1e-4
+    path = np.concatenate([[0.0], np.cumsum(steps)])
+    spread = np.linspace(0.0, path[-1], SHOWN)
+    return [found[k] for k in np.unique(np.abs(path[:, None] - spread).argmin(axis=0))]
+
+
+def with_string(
+    frame: PreviewFrame, background: np.ndarray, pixels: PixelMap, expected: Expected
+) -> PreviewFrame:
+    """Return the frame with the string that leaves its hand, if it is found."""
+    if frame.hand is None:
+        return frame
+    box = HandBox(*frame.hand.pose.array().tolist(), *box_around(expected.markers).tolist())
+    picture = SearchWindow(
+        np.ascontiguousarray(frame.image), 0, 0, np.ascontiguousarray(background), pixels, box
+    )
+    return replace(
+        frame, string=string_in_frame(picture, frame.hand.pose, expected.string, expected.polarity)
+    )
+
+
+def other_markers(pictures: list[np.ndarray], expected: Expected) -> list[OtherMarkers]:
+    """Return other markers than the hand's: of its dictionary, mirrored ones, of other dictionaries."""
+    few = [eight_bit(picture) for picture in pictures[:: max(1, len(pictures) // SEARCHED_FOR_IDS)]]
+    others = tuple(sorted(set(_ids(few, expected.dictionary)) - set(expected.plane_ids)))
+    if others:
+        return [OtherMarkers(f"of {expected.dictionary}", others)]
+    mirrored = _ids([cv2.flip(picture, 1) for picture in few], expected.dictionary)
+    if set(mirrored) & {marker.id for marker in expected.markers}:
+        return [OtherMarkers("mirrored", mirrored)]
+    found = [
+        OtherMarkers(f"of {family}", _ids(few[:4], family))
+        for family in FAMILIES
+        if not same_family(family, expected.dictionary)
+    ]
+    return [other for other in found if other.ids]
+
+
+def _ids(pictures: list[np.ndarray], dictionary: str) -> tuple[int, ...]:
+    detector = marker_detector(dictionary)
+    counts = Counter(
+        int(i) for picture in pictures for i in set(detect_markers(picture, detector)[0].tolist())
+    )
+    return tuple(sorted(marker for marker, count in counts.items() if count >= min(OFTEN, len(pictures))))
+
+
+def to_pixels(preview: Preview, points_m: np.ndarray) -> np.ndarray:
+    """Return the pixels (K, 2) of points (K, 2) in the string's plane."""
+    assert preview.camera is not None
+    return metre_to_pixel(preview.camera, np.asarray(points_m, float), preview.camera.string_offset_m)

@@ -1,0 +1,76 @@
+"""The throw's frames compared with the calibration, the arm's file and the declared string."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.camera.markers import eight_bit
+from strandcast.camera.movement import check_movement, find_movement
+from strandcast.camera.tilt import check_plane_tilt, fit_plane_tilt
+from strandcast.errors import StrandcastError
+from strandcast.records.camera import Camera
+from strandcast.tracking.background import Samples
+from strandcast.tracking.chain.clamp_fit import LEAST_FRAMES, ClampFit
+from strandcast.tracking.hand.finder import HandDetection, HandFinder
+
+LEAST_CONFIDENT = 0.3  # chosen: share of unflagged frames below which the user is warned
+MOVED_FRAMES = 4  # chosen: frames compared with the photo of the plane
+LARGEST_CORRECTION = 0.03  # chosen: relative difference between declared and detected length
+
+
+def check_hand(hands: Sequence[HandDetection | None], finder: HandFinder, video: Path) -> None:
+    """Refuse a video in which the hand is never found (SC-T003)."""
+    if not any(hands):
+        raise StrandcastError(
+            "SC-T003",
+            finder.why_not(),
+            file=video,
+            field="markers",
+            fix="check ids, dictionary, sizes and places in the arm's file, and that the picture is neither "
+            "mirrored nor inverted; `strandcast preview` shows what the tracker detects",
+        )
+
+
+def calibration_warnings(
+    camera: Camera, finder: HandFinder, hands: Sequence[HandDetection | None], samples: Samples, video: Path
+) -> list[str]:
+    """Return warnings about a camera that moved or a hand out of plane; refuse large deviations."""
+    chosen = np.unique(np.linspace(0, len(samples.pictures) - 1, MOVED_FRAMES).astype(int)).tolist()
+    compared = [(samples.indices[k], find_movement(camera, eight_bit(samples.pictures[k]))) for k in chosen]
+    warnings = check_movement([(index, moved) for index, moved in compared if moved is not None], video)
+    for marker, shape in finder.markers.items():
+        corners = [hand.corners_px[marker] for hand in hands if hand and marker in hand.corners_px]
+        if corners:
+            offset_m = finder.string_offset_m + shape.offset_m
+            tilt = fit_plane_tilt(camera, np.stack(corners), shape.size_m, offset_m)
+            warnings += check_plane_tilt(tilt, video) if tilt is not None else []
+    return warnings
+
+
+def confidence_warnings(points_m: np.ndarray, flags: np.ndarray) -> list[str]:
+    """Return warnings about points (F, n + 1, 2), or a tip, that are rarely measured without a flag."""
+    sure = np.isfinite(points_m).all(axis=2) & (flags == 0)
+    shares = (("the points", float(sure[:, 1:].mean())), ("the tip", float(sure[:, -1].mean())))
+    return [
+        f"{what}: measured without doubt in {100 * share:.0f} % of the frames; `strandcast preview` shows "
+        "what the tracker detects"
+        for what, share in shares
+        if share < LEAST_CONFIDENT
+    ]
+
+
+def length_warnings(clamp_fit: ClampFit, given_m: float) -> list[str]:
+    """Return warnings about a string whose detected length differs from the declared one."""
+    off_m = clamp_fit.length_m - given_m
+    if clamp_fit.frames < LEAST_FRAMES:
+        return [
+            f"only {clamp_fit.frames} frames show the string's end: its length stays as given, "
+            f"{1e3 * given_m:.0f} mm; if that is wrong, so are all places along it"
+        ]
+    if abs(off_m) < LARGEST_CORRECTION * given_m:
+        return []
+    return [
+        f"string.length_m: given {1e3 * given_m:.0f} mm, detected {1e3 * clamp_fit.length_m:.0f} mm; "
+        "measure it from the clamp to the tip"
+    ]

@@ -1,0 +1,137 @@
+"""The chain tracker: from one trial's video to the mass points of its string."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from strandcast.config.track import TrackSettings
+from strandcast.tracking.attachments.declared_vs_detected import declaration_conflicts
+from strandcast.tracking.chain.acceleration_gate import gate_accelerations
+from strandcast.tracking.chain.frames import StringFrames
+from strandcast.tracking.chain.point_uncertainty import FramePoints
+from strandcast.tracking.chain.string_track import StringTrack, track_string
+from strandcast.tracking.crops import Crops
+from strandcast.tracking.decoding import Background, decode, scene_background
+from strandcast.tracking.events.contact import TipPath, detect_contact
+from strandcast.tracking.events.led import LedMonitor
+from strandcast.tracking.events.target import locate_target, target_warnings
+from strandcast.tracking.hand.finder import HandFinder
+from strandcast.tracking.hand.marker_table import marker_table
+from strandcast.tracking.hand.path import TrackedHand, bridge_hand
+from strandcast.tracking.hand.rigid import box_around
+from strandcast.tracking.pixel_map import tabulate
+from strandcast.tracking.preconditions import check_size
+from strandcast.tracking.result import Tracked
+from strandcast.tracking.scene_checks import (
+    calibration_warnings,
+    check_hand,
+    confidence_warnings,
+    length_warnings,
+)
+from strandcast.tracking.strobe import choose_instants, strobe_picture
+from strandcast.tracking.tracker import TrackerInput
+from strandcast.video.ingest import camera_times
+
+CROP_LENGTHS = 1.25  # chosen: half the side of a crop around the hand, in lengths of the string
+EXPOSURE_SHARE = 0.2  # chosen: of the frame interval, if the exposure is not given
+
+
+def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
+    """Track the hand and the string through a video.
+
+    The string is tracked both ways from the frame that shows it best. A second fit of each frame uses the
+    length, the clamp and the weights as all frames together show them.
+    """
+    check_size(given.facts, given.camera, given.video)
+    camera, exposure_s = given.camera, given.exposure_s or EXPOSURE_SHARE / given.facts.frame_rate_hz
+    time_s = camera_times(given.facts)
+    plane = tabulate(camera, camera.string_offset_m)
+    finder = HandFinder(camera, given.markers, given.marker_dictionary, camera.string_offset_m)
+    led_monitor = None if given.led is None else LedMonitor(given.led, camera)
+    with Crops(plane, CROP_LENGTHS * given.free_length_m) as crops:
+        decoded = decode(given.video, given.facts, finder, crops, settings.background_frames, led_monitor)
+        samples = decoded.samples
+        background = scene_background(samples, settings.background_frames, given.background)
+        check_hand(decoded.hands, finder, given.video)
+        hand = bridge_hand(time_s, decoded.hands)
+        extent = box_around(given.markers)
+        frames = StringFrames(crops, np.ascontiguousarray(background.picture), hand, time_s, extent)
+        string = track_string(frames, given.hint, settings, exposure_s, given.video)
+    points_m, sigma_m, flags = assemble_points(time_s, hand, string.points, given.hint.points)
+    sampled = np.asarray(samples.indices)
+    target = None if given.target_m is None else locate_target(background.picture, camera, given.target_m)
+    tip = TipPath(time_s, points_m[:, -1], flags[:, -1] == 0, string.first.appearance.tip_excess_m)
+    led, led_warnings = (None, []) if led_monitor is None else led_monitor.found(time_s, given.exposure_s)
+    instants = choose_instants(sampled, points_m)
+    thrown = [samples.pictures[k] for k in np.searchsorted(sampled, instants)]
+    return Tracked(
+        camera_time_s=time_s,
+        points_m=points_m,
+        sigma_m=sigma_m,
+        flags=flags,
+        markers=marker_table(finder, decoded.hands, time_s),
+        strobe=strobe_picture(background.picture, thrown, points_m[instants], camera),
+        choices=choices(string, background, exposure_s, target is not None, instants),
+        warnings=(
+            *(target_warnings(target) if given.target_m is not None else ()),
+            *led_warnings,
+            *calibration_warnings(camera, finder, decoded.hands, samples, given.video),
+            *finder.contradictions(),
+            *confidence_warnings(points_m, flags),
+            *length_warnings(string.learned.clamp_fit, given.free_length_m),
+            *decoded.warnings,
+            *declaration_conflicts(
+                string.learned.attachments,
+                [weight.place_m for weight in given.string.weights],
+                [(section.from_m, section.to_m) for section in given.string.stiff_sections],
+                given.free_length_m,
+            ),
+        ),
+        attachments=string.learned.attachments,
+        target=target,
+        contact=detect_contact(tip, target, camera, samples),
+        led=led,
+    )
+
+
+def assemble_points(
+    time_s: np.ndarray, hand: TrackedHand, results: Sequence[FramePoints | None], count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return places (F, n + 1, 2), sigma and flags (F, n + 1) of hand (0) and string.
+
+    Places with implausible acceleration are flagged.
+    """
+    places = np.full((len(results), count + 1, 2), np.nan)
+    sigma = np.full((len(results), count + 1), np.nan)
+    flags = np.zeros((len(results), count + 1), dtype=np.int32)
+    places[:, 0], sigma[:, 0], flags[:, 0] = hand.pose.position_m, hand.sigma_m, hand.flags
+    for index, one in enumerate(results):
+        if one is not None:
+            places[index, 1:], sigma[index, 1:], flags[index, 1:] = one.points_m, one.sigma_m, one.flags
+    return places, *gate_accelerations(places, sigma, flags, float(np.median(np.diff(time_s))))
+
+
+def choices(
+    string: StringTrack, background: Background, exposure_s: float, target_found: bool, instants: np.ndarray
+) -> dict[str, float | int | str | bool | None]:
+    """Return the tracker's estimates and decisions by name."""
+    appearance, clamp_fit = string.first.appearance, string.learned.clamp_fit
+    return {
+        "background": background.source,
+        "exposure_s": exposure_s,
+        "links": string.first.links,
+        "thickness_m": 2 * appearance.half_m,
+        "polarity": appearance.polarity,
+        "contrast_grey": appearance.contrast,
+        "target_seen": target_found,
+        "noise_grey": appearance.noise,
+        "tip_excess_m": appearance.tip_excess_m,
+        "bead_at_tip": appearance.has_bead,
+        "length_m": clamp_fit.length_m,
+        "length_sigma_m": clamp_fit.length_sigma_m,
+        "lateral_offset_m": clamp_fit.lateral_offset_m,
+        "lateral_offset_sigma_m": clamp_fit.lateral_offset_sigma_m,
+        "length_frames": clamp_fit.frames,
+        "redetections": string.first.redetections,
+        "strobe_frames": " ".join(map(str, instants)),
+    }

@@ -1,1 +1,0 @@
-"""By how much a throw missed what it was for, from the track."""

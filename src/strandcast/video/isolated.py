@@ -1,0 +1,277 @@
+"""Decoding of a video in a separate process.
+
+A damaged or hostile file may crash, hang or exhaust its decoder; that ends in one clear error here. Decoding
+also runs in parallel with the caller. `strandcast.video.decoding_process` documents their protocol.
+"""
+
+import json
+import mmap
+import os
+import resource
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from strandcast.errors import ENVIRONMENT, INTEGRITY, StrandcastError
+from strandcast.records.files import open_scratch
+from strandcast.records.folders import files_of_video
+from strandcast.video import decoding_process
+from strandcast.video.decoding_process import Request, slots_of
+from strandcast.video.source import Contents, Grey, VideoInfo
+
+COMMAND = [
+    sys.executable,
+    "-P",
+    "-m",
+    decoding_process.__name__,
+]  # -P: import no module from the working directory
+# Faults of the host, which a new copy of the file does not fix.
+HOST_FIXES = {
+    "SC-V034": "check the limits of this computer (`ulimit -a`) and the installation",
+    "SC-V035": "allow more memory (`ulimit -v`; the cluster's or container's limit), or end other programs",
+}
+NO_MEMORY = (
+    "MemoryError",
+    "Cannot allocate memory",
+    "cannot allocate memory",
+    "failed to map segment",
+    "Memory allocation",
+)
+LIBRARIES_BYTES = 1 << 29  # address space of Python and its libraries: 0.4 GiB measured
+READ_BYTES = 1 << 16
+RELEASED_AT_ONCE = decoding_process.LEAST_SLOTS - 1  # few enough that the ring never runs empty
+SLOWEST_BYTES_S = 5e6  # chosen: read rate of a slow disk or network
+# The decoding process does not start computation threads.
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+
+@dataclass(frozen=True)
+class ProcessLimits:
+    """Resource limits of a decoding process.
+
+    Attributes
+    ----------
+    memory_bytes
+        Address space beyond that of Python and its libraries (Linux).
+    cpu_s
+        CPU time between 64 frames.
+    stall_s
+        Wall time without a frame after which it is killed.
+    """
+
+    memory_bytes: int = 3 << 29
+    cpu_s: int = 120
+    stall_s: float = 60.0
+
+
+class DecoderProcess:
+    """A running decoding process: its records, and why it ended."""
+
+    def __init__(self, request: Request, limits: ProcessLimits, errors: IO[bytes]) -> None:
+        self.path, self.limits, self._errors = request.path, limits, errors
+        self._of_photos = request.photo_flags is not None
+        self.frames = 0
+        self.process = self._start(request)
+        assert self.process.stdout is not None
+        assert self.process.stdin is not None
+        self._records, self._requests = self.process.stdout.fileno(), self.process.stdin.fileno()
+        self._poll = select.poll()
+        self._poll.register(self._records, select.POLLIN)
+        self._lines: list[bytes] = []
+        self._rest = b""
+        self._released = 0
+
+    def _start(self, request: Request) -> subprocess.Popen[bytes]:
+        try:
+            return subprocess.Popen(
+                [*COMMAND, json.dumps(asdict(request))],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._errors,
+                pass_fds=[] if request.ring is None else [request.ring],
+                env=os.environ | ONE_THREAD,
+                bufsize=0,
+                process_group=0,  # Ctrl-C reaches this process only, which then kills the other
+            )
+        except OSError as error:  # e.g. no more processes are allowed
+            raise self._failed("SC-V034", f"could not be started ({error.strerror})") from error
+
+    def next(self) -> Any:
+        """Return its next record; raise the error that it reports, or SC-V031 to V035 if it fails."""
+        while not self._lines:
+            if not self._poll.poll(1000.0 * self.limits.stall_s):
+                raise self._failed("SC-V032", f"returned no frame for {self.limits.stall_s:g} s")
+            data = os.read(self._records, READ_BYTES)
+            if not data:
+                raise self._ended()
+            *lines, self._rest = (self._rest + data).split(b"\n")
+            self._lines = lines[::-1]
+        record = json.loads(self._lines.pop())
+        if isinstance(record, dict) and "error" in record:
+            raise StrandcastError(**record["error"])
+        if isinstance(record, dict) and "memory" in record:
+            raise self._out_of_memory()
+        return record
+
+    def release(self) -> None:
+        """Release one more slot of the ring; releases are sent in groups."""
+        self._released += 1
+        if self._released < RELEASED_AT_ONCE:
+            return
+        self._write(b"+" * self._released)
+        self._released = 0
+
+    def photo(self, path: Path) -> Any:
+        """Request a photo; return shape and type of what is now in the shared file, or None."""
+        self.path = str(path)
+        self._write(json.dumps(self.path).encode() + b"\n")
+        return self.next()["photo"]
+
+    def _write(self, request: bytes) -> None:
+        with suppress(BrokenPipeError):  # it has ended; its last record says how
+            os.write(self._requests, request)
+
+    def _ended(self) -> StrandcastError:
+        """Return why it ended without a final record."""
+        code = self.process.wait()
+        self._errors.seek(0)
+        output = self._errors.read().decode(errors="replace").strip()
+        if code != -signal.SIGKILL and any(words in output for words in NO_MEMORY):
+            return self._out_of_memory()
+        if code >= 0:
+            lines = output.splitlines()
+            return self._failed("SC-V034", f"stopped: {lines[-1] if lines else f'exit code {code}'}")
+        if -code == signal.SIGXCPU:
+            return self._failed("SC-V032", f"returned no frame for {self.limits.cpu_s} s of CPU time")
+        if -code == signal.SIGKILL:
+            what = "was killed (SIGKILL), as the system does if memory runs out"
+            return self._failed("SC-V035", what)
+        return self._failed("SC-V031", f"crashed ({signal.Signals(-code).name})")
+
+    def _out_of_memory(self) -> StrandcastError:
+        """Return the error of a decoder without memory: a limit of the host's, if that is below ours."""
+        allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+        needed = self.limits.memory_bytes + LIBRARIES_BYTES
+        if allowed == resource.RLIM_INFINITY or allowed >= needed:
+            return self._failed(
+                "SC-V033", f"needs more than {self.limits.memory_bytes / 2**30:.1f} GiB of memory"
+            )
+        what = f"may need {needed / 2**30:.1f} GiB of memory, but `ulimit -v` allows {allowed / 2**30:.2f}"
+        return self._failed("SC-V035", what)
+
+    def _failed(self, code: str, what: str) -> StrandcastError:
+        host = HOST_FIXES.get(code)
+        return StrandcastError(
+            code,
+            f"its decoder {what}" + ("" if self._of_photos else f", after {self.frames} frames"),
+            file=self.path,
+            cost=None if self._of_photos else "the rest of the throw is missing",
+            fix=host
+            or "copy the file again from the camera; if that does not help, convert it with another program",
+            exit_code=INTEGRITY if host is None else ENVIRONMENT,
+        )
+
+    def end(self) -> None:
+        """Kill the process."""
+        self.process.kill()
+        self.process.wait()
+        for pipe in (self.process.stdin, self.process.stdout):
+            if pipe is not None:
+                pipe.close()
+
+
+@contextmanager
+def _running(request: Request, limits: ProcessLimits) -> Iterator[DecoderProcess]:
+    with _unnamed_file("strandcast-messages") as errors:
+        decoder = DecoderProcess(request, limits, errors)
+        try:
+            yield decoder
+        finally:
+            decoder.end()
+
+
+def probe_isolated(path: str | Path, limits: ProcessLimits) -> Contents:
+    """Return a video's contents, probed in a separate process; the whole file is read."""
+    size = sum(file.stat().st_size for file in files_of_video(Path(path)))
+    limits = replace(limits, stall_s=limits.stall_s + size / SLOWEST_BYTES_S)
+    request = Request(str(path), None, 1, None, 0, limits.memory_bytes, limits.cpu_s)
+    with _running(request, limits) as decoder:
+        return Contents(**decoder.next()["contents"])
+
+
+@dataclass
+class Decoding:
+    """A video being decoded by a separate process."""
+
+    decoder: DecoderProcess
+    info: VideoInfo
+    slots: list[Grey]
+    keep: int
+    messages: list[str]
+
+    def frames(self) -> Iterator[tuple[float, Grey, bool]]:
+        """Yield time [s], grey image, and whether it is an exact copy of the previous frame."""
+        while isinstance(record := self.decoder.next(), list):
+            time_s, copy, messages = record
+            self.messages.extend(messages)
+            self.decoder.frames += 1
+            yield time_s, self.slots[(self.decoder.frames - 1) % len(self.slots)], copy
+            if self.decoder.frames >= self.keep:
+                self.decoder.release()
+        self.messages[:] = record["messages"]
+
+
+@contextmanager
+def decode_isolated(
+    path: str | Path, threads: int, frames: int | None, keep: int, limits: ProcessLimits
+) -> Iterator[Decoding]:
+    """Decode a video in a separate process; arguments as for `strandcast.video.reader.open_video`."""
+    with _unnamed_file("strandcast-frames") as shared:
+        request = Request(
+            str(path), shared.fileno(), threads, frames, keep, limits.memory_bytes, limits.cpu_s
+        )
+        with _running(request, limits) as decoder:
+            head = decoder.next()
+            info = VideoInfo(**head["info"] | {"path": Path(path)})
+            # The map outlives the file, and each image keeps a reference to it.
+            ring = mmap.mmap(shared.fileno(), 0)
+            yield Decoding(decoder, info, slots_of(ring, info, head["slots"]), keep, [])
+
+
+def read_photos(
+    paths: Sequence[Path], flags: int, limits: ProcessLimits | None = None
+) -> Iterator[np.ndarray | None]:
+    """Yield single pictures, decoded in a separate process as ``cv2.imread`` does; None: not a picture.
+
+    Raises
+    ------
+    StrandcastError
+        SC-V024 a picture is too large; SC-V031 to V035 as for videos.
+    """
+    limits = limits or ProcessLimits()
+    with _unnamed_file("strandcast-photo") as shared:
+        request = Request("", shared.fileno(), 1, None, 0, limits.memory_bytes, limits.cpu_s, flags)
+        with _running(request, limits) as decoder:
+            for path in paths:
+                photo = decoder.photo(path)
+                yield None if photo is None else _copied(shared, *photo)
+
+
+def _copied(shared: IO[bytes], shape: list[int], dtype: str) -> np.ndarray:
+    with mmap.mmap(shared.fileno(), 0, access=mmap.ACCESS_READ) as pixels:
+        return np.frombuffer(bytearray(pixels), dtype).reshape(shape)
+
+
+def _unnamed_file(name: str) -> IO[bytes]:
+    """Return an open file, in memory where the system has that; it disappears with its last process."""
+    if hasattr(os, "memfd_create"):  # needs neither /tmp nor /dev/shm
+        return os.fdopen(os.memfd_create(name), "r+b")
+    return open_scratch()

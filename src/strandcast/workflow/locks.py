@@ -1,0 +1,163 @@
+"""One run at a time on an experiment: a lease file that says which process holds it, and since when.
+
+A lease is renewed while its owner lives. A dead owner on this host is recognised at once, by its process id
+and start time; one on another host, by a lease that is not renewed for `LEASE_S`. No clocks are compared.
+"""
+
+import atexit
+import json
+import os
+import shlex
+import socket
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from filelock import SoftFileLease, Timeout
+
+from strandcast.errors import StrandcastError
+from strandcast.records.files import remove_temporary_files, write_text
+from strandcast.records.folders import ExperimentFolder
+from strandcast.records.record import read_json
+
+LEASE_S = 60.0  # chosen: three renewals; a busy file server may delay each by many seconds
+# Set for the jobs of a workflow, which hold no lease of their own: the workflow holds it for all of them.
+WITHIN_WORKFLOW = "STRANDCAST_WITHIN_WORKFLOW"
+
+
+class Owner(NamedTuple):
+    """The process that holds a lease."""
+
+    pid: int
+    host: str
+    since: str
+    command: str
+
+    def __str__(self) -> str:
+        return f"process {self.pid} on {self.host} since {self.since}: {self.command}"
+
+
+@contextmanager
+def lease(root: Path, experiment: str) -> Iterator[None]:
+    """Hold an experiment's lease within the block; within a workflow, which holds it already, do nothing."""
+    if WITHIN_WORKFLOW in os.environ:
+        yield
+        return
+    held = take(root, experiment)
+    try:
+        yield
+    finally:
+        _release(root, experiment, held)
+
+
+def hold_until_exit(root: Path, experiments: Iterable[str]) -> None:
+    """Take the leases of experiments, all or none, and release them when this process ends."""
+    taken: list[tuple[str, SoftFileLease]] = []
+    try:
+        for name in sorted(set(experiments)):
+            taken.append((name, take(root, name)))
+    except StrandcastError:
+        for name, held in taken:
+            _release(root, name, held)
+        raise
+    for name, held in taken:
+        atexit.register(_release, root, name, held)
+
+
+def take(root: Path, experiment: str) -> SoftFileLease:
+    """Take an experiment's lease; one of a process that no longer lives is taken over.
+
+    Raises
+    ------
+    StrandcastError
+        SC-W010 another process holds it.
+    """
+    path = _lease_file(root, experiment)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    held = SoftFileLease(path, lease_duration=LEASE_S, is_singleton=False, thread_local=False)
+    try:
+        held.acquire(timeout=0)
+    except Timeout:
+        _wait_for_other_host(held, root, experiment)
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    owner = Owner(os.getpid(), socket.gethostname(), now, command)
+    write_text(_owner_file(path), _as_json(owner))
+    _sweep(ExperimentFolder(root, experiment))
+    return held
+
+
+def _wait_for_other_host(held: SoftFileLease, root: Path, experiment: str) -> None:
+    """Take over the lease of another host if it is not renewed; refuse at once if its owner is here."""
+    owner = owner_of(root, experiment)
+    if owner is not None and owner.host != socket.gethostname():
+        print(f"waiting {LEASE_S:.0f} s to see whether it still runs: {owner}", file=sys.stderr, flush=True)
+        try:
+            held.acquire(timeout=LEASE_S * 1.5)
+            return
+        except Timeout:
+            pass
+    raise StrandcastError(
+        "SC-W010",
+        f"another run works on this experiment ({owner or 'it gives no name'})",
+        file=_lease_file(root, experiment).parent,
+        cost="two runs at once would overwrite each other's files",
+        fix="wait for it to end, or stop that process",
+    )
+
+
+def refuse_if_held(root: Path, experiment: str) -> None:
+    """Raise SC-W010 if another process holds an experiment's lease."""
+    if _lease_file(root, experiment).exists():
+        _release(root, experiment, take(root, experiment))
+
+
+def unlock(root: Path, experiment: str) -> str:
+    """Remove the lease of a run that has ended; return in words what was found.
+
+    Raises
+    ------
+    StrandcastError
+        SC-W010 its owner lives.
+    """
+    if not _lease_file(root, experiment).exists():
+        return f"{experiment}: no run holds it"
+    owner = owner_of(root, experiment)
+    _release(root, experiment, take(root, experiment))
+    return f"{experiment}: released; it was held by {owner or 'an unknown process'}"
+
+
+def owner_of(root: Path, experiment: str) -> Owner | None:
+    """Return who took an experiment's lease last, None if that is not known."""
+    try:
+        data = read_json(_owner_file(_lease_file(root, experiment)))
+        return Owner(int(data["pid"]), str(data["host"]), str(data["since"]), str(data["command"]))
+    except (StrandcastError, KeyError, TypeError, ValueError):
+        return None
+
+
+def _release(root: Path, experiment: str, held: SoftFileLease) -> None:
+    if held.is_locked:
+        _owner_file(_lease_file(root, experiment)).unlink(missing_ok=True)
+        held.release()
+
+
+def _lease_file(root: Path, experiment: str) -> Path:
+    return ExperimentFolder(root, experiment).results / ".lease"
+
+
+def _owner_file(path: Path) -> Path:
+    return path.with_name(".lease-owner.json")
+
+
+def _as_json(owner: Owner) -> str:
+    return json.dumps(owner._asdict(), indent=1) + "\n"
+
+
+def _sweep(folder: ExperimentFolder) -> None:
+    """Remove temporary files of killed stages: nobody else writes results now."""
+    for found in (folder.results, *folder.results.glob("trial-[0-9][0-9]"), *folder.results.glob("cameras")):
+        remove_temporary_files(found)

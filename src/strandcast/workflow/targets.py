@@ -1,0 +1,146 @@
+"""Answers for the rules: experiments that exist, files that a stage reads and writes, trials to make.
+
+All paths are relative to the project's root, where Snakemake runs.
+"""
+
+import re
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+
+from strandcast.config.find import NAME
+from strandcast.errors import StrandcastError
+from strandcast.records.verdict import Verdict
+from strandcast.stages import files
+from strandcast.stages.context import Context, context_of
+from strandcast.stages.declarations import STAGES
+from strandcast.stages.job import Job, Pattern
+from strandcast.workflow import code_version
+
+ROOT = Path()
+DEMO = "demo"
+NEVER = "(?!)"  # the pattern that matches nothing
+# results/paper and results/paper-quick are not experiments: they hold the summaries of many.
+EXPERIMENT = rf"(?!paper(?:-quick)?(?:/|$)){NAME}"
+TRIAL = r"\d{2}"
+CAMERA = r"[a-z0-9][a-z0-9_-]{0,31}"
+
+
+def own_experiments(root: Path = ROOT) -> list[str]:
+    """Return the experiments under data/."""
+    return sorted(path.parent.name for path in root.glob("data/*/experiment.yaml"))
+
+
+def default_experiments(root: Path = ROOT) -> list[str]:
+    """Return the experiments that are run if none is named: those under data/, or the demonstration."""
+    return own_experiments(root) or [DEMO]
+
+
+def lab_experiments(root: Path = ROOT) -> list[str]:
+    """Return the experiments that the lab throws; an invalid one is reported when it is asked for."""
+    shipped = (path.stem for path in root.glob("config/experiments/*.yaml"))
+    return [name for name in sorted({*own_experiments(root), *shipped}) if _is_lab(root, name)]
+
+
+def real_experiments(root: Path = ROOT) -> list[str]:
+    """Return the experiments with recordings of a real rig, invalid ones too."""
+    lab = lab_experiments(root)
+    return [name for name in own_experiments(root) if name not in lab]
+
+
+def _is_lab(root: Path, name: str) -> bool:
+    try:
+        return experiment(name, root).settings.lab is not None
+    except StrandcastError:
+        return False
+
+
+@cache
+def experiment(name: str, root: Path = ROOT) -> Context:
+    """Return an experiment, read once."""
+    return context_of(root, name)
+
+
+def names_pattern(names: Iterable[str]) -> str:
+    """Return the pattern of a wildcard that matches just these names."""
+    return "|".join(map(re.escape, names)) or NEVER
+
+
+def with_files(*names: str, experiments: Iterable[str], root: Path = ROOT) -> dict[str, list[str]]:
+    """Return the trials that have all of some raw files, by experiment."""
+    found = {}
+    for name in experiments:
+        folders = sorted((root / "data" / name).glob("trial-[0-9][0-9]"))
+        trials = [folder.name for folder in folders if all((folder / file).is_file() for file in names)]
+        if trials:
+            found[name] = trials
+    return found
+
+
+def supplied_trials(root: Path = ROOT) -> dict[str, list[str]]:
+    """Return the trials whose track and alignment were measured elsewhere, by experiment."""
+    return with_files(*files.SUPPLIED_FILES.values(), experiments=own_experiments(root), root=root)
+
+
+def played_trials(root: Path = ROOT) -> dict[str, list[str]]:
+    """Return the trials that a real arm has played, by experiment: their motion is not planned again."""
+    return with_files("motion.json", experiments=real_experiments(root), root=root)
+
+
+def experiment_pattern(trials: dict[str, list[str]], *, other: bool = False) -> str:
+    """Return the pattern of the wildcard `experiment` in paths of just these trials, or of all `other` ones.
+
+    A pattern is for one wildcard; it looks ahead at the trial that follows in the path.
+    """
+    pairs = "|".join(f"{re.escape(name)}/(?:{'|'.join(numbers)})" for name, numbers in trials.items())
+    if not pairs:
+        return EXPERIMENT if other else NEVER
+    return f"(?{'!' if other else '='}(?:{pairs})/){EXPERIMENT}"
+
+
+def stage_inputs(stage: str, name: str, trial: int = 0, trials: Iterable[int] = ()) -> dict[str, list[str]]:
+    """Return a stage's input files by role, for an experiment and its trial, or all its trials."""
+    job = Job(experiment(name), trial, tuple(trials))
+    return {role: [str(path) for path in paths] for role, paths in STAGES[stage].input_files(job).items()}
+
+
+def stage_outputs(stage: str) -> dict[str, Pattern]:
+    """Return a stage's output files by role, with the wildcards `experiment`, `trial` and `camera`."""
+    return dict(STAGES[stage].outputs)
+
+
+def arm_files(name: str) -> list[str]:
+    """Return the file of an experiment's arm, and its URDF."""
+    return [str(path) for path in files.arm(Job(experiment(name)))]
+
+
+def settings_at(name: str, *paths: str) -> str:
+    """Return some settings of an experiment, as one line of JSON."""
+    return code_version.settings_at(experiment(name).settings, *paths)
+
+
+def stage_settings(stage: str, name: str) -> str:
+    """Return the settings that a stage reads, as one line of JSON."""
+    return code_version.settings(experiment(name).settings, stage)
+
+
+def trials_of(name: str, verdict_of: Callable[[str], str]) -> list[int]:
+    """Return the trials of an experiment: those recorded, or in the lab, all until a hit.
+
+    Parameters
+    ----------
+    verdict_of
+        Returns the path of the verdict of a trial, given as ``01``, once it exists.
+    """
+    context = experiment(name)
+    limits = context.settings
+    if limits.lab is None:
+        return context.folder.recorded_trials()
+    thrown: list[int] = []
+    for number in range(1, limits.max_trials + 1):
+        thrown.append(number)
+        if context.counted([number]):
+            verdict = Verdict.read(verdict_of(f"{number:02d}"))
+            if verdict.hit and number >= limits.min_trials:
+                break
+    return thrown

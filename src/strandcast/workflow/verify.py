@@ -1,0 +1,149 @@
+"""Check every file of an experiment: its content, the trial that it belongs to, its inputs, its versions."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from strandcast.errors import StrandcastError
+from strandcast.records.folders import ExperimentFolder, TrialFolder
+from strandcast.records.joint_log import Run, read_run
+from strandcast.records.lineage import MISPLACED, OUTDATED, Lineage, check_picture
+from strandcast.records.load import RECORDS, TABLES
+from strandcast.records.manifest import Manifest
+from strandcast.records.motion import Motion
+from strandcast.records.page import check_page
+from strandcast.records.provenance import current_versions
+from strandcast.records.record import read_json, verify_hash
+from strandcast.records.tables import read_arrow, read_parquet, table_made_by, table_schema, verify_content
+
+State = Literal["damaged", "misplaced", "outdated", "versions"]
+ORDER: tuple[State, ...] = ("damaged", "misplaced", "outdated", "versions")
+STATES: dict[str, State] = {MISPLACED: "misplaced", OUTDATED: "outdated"}
+
+
+class Finding(NamedTuple):
+    """A file that is not as it was made: its state, and the sentence that says so."""
+
+    file: Path
+    state: State
+    what: str
+    fix: str | None = None
+
+
+class _Verified(NamedTuple):
+    """A file that is as it was made: its lineage and the versions that made it."""
+
+    lineage: Lineage | None
+    made_by: dict[str, str]
+
+
+def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
+    """Return what is wrong with an experiment's files; with `raw`, videos and joint logs are hashed too."""
+    folder = ExperimentFolder(root, experiment)
+    trials = [folder.trial(number) for number in _numbers(folder)]
+    places = [folder.results, folder.results / "cameras", *(trial.results for trial in trials)]
+    findings = [finding for place in places for finding in _verify_results(place)]
+    for trial in trials:
+        findings += _verify_raw_records(trial)
+        findings += _verify_raw_bytes(trial) if raw else []
+    return sorted(findings, key=lambda finding: ORDER.index(finding.state))
+
+
+def _numbers(folder: ExperimentFolder) -> list[int]:
+    found = (path.name for place in (folder.data, folder.results) for path in place.glob("trial-[0-9][0-9]"))
+    return sorted({int(name.removeprefix("trial-")) for name in found})
+
+
+def _verify_results(folder: Path) -> Iterator[Finding]:
+    lineages = []
+    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
+        if path.suffix in READERS and not path.name.startswith("."):
+            found = _checked(path, READERS[path.suffix])
+            if isinstance(found, Finding):
+                yield found
+                continue
+            lineages.append(found.lineage)
+            yield from _other_versions(path, found.made_by)
+    for path in sorted(folder.glob("*.webp")):
+        for lineage in lineages:
+            try:
+                check_picture(path, lineage)
+            except StrandcastError as problem:
+                yield _finding(path, problem)
+
+
+def _verify_raw_records(trial: TrialFolder) -> Iterator[Finding]:
+    for path in sorted(trial.data.glob("*.*")):
+        if path.suffix in (".json", ".parquet"):
+            found = _checked(path, READERS[path.suffix])
+            if isinstance(found, Finding):
+                yield found
+
+
+def _verify_raw_bytes(trial: TrialFolder) -> Iterator[Finding]:
+    """Check a trial's raw files against each other and against the manifest."""
+    from strandcast.video.checks import check_same
+
+    run: Run | None = None
+    try:
+        if (trial.data / "run.json").is_file():
+            run, _ = read_run(trial.data)
+        played = trial.data / "motion.json"
+        planned_sha256 = run.motion_sha256 if run is not None else None
+        if played.is_file() and planned_sha256 not in (None, Motion.read(played).content_sha256()):
+            yield Finding(played, "misplaced", "is not the motion that run.json says was played")
+        manifest = trial.results / "manifest.json"
+        if manifest.is_file():
+            facts = Manifest.read(manifest).video
+            if (trial.data / facts.file).exists():
+                check_same(trial.data / facts.file, facts)
+    except StrandcastError as problem:
+        yield _finding(Path(problem.file or trial.data), problem)
+
+
+def _checked(path: Path, read: Callable[[Path], _Verified]) -> _Verified | Finding:
+    try:
+        return read(path)
+    except StrandcastError as problem:
+        return _finding(path, problem)
+
+
+def _finding(path: Path, problem: StrandcastError) -> Finding:
+    return Finding(path, STATES.get(problem.code, "damaged"), problem.what, problem.fix)
+
+
+def _other_versions(path: Path, made_by: dict[str, str]) -> Iterator[Finding]:
+    now = current_versions()
+    changed = [f"{name} {old}" for name, old in made_by.items() if now.get(name, old) != old]
+    if changed:
+        yield Finding(path, "versions", f"was made by {', '.join(changed)}")
+
+
+def _verify_record(path: Path) -> _Verified:
+    data = read_json(path)
+    kind = RECORDS.get(str(data.get("schema")))
+    if kind is None:
+        verify_hash(path, data)
+        return _Verified(None, {})
+    record = kind.read(path)
+    return _Verified(record.lineage, record.made_by)
+
+
+def _verify_table(path: Path) -> _Verified:
+    table = read_parquet(path)
+    verify_content(path, table)
+    spec = TABLES.get(table_schema(table)[0])
+    if spec is not None:
+        read_arrow(path, spec)
+    return _Verified(None, table_made_by(table))
+
+
+def _verify_page(path: Path) -> _Verified:
+    return _Verified(check_page(path), {})
+
+
+READERS: dict[str, Callable[[Path], _Verified]] = {
+    ".json": _verify_record,
+    ".parquet": _verify_table,
+    ".html": _verify_page,
+}

@@ -1,0 +1,110 @@
+"""The loop on random strings, targets and servos; none was used for tuning.
+
+    python -m strandcast_studies.benchmarks.loop.drawn --seeds 3001-3060 --out results/bench-drawn.json
+
+As `loop.run`, but every seed has its own string, target and servo. The planner knows only a string's length
+and the places of its weights.
+"""
+
+import json
+import math
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strandcast_studies.benchmarks.loop.run import (
+    PROJECT,
+    RIGS,
+    outcome,
+    prepare,
+    root_with_arms,
+    run_jobs,
+    run_parser,
+    run_prepared,
+)
+from strandcast_studies.paper.cases import FILE, load_plan, merged
+
+REPORTED_SEEDS = range(3001, 3061)
+# Ranges, chosen to include the paper's strings.
+LENGTH_M = (0.20, 0.65)
+WEIGHTS, WEIGHT_KG = 2, (0.003, 0.020)  # largest number, and mass
+FIRST_PLACE_M, APART_M = 0.06, 0.05  # least distance of weights from the hand, and from each other
+# From sewing thread to thin rope; logarithmic, except for the curl.
+DENSITY_KG_M, STIFFNESS_N_M2, DIAMETER_M = (0.002, 0.020), (3e-7, 1e-5), (0.002, 0.005)
+CURL_RAD_M = 4.0
+SERVOS = ("servoj", "stiff", "pd", "soft")
+# A target is out of the arm's reach by up to this share of the string's length.
+ARM_M, OF_LENGTH = 0.70, 0.6
+EDGE_M = 0.10  # from the workspace's edge
+
+
+def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
+    """Return an experiment's settings: the `common` ones of config/paper.yaml and the random ones."""
+    random = np.random.default_rng([seed, 5])
+    length_m = round(float(random.uniform(*LENGTH_M)), 2)
+    return merged(
+        common,
+        {
+            "seed": seed,
+            "string": {"length_m": length_m, "weights": _weights(length_m, random)},
+            "target_m": _target(common["workspace_m"], ARM_M + OF_LENGTH * length_m, random),
+            "lab": {
+                "string": {
+                    "linear_density_kg_m": _log_uniform(DENSITY_KG_M, random),
+                    "bending_stiffness_n_m2": _log_uniform(STIFFNESS_N_M2, random),
+                    "diameter_m": _log_uniform(DIAMETER_M, random),
+                    "curl_rad_m": float(random.uniform(-CURL_RAD_M, CURL_RAD_M)),
+                },
+                "servo": SERVOS[random.integers(len(SERVOS))],
+            },
+        },
+    )
+
+
+def _weights(length_m: float, random: np.random.Generator) -> list[dict[str, float]]:
+    """Return up to two weights; only the lab knows their masses."""
+    places_m = np.sort(random.uniform(FIRST_PLACE_M, length_m, random.integers(WEIGHTS + 1)))
+    apart = np.diff(places_m, prepend=0.0) >= APART_M
+    return [
+        {"place_m": round(float(place_m), 2), "mass_kg": _log_uniform(WEIGHT_KG, random)}
+        for place_m in places_m[apart]
+    ]
+
+
+def _target(workspace_m: dict[str, list[float]], far_m: float, random: np.random.Generator) -> list[float]:
+    """Return a place in the workspace that the string can reach but not the hand."""
+    while True:
+        x_m, y_m = (
+            random.uniform(workspace_m[axis][0] + EDGE_M, workspace_m[axis][1] - EDGE_M)
+            for axis in ("x_m", "y_m")
+        )
+        if ARM_M < math.hypot(x_m, y_m) < far_m:
+            return [round(float(x_m), 3), round(float(y_m), 3)]
+
+
+def _log_uniform(between: tuple[float, float], random: np.random.Generator) -> float:
+    return float(np.exp(random.uniform(*np.log(between))))
+
+
+def _job(root: str, seed: int, trials: int) -> dict[str, Any]:
+    settings = settings_of(load_plan(PROJECT / FILE).common, seed)
+    name = f"drawn-{seed}"
+    prepare(Path(root), name, settings)
+    drawn = {key: settings[key] for key in ("seed", "string", "target_m", "lab")}
+    return drawn | outcome(lambda: run_prepared(Path(root), name, trials, RIGS["usual"]))
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the experiments, two at a time; write each result as soon as it is known."""
+    parser = run_parser(__doc__, list(REPORTED_SEEDS), "results/bench-drawn.json", strings=False)
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory(prefix="strandcast-drawn-") as folder:
+        root = str(root_with_arms(Path(folder)))
+        jobs = [(root, seed, options.trials) for seed in options.seeds]
+        print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
+
+
+if __name__ == "__main__":
+    main()

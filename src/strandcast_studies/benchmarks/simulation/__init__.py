@@ -1,0 +1,1 @@
+"""The string's simulation compared with other simulators."""

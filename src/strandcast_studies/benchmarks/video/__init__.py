@@ -1,0 +1,1 @@
+"""The tracker on filmed throws, compared with peers."""

@@ -1,0 +1,137 @@
+"""The page of the paper's experiment: the paper's tables and figures with our results."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from strandcast.errors import StrandcastError
+from strandcast.records.provenance import group_by_versions
+from strandcast.records.summary import ExperimentSummary, VersionGroup
+from strandcast.report.pages import render
+from strandcast.report.panels.content import Panel, PanelContent, Table, make_sections
+from strandcast.report.provenance import mixed_versions, version_tables
+from strandcast.report.text import CITATION
+from strandcast_studies.paper.figures.budget import budget
+from strandcast_studies.paper.figures.cost import first_fit, times
+from strandcast_studies.paper.figures.counts import NAMES, misses, rates, trials_to_hit
+from strandcast_studies.paper.figures.masses import masses
+from strandcast_studies.paper.figures.parameters import parameters, transfer
+from strandcast_studies.paper.figures.strings import strings, targets
+from strandcast_studies.paper.figures.throws import first_and_last, hand, joints, tip
+from strandcast_studies.paper.figures.words import readings
+from strandcast_studies.paper.records import PaperRun, PaperSummary
+from strandcast_studies.paper.report.facts import PaperFacts
+from strandcast_studies.paper.report.runs import RunResults, to_show
+from strandcast_studies.paper.report.summary import METHODS, chosen
+
+# The paper's figures of single throws, and the strings in them.
+STROBES = {"Fig. 7": 1, "Fig. 9": 5, "Fig. 10": 7}
+SINGLE = 1  # Figs. 8a and 8b are of string 1
+
+
+def paper_page(summary: PaperSummary, folders: Mapping[str, Path], facts: PaperFacts) -> str:
+    """Return the HTML page of the paper's experiment; `folders` maps an experiment to its results."""
+    runs = [
+        RunResults(run, folders[run.experiment]) for run in summary.experiments if run.experiment in folders
+    ]
+    sections = make_sections(_panels(summary, runs, facts), summary)
+    made_with = _made_with(runs)
+    return render(
+        "paper.html.jinja",
+        "strandcast_studies.paper.report",
+        headline=_headline(summary),
+        summary=summary,
+        troubled=[run for run in summary.experiments if run.state != "done"],
+        broken=[each for each in sections if each.problem is not None],
+        sections=sections,
+        citation=CITATION,
+        mixed_versions=mixed_versions(made_with),
+        provenance=_provenance(runs, made_with),
+        names=NAMES,
+    )
+
+
+def _panels(summary: PaperSummary, runs: list[RunResults], facts: PaperFacts) -> list[Panel]:
+    """Return the panels of the page, in order."""
+    plan: list[tuple[Any, ...]] = [
+        ("trials", "Table 3: trials to hit", trials_to_hit, summary),
+        ("rates", "Hit rates", rates, summary),
+        ("misses", "Miss by trial", misses, summary),
+        ("strings", "Fig. 5: the strings", strings, facts),
+        ("targets", "Fig. 6: the targets", targets, facts, summary),
+    ]
+    for figure, string in STROBES.items():
+        for method in _thrown(summary, string):
+            title = f"{figure}: string {string} ({NAMES[method]})"
+            plan.append((f"strobe-{string}-{method}", title, _of_run(first_and_last), runs, string, method))
+    for method in _thrown(summary, SINGLE):
+        for name, title, build in (
+            ("tip", "Fig. 8a: tip", tip),
+            ("hand", "Fig. 8b: hand", hand),
+            ("joints", "Joints", joints),
+        ):
+            plan.append(
+                (f"{name}-{method}", f"{title} ({NAMES[method]})", _of_run(build), runs, SINGLE, method)
+            )
+    plan += [
+        ("masses", "Table 4: estimated masses", masses, runs, facts),
+        ("parameters", "Fig. 11: one string, fitted at several targets", parameters, runs),
+        ("transfer", "Section VIII: predictions of each fit", transfer, runs),
+        ("warning", "First fit’s E against the next miss", first_fit, summary),
+        ("budget", "Error budget: misses by cause", budget, facts.budget, summary.hit_radius_m),
+        ("readings", "Interpretation of the paper", readings, facts),
+        ("times", "Wall time by stage", times, facts),
+    ]
+    unknown = set() if facts.budget else {"budget"}
+    if all(run.own_target for run in summary.experiments):
+        unknown |= {"parameters", "transfer"}
+    return [_panel(*each) for each in plan if each[0] not in unknown]
+
+
+def _panel(name: str, title: str, build: Callable[..., PanelContent], *given: Any) -> Panel:
+    return Panel(name, title, lambda _: build(*given))
+
+
+def _thrown(summary: PaperSummary, string: int) -> list[str]:
+    """Return the methods of a string's runs at its own target, failed ones included; ours first."""
+    used = {run.method for run in summary.experiments if run.string == string and run.own_target}
+    return [method for method in reversed(METHODS) if method in used]
+
+
+def _of_run(build: Callable[[RunResults], PanelContent]) -> Callable[..., PanelContent]:
+    """Return the function of a single run's panel, from all runs, a string and a method."""
+    return lambda *given: build(to_show(*given))
+
+
+def _headline(summary: PaperSummary) -> str:
+    parts = []
+    for method in METHODS:
+        runs = chosen(summary.experiments, method)
+        if runs:
+            hit = sum(run.hit_trial is not None for run in runs)
+            parts.append(f"{hit} of {len(runs)} runs hit with {NAMES[method]}")
+    return "; ".join(parts) or "nothing has been thrown yet"
+
+
+def _provenance(runs: list[RunResults], made_with: list[VersionGroup]) -> list[Table]:
+    rows = [[each.run.experiment, _hash(each.folder / "summary.json", each.run)] for each in runs]
+    return [Table(["summary.json of", "content sha256"], rows), *version_tables(made_with)]
+
+
+def _made_with(runs: list[RunResults]) -> list[VersionGroup]:
+    """Return the versions that made the runs' results, from all readable summaries."""
+    pairs = []
+    for each in runs:
+        try:
+            groups = ExperimentSummary.read(each.folder / "summary.json").made_with
+        except StrandcastError:
+            continue
+        pairs += [(each.run.experiment, group.versions) for group in groups]
+    return [VersionGroup(versions=found, files=names) for found, names in group_by_versions(pairs)]
+
+
+def _hash(path: Path, run: PaperRun) -> str:
+    try:
+        return ExperimentSummary.read(path).content_sha256()
+    except StrandcastError:
+        return f"none ({run.state})"

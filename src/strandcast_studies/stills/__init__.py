@@ -1,0 +1,1 @@
+"""The string in a single picture: its ordered centreline, through self-crossings."""

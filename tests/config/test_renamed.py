@@ -1,0 +1,47 @@
+"""Settings under their old names: accepted for one version, with the line and the new name in a warning."""
+
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+from strandcast.config.renamed import RENAMED, Renamed, with_new_names
+from strandcast.config.schema import fields
+from strandcast.errors import StrandcastError
+
+CHANGES = (
+    Renamed("plan.finer", "plan.mesh_refinement"),
+    Renamed("track.hand", "track.tracker", {"pivot": "pendulum", "marker": "chain"}),
+)
+
+
+def loaded(text: str):
+    return YAML(typ="rt").load(text)
+
+
+def test_old_names_and_values_are_translated_in_place(caplog):
+    data = loaded("arm: x\nplan:\n  ensemble: 4\n  finer: false\ntrack: {hand: pivot}\n")
+    with_new_names(data, Path("e.yaml"), CHANGES)
+    assert dict(data["plan"]) == {"ensemble": 4, "mesh_refinement": False}
+    assert dict(data["track"]) == {"tracker": "pendulum"}
+    assert data["plan"].lc.data["mesh_refinement"][0] == 3
+    assert "e.yaml:4: plan.finer is now called plan.mesh_refinement" in caplog.text
+
+
+def test_new_names_pass_in_silence(caplog):
+    data = loaded("plan: {mesh_refinement: true}\n")
+    with_new_names(data, Path("e.yaml"), CHANGES)
+    assert dict(data["plan"]) == {"mesh_refinement": True}
+    assert not caplog.text
+
+
+def test_both_names_are_refused():
+    data = loaded("plan:\n  finer: false\n  mesh_refinement: true\n")
+    with pytest.raises(StrandcastError) as caught:
+        with_new_names(data, Path("e.yaml"), CHANGES)
+    assert (caught.value.code, caught.value.line) == ("SC-F007", 2)
+
+
+def test_renamed_settings_exist_under_the_new_name_only():
+    known = {path for path, _ in fields()}
+    assert [change for change in RENAMED if change.new not in known or change.old in known] == []

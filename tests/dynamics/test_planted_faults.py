@@ -1,0 +1,27 @@
+"""That the proofs can fail: faults planted in a copy of the simulator, and caught."""
+
+import pytest
+from planted_faults import FAULTS, Fault, catches, errors_with, planted
+
+pytestmark = pytest.mark.slow
+
+BY_NAME = {each.name: each for each in FAULTS}
+
+
+# Each copy is compiled anew, most of a minute: one stands for all, ``planted_faults.py`` plants the rest.
+def test_fault_is_caught():
+    found = errors_with(BY_NAME["first kick a full step"], ["dop853", "fall_through_air", "hangs_stretched"])
+    assert catches("dop853", found["dop853"])
+    assert catches("fall_through_air", found["fall_through_air"])
+    assert not catches("hangs_stretched", found["hangs_stretched"])  # the copy does run
+
+
+def test_every_fault_still_fits_the_code(tmp_path):
+    for k, each in enumerate(FAULTS):
+        planted(each, tmp_path / str(k))
+
+
+def test_fault_that_no_longer_fits_is_refused(tmp_path):
+    gone = Fault("gone", "hand.py", "no such text", "")
+    with pytest.raises(LookupError, match="does not hold 'no such text'"):
+        planted(gone, tmp_path)

@@ -1,0 +1,19 @@
+"""Each proof of the string, for each integrator and precision that it has a tolerance for."""
+
+import pytest
+from proofs import PROOFS, VARIANTS
+
+pytestmark = pytest.mark.slow
+
+CASES = [(name, variant) for name, proof in PROOFS.items() for variant in proof.tolerance]
+
+
+@pytest.mark.parametrize(("name", "variant"), CASES)
+def test_holds(name, variant):
+    proof = PROOFS[name]
+    error = proof.error(VARIANTS[variant])
+    assert error <= proof.tolerance[variant], f"{error:.3g} {proof.unit}"
+
+
+def test_each_proof_is_of_the_default_scheme():
+    assert all("lfcn" in proof.tolerance for proof in PROOFS.values())

@@ -1,0 +1,66 @@
+"""Serves a simulated Franka controller on a loopback address; run by franka-sim's own Python, never imported.
+
+Its MuJoCo model is made here from the URDF in its wheel; the one that it would download is not needed.
+The URDF has no rotor inertia, without which the light last joint rattles under position control.
+"""
+
+import logging
+import os
+import sys
+import threading
+import time
+import xml.etree.ElementTree as ElementTree
+from contextlib import suppress
+from pathlib import Path
+
+import franka_sim
+import mujoco
+from franka_sim.mujoco_franka_sim import MujocoFrankaSim
+
+LONGEST_S = 400.0  # a client that waits for an answer that never comes waits no longer than this
+NICE = -10  # a controller has a computer of its own
+ARMATURE_KG_M2 = (0.2, 0.2, 0.2, 0.2, 0.1, 0.1, 0.1)
+DAMPING_N_M_S = 1.0
+
+
+def write_model(path: Path) -> None:
+    """Write the wheel's FR3 as an MJCF without pictures and contact shapes."""
+    urdf = Path(franka_sim.__file__).parent / "models" / "fr3.urdf"
+    root = ElementTree.parse(urdf).getroot()
+    for link in root.iter("link"):
+        for shape in link.findall("visual") + link.findall("collision"):
+            link.remove(shape)
+    spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
+    for joint, armature in zip(spec.joints, ARMATURE_KG_M2, strict=True):
+        joint.armature, joint.damping = armature, DAMPING_N_M_S
+    spec.compile()
+    path.write_text(spec.to_xml())
+
+
+def end_in_time(parent: int) -> None:
+    """End the process when its parent has ended, or after so long."""
+    deadline = time.monotonic() + LONGEST_S
+    while os.getppid() == parent and time.monotonic() < deadline:
+        time.sleep(0.5)
+    os._exit(1)
+
+
+def main(host: str, model: Path) -> None:
+    """Serve until killed, with the controller's reflexes on limits and lost commands switched on."""
+    threading.Thread(target=end_in_time, args=(os.getppid(),), daemon=True).start()
+    with suppress(PermissionError):
+        os.nice(NICE)
+    write_model(model)
+    server = franka_sim.FrankaSimServer(
+        host=host,
+        physics_sim=MujocoFrankaSim(model_path=model),
+        enable_gripper=False,
+        enforce_comm_constraints=True,
+        enforce_motion_limits=True,
+    )
+    server.start()
+
+
+if __name__ == "__main__":
+    logging.basicConfig(level=logging.INFO)
+    main(sys.argv[1], Path(sys.argv[2]))

@@ -1,0 +1,304 @@
+"""Damaged logs, captures, mappings and motions: each import ends in one clear error or in the file's numbers.
+
+STRANDCAST_FUZZ_CASES sets the number of cases of each reader, for long runs.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from strandcast.arm.load import load_arm
+from strandcast.errors import StrandcastError
+from strandcast.imports.joints import Played, Reading, import_joints
+from strandcast.imports.mapping import CaptureMapping, JointMapping, capture_mapping_of, load_mapping
+from strandcast.imports.motion_capture import import_capture
+from strandcast.records.files import content_sha256
+from strandcast.records.joint_log import read_run
+from strandcast.records.motion import Motion, Robot, StartPosture, points_of
+from strandcast.records.record import content_of
+from strandcast.records.track import read_track
+
+CASES = int(os.environ.get("STRANDCAST_FUZZ_CASES", "300"))
+FUZZ = settings(
+    max_examples=CASES,
+    deadline=None,
+    derandomize=CASES == 300,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+CELLS = [
+    "",
+    '"',
+    '"1"',
+    '"1"2',
+    "1_0",
+    "nan",
+    "inf",
+    "-1e300",
+    "1e300",
+    "1e999",
+    "1e-320",
+    "0",
+    "-1",
+    "7",
+    "1e9",
+]
+CELLS += [
+    "0x1",
+    "0.1",
+    "+.1e0",
+    '"0.1"',
+    " 0.12 ",
+    "1,5",
+    "1;5",
+    "١",
+    "é",
+    "\x0b",
+    "\x1c",
+    "\u2028",
+    "\r",
+    "\t",
+    " ",
+    "#",
+    "\0",
+    "9" * 5000,
+    "x" * 140000,
+]
+Change = tuple[str, int, int, str]
+CHANGES = st.lists(
+    st.tuples(
+        st.sampled_from(
+            ["replace", "insert", "delete", "double", "quote", "line", "twice", "swap", "cut", "byte"]
+        ),
+        st.integers(0, 9999),
+        st.integers(0, 9999),
+        st.sampled_from(CELLS),
+    ),
+    min_size=1,
+    max_size=3,
+)
+
+
+def changed_row(row: list[str], what: str, column: int, cell: str) -> list[str]:
+    """Return a row after one change at a column."""
+    head, own, tail = row[:column], row[column : column + 1], row[column + 1 :]
+    middle = {
+        "replace": [cell],
+        "insert": [cell, *own],
+        "delete": [],
+        "double": [*own, *own],
+        "quote": [f'"{text}' for text in own],
+    }
+    return head + middle.get(what, own) + tail
+
+
+def changed_bytes(data: bytes, what: str, where: int, value: int) -> bytes:
+    if what == "cut":
+        return data[: where % len(data)]
+    place = where % len(data)
+    return data[:place] + bytes([value % 256]) + data[place + 1 :]
+
+
+def damaged(text: str, changes: list[Change]) -> bytes:
+    """Return a CSV's bytes after changes of cells and rows, and then of bytes."""
+    lines = [line.split(",") for line in text.splitlines()]
+    for what, where, which, cell in changes:
+        at, other = where % len(lines), which % len(lines)
+        if what in ("line", "twice"):
+            lines.insert(at, [cell] if what == "line" else list(lines[at]))
+        elif what == "swap":
+            lines[at], lines[other] = lines[other], lines[at]
+        else:
+            lines[at] = changed_row(lines[at], what, which % max(len(lines[at]), 1), cell)
+    data = "\n".join(",".join(row) for row in lines).encode()
+    for what, where, which, _ in changes:
+        if what in ("cut", "byte") and data:
+            data = changed_bytes(data, what, where, which)
+    return data
+
+
+def plain_rows(data: bytes, columns: list[str]) -> dict[float, list[float]]:
+    """Return the numbers of the plain rows of a CSV with a header, NaN where empty, by their time."""
+    text = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    lines = [line for line in text.split("\n") if line.strip() and line.strip()[0] not in "#%"]
+    names, *rows = ([cell.strip().strip('"') for cell in line.split(",")] for line in lines)
+    while names[-1] == "":
+        names.pop()
+    at = [names.index(name) for name in columns]
+    read = [
+        [float("nan" if row[k].lower() in ("", "na") else row[k]) for k in at]
+        for row in rows
+        if all("_" not in row[k] and row[k].isascii() for k in at)
+    ]
+    return {row[0]: row[1:] for row in reversed(read)}
+
+
+ARM = Path(__file__).resolve().parents[2] / "config" / "arms" / "planar3.toml"
+LOG = "t,a,b,ca,cb\n" + "".join(
+    f"{1 + 0.01 * k:.2f},{0.1 * k:.3f},{0.2 * k:.3f},{0.1 * k:.3f},{0.2 * k:.3f}\n" for k in range(25)
+)
+READING = Reading(mapping=JointMapping(time="t", q=["a", "b"], q_cmd=["ca", "cb"], rate_hz=100))
+
+
+@FUZZ
+@given(CHANGES)
+def test_a_damaged_log_is_refused_or_read_as_it_stands(tmp_path: Path, changes: list[Change]) -> None:
+    data = damaged(LOG, changes)
+    (tmp_path / "log.csv").write_bytes(data)
+    (tmp_path / "run.json").unlink(missing_ok=True)
+    try:
+        import_joints(tmp_path / "log.csv", tmp_path, READING)
+    except StrandcastError as refusal:
+        assert refusal.file is not None
+        assert len(refusal.message()) < 1500
+        assert not (tmp_path / "run.json").exists()
+        return
+    _, log = read_run(tmp_path)
+    expected = plain_rows(data, ["t", "a", "b"])
+    np.testing.assert_array_equal([expected[time_s] for time_s in log.time_s], log.q_rad)
+
+
+CAPTURE = "t,x,y,w,mx,my,ex,ey\n" + "".join(
+    f"{0.01 * k:.2f},{0.01 * k:.2f},0.9,-1.5,{0.01 * k:.2f},0.7,{0.02 * k:.2f},0.5\n" for k in range(25)
+)
+HELD = capture_mapping_of("t", "x,y,w", ["0.2:mx,my", "0.4:ex,ey"])
+
+
+@FUZZ
+@given(CHANGES)
+def test_a_damaged_capture_is_refused_or_read_as_it_stands(
+    tmp_path_factory: pytest.TempPathFactory, changes: list[Change]
+) -> None:
+    tmp_path = tmp_path_factory.mktemp("capture")
+    data = damaged(CAPTURE, changes)
+    (tmp_path / "c.csv").write_bytes(data)
+    out = tmp_path / "out"
+    try:
+        import_capture(tmp_path / "c.csv", out, HELD, experiment="e", trial=1, length_m=0.4, points=4)
+    except StrandcastError as refusal:
+        assert len(refusal.message()) < 1500
+        assert not out.exists()
+        return
+    track = read_track(out / "track.parquet", 4)
+    expected = plain_rows(data, ["t", "x", "y", "mx", "my", "ex", "ey"])
+    rows = np.array([expected[time_s] for time_s in track.camera_time_s]).reshape(-1, 3, 2)
+    rows[~np.isfinite(rows).all(axis=2)] = np.nan
+    np.testing.assert_array_equal(rows, track.points_m[:, [0, 2, 4]])
+
+
+JOINTS = LOG.replace("t,a,b,ca,cb", "timestamp," + ",".join(f"actual_q_{k}" for k in range(4)))
+
+
+@FUZZ
+@given(CHANGES, st.sampled_from(["auto", "libfranka", "ur_rtde", "ur"]), st.integers(0, 70))
+def test_a_damaged_log_of_a_known_maker_has_no_traceback(
+    tmp_path: Path, changes: list[Change], dialect: str, output: int
+) -> None:
+    head = LOG if dialect == "auto" else JOINTS
+    (tmp_path / "log.csv").write_bytes(damaged(head, changes))
+    reading = Reading(dialect=dialect, sync_output=output if changes[0][2] % 2 else None)
+    try:
+        import_joints(tmp_path / "log.csv", tmp_path, reading)
+    except StrandcastError as refusal:
+        assert len(refusal.message()) < 1500
+    else:
+        read_run(tmp_path)
+
+
+MAPPING = 'time: t\nq: [a, b]\nq_cmd: [ca, cb]\nrate_hz: 100\noutputs: "7"\ntime_unit: ms\n'
+YAML = st.text(alphabet="abtq:[]{}&*!?|>-#%@`'\"\\ \n\t0129.,_é\0", max_size=40)
+
+
+@FUZZ
+@given(
+    st.one_of(YAML, st.binary(max_size=60)), st.integers(0, len(MAPPING)), st.sampled_from(["yaml", "toml"])
+)
+def test_any_mapping_is_read_or_one_clear_error(
+    tmp_path: Path, part: str | bytes, place: int, suffix: str
+) -> None:
+    path, inserted = tmp_path / f"m.{suffix}", part if isinstance(part, bytes) else part.encode()
+    path.write_bytes(MAPPING.encode()[:place] + inserted + MAPPING.encode()[place:])
+    for kind in (JointMapping, CaptureMapping):
+        try:
+            load_mapping(path, kind)
+        except StrandcastError as refusal:
+            assert refusal.file is not None
+
+
+def thrown() -> Motion:
+    """Return a motion of the joints a and b that fits the log."""
+    arm = load_arm(ARM)
+    time_s = np.arange(0, 0.2, 0.01)
+    q = np.stack([10 * time_s, 20 * time_s], axis=1)
+    return Motion(
+        experiment="e",
+        trial=1,
+        target_m=[0.5, 0.5],
+        robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
+        joint_names=["joint_1", "joint_2"],
+        start=StartPosture(positions_rad=[0.0, 0.0], tolerance_rad=[0.01, 0.01]),
+        bezier=None,
+        points=points_of(np.round(time_s * 1e9).astype(int), q, np.full_like(q, 10.0), np.zeros_like(q)),
+        predicted=None,
+        provenance=None,
+    )
+
+
+@pytest.fixture(scope="module")
+def motion(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    path = tmp_path_factory.mktemp("motion") / "motion.json"
+    thrown().write(path)
+    return dict(json.loads(path.read_text()))
+
+
+NUMBERS = st.sampled_from([0, -1, 0.5, 1e9, -1e300, 1e300, 5e-324, [], [0.1], [0.1, 0.2, 0.3], None, "x"])
+
+
+@FUZZ
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(
+                ["positions", "velocities", "accelerations", "sec", "nanosec", "point", "joints", "all"]
+            ),
+            st.integers(0, 99),
+            NUMBERS,
+        ),
+        min_size=1,
+        max_size=3,
+    )
+)
+def test_a_log_beside_an_unusual_motion_is_refused_or_read(
+    tmp_path: Path, motion: dict[str, Any], changes: list[tuple[str, int, Any]]
+) -> None:
+    """The motion's hash is right: only its content is unusual."""
+    data = json.loads(json.dumps(motion))
+    for what, k, value in changes:
+        points = data["points"]
+        point = points[k % len(points)] if points else {"time_from_start": {}}
+        if what in ("sec", "nanosec"):
+            point["time_from_start"][what] = value
+        elif what == "point" and points:
+            points.insert(value if type(value) is int else 0, points[k % len(points)])
+        elif what == "joints":
+            data["joint_names"] = ["joint_1", "joint_2", "joint_1", "", "joint_9"][k % 5 :][: k % 4]
+        elif what == "all":
+            data["points"] = points[: k % 3]
+        else:
+            point[what] = [value, value] if k % 2 else value
+    data["content_sha256"] = content_sha256(content_of(data))
+    (tmp_path / "motion.json").write_text(json.dumps(data))
+    (tmp_path / "log.csv").write_text(LOG)
+    try:
+        played = Played(Motion.read(tmp_path / "motion.json"), load_arm(ARM))
+        import_joints(tmp_path / "log.csv", tmp_path, READING, played=played)
+    except StrandcastError as refusal:
+        assert refusal.file is not None
+    else:
+        read_run(tmp_path)

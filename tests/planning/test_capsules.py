@@ -1,0 +1,37 @@
+"""The arm as capsules, and start postures that hide the string."""
+
+import numpy as np
+
+from strandcast.arm.load import Arm
+from strandcast.planning.capsules import NEAR_HAND_M, capsule_radii, capsules, start_violation_m
+
+WIDE = np.array([[-2.0, 2.0], [-2.0, 2.0]])
+UP, DOWN, SIDEWAYS = [np.pi / 2, 0.0, 0.0], [-np.pi / 2, 0.0, 0.0], [0.0, 0.0, 0.0]
+
+
+def test_capsules_are_the_links_and_the_plate_between_the_markers(arm: Arm) -> None:
+    found = capsules(arm, np.array([SIDEWAYS, UP]))
+    np.testing.assert_allclose(found[0, :, 0, 0], [0.0, 0.30, 0.55, 0.70 - 0.115], atol=1e-12)
+    np.testing.assert_allclose(found[0, :, 1, 0], [0.30, 0.55, 0.70, 0.70 - 0.05], atol=1e-12)
+    np.testing.assert_allclose(found[1, :, :, 1], found[0, :, :, 0], atol=1e-12)
+    np.testing.assert_allclose(found[1, :, :, 0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(capsule_radii(arm, 0.03), [0.03, 0.03, 0.03, 0.025 + 0.015])
+
+
+def test_a_string_must_not_hang_over_the_arm(arm: Arm) -> None:
+    violation_m = start_violation_m(arm, 0.30, WIDE, 0.035, np.array([UP, DOWN, SIDEWAYS]))
+    # Over its middle, the string lies as deep in the plate as the plate is wide.
+    np.testing.assert_allclose(violation_m, [0.040, 0.0, 0.0], atol=1e-12)
+    # The last link 45 degrees below the hand: 60 mm down, the string is 42 mm beside it.
+    tilted = start_violation_m(arm, 0.30, WIDE, 0.035, np.array([[np.pi / 4, 0.0, 0.0]]))
+    assert NEAR_HAND_M * np.sin(np.pi / 4) > 0.040
+    np.testing.assert_allclose(tilted, 0.0)
+    steeper = start_violation_m(arm, 0.30, WIDE, 0.035, np.array([[np.radians(65), 0.0, 0.0]]))
+    np.testing.assert_allclose(steeper, 0.040 - NEAR_HAND_M * np.sin(np.radians(25)), atol=1e-3)
+
+
+def test_a_string_must_hang_within_the_box(arm: Arm) -> None:
+    box = np.array([[-1.0, 0.65], [-0.25, 1.0]])
+    violation_m = start_violation_m(arm, 0.30, box, 0.035, np.array([SIDEWAYS, [0.5, 0.5, -1.5]]))
+    # The tip hangs 5 % further than specified: 0.315 m down; the hand is 0.05 m out to the right.
+    np.testing.assert_allclose(violation_m, [0.315 - 0.25, 0.0], atol=1e-12)

@@ -1,0 +1,126 @@
+"""The paper's own planner: section V as printed, and its readings by name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strandcast.arm.limits import violations
+from strandcast.config.plan import PaperReading, PlanSettings
+from strandcast.core.strings import StringBatch
+from strandcast.errors import StrandcastError
+from strandcast.planning.assessment import assess_rollouts
+from strandcast.planning.bezier import Curve, sample
+from strandcast.planning.draw import CurvePrior, JointBounds, draw_first
+from strandcast.planning.paper import first_by_paper, later_by_paper
+from strandcast.planning.rollouts import RolloutConditions, rollouts_of_curves
+from strandcast.planning.search import SearchInputs
+from strandcast.planning.task import PlanningTask
+
+SETTINGS = PlanSettings(planner="paper", duration_s=(0.2, 1.2), screening=256, use_servo=False)
+PRIOR = CurvePrior("paper", (0.2, 1.2), 6, 60.0)
+
+
+def bounds(task: PlanningTask) -> JointBounds:
+    return JointBounds(task.arm.limits, task.step_s, task.dynamics)
+
+
+def given(task: PlanningTask, strings: StringBatch, seed: int, **changes: object) -> SearchInputs:
+    settings = SETTINGS.model_copy(update=changes)
+    return SearchInputs(task, strings, RolloutConditions(), settings, np.random.default_rng(seed))
+
+
+def misses(task: PlanningTask, strings: StringBatch, curves: list[Curve]) -> np.ndarray:
+    return assess_rollouts(
+        task, rollouts_of_curves(task, strings.take([0]), RolloutConditions(), curves)
+    ).miss_m
+
+
+@pytest.fixture(scope="module")
+def first(task: PlanningTask, strings: StringBatch) -> Curve:
+    return first_by_paper(given(task, strings, 4)).curve
+
+
+def test_it_stops_at_the_first_simulated_hit(task: PlanningTask, strings: StringBatch) -> None:
+    wide = replace(task, hit_radius_m=0.08)
+    found = first_by_paper(given(wide, strings, 7))
+    assert not found.flags
+    assert found.simulations < SETTINGS.screening
+    # Everything drawn before it missed. The draws come in batches; the rest of the batch is not used.
+    draws = draw_first(32, PRIOR, bounds(task), np.random.default_rng(7))
+    before = misses(task, strings, draws)
+    number = int(np.argmax(before <= 0.08))
+    assert before[number] <= 0.08
+    assert found.simulations == number + 1
+    np.testing.assert_array_equal(found.curve.heights_rad_s, draws[number].heights_rad_s)
+    # It is not the nearest of the batch: that is the other reading.
+    best = PaperReading(accept="best")
+    nearest = first_by_paper(given(wide, strings, 7, screening=32, paper=best))
+    assert nearest.simulations == 32
+    np.testing.assert_array_equal(nearest.curve.heights_rad_s, draws[int(np.argmin(before))].heights_rad_s)
+
+
+def test_the_nearest_is_thrown_at_the_end_of_the_budget(task: PlanningTask, strings: StringBatch) -> None:
+    found = first_by_paper(given(replace(task, hit_radius_m=1e-9), strings, 4, screening=40))
+    assert found.flags == ["no simulated hit within the budget: the best so far is thrown"]
+    assert found.simulations == 40
+
+
+def test_first_motions_follow_eq_1_from_any_posture_for_as_long_as_the_papers(task: PlanningTask) -> None:
+    draws = draw_first(40, PRIOR, bounds(task), np.random.default_rng(0))
+    times = np.array([curve.duration_s for curve in draws])
+    assert 0.2 <= times.min() < 0.35
+    assert 0.6 < times.max() <= 1.2
+    for curve in draws[:10]:
+        slopes = np.diff(curve.heights_rad_s, axis=1) / (curve.duration_s / 6)
+        assert (curve.heights_rad_s[:, 0] == 0.0).all()
+        assert np.abs(slopes).max() <= 60.0 + 1e-9
+        motion = sample(curve, task.step_s)
+        assert violations(task.arm, motion) == []
+    postures = np.array([curve.q0_rad for curve in draws])
+    assert (np.ptp(postures, axis=0) > 1.5).all()
+
+
+def test_later_motions_keep_posture_and_time_and_change_by_at_most_half_a_radian(
+    task: PlanningTask, strings: StringBatch, first: Curve
+) -> None:
+    never = replace(task, hit_radius_m=1e-9)
+    found = later_by_paper(given(never, strings, 5, screening=64), first)
+    change = found.curve.heights_rad_s - first.heights_rad_s
+    np.testing.assert_array_equal(found.curve.q0_rad, first.q0_rad)
+    assert found.curve.duration_s == first.duration_s
+    np.testing.assert_array_equal(change[:, 0], 0.0)
+    assert 0.2 < np.abs(change).max() <= 0.5
+    motion = sample(found.curve, task.step_s)
+    assert violations(task.arm, motion) == []
+
+
+def test_walking_goes_further_than_half_a_radian_and_nearer(
+    task: PlanningTask, strings: StringBatch, first: Curve
+) -> None:
+    away = replace(task, target_m=task.target_m + np.array([0.15, -0.2]), hit_radius_m=1e-9)
+    literal = later_by_paper(given(away, strings, 5, screening=320), first)
+    walks = PaperReading(altered_from="walking")
+    walked = later_by_paper(given(away, strings, 5, screening=320, paper=walks), first)
+    assert np.abs(literal.curve.heights_rad_s - first.heights_rad_s).max() <= 0.5
+    assert np.abs(walked.curve.heights_rad_s - first.heights_rad_s).max() > 0.6
+    np.testing.assert_array_equal(walked.curve.q0_rad, first.q0_rad)
+    near = misses(away, strings, [literal.curve, walked.curve])
+    assert near[1] < near[0]
+
+
+def test_the_reading_at_rest_needs_no_ramp(task: PlanningTask, strings: StringBatch) -> None:
+    never, rest = replace(task, hit_radius_m=1e-9), PaperReading(ends="rest")
+    found = first_by_paper(given(never, strings, 1, screening=16, paper=rest))
+    assert found.curve.ramp_s == 0.0
+    later = later_by_paper(given(never, strings, 2, screening=16, paper=rest), found.curve)
+    np.testing.assert_array_equal(later.curve.heights_rad_s[:, [0, 1, -2, -1]], 0.0)
+
+
+def test_an_error_where_no_alteration_keeps_the_limits(
+    task: PlanningTask, strings: StringBatch, first: Curve
+) -> None:
+    tight = replace(task.arm.limits, velocity_rad_s=np.full(3, 0.01))
+    slow = replace(task, arm=replace(task.arm, limits=tight))
+    with pytest.raises(StrandcastError, match="SC-P007"):
+        later_by_paper(given(slow, strings, 5, screening=2), first)

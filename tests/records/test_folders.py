@@ -1,0 +1,73 @@
+"""A trial's video is found whatever the camera calls its kind."""
+
+import pytest
+
+from strandcast.errors import StrandcastError
+from strandcast.records.folders import ExperimentFolder, TrialFolder
+
+
+@pytest.fixture
+def trial(tmp_path) -> TrialFolder:
+    return TrialFolder(tmp_path, tmp_path / "results", 1)
+
+
+@pytest.mark.parametrize(
+    ("names", "video", "files"),
+    [
+        (["video.mp4", "joints.csv"], "video.mp4", ["video.mp4"]),
+        (["video.AVI"], "video.AVI", ["video.AVI"]),
+        (["video.mp4", "video.mp4.sha256"], "video.mp4", ["video.mp4"]),
+        (["video.cine"], "video.cine", ["video.cine"]),
+        (["video.cihx", "video.mraw"], "video.cihx", ["video.cihx", "video.mraw"]),
+        (["video.cih", "video.cihx", "video.mraw"], "video.cihx", ["video.cih", "video.cihx", "video.mraw"]),
+        (["video.mraw"], "video.mraw", ["video.mraw"]),
+        (["video/f1.png", "video/f2.png", "video/notes.txt"], "video", ["f1.png", "f2.png"]),
+    ],
+)
+def test_the_video_and_its_files(trial, names, video, files):
+    for name in names:
+        (trial.data / name).parent.mkdir(exist_ok=True)
+        (trial.data / name).write_bytes(b"x")
+    assert trial.video().name == video
+    assert [path.name for path in trial.video_files()] == files
+
+
+@pytest.mark.parametrize("names", [[], ["video.mp4", "video.avi"], ["video.mp4", "video.mraw"], ["film.mp4"]])
+def test_none_or_two_are_refused_by_name(trial, names):
+    for name in names:
+        (trial.data / name).write_bytes(b"x")
+    with pytest.raises(StrandcastError) as caught:
+        trial.video()
+    assert caught.value.code == "SC-V020"
+    assert all(name in caught.value.what for name in names)
+
+
+@pytest.mark.parametrize(
+    "name", ["video.mp4", "video.mraw", "video.cihx", "video.cine", "video.tif", "video"]
+)
+def test_a_trial_with_any_kind_of_video_is_recorded(tmp_path, name):
+    trial = ExperimentFolder(tmp_path, "e").trial(1)
+    assert not trial.has_video()
+    trial.data.mkdir(parents=True)
+    (trial.data / "video.txt").touch()
+    assert not trial.has_video()
+    (trial.data / name).touch() if "." in name else (trial.data / name).mkdir()
+    assert trial.has_video()
+
+
+def test_trials_with_a_video_or_a_supplied_track_are_recorded(tmp_path):
+    experiment = ExperimentFolder(tmp_path, "e")
+    for number, name in ((1, "video.mp4"), (2, "joints.csv"), (3, "track.parquet")):
+        experiment.trial(number).data.mkdir(parents=True)
+        (experiment.trial(number).data / name).touch()
+    assert experiment.recorded_trials() == [1, 3]
+
+
+def test_a_trial_0_is_refused(tmp_path):
+    folder = ExperimentFolder(tmp_path, "x")
+    for number in (0, 1):
+        folder.trial(number).data.mkdir(parents=True)
+        (folder.trial(number).data / "video.mp4").write_bytes(b"x")
+    with pytest.raises(StrandcastError, match="SC-R032") as caught:
+        folder.recorded_trials()
+    assert caught.value.file == str(tmp_path / "data/x/trial-00")

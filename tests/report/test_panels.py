@@ -1,0 +1,109 @@
+"""Panels from outside the package are on the pages, without a change to strandcast."""
+
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from markupsafe import Markup
+
+from strandcast.report.drawing import Drawing, new_figure
+from strandcast.report.experiment_page import experiment_page
+from strandcast.report.facts import Facts
+from strandcast.report.panels.content import Panel, PanelContent, Table, make_section
+from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
+from strandcast.report.panels.registry import PANELS, panels_of
+from strandcast.report.results import FILES
+from strandcast.report.summary import summarise
+from strandcast.report.trial_page import trial_page
+
+
+def tip_height(page: TrialPageData) -> PanelContent:
+    """Return the greatest height of the tip, as a curve and as a number."""
+    track = page.need("track")
+    figure = new_figure(6.0, 3.0)
+    figure.add_subplot().plot(track.camera_time_s, track.points_m[:, -1, 1])
+    highest_m = float(max(height for height in track.points_m[:, -1, 1] if height == height))
+    return PanelContent(
+        f"The tip rises to {highest_m:.2f} m.",
+        drawing=Drawing(figure, "Height of the tip."),
+        tables=[Table(["quantity", "value"], [["highest", f"{highest_m:.2f} m"]])],
+        sources=["track.parquet"],
+    )
+
+
+def trial_count(page: ExperimentPageData) -> PanelContent:
+    """Return the number of trials."""
+    return PanelContent(f"There are {len(page.trials)} trials.", drawing=Markup("<b>count</b>"))
+
+
+TOY = Panel("tip-height", "Height of the tip", tip_height, needs=("track",))
+
+
+@pytest.fixture(autouse=True)
+def same_panels_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PANELS, "_entries", PANELS.known())
+
+
+def page_of(results: Path) -> str:
+    return trial_page(results / "trial-03", trial=3, experiment="swing")
+
+
+@pytest.mark.slow
+def test_a_registered_panel_is_on_the_page(results: Path) -> None:
+    PANELS.register("trial.tip-height", TOY)
+    page = page_of(results)
+    assert '<h2 id="tip-height">Height of the tip</h2>' in page
+    assert '<a href="#tip-height">Height of the tip</a>' in page
+    assert "The tip rises to 0." in page
+    assert 'aria-label="Height of the tip."' in page
+    assert page.index('id="truth"') < page.index('id="tip-height"') < page.index('id="checks"')
+
+
+def test_an_installed_panel_is_on_the_page(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = ModuleType("toy_panels")
+    module.height, module.count = TOY, Panel("count", "Number of trials", trial_count)  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "toy_panels", module)
+    points = [
+        EntryPoint("trial.tip-height", "toy_panels:height", PANELS.group),
+        EntryPoint("experiment.count", "toy_panels:count", PANELS.group),
+        EntryPoint("trial.broken", "toy_panels:missing", PANELS.group),
+    ]
+    monkeypatch.setattr(
+        "strandcast.core.registry.entry_points", lambda group: points if group == PANELS.group else []
+    )
+    page = page_of(results)
+    assert "The tip rises to 0." in page
+    assert "has no attribute &#39;missing&#39;" in page  # on the page, which stays complete
+    assert "Number of trials" not in page
+    trials = {k: results / f"trial-{k:02d}" for k in (1, 2, 3)}
+    summary = summarise("swing", trials, string_length_m=0.3, target_m=[0.6, 0.7], hit_radius_m=0.02)
+    assert "There are 3 trials." in experiment_page(summary, trials, facts=Facts())
+
+
+def test_a_name_is_used_once_per_page() -> None:
+    PANELS.register("trial.tip-height", TOY)
+    with pytest.raises(ValueError, match="tip-height"):
+        PANELS.register("trial.tip-height", TOY)
+    PANELS.register("experiment.tip-height", TOY)
+
+
+def test_a_missing_result_is_named_instead_of_the_panel(results: Path, tmp_path: Path) -> None:
+    PANELS.register("trial.tip-height", TOY)
+    page = trial_page(tmp_path / "trial-01", trial=1, experiment="empty")
+    section = page[page.index('id="tip-height"') :]
+    assert "SC-R001" in section[: section.index("</section>")]
+
+
+@pytest.mark.parametrize("kind", ["trial", "experiment"])
+def test_declared_panels_have_unique_names_and_need_known_results(kind) -> None:
+    panels = panels_of(kind)
+    assert len({panel.name for panel in panels}) == len(panels)
+    assert {name for panel in panels for name in panel.needs} <= set(FILES)
+
+
+def test_a_panel_without_drawing_has_tables_only() -> None:
+    panel = Panel("plain", "Plain", lambda page: PanelContent("Nothing to draw."))
+    section = make_section(panel, None)
+    assert (section.finding, section.markup, section.problem) == ("Nothing to draw.", Markup(), None)

@@ -1,0 +1,76 @@
+"""Compiled kernels are cached by the code that they depend on, so that no update runs old machine code."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import strandcast
+
+
+def cache_of(root, **environment: str) -> str:
+    clean = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    line = [sys.executable, "-c", "import strandcast, os; print(os.environ['NUMBA_CACHE_DIR'])"]
+    run = subprocess.run(line, cwd=root, env=clean | environment, capture_output=True, text=True, check=True)
+    return run.stdout.strip()
+
+
+def test_an_edited_kernel_has_another_cache(tmp_path, project_root):
+    shutil.copytree(project_root / "src" / "strandcast", tmp_path / "strandcast")
+    home = {"HOME": str(tmp_path)}
+    before = cache_of(tmp_path, **home)
+    assert before.startswith(str(tmp_path))
+    (tmp_path / "strandcast" / "cli" / "main.py").open("a").write(
+        "\n_CHANGED = 1\n"
+    )  # no kernel in this file
+    assert cache_of(tmp_path, **home) == before
+    (tmp_path / "strandcast" / "dynamics" / "elements.py").open("a").write("\n_CHANGED = 1\n")
+    assert cache_of(tmp_path, **home) != before
+
+
+def test_comments_and_docstrings_do_not_count(tmp_path, project_root):
+    shutil.copytree(project_root / "src" / "strandcast", tmp_path / "strandcast")
+    home = {"HOME": str(tmp_path)}
+    before = cache_of(tmp_path, **home)
+    kernel = tmp_path / "strandcast" / "dynamics" / "elements.py"
+    kernel.write_text(kernel.read_text().replace('"""', '"""Another docstring. ', 1) + "\n# a comment\n")
+    assert cache_of(tmp_path, **home) == before
+
+
+def test_a_constant_that_a_kernel_imports_counts(tmp_path):
+    package = tmp_path / "strandcast"
+    package.mkdir()
+    for name in ("__init__", "kernel_cache", "source_code"):
+        shutil.copy(Path(strandcast.__file__).with_name(f"{name}.py"), package)
+    (package / "kernel.py").write_text("from numba import njit\nfrom strandcast.numbers import WIDTH\n")
+    (package / "numbers.py").write_text("WIDTH = 1\n")
+    home = {"HOME": str(tmp_path)}
+    before = cache_of(tmp_path, **home)
+    (package / "numbers.py").write_text("WIDTH = 2\n")
+    assert cache_of(tmp_path, **home) != before
+
+
+def test_a_damaged_cache_of_parsed_files_is_ignored(tmp_path, project_root):
+    shutil.copytree(project_root / "src" / "strandcast", tmp_path / "strandcast")
+    home = {"HOME": str(tmp_path)}
+    before = cache_of(tmp_path, **home)
+    (cache,) = (tmp_path / ".cache" / "strandcast").glob("source-code-*.json")
+    cache.write_text("{")
+    assert cache_of(tmp_path, **home) == before
+
+
+def test_the_users_own_cache_is_respected(tmp_path):
+    assert cache_of(tmp_path, NUMBA_CACHE_DIR="/elsewhere") == "/elsewhere"
+
+
+def test_without_a_home_one_folder_of_this_users_own_is_used(tmp_path):
+    """With a folder per process, every process would compile again, and its folder would stay."""
+    nowhere = {"HOME": "/dev/null/home", "TMPDIR": str(tmp_path)}
+    first, second = cache_of(tmp_path, **nowhere), cache_of(tmp_path, **nowhere)
+    assert first == second
+    (own,) = tmp_path.iterdir()
+    assert first.startswith(f"{own}/")
+    assert own.stat().st_mode & 0o777 == 0o700
+    own.chmod(0o777)  # anyone could put code there
+    assert not cache_of(tmp_path, **nowhere).startswith(f"{own}/")

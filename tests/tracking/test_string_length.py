@@ -1,0 +1,26 @@
+"""A wrongly declared length is corrected from the video and reported."""
+
+import numpy as np
+import pytest
+
+from strandcast.core.hand_marker import HandMarker
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("given_m", [0.27, 0.33])
+def test_a_declared_length_off_by_a_tenth_is_corrected_and_reported(scene, filmed, given_m):
+    path, _, curves = filmed
+    tracked = scene.track(path, given_m)
+    assert tracked.choices["length_m"] == pytest.approx(0.3, abs=0.003)
+    assert any("string.length_m" in text for text in tracked.warnings)
+    off = np.linalg.norm(tracked.points_m[:, -1] - curves[:, -1], axis=1)
+    sure = tracked.flags[:, -1] == 0
+    assert sure.mean() > 0.8
+    assert np.nanmedian(off[sure]) < 1e-3
+
+
+@pytest.mark.slow
+def test_markers_that_contradict_the_arms_file_are_reported(scene, filmed):
+    smaller = HandMarker(7, 0.9 * scene.MARKER_M, scene.MARKER_PLACE_M)
+    with pytest.raises(Exception, match="not of the sizes"):
+        scene.track(filmed[0], markers=(smaller,))

@@ -1,0 +1,59 @@
+"""The code version and the settings of a stage change with its own code and settings only."""
+
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from strandcast.config.load import load_experiment
+from strandcast.stages.declarations import STAGES
+from strandcast.workflow.code_version import code_version, settings
+
+
+@pytest.fixture
+def version_of(tmp_path, project_root):
+    """Return a function: the code version of a stage after an edit in a copy of the package."""
+    shutil.copytree(project_root / "src" / "strandcast", tmp_path / "strandcast")
+
+    def version(stage: str, file: str | None = None, old: str = "", new: str = "") -> str:
+        if file:
+            path = tmp_path / "strandcast" / file
+            text = path.read_text()
+            assert old in text
+            path.write_text(text.replace(old, new, 1))
+        line = f"from strandcast.workflow.code_version import code_version as v; print(v({stage!r}))"
+        out = subprocess.run(
+            [sys.executable, "-c", line], cwd=tmp_path, capture_output=True, text=True, check=True
+        )
+        return out.stdout.strip()
+
+    return version
+
+
+def test_an_edit_in_an_imported_room_counts_and_a_comment_does_not(version_of):
+    before = version_of("score")
+    assert version_of("score", "scoring/score.py", '"""', '"""A different docstring. ') == before
+    assert version_of("score", "scoring/score.py", "\nimport", "\n# a comment\nimport") == before
+    assert version_of("score", "scoring/score.py", "def ", "_CHANGED = 1\n\n\ndef ") != before
+
+
+def test_an_edit_in_another_room_does_not_count(version_of):
+    before = version_of("score")
+    after = version_of("score", "camera/mapping.py", "def ", "_CHANGED = 1\n\n\ndef ")
+    assert after == before
+    assert version_of("calibrate") != before
+
+
+def test_every_stage_lists_settings_that_exist(project_root):
+    experiment = load_experiment(project_root / "config/experiments/demo.yaml")
+    for stage in STAGES:
+        assert settings(experiment, stage).startswith("{")
+        assert len(code_version(stage)) == 16
+
+
+def test_a_changed_setting_changes_only_the_stages_that_read_it(project_root):
+    experiment = load_experiment(project_root / "config/experiments/demo.yaml")
+    other = experiment.model_copy(update={"hit_radius_m": 0.01})
+    changed = {stage for stage in STAGES if settings(experiment, stage) != settings(other, stage)}
+    assert changed == {"score", "plan", "report", "summary"}

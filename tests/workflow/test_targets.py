@@ -1,0 +1,113 @@
+"""Answers for the rules: the experiments and trials that exist, and the files of each stage."""
+
+import re
+
+import pytest
+
+from strandcast.errors import StrandcastError
+from strandcast.stages.files import SUPPLIED_FILES
+from strandcast.workflow import targets
+
+SETTINGS = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    """Return a project with a real rig, motion capture and a lab experiment."""
+    for name, more in (
+        ("rig", "excluded: [{trial: 2, reason: slipped}]\n"),
+        ("mocap", ""),
+        ("lab-1", "lab: {}\n"),
+    ):
+        (tmp_path / "data" / name).mkdir(parents=True)
+        (tmp_path / "data" / name / "experiment.yaml").write_text(SETTINGS + more)
+    (tmp_path / "config" / "arms").mkdir(parents=True)
+    (tmp_path / "config" / "arms" / "planar3.toml").write_text("")
+    files = [("rig", trial, "video.mp4") for trial in (1, 2, 3)] + [("rig", 1, "motion.json")]
+    files += [("mocap", 1, name) for name in SUPPLIED_FILES.values()] + [("mocap", 2, "track.parquet")]
+    for name, trial, file in files:
+        folder = tmp_path / "data" / name / f"trial-{trial:02d}"
+        folder.mkdir(exist_ok=True)
+        (folder / file).touch()
+    monkeypatch.chdir(tmp_path)
+    targets.experiment.cache_clear()
+    yield tmp_path
+    targets.experiment.cache_clear()
+
+
+def matches(pattern: str, path: str) -> bool:
+    return (
+        re.fullmatch(rf"results/(?P<experiment>{pattern})/trial-(?P<trial>\d\d)/track.json", path) is not None
+    )
+
+
+def test_experiments_are_of_the_lab_or_real(root):
+    assert targets.default_experiments() == ["lab-1", "mocap", "rig"]
+    assert targets.lab_experiments() == ["lab-1"]
+    assert targets.real_experiments() == ["mocap", "rig"]
+    (root / "data" / "lab-1" / "experiment.yaml").write_text("lab: no\n")
+    targets.experiment.cache_clear()
+    assert targets.lab_experiments() == []  # reported when it is asked for
+    with pytest.raises(StrandcastError):
+        targets.stage_inputs("ingest", "lab-1", 1)
+
+
+def test_without_experiments_the_demonstration_is_run(tmp_path):
+    assert targets.default_experiments(tmp_path) == ["demo"]
+
+
+def test_a_supplied_trial_is_registered_and_every_other_is_tracked(root):
+    supplied = targets.supplied_trials()
+    assert supplied == {"mocap": ["trial-01"]}
+    register = targets.experiment_pattern(supplied)
+    track = targets.experiment_pattern(supplied, other=True)
+    for path, is_supplied in (("mocap/trial-01", True), ("mocap/trial-02", False), ("rig/trial-01", False)):
+        assert matches(register, f"results/{path}/track.json") == is_supplied
+        assert matches(track, f"results/{path}/track.json") != is_supplied
+    assert not matches(track, "results/paper/trial-01/track.json")
+    assert not matches(targets.experiment_pattern({}), "results/rig/trial-01/track.json")
+    assert matches(targets.experiment_pattern({}, other=True), "results/rig/trial-01/track.json")
+
+
+def test_a_motion_that_a_real_arm_has_played_is_not_planned_again(root):
+    assert targets.played_trials() == {"rig": ["trial-01"]}
+
+
+def test_an_excluded_trial_is_not_read_by_later_ones(root):
+    inputs = targets.stage_inputs("estimate", "rig", 3)
+    for role in ("track", "alignment", "hand", "verdict"):
+        assert [path.split("/")[2] for path in inputs[role]] == ["trial-01", "trial-03"]
+    assert inputs["previous"] == ["results/rig/trial-01/ensemble.parquet"]
+    assert inputs["motion"] == ["data/rig/trial-01/motion.json"]
+    assert inputs["joints"] == inputs["run"] == []
+    assert targets.stage_inputs("report", "rig", 2)["results"] == []
+
+
+def test_raw_files_of_the_lab_have_names_before_they_exist(root):
+    inputs = targets.stage_inputs("ingest", "lab-1", 1)
+    assert [path for paths in inputs.values() for path in paths] == [
+        f"data/lab-1/trial-01/{name}" for name in ("video.mp4", "joints.csv", "run.json", "motion.json")
+    ]
+    photos = targets.stage_inputs("calibrate", "lab-1")
+    assert [len(photos[role]) for role in ("lens", "plane", "manifest")] == [12, 1, 0]
+
+
+def test_a_supplied_trial_needs_no_camera(root):
+    inputs = targets.stage_inputs("report", "mocap", 1)
+    assert not [path for path in inputs["results"] if "camera" in path or "manifest" in path]
+    assert inputs["next_motion"] == []
+
+
+def test_the_trials_of_a_real_experiment_are_those_recorded(root):
+    assert targets.trials_of("rig", lambda trial: "") == [1, 2, 3]
+    assert targets.trials_of("mocap", lambda trial: "") == [1, 2]
+
+
+def test_lab_trials_go_on_until_a_hit(root, monkeypatch):
+    class Verdict:
+        def __init__(self, path):
+            self.hit = path == "verdict 03"
+
+    monkeypatch.setattr(targets.Verdict, "read", Verdict)
+    assert targets.trials_of("lab-1", lambda trial: f"verdict {trial}") == [1, 2, 3]
+    assert targets.trials_of("lab-1", lambda trial: "") == [1, 2, 3, 4, 5]

@@ -1,0 +1,25 @@
+"""Detections in pixels to the track in metres.
+
+REQUIRED INPUTS: the trial's observations.parquet, results/<experiment>/cameras/*.json
+OUTPUTS:         results/<experiment>/trial-NN/{track.parquet, markers.parquet}
+"""
+
+
+rule reconstruct:
+    input:
+        unpack(stage_inputs("reconstruct")),
+    output:
+        **stage_outputs("reconstruct"),
+    log:
+        "results/{experiment}/trial-{trial}/logs/reconstruct.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/reconstruct.jsonl"
+    wildcard_constraints:
+        experiment=targets.experiment_pattern(SUPPLIED, other=True),
+    params:
+        settings=stage_settings("reconstruct"),
+        code=code_version("reconstruct"),
+    message:
+        "{wildcards.experiment} trial {wildcards.trial}: the track is reconstructed in metres"
+    shell:
+        "python -m strandcast reconstruct {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

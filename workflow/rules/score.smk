@@ -1,0 +1,23 @@
+"""Did the throw hit? The loop's checkpoint: its answer decides whether another trial follows.
+
+REQUIRED INPUTS: the trial's track.parquet, track.json and alignment.json
+OUTPUTS:         results/<experiment>/trial-NN/verdict.json
+"""
+
+
+checkpoint score:
+    input:
+        unpack(stage_inputs("score")),
+    output:
+        **stage_outputs("score"),
+    log:
+        "results/{experiment}/trial-{trial}/logs/score.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/score.jsonl"
+    params:
+        settings=stage_settings("score"),
+        code=code_version("score"),
+    message:
+        "{wildcards.experiment} trial {wildcards.trial}: the throw is scored"
+    shell:
+        "python -m strandcast score {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
