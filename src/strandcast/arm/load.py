@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from strandcast.arm.checks import geometry_problems, name_problems, number_problems
 from strandcast.arm.extract import extract_chain
@@ -179,7 +180,7 @@ def _read_keys(path: Path) -> ArmKeys:
             [
                 StrandcastError(
                     "SC-F204",
-                    f"{problem['msg']} (is {SHOWN.repr(problem['input'])})",
+                    problem["msg"] + _value(problem),
                     file=path,
                     field=".".join(map(str, problem["loc"])),
                     fix="see config/arms/planar3.toml, which explains every key",
@@ -187,6 +188,11 @@ def _read_keys(path: Path) -> ArmKeys:
                 for problem in error.errors()
             ]
         ) from None
+
+
+def _value(problem: ErrorDetails) -> str:
+    """Return the value of an entry in words; a missing one has none."""
+    return "" if problem["type"] == "missing" else f" (is {SHOWN.repr(problem['input'])})"
 
 
 def _urdf_beside(path: Path, name: str) -> Path:

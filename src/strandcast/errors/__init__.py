@@ -14,6 +14,9 @@ LOG_INCOMPLETE = 7
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # exit code: 128 + the signal's number
 
 
+LONGEST = 600  # characters of one text in a message, which may quote a damaged file
+
+
 class Ended(BaseException):
     """A signal ended the process; not an `Exception`, so that no handler of errors holds it back."""
 
@@ -55,14 +58,14 @@ class StrandcastError(Exception):
         exit_code: int = REFUSED,
     ) -> None:
         self.code = code
-        self.what = what
+        self.what = shortened(what)
         self.file = None if file is None else str(file)
         self.line = line
-        self.field = field
+        self.field = None if field is None else shortened(field)
         self.cost = cost
         self.fix = fix
         self.exit_code = exit_code
-        super().__init__(code, what)
+        super().__init__(code, self.what)
 
     def __str__(self) -> str:
         return self.message()
@@ -79,6 +82,12 @@ class StrandcastError(Exception):
         if self.fix:
             lines.append(f"        Fix: {self.fix}")
         return "\n".join(lines)
+
+
+def shortened(text: str) -> str:
+    """Return a text without its middle if it is too long to be read."""
+    half = LONGEST // 2
+    return text if len(text) <= LONGEST else f"{text[:half]} … {text[-half:]}"
 
 
 class StrandcastErrors(StrandcastError):

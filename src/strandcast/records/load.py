@@ -83,8 +83,10 @@ def _load_table(path: Path) -> pd.DataFrame:
         raise _refusal(path, f"its schema {schema!r} is not known")
     table = read_arrow(path, TABLES[schema])
     frame: pd.DataFrame = table.to_pandas()
+    columns = TABLES[schema].columns | TABLES[schema].optional
     frame.attrs = {
-        "units": {column.name: (column.metadata or {}).get(b"unit", b"").decode() for column in table.schema},
+        # Not those in the file, which no hash covers.
+        "units": {name: columns[name].unit if name in columns else "" for name in table.column_names},
         "schema": schema,
         "version": TABLES[schema].version,
         "made_by": table_made_by(table),

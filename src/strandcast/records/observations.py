@@ -6,7 +6,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from strandcast.records.tables import Column, TableSpec, read_facts, read_table, scattered, write_table
+from strandcast.records.tables import (
+    Column,
+    TableSpec,
+    fitting,
+    read_facts,
+    read_table,
+    scattered,
+    write_table,
+)
 
 OBSERVATIONS = TableSpec(
     "strandcast/observations",
@@ -84,18 +92,28 @@ def write_observations(path: str | Path, cameras: list[Observations]) -> None:
 
 
 def read_observations(path: str | Path) -> dict[str, Observations]:
-    """Return the observations by camera, each over the frames in which it detected something."""
-    rows, found = read_table(path, OBSERVATIONS), {}
-    for name, facts in read_facts(path, OBSERVATIONS)["cameras"].items():
-        own = _chosen(rows, rows["camera"] == name)
-        of_string = own["marker"] == STRING
-        found[name] = Observations(
-            name,
-            _read_string(_chosen(own, of_string), facts["points"]),
-            _read_markers(_chosen(own, ~of_string)),
-            {int(marker): MarkerShape(**shape) for marker, shape in facts["markers"].items()},
-        )
-    return found
+    """Return the observations by camera, each over the frames in which it detected something.
+
+    Raises
+    ------
+    StrandcastError
+        As `read_table`, and SC-R017 rows and facts do not fit together.
+    """
+    rows = read_table(path, OBSERVATIONS)
+    facts_of = read_facts(path, OBSERVATIONS)
+    with fitting(path):
+        return {name: _of_camera(name, rows, facts) for name, facts in facts_of["cameras"].items()}
+
+
+def _of_camera(name: str, rows: dict[str, np.ndarray], facts: dict[str, Any]) -> Observations:
+    own = _chosen(rows, rows["camera"] == name)
+    of_string = own["marker"] == STRING
+    return Observations(
+        name,
+        _read_string(_chosen(own, of_string), facts["points"]),
+        _read_markers(_chosen(own, ~of_string)),
+        {int(marker): MarkerShape(**shape) for marker, shape in facts["markers"].items()},
+    )
 
 
 def _columns_of(observed: Observations) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

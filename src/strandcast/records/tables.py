@@ -2,7 +2,9 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -130,8 +132,34 @@ def arrow_sha256(table: pa.Table) -> str:
     return digest.hexdigest()
 
 
+@contextmanager
+def fitting(path: str | Path) -> Iterator[None]:
+    """Turn the failures of code that takes rows or facts for granted into an error that names their file.
+
+    Raises
+    ------
+    StrandcastError
+        SC-R017 the rows or the facts of a table do not fit together.
+    """
+    try:
+        yield
+    except (LookupError, TypeError, ValueError, AttributeError, MemoryError) as error:
+        what = f"its rows or facts do not fit together ({type(error).__name__}: {error})"
+        raise refusal("SC-R017", path, None, what, REMAKE) from error
+
+
 def scattered(shape: tuple[int, ...], at: Any, values: Any, fill: float = np.nan) -> np.ndarray:
-    """Return an array of a shape with values at some indices and `fill` elsewhere, of `fill`'s type."""
+    """Return an array of a shape with values at some indices and `fill` elsewhere, of `fill`'s type.
+
+    Raises
+    ------
+    ValueError, IndexError
+        The array would be absurdly large, or an index lies outside of it.
+    """
+    if math.prod(map(int, shape)) > MOST_CELLS:
+        raise ValueError(f"an array of {' x '.join(map(str, shape))} values; at most {MOST_CELLS} are read")
+    if any(np.min(index, initial=0) < 0 for index in (at if isinstance(at, tuple) else (at,))):
+        raise IndexError("an index below 0")
     array = np.full(shape, fill, dtype=np.int32 if isinstance(fill, int) else float)
     array[at] = values
     return array
@@ -162,6 +190,9 @@ def _read_bounded(path: Path) -> pa.Table:
         rows, columns = file.metadata.num_rows, file.metadata.num_columns
         if rows * columns > MOST_CELLS:
             raise ValueError(f"{rows} rows of {columns} columns; at most {MOST_CELLS} values are read")
+        names = file.schema_arrow.names
+        if len(set(names)) < len(names):
+            raise ValueError("two of its columns have one name")
         return file.read()
 
 
@@ -184,6 +215,9 @@ def read_arrow(path: str | Path, spec: TableSpec) -> pa.Table:
     for name, column in (spec.columns | given).items():
         if name not in table.column_names or table.schema.field(name).type != ARROW_TYPES[column.dtype]:
             what = f"the column is missing or is not of type {column.dtype}"
+            raise refusal("SC-R014", path, name, what, "delete the file and make it again")
+        if column.dtype != "f8" and table.column(name).null_count:  # in a column of numbers it is NaN
+            what = f"{table.column(name).null_count} of its {len(table)} cells are empty"
             raise refusal("SC-R014", path, name, what, "delete the file and make it again")
     unknown = set(table.column_names) - spec.columns.keys() - spec.optional.keys()
     if unknown and not spec.open_ended:

@@ -7,8 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.records.record import Part, Record
-from strandcast.records.tables import Column, TableSpec, read_table, scattered
+from strandcast.records.record import Part, Record, refusal
+from strandcast.records.tables import Column, TableSpec, fitting, read_table, scattered
 
 COVARIANCE = ("var_xx_m2", "cov_xy_m2", "var_yy_m2")
 TRACK = TableSpec(
@@ -184,6 +184,17 @@ def read_track(path: str | Path, points: int) -> Track:
             fix="set string.points back, or track the video again",
             exit_code=INTEGRITY,
         )
+    missing = [name for name in COVARIANCE if name not in rows]
+    if 0 < len(missing) < len(COVARIANCE):
+        what = "the column is missing, but others of the covariance are there"
+        raise refusal(
+            "SC-R014", path, ", ".join(missing), what, "supply all columns of the covariance, or none"
+        )
+    with fitting(path):
+        return _track_of(rows, points)
+
+
+def _track_of(rows: dict[str, np.ndarray], points: int) -> Track:
     frame, first, place = np.unique(rows["frame"], return_index=True, return_inverse=True)
     shape, at = (len(frame), points + 1), (place, rows["point"])
     axes = [name for name in AXES if name in rows]

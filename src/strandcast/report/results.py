@@ -17,7 +17,15 @@ from strandcast.records.lineage import Lineage, check_picture
 from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
 from strandcast.records.record import Record
-from strandcast.records.tables import read_facts, read_parquet, read_table, scattered, table_made_by
+from strandcast.records.tables import (
+    MOST_CELLS,
+    fitting,
+    read_facts,
+    read_parquet,
+    read_table,
+    scattered,
+    table_made_by,
+)
 from strandcast.records.track import Track, TrackSummary, read_track
 from strandcast.records.verdict import AFTER_MOTION_S, Verdict
 
@@ -147,7 +155,8 @@ def read_results(folder: Path) -> TrialResults:
     }
     for name, read in readers.items():
         try:
-            results.pieces[name] = read(results.path(name))
+            with fitting(results.path(name)):
+                results.pieces[name] = read(results.path(name))
             results.made_by.update(_made_by(name, results))
         except StrandcastError as problem:
             problem.file = results.file(name)  # the page must not depend on where the folder is
@@ -167,7 +176,10 @@ def _made_by(name: str, results: TrialResults) -> dict[str, dict[str, str]]:
 
 def _every_frame(track: Track) -> Track:
     """Return a track with every frame; points of frames without detections are NaN."""
-    frame = np.arange(track.frame[0], track.frame[-1] + 1, dtype=np.int32)
+    first, last = int(track.frame[0]), int(track.frame[-1])
+    if last - first >= MOST_CELLS:
+        raise ValueError(f"frames from {first} to {last}")
+    frame = np.arange(first, last + 1, dtype=np.int32)
     rows = track.frame - frame[0]
     shape = (len(frame), track.points_m.shape[1])
     return Track(

@@ -14,6 +14,7 @@ from strandcast.video.files import damaged, video_sha256
 
 QUIET_S = 1.0  # chosen: time without changes before a file is read
 MIN_COVER = 0.5  # chosen: share of the motion that the video must cover
+LONGEST_HASH_BYTES = 4096  # of a file of `sha256sum`: the hash, then a name
 SLOW_MOTION = 3.0  # chosen: duration relative to the joint log above which slow motion is suspected
 
 
@@ -59,7 +60,8 @@ def check_recorded(path: str | Path, facts: VideoFacts, run: Run | None) -> None
     beside = path.with_name(path.name + ".sha256")
     hashes = {"run.json": str(run.video.get("sha256") or "") if run is not None else ""}
     if beside.is_file():
-        hashes[beside.name] = beside.read_text(encoding="utf-8", errors="replace")
+        with beside.open("rb") as file:
+            hashes[beside.name] = file.read(LONGEST_HASH_BYTES).decode(errors="replace")
     for where, text in hashes.items():
         found = re.match(r"\s*\\?([0-9a-fA-F]{64})\b", text)
         if found and found[1].lower() != facts.sha256:

@@ -44,9 +44,17 @@ def probe(path: str | Path) -> Contents:
         # Phones that export slow motion at 30 frames/s write the true rate here.
         rate = container.metadata.get("com.android.capture.fps")
     if rate:
-        contents.notes.append(f"its header says that it was filmed at {float(rate):g} frames/s")
+        contents.notes.append(f"its header says that it was filmed at {_number(rate)} frames/s")
     contents.notes.extend(_notes_on_first_frame(path))
     return _with_camera_times(contents, path) if contents.container == "cine" else contents
+
+
+def _number(text: str) -> str:
+    """Return a number from a container's metadata without trailing zeros, and anything else as it stands."""
+    try:
+        return f"{float(text):g}"
+    except ValueError:
+        return repr(text)
 
 
 @dataclass

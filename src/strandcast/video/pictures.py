@@ -150,8 +150,12 @@ def _read_png(file: Path) -> tuple[Grey, int]:
 
 def _open_tiff(file: Path) -> tifffile.TiffFile:
     try:
-        return tifffile.TiffFile(file)
-    except (tifffile.TiffFileError, ValueError, OSError) as error:
+        tiff = tifffile.TiffFile(file)
+        len(tiff.pages)  # reads the table of pages
+        return tiff
+    except MemoryError:
+        raise
+    except Exception as error:  # exceptions of any kind, as for a page
         raise damaged("SC-V005", f"is not a TIFF ({error})", file) from None
 
 

@@ -290,3 +290,13 @@ def test_the_motions_start_is_found_in_a_bag(tmp_path, project_root):
     assert run.motion_start_s - START_NS * 1e-9 == pytest.approx(0.7531, abs=5e-4)
     log = read_run(tmp_path / "trial")[1]
     assert np.isfinite(log.since_start_s).sum() == pytest.approx(200, abs=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_damaged_bag_is_refused_or_read(tmp_path, kind):
+    from ...faults.fuzzing import fuzz
+    from ...faults.readers import readers
+
+    reader = readers()[f"bag, {kind}"]
+    assert fuzz(reader, 300, tmp_path).faults(reader) == []
