@@ -1,5 +1,6 @@
 """The paper's page in a real browser."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from strandcast_studies.paper.report.page import paper_page
 
 from ...report.test_browser import browser as browser
 from ...report.test_browser import light_and_dark
+from ...report.test_poison import POISON, check_inert, poisoned
 
 pytestmark = pytest.mark.browser
 
@@ -19,3 +21,12 @@ def test_the_papers_page_in_light_and_dark(paper: Any, tmp_path: Path, browser: 
     page = tmp_path / "report.html"
     write_text(page, paper_page(*paper))
     light_and_dark(page, tmp_path, browser)
+
+
+@pytest.mark.slow
+def test_poison_is_shown_and_not_run(paper: Any, tmp_path: Path, browser: str) -> None:
+    summary, folders, facts = paper
+    summary = poisoned(summary, everything=False)
+    settings = {method: {POISON: POISON} for method in facts.settings}
+    html = paper_page(summary, {POISON: next(iter(folders.values()))}, replace(facts, settings=settings))
+    check_inert(browser, html, tmp_path / "report.html", least=5)
