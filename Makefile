@@ -83,6 +83,10 @@ test: $(VENV)/dev.stamp  ## run all tests on CORES=2; COVERAGE=1 prints their co
 test-fast: $(VENV)/dev.stamp  ## run the tests for daily work: under 90 s, without the slow ones and the browser's
 	@$(BIN)/pytest --numprocesses $(CORES) --dist loadfile -m "not slow and not browser"
 
+.PHONY: faults
+faults: $(VENV)/dev.stamp  ## inject the 95 faults of tests/faults/table.toml and print what came of each; five minutes
+	@$(BIN)/python -m tests.faults.table --numprocesses $(CORES) --dist loadfile
+
 .PHONY: test-drivers
 test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run the drivers' tests, against a Franka controller and a simulated UR
 	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/executor/drivers

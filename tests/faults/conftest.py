@@ -16,6 +16,8 @@ from strandcast.records.manifest import Manifest
 from strandcast.stages.run import run_stage
 from strandcast.tracking.preconditions import check_count, open_ingested
 
+from .kinds import SilentFault
+
 RATE = 500
 SIZE = (160, 120)
 EXPERIMENT = "string: {{length_m: 0.3}}\ntarget_m: [0, 0]\ncamera: {camera}\n"
@@ -121,6 +123,14 @@ class Outcome:
     manifest: Manifest | None = None
     warnings: list[str] = field(default_factory=list)
     frames: list[np.ndarray] = field(default_factory=list)
+
+    def refused(self, code: str) -> StrandcastError:
+        """Return the error that the video ended in, which must have this code."""
+        if self.error is None and not self.warnings:
+            raise SilentFault(f"neither an error nor a warning, but {code} is expected")
+        assert self.error is not None, self.warnings
+        assert self.error.code == code, self.error
+        return self.error
 
     @property
     def printed(self) -> str:

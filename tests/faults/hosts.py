@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from .kinds import Traceback
+
 PR_CAPBSET_DROP = CAP_SYS_RESOURCE = 24  # linux/prctl.h, linux/capability.h
 # The child prints a StrandcastError's code and message, as `strandcast` does.
 PRINTED = """
@@ -59,7 +61,8 @@ def _output(
         cwd=folder,
         timeout=120,
     )
-    assert "Traceback" not in done.stderr, done.stderr
+    if "Traceback" in done.stderr:
+        raise Traceback(done.stderr)
     return done.stdout + done.stderr
 
 

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from strandcast.errors import INTEGRITY, REFUSED, StrandcastError
+from strandcast.tracking.preconditions import open_ingested
 from strandcast.video.ingest import camera_times, inspect_video
 from strandcast.video.reader import open_video
+from strandcast.workflow.verify import verify
 
 from .conftest import Trial, cut, damage, flipped, noisy, removed, write_film, zeroed
 
@@ -73,13 +75,11 @@ FAULTS = [
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"row{fault.row}-{fault.make.__name__}")
 def test_a_damaged_video_is_refused(trial: Trial, fault: Fault):
     damage(fault.make(trial.folder / f"video{fault.name[1:]}"), fault.change)
-    found = trial.outcome()
-    assert found.error is not None
-    assert found.error.code == fault.code
-    assert str(trial.video.name) in (found.error.file or "")
-    assert found.error.exit_code == INTEGRITY
+    error = trial.outcome().refused(fault.code)
+    assert str(trial.video.name) in (error.file or "")
+    assert error.exit_code == INTEGRITY
     for words in fault.words:
-        assert words in found.printed
+        assert words in error.message()
 
 
 @pytest.mark.parametrize("make", [h264, h264_index_first, mjpeg, raw, ffv1, vp9])
@@ -94,12 +94,10 @@ def test_the_same_videos_undamaged_are_taken(trial: Trial, make):
 
 def test_row1_a_missing_video_lists_what_is_there(trial: Trial):
     write_film(trial.folder / "vidoe.mp4")
-    found = trial.outcome()
-    assert found.error is not None
-    assert found.error.code == "SC-V020"
-    assert found.error.exit_code == REFUSED
-    assert "trial-01" in found.printed
-    assert "vidoe.mp4" in found.printed
+    error = trial.outcome().refused("SC-V020")
+    assert error.exit_code == REFUSED
+    assert "trial-01" in error.message()
+    assert "vidoe.mp4" in error.message()
     with pytest.raises(StrandcastError) as caught:
         inspect_video(trial.folder / "video.mp4")
     assert caught.value.code == "SC-V002"
@@ -147,9 +145,7 @@ def test_row7_a_frame_lost_in_an_avi_shifts_no_other(trial: Trial):
 def test_an_avi_with_a_hole_is_not_taken_as_the_frames_before_it(trial: Trial):
     damage(raw(trial.folder / "video.avi"), removed(0.5, 4096))
     trial.settings(PREFIX)
-    found = trial.outcome()
-    assert found.error is not None
-    assert found.error.code == "SC-V012"
+    trial.outcome().refused("SC-V012")
 
 
 @pytest.mark.parametrize(("row", "make", "name"), [(9, h264, "video.mp4"), (10, raw, "video.avi")])
@@ -159,12 +155,10 @@ def test_rows9_and_10_flipped_bits_are_found_by_the_hash_at_recording(trial: Tri
     (trial.folder / f"{name}.sha256").write_text(f"{digest}  {name}\n")
     assert trial.outcome().error is None
     damage(path, flipped(0.4, 0.9))
-    found = trial.outcome()
-    assert found.error is not None
-    assert found.error.code == "SC-V021"
-    assert found.error.exit_code == INTEGRITY
-    assert name in found.printed
-    assert "copy the file again" in found.printed
+    error = trial.outcome().refused("SC-V021")
+    assert error.exit_code == INTEGRITY
+    assert name in error.message()
+    assert "copy the file again" in error.message()
 
 
 def test_a_hash_in_the_runs_record_counts_too(trial: Trial):
@@ -172,16 +166,12 @@ def test_a_hash_in_the_runs_record_counts_too(trial: Trial):
     trial.log(0.1, {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()})
     assert trial.outcome().error is None
     damage(path, flipped(0.4, 0.9))
-    error = trial.outcome().error
-    assert error is not None
-    assert error.code == "SC-V021"
+    error = trial.outcome().refused("SC-V021")
     assert "run.json" in error.what
 
 
 @pytest.mark.parametrize("make", [h264, raw])
 def test_rows9_and_10_bits_flipped_after_ingest_are_found_before_tracking(trial: Trial, make):
-    from strandcast.tracking.preconditions import open_ingested
-
     path = make(trial.folder / ("video.mp4" if make is h264 else "video.avi"))
     manifest = trial.ingest()
     damage(path, flipped(0.4, 0.9))
@@ -189,6 +179,18 @@ def test_rows9_and_10_bits_flipped_after_ingest_are_found_before_tracking(trial:
         pass
     assert caught.value.code == "SC-V021"
     assert "manifest.json" in caught.value.what
+
+
+def test_row67_a_video_replaced_by_an_older_one_of_its_size_is_found(trial: Trial):
+    path = raw(trial.folder / "video.avi")
+    manifest, made = trial.ingest(), path.stat()
+    damage(path, lambda data: data[::-1])
+    os.utime(path, (made.st_atime - 1e6, made.st_mtime - 1e6))
+    assert path.stat().st_size == made.st_size
+    with pytest.raises(StrandcastError, match="SC-V021"), open_ingested(path, manifest.video):
+        pass
+    (finding,) = verify(trial.root, "film")
+    assert (finding.file, finding.state) == (path, "damaged")
 
 
 @pytest.mark.parametrize(
@@ -212,9 +214,7 @@ def test_row26_sound_alone_is_refused(trial: Trial):
         frame.rate = 44100
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
-    error = trial.outcome().error
-    assert error is not None
-    assert error.code == "SC-V006"
+    error = trial.outcome().refused("SC-V006")
     assert "no video stream" in error.what
 
 
@@ -233,6 +233,4 @@ def test_row25_an_avi_beyond_4_gb_works_whole_and_cut_it_is_refused(trial: Trial
             assert np.array_equal(grey[0], pictures[index][0])
         assert index == 2399
     os.truncate(path, int(0.6 * path.stat().st_size))
-    error = trial.outcome().error
-    assert error is not None
-    assert error.code == "SC-V012"
+    trial.outcome().refused("SC-V012")

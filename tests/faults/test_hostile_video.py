@@ -34,9 +34,7 @@ def test_row22_a_decode_bomb_is_refused_before_it_is_decoded(trial: Trial):
         container.mux(stream.encode(av.VideoFrame.from_ndarray(empty, format="gray")))
         container.mux(stream.encode())
     assert path.stat().st_size < 1 << 20
-    error = trial.outcome().error
-    assert error is not None
-    assert error.code == "SC-V007"
+    error = trial.outcome().refused("SC-V007")
     assert error.exit_code == REFUSED
     assert "16000 x 8000" in error.what
     assert "crop or scale" in (error.fix or "")
@@ -168,9 +166,7 @@ def test_row27_ingest_fails_in_the_same_way(trial: Trial, monkeypatch):
     monkeypatch.setattr(
         "strandcast.video.isolated.COMMAND", [sys.executable, "-c", "import os; os.kill(os.getpid(), 11)"]
     )
-    error = trial.outcome().error
-    assert error is not None
-    assert error.code == "SC-V031"
+    trial.outcome().refused("SC-V031")
     assert not (trial.root / "results").exists()
 
 
@@ -184,14 +180,10 @@ def test_a_pair_of_files_is_that_of_one_name_in_one_folder(trial: Trial):
         "EffectiveBit Side : Lower\n"
     )
     frames.tofile(trial.root / "other.mraw")
-    error = trial.outcome().error
-    assert error is not None
-    assert error.code == "SC-V014"
+    error = trial.outcome().refused("SC-V014")
     assert "put video.mraw into" in (error.fix or "")
     frames.tofile(trial.folder / "video.mraw")
     assert len(trial.outcome().frames) == 4
     damage(trial.folder / "video.mraw", cut(0.5))
-    error = trial.outcome().error
-    assert error is not None
-    assert error.code == "SC-V012"
+    error = trial.outcome().refused("SC-V012")
     assert "2 frames of the 4" in error.what

@@ -1,6 +1,8 @@
-"""Every door gives the same bytes: the rules, the commands and Python, whatever the shell sets for libraries."""
+"""Every door gives the same bytes: the rules, the commands and Python, whatever the shell sets for libraries,
+language and time (row 95 of the fault list)."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -19,6 +21,9 @@ HOSTILE = {
     "MKL_NUM_THREADS": "4",
     "OMP_NUM_THREADS": "3",
 }
+# Decimal commas, another letter i and 8 bits; 12:45 h ahead, with summer time.
+LOCALE = "tr_TR.ISO-8859-9"
+CHATHAM = "XXX-12:45YYY,M9.5.0/2:45,M4.1.0/3:45"
 IN_PYTHON = """
 import sys
 from pathlib import Path
@@ -49,17 +54,27 @@ def run(root: Path, line: list[str], first_core: bool = False, **variables: str)
     assert done.returncode == 0, done.stderr[-4000:]
 
 
+def hostile(folder: Path) -> dict[str, str]:
+    """Return what a shell may set; the locale is made in a folder."""
+    language, _, charset = LOCALE.partition(".")
+    if shutil.which("localedef"):
+        line = ["localedef", "-i", language, "-f", charset, str(folder / LOCALE)]
+        subprocess.run(line, capture_output=True, check=False)
+    return HOSTILE | {"LOCPATH": str(folder), "LC_ALL": LOCALE, "TZ": CHATHAM}
+
+
 def by_rules(root: Path) -> None:
     run(root, ["-m", "strandcast", "run", NAME, "--cores", "2"])
 
 
 def by_commands_on_one_core(root: Path) -> None:
+    variables = hostile(root.parent)
     for stage, trials in JOBS:
-        run(root, ["-m", "strandcast", *arguments(stage, trials)], first_core=True, **HOSTILE)
+        run(root, ["-m", "strandcast", *arguments(stage, trials)], first_core=True, **variables)
 
 
 def in_python(root: Path) -> None:
-    run(root, ["-c", IN_PYTHON.format(jobs=JOBS, name=NAME)], **HOSTILE)
+    run(root, ["-c", IN_PYTHON.format(jobs=JOBS, name=NAME)], **hostile(root.parent))
 
 
 @pytest.fixture(scope="module")

@@ -181,10 +181,12 @@ def test_doubled_rows_are_left_out_and_counted(tmp_path):
 @pytest.mark.parametrize(
     ("text", "line", "words"),
     [
-        ("t,a,b\n0,0,0\n0.02,0,0\n0.01,0,0\n", 4, "time runs back by 0.01 s"),
-        ("t,a,b\n0,0,0\n0.01,nan,0\n", 3, "empty or not a number"),
-        ("t,a,b\n0,0,0\n,1,0\n", 3, "empty or not a number"),
-        ("t,a,b\n0,0,0\n0.01,90,0\n", 3, "an angle of 90.0 rad"),
+        pytest.param(
+            "t,a,b\n0,0,0\n0.02,0,0\n0.01,0,0\n", 4, "time runs back by 0.01 s", id="row34-unsorted"
+        ),
+        pytest.param("t,a,b\n0,0,0\n0.01,nan,0\n", 3, "empty or not a number", id="row36-nan"),
+        pytest.param("t,a,b\n0,0,0\n,1,0\n", 3, "empty or not a number", id="row36-empty"),
+        pytest.param("t,a,b\n0,0,0\n0.01,90,0\n", 3, "an angle of 90.0 rad", id="row37-degrees"),
     ],
 )
 def test_rows_that_are_no_log_are_refused_with_the_line(tmp_path, text, line, words):

@@ -38,15 +38,15 @@ def test_comments_blank_lines_bom_and_closing_separators_are_taken(tmp_path):
 @pytest.mark.parametrize(
     ("text", "line", "words"),
     [
-        ("t,q\n0,1\n0.1,2,3\n", 3, "3 cells, the header has 2"),
+        pytest.param("t,q\n0,1\n0.1,2,3\n", 3, "3 cells, the header has 2", id="row31-extra-value"),
         ("t,q\n0,1\n0.1\n", 3, "1 cells, the header has 2"),
-        ("t;q\n0,1;1,5\n", 2, "decimal comma"),
-        ("1;0,5\n2;0,7\n", 1, "decimal comma"),
+        pytest.param("t;q\n0,1;1,5\n", 2, "decimal comma", id="row30-decimal-comma"),
+        pytest.param("1;0,5\n2;0,7\n", 1, "decimal comma", id="row30-no-header"),
         ("t,q\n0,1\n0.1,abc\n", 3, "'abc' is not a number"),
-        ("t,q\n0,1\n0.1,inf\n", 3, "not a finite number"),
-        ("t,q\n0,1\n0.1\0\0\0,2\n", 3, "NUL bytes from byte 11 on"),
+        pytest.param("t,q\n0,1\n0.1,inf\n", 3, "not a finite number", id="row36-infinite"),
+        pytest.param("t,q\n0,1\n0.1\0\0\0,2\n", 3, "NUL bytes from byte 11 on", id="row32-NUL"),
         (b"t,q\n0,\xff\xfe\n", 2, "not text"),
-        ("t,q,q\n0,1,2\n", 1, "names this column twice"),
+        pytest.param("t,q,q\n0,1,2\n", 1, "names this column twice", id="row33-one-name-twice"),
         ('t,q\n0,1\n0.1,"2\n0.2,3\n', 3, "quotation marks do not enclose cells"),
         ('t,q\n0,"1"2\n', 2, "quotation marks do not enclose cells"),
         ('t,q\n0,"' + "1" * 140_000 + '"\n', 2, r"field limit .131072.*140004 characters"),
@@ -55,8 +55,8 @@ def test_comments_blank_lines_bom_and_closing_separators_are_taken(tmp_path):
         ("t,q\n0,1_0\n", 2, "'1_0' is not a number"),
         ("t,q\n0,١\n", 2, "'١' is not a number"),
         ("t,q\n0,1\x0c0.1,2\n", 2, "3 cells, the header has 2"),
-        ("t,q\n", None, "no rows"),
-        ("", None, "empty"),
+        pytest.param("t,q\n", None, "no rows", id="row28-header-only"),
+        pytest.param("", None, "empty", id="row28-empty"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_one_message_with_the_line(tmp_path, text, line, words):

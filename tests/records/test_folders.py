@@ -63,11 +63,27 @@ def test_trials_with_a_video_or_a_supplied_track_are_recorded(tmp_path):
     assert experiment.recorded_trials() == [1, 3]
 
 
-def test_a_trial_0_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    "name",
+    [
+        "trial-00",
+        "trial-1",
+        "trial-001",
+        "trial-100",
+        "trial_01",
+        "trial01",
+        "Trial-01",
+        "TRIAL 2",
+        "trial‐01",
+    ],
+)
+def test_a_folder_that_would_be_overlooked_is_refused(tmp_path, name):
     folder = ExperimentFolder(tmp_path, "x")
-    for number in (0, 1):
-        folder.trial(number).data.mkdir(parents=True)
-        (folder.trial(number).data / "video.mp4").write_bytes(b"x")
+    for each in ("trial-01", "calibration", "trial-03-failed", "trials", name):
+        (folder.data / each).mkdir(parents=True)
+        (folder.data / each / "video.mp4").write_bytes(b"x")
     with pytest.raises(StrandcastError, match="SC-R032") as caught:
         folder.recorded_trials()
-    assert caught.value.file == str(tmp_path / "data/x/trial-00")
+    assert caught.value.file == str(folder.data / name)
+    (folder.data / name).rename(folder.data / "trial-02")
+    assert folder.recorded_trials() == [1, 2]

@@ -1,6 +1,7 @@
 """A synthetic experiment in records: three throws of a weighted string, made by numpy alone."""
 
 import io
+import shutil
 from pathlib import Path
 
 import cv2
@@ -265,13 +266,13 @@ def estimate(experiment: str, trial: int) -> Estimate:
     )
 
 
-def build_trial(folder: Path, experiment: str, trial: int) -> None:
-    """Write all results of one trial."""
+def build_trial(folder: Path, experiment: str, trial: int, rate_hz: float = FRAME_RATE_HZ) -> None:
+    """Write all results of one trial, filmed at a frame rate."""
     rng = np.random.default_rng(trial)
     time_s, pose, points = throw(SWINGS_RAD[trial])
-    frame_s = np.arange(0.0, time_s[-1], 1 / FRAME_RATE_HZ)
+    frame_s = np.arange(0.0, time_s[-1], 1 / rate_hz)
     rows = np.searchsorted(time_s, frame_s)
-    true_s, true_m = START_S + time_s[rows], points[rows]
+    true_s, true_m = START_S + frame_s, points[rows]
     camera_s = true_s - OFFSET_S
     frames = np.arange(len(rows))
     seen_m = true_m + rng.normal(0, 7e-4, true_m.shape)
@@ -444,4 +445,12 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / f"trial-{trial:02d}").mkdir(parents=True)
         build_trial(folder / f"trial-{trial:02d}", "swing", trial)
     motion("swing", 4, 2.55, played=False).write(folder / "trial-04" / "motion.json")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def fast_results(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the same results, but trial 3 filmed at ten times the frame rate."""
+    folder = Path(shutil.copytree(results, tmp_path_factory.mktemp("fast") / "swing"))
+    build_trial(folder / "trial-03", "swing", 3, 10 * FRAME_RATE_HZ)
     return folder

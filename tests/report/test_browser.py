@@ -1,5 +1,6 @@
 """The pages in a real browser: nothing blocked, nothing asked from outside, light and dark not the same."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -36,24 +37,39 @@ def browser() -> str:
 
 
 def shoot(browser: str, page: Path, picture: Path, *more: str) -> str:
-    profile = picture.with_suffix(".profile")
-    command = [browser, *QUIET, f"--user-data-dir={profile}", "--window-size=1000,1600", *more]
+    return open_page(browser, page, picture, f"--screenshot={picture}", *more)
+
+
+def open_page(browser: str, page: Path, out: Path, *more: str) -> str:
+    """Open a page and return what the browser said; its profile lies beside `out`."""
+    command = [browser, *QUIET, f"--user-data-dir={out.with_suffix('.profile')}", "--window-size=1000,1600"]
     done = subprocess.run(
-        [*command, f"--screenshot={picture}", page.as_uri()],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
+        [*command, *more, page.as_uri()], capture_output=True, text=True, timeout=120, check=True
     )
     return done.stderr
 
 
-@pytest.mark.slow
-def test_the_page_in_light_and_dark(results: Path, tmp_path: Path, browser: str) -> None:
-    page = tmp_path / "report.html"
+@pytest.fixture
+def page(results: Path, tmp_path: Path) -> Path:
+    """Return the page of a trial."""
+    path = tmp_path / "report.html"
     next_motion = results / "trial-04" / "motion.json"
-    write_text(page, trial_page(results / "trial-03", trial=3, experiment="swing", next_motion=next_motion))
+    write_text(path, trial_page(results / "trial-03", trial=3, experiment="swing", next_motion=next_motion))
+    return path
+
+
+@pytest.mark.slow
+def test_the_page_in_light_and_dark(page: Path, tmp_path: Path, browser: str) -> None:
     light_and_dark(page, tmp_path, browser)
+
+
+@pytest.mark.slow
+def test_the_page_is_complete_on_paper(page: Path, tmp_path: Path, browser: str) -> None:
+    paper = tmp_path / "paper.pdf"
+    open_page(browser, page, paper, f"--print-to-pdf={paper}", "--no-pdf-header-footer")
+    printed = paper.read_bytes()
+    assert len(re.findall(rb"/Type\s*/Page\b", printed)) >= 4
+    assert b"/Subtype /Image" in printed  # the strobe picture
 
 
 def light_and_dark(page: Path, folder: Path, browser: str) -> None:

@@ -351,6 +351,35 @@ def test_the_experiments_page_without_any_result(results: Path, tmp_path: Path) 
     assert "UNKNOWN" in text  # the hit at trial 3 need not be the first
 
 
+def test_ten_times_the_frames_make_no_larger_page(page: str, fast_results: Path) -> None:
+    assert len(read_results(fast_results / "trial-03").need("track").frame) > 4900
+    fast = page_of(fast_results)
+    assert "could not be made" not in fast
+    assert len(fast) < 1.5 * len(page)
+
+
+def test_an_experiment_of_no_trial_one_or_many(results: Path, tmp_path: Path) -> None:
+    given = {"string_length_m": 0.3, "target_m": [0.6, 0.7], "hit_radius_m": 0.02}
+    counts = {
+        0: "The tip has not hit the target in 0 trials.",
+        1: "The tip has not hit the target in 1 trial.",
+        33: "The tip hit the target at trial 3, ",
+    }
+    for count, words in counts.items():
+        trials = {}
+        for trial in range(1, count + 1):
+            trials[trial] = tmp_path / str(count) / f"trial-{trial:02d}"
+            trials[trial].parent.mkdir(exist_ok=True)
+            trials[trial].symlink_to(results / f"trial-{min(trial, 3):02d}")
+        page = experiment_page(summarise("swing", trials, **given), trials, facts=FACTS)
+        assert words in Tags(page).text
+        assert len(page.encode()) < 1_000_000  # 99 trials, as many as there can be: three times as much
+        assert page.count("<figcaption>trial ") == count
+    excluded = {trial: "the string slipped" for trial in (1, 2, 3)}
+    facts = replace(FACTS, excluded=excluded)
+    assert "not hit the target in 3 trials, 3 of them excluded" in Tags(experiment_of(results, facts)).text
+
+
 def test_links_lead_to_files_that_are_there(page: str, results: Path) -> None:
     for text, folder in ((page, results / "trial-03"), (experiment_of(results), results)):
         links = {

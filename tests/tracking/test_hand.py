@@ -1,5 +1,6 @@
 """The hand's pose from its markers, decoded once and then tracked by their corners."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -43,6 +44,26 @@ def test_a_hidden_marker_gives_no_pose_and_is_found_again(scene, finder):
     poses = np.tile([0.05, 0.02, 0.3], (6, 1))
     seen = [finder.find(picture) is not None for picture in pictures(scene, poses, blank=(2, 3))]
     assert seen == [True, True, False, False, True, True]
+
+
+def test_a_blurred_marker_gives_no_pose_or_the_right_one(scene, finder):
+    """Each third frame is blurred along a direction of its own, over one to three cells of the marker."""
+    turn = np.linspace(0.3, 1.5, 24)
+    poses = np.column_stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), turn - 0.7])
+    cell_px = scene.MARKER_M / scene.SCALE_M / 6
+    off = np.full((len(poses), 3), np.nan)
+    for k, picture in enumerate(pictures(scene, poses)):
+        if k % 3 == 2:
+            width = int(cell_px * (1 + k // 8)) | 1
+            picture = cv2.blur(picture, (width, 1) if k % 2 else (1, width))
+        hand = finder.find(picture)
+        if hand is not None:
+            off[k] = hand.pose.array() - poses[k]
+    sharp = np.arange(len(poses)) % 3 != 2
+    assert np.isfinite(off[sharp]).all()
+    assert np.abs(off[sharp, :2]).max() < 5e-4
+    assert np.isnan(off[~sharp]).any()  # they were blurred enough to matter
+    assert np.nanmax(np.abs(off[:, :2])) < 1.5e-3
 
 
 def test_rigid_fit_is_exact_for_a_turned_square():

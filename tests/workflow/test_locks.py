@@ -63,6 +63,17 @@ def test_a_second_run_is_refused_and_told_who_holds_it(tmp_path):
     end(first, signal.SIGTERM)
 
 
+def test_two_folders_that_share_their_results_are_one(tmp_path):
+    for name in ("here", "there"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "here" / "results").mkdir()
+    (tmp_path / "there" / "results").symlink_to(tmp_path / "here" / "results")
+    first = holder(tmp_path / "here")
+    with pytest.raises(StrandcastError, match=f"SC-W010.*process {first.pid} on"):
+        locks.take(tmp_path / "there", "demo")
+    end(first)
+
+
 def test_all_leases_or_none(tmp_path):
     first = holder(tmp_path)
     with pytest.raises(StrandcastError, match="SC-W010"):

@@ -1,11 +1,12 @@
 """The whole workflow on a small lab experiment: results, reruns, settings, exclusions."""
 
-import io
 import json
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -13,7 +14,8 @@ import pytest
 
 from strandcast.records.motion import Motion
 from strandcast.records.summary import ExperimentSummary
-from strandcast.records.tables import arrow_sha256
+from strandcast.records.tables import table_sha256
+from strandcast.report.summary import summarise
 from strandcast.stages.run import files_of
 from strandcast.workflow.verify import verify
 
@@ -44,6 +46,7 @@ lab:
 
 WATCH = Path(__file__).with_name("watch")
 OPENED = "opened.txt"
+NOT_SUMMARISED = ("observations.parquet", "markers.parquet")  # read by stages, not by the pages
 ESTIMATE_READS = ("alignment.json", "verdict.json")
 
 
@@ -131,6 +134,21 @@ def test_every_stage_writes_its_files(thrown):
     assert (thrown / "results/tiny/trial-02/motion.json").is_file()
 
 
+def test_a_project_may_lie_in_a_folder_of_any_name(thrown, tmp_path):
+    """Names that a shell would split or run, of composed and decomposed letters, are quoted everywhere."""
+    for name in ("$(touch run) `touch run`; touch run & 'a\" \\ é", "e\u0301 {x} %s\n*"):
+        root = Path(shutil.copytree(thrown, tmp_path / name))
+        wanted = [f"results/tiny/trial-01/{file}" for file in ("verdict.json", "report.html")]
+        before = [(root / file).read_bytes() for file in wanted]
+        for file in wanted:
+            (root / file).unlink()
+        run = snakemake(root, *wanted)
+        assert run.returncode == 0, run.stderr[-3000:]
+        assert [(root / file).read_bytes() for file in wanted] == before
+        assert verify(root, "tiny") == []
+    assert [path for path in tmp_path.rglob("run")] == []
+
+
 @pytest.fixture
 def copied(thrown, tmp_path) -> Path:
     """Return a copy of the thrown experiment that a test may damage."""
@@ -162,24 +180,112 @@ def test_verify_names_every_result_that_belongs_to_another_trial(copied):
         shutil.rmtree(folder / "trial-03")
 
 
-def same_table(path: Path, whole: bytes) -> bool:
-    """Return whether a table reads as it did before a byte was changed."""
-    return arrow_sha256(pq.read_table(path)) == arrow_sha256(pq.read_table(io.BytesIO(whole)))
+def test_verify_finds_every_file_that_was_emptied_or_cut(copied):
+    for path in (path for path in (copied / "results" / "tiny").rglob("*.*") if path.is_file()):
+        if path.parent.name == "logs":
+            continue
+        whole = path.read_bytes()
+        for size in (0, len(whole) // 2):
+            path.write_bytes(whole[:size])
+            assert path in {finding.file for finding in verify(copied, "tiny", raw=False)}, (path.name, size)
+        path.write_bytes(whole)
+    assert verify(copied, "tiny") == []
 
 
 def test_verify_finds_a_changed_byte_in_every_file(copied):
     places = ("data/tiny/trial-01", "results/tiny/trial-01", "results/tiny/cameras")
     paths = [path for place in places for path in (copied / place).iterdir() if path.is_file()]
     assert {path.suffix for path in paths} == {".json", ".parquet", ".html", ".webp", ".csv", ".mp4"}
+    content = {path: table_sha256(path) for path in paths if path.suffix == ".parquet"}
     silent = []
     for path in paths:
         whole, at = path.read_bytes(), path.stat().st_size * 7 // 8  # beyond the versions in a record's head
         path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-        # Some bytes of a table's footer have no meaning: the same numbers are read.
-        harmless = path.suffix == ".parquet" and not verify(copied, "tiny") and same_table(path, whole)
-        silent += [] if harmless or verify(copied, "tiny") else [path.name]
+        if not verify(copied, "tiny"):
+            # Some bytes of a table's footer have no meaning: the same numbers are read.
+            silent += [] if path.suffix == ".parquet" and table_sha256(path) == content[path] else [path.name]
         path.write_bytes(whole)
     assert silent == []
+
+
+@pytest.fixture(scope="module")
+def twice(thrown, tmp_path_factory) -> Path:
+    """Return a copy of the project after a second trial."""
+    root = Path(shutil.copytree(thrown, tmp_path_factory.mktemp("twice") / "project"))
+    settings = TINY.replace("max_trials: 1", "max_trials: 2\nmin_trials: 2")
+    (root / "config" / "experiments" / "tiny.yaml").write_text(settings)
+    line = [sys.executable, "-m", "strandcast", "run", "tiny"]
+    run = subprocess.run(line, cwd=root, capture_output=True, text=True, check=False, env=dict(os.environ))
+    assert run.returncode == 0, run.stderr[-4000:]
+    return root
+
+
+def test_raised_trials_are_thrown(thrown, twice):
+    first, second = (ExperimentSummary.read(root / "results/tiny/summary.json") for root in (thrown, twice))
+    assert [trial.trial for trial in second.trials] == [1, 2]
+    assert second.trials[0] == first.trials[0]
+
+
+def pairs(root: Path, top: str) -> list[tuple[Path, Path]]:
+    """Return the files of the first trial, each with the file of the same name of the second."""
+    first, second = (root / top / "tiny" / name for name in ("trial-01", "trial-02"))
+    return [(path, second / path.name) for path in sorted(first.iterdir()) if path.is_file()]
+
+
+@contextmanager
+def exchanged(*both: tuple[Path, Path]) -> Iterator[None]:
+    """Exchange pairs of files within the block."""
+
+    def exchange() -> None:
+        for one, other in both:
+            aside = one.with_name(".aside")
+            one.rename(aside)
+            other.rename(one)
+            aside.rename(other)
+
+    exchange()
+    try:
+        yield
+    finally:
+        exchange()
+
+
+def faulty(root: Path) -> set[Path]:
+    """Return the files that `verify` finds fault with."""
+    return {finding.file for finding in verify(root, "tiny")}
+
+
+def verdicts(root: Path) -> tuple[str, list[bool | None], set[str]]:
+    """Return the experiment's verdict, those of its trials, and the files that could not be read."""
+    trials = {k: root / "results" / "tiny" / f"trial-0{k}" for k in (1, 2)}
+    given = {"string_length_m": 0.3, "target_m": [0.5, 0.5], "hit_radius_m": 0.02}
+    found = summarise("tiny", trials, **given, next_motion=trials[2].with_name("trial-03") / "motion.json")
+    return found.verdict, [trial.hit for trial in found.trials], set(found.all_unread())
+
+
+def test_exchanged_raw_files_of_two_trials_are_named(twice):
+    both = pairs(twice, "data")
+    assert {one.name for one, _ in both} == {"video.mp4", "joints.csv", "run.json", "motion.json"}
+    for pair in both:
+        with exchanged(pair):
+            assert faulty(twice) >= set(pair), pair[0].name
+    with exchanged(*both):
+        assert faulty(twice) >= {path for pair in both for path in pair if path.suffix != ".csv"}
+    assert faulty(twice) == set()
+
+
+def test_exchanged_results_of_two_trials_are_named_and_change_no_verdict(twice):
+    sound, both = verdicts(twice), pairs(twice, "results")
+    assert len(both) >= 15
+    for pair in both:
+        with exchanged(pair):
+            assert faulty(twice) >= set(pair), pair[0].name
+            verdict, hits, unread = verdicts(twice)
+            assert verdict in (sound[0], "unknown"), pair[0].name
+            assert all(now in (hit, None) for now, hit in zip(hits, sound[1], strict=True)), pair[0].name
+            if pair[0].suffix != ".html" and pair[0].name not in NOT_SUMMARISED:
+                assert {f"trial {k}, {pair[0].name}" for k in (1, 2)} <= unread, pair[0].name
+    assert (verdicts(twice), faulty(twice)) == (sound, set())
 
 
 def test_a_stage_opens_only_the_files_that_it_declares(thrown):

@@ -92,6 +92,14 @@ def test_raw_files_of_the_lab_have_names_before_they_exist(root):
     assert [len(photos[role]) for role in ("lens", "plane", "manifest")] == [12, 1, 0]
 
 
+def test_no_motion_follows_the_last_trial_that_has_a_name(root):
+    for trial in (98, 99):
+        (root / "data" / "rig" / f"trial-{trial}").mkdir()
+        (root / "data" / "rig" / f"trial-{trial}" / "video.mp4").touch()
+    assert targets.stage_inputs("report", "rig", 98)["next_motion"] == ["results/rig/trial-99/motion.json"]
+    assert targets.stage_inputs("report", "rig", 99)["next_motion"] == []
+
+
 def test_a_supplied_trial_needs_no_camera(root):
     inputs = targets.stage_inputs("report", "mocap", 1)
     assert not [path for path in inputs["results"] if "camera" in path or "manifest" in path]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,9 @@ CONTAINERS = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".cine")
 TIFFS = (".tif", ".tiff")
 PICTURES = (".png", *TIFFS)  # in a folder
 PHOTRON = (".mraw", ".cih", ".cihx")  # raw frames and their headers; the last one present names the video
+LAST_TRIAL = 99
+TRIAL = re.compile(r"trial-[0-9][0-9]")
+LIKE_A_TRIAL = re.compile(r"trial[\W_]?\d+", re.IGNORECASE)  # trial-1, trial_01, Trial-01, trial-100
 # Entry points of packages that read other formats; the name of each is a suffix without its dot.
 FRAME_READERS_GROUP = "strandcast.frame_readers"
 
@@ -43,12 +47,20 @@ class ExperimentFolder:
         return TrialFolder(self.data / trial_name(number), self.results / trial_name(number), number)
 
     def recorded_trials(self) -> list[int]:
-        """Return the numbers of the trials with a video, or with a track that was measured elsewhere."""
-        names = (path.name.removeprefix("trial-") for path in self.data.glob("trial-[0-9][0-9]"))
-        trials = [self.trial(number) for number in sorted(int(name) for name in names)]
-        if trials and trials[0].number == 0:
-            what, fix = "there is no trial 0: trials are counted from 1", "rename the folder"
-            raise StrandcastError("SC-R032", what, file=trials[0].data, fix=fix)
+        """Return the numbers of the trials with a video, or with a track that was measured elsewhere.
+
+        Raises
+        ------
+        StrandcastError
+            SC-R032 a folder is named as a trial, but not trial-01 to trial-99: it would be overlooked.
+        """
+        folders = sorted(path for path in self.data.glob("*") if path.is_dir())
+        wrong = [path for path in folders if LIKE_A_TRIAL.fullmatch(path.name) and not _number_of(path)]
+        if wrong:
+            what = "is no trial's name: trials are counted from 1, in two digits, trial-01 to trial-99"
+            fix = "rename the folder; more than 99 throws need a second experiment"
+            raise StrandcastError("SC-R032", what, file=wrong[0], fix=fix)
+        trials = [self.trial(number) for number in map(_number_of, folders) if number]
         return [t.number for t in trials if t.has_video() or (t.data / "track.parquet").exists()]
 
     def reported_trials(self) -> list[int]:
@@ -111,6 +123,11 @@ def video_suffixes() -> tuple[str, ...]:
     others = (f".{name}" for name in installed(FRAME_READERS_GROUP))
     built_in = (*CONTAINERS, *TIFFS)
     return (*built_in, *(suffix for suffix in others if suffix not in built_in))
+
+
+def _number_of(folder: Path) -> int:
+    """Return the number of a trial's folder, 0 if it is none."""
+    return int(folder.name[-2:]) if TRIAL.fullmatch(folder.name) else 0
 
 
 def trial_name(number: int) -> str:

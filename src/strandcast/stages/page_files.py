@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from strandcast.records.folders import LAST_TRIAL
 from strandcast.stages import files
 from strandcast.stages.files import Scope, played_motions
 from strandcast.stages.job import Job, Role
@@ -61,4 +62,4 @@ def _is_played(job: Job, trial: int) -> bool:
 def motion_after(job: Job) -> list[Path]:
     """Return the place of the motion after the last trial, which may not be planned yet."""
     last = job.trial or max(job.trials, default=0)
-    return [job.context.folder.trial(last + 1).results / "motion.json"]
+    return [] if last == LAST_TRIAL else [job.context.folder.trial(last + 1).results / "motion.json"]

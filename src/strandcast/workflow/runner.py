@@ -13,7 +13,7 @@ from strandcast.stages.run import run_stage
 from strandcast.workflow.engine import run_snakemake
 from strandcast.workflow.host import check_host
 from strandcast.workflow.locks import refuse_if_held
-from strandcast.workflow.targets import default_experiments
+from strandcast.workflow.targets import default_experiments, is_to_be_continued
 from strandcast.workflow.verify import Finding, verify
 
 DAMAGED = ("damaged", "misplaced")
@@ -54,6 +54,9 @@ def run_experiments(root: Path, experiments: list[str], cores: int) -> int:
     sound = [name for name in names if name not in damaged]
     if sound:
         outdated = [each.file for name in sound for each in findings[name] if each.state == "outdated"]
+        # Snakemake does not ask for a trial that it does not know of yet if the page is there.
+        pages = [(name, ExperimentFolder(root, name).results / "report.html") for name in sound]
+        outdated += [page for name, page in pages if page.is_file() and is_to_be_continued(name, root)]
         line = command(sound, cores, (path.relative_to(root) for path in outdated))
         codes.append(run_snakemake(line, root))
     if codes[-1] == 0:

@@ -124,7 +124,7 @@ def stage_settings(stage: str, name: str) -> str:
     return code_version.settings(experiment(name).settings, stage)
 
 
-def trials_of(name: str, verdict_of: Callable[[str], str]) -> list[int]:
+def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) -> list[int]:
     """Return the trials of an experiment: those recorded, or in the lab, all until a hit.
 
     Parameters
@@ -132,7 +132,7 @@ def trials_of(name: str, verdict_of: Callable[[str], str]) -> list[int]:
     verdict_of
         Returns the path of the verdict of a trial, given as ``01``, once it exists.
     """
-    context = experiment(name)
+    context = experiment(name, root)
     limits = context.settings
     if limits.lab is None:
         return context.folder.recorded_trials()
@@ -144,3 +144,13 @@ def trials_of(name: str, verdict_of: Callable[[str], str]) -> list[int]:
             if verdict.hit and number >= limits.min_trials:
                 break
     return thrown
+
+
+def is_to_be_continued(name: str, root: Path = ROOT) -> bool:
+    """Return whether the lab throws more trials than were scored, e.g. because `max_trials` was raised."""
+    results = experiment(name, root).folder.results
+    try:
+        trials_of(name, lambda trial: str(results / f"trial-{trial}" / "verdict.json"), root)
+    except StrandcastError:
+        return True
+    return False
