@@ -148,6 +148,7 @@ def asserted(item: pytest.Item) -> set[str]:
 
 def main(arguments: list[str]) -> int:
     """Run the tests of all rows and print the table; 0 if all that were injected ended as listed."""
+    os.environ.setdefault("STRANDCAST_BOUNDS", "1")
     if shutil.disk_usage(tempfile.gettempdir()).free > LARGE_FILES_BYTES:
         os.environ.setdefault("STRANDCAST_LARGE_FILES", "1")
     rows, recorder = read_rows(), Recorder()
