@@ -1,4 +1,4 @@
-"""One small lab experiment, cheap enough to be made hundreds of times: its jobs, and the hashes of its files."""
+"""One small lab experiment, cheap enough to be made hundreds of times: its jobs, the hashes of its files."""
 
 import os
 import shutil

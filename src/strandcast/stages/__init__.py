@@ -5,5 +5,5 @@ A rule in the top-level folder workflow/ or a command calls one of them.
 
 import os
 
-# Another processor's kernels give other last digits. OpenBLAS chooses them when numpy is loaded, so before that.
+# Kernels of another processor give other last digits. OpenBLAS chooses them when numpy is loaded: so before.
 os.environ.pop("OPENBLAS_CORETYPE", None)
