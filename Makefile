@@ -8,6 +8,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 DRIVERS := .venv-drivers
 FRANKA_SIM := .venv-franka-sim
+AUDIT := .venv-audit
 CORES ?= 2
 JOBS ?= $(CORES)
 SEEDS ?= 3
@@ -42,6 +43,18 @@ $(VENV)/dev.stamp: requirements/dev.lock $(VENV)/runtime.stamp
 $(VENV)/bench.stamp: requirements/bench.lock $(VENV)/runtime.stamp
 	@echo "set-up: installing the pinned peers of the benchmark"
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation -r $<
+	@touch $@
+
+$(VENV)/fuzz.stamp: requirements/fuzz.lock $(VENV)/dev.stamp
+	@echo "set-up: installing the pinned fuzzer"
+	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation -r $<
+	@touch $@
+
+# What examines the locks is not itself in the environment that they describe.
+$(AUDIT)/audit.stamp: requirements/audit.lock | $(BIN)/python
+	@echo "set-up: installing the tools of the audit in $(AUDIT)"
+	@rm -rf $(AUDIT) && $(BIN)/python -m venv $(AUDIT)
+	@$(AUDIT)/bin/pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r $<
 	@touch $@
 
 # The vendors' packages stay out of the demo's environment: this one extends it.
@@ -90,6 +103,26 @@ faults: $(VENV)/dev.stamp  ## inject the 95 faults of tests/faults/table.toml an
 .PHONY: test-drivers
 test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run the drivers' tests, against a Franka controller and a simulated UR
 	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/executor/drivers
+
+.PHONY: fuzz
+fuzz: $(VENV)/fuzz.stamp  ## damage the files of every reader 10,000 times, with and without guidance by coverage; hours
+	@$(BIN)/python -m tests.faults.nightly
+	@$(BIN)/python -m tests.faults.nightly --guided
+
+.PHONY: audit
+audit: $(AUDIT)/audit.stamp  ## compare the pinned packages with the known vulnerabilities (needs the network)
+	@failed=; for name in build runtime dev bench drivers franka-sim fuzz audit; do \
+	  echo "requirements/$$name.lock"; \
+	  $(AUDIT)/bin/pip-audit --strict --require-hashes --disable-pip --progress-spinner off -r requirements/$$name.lock \
+	    2>&1 | tail -n 20 || failed=1; done; \
+	  [ -z "$$failed" ] || { echo "a known vulnerability, or no service that could be asked: see above"; exit 1; }
+
+.PHONY: sbom
+sbom: $(AUDIT)/audit.stamp  ## list the packages of an installation as CycloneDX JSON: results/sbom.json
+	@$(AUDIT)/bin/cyclonedx-py requirements --output-reproducible --of JSON -o results/sbom.json requirements/runtime.lock
+	@diff <(grep -oE '^[a-z0-9._-]+==[^ ;]+' requirements/runtime.lock | sort -u) \
+	  <(grep -oE '"pkg:pypi/[^?"]+' results/sbom.json | sed 's|.*pypi/||; s|@|==|' | sort -u) || \
+	  { echo "results/sbom.json does not name every pinned package"; exit 1; }
 
 .PHONY: bench
 bench: $(VENV)/bench.stamp  ## compare the string's speed and error with MuJoCo, PyElastica and numpy: results/bench.json
@@ -140,14 +173,14 @@ format: $(VENV)/dev.stamp  ## format code and workflow
 
 .PHONY: lock
 lock:  ## pin requirements/*.in again (needs uv)
-	@for name in build runtime franka-sim; do \
+	@for name in build runtime franka-sim audit; do \
 	  uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --annotation-style line \
 	    requirements/$$name.in -o requirements/$$name.lock; done
-	@for name in dev bench drivers; do \
+	@for name in dev bench drivers fuzz; do \
 	  uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --annotation-style line \
 	    -c requirements/runtime.lock requirements/$$name.in -o requirements/$$name.lock; done
 
 .PHONY: clean
 clean:  ## remove the environment and caches; data and results stay
-	@rm -rf $(VENV) $(DRIVERS) $(FRANKA_SIM) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@rm -rf $(VENV) $(DRIVERS) $(FRANKA_SIM) $(AUDIT) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

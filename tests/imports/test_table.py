@@ -90,3 +90,10 @@ def test_any_file_gives_a_table_or_one_clear_error(tmp_path, text):
     else:
         assert table.values.shape == (len(table.lines), len(table.names))
         assert not np.isinf(table.values).any()
+
+
+def test_a_file_of_any_size_is_refused_before_it_is_read(tmp_path):
+    with (tmp_path / "a.csv").open("wb") as file:
+        file.truncate(1 << 40)  # a sparse file: no disk, and no memory
+    with pytest.raises(StrandcastError, match="SC-I001.*larger than 256 MiB"):
+        read_numbers(tmp_path / "a.csv")

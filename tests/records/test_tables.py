@@ -1,6 +1,7 @@
 """Tables: round trip, units in the metadata, and every flipped bit that matters is caught."""
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
@@ -10,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import HAND, read_hand
 from strandcast.records.estimate import ENSEMBLE
-from strandcast.records.tables import read_facts, read_table, write_table
+from strandcast.records.tables import ARROW_TYPES, read_facts, read_table, scattered, write_table
 from strandcast.records.track import MARKERS, TRACK, Track, read_track
 
 FLOATS = st.floats(-1e3, 1e3)
@@ -92,3 +93,47 @@ def test_only_open_ended_tables_take_further_columns(tmp_path):
         write_table(tmp_path / "x", HAND, hand_columns() | {"more_m": np.zeros(50)})
     write_table(tmp_path / "y", ENSEMBLE, {"member": [0, 1], "E_m": [0.1, 0.2], "k_s": [1e3, 1e4]})
     np.testing.assert_array_equal(read_table(tmp_path / "y", ENSEMBLE)["k_s"], [1e3, 1e4])
+
+
+def damaged_track(path, change):
+    """Write a small track, changed as an Arrow table and without a hash, as another program would."""
+    table = pa.table({name: pa.array([1], column_type) for name, column_type in TRACK_TYPES})
+    pq.write_table(change(table).replace_schema_metadata({"schema": TRACK.schema, "version": "1"}), path)
+    return path
+
+
+TRACK_TYPES = [(name, ARROW_TYPES[column.dtype]) for name, column in TRACK.columns.items()]
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "words"),
+    [
+        (
+            lambda table: table.append_column("x_m", table["y_m"]),
+            "SC-R011",
+            "two of its columns",
+        ),
+        (
+            lambda table: table.set_column(0, "frame", pa.nulls(1, pa.int32())),
+            "SC-R014",
+            "1 of its 1",
+        ),
+        (lambda table: table.append_column("var_xx_m2", table["y_m"]), "SC-R014", "others of the covariance"),
+        (lambda table: table.set_column(0, "frame", table["point"]), None, ""),
+    ],
+)
+def test_a_table_that_another_program_wrote_wrongly_is_refused(tmp_path, change, code, words):
+    path = damaged_track(tmp_path / "track.parquet", change)
+    if code is None:
+        assert read_track(path, 3).points_m.shape == (1, 4, 2)
+        return
+    with pytest.raises(StrandcastError, match=f"{code}.*{words}"):
+        read_track(path, 3)
+
+
+def test_an_array_that_a_track_cannot_fill_is_refused(tmp_path):
+    path = damaged_track(tmp_path / "track.parquet", lambda table: table)
+    with pytest.raises(StrandcastError, match="SC-R017.*at most"):
+        read_track(path, 10**9)
+    with pytest.raises(IndexError):
+        scattered((3,), np.array([-1]), 1.0)

@@ -13,7 +13,7 @@ from strandcast.errors import StrandcastError
 from strandcast.records.record import refusal
 
 COMMENT = ("#", "%")
-LARGEST_FILE_BYTES = 2 << 30  # chosen
+LARGEST_FILE_BYTES = 256 << 20  # 16 times a log of 60 s at 1 kHz; its cells take ten times as much memory
 LONGEST_NAME = 200  # characters of a column's name; chosen, ROS' nested names have some 80
 LONGEST_QUOTE = 40  # characters of a cell in a message; chosen, one line of a terminal
 EMPTY = frozenset({"", "nan", "na"})
@@ -111,7 +111,8 @@ def _text(path: Path, code: str) -> str:
     if not path.is_file():
         raise refusal(code, path, None, "the file is missing", "check the path")
     if path.stat().st_size > LARGEST_FILE_BYTES:
-        raise refusal(code, path, None, "the file is larger than 2 GiB", "cut it to the throw")
+        what = f"the file is larger than {LARGEST_FILE_BYTES >> 20} MiB"
+        raise refusal(code, path, None, what, "cut it to the throw")
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -20,6 +20,7 @@ from strandcast.report.results import TrialResults, read_results
 from strandcast.report.text import CITATION, Badge, verdict_badge
 
 THUMBNAIL_PX = 320
+MOST_PIXELS = 40_000_000  # as of a video's frame
 
 
 class TrialRow(NamedTuple):
@@ -100,8 +101,11 @@ def _thumbnail(picture: bytes | None) -> str | None:
         return None
     out = io.BytesIO()
     try:
-        image = Image.open(io.BytesIO(picture)).convert("RGB")
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        image: Image.Image = Image.open(io.BytesIO(picture), formats=["WEBP"])
+        if image.width * image.height > MOST_PIXELS:
+            return None
+        image = image.convert("RGB")
+    except (OSError, ValueError, SyntaxError):
         return None
     image.thumbnail((THUMBNAIL_PX, THUMBNAIL_PX))
     image.save(out, "WEBP", quality=60, method=4)

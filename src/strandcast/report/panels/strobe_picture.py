@@ -31,7 +31,7 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
             file=FILES["strobe"],
             fix="open the file beside this page",
         )
-    width, height = Image.open(io.BytesIO(picture)).size
+    width, height = Image.open(io.BytesIO(picture), formats=["WEBP"]).size
     verdict = results.need("verdict")
     finding = (
         f"The tip passed the target at {place(verdict.target_m)} at {millimetres(verdict.miss_m)}."
