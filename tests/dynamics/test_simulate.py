@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from arrays import simulate, simulate_batch, start_shape
@@ -19,6 +18,7 @@ from strandcast.dynamics.simulate import (
     OVERSTRETCHED,
     STATUS,
 )
+from strandcast.threads import threads
 
 MODEL = StringModel(length_m=0.2, points=5)
 TIME_S = np.arange(0.0, 0.4001, 0.0005)
@@ -34,11 +34,11 @@ def batch_of(size):
 def test_same_bytes_on_one_thread_and_in_any_batch():
     parameters, masses = batch_of(21)
     batch, status = simulate_batch(MODEL, parameters, masses, TIME_S, POSE, OUT_S)
-    numba.set_num_threads(1)
-    try:
+    with threads(1):
         single, _ = simulate_batch(MODEL, parameters, masses, TIME_S, POSE, OUT_S)
-    finally:
-        numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    with threads(3):
+        several, _ = simulate_batch(MODEL, parameters, masses, TIME_S, POSE, OUT_S)
+    assert batch.tobytes() == several.tobytes()
     assert batch.tobytes() == single.tobytes()
     alone, _ = simulate(MODEL, parameters[3], masses[3], TIME_S, POSE, OUT_S)
     assert alone.tobytes() == batch[3].tobytes()

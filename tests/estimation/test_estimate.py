@@ -1,6 +1,5 @@
 """A known string, seen with noise, is found again; and what is told about the fit is true."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -12,6 +11,7 @@ from strandcast.estimation.cross_validation import CHOSEN, REFITTED
 from strandcast.estimation.estimate import estimate
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.unknowns import space_of
+from strandcast.threads import threads
 
 from .known_string import LAYOUT, MODEL, NOISE_M, TIME_S, hand_path, known_string, seen, simulated
 
@@ -65,12 +65,8 @@ def test_members_are_near_optimal_strings_that_differ(fit):
 
 
 def test_same_seed_same_bytes_on_one_core_and_two(fit):
-    cores = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
+    with threads(1):
         again = estimate([seen(1.0)], MODEL, LAYOUT, QUICK, np.random.default_rng(2))
-    finally:
-        numba.set_num_threads(cores)
     assert again.chi.tobytes() == fit.chi.tobytes()
     assert again.members.parameters.tobytes() == fit.members.parameters.tobytes()
     assert again.fitted_m.tobytes() == fit.fitted_m.tobytes()

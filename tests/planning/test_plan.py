@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 
@@ -43,6 +42,7 @@ from strandcast.planning.write import to_record
 from strandcast.records.files import content_sha256
 from strandcast.records.motion import Motion
 from strandcast.records.record import HEAD
+from strandcast.threads import threads
 
 pytestmark = pytest.mark.slow
 
@@ -189,17 +189,13 @@ def test_planning_gives_the_same_bytes_on_one_core_or_two(
     task: PlanningTask, strings: StringBatch, trial: PastTrial, tmp_path: Path
 ) -> None:
     small = {"screening": 32, "evaluations": 240, "ensemble": 4, "mesh_refinement": True}
-    cores = numba.get_num_threads()
     written = []
-    for threads in (cores, cores, 1):
-        numba.set_num_threads(threads)
-        for plan in (
-            planned(task, strings, 3, **small),
-            planned_next(task, strings, trial, 0.001, 3, **small),
-        ):
+    for cores in (2, 2, 1):
+        with threads(cores):
+            plans = planned(task, strings, 3, **small), planned_next(task, strings, trial, 0.001, 3, **small)
+        for plan in plans:
             to_record(plan, task, "demo", 1, 3, {}).write(tmp_path / "motion.json")
             written.append((tmp_path / "motion.json").read_bytes())
-    numba.set_num_threads(cores)
     assert written[0] == written[2] == written[4]
     assert written[1] == written[3] == written[5]
     assert written[0] != written[1]

@@ -1,6 +1,7 @@
 """How the joints follow a command: gain, transport delay and a second-order lag, joint by joint."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -54,24 +55,28 @@ def respond(servo: Servo, time_s: np.ndarray, q_command: np.ndarray) -> np.ndarr
     commands = np.asarray(q_command, float)
     batch = commands.reshape(-1, *commands.shape[-2:])
     step_s = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
-    return _respond(np.ascontiguousarray(servo.matrix()), step_s, batch).reshape(commands.shape)
+    joints = servo.matrix()
+    decays, forces = zip(*(_transition(w, z, float(step_s)) for _, w, z, _ in joints.tolist()), strict=True)
+    answer = _respond(joints[:, 0] / step_s, joints[:, 3], np.array(decays), np.array(forces), batch)
+    return answer.reshape(commands.shape)
 
 
 @njit(cache=True)
-def _respond(joints: np.ndarray, step_s: float, commands: np.ndarray) -> np.ndarray:
-    """Exact response to a command that is linear between samples (first-order hold)."""
+def _respond(
+    delays: np.ndarray, gains: np.ndarray, decays: np.ndarray, forces: np.ndarray, commands: np.ndarray
+) -> np.ndarray:
+    """Exact response to a command that is linear between samples (first-order hold); delays in samples."""
     motions, samples, count = commands.shape
-    answer = np.empty_like(commands)
+    answer = np.empty(commands.shape)
     for j in range(count):
-        delay, w, z, gain = joints[j]
-        decay, force = _transition(w, z, step_s)
+        gain, decay, force = gains[j], decays[j], forces[j]
         for b in range(motions):
             start = commands[b, 0, j]
             x, v = 0.0, 0.0
             before = 0.0
             answer[b, 0, j] = start
             for k in range(1, samples):
-                now = gain * (_sample(commands[b, :, j], k - delay / step_s) - start)
+                now = gain * (_sample(commands, b, j, k - delays[j]) - start)
                 x, v = (
                     decay[0, 0] * x + decay[0, 1] * v + force[0, 0] * before + force[0, 1] * now,
                     decay[1, 0] * x + decay[1, 1] * v + force[1, 0] * before + force[1, 1] * now,
@@ -82,20 +87,19 @@ def _respond(joints: np.ndarray, step_s: float, commands: np.ndarray) -> np.ndar
 
 
 @njit(cache=True)
-def _sample(values: np.ndarray, place: float) -> float:
-    """Value at a fractional index, the first value before the first sample."""
-    first: float = values[0]
-    last: float = values[-1]
-    if place <= 0.0:
-        return first
-    k = int(place)
-    if k >= len(values) - 1:
-        return last
-    between: float = values[k] + (place - k) * (values[k + 1] - values[k])
+def _sample(commands: np.ndarray, b: int, j: int, place: float) -> float:
+    """Command of a joint at a fractional index, the first one before the first sample."""
+    last = commands.shape[1] - 1
+    k = min(max(int(place), 0), last)
+    here: float = commands[b, k, j]
+    if place <= 0.0 or k == last:
+        return here
+    after: float = commands[b, k + 1, j]
+    between: float = here + (place - k) * (after - here)
     return between
 
 
-@njit(cache=True)
+@lru_cache(maxsize=64)
 def _transition(w: float, z: float, step_s: float) -> tuple[np.ndarray, np.ndarray]:
     """(2, 2) transition of x'' = w^2 (u - x) - 2 z w x' over a step; (2, 2) weights of u before and after.
 

@@ -70,7 +70,7 @@ class MeasuredPoints(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """B candidates and their throw, as `strandcast.dynamics.integrate.integrate_batch` takes them."""
+    """B candidates and their throw, as `strandcast.dynamics.integrate.integrate` takes them."""
 
     model: StringModel
     candidates: Candidates

@@ -1,7 +1,7 @@
 """Candidates as the kernels take them: coefficients and start of each, in the columns of work arrays."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,6 +14,7 @@ from strandcast.dynamics.elements import (
     C_SH,
     CLAMP_OFFSET,
     CLAMP_TURN,
+    COEFFICIENTS,
     DRAG_1,
     DRAG_2,
     DRY,
@@ -32,12 +33,10 @@ from strandcast.dynamics.elements import (
 from strandcast.dynamics.equilibrium import hanging, respaced
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.schemes.lfcn import STABLE, stretch_damping
-from strandcast.dynamics.schemes.scheme import StringArrays, StringMotion
-from strandcast.dynamics.simd import CACHED, INLINED
+from strandcast.dynamics.simd import CACHED
+from strandcast.threads import over_ranges
 
 HANGING, RESPACED, AS_GIVEN = range(3)
-
-_LINE = 64  # bytes of a cache line
 
 
 class Candidates(NamedTuple):
@@ -68,74 +67,77 @@ class StartArrays(NamedTuple):
     velocity_m_s: Array
 
 
-@njit(**INLINED)
-def work_rows(count: int, like: Any) -> Any:
-    """Work array (count, width) that begins on a cache line, so that vectors do not straddle two."""
-    width = like.shape[1]
-    flat = np.empty(count * width + _LINE, like.dtype)
-    first = (-flat.ctypes.data % _LINE) // like.itemsize
-    return flat[first : first + count * width].reshape((count, width))
+class ReadyStrings(NamedTuple):
+    """Coefficients and starts of B candidates, in double precision and the layout of the vectors.
+
+    Attributes
+    ----------
+    c
+        (COEFFICIENTS, B) rows as listed in `strandcast.dynamics.elements`.
+    d, v
+        (2n, B) segments [m] and (2n + 2, B) velocities [m/s] at the start; see `StringMotion`.
+    """
+
+    c: Array
+    d: Array
+    v: Array
 
 
-@njit(**CACHED)
+def ready(
+    candidates: Candidates, poses: Array, start: StartArrays, reading: int, step: float
+) -> ReadyStrings:
+    """Return what steps of this length [s] need of candidates on the hand's paths `poses` (1 or B, T, 3)."""
+    count, n = candidates.masses.shape
+    strings = ReadyStrings(
+        np.empty((COEFFICIENTS, count)), np.empty((2 * n, count)), np.zeros((2 * n + 2, count))
+    )
+    over_ranges(
+        count,
+        lambda first, last: _prepare(first, last, candidates, poses, start, reading, step, strings),
+    )
+    return strings
+
+
+@njit(nogil=True, **CACHED)
 def _prepare(
-    candidates: Candidates,
-    b: int,
-    pose: Array,
-    start: StartArrays,
-    reading: int,
-    step: float,
-    lane: int,
-    string: StringArrays,
-    motion: StringMotion,
-) -> None:
-    """Write coefficients and start of candidate b, from the hand's first pose (3,), into column `lane`."""
-    p, m, fixed = candidates.parameters[b], candidates.masses[b], candidates.fixed[b]
-    factor = candidates.factor[b]
-    n, c, d, v = len(m), string.c, motion.d, motion.v
-    lightest = np.min(m)
-    c[K_S, lane], c[C_S, lane] = p[0], p[1] + stretch_damping(p[0], step, lightest)
-    c[K_SH, lane], c[K_MORE, lane] = p[4], p[2] - p[4]
-    c[C_SH, lane], c[C_MORE, lane] = p[5], p[3] - p[5]
-    c[DRAG_1, lane], c[DRAG_2, lane], c[K_PH, lane], c[C_PH, lane] = p[6], p[7], p[8], p[9]
-    c[REST_BEND, lane], c[CLAMP_OFFSET, lane] = fixed[BEND_AT_REST], fixed[CLAMP_TURN]
-    c[FLOOR, lane], c[FRICTION, lane] = STABLE * lightest, fixed[DRY]
-    x = np.empty((n + 1, 2))
-    if start.mode == HANGING:
-        hanging(pose, p, m, factor, fixed, reading, x)
-    elif start.mode == RESPACED:
-        respaced(pose, start.points_m, p, m, fixed[SPACING], fixed[GRAVITY], x)
-    else:
-        x[0, 0], x[0, 1] = pose[0], pose[1]
-        x[1:] = start.points_m
-    cos, sin, rate = math.cos(fixed[SWAY]), math.sin(fixed[SWAY]), fixed[SWAY_RATE]
-    v[0, lane], v[1, lane] = 0.0, 0.0
-    away_x, away_y = 0.0, 0.0
-    for i in range(n):
-        string.mass[i, lane], string.factor[i, lane] = m[i], factor[i]
-        along, across = x[i + 1, 0] - x[i, 0], x[i + 1, 1] - x[i, 1]
-        dx, dy = cos * along - sin * across, sin * along + cos * across
-        away_x, away_y = away_x + dx, away_y + dy
-        d[2 * i, lane], d[2 * i + 1, lane] = dx, dy
-        v[2 * i + 2, lane] = start.velocity_m_s[i, 0] - rate * away_y
-        v[2 * i + 3, lane] = start.velocity_m_s[i, 1] + rate * away_x
-
-
-@njit(**CACHED)
-def prepare_vector(
-    candidates: Candidates,
     first: int,
+    last: int,
+    candidates: Candidates,
     poses: Array,
     start: StartArrays,
     reading: int,
     step: float,
-    string: StringArrays,
-    motion: StringMotion,
-    shift: Any,
+    strings: ReadyStrings,
 ) -> None:
-    """Fill all lanes from candidate `first` on; those after the last candidate repeat it."""
-    for lane in range(shift.shape[1]):
-        b = min(first + lane, len(candidates.masses) - 1)
+    """Fill the columns `first` to `last` of the strings."""
+    n, c, d, v = candidates.masses.shape[1], strings.c, strings.d, strings.v
+    x = np.empty((n + 1, 2))
+    for b in range(first, last):
+        p, m, fixed = candidates.parameters[b], candidates.masses[b], candidates.fixed[b]
         pose = poses[b if len(poses) > 1 else 0, 0]
-        _prepare(candidates, b, pose, start, reading, step, lane, string, motion)
-        shift[:, lane] = candidates.shift_m[b]
+        lightest = m[0]
+        for i in range(1, n):
+            lightest = min(lightest, m[i])
+        c[K_S, b], c[C_S, b] = p[0], p[1] + stretch_damping(p[0], step, lightest)
+        c[K_SH, b], c[K_MORE, b] = p[4], p[2] - p[4]
+        c[C_SH, b], c[C_MORE, b] = p[5], p[3] - p[5]
+        c[DRAG_1, b], c[DRAG_2, b], c[K_PH, b], c[C_PH, b] = p[6], p[7], p[8], p[9]
+        c[REST_BEND, b], c[CLAMP_OFFSET, b] = fixed[BEND_AT_REST], fixed[CLAMP_TURN]
+        c[FLOOR, b], c[FRICTION, b] = STABLE * lightest, fixed[DRY]
+        if start.mode == HANGING:
+            hanging(pose, p, m, candidates.factor[b], fixed, reading, x)
+        elif start.mode == RESPACED:
+            respaced(pose, start.points_m, p, m, fixed[SPACING], fixed[GRAVITY], x)
+        else:
+            x[0, 0], x[0, 1] = pose[0], pose[1]
+            for i in range(n):
+                x[i + 1, 0], x[i + 1, 1] = start.points_m[i, 0], start.points_m[i, 1]
+        cos, sin, rate = math.cos(fixed[SWAY]), math.sin(fixed[SWAY]), fixed[SWAY_RATE]
+        away_x, away_y = 0.0, 0.0
+        for i in range(n):
+            along, across = x[i + 1, 0] - x[i, 0], x[i + 1, 1] - x[i, 1]
+            dx, dy = cos * along - sin * across, sin * along + cos * across
+            away_x, away_y = away_x + dx, away_y + dy
+            d[2 * i, b], d[2 * i + 1, b] = dx, dy
+            v[2 * i + 2, b] = start.velocity_m_s[i, 0] - rate * away_y
+            v[2 * i + 3, b] = start.velocity_m_s[i, 1] + rate * away_x

@@ -27,7 +27,7 @@ def slopes(time_s: Array, value: Array, out: Array) -> None:
     """
     last = len(time_s) - 1
     if last == 1:
-        out[:] = (value[1] - value[0]) / (time_s[1] - time_s[0])
+        out[0] = out[1] = (value[1] - value[0]) / (time_s[1] - time_s[0])
         return
     for k in range(1, last):
         before = time_s[k] - time_s[k - 1]
@@ -74,9 +74,11 @@ def drive(time_s: Array, pose: Array, h: float, steps: int, lane: int, out: Any)
     slope = np.empty((3, len(time_s)))
     for c in range(3):
         slopes(time_s, pose[:, c], slope[c])
-    knot = 0
+    knot: Any = np.int64(0)  # a literal would have `_interpolate` compiled twice
     ahead, after = np.empty(3), np.empty(3)
-    before, here = slope[:, 0].copy(), pose[0].copy()
+    before, here = np.empty(3), np.empty(3)
+    for c in range(3):
+        before[c], here[c] = slope[c, 0], pose[0, c]
     for k in range(steps):
         t = min(time_s[0] + (k + 1) * h, time_s[-1])
         knot = _interpolate(time_s, pose, slope, knot, t, after)
@@ -90,7 +92,8 @@ def drive(time_s: Array, pose: Array, h: float, steps: int, lane: int, out: Any)
         out[r + DVY, lane] = ahead[1] - before[1]
         out[r + DRATE, lane] = ahead[2] - before[2]
         out[r + X, lane], out[r + Y, lane] = here[0], here[1]
-        before[:] = ahead
+        for c in range(3):
+            before[c] = ahead[c]
 
 
 @njit(**CACHED)
@@ -99,6 +102,6 @@ def places(time_s: Array, pose: Array, wanted_s: Array, out: Array) -> None:
     slope = np.empty((2, len(time_s)))
     for c in range(2):
         slopes(time_s, pose[:, c], slope[c])
-    knot = 0
+    knot: Any = np.int64(0)
     for f in range(len(wanted_s)):
         knot = _interpolate(time_s, pose, slope, knot, min(wanted_s[f], time_s[-1]), out[f])

@@ -1,20 +1,29 @@
 """Time integration of candidates: the loop over steps, and the outputs on the way."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from strandcast.dynamics.candidates import Candidates, StartArrays, prepare_vector, work_rows
-from strandcast.dynamics.elements import COEFFICIENTS, DRY, GRAVITY, HALF_WIDTH, SPACING
+from strandcast.dynamics.candidates import Candidates, ReadyStrings
+from strandcast.dynamics.elements import COEFFICIENTS
 from strandcast.dynamics.hand import COS, DRATE, DRIVING, DVX, DVY, RATE, SIN, VX, VY, X, drive
-from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, Outputs, observe
+from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, VALUE, Outputs, observe
 from strandcast.dynamics.parameters import Array
-from strandcast.dynamics.schemes.scheme import ROWS, StepSettings, StringArrays, StringMotion, advance
+from strandcast.dynamics.schemes.scheme import (
+    ROWS,
+    StepSettings,
+    StringArrays,
+    StringMotion,
+    advance,
+    at_step,
+)
 from strandcast.dynamics.simd import CACHED, INLINED, flush_denormals, load, maximum, minimum, splat, store
+from strandcast.dynamics.vectors import VectorSpec
 
 ANY_LENGTH_M = 1e9  # greater than any length
+_LINE = 64  # bytes of a cache line
 
 
 @njit(**INLINED)
@@ -41,7 +50,78 @@ def _hand(spec: Any, path: Any, own: bool, k: int) -> tuple[Any, Any, Any, Any, 
     )
 
 
-@njit(**CACHED)
+class Workspace(NamedTuple):
+    """Work arrays of one thread, each of W columns, that begin on cache lines.
+
+    Attributes
+    ----------
+    string, motion
+        The strings of one vector, and their state.
+    scheme
+        What the scheme may use.
+    place, results, shift
+        Points at an output, running results, and what is added to the points before they are compared.
+    path
+        The hand's motion of each lane, where each candidate has its own.
+    hand_place
+        (2, W or 1) the hand's place at an output.
+    """
+
+    string: StringArrays
+    motion: StringMotion
+    scheme: Any
+    place: Any
+    results: Any
+    shift: Any
+    path: Any
+    hand_place: Array
+
+
+def workspace(spec: VectorSpec, points: int, own_steps: int) -> Workspace:
+    """Return work arrays for strings of so many points; `own_steps` with a path for each lane, or 0."""
+
+    def rows(count: int) -> Any:
+        flat = np.empty(count * spec.width + _LINE, spec.dtype)
+        first = (-flat.ctypes.data % _LINE) // flat.itemsize
+        return flat[first : first + count * spec.width].reshape(count, spec.width)
+
+    return Workspace(
+        StringArrays(points, rows(COEFFICIENTS), rows(points), rows(points)),
+        StringMotion(rows(2 * points), rows(2 * points + 2), rows(2 * points + 2)),
+        rows(ROWS * (points + 1)),
+        rows(2 * points),
+        rows(RESULTS),
+        rows(2),
+        rows(max(own_steps * DRIVING, 1)),
+        np.empty((2, spec.width if own_steps else 1)),
+    )
+
+
+@njit(**INLINED)
+def _load_strings(
+    first: int,
+    candidates: Candidates,
+    strings: ReadyStrings,
+    string: StringArrays,
+    motion: StringMotion,
+    shift: Any,
+) -> None:
+    """Fill all lanes from candidate `first` on; those after the last candidate repeat it."""
+    count, n = candidates.masses.shape
+    for lane in range(shift.shape[1]):
+        b = min(first + lane, count - 1)
+        for row in range(COEFFICIENTS):
+            string.c[row, lane] = strings.c[row, b]
+        for i in range(n):
+            string.mass[i, lane], string.factor[i, lane] = candidates.masses[b, i], candidates.factor[b, i]
+        for row in range(2 * n):
+            motion.d[row, lane] = strings.d[row, b]
+        for row in range(2 * n + 2):
+            motion.v[row, lane], motion.dv[row, lane] = strings.v[row, b], 0.0
+        shift[0, lane], shift[1, lane] = candidates.shift_m[b, 0], candidates.shift_m[b, 1]
+
+
+@njit(**INLINED)
 def _keep(first: int, d: Any, results: Any, kept: Array) -> None:
     """Copy the results of each candidate into `kept`; after a blow-up its longest segment is infinite."""
     for lane in range(min(d.shape[1], len(kept) - first)):
@@ -53,113 +133,66 @@ def _keep(first: int, d: Any, results: Any, kept: Array) -> None:
                 kept[first + lane, LONGEST] = np.inf
 
 
-@njit(**CACHED)
-def _integrate_vector(
-    spec: Any,
-    like: Any,
+@njit(nogil=True, **CACHED)
+def integrate(
     first: int,
+    last: int,
+    spec: Any,
+    work: Workspace,
     candidates: Candidates,
+    strings: ReadyStrings,
     hand: Any,
     common: Any,
-    start: StartArrays,
     steps: int,
-    step: float,
-    reading: int,
+    settings: StepSettings,
     scheme: Any,
     outputs: Outputs,
     kept: Array,
 ) -> None:
-    """One vector of candidates from start to end; see `integrate_batch`."""
-    time_s, poses = hand
-    n, width, own = candidates.masses.shape[1], like.shape[1], len(poses) > 1
-    string = StringArrays(n, work_rows(COEFFICIENTS, like), work_rows(n, like), work_rows(n, like))
-    motion = StringMotion(work_rows(2 * n, like), work_rows(2 * n + 2, like), work_rows(2 * n + 2, like))
-    work, place, results = work_rows(ROWS * (n + 1), like), work_rows(2 * n, like), work_rows(RESULTS, like)
-    path, shift = work_rows(steps * DRIVING if own else 1, like), work_rows(2, like)
-    hand_place = np.zeros((2, width if own else 1))
-    prepare_vector(candidates, first, poses, start, reading, step, string, motion, shift)
-    if own:
-        for lane in range(width):
-            drive(time_s, poses[min(first + lane, len(poses) - 1)], step, steps, lane, path)
-    fixed = candidates.fixed
-    l0, gravity, per_width = fixed[0, SPACING], fixed[0, GRAVITY], 1.0 / fixed[0, HALF_WIDTH]
-    has_friction = fixed[:, DRY].max() > 0.0
-    motion.dv[:] = 0.0
-    results[:] = 0.0
-    results[SHORTEST] = ANY_LENGTH_M
-    control = flush_denormals(-1)
-    at = outputs.at
-    f = 0
-    for k in range(steps):
-        hand_now = _hand(spec, path, True, k) if own else _hand(spec, common, False, k)
-        share = 0.5 if k == 0 else 1.0
-        settings = StepSettings(step, share, l0, gravity, reading, per_width, has_friction)
-        longest, shortest = advance(scheme, spec, string, motion, hand_now, work, settings)
-        store(spec, results, LONGEST, maximum(longest, load(spec, results, LONGEST)))
-        store(spec, results, SHORTEST, minimum(shortest, load(spec, results, SHORTEST)))
-        if f < len(at) and at[f] <= k + 1:
-            r = k * DRIVING + X
-            if own:
-                hand_place[:] = path[r : r + 2]
-            else:
-                hand_place[:] = common[r : r + 2]
-            while f < len(at) and at[f] <= k + 1:
-                observe(spec, k, f, step, motion, place, hand_place, outputs, shift, first, results)
-                f += 1
-    flush_denormals(control)
-    _keep(first, motion.d, results, kept)
-
-
-@njit(parallel=True, **CACHED)
-def integrate_batch(
-    spec: Any,
-    like: Any,
-    candidates: Candidates,
-    hand: Any,
-    start: StartArrays,
-    steps: int,
-    step: float,
-    reading: int,
-    scheme: Any,
-    outputs: Outputs,
-) -> Array:
-    """Simulate B candidates, W in one vector; the loop over vectors runs on all cores.
+    """Simulate vectors of W candidates each, the `first` to before the `last` of all.
 
     Parameters
     ----------
-    spec, like
-        `strandcast.dynamics.vectors.VectorSpec` of width W, and any array (…, W) of its dtype.
-    candidates, start, outputs
-        See there; the spacing, gravity and half-width of the switch are the same for all candidates.
+    spec, work
+        `strandcast.dynamics.vectors.VectorSpec` of width W, and the `workspace` of this thread.
+    candidates, strings, outputs
+        See there.
     hand
         (T,) times [s] and (1 or B, T, 3) poses: the hand's path, common or each candidate's own.
-    steps, step, reading, scheme
-        Number and length [s] of steps, the reading, the `strandcast.dynamics.schemes.scheme.Scheme`.
-
-    Returns
-    -------
-    (B, RESULTS) longest segment [m], infinite after a blow-up, shortest segment [m], and E [m].
+    common
+        (steps * DRIVING, 1) a common path as `strandcast.dynamics.hand.drive` gives it, else any array.
+    steps, settings, scheme
+        Number of steps, what they have in common, the `strandcast.dynamics.schemes.scheme.Scheme`.
+    kept
+        (B, RESULTS) filled here: longest segment [m], infinite after a blow-up, shortest segment [m], E [m].
     """
-    count, width = len(candidates.masses), like.shape[1]
-    kept = np.empty((count, RESULTS))
     time_s, poses = hand
-    common = np.empty((steps * DRIVING if len(poses) == 1 else 1, 1))
-    if len(poses) == 1:
-        drive(time_s, poses[0], step, steps, 0, common)
-    for g in prange((count + width - 1) // width):
-        _integrate_vector(
-            spec,
-            like,
-            np.int64(g) * width,
-            candidates,
-            hand,
-            common,
-            start,
-            steps,
-            step,
-            reading,
-            scheme,
-            outputs,
-            kept,
-        )
-    return kept
+    string, motion, scheme_work, place, results, shift, path, hand_place = work
+    width, own, at = results.shape[1], len(poses) > 1, outputs.at
+    control = flush_denormals(-1)
+    for g in range(first, last):
+        b = g * width
+        _load_strings(b, candidates, strings, string, motion, shift)
+        if own:
+            for lane in range(width):
+                drive(time_s, poses[min(b + lane, len(poses) - 1)], settings.step, steps, lane, path)
+        for lane in range(width):
+            results[LONGEST, lane], results[SHORTEST, lane], results[VALUE, lane] = 0.0, ANY_LENGTH_M, 0.0
+        f: Any = np.int64(0)  # a literal would have `observe` compiled twice
+        for k in range(steps):
+            hand_now = _hand(spec, path, own, k) if own else _hand(spec, common, own, k)
+            longest, shortest = advance(
+                scheme, spec, string, motion, hand_now, scheme_work, at_step(settings, k)
+            )
+            store(spec, results, LONGEST, maximum(longest, load(spec, results, LONGEST)))
+            store(spec, results, SHORTEST, minimum(shortest, load(spec, results, SHORTEST)))
+            if f < len(at) and at[f] <= k + 1:
+                for lane in range(hand_place.shape[1]):
+                    for axis in range(2):
+                        r = k * DRIVING + X + axis
+                        hand_place[axis, lane] = path[r, lane] if own else common[r, 0]
+                while f < len(at) and at[f] <= k + 1:
+                    observe(spec, k, f, settings.step, motion, place, hand_place, outputs, shift, b, results)
+                    f += 1
+        _keep(b, motion.d, results, kept)
+    flush_denormals(control)

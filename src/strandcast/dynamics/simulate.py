@@ -15,13 +15,17 @@ from strandcast.dynamics.batch import (
     make_batch,
     rows_of,
 )
-from strandcast.dynamics.hand import places
-from strandcast.dynamics.integrate import integrate_batch
+from strandcast.dynamics.candidates import ready
+from strandcast.dynamics.elements import DRY, GRAVITY, HALF_WIDTH, SPACING
+from strandcast.dynamics.hand import DRIVING, drive, places
+from strandcast.dynamics.integrate import integrate, workspace
 from strandcast.dynamics.model import READINGS, StringModel
-from strandcast.dynamics.observe import FAR_M, LONGEST, SHORTEST, VALUE
+from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, VALUE
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.schemes.registry import SCHEMES
+from strandcast.dynamics.schemes.scheme import StepSettings
 from strandcast.dynamics.vectors import VectorSpec, register_bits
+from strandcast.threads import over_ranges
 
 OK, BLEW_UP, OVERSTRETCHED, COLLAPSED = range(4)
 STATUS = {
@@ -159,22 +163,35 @@ def _run(batch: Batch) -> tuple[Array, NDArray[np.int64]]:
 
 def _pass(batch: Batch, finer: int) -> Array:
     """Run candidates once, with steps `finer` times smaller than the model's."""
-    model, outputs = batch.model, batch.outputs
-    spec = vector_spec(model.precision)
-    return np.asarray(
-        integrate_batch(
-            spec,
-            np.empty((1, spec.width), spec.dtype),
-            batch.candidates,
-            batch.hand,
-            batch.start,
-            batch.steps * finer,
-            model.dt_s / finer,
-            READINGS.index(model.reading),
-            SCHEMES.get(model.integrator),
-            outputs._replace(at=outputs.at * finer),
-        )
+    model, candidates, hand = batch.model, batch.candidates, batch.hand
+    spec, scheme = vector_spec(model.precision), SCHEMES.get(model.integrator)
+    steps, reading = batch.steps * finer, READINGS.index(model.reading)
+    fixed = candidates.fixed
+    settings = StepSettings(
+        step=model.dt_s / finer,
+        share=1.0,
+        l0=float(fixed[0, SPACING]),
+        gravity=float(fixed[0, GRAVITY]),
+        reading=reading,
+        per_width=float(1.0 / fixed[0, HALF_WIDTH]),
+        has_friction=bool(fixed[:, DRY].max() > 0.0),
     )
+    strings = ready(candidates, hand.pose, batch.start, reading, settings.step)
+    own = len(hand.pose) > 1
+    common = np.empty((1 if own else steps * DRIVING, 1))
+    if not own:
+        drive(hand.time_s, hand.pose[0], settings.step, steps, 0, common)
+    outputs = batch.outputs._replace(at=batch.outputs.at * finer)
+    kept = np.empty((len(candidates.masses), RESULTS))
+
+    def run(first: int, last: int) -> None:
+        work = workspace(spec, model.points, steps if own else 0)
+        integrate(
+            first, last, spec, work, candidates, strings, hand, common, steps, settings, scheme, outputs, kept
+        )
+
+    over_ranges(-(-len(kept) // spec.width), run)
+    return kept
 
 
 def _status(model: StringModel, kept: Array) -> NDArray[np.int64]:

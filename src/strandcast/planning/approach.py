@@ -1,9 +1,14 @@
 """How near simulated paths come to places: kernels."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from strandcast.threads import over_ranges
+
+Approaches = tuple[np.ndarray, np.ndarray]  # (B,) least distances [m], and (B,) the samples after them
 
 
 @njit(cache=True)
@@ -49,36 +54,77 @@ def closest_approach(tip: np.ndarray, last: int, x: float, y: float) -> tuple[fl
     return best, index
 
 
-@njit(cache=True, parallel=True)
-def closest_approaches(
-    paths: np.ndarray, last: np.ndarray, x: float, y: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (B,) least distances of a place to paths (B, T, 2), and (B,) the samples after them."""
-    miss, index = np.empty(len(paths)), np.empty(len(paths), np.int64)
-    for b in prange(len(paths)):
-        miss[b], index[b] = closest_approach(paths[b], last[b], x, y)
+def approaches(kernel: Callable[..., None], count: int, *given: object) -> Approaches:
+    """Return what a kernel finds: (B,) least distances or infinity, and (B,) the samples after them."""
+    miss, index = np.full(count, np.inf), np.zeros(count, np.int64)
+    over_ranges(count, lambda first, last: kernel(first, last, *given, miss, index))
     return miss, index
 
 
-@njit(cache=True, parallel=True)
+def closest_approaches(paths: np.ndarray, last: np.ndarray, x: float, y: float) -> Approaches:
+    """Return the closest approaches of paths (B, T, 2) to a place."""
+    return approaches(_closest_approaches, len(paths), paths, last, x, y)
+
+
 def tip_approaches(
     points: np.ndarray, tip_bias: np.ndarray, last: np.ndarray, x: float, y: float
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Approaches:
     """Return the closest approaches of the tips of strings (B, T, n+1, 2), bias (B, T, 2) added."""
-    miss, index = np.empty(len(points)), np.empty(len(points), np.int64)
-    for b in prange(len(points)):
-        tip = points[b, :, -1, :] + tip_bias[b]
+    return approaches(_tip_approaches, len(points), points, tip_bias, last, x, y)
+
+
+def bar_approaches(tips: np.ndarray, last: np.ndarray, ends: np.ndarray) -> Approaches:
+    """Return the closest approaches of tips (B, T, 2) to a bar (2, 2)."""
+    return approaches(_bar_approaches, len(tips), tips, last, ends)
+
+
+@njit(cache=True, nogil=True)
+def _closest_approaches(
+    first: int,
+    end: int,
+    paths: np.ndarray,
+    last: np.ndarray,
+    x: float,
+    y: float,
+    miss: np.ndarray,
+    index: np.ndarray,
+) -> None:
+    for b in range(first, end):
+        miss[b], index[b] = closest_approach(paths[b], last[b], x, y)
+
+
+@njit(cache=True, nogil=True)
+def _tip_approaches(
+    first: int,
+    end: int,
+    points: np.ndarray,
+    tip_bias: np.ndarray,
+    last: np.ndarray,
+    x: float,
+    y: float,
+    miss: np.ndarray,
+    index: np.ndarray,
+) -> None:
+    tip = np.empty((points.shape[1], 2))
+    for b in range(first, end):
+        for t in range(len(tip)):
+            for axis in range(2):
+                tip[t, axis] = points[b, t, -1, axis] + tip_bias[b, t, axis]
         miss[b], index[b] = closest_approach(tip, last[b], x, y)
-    return miss, index
 
 
-@njit(cache=True, parallel=True)
-def bar_approaches(tips: np.ndarray, last: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (B,) least distances of tips (B, T, 2) to a bar (2, 2), and (B,) the samples after them."""
-    miss, index = np.full(len(tips), np.inf), np.zeros(len(tips), np.int64)
-    for b in prange(len(tips)):
+@njit(cache=True, nogil=True)
+def _bar_approaches(
+    first: int,
+    end: int,
+    tips: np.ndarray,
+    last: np.ndarray,
+    ends: np.ndarray,
+    miss: np.ndarray,
+    index: np.ndarray,
+) -> None:
+    for b in range(first, end):
         for t in range(1, last[b] + 1):
             away = bar_distance(tips[b, t - 1], tips[b, t], ends[0], ends[1])
             if away < miss[b]:
                 miss[b], index[b] = away, t
-    return miss, index

@@ -8,12 +8,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from strandcast.planning.capsules import capsule_radii
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.simulated_misses import simulated_miss
 from strandcast.planning.task import PlanningTask
+from strandcast.threads import over_ranges
 
 ROUGH_STRIDE = 4  # samples between those that a search checks for bends and places; chosen
 # Points this near the hand along the string cannot be far from the last link.
@@ -86,7 +87,12 @@ def assess(
     and hidden of a metre.
     """
     index = np.clip(np.asarray(miss[1], np.int64), 0, rollouts.last)
-    finite, facts = _check_all(rollouts, room, index, stride)
+    count = len(rollouts.points_m)
+    finite, facts = np.zeros(count, np.bool_), np.ones((5, count))
+    facts[0], facts[4] = 0.0, 0.0
+    over_ranges(
+        count, lambda first, last: _check_all(first, last, rollouts, room, index, stride, finite, facts)
+    )
     return Assessment(np.where(finite, miss[0], FAILED_M), np.where(finite, index, 0), *facts)
 
 
@@ -163,17 +169,20 @@ def _is_finite(points: np.ndarray, last: int) -> bool:
     return True
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _check_all(
-    rollouts: Rollouts, room: Room, index: np.ndarray, stride: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (B,) which rollouts are finite, and (5, B) fold, outside, touch, hidden and tip speed."""
+    first: int,
+    last: int,
+    rollouts: Rollouts,
+    room: Room,
+    index: np.ndarray,
+    stride: int,
+    finite: np.ndarray,
+    facts: np.ndarray,
+) -> None:
+    """Find (B,) which rollouts are finite, and (5, B) fold, outside, touch, hidden and tip speed."""
     points, bias = rollouts.points_m, rollouts.tip_bias_m
-    count = len(points)
-    finite = np.zeros(count, np.bool_)
-    facts = np.ones((5, count))
-    facts[0], facts[4] = 0.0, 0.0
-    for b in prange(count):
+    for b in range(first, last):
         if not _is_finite(points[b], rollouts.last[b]):
             continue
         finite[b] = True
@@ -183,4 +192,3 @@ def _check_all(
             dx = points[b, k, -1, 0] + bias[b, k, 0] - points[b, k - 1, -1, 0] - bias[b, k - 1, 0]
             dy = points[b, k, -1, 1] + bias[b, k, 1] - points[b, k - 1, -1, 1] - bias[b, k - 1, 1]
             facts[4, b] = math.sqrt(dx * dx + dy * dy) / rollouts.step_s
-    return finite, facts

@@ -4,11 +4,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from strandcast.arm.kinematics import PlanarChain, hand_pose
 from strandcast.arm.load import Arm
 from strandcast.arm.settings import Clamp
+from strandcast.threads import over_ranges
 
 PLATE_RIM_M = 0.015  # of the plate beyond the markers' edge; chosen
 NEAR_HAND_M = 0.06  # string this near to the hand cannot be far from it; chosen
@@ -49,18 +50,19 @@ def capsules(arm: Arm, q: np.ndarray) -> np.ndarray:
     """
     along = [marker.place_m[0] for marker in arm.markers]
     plate = np.array([min(along), max(along)]) if along else np.zeros(0)
-    found = _capsules(
-        np.ascontiguousarray(q, float).reshape(-1, q.shape[-1]), planar_arm(arm.chain, arm.clamp), plate
-    )
-    return found.reshape(*q.shape[:-1], *found.shape[1:])
+    rows, planar = np.ascontiguousarray(q, float).reshape(-1, q.shape[-1]), planar_arm(arm.chain, arm.clamp)
+    ends = np.empty((len(rows), rows.shape[1] + len(plate) // 2, 2, 2))
+    over_ranges(len(rows), lambda first, last: _capsules(first, last, rows, planar, plate, ends))
+    return ends.reshape(*q.shape[:-1], *ends.shape[1:])
 
 
-@njit(cache=True, parallel=True)
-def _capsules(q: np.ndarray, arm: PlanarArm, plate_m: np.ndarray) -> np.ndarray:
-    """Return both ends (N, S, 2, 2) of the links, and of the plate between two places along the string."""
-    count, joints = q.shape
-    ends = np.empty((count, joints + len(plate_m) // 2, 2, 2))
-    for k in prange(count):
+@njit(cache=True, nogil=True)
+def _capsules(
+    first: int, last: int, q: np.ndarray, arm: PlanarArm, plate_m: np.ndarray, ends: np.ndarray
+) -> None:
+    """Fill both ends (N, S, 2, 2) of the links, and of the plate between two places along the string."""
+    joints = q.shape[1]
+    for k in range(first, last):
         x, y, angle, cos, sin = arm.origin_m[0], arm.origin_m[1], 0.0, 1.0, 0.0
         for j in range(joints):
             angle += arm.angles_rad[j] + arm.signs[j] * q[k, j]
@@ -74,7 +76,6 @@ def _capsules(q: np.ndarray, arm: PlanarArm, plate_m: np.ndarray) -> np.ndarray:
         for end in range(len(plate_m)):
             ends[k, joints, end, 0] = x + plate_m[end] * math.cos(angle)
             ends[k, joints, end, 1] = y + plate_m[end] * math.sin(angle)
-    return ends
 
 
 def capsule_radii(arm: Arm, clearance_m: float) -> np.ndarray:

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from math import comb
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from strandcast.arm.dynamics import NO_DYNAMICS, PlanarDynamics, chain_torques
 from strandcast.arm.joint_limits import Limits
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.planning.bezier import Curve, sample, whole_steps
+from strandcast.threads import over_ranges
 
 # Between the samples a controller goes a little further. Chosen.
 WITHIN = 0.995
@@ -100,9 +101,10 @@ def paths_of(
     count = int(steps.max()) + 1 + round(after_s / step_s)
     degree = curves.heights_rad_s.shape[2] - 1
     powers = np.ascontiguousarray(curves.heights_rad_s @ _to_powers(degree).T)
-    q, facts, effort = _sample(
-        curves.q0_rad, powers, steps, step_s, count, dynamics.links, dynamics.gravity_m_s2
-    )
+    motions, joints = powers.shape[:2]
+    q, facts, effort = np.empty((motions, count, joints)), np.zeros((motions, 6, joints)), np.zeros(motions)
+    given = curves.q0_rad, powers, steps, step_s, dynamics.links, dynamics.gravity_m_s2
+    over_ranges(motions, lambda first, last: _sample(first, last, *given, q, facts, effort))
     low, high, speed, acceleration, jerk, torque = np.moveaxis(facts, 1, 0)
     return JointPaths(q, steps, low, high, speed, acceleration, jerk, torque, effort)
 
@@ -159,22 +161,24 @@ def _to_powers(degree: int) -> np.ndarray:
     return matrix
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _sample(
+    first: int,
+    end: int,
     q0: np.ndarray,
     powers: np.ndarray,
     steps: np.ndarray,
     step_s: float,
-    count: int,
     links: np.ndarray,
     gravity: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return angles (P, count, J), least, greatest, peaks of rates and torque (P, 6, J), rms speed (P,)."""
-    motions, joints, terms = powers.shape
-    q = np.empty((motions, count, joints))
-    facts = np.zeros((motions, 6, joints))
-    effort = np.zeros(motions)
-    for p in prange(motions):
+    q: np.ndarray,
+    facts: np.ndarray,
+    effort: np.ndarray,
+) -> None:
+    """Fill angles (P, count, J), least, greatest, peaks of rates and torque (P, 6, J), rms speed (P,)."""
+    _, joints, terms = powers.shape
+    count = q.shape[1]
+    for p in range(first, end):
         last = steps[p]
         duration_s = last * step_s
         qd, qdd = np.empty((last + 1, joints)), np.empty((last + 1, joints))
@@ -207,8 +211,16 @@ def _sample(
         if len(links):
             torque = chain_torques(q[p, : last + 1], qd, qdd, links, gravity)
             for j in range(joints):
-                facts[p, 5, j] = np.abs(torque[:, j]).max()
-    return q, facts, effort
+                facts[p, 5, j] = _peak(torque, j)
+
+
+@njit(cache=True)
+def _peak(rates: np.ndarray, j: int) -> float:
+    """Greatest magnitude in column j."""
+    peak = 0.0
+    for t in range(len(rates)):
+        peak = max(peak, abs(rates[t, j]))
+    return peak
 
 
 def whole_durations(duration_s: np.ndarray, step_s: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from strandcast.arm.servo import Servo, respond
 from strandcast.core.strings import StringBatch
@@ -20,6 +20,7 @@ from strandcast.planning.capsules import PlanarArm, capsules, planar_arm
 from strandcast.planning.paths import JointPaths
 from strandcast.planning.task import PlanningTask
 from strandcast.records.verdict import AFTER_MOTION_S
+from strandcast.threads import over_ranges
 
 # The miss's window ends this long after the motion, as the scorer's: the tip may arrive after the arm stops.
 AFTER_END_S = AFTER_MOTION_S
@@ -127,7 +128,8 @@ def simulate_rollouts(
         zeros = np.zeros((len(strings), q.shape[2]))
     longer_m = strings.disturbances.longer_m
     arm = planar_arm(task.arm.chain, task.arm.clamp)
-    poses = hand_poses(np.ascontiguousarray(q), zeros, longer_m, arm)
+    q = np.ascontiguousarray(q)
+    poses = hand_poses(q, np.ascontiguousarray(zeros), np.ascontiguousarray(longer_m), arm)
     every = strings.take(np.tile(np.arange(len(strings)), len(q)))
     hand = HandPath(time_s, poses)
     points, _ = simulate_batch(task.model, every, hand, time_s, StringStart(conditions.start_m))
@@ -155,7 +157,6 @@ def rollouts_of_paths(
     return simulate_rollouts(task, strings, conditions, q, paths.last + round(AFTER_END_S / task.step_s))
 
 
-@njit(cache=True, parallel=True)
 def hand_poses(q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray, arm: PlanarArm) -> np.ndarray:
     """Return the hand's poses (P * K, T, 3) of joint paths (P, T, J) with K strings.
 
@@ -166,10 +167,25 @@ def hand_poses(q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray, arm: P
     longer_m
         (K,) a longer string hangs out further: the hand of the nominal one is further out [m].
     """
-    paths, count, joints = q.shape
+    poses = np.empty((len(q) * len(longer_m), q.shape[1], 3))
+    over_ranges(len(poses), lambda first, last: _hand_poses(first, last, q, zero_rad, longer_m, arm, poses))
+    return poses
+
+
+@njit(cache=True, nogil=True)
+def _hand_poses(
+    first: int,
+    last: int,
+    q: np.ndarray,
+    zero_rad: np.ndarray,
+    longer_m: np.ndarray,
+    arm: PlanarArm,
+    poses: np.ndarray,
+) -> None:
+    """Fill the poses `first` to `last`; see `hand_poses`."""
+    _, count, joints = q.shape
     strings = len(longer_m)
-    poses = np.empty((paths * strings, count, 3))
-    for b in prange(paths * strings):
+    for b in range(first, last):
         p, k = b // strings, b % strings
         for t in range(count):
             angle, x, y = 0.0, arm.origin_m[0], arm.origin_m[1]
@@ -184,4 +200,3 @@ def hand_poses(q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray, arm: P
             poses[b, t, 0] = x + longer_m[k] * math.cos(angle)
             poses[b, t, 1] = y + longer_m[k] * math.sin(angle)
             poses[b, t, 2] = angle
-    return poses

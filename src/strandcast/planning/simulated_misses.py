@@ -5,7 +5,7 @@ from functools import singledispatch
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from strandcast.core.objectives import (
     DIRECTION_M_RAD,
@@ -18,7 +18,7 @@ from strandcast.core.objectives import (
     SwingObjective,
 )
 from strandcast.errors import StrandcastError
-from strandcast.planning.approach import bar_approaches, segment_distance, tip_approaches
+from strandcast.planning.approach import approaches, bar_approaches, segment_distance, tip_approaches
 from strandcast.planning.rollouts import Miss, Rollouts
 
 
@@ -43,7 +43,9 @@ def _point_miss(objective: AimedPoint, rollouts: Rollouts) -> Miss:
     if not objective.has_velocity:
         miss: Miss = tip_approaches(rollouts.points_m, rollouts.tip_bias_m, rollouts.last, x, y)
     else:
-        miss = _velocity_approaches(rollouts.tip_m(), rollouts.last, _passage(objective), rollouts.step_s)
+        tips = rollouts.tip_m()
+        given = tips, rollouts.last, _passage(objective), rollouts.step_s
+        miss = approaches(_velocity_approaches, len(tips), *given)
     return miss
 
 
@@ -105,15 +107,21 @@ def _velocity_samples(step_s: float) -> int:
     return max(1, round(VELOCITY_S / step_s))
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _velocity_approaches(
-    tips: np.ndarray, last: np.ndarray, passage: _Passage, step_s: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (B,) least distances of tips (B, T, 2), with a price on the velocity, and the samples after."""
-    miss, index = np.full(len(tips), np.inf), np.zeros(len(tips), np.int64)
+    first: int,
+    end: int,
+    tips: np.ndarray,
+    last: np.ndarray,
+    passage: _Passage,
+    step_s: float,
+    miss: np.ndarray,
+    index: np.ndarray,
+) -> None:
+    """Find the least distances of tips (B, T, 2), with a price on the velocity, and the samples after."""
     samples = _velocity_samples(step_s)
     x, y, direction, tolerance = passage.x, passage.y, passage.direction, passage.tolerance
-    for b in prange(len(tips)):
+    for b in range(first, end):
         tip = tips[b]
         for t in range(1, last[b] + 1):
             away = segment_distance(x, y, tip[t - 1, 0], tip[t - 1, 1], tip[t, 0], tip[t, 1])
@@ -128,4 +136,3 @@ def _velocity_approaches(
                 away += DIRECTION_M_RAD * max(0.0, off - tolerance)
             if away < miss[b]:
                 miss[b], index[b] = away, t
-    return miss, index

@@ -2,7 +2,9 @@
 
 import cv2
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from strandcast.threads import over_ranges
 
 THUMB_PX = 8  # chosen: frames are compared by the means of squares of this side
 KEPT_BYTES = 120e6  # chosen: of frames held at a time
@@ -48,18 +50,24 @@ def unlike_frames(thumbs: np.ndarray, count: int) -> np.ndarray:
     return np.sort(np.asarray(chosen))
 
 
-@njit(cache=True, parallel=True)
 def pixel_median(stack: np.ndarray) -> np.ndarray:
-    """Return the lower median over the first axis of (N, H, W) unsigned integers.
+    """Return the lower median over the first axis of (N, H, W) unsigned integers."""
+    median = np.zeros(stack.shape[1:], stack.dtype)
+    over_ranges(len(median), lambda first, last: _pixel_median(first, last, stack, median))
+    return median
+
+
+@njit(cache=True, nogil=True)
+def _pixel_median(first: int, last: int, stack: np.ndarray, median: np.ndarray) -> None:
+    """Fill the rows `first` to `last` of the median.
 
     Bit by bit from the highest: the median is the largest value that more than half of the pictures reach.
     Each step compares a whole row, many pixels at a time; sorting takes twenty times longer.
     """
-    count, height, width = stack.shape
+    count, _, width = stack.shape
     bits = 8 * stack.itemsize
-    median = np.zeros((height, width), dtype=stack.dtype)
     needed = count - (count - 1) // 2
-    for i in prange(height):
+    for i in range(first, last):
         reached = np.empty(width, dtype=np.int16)
         trial = np.empty(width, dtype=stack.dtype)
         for bit in range(bits - 1, -1, -1):
@@ -72,4 +80,3 @@ def pixel_median(stack: np.ndarray) -> np.ndarray:
             for j in range(width):
                 if reached[j] >= needed:
                     median[i, j] = trial[j]
-    return median

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from numba import types
+from numba import njit, types
 from numba.core.datamodel import register_default
 from numba.core.datamodel.models import OpaqueModel
 from numba.extending import NativeValue, overload, typeof_impl, unbox
@@ -77,6 +77,13 @@ class StepSettings(NamedTuple):
     reading: int
     per_width: float
     has_friction: bool
+
+
+@njit(**INLINED)
+def at_step(settings: StepSettings, k: int) -> StepSettings:
+    """Return the settings of step k."""
+    step, _, l0, gravity, reading, per_width, has_friction = settings
+    return StepSettings(step, 0.5 if k == 0 else 1.0, l0, gravity, reading, per_width, has_friction)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ import numba
 import numpy as np
 
 from strandcast.dynamics.parameters import Array
+from strandcast.threads import threads as use_threads
 from strandcast_studies.benchmarks.simulation import accuracy, comparison, counting, ours, peak, startup
 from strandcast_studies.benchmarks.simulation.comparison import PeerSetup
 from strandcast_studies.benchmarks.simulation.entries import (
@@ -250,8 +251,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=Path("results/bench.json"))
     chosen = parser.parse_args(arguments)
     threads = min(chosen.threads, numba.config.NUMBA_NUM_THREADS)
-    numba.set_num_threads(threads)
-    found = measure(QUICK if chosen.quick else Effort(), threads)
+    with use_threads(threads):
+        found = measure(QUICK if chosen.quick else Effort(), threads)
     write(chosen.out, found)
     print(table(found))
     print(f"\nwritten: {chosen.out}")
