@@ -559,10 +559,13 @@ def phone_film(folder: Path) -> Path:
     return path
 
 
+CINE_SETUP_BYTES = 0x163C
+CINE_TIMES_AT = 84 + CINE_SETUP_BYTES
+
+
 def cine_file(folder: Path) -> Path:
     """Write three frames as a Phantom camera does: headers, the block of time stamps, the table of images."""
-    width, height, count, setup = 32, 24, 3, 84
-    length = 0x163C
+    width, height, count, setup, length = 32, 24, 3, 84, CINE_SETUP_BYTES
     times = struct.pack("<IHH", 8 + 8 * count, 1002, 0) + b"".join(
         struct.pack("<II", k << 20, 9) for k in range(count)
     )

@@ -108,6 +108,20 @@ def test_pictures_are_those_that_opencv_reads_in_this_process(tmp_path: Path):
                 np.testing.assert_array_equal(found, expected)
 
 
+def test_a_cut_jpeg_is_no_picture(tmp_path: Path):
+    """OpenCV returns it, grey from where it was cut: an empty scene that never was."""
+    path = tmp_path / "empty.jpg"
+    cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 256, (240, 320, 3)).astype(np.uint8))
+    whole = path.read_bytes()
+    for more in (b"", b"\0" * 100, whole[:500]):  # cameras append things
+        path.write_bytes(whole + more)
+        assert [picture is not None for picture in read_photos([path], GREY)] == [True]
+    for share in (0.5, 0.99):
+        path.write_bytes(whole[: int(share * len(whole))])
+        assert cv2.imread(str(path), GREY) is not None
+        assert list(read_photos([path], GREY)) == [None]
+
+
 class TestAnExperimentsPictures:
     @pytest.fixture
     def root(self, tmp_path: Path) -> Path:

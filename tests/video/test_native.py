@@ -102,6 +102,19 @@ def test_real_photron_video(real_data):
         np.testing.assert_array_equal(frames_of(path), unpack(data.read_bytes(), 12, (15, 384, 384)))
 
 
+@pytest.mark.parametrize(
+    ("size", "left"), [(4, 0), (8, 0), (13, 0), (8 + 16, 2), (8 + 24, 3), (2**32 - 1, 3)]
+)
+def test_a_damaged_block_of_time_stamps_gives_no_more_than_it_holds(tmp_path, size, left):
+    from ..faults.readers import CINE_TIMES_AT, cine_file
+
+    path = cine_file(tmp_path)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<I", data, CINE_TIMES_AT, size)
+    path.write_bytes(data)
+    assert len(cine_times_ns(path) or []) == left
+
+
 def packed_cine_frames(path: Path) -> np.ndarray:
     """Read a cine file of 10 bits packed by its own table of images: (N, height, width) levels."""
     data = path.read_bytes()

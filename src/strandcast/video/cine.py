@@ -38,11 +38,12 @@ def _image_times(file: IO[bytes]) -> np.ndarray | None:
     place = setup + _read(file, setup + LENGTH_AT, "<H")[0]
     while place + 8 <= images:
         size, kind = _read(file, place, "<IH")
-        if kind == IMAGE_TIMES:
-            file.seek(place + 8)
-            return np.frombuffer(file.read(min(size - 8, 8 * count)), "<u4").reshape(-1, 2)
         if size < 8:
             return None
+        if kind == IMAGE_TIMES:
+            file.seek(place + 8)
+            stamps = file.read(min(size - 8, 8 * count))
+            return np.frombuffer(stamps, "<u4", 2 * (len(stamps) // 8)).reshape(-1, 2)
         place += size
     return None
 

@@ -18,7 +18,7 @@ FORMATS = ["PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM", "JPEG2000", "GIF"]
 
 
 def decode_photo(path: str, flags: int) -> np.ndarray | None:
-    """Return a picture, or None if OpenCV cannot read it.
+    """Return a picture, or None if OpenCV cannot read it or it is cut.
 
     Raises
     ------
@@ -30,6 +30,8 @@ def decode_photo(path: str, flags: int) -> np.ndarray | None:
     size = _size(path)
     if size is not None and size[0] * size[1] > MAX_PIXELS:
         raise _too_large(path, f"{size[0]} x {size[1]} pixels")
+    if _is_cut_jpeg(path):
+        return None
     try:
         return cv2.imread(path, flags)
     except cv2.error as error:
@@ -48,6 +50,19 @@ def _size(path: str) -> tuple[int, int] | None:
     ):  # headers raise errors of any kind
         return picture.size
     return None
+
+
+def _is_cut_jpeg(path: str) -> bool:
+    """Return whether a JPEG ends before its picture does: OpenCV would fill the rest with grey."""
+    try:
+        with Image.open(path, formats=["JPEG"]) as picture:
+            picture.draft("L", (picture.width // 8, picture.height // 8))  # the fastest pass over all of it
+            picture.load()
+    except OSError as error:
+        return "truncated" in str(error)
+    except Exception:  # headers raise errors of any kind; OpenCV has the last word
+        return False
+    return False
 
 
 def _too_large(path: str, size: str) -> StrandcastError:
