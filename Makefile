@@ -100,6 +100,11 @@ test-fast: $(VENV)/dev.stamp  ## run the tests for daily work: under 90 s, witho
 faults: $(VENV)/dev.stamp  ## inject the 95 faults of tests/faults/table.toml and print what came of each; five minutes
 	@$(BIN)/python -m tests.faults.table --numprocesses $(CORES) --dist loadfile
 
+.PHONY: faults-nightly
+faults-nightly: $(VENV)/dev.stamp  ## kill runs and stages, and refuse every file call of every stage; about two hours
+	@$(BIN)/python -m tests.faults.kills --runs 100 --stages 20
+	@$(BIN)/python -m tests.faults.refused_calls
+
 .PHONY: test-drivers
 test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run the drivers' tests, against a Franka controller and a simulated UR
 	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/executor/drivers

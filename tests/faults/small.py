@@ -1,10 +1,16 @@
-"""One small lab experiment, cheap enough to be made hundreds of times: its jobs, the hashes of its files."""
+"""One small lab experiment, cheap enough to be made hundreds of times: its jobs, its files, their hashes."""
 
 import os
 import shutil
+import subprocess
+import sys
+import traceback
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from strandcast.records.files import sha256_file
+from strandcast.stages.run import files_of
+from strandcast.workflow.verify import verify
 
 PROJECT = Path(__file__).resolve().parents[2]
 NAME = "small"
@@ -28,8 +34,9 @@ lab:
   noise: 0.5
   camera: {width_px: 640, height_px: 360, frame_rate_hz: 100}
 """
-# All jobs of the workflow, in an order that the rules allow: stage and trials.
-JOBS: tuple[tuple[str, tuple[int, ...]], ...] = (
+Job = tuple[str, tuple[int, ...]]  # stage and trials
+# All jobs of the workflow, in an order that the rules allow.
+JOBS: tuple[Job, ...] = (
     ("lab_calibrate", ()),
     ("calibrate", ()),
     ("plan", (1,)),
@@ -72,8 +79,72 @@ def environment(**variables: str) -> dict[str, str]:
     return kept | {"PYTHONPATH": str(PROJECT / "src")} | variables
 
 
+def make_whole(root: Path) -> None:
+    """Make a project and run its experiment to the end."""
+    make_project(root)
+    line = [sys.executable, "-m", "strandcast", "run", NAME, "--cores", "2"]
+    subprocess.run(line, cwd=root, env=environment(), check=True, capture_output=True)
+
+
+def outputs(root: Path, stage: str, trials: tuple[int, ...]) -> list[Path]:
+    """Return the files that a job writes."""
+    of_all = stage == "summary"
+    files = files_of(stage, root, NAME, 0 if of_all else sum(trials), trials if of_all else ())
+    return [path for paths in files.stage.output_files(files.job).values() for path in paths]
+
+
+def fork_job(
+    root: Path, stage: str, trials: tuple[int, ...], output: Path, first: Callable[[], None] = lambda: None
+) -> int:
+    """Run a job as `strandcast` does, in a fork of this process; return its process id.
+
+    A fork has the libraries loaded, so that a job takes no longer than its work. This process must not have
+    run compiled kernels: their threads do not survive a fork. `first` is called in the fork.
+    """
+    from strandcast.cli.main import main
+
+    if pid := os.fork():
+        return pid
+    code = 1
+    try:
+        os.setsid()
+        os.chdir(root)
+        sys.argv = ["strandcast", *arguments(stage, trials)]
+        with output.open("wb") as file:
+            os.dup2(file.fileno(), 1)
+            os.dup2(file.fileno(), 2)
+        first()
+        main()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
 def hashes(root: Path) -> dict[str, str]:
-    """Return the hash of every raw file and result by its place, but not of logs and leases."""
+    """Return the hash of every raw file and result by its place, but not of logs and hidden files."""
     files = (path for top in ("data", "results") for path in (root / top).rglob("*") if path.is_file())
-    wanted = (path for path in files if "logs" not in path.parts and not path.name.startswith(".lease"))
+    wanted = (path for path in files if "logs" not in path.parts and not path.name.startswith("."))
     return {path.relative_to(root).as_posix(): sha256_file(path) for path in wanted}
+
+
+def differences(root: Path, expected: dict[str, str]) -> Iterator[tuple[str, str]]:
+    """Yield each file that is there with other bytes than expected: "wrong" or "unreadable", and its name."""
+    changed = {name for name, sha in hashes(root).items() if expected.get(name) != sha}
+    if changed:
+        damaged = {
+            found.file.relative_to(root).as_posix()
+            for found in verify(root, NAME)
+            if found.state == "damaged"
+        }
+        yield from (("unreadable" if name in damaged else "wrong", name) for name in sorted(changed))
+
+
+def hidden_files(root: Path) -> list[str]:
+    """Return the places of the hidden files among raw files and results."""
+    files = (path for top in ("data", "results") for path in (root / top).rglob(".*") if path.is_file())
+    return sorted(path.relative_to(root).as_posix() for path in files)

@@ -92,6 +92,29 @@ def test_a_killed_owner_on_this_host_is_recognised_at_once(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
+def test_a_killed_owner_whose_parent_does_not_know_is_recognised(tmp_path):
+    first = holder(tmp_path)
+    first.kill()
+    os.waitid(os.P_PID, first.pid, os.WEXITED | os.WNOWAIT)  # it has ended, and stays a zombie
+    with locks.lease(tmp_path, "demo"):
+        assert locks.owner_of(tmp_path, "demo").pid == os.getpid()
+    end(first)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("content", ["", "filelock"])
+@pytest.mark.parametrize("owner_known", [True, False])
+def test_a_lease_whose_owner_was_killed_while_it_wrote_its_name_is_taken_over(tmp_path, content, owner_known):
+    end(holder(tmp_path))
+    (tmp_path / "results/demo/.lease").write_text(content)
+    if not owner_known:
+        (tmp_path / "results/demo/.lease-owner.json").unlink()
+    with locks.lease(tmp_path, "demo"):
+        assert locks.owner_of(tmp_path, "demo").pid == os.getpid()
+
+
+@pytest.mark.slow
 def test_a_killed_owner_on_another_host_is_recognised_by_its_lease(tmp_path, capsys):
     end(holder(tmp_path, *other_host()))
     held = locks.take(tmp_path, "demo")

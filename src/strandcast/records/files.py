@@ -42,9 +42,9 @@ def atomic_write(path: str | Path, size_bytes: int | None = None) -> Iterator[Pa
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=f".tmp{path.suffix}", dir=path.parent)
     except OSError as error:
         raise _not_written(error, path, size_bytes, 0) from error
-    os.close(handle)
     temporary = Path(name)
     try:
+        os.close(handle)
         yield temporary
         _if_supported(lambda: temporary.chmod(0o666 & ~_umask()))
         _if_supported(lambda: _sync(temporary))

@@ -13,12 +13,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from strandcast.records.files import atomic_write, canonical_json
+from strandcast.records.files import canonical_json, write_bytes
 from strandcast.records.lineage import check_lineage, lineage_at
 from strandcast.records.provenance import current_versions
 from strandcast.records.record import REMAKE, lineage_in, refusal
 
-MOST_CELLS = 100_000_000  # seven times a track of 60 s at 1 kHz with 30 points; 0.8 GB
+MOST_CELLS = 100_000_000  # seven times a track of 60 s at 1 kHz with 30 points
+MOST_BYTES = 8 * MOST_CELLS
 
 
 @dataclass(frozen=True)
@@ -75,10 +76,12 @@ def write_arrow(path: str | Path, table: pa.Table) -> None:
     metadata = dict(table.schema.metadata or {}) | {b"content_sha256": arrow_sha256(table).encode()}
     lineage = lineage_at(path)
     metadata |= {} if lineage is None else {b"lineage": canonical_json(lineage.to_json()).encode()}
-    with atomic_write(path) as temporary:
-        pq.write_table(
-            table.replace_schema_metadata(metadata), temporary, compression="zstd", write_page_checksum=True
-        )
+    # In memory first: pyarrow prints a traceback when it cannot finish a file on a full disk.
+    sink = pa.BufferOutputStream()
+    pq.write_table(
+        table.replace_schema_metadata(metadata), sink, compression="zstd", write_page_checksum=True
+    )
+    write_bytes(path, sink.getvalue())
 
 
 def read_table(path: str | Path, spec: TableSpec) -> dict[str, np.ndarray]:
@@ -176,17 +179,20 @@ def read_parquet(path: str | Path) -> pa.Table:
     path = Path(path)
     if not path.is_file():
         raise refusal("SC-R011", path, None, "the file is not there", "make it first")
+    if path.stat().st_size > MOST_BYTES:
+        raise refusal("SC-R011", path, None, f"is larger than {MOST_BYTES / 1e6:.0f} MB", REMAKE)
+    data = path.read_bytes()  # an error of the disk is not one of the content
     try:
-        return _read_bounded(path)
+        return _read_bounded(data)
     except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         what = f"is damaged or is not a table ({reason})"
         raise refusal("SC-R011", path, None, what, REMAKE) from None
 
 
-def _read_bounded(path: Path) -> pa.Table:
+def _read_bounded(data: bytes) -> pa.Table:
     """Read a Parquet file if its footer does not promise too much: a page of zeros takes almost no bytes."""
-    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+    with pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True) as file:
         rows, columns = file.metadata.num_rows, file.metadata.num_columns
         if rows * columns > MOST_CELLS:
             raise ValueError(f"{rows} rows of {columns} columns; at most {MOST_CELLS} values are read")

@@ -11,7 +11,7 @@ import shlex
 import socket
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -24,6 +24,9 @@ from strandcast.records.folders import ExperimentFolder
 from strandcast.records.record import read_json
 
 LEASE_S = 60.0  # chosen: three renewals; a busy file server may delay each by many seconds
+UNNAMED_S = (
+    3.0  # chosen: an owner writes its name within milliseconds; filelock replaces half a name after 2 s
+)
 # Set for the jobs of a workflow, which hold no lease of their own: the workflow holds it for all of them.
 WITHIN_WORKFLOW = "STRANDCAST_WITHIN_WORKFLOW"
 
@@ -81,25 +84,43 @@ def take(root: Path, experiment: str) -> SoftFileLease:
     try:
         held.acquire(timeout=0)
     except Timeout:
-        _wait_for_other_host(held, root, experiment)
+        _wait_for_owner(held, root, experiment)
+    try:
+        _write_owner(path)
+        _sweep(ExperimentFolder(root, experiment))
+    except BaseException:
+        _release(root, experiment, held)
+        raise
+    return held
+
+
+def _write_owner(path: Path) -> None:
     now = datetime.now(UTC).isoformat(timespec="seconds")
     command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
     owner = Owner(os.getpid(), socket.gethostname(), now, command)
     write_text(_owner_file(path), _as_json(owner))
-    _sweep(ExperimentFolder(root, experiment))
-    return held
 
 
-def _wait_for_other_host(held: SoftFileLease, root: Path, experiment: str) -> None:
-    """Take over the lease of another host if it is not renewed; refuse at once if its owner is here."""
-    owner = owner_of(root, experiment)
-    if owner is not None and owner.host != socket.gethostname():
+def _wait_for_owner(held: SoftFileLease, root: Path, experiment: str) -> None:
+    """Take over a lease that nobody renews or that has no living owner; refuse that of another run."""
+    path, owner = _lease_file(root, experiment), owner_of(root, experiment)
+    here = owner is not None and owner.host == socket.gethostname()
+    patience_s = 0.0
+    if owner is None or _is_empty(path) or (here and not _lives(owner.pid)):
+        patience_s = UNNAMED_S
+    elif not here:
+        patience_s = LEASE_S * 1.5
         print(f"waiting {LEASE_S:.0f} s to see whether it still runs: {owner}", file=sys.stderr, flush=True)
-        try:
-            held.acquire(timeout=LEASE_S * 1.5)
+    with suppress(Timeout):
+        held.acquire(timeout=patience_s)
+        return
+    owner = owner_of(root, experiment)
+    ended = here and owner is not None and _is_zombie(owner.pid)  # for filelock, such a process lives
+    if patience_s and (ended or _is_empty(path)):
+        path.unlink(missing_ok=True)
+        with suppress(Timeout):
+            held.acquire(timeout=0)
             return
-        except Timeout:
-            pass
     raise StrandcastError(
         "SC-W010",
         f"another run works on this experiment ({owner or 'it gives no name'})",
@@ -140,9 +161,36 @@ def owner_of(root: Path, experiment: str) -> Owner | None:
 
 
 def _release(root: Path, experiment: str, held: SoftFileLease) -> None:
-    if held.is_locked:
-        _owner_file(_lease_file(root, experiment)).unlink(missing_ok=True)
-        held.release()
+    with suppress(OSError):  # what is left is taken over; the error that ended the run must not be hidden
+        if held.is_locked:
+            _owner_file(_lease_file(root, experiment)).unlink(missing_ok=True)
+            held.release()
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # another user's
+        pass
+    return not _is_zombie(pid)
+
+
+def _is_zombie(pid: int) -> bool:
+    """Return whether a process has ended and its parent does not know yet; in a container, it may never."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state in ("Z", "X")
+
+
+def _is_empty(path: Path) -> bool:
+    try:
+        return path.stat().st_size == 0
+    except FileNotFoundError:  # released meanwhile
+        return False
 
 
 def _lease_file(root: Path, experiment: str) -> Path:

@@ -1,5 +1,7 @@
-"""Every door gives the same bytes: the rules, the commands and Python, whatever the shell sets for libraries,
-language and time (row 95 of the fault list)."""
+"""One small experiment gives the same bytes through every door, after kills, and after refused file calls.
+
+Row 95 of the fault list: also where the shell sets libraries, language and time.
+"""
 
 import os
 import shutil
@@ -10,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from .small import JOBS, NAME, arguments, environment, hashes, make_project
+from .small import JOBS, NAME, PROJECT, arguments, environment, hashes, make_project, make_whole
 
 pytestmark = pytest.mark.slow
 
@@ -63,10 +65,6 @@ def hostile(folder: Path) -> dict[str, str]:
     return HOSTILE | {"LOCPATH": str(folder), "LC_ALL": LOCALE, "TZ": CHATHAM}
 
 
-def by_rules(root: Path) -> None:
-    run(root, ["-m", "strandcast", "run", NAME, "--cores", "2"])
-
-
 def by_commands_on_one_core(root: Path) -> None:
     variables = hostile(root.parent)
     for stage, trials in JOBS:
@@ -78,18 +76,39 @@ def in_python(root: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def expected(tmp_path_factory) -> dict[str, str]:
-    root = make_project(tmp_path_factory.mktemp("rules"))
-    by_rules(root)
-    return hashes(root)
+def whole(tmp_path_factory) -> Path:
+    root = tmp_path_factory.mktemp("whole") / "project"
+    make_whole(root)
+    return root
 
 
 @pytest.mark.parametrize("door", [by_commands_on_one_core, in_python])
-def test_every_door_gives_the_same_bytes(
-    door: Callable[[Path], None], expected: dict[str, str], tmp_path: Path
-) -> None:
+def test_every_door_gives_the_same_bytes(door: Callable[[Path], None], whole: Path, tmp_path: Path) -> None:
     root = make_project(tmp_path / "project")
     door(root)
-    found = hashes(root)
+    found, expected = hashes(root), hashes(whole)
     assert {name for name in found | expected if found.get(name) != expected.get(name)} == set()
     assert len(found) == 37
+
+
+def counted(whole: Path, *line: str) -> str:
+    """Return what a module of faults prints at its end: its counts."""
+    line = ("-m", f"tests.faults.{line[0]}", "--whole", str(whole), *line[1:])
+    done = subprocess.run(
+        [sys.executable, *line], cwd=PROJECT, env=environment(), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    return done.stdout
+
+
+def test_killed_runs_and_stages_go_on_to_the_same_bytes(whole: Path) -> None:
+    said = counted(whole, "kills", "--runs", "3", "--stages", "2", "--of", "ingest,score,report")
+    assert "kills of runs: " in said
+    assert " 3 tried" in said
+
+
+@pytest.mark.skipif(shutil.which("cc") is None or sys.platform != "linux", reason="needs cc, and Linux")
+def test_a_refused_system_call_ends_in_an_error_code_and_leaves_no_part_of_a_file(whole: Path) -> None:
+    said = counted(whole, "refused_calls", "--sample", "16", "--stages", "ingest,reconstruct,score,report")
+    assert "refused calls: " in said
+    assert "16 tried" in said
