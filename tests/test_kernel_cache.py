@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import strandcast
 
 
@@ -74,3 +76,32 @@ def test_without_a_home_one_folder_of_this_users_own_is_used(tmp_path):
     assert own.stat().st_mode & 0o777 == 0o700
     own.chmod(0o777)  # anyone could put code there
     assert not cache_of(tmp_path, **nowhere).startswith(f"{own}/")
+
+
+USE = """
+import numpy as np
+from strandcast.planning.approach import _closest_approaches as kernel, closest_approaches
+closest_approaches(np.zeros((1, 3, 2)), np.array([2]), 1.0, 0.0)
+print(sum(kernel.stats.cache_hits.values()), sum(kernel.stats.cache_misses.values()))
+"""
+
+
+@pytest.mark.parametrize("own", [{}, {"NUMBA_CACHE_DIR": "kernels"}])
+def test_a_clone_elsewhere_with_other_comments_runs_the_same_machine_code(tmp_path, project_root, own):
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CACHE")} | own
+
+    def hits_and_misses(folder: str) -> str:
+        line = [sys.executable, "-c", USE]
+        environment = clean | {"HOME": str(tmp_path), "PYTHONPATH": str(tmp_path / folder)}
+        done = subprocess.run(line, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.strip()
+
+    shutil.copytree(project_root / "src" / "strandcast", tmp_path / "first" / "strandcast")
+    assert hits_and_misses("first") == "0 1"
+    (tmp_path / "first").rename(tmp_path / "second")
+    kernel = tmp_path / "second" / "strandcast" / "planning" / "approach.py"
+    kernel.write_text("# A comment that moves every line.\n" + kernel.read_text())
+    assert hits_and_misses("second") == "1 0"
+    kernel.write_text(kernel.read_text().replace("best, index = np.inf, 0", "best, index = 1e300, 0"))
+    assert hits_and_misses("second") == "0 1"

@@ -4,7 +4,7 @@ numba checks only a kernel's own file to decide whether its machine code is curr
 other across files, and numba compiles the constants that they import as literals: after an update, old
 machine code could run from the cache. So the cache's folder is named by a hash of all code that machine
 code depends on: the files with kernels and the modules from which they import constants. Comments and
-docstrings do not count, but numba compiles the kernels of a file again whenever that file is touched.
+docstrings do not count, nor where the package lies (`strandcast.kernel_locator`).
 """
 
 import hashlib
@@ -12,12 +12,15 @@ import os
 import stat
 import tempfile
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from strandcast.source_code import cache_folder, source_cache
 
 PACKAGE = Path(__file__).resolve().parent
 MARK = b"njit"
+# Kernels outside this package, as those of a scheme of one's own, are kept as numba does it by itself.
+LOCATORS = "strandcast.kernel_locator.KernelLocator,UserProvidedCacheLocator"
 
 
 def use_own_cache() -> None:
@@ -26,8 +29,10 @@ def use_own_cache() -> None:
         folder = _writable_folder()
         if folder is not None:
             os.environ["NUMBA_CACHE_DIR"] = str(folder / kernels_sha256()[:16])
+    os.environ.setdefault("NUMBA_CACHE_LOCATOR_CLASSES", LOCATORS)
 
 
+@cache
 def kernels_sha256() -> str:
     """Return the hash of the code that compiled kernels depend on."""
     code = source_cache()

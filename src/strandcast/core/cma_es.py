@@ -1,12 +1,16 @@
 """The CMA-ES library, set up for reproducible runs without output: the only place that calls it."""
 
-import cma
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    import cma
 
 
 def cma_es(
     start: np.ndarray, sigma: float, population: int, rng: np.random.Generator, *, tolfun: float
-) -> cma.CMAEvolutionStrategy:
+) -> "cma.CMAEvolutionStrategy":
     """Return a CMA-ES strategy: `ask` returns a generation, `tell` takes its values, `stop` reasons to end.
 
     Parameters
@@ -20,6 +24,8 @@ def cma_es(
     tolfun
         The library stops when the values differ by less.
     """
+    import cma  # takes as long as all else together: only for a search that needs it
+
     options = {
         "popsize": population,
         "seed": np.nan,

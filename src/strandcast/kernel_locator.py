@@ -1,0 +1,36 @@
+"""Where numba keeps the machine code of this package's kernels: by content, wherever the package lies."""
+
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import UserProvidedCacheLocator
+
+from strandcast.kernel_cache import kernels_sha256
+
+PACKAGE = Path(__file__).resolve().parent
+
+
+class KernelLocator(UserProvidedCacheLocator):
+    """A locator that a second clone, or the same one in another folder, shares.
+
+    The machine code is current if the code of all kernels is (`strandcast.kernel_cache`): neither a kernel's
+    path nor its line nor the comments around it matter.
+    """
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Any:
+        """Return a locator for a function of this package; None for others."""
+        return super().from_function(py_func, py_file) if PACKAGE in Path(py_file).parents else None
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """Return the file's folder within the package."""
+        return str(Path(py_file).parent.relative_to(PACKAGE))
+
+    def get_source_stamp(self) -> str:
+        """Return the hash of all that machine code depends on."""
+        return kernels_sha256()
+
+    def get_disambiguator(self) -> str:
+        """Return the same for all functions: within a file, their names differ."""
+        return ""
