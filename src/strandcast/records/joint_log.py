@@ -14,10 +14,8 @@ from strandcast.records.files import sha256_file, write_text
 from strandcast.records.manifest import Gap
 from strandcast.records.record import Part, Record, refusal
 
-# Bits of `flags`.
+# Bits of `flags`; 2 and 4 are not used.
 LATE = 1
-EXTRAPOLATED = 2
-CLAMPED = 4
 SYNC_HIGH = 8
 AFTER_DUPLICATE = 16
 
