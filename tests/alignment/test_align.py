@@ -31,9 +31,21 @@ def test_the_standard_error_is_honest(arm, recipe, trials):
 def test_a_good_rig_makes_a_small_standard_error(throw, fit, error_s):
     """Encoders, markers and camera nearly perfect: the error is not all caution."""
     sharp = Faults(
-        base_m=0, zero_rad=0, log_rad=1e-5, glued_m=0, glued_rad=0, camera_m=0, camera_rad=0, focal=0,
-        white_px=(0.01, 0.01), slow_px=(0, 0), pixel_px=0, blur_rad=0, lost=0, misread=0,
-    )  # fmt: skip
+        base_m=0,
+        zero_rad=0,
+        log_rad=1e-5,
+        glued_m=0,
+        glued_rad=0,
+        camera_m=0,
+        camera_rad=0,
+        focal=0,
+        white_px=(0.01, 0.01),
+        slow_px=(0, 0),
+        pixel_px=0,
+        blur_rad=0,
+        lost=0,
+        misread=0,
+    )
     trial = throw(5, faults=sharp)
     found = fit(trial)
     assert found.middle_se_s < 1.5e-5

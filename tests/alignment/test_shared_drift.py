@@ -11,10 +11,20 @@ def aligned(trial: int, drift: float, se: float, prior: float = 5e-5, known: flo
     """A trial with the drift `drift` ± `se` by its motion alone, as a fit with a prior reports it."""
     total = se**-2.0 + prior**-2.0
     return Alignment(
-        experiment="e", trial=trial, source="fit", offset_s=0.0, offset_se_s=1e-4,
-        drift=(drift * se**-2.0 + known * prior**-2.0) / total, drift_se=total**-0.5, drift_prior=prior,
-        known_drift=known, residual_rms_m=1e-4, frames=100, motion_start_s=0.0, motion_end_s=1.0,
-    )  # fmt: skip
+        experiment="e",
+        trial=trial,
+        source="fit",
+        offset_s=0.0,
+        offset_se_s=1e-4,
+        drift=(drift * se**-2.0 + known * prior**-2.0) / total,
+        drift_se=total**-0.5,
+        drift_prior=prior,
+        known_drift=known,
+        residual_rms_m=1e-4,
+        frames=100,
+        motion_start_s=0.0,
+        motion_end_s=1.0,
+    )
 
 
 def test_the_prior_counts_once():

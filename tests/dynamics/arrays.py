@@ -40,7 +40,7 @@ def start_shape(model, parameters, masses, pose, start=None, **columns):
     ][0]
 
 
-def evaluate_batch(model, parameters, masses, time_s, pose, frame_s, seen, per_metre, **options):
+def evaluate_batch(model, parameters, masses, time_s, pose, frame_s, points_m, per_metre, **options):
     """Values (B,) [m] and status (B,) of B strings."""
-    hand, measured = HandPath(time_s, pose), MeasuredPoints(frame_s, seen, per_metre)
+    hand, measured = HandPath(time_s, pose), MeasuredPoints(frame_s, points_m, per_metre)
     return simulation.evaluate_batch(model, strings_of(parameters, masses), hand, measured, **options)

@@ -1,4 +1,4 @@
-"""The proofs of this room are modules beside its tests: they serve the tests and the planted faults alike."""
+"""Make the proofs importable: modules beside the tests that the tests and the planted faults share."""
 
 import sys
 from pathlib import Path

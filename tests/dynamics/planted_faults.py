@@ -1,7 +1,7 @@
 """Faults planted in a copy of the simulator, to see which proof catches which.
 
-``python tests/dynamics/planted_faults.py`` plants them all, one at a time, and prints the table; names of
-faults after it plant just these. Each copy of the package is compiled anew, which takes most of the time.
+``python tests/dynamics/planted_faults.py`` plants them all, one at a time, and prints the table; with names
+of faults, only these. Each copy of the package is compiled again, which takes most of the time.
 """
 
 import json
@@ -28,7 +28,7 @@ NO_LONGER_THAN_S = 600
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault by name: in a file of `strandcast.dynamics`, `right` becomes `wrong` wherever it stands."""
+    """A fault by name: in a file of `strandcast.dynamics`, every `right` becomes `wrong`."""
 
     name: str
     file: str
@@ -49,13 +49,13 @@ def planted(fault: Fault, folder: Path) -> Path:
     path = copy / "dynamics" / fault.file
     text = path.read_text()
     if fault.right not in text:
-        raise LookupError(f"{fault.name}: {fault.file} does not hold {fault.right!r} any more")
+        raise LookupError(f"{fault.name}: {fault.file} no longer contains {fault.right!r}")
     path.write_text(text.replace(fault.right, fault.wrong))
     return folder
 
 
 def errors_with(fault: Fault, names: Iterable[str], variant: str = VARIANT) -> dict[str, float]:
-    """Errors of the named proofs on a copy of the simulator with the fault in it, by another process."""
+    """Errors of the named proofs on a copy of the simulator with the fault in it, in another process."""
     with tempfile.TemporaryDirectory(prefix="strandcast-fault-") as name:
         folder = planted(fault, Path(name))
         environment = os.environ | {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "kernels")}
@@ -79,12 +79,12 @@ def catches(name: str, error: float, variant: str = VARIANT) -> bool:
 
 
 def row(fault: Fault, names: list[str]) -> str:
-    """One line of the table: the caught in bold, by how many tolerances each is off."""
+    """One line of the table: each error in tolerances, in bold where it is caught."""
     found = errors_with(fault, names)
     cells = []
     for name in names:
         ratio = found[name] / PROOFS[name].tolerance[VARIANT]
-        shown = "lost" if math.isnan(ratio) else f"{ratio:.2g}"
+        shown = "diverged" if math.isnan(ratio) else f"{ratio:.2g}"
         cells.append(f"**{shown}**" if catches(name, found[name]) else shown)
     caught = sum(catches(name, found[name]) for name in names)
     return f"| {fault.name} | {' | '.join(cells)} | {caught} |"

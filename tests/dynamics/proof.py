@@ -1,8 +1,8 @@
-"""What a proof of the string is: a function that returns how wrong the simulator is, and what it may be.
+"""A proof of the string: a function that returns the simulator's error, with a tolerance for it.
 
 A proof takes the options of the model under test (integrator, step, precision) and returns one error, in the
-unit it is registered with; it holds if the error is no larger than the tolerance of that variant. What is not
-a number does not hold.
+unit it is registered with; it holds if the error is no larger than the tolerance of that variant. NaN does
+not hold.
 """
 
 from collections.abc import Callable
@@ -46,7 +46,7 @@ PROOFS: dict[str, Proof] = {}
 def proof(
     unit: str, **tolerance: float
 ) -> Callable[[Callable[[Options], float]], Callable[[Options], float]]:
-    """Register a function as a proof. A variant without a tolerance is not proved by it."""
+    """Register a function as a proof. It is not run for a variant without a tolerance."""
 
     def register(function: Callable[[Options], float]) -> Callable[[Options], float]:
         known = {name.replace("_f32", " f32"): limit for name, limit in tolerance.items()}
@@ -58,7 +58,7 @@ def proof(
 
 
 def parameters(**values: float) -> np.ndarray:
-    """The ten parameters, zero where nothing is said."""
+    """The ten parameters; those not given are zero."""
     names = ("k_s", "c_s", "k_h", "c_h", "k_sh", "c_sh", "C_c1", "C_c2", "k_ph", "c_ph")
     unknown = set(values) - set(names)
     assert not unknown, unknown
@@ -82,7 +82,7 @@ def along(angles_rad: np.ndarray, lengths_m: np.ndarray | float) -> np.ndarray:
 
 
 def largest(*errors: np.ndarray) -> float:
-    """Largest size of any of the errors; NaN if any is NaN, so that a lost string proves nothing."""
+    """Largest absolute error; NaN if any is NaN, so that a diverged string fails the proof."""
     return float(np.max([np.abs(error).max() for error in errors]))
 
 

@@ -5,20 +5,20 @@ import sys
 
 import numpy as np
 import proofs_dynamics
+import proofs_references
 import proofs_statics
 import proofs_symmetries
-import proofs_witnesses
 from proof import PROOFS, VARIANTS, Proof
 
 import strandcast
 
-MODULES = (proofs_statics, proofs_dynamics, proofs_symmetries, proofs_witnesses)
+MODULES = (proofs_statics, proofs_dynamics, proofs_symmetries, proofs_references)
 
 __all__ = ["MODULES", "PROOFS", "VARIANTS", "Proof", "errors"]
 
 
 def errors(variant: str, names: list[str]) -> dict[str, float]:
-    """Error of each of the named proofs, NaN where one gave up on what it saw."""
+    """Error of each of the named proofs, NaN where a proof could not be evaluated."""
     found = {}
     for name in names:
         try:

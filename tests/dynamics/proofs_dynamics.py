@@ -19,11 +19,11 @@ MASSES = np.array([1.0, 1.0, 3.0, 1.0, 8.0])
 def period_error(
     model: StringModel, p: np.ndarray, masses: np.ndarray, start: np.ndarray, expected_s: float
 ) -> float:
-    """Relative error of the period with which a string let go at `start` swings sideways."""
+    """Relative error of the period with which a string released at `start` swings sideways."""
     times = steps(model, 3.2 * expected_s)
     hand = still(DOWN, times[-1] + 1.0)
-    seen, _ = simulate(model, p, masses, *hand, times, start)
-    swing = np.einsum("fn,n,n->f", seen[:, 1:, 0], masses, start[:, 0])
+    simulated, _ = simulate(model, p, masses, *hand, times, start)
+    swing = np.einsum("fn,n,n->f", simulated[:, 1:, 0], masses, start[:, 0])
     return cycle_s(times, swing) / expected_s - 1.0
 
 
@@ -34,7 +34,7 @@ def sideways(shape: np.ndarray, places_m: np.ndarray, amplitude_m: float = 1e-3)
 
 @proof("% of the period", lfcn=1e-3, lfcn_f32=0.05, semi_implicit=1e-3)
 def pendulum(options: Options) -> float:
-    """One point swings with the pendulum's period, small and large: 4 sqrt(l/g) K(sin(amplitude / 2))."""
+    """One point swings with the pendulum's period at any amplitude: 4 sqrt(l/g) K(sin(amplitude / 2))."""
     model = StringModel(0.3, 1, **options)
     errors = []
     for amplitude in (0.05, 1.5, 2.8):
@@ -88,7 +88,7 @@ def weight_at_any_point(options: Options) -> float:
 
 @proof("% of the period", lfcn=0.02, lfcn_f32=0.1, semi_implicit=0.02)
 def fast_periods(options: Options) -> float:
-    """Points on the stretch, the clamp, a bend and a taut string swing right at twenty steps to the period.
+    """Stretch, clamp, bend and a taut string oscillate with the right periods at twenty steps per period.
 
     The default scheme averages stiffness over three time levels so that its leading error of the period, the
     24th part of (w h)^2 or 0.4 %, cancels.
@@ -141,15 +141,15 @@ def fast_periods(options: Options) -> float:
     for model, p, masses, start, axis, expected in cases:
         times = steps(model, 3.2 * expected)
         hand = still(DOWN, 1.0)
-        seen, _ = simulate(model, p, masses, *hand, times, start, respace=model.gravity_m_s2 > 0)
-        swing = seen[:, 1, axis] + (l0 if axis else 0.0)
+        simulated, _ = simulate(model, p, masses, *hand, times, start, respace=model.gravity_m_s2 > 0)
+        swing = simulated[:, 1, axis] + (l0 if axis else 0.0)
         errors.append(cycle_s(times, swing) / expected - 1.0)
     return 100.0 * largest(np.array(errors))
 
 
 @proof("% of the amplitude", lfcn=0.02, lfcn_f32=0.2, semi_implicit=0.02)
 def driven_springs(options: Options) -> float:
-    """A hand that shakes along the string, and one that turns to and fro, drive a point like any oscillator.
+    """A hand that shakes along the string, or turns back and forth, drives a point as a harmonic oscillator.
 
     x'' = -w^2 (x - a (1 - cos(s t))) from rest: a (1 - b cos(s t) + (b - 1) cos(w t)), b = w^2 / (w^2 - s^2).
     """
@@ -173,7 +173,7 @@ def driven_springs(options: Options) -> float:
 
 @proof("mm", lfcn=2e-3, lfcn_f32=0.1, semi_implicit=0.2)
 def fall_through_air(options: Options) -> float:
-    """Points without springs, the hand beside them, fall as m dv/dt = m g - C1 v - C2 v^2 says."""
+    """Points without springs, falling with the hand, follow m dv/dt = m g - C1 v - C2 v^2."""
     model = StringModel(0.2, 5, **options)
     mass, linear, square = 2.0, 0.7, 1.3
     root = np.sqrt(linear**2 + 4 * square * mass * GRAVITY_M_S2)
@@ -186,10 +186,10 @@ def fall_through_air(options: Options) -> float:
     hand = np.column_stack([np.zeros_like(times), -fallen(times), np.full_like(times, -np.pi / 2)])
     start = along(np.full(5, -np.pi / 2), model.spacing_m)
     air = parameters(k_s=1e-6, C_c1=linear, C_c2=square)
-    seen, _ = simulate(model, air, np.full(5, mass), times, hand, times[::10], start, respace=False)
+    simulated, _ = simulate(model, air, np.full(5, mass), times, hand, times[::10], start, respace=False)
     assert fallen(2.0) - fallen(1.99) > 0.99 * 0.01 * speed  # it has reached the terminal speed
     expected = start[:, 1] - fallen(times[::10])[:, None]
-    return 1e3 * largest(seen[:, 1:, 1] - expected, seen[:, 1:, 0])
+    return 1e3 * largest(simulated[:, 1:, 1] - expected, simulated[:, 1:, 0])
 
 
 @proof("mm", lfcn=1e-6, lfcn_f32=0.02, semi_implicit=1e-6)
@@ -206,8 +206,8 @@ def towed_through_air(options: Options) -> float:
     hand = np.column_stack([speed * times, [0.0, 0.0], [0.0, 0.0]])
     p = parameters(k_s=k_s, c_s=50.0, c_h=0.05, c_sh=0.05, C_c1=linear, C_c2=square)
     velocity = np.full((5, 2), [speed, 0.0])
-    seen, _ = simulate(model, p, MASSES, times, hand, times[1:], rest, velocity, respace=False)
-    return 1e3 * largest(seen[0, 1:] - [speed, 0.0] - rest)
+    simulated, _ = simulate(model, p, MASSES, times, hand, times[1:], rest, velocity, respace=False)
+    return 1e3 * largest(simulated[0, 1:] - [speed, 0.0] - rest)
 
 
 @dataclass(frozen=True)
@@ -219,9 +219,9 @@ class Motion:
     middle: np.ndarray  # (F+1, n+1, 2) velocities half a step before and after
 
     @classmethod
-    def of(cls, seen: np.ndarray, dt_s: float) -> Motion:
-        middle = np.diff(seen, axis=0) / dt_s
-        return cls(seen[1:-1], 0.5 * (middle[1:] + middle[:-1]), middle)
+    def of(cls, simulated: np.ndarray, dt_s: float) -> Motion:
+        middle = np.diff(simulated, axis=0) / dt_s
+        return cls(simulated[1:-1], 0.5 * (middle[1:] + middle[:-1]), middle)
 
     def segments(self):
         """Lengths, rates of length, directions, angles and turn rates of the segments."""
@@ -257,8 +257,8 @@ def energy_stays_without_dampers(options: Options) -> float:
     p = parameters(k_s=2e5, k_h=0.3, k_sh=0.3, k_ph=0.5)
     folded = along(np.array([0.2, -0.1, 2.2, 0.6, -1.2]), model.spacing_m)
     times = steps(model, 1.0)
-    seen, _ = simulate(model, p, MASSES, *still(DOWN, 2.0), times, folded, respace=False)
-    motion = Motion.of(seen, model.dt_s)
+    simulated, _ = simulate(model, p, MASSES, *still(DOWN, 2.0), times, folded, respace=False)
+    motion = Motion.of(simulated, model.dt_s)
     kinetic, total = energy(motion, MASSES, model.spacing_m, p[0], 0.3, 0.5, DOWN[2])
     assert not kinetic.max() < 5.0  # it does swing
     return 100.0 * float(np.ptp(total) / kinetic.max())
@@ -277,8 +277,8 @@ def energy_balance(options: Options) -> float:
     fine = np.arange(0.0, 0.6001, 5e-4)
     times = steps(model, 0.6)
     start = along(np.array([-1.2, -1.3, -1.4, -1.5, -1.6]), model.spacing_m)
-    seen, _ = simulate(model, p, MASSES, fine, hand_path(fine), times, start, respace=False)
-    motion = Motion.of(seen, model.dt_s)
+    simulated, _ = simulate(model, p, MASSES, fine, hand_path(fine), times, start, respace=False)
+    motion = Motion.of(simulated, model.dt_s)
     inner = times[1:-1]
     clamp = hand_path(inner)[:, 2]
     hand_v = np.column_stack([0.6 * np.sin(12 * inner), 0.2 * np.sin(8 * inner)])
@@ -292,9 +292,9 @@ def energy_balance(options: Options) -> float:
     pull = (k_s * (length[:, 0] - model.spacing_m) + c_s * growth[:, 0])[:, None] * u[:, 0]
     on_hand = pull + ((at_clamp - at_joint) / length[:, 0])[:, None] * normal
     work = -(on_hand * hand_v).sum(1) - at_clamp * hand_turn
-    lost = c_s * (growth**2).sum(1) + c * (bend_rate**2).sum(1) + c_ph * (turn[:, 0] - hand_turn) ** 2
-    lost += (linear * speed**2 + square * speed**3).sum(1)
-    power = work - lost
+    dissipated = c_s * (growth**2).sum(1) + c * (bend_rate**2).sum(1) + c_ph * (turn[:, 0] - hand_turn) ** 2
+    dissipated += (linear * speed**2 + square * speed**3).sum(1)
+    power = work - dissipated
     done = np.r_[0.0, np.cumsum(0.5 * (power[1:] + power[:-1]) * model.dt_s)]
     assert not kinetic.max() < 2.0  # the hand does throw it
     return 100.0 * float(np.abs(total - total[0] - done).max() / kinetic.max())
@@ -308,8 +308,8 @@ def momentum(options: Options) -> float:
     times = steps(model, 0.5)
     start = along(np.array([0.2, -0.4, 0.3, -0.9, -0.5]), model.spacing_m)
     path = (*still(DOWN, 1.0), times, start)
-    seen, _ = simulate(model, p, MASSES, *path, respace=False, bend_factor=factors)
-    motion = Motion.of(seen, model.dt_s)
+    simulated, _ = simulate(model, p, MASSES, *path, respace=False, bend_factor=factors)
+    motion = Motion.of(simulated, model.dt_s)
     held = motion.middle[:, 1:].transpose(0, 2, 1) @ MASSES
     length, growth, u, _, _ = motion.segments()
     force = -(p[0] * (length[:, 0] - model.spacing_m) + p[1] * growth[:, 0])[:, None] * u[:, 0]
@@ -326,9 +326,9 @@ def angular_momentum(options: Options) -> float:
     times = steps(model, 0.5)
     start = along(np.array([0.2, -0.4, 0.3, -0.9, -0.5]), model.spacing_m)
     path = (*still(DOWN, 1.0), times, start)
-    seen, _ = simulate(model, p, MASSES, *path, respace=False, rest_curl_rad_m=1.0)
-    motion = Motion.of(seen, model.dt_s)
-    x, v = 0.5 * (seen[1:, 1:] + seen[:-1, 1:]), motion.middle[:, 1:]
+    simulated, _ = simulate(model, p, MASSES, *path, respace=False, rest_curl_rad_m=1.0)
+    motion = Motion.of(simulated, model.dt_s)
+    x, v = 0.5 * (simulated[1:, 1:] + simulated[:-1, 1:]), motion.middle[:, 1:]
     held = (x[..., 0] * v[..., 1] - x[..., 1] * v[..., 0]) @ MASSES
     given = np.cumsum(-GRAVITY_M_S2 * motion.x[:, 1:, 0] @ MASSES) * model.dt_s
     return 100.0 * float(np.abs(held[1:] - held[0] - given).max() / np.abs(held).max())

@@ -20,9 +20,9 @@ def hangs_stretched(options: Options) -> float:
     below = np.cumsum(MASSES[::-1])[::-1]
     rest = along(np.full(5, -np.pi / 2), model.spacing_m + below * GRAVITY_M_S2 / STRING[0])
     times, pose = still(DOWN, 0.2)
-    seen, _ = simulate(model, STRING, MASSES, times, pose, np.array([0.0, 0.2]))
+    simulated, _ = simulate(model, STRING, MASSES, times, pose, np.array([0.0, 0.2]))
     placed, _ = simulate(model, STRING, MASSES, times, pose, np.array([0.2]), rest, respace=False)
-    return 1e3 * largest(seen[:, 1:] - rest, placed[:, 1:] - rest)
+    return 1e3 * largest(simulated[:, 1:] - rest, placed[:, 1:] - rest)
 
 
 @proof("N/kg", lfcn=1e-9, lfcn_f32=1e-3)
@@ -50,8 +50,8 @@ def rests_where_it_starts(options: Options) -> float:
     for reading in READINGS:
         model = StringModel(0.2, 5, reading=reading, **options)
         string = {"rest_curl_rad_m": -1.5, "clamp_offset_rad": 0.2}
-        seen, _ = simulate(model, STRING, MASSES, times, pose, np.array([0.0, 0.1, 0.2]), **string)
-        moved.append(seen - seen[0])
+        simulated, _ = simulate(model, STRING, MASSES, times, pose, np.array([0.0, 0.1, 0.2]), **string)
+        moved.append(simulated - simulated[0])
     return 1e3 * largest(*moved)
 
 
@@ -73,9 +73,9 @@ def cantilever(options: Options) -> float:
     for angle, stiffness in ((0.0, p[4]), (np.pi, p[2])):
         times, pose = still(np.array([0.0, 0.0, angle]), 8.0)
         straight = along(np.full(6, angle), model.spacing_m)
-        seen, _ = simulate(model, p, masses, times, pose, times[-1:], straight, respace=False)
+        simulated, _ = simulate(model, p, masses, times, pose, times[-1:], straight, respace=False)
         expected = sag_m(stiffness, p[8], masses, model.spacing_m, 0.01)
-        off.append(seen[0, 1:, 1] / expected[-1] + expected / expected[-1])
+        off.append(simulated[0, 1:, 1] / expected[-1] + expected / expected[-1])
     return 100.0 * largest(*off)
 
 

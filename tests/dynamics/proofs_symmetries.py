@@ -58,8 +58,8 @@ def turned_frame(options: Options) -> float:
             origin = np.array([0.4, -0.3])
             pose = np.column_stack([POSE[:, :2] @ turn + origin, POSE[:, 2] + angle])
             start = (POSE[0, :2] + START) @ turn + origin
-            seen, _ = simulate(model, STRING, MASSES, TIME_S, pose, OUT_S, start, **fixed)
-            apart.append(seen - (plain @ turn + origin))
+            simulated, _ = simulate(model, STRING, MASSES, TIME_S, pose, OUT_S, start, **fixed)
+            apart.append(simulated - (plain @ turn + origin))
     return 1e3 * largest(*apart)
 
 

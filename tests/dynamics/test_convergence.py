@@ -45,14 +45,14 @@ def strings(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 def errors_mm(parameters: np.ndarray, masses: np.ndarray) -> np.ndarray:
     """RMS distance of each well-posed string from itself at the finest step: (steps, strings)."""
-    seen, bad = {}, np.zeros(len(parameters), dtype=bool)
+    simulated, bad = {}, np.zeros(len(parameters), dtype=bool)
     for dt_s in (*STEPS_S, FINEST_S):
         model = StringModel(LENGTH_M, POINTS, dt_s=dt_s)
-        seen[dt_s], status = simulate_batch(model, parameters, masses, HAND_S, hand_path(HAND_S), OUT_S)
+        simulated[dt_s], status = simulate_batch(model, parameters, masses, HAND_S, hand_path(HAND_S), OUT_S)
         if dt_s == FINEST_S:
-            length = np.linalg.norm(np.diff(seen[dt_s], axis=2), axis=3) / model.spacing_m
+            length = np.linalg.norm(np.diff(simulated[dt_s], axis=2), axis=3) / model.spacing_m
             bad = (status != OK) | (length.min((1, 2)) < 0.3) | (length.max((1, 2)) > 3.0)
-    apart = np.array([seen[dt_s] - seen[FINEST_S] for dt_s in STEPS_S])[:, ~bad]
+    apart = np.array([simulated[dt_s] - simulated[FINEST_S] for dt_s in STEPS_S])[:, ~bad]
     return 1e3 * np.sqrt((apart**2).sum(-1).mean((2, 3)))
 
 

@@ -1,4 +1,4 @@
-"""That the proofs can fail: faults planted in a copy of the simulator, and caught."""
+"""The proofs can fail: they catch faults that are planted in a copy of the simulator."""
 
 import pytest
 from planted_faults import FAULTS, Fault, catches, errors_with, planted
@@ -8,7 +8,7 @@ pytestmark = pytest.mark.slow
 BY_NAME = {each.name: each for each in FAULTS}
 
 
-# Each copy is compiled anew, most of a minute: one stands for all, ``planted_faults.py`` plants the rest.
+# Each copy is compiled again, most of a minute: one fault here, all of them by ``planted_faults.py``.
 def test_fault_is_caught():
     found = errors_with(BY_NAME["first kick a full step"], ["dop853", "fall_through_air", "hangs_stretched"])
     assert catches("dop853", found["dop853"])
@@ -23,5 +23,5 @@ def test_every_fault_still_fits_the_code(tmp_path):
 
 def test_fault_that_no_longer_fits_is_refused(tmp_path):
     gone = Fault("gone", "hand.py", "no such text", "")
-    with pytest.raises(LookupError, match="does not hold 'no such text'"):
+    with pytest.raises(LookupError, match="no longer contains 'no such text'"):
         planted(gone, tmp_path)

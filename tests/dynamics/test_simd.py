@@ -54,7 +54,7 @@ def test_single_precision_is_micrometres_away(drawn):
     single = positions(replace(MODEL, precision="f32"), drawn)
     away = np.linalg.norm(single - positions(MODEL, drawn), axis=-1).max(axis=(1, 2))
     assert 0.0 < np.median(away) < 5e-6
-    assert np.sort(away)[-3] < 2e-4  # a few of Table 2 magnify any rounding
+    assert np.sort(away)[-3] < 2e-4  # a few strings of Table 2 amplify any rounding
 
 
 @pytest.mark.parametrize("precision", ["f64", "f32"])
@@ -71,25 +71,25 @@ def test_each_candidate_has_its_own_hand(drawn, precision):
 def test_E_of_the_kernel_is_that_of_the_positions(drawn, precision):
     model = replace(MODEL, precision=precision)
     rng = np.random.default_rng(5)
-    seen = positions(MODEL, drawn[:1])[0, :, 1:] + 0.003 * rng.standard_normal((len(FRAME_S), 7, 2))
-    per_metre = rng.random(seen.shape[:2]) / 500
+    measured_m = positions(MODEL, drawn[:1])[0, :, 1:] + 0.003 * rng.standard_normal((len(FRAME_S), 7, 2))
+    per_metre = rng.random(measured_m.shape[:2]) / 500
     per_metre[rng.random(per_metre.shape) < 0.3] = 0.0
-    seen[per_metre == 0.0] = np.nan
+    measured_m[per_metre == 0.0] = np.nan
     shift = 0.01 * rng.standard_normal((COUNT, 2))
     masses = np.ones((COUNT, 7))
     values, status = evaluate_batch(
-        model, drawn, masses, TIME_S, POSE, FRAME_S, seen, per_metre, shift_m=shift
+        model, drawn, masses, TIME_S, POSE, FRAME_S, measured_m, per_metre, shift_m=shift
     )
-    off = np.linalg.norm(positions(model, drawn)[:, :, 1:] + shift[:, None, None] - seen, axis=-1)
+    off = np.linalg.norm(positions(model, drawn)[:, :, 1:] + shift[:, None, None] - measured_m, axis=-1)
     assert set(status) == {OK}
     np.testing.assert_allclose(values, np.nansum(off * per_metre, axis=(1, 2)), rtol=1e-4, atol=1e-7)
 
 
 def test_a_string_that_blew_up_has_no_value():
-    lost = np.vstack([minima().parameters, np.full((1, 10), np.nan)])
+    two = np.vstack([minima().parameters, np.full((1, 10), np.nan)])
     stiff = replace(MODEL, gravity_m_s2=0.0)
-    seen, weights = np.zeros((len(FRAME_S), 7, 2)), np.ones((len(FRAME_S), 7))
-    values, status = evaluate_batch(stiff, lost, np.ones((2, 7)), TIME_S, POSE, FRAME_S, seen, weights)
+    measured_m, weights = np.zeros((len(FRAME_S), 7, 2)), np.ones((len(FRAME_S), 7))
+    values, status = evaluate_batch(stiff, two, np.ones((2, 7)), TIME_S, POSE, FRAME_S, measured_m, weights)
     assert np.isfinite(values[0])
     assert np.isinf(values[1])
     assert status[1] == BLEW_UP
@@ -109,22 +109,22 @@ def test_dry_friction_ends_a_swing_away_from_rest():
             MODEL, heavy, np.ones((1, 7)), time_s, still, frame_s, leaning, bend_friction=friction
         )
         swings.append(points[0, :, -1, 0])
-    rubbed = swings[1]
+    with_friction = swings[1]
     turns = [np.sum(np.diff(np.sign(np.diff(swing[100:]))) != 0) for swing in swings]
     assert turns[0] >= 3
     assert turns[1] == 0  # it only creeps on
-    assert np.abs(rubbed[100]) > 0.02
+    assert np.abs(with_friction[100]) > 0.02
 
 
 def test_arrays_of_the_wrong_length_are_refused(drawn):
     masses, weights = np.ones((COUNT, 7)), np.ones((len(FRAME_S), 7))
-    seen = np.zeros((len(FRAME_S), 7, 2))
+    measured_m = np.zeros((len(FRAME_S), 7, 2))
     hands = np.tile(POSE, (COUNT, 1, 1))
     with pytest.raises(ValueError, match="expected an array of shape"):
         simulate_batch(MODEL, drawn, masses, TIME_S, POSE, FRAME_S, bend_factor=np.ones((1, 7)))
     with pytest.raises(ValueError, match="expected an array of shape"):
         simulate_batch(MODEL, drawn, masses, TIME_S, POSE, FRAME_S, np.zeros((3, 2)))
     with pytest.raises(ValueError, match="one path of the hand"):
-        evaluate_batch(MODEL, drawn, masses, TIME_S, hands, FRAME_S, seen, weights)
+        evaluate_batch(MODEL, drawn, masses, TIME_S, hands, FRAME_S, measured_m, weights)
     with pytest.raises(ValueError, match="not measured has a weight"):
-        evaluate_batch(MODEL, drawn, masses, TIME_S, POSE, FRAME_S, seen * np.nan, weights)
+        evaluate_batch(MODEL, drawn, masses, TIME_S, POSE, FRAME_S, measured_m * np.nan, weights)

@@ -1,4 +1,4 @@
-"""What a caller of the simulator relies on besides the physics: batches, statuses, paths between samples."""
+"""What callers of the simulator rely on besides the physics: batches, statuses, paths between samples."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from arrays import simulate, simulate_batch, start_shape
 from proofs_dynamics import hand_path
-from proofs_witnesses import GROWING_STIFF, MASSES
+from proofs_references import GROWING_STIFF, MASSES
 from scipy.interpolate import CubicSpline
 
 from strandcast.dynamics.model import StringModel
@@ -83,19 +83,19 @@ def test_one_bad_candidate_leaves_the_others_alone():
     whole, _ = simulate_batch(MODEL, parameters, masses, TIME_S, POSE, OUT_S)
     broken = parameters.copy()
     broken[4] = np.nan
-    seen, status = simulate_batch(MODEL, broken, masses, TIME_S, POSE, OUT_S)
+    simulated, status = simulate_batch(MODEL, broken, masses, TIME_S, POSE, OUT_S)
     assert status[4] == BLEW_UP
     others = np.arange(11) != 4
-    assert seen[others].tobytes() == whole[others].tobytes()
+    assert simulated[others].tobytes() == whole[others].tobytes()
     assert set(status[others]) == {OK}
 
 
-def test_what_goes_wrong_is_a_status():
+def test_failures_are_reported_as_a_status():
     stiff = np.where(np.arange(10) == 0, 1e6, GROWING_STIFF)
-    seen, status = simulate(replace(MODEL, integrator="euler"), stiff, MASSES, TIME_S, POSE, OUT_S)
+    simulated, status = simulate(replace(MODEL, integrator="euler"), stiff, MASSES, TIME_S, POSE, OUT_S)
     assert status == BLEW_UP
-    assert np.isfinite(seen[0]).all()
-    assert np.isnan(seen[-1]).all()
+    assert np.isfinite(simulated[0]).all()
+    assert np.isnan(simulated[-1]).all()
     _, status = simulate(MODEL, np.full(10, np.nan), MASSES, TIME_S, POSE, OUT_S)
     assert status == BLEW_UP
     ten = StringModel(0.3, 10)
@@ -107,37 +107,37 @@ def test_what_goes_wrong_is_a_status():
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", ["f64", "f32"])
 @pytest.mark.parametrize("integrator", ["lfcn", "semi_implicit"])
-def test_lengths_that_are_no_string_are_a_status(integrator, precision):
+def test_impossible_lengths_are_reported_as_a_status(integrator, precision):
     model = StringModel(0.04, 1, integrator=integrator, precision=precision, gravity_m_s2=0.0)
     spring = np.where(np.arange(10) == 0, 1e3, 0.0)
     for lengths, expected in ((0.35, OK), (0.25, COLLAPSED), (1.6, OK), (3.1, OVERSTRETCHED)):
         start = np.array([[0.0, -0.04 * lengths]])
         hand = np.array([0.0, 1.0]), np.zeros((2, 3))
-        seen, status = simulate(model, spring, np.ones(1), *hand, OUT_S[:2], start, respace=False)
+        simulated, status = simulate(model, spring, np.ones(1), *hand, OUT_S[:2], start, respace=False)
         assert status == expected
-        assert np.isfinite(seen).all()
+        assert np.isfinite(simulated).all()
 
 
 def test_stiff_corners_stay_finite():
     corner = np.array([1e8, 1e3, 10.0, 10.0, 10.0, 10.0, 10.0, 10.0, 10.0, 10.0])
     cable = np.array([1e6, 100.0, 1e3, 10.0, 1e3, 10.0, 0.1, 0.1, 1e3, 10.0])
     for parameters in (corner, cable):
-        seen, status = simulate(MODEL, parameters, MASSES, TIME_S, POSE, OUT_S)
+        simulated, status = simulate(MODEL, parameters, MASSES, TIME_S, POSE, OUT_S)
         assert status == OK
-        reach = np.linalg.norm(seen[:, -1] - seen[:, 0], axis=1)
+        reach = np.linalg.norm(simulated[:, -1] - simulated[:, 0], axis=1)
         assert reach.max() < 0.202
 
 
 def test_hand_path_between_samples_is_cubic():
     coarse = np.arange(0.0, 0.4001, 0.01)
     finer, _ = simulate(MODEL, GROWING_STIFF, MASSES, TIME_S, POSE, OUT_S)
-    seen, _ = simulate(MODEL, GROWING_STIFF, MASSES, coarse, hand_path(coarse), OUT_S)
-    assert np.abs(seen - finer).max() < 3e-5
+    simulated, _ = simulate(MODEL, GROWING_STIFF, MASSES, coarse, hand_path(coarse), OUT_S)
+    assert np.abs(simulated - finer).max() < 3e-5
 
 
 def test_hand_is_where_its_path_is():
-    seen, _ = simulate(MODEL, GROWING_STIFF, MASSES, TIME_S, POSE, OUT_S)
-    np.testing.assert_allclose(seen[:, 0], hand_path(OUT_S)[:, :2], atol=1e-9)
+    simulated, _ = simulate(MODEL, GROWING_STIFF, MASSES, TIME_S, POSE, OUT_S)
+    np.testing.assert_allclose(simulated[:, 0], hand_path(OUT_S)[:, :2], atol=1e-9)
     late, _ = simulate(MODEL, GROWING_STIFF, MASSES, TIME_S, POSE, np.array([0.4, 0.45, 0.6]))
     np.testing.assert_allclose(late[:, 0], np.tile(POSE[-1, :2], (3, 1)), atol=1e-9)
 
@@ -173,7 +173,7 @@ def test_start_keeps_directions_and_takes_the_lengths_of_rest():
         ({"pose": np.zeros((3, 2, 3))}, "do not fit"),
     ],
 )
-def test_what_does_not_fit_is_refused(change, message):
+def test_inconsistent_arrays_are_refused(change, message):
     given = {
         "parameters": GROWING_STIFF[None],
         "masses": MASSES[None],

@@ -1,4 +1,4 @@
-"""A known short string with one weight, thrown on a smooth path and seen with noise."""
+"""A known short string with one weight, thrown on a smooth path and observed with noise."""
 
 import numpy as np
 
@@ -39,7 +39,7 @@ def simulated(string, pose):
     return points[0]
 
 
-def seen(strength, seed=0, noise=NOISE_M):
+def observed_throw(strength, seed=0, noise=NOISE_M):
     pose = hand_path(strength)
     points = simulated(known_string(), pose)
     points = points + noise * np.random.default_rng(seed).standard_normal(points.shape)

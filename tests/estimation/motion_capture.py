@@ -15,7 +15,7 @@ def throw_from_markers(
     *,
     hand_smoothing_s: float = 0.0,
 ) -> Throw:
-    """Throw whose points are seen only where a marker sits.
+    """Throw whose points are measured only where a marker sits.
 
     Parameters
     ----------
@@ -32,12 +32,12 @@ def throw_from_markers(
         noise is an acceleration of a metre per second squared.
     """
     spacing_m = length_m / points
-    seen = np.full((len(time_s), points + 1, 2), np.nan)
-    seen[:, 0] = hand_pose[:, :2]
+    points_m = np.full((len(time_s), points + 1, 2), np.nan)
+    points_m[:, 0] = hand_pose[:, :2]
     for place_m, positions in markers_m.items():
-        seen[:, round(place_m / spacing_m)] = positions
+        points_m[:, round(place_m / spacing_m)] = positions
     pose = smoothed(time_s, hand_pose, hand_smoothing_s) if hand_smoothing_s > 0 else hand_pose
-    return Throw(time_s, seen, time_s, pose, np.ones(len(time_s), dtype=bool))
+    return Throw(time_s, points_m, time_s, pose, np.ones(len(time_s), dtype=bool))
 
 
 def smoothed(time_s: Array, values: Array, half_width_s: float) -> Array:

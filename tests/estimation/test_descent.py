@@ -15,7 +15,7 @@ from strandcast.estimation.descent import (
 )
 from strandcast.estimation.fit_objective import EvaluationLog
 
-from .known_string import objective_of, seen
+from .known_string import objective_of, observed_throw
 
 SLOPES = np.random.default_rng(4).standard_normal((60, 2, 3))
 WEIGHT = np.random.default_rng(5).uniform(0.5, 1.5, 60) / 60
@@ -72,15 +72,15 @@ def test_normal_equations_are_the_derivatives_of_the_sum():
 
 def test_the_gradient_of_a_throw_includes_the_prior():
     settings = EstimateSettings(camera_offset_sd_m=0.001)
-    objective = objective_of([seen(1.0)], settings)
+    objective = objective_of([observed_throw(1.0)], settings)
     chi = np.full((1, objective.space.dimension), 0.5)
     k = objective.space.names.index(CAMERA_OFFSET[0])
     chi[0, k] = 0.9
     gradient, curvature = GaussNewtonModel(objective)(chi)
-    loose = objective_of([seen(1.0)], EstimateSettings(camera_offset_sd_m=0.001)).space
+    loose = objective_of([observed_throw(1.0)], EstimateSettings(camera_offset_sd_m=0.001)).space
     width = loose.bounds[k, 1] - loose.bounds[k, 0]
     penalty = objective.space.penalty(chi + 1e-4 * np.eye(len(chi[0]))[k]) - objective.space.penalty(chi)
-    free = objective_of([seen(1.0)], settings)
+    free = objective_of([observed_throw(1.0)], settings)
     free.space.prior_sd[:] = np.inf
     without = GaussNewtonModel(free)(chi)
     assert gradient[0, k] - without[0][0, k] == pytest.approx(penalty[0] / 1e-4, rel=1e-3)

@@ -1,4 +1,4 @@
-"""A known string, seen with noise, is found again; and what is told about the fit is true."""
+"""A known string observed with noise is recovered, and what the fit reports about itself is correct."""
 
 import numpy as np
 import pytest
@@ -13,14 +13,14 @@ from strandcast.estimation.measured import Throw
 from strandcast.estimation.unknowns import space_of
 from strandcast.threads import threads
 
-from .known_string import LAYOUT, MODEL, NOISE_M, TIME_S, hand_path, known_string, seen, simulated
+from .known_string import LAYOUT, MODEL, NOISE_M, TIME_S, hand_path, known_string, observed_throw, simulated
 
 QUICK = EstimateSettings(evaluations=1500, ensemble=4, profiles=False)
 
 
 @pytest.fixture(scope="module")
 def fit():
-    return estimate([seen(1.0)], MODEL, LAYOUT, QUICK, np.random.default_rng(2))
+    return estimate([observed_throw(1.0)], MODEL, LAYOUT, QUICK, np.random.default_rng(2))
 
 
 def test_finds_a_string_that_moves_like_the_true_one(fit):
@@ -37,12 +37,12 @@ def test_finds_a_string_that_moves_like_the_true_one(fit):
     assert np.linalg.norm(unseen - true, axis=2)[early].mean() < 0.002
 
 
-def test_what_is_told_about_the_fit_is_true(fit):
+def test_the_fit_reports_itself_correctly(fit):
     assert fit.frames_used == np.sum(fit.time_s < 0.55)
     assert fit.fitted_m.shape == (len(fit.frames), 7, 2)
     assert fit.planned_m is None
     assert fit.E_planned_m is None
-    throw = seen(1.0)
+    throw = observed_throw(1.0)
     used = fit.frames[throw.used[fit.frames]]
     off = np.linalg.norm(throw.points_m[used] - fit.fitted_m[: len(used)], axis=2)[:, 1:]
     assert fit.E_m == pytest.approx(off.mean())
@@ -66,7 +66,7 @@ def test_members_are_near_optimal_strings_that_differ(fit):
 
 def test_same_seed_same_bytes_on_one_core_and_two(fit):
     with threads(1):
-        again = estimate([seen(1.0)], MODEL, LAYOUT, QUICK, np.random.default_rng(2))
+        again = estimate([observed_throw(1.0)], MODEL, LAYOUT, QUICK, np.random.default_rng(2))
     assert again.chi.tobytes() == fit.chi.tobytes()
     assert again.members.parameters.tobytes() == fit.members.parameters.tobytes()
     assert again.fitted_m.tobytes() == fit.fitted_m.tobytes()
@@ -75,7 +75,7 @@ def test_same_seed_same_bytes_on_one_core_and_two(fit):
 def test_second_trial_starts_from_the_first_and_is_predicted_by_it(fit):
     few = EstimateSettings(evaluations=400, ensemble=2, profiles=False)
     second = estimate(
-        [seen(1.0), seen(0.8, 1)],
+        [observed_throw(1.0), observed_throw(0.8, 1)],
         MODEL,
         LAYOUT,
         few,
@@ -90,20 +90,25 @@ def test_second_trial_starts_from_the_first_and_is_predicted_by_it(fit):
     assert second.E_planned_m < 0.003
     latest = EstimateSettings(evaluations=200, trials="latest", profiles=False)
     third = estimate(
-        [seen(1.0), seen(0.8, 1)], MODEL, LAYOUT, latest, np.random.default_rng(2), previous=fit.best
+        [observed_throw(1.0), observed_throw(0.8, 1)],
+        MODEL,
+        LAYOUT,
+        latest,
+        np.random.default_rng(2),
+        previous=fit.best,
     )
     np.testing.assert_array_equal(third.trial_weights, [0.0, 1.0])
 
 
 def test_three_points_at_30_hz_are_enough_to_move_like_it():
-    whole = seen(1.0)
+    whole = observed_throw(1.0)
     points = whole.points_m[::8].copy()
     points[:, [1, 2, 4, 5]] = np.nan
     sparse = Throw(whole.time_s[::8], points, whole.hand_time_s, whole.hand_pose, whole.used[::8])
     found = estimate([sparse], MODEL, LAYOUT, QUICK, np.random.default_rng(3))
     assert np.isnan(found.E_points_m).sum() == 4
-    assert any("never measured" in words for words in found.warnings)
-    true = seen(1.0, noise=0.0).points_m[::8][found.frames]
+    assert any("never measured" in warning for warning in found.warnings)
+    true = observed_throw(1.0, noise=0.0).points_m[::8][found.frames]
     early = found.time_s < 0.5
     assert np.linalg.norm(found.fitted_m - true, axis=2)[early].mean() < 0.003
 
@@ -117,7 +122,7 @@ def test_paper_search_runs_within_table_2():
         start_shape="hanging",
         trials="latest",
     )
-    found = estimate([seen(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(4))
+    found = estimate([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(4))
     assert found.evaluations < 160 + 64
     low, high = RANGES["paper"].T
     inside = (found.best.parameters[0] >= low * (1 - 1e-12)) & (
@@ -130,22 +135,22 @@ def test_paper_search_runs_within_table_2():
     assert not found.uncertainty.gauge_fixed
 
 
-def test_given_ranges_bounds_and_curl_are_told():
+def test_given_ranges_bounds_and_curl_are_reported():
     settings = EstimateSettings(evaluations=400, ranges={"k_s": (1e3, 1e5)}, profiles=False)
-    found = estimate([seen(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(5))
+    found = estimate([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(5))
     assert found.best.parameters[0, 0] <= 1e5 * (1 + 1e-12)
     assert found.at_bound[0]
-    assert any(words.startswith("k_s ended at a bound") for words in found.warnings)
+    assert any(warning.startswith("k_s ended at a bound") for warning in found.warnings)
     assert REST_CURL in found.space.names
-    assert found.E_m > 0.0012  # so soft a string cannot move like it
+    assert found.E_m > 0.0012  # so soft a string cannot follow the motion
 
 
 def test_a_hand_that_jumps_gives_one_clear_error():
-    throw = seen(1.0)
-    torn = Throw(throw.time_s, throw.points_m, throw.hand_time_s, throw.hand_pose.copy(), throw.used)
-    torn.hand_pose[60:] += [5e3, 0.0, 0.0]
+    throw = observed_throw(1.0)
+    jumping = Throw(throw.time_s, throw.points_m, throw.hand_time_s, throw.hand_pose.copy(), throw.used)
+    jumping.hand_pose[60:] += [5e3, 0.0, 0.0]
     with pytest.raises(StrandcastError, match="SC-E003"):
-        estimate([torn], MODEL, LAYOUT, EstimateSettings(evaluations=100), np.random.default_rng(7))
+        estimate([jumping], MODEL, LAYOUT, EstimateSettings(evaluations=100), np.random.default_rng(7))
 
 
 def test_space_round_trip():

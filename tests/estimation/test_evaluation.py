@@ -19,7 +19,7 @@ def test_evaluation_value_is_equations_4_to_6():
     assert tip_error(distance) == 2.0
 
 
-def test_confidence_weighs_and_a_point_never_seen_does_not_count():
+def test_confidence_is_a_weight_and_a_point_never_measured_does_not_count():
     assert evaluation_value(MEASURED, SIMULATED, confidence=np.array([[1.0, 1.0], [3.0, 1.0]])) == 1.625
     unseen = MEASURED.copy()
     unseen[:, 2] = np.nan
@@ -27,11 +27,11 @@ def test_confidence_weighs_and_a_point_never_seen_does_not_count():
     assert np.isnan(evaluation_value(np.full_like(MEASURED, np.nan), SIMULATED))
 
 
-def test_a_blow_up_is_infinitely_far_not_unseen():
-    torn = SIMULATED.copy()
-    torn[1] = np.nan
-    assert evaluation_value(MEASURED, torn) == np.inf
-    assert evaluation_value(MEASURED, torn, confidence=np.array([[1.0, 1.0], [0.0, 0.0]])) == 3.5
+def test_a_diverged_string_is_infinitely_far_and_not_skipped():
+    diverged = SIMULATED.copy()
+    diverged[1] = np.nan
+    assert evaluation_value(MEASURED, diverged) == np.inf
+    assert evaluation_value(MEASURED, diverged, confidence=np.array([[1.0, 1.0], [0.0, 0.0]])) == 3.5
 
 
 def test_hand_reading_is_relative_to_the_hand():

@@ -1,4 +1,4 @@
-"""Which frames of a throw enter E: those of the pass that was planned, until the tip touches."""
+"""Which frames of a throw enter E: those of the planned pass, until contact."""
 
 from types import SimpleNamespace
 
@@ -27,8 +27,8 @@ def trial(closest_s: float | None, hit: bool = False, predicted: bool = True) ->
         (2.66, False, True, 2.69),
         (3.10, False, True, 2.63),  # nearest long after the planned pass
         (2.05, False, True, 2.63),  # or long before
-        (None, False, True, 2.63),  # not seen
-        (2.66, False, False, 2.69),  # nobody planned it
+        (None, False, True, 2.63),  # closest approach not tracked
+        (2.66, False, False, 2.69),  # a motion without a prediction
         (None, False, False, 3.20),
     ],
 )

@@ -54,7 +54,7 @@ def fitted_and_predicted(folder, cable, seed=1, **options):
 @pytest.mark.slow
 @pytest.mark.parametrize("cable", ["black_weighted", "black_short_weighted"])
 def test_free_swing_predicts_the_driven_series(real_data, cable, record_property):
-    """Two markers have several explanations; of three searches, the one that fits best predicts."""
+    """Two markers fit several strings; of three searches, the one with the best fit is used to predict."""
     tries = [fitted_and_predicted(real_data / "pac_cable", cable, seed) for seed in (1, 2, 3)]
     _, _, swing, prepared, length_m = tries[0]
     error_m = min(tries, key=lambda found: found[0].E_m)[1]
@@ -71,7 +71,7 @@ def test_free_swing_predicts_the_driven_series(real_data, cable, record_property
 
 @pytest.mark.slow
 def test_dry_friction_explains_the_swing_of_a_bare_cable(real_data):
-    """Its swing stops dead; what it does for the driven series differs from one explanation to another."""
+    """The swing stops instead of fading; the effect on the driven series depends on the fitted string."""
     folder = real_data / "pac_cable"
     damped_m, rubbed_m = (
         np.median(

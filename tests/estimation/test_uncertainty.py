@@ -21,7 +21,7 @@ from strandcast.estimation.uncertainty import (
 from strandcast.estimation.uncertainty import _crossing as crossing
 from strandcast.estimation.unknowns import space_of
 
-from .known_string import LAYOUT, MASS, TRUTH, objective_of, seen
+from .known_string import LAYOUT, MASS, TRUTH, objective_of, observed_throw
 
 SIGMA_M = 0.001
 
@@ -56,17 +56,17 @@ def test_correlated_errors_count_once():
     objective, _ = linear()
     alone = np.random.default_rng(1).standard_normal((400, 1, 2))
     for points, frames in ((3, 1), (1, 8)):
-        alike = np.repeat(np.repeat(alone[: 400 // frames], frames, axis=0), 3, axis=1)
+        repeated = np.repeat(np.repeat(alone[: 400 // frames], frames, axis=0), 3, axis=1)
         if points == 1:
-            alike = alike + 0.0
-        found = correlated_count(objective, alike.reshape(-1, 2))
+            repeated = repeated + 0.0
+        found = correlated_count(objective, repeated.reshape(-1, 2))
         assert found == pytest.approx(3 * frames, rel=0.4)
 
 
 def test_the_common_scale_of_masses_is_unobservable_and_fixed():
     assert gauge_direction(space_of(EstimateSettings(), LAYOUT)) is None
     settings = EstimateSettings(bend_friction=True)
-    objective = objective_of([seen(1.0)], settings, plain_mass=True)
+    objective = objective_of([observed_throw(1.0)], settings, plain_mass=True)
     direction = gauge_direction(objective.space)
     assert objective.space.names[-3:] == (PLAIN_MASS, REST_CURL, BEND_FRICTION)
     values = np.concatenate([TRUTH, [MASS, 1.0, 0.5, 5.0]])
@@ -87,7 +87,7 @@ def test_the_common_scale_of_masses_is_unobservable_and_fixed():
 
 def test_profiles_and_deviations_of_a_throw():
     settings = EstimateSettings(rest_curl=False)
-    objective = objective_of([seen(1.0)], settings)
+    objective = objective_of([observed_throw(1.0)], settings)
     log = EvaluationLog(objective.cost)
     start = objective.space.exponents(np.concatenate([TRUTH, [MASS]]))[None]
     descend(log, GaussNewtonModel(objective), descent_batch(start, log(start)), 600)
@@ -97,7 +97,7 @@ def test_profiles_and_deviations_of_a_throw():
     assert known.noise_m == pytest.approx(0.0007, rel=0.15)
     assert np.all(known.marginal >= known.conditional * 0.999)
     assert np.all(known.marginal <= FLAT * 1.001)
-    assert known.marginal[tip] < 0.1 * known.marginal[air]  # so heavy a string does not feel the air
+    assert known.marginal[tip] < 0.1 * known.marginal[air]  # air drag hardly moves so heavy a string
     np.testing.assert_allclose(np.diag(known.correlation), 1.0)
     best, value = log.best()
     assert np.all((known.low <= best) & (best <= known.high))
@@ -105,7 +105,7 @@ def test_profiles_and_deviations_of_a_throw():
     assert known.low[tip] - 0.005 < truth[tip] < known.high[tip] + 0.005
     assert known.high[tip] - known.low[tip] < 0.05
     assert known.open_low[air]
-    # At the end of an interval E is what was said, if the others do not help out.
+    # At the end of an interval E has risen by RISE if the other unknowns do not compensate.
     moved = np.tile(best, (2, 1))
     moved[:, tip] = known.low[tip], known.high[tip]
     assert np.all(objective.cost(moved) > value * (1.0 + 0.5 * RISE))

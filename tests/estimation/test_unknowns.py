@@ -25,7 +25,7 @@ from .known_string import (
     hand_path,
     known_string,
     objective_of,
-    seen,
+    observed_throw,
     simulated,
 )
 
@@ -33,7 +33,7 @@ PIPED = mass_layout(0.24, 6, [0.2], [(0.08, 0.12)])
 BARE = mass_layout(0.24, 6, [])
 
 
-def test_every_unknown_survives_the_way_there_and_back():
+def test_every_unknown_survives_the_round_trip():
     settings = EstimateSettings(
         clamp_offset=True,
         camera_offset_sd_m=0.002,
@@ -80,7 +80,7 @@ def test_only_the_joints_of_the_pipe_are_stiff():
     )  # no pipe, nothing to fit
 
 
-def test_only_strings_said_to_rub_have_friction_and_plausibly_little():
+def test_friction_is_drawn_only_if_declared_and_stays_plausible():
     assert BEND_FRICTION not in space_of(EstimateSettings(), LAYOUT).names
     space = space_of(EstimateSettings(bend_friction=True), LAYOUT)
     drawn = space.strings(prior_exponents(space, MODEL, 200, np.random.default_rng(2), scatter=0.0))
@@ -91,17 +91,17 @@ def test_only_strings_said_to_rub_have_friction_and_plausibly_little():
     assert not bare.strings(np.full((2, bare.dimension), 0.5)).bend_friction.any()
 
 
-def test_dry_friction_is_found_where_damping_cannot_stand_in_for_it():
+def test_dry_friction_is_found_where_damping_cannot_replace_it():
     pose = hand_path(1.0)
     points = simulated(replace(known_string(), bend_friction=np.array([30.0])), pose)
     noise = NOISE_M * np.random.default_rng(0).standard_normal(points.shape)
     throw = Throw(TIME_S, points + noise, TIME_S, pose, TIME_S < 0.55)
     found = {}
-    for rubs in (False, True):
-        settings = EstimateSettings(evaluations=1500, bend_friction=rubs, ensemble=2, profiles=False)
+    for friction in (False, True):
+        settings = EstimateSettings(evaluations=1500, bend_friction=friction, ensemble=2, profiles=False)
         # One search may end in another minimum, depending on the processor's rounding.
         searches = [estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(k)) for k in (3, 4, 5)]
-        found[rubs] = min(searches, key=lambda search: search.E_m)
+        found[friction] = min(searches, key=lambda search: search.E_m)
     best = found[True].best
     # A weight this heavy hides the plain points, whose mass is the unit: only the ratio to it is determined.
     assert best.bend_friction[0] / best.free_masses[0, 0] == pytest.approx(30.0 / MASS, rel=0.4)
@@ -118,7 +118,7 @@ def test_a_deviation_from_the_prior_costs_its_square():
 
 def test_the_camera_sees_a_shifted_string_and_its_offset_is_found():
     space = space_of(EstimateSettings(camera_offset_sd_m=0.01), LAYOUT)
-    task = prepare(seen(1.0), MODEL.places_m())
+    task = prepare(observed_throw(1.0), MODEL.places_m())
     strings = space.strings(np.full((1, space.dimension), 0.5))
     moved = replace(strings, camera_offset_m=np.array([[0.01, -0.02]]))
     np.testing.assert_allclose(
@@ -126,7 +126,7 @@ def test_the_camera_sees_a_shifted_string_and_its_offset_is_found():
         np.broadcast_to([0.01, -0.02], (1, len(task.time_s), 7, 2)),
         atol=1e-12,
     )
-    throw = seen(1.0)
+    throw = observed_throw(1.0)
     throw = replace(throw, points_m=throw.points_m + np.array([0.004, -0.003]))
     free = EstimateSettings(evaluations=900, camera_offset_sd_m=0.005, ensemble=2, profiles=False)
     found = estimate([throw], MODEL, LAYOUT, free, np.random.default_rng(3))
@@ -135,7 +135,7 @@ def test_the_camera_sees_a_shifted_string_and_its_offset_is_found():
 
 
 def test_a_weight_is_found_where_it_is():
-    """Heavy clay at 120 mm, of which nothing is said."""
+    """Heavy clay at 120 mm that is not declared."""
     masses = point_masses(mass_layout(0.24, 6, [0.12]), np.array([MASS]))
     pose = hand_path(1.0)
     points = simulated(StringBatch(TRUTH[None], masses[None]), pose)
@@ -150,14 +150,14 @@ def test_a_weight_is_found_where_it_is():
 
 
 def test_doubtful_points_weigh_less():
-    throw = seen(1.0)
-    astray = throw.points_m.copy()
-    astray[40:90, 4] += 0.1
+    throw = observed_throw(1.0)
+    displaced = throw.points_m.copy()
+    displaced[40:90, 4] += 0.1
     sure = np.ones(throw.points_m.shape[:2])
     sure[40:90, 4] = 0.0
     truth = np.concatenate([TRUTH, [MASS, 0.5]])
     values = []
-    for points, confidence in ((throw.points_m, None), (astray, None), (astray, sure)):
+    for points, confidence in ((throw.points_m, None), (displaced, None), (displaced, sure)):
         objective = objective_of([replace(throw, points_m=points, confidence=confidence)], EstimateSettings())
         values.append(objective.evaluate(objective.space.exponents(truth)[None])[0])
     assert values[1] > 2.0 * values[0]

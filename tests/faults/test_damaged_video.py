@@ -69,7 +69,7 @@ FAULTS = [
     Fault(8, "v.avi", mjpeg, removed(0.5, 4096), "SC-V012", ("has 58 frames of the 60",)),
     Fault(11, "v.mp4", h264, zeroed(0.5, 1 << 16), "SC-V008", ("breaks off after", "copy the file again")),
     Fault(12, "v.webm", vp9, zeroed(0.5, 1 << 16), "SC-V012", ("of the 60", "copy the file again")),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"row{fault.row}-{fault.make.__name__}")

@@ -112,12 +112,26 @@ def test_row15_no_miss_is_told_where_frames_were_dropped_at_the_closest_approach
         tip = np.stack([time_s - 30.5 / RATE, np.full(len(time_s), 0.01)], axis=1)
         points = np.stack([tip - [0, 0.1], tip], axis=1)
         track = Track(
-            np.arange(len(time_s)), time_s, points, np.full((len(time_s), 2), 1e-3),
-            np.zeros((len(time_s), 2), int))  # fmt: skip
+            np.arange(len(time_s)),
+            time_s,
+            points,
+            np.full((len(time_s), 2), 1e-3),
+            np.zeros((len(time_s), 2), int),
+        )
         aligned = Alignment(
-            experiment="film", trial=1, source="fit", offset_s=0.0, offset_se_s=1e-4, drift=0.0,
-            drift_se=None, drift_prior=None, residual_rms_m=1e-3, frames=len(time_s),
-            motion_start_s=0.0, motion_end_s=0.2)  # fmt: skip
+            experiment="film",
+            trial=1,
+            source="fit",
+            offset_s=0.0,
+            offset_se_s=1e-4,
+            drift=0.0,
+            drift_se=None,
+            drift_prior=None,
+            residual_rms_m=1e-3,
+            frames=len(time_s),
+            motion_start_s=0.0,
+            motion_end_s=0.2,
+        )
         target = (0.0, 0.0)
         aim = Aim("film", 1, PointObjective().aimed_at(target), target, 0.02)
         verdicts.append(score_throw(track, aligned, aim, 0.3))

@@ -58,7 +58,7 @@ def test_comments_blank_lines_bom_and_closing_separators_are_taken(tmp_path):
         pytest.param("t,q\n", None, "no rows", id="row28-header-only"),
         pytest.param("", None, "empty", id="row28-empty"),
     ],
-)  # fmt: skip
+)
 def test_what_does_not_fit_is_one_message_with_the_line(tmp_path, text, line, words):
     with pytest.raises(StrandcastError, match=words) as refusal:
         table_of(tmp_path, text)

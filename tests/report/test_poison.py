@@ -68,8 +68,11 @@ def opened(browser: str, page: Path) -> tuple[Shown, list[str], str]:
     command = [browser, *QUIET, f"--user-data-dir={page.with_suffix('.profile')}", f"--log-net-log={log}"]
     done = subprocess.run(
         [*command, "--virtual-time-budget=3000", "--dump-dom", page.as_uri()],
-        capture_output=True, text=True, timeout=240, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=True,
+    )
     return Shown(done.stdout), asked(log), done.stderr
 
 

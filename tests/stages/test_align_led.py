@@ -26,22 +26,44 @@ def root(tmp_path, project_root):
     sha256 = write_joint_log(data / "joints.csv", trial.log)
     kinds = ("led_on", "led_off")
     Run(
-        complete=True, status="ok", reason=None, joints_sha256=sha256, rows=len(trial.log.time_s),
-        motion_sha256=None, arm_sha256=None, driver="test", controller={}, joint_names=trial.log.joint_names,
-        clock="test", motion_start_s=None, motion_end_s=None, video={},
+        complete=True,
+        status="ok",
+        reason=None,
+        joints_sha256=sha256,
+        rows=len(trial.log.time_s),
+        motion_sha256=None,
+        arm_sha256=None,
+        driver="test",
+        controller={},
+        joint_names=trial.log.joint_names,
+        clock="test",
+        motion_start_s=None,
+        motion_end_s=None,
+        video={},
         timing=timing_of(trial.log.time_s, 500.0),
         sync_events=[SyncEvent(kind=k, time_s=trial.robot_s(s)) for k, s in zip(kinds, LIT_S, strict=True)],
-    ).write(data / "run.json")  # fmt: skip
+    ).write(data / "run.json")
     write_table(results / "markers.parquet", MARKERS, trial.markers)
     events = [
         DetectedSwitch(kind=k, camera_time_s=s + 0.003, sigma_s=5e-4)
         for k, s in zip(kinds, LIT_S, strict=True)
     ]
     TrackSummary(
-        experiment="e", trial=1, source="video", points=10, length_m=0.3, decoded_frames=1, expected_frames=1,
-        tracked_fraction=1.0, tip_fraction=1.0, marker_fraction=1.0, median_sigma_m=0.001, choices={},
-        warnings=[], led=DetectedLed(window_px=[0, 0, 9, 9], brightness_grey=[1.0], events=events),
-    ).write(results / "track.json")  # fmt: skip
+        experiment="e",
+        trial=1,
+        source="video",
+        points=10,
+        length_m=0.3,
+        decoded_frames=1,
+        expected_frames=1,
+        tracked_fraction=1.0,
+        tip_fraction=1.0,
+        marker_fraction=1.0,
+        median_sigma_m=0.001,
+        choices={},
+        warnings=[],
+        led=DetectedLed(window_px=[0, 0, 9, 9], brightness_grey=[1.0], events=events),
+    ).write(results / "track.json")
     return tmp_path
 
 

@@ -33,10 +33,15 @@ def unpack(data: bytes, bits: int, shape: tuple[int, ...]) -> np.ndarray:
 def photron(folder: Path, frames: np.ndarray, bits: int, **fields: str) -> Path:
     """Write a Photron pair, with the header as text."""
     values = {
-        "Record Rate(fps)": "2000", "Total Frame": str(len(frames)), "Image Width": str(SHAPE[1]),
-        "Image Height": str(SHAPE[0]), "Color Type": "Mono", "Color Bit": str(bits),
-        "EffectiveBit Depth": str(min(bits, 12)), "EffectiveBit Side": "Lower",
-    }  # fmt: skip
+        "Record Rate(fps)": "2000",
+        "Total Frame": str(len(frames)),
+        "Image Width": str(SHAPE[1]),
+        "Image Height": str(SHAPE[0]),
+        "Color Type": "Mono",
+        "Color Bit": str(bits),
+        "EffectiveBit Depth": str(min(bits, 12)),
+        "EffectiveBit Side": "Lower",
+    }
     lines = [f"{name} : {value}\n" for name, value in (values | fields).items() if value]
     (folder / "v.cih").write_text("#Camera Information Header\n" + "".join(lines))
     (folder / "v.mraw").write_bytes(pack_12(frames) if bits == 12 else frames.tobytes())

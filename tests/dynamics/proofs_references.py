@@ -1,4 +1,4 @@
-"""Proofs by witnesses that share no code with the simulator: SciPy's DOP853 on the equations, and MuJoCo."""
+"""Comparisons with references that share no code with the simulator: SciPy's DOP853, and MuJoCo."""
 
 from functools import cache
 
@@ -37,7 +37,7 @@ def moving_hand(t):
 
 @cache
 def truth(reading: str, stiff: str) -> np.ndarray:
-    """Points 1…n by DOP853; reads nothing but its own constants."""
+    """Points 1…n by DOP853; a function of constants only, so that it can be cached."""
     p = GROWING_STIFF if stiff == "h" else STRAIGHTENING_STIFF
     equations = reference.Equations(
         p, MASSES, SPACING_M, reading, SWITCH[reading], CURL_RAD_M, CLAMP_RAD, np.array(FACTOR)
@@ -50,7 +50,7 @@ def distance_m(options: Options, reading: str, stiff: str) -> float:
     p = GROWING_STIFF if stiff == "h" else STRAIGHTENING_STIFF
     fixed = {"reading": reading, "switch_width": None if reading == "rate" else SWITCH[reading]}
     model = StringModel(0.2, 5, **fixed, **options)
-    seen, _ = simulate(
+    simulated, _ = simulate(
         model,
         p,
         MASSES,
@@ -64,7 +64,7 @@ def distance_m(options: Options, reading: str, stiff: str) -> float:
         bend_factor=FACTOR,
         clamp_offset_rad=CLAMP_RAD,
     )
-    return float(np.sqrt(((seen[:, 1:] - truth(reading, stiff)) ** 2).sum(-1).mean()))
+    return float(np.sqrt(((simulated[:, 1:] - truth(reading, stiff)) ** 2).sum(-1).mean()))
 
 
 @proof("mm", lfcn=5e-3, lfcn_f32=1e-2, semi_implicit=5e-3, euler=5e-3)
@@ -76,7 +76,7 @@ def dop853(options: Options) -> float:
 
 @proof("orders", lfcn=0.1, semi_implicit=0.1)
 def order(options: Options) -> float:
-    """By how much the order of convergence falls short: two, and one of the semi-implicit scheme."""
+    """Shortfall of the order of convergence from two, or from one for the semi-implicit scheme."""
     due = 1.0 if options.get("integrator") else 2.0
     orders = []
     for case in CASES:
@@ -114,16 +114,16 @@ def mujoco_chain(until_s: float, frames: int) -> np.ndarray:
     data = mujoco.MjData(model)
     data.qpos[0], data.qvel[0] = -np.pi / 2, WHEEL_RAD_S
     every = round(until_s / (frames - 1) / 1e-4)
-    seen = np.empty((frames, 6, 2))
+    simulated = np.empty((frames, 6, 2))
     for frame in range(frames):
         mujoco.mj_kinematics(model, data)
-        seen[frame] = data.site_xpos[:, [0, 2]]
+        simulated[frame] = data.site_xpos[:, [0, 2]]
         mujoco.mj_step(model, data, every)
-    return seen
+    return simulated
 
 
 @proof("mm", lfcn=0.03, lfcn_f32=0.2, semi_implicit=0.03)
-def mujoco_witness(options: Options) -> float:
+def mujoco_hinges(options: Options) -> float:
     """A string too stiff to stretch, on the rim of a wheel, moves as MuJoCo's chain of hinges does."""
     model = StringModel(0.2, 5, **options)
     p = parameters(
@@ -142,5 +142,5 @@ def mujoco_witness(options: Options) -> float:
     pose = np.column_stack([WHEEL_M * np.cos(turned), WHEEL_M * np.sin(turned), turned])
     velocity = WHEEL_RAD_S * expected[0, 1:, ::-1] * [-1.0, 1.0]
     assert np.abs(expected[:, 0] - pose[::10, :2]).max() < 1e-6  # nothing slows the wheel down
-    seen, _ = simulate(model, p, MASSES, times, pose, times[::10], expected[0, 1:], velocity)
-    return 1e3 * float(np.sqrt(((seen - expected) ** 2).sum(-1).mean()))
+    simulated, _ = simulate(model, p, MASSES, times, pose, times[::10], expected[0, 1:], velocity)
+    return 1e3 * float(np.sqrt(((simulated - expected) ** 2).sum(-1).mean()))
