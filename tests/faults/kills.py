@@ -91,7 +91,7 @@ def kill(run: subprocess.Popen[bytes], victim: str) -> list[psutil.Process]:
         for process in new:  # a stopped process starts no others
             with suppress(psutil.NoSuchProcess):
                 process.suspend()
-    chosen = {"all": tree, "front": tree[:1], "engine": tree[1:2], "job": tree[1:][-1:]}[victim]
+    chosen = {"all": tree, "front": tree[:1], "engine": tree[1:2], "job": tree[-1:]}[victim] or tree
     for process in tree:
         with suppress(psutil.NoSuchProcess):
             process.kill() if process in chosen else process.resume()

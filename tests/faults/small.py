@@ -1,5 +1,6 @@
 """One small lab experiment, cheap enough to be made hundreds of times: its jobs, its files, their hashes."""
 
+import importlib
 import os
 import shutil
 import subprocess
@@ -103,6 +104,7 @@ def fork_job(
     """
     from strandcast.cli.main import main
 
+    importlib.import_module(f"strandcast.stages.{stage}")
     if pid := os.fork():
         return pid
     code = 1
