@@ -106,7 +106,7 @@ faults: $(VENV)/dev.stamp  ## inject the 95 faults of tests/faults/table.toml an
 	@$(BIN)/python -m tests.faults.table --numprocesses $(CORES) --dist loadfile
 
 .PHONY: faults-nightly
-faults-nightly: $(VENV)/dev.stamp  ## kill runs and stages, and refuse every file call of every stage; about two hours
+faults-nightly: $(VENV)/dev.stamp fuzz  ## `make fuzz`, kill runs and stages, and refuse every file call of every stage; many hours
 	@$(BIN)/python -m tests.faults.kills --runs 100 --stages 20
 	@$(BIN)/python -m tests.faults.refused_calls
 
