@@ -14,15 +14,11 @@ class SilentFault(AssertionError):
     """A fault was injected, and neither an error nor a warning came of it."""
 
 
-class Traceback(AssertionError):
-    """A command or a reader ended in an exception that is no `StrandcastError`."""
-
-
 def kind_of(failure: BaseException) -> Kind:
     """Return the kind of a test's failure."""
     if isinstance(failure, SilentFault) or _did_not_raise(failure):
         return "silent"
-    if isinstance(failure, Traceback) or _within_product(failure):
+    if "Traceback (most recent call last)" in str(failure) or _within_product(failure):
         return "traceback"
     return "wrong"
 

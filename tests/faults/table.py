@@ -4,6 +4,7 @@
 were raised and, if the test fails, whether the fault was silent, ended in a traceback, or otherwise.
 """
 
+import ast
 import inspect
 import os
 import re
@@ -23,6 +24,7 @@ from tests.faults.kinds import kind_of
 from strandcast.errors import StrandcastError
 
 FILE = Path(__file__).with_suffix(".toml")
+ROOT = FILE.parents[2]
 LAST_ROW = 95
 CODE = re.compile(r"SC-[A-Z]\d{3}")
 PROPERTY = "fault"
@@ -44,16 +46,29 @@ class Row(NamedTuple):
         """Return the codes that are expected."""
         return set(CODE.findall(self.expect))
 
-    def places(self) -> list[tuple[str, str]]:
-        """Return the file and the name of each test."""
-        split = (test.partition("[")[0].partition("::") for test in self.tests)
-        return [(file, name) for file, _, name in split]
-
 
 def read_rows() -> list[Row]:
     """Return the rows of the table."""
     rows = tomllib.loads(FILE.read_text(encoding="utf-8"))["row"]
     return [Row(**row | {"tests": tuple(row.get("tests", ()))}) for row in rows]
+
+
+def names_in(path: Path) -> set[str]:
+    """Return the names of a file's tests, those in classes as `Class::test`."""
+    found = set()
+    for node in ast.parse(path.read_text(encoding="utf-8")).body if path.is_file() else []:
+        if isinstance(node, ast.ClassDef):
+            found |= {f"{node.name}::{each.name}" for each in node.body if isinstance(each, ast.FunctionDef)}
+        elif isinstance(node, ast.FunctionDef):
+            found.add(node.name)
+    return found
+
+
+def absent_tests(rows: list[Row]) -> list[str]:
+    """Return the tests that rows name but that do not exist."""
+    split = {test: test.partition("[")[0].partition("::") for row in rows for test in row.tests}
+    known = {file: names_in(ROOT / file) for file, _, _ in split.values()}
+    return [test for test, (file, _, name) in split.items() if name not in known[file]]
 
 
 @dataclass
@@ -152,6 +167,9 @@ def main(arguments: list[str]) -> int:
     if shutil.disk_usage(tempfile.gettempdir()).free > LARGE_FILES_BYTES:
         os.environ.setdefault("STRANDCAST_LARGE_FILES", "1")
     rows, recorder = read_rows(), Recorder()
+    if absent := absent_tests(rows):
+        print("there is no such test:", *absent, sep="\n  ")
+        return int(pytest.ExitCode.USAGE_ERROR)
     tests = sorted({test for row in rows for test in row.tests})
     code = pytest.main(["-p", "tests.faults.table", "-p", "no:cacheprovider", *arguments, *tests], [recorder])
     if code not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):

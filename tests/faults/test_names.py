@@ -24,7 +24,6 @@ from strandcast.video.ingest import inspect_video
 from strandcast.video.isolated import read_photos
 
 from .conftest import write_film
-from .kinds import Traceback
 
 GOOD = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
 COMMANDS = ["$(touch run)", "`touch run`", "a;touch run", "a b", "a'b", 'a"b', "a\nb", "-rf", "{experiment}"]
@@ -52,8 +51,7 @@ def add_experiment(root: Path, name: str) -> None:
 def run_in(root: Path, *command: str) -> subprocess.CompletedProcess[str]:
     line = [sys.executable, "-m", *command]
     done = subprocess.run(line, cwd=root, capture_output=True, text=True, check=False, env=dict(os.environ))
-    if "Traceback" in done.stderr:
-        raise Traceback(done.stderr)
+    assert "Traceback" not in done.stderr, done.stderr
     return done
 
 
@@ -111,7 +109,7 @@ READERS: list[tuple[str, Callable[[Path], object]]] = [
 ]
 
 
-@pytest.mark.parametrize("protocol", [0, 2, 5])
+@pytest.mark.parametrize("protocol", [0, 5])
 @pytest.mark.parametrize(("name", "read"), READERS, ids=[name for name, _ in READERS])
 def test_row80_a_pickle_is_never_loaded(
     tmp_path: Path, name: str, read: Callable[[Path], object], protocol: int

@@ -1,6 +1,5 @@
 """The table of faults is complete: every row has tests that exist, or the reason why it has none."""
 
-import ast
 from pathlib import Path
 
 import pytest
@@ -8,21 +7,11 @@ import pytest
 from strandcast.errors import StrandcastError
 from strandcast.errors.registry import read_codes
 
-from .kinds import SilentFault, Traceback, kind_of
-from .table import LAST_ROW, Outcome, Row, read_rows
+from .kinds import SilentFault, kind_of
+from .table import LAST_ROW, Outcome, Row, absent_tests, read_rows
 
 ROWS = read_rows()
-
-
-def names_in(path: Path) -> set[str]:
-    """Return the names of a file's tests, those in classes as `Class::test`."""
-    found = set()
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.ClassDef):
-            found |= {f"{node.name}::{each.name}" for each in node.body if isinstance(each, ast.FunctionDef)}
-        elif isinstance(node, ast.FunctionDef):
-            found.add(node.name)
-    return found
+PRINTED = "assert 'Traceback (most recent call last)' not in 'Traceback (most recent call last): ...'"
 
 
 def test_the_rows_are_complete() -> None:
@@ -31,10 +20,13 @@ def test_the_rows_are_complete() -> None:
     assert [row.number for row in ROWS if not all((row.fault, row.inject, row.expect, row.unchanged))] == []
 
 
-def test_the_tests_of_the_rows_exist(project_root: Path) -> None:
-    known = {file: names_in(project_root / file) for row in ROWS for file, _ in row.places()}
-    absent = [(row.number, test) for row in ROWS for file, test in row.places() if test not in known[file]]
-    assert absent == []
+def test_the_tests_of_the_rows_exist() -> None:
+    assert absent_tests(ROWS) == []
+    wrong = "tests/faults/test_table.py::test_that_is_not_there"
+    assert absent_tests([ROWS[0]._replace(tests=(wrong, "no/such_file.py::test"))]) == [
+        wrong,
+        "no/such_file.py::test",
+    ]
 
 
 def test_the_codes_of_the_rows_are_registered() -> None:
@@ -55,7 +47,11 @@ def failure(kind: str, tmp_path: Path) -> BaseException:
         elif kind == "in the test":
             (tmp_path / "absent").read_text()
         else:
-            raise {"silent": SilentFault, "traceback": Traceback, "assertion": AssertionError}[kind]
+            raise {
+                "silent": SilentFault(),
+                "printed": AssertionError(PRINTED),
+                "assertion": AssertionError(),
+            }[kind]
     return caught.value
 
 
@@ -65,7 +61,7 @@ def failure(kind: str, tmp_path: Path) -> BaseException:
         ("did not raise", "silent"),
         ("silent", "silent"),
         ("within the product", "traceback"),
-        ("traceback", "traceback"),
+        ("printed", "traceback"),
         ("another error", "wrong"),
         ("in the test", "wrong"),
         ("assertion", "wrong"),
