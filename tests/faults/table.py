@@ -4,6 +4,7 @@
 were raised and, if the test fails, whether the fault was silent, ended in a traceback, or otherwise.
 """
 
+import argparse
 import ast
 import inspect
 import os
@@ -162,16 +163,20 @@ def asserted(item: pytest.Item) -> set[str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Run the tests of all rows and print the table; 0 if all that were injected ended as listed."""
+    """Run the tests of the rows and print the table; 0 if all that were injected ended as listed."""
+    parser = argparse.ArgumentParser(description="Other arguments are pytest's.")
+    parser.add_argument("--rows", type=int, nargs="+", help="the numbers of the rows, instead of all")
+    options, others = parser.parse_known_args(arguments)
     os.environ.setdefault("STRANDCAST_BOUNDS", "1")
     if shutil.disk_usage(tempfile.gettempdir()).free > LARGE_FILES_BYTES:
         os.environ.setdefault("STRANDCAST_LARGE_FILES", "1")
-    rows, recorder = read_rows(), Recorder()
+    rows = [row for row in read_rows() if not options.rows or row.number in options.rows]
+    recorder = Recorder()
     if absent := absent_tests(rows):
         print("there is no such test:", *absent, sep="\n  ")
         return int(pytest.ExitCode.USAGE_ERROR)
     tests = sorted({test for row in rows for test in row.tests})
-    code = pytest.main(["-p", "tests.faults.table", "-p", "no:cacheprovider", *arguments, *tests], [recorder])
+    code = pytest.main(["-p", "tests.faults.table", "-p", "no:cacheprovider", *others, *tests], [recorder])
     if code not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
         return int(code)
     kinds = Counter(print_row(row, recorder.outcome(row)) for row in rows)
