@@ -68,11 +68,11 @@ def read_mask(folder: Path, name: str) -> np.ndarray:
     return np.asarray(read_image(folder / f"{name}_gt.png", cv2.IMREAD_GRAYSCALE) > 127)
 
 
-def order_faults(string: StillString, judged: ReferenceOrder) -> list[str]:
+def order_faults(string: StillString, expected: ReferenceOrder) -> list[str]:
     """Return the differences from the labelled order; empty where the order is correct."""
     faults = []
-    apart = np.linalg.norm(judged.way_px[:, None] - string.line_px[None], axis=2)
-    for place, distance in zip(judged.way_px, apart.min(axis=1), strict=True):
+    apart = np.linalg.norm(expected.way_px[:, None] - string.line_px[None], axis=2)
+    for place, distance in zip(expected.way_px, apart.min(axis=1), strict=True):
         if distance > NEAR_PX:
             faults.append(f"({place[0]:.0f}, {place[1]:.0f}) is {distance:.0f} px from the line")
     along = apart.argmin(axis=1)
@@ -80,10 +80,10 @@ def order_faults(string: StillString, judged: ReferenceOrder) -> list[str]:
     if not ((rising > 0).all() or (rising < 0).all()):
         faults.append(f"the places are passed at {along.tolist()} px")
     found = np.array([crossing.place_px for crossing in string.crossings]).reshape(-1, 2)
-    if len(found) != len(judged.crossings_px):
-        faults.append(f"{len(found)} crossings instead of {len(judged.crossings_px)}")
+    if len(found) != len(expected.crossings_px):
+        faults.append(f"{len(found)} crossings instead of {len(expected.crossings_px)}")
     elif (
-        np.linalg.norm(judged.crossings_px[:, None] - found[None], axis=2).min(axis=1) > CROSSING_NEAR_PX
+        np.linalg.norm(expected.crossings_px[:, None] - found[None], axis=2).min(axis=1) > CROSSING_NEAR_PX
     ).any():
         faults.append("a crossing is in another place")
     return faults
@@ -112,7 +112,7 @@ def measure(folder: Path) -> list[Figure]:
     from_mask: dict[str, StillString] = {}
     first = next(iter(reference_orders()))
     string_in_mask(read_mask(folder, first))  # compiles
-    for name, judged in reference_orders().items():
+    for name, expected in reference_orders().items():
         mask = read_mask(folder, name)
         begun = time.process_time()
         string = string_in_mask(mask)
@@ -121,15 +121,15 @@ def measure(folder: Path) -> list[Figure]:
         outside[name] = outside_percent(string, mask)
         off_axis.append(from_axis_px(string, mask))
         margins[name] = [crossing.margin for crossing in string.crossings]
-        wrong["mask"][name] = order_faults(string, judged)
+        wrong["mask"][name] = order_faults(string, expected)
     apart = []
-    for name, judged in reference_orders().items():
+    for name, expected in reference_orders().items():
         try:
             string = string_in_picture(read_image(folder / f"{name}.jpg"))
         except StrandcastError as problem:
             wrong["picture"][name] = [problem.what]
             continue
-        wrong["picture"][name] = order_faults(string, judged)
+        wrong["picture"][name] = order_faults(string, expected)
         gaps = np.linalg.norm(string.line_px[:, None] - from_mask[name].line_px[None], axis=2)
         apart.append(gaps.min(axis=1))
     axis, gap = np.concatenate(off_axis), np.concatenate(apart)

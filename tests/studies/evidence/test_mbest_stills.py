@@ -24,17 +24,17 @@ def test_every_picture_is_labelled():
 
 @pytest.mark.parametrize("name", ["img0", "img30", "img60"])
 def test_a_wrong_order_is_a_fault(name):
-    judged = stills.reference_orders()[name]
-    assert stills.order_faults(through(judged.way_px, judged.crossings_px), judged) == []
-    assert stills.order_faults(through(judged.way_px[::-1], judged.crossings_px), judged) == []
+    expected = stills.reference_orders()[name]
+    assert stills.order_faults(through(expected.way_px, expected.crossings_px), expected) == []
+    assert stills.order_faults(through(expected.way_px[::-1], expected.crossings_px), expected) == []
     # A loop in the wrong direction: the places between the two passes of its crossing.
-    turned = judged.way_px.copy()
+    turned = expected.way_px.copy()
     turned[2:6] = turned[5:1:-1]
-    (fault,) = stills.order_faults(through(turned, judged.crossings_px), judged)
+    (fault,) = stills.order_faults(through(turned, expected.crossings_px), expected)
     assert "passed at" in fault
-    assert stills.order_faults(through(judged.way_px[:-3], judged.crossings_px), judged)
-    assert stills.order_faults(through(judged.way_px, judged.crossings_px[:-1]), judged)
-    assert stills.order_faults(through(judged.way_px, judged.crossings_px + 40.0), judged)
+    assert stills.order_faults(through(expected.way_px[:-3], expected.crossings_px), expected)
+    assert stills.order_faults(through(expected.way_px, expected.crossings_px[:-1]), expected)
+    assert stills.order_faults(through(expected.way_px, expected.crossings_px + 40.0), expected)
 
 
 def test_the_cable_is_ordered_as_labelled_and_lies_on_the_mask(real_data):

@@ -7,17 +7,14 @@ to the start, stops if the arm is not there, asks again, plays, and stops.
 import numpy as np
 
 from strandcast.errors import StrandcastError
+from strandcast.executor.drivers.ur_settings import JOINTS, UrSettings
 from strandcast.executor.handover.handover import Handover
 from strandcast.executor.move_to_start import ACCELERATION_RAD_S2, SPEED_RAD_S
 
-JOINTS = 6
 OUTPUTS = 8
-RATE_HZ = 500.0
 ROWS_A_LIST = 50  # lists and lines stay short: no limit on either is documented
 HOLD_S = 0.3  # the joints arrive after their command
 STOP_RAD_S2 = 4.0  # chosen
-LOOKAHEAD_S = 0.03  # the least that servoj takes: the arm trails by 34 ms
-GAIN = 2000.0
 
 PROGRAM = """\
 {about}
@@ -99,9 +96,10 @@ def program_text(handover: Handover, rate_hz: float | None = None, sync_output: 
         SC-E010 the arm does not have six joints; SC-E011 unknown output; SC-E012 unknown rate.
     """
     motion, arm = handover.motion, handover.arm
-    settings = arm.driver_settings if arm.driver == "ur" else {}  # as when played by the driver
-    rate_hz = rate_hz or settings.get("rate_hz", RATE_HZ)
-    sync_output = settings.get("sync_output") if sync_output is None else sync_output
+    settings = {name: field.default for name, field in UrSettings.model_fields.items()}
+    settings |= arm.driver_settings if arm.driver == "ur" else {}  # as when played by the driver
+    rate_hz = rate_hz or settings["rate_hz"]
+    sync_output = settings["sync_output"] if sync_output is None else sync_output
     _refuse(handover, rate_hz, sync_output)
     rows = motion.trajectory().resampled(1.0 / rate_hz).q_rad
     joints = handover.joints
@@ -129,8 +127,8 @@ def program_text(handover: Handover, rate_hz: float | None = None, sync_output: 
         allowed=_list(allowed),
         still=_list(np.full(JOINTS, arm.start_velocity_rad_s)),
         step=f"{1.0 / rate_hz:g}",
-        lookahead=settings.get("look_ahead_s", LOOKAHEAD_S),
-        gain=f"{settings.get('gain', GAIN):g}",
+        lookahead=settings["look_ahead_s"],
+        gain=f"{settings['gain']:g}",
         stop=STOP_RAD_S2,
         hold_rows=round(HOLD_S * rate_hz),
         start_speed=SPEED_RAD_S,

@@ -69,18 +69,18 @@ def coarsest_step(errors_mm: dict[float, Array]) -> float:
     return chosen
 
 
-def witness_mm(swing: HandSwing, truth: Reference, strings: int) -> Array:
+def independent_mm(swing: HandSwing, truth: Reference, strings: int) -> Array:
     """Return distances (strings,) [mm] of the reference's tips from an independent integration by DOP853.
 
     For the least damped strings: an explicit integrator is very slow on the others.
     """
     c_h, c_sh = truth.parameters[:, 3], truth.parameters[:, 5]
     chosen = np.argsort(c_h + c_sh)[:strings]
-    tips = np.array([_witness(swing, truth.parameters[i]) for i in chosen])
+    tips = np.array([_integrated(swing, truth.parameters[i]) for i in chosen])
     return rms_mm(tips, truth.positions[chosen, :, -1])
 
 
-def _witness(swing: HandSwing, parameters: Array) -> Array:
+def _integrated(swing: HandSwing, parameters: Array) -> Array:
     """Return the tip (F, 2) of one string by DOP853 on the equations of `numpy_string`."""
     p, spacing = parameters[:, None, None], LENGTH_M / SEGMENTS
     n = SEGMENTS

@@ -43,7 +43,7 @@ class Effort:
 
     draws: int = 400  # of Table 2, for our error
     common: int = 8  # strings for the peers
-    witnesses: int = 3  # strings for the independent integrator
+    independent: int = 3  # strings for the independent integrator
     batch: int = 4096  # strings per timed run of ours
     scalar_batch: int = 256  # the same of its scalar build
     repeats: int = 7  # timed runs of ours
@@ -116,8 +116,8 @@ def our_errors(effort: Effort) -> tuple[float, accuracy.Reference, list[Entry]]:
     found += _percentiles("tip_error_f64", accuracy.tip_errors_mm(ours.F64, CAST, truth, step))
     for dt_s, errors in by_step.items():
         found.append(Entry(f"tip_error_mm@{1e3 * dt_s:.3g}ms", float(np.median(errors)), "mm"))
-    witness = accuracy.witness_mm(CAST, truth, effort.witnesses)
-    found.append(_of_draws("reference_to_dop853_mm", witness))
+    independent = accuracy.independent_mm(CAST, truth, effort.independent)
+    found.append(_of_draws("reference_to_dop853_mm", independent))
     snap = accuracy.drawn_reference(SNAP, effort.draws)
     found.append(Entry("hand_fastest_m_s_snap", SNAP.fastest_m_s(), "m/s"))
     found.append(Entry("draws_regular_snap", len(snap.parameters), f"of {snap.drawn}"))
