@@ -201,7 +201,7 @@ def test_row67_a_video_replaced_by_an_older_one_of_its_size_is_found(trial: Tria
         (mjpeg, "video.avi", "decoder: mjpeg"),
     ],
 )
-def test_row9_without_a_hash_the_decoder_tells_of_flipped_bits(trial: Trial, make, name, words):
+def test_row9_without_a_hash_the_decoder_reports_flipped_bits(trial: Trial, make, name, words):
     damage(make(trial.folder / name), flipped(0.3, 0.9))
     found = trial.outcome()
     assert words in found.printed

@@ -67,7 +67,7 @@ def failure(kind: str, tmp_path: Path) -> BaseException:
         ("assertion", "wrong"),
     ],
 )
-def test_the_kinds_of_failure_are_told_apart(tmp_path: Path, how: str, kind: str) -> None:
+def test_the_kinds_of_failure_are_distinguished(tmp_path: Path, how: str, kind: str) -> None:
     assert kind_of(failure(how, tmp_path)) == kind
 
 

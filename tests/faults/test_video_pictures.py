@@ -12,7 +12,7 @@ from .conftest import SIZE, Trial, noisy, write_film
 
 
 @pytest.mark.slow
-def test_row18_a_rotation_tag_is_told_and_not_followed(trial: Trial):
+def test_row18_a_rotation_tag_is_reported_and_not_applied(trial: Trial):
     write_film(trial.folder / "video.mp4", rotation=90)
     found = trial.outcome()
     assert "requests a rotation by" in found.printed
@@ -66,7 +66,7 @@ def test_row21_levels_are_the_same_whatever_the_range(trial: Trial):
 
 
 @pytest.mark.slow
-def test_row21_a_range_that_the_levels_do_not_keep_to_is_told(trial: Trial):
+def test_row21_a_range_that_the_levels_do_not_keep_to_is_reported(trial: Trial):
     rng = np.random.default_rng(0)
     dark = [rng.integers(0, 60, SIZE[::-1]).astype(np.uint8) for _ in range(10)]
     write_film(trial.folder / "video.mkv", "ffv1", "yuv420p", dark)

@@ -62,7 +62,7 @@ def test_row13_a_phones_own_word_is_passed_on(trial: Trial):
     assert "its header says that it was filmed at 240 frames/s" in trial.outcome().printed
 
 
-def test_row13_the_true_rate_is_told_without_a_warning(trial: Trial):
+def test_row13_the_true_rate_is_reported_without_a_warning(trial: Trial):
     write_film(trial.folder / "video.mp4")
     trial.log(60 / RATE)
     trial.settings(TRUE_RATE)
@@ -101,7 +101,7 @@ def test_row15_too_many_dropped_frames_are_refused(trial: Trial):
     assert "36 of 96 frames are missing" in error.what
 
 
-def test_row15_no_miss_is_told_where_frames_were_dropped_at_the_closest_approach(trial: Trial):
+def test_row15_no_miss_is_reported_where_frames_were_dropped_at_the_closest_approach(trial: Trial):
     """The tip flies past the target in a straight line; the frames around that moment were dropped."""
     verdicts = []
     for gone in (range(0), range(26, 36)):

@@ -54,7 +54,7 @@ def other_host() -> list[str]:
     return before
 
 
-def test_a_second_run_is_refused_and_told_who_holds_it(tmp_path):
+def test_a_second_run_is_refused_and_names_the_holder(tmp_path):
     first = holder(tmp_path)
     with pytest.raises(StrandcastError, match=f"SC-W010.*process {first.pid} on .* since 20") as refused:
         locks.take(tmp_path, "demo")
