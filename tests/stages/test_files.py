@@ -1,6 +1,7 @@
 """Stages name their files by role alone, and only by roles that they declare."""
 
 import ast
+import errno
 import re
 
 import pytest
@@ -33,6 +34,19 @@ def test_files_have_roles_and_trials(files, tmp_path):
     assert estimate.optional("track", 3) is None
     assert estimate.output("ensemble") == results / "trial-03" / "ensemble.parquet"
     assert files("calibrate", 0).output("picture") == results / "cameras" / "main.webp"
+
+
+def test_an_arm_that_the_disk_refuses_is_not_taken_for_one_without_urdf(files, project_root, monkeypatch):
+    arm = project_root / "config" / "arms" / "planar3.toml"
+    monkeypatch.setattr("strandcast.stages.context.find_arm", lambda *_: arm)
+    assert [path.suffix for path in files("plan", 1).inputs("arm")] == [".toml", ".urdf"]
+
+    def refused(path):
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr("strandcast.stages.files.read_bounded", refused)
+    with pytest.raises(OSError, match="Input/output"):
+        files("plan", 1).inputs("arm")
 
 
 def test_an_undeclared_role_is_an_error(files):

@@ -90,7 +90,8 @@ def arm(job: Job) -> list[Path]:
     path = job.context.arm_file
     try:
         urdf = path.parent / load_toml(read_bounded(path))["urdf"]
-    except (OSError, ValueError, KeyError, TypeError):
+    # An error of the disk is raised: without its URDF, the lineage would be wrong in silence.
+    except (FileNotFoundError, ValueError, KeyError, TypeError):
         return [path]  # the stage reports what is wrong with it
     return [path, urdf] if urdf.is_file() else [path]
 
