@@ -670,7 +670,8 @@ def picture_readers() -> list[Reader]:
         read = lambda path: decoded(path.parent)  # noqa: E731
         readers.append(Reader(f"video, folder of {suffix}", numbered_picture(suffix), read, memory_mb=1500))
     for suffix in ("png", "jpg", "tif", "webp", "bmp"):
-        readers.append(Reader(f"photo, {suffix}", photo(suffix), photographed, memory_mb=1500))
+        # OpenCV believes the size of a damaged chunk, up to 2 GB; the decoding process has less.
+        readers.append(Reader(f"photo, {suffix}", photo(suffix), photographed, memory_mb=2500))
     return [*readers, Reader("picture of a page", photo("webp"), thumbnail, memory_mb=1500)]
 
 

@@ -17,7 +17,7 @@ from strandcast.records.provenance import current_versions
 from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK, TrackSummary
 from strandcast.records.verdict import Verdict
-from strandcast.report.experiment_page import experiment_page
+from strandcast.report.experiment_page import _thumbnail, experiment_page
 from strandcast.report.facts import Facts
 from strandcast.report.measures import arc_length_m, strobe_rows, tip_error_m
 from strandcast.report.panels.content import PanelContent
@@ -435,3 +435,15 @@ def test_text_within_figures_is_text(results: Path, tmp_path: Path) -> None:
     assert "<script" not in page
     assert f"{EVIL}: velocity" in Tags(page).text
     assert f"search: {EVIL}" in Tags(page).text
+
+
+@pytest.mark.parametrize(
+    "limit", ["strandcast.report.experiment_page.MOST_PIXELS", "PIL.Image.MAX_IMAGE_PIXELS"]
+)
+def test_a_picture_of_absurdly_many_pixels_has_no_thumbnail(
+    results: Path, monkeypatch: pytest.MonkeyPatch, limit: str
+) -> None:
+    picture = (results / "trial-03" / "strobe.webp").read_bytes()
+    assert _thumbnail(picture) is not None
+    monkeypatch.setattr(limit, 1000)
+    assert _thumbnail(picture) is None

@@ -105,7 +105,7 @@ def _thumbnail(picture: bytes | None) -> str | None:
         if image.width * image.height > MOST_PIXELS:
             return None
         image = image.convert("RGB")
-    except (OSError, ValueError, SyntaxError):
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         return None
     image.thumbnail((THUMBNAIL_PX, THUMBNAIL_PX))
     image.save(out, "WEBP", quality=60, method=4)
