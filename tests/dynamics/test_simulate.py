@@ -47,6 +47,13 @@ def test_same_bytes_on_one_thread_and_in_any_batch():
     assert set(status) == {OK}
 
 
+def test_no_strings_have_no_results():
+    parameters, masses = batch_of(0)
+    batch, status = simulate_batch(MODEL, parameters, masses, TIME_S, POSE, OUT_S)
+    assert batch.shape == (0, len(OUT_S), 6, 2)
+    assert status.shape == (0,)
+
+
 def test_each_candidate_has_its_own_hand_curl_clamp_and_factors():
     parameters, masses = batch_of(3)
     hands = POSE + np.array([0.0, 0.05, -0.1])[:, None, None] * np.sin(5 * TIME_S)[:, None]

@@ -166,6 +166,9 @@ def _pass(batch: Batch, finer: int) -> Array:
     model, candidates, hand = batch.model, batch.candidates, batch.hand
     spec, scheme = vector_spec(model.precision), SCHEMES.get(model.integrator)
     steps, reading = batch.steps * finer, READINGS.index(model.reading)
+    kept = np.empty((len(candidates.masses), RESULTS))
+    if not len(kept):
+        return kept
     fixed = candidates.fixed
     settings = StepSettings(
         step=model.dt_s / finer,
@@ -182,7 +185,6 @@ def _pass(batch: Batch, finer: int) -> Array:
     if not own:
         drive(hand.time_s, hand.pose[0], settings.step, steps, 0, common)
     outputs = batch.outputs._replace(at=batch.outputs.at * finer)
-    kept = np.empty((len(candidates.masses), RESULTS))
 
     def run(first: int, last: int) -> None:
         work = workspace(spec, model.points, steps if own else 0)
