@@ -9,9 +9,9 @@ import pytest
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import TrialFolder
-from strandcast.video.formats import FRAME_READERS, reader_of
 from strandcast.video.ingest import camera_times, inspect_video
 from strandcast.video.reader import open_video
+from strandcast.video.registry import FRAME_READERS, reader_of
 
 PAGE = "docs/extending/frame-reader.md"
 

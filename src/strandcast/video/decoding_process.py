@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from strandcast.errors import StrandcastError
-from strandcast.video.formats import open_source, probe
+from strandcast.video.registry import open_source, probe
 from strandcast.video.source import Grey, Source, VideoInfo, is_copy
 
 RING_BYTES = 64 << 20

@@ -8,8 +8,8 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.manifest import Gap, VideoFacts
 from strandcast.video.files import check_video_path, damaged, video_sha256
-from strandcast.video.formats import probe
 from strandcast.video.isolated import ProcessLimits, probe_isolated
+from strandcast.video.registry import probe
 from strandcast.video.source import Contents
 
 GAP_FACTOR = 1.5  # chosen: frame interval relative to the usual one above which frames are missing

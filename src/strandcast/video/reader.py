@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.video.files import check_video_path
-from strandcast.video.formats import open_source
 from strandcast.video.isolated import ProcessLimits, decode_isolated
+from strandcast.video.registry import open_source
 from strandcast.video.source import Grey, Source, VideoInfo, is_copy
 
 MAX_REPORTED = 5  # chosen: kinds of decoder messages, and runs of copies
