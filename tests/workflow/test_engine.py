@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -38,11 +39,22 @@ def alive(pid: int) -> bool:
     return state != "Z"
 
 
-def start(tmp_path: Path, engine: str = ENGINE, **options) -> tuple[subprocess.Popen, int]:
+def with_sighup(handling: signal.Handlers) -> Callable[[], None]:
+    """Return what a process starts with; the tests themselves may run under nohup."""
+
+    def begin() -> None:
+        signal.signal(signal.SIGHUP, handling)
+
+    return begin
+
+
+def start(
+    tmp_path: Path, engine: str = ENGINE, sighup: signal.Handlers = signal.SIG_DFL
+) -> tuple[subprocess.Popen, int]:
     """Start a run; return it and the process of its job."""
     pids = tmp_path / "pids"
     line = [sys.executable, "-c", RUN, engine.format(pids=pids)]
-    run = subprocess.Popen(line, stderr=subprocess.PIPE, text=True, **options)
+    run = subprocess.Popen(line, stderr=subprocess.PIPE, text=True, preexec_fn=with_sighup(sighup))
     while not pids.is_file() or not pids.read_text().strip():
         assert run.poll() is None
         time.sleep(0.02)
@@ -71,6 +83,7 @@ def test_a_closed_terminal_ends_a_run_too(tmp_path):
         stdin=slave,
         stdout=slave,
         stderr=slave,
+        preexec_fn=with_sighup(signal.SIG_DFL),
     )
     os.close(slave)
     while not pids.is_file() or not pids.read_text().strip():
@@ -90,7 +103,7 @@ def test_jobs_that_do_not_end_are_killed(tmp_path):
 
 
 def test_a_run_under_nohup_goes_on_when_the_terminal_closes(tmp_path):
-    run, job = start(tmp_path, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
+    run, job = start(tmp_path, sighup=signal.SIG_IGN)
     run.send_signal(signal.SIGHUP)
     time.sleep(0.3)
     assert run.poll() is None
