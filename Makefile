@@ -26,7 +26,7 @@ $(BIN)/python:
 
 # $(call install,ENVIRONMENT,ARGUMENTS) installs pinned packages. uv takes a tenth of pip's time; where it finds no
 # package index, because it does not read pip's configuration, pip does the work, and says what is wrong.
-install = $(BIN)/uv pip install --quiet --python $(1)/bin/python --require-hashes --no-build-isolation $(2) 2>/dev/null || \
+install = $(BIN)/uv pip install --quiet --compile-bytecode --python $(1)/bin/python --require-hashes --no-build-isolation $(2) 2>/dev/null || \
   $(1)/bin/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation $(2)
 
 # Source packages are built with the pinned setuptools, never with one fetched on the side.

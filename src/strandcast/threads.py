@@ -5,12 +5,13 @@ numba's own parallel loops would compile the body of each kernel three times mor
 
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from itertools import pairwise
 
 from numba import config
 
-PARTS = 4  # ranges per thread, so that a thread on a busy core leaves work to the others (chosen)
+PARTS = 2  # ranges per thread, so that a thread on a busy core leaves work to the others (chosen)
 
 
 class _Threads:
@@ -29,17 +30,33 @@ os.register_at_fork(after_in_child=_threads.forget)
 
 
 def over_ranges(count: int, kernel: Callable[[int, int], None]) -> None:
-    """Call ``kernel(first, last)`` side by side on ranges that make up 0…count; raise the first error."""
+    """Call ``kernel(first, last)`` side by side on ranges that make up 0…count; raise the first error.
+
+    The calling thread works too, and waits for no thread that has not begun: waking one takes as long as a
+    small kernel.
+    """
     threads = _threads.count
     parts = min(count, PARTS * threads)
     if threads == 1 or parts < 2:
         kernel(0, count)
         return
     if _threads.pool is None:
-        _threads.pool = ThreadPoolExecutor(threads, "kernel")
+        _threads.pool = ThreadPoolExecutor(threads - 1, "kernel")
     ends = [count * part // parts for part in range(parts + 1)]
-    for done in [_threads.pool.submit(kernel, *ends[k : k + 2]) for k in range(parts)]:
-        done.result()
+    ranges = iter(list(pairwise(ends)))  # each thread takes the next one
+
+    def work() -> None:
+        for first, last in ranges:
+            kernel(first, last)
+
+    others = [_threads.pool.submit(work) for _ in range(threads - 1)]
+    try:
+        work()
+    finally:
+        wait([other for other in others if not other.cancel()])
+    for other in others:
+        if not other.cancelled():
+            other.result()
 
 
 @contextmanager

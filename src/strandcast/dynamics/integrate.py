@@ -1,6 +1,7 @@
 """Time integration of candidates: the loop over steps, and the outputs on the way."""
 
 import math
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,22 +80,18 @@ class Workspace(NamedTuple):
 
 def workspace(spec: VectorSpec, points: int, own_steps: int) -> Workspace:
     """Return work arrays for strings of so many points; `own_steps` with a path for each lane, or 0."""
-
-    def rows(count: int) -> Any:
-        flat = np.empty(count * spec.width + _LINE, spec.dtype)
-        first = (-flat.ctypes.data % _LINE) // flat.itemsize
-        return flat[first : first + count * spec.width].reshape(count, spec.width)
-
-    return Workspace(
-        StringArrays(points, rows(COEFFICIENTS), rows(points), rows(points)),
-        StringMotion(rows(2 * points), rows(2 * points + 2), rows(2 * points + 2)),
-        rows(ROWS * (points + 1)),
-        rows(2 * points),
-        rows(RESULTS),
-        rows(2),
-        rows(max(own_steps * DRIVING, 1)),
-        np.empty((2, spec.width if own_steps else 1)),
+    n, width = points, spec.width
+    sizes = (
+        *(COEFFICIENTS, n, n, 2 * n, 2 * n + 2, 2 * n + 2),
+        *(ROWS * (n + 1), 2 * n, RESULTS, 2, max(own_steps * DRIVING, 1)),
     )
+    flat = np.empty(sum(sizes) * width + _LINE, spec.dtype)
+    first = (-flat.ctypes.data % _LINE) // flat.itemsize
+    rows = flat[first : first + sum(sizes) * width].reshape(-1, width)
+    ends = list(accumulate(sizes, initial=0))
+    c, mass, factor, d, v, dv, *others = (rows[start:end] for start, end in pairwise(ends))
+    hand_place = np.empty((2, width if own_steps else 1))
+    return Workspace(StringArrays(n, c, mass, factor), StringMotion(d, v, dv), *others, hand_place)
 
 
 @njit(**INLINED)
