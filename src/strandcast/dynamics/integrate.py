@@ -89,9 +89,11 @@ def workspace(spec: VectorSpec, points: int, own_steps: int) -> Workspace:
     first = (-flat.ctypes.data % _LINE) // flat.itemsize
     rows = flat[first : first + sum(sizes) * width].reshape(-1, width)
     ends = list(accumulate(sizes, initial=0))
-    c, mass, factor, d, v, dv, *others = (rows[start:end] for start, end in pairwise(ends))
+    parts = [rows[start:end] for start, end in pairwise(ends)]
+    c, mass, factor, d, v, dv, scheme, place, results, shift, path = parts
+    string, motion = StringArrays(n, c, mass, factor), StringMotion(d, v, dv)
     hand_place = np.empty((2, width if own_steps else 1))
-    return Workspace(StringArrays(n, c, mass, factor), StringMotion(d, v, dv), *others, hand_place)
+    return Workspace(string, motion, scheme, place, results, shift, path, hand_place)
 
 
 @njit(**INLINED)
