@@ -102,7 +102,7 @@ def kill(run: subprocess.Popen[bytes], victim: str) -> list[psutil.Process]:
 def kill_runs(
     folder: Path, expected: dict[str, str], kills: int, longest_s: float, rng: random.Random
 ) -> Tally:
-    """Kill a run, start it again, and so on; begin anew whenever a run has reached its end."""
+    """Kill a run, start it again, and so on; after a run that reached its end, start from nothing."""
     tally, root, log = Tally(), folder / "runs", folder / "run.log"
     living: list[psutil.Process] = []
     while tally["tried"] < kills or root.exists():

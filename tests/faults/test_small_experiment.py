@@ -25,7 +25,7 @@ HOSTILE = {
 }
 # Decimal commas, another letter i and 8 bits; 12:45 h ahead, with summer time.
 LOCALE = "tr_TR.ISO-8859-9"
-CHATHAM = "XXX-12:45YYY,M9.5.0/2:45,M4.1.0/3:45"
+CHATHAM = "CHAST-12:45CHADT,M9.5.0/2:45,M4.1.0/3:45"
 IN_PYTHON = """
 import sys
 from pathlib import Path
