@@ -18,6 +18,8 @@ from strandcast.imports.motion_capture import import_capture
 from strandcast.records.joint_log import read_run
 from strandcast.records.track import read_track
 
+from .fuzzing import ODD
+
 CASES = int(os.environ.get("STRANDCAST_FUZZ_CASES", "300"))
 FUZZ = settings(
     max_examples=CASES,
@@ -26,44 +28,7 @@ FUZZ = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 
-CELLS = [
-    "",
-    '"',
-    '"1"',
-    '"1"2',
-    "1_0",
-    "nan",
-    "inf",
-    "-1e300",
-    "1e300",
-    "1e999",
-    "1e-320",
-    "0",
-    "-1",
-    "7",
-    "1e9",
-]
-CELLS += [
-    "0x1",
-    "0.1",
-    "+.1e0",
-    '"0.1"',
-    " 0.12 ",
-    "1,5",
-    "1;5",
-    "١",
-    "é",
-    "\x0b",
-    "\x1c",
-    "\u2028",
-    "\r",
-    "\t",
-    " ",
-    "#",
-    "\0",
-    "9" * 5000,
-    "x" * 140000,
-]
+CELLS = [*ODD, '"1"', "9" * 5000, "x" * 140000]
 Change = tuple[str, int, int, str]
 CHANGES = st.lists(
     st.tuples(
