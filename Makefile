@@ -9,6 +9,7 @@ BIN := $(VENV)/bin
 DRIVERS := .venv-drivers
 FRANKA_SIM := .venv-franka-sim
 AUDIT := .venv-audit
+DOCS := .venv-docs
 CORES ?= 2
 JOBS ?= $(CORES)
 SEEDS ?= 3
@@ -45,8 +46,8 @@ $(VENV)/dev.stamp: requirements/dev.lock $(VENV)/runtime.stamp
 	@$(call install,$(VENV),-r $<)
 	@touch $@
 
-$(VENV)/bench.stamp: requirements/bench.lock $(VENV)/runtime.stamp
-	@echo "set-up: installing the pinned peers of the benchmark"
+$(VENV)/studies.stamp: requirements/studies.lock $(VENV)/runtime.stamp
+	@echo "set-up: installing the pinned packages of the studies"
 	@$(call install,$(VENV),-r $<)
 	@touch $@
 
@@ -60,6 +61,12 @@ $(AUDIT)/audit.stamp: requirements/audit.lock | $(VENV)/build.stamp
 	@echo "set-up: installing the tools of the audit in $(AUDIT)"
 	@rm -rf $(AUDIT) && $(BIN)/python -m venv $(AUDIT)
 	@$(call install,$(AUDIT),--only-binary :all: -r $<)
+	@touch $@
+
+$(DOCS)/docs.stamp: requirements/docs.lock | $(VENV)/build.stamp
+	@echo "set-up: installing the pinned packages of the documentation in $(DOCS)"
+	@rm -rf $(DOCS) && $(BIN)/python -m venv $(DOCS)
+	@$(call install,$(DOCS),--only-binary :all: -r $<)
 	@touch $@
 
 # The vendors' packages stay out of the demo's environment: this one extends it.
@@ -112,20 +119,29 @@ faults-nightly: $(VENV)/dev.stamp fuzz  ## `make fuzz`, kill runs and stages, an
 
 .PHONY: test-drivers
 test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run the drivers' tests, against a Franka controller and a simulated UR
-	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/executor/drivers
+	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/executor/drivers tests/exports
 
 .PHONY: fuzz
 fuzz: $(VENV)/fuzz.stamp  ## damage the files of every reader 10,000 times, with and without guidance by coverage; hours
 	@$(BIN)/python -m tests.faults.nightly
 	@$(BIN)/python -m tests.faults.nightly --guided
 
+.PHONY: docs
+docs: $(DOCS)/docs.stamp  ## build the documentation as a site, build/site/index.html; a broken link is an error
+	@NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build
+
 .PHONY: audit
 audit: $(AUDIT)/audit.stamp  ## compare the pinned packages with the known vulnerabilities (needs the network)
-	@failed=; for name in build runtime dev bench drivers franka-sim fuzz audit; do \
+	@failed=; for name in build runtime player dev studies drivers franka-sim fuzz audit docs; do \
 	  echo "requirements/$$name.lock"; \
 	  $(AUDIT)/bin/pip-audit --strict --require-hashes --disable-pip --progress-spinner off -r requirements/$$name.lock \
 	    2>&1 | tail -n 20 || failed=1; done; \
 	  [ -z "$$failed" ] || { echo "a known vulnerability, or no service that could be asked: see above"; exit 1; }
+
+.PHONY: wheel
+wheel: $(VENV)/runtime.stamp  ## build dist/strandcast-*.whl with compiled kernels, by running the demo; minutes
+	@$(BIN)/python -m strandcast_studies.kernel_seeds build/kernels
+	@$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist .
 
 .PHONY: sbom
 sbom: $(AUDIT)/audit.stamp  ## list the packages of an installation as CycloneDX JSON: results/sbom.json
@@ -135,11 +151,11 @@ sbom: $(AUDIT)/audit.stamp  ## list the packages of an installation as CycloneDX
 	  { echo "results/sbom.json does not name every pinned package"; exit 1; }
 
 .PHONY: bench
-bench: $(VENV)/bench.stamp  ## compare the string's speed and error with MuJoCo, PyElastica and numpy: results/bench.json
+bench: $(VENV)/studies.stamp  ## compare the string's speed and error with MuJoCo, PyElastica and numpy: results/bench.json
 	@$(BIN)/python -m strandcast_studies.benchmarks.simulation.run --threads $(CORES)
 
 .PHONY: bench-video
-bench-video: $(VENV)/runtime.stamp  ## compare the tracker's errors and speed with peers: results/bench-video.md; about 40 minutes
+bench-video: $(VENV)/studies.stamp  ## compare the tracker's errors and speed with peers: results/bench-video.md; about 40 minutes
 	@$(BIN)/python -m strandcast_studies.benchmarks.video.run $(if $(WORK),--work $(WORK))
 
 .PHONY: bench-streaming
@@ -154,12 +170,16 @@ bench-loop: $(VENV)/runtime.stamp  ## run the loop on seven strings, 15 seeds, t
 bench-drawn: $(VENV)/runtime.stamp  ## run the loop on sixty random strings, targets and servos: results/bench-drawn.json; 45 minutes of one core
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS)
 
+.PHONY: bench-agents
+bench-agents: $(VENV)/studies.stamp  ## compare planners, random search and CMA-ES by their misses per throw: results/bench-agents; hours
+	@$(BIN)/python -m strandcast_studies.benchmarks.agents.run --jobs $(JOBS)
+
 .PHONY: error-budget
 error-budget: $(VENV)/runtime.stamp  ## split the misses of bench-loop by cause: results/error-budget.json
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.error_budget results/bench-loop/default/usual --jobs $(JOBS)
 
 .PHONY: real
-real: $(VENV)/runtime.stamp  ## predict real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
+real: $(VENV)/studies.stamp  ## predict real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
 	@$(BIN)/python -m strandcast_studies.evidence.run
 
 .PHONY: claims
@@ -172,25 +192,30 @@ check: $(VENV)/dev.stamp  ## check lint, formats, types, import rules and the wo
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/lint-imports --no-cache
-	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/snakefmt --check Snakefile workflow src/strandcast_studies/paper/Snakefile
+	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/snakefmt --check Snakefile workflow src/strandcast_studies/paper/Snakefile src/strandcast/workflow/template/Snakefile
 	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/snakemake --lint
 
 .PHONY: format
 format: $(VENV)/dev.stamp  ## format code and workflow
 	@$(BIN)/ruff check --fix --quiet . || true
 	@$(BIN)/ruff format --quiet .
-	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/snakefmt Snakefile workflow src/strandcast_studies/paper/Snakefile
+	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/snakefmt Snakefile workflow src/strandcast_studies/paper/Snakefile src/strandcast/workflow/template/Snakefile
+
+PIN = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --annotation-style line
+PIN_LIKE_RUNTIME = $(PIN) --constraint requirements/runtime.lock
 
 .PHONY: lock
-lock: $(VENV)/build.stamp  ## pin requirements/*.in again
-	@for name in build runtime franka-sim audit; do \
-	  $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --annotation-style line \
-	    requirements/$$name.in -o requirements/$$name.lock; done
-	@for name in dev bench drivers fuzz; do \
-	  $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --annotation-style line \
-	    -c requirements/runtime.lock requirements/$$name.in -o requirements/$$name.lock; done
+lock: $(VENV)/build.stamp  ## pin pyproject.toml and requirements/*.in again
+	@for name in build franka-sim audit docs; do $(PIN) requirements/$$name.in -o requirements/$$name.lock; done
+	@$(PIN) pyproject.toml -o requirements/runtime.lock
+	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra gym --extra studies -o requirements/studies.lock
+	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra franka --extra mcap --extra rerun --extra ros --extra ur -o requirements/drivers.lock
+	@for name in dev fuzz; do $(PIN_LIKE_RUNTIME) pyproject.toml requirements/$$name.in -o requirements/$$name.lock; done
+	@$(BIN)/python -c 'import tomllib; \
+	  print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["player"], sep="\n")' | \
+	  $(PIN_LIKE_RUNTIME) - -o requirements/player.lock
 
 .PHONY: clean
 clean:  ## remove the environment and caches; data and results stay
-	@rm -rf $(VENV) $(DRIVERS) $(FRANKA_SIM) $(AUDIT) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@rm -rf $(VENV) $(DRIVERS) $(FRANKA_SIM) $(AUDIT) $(DOCS) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -43,7 +43,7 @@ def test_comments_and_docstrings_do_not_count(tmp_path, project_root):
 def test_a_constant_that_a_kernel_imports_counts(tmp_path):
     package = tmp_path / "strandcast"
     package.mkdir()
-    for name in ("__init__", "kernel_cache", "source_code"):
+    for name in ("__init__", "kernel_cache", "kernel_seed", "source_code"):
         shutil.copy(Path(strandcast.__file__).with_name(f"{name}.py"), package)
     (package / "kernel.py").write_text("from numba import njit\nfrom strandcast.numbers import WIDTH\n")
     (package / "numbers.py").write_text("WIDTH = 1\n")

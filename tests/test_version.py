@@ -11,3 +11,8 @@ def test_changelog_and_citation_name_this_version(project_root):
     assert newest is not None
     assert cited is not None
     assert newest[1] == cited[1] == strandcast.__version__
+
+
+def test_the_image_has_this_version(project_root):
+    pages = "".join((project_root / name).read_text() for name in ("Dockerfile", "docs/how-to/install.md"))
+    assert set(re.findall(r"strandcast:(\d[\w.]*)", pages)) == {strandcast.__version__}

@@ -10,9 +10,10 @@ from strandcast.kernel_cache import use_own_cache
 if TYPE_CHECKING:
     import pandas as pd
 
+    from strandcast.api import Project
     from strandcast.records.record import Record
 
-__all__ = ["__version__", "load"]
+__all__ = ["__version__", "load", "open"]
 __version__ = "0.2.0"
 
 use_own_cache()
@@ -26,3 +27,10 @@ def load(path: str | Path) -> Record | pd.DataFrame:
     from strandcast.records.load import load as load_result  # pandas and pyarrow are heavy: not at start-up
 
     return load_result(path)
+
+
+def open(root: str | Path = ".") -> Project:
+    """Return a project by its folder, the one that holds data/ and results/; see docs/reference/api.md."""
+    from strandcast.api import Project  # heavy too
+
+    return Project(Path(root))

@@ -15,21 +15,41 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from strandcast.kernel_seed import LEVELS, cpu_levels, plant, seed_name
 from strandcast.source_code import cache_folder, source_cache
 
 PACKAGE = Path(__file__).resolve().parent
 MARK = b"njit"
+COMPILED_AHEAD = "compiled-ahead"  # a file in the folder, once `strandcast.kernels_ahead` has filled it
 # Kernels outside this package, as those of a scheme of one's own, are kept as numba does it by itself.
 LOCATORS = "strandcast.kernel_locator.KernelLocator,UserProvidedCacheLocator"
 
 
 def use_own_cache() -> None:
     """Set numba's cache to the folder of these kernels, unless the user has set NUMBA_CACHE_DIR."""
+    level = _target()
     if "NUMBA_CACHE_DIR" not in os.environ:
         folder = _writable_folder()
         if folder is not None:
-            os.environ["NUMBA_CACHE_DIR"] = str(folder / kernels_sha256()[:16])
+            own = folder / f"{kernels_sha256()[:16]}-{seed_name(level)}"
+            plant(own, level, kernels_sha256())
+            os.environ["NUMBA_CACHE_DIR"] = str(own)
     os.environ.setdefault("NUMBA_CACHE_LOCATOR_CLASSES", LOCATORS)
+
+
+def _target() -> str:
+    """Set and return what numba compiles for: the processor's level, unless the user has set NUMBA_CPU_NAME.
+
+    For its level, not for its model: machine code can be passed on, numbers are the same on more computers,
+    and speed is within 2 % (docs/decisions/0010-determinism.md).
+    """
+    if os.environ.get("NUMBA_CPU_NAME") in set(LEVELS).difference(
+        cpu_levels()
+    ):  # a cluster's login node set it
+        del os.environ["NUMBA_CPU_NAME"]
+    if cpu_levels() and "NUMBA_CPU_NAME" not in os.environ:
+        os.environ |= {"NUMBA_CPU_NAME": cpu_levels()[-1], "NUMBA_CPU_FEATURES": ""}
+    return os.environ.get("NUMBA_CPU_NAME", "host")
 
 
 @cache

@@ -3,9 +3,11 @@
 from pathlib import Path
 from typing import Any
 
+from numba.core import event
 from numba.core.caching import UserProvidedCacheLocator
 
 from strandcast.kernel_cache import kernels_sha256
+from strandcast.progress import Progress
 
 PACKAGE = Path(__file__).resolve().parent
 
@@ -34,3 +36,20 @@ class KernelLocator(UserProvidedCacheLocator):
     def get_disambiguator(self) -> str:
         """Return the same for all functions: within a file, their names differ."""
         return ""
+
+
+class _Compiling(event.Listener):
+    """Says that kernels are compiled, and how many were."""
+
+    def __init__(self) -> None:
+        self.count, self.progress = 0, Progress("compiling kernels, once")
+
+    def on_start(self, event: Any) -> None:
+        self.count += 1
+        self.progress(self.count)
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+event.register("numba:compile", _Compiling())

@@ -1,4 +1,4 @@
-"""The content of source files: a hash of the code without comments and docstrings, and the imports.
+"""The content of source files: a hash of the code without comments and descriptions, and the imports.
 
 Parsing all files takes seconds, so the results are kept in the user's cache, by the files' content.
 """
@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-FORMAT = f"1-{sys.version_info.major}.{sys.version_info.minor}"  # ast.dump differs between versions of Python
+FORMAT = f"2-{sys.version_info.major}.{sys.version_info.minor}"  # ast.dump differs between versions of Python
 
 MOST = 4000  # contents of files that are remembered, some 2 MB (chosen; the package has 300 files)
 
@@ -89,7 +89,7 @@ def source_cache() -> SourceCache:
 
 
 def parse(text: bytes) -> SourceCode:
-    """Parse a file: its tree without docstrings, and the modules and names that it imports."""
+    """Parse a file: its tree without docstrings and settings' descriptions, and the names that it imports."""
     tree = ast.parse(text)
     imports: set[str] = set()
     for node in ast.walk(tree):
@@ -98,6 +98,8 @@ def parse(text: bytes) -> SourceCode:
         elif isinstance(node, ast.ImportFrom) and node.module:
             imports.add(node.module)
             imports.update(f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Field":
+            node.keywords = [each for each in node.keywords if each.arg != "description"]
         body = getattr(node, "body", None)
         if isinstance(body, list) and body and _is_docstring(body[0]):
             body[0] = ast.Pass()

@@ -1,17 +1,24 @@
 """The command line: one clear message and the right exit code; each command imports only what it needs."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import typer
 
+from strandcast.cli.commands_page import commands_page
+from strandcast.cli.main import CARE, DAILY, EXCHANGE, LAB, SET_UP, app
+from strandcast.cli.main import STAGES as SINGLE
 from strandcast.cli.stages import stage_commands
 from strandcast.stages.declarations import STAGES
 
 pytestmark = pytest.mark.slow
+GROUPS = {DAILY, SET_UP, CARE, SINGLE, LAB, EXCHANGE}
 
 
 @pytest.fixture
@@ -29,14 +36,22 @@ def strandcast(root: Path, *arguments: str) -> subprocess.CompletedProcess:
     ("arguments", "code", "words"),
     [
         (["check", "dmeo"], 2, "did you mean 'demo'?"),
-        (["estimate", "demo", "1"], 4, "track.parquet"),
-        (["ingest", "demo", "1"], 2, "expected one video.* file"),
-        (["lab-throw", "demo", "1"], 2, "motion.json"),
+        (["estimate", "demo", "1"], 2, "make it first: strandcast reconstruct demo 1"),
+        (["ingest", "demo", "1"], 2, "make it first: strandcast lab-throw demo 1"),
+        (["lab-throw", "demo", "1"], 2, "make it first: strandcast plan demo 1"),
+        (["exclude", "demo", "2", "--reason", "x"], 2, "there is no trial 2"),
+        (["exclude", "demo", "1"], 2, "Missing option '--reason'"),
+        (["status", "dmeo"], 2, "did you mean 'demo'?"),
         (["check", "../x"], 2, "is not a valid name of an experiment"),
-        (["run", "demo"], 3, "there is no workflow/Snakefile here"),
+        (["run", "demo"], 3, "no project is here"),
         (["play", "nothing.json", "--arm", "config/arms/planar3.toml", "--out", "x"], 2, "nothing.json"),
         (["import", "joints", "demo", "1", "nothing.csv"], 4, "nothing.csv"),
         (["estimate", "demo", "0"], 2, "TRIAL"),
+        (["run", "demo", "--jobs", "3", "--cores", "2"], 2, "3 jobs need at least 3 cores"),
+        (["run", "demo", "--until"], 2, "strandcast run: Option '--until' requires an argument"),
+        (["rn"], 2, "Did you mean 'run'?"),
+        (["estimate"], 2, "Missing argument 'EXPERIMENT'"),
+        (["check", "demo", "--jsn"], 2, "No such option: --jsn"),
     ],
 )
 def test_a_users_error_is_one_message(root, arguments, code, words):
@@ -44,7 +59,78 @@ def test_a_users_error_is_one_message(root, arguments, code, words):
     assert run.returncode == code, run.stderr
     assert words in run.stderr
     assert "Traceback" not in run.stderr
-    assert "Fix:" in run.stderr or "Usage:" in run.stderr
+    assert run.stderr.count("SC-") == run.stderr.count("Fix:") == 1
+    assert run.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "problem"),
+    [
+        (["verify", "dmeo", "--json"], 2, "SC-F001"),
+        (["estimate", "demo", "x", "--json"], 2, "SC-W020"),
+        (["estimate", "demo", "1", "--json"], 2, "SC-W030"),
+    ],
+)
+def test_with_json_an_error_is_one_object(root, arguments, code, problem):
+    run = strandcast(root, *arguments)
+    printed = json.loads(run.stdout)
+    assert (printed["code"], printed["exit_code"], run.returncode) == (problem, code, code)
+    assert printed["message"]
+    assert printed["fix"]
+    assert {"file", "field", "line", "cost"} < set(printed)
+
+
+def test_several_errors_are_one_object(root):
+    path = root / "config" / "experiments" / "demo.yaml"
+    path.write_text("string: {length_m: 300}\nsede: 3\n")
+    printed = json.loads(strandcast(root, "verify", "demo", "--json", "--", "--json").stdout)
+    assert printed["code"] == "SC-F005"  # after `--`, an experiment of that name
+    printed = json.loads(strandcast(root, "boards", "demo", "--json").stdout)
+    assert {each["field"] for each in printed["problems"]} >= {"string.length_m", "sede"}
+
+
+def commands() -> Iterator[tuple[str, ...]]:
+    """Yield the names of all commands, and of those within commands."""
+    for name, command in typer.main.get_command(app).commands.items():
+        inner = getattr(command, "commands", None)
+        yield from ((name, each) for each in inner) if inner else [(name,)]
+
+
+@pytest.mark.parametrize("command", [each for each in commands() if each != ("check",)], ids=" ".join)
+def test_every_command_has_json_and_a_group(command):
+    found = typer.main.get_command(app)
+    for name in command:
+        found = found.commands[name]
+    assert "--json" in {option for each in found.params for option in each.opts}
+    assert found.help
+    assert len(command) == 2 or found.rich_help_panel in GROUPS
+
+
+def test_the_page_of_commands_is_current(project_root):
+    page = (project_root / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
+    assert page == commands_page(), "run: python -m strandcast.cli.commands_page > docs/reference/commands.md"
+
+
+def completed(root: Path, words: str) -> list[str]:
+    """Return what bash would offer at the end of a command line."""
+    asked = {
+        "_STRANDCAST_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(words.count(" ")),
+    }
+    line = [sys.executable, "-m", "strandcast"]
+    run = subprocess.run(line, cwd=root, capture_output=True, text=True, check=True, env=os.environ | asked)
+    return run.stdout.split()
+
+
+def test_names_and_trials_are_completed(root):
+    (root / "data/rope/trial-03").mkdir(parents=True)
+    (root / "data/rope/experiment.yaml").touch()
+    (root / "results/rope/trial-12").mkdir(parents=True)
+    assert completed(root, "strandcast run ro") == ["rope"]
+    assert completed(root, "strandcast track d") == ["demo"]
+    assert completed(root, "strandcast track rope ") == ["3", "12"]
+    assert completed(root, "strandcast veri") == ["verify"]
 
 
 def test_check_and_schema(root):

@@ -3,6 +3,7 @@
 Row 95 of the fault list: also where the shell sets libraries, language and time.
 """
 
+import json
 import os
 import shutil
 import subprocess
@@ -11,6 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from strandcast.kernels_ahead import SIGNATURES
 
 from .small import JOBS, NAME, PROJECT, arguments, environment, hashes, make_project, make_whole
 
@@ -88,7 +91,7 @@ def test_every_door_gives_the_same_bytes(door: Callable[[Path], None], whole: Pa
     door(root)
     found, expected = hashes(root), hashes(whole)
     assert {name for name in found | expected if found.get(name) != expected.get(name)} == set()
-    assert len(found) == 37
+    assert len(found) == 38
 
 
 def counted(whole: Path, *line: str) -> str:
@@ -112,3 +115,14 @@ def test_a_refused_system_call_ends_in_an_error_code_and_leaves_no_part_of_a_fil
     said = counted(whole, "refused_calls", "--sample", "16", "--stages", "ingest,reconstruct,score,report")
     assert "refused calls: " in said
     assert "16 tried" in said
+
+
+def test_the_kernels_that_stages_call_can_be_compiled_ahead(whole: Path, tmp_path: Path) -> None:
+    root = Path(shutil.copytree(whole, tmp_path / "project"))
+    line = [sys.executable, "-m", "strandcast_studies.kernel_signatures", NAME]
+    done = subprocess.run(line, cwd=root, env=environment(), capture_output=True, text=True, check=True)
+    called, known = json.loads(done.stdout), json.loads(SIGNATURES.read_text())
+    unknown = {name: [kinds for kinds in called[name] if kinds not in known.get(name, ())] for name in called}
+    assert {name for name, kinds in unknown.items() if kinds} == set()  # else: see kernel_signatures.py
+    assert "strandcast.tracking.chain.fit:fit_frame" in called
+    run(root, ["-m", "strandcast.kernels_ahead"])

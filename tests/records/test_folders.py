@@ -43,16 +43,26 @@ def test_none_or_two_are_refused_by_name(trial, names):
 
 
 @pytest.mark.parametrize(
-    "name", ["video.mp4", "video.mraw", "video.cihx", "video.cine", "video.tif", "video"]
+    "name",
+    ["video.mp4", "Video.MP4", "VIDEO.Avi", "video.mraw", "video.cihx", "video.cine", "video.tif", "video"],
 )
 def test_a_trial_with_any_kind_of_video_is_recorded(tmp_path, name):
     trial = ExperimentFolder(tmp_path, "e").trial(1)
-    assert not trial.has_video()
+    assert not trial.videos()
     trial.data.mkdir(parents=True)
     (trial.data / "video.txt").touch()
-    assert not trial.has_video()
+    assert not trial.videos()
     (trial.data / name).touch() if "." in name else (trial.data / name).mkdir()
-    assert trial.has_video()
+    assert [path.name for path in trial.videos()] == [name]
+
+
+def test_a_trial_with_any_raw_file_was_thrown(tmp_path):
+    folder = ExperimentFolder(tmp_path, "e")
+    for name in ("trial-01/.DS_Store", "trial-02/cam.avi", "trial-04/joints.csv", "trials/x.txt"):
+        (folder.data / name).parent.mkdir(parents=True)
+        (folder.data / name).touch()
+    (folder.data / "trial-03").mkdir()
+    assert folder.thrown_trials() == [2, 4]
 
 
 def test_trials_with_a_video_or_a_supplied_track_are_recorded(tmp_path):
@@ -85,5 +95,6 @@ def test_a_folder_that_would_be_overlooked_is_refused(tmp_path, name):
     with pytest.raises(StrandcastError, match="SC-R032") as caught:
         folder.recorded_trials()
     assert caught.value.file == str(folder.data / name)
+    assert str(caught.value).endswith(str(folder.data / "trial-02"))
     (folder.data / name).rename(folder.data / "trial-02")
     assert folder.recorded_trials() == [1, 2]

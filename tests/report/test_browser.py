@@ -1,8 +1,11 @@
-"""The pages in a real browser: nothing blocked, nothing asked from outside, light and dark not the same."""
+"""The pages in a real browser: nothing blocked or asked from outside, light and dark, accessible to all."""
 
+import html
+import json
 import re
 import shutil
 import subprocess
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +13,8 @@ import pytest
 from PIL import Image
 
 from strandcast.records.files import write_text
+from strandcast.report.experiment_page import experiment_page
+from strandcast.report.summary import summarise
 from strandcast.report.trial_page import trial_page
 
 pytestmark = pytest.mark.browser
@@ -84,3 +89,71 @@ def light_and_dark(page: Path, folder: Path, browser: str) -> None:
     assert np.median(dark) < 60
     assert light.std() > 20
     assert dark.std() > 20
+
+
+@pytest.fixture
+def pages(page: Path, results: Path, tmp_path: Path) -> list[Path]:
+    """Return a trial's page, and that of an experiment with an excluded trial."""
+    trials = {trial: results / f"trial-{trial:02d}" for trial in (1, 2, 3)}
+    summary = summarise(
+        "swing",
+        trials,
+        string_length_m=0.3,
+        target_m=[0.606, 0.674],
+        hit_radius_m=0.02,
+        excluded={2: "the string slipped"},
+    )
+    path = tmp_path / "experiment.html"
+    write_text(path, experiment_page(summary, trials))
+    return [page, path]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", [1, 0], ids=["light", "dark"])
+@pytest.mark.parametrize("width_px", [1400, 768, 390])
+def test_axe_finds_no_violation(
+    pages: list[Path], tmp_path: Path, browser: str, width_px: int, scheme: int
+) -> None:
+    for each in pages:
+        assert violations(each, tmp_path / "axe.html", browser, width_px, scheme) == []
+
+
+@pytest.mark.slow
+def test_axe_would_find_one(page: Path, tmp_path: Path, browser: str) -> None:
+    worse = tmp_path / "worse.html"
+    write_text(
+        worse, page.read_text().replace("--muted: #555c64", "--muted: #b5bcc4").replace('lang="en"', "")
+    )
+    found = " ".join(violations(worse, tmp_path / "axe.html", browser, 1400, 1))
+    assert "color-contrast" in found
+    assert "html-has-lang" in found
+
+
+def violations(page: Path, copy: Path, browser: str, width_px: int, scheme: int) -> list[str]:
+    """Return what axe finds on a copy of a page, which has axe in it and no policy against scripts."""
+    spec = find_spec("axe_core_python")
+    if spec is None or spec.origin is None:
+        pytest.skip("axe-core-python is not installed")
+    axe = (Path(spec.origin).parent / "axe.min.js").read_text()
+    report = (
+        "axe.run().then(found => {const out = document.createElement('pre'); out.id = 'axe-result'; "
+        "out.textContent = JSON.stringify(found.violations.map(v => [v.id, v.nodes.length, "
+        "v.nodes[0].html.slice(0, 200)])); document.body.appendChild(out)})"
+    )
+    text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page.read_text())
+    write_text(copy, text.replace("</body>", f"<script>{axe}</script><script>{report}</script></body>"))
+    command = [
+        browser,
+        *QUIET,
+        f"--user-data-dir={copy.with_suffix('.profile')}",
+        f"--window-size={width_px},1000",
+    ]
+    command += [
+        f"--blink-settings=preferredColorScheme={scheme}",
+        "--virtual-time-budget=30000",
+        "--dump-dom",
+    ]
+    done = subprocess.run([*command, copy.as_uri()], capture_output=True, text=True, timeout=120, check=True)
+    found = re.search(r'<pre id="axe-result">(.*?)</pre>', done.stdout, re.DOTALL)
+    assert found is not None, "axe gave no result"
+    return [" ".join(map(str, each)) for each in json.loads(html.unescape(found[1]))]

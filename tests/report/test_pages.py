@@ -20,6 +20,7 @@ from strandcast.records.verdict import Verdict
 from strandcast.report.experiment_page import _thumbnail, experiment_page
 from strandcast.report.facts import Facts
 from strandcast.report.measures import arc_length_m, strobe_rows, tip_error_m
+from strandcast.report.pages import viewer_script
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.lab_truth import at_places
 from strandcast.report.panels.page_data import TrialPageData
@@ -107,9 +108,9 @@ def test_the_page_is_complete_small_and_self_contained(page: str) -> None:
     tags = Tags(page)
     assert len(page.encode()) < 3_000_000
     assert "could not be made" not in page
-    assert "script" not in tags.tags
+    assert page.count("<script") == page.count(f"<script>{viewer_script()}</script>") == 1
     assert len(tags.ids) == len(set(tags.ids))
-    outside = [r for r in tags.references if not r.startswith(("#", "data:image/", "../", "track", "strobe"))]
+    outside = [r for r in tags.references if not r.startswith(("#", "data:", "../", "track", "strobe"))]
     assert [r for r in outside if not re.fullmatch(r"[a-z_]+\.(json|parquet)", r)] == []
     assert {r[1:] for r in tags.references if r.startswith("#")} <= set(tags.ids) | {"main"}
     assert {part[1:] for part in re.findall(r"url\((#[^)]*)\)", page)} <= set(tags.ids)
@@ -119,7 +120,9 @@ def test_the_page_is_complete_small_and_self_contained(page: str) -> None:
 
 
 def test_every_figure_has_an_alternative_text(page: str) -> None:
-    assert page.count('role="img" aria-label="') == page.count('role="img"') == 11
+    assert (
+        page.count('role="img" aria-label="') == page.count('role="img"') == 24
+    )  # with 10 tiles of the film strip
 
 
 def test_colours_follow_light_and_dark(page: str) -> None:
@@ -174,7 +177,7 @@ def test_text_is_text(results: Path, tmp_path: Path) -> None:
     made_by(folder / "trial-03" / "verdict.json", {EVIL: EVIL})
     facts = Facts(title=EVIL, excluded={3: EVIL}, play_command=EVIL, settings={EVIL: EVIL})
     page = page_of(folder, experiment=EVIL, facts=facts)
-    assert "<script" not in page
+    assert page.count("<script") == 1  # the viewer's
     text = Tags(page).text
     assert text.count(EVIL) >= 7
     assert "◌ EXCLUDED" in text
@@ -221,8 +224,8 @@ def test_a_missing_result_is_a_box_with_the_reason(results: Path, tmp_path: Path
     (folder / "cameras" / "main.json").write_text('{"schema": "strandcast/camera", "version": 1}')
     page = page_of(folder, next_motion=None)
     text = Tags(page).text
-    assert text.count("✕ This figure could not be made.") == 5
-    assert "5 of 12 figures could not be made" in text
+    assert text.count("✕ This figure could not be made.") == 6
+    assert "6 of 16 figures could not be made" in text
     assert "is damaged or is not a table" in text
     assert "no next motion was planned" in text
     assert "the file was changed" in text
@@ -235,7 +238,7 @@ def test_an_empty_folder_still_gives_a_page(tmp_path: Path) -> None:
     page = trial_page(tmp_path / "trial-01", trial=1, experiment="empty")
     text = Tags(page).text
     assert "UNKNOWN" in text
-    assert "11 of 11 figures could not be made" in text
+    assert "14 of 15 figures could not be made" in text
 
 
 def test_a_bug_in_a_panel_does_not_lose_the_page(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,7 +250,7 @@ def test_a_bug_in_a_panel_does_not_lose_the_page(results: Path, monkeypatch: pyt
     monkeypatch.setattr(PANELS, "_entries", panels)
     text = Tags(page_of(results)).text
     assert "ZeroDivisionError: on purpose" in text
-    assert "1 of 12 figures could not be made" in text
+    assert "1 of 16 figures could not be made" in text
 
 
 def test_an_undetected_tip_is_reported(results: Path, tmp_path: Path) -> None:
@@ -385,7 +388,7 @@ def test_links_lead_to_files_that_are_there(page: str, results: Path) -> None:
         links = {
             r
             for r in Tags(text).references
-            if not r.startswith(("#", "data:")) and not r.endswith("report.html")
+            if not r.startswith(("#", "data:")) and not r.partition("#")[0].endswith("report.html")
         }
         assert "summary.json" in links or "estimate.json" in links
         assert [link for link in links - {"summary.json"} if not (folder / link).is_file()] == []
@@ -418,10 +421,14 @@ def test_frames_without_any_point_are_gaps(results: Path, tmp_path: Path) -> Non
 def test_a_picture_with_unknown_instants_shows_the_paths_of_the_tip(results: Path, tmp_path: Path) -> None:
     folder = copy_of(results, tmp_path)
     path = folder / "trial-03" / "track.json"
-    assert page_of(folder).count('class="model"') == 10
+    assert section_of(page_of(folder), "picture").count('class="model"') == 10
     TrackSummary.read(path).model_copy(update={"choices": {}}).write(path)
-    page = page_of(folder)
-    assert page.count('class="model"') == page.count('class="track"') == 1
+    picture = section_of(page_of(folder), "picture")
+    assert picture.count('class="model"') == picture.count('class="track"') == 1
+
+
+def section_of(page: str, name: str) -> str:
+    return page.partition(f'<h2 id="{name}"')[2].partition("</section>")[0]
 
 
 def test_text_within_figures_is_text(results: Path, tmp_path: Path) -> None:
@@ -432,7 +439,7 @@ def test_text_within_figures_is_text(results: Path, tmp_path: Path) -> None:
     Estimate.read(path).model_copy(update={"search": EVIL}).write(path)
     page = page_of(folder)
     assert "could not be made" not in page
-    assert "<script" not in page
+    assert page.count("<script") == 1  # the viewer's
     assert f"{EVIL}: velocity" in Tags(page).text
     assert f"search: {EVIL}" in Tags(page).text
 

@@ -44,6 +44,7 @@ def root(tmp_path, project_root):
         sync_events=[SyncEvent(kind=k, time_s=trial.robot_s(s)) for k, s in zip(kinds, LIT_S, strict=True)],
     ).write(data / "run.json")
     write_table(results / "markers.parquet", MARKERS, trial.markers)
+    (results / "manifest.json").write_text("{}")  # must be there, but is not read
     events = [
         DetectedSwitch(kind=k, camera_time_s=s + 0.003, sigma_s=5e-4)
         for k, s in zip(kinds, LIT_S, strict=True)

@@ -55,6 +55,21 @@ def test_flags_of_a_plan_are_logged(root: Path, capsys: pytest.CaptureFixture[st
     assert all(f"plan: {flag}\n" in said for flag in flags)
 
 
+@pytest.mark.parametrize("name", ["video.mp4", "cam.avi", "joints.csv", "motion.json"])
+def test_a_trial_that_a_real_arm_has_thrown_is_not_planned(root: Path, name: str) -> None:
+    write(root, "thrown", "target_m: [0.5, 0.5]\n" + SMALL)
+    folder = root / "data" / "thrown" / "trial-01"
+    folder.mkdir()
+    (folder / name).touch()
+    with pytest.raises(StrandcastError, match="SC-P020") as caught:
+        planned(root, "thrown")
+    assert "strandcast plan thrown 2" in str(caught.value)
+    folder.rename(folder.with_name("trial-1"))
+    with pytest.raises(StrandcastError, match="SC-R032"):
+        planned(root, "thrown")
+    assert not (root / "results").exists()
+
+
 def test_a_bar_is_planned_for_and_the_file_is_the_same_each_time(
     root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -112,3 +112,12 @@ def test_hidden_runs_are_given_up_only_when_long():
 def test_the_hint_is_the_string_beyond_the_clamp(scene, filmed):
     given = scene.tracker_input(filmed[0], free_length_m=0.29)
     assert dataclasses.asdict(given.hint) == {"length_m": 0.29, "points": POINTS, "thickness_m": None}
+
+
+def test_the_picture_holds_the_closest_approach(scene, filmed):
+    at = 37  # not one of the sampled frames
+    target_m = filmed[2][at, -1]
+    tracked = scene.track(filmed[0], target_m=target_m)
+    shown = [int(frame) for frame in str(tracked.choices["strobe_frames"]).split()]
+    off_m = np.linalg.norm(tracked.points_m[:, -1] - target_m, axis=1)
+    assert int(off_m.argmin()) in shown

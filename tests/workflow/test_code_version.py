@@ -38,6 +38,12 @@ def test_an_edit_in_an_imported_room_counts_and_a_comment_does_not(version_of):
     assert version_of("score", "scoring/score.py", "def ", "_CHANGED = 1\n\n\ndef ") != before
 
 
+def test_the_description_of_a_setting_does_not_count_and_its_default_does(version_of):
+    before = version_of("score")
+    assert version_of("score", "config/experiment.py", "Title of the report.", "The page's title.") == before
+    assert version_of("score", "config/experiment.py", "    0.02,", "    0.03,") != before
+
+
 def test_an_edit_in_another_room_does_not_count(version_of):
     before = version_of("score")
     after = version_of("score", "camera/mapping.py", "def ", "_CHANGED = 1\n\n\ndef ")

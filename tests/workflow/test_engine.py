@@ -10,11 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from strandcast.errors import ENDING_SIGNALS
+
 # A stand-in for Snakemake with one job: a process of its own, in a shell.
 ENGINE = """
 import subprocess, sys
 job = subprocess.Popen(["bash", "-c", "sleep 600 & echo $! > {pids}; wait"])
-print("Select jobs to execute...", "demo trial-01 plan: 1/2", sep="\\n", file=sys.stderr, flush=True)
+print("demo trial-01 plan: 1/2", file=sys.stderr, flush=True)
 try:
     job.wait()
 except KeyboardInterrupt:
@@ -27,7 +29,8 @@ from pathlib import Path
 from strandcast.cli.main import guarded
 from strandcast.workflow import engine
 engine.PATIENCE_S = 2.0
-guarded(lambda: sys.exit(engine.run_snakemake([sys.executable, "-c", sys.argv[1]], Path())))
+program = [sys.executable, "-c", sys.argv[1]]
+guarded(lambda: sys.exit(engine.run_snakemake(["snakemake"], Path(), program=program)))
 """
 
 
@@ -40,9 +43,11 @@ def alive(pid: int) -> bool:
 
 
 def with_sighup(handling: signal.Handlers) -> Callable[[], None]:
-    """Return what a process starts with; the tests themselves may run under nohup."""
+    """Return what a process starts with; the tests themselves may run under nohup, or in the background."""
 
     def begin() -> None:
+        for number in ENDING_SIGNALS:
+            signal.signal(number, signal.SIG_DFL)
         signal.signal(signal.SIGHUP, handling)
 
     return begin
@@ -69,7 +74,6 @@ def test_every_way_to_end_a_run_ends_its_jobs_and_says_so(tmp_path, number):
     assert run.returncode == 128 + number
     assert not alive(job)
     assert "demo trial-01 plan: 1/2" in said
-    assert "\nSelect jobs" not in said
     assert f"stopped by {number.name}: all finished results are kept" in said
 
 
@@ -111,3 +115,12 @@ def test_a_run_under_nohup_goes_on_when_the_terminal_closes(tmp_path):
     run.send_signal(signal.SIGTERM)
     assert run.wait() == 128 + signal.SIGTERM
     run.stderr.close()
+
+
+def test_the_engine_and_its_jobs_end_when_the_run_is_killed(tmp_path):
+    watched = "from strandcast.workflow.event_log import end_with_parent; end_with_parent()\n" + ENGINE
+    run, job = start(tmp_path, watched)
+    run.kill()
+    run.communicate()
+    while alive(job):
+        time.sleep(0.05)

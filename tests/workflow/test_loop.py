@@ -17,6 +17,7 @@ from strandcast.records.summary import ExperimentSummary
 from strandcast.records.tables import table_sha256
 from strandcast.report.summary import summarise
 from strandcast.stages.run import files_of
+from strandcast.workflow.status import status_of
 from strandcast.workflow.verify import verify
 
 pytestmark = pytest.mark.slow
@@ -44,6 +45,8 @@ lab:
 """
 
 
+RIG = TINY[: TINY.index("lab:")]
+RULES = {"report": "report_trial", "summary": "report_experiment"}  # stage -> rule of another name
 WATCH = Path(__file__).with_name("watch")
 OPENED = "opened.txt"
 NOT_SUMMARISED = ("observations.parquet", "markers.parquet")  # read by stages, not by the pages
@@ -152,12 +155,30 @@ def test_a_project_may_lie_in_a_folder_of_any_name(thrown, tmp_path):
 @pytest.fixture
 def copied(thrown, tmp_path) -> Path:
     """Return a copy of the thrown experiment that a test may damage."""
-    for folder in ("data", "results"):
+    for folder in ("config", "data", "results"):
         shutil.copytree(thrown / folder, tmp_path / folder)
     return tmp_path
 
 
 def test_verify_finds_nothing_in_sound_files(copied):
+    assert verify(copied, "tiny") == []
+
+
+def test_verify_names_every_file_that_results_were_made_from_and_that_is_gone(copied):
+    used = [
+        copied / "config" / "arms" / "planar3.urdf",
+        copied / "data" / "tiny" / "trial-01" / "joints.csv",
+    ]
+    used += (copied / "results" / "tiny" / "trial-01").glob("*.parquet")
+    for path in used:
+        if path.name in ("lab_truth.parquet", "simulated.parquet"):
+            continue
+        whole = path.read_bytes()
+        path.unlink()
+        found = {(finding.file.name, finding.state) for finding in verify(copied, "tiny", raw=False)}
+        assert (path.name, "missing") in found
+        path.write_bytes(whole)
+    assert len(used) >= 7
     assert verify(copied, "tiny") == []
 
 
@@ -321,6 +342,38 @@ def test_a_changed_setting_runs_only_what_depends_on_it(thrown):
     assert title == {"report_trial", "report_experiment"}
 
 
+def run_tiny(root: Path, *arguments: str) -> tuple[int, dict]:
+    line = [sys.executable, "-m", "strandcast", "run", "tiny", "--json", *arguments]
+    run = subprocess.run(line, cwd=root, capture_output=True, text=True, check=False)
+    return run.returncode, json.loads(run.stdout)
+
+
+def test_a_dry_run_lists_what_would_run_and_why(thrown):
+    path = thrown / "config" / "experiments" / "tiny.yaml"
+    path.write_text(TINY.replace("ensemble: 3", "ensemble: 4"))
+    code, printed = run_tiny(thrown, "--dry-run")
+    path.write_text(TINY)
+    assert code == 0
+    reasons = {job["stage"]: job["reason"] for job in printed["jobs"]}
+    assert set(reasons) == {"estimate", "plan", "report", "summary"}
+    assert reasons["estimate"] == "settings changed: estimate.ensemble (3 → 4)"
+    assert reasons["plan"].startswith("is made again: ensemble.parquet, estimate.json")
+    assert run_tiny(thrown, "--dry-run")[1]["jobs"] == []
+
+
+def test_a_run_until_a_stage_makes_no_more_than_that(thrown):
+    results = thrown / "results" / "tiny"
+    shutil.copytree(results, thrown / "kept")
+    for file in ("trial-01/alignment.json", "trial-01/report.html", "report.html"):
+        (results / file).unlink()
+    code, printed = run_tiny(thrown, "--until", "align", "--jobs", "1")
+    made = (results / "trial-01/alignment.json").is_file(), (results / "report.html").is_file()
+    shutil.rmtree(results)
+    shutil.move(thrown / "kept", results)
+    assert (code, made) == (0, (True, False))
+    assert [job["stage"] for job in printed["jobs"]] == ["align"]
+
+
 def test_one_stage_of_one_trial_can_be_requested(thrown):
     verdict = thrown / "results" / "tiny" / "trial-01" / "verdict.json"
     before = verdict.read_bytes()
@@ -343,20 +396,115 @@ def test_an_excluded_trial_shows_its_reason(thrown):
     assert summary.hit_trial is None
 
 
-def test_recordings_of_a_real_rig_give_a_report_and_the_next_motion(thrown):
-    shutil.copytree(thrown / "data" / "tiny", thrown / "data" / "rig")
-    (thrown / "data" / "rig" / "experiment.yaml").write_text(TINY[: TINY.index("lab:")])
-    run = snakemake(thrown, "results/rig/report.html")
+@pytest.fixture(scope="module")
+def rig(thrown, tmp_path_factory) -> Path:
+    """Return a project in which the lab's throw is a recording of a real rig."""
+    root = Path(shutil.copytree(thrown, tmp_path_factory.mktemp("rig") / "project"))
+    shutil.copytree(root / "data" / "tiny", root / "data" / "rig")
+    (root / "data" / "rig" / "experiment.yaml").write_text(RIG)
+    run = snakemake(root, "results/rig/report.html")
     assert run.returncode == 0, run.stderr[-3000:]
-    results = thrown / "results" / "rig"
+    return root
+
+
+def test_recordings_of_a_real_rig_give_a_report_and_the_next_motion(rig):
+    results = rig / "results" / "rig"
     assert len(ExperimentSummary.read(results / "summary.json").trials) == 1
     assert (results / "trial-02" / "motion.json").is_file()
-    assert undeclared(thrown, "rig") == set()
+    assert undeclared(rig, "rig") == set()
     # A motion that was played is not planned again.
-    played = Motion.read(thrown / "data" / "rig" / "trial-01" / "motion.json")
+    played = Motion.read(rig / "data" / "rig" / "trial-01" / "motion.json")
     assert Motion.read(results / "trial-01" / "motion.json") == played
-    shutil.rmtree(thrown / "data" / "rig")
-    shutil.rmtree(results)
+
+
+def edited(*change: str):
+    return lambda root: (root / "data/rig/experiment.yaml").write_text(RIG.replace(*change))
+
+
+def removed(*names: str):
+    return lambda root: [(root / "results/rig" / name).unlink() for name in names]
+
+
+def lengthened(name: str):
+    return lambda root: (root / name).write_bytes((root / name).read_bytes() + b"\n# more\n")
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda root: None, {}),
+        (
+            edited("evaluations: 400", "evaluations: 500"),
+            {("estimate", 1): "estimate.evaluations: 400 → 500", ("plan", 2): "after estimate of trial 1"},
+        ),
+        (
+            edited("seed: 3", "seed: 3\nexcluded: [{trial: 1, reason: bad}]"),
+            {("trial", 1): "bad", ("plan", 2): "data/rig/trial-01/joints.csv is no longer an input"},
+        ),
+        (
+            lengthened("config/arms/planar3.toml"),
+            {
+                ("track", 1): "config/arms/planar3.toml changed",
+                ("plan", 2): "config/arms/planar3.toml changed",
+            },
+        ),
+        (lengthened("data/rig/trial-01/joints.csv"), {("ingest", 1): "data/rig/trial-01/joints.csv changed"}),
+        (lambda root: (root / "config/arms/planar3.toml").touch(), {}),
+        (removed("report.html"), {("summary", 0): "results/rig/report.html is missing"}),
+        (removed("trial-01/estimate.json"), {}),
+        (
+            lambda root: (removed("trial-01/track.parquet")(root), edited("0.02", "0.03")(root)),
+            {
+                ("score", 1): "hit_radius_m: 0.02 → 0.03",
+                ("reconstruct", 1): "results/rig/trial-01/track.parquet is missing",
+            },
+        ),
+    ],
+)
+def test_status_agrees_with_what_snakemake_would_run(rig, tmp_path, monkeypatch, change, why):
+    root = Path(shutil.copytree(rig, tmp_path / "project"))
+    change(root)
+    run = snakemake(root, "results/rig/report.html", "--dry-run")
+    assert run.returncode == 0, run.stderr
+    monkeypatch.chdir(root)
+    status = status_of(Path(), "rig")
+    stages = {(stage.stage, each.trial): stage for each in status.trials for stage in each.stages}
+    assert {RULES.get(name, name) for (name, _), stage in stages.items() if stage.runs} == jobs(run)
+    for step, reason in why.items():
+        assert reason in [*stages[step].why, f"after {stages[step].after}"]
+    assert (status.next_steps[0] == "strandcast run rig") == bool(jobs(run))
+
+
+def test_a_missing_result_that_no_run_makes_is_made_by_the_command_that_status_names(rig, tmp_path):
+    root = Path(shutil.copytree(rig, tmp_path / "project"))
+    removed("trial-01/estimate.json")(root)
+    status = status_of(root, "rig")
+    assert [s.stage for s in status.trials[1].stages if s.state == "missing"] == ["estimate"]
+    assert status.next_steps == ["strandcast estimate rig 1"]
+
+
+def test_status_names_the_stage_that_failed_and_why(rig, tmp_path):
+    root = Path(shutil.copytree(rig, tmp_path / "project"))
+    video = root / "data/rig/trial-01/video.mp4"
+    video.write_bytes(video.read_bytes()[:1000])
+    assert snakemake(root, "results/rig/report.html").returncode == 1
+    stages = {stage.stage: stage for stage in status_of(root, "rig").trials[1].stages}
+    assert (stages["ingest"].state, stages["ingest"].code) == ("failed", "SC-V005")
+    assert stages["register_motion"].state == "done"
+
+
+def test_after_the_last_trial_was_excluded_the_next_motion_is_planned(rig, tmp_path):
+    root = Path(shutil.copytree(rig, tmp_path / "project"))
+    before = Motion.read(root / "results/rig/trial-02/motion.json")
+    assert before.provenance.start_string is None  # planned with the fitted string
+    exclusion = [sys.executable, "-m", "strandcast", "exclude", "rig", "1", "--reason", "bad"]
+    subprocess.run(exclusion, cwd=root, check=True, capture_output=True)
+    run = snakemake(root, "results/rig/report.html")
+    assert run.returncode == 0, run.stderr[-3000:]
+    following = Motion.read(root / "results/rig/trial-02/motion.json")
+    assert following.provenance.start_string == "ensemble"
+    summary = ExperimentSummary.read(root / "results/rig/summary.json")
+    assert summary.next_motion_sha256 == following.content_sha256()
 
 
 def test_an_invalid_setting_is_reported_before_any_job_starts(tmp_path, project_root):

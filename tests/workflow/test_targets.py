@@ -73,6 +73,39 @@ def test_a_motion_that_a_real_arm_has_played_is_not_planned_again(root):
     assert targets.played_trials() == {"rig": ["trial-01"]}
 
 
+def test_no_rule_plans_a_trial_with_raw_files_of_a_real_rig(root):
+    """Also without the motion beside the raw files, and in an experiment that ships with the project."""
+    (root / "config" / "experiments").mkdir()
+    (root / "config" / "experiments" / "shipped.yaml").write_text(SETTINGS)
+    (root / "data" / "shipped" / "trial-02").mkdir(parents=True)
+    (root / "data" / "shipped" / "trial-02" / "cam.avi").touch()
+    (root / "data" / "lab-1" / "trial-01").mkdir()
+    (root / "data" / "lab-1" / "trial-01" / "video.mp4").touch()
+    thrown = targets.thrown_trials()
+    assert thrown == {
+        "mocap": ["trial-01", "trial-02"],
+        "rig": ["trial-01", "trial-02", "trial-03"],
+        "shipped": ["trial-02"],
+    }
+    plan = targets.experiment_pattern(thrown, other=True)
+    planned = ("rig/trial-04", "shipped/trial-01", "lab-1/trial-01")
+    assert all(matches(plan, f"results/{path}/track.json") for path in planned)
+    for name, trials in thrown.items():
+        assert not any(matches(plan, f"results/{name}/{trial}/track.json") for trial in trials)
+
+
+def test_the_next_motion_is_asked_for_after_an_excluded_trial_but_not_for_one_that_was_thrown(root):
+    def next_motion(*trials: int) -> list[str]:
+        return targets.stage_inputs("summary", "rig", 0, trials)["next_motion"]
+
+    assert next_motion(1, 2) == []  # trial 3 was thrown, with a motion that nobody knows
+    motion = root / "results/rig/trial-03/motion.json"
+    motion.parent.mkdir(parents=True)
+    motion.touch()
+    assert next_motion(1, 2) == ["results/rig/trial-03/motion.json"]  # trial 2 is excluded
+    assert next_motion(1, 2, 3) == ["results/rig/trial-04/motion.json"]
+
+
 def test_an_excluded_trial_is_not_read_by_later_ones(root):
     inputs = targets.stage_inputs("estimate", "rig", 3)
     for role in ("track", "alignment", "hand", "verdict"):
@@ -93,11 +126,10 @@ def test_raw_files_of_the_lab_have_names_before_they_exist(root):
 
 
 def test_no_motion_follows_the_last_trial_that_has_a_name(root):
-    for trial in (98, 99):
+    for trial, following in ((98, ["results/rig/trial-99/motion.json"]), (99, [])):
         (root / "data" / "rig" / f"trial-{trial}").mkdir()
         (root / "data" / "rig" / f"trial-{trial}" / "video.mp4").touch()
-    assert targets.stage_inputs("report", "rig", 98)["next_motion"] == ["results/rig/trial-99/motion.json"]
-    assert targets.stage_inputs("report", "rig", 99)["next_motion"] == []
+        assert targets.stage_inputs("report", "rig", trial)["next_motion"] == following
 
 
 def test_a_supplied_trial_needs_no_camera(root):
@@ -119,3 +151,28 @@ def test_lab_trials_go_on_until_a_hit(root, monkeypatch):
     monkeypatch.setattr(targets.Verdict, "read", Verdict)
     assert targets.trials_of("lab-1", lambda trial: f"verdict {trial}") == [1, 2, 3]
     assert targets.trials_of("lab-1", lambda trial: "") == [1, 2, 3, 4, 5]
+
+
+def test_a_run_until_a_stage_asks_for_what_it_writes(root):
+    assert targets.targets_of("rig") == ["results/rig/report.html"]
+    wanted = [f"results/rig/trial-{trial}/verdict.json" for trial in ("01", "02", "03")]
+    assert targets.targets_of("rig", "score") == wanted
+    assert targets.targets_of("rig", "plan") == ["results/rig/trial-04/motion.json"]
+    assert targets.targets_of("lab-1", "lab-throw")[0].startswith("data/lab-1/trial-01/")
+    registered = ["results/mocap/trial-01/track.parquet", "results/mocap/trial-01/alignment.json"]
+    assert set(registered) < set(targets.targets_of("mocap", "track"))
+
+
+def test_a_run_until_a_stage_of_a_trial_is_refused_before_there_is_one(root):
+    (root / "data" / "new").mkdir()
+    (root / "data" / "new" / "experiment.yaml").write_text(SETTINGS)
+    assert targets.targets_of("new", "plan") == ["results/new/trial-01/motion.json"]
+    assert "results/new/cameras/main.json" in targets.targets_of("new", "calibrate")
+    with pytest.raises(StrandcastError, match="has no trial yet"):
+        targets.targets_of("new", "estimate")
+
+
+def test_an_unknown_stage_is_refused_with_the_nearest(root):
+    with pytest.raises(StrandcastError, match="'trak'") as caught:
+        targets.targets_of("rig", "trak", root)
+    assert caught.value.fix == "did you mean track?"

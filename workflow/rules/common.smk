@@ -7,6 +7,7 @@ from functools import partial, wraps
 from pathlib import Path
 
 from strandcast.errors import StrandcastError
+from strandcast.records.folders import WITHIN_WORKFLOW
 from strandcast.workflow import locks, targets
 from strandcast.workflow.code_version import code_version
 from strandcast.workflow.targets import stage_outputs
@@ -14,7 +15,7 @@ from strandcast.workflow.targets import stage_outputs
 # Jobs use the Python that runs Snakemake, and rely on the lease that it holds.
 PYTHON_FOLDER = shlex.quote(str(Path(sys.executable).parent))
 shell.prefix(
-    f"set -euo pipefail; export PATH={PYTHON_FOLDER}:$PATH {locks.WITHIN_WORKFLOW}=1; "
+    f"set -euo pipefail; export PATH={PYTHON_FOLDER}:$PATH {WITHIN_WORKFLOW}=1; "
 )
 
 
@@ -85,3 +86,4 @@ def kept(outputs):
 EXPERIMENTS = targets.default_experiments()
 LAB_EXPERIMENTS = targets.names_pattern(targets.lab_experiments())
 SUPPLIED, PLAYED = targets.supplied_trials(), targets.played_trials()
+THROWN = targets.thrown_trials()

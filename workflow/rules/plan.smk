@@ -15,7 +15,7 @@ rule plan:
     benchmark:
         "results/{experiment}/trial-{trial}/logs/plan.jsonl"
     wildcard_constraints:
-        experiment=targets.experiment_pattern(PLAYED, other=True),
+        experiment=targets.experiment_pattern(THROWN, other=True),
     threads: 2
     params:
         settings=stage_settings("plan"),
@@ -27,7 +27,7 @@ rule plan:
         " 2>&1 | tee {log:q} >&2"
 
 
-# A motion that a real arm has played is not planned again: the file beside the raw files is the trial's motion.
+# Nothing is planned over a throw of a real arm: the file beside the raw files, if any, is the trial's motion.
 rule register_motion:
     input:
         unpack(stage_inputs("register_motion")),

@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 from strandcast.arm.checks import geometry_problems, name_problems, number_problems
 from strandcast.arm.extract import extract_chain
 from strandcast.arm.joint_limits import Limits, Stop
-from strandcast.arm.kinematics import PlanarChain
+from strandcast.arm.kinematics import PlanarChain, link_angles
 from strandcast.arm.servo import Servo
 from strandcast.arm.settings import ArmKeys, Clamp, Payload
 from strandcast.arm.urdf import JointLimit, coordinates, read_joint_limits, read_model
@@ -237,3 +237,29 @@ def _stop(keys: ArmKeys, limits: Limits) -> Stop:
         acceleration = np.minimum(acceleration, keys.stop.acceleration_rad_s2)
     jerk = np.minimum(limits.jerk_rad_s3, keys.stop.jerk_rad_s3 or acceleration / STOP_RISE_S)
     return Stop(acceleration, jerk, np.array(keys.stop.distance_rad or [0.0] * len(acceleration)))
+
+
+def clamp_frame(arm: Arm, lateral_m: float = 0.0, turn_rad: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the string leaves the hand (3,) and its axes as rows (3, 3), in the clamp's link.
+
+    The first axis points along the string, the last along the plane's normal.
+
+    Parameters
+    ----------
+    lateral_m, turn_rad
+        Deviation of the string in the clamp from the arm's file.
+    """
+    model = arm.model()
+    data = mujoco.MjData(model)
+    rest = np.zeros(len(arm.joints))
+    data.qpos[:] = arm.coordinates(rest)
+    mujoco.mj_kinematics(model, data)
+    turn = data.body(arm.clamp.link).xmat.reshape(3, 3)
+    x, y = arm.plane
+    angle = float(link_angles(arm.chain, rest)[-1])
+    along, left = np.cos(angle) * x + np.sin(angle) * y, -np.sin(angle) * x + np.cos(angle) * y
+    offset = arm.clamp.offset_m[0] * along + (arm.clamp.offset_m[1] + lateral_m) * left
+    bent = arm.clamp.angle_rad + turn_rad
+    forward = np.cos(bent) * along + np.sin(bent) * left
+    axes = np.stack([forward, np.cross(np.cross(x, y), forward), np.cross(x, y)])
+    return turn.T @ offset, axes @ turn

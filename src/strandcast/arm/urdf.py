@@ -52,8 +52,8 @@ def _limit(joint: ElementTree.Element, path: str | Path) -> JointLimit:
     )
 
 
-def read_model(path: str | Path, carrier: str = "", payload: Payload | None = None) -> mujoco.MjModel:
-    """Compile the URDF's links and joints, without meshes and contact shapes, with a payload on a link.
+def read_spec(path: str | Path) -> mujoco.MjSpec:
+    """Return the URDF's links and joints to be built upon, without meshes and contact shapes.
 
     Fixed links are kept (MuJoCo would merge them into their parents), so that the clamp's link has a name.
     """
@@ -63,9 +63,18 @@ def read_model(path: str | Path, carrier: str = "", payload: Payload | None = No
             link.remove(shape)
     try:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
-        spec.compiler.fusestatic = 0
-        spec.compiler.boundmass = LEAST_MASS_KG
-        spec.compiler.boundinertia = LEAST_INERTIA_KG_M2
+    except ValueError as error:
+        raise _unreadable(path, error) from None
+    spec.compiler.fusestatic = 0
+    spec.compiler.boundmass = LEAST_MASS_KG
+    spec.compiler.boundinertia = LEAST_INERTIA_KG_M2
+    return spec
+
+
+def read_model(path: str | Path, carrier: str = "", payload: Payload | None = None) -> mujoco.MjModel:
+    """Compile the URDF's links and joints (see `read_spec`), with a payload on a link."""
+    spec = read_spec(path)
+    try:
         if payload is not None and payload.mass_kg > 0.0:
             least = [LEAST_INERTIA_KG_M2] * 3
             body = spec.body(carrier).add_body(pos=payload.centre_m)
@@ -73,7 +82,7 @@ def read_model(path: str | Path, carrier: str = "", payload: Payload | None = No
             body.ipos = [0.0, 0.0, 0.0]
         return spec.compile()
     except ValueError as error:
-        raise _refusal(path, f"MuJoCo cannot read it as a URDF ({error})") from None
+        raise _unreadable(path, error) from None
 
 
 def coordinates(model: mujoco.MjModel, positions: dict[str, float]) -> np.ndarray:
@@ -109,3 +118,7 @@ def _root(path: str | Path) -> ElementTree.Element:
 
 def _refusal(path: str | Path, what: str, fix: str = "correct the URDF") -> StrandcastError:
     return StrandcastError("SC-F202", what, file=path, fix=fix)
+
+
+def _unreadable(path: str | Path, error: ValueError) -> StrandcastError:
+    return _refusal(path, f"MuJoCo cannot read it as a URDF ({error})")

@@ -34,7 +34,8 @@ def refine_square(image: np.ndarray, corners: np.ndarray, cells: int) -> np.ndar
         centre = np.array([refined[:, 0].mean(), refined[:, 1].mean()])
         lines = np.empty((4, 3))  # u cos + v sin = distance
         for side in range(4):
-            lines[side] = fit_side(image, refined[side], refined[(side + 1) % 4], centre, cells)
+            line = fit_side(image, refined[side], refined[(side + 1) % 4], centre, cells)
+            lines[side, 0], lines[side, 1], lines[side, 2] = line
         for corner in range(4):
             a, b = lines[corner - 1], lines[corner]
             determinant = a[0] * b[1] - a[1] * b[0]
@@ -45,10 +46,10 @@ def refine_square(image: np.ndarray, corners: np.ndarray, cells: int) -> np.ndar
     return refined
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def fit_side(
     image: np.ndarray, start: np.ndarray, end: np.ndarray, centre: np.ndarray, cells: int
-) -> np.ndarray:
+) -> tuple[float, float, float]:
     """Return the line (normal u, normal v, distance) of one side; NaN if most of it is not visible."""
     length = np.hypot(end[0] - start[0], end[1] - start[1])
     du, dv = (end[0] - start[0]) / length, (end[1] - start[1]) / length
@@ -67,18 +68,18 @@ def fit_side(
             along[count], off[count] = share * length, edge
             count += 1
     if count < POINTS_PER_SIDE // 2:
-        return np.full(3, np.nan)
+        return np.nan, np.nan, np.nan
     place, slope = 0.0, 0.0
     kept = np.ones(count, dtype=np.bool_)
     for _ in range(3):
         place, slope = line_through(along[:count][kept], off[:count][kept])
         kept = np.abs(off[:count] - place - slope * along[:count]) < OUTLIER_PX
         if kept.sum() < POINTS_PER_SIDE // 2:
-            return np.full(3, np.nan)
+            return np.nan, np.nan, np.nan
     u0, v0 = start[0] + place * nu, start[1] + place * nv
     tu, tv = du + slope * nu, dv + slope * nv
     norm = np.hypot(tu, tv)
-    return np.array([tv / norm, -tu / norm, (tv * u0 - tu * v0) / norm])
+    return tv / norm, -tu / norm, (tv * u0 - tu * v0) / norm
 
 
 @njit(cache=True)
@@ -105,7 +106,7 @@ def edge_across(image: np.ndarray, u: float, v: float, nu: float, nv: float, rea
     return np.nan
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def line_through(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Return intercept and slope of the least-squares line."""
     mean_x, mean_y = x.mean(), y.mean()

@@ -1,47 +1,65 @@
 """Commands that check, preview or print before anything runs: check, schema, boards, preview."""
 
+import json
+import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from strandcast.cli.common import ROOT, ExperimentName, TrialNumber
-from strandcast.errors import StrandcastError
+from strandcast.cli.common import ROOT, AsJson, ExperimentName, Experiments, TrialNumber, show
+from strandcast.errors import REFUSED, StrandcastError
 from strandcast.records.folders import ExperimentFolder
 
 
-def check(experiment: ExperimentName) -> None:
-    """Check an experiment's file and its arm's file before anything runs."""
-    from strandcast.arm.link_masses import torque_gap
-    from strandcast.arm.load import load_arm
-    from strandcast.config.find import find_arm, find_experiment
-    from strandcast.config.load import load_experiment
+def check(experiments: Experiments = None, as_json: AsJson = False) -> None:
+    """Check settings, arm, reach of the target, markers, photos, raw files and names before anything runs."""
+    from strandcast.config.find import find_experiment, overlooked_experiments
+    from strandcast.workflow.check import check_experiment
+    from strandcast.workflow.targets import default_experiments
 
-    path = find_experiment(experiment, ROOT)
-    settings = load_experiment(path)
-    arm = load_arm(find_arm(settings, path, ROOT))
-    shared = {m.id for m in arm.markers} & {m.id for m in settings.camera.plane.markers}
-    if shared and arm.marker_dictionary == settings.camera.plane.dictionary:
-        raise StrandcastError(
-            "SC-F006",
-            f"the hand's markers have the ids {sorted(shared)} too",
-            file=path,
-            field="camera.plane.markers",
-            fix="give the plane's markers other ids",
-        )
-    print(
-        f"{path}: valid; string of {settings.string.length_m} m as {settings.string.n} points, arm {arm.name}"
-    )
-    gap = torque_gap(arm)
-    if gap is not None:
-        print(f"warning: {gap}")
+    names = experiments or default_experiments(ROOT)
+    for name in names if experiments else []:
+        find_experiment(name, ROOT)
+    found = {name: check_experiment(ROOT, name) for name in names}
+    elsewhere = [] if experiments else overlooked_experiments(ROOT)
+    lines = []
+    for name, each in found.items():
+        wrong = ", ".join(f"{len(some)} {word}" for some, word in _counts(each.errors, each.warnings))
+        lines += [f"{name}: {wrong or 'nothing is wrong'}", *(f"  {fact}" for fact in each.facts)]
+        lines += [error.message() for error in each.errors]
+        lines += [warning.message("WARNING") for warning in each.warnings]
+        lines += [f"next: strandcast {'check' if each.errors else 'run'} {shlex.quote(name)}"]
+    data = {
+        "experiments": {
+            name: {
+                "errors": [error.to_json() for error in each.errors],
+                "warnings": [warning.to_json() for warning in each.warnings],
+                "facts": each.facts,
+            }
+            for name, each in found.items()
+        },
+        "overlooked": [error.to_json() for error in elsewhere],
+    }
+    show(as_json, data, [*lines, *(error.message("WARNING") for error in elsewhere)])
+    raise typer.Exit(REFUSED if any(each.errors for each in found.values()) else 0)
 
 
-def schema() -> None:
-    """Print the JSON schema of experiment.yaml, for use in editors."""
+def _counts(
+    errors: list[StrandcastError], warnings: list[StrandcastError]
+) -> Iterator[tuple[list[StrandcastError], str]]:
+    for some, word in ((errors, "error"), (warnings, "warning")):
+        if some:
+            yield some, word if len(some) == 1 else f"{word}s"
+
+
+def schema(as_json: AsJson = False) -> None:
+    """Print the JSON schema of experiment.yaml, for use in editors; with --json, on one line."""
     from strandcast.config.schema import json_schema
 
-    print(json_schema(), end="")
+    text = json_schema()
+    show(as_json, json.loads(text), text.splitlines())
 
 
 def boards(
@@ -50,18 +68,20 @@ def boards(
         Path | None, typer.Option(help="Output folder (default: results/EXPERIMENT/boards).")
     ] = None,
     png: Annotated[bool, typer.Option("--png", help="Write PNG with its resolution instead of PDF.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write an experiment's marker boards as PDF files to print at true size."""
     from strandcast.stages import boards as stage
 
     folder = out or ExperimentFolder(ROOT, experiment).results / "boards"
-    for path in stage.run(ROOT, experiment, folder, "png" if png else "pdf"):
-        print(path)
+    written = stage.run(ROOT, experiment, folder, "png" if png else "pdf")
+    show(as_json, {"experiment": experiment, "files": written}, map(str, written))
 
 
-def preview(experiment: ExperimentName, trial: TrialNumber) -> None:
+def preview(experiment: ExperimentName, trial: TrialNumber, as_json: AsJson = False) -> None:
     """Show within seconds what the tracker detects in a few frames of a trial."""
     from strandcast.stages import preview as stage
 
-    for line in stage.run(ROOT, experiment, trial):
-        print(line)
+    lines = stage.run(ROOT, experiment, trial)
+    found = {"experiment": experiment, "trial": trial, "findings": lines[1:-1], "picture": lines[-1]}
+    show(as_json, found, lines)

@@ -1,15 +1,87 @@
-"""Arguments that several commands share."""
+"""What several commands share: arguments and their completion, and how results and problems are printed."""
 
+import json
+import sys
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-ROOT = Path()
+from strandcast.errors import StrandcastError
+from strandcast.records.folders import project_root
+
+ROOT = project_root()
+
+
+def complete_experiment(incomplete: str) -> list[str]:
+    """Return the experiments that a shell may complete a name to."""
+    found = {path.parent.name for path in ROOT.glob("data/*/experiment.yaml")}
+    found |= {path.stem for path in ROOT.glob("config/experiments/*.yaml")}
+    return sorted(name for name in found if name.startswith(incomplete))
+
+
+def complete_trial(context: typer.Context, incomplete: str) -> list[str]:
+    """Return the trials, recorded or planned, of the experiment that the command line names."""
+    name = context.params.get("experiment") or ""
+    found = {
+        path.name[-2:] for top in ("data", "results") for path in ROOT.glob(f"{top}/{name}/trial-[0-9][0-9]")
+    }
+    return sorted((number for each in found if (number := str(int(each))).startswith(incomplete)), key=int)
+
+
+def experiment_argument(argument: str) -> str:
+    """Return the experiment that an argument names, also as a path: `data/seil/`."""
+    from strandcast.config.find import experiment_named
+
+    return experiment_named(argument, ROOT)
+
 
 ExperimentName = Annotated[
-    str, typer.Argument(metavar="EXPERIMENT", help="The experiment's name: its folder under data/.")
+    str,
+    typer.Argument(
+        metavar="EXPERIMENT",
+        help="The experiment's name: its folder under data/.",
+        parser=experiment_argument,
+        autocompletion=complete_experiment,
+    ),
+]
+Experiments = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[EXPERIMENT]...", parser=experiment_argument, autocompletion=complete_experiment),
 ]
 TrialNumber = Annotated[
-    int, typer.Argument(metavar="TRIAL", min=1, max=99, help="The trial's number, counted from 1.")
+    int,
+    typer.Argument(
+        metavar="TRIAL",
+        min=1,
+        max=99,
+        help="The trial's number, counted from 1.",
+        autocompletion=complete_trial,
+    ),
 ]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of lines.")]
+
+
+def show(as_json: bool, data: dict[str, Any], lines: Iterable[str]) -> None:
+    """Print a command's result: one JSON object, or lines for a person."""
+    if as_json:
+        print(json.dumps(data, default=_plain, ensure_ascii=False), flush=True)
+    else:
+        for line in lines:
+            print(line)
+
+
+def show_problem(problem: StrandcastError) -> None:
+    """Print a problem: as one JSON object if the command line asks for JSON, which may be wrong in itself."""
+    words = sys.argv[1:]
+    if "--json" in words[: words.index("--") if "--" in words else len(words)]:
+        show(True, problem.to_json(), ())
+    else:
+        print(problem, file=sys.stderr, flush=True)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Path):
+        return value.as_posix()
+    raise TypeError(f"{type(value).__name__} is not JSON")

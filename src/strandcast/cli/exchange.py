@@ -1,11 +1,11 @@
 """Commands that exchange data with other programs: import joints, import track, export motion."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from strandcast.cli.common import ROOT, ExperimentName, TrialNumber
+from strandcast.cli.common import ROOT, AsJson, ExperimentName, TrialNumber, show
 
 
 def import_joints(
@@ -30,6 +30,7 @@ def import_joints(
         int | None, typer.Option(min=0, help="UR logs: the digital output that switches the LED.")
     ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Import a joint log as joints.csv and run.json of a trial."""
     from strandcast.imports.joints import Reading
@@ -42,17 +43,23 @@ def import_joints(
     reading = Reading(dialect, mapping, bag, degrees, sync_output)
     run = stage.run(ROOT, experiment, trial, log, reading, joint or [], replace)
     timing = run.timing
-    print(
+    lines = [
         f"{run.rows} rows at {timing.rate_hz:.1f} Hz, {len(timing.gaps)} gaps, {timing.duplicates} duplicates"
-    )
+    ]
+    lost = sum(gap.missing for gap in timing.gaps)
     if timing.gaps:
         worst = max(timing.gaps, key=lambda gap: gap.duration_s)
-        lost = sum(gap.missing for gap in timing.gaps)
-        print(
-            f"{lost} samples lost; longest gap {1000 * worst.duration_s:.1f} ms after row {worst.index + 1}"
-        )
-    for warning in run.warnings:
-        print(f"warning: {warning}")
+        longest = f"longest gap {1000 * worst.duration_s:.1f} ms after row {worst.index + 1}"
+        lines.append(f"{lost} samples lost; {longest}")
+    lines += [f"warning: {warning}" for warning in run.warnings]
+    found: dict[str, Any] = {
+        "rows": run.rows,
+        "rate_hz": timing.rate_hz,
+        "gaps": len(timing.gaps),
+        "lost": lost,
+    }
+    found |= {"duplicates": timing.duplicates, "warnings": run.warnings}
+    show(as_json, {"experiment": experiment, "trial": trial} | found, lines)
 
 
 def import_track(
@@ -75,6 +82,7 @@ def import_track(
         Path | None, typer.Option(help="TOML or YAML file that gives all this instead.")
     ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Import motion capture as track, hand and alignment of a trial without video."""
     from strandcast.imports.mapping import CaptureMapping, capture_mapping_of, load_mapping
@@ -88,9 +96,10 @@ def import_track(
         turned = {"angle_sign": angle_sign, "angle_offset_rad": angle_offset}
         mapping = capture_mapping_of(time, hand, marker or [], **turned)
     summary = stage.run(ROOT, experiment, trial, capture, mapping, replace)
-    print(f"{summary.decoded_frames} samples, {summary.points} mass points")
-    for warning in summary.warnings:
-        print(f"warning: {warning}")
+    lines = [f"{summary.decoded_frames} samples, {summary.points} mass points"]
+    lines += [f"warning: {warning}" for warning in summary.warnings]
+    found = {"samples": summary.decoded_frames, "points": summary.points, "warnings": summary.warnings}
+    show(as_json, {"experiment": experiment, "trial": trial} | found, lines)
 
 
 def export_motion(
@@ -119,6 +128,7 @@ def export_motion(
     sync_output: Annotated[
         int | None, typer.Option(help="urscript: the digital output that is high during the motion.")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Check a motion as the player does and write it for an arm without a driver."""
     from strandcast.executor.dry_run_report import unchecked_limits
@@ -126,7 +136,9 @@ def export_motion(
     from strandcast.stages import export_motion as stage
 
     done = stage.run(ROOT, motion, out, ExportForm(kind, rate, sync_output), arm, hanging, time_scale)
-    for line in unchecked_limits(done.arm):
-        print(line)
+    duration_s = done.motion.trajectory().end_s
+    unchecked = list(unchecked_limits(done.arm))
     slow = "" if time_scale == 1 else f", {time_scale:g} times slower: not a throw"
-    print(f"{out}: motion {done.short_hash}, {done.motion.trajectory().end_s:.3f} s{slow}")
+    lines = [*unchecked, f"{out}: motion {done.short_hash}, {duration_s:.3f} s{slow}"]
+    found = {"file": out, "motion": done.short_hash, "duration_s": duration_s, "time_scale": time_scale}
+    show(as_json, found | {"unchecked": unchecked}, lines)

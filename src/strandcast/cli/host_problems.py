@@ -34,6 +34,13 @@ def problem_of(error: Exception) -> StrandcastError | None:
             fix="set TMPDIR or NUMBA_CACHE_DIR to a folder that can be written",
             exit_code=ENVIRONMENT,
         )
+    if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith("strandcast"):
+        return StrandcastError(
+            "SC-W012",
+            f"the package {error.name} is not installed (a robot's computer may have the player's alone)",
+            fix="install all packages: pip install strandcast",
+            exit_code=ENVIRONMENT,
+        )
     return _refused(error) if isinstance(error, OSError) else None
 
 

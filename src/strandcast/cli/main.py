@@ -7,34 +7,43 @@ import logging
 import os
 import signal
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.exceptions import TyperException
 
 from strandcast import __version__
 from strandcast.cli.checks import boards, check, preview, schema
-from strandcast.cli.common import ROOT
+from strandcast.cli.common import show_problem
+from strandcast.cli.compare import compare
+from strandcast.cli.doctor import doctor
 from strandcast.cli.exchange import export_motion, import_joints, import_track
+from strandcast.cli.exclusions import exclude, include
+from strandcast.cli.exports import EXPORTS
 from strandcast.cli.integrity import unlock, verify
+from strandcast.cli.new import new
 from strandcast.cli.play import EXIT_CODES, play
-from strandcast.cli.stages import stage_commands, summary
+from strandcast.cli.run import RESUMING, run
+from strandcast.cli.stages import LAB_STAGES, stage_commands, summary
+from strandcast.cli.status import status
 from strandcast.errors import ENDING_SIGNALS, Ended, StrandcastError
 
 app = typer.Typer(
     name="strandcast",
     help="From raw high-speed video and a robot log to fitted string physics, the next throw, and a report.",
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,
+    rich_markup_mode="markdown",  # not "rich": it would take the units in square brackets for styles
 )
 
 
 def main() -> None:
     """Run a command of strandcast."""
-    guarded(app)
+    guarded(lambda: sys.exit(app(prog_name="strandcast", standalone_mode=False)))
 
 
 def configure_logging() -> None:
@@ -44,29 +53,57 @@ def configure_logging() -> None:
     logging.basicConfig(level=level, format="%(levelname)s: %(message)s")
 
 
-def guarded(app: typer.Typer) -> None:
+def guarded(command: Callable[[], Any]) -> None:
     """Run a command; report a user's error as one message and an exit code, never as a traceback."""
     configure_logging()
     for number in ENDING_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # ignored by nohup, or as a job in the background
             signal.signal(number, _end)
     try:
-        app()
+        command()
+    except TyperException as error:
+        _end_with(_wrong_usage(error))
     except StrandcastError as error:
-        print(error, file=sys.stderr)
-        sys.exit(error.exit_code)
+        _end_with(error)
     except Exception as error:
         from strandcast.cli.host_problems import problem_of
 
         problem = problem_of(error)
         if problem is None:
             raise
-        print(problem, file=sys.stderr)
-        sys.exit(problem.exit_code)
+        _end_with(problem)
     except Ended as ended:
         with suppress(OSError):  # the terminal may be closed
             print(f"stopped by {ended}: {ended.kept}", file=sys.stderr, flush=True)
         sys.exit(ended.exit_code)
+
+
+def _end_with(problem: StrandcastError) -> None:
+    show_problem(problem)
+    sys.exit(problem.exit_code)
+
+
+def _wrong_usage(error: TyperException) -> StrandcastError:
+    """Return an error of typer, with the command that it belongs to, as one of ours."""
+    context = getattr(error, "ctx", None)
+    if type(error).__name__ == "NoArgsIsHelpError":  # typer has printed the help
+        sys.exit(error.exit_code)
+    name = _named_command() if context is None else context.command_path
+    what = " ".join(error.format_message().split()).rstrip(".")
+    fix = f"see {name} --help"
+    return StrandcastError("SC-W020", f"{name}: {what}", fix=fix, exit_code=error.exit_code)
+
+
+def _named_command() -> str:
+    """Return the command that the command line names, as typer does not say it of a missing value."""
+    names = ["strandcast"]
+    command: Any = typer.main.get_command(app)
+    for word in sys.argv[1:]:
+        command = getattr(command, "commands", {}).get(word)
+        if command is None:
+            break
+        names.append(word)
+    return " ".join(names)
 
 
 def _end(number: int, frame: FrameType | None) -> None:
@@ -74,35 +111,46 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 
 @app.callback(invoke_without_command=True)
-def options(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+def options(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True)] = False,
+) -> None:
     """Handle the options that come before a command."""
     if version:
         print(f"strandcast {__version__}")
         raise typer.Exit
 
 
-@app.command()
-def run(
-    experiments: Annotated[list[str] | None, typer.Argument(metavar="[EXPERIMENT]...")] = None,
-    cores: Annotated[int, typer.Option(min=1, help="Number of processor cores to use.")] = 2,
-) -> None:
-    """Make the reports of experiments, and everything they need (default: all under data/)."""
-    from strandcast.workflow.runner import run_experiments
-
-    sys.exit(run_experiments(ROOT, experiments or [], cores))
-
-
-for command in (check, schema, boards, preview, verify, unlock):
-    app.command()(command)
-for name, (stage, text) in stage_commands().items():
-    app.command(name, help=text)(stage)
-app.command()(summary)
-app.command(epilog=EXIT_CODES)(play)
-
-importing = typer.Typer(help="Import data that was measured elsewhere.", no_args_is_help=True)
+importing = typer.Typer(no_args_is_help=True)
 importing.command("joints")(import_joints)
 importing.command("track")(import_track)
-app.add_typer(importing, name="import")
-exporting = typer.Typer(help="Export motions for other programs.", no_args_is_help=True)
+exporting = typer.Typer(no_args_is_help=True)
 exporting.command("motion")(export_motion)
-app.add_typer(exporting, name="export")
+for name, export in EXPORTS.items():
+    exporting.command(name)(export)
+
+# The help lists groups and commands in this order; commands that have commands of their own come last.
+DAILY, SET_UP, CARE = "Every day", "Setting up", "Looking after files"
+STAGES, LAB, EXCHANGE = "Single stages", "Virtual lab", "Data exchange"
+
+GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
+    DAILY: (new, check, status, run, play, exclude, include),
+    SET_UP: (doctor, schema, boards, preview),
+    CARE: (compare, verify, unlock),
+    STAGES: (summary,),
+}
+EPILOGS = {play: EXIT_CODES, run: RESUMING}
+
+for panel, commands in GROUPS.items():
+    for command in commands:
+        app.command(epilog=EPILOGS.get(command), rich_help_panel=panel)(command)
+for name, (stage, text) in sorted(stage_commands().items(), key=lambda item: item[0] in LAB_STAGES):
+    app.command(name, help=text, rich_help_panel=LAB if name in LAB_STAGES else STAGES)(stage)
+app.add_typer(
+    importing, name="import", help="Import data that was measured elsewhere.", rich_help_panel=EXCHANGE
+)
+app.add_typer(
+    exporting,
+    name="export",
+    help="Export motions, trials and strings for other programs.",
+    rich_help_panel=EXCHANGE,
+)

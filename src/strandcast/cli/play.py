@@ -1,9 +1,11 @@
 """The command that plays a motion on an arm."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+
+from strandcast.cli.common import AsJson, show
 
 EXIT_CODES = (
     "Exit codes: 0 dry run passed, or played and logged; 2 refused; 3 no driver, or no answer; "
@@ -40,6 +42,7 @@ def play(
     accept_soft_realtime: Annotated[
         bool, typer.Option("--accept-soft-realtime", help="Stream even if the host's timing is poor.")
     ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Check a motion against its arm (a dry run); with --live or --confirm, play and log it."""
     from strandcast.executor.preflight import PlayOptions
@@ -51,6 +54,14 @@ def play(
         settle_s=settle,
         soft_realtime=accept_soft_realtime,
     )
-    done = stage.run(motion, arm, out, options, hanging, live, confirm)
+    if as_json and live and confirm is None:
+        raise typer.BadParameter("--json asks nothing: use --confirm HASH instead of --live")
+    said: list[str] = []
+    say = said.append if as_json else print
+    done = stage.run(motion, arm, out, options, hanging, live, confirm, say)
+    result: dict[str, Any] = {"motion": motion, "out": out, "played": done is not None, "report": said}
+    lines = []
     if done is not None:
-        print(f"{out}: {done.status}, {done.rows} rows at {done.timing.rate_hz:.0f} Hz")
+        result |= {"status": done.status, "rows": done.rows, "rate_hz": done.timing.rate_hz}
+        lines = [f"{out}: {done.status}, {done.rows} rows at {done.timing.rate_hz:.0f} Hz"]
+    show(as_json, result, lines)

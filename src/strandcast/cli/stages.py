@@ -5,10 +5,10 @@ from typing import Annotated, Any
 
 import typer
 
-from strandcast.cli.common import ROOT, ExperimentName, TrialNumber
+from strandcast.cli.common import ROOT, AsJson, ExperimentName, TrialNumber, complete_trial, show
 from strandcast.progress import print_line, set_context
 from strandcast.records.folders import ExperimentFolder, trial_name
-from strandcast.stages.run import run_stage
+from strandcast.stages.run import files_of, run_stage
 from strandcast.workflow.locks import lease
 
 EXPERIMENT_STAGES = {
@@ -20,6 +20,7 @@ TRIAL_STAGES = {
     "ingest": "Hash and check the raw files of a trial.",
     "track": "Track the string of a trial as mass points.",
     "reconstruct": "Reconstruct the track of a trial in metres from its detections.",
+    "clip": "Cut the film of a trial's throw for its page.",
     "align": "Align the camera's clock with the robot's.",
     "register_track": "Register a track and an alignment that were measured elsewhere.",
     "register_motion": "Register the motion that a real arm has played as the trial's motion.",
@@ -28,6 +29,7 @@ TRIAL_STAGES = {
     "plan": "Plan the motion of a trial from the trials before it.",
     "report": "Write the page of a trial.",
 }
+LAB_STAGES = ("lab-calibrate", "lab-throw")  # the commands of the virtual lab
 
 
 def stage_commands() -> dict[str, tuple[Callable[..., None], str]]:
@@ -38,30 +40,38 @@ def stage_commands() -> dict[str, tuple[Callable[..., None], str]]:
 
 
 def _of_experiment(stage: str) -> Callable[..., None]:
-    def command(experiment: ExperimentName) -> None:
-        _run(stage, experiment, experiment)
+    def command(experiment: ExperimentName, as_json: AsJson = False) -> None:
+        _run(as_json, stage, experiment, experiment)
 
     return command
 
 
 def _of_trial(stage: str) -> Callable[..., None]:
-    def command(experiment: ExperimentName, trial: TrialNumber) -> None:
-        _run(stage, f"{experiment} {trial_name(trial)}", experiment, trial)
+    def command(experiment: ExperimentName, trial: TrialNumber, as_json: AsJson = False) -> None:
+        _run(as_json, stage, f"{experiment} {trial_name(trial)}", experiment, trial)
 
     return command
 
 
 def summary(
     experiment: ExperimentName,
-    trials: Annotated[list[int] | None, typer.Argument(metavar="[TRIAL]...")] = None,
+    trials: Annotated[
+        list[int] | None,
+        typer.Argument(metavar="[TRIAL]...", min=1, max=99, autocompletion=complete_trial),
+    ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Write the page and the summary of an experiment (default: all trials that have a page)."""
-    _run("summary", experiment, experiment, 0, trials or ExperimentFolder(ROOT, experiment).reported_trials())
+    chosen = trials or ExperimentFolder(ROOT, experiment).reported_trials()
+    _run(as_json, "summary", experiment, experiment, 0, chosen)
 
 
-def _run(stage: str, subject: str, *arguments: Any) -> None:
+def _run(as_json: bool, stage: str, subject: str, *arguments: Any) -> None:
     """Run a stage; lines of progress begin with its subject. Each stage imports only what it needs."""
     set_context(subject)
     print_line(f"{subject} {stage}")
     with lease(ROOT, arguments[0]):
         run_stage(stage, ROOT, *arguments)
+    files = files_of(stage, ROOT, *arguments)
+    made = [path for paths in files.stage.output_files(files.job).values() for path in paths]
+    show(as_json, {"stage": stage, "experiment": arguments[0], "files": made}, ())

@@ -55,14 +55,27 @@ def each_once(field: str, message: str) -> AfterValidator:
 class Board(Section):
     """The ChArUco board of the lens photos."""
 
-    squares_x: Annotated[int, Field(ge=3, le=50)] = Field(7, description="Number of squares per row.")
-    squares_y: Annotated[int, Field(ge=3, le=50)] = Field(5, description="Number of squares per column.")
-    square_m: Annotated[float, Field(gt=0.001, le=1)] = Field(0.035, description="Side of a square [m].")
-    marker_m: Annotated[float, Field(gt=0.001, le=1)] = Field(
-        0.026, description="Side of a marker [m]; less than square_m."
+    squares_x: Annotated[int, Field(ge=3, le=50)] = Field(
+        7, description="Number of squares per row. Set it to the board that you printed."
     )
-    dictionary: Dictionary = Field("DICT_5X5_100", description="OpenCV's name of the markers' dictionary.")
-    legacy: bool = Field(False, description="Boards printed by OpenCV before 4.6 with even rows.")
+    squares_y: Annotated[int, Field(ge=3, le=50)] = Field(
+        5, description="Number of squares per column. Set it to the board that you printed."
+    )
+    square_m: Annotated[float, Field(gt=0.001, le=1)] = Field(
+        0.035, description="Side of a square. Measure the print and set it."
+    )
+    marker_m: Annotated[float, Field(gt=0.001, le=1)] = Field(
+        0.026, description="Side of a marker; less than square_m. Measure the print and set it."
+    )
+    dictionary: Dictionary = Field(
+        "DICT_5X5_100",
+        description="OpenCV's name of the board's markers. Set it for a board from another generator.",
+    )
+    legacy: bool = Field(
+        False,
+        description="The layout that OpenCV before 4.6 printed for even numbers of rows. Set it for such "
+        "a board; calibrate recognises one, too.",
+    )
 
     @model_validator(mode="after")
     def _markers_fit_into_squares(self) -> Board:
@@ -75,20 +88,20 @@ class PlaneMarker(Section):
     """A marker lying in the plane of motion."""
 
     id: Annotated[int, Field(ge=0, le=1023)] = Field(description="Id of the marker in its dictionary.")
-    x_m: Position = Field(description="Its centre in the world frame.")
-    y_m: Position = Field(description="Its centre in the world frame.")
+    x_m: Position = Field(description="x of its centre in the world frame.")
+    y_m: Position = Field(description="y of its centre in the world frame.")
     angle_rad: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = Field(
-        0.0, description="Its rotation, counter-clockwise [rad]."
+        0.0, description="Its rotation, counter-clockwise. Set it for a marker that is not upright."
     )
 
 
 class PlaneBoard(Board):
     """A ChArUco board that lies in the plane of motion."""
 
-    x_m: Position = Field(description="Its lower left corner, as printed, in the world frame.")
-    y_m: Position = Field(description="Its lower left corner, as printed, in the world frame.")
+    x_m: Position = Field(description="x of its lower left corner, as printed, in the world frame.")
+    y_m: Position = Field(description="y of its lower left corner, as printed, in the world frame.")
     angle_rad: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = Field(
-        0.0, description="Its rotation, counter-clockwise [rad]."
+        0.0, description="Its rotation, counter-clockwise. Set it for a board that is not upright."
     )
 
 
@@ -96,19 +109,25 @@ class Plane(Section):
     """The markers, or the board, that carry the world frame into the picture."""
 
     dictionary: Dictionary = Field(
-        "DICT_4X4_50", description="OpenCV's name of the dictionary of the single markers."
+        "DICT_4X4_50",
+        description="OpenCV's name of the dictionary of the single markers. Set it to what you printed.",
     )
     size_m: Annotated[float, Field(gt=0.002, le=1)] = Field(
-        0.08, description="Side of the single markers [m]."
+        0.08, description="Side of the single markers' black squares. Measure the print and set it."
     )
     markers: Annotated[list[PlaneMarker], each_once("id", "marker {} is there twice")] = Field(
-        [], description="Single markers in the plane of motion, with their measured positions."
+        [],
+        description="Single markers in the plane of motion, with their measured positions. Give four or "
+        "more at the edges of the workspace, or a board.",
     )
-    board: PlaneBoard | None = Field(None, description="Instead of single markers.")
+    board: PlaneBoard | None = Field(
+        None, description="A ChArUco board in the plane of motion. Give it instead of single markers."
+    )
     place_sd_m: Annotated[float, Field(ge=0, le=0.1)] | None = Field(
         None,
         description="How well the markers' places were measured, one standard deviation; by default found "
-        "from how well they fit each other.",
+        "from how well they fit each other. Set it with fewer than four markers, which cannot "
+        "show it.",
     )
 
     @model_validator(mode="after")
@@ -122,40 +141,77 @@ class CameraSettings(Section):
     """The camera set-up and its calibration files, relative to the experiment's folder."""
 
     scale: Literal["markers", "arc"] = Field(
-        "markers", description="Metric scale from markers, or from a pendulum's arc and known length."
+        "markers",
+        description="Metric scale from markers, or from a pendulum's arc and known length. Use arc only "
+        "with `tracker: pendulum`, for videos without markers.",
     )
     lens_photos: Annotated[Below, AfterValidator(_pattern)] = Field(
         LENS_PHOTOS,
-        description="Pattern of the lens photos of the board, relative to the experiment's folder.",
+        description="Pattern of the lens photos of the board, relative to the experiment's folder. Set it "
+        "if your photos have other names.",
     )
     lens_video: Below | None = Field(
-        None, description="A video of the ChArUco board, moved slowly about, instead of photos."
+        None, description="A video of the ChArUco board, moved slowly about. Give it instead of photos."
+    )
+    lens_file: Below | None = Field(
+        None,
+        description="A lens that another program calibrated: OpenCV's YAML, ROS camera_info, Kalibr's "
+        "camchain, or the TOML of caliscope or anipose. Give it instead of photos of the "
+        "board; the resolution must be that of the plane's photo.",
+    )
+    lens_name: Annotated[str, Field(min_length=1, max_length=100)] | None = Field(
+        None, description="Which camera of lens_file, e.g. cam0. Set it where the file has several."
     )
     distortion: Literal["auto", "none", "k1", "k1k2", "k1k2p1p2", "k1k2k3p1p2", "rational"] = Field(
-        "auto", description="The lens' free coefficients; by default those that predict unseen photos best."
+        "auto",
+        description="The lens' free coefficients; auto takes the smallest model that predicts unseen "
+        "photos well. Set it to compare with another program, or where you know the lens.",
     )
     plane_photo: Below = Field(
-        PLANE_PHOTO, description="Photo of the plane's markers or board, relative to the experiment's folder."
+        PLANE_PHOTO,
+        description="Photo of the plane's markers or board, relative to the experiment's folder. Set it "
+        "if your photo has another name.",
     )
-    board: Board = Field(Board(), description="The ChArUco board of the lens photos or video.")
+    board: Board = Field(
+        Board(),
+        description="The ChArUco board of the lens photos or video. Set it to the board that you printed.",
+    )
     plane: Plane = Field(
-        Plane(), description="The markers, or the board, in the plane of motion; they define the world frame."
+        Plane(),
+        description="The markers, or the board, in the plane of motion; they define the world frame. Give "
+        "one or the other, unless scale is arc.",
     )
     string_offset_m: Annotated[float, Field(ge=-1, le=1)] = Field(
-        0.0, description="How far the string's plane lies before the markers' plane, towards the camera."
+        0.0,
+        description="How far the string's plane lies before the markers' plane, towards the camera. "
+        "Measure and set it: forgetting 10 mm at 2.3 m costs 0.44 % of every length.",
     )
     string_offset_sd_m: Annotated[float, Field(ge=0, le=0.1)] = Field(
-        1e-3, description="How well that distance was measured, one standard deviation."
+        1e-3,
+        description="How well that distance was measured, one standard deviation; it enters the standard "
+        "error of every point. Raise it if you estimated the distance by eye.",
     )
     exposure_s: Annotated[float, Field(gt=0, le=0.1)] | None = Field(
-        None, description="By default a fifth of the time between frames."
+        None,
+        description="Exposure time per frame; by default a fifth of the time between frames. Set it to "
+        "the camera's value: a moving marker's blur depends on it.",
     )
     frame_rate_hz: Annotated[float, Field(gt=1, le=1e6)] | None = Field(
-        None, description="True rate, where the file's header lies (slow-motion exports)."
+        None,
+        description="True frame rate of the video. Set it where the file's header gives another one, as "
+        "slow-motion exports do.",
     )
     missing_policy: Literal["refuse", "use_prefix"] = Field(
-        "refuse", description="Refuse a video that was cut, or take the frames before the cut."
+        "refuse",
+        description="Refuse a video that was cut, or use the frames before the cut. Set use_prefix only "
+        "if the throw itself is complete.",
     )
+
+    @model_validator(mode="after")
+    def _one_source_of_the_lens(self) -> CameraSettings:
+        if self.lens_file is not None and self.lens_video is not None:
+            raise ValueError("give lens_file or lens_video, not both")
+        return self
 
 
 def only_camera(names: Iterable[str]) -> str:

@@ -24,13 +24,18 @@ class PaperSearch(Section):
 
     centre: Literal["fixed", "running"] = Field(
         "running",
-        description="Draw around the previous trial's estimate (fixed), or around the best so far (running).",
+        description="Draw around the previous trial's estimate (fixed), or around the best so far "
+        "(running). Change it only to compare readings of the paper: fixed is far worse.",
     )
     chi_0: Annotated[float, Field(gt=0, le=1)] = Field(
-        1.0, description="Largest first change of a parameter with one trial, as a share of its range."
+        1.0,
+        description="Largest first change of a parameter with one trial, as a share of its range. Change "
+        "it only to compare readings of the paper.",
     )
     beta: Annotated[float, Field(gt=0, lt=1)] = Field(
-        0.999, description="Factor by which the largest change shrinks from change to change."
+        0.999,
+        description="Factor by which the largest change shrinks from change to change. Lower it for a "
+        "small number of evaluations.",
     )
 
 
@@ -39,76 +44,119 @@ class EstimateSettings(Section):
 
     search: PluginName = Field(
         "descent",
-        description="descent: from several draws; cma: CMA-ES; evolution: differential evolution; paper: the "
-        "paper's eq. 3; or an optimiser that an installed package provides.",
+        description="descent: Gauss-Newton from several draws; cma: CMA-ES; evolution: differential "
+        "evolution; paper: the paper's eq. 3; or an optimiser that an installed package "
+        "provides. Use paper to reproduce the paper; the others confirm a fit that you doubt.",
     )
     evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
         4000,
         description="Strings to simulate for the search, which ends earlier where nothing gains any more; "
-        "forecast and profiles may add to them.",
+        "forecast and profiles may add to them. Raise it if twice as many lower E noticeably.",
     )
     trials: Literal["all", "latest"] = Field(
-        "all", description="Fit all trials so far, or only the latest one."
+        "all",
+        description="Fit all trials so far, or only the latest one. Use latest if the string changed "
+        "between throws, or to reproduce the paper.",
     )
     older_trials_weight: Annotated[float, Field(ge=0, le=1)] = Field(
-        0.6, description="Weight of a trial in the fit relative to the trial after it."
+        0.6,
+        description="Weight of a trial in the fit relative to the trial after it. Raise it to 1 if the "
+        "string surely stays the same; lower it if it wears or slips.",
     )
     evaluation: Literal["world", "hand"] = Field(
-        "world", description="Frame of the evaluation value E: world, or positions relative to the hand."
+        "world",
+        description="Frame of the evaluation value E: world, or positions relative to the hand. Use hand "
+        "if the camera's and the arm's frames do not agree, or to compare with the paper's "
+        "figures.",
     )
-    w: Annotated[float, Field(ge=0, le=10)] = Field(0.1, description="Weight of eq. 6 towards the tip.")
+    w: Annotated[float, Field(ge=0, le=10)] = Field(
+        0.1,
+        description="Weight of eq. 6: point i counts 1 + w (i - 1), more towards the tip. Raise it if "
+        "only the tip matters; 0 weights all points alike.",
+    )
     ranges: Ranges = Field(
         "wide",
-        description="Ranges of the string parameters: wide, the paper's, or [least, greatest] by parameter.",
+        description="Ranges of the string parameters: wide, the paper's, or [least, greatest] by "
+        "parameter. Give a range where the report marks a parameter as at its bound; use "
+        "paper to reproduce the paper.",
     )
     reading: Literal["rate", "sign", "strain"] = Field(
         "rate",
-        description="Which bend takes the coefficients h and which sh: rate: growing and straightening, "
-        "sign: left and right, strain: compressed and stretched.",
+        description="Which bend takes the coefficients h and which sh: growing and straightening (rate), "
+        "left and right (sign), or compressed and stretched (strain). Change it only to "
+        "compare readings of the paper.",
     )
     integrator: PluginName = Field(
         "lfcn",
         description="lfcn: leapfrog with implicit dampers, second order; semi_implicit; euler: as in the "
-        "paper, needs steps of microseconds; or a scheme that an installed package provides.",
+        "paper, needs steps of microseconds; or a scheme that an installed package provides. "
+        "Change it only to compare schemes.",
     )
     dt_s: Annotated[float, Field(gt=0, le=0.005)] = Field(
-        1e-3, description="Time step of the simulation [s]."
+        1e-3,
+        description="Time step of the simulation. Lower it to check that results do not depend on it, or "
+        "if strings of many points diverge; the time taken grows in proportion.",
     )
     start_shape: Literal["observed", "hanging"] = Field(
         "observed",
-        description="Shape of the string at the start of the simulation: as observed, or hanging at rest.",
+        description="Shape of the string at the start of the simulation: as observed, or hanging at rest. "
+        "Use hanging if the first frames do not show the string well and it hung still.",
     )
-    rest_curl: bool = Field(True, description="Fit a constant rest curvature (real cables keep one).")
-    clamp_offset: bool = Field(False, description="Fit a turn of the clamp against the arm's file.")
+    rest_curl: bool = Field(
+        True,
+        description="Fit a constant rest curvature; real cables keep one. Set it to false only for a "
+        "chain or for the paper's model.",
+    )
+    clamp_offset: bool = Field(
+        False,
+        description="Fit a turn of the clamp against the arm's file. Set it if the string leaves the hand "
+        "at an angle that varies from grasp to grasp.",
+    )
     clamp_offset_sd_rad: Annotated[float, Field(gt=0, le=0.5)] = Field(
-        0.05, description="How far the clamp's turn may well lie from the arm's file (prior, one sigma)."
+        0.05,
+        description="Standard deviation of the clamp's turn before the fit. Raise it for a clamp set by "
+        "eye; it counts with clamp_offset only.",
     )
     camera_offset_sd_m: Annotated[float, Field(gt=0, le=0.05)] | None = Field(
         None,
-        description="Fit an offset of the camera against the robot with this prior; null: none.",
+        description="Fit an offset of the camera against the robot, of this standard deviation before the "
+        "fit; null: none. Set it if the report shows the tracked hand a constant distance "
+        "from the arm's kinematics.",
     )
     stiff_bend: bool = Field(
-        False, description="Fit how much stiffer the stiff sections bend than the string."
+        False,
+        description="Fit how much stiffer the stiff sections bend than the string. Set it for sections "
+        "that bend a little, such as heat-shrink tubing.",
     )
     bend_friction: bool = Field(
         False,
-        description="Fit one dry friction of all joints: for thick cables, which stop swinging abruptly.",
+        description="Fit one dry friction of all joints. Set it for thick cables, which stop swinging "
+        "abruptly.",
     )
     find_weights: Annotated[int, Field(ge=0, le=3)] = Field(
-        0, description="Number of weights at unknown places: place and mass are both estimated."
+        0,
+        description="Number of weights at unknown places: place and mass are both estimated. Set it if "
+        "you cannot measure where the weights sit; expect more throws.",
     )
     horizon_s: Annotated[float, Field(ge=0, le=60)] | None = Field(
-        0.03, description="Frames up to this long after the closest approach enter E; null: the whole motion."
+        0.03,
+        description="Frames up to this long after the closest approach enter E; null: the whole motion. "
+        "Raise it to fit the swing after the hit, too; use null to reproduce the paper.",
     )
     joints: Literal["measured", "commanded"] = Field(
         "measured",
-        description="Drive the simulated hand with the measured or with the commanded joint angles.",
+        description="Drive the simulated hand with the measured or with the commanded joint angles. Use "
+        "commanded only to reproduce the paper.",
     )
     ensemble: Annotated[int, Field(ge=1, le=64)] = Field(
-        6, description="Number of near-best strings that are kept beside the best one."
+        6,
+        description="Number of near-best strings that are kept beside the best one; the planner uses "
+        "them. Raise it for a better picture of what the data leave open.",
     )
     profiles: bool = Field(
-        True, description="Find how far each number may move while E rises by 2 %, all others fitted again."
+        True,
+        description="Find how far each number may move while E rises by 2 %, all others fitted again. Set "
+        "it to false to save time if you do not read the parameters.",
     )
     paper: PaperSearch = Field(PaperSearch(), description="Settings of `search: paper`.")
 

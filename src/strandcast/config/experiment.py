@@ -51,40 +51,68 @@ class Conflict(ValueError):
 class Experiment(Section):
     """One string, arm, camera set-up and target, and the settings of every stage."""
 
-    schema_version: Literal[1] = Field(1, description="Version of this file format.")
-    title: Annotated[str, Field(max_length=200)] = Field("", description="Title of the report.")
+    schema_version: Literal[1] = Field(
+        1, description="Version of this file format. Leave it out; a later format will need it."
+    )
+    title: Annotated[str, Field(max_length=200)] = Field(
+        "", description="Title of the report. Set it if the experiment's name does not say enough."
+    )
     string: String = Field(description="The string: its length, weights and stiff sections.")
     arm: Annotated[str, Field(min_length=1, max_length=200)] = Field(
-        "planar3", description="A name in config/arms, or the path of an arm's file."
+        "planar3",
+        description="A name in config/arms, or the path of an arm's file. Set it for every real arm.",
     )
-    target_m: tuple[Position, Position] = Field(description="The target in the world frame.")
+    target_m: tuple[Position, Position] = Field(
+        description="The target in the world frame: x to the right and y up from the arm's base."
+    )
     objective: AnyObjective = Field(
-        PointObjective(), description="The goal of a throw; by default, the tip hits target_m."
+        PointObjective(),
+        description="The goal of a throw. Set it to hit from a direction or at a speed, to hit a bar, to "
+        "take a shape, or to swing high or fast; by default the tip hits target_m.",
     )
     hit_radius_m: Annotated[float, Field(gt=0, le=0.5)] = Field(
-        0.02, description="A throw hits if the tip's path passes the target within this distance [m]."
+        0.02,
+        description="A throw hits if the tip's path passes the target within this distance. Set it to "
+        "what your task tolerates; it changes the verdict and the hit probability, not the "
+        "best motion.",
     )
-    max_trials: Trial = Field(5, description="The lab stops after this many trials, hit or not.")
-    min_trials: Trial = Field(1, description="The lab throws at least this many trials, even after a hit.")
+    max_trials: Trial = Field(
+        5,
+        description="The lab stops after this many trials, hit or not; a real experiment ignores it. "
+        "Raise it for a string that needs more throws.",
+    )
+    min_trials: Trial = Field(
+        1,
+        description="The lab throws at least this many trials, even after a hit. Raise it to see what "
+        "more throws teach.",
+    )
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = Field(
-        1, description="Seed of all random numbers; the same seed gives the same results."
+        1,
+        description="Seed of all random numbers; the same seed gives the same results. Change it to "
+        "repeat an experiment with other random numbers.",
     )
     start_string: StartString | dict[str, float] = Field(
         "ensemble",
         description="Strings with which the first motion is planned: a random ensemble, the minima of the "
-        "ranges, one random string, or values by parameter.",
+        "ranges (the paper), one random string, or values by parameter. Give values if you "
+        "know a similar string; use minima to reproduce the paper.",
     )
     workspace_m: Box | None = Field(
-        None, description="The region that the hand and the string may enter; by default the arm's own."
+        None,
+        description="The region that the hand and the string may enter. Set it to what is free of people "
+        "and things and seen by the camera; by default the arm's own.",
     )
     excluded: Annotated[list[Exclusion], each_once("trial", "trial {} is excluded twice")] = Field(
-        [], description="Trials that neither estimation nor planning uses."
+        [],
+        description="Trials that neither estimation nor planning uses. Use `strandcast exclude` for a "
+        "throw that went wrong.",
     )
     cameras: dict[CameraName, CameraSettings] = Field(
         {MAIN: CameraSettings()},
         min_length=1,
         description="Set-up and calibration files of each camera, by name; `camera: {…}` is short for "
-        "`cameras: {main: {…}}`.",
+        "`cameras: {main: {…}}`. Give the boards that you printed and the places of the "
+        "plane's markers.",
     )
     track: TrackSettings = Field(TrackSettings(), description="Tracking of the string in the video.")
     align: AlignSettings = Field(
@@ -95,7 +123,7 @@ class Experiment(Section):
     )
     plan: PlanSettings = Field(PlanSettings(), description="Planning of the next motion.")
     lab: LabSettings | None = Field(
-        None, description="The virtual rig; leave it out for an experiment with a real robot."
+        None, description="The virtual rig. Leave it out for an experiment with a real robot."
     )
 
     @field_validator("start_string")
@@ -147,12 +175,12 @@ class Experiment(Section):
 
     @model_validator(mode="after")
     def _lab_uses_default_photo_names(self) -> Experiment:
-        named = {(c.lens_photos, c.plane_photo, c.lens_video) for c in self.cameras.values()}
+        named = {(c.lens_photos, c.plane_photo, c.lens_video or c.lens_file) for c in self.cameras.values()}
         if self.lab is not None and named != {(LENS_PHOTOS, PLANE_PHOTO, None)}:
             raise Conflict(
                 f"the lab writes {LENS_PHOTOS} and {PLANE_PHOTO}",
                 "cameras",
-                "leave lens_photos, plane_photo and lens_video out",
+                "leave lens_photos, plane_photo, lens_video and lens_file out",
             )
         return self
 

@@ -1,13 +1,56 @@
 """Find the files of an experiment and its arm."""
 
 import difflib
+import os
 import re
+import shlex
+import unicodedata
 from pathlib import Path
 
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
 
+NO_PROJECT = "change to a project's folder, or make one: strandcast new FOLDER"
 NAME = r"[a-z0-9][a-z0-9-]{0,63}"
+
+
+SPELLED_OUT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "ø": "oe", "æ": "ae", "å": "aa"})
+
+
+def experiment_named(argument: str, root: Path) -> str:
+    """Return the experiment that an argument names: by its name, or by a path to its file or in its folders.
+
+    A path that names none is returned as it is; `find_experiment` refuses it.
+    """
+    if os.sep not in argument and argument not in (".", ".."):
+        return argument
+    path, top = (Path(os.path.normpath(each.absolute())) for each in (Path(argument), root))
+    parts = path.relative_to(top).parts if path.is_relative_to(top) else ()
+    match parts:
+        case ("data" | "results", name, *_):
+            return name
+        case ("config", "experiments", file) if file.endswith(".yaml"):
+            return Path(file).stem
+        case (name,) if argument.endswith(os.sep):
+            return name
+    return argument
+
+
+def _valid_name(name: str) -> str:
+    """Return the valid name that is nearest to a name."""
+    plain = unicodedata.normalize("NFKD", name.lower().translate(SPELLED_OUT))
+    plain = "".join(letter for letter in plain if not unicodedata.combining(letter))
+    return re.sub("[^a-z0-9]+", "-", plain).strip("-")[:64] or "string-1"
+
+
+def _renaming(name: str, root: Path) -> str:
+    """Return the fix for a name that is not valid: the command that renames its folder, if it is one."""
+    folder = root / "data" / name
+    if os.sep not in name and name.strip(".") and folder.is_dir():
+        return "rename its folder: " + shlex.join(
+            ["mv", str(folder), str(folder.with_name(_valid_name(name)))]
+        )
+    return "use up to 64 lower-case letters, digits and hyphens, e.g. `string-1`"
 
 
 def find_experiment(name: str, root: Path) -> Path:
@@ -16,23 +59,50 @@ def find_experiment(name: str, root: Path) -> Path:
         raise StrandcastError(
             "SC-F005",
             f"{name!r} is not a valid name of an experiment",
-            fix="use up to 64 lower-case letters, digits and hyphens, e.g. `string-1`",
+            fix=_renaming(name, root),
         )
     own, shipped = root / "data" / name / "experiment.yaml", root / "config" / "experiments" / f"{name}.yaml"
     for path in (own, shipped):
         if path.is_file():
             return path
     known = sorted(
-        {p.parent.name for p in root.glob("data/*/experiment.yaml")}
+        {p.parent.name for p in root.glob("data/*/experiment.yaml") if p.is_file()}
         | {p.stem for p in root.glob("config/experiments/*.yaml")}
     )
+    misspelt = _misspelt(own)
     near = difflib.get_close_matches(name, known, n=1)
-    raise StrandcastError(
-        "SC-F001",
-        f"there is no experiment {name!r}",
-        file=own,
-        fix=f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known) or 'none'}",
-    )
+    fix = f"known: {', '.join(known)}" if known else NO_PROJECT
+    fix = f"did you mean {near[0]!r}?" if near else fix
+    if misspelt is not None:
+        fix = "rename its file: " + shlex.join(["mv", str(misspelt), str(own)])
+    raise StrandcastError("SC-F001", f"there is no experiment {name!r}", file=own, fix=fix)
+
+
+def overlooked_experiments(root: Path) -> list[StrandcastError]:
+    """Return a problem for each folder under data/ that holds trials or settings, but is no experiment."""
+    shipped = {path.stem for path in root.glob("config/experiments/*.yaml")}
+    found = []
+    for folder in sorted(path for path in root.glob("data/*") if path.is_dir() and path.name not in shipped):
+        file = folder / "experiment.yaml"
+        trials = [
+            path for path in folder.iterdir() if path.is_dir() and path.name.lower().startswith("trial")
+        ]
+        misspelt = _misspelt(file)
+        if file.is_file() or not (trials or misspelt):
+            continue
+        fix = "write it; config/experiments/demo.yaml is a commented example"
+        if misspelt is not None:
+            fix = "rename it: " + shlex.join(["mv", str(misspelt), str(file)])
+        what = "the folder has no experiment.yaml, so that it is no experiment"
+        found.append(StrandcastError("SC-F012", what, file=folder, fix=fix))
+    return found
+
+
+def _misspelt(file: Path) -> Path | None:
+    """Return the one settings file of another spelling in a folder: experiment.yml, Experiment.yaml."""
+    there = file.parent.iterdir() if file.parent.is_dir() else ()
+    names = ("experiment.yml", "experiment.yaml")
+    return next((path for path in there if path.name.lower() in names and path != file), None)
 
 
 def find_arm(experiment: Experiment, experiment_file: Path, root: Path) -> Path:

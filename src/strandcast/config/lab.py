@@ -10,14 +10,16 @@ from strandcast.core.section import Section
 class LabString(Section):
     """A string given by values."""
 
-    linear_density_kg_m: Annotated[float, Field(gt=0, le=1)] = Field(description="Mass per length [kg/m].")
+    linear_density_kg_m: Annotated[float, Field(gt=0, le=1)] = Field(description="Mass per length.")
     bending_stiffness_n_m2: Annotated[float, Field(ge=0, le=1)] = Field(
-        2e-6, description="Bending stiffness EI [N m^2]."
+        2e-6, description="Bending stiffness EI. Raise it for a stiff cable."
     )
     curl_rad_m: Annotated[float, Field(ge=-50, le=50)] = Field(
-        2.5, description="Curvature without load [rad/m]."
+        2.5, description="Curvature without load. Set it to 0 for a string without memory."
     )
-    diameter_m: Annotated[float, Field(gt=0, le=0.05)] = Field(0.003, description="Diameter [m].")
+    diameter_m: Annotated[float, Field(gt=0, le=0.05)] = Field(
+        0.003, description="Diameter of the string, in the picture and for drag. Set it to your string's."
+    )
 
 
 PaperString = Literal["paper-1", "paper-2", "paper-3", "paper-4", "paper-5", "paper-6", "paper-7"]
@@ -26,36 +28,53 @@ PaperString = Literal["paper-1", "paper-2", "paper-3", "paper-4", "paper-5", "pa
 class LabCamera(Section):
     """The lab's camera."""
 
-    width_px: Annotated[int, Field(ge=320, le=4096)] = Field(1280, description="Width of the picture [px].")
-    height_px: Annotated[int, Field(ge=240, le=4096)] = Field(720, description="Height of the picture [px].")
+    width_px: Annotated[int, Field(ge=320, le=4096)] = Field(
+        1280, description="Width of the picture. Lower it to film and track faster."
+    )
+    height_px: Annotated[int, Field(ge=240, le=4096)] = Field(
+        720, description="Height of the picture. Lower it to film and track faster."
+    )
     frame_rate_hz: Annotated[float, Field(ge=60, le=5000)] = Field(
-        500.0, description="Frames per second [Hz]."
+        500.0, description="Frames per second. Lower it to see what a slower camera costs."
     )
     exposure_s: Annotated[float, Field(gt=0, le=0.02)] = Field(
-        4e-4, description="Exposure time per frame [s]."
+        4e-4,
+        description="Exposure time per frame; it blurs what moves. Raise it to see what motion blur costs.",
     )
     noise_grey: Annotated[float, Field(ge=0, le=50)] = Field(
-        2.5, description="Standard deviation of the noise [grey levels of 8 bits]."
+        2.5,
+        description="Standard deviation of the noise, in grey levels of 8 bits. Raise it to see what a "
+        "dark scene costs.",
     )
     background: Literal["plain", "textured", "cluttered"] = Field(
-        "textured", description="Scene behind the string."
+        "textured", description="Scene behind the string. Change it to see what clutter costs."
     )
 
 
 class LabSettings(Section):
     """The virtual rig, for experiments without a robot."""
 
-    string: PaperString | LabString = Field("paper-1", description="paper-1 … paper-7, or values.")
+    string: PaperString | LabString = Field(
+        "paper-1",
+        description="paper-1 … paper-7, or values. Change it to throw another string; string.length_m "
+        "must fit it.",
+    )
     noise: Annotated[float, Field(ge=0, le=10)] = Field(
-        1.0, description="Scale of the throw-to-throw variation; 1 is a typical rig."
+        1.0,
+        description="Scale of the throw-to-throw variation; 1 is a typical rig. Set it to 0 for throws "
+        "that repeat exactly.",
     )
     servo: Literal["servoj", "stiff", "pd", "soft", "weak"] = Field(
         "servoj",
-        description="Behaviour of the joints: smoothed commands, stiff, without feed-forward (pd), soft, "
-        "or with weak motors.",
+        description="Behaviour of the joints: smoothed commands (servoj), stiff, without feed-forward "
+        "(pd), soft, or with weak motors. Change it to see what the servo costs.",
     )
-    camera: LabCamera = Field(LabCamera(), description="The lab's camera.")
+    camera: LabCamera = Field(
+        LabCamera(),
+        description="The lab's camera. Set it to your own camera's figures to see how well it would do.",
+    )
     led: bool = Field(
         False,
-        description="An LED at the position of align.led, which the controller switches around the throw.",
+        description="An LED at the position of align.led, which the controller switches around the throw. "
+        "Set it to try the LED's alignment.",
     )

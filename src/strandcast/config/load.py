@@ -28,7 +28,12 @@ def load_experiment(path: str | Path) -> Experiment:
         Every invalid setting, with line, field, value and suggestion.
     """
     path = Path(path)
-    data = _parse(path)
+    return parse_experiment(path, _text(path))
+
+
+def parse_experiment(path: Path, text: str) -> Experiment:
+    """Return the settings in the text of a file; raises as `load_experiment`."""
+    data = _parse(path, text)
     with_new_names(data, path)
     try:
         # JSON in strict mode: no "0.3" for 0.3, no true for 1, but a list may stand for a pair.
@@ -47,15 +52,25 @@ def load_experiment(path: str | Path) -> Experiment:
         raise
 
 
-def _parse(path: Path) -> CommentedMap:
+def _text(path: Path) -> str:
     if not path.is_file():
         what = "the experiment's file does not exist"
         raise StrandcastError("SC-F001", what, file=path, fix=f"write it; {EXAMPLE}")
     try:
-        data = load_yaml(read_bounded(path), lines=True)
+        return read_bounded(path)
     except BoundError as error:
-        what, fix = str(error), "correct the YAML"
-        raise StrandcastError("SC-F002", what, file=path, line=error.line, fix=fix) from None
+        raise _invalid(path, error) from None
+
+
+def _invalid(path: Path, error: BoundError) -> StrandcastError:
+    return StrandcastError("SC-F002", str(error), file=path, line=error.line, fix="correct the YAML")
+
+
+def _parse(path: Path, text: str) -> CommentedMap:
+    try:
+        data = load_yaml(text, lines=True)
+    except BoundError as error:
+        raise _invalid(path, error) from None
     if not isinstance(data, CommentedMap):
         raise StrandcastError("SC-F002", "contains no settings", file=path, fix=EXAMPLE)
     return data

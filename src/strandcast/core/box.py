@@ -11,8 +11,8 @@ from strandcast.core.section import Section
 class Box(Section):
     """Limits of the places that hand and string may reach, and of the camera's view."""
 
-    x_m: tuple[Position, Position] = Field(description="Least and greatest x [m] in the world frame.")
-    y_m: tuple[Position, Position] = Field(description="Least and greatest y [m] in the world frame.")
+    x_m: tuple[Position, Position] = Field(description="Least and greatest x in the world frame.")
+    y_m: tuple[Position, Position] = Field(description="Least and greatest y in the world frame.")
 
     @model_validator(mode="after")
     def _lower_bound_first(self) -> Box:

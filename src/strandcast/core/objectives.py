@@ -74,15 +74,23 @@ class Objective(Section):
 class PointObjective(Objective):
     """The tip hits the target; on request moving in a direction, and not too slowly."""
 
-    kind: Literal["point"] = Field("point", description="The tip hits target_m.")
+    kind: Literal["point"] = Field(
+        "point", description="The tip hits target_m. Leave it out unless you set direction or speed."
+    )
     direction_rad: Annotated[float, Field(ge=-7, le=7)] | None = Field(
-        None, description="Of the tip's motion at the hit, counter-clockwise from x."
+        None,
+        description="Direction of the tip's motion at the hit, counter-clockwise from x. Set it if the "
+        "tip must arrive from one side; by default any direction counts.",
     )
     tolerance_rad: Annotated[float, Field(gt=0, le=math.pi)] = Field(
-        0.35, description="How far the direction may be off."
+        0.35,
+        description="How far the direction may be off; beyond it the miss grows by 1 m per radian. Lower "
+        "it where only one direction works; a hit becomes less likely.",
     )
     least_speed_m_s: Annotated[float, Field(ge=0, le=100)] = Field(
-        0.0, description="Least speed of the tip at the hit [m/s]; 0: any."
+        0.0,
+        description="Least speed of the tip at the hit; below it the miss grows by 0.1 m per m/s. Raise "
+        "it if the tip must strike; 0 accepts any speed.",
     )
 
     target_field: ClassVar[str] = "target_m"
@@ -128,8 +136,8 @@ class AimedPoint(PointObjective):
 class SegmentObjective(Objective):
     """The tip hits a bar anywhere between two ends; target_m is its middle if not given."""
 
-    kind: Literal["segment"] = Field(description="The tip hits a bar anywhere.")
-    ends_m: tuple[XY, XY] = Field(description="Both ends of the bar [m] in the world frame.")
+    kind: Literal["segment"] = Field(description="The tip hits a bar anywhere between its ends.")
+    ends_m: tuple[XY, XY] = Field(description="Both ends of the bar in the world frame.")
 
     @property
     def description(self) -> str:
@@ -161,14 +169,16 @@ class SegmentObjective(Objective):
 class ShapePlace(Section):
     """A place on the string, from the hand, and its target."""
 
-    along_m: Place = Field(description="Position along the string, measured from the hand [m].")
-    at_m: XY = Field(description="Where that point should be [m] in the world frame.")
+    along_m: Place = Field(description="Position along the string, measured from the hand.")
+    at_m: XY = Field(description="Where that point should be, in the world frame.")
 
 
 class ShapeObjective(Objective):
     """The string takes a shape for a moment; target_m is the target of its last place if not given."""
 
-    kind: Literal["shape"] = Field(description="The string takes a shape at one instant.")
+    kind: Literal["shape"] = Field(
+        description="Points of the string reach places of their own at one instant."
+    )
     places: Annotated[list[ShapePlace], Field(min_length=1, max_length=50)] = Field(
         description="Points of the string and where they should be at the same instant."
     )
@@ -198,9 +208,13 @@ class SwingObjective(Objective):
     """The tip reaches a height or a speed; if unattainable, it gets as close as possible."""
 
     kind: Literal["swing"] = Field(description="The tip reaches a height or a speed.")
-    height_m: Position | None = Field(None, description="Height to reach, y [m] in the world frame.")
+    height_m: Position | None = Field(
+        None,
+        description="Height (y in the world frame) that the tip must reach. Give either height_m or "
+        "speed_m_s.",
+    )
     speed_m_s: Annotated[float, Field(gt=0, le=1000)] | None = Field(
-        None, description="Speed to reach [m/s]."
+        None, description="Speed that the tip must reach. Give either height_m or speed_m_s."
     )
 
     @property

@@ -15,6 +15,7 @@ import numpy as np
 from llvmlite import ir
 from llvmlite.binding import get_host_cpu_features
 from numba import types
+from numba.core import config
 from numba.core.datamodel import register_default
 from numba.core.datamodel.models import OpaqueModel, PrimitiveModel
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
@@ -42,7 +43,9 @@ class VectorSpec:
 
 
 def register_bits() -> int:
-    """Size of this processor's vector registers."""
+    """Size of the vector registers of the processors that numba compiles for."""
+    if config.CPU_NAME == "x86-64-v3":  # this one may have more
+        return 256
     features = get_host_cpu_features()
     return 512 if features.get("avx512f") else 256 if features.get("avx") else 128
 

@@ -2,6 +2,7 @@
 
 import signal
 from pathlib import Path
+from typing import Any
 
 # Exit codes of the command line (docs/how-to/play-on-an-arm.md lists them for `strandcast play`).
 FAILED_TRIALS = 1
@@ -70,18 +71,23 @@ class StrandcastError(Exception):
     def __str__(self) -> str:
         return self.message()
 
-    def message(self) -> str:
+    def message(self, severity: str = "ERROR") -> str:
         """Return the message: one line to grep, then the cost and the fix."""
         place = ""
         if self.file is not None:
             place = self.file + (f":{self.line}" if self.line is not None else "") + ": "
         field = f"{self.field}: " if self.field else ""
-        lines = [f"{self.code} ERROR  {place}{field}{self.what}"]
+        lines = [f"{self.code} {severity}  {place}{field}{self.what}"]
         if self.cost:
             lines.append(f"        Cost: {self.cost}")
         if self.fix:
             lines.append(f"        Fix: {self.fix}")
         return "\n".join(lines)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the problem as plain data, for programs."""
+        names = ("code", "file", "line", "field", "cost", "fix", "exit_code")
+        return {"message": self.what} | {name: getattr(self, name) for name in names}
 
 
 def shortened(text: str) -> str:
@@ -98,6 +104,10 @@ class StrandcastErrors(StrandcastError):
         first = problems[0]
         super().__init__(first.code, first.what, file=first.file, exit_code=first.exit_code)
 
-    def message(self) -> str:
+    def message(self, severity: str = "ERROR") -> str:
         """Return all messages, in the order in which the problems were found."""
-        return "\n".join(problem.message() for problem in self.problems)
+        return "\n".join(problem.message(severity) for problem in self.problems)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the first problem as plain data, and all of them as `problems`."""
+        return self.problems[0].to_json() | {"problems": [each.to_json() for each in self.problems]}

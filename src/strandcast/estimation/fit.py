@@ -31,8 +31,9 @@ class StringFit:
         The best string (a batch of one), the ensemble (K, the best first) and the members' E on all throws.
     at_bound, low, high
         (d,) which unknowns ended at a bound; (d,) their range over the ensemble, as values.
-    frames, time_s, frames_used
-        (G,) frames of the newest throw that were simulated, their times [s], and how many entered E.
+    frames, time_s, frames_used, window_s
+        (G,) frames of the newest throw that were simulated, their times [s], how many entered E, and the
+        times of the first and the last of these.
     E_planned_m, E_m, E_weighted_m
         E of the newest throw under the string that planned it and after the fit (w = 0), and after it with
         the search's w. None where there is no such string or its simulation failed.
@@ -71,6 +72,7 @@ class StringFit:
     frames: np.ndarray
     time_s: Array
     frames_used: int
+    window_s: tuple[float, float]
     E_planned_m: float | None
     E_m: float
     E_weighted_m: float
@@ -124,6 +126,7 @@ def fit_of(
     compared_m[:, 1:][~(newest.weight > 0)] = np.nan
     distance = distances(compared_m, fitted[0], settings.evaluation)
     members = space.values(chi[rows])
+    used = newest.weight.any(axis=1)
     at_bound = np.asarray((chi[rows[0]] < AT_BOUND) | (chi[rows[0]] > 1.0 - AT_BOUND))
     planned_m, planned_value = None, None
     if planned is not None:
@@ -141,7 +144,8 @@ def fit_of(
         high=members.max(axis=0),
         frames=newest.frames,
         time_s=newest.time_s,
-        frames_used=int(newest.weight.any(axis=1).sum()),
+        frames_used=int(used.sum()),
+        window_s=(float(newest.time_s[used][0]), float(newest.time_s[used][-1])),
         E_planned_m=planned_value,
         E_m=float(evaluation_of_points(points)),
         E_weighted_m=float(evaluation_of_points(points, settings.w)),

@@ -23,7 +23,7 @@ from strandcast.lab.truth import FilmedThrow, write_truth
 from strandcast.lab.variation import LabClocks, ThrowVariation, draw_clocks, draw_variation
 from strandcast.lab.video import write_video
 from strandcast.progress import progress
-from strandcast.records.folders import ExperimentFolder
+from strandcast.records.folders import ExperimentFolder, project_root
 from strandcast.records.joint_log import SYNC_HIGH, JointLog, SyncEvent
 from strandcast.records.motion import Motion
 from strandcast.seeds import rng
@@ -47,7 +47,7 @@ class LabThrow:
 
 def lab_driver(arm: Arm, motion: Motion) -> LabDriver:
     """Return the virtual rig of a motion's experiment (see `strandcast.executor.drivers.registry`)."""
-    root = Path()
+    root = project_root()
     experiment = load_experiment(find_experiment(motion.experiment, root))
     truth = ExperimentFolder(root, motion.experiment).trial(motion.trial).results / "lab_truth.parquet"
     return LabDriver(LabThrow(motion.experiment, experiment, motion.trial, truth), arm)

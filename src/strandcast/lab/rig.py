@@ -1,16 +1,13 @@
 """Arm and string as one MuJoCo model: the string is a chain of rigid links with bending springs."""
 
-import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from strandcast.arm.kinematics import link_angles
-from strandcast.arm.load import Arm
-from strandcast.arm.urdf import LEAST_INERTIA_KG_M2, LEAST_MASS_KG
+from strandcast.arm.load import Arm, clamp_frame
+from strandcast.arm.urdf import read_spec
 from strandcast.lab.servo import JointDrives
 from strandcast.lab.strings import PhysicalString
 
@@ -104,10 +101,7 @@ def build_rig(arm: Arm, drive: JointDrives, string: PhysicalString, grasp: LabGr
     dt_s
         Step of the integration [s].
     """
-    spec = mujoco.MjSpec.from_string(_bare_urdf(arm.urdf_path))
-    spec.compiler.fusestatic = 0
-    spec.compiler.boundmass = LEAST_MASS_KG
-    spec.compiler.boundinertia = LEAST_INERTIA_KG_M2
+    spec = read_spec(arm.urdf_path)
     spec.option.timestep = dt_s
     # First-order integrators have errors of millimetres at the tip at any affordable step.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
@@ -135,14 +129,6 @@ def build_rig(arm: Arm, drive: JointDrives, string: PhysicalString, grasp: LabGr
     )
 
 
-def _bare_urdf(path: Path) -> str:
-    root = ElementTree.fromstring(path.read_bytes())
-    for link in root.iter("link"):
-        for shape in link.findall("visual") + link.findall("collision"):
-            link.remove(shape)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
 def _dofs(model: mujoco.MjModel, names: tuple[str, ...] | list[str]) -> np.ndarray:
     return np.array([int(model.joint(name).dofadr[0]) for name in names])
 
@@ -155,7 +141,7 @@ def _hang(
     body: mujoco.MjsBody, arm: Arm, links: list[StringLink], string: PhysicalString, grasp: LabGrasp
 ) -> None:
     """Add the string's links to the hand's body, each a child of the one before."""
-    place, frame = _clamp(arm, grasp)
+    place, frame = clamp_frame(arm, grasp.lateral_m, grasp.angle_rad)
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, frame.T.ravel())
     for k, link in enumerate(links):
@@ -201,21 +187,3 @@ def _add_shapes(body: mujoco.MjsBody, link: StringLink, string: PhysicalString, 
 def weight_radius_m(mass_kg: float) -> float:
     """Return the radius of a ball of clay [m]."""
     return float((3.0 * mass_kg / (4.0 * np.pi * CLAY_KG_M3)) ** (1.0 / 3.0))
-
-
-def _clamp(arm: Arm, grasp: LabGrasp) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the string leaves the hand (3,) and its axes as rows (3, 3), in the hand's frame."""
-    model = arm.model()
-    data = mujoco.MjData(model)
-    rest = np.zeros(len(arm.joints))
-    data.qpos[:] = arm.coordinates(rest)
-    mujoco.mj_kinematics(model, data)
-    turn = data.body(arm.clamp.link).xmat.reshape(3, 3)
-    x, y = arm.plane
-    angle = float(link_angles(arm.chain, rest)[-1])
-    along, left = np.cos(angle) * x + np.sin(angle) * y, -np.sin(angle) * x + np.cos(angle) * y
-    offset = arm.clamp.offset_m[0] * along + (arm.clamp.offset_m[1] + grasp.lateral_m) * left
-    bent = arm.clamp.angle_rad + grasp.angle_rad
-    forward = np.cos(bent) * along + np.sin(bent) * left
-    axes = np.stack([forward, np.cross(np.cross(x, y), forward), np.cross(x, y)])
-    return turn.T @ offset, axes @ turn

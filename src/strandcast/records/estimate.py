@@ -144,6 +144,7 @@ class Estimate(Record):
     weights: list[WeightFit]
     options: dict[str, float] = {}  # other fitted numbers, e.g. rest curl, clamp angle
     frames_used: int
+    window_s: list[float] | None = None  # robot time of the first and the last of them
     E_planned_m: float | None  # this trial with the parameters that planned it
     E_m: float  # this trial after the fit; w = 0
     E_weighted_m: float

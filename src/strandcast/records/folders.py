@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +21,26 @@ TRIAL = re.compile(r"trial-[0-9][0-9]")
 LIKE_A_TRIAL = re.compile(r"trial[\W_]?\d+", re.IGNORECASE)  # trial-1, trial_01, Trial-01, trial-100
 # Entry points of packages that read other formats; the name of each is a suffix without its dot.
 FRAME_READERS_GROUP = "strandcast.frame_readers"
+# Set for the jobs of a workflow: it runs in the root, and holds the lease of the experiment for all of them.
+WITHIN_WORKFLOW = "STRANDCAST_WITHIN_WORKFLOW"
+
+
+def is_project(folder: Path) -> bool:
+    """Return whether a folder is a project's root: a Snakefile, its own or a clone's, lies beside config/."""
+    snakefiles = (folder / "Snakefile", folder / "workflow" / "Snakefile")
+    return (folder / "config").is_dir() and any(path.is_file() for path in snakefiles)
+
+
+def project_root() -> Path:
+    """Return the root of the project that the current folder lies in, as `../..`; outside projects, `.`."""
+    if WITHIN_WORKFLOW in os.environ:
+        return Path()
+    try:
+        here = Path.cwd()
+    except FileNotFoundError:  # it was removed
+        return Path()
+    above = [folder for folder in (here, *here.parents) if is_project(folder)]
+    return Path(os.path.relpath(above[0], here)) if above else Path()
 
 
 @dataclass(frozen=True)
@@ -54,14 +76,37 @@ class ExperimentFolder:
         StrandcastError
             SC-R032 a folder is named as a trial, but not trial-01 to trial-99: it would be overlooked.
         """
-        folders = sorted(path for path in self.data.glob("*") if path.is_dir())
-        wrong = [path for path in folders if LIKE_A_TRIAL.fullmatch(path.name) and not _number_of(path)]
-        if wrong:
-            what = "is no trial's name: trials are counted from 1, in two digits, trial-01 to trial-99"
-            fix = "rename the folder; more than 99 throws need a second experiment"
-            raise StrandcastError("SC-R032", what, file=wrong[0], fix=fix)
+        if misnamed := self.misnamed_trials():
+            raise misnamed[0]
+        folders = sorted(path for path in self.data.glob("trial-*") if path.is_dir())
         trials = [self.trial(number) for number in map(_number_of, folders) if number]
-        return [t.number for t in trials if t.has_video() or (t.data / "track.parquet").exists()]
+        return [t.number for t in trials if t.videos() or (t.data / "track.parquet").exists()]
+
+    def misnamed_trials(self) -> list[StrandcastError]:
+        """Return a problem for each folder that is named as a trial, but not trial-01 to trial-99."""
+        what = "is no trial's name: trials are counted from 1, in two digits, trial-01 to trial-99"
+        folders = sorted(path for path in self.data.glob("*") if path.is_dir() and not _number_of(path))
+        return [
+            StrandcastError("SC-R032", what, file=path, fix=self._renaming(path))
+            for path in folders
+            if LIKE_A_TRIAL.fullmatch(path.name)
+        ]
+
+    def _renaming(self, folder: Path) -> str:
+        """Return the command that gives a misnamed folder the number in its name, or the next free one."""
+        digits = re.findall(r"\d+", folder.name)
+        numbers = {_number_of(path) for path in self.data.glob("trial-*")}
+        number = int(digits[0]) if digits and digits[0].isascii() else 0
+        if not 1 <= number <= LAST_TRIAL or number in numbers:
+            number = max(numbers, default=0) + 1
+        if number > LAST_TRIAL:
+            return "move it to a second experiment: more than 99 throws need one"
+        return "rename it: " + shlex.join(["mv", str(folder), str(self.data / trial_name(number))])
+
+    def thrown_trials(self) -> list[int]:
+        """Return the numbers of the trials that have any raw file: their motions are not planned again."""
+        numbers = sorted(_number_of(path) for path in self.data.glob("trial-*") if path.is_dir())
+        return [number for number in numbers if number and self.trial(number).raw_files()]
 
     def reported_trials(self) -> list[int]:
         """Return the numbers of the trials with a page of their own."""
@@ -79,11 +124,7 @@ class TrialFolder:
 
     def video(self) -> Path:
         """Return the one video among the raw files: a file, or a folder of pictures."""
-        there = sorted(self.data.glob("video*"))
-        found = [path for path in there if path.stem == "video" and path.suffix.lower() in video_suffixes()]
-        photron = files_of_video(self.data / "video.mraw")
-        found += sorted(photron, key=lambda path: PHOTRON.index(path.suffix.lower()))[-1:]
-        found += [path for path in there if path.name == "video" and path.is_dir()]
+        found = self.videos()
         if len(found) == 1:
             return found[0]
         names = ", ".join(path.name for path in found) or "none"
@@ -97,15 +138,22 @@ class TrialFolder:
             fix="name the recording video.mp4 (or .avi, .mkv, .mov ...) and keep no other beside it",
         )
 
-    def has_video(self) -> bool:
-        """Return whether the raw files include one or more videos."""
-        known = (*video_suffixes(), *PHOTRON)
-        there = (path for path in self.data.glob("video*") if path.stem == "video")
-        return any(path.suffix.lower() in known or path.is_dir() for path in there)
+    def videos(self) -> list[Path]:
+        """Return the videos among the raw files, each a file or a folder of pictures: there should be one."""
+        there = [path for path in self.raw_files() if path.stem.lower() == "video"]
+        found = [path for path in there if path.suffix.lower() in video_suffixes()]
+        photron = [path for path in there if path.suffix.lower() in PHOTRON]
+        found += sorted(photron, key=lambda path: PHOTRON.index(path.suffix.lower()))[-1:]
+        return found + [path for path in there if not path.suffix and path.is_dir()]
+
+    def raw_files(self) -> list[Path]:
+        """Return what lies in the folder of raw files: a real trial that has any was thrown."""
+        found = self.data.iterdir() if self.data.is_dir() else ()
+        return sorted(path for path in found if not path.name.startswith("."))
 
     def video_files(self) -> list[Path]:
-        """Return all files that the video consists of."""
-        return files_of_video(self.video())
+        """Return all files that the video consists of; of several videos, those of all."""
+        return [file for video in self.videos() or [self.video()] for file in files_of_video(video)]
 
 
 def files_of_video(video: Path) -> list[Path]:

@@ -138,6 +138,14 @@ def place_of(path: str | Path) -> Place | None:
     return None
 
 
+def how_to_make(path: str | Path) -> str:
+    """Return the fix for a file that is not there."""
+    place = place_of(path)
+    if place is None:
+        return "check the path"
+    return "copy it there" if place.raw else f"make it first: strandcast run {place.experiment}"
+
+
 def check_lineage(path: str | Path, lineage: Lineage | None, *, reusable: bool = False) -> None:
     """Check that a file that was read lies where it belongs, and that its inputs are those that are there.
 

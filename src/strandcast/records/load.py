@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.camera import Camera
+from strandcast.records.clip import Clip
 from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
 from strandcast.records.joint_log import GROUPS, Run, column_names, read_joint_log
 from strandcast.records.lab_truth import LAB_TRUTH
@@ -32,7 +33,18 @@ if TYPE_CHECKING:
 
 RECORDS: dict[str, type[Record]] = {
     kind.SCHEMA: kind
-    for kind in (Alignment, Camera, Estimate, ExperimentSummary, Manifest, Motion, Run, TrackSummary, Verdict)
+    for kind in (
+        Alignment,
+        Camera,
+        Clip,
+        Estimate,
+        ExperimentSummary,
+        Manifest,
+        Motion,
+        Run,
+        TrackSummary,
+        Verdict,
+    )
 }
 TABLES: dict[str, TableSpec] = {
     spec.schema: spec for spec in (ENSEMBLE, HAND, LAB_TRUTH, MARKERS, OBSERVATIONS, SIMULATED, TRACK)

@@ -12,12 +12,11 @@ from strandcast import __version__
 LIBRARIES = (
     "av",
     "cma",
-    "mujoco",
+    "mujoco-core",
     "numba",
     "numpy",
-    "opencv-contrib-python-headless",
+    "opencv-python-headless",
     "pyarrow",
-    "scikit-image",
     "scipy",
 )
 

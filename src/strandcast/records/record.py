@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, PrivateAttr, ValidationError
 from strandcast.core.nesting import is_deeper
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.files import canonical_json, content_sha256, write_text
-from strandcast.records.lineage import Lineage, check_lineage, lineage_at
+from strandcast.records.lineage import Lineage, check_lineage, how_to_make, lineage_at
 from strandcast.records.provenance import current_versions
 
 log = logging.getLogger(__name__)
@@ -156,7 +156,7 @@ def read_json(path: str | Path) -> dict[str, Any]:
     """Return the JSON object in a file, refusing NaN, infinity and anything but one object."""
     path = Path(path)
     if not path.is_file():  # reading a pipe would never end
-        raise refusal("SC-R001", path, None, "the file is not there", "make it first")
+        raise refusal("SC-R001", path, None, "the file is not there", how_to_make(path))
     try:
         data = _parse(path)
     except (ValueError, OverflowError, RecursionError) as error:

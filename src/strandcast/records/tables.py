@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from strandcast.records.files import canonical_json, write_bytes
-from strandcast.records.lineage import check_lineage, lineage_at
+from strandcast.records.lineage import Lineage, check_lineage, how_to_make, lineage_at
 from strandcast.records.provenance import current_versions
 from strandcast.records.record import REMAKE, lineage_in, refusal
 
@@ -178,7 +178,7 @@ def read_parquet(path: str | Path) -> pa.Table:
     """Return any Parquet file as an Arrow table, its page checksums verified."""
     path = Path(path)
     if not path.is_file():
-        raise refusal("SC-R011", path, None, "the file is not there", "make it first")
+        raise refusal("SC-R011", path, None, "the file is not there", how_to_make(path))
     if path.stat().st_size > MOST_BYTES:
         raise refusal("SC-R011", path, None, f"is larger than {MOST_BYTES / 1e6:.0f} MB", REMAKE)
     data = path.read_bytes()  # an error of the disk is not one of the content
@@ -232,16 +232,18 @@ def read_arrow(path: str | Path, spec: TableSpec) -> pa.Table:
     return table
 
 
-def verify_content(path: Path, table: pa.Table) -> None:
-    """Check a table's hash, which covers what page checksums do not: names and types of columns, facts."""
+def verify_content(path: Path, table: pa.Table) -> Lineage | None:
+    """Return the lineage, and check the hash; it covers what page checksums do not: columns and facts."""
     metadata = table.schema.metadata or {}
     try:
         table_facts(table), table_made_by(table)
-        lineage = json.loads(metadata.get(b"lineage", b"null"))
+        found = json.loads(metadata.get(b"lineage", b"null"))
         written = metadata.get(b"content_sha256", b"").decode()
     except (ValueError, TypeError, RecursionError):
         raise refusal("SC-R011", path, None, "is damaged (its metadata cannot be read)", REMAKE) from None
     if written and written != arrow_sha256(table):
         what = "does not fit the content: the file was changed"
         raise refusal("SC-R015", path, "content_sha256", what, REMAKE)
-    check_lineage(path, lineage_in(path, lineage))
+    lineage = lineage_in(path, found)
+    check_lineage(path, lineage)
+    return lineage

@@ -13,6 +13,7 @@ from strandcast.report.results import FILES, TrialResults
 
 PASS, WARN, FAIL, NOT_RUN = "PASS", "WARN", "FAIL", "NOT RUN"
 OPTIONAL = {"lab_truth"}
+LEAST_ROOM_M = 0.01  # chosen: throws of one motion differ by millimetres
 
 
 class CheckResult(NamedTuple):
@@ -72,9 +73,15 @@ def _next_motion(path: Path | None) -> CheckResult:
         motion = Motion.read(path)
     except StrandcastError as problem:
         return CheckResult(name, FAIL, problem.what, "readable, with the right hash")
-    flags = motion.provenance.flags if motion.provenance is not None else []
-    state = WARN if flags else PASS
-    return CheckResult(name, state, ", ".join(flags) or "no flags", "no flags of the planner")
+    flags = list(motion.provenance.flags) if motion.provenance is not None else []
+    room_m = motion.predicted.workspace_room_m if motion.predicted is not None else None
+    if room_m is not None and room_m < LEAST_ROOM_M:
+        flags.append(
+            f"{millimetres(room_m, digits=0)} to the workspace's edge: widen workspace_m or aim elsewhere"
+        )
+    found = ", ".join(flags) or "no flags"
+    expected = f"no flags of the planner, ≥ {millimetres(LEAST_ROOM_M, digits=0)} to the workspace's edge"
+    return CheckResult(name, WARN if flags else PASS, found, expected)
 
 
 def _frames(results: TrialResults) -> CheckOutcome:

@@ -2,7 +2,7 @@
 
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ from markupsafe import Markup
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.ticker import LogLocator, NullLocator
 
 # The palette of Okabe and Ito. Each role has a dash style too, so that nothing depends on colour alone.
 MEASURED: dict[str, Any] = {"color": "#0072b2", "linestyle": "-", "linewidth": 1.6}
@@ -95,6 +96,20 @@ def legend_below(figure: Figure, *axes: Any) -> None:
 def dashes(style: dict[str, Any], **changes: Any) -> dict[str, Any]:
     """Return the colour and the dashes of a role, without its width, for lines across the axes."""
     return {"color": style["color"], "linestyle": style["linestyle"]} | changes
+
+
+def log_if_wide(axes: Any, axis: str, values: Iterable[float | None], ratio: float = 20.0) -> bool:
+    """Make an axis logarithmic if its values are positive and span more than a ratio; return whether."""
+    known = [value for value in values if value is not None and value == value]
+    if not known or min(known) <= 0 or max(known) / min(known) <= ratio:
+        return False
+    axes.set(**{f"{axis}scale": "log"})
+    side = getattr(axes, f"{axis}axis")
+    side.set_major_locator(LogLocator(subs=(1, 2, 5) if max(known) / min(known) < 300 else (1,)))
+    side.set_minor_locator(NullLocator())
+    side.set_major_formatter("{x:g}")
+    getattr(axes, f"set_{axis}lim")(min(known) / 1.6, max(known) * 1.6)
+    return True
 
 
 def marks(marker: str, size: float, **style: Any) -> dict[str, Any]:

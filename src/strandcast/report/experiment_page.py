@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from markupsafe import Markup
 from PIL import Image
 
 from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.report.facts import Facts
 from strandcast.report.numbers import millimetres
-from strandcast.report.pages import render
+from strandcast.report.pages import csv_link, render
 from strandcast.report.panels.content import make_sections
 from strandcast.report.panels.page_data import ExperimentPageData
 from strandcast.report.panels.registry import panels_of
@@ -52,12 +53,19 @@ def experiment_page(
         badge=_badge(summary),
         headline=_headline(summary),
         unread=summary.all_unread(),
+        csv=_csv(summary),
         rows=[_row(line, trials, results) for line in summary.trials],
         sections=make_sections(panels_of("experiment"), page),
         citation=CITATION,
         mixed_versions=mixed_versions(summary.made_with),
         provenance=experiment_provenance(results, summary.made_with, facts),
     )
+
+
+def _csv(summary: ExperimentSummary) -> Markup:
+    """Return the trials' numbers as a CSV file, in the units of the files."""
+    names = [name for name in TrialSummary.model_fields if name != "unread"]
+    return csv_link([[getattr(line, name) for name in names] for line in summary.trials], names, "trials")
 
 
 def _badge(summary: ExperimentSummary) -> Badge:

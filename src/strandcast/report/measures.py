@@ -96,6 +96,16 @@ def strobe_rows(results: TrialResults, count: int = 11) -> NDArray[np.int64]:
     return np.asarray(window[rows])
 
 
+def fit_window(results: TrialResults) -> str:
+    """Return in words which frames of the throw are in E and in the fit's distances."""
+    estimate, alignment = results.need("estimate"), results.get("alignment")
+    frames = f"{estimate.frames_used} frames"
+    if estimate.window_s is None or alignment is None:
+        return f"{frames} of the fit"
+    first, last = (f"{1e3 * (time_s - alignment.motion_start_s):.0f}" for time_s in estimate.window_s)
+    return f"{frames} from {first} to {last} ms after the motion’s start"
+
+
 def rms(values: Array) -> float:
     """Return the root mean square of the finite values."""
     finite = values[np.isfinite(values)]

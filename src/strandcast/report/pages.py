@@ -1,11 +1,19 @@
 """Pages from templates: escaped, strict about names, one file without external resources."""
 
+import base64
+import csv
+import hashlib
+import io
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from strandcast.report import numbers
+from strandcast.report.typeset import typeset
 
 
 def render(template: str, package: str = "strandcast.report", **values: Any) -> str:
@@ -21,5 +29,31 @@ def render(template: str, package: str = "strandcast.report", **values: Any) -> 
     environment.filters["ms"] = numbers.milliseconds
     environment.filters["percent"] = numbers.percent
     environment.filters["place"] = numbers.place
+    environment.filters["typeset"] = typeset
+    environment.filters["csv_link"] = csv_link
+    script = viewer_script()
+    environment.globals["script"] = Markup(script)
+    environment.globals["script_hash"] = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     environment.globals["style"] = Markup(environment.get_template("style.css.jinja").render())
     return environment.get_template(template).render(**values)
+
+
+def csv_link(rows: Iterable[Iterable[object]], heads: Iterable[str], name: str) -> Markup:
+    """Return a link to a table as a CSV file within the page."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([_cell(each) for each in row] for row in (heads, *rows))
+    return Markup(
+        '<a class="csv" download="{}.csv" href="data:text/csv;charset=utf-8,{}" aria-label="{}">CSV</a>'
+    ).format(name, quote(text.getvalue()), f"Table “{name}” as CSV")
+
+
+def _cell(value: object) -> str:
+    """Return a cell as text; one that a spreadsheet would run as a formula is quoted."""
+    text = "" if value is None else str(escape(value).striptags()).strip()
+    return f"'{text}" if text[:1] in ("=", "@") else text
+
+
+def viewer_script() -> str:
+    """Return the one script that a page's policy lets run."""
+    return (Path(__file__).parent / "templates" / "viewer.js.jinja").read_text(encoding="utf-8")

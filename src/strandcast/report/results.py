@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.camera import Camera
+from strandcast.records.clip import Clip
 from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
 from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.lineage import Lineage, check_picture
@@ -64,6 +65,7 @@ FILES = {
     "track_summary": "track.json",
     "track": "track.parquet",
     "strobe": "strobe.webp",
+    "clip": "clip.json",
     "alignment": "alignment.json",
     "hand": "hand.parquet",
     "estimate": "estimate.json",
@@ -111,7 +113,7 @@ class TrialResults:
 
     def not_made(self) -> set[str]:
         """Return the results that a trial without video does not have."""
-        return {"manifest", "camera", "strobe", "motion"} if self.supplied() else set()
+        return {"manifest", "camera", "strobe", "clip", "motion"} if self.supplied() else set()
 
     def unread(self) -> dict[str, str]:
         """Return the results that should be there but could not be read, each with the reason."""
@@ -145,6 +147,7 @@ def read_results(folder: Path) -> TrialResults:
         "camera": Camera.read,
         "track": lambda path: _every_frame(read_track(path, results.need("track_summary").points)),
         "strobe": lambda path: _read_picture(path, results.need("track_summary").lineage),
+        "clip": Clip.read,
         "alignment": Alignment.read,
         "hand": _read_hand,
         "estimate": Estimate.read,

@@ -1,5 +1,6 @@
 """Text made from records: the verdict, the methods paragraph, warnings."""
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -7,9 +8,10 @@ from strandcast.records.alignment import Alignment
 from strandcast.records.camera import Camera
 from strandcast.records.estimate import Estimate
 from strandcast.records.manifest import Manifest
+from strandcast.records.motion import Motion
 from strandcast.records.track import TrackSummary
 from strandcast.records.verdict import Verdict
-from strandcast.report.numbers import significant
+from strandcast.report.numbers import millimetres, place, significant
 from strandcast.report.results import FILES, TrialResults
 
 CITATION = (
@@ -37,6 +39,38 @@ def verdict_badge(verdict: Verdict | None, excluded: str | None) -> Badge:
     return Badge("HIT", "●", "hit") if verdict.hit else Badge("MISS", "▲", "miss")
 
 
+def outcome(results: TrialResults) -> str:
+    """Return the verdict in a sentence or two: the miss with its uncertainty, and what was predicted."""
+    verdict: Verdict | None = results.get("verdict")
+    if verdict is None:
+        return "Whether the tip hit is unknown."
+    target = f"The target at {place(verdict.target_m)}" if verdict.wanted is None else "The aim"
+    if verdict.miss_m is None:
+        return f"{target}: the closest approach was not seen; {verdict.reason}."
+    camera: Camera | None = results.get("camera")
+    plane_m = None if camera is None or camera.plane_error is None else camera.plane_error.median_m
+    sigma_m = math.hypot(verdict.miss_sigma_m or 0.0, plane_m or 0.0)
+    text = f"{target} was missed by {millimetres(verdict.miss_m, verdict.miss_sigma_m)}"
+    text += f" (± {millimetres(plane_m)} more from the camera’s plane)" if plane_m is not None else ""
+    beyond_m = verdict.miss_m - verdict.hit_radius_m
+    text += f": {millimetres(abs(beyond_m))} {'outside' if beyond_m > 0 else 'inside'} the hit radius"
+    if abs(beyond_m) < 2 * sigma_m:
+        text += ", too near to its edge to be certain"
+    return f"{text}. {_as_predicted(results, verdict.miss_m)}".strip()
+
+
+def _as_predicted(results: TrialResults, miss_m: float) -> str:
+    """Return in words the misses that were predicted before the throw, beside the measured one."""
+    motion: Motion | None = results.get("motion")
+    known = {} if motion is None or motion.predicted is None else motion.predicted.miss_quantiles_m
+    if "p10" not in known or "p90" not in known:
+        return ""
+    low, high = known["p10"], known["p90"]
+    where = "more than" if miss_m > high else "less than" if miss_m < low else "as"
+    interval = f"{millimetres(low)} to {millimetres(high)}"
+    return f"Predicted before the throw: {interval} in four of five throws; it missed by {where} predicted."
+
+
 def warnings_of(results: TrialResults) -> list[tuple[str, str]]:
     """Return the warnings of all records, each with its file."""
     warnings = []
@@ -56,11 +90,19 @@ def methods(results: TrialResults) -> str:
     ]
     sentences.append(
         f"The loop is that of {CITATION}, as implemented by strandcast; search and planner are named above "
-        "(“paper” is the paper's own procedure, every other name strandcast's); eq. 4 is read with x_r − x_s "
-        "and y_r − y_s, and every E is unweighted (w = 0) unless stated otherwise. Values of w, β, χ₀, "
-        "counts, time step and hit tolerance are not given in the paper."
+        "(“paper” is the paper's own procedure, every other name strandcast's); every E is unweighted (w = "
+        "0) unless stated otherwise."
     )
+    sentences.append(_software(results))
     return " ".join(sentence for sentence in sentences if sentence)
+
+
+def _software(results: TrialResults) -> str:
+    """Return the versions that made the last of the results."""
+    known = next(
+        (results.made_by[name] for name in reversed(list(results.made_by)) if results.made_by[name]), {}
+    )
+    return f"Software: {', '.join(f'{name} {version}' for name, version in known.items())}." if known else ""
 
 
 def _recording(manifest: Manifest) -> str:

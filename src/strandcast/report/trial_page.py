@@ -8,6 +8,7 @@ from strandcast.records.manifest import Manifest
 from strandcast.records.verdict import Verdict
 from strandcast.report.checks import FAIL, PASS, run_checks
 from strandcast.report.facts import Facts
+from strandcast.report.measures import fit_window
 from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent, place
 from strandcast.report.pages import render
 from strandcast.report.panels.content import make_sections
@@ -15,7 +16,7 @@ from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.registry import panels_of
 from strandcast.report.provenance import mixed_versions, trial_provenance, version_groups
 from strandcast.report.results import TrialResults, read_results
-from strandcast.report.text import methods, verdict_badge, warnings_of
+from strandcast.report.text import methods, outcome, verdict_badge, warnings_of
 
 
 class KeyFigure(NamedTuple):
@@ -55,7 +56,7 @@ def trial_page(
         title=facts.title,
         excluded=facts.excluded.get(trial),
         badge=verdict_badge(verdict, facts.excluded.get(trial)),
-        verdict=verdict,
+        outcome=outcome(results),
         unread=results.unread(),
         key_figures=_key_figures(results),
         sections=sections,
@@ -82,10 +83,14 @@ def _missed(verdict: Verdict) -> str:
 
 def _key_figures(results: TrialResults) -> list[KeyFigure]:
     """Return the most important numbers, each with a link to its evidence."""
-    return [
+    figures = [
         KeyFigure(name, UNKNOWN if (record := results.get(source)) is None else text_of(record), anchor)
         for name, source, text_of, anchor in KEY_FIGURES
     ]
+    if results.get("estimate") is not None:
+        after = next(k for k, figure in enumerate(figures) if figure.anchor == "tracking")
+        figures.insert(after, KeyFigure("E and both distances are over", fit_window(results), "fit"))
+    return figures
 
 
 def _fine(length_m: float | None) -> str:
@@ -104,7 +109,7 @@ KEY_FIGURES: tuple[tuple[str, str, Callable[[Any], str], str], ...] = (
     ("E, with the parameters that planned it", "estimate", lambda e: _fine(e.E_planned_m), "fit"),
     ("E, after the fit", "estimate", lambda e: _fine(e.E_m), "fit"),
     ("rms distance, fit", "estimate", lambda e: _fine(e.rmse_m), "fit"),
-    ("mean distance of the tip, fit", "estimate", lambda e: _fine(e.tip_error_m), "tip"),
+    ("mean distance of the tip, fit", "estimate", lambda e: _fine(e.tip_error_m), "fit"),
     ("points tracked", "track_summary", lambda t: percent(t.tracked_fraction), "tracking"),
     (
         "frames decoded / expected",

@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image
 
 from strandcast.camera.lens import calibrate_lens, calibrate_lens_video
+from strandcast.camera.lens_file import read_lens
 from strandcast.camera.picture import camera_picture
 from strandcast.camera.plane import PlaneGeometry, board_markers, plane_from_markers
 from strandcast.camera.pose import PlacedMarker
@@ -46,7 +47,7 @@ def run(job: Job, files: Files) -> None:
 def _by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
     """Fit the lens to photos or a video of the board, the plane to a photo of its markers or board."""
     settings, plane = context.settings, files.input("plane")
-    [picture] = _photos(context, [plane])
+    [picture] = read_photos_of(context, [plane])
     markers, dictionary = plane_markers_of(settings.camera.plane)
     camera = plane_from_markers(
         picture,
@@ -71,6 +72,8 @@ def _plane_geometry(settings: Experiment) -> PlaneGeometry:
 
 def _lens(context: Context, files: Files) -> Lens:
     camera, folder = context.settings.camera, context.folder.data
+    if camera.lens_file is not None:
+        return read_lens(files.input("lens"), camera.lens_name)
     if camera.lens_video is not None:
         frames = _board_frames(files.input("lens"))
         return calibrate_lens_video(frames, camera.board, camera.distortion)
@@ -84,7 +87,7 @@ def _lens(context: Context, files: Files) -> Lens:
             field="camera.lens_photos",
             fix="take 10 photos of the ChArUco board, all over the picture (`strandcast boards` prints it)",
         )
-    read = progress(_photos(context, paths), "calibrate: photos", len(paths))
+    read = progress(read_photos_of(context, paths), "calibrate: photos", len(paths))
     photos = [(path.name, grey) for path, grey in zip(paths, read, strict=True)]
     return calibrate_lens(photos, camera.board, camera.distortion)
 
@@ -108,7 +111,8 @@ def _by_arc(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
         return camera, grey.copy()
 
 
-def _photos(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:
+def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:
+    """Yield the experiment's photos, grey as the sensor recorded them."""
     for path in paths:
         if not path.is_file():
             raise StrandcastError(

@@ -57,3 +57,22 @@ def refuse_replacing(path: Path, replace: bool) -> None:
 def free_length_m(context: Context, clamped_length_m: float) -> float:
     """Return the length of the string beyond the clamp [m]."""
     return context.settings.string.length_m - clamped_length_m
+
+
+def refuse_unknown_trial(context: Context, trial: int) -> None:
+    """Refuse a trial that has neither raw files nor a verdict.
+
+    Raises
+    ------
+    StrandcastError
+        SC-W031 there is no such trial.
+    """
+    folder, known = context.folder, context.folder.thrown_trials()
+    if trial not in known and not (folder.trial(trial).results / "verdict.json").is_file():
+        there = f"thrown so far: {', '.join(map(str, known))}" if known else "nothing was thrown yet"
+        raise StrandcastError(
+            "SC-W031",
+            f"there is no trial {trial}",
+            file=folder.data,
+            fix=f"give a trial that exists; {there}",
+        )

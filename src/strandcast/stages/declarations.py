@@ -28,8 +28,8 @@ TRIAL = "results/{experiment}/trial-{trial}/"
 EXPERIMENT = "results/{experiment}/"
 CAMERA = EXPERIMENT + "cameras/{camera}"
 _CALIBRATION = (
-    *("scale", "lens_photos", "lens_video", "plane_photo", "board", "plane", "distortion"),
-    *("string_offset_m", "string_offset_sd_m"),
+    *("scale", "lens_photos", "lens_video", "lens_file", "lens_name", "plane_photo", "board", "plane"),
+    *("distortion", "string_offset_m", "string_offset_sd_m"),
 )
 ALL_SETTINGS = tuple(Experiment.model_fields)  # the pages print all settings
 
@@ -82,7 +82,7 @@ _DECLARED = (
     Stage(
         "ingest",
         inputs={
-            "video": files.video,
+            "video": files.ingested,
             "joints": logged(this, "joints.csv"),
             "run": logged(this, "run.json"),
             "motion": played_motions(this),
@@ -125,6 +125,18 @@ _DECLARED = (
         "reconstruct",
         inputs={"observations": results(this, "observations.parquet"), "cameras": files.cameras},
         outputs={"track": TRIAL + "track.parquet", "markers": TRIAL + "markers.parquet"},
+    ),
+    Stage(
+        "clip",
+        inputs={
+            "manifest": results(this, "manifest.json"),
+            "cameras": files.cameras,
+            "track": results(this, "track.parquet"),
+            "summary": results(this, "track.json"),
+        },
+        outputs={"clip": TRIAL + "clip.json"},
+        settings=("target_m",),
+        may_read={"video": files.video},  # the manifest holds its hash
     ),
     Stage(
         "align",

@@ -66,6 +66,7 @@ def estimate_record(
             if k >= len(PARAMETERS) + layout.count
         },
         frames_used=fit.frames_used,
+        window_s=list(fit.window_s),
         E_planned_m=_finite(fit.E_planned_m),
         E_m=fit.E_m,
         E_weighted_m=fit.E_weighted_m,

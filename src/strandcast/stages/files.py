@@ -78,6 +78,11 @@ def video(job: Job) -> list[Path]:
     return [job.folder.data / "video.mp4"] if job.is_lab else job.folder.video_files()
 
 
+def ingested(job: Job) -> list[Path]:
+    """Return the files of the trial's video; none if there is no video, which `ingest` then reports."""
+    return video(job) if job.is_lab or job.folder.videos() else []
+
+
 def other_manifests(job: Job) -> list[Path]:
     """Return the manifests of the experiment's other trials that have been ingested."""
     folder = job.context.folder
@@ -100,12 +105,12 @@ LAB_PHOTOS = tuple(f"calibration/lens-{number:02d}.png" for number in range(1, 1
 
 
 def lens(job: Job) -> list[Path]:
-    """Return the photos or the video of the lens board; none with ``camera.scale: arc``."""
+    """Return the file of a known lens, or the photos or the video of the board; none with ``scale: arc``."""
     camera, folder = job.context.settings.camera, job.context.folder.data
     if camera.scale == "arc":
         return []
-    if camera.lens_video is not None:
-        return [folder / camera.lens_video]
+    if given := camera.lens_file or camera.lens_video:
+        return [folder / given]
     return [folder / name for name in LAB_PHOTOS] if job.is_lab else sorted(folder.glob(camera.lens_photos))
 
 

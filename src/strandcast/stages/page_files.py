@@ -17,8 +17,9 @@ TRIAL_FILES = (
     "ensemble.parquet",
     "simulated.parquet",
 )
+BY_CAMERA = ("manifest.json", "strobe.webp", "clip.json")
 # Files that a page shows if they exist, also of excluded and supplied trials.
-ON_PAGE = (*TRIAL_FILES, "manifest.json", "strobe.webp", "motion.json", "lab_truth.parquet")
+ON_PAGE = (*TRIAL_FILES, *BY_CAMERA, "motion.json", "lab_truth.parquet")
 
 
 def shown(scope: Scope) -> Role:
@@ -35,7 +36,7 @@ def shown(scope: Scope) -> Role:
 def _shown_of(job: Job, trial: int) -> list[Path]:
     context = job.context
     by_camera = not files.supplied(job, trial)
-    names = [*TRIAL_FILES, *(["manifest.json", "strobe.webp"] if by_camera else [])]
+    names = [*TRIAL_FILES, *(BY_CAMERA if by_camera else [])]
     names += ["lab_truth.parquet"] if job.is_lab else []
     names += ["motion.json"] if _is_played(job, trial) else []
     camera = files.cameras(job) if by_camera else []
@@ -43,16 +44,31 @@ def _shown_of(job: Job, trial: int) -> list[Path]:
 
 
 def next_motion(job: Job) -> list[Path]:
-    """Return the motion of the next trial; none follows a supplied track without its motion."""
+    """Return the motion of the next trial; none follows a supplied track without its motion.
+
+    The page of an excluded trial shows none, that of the experiment does, also after the last trial was
+    excluded.
+    """
     last = job.trial or max(job.trials, default=0)
     planned = not files.supplied(job, last) or _is_played(job, last)
-    return motion_after(job) if last and planned and job.context.counted([last]) else []
+    shown = not job.trial or job.context.counted([last])
+    return _to_be_had(job, motion_after(job)) if last and planned and shown else []
 
 
 def first_motion(job: Job) -> list[Path]:
     """Return the motion to begin with, for a real experiment without a recorded trial."""
     begun = job.is_lab or job.context.folder.recorded_trials()
-    return [] if begun else [job.context.folder.trial(1).results / "motion.json"]
+    return [] if begun else _to_be_had(job, [job.context.folder.trial(1).results / "motion.json"])
+
+
+def _to_be_had(job: Job, motions: list[Path]) -> list[Path]:
+    """Return those motions that are there or can be made: a throw of an unknown motion is not planned."""
+    numbers = [int(path.parent.name.removeprefix("trial-")) for path in motions]
+    return [
+        path
+        for path, number in zip(motions, numbers, strict=True)
+        if path.is_file() or _is_played(job, number) or not job.context.folder.trial(number).raw_files()
+    ]
 
 
 def _is_played(job: Job, trial: int) -> bool:

@@ -7,6 +7,7 @@ from strandcast.arm.load import load_arm
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.report.facts import Facts
 from strandcast.stages.context import Context
+from strandcast.stages.producers import play_command
 
 
 def facts_of(context: Context, next_motion: Path | None) -> Facts:
@@ -21,19 +22,13 @@ def facts_of(context: Context, next_motion: Path | None) -> Facts:
         weight_places_m=[weight.place_m for weight in settings.string.weights],
         stiff_sections_m=[(section.from_m, section.to_m) for section in settings.string.stiff_sections],
         speed_limits_rad_s=arm.limits.velocity_rad_s.tolist(),
-        play_command=_play_command(context, next_motion),
+        play_command=None if next_motion is None else play_command(context, _trial_of(next_motion)),
         settings=settings.model_dump(mode="json"),
     )
 
 
-def _play_command(context: Context, next_motion: Path | None) -> str | None:
-    if next_motion is None:
-        return None
-    trial = int(next_motion.parent.name.removeprefix("trial-"))
-    if context.settings.lab is not None:
-        return f"strandcast lab-throw {context.name} {trial}"
-    arm, out = context.arm_file.as_posix(), context.folder.trial(trial).data.as_posix()
-    return f"strandcast play {next_motion.as_posix()} --arm {arm} --out {out}"
+def _trial_of(motion: Path) -> int:
+    return int(motion.parent.name.removeprefix("trial-"))
 
 
 def refuse_unread(context: Context, page: Path, unread: Mapping[str, str]) -> None:

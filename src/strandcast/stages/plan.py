@@ -13,6 +13,7 @@ from strandcast.planning.task import PlanningTask
 from strandcast.planning.write import to_record
 from strandcast.progress import print_line
 from strandcast.records.estimate import Estimate
+from strandcast.records.motion import Motion
 from strandcast.seeds import rng, seed_of
 from strandcast.stages.context import Context
 from strandcast.stages.files import past
@@ -22,10 +23,29 @@ from strandcast.stages.plan_inputs import first_inputs, next_inputs, past_trial_
 
 
 def run(job: Job, files: Files) -> None:
-    """Plan the motion of one trial."""
+    """Plan the motion of one trial.
+
+    Raises
+    ------
+    StrandcastError
+        SC-P020 a real arm has thrown this trial; SC-R032 a folder's name leaves open which trial it holds.
+    """
+    _refuse_thrown(job)
+    began_s = time.monotonic()
+    motion = motion_of(job, files)
+    assert motion.provenance is not None
+    # How long it took is not part of the result, which is the same every time.
+    taken_s = time.monotonic() - began_s
+    print_line(f"plan: {motion.provenance.simulations} throws simulated in {taken_s:.1f} s")
+    for flag in motion.provenance.flags:
+        print_line(f"plan: {flag}")
+    motion.write(files.output("motion"))
+
+
+def motion_of(job: Job, files: Files) -> Motion:
+    """Return the planned motion of one trial."""
     context, arm = job.context, load_arm(files.input("arm"))
     settings, seeded_by = context.settings, (context.name, context.settings.seed, job.trial, "plan")
-    began_s = time.monotonic()
     random = rng(*seeded_by)
     trials = [read_trial(files, number) for number in past(job)]
     try:
@@ -34,12 +54,8 @@ def run(job: Job, files: Files) -> None:
         # An error that names no file is about a request in the experiment's file.
         error.file = error.file or str(context.file)
         raise
-    # How long it took is not part of the result, which is the same every time.
-    print_line(f"plan: {plan.simulations} throws simulated in {time.monotonic() - began_s:.1f} s")
-    for flag in plan.flags:
-        print_line(f"plan: {flag}")
     parent = next((t.motion for t in trials if t.number == plan.parent_trial), None)
-    to_record(
+    return to_record(
         plan,
         task,
         context.name,
@@ -48,7 +64,24 @@ def run(job: Job, files: Files) -> None:
         hashes_of(path for role in ("verdict", "estimate", "ensemble") for path in files.inputs(role)),
         None if parent is None else parent.content_sha256(),
         None if trials else start_string_name(settings),
-    ).write(files.output("motion"))
+    )
+
+
+def _refuse_thrown(job: Job) -> None:
+    """Refuse to replace the motion of a throw of a real arm; the lab throws a new motion again."""
+    if job.is_lab:
+        return
+    job.context.folder.recorded_trials()  # a misnamed folder may hold this trial
+    if job.folder.raw_files():
+        following = max(job.context.folder.thrown_trials()) + 1
+        raise StrandcastError(
+            "SC-P020",
+            f"trial {job.trial} was thrown: its raw files are there, and its motion is not planned again",
+            file=job.folder.data,
+            cost="the fit would be made for another motion than the one that was thrown",
+            fix=f"plan the next one: strandcast plan {job.context.name} {following}; "
+            "if nothing was thrown, move the folder away",
+        )
 
 
 def _first(context: Context, arm: Arm, random: np.random.Generator) -> tuple[PlanningTask, PlannedMotion]:

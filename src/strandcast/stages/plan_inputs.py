@@ -25,6 +25,11 @@ def first_inputs(context: Context, arm: Arm, random: np.random.Generator) -> tup
     return _task(context.settings, arm, model), strings
 
 
+def task_of(context: Context, arm: Arm) -> PlanningTask:
+    """Return the task alone, to check whether its target can be reached."""
+    return _task(context.settings, arm, string_model(context, arm)[0])
+
+
 def next_inputs(context: Context, arm: Arm, ensemble: Path) -> tuple[PlanningTask, StringBatch]:
     """Return the task and the strings fitted to past trials, for a later motion."""
     model, layout = string_model(context, arm)

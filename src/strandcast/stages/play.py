@@ -14,6 +14,7 @@ from strandcast.executor.drivers.registry import driver_named
 from strandcast.executor.dry_run_report import dry_run_report
 from strandcast.executor.play import play
 from strandcast.executor.preflight import PlayOptions, Preflight, read_motion, run_preflight
+from strandcast.records.folders import project_root
 from strandcast.records.joint_log import Run
 from strandcast.records.motion import Motion
 
@@ -66,7 +67,7 @@ def _hanging_m(path: Path, motion: Motion, driver: Driver) -> float:
     if driver.address is None:
         return 0.0  # a virtual arm's string can hit nothing
     try:
-        return load_experiment(find_experiment(motion.experiment, Path())).string.length_m
+        return load_experiment(find_experiment(motion.experiment, project_root())).string.length_m
     except StrandcastError:
         raise StrandcastError(
             "SC-X009",

@@ -6,10 +6,14 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from strandcast.errors import StrandcastError
 from strandcast.records.lineage import made_by_stage
 from strandcast.stages.context import context_of
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
+from strandcast.stages.producers import producers
+
+PAGES = ("report", "summary")  # they show what is missing
 
 
 def files_of(stage: str, root: Path, experiment: str, trial: int = 0, trials: Sequence[int] = ()) -> Files:
@@ -20,8 +24,27 @@ def files_of(stage: str, root: Path, experiment: str, trial: int = 0, trials: Se
 def run_stage(stage: str, root: Path, experiment: str, trial: int = 0, trials: Sequence[int] = ()) -> None:
     """Run a stage on an experiment and its trial, or all its trials; only this stage's code is imported."""
     files = files_of(stage, root, experiment, trial, trials)
+    if stage not in PAGES:
+        _refuse_unmade(files)
     inputs = (path for role in files.stage.lineage_roles() for path in files.inputs(role))
     run = importlib.import_module(f"strandcast.stages.{stage}").run
     # One thread for linear algebra: the last digits of results must not depend on the number of cores.
     with made_by_stage(stage, root, inputs), threadpool_limits(1):
         run(files.job, files)
+
+
+def _refuse_unmade(files: Files) -> None:
+    """Refuse inputs that another stage has not made yet; a stage reports missing raw files itself."""
+    inputs = (path for role in files.stage.inputs for path in files.inputs(role))
+    missing = next((path for path in inputs if not path.is_file()), None)
+    if missing is None:
+        return
+    context = files.job.context
+    step = producers(context, range(1, files.job.trial + 1)).get(missing)
+    if step is not None:
+        raise StrandcastError(
+            "SC-W030",
+            f"{files.stage.name} needs this file, which has not been made yet",
+            file=missing,
+            fix=f"make it first: {step.command(context.name)} (strandcast run {context.name} makes all)",
+        )

@@ -2,15 +2,21 @@
 
 from strandcast.records.alignment import Alignment
 from strandcast.records.track import TrackSummary, read_track
+from strandcast.records.verdict import Verdict
 from strandcast.scoring.score import Aim, score_throw
 from strandcast.stages.job import Files, Job
 
 
 def run(job: Job, files: Files) -> None:
     """Score one trial."""
+    verdict_of(job, files).write(files.output("verdict"))
+
+
+def verdict_of(job: Job, files: Files) -> Verdict:
+    """Return the verdict of one trial."""
     settings = job.context.settings
     summary = TrackSummary.read(files.input("summary"))
     track = read_track(files.input("track"), summary.points)
     alignment = Alignment.read(files.input("alignment"))
     aim = Aim(job.context.name, job.trial, settings.aim, settings.target_m, settings.hit_radius_m)
-    score_throw(track, alignment, aim, summary.length_m).write(files.output("verdict"))
+    return score_throw(track, alignment, aim, summary.length_m)

@@ -59,19 +59,19 @@ def to_pixel(x: float, y: float, plane: PixelMap) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def from_pixel(u: float, v: float, near: np.ndarray, plane: PixelMap) -> np.ndarray:
-    """Return the world point (2,) (m) of a pixel, by Newton's method from the world point `near`."""
-    point = near.copy()
+def from_pixel(u: float, v: float, near: np.ndarray, plane: PixelMap) -> tuple[float, float]:
+    """Return the world point (m) of a pixel, by Newton's method from the world point `near` (2,)."""
+    x, y = near[0], near[1]
     small = 0.1 * plane.step_m
     for _ in range(5):
-        u0, v0 = to_pixel(point[0], point[1], plane)
-        ux, vx = to_pixel(point[0] + small, point[1], plane)
-        uy, vy = to_pixel(point[0], point[1] + small, plane)
+        u0, v0 = to_pixel(x, y, plane)
+        ux, vx = to_pixel(x + small, y, plane)
+        uy, vy = to_pixel(x, y + small, plane)
         a, b, c, d = (ux - u0) / small, (uy - u0) / small, (vx - v0) / small, (vy - v0) / small
         determinant = a * d - b * c
-        point[0] += (d * (u - u0) - b * (v - v0)) / determinant
-        point[1] += (a * (v - v0) - c * (u - u0)) / determinant
-    return point
+        x += (d * (u - u0) - b * (v - v0)) / determinant
+        y += (a * (v - v0) - c * (u - u0)) / determinant
+    return x, y
 
 
 @njit(cache=True)
@@ -79,5 +79,5 @@ def all_from_pixel(places_px: np.ndarray, near: np.ndarray, plane: PixelMap) -> 
     """Return the world points (K, 2) (m) of pixels (K, 2), all near one world point."""
     points = np.empty_like(places_px)
     for k in range(len(places_px)):
-        points[k] = from_pixel(places_px[k, 0], places_px[k, 1], near, plane)
+        points[k, 0], points[k, 1] = from_pixel(places_px[k, 0], places_px[k, 1], near, plane)
     return points

@@ -6,6 +6,8 @@ import numpy as np
 from strandcast.camera.mapping import metre_to_pixel
 from strandcast.camera.markers import eight_bit
 from strandcast.records.camera import Camera
+from strandcast.records.verdict import AFTER_MOTION_S
+from strandcast.tracking.crops import Crops
 
 INSTANTS = 12  # chosen
 MOVED_M = 0.005  # chosen: from its first or last place, beyond which the hand is in motion
@@ -29,8 +31,48 @@ def choose_instants(candidates: np.ndarray, points_m: np.ndarray) -> np.ndarray:
     return np.unique(chosen[np.abs(path_m[:, None] - wanted).argmin(axis=0)])
 
 
-def moving_frames(hand_m: np.ndarray) -> tuple[int, int]:
-    """Return the first and the last frame of the hand's motion (F, 2), or of the video if it is still."""
+def closest_frame(
+    time_s: np.ndarray, points_m: np.ndarray, sure: np.ndarray, target_m: np.ndarray
+) -> int | None:
+    """Return the frame of the throw in which the tip is nearest to the target; None if it is never detected.
+
+    `points_m` is the track (F, n + 1, 2), `sure` (F,) says which tips are measured without a flag. As for the
+    verdict, a throw counts until `AFTER_MOTION_S` after the hand's motion, here as the camera shows it.
+    """
+    first, last = moving_frames(points_m[:, 0], after_share=0.0)
+    counts = sure & (time_s >= time_s[first]) & (time_s <= time_s[last] + AFTER_MOTION_S)
+    distance_m = np.where(counts, np.linalg.norm(points_m[:, -1] - target_m, axis=1), np.nan)
+    return int(np.nanargmin(distance_m)) if np.isfinite(distance_m).any() else None
+
+
+def with_instant(instants: np.ndarray, frame: int | None) -> np.ndarray:
+    """Return the instants with the nearest one replaced by a frame."""
+    if frame is None or not len(instants):
+        return instants
+    replaced = instants.copy()
+    replaced[np.abs(instants - frame).argmin()] = frame
+    return np.unique(replaced)
+
+
+def frame_picture(
+    index: int, sampled: np.ndarray, pictures: list[np.ndarray], crops: Crops, background: np.ndarray
+) -> np.ndarray:
+    """Return a frame (height, width): as it was sampled, or its crop over the empty scene."""
+    row = int(np.searchsorted(sampled, index))
+    if row < len(sampled) and sampled[row] == index:
+        return pictures[row]
+    picture, crop = background.copy(), crops.at(index)
+    if crop is not None:
+        pixels, left, top = crop
+        picture[top : top + pixels.shape[0], left : left + pixels.shape[1]] = pixels
+    return picture
+
+
+def moving_frames(hand_m: np.ndarray, after_share: float = AFTER_SHARE) -> tuple[int, int]:
+    """Return the first and the last frame of the hand's motion (F, 2), or of the video if it is still.
+
+    The last one lies after the motion's end by a share of its duration.
+    """
     known = np.flatnonzero(np.isfinite(hand_m).all(axis=1))
     if not len(known):
         return 0, len(hand_m) - 1
@@ -38,7 +80,7 @@ def moving_frames(hand_m: np.ndarray) -> tuple[int, int]:
     coming = known[np.linalg.norm(hand_m[known] - hand_m[known[-1]], axis=1) > MOVED_M]
     if not len(left) or not len(coming):
         return 0, len(hand_m) - 1
-    return int(left[0]), int(coming[-1] + AFTER_SHARE * (coming[-1] - left[0]))
+    return int(left[0]), int(coming[-1] + after_share * (coming[-1] - left[0]))
 
 
 def strobe_picture(

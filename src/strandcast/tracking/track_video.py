@@ -28,7 +28,13 @@ from strandcast.tracking.scene_checks import (
     confidence_warnings,
     length_warnings,
 )
-from strandcast.tracking.strobe import choose_instants, strobe_picture
+from strandcast.tracking.strobe import (
+    choose_instants,
+    closest_frame,
+    frame_picture,
+    strobe_picture,
+    with_instant,
+)
 from strandcast.tracking.tracker import TrackerInput
 from strandcast.video.ingest import camera_times
 
@@ -57,13 +63,18 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         extent = box_around(given.markers)
         frames = StringFrames(crops, np.ascontiguousarray(background.picture), hand, time_s, extent)
         string = track_string(frames, given.hint, settings, exposure_s, given.video)
-    points_m, sigma_m, flags = assemble_points(time_s, hand, string.points, given.hint.points)
-    sampled = np.asarray(samples.indices)
+        points_m, sigma_m, flags = assemble_points(time_s, hand, string.points, given.hint.points)
+        sampled = np.asarray(samples.indices)
+        instants = choose_instants(sampled, points_m)
+        if given.target_m is not None:
+            closest = closest_frame(time_s, points_m, flags[:, -1] == 0, given.target_m)
+            instants = with_instant(instants, closest)
+        thrown = [
+            frame_picture(k, sampled, samples.pictures, crops, background.picture) for k in instants.tolist()
+        ]
     target = None if given.target_m is None else locate_target(background.picture, camera, given.target_m)
     tip = TipPath(time_s, points_m[:, -1], flags[:, -1] == 0, string.first.appearance.tip_excess_m)
     led, led_warnings = (None, []) if led_monitor is None else led_monitor.found(time_s, given.exposure_s)
-    instants = choose_instants(sampled, points_m)
-    thrown = [samples.pictures[k] for k in np.searchsorted(sampled, instants)]
     return Tracked(
         camera_time_s=time_s,
         points_m=points_m,

@@ -41,7 +41,8 @@ def _at(values: Any, parts: list[str]) -> Any:
 def code_version(stage: str) -> str:
     """Return a hash over a stage's module and all modules of strandcast that it imports.
 
-    Comments, docstrings and layout do not count: the hash is over the syntax trees without docstrings.
+    Comments, docstrings, descriptions of settings and layout do not count: the hash is over the syntax trees
+    without docstrings and descriptions.
     """
     digest = hashlib.sha256()
     start = stage if "." in stage else f"strandcast.stages.{stage}"

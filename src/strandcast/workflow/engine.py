@@ -1,69 +1,89 @@
-"""Run Snakemake: pass on its output without routine messages, and end it when this process is ended."""
+"""Run Snakemake: show what happens, and end it when this process is ended."""
 
 import os
 import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Timer
 from types import FrameType
 
 from strandcast.errors import ENDING_SIGNALS, Ended
+from strandcast.kernel_cache import COMPILED_AHEAD
+from strandcast.workflow.display import Display
 
-ROUTINE_MESSAGES = (
-    "Using workflow specific profile",
-    "Assuming unrestricted",
-    "Building DAG",
-    "Using shell",
-    "Singularity",
-    "Select jobs",
-    "Execute ",
-    "Complete log",
-    "Elapsed time",
-    "DAG of jobs will be updated",
-    "Updating checkpoint",
-)
+EVENT_LOG = (sys.executable, "-m", "strandcast.workflow.event_log")
+COMPILING = "first run: the kernels of later stages are compiled on a second core meanwhile, once"
 PATIENCE_S = 20.0  # chosen: stages end within a second, Snakemake within a few
 
 
-def run_snakemake(line: list[str], root: Path) -> int:
+def run_snakemake(
+    line: list[str], root: Path, display: Display | None = None, program: Sequence[str] = EVENT_LOG
+) -> int:
     """Run Snakemake and return its exit code.
+
+    Parameters
+    ----------
+    line, root
+        The command line, and the folder where it runs.
+    display
+        Shows what happens; by default, plain lines.
+    program
+        What runs for `snakemake`.
 
     Raises
     ------
     Ended
         A signal ended this process: Snakemake and its jobs have been ended with it.
     """
-    _say(shlex.join(line) + "\n")
-    # Snakemake is installed beside this Python.
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
+    display = display or Display()
+    display.say(shlex.join(line))
     with (
+        display,
         # In a session of its own: a signal of the terminal reaches it through this process, once.
         subprocess.Popen(
-            line,
+            [*program, *line[1:]],
             cwd=root,
-            env=os.environ | {"PATH": path},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,  # a dry run's list: the events hold the same
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
             start_new_session=True,
         ) as engine,
-        _passing_signals_to(engine) as received,
+        _passing_signals_to(engine, display) as received,
     ):
         assert engine.stderr is not None
         for words in engine.stderr:
-            if words.strip() and not words.startswith(ROUTINE_MESSAGES):
-                _say(words)
+            display.feed(words)
     if received:
         raise Ended(received[0], "all finished results are kept; the same command goes on from there")
     return engine.returncode
 
 
 @contextmanager
-def _passing_signals_to(engine: subprocess.Popen[str]) -> Iterator[list[int]]:
+def compiling_ahead(cores: int, display: Display) -> Iterator[None]:
+    """Compile kernels in a process of its own meanwhile, if that was never done and a core may be idle."""
+    folder = os.environ.get("NUMBA_CACHE_DIR", "")
+    if cores < 2 or Path(folder, COMPILED_AHEAD).exists():
+        yield
+        return
+    display.say(COMPILING)
+    line = [sys.executable, "-m", "strandcast.kernels_ahead"]
+    nothing = subprocess.DEVNULL
+    process = subprocess.Popen(line, stdin=nothing, stdout=nothing, stderr=nothing, start_new_session=True)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait()
+
+
+@contextmanager
+def _passing_signals_to(engine: subprocess.Popen[str], display: Display) -> Iterator[list[int]]:
     """Interrupt the engine and its jobs when this process receives a signal; yield the signals received."""
     received: list[int] = []
     timers = [
@@ -73,6 +93,7 @@ def _passing_signals_to(engine: subprocess.Popen[str]) -> Iterator[list[int]]:
 
     def pass_on(number: int, frame: FrameType | None) -> None:
         received.append(number)
+        display.stopped_by = signal.Signals(number).name
         if len(received) == 1:
             _signal_group(engine, signal.SIGINT)
             for timer in timers:
@@ -94,9 +115,3 @@ def _passing_signals_to(engine: subprocess.Popen[str]) -> Iterator[list[int]]:
 def _signal_group(engine: subprocess.Popen[str], number: int) -> None:
     with suppress(ProcessLookupError):
         os.killpg(engine.pid, number)
-
-
-def _say(text: str) -> None:
-    with suppress(OSError):  # the terminal may be closed
-        sys.stderr.write(text)
-        sys.stderr.flush()

@@ -20,13 +20,11 @@ from filelock import SoftFileLease, Timeout
 
 from strandcast.errors import StrandcastError
 from strandcast.records.files import remove_temporary_files, write_text
-from strandcast.records.folders import ExperimentFolder
+from strandcast.records.folders import WITHIN_WORKFLOW, ExperimentFolder
 from strandcast.records.record import read_json
 
 LEASE_S = 60.0  # chosen: three renewals; a busy file server may delay each by many seconds
 UNNAMED_S = 3.0  # chosen: an owner writes its name within milliseconds; filelock waits 2 s for it
-# Set for the jobs of a workflow, which hold no lease of their own: the workflow holds it for all of them.
-WITHIN_WORKFLOW = "STRANDCAST_WITHIN_WORKFLOW"
 
 
 class Owner(NamedTuple):

@@ -1,110 +1,148 @@
-"""Run the workflow for the user: check what is there, run Snakemake, and end with one table."""
+"""Run the workflow for the user: check what is there, run Snakemake, and return what happened."""
 
 import sys
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
-from strandcast.config.find import find_experiment
+from strandcast.config.find import overlooked_experiments
 from strandcast.errors import ENVIRONMENT, INTEGRITY, StrandcastError
-from strandcast.records.folders import ExperimentFolder, trial_name, video_suffixes
+from strandcast.records.folders import ExperimentFolder, is_project, trial_name, video_suffixes
 from strandcast.records.summary import ExperimentSummary
 from strandcast.stages.run import run_stage
-from strandcast.workflow.engine import run_snakemake
+from strandcast.workflow.check import runnable
+from strandcast.workflow.display import Display, display_for
+from strandcast.workflow.engine import compiling_ahead, run_snakemake
+from strandcast.workflow.events import RunState, StageRun, past_durations
 from strandcast.workflow.host import check_host
-from strandcast.workflow.locks import refuse_if_held
-from strandcast.workflow.targets import default_experiments, is_to_be_continued
+from strandcast.workflow.project import profile
+from strandcast.workflow.targets import default_experiments, is_to_be_continued, targets_of
 from strandcast.workflow.verify import Finding, verify
 
 DAMAGED = ("damaged", "misplaced")
 
 
-def command(experiments: list[str], cores: int, outdated: Iterable[Path] = ()) -> list[str]:
-    """Return the Snakemake command line that makes the reports of experiments, and outdated results again."""
-    targets = [f"results/{name}/report.html" for name in experiments]
+class RunOptions(NamedTuple):
+    """How a run is done: at most `jobs` stages at a time on `cores` cores, up to the stage `until`."""
+
+    cores: int = 2
+    jobs: int | None = None
+    until: str | None = None
+    dry_run: bool = False
+
+
+class RunResult(NamedTuple):
+    """What a run did: its exit code, the jobs that ran or would run and that failed, the damaged files."""
+
+    exit_code: int
+    jobs: list[StageRun]
+    failed: list[StageRun]
+    damaged: dict[str, list[Finding]]
+    summaries: list[ExperimentSummary]
+    refused: list[StrandcastError]
+
+
+def command(
+    root: Path,
+    experiments: list[str],
+    options: RunOptions,
+    outdated: Iterable[Path] = (),
+) -> list[str]:
+    """Return the Snakemake command line that makes experiments, and outdated results again."""
+    targets = [target for name in experiments for target in targets_of(name, options.until, root)]
     again = [path.as_posix() for path in outdated]
+    at_once = ("--default-resources", "jobs=1", "--resources", f"jobs={options.jobs}")
     return [
-        *("snakemake", *targets, "--cores", str(cores)),
-        *("--workflow-profile", "workflow/profiles/default"),
-        *("--quiet", "rules", "progress", "host"),
+        *("snakemake", *targets, "--cores", str(options.cores)),
+        *(at_once if options.jobs is not None else ()),
+        *("--workflow-profile", str(profile(root))),
+        *("--quiet", "rules", "host"),
         # A lease per experiment replaces Snakemake's lock, which the first of two runs to end would remove.
         "--nolock",
         *(("--forcerun", *again) if again else ()),
+        *(("--dry-run",) if options.dry_run else ()),
     ]
 
 
-def run_experiments(root: Path, experiments: list[str], cores: int) -> int:
-    """Run the workflow, print a table of the trials, and return the exit code.
+def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> RunResult:
+    """Run the workflow, or list what it would run; an experiment that cannot be run stops only itself.
 
     Results that were changed, or that belong to another trial, are never built upon: their experiment is not
     run, its pages say so, and the exit code is that of damaged files.
     """
     refuse_elsewhere(root)
-    names = experiments or default_experiments(root)
-    for name in names:
-        find_experiment(name, root)
+    names = list(dict.fromkeys(experiments or default_experiments(root)))
+    names, refused = runnable(root, names)
+    overlooked = [] if experiments else overlooked_experiments(root)
+    for message in (*map(str, refused), *(each.message("WARNING") for each in overlooked)):
+        print(message, file=sys.stderr, flush=True)
     check_host(root, names)
-    for name in names:
-        refuse_if_held(root, name)
     findings = {name: verify(root, name, raw=False) for name in names}
-    damaged = [name for name in names if any(each.state in DAMAGED for each in findings[name])]
-    for name in damaged:
-        _report_damage(root, name, findings[name])
-    codes = [INTEGRITY for _ in damaged]
+    damaged = {
+        name: wrong for name in names if (wrong := [each for each in findings[name] if each.state in DAMAGED])
+    }
+    for name, wrong in damaged.items():
+        _report_damage(root, name, wrong, options.dry_run)
+    codes = [each.exit_code for each in refused] + [INTEGRITY for _ in damaged]
     sound = [name for name in names if name not in damaged]
+    state = RunState(past_durations(root, sound))
     if sound:
         outdated = [each.file for name in sound for each in findings[name] if each.state == "outdated"]
         # Snakemake does not ask for a trial that it does not know of yet if the page is there.
         pages = [(name, ExperimentFolder(root, name).results / "report.html") for name in sound]
         outdated += [page for name, page in pages if page.is_file() and is_to_be_continued(name, root)]
-        line = command(sound, cores, (path.relative_to(root) for path in outdated))
-        codes.append(run_snakemake(line, root))
-    if codes[-1] == 0:
-        codes += [_print_summary(root, name) for name in sound]
-    return max(codes)
+        line = command(root, sound, options, (path.relative_to(root) for path in outdated))
+        display = Display(state) if options.dry_run else display_for(state)
+        with compiling_ahead(0 if options.dry_run else options.cores, display):
+            codes.append(run_snakemake(line, root, display))
+    summaries = []
+    if sound and codes[-1] == 0 and not options.dry_run and options.until is None:
+        summaries = [_read_summary(root, name) for name in sound]
+        codes += [INTEGRITY for summary in summaries if summary.all_unread()]
+    return RunResult(max(codes), state.seen, state.failed, damaged, summaries, refused)
 
 
 def refuse_elsewhere(root: Path) -> None:
-    """Refuse to run outside a clone, where there is no workflow."""
-    if not (root / "workflow" / "Snakefile").is_file():
+    """Refuse to run outside a project."""
+    if not is_project(root):
         raise StrandcastError(
             "SC-W001",
-            "there is no workflow/Snakefile here",
+            "no project is here or in the folders above: there is no Snakefile beside config/",
             file=root.resolve(),
-            fix="change to the folder that strandcast was cloned into",
+            fix="change to a project's folder, or make one: strandcast new mylab",
             exit_code=ENVIRONMENT,
         )
 
 
-def _report_damage(root: Path, experiment: str, findings: list[Finding]) -> None:
+def _report_damage(root: Path, experiment: str, damaged: list[Finding], dry_run: bool) -> None:
     """Print what is damaged, and make the pages again that show it."""
     folder = ExperimentFolder(root, experiment)
-    trials = folder.reported_trials()
+    trials = [] if dry_run else folder.reported_trials()
     for trial in trials:
         with suppress(StrandcastError):  # raised after the page is written: it says what is damaged
             run_stage("report", root, experiment, trial)
     if trials:
         with suppress(StrandcastError):
             run_stage("summary", root, experiment, trials=trials)
-    for finding in findings:
-        if finding.state in DAMAGED:
-            print(f"{finding.file}: {finding.what}\n        Fix: {finding.fix}", file=sys.stderr)
+    for finding in damaged:
+        print(f"{finding.file}: {finding.what}\n        Fix: {finding.fix}", file=sys.stderr)
     print(f"{experiment}: not run, because of the files above; its pages say so", file=sys.stderr)
 
 
-def _print_summary(root: Path, experiment: str) -> int:
-    """Print the table of an experiment's trials and the places of its films; return the exit code."""
-    folder = ExperimentFolder(root, experiment)
-    summary = ExperimentSummary.read(folder.results / "summary.json")
-    print(table(summary, folder.results / "report.html"))
-    files = sorted(folder.data.glob("trial-*/video.*"))
-    films = [file for file in files if file.suffix.lower() in video_suffixes()]
-    print("".join(f"  film:   {film}\n" for film in films), end="")
-    return INTEGRITY if summary.all_unread() else 0
+def _read_summary(root: Path, experiment: str) -> ExperimentSummary:
+    return ExperimentSummary.read(ExperimentFolder(root, experiment).results / "summary.json")
 
 
-def table(summary: ExperimentSummary, page: Path) -> str:
+def films(root: Path, experiment: str) -> list[Path]:
+    """Return the videos of an experiment's trials."""
+    files = sorted(ExperimentFolder(root, experiment).data.glob("trial-*/video.*"))
+    return [file for file in files if file.suffix.lower() in video_suffixes()]
+
+
+def table(root: Path, summary: ExperimentSummary) -> list[str]:
     """Return an experiment's trials as lines of text."""
+    page = ExperimentFolder(root, summary.experiment).results / "report.html"
     lines = [f"{summary.experiment}: string of {summary.string_length_m:g} m, target {summary.target_m} m"]
     for trial in summary.trials:
         if trial.excluded is not None:
@@ -118,4 +156,4 @@ def table(summary: ExperimentSummary, page: Path) -> str:
         following = trial_name(summary.trials[-1].trial + 1 if summary.trials else 1)
         lines.append(f"  next:   {page.parent / following / 'motion.json'}")
     lines.append(f"  report: {page}")
-    return "\n".join(lines)
+    return [*lines, *(f"  film:   {film}" for film in films(root, summary.experiment))]

@@ -3,13 +3,16 @@
 All paths are relative to the project's root, where Snakemake runs.
 """
 
+import difflib
 import re
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 from strandcast.config.find import NAME
 from strandcast.errors import StrandcastError
+from strandcast.records.folders import ExperimentFolder, trial_name
 from strandcast.records.verdict import Verdict
 from strandcast.stages import files
 from strandcast.stages.context import Context, context_of
@@ -19,6 +22,13 @@ from strandcast.workflow import code_version
 
 ROOT = Path()
 DEMO = "demo"
+WITH_CAMERA = (
+    "ingest",
+    "track",
+    "reconstruct",
+    "clip",
+    "align",
+)  # a supplied track needs none of these stages
 NEVER = "(?!)"  # the pattern that matches nothing
 # results/paper and results/paper-quick are not experiments: they hold the summaries of many.
 EXPERIMENT = rf"(?!paper(?:-quick)?(?:/|$)){NAME}"
@@ -31,6 +41,11 @@ def own_experiments(root: Path = ROOT) -> list[str]:
     return sorted(path.parent.name for path in root.glob("data/*/experiment.yaml"))
 
 
+def known_experiments(root: Path = ROOT) -> list[str]:
+    """Return the experiments under data/ and those that ship with the project."""
+    return sorted({*own_experiments(root), *(path.stem for path in root.glob("config/experiments/*.yaml"))})
+
+
 def default_experiments(root: Path = ROOT) -> list[str]:
     """Return the experiments that are run if none is named: those under data/, or the demonstration."""
     return own_experiments(root) or [DEMO]
@@ -38,14 +53,13 @@ def default_experiments(root: Path = ROOT) -> list[str]:
 
 def lab_experiments(root: Path = ROOT) -> list[str]:
     """Return the experiments that the lab throws; an invalid one is reported when it is asked for."""
-    shipped = (path.stem for path in root.glob("config/experiments/*.yaml"))
-    return [name for name in sorted({*own_experiments(root), *shipped}) if _is_lab(root, name)]
+    return [name for name in known_experiments(root) if _is_lab(root, name)]
 
 
 def real_experiments(root: Path = ROOT) -> list[str]:
     """Return the experiments with recordings of a real rig, invalid ones too."""
     lab = lab_experiments(root)
-    return [name for name in own_experiments(root) if name not in lab]
+    return [name for name in known_experiments(root) if name not in lab]
 
 
 def _is_lab(root: Path, name: str) -> bool:
@@ -79,12 +93,18 @@ def with_files(*names: str, experiments: Iterable[str], root: Path = ROOT) -> di
 
 def supplied_trials(root: Path = ROOT) -> dict[str, list[str]]:
     """Return the trials whose track and alignment were measured elsewhere, by experiment."""
-    return with_files(*files.SUPPLIED_FILES.values(), experiments=own_experiments(root), root=root)
+    return with_files(*files.SUPPLIED_FILES.values(), experiments=known_experiments(root), root=root)
 
 
 def played_trials(root: Path = ROOT) -> dict[str, list[str]]:
-    """Return the trials that a real arm has played, by experiment: their motion is not planned again."""
+    """Return the trials that a real arm has played with a known motion, by experiment."""
     return with_files("motion.json", experiments=real_experiments(root), root=root)
+
+
+def thrown_trials(root: Path = ROOT) -> dict[str, list[str]]:
+    """Return the trials with raw files of a real rig, by experiment: no motion is planned over theirs."""
+    found = {name: ExperimentFolder(root, name).thrown_trials() for name in real_experiments(root)}
+    return {name: [trial_name(number) for number in numbers] for name, numbers in found.items() if numbers}
 
 
 def experiment_pattern(trials: dict[str, list[str]], *, other: bool = False) -> str:
@@ -154,3 +174,63 @@ def is_to_be_continued(name: str, root: Path = ROOT) -> bool:
     except StrandcastError:
         return True
     return False
+
+
+def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[str]:
+    """Return the files to make of an experiment: its page, or what a stage writes for the trials so far.
+
+    In the lab, the trials so far include the one to be thrown next, if the tip has not hit yet.
+
+    Raises
+    ------
+    StrandcastError
+        SC-W021 there is no such stage in this experiment, or no trial yet.
+    """
+    if until is None:
+        return [f"results/{name}/report.html"]
+    stage, context = until.replace("-", "_"), experiment(name, root)
+    known = [each for each in STAGES if _runs(each, context)]
+    if stage not in known:
+        near = difflib.get_close_matches(stage, known, n=1)
+        raise StrandcastError(
+            "SC-W021",
+            f"{name} has no stage {until!r}",
+            field="--until",
+            fix=(f"did you mean {near[0]}?" if near else f"one of {', '.join(known)}").replace("_", "-"),
+        )
+    supplied = {int(trial[-2:]) for trial in supplied_trials(root).get(name, [])}
+    trials = _trials_so_far(name, root)
+    if stage == "plan":
+        trials = [max(trials, default=0) + 1]  # the next motion
+    found: list[str] = []
+    for trial in trials or [0]:
+        made_by = "register_track" if trial in supplied and stage in WITH_CAMERA else stage
+        outputs = STAGES[made_by].output_files(Job(context, trial, tuple(trials)))
+        if not trials and any("trial-00" in path.parts for paths in outputs.values() for path in paths):
+            raise StrandcastError(
+                "SC-W021",
+                f"{name} has no trial yet, and {until} needs one",
+                field="--until",
+                fix=f"plan the first motion: strandcast plan {name} 1; then throw it, or import its track",
+            )
+        found += [path.relative_to(root).as_posix() for paths in outputs.values() for path in paths]
+    return list(dict.fromkeys(found))
+
+
+def _runs(stage: str, context: Context) -> bool:
+    return context.settings.lab is not None or not stage.startswith("lab_")
+
+
+def _trials_so_far(name: str, root: Path) -> list[int]:
+    context = experiment(name, root)
+    if context.settings.lab is None:
+        return context.folder.recorded_trials()
+    asked: list[int] = []
+
+    def verdict_of(trial: str) -> str:
+        asked.append(int(trial))
+        return str(context.folder.trial(int(trial)).results / "verdict.json")
+
+    with suppress(StrandcastError):  # that one is not thrown yet
+        return trials_of(name, verdict_of, root)
+    return list(range(1, asked[-1] + 1))

@@ -16,8 +16,8 @@ from strandcast.records.provenance import current_versions
 from strandcast.records.record import read_json, verify_hash
 from strandcast.records.tables import read_arrow, read_parquet, table_made_by, table_schema, verify_content
 
-State = Literal["damaged", "misplaced", "outdated", "versions"]
-ORDER: tuple[State, ...] = ("damaged", "misplaced", "outdated", "versions")
+State = Literal["damaged", "misplaced", "missing", "outdated", "versions"]
+ORDER: tuple[State, ...] = ("damaged", "misplaced", "missing", "outdated", "versions")
 STATES: dict[str, State] = {MISPLACED: "misplaced", OUTDATED: "outdated"}
 
 
@@ -42,7 +42,9 @@ def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
     folder = ExperimentFolder(root, experiment)
     trials = [folder.trial(number) for number in _numbers(folder)]
     places = [folder.results, folder.results / "cameras", *(trial.results for trial in trials)]
-    findings = [finding for place in places for finding in _verify_results(place)]
+    lineages: list[Lineage] = []
+    findings = [finding for place in places for finding in _verify_results(place, lineages)]
+    findings += _missing(root, lineages)
     for trial in trials:
         findings += _verify_raw_records(trial)
         findings += _verify_raw_bytes(trial) if raw else []
@@ -54,22 +56,38 @@ def _numbers(folder: ExperimentFolder) -> list[int]:
     return sorted({int(name.removeprefix("trial-")) for name in found})
 
 
-def _verify_results(folder: Path) -> Iterator[Finding]:
-    lineages = []
+def _missing(root: Path, lineages: list[Lineage]) -> Iterator[Finding]:
+    """Yield the files that results were made from and that are not there."""
+    users: dict[str, set[str]] = {}
+    for lineage in lineages:
+        for name in lineage.inputs:
+            users.setdefault(name, set()).add(lineage.stage)
+    for name, stages in sorted(users.items()):
+        if not (root / name).exists():
+            what = f"is missing; {', '.join(sorted(stages))} used it"
+            yield Finding(
+                root / name, "missing", what, "restore it; `strandcast status` says what makes it again"
+            )
+
+
+def _verify_results(folder: Path, lineages: list[Lineage]) -> Iterator[Finding]:
+    """Yield what is wrong with a folder of results; add the lineages of its records to `lineages`."""
+    here: list[Lineage | None] = []
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:
         if path.suffix in READERS and not path.name.startswith("."):
             found = _checked(path, READERS[path.suffix])
             if isinstance(found, Finding):
                 yield found
                 continue
-            lineages.append(found.lineage)
+            here.append(found.lineage)
             yield from _other_versions(path, found.made_by)
     for path in sorted(folder.glob("*.webp")):
-        for lineage in lineages:
+        for lineage in here:
             try:
                 check_picture(path, lineage)
             except StrandcastError as problem:
                 yield _finding(path, problem)
+    lineages += [lineage for lineage in here if lineage is not None]
 
 
 def _verify_raw_records(trial: TrialFolder) -> Iterator[Finding]:
@@ -131,11 +149,11 @@ def _verify_record(path: Path) -> _Verified:
 
 def _verify_table(path: Path) -> _Verified:
     table = read_parquet(path)
-    verify_content(path, table)
+    lineage = verify_content(path, table)
     spec = TABLES.get(table_schema(table)[0])
     if spec is not None:
         read_arrow(path, spec)
-    return _Verified(None, table_made_by(table))
+    return _Verified(lineage, table_made_by(table))
 
 
 def _verify_page(path: Path) -> _Verified:

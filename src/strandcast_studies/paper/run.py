@@ -5,16 +5,16 @@ from pathlib import Path
 
 from strandcast.errors import FAILED_TRIALS
 from strandcast.workflow.engine import run_snakemake
-from strandcast.workflow.runner import command, refuse_elsewhere
+from strandcast.workflow.runner import RunOptions, command, refuse_elsewhere
 from strandcast_studies.paper.cases import PaperCase
 from strandcast_studies.paper.records import PaperRun, PaperSummary
 
 SNAKEFILE = Path(__file__).with_name("Snakefile")
 
 
-def paper_command(form: str, cores: int) -> list[str]:
+def paper_command(root: Path, form: str, cores: int) -> list[str]:
     """Return the Snakemake command line that makes the paper's page from existing runs."""
-    line = command([], cores)
+    line = command(root, [], RunOptions(cores))
     return [
         line[0],
         "--snakefile",
@@ -41,10 +41,10 @@ def run_paper(root: Path, cases: list[PaperCase], cores: int, page_only: bool = 
     refuse_elsewhere(root)
     for _, batch in [] if page_only else groupby(cases, key=lambda case: case.seed):
         # Several runs at a time use the cores better than the threads of one.
-        line = command([case.name for case in batch], cores)
+        line = command(root, [case.name for case in batch], RunOptions(cores))
         run_snakemake([*line, "--set-threads", "estimate=1", "plan=1"], root)
     form = cases[0].form
-    code = run_snakemake(paper_command(form, cores), root)
+    code = run_snakemake(paper_command(root, form, cores), root)
     if code:
         return code
     page = root / "results" / form / "report.html"

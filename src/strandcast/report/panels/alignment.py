@@ -5,7 +5,7 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import Alignment
 from strandcast.report import drawing as draw
-from strandcast.report.measures import at_times, with_gaps
+from strandcast.report.measures import at_times, rms, with_gaps
 from strandcast.report.numbers import millimetres, milliseconds, scaled
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.hand_path import within_motion
@@ -14,7 +14,7 @@ from strandcast.report.results import FILES
 
 
 def alignment(page: TrialPageData) -> PanelContent:
-    """Return the hand's speed from both sources, and the residual of its place."""
+    """Return the hand's speed from both sources, and the distance of its places."""
     results = page.results
     fit = results.need("alignment")
     paths = within_motion(results)
@@ -32,22 +32,26 @@ def alignment(page: TrialPageData) -> PanelContent:
         time_s, speed = _speed(path.robot_time_s, path.pose[:, :2])
         speed_axes.plot((time_s - fit.motion_start_s) * 1e3, speed, **style, label=f"hand by {name}")
     apart_mm = (seen.pose[:, :2] - at_times(measured, seen.robot_time_s)) * 1e3
+    apart_m = rms(np.linalg.norm(apart_mm, axis=1)) / 1e3
     styles = (draw.FITTED | {"linewidth": 1.0}, draw.PLANNED | {"linewidth": 1.0})
     since_s, apart_mm = with_gaps(seen.robot_time_s - fit.motion_start_s, apart_mm)
     for k, axis in enumerate("xy"):
         apart_axes.plot(since_s * 1e3, apart_mm[:, k], **styles[k], label=f"camera – joint log, {axis}")
     speed_axes.set_ylabel("speed [m/s]")
-    apart_axes.set(xlabel=draw.SINCE_START, ylabel="residual [mm]")
+    apart_axes.set(xlabel=draw.SINCE_START, ylabel="distance [mm]")
     speed_axes.legend(loc="upper right")
     draw.legend_below(figure, apart_axes)
     finding = (
-        f"Offset {milliseconds(fit.offset_s, fit.offset_se_s)}; residual of the hand "
-        f"{millimetres(fit.residual_rms_m, digits=2)} rms over {fit.frames} frames."
+        f"Offset {milliseconds(fit.offset_s, fit.offset_se_s)}. Within the motion the hand by the camera is "
+        f"{millimetres(apart_m, digits=2)} rms from the joint log with the arm's file as it is; with the "
+        f"rig's errors fitted (table), {millimetres(fit.residual_rms_m, digits=2)} rms remain over "
+        f"{fit.frames} frames."
     )
     return PanelContent(
         finding,
-        "Good: the speeds agree and the residual has no structure. Bad: the residual resembles the speed "
-        "(offset: 1 ms is 2 mm at 2 m/s) or the place (marker's place, camera).",
+        "Good: the speeds agree, and the distance changes slowly (zeros of the joints, lengths of the links) "
+        "by a few mm. Bad: the distance resembles the speed (offset: 1 ms is 2 mm at 2 m/s) or jumps "
+        "(markers).",
         draw.Drawing(figure, f"Alignment of the clocks. {finding}"),
         [_table(fit)],
         ["alignment.json", "hand.parquet"],
@@ -69,8 +73,9 @@ def _table(fit: Alignment) -> Table:
         ["offset (robot = camera · (1 + drift) + offset)", offset],
         ["drift", scaled(fit.drift, 1e6, 1, "ppm", fit.drift_se)],
         ["prior of the drift (standard deviation)", scaled(fit.drift_prior, 1e6, 0, "ppm")],
-        ["residual of the hand, rms", millimetres(fit.residual_rms_m, digits=2)],
+        ["distance of the hand with all of this fitted, rms", millimetres(fit.residual_rms_m, digits=2)],
         ["source", fit.source],
+        *_rig_rows(fit),
     ]
     if fit.marker_shift_m is not None:
         shift = ", ".join(map(millimetres, fit.marker_shift_m))
@@ -83,3 +88,17 @@ def _table(fit: Alignment) -> Table:
         when = f"{name} at camera time {event.camera_time_s:.4f} s: motion – event"
         rows.append([when, milliseconds(event.difference_s, event.motion_se_s)])
     return Table(["clock", "value"], rows)
+
+
+def _rig_rows(fit: Alignment) -> list[list[str]]:
+    """Return the rig's fitted errors against the arm's file and the calibration."""
+    errors = (
+        ("zeros of the joints", fit.joint_zero_rad, 180 / np.pi, "°"),
+        ("lengths of the links", fit.link_length_m, 1e3, "mm"),
+        ("place of the base, x and y", fit.base_shift_m, 1e3, "mm"),
+    )
+    return [
+        [f"{name}: off by", ", ".join(scaled(value, scale, 2, shown) for value in values)]
+        for name, values, scale, shown in errors
+        if values
+    ]

@@ -1,10 +1,10 @@
 """E by point, and the convergence of the search."""
 
 import numpy as np
-from matplotlib.ticker import LogLocator, NullLocator
 
 from strandcast.records.estimate import Estimate
 from strandcast.report import drawing as draw
+from strandcast.report.measures import fit_window
 from strandcast.report.numbers import millimetres
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
@@ -28,15 +28,12 @@ def evaluation(page: TrialPageData) -> PanelContent:
     best_mm = [step.best_m * 1e3 for step in estimate.convergence]
     curve.step(steps, best_mm, where="post", **draw.MEASURED)
     curve.set(xlabel="simulations", ylabel="best E so far [mm]")
-    if best_mm and min(best_mm) > 0:
-        curve.set_yscale("log")
-        curve.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        curve.yaxis.set_minor_locator(NullLocator())
-        curve.yaxis.set_major_formatter("{x:g}")
+    draw.log_if_wide(curve, "y", [*best_mm, 1e3 * (estimate.E_planned_m or estimate.E_m)], ratio=1.5)
     if estimate.E_planned_m is not None:
         curve.axhline(estimate.E_planned_m * 1e3, **draw.dashes(draw.PLANNED))
     curve.set_title(f"search: {estimate.search}, {estimate.evaluations} simulations")
-    finding = _finding(estimate)
+    window = fit_window(results)
+    finding = _finding(estimate, window)
     return PanelContent(
         finding,
         "E is the mean distance between measured and simulated points, E_i that of point i (eqs. 4–6). "
@@ -45,20 +42,20 @@ def evaluation(page: TrialPageData) -> PanelContent:
         "falls (too small a budget). The curve is for all trials in the fit, with w; "
         "green dash-dot: this trial alone with the parameters that planned it, w = 0.",
         draw.Drawing(figure, f"Evaluation value by point and convergence. {finding}"),
-        [_table(estimate)],
+        [_table(estimate, window)],
         ["estimate.json"],
     )
 
 
-def _finding(estimate: Estimate) -> str:
-    after = f"E {millimetres(estimate.E_m, digits=2)} after the fit"
+def _finding(estimate: Estimate, window: str) -> str:
+    after = f"E {millimetres(estimate.E_m, digits=2)} after the fit, over {window}"
     if estimate.E_planned_m is None:
         return f"{after}; this throw was planned without a fitted string, so there is no E before the fit."
     ratio = estimate.E_planned_m / max(estimate.E_m, 1e-12)
-    return f"{after}, {millimetres(estimate.E_planned_m, digits=2)} before it: {ratio:.1f} times better."
+    return f"{after}; {millimetres(estimate.E_planned_m, digits=2)} before it: {ratio:.1f} times better."
 
 
-def _table(estimate: Estimate) -> Table:
+def _table(estimate: Estimate, window: str) -> Table:
     planned = "E of this trial with the parameters that planned it (w = 0)"
     simulations = "simulations; of these rejected (diverged or overstretched)"
     rows = [
@@ -67,8 +64,8 @@ def _table(estimate: Estimate) -> Table:
         [f"E after the fit, weighted (w = {estimate.w:g})", millimetres(estimate.E_weighted_m, digits=2)],
         ["rms distance over points and frames", millimetres(estimate.rmse_m, digits=2)],
         ["mean distance of the tip", millimetres(estimate.tip_error_m, digits=2)],
+        ["frames in all of these", window],
         *([f"held out: {held.what}", millimetres(held.E_m, digits=2)] for held in estimate.held_out),
-        ["frames in the fit", str(estimate.frames_used)],
         [simulations, f"{estimate.evaluations}; {estimate.rejected}"],
         ["trials in the fit", ", ".join(map(str, estimate.trials_used))],
     ]

@@ -11,6 +11,7 @@ from strandcast.report.facts import Facts
 from strandcast.report.numbers import significant
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.typeset import quantity, symbol, unit
 
 
 def parameters(page: TrialPageData) -> PanelContent:
@@ -19,8 +20,8 @@ def parameters(page: TrialPageData) -> PanelContent:
     estimate: Estimate = results.need("estimate")
     rows = [
         [
-            fit.name,
-            fit.unit,
+            symbol(fit.name),
+            unit(fit.unit),
             significant(fit.minimum),
             significant(fit.maximum),
             Markup("<b>{}</b>").format(significant(fit.value)),
@@ -30,10 +31,7 @@ def parameters(page: TrialPageData) -> PanelContent:
         ]
         for fit in estimate.parameters
     ]
-    rows += [
-        [name, "", "", "", significant(value), "", "", "", *_known(estimate, name)]
-        for name, value in sorted(estimate.options.items())
-    ]
+    rows += [_option_row(estimate, name, value) for name, value in sorted(estimate.options.items())]
     heads = ["parameter", "unit", "minimum", "maximum", "estimate", "χ (0 … 1)", "bound", "ensemble"]
     heads += ["standard deviation", "profile"]
     caption = (
@@ -44,7 +42,9 @@ def parameters(page: TrialPageData) -> PanelContent:
     return PanelContent(
         _finding(estimate),
         "Only ratios can be determined: scaling all masses and coefficients together changes nothing. Good: "
-        "estimates inside their ranges, narrow ensembles. Bad: an estimate at a bound needs a wider range.",
+        "estimates inside their ranges, narrow ensembles. An estimate at a bound: where the ensemble is "
+        "narrow, widen its range, estimate.ranges in experiment.yaml; where it is wide, no range helps: a "
+        "throw that bends the string more would determine it.",
         tables=[Table(heads, rows, caption)],
         sources=["estimate.json", "ensemble.parquet"],
     )
@@ -65,8 +65,22 @@ def _finding(estimate: Estimate) -> str:
 
 def _bound_and_ensemble(fit: ParameterFit | WeightFit) -> list[str]:
     """Return the cells "bound" and "ensemble" of an estimated number."""
-    bound = Markup('<b class="warn">▲ at bound</b>') if fit.at_bound else "within"
-    return [bound, f"{significant(fit.ensemble_low)} … {significant(fit.ensemble_high)}"]
+    return [_bound(fit), f"{significant(fit.ensemble_low)} … {significant(fit.ensemble_high)}"]
+
+
+def _bound(fit: ParameterFit | WeightFit) -> str:
+    """Return whether an estimate lies at a bound, and what can be done about it."""
+    if not fit.at_bound:
+        return "within"
+    if isinstance(fit, ParameterFit) and _decades(fit) > 1.0:
+        return Markup('<b class="warn">▲ at bound</b>, but not determined: leave it')
+    return Markup('<b class="warn">▲ at bound</b>: widen its range')
+
+
+def _option_row(estimate: Estimate, name: str, value: float) -> list[Any]:
+    """Return the row of a number beside the parameters, e.g. the rest curl."""
+    words, text = quantity(name, value)
+    return [words, "", "", "", Markup("<b>{}</b>").format(text), "", "", "", *_known(estimate, name)]
 
 
 def _known(estimate: Estimate, name: str) -> list[str]:
@@ -75,7 +89,7 @@ def _known(estimate: Estimate, name: str) -> list[str]:
     if known is None or name not in known.unknowns:
         return ["", ""]
     k = known.unknowns.index(name)
-    deviation = significant(known.marginal_sd[k]) + (" decades" if known.in_decades[k] else "")
+    deviation = significant(known.marginal_sd[k]) + " decades" * known.in_decades[k]
     low, high = known.profile_low[k], known.profile_high[k]
     if low is None or high is None:
         return [deviation, ""]
@@ -140,8 +154,7 @@ def masses(page: TrialPageData) -> PanelContent:
     return PanelContent(
         finding,
         "Point i lies at i·L/n from the hand (point 0); a plain point has mass 1. Triangles: the "
-        "experiment's known weights; hatched: its stiff sections. As in the paper's Table 4, a stiff "
-        "section shows as mass.",
+        "experiment's known weights; hatched: its stiff sections, which show as mass.",
         Drawing(figure, f"Relative masses along the string. {finding}"),
         [Table(heads, rows)] if rows else [],
         ["estimate.json"],

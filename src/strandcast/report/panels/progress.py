@@ -3,7 +3,18 @@
 from typing import Any
 
 from strandcast.records.summary import ExperimentSummary, TrialSummary
-from strandcast.report.drawing import FITTED, GREY, INK, MEASURED, PLANNED, TARGET, Drawing, new_figure, note
+from strandcast.report.drawing import (
+    FITTED,
+    GREY,
+    INK,
+    MEASURED,
+    PLANNED,
+    TARGET,
+    Drawing,
+    log_if_wide,
+    new_figure,
+    note,
+)
 from strandcast.report.numbers import millimetres
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import ExperimentPageData
@@ -19,17 +30,23 @@ def misses(page: ExperimentPageData) -> PanelContent:
     axes.axhline(radius_mm, color=TARGET, linewidth=1.2, linestyle=(0, (6, 3)))
     counted = [line for line in summary.trials if line.excluded is None and line.miss_m is not None]
     axes.plot([line.trial for line in counted], [(line.miss_m or 0.0) * 1e3 for line in counted], **MEASURED)
+    predicted = _draw_predicted(axes, page)
     for line in summary.trials:
         _draw_miss(axes, line)
     right = {"xycoords": ("axes fraction", "data"), "ha": "right", "fontsize": 8}
     note(axes, "hit radius", (1.0, radius_mm), (-3, 3), **right)
     axes.set(xlabel="trial", ylabel="miss [mm]", ylim=(0, None))
+    known_mm = [1e3 * line.miss_m for line in summary.trials if line.miss_m]
+    log_if_wide(
+        axes, "y", [radius_mm, *known_mm, *(end for interval in predicted.values() for end in interval)]
+    )
     _trial_axis(axes.xaxis, axes.set_xlim, summary)
-    finding = _finding(summary)
+    finding = _finding(summary) + _held(summary, predicted)
     return PanelContent(
         finding,
-        "Bars: ± σ of the tracked tip. Full disc: hit; open triangle: miss; grey cross: excluded; no mark: "
-        "the tip was not detected at its closest approach.",
+        "Bars: ± σ of the tracked tip. Wide bars: the interval predicted before the throw, for four of five "
+        "throws. Good: the marks lie within them. Full disc: hit; open triangle: miss; grey cross: excluded; "
+        "no mark: the tip was not detected at its closest approach.",
         Drawing(figure, f"Miss per trial. {finding}"),
         sources=["summary.json"],
     )
@@ -55,6 +72,8 @@ def evaluations(page: ExperimentPageData) -> PanelContent:
         ylabel="trial",
         xlim=(0, None),
     )
+    both_mm = [1e3 * each for line in known for each in (line.E_m, line.E_planned_m) if each is not None]
+    log_if_wide(axes, "x", [*both_mm, 8.0])
     _trial_axis(axes.yaxis, axes.set_ylim, summary)
     axes.invert_yaxis()
     axes.plot([], [], "D", color=PLANNED["color"], markersize=7, label="as planned")
@@ -71,6 +90,33 @@ def evaluations(page: ExperimentPageData) -> PanelContent:
         Drawing(figure, f"Evaluation value before and after each fit. {finding}"),
         sources=["summary.json"],
     )
+
+
+def _draw_predicted(axes: Any, page: ExperimentPageData) -> dict[int, tuple[float, float]]:
+    """Draw the interval of misses that was predicted before each throw; return them by trial [mm]."""
+    motions = {trial: results.get("motion") for trial, results in page.trials.items()}
+    intervals = {}
+    for trial, motion in motions.items():
+        known = {} if motion is None or motion.predicted is None else motion.predicted.miss_quantiles_m
+        if {"p10", "p90"} <= known.keys():
+            low_mm, high_mm = known["p10"] * 1e3, known["p90"] * 1e3
+            wide = {"color": PLANNED["color"], "alpha": 0.45, "linewidth": 11, "solid_capstyle": "butt"}
+            axes.plot([trial, trial], [low_mm, high_mm], **wide)
+            intervals[trial] = (low_mm, high_mm)
+    return intervals
+
+
+def _held(summary: ExperimentSummary, predicted: dict[int, tuple[float, float]]) -> str:
+    """Return in words how many misses were within the interval predicted before the throw."""
+    misses_mm = {
+        line.trial: line.miss_m * 1e3
+        for line in summary.trials
+        if line.excluded is None and line.miss_m is not None and line.trial in predicted
+    }
+    if not misses_mm:
+        return ""
+    held = sum(predicted[trial][0] <= miss <= predicted[trial][1] for trial, miss in misses_mm.items())
+    return f" {held} of {len(misses_mm)} missed by as much as predicted."
 
 
 def _draw_miss(axes: Any, line: TrialSummary) -> None:

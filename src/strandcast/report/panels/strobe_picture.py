@@ -11,6 +11,7 @@ from PIL import Image
 
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
+from strandcast.records.verdict import Verdict
 from strandcast.report.numbers import millimetres, place
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
@@ -38,6 +39,11 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
         if verdict.miss_m is not None
         else f"The tip's closest approach was not detected: {verdict.reason}."
     )
+    frames = _instants(results)
+    if frames and verdict.closest_frame is not None and verdict.closest_frame not in frames:
+        finding += (
+            f" The picture's nearest instant is {_nearest(frames, verdict.closest_frame)} frames from it."
+        )
     try:
         drawn = _overlay(results, width)
     except StrandcastError as problem:
@@ -76,7 +82,7 @@ def _overlay(results: TrialResults, width: int) -> Markup:
     camera: Camera = results.need("camera")
     scale, size = width / camera.lens.width_px, width / 640.0
     track, throw = results.need("track"), (results.get("simulated") or {}).get("fitted")
-    frames = [int(f) for f in str(results.need("track_summary").choices.get("strobe_frames") or "").split()]
+    frames = _instants(results)
     parts = [_target(results, camera, scale, size)]
     if not frames:
         window = results.in_window()
@@ -95,6 +101,15 @@ def _overlay(results: TrialResults, width: int) -> Markup:
     return Markup("").join(parts)
 
 
+def _instants(results: TrialResults) -> list[int]:
+    """Return the frames that the picture shows, none if they are unknown."""
+    return [int(f) for f in str(results.need("track_summary").choices.get("strobe_frames") or "").split()]
+
+
+def _nearest(frames: list[int], frame: int) -> int:
+    return min(abs(each - frame) for each in frames)
+
+
 def _known_px(camera: Camera, places_m: Array, scale: float) -> Array:
     """Return pixels (K, 2), NaN for unknown places."""
     known = np.isfinite(places_m).all(axis=1)
@@ -104,17 +119,20 @@ def _known_px(camera: Camera, places_m: Array, scale: float) -> Array:
     return pixels
 
 
-def _target(results: TrialResults, camera: Camera, scale: float, size: float) -> Markup:
-    verdict = results.need("verdict")
+def rim_m(verdict: Verdict) -> Array:
+    """Return the hit radius around the target as places (K, 2)."""
     turn = np.linspace(0.0, 2 * np.pi, 49)
-    rim_m = np.array(verdict.target_m) + verdict.hit_radius_m * np.column_stack([np.cos(turn), np.sin(turn)])
+    return np.array(verdict.target_m) + verdict.hit_radius_m * np.column_stack([np.cos(turn), np.sin(turn)])
+
+
+def _target(results: TrialResults, camera: Camera, scale: float, size: float) -> Markup:
     return Markup('<path class="rim" d="{}Z" stroke-width="{:.2f}"/>').format(
-        _path(project_px(camera, rim_m, scale)), 1.6 * size
+        path_of(project_px(camera, rim_m(results.need("verdict")), scale)), 1.6 * size
     )
 
 
 def _line(kind: str, pixels: Array, size: float) -> Markup:
-    path = _path(pixels)
+    path = path_of(pixels)
     dashes = f"{5 * size:.1f} {2.5 * size:.1f}" if kind == "model" else "none"
     return Markup(
         '<path class="casing" d="{}" stroke-width="{:.2f}"/>'
@@ -128,7 +146,7 @@ def _ring(pixel: Array, size: float) -> Markup:
     )
 
 
-def _path(pixels: Array) -> Markup:
+def path_of(pixels: Array) -> Markup:
     """Return the path's commands; it starts again after gaps."""
     commands, pen = [], "M"
     for u, v in pixels:

@@ -5,7 +5,7 @@ from typing import Any
 from strandcast.errors import StrandcastError
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report import drawing as draw
-from strandcast.report.measures import arc_length_m
+from strandcast.report.measures import arc_length_m, closest_row
 from strandcast.report.numbers import millimetres, signed
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.hand_path import within_motion
@@ -45,8 +45,7 @@ def hand_paths(page: ExperimentPageData) -> PanelContent:
         finding += f", that of trial {last} {millimetres(lengths[last], digits=0)} ({more})"
     return PanelContent(
         finding + ".",
-        "Squares: where the motion starts. In the paper the path after estimation is the longer one, "
-        "because the string of its first plan stretches.",
+        "Squares: where the motion starts.",
         draw.Drawing(figure, f"Hand paths of the first and the hitting throw. {finding}."),
         sources=[f"trial-{trial:02d}/hand.parquet" for trial in lengths],
     )
@@ -96,6 +95,36 @@ def tip_paths(page: ExperimentPageData) -> PanelContent:
         finding,
         "From the motion's start until 0.3 s after its end.",
         draw.Drawing(figure, f"Measured tip paths. {finding}"),
+        sources=[f"trial-{trial:02d}/track.parquet" for trial in shown],
+    )
+
+
+def closest_strings(page: ExperimentPageData) -> PanelContent:
+    """Return the measured strings of all counted trials at their closest approach, over each other."""
+    summary, trials = page.summary, page.trials
+    figure = draw.new_figure(8.4, 4.8, top=0.97, bottom=0.2)
+    axes = figure.add_subplot()
+    shown: list[int] = []
+    for line in summary.trials:
+        results = trials.get(line.trial)
+        row = None if line.excluded is not None or results is None else closest_row(results)
+        if results is None or row is None:
+            continue
+        hit = line.trial == summary.hit_trial
+        style = draw.MEASURED | {"linewidth": 2.4} if hit else STYLES[len(shown) % len(STYLES)]
+        string_m = results.need("track").points_m[row]
+        axes.plot(*string_m.T, **(style | {"marker": "o", "markersize": 2.6}), label=f"trial {line.trial}")
+        shown.append(line.trial)
+    if not shown:
+        raise StrandcastError("SC-H063", "no counted trial has a closest approach", fix="track the trials")
+    _finish(axes, summary)
+    finding = (
+        f"The strings of {len(shown)} trial{'s' * (len(shown) > 1)} at the closest approach of their tips."
+    )
+    return PanelContent(
+        finding,
+        "Good: from trial to trial the tip ends nearer to the target.",
+        draw.Drawing(figure, f"Measured strings at the closest approach. {finding}"),
         sources=[f"trial-{trial:02d}/track.parquet" for trial in shown],
     )
 

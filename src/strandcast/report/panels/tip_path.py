@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from strandcast.records.verdict import AFTER_MOTION_S, Verdict
 from strandcast.report import drawing as draw
 from strandcast.report.measures import rms, tip_error_m
 from strandcast.report.numbers import millimetres, milliseconds
@@ -15,17 +16,24 @@ NAMES = {"planned": "Simulated, as planned", "fitted": "Simulated, fitted"}
 
 
 def tip_path(page: TrialPageData) -> PanelContent:
-    """Return the tip's paths with equal axes, and the residual d(t) below them."""
+    """Return the tip's paths with equal axes; below them its distances to target and simulation."""
     results = page.results
     track, verdict = results.need("track"), results.need("verdict")
     start_s = results.need("alignment").motion_start_s
     throws = results.need("simulated")
-    figure = draw.new_figure(8.4, 7.4, left=0.1, top=0.97, bottom=0.12, hspace=0.24)
-    path_axes, error_axes = figure.subplots(2, 1, height_ratios=[2.6, 1])
+    figure = draw.new_figure(8.4, 9.2, left=0.1, top=0.98, bottom=0.1)
+    grid = figure.add_gridspec(3, 1, height_ratios=[2.6, 1, 1], hspace=0.3)
+    path_axes, miss_axes, error_axes = (figure.add_subplot(grid[k]) for k in range(3))
     window = results.in_window()
     tip_m, time_s = track.points_m[window, -1], results.robot_time_s()[window]
     _draw_path(path_axes, tip_m, time_s - start_s)
-    findings = []
+    miss_m = _distance_m(verdict, tip_m)
+    _draw_miss(miss_axes, (time_s - start_s) * 1e3, miss_m * 1e3, verdict)
+    if verdict.miss_m is not None and verdict.closest_robot_time_s is not None:
+        # The closest approach may lie between two frames.
+        closest = ((verdict.closest_robot_time_s - start_s) * 1e3, verdict.miss_m * 1e3)
+        miss_axes.plot(*closest, **draw.marks("D", 5, color=draw.MEASURED["color"]))
+    findings, apart = [], []
     for name, throw in throws.items():
         inside = np.isin(throw.frame, track.frame[window])
         path_axes.plot(*throw.points_m[inside, -1].T, **STYLES[name], label=NAMES[name])
@@ -33,20 +41,29 @@ def tip_path(page: TrialPageData) -> PanelContent:
         in_time = (at_s >= start_s) & (at_s <= results.window_s()[1])
         at_s, apart_m = at_s[in_time], apart_m[in_time]
         error_axes.plot((at_s - start_s) * 1e3, apart_m * 1e3, **(STYLES[name] | {"linewidth": 1.1}))
+        apart.append(rms(apart_m))
         if np.isfinite(apart_m).any():
             worst = int(np.nanargmax(apart_m))
             findings.append(
                 f"{NAMES[name]}: {millimetres(rms(apart_m))} rms from the measured tip, at most "
                 f"{millimetres(apart_m[worst])} at {milliseconds(at_s[worst] - start_s, digits=0)}"
             )
-    _draw_target(path_axes, error_axes, verdict, start_s)
+    error_axes.set(xlabel=draw.SINCE_START, ylabel="tip – simulated [mm]", ylim=(0, None))
+    if draw.log_if_wide(error_axes, "y", apart):
+        error_axes.autoscale(axis="y")
+    _draw_target(path_axes, verdict)
+    for axes in (miss_axes, error_axes):
+        axes.set_xlim((time_s[0] - start_s) * 1e3, (time_s[-1] - start_s) * 1e3)
+        _mark_closest(axes, verdict, start_s)
     draw.legend_below(figure, path_axes)
-    finding = "; ".join(findings) + "." if findings else "There is no simulated tip to compare with."
+    finding = f"From the motion’s start to {AFTER_MOTION_S:g} s after its end: "
+    finding += "; ".join(findings) + "." if findings else "there is no simulated tip to compare with."
     return PanelContent(
         finding,
-        "Squares mark every 50 ms of the measured path. Good: the fitted path covers the measured one up "
-        "to the closest approach and d(t) stays at the tracker's σ. Bad: d(t) grows steadily (parameters), "
-        "jumps (a lost tip), or swings with the speed (alignment: 1 ms is 10 mm at 10 m/s).",
+        "Squares mark every 50 ms of the measured path. Good: the fitted path covers the measured one up to "
+        "the closest approach, and the tip stays as near to the simulated one as the tracker's σ. Bad: that "
+        "distance grows steadily (parameters), jumps (a lost tip), or swings with the speed (alignment: 1 ms "
+        "is 10 mm at 10 m/s). After the closest approach nothing is fitted if the tip has hit.",
         draw.Drawing(figure, f"Tip path measured and simulated. {finding}"),
         sources=["track.parquet", "simulated.parquet"],
     )
@@ -63,14 +80,36 @@ def _draw_path(axes: Any, tip_m: Any, since_start_s: Any) -> None:
     draw.equal_axes(axes)
 
 
-def _draw_target(path_axes: Any, error_axes: Any, verdict: Any, start_s: float) -> None:
-    draw.ring(path_axes, verdict.target_m, verdict.hit_radius_m)
+def _distance_m(verdict: Verdict, tip_m: Any) -> Any:
+    """Return the distance (F,) of the tip from the target or the bar."""
+    ends = np.array(verdict.bar_m or [verdict.target_m])
+    along = ends[-1] - ends[0]
+    share = np.clip((tip_m - ends[0]) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
+    return np.linalg.norm(tip_m - ends[0] - share[:, None] * along, axis=1)
+
+
+def _draw_miss(axes: Any, since_ms: Any, miss_mm: Any, verdict: Verdict) -> None:
+    """Draw the distance of the tip from the target over time, and the closest approach."""
+    axes.plot(since_ms, miss_mm, **draw.MEASURED)
+    axes.axhline(verdict.hit_radius_m * 1e3, **draw.dashes({"color": draw.TARGET, "linestyle": (0, (6, 3))}))
+    axes.set(ylabel="tip – target [mm]", ylim=(0, None))
+    nearest_mm = None if verdict.miss_m is None else verdict.miss_m * 1e3
+    draw.log_if_wide(axes, "y", [*miss_mm[np.isfinite(miss_mm)], verdict.hit_radius_m * 1e3, nearest_mm])
+    right = {"xycoords": ("axes fraction", "data"), "ha": "right", "fontsize": 8}
+    draw.note(axes, "hit radius", (1.0, verdict.hit_radius_m * 1e3), (-3, 3), **right)
+
+
+def _draw_target(axes: Any, verdict: Verdict) -> None:
+    draw.ring(axes, verdict.target_m, verdict.hit_radius_m)
     if verdict.bar_m is not None:
-        path_axes.plot(*np.array(verdict.bar_m).T, color=draw.TARGET, linewidth=3.0, label="Bar")
-    path_axes.plot(*verdict.target_m, **draw.marks("+", 9, color=draw.TARGET), label="Target")
-    error_axes.set(xlabel=draw.SINCE_START, ylabel="tip, d [mm]", ylim=(0, None))
+        axes.plot(*np.array(verdict.bar_m).T, color=draw.TARGET, linewidth=3.0, label="Bar")
+    axes.plot(*verdict.target_m, **draw.marks("+", 9, color=draw.TARGET), label="Target")
+
+
+def _mark_closest(axes: Any, verdict: Verdict, start_s: float) -> None:
+    """Draw a line at the closest approach."""
     if verdict.closest_robot_time_s is not None:
         at_ms = (verdict.closest_robot_time_s - start_s) * 1e3
-        error_axes.axvline(at_ms, color=draw.INK, linewidth=0.8, linestyle=(0, (2, 2)))
+        axes.axvline(at_ms, color=draw.INK, linewidth=0.8, linestyle=(0, (2, 2)))
         top = {"xycoords": ("data", "axes fraction"), "va": "top", "fontsize": 8}
-        draw.note(error_axes, "closest approach", (at_ms, 1.0), (4, -2), **top)
+        draw.note(axes, "closest approach", (at_ms, 1.0), (4, -2), **top)

@@ -9,6 +9,7 @@ from strandcast.report.drawing import INK, Drawing, new_figure
 from strandcast.report.numbers import millimetres, percent
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.typeset import quantity
 
 MOST_COLUMNS = 1500
 
@@ -24,8 +25,8 @@ def tracking(page: TrialPageData) -> PanelContent:
     error = (np.linalg.norm(np.diff(track.points_m, axis=1), axis=2).T * 1e3 / usual_mm - 1.0) * 100
     extent = (float(track.frame[0]) - 0.5, float(track.frame[-1]) + 0.5)
     sure_mm = np.where(sigma_mm > 0, sigma_mm, np.nan)
-    _image(sigma_axes, sure_mm, extent, "σ [mm]", norm=LogNorm(0.1, 10.0), cmap="cividis")
-    _image(length_axes, error, extent, "length error [%]", vmin=-20.0, vmax=20.0, cmap="PuOr")
+    kymograph(sigma_axes, sure_mm, extent, "σ [mm]", norm=LogNorm(0.1, 10.0), cmap="cividis")
+    kymograph(length_axes, error, extent, "length error [%]", vmin=-20.0, vmax=20.0, cmap="PuOr")
     sigma_axes.set_title("σ of each point; empty: not detected")
     length_axes.set_title("length of each segment against L/n; empty: not detected")
     sigma_axes.set_ylabel("point (0: hand)")
@@ -53,14 +54,17 @@ def tracking(page: TrialPageData) -> PanelContent:
     )
 
 
-def _image(axes: Any, values: Any, extent: tuple[float, float], label: str, **colours: Any) -> None:
+def kymograph(
+    axes: Any, values: Any, extent: tuple[float, float], label: str, first: int = 0, **colours: Any
+) -> None:
+    """Draw values (points, frames) as an image; `extent` is that of the frames, `first` the first point."""
     step = max(1, -(-values.shape[1] // MOST_COLUMNS))
     shown = axes.imshow(
         values[:, ::step],
         aspect="auto",
         origin="lower",
         interpolation="nearest",
-        extent=(*extent, -0.5, values.shape[0] - 0.5),
+        extent=(*extent, first - 0.5, first + values.shape[0] - 0.5),
         **colours,
     )
     bar = axes.figure.colorbar(shown, ax=axes, pad=0.01, fraction=0.08, aspect=12, format="{x:g}")
@@ -109,10 +113,7 @@ def detected_table(summary: Any) -> Table:
 
 
 def _choice_table(summary: Any) -> Table:
-    rows = [
-        [name, f"{value:.4g}" if isinstance(value, float) else str(value)]
-        for name, value in sorted(summary.choices.items())
-    ]
+    rows = [list(quantity(*choice)) for choice in sorted(summary.choices.items())]
     return Table(
         ["choice of the tracker", "value"], rows, "" if rows else "The tracker made no automatic choices."
     )

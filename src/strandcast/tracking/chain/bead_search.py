@@ -23,7 +23,7 @@ class Beads(NamedTuple):
     level: np.ndarray  # grey level, (B,)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def no_pins() -> Pins:
     """Return no pins."""
     return Pins(np.zeros(0), np.zeros((0, 2)), np.zeros(0))
@@ -45,12 +45,13 @@ def pin_beads(
         expected = expected_m[b] if known else place_on(nodes, heading, beads.place_m[b])
         centre = bead_centre(window, expected, beads.radius_m[b], beads.level[b])
         if np.hypot(centre[0] - expected[0], centre[1] - expected[1]) < BEAD_REACH_PX * scale:
-            place_m[count], point_m[count] = beads.place_m[b], centre
+            place_m[count] = beads.place_m[b]
+            point_m[count, 0], point_m[count, 1] = centre[0], centre[1]
             count += 1
     return Pins(place_m[:count], point_m[:count], np.full(count, 1.0 / (BEAD_PX * scale) ** 2))
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def has_tip_pin(pins: Pins, beads: Beads) -> bool:
     """Return whether the last pin is that of the last bead."""
     return len(pins.place_m) > 0 and pins.place_m[-1] == beads.place_m[-1]
@@ -85,7 +86,8 @@ def bead_centre(window: SearchWindow, guess: np.ndarray, radius_m: float, bead_l
             reach = max(radius + 1.5, min(reach - 3.0, radius + 2.0 * moved))
         elif moved < 0.02:
             break
-    centre: np.ndarray = from_pixel(u, v, guess, window.plane)
+    centre = np.empty(2)
+    centre[0], centre[1] = from_pixel(u, v, guess, window.plane)
     return centre
 
 

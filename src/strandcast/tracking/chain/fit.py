@@ -120,37 +120,38 @@ def fit_frame(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def fit_in_rounds(
     window: SearchWindow, string: ChainModel, expected: PredictedChain, reach_px: float, hold_tip: bool
 ) -> tuple[ChainFit, Anchors]:
     """Return the chain after rounds of profiles and fits, and its anchors."""
     link_m, scale = string.link_m, window.plane.metre_per_pixel
     anchors = Anchors(NO_TIP, no_pins())
-    chain = sample_and_fit(window, string, expected, expected.clamp_m, expected.start, reach_px, anchors)
-    moved = largest_shift_m(expected.clamp_m, expected.start, chain.root, chain.heading, link_m)
-    for turn in range(ROUNDS):
-        if hold_tip:
-            nodes = place_nodes(chain.root, chain.heading, link_m)
-            tip, pins = anchors.tip, pin_beads(window, nodes, chain.heading, string.beads, expected.bead_m)
+    root, heading, moved = expected.clamp_m, expected.start, np.inf
+    # Compiled into every place that calls it, `sample_and_fit` is called at one.
+    for turn in range(ROUNDS + 1):
+        if turn > 0 and hold_tip:
+            nodes = place_nodes(root, heading, link_m)
+            tip, pins = anchors.tip, pin_beads(window, nodes, heading, string.beads, expected.bead_m)
             if not np.isfinite(string.appearance.bead_level):
-                tip = locate_tip(window, nodes, chain.heading, string.appearance)
+                tip = locate_tip(window, nodes, heading, string.appearance)
             anchors = Anchors(tip, pins)
-        if turn > 0 and moved < MOVED_PX * scale:
+        if turn > 1 and moved < MOVED_PX * scale:
             break
-        before = chain
-        chain = sample_and_fit(window, string, expected, before.root, before.heading, NARROW_PX, anchors)
-        moved = largest_shift_m(before.root, before.heading, chain.root, chain.heading, link_m)
+        reach_px = reach_px if turn == 0 else NARROW_PX
+        chain = sample_and_fit(window, string, expected, root, heading, reach_px, anchors)
+        moved = largest_shift_m(root, heading, chain.root, chain.heading, link_m)
+        root, heading = chain.root, chain.heading
     return chain, anchors
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def nearest_turn(angle_rad: float, reference_rad: float) -> float:
     """Return `angle_rad` plus the whole turns that bring it closest to `reference_rad`."""
     return float(angle_rad + 2 * np.pi * np.round((reference_rad - angle_rad) / (2 * np.pi)))
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def largest_shift_m(
     root_before: np.ndarray, before: np.ndarray, root: np.ndarray, heading: np.ndarray, link_m: float
 ) -> float:
@@ -159,7 +160,7 @@ def largest_shift_m(
     return float(np.sqrt((off[:, 0] ** 2 + off[:, 1] ** 2).max()))
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def sample_and_fit(
     window: SearchWindow,
     string: ChainModel,

@@ -21,7 +21,7 @@ class LineScores(NamedTuple):
     pitch_m: float  # spacing of samples
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def score_across(
     window: SearchWindow,
     nodes: np.ndarray,

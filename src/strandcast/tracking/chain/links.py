@@ -8,7 +8,7 @@ from numba import njit
 def place_nodes(root: np.ndarray, heading: np.ndarray, link_m: float) -> np.ndarray:
     """Return the nodes (M+1, 2) of a chain that starts at `root` with link headings (M,)."""
     nodes = np.empty((len(heading) + 1, 2))
-    nodes[0] = root
+    nodes[0, 0], nodes[0, 1] = root[0], root[1]
     for j in range(len(heading)):
         nodes[j + 1, 0] = nodes[j, 0] + link_m * np.cos(heading[j])
         nodes[j + 1, 1] = nodes[j, 1] + link_m * np.sin(heading[j])

@@ -50,7 +50,7 @@ class CandidatePaths(NamedTuple):
     parent: np.ndarray
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def line_at(
     window: SearchWindow, u: float, v: float, nu: float, nv: float, half_px: float, polarity: float
 ) -> float:
@@ -78,7 +78,7 @@ def line_at(
     return score
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def retraces(paths: CandidatePaths, level: int, beam: int, near_m: float) -> bool:
     """Return whether a path's newest place (level + 1) lies along its own earlier part; it may cross it."""
     x, y = paths.x[level + 1, beam], paths.y[level + 1, beam]
@@ -92,7 +92,7 @@ def retraces(paths: CandidatePaths, level: int, beam: int, near_m: float) -> boo
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def reward_at(
     window: SearchWindow, x: float, y: float, angle: float, half_px: float, appearance: Appearance
 ) -> float:
@@ -185,7 +185,7 @@ def start_paths(root: np.ndarray, clamp_rad: float, strides: int) -> CandidatePa
     return paths
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def keep_best(
     paths: CandidatePaths, k: int, candidates: np.ndarray, cells: np.ndarray, metre_per_pixel: float
 ) -> int:
@@ -215,6 +215,7 @@ def best_headings(paths: CandidatePaths, kept: int, links: int) -> tuple[np.ndar
     best = int(np.argmax(paths.value[strides, :kept]))
     b = best
     for k in range(strides, 0, -1):
-        heading[(k - 1) * STRIDE : k * STRIDE] = paths.angle[k, b]
+        for j in range((k - 1) * STRIDE, min(k * STRIDE, links)):
+            heading[j] = paths.angle[k, b]
         b = paths.parent[k, b]
     return heading, paths.value[strides, best] / strides

@@ -33,7 +33,7 @@ class Recursion(NamedTuple):
     start: np.ndarray  # covariance of start, first heading and first bend, (4, 4)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def fit_headings(
     root: np.ndarray, heading: np.ndarray, link_m: float, known: Constraints, rounds: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -54,7 +54,7 @@ def fit_headings(
     return root, heading, _covariances(heading, link_m, recursion)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _solve(
     root: np.ndarray,
     heading: np.ndarray,
@@ -175,7 +175,7 @@ def _step_back(
             cost[a, b] -= free[a] * free[b] * variance
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _step_forward(
     ahead: CostToGo,
     heading: np.ndarray,
@@ -188,7 +188,11 @@ def _step_forward(
     cost, gradient = ahead
     gains, offsets, start = recursion.gains, recursion.offsets, recursion.start
     first = _first_link(heading[0], link_m)
-    matrix = _propagated(first.T.copy(), cost)
+    transposed = np.empty((4, 4))
+    for a in range(4):
+        for b in range(4):
+            transposed[a, b] = first[b, a]
+    matrix = _propagated(transposed, cost)
     right = np.zeros(4)
     for a in range(4):
         for b in range(4):
@@ -196,7 +200,7 @@ def _step_forward(
     for a in range(2):
         matrix[a, a] += per_root
         right[a] -= per_root * root_off[a]
-    start[:] = _inverse(matrix)
+    _invert(matrix, start)
     change = np.zeros(4)
     for a in range(4):
         for b in range(4):
@@ -219,17 +223,20 @@ def _step_forward(
 @njit(cache=True)
 def _first_link(heading: float, link_m: float) -> np.ndarray:
     """Return the matrix (4, 4) from (start x, start y, heading, bend) to the first link's state."""
-    first = np.eye(4)
+    first = np.zeros((4, 4))
+    for a in range(4):
+        first[a, a] = 1.0
     first[0, 2], first[1, 2] = -link_m * np.sin(heading), link_m * np.cos(heading)
     return first
 
 
 @njit(cache=True)
-def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """Return the inverse of a small symmetric positive matrix (Gauss-Jordan, without a library's threads)."""
-    count = len(matrix)
-    work = matrix.copy()
-    inverse = np.eye(count)
+def _invert(work: np.ndarray, inverse: np.ndarray) -> None:
+    """Invert a small symmetric positive matrix, which is used up (Gauss-Jordan, without threads)."""
+    count = len(work)
+    for a in range(count):
+        for b in range(count):
+            inverse[a, b] = 1.0 if a == b else 0.0
     for a in range(count):
         pivot = max(work[a, a], 1e-300)
         for b in range(count):
@@ -241,18 +248,17 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
                 for b in range(count):
                     work[c, b] -= factor * work[a, b]
                     inverse[c, b] -= factor * inverse[a, b]
-    return inverse
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _covariances(heading: np.ndarray, link_m: float, recursion: Recursion) -> np.ndarray:
     """Return the covariances of the nodes (M+1, 2, 2), from the gains of the last solution."""
     gains, start = recursion.gains, recursion.start
     count = len(heading)
     nodes = np.zeros((count + 1, 2, 2))
-    nodes[0] = start[:2, :2]
+    _copy_places(start, nodes, 0)
     covariance = _propagated(_first_link(heading[0], link_m), start)
-    nodes[1] = covariance[:2, :2]
+    _copy_places(covariance, nodes, 1)
     carry = np.empty((4, 4))
     for j in range(1, count):
         q = (-link_m * np.sin(heading[j]), link_m * np.cos(heading[j]), 1.0, 0.0)
@@ -267,8 +273,16 @@ def _covariances(heading: np.ndarray, link_m: float, recursion: Recursion) -> np
             for b in range(4):
                 of_a, of_b = q[a] + (1.0 if a == 3 else 0.0), q[b] + (1.0 if b == 3 else 0.0)
                 covariance[a, b] += of_a * of_b * recursion.variances[j]
-        nodes[j + 1] = covariance[:2, :2]
+        _copy_places(covariance, nodes, j + 1)
     return nodes
+
+
+@njit(cache=True)
+def _copy_places(covariance: np.ndarray, nodes: np.ndarray, k: int) -> None:
+    """Copy the part of a state's covariance (4, 4) that is of places to `nodes` (M+1, 2, 2)."""
+    for a in range(2):
+        for b in range(2):
+            nodes[k, a, b] = covariance[a, b]
 
 
 @njit(cache=True)

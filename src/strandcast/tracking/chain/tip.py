@@ -22,7 +22,7 @@ LEAST_DEPTH = 0.45  # of the usual difference between string and background, bel
 OUTSIDE_RUN = 4  # places without string that make an end
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def locate_tip(window: SearchWindow, nodes: np.ndarray, heading: np.ndarray, appearance: Appearance) -> Tip:
     """Return how far the tip should move to the string's visible end."""
     end_m = end_of_string(window, nodes, heading, appearance, TIP_REACH_M + appearance.tip_excess_m)[0]
@@ -31,7 +31,7 @@ def locate_tip(window: SearchWindow, nodes: np.ndarray, heading: np.ndarray, app
     return Tip(end_m - appearance.tip_excess_m, 1.0 / (TIP_PX * window.plane.metre_per_pixel) ** 2)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def ends_at_tip(window: SearchWindow, nodes: np.ndarray, heading: np.ndarray, appearance: Appearance) -> bool:
     """Return whether the string, or the bead at its tip, visibly ends where the chain does."""
     end_m = end_of_string(window, nodes, heading, appearance, TIP_REACH_M + appearance.tip_excess_m)[0]

@@ -115,8 +115,8 @@ class HandFinder:
             if box is None:
                 continue
             left, top, right, bottom = box
-            crop = eight_bit(image[top:bottom, left:right])
-            refined = follow_square(crop, corners - np.array([left, top], dtype=np.float64))
+            crop = np.ascontiguousarray(eight_bit(image[top:bottom, left:right]))
+            refined = follow_square(crop, corners - np.array([left, top], dtype=np.float64), CELLS)
             if np.isfinite(refined[0, 0]):
                 found[marker] = refined + np.array([left, top])
         detection = self._pose(found)

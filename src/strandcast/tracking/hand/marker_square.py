@@ -11,9 +11,9 @@ LEAST_BORDER = 25.0  # chosen: grey levels between a marker's black border and t
 
 
 @njit(cache=True, nogil=True)
-def follow_square(crop: np.ndarray, corners_px: np.ndarray) -> np.ndarray:
+def follow_square(crop: np.ndarray, corners_px: np.ndarray, cells: int) -> np.ndarray:
     """Return a marker's corners (4, 2) near the expected ones; NaN if it is not there."""
-    refined: np.ndarray = refine_square(crop, corners_px, CELLS)
+    refined: np.ndarray = refine_square(crop, corners_px, cells)
     if np.isfinite(refined).all() and has_border(crop, refined):
         return refined
     return np.full((4, 2), np.nan)

@@ -151,8 +151,8 @@ def _job(root: str, case: PaperCase, trials: int, variant: str, rig: str) -> dic
     return given | outcome(lambda: run_case(Path(root), case, trials, variant, rig))
 
 
-def outcome(run: Callable[[], list[LoopTrial]]) -> dict[str, Any]:
-    """Return the trials of a run, or its error: a failed run must not stop the others."""
+def outcome(run: Callable[[], Sequence[Any]]) -> dict[str, Any]:
+    """Return the trials of a run, dataclasses, or its error: a failed run must not stop the others."""
     try:
         return {"error": None, "trials": [asdict(trial) for trial in run()]}
     except Exception as error:

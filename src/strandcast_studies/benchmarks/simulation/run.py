@@ -86,7 +86,7 @@ def machine(threads: int) -> Iterator[Entry]:
     yield Entry("threads", threads, "1")
     yield Entry("processor", f"{_processor()} ({llvm.get_host_cpu_name()})", "")
     yield Entry("version", platform.python_version(), "", "python")
-    for package in ("strandcast", "numba", "llvmlite", "numpy", "mujoco", "pyelastica"):
+    for package in ("strandcast", "numba", "llvmlite", "numpy", "mujoco-core", "pyelastica"):
         try:
             yield Entry("version", version(package), "", package)
         except PackageNotFoundError:

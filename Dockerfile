@@ -1,0 +1,21 @@
+# strandcast with pinned packages: `docker build --tag strandcast:0.2.0 .`, then in a project's folder
+# `docker run --rm --user "$(id -u):$(id -g)" --volume "$PWD:/project" strandcast:0.2.0 run demo`.
+FROM python:3.11.14-slim-bookworm AS build
+WORKDIR /src
+COPY requirements/build.lock requirements/runtime.lock requirements/
+ENV PATH=/opt/strandcast/bin:$PATH
+RUN python -m venv /opt/strandcast && \
+    pip install --no-cache-dir --require-hashes --only-binary :all: -r requirements/build.lock && \
+    uv pip install --no-cache --compile-bytecode --require-hashes --no-build-isolation \
+      --python /opt/strandcast/bin/python -r requirements/runtime.lock
+COPY . .
+RUN pip wheel --no-deps --no-build-isolation --wheel-dir dist . && \
+    uv pip install --no-cache --compile-bytecode --no-deps --python /opt/strandcast/bin/python dist/*.whl && \
+    pip uninstall --yes uv wheel setuptools pip
+
+FROM python:3.11.14-slim-bookworm
+COPY --from=build /opt/strandcast /opt/strandcast
+# Any user may run it: what is compiled and cached is kept in a folder that all can write.
+ENV PATH=/opt/strandcast/bin:$PATH HOME=/tmp
+WORKDIR /project
+ENTRYPOINT ["strandcast"]

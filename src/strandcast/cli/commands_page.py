@@ -1,0 +1,61 @@
+"""docs/reference/commands.md, from the help of the commands: `python -m strandcast.cli.commands_page`."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import typer
+
+from strandcast.cli.main import app
+
+HEAD = """# Commands
+
+Made from the help of the commands: `python -m strandcast.cli.commands_page > docs/reference/commands.md`.
+
+With `--json`, a command prints one JSON object on standard output, also for an error (`code`, `message`,
+`file`, `line`, `field`, `cost`, `fix`, `exit_code`). `strandcast --install-completion` lets the shell
+complete commands, experiments and trials.
+
+| exit code | meaning |
+|---|---|
+| 0 | done |
+| 1 | done, but a stage failed; all other results are made |
+| 2 | refused: arguments, settings or limits |
+| 3 | the computer: packages, disk, memory, permissions |
+| 4 | a file is damaged or not as it was recorded |
+| 5, 6, 7 | `play`: stopped by the player, stopped by the controller, log incomplete |
+| 128 + n | ended by signal n, e.g. 130 by Ctrl-C |
+"""
+
+
+def commands_page() -> str:
+    """Return the page of all commands, by group."""
+    groups: dict[str, list[str]] = {}
+    group: Any = typer.main.get_command(app)
+    for name, command in group.commands.items():
+        groups.setdefault(command.rich_help_panel, []).extend(_sections(f"strandcast {name}", command))
+    return HEAD + "".join(f"\n## {title}\n{''.join(sections)}" for title, sections in groups.items())
+
+
+def _sections(name: str, command: Any) -> Iterator[str]:
+    inner = getattr(command, "commands", None)
+    if inner is None:
+        yield _section(name, command)
+    else:
+        yield from (_section(f"{name} {each}", inner[each]) for each in inner)
+
+
+def _section(name: str, command: Any) -> str:
+    arguments = [each for each in command.params if each.param_type_name == "argument"]
+    options = [
+        each for each in command.params if each.param_type_name == "option" and "--json" not in each.opts
+    ]
+    usage = " ".join([name, *(each.metavar or each.name.upper() for each in arguments), "[OPTIONS]"])
+    lines = ["", f"### {name}", "", f"    {usage}", "", *(line.strip() for line in command.help.splitlines())]
+    rows = [f"| `{', '.join([*each.opts, *each.secondary_opts])}` | {each.help or ''} |" for each in options]
+    lines += ["", "| option | |", "|---|---|", *rows] if rows else []
+    lines += ["", command.epilog] if command.epilog else []
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(commands_page(), end="")

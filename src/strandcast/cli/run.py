@@ -1,0 +1,89 @@
+"""The command that makes everything: run."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from strandcast.cli.common import ROOT, AsJson, Experiments, show
+
+if TYPE_CHECKING:
+    from strandcast.workflow.events import StageRun
+    from strandcast.workflow.runner import RunResult
+
+RESUMING = (
+    "Ctrl-C stops a run: finished results are kept, and the same command goes on from there. "
+    "With other programs running, use fewer --cores; with little memory, fewer --jobs."
+)
+LEAST_CORES = 2
+
+
+def run(
+    experiments: Experiments = None,
+    cores: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Processor cores for all stages together.  [default: 2, or --jobs if higher]"
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=1, help="Stages that run at a time, each on one core or more.  [default: --cores]"),
+    ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option(metavar="STAGE", help="Make only what this stage writes, and what that needs."),
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would run, and why.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Make the reports of experiments, and everything they need (default: all under data/)."""
+    from strandcast.workflow.runner import RunOptions, run_experiments, table
+
+    if jobs is not None and cores is not None and jobs > cores:
+        raise typer.BadParameter(f"{jobs} jobs need at least {jobs} cores", param_hint="--jobs")
+    options = RunOptions(cores or max(LEAST_CORES, jobs or 0), jobs, until, dry_run)
+    done = run_experiments(ROOT, experiments or [], options)
+    if dry_run:
+        lines = list(planned_lines(done.jobs))
+    else:
+        lines = [line for summary in done.summaries for line in table(ROOT, summary)]
+        lines += failed_lines(done)
+    show(as_json, as_data(done), lines)
+    raise typer.Exit(done.exit_code)
+
+
+def as_data(done: "RunResult") -> dict[str, object]:
+    """Return the result of a run as plain data."""
+    return {
+        "exit_code": done.exit_code,
+        "jobs": [job.to_json() for job in done.jobs],
+        "failed": [job.to_json() for job in done.failed],
+        "refused": [problem.to_json() for problem in done.refused],
+        "damaged": {name: [each._asdict() for each in wrong] for name, wrong in done.damaged.items()},
+        "experiments": {each.experiment: each.model_dump(mode="json") for each in done.summaries},
+    }
+
+
+def planned_lines(jobs: "list[StageRun]") -> Iterator[str]:
+    """Yield the jobs that would run and why, trial by trial."""
+    if not jobs:
+        yield "nothing to do: all results are up to date"
+    subjects = list(dict.fromkeys(sorted((job.experiment, job.trial or 0, job.subject) for job in jobs)))
+    for experiment, trial, subject in subjects:
+        yield subject
+        for job in jobs:
+            if (job.experiment, job.trial or 0) == (experiment, trial):
+                yield f"  {job.stage.replace('_', '-'):15} {job.reason}"
+    if any(job.stage == "lab_throw" for job in jobs):
+        yield "the verdicts of the lab's throws decide what follows: estimates, reports, further trials"
+
+
+def failed_lines(done: "RunResult") -> list[str]:
+    """Return what failed, and how to go on."""
+    if not done.failed:
+        return []
+    names = " ".join(dict.fromkeys(job.experiment for job in done.failed))
+    failed = [f"  {job.subject}: {job.stage}, see {ROOT / (job.log or '')}" for job in done.failed]
+    count = f"{len(failed)} stage{'' if len(failed) == 1 else 's'} failed; all other results are kept:"
+    return [count, *failed, f"correct what the messages name, then go on: strandcast run {names}"]

@@ -1,0 +1,96 @@
+"""The command that shows the state of experiments: status."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from itertools import groupby
+from typing import Any
+
+import typer
+
+from strandcast.cli.common import ROOT, AsJson, Experiments, show
+from strandcast.errors import StrandcastError
+
+# A word and a sign for each state; the colour only repeats them.
+SIGNS = {
+    "done": ("✓", "green"),
+    "stale": ("↻", "yellow"),
+    "missing": ("○", "cyan"),
+    "failed": ("✗", "bold red"),
+    "damaged": ("!", "bold red"),
+    "excluded": ("–", "dim"),
+}
+
+
+def status(
+    experiments: Experiments = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what is done, stale (and why), missing or failed, what was thrown, and the next command."""
+    from strandcast.config.find import overlooked_experiments
+    from strandcast.workflow.status import Status, status_of
+    from strandcast.workflow.targets import default_experiments
+
+    found: list[Status] = []
+    refused: list[StrandcastError] = []
+    for name in experiments or default_experiments(ROOT):
+        try:
+            found.append(status_of(ROOT, name))
+        except StrandcastError as problem:
+            refused.append(problem)
+    overlooked = [] if experiments else overlooked_experiments(ROOT)
+    data: dict[str, Any] = {
+        "experiments": [_data(each) for each in found],
+        "problems": [each.to_json() for each in refused],
+    }
+    data["overlooked"] = [each.to_json() for each in overlooked]
+    show(as_json, data, (line for one in found for line in _lines(one)))
+    for message in (*map(str, refused), *(each.message("WARNING") for each in overlooked)):
+        print(message, file=sys.stderr)
+    raise typer.Exit(max((each.exit_code for each in refused), default=0))
+
+
+def _data(status: Any) -> dict[str, Any]:
+    data = asdict(status)
+    for trial in data["trials"]:
+        trial["stages"] = [stage._asdict() for stage in trial["stages"]]
+        trial["throw"] = None if trial["throw"] is None else trial["throw"]._asdict()
+    data["damaged"] = [finding._asdict() for finding in data["damaged"]]
+    return data
+
+
+def _lines(status: Any) -> Iterator[str]:
+    """Yield a table with a row for all stages of a trial that share a state, then the next steps."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    table = Table("trial", "thrown", "stages", "state", "why", box=None, pad_edge=False, header_style="bold")
+    for trial in status.trials:
+        label, thrown = str(trial.trial or "all"), str(trial.throw or "")
+        for state, group in groupby(trial.stages, key=lambda stage: stage.state):
+            stages = list(group)
+            sign, colour = SIGNS[state]
+            names = ", ".join(stage.stage for stage in stages) if state != "done" else _range(stages)
+            why = "; ".join(dict.fromkeys(_why(stages)))
+            table.add_row(label, thrown, names, f"[{colour}]{sign} {state}[/]", why.replace("[", r"\["))
+            label = thrown = ""
+    if not console.is_terminal:
+        console = Console(width=10_000, color_system=None)  # one line for each row
+    with console.capture() as capture:
+        console.print(f"[bold]{status.experiment}[/bold]", table, sep="\n", highlight=False)
+    yield from (line.rstrip() for line in capture.get().splitlines())
+    yield from (f"next: {step}" for step in status.next_steps)
+
+
+def _range(stages: list[Any]) -> str:
+    first, last = stages[0].stage, stages[-1].stage
+    return first if first == last else f"{first} … {last}"
+
+
+def _why(stages: list[Any]) -> Iterator[str]:
+    """Yield the stages' own reasons; if the first has none, the stage that it follows."""
+    if stages[0].after and not stages[0].why:
+        yield f"{stages[0].after} runs again"
+    for stage in stages:
+        yield from (f"{stage.code} {reason}" if stage.code else reason for reason in stage.why)

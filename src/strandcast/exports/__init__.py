@@ -1,0 +1,1 @@
+"""Trials and fitted strings in the formats of other programs."""

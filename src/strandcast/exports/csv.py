@@ -1,0 +1,28 @@
+"""`export csv`: a trial's tables as CSV files, with the units in the columns' names."""
+
+from pathlib import Path
+
+from strandcast.api import TrialView
+from strandcast.records.files import write_bytes
+
+TABLES = ("track", "observations", "hand", "joints", "simulated")
+
+
+def export_csv(trial: TrialView, folder: Path) -> list[Path]:
+    """Write the trial's tables to a folder; `track.csv` has the robot's clock too. Return the files.
+
+    A table that the trial does not have, such as the pixels of an imported track, is left out.
+    """
+    written = []
+    for name in TABLES:
+        raw = {"joints": trial.folder.data / "joints.csv"}
+        if not raw.get(name, trial.folder.results / f"{name}.parquet").is_file():
+            continue
+        table = getattr(trial, name)
+        if name == "track":
+            robot_time_s = trial.alignment.robot_time_s(table["camera_time_s"])
+            table.insert(2, "robot_time_s", robot_time_s)
+        folder.mkdir(parents=True, exist_ok=True)
+        written.append(folder / f"{name}.csv")
+        write_bytes(written[-1], table.to_csv(index=name == "joints").encode())
+    return written

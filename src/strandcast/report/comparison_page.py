@@ -1,0 +1,178 @@
+"""The page of a comparison, and its lines for a terminal."""
+
+from typing import Any
+
+from strandcast.report.comparison import Comparison, Row, Tally, Value
+from strandcast.report.drawing import GREY, INK, MEASURED, Drawing, new_figure
+from strandcast.report.numbers import HARD, UNKNOWN, millimetres, milliseconds, scaled, signed
+from strandcast.report.pages import render
+from strandcast.report.panels.content import Panel, PanelContent, Table, make_sections
+
+DIGITS = 2
+LARGE = 2.0  # a difference of this many standard deviations is marked
+MAIN = (
+    "miss",
+    "E as planned",
+    "E after the fit",
+    "tip error",
+    "clock offset",
+    "tracked fraction",
+    "wall time",
+)
+
+
+def comparison_page(comparison: Comparison) -> str:
+    """Return the HTML page of a comparison."""
+    panels = [
+        Panel("trials", "Trials", _trials),
+        Panel("misses", "Misses", _misses, shown=lambda it: bool(_paired(it, "miss"))),
+        Panel("parameters", "Parameters of the last fit", _parameters, shown=lambda it: bool(_fitted(it))),
+        Panel("differing", "What differs", _differing),
+    ]
+    a, b = comparison.names
+    return render(
+        "comparison.html.jinja",
+        names=comparison.names,
+        headline=headline(comparison),
+        notes=notes(comparison),
+        sections=make_sections(panels, comparison),
+        title=f"{a} and {b} compared",
+    )
+
+
+def comparison_lines(comparison: Comparison) -> list[str]:
+    """Return a comparison as lines of text."""
+    a, b = comparison.names
+    lines = [f"A: {a}", f"B: {b}", *notes(comparison)]
+    last = _fitted(comparison)
+    shown = [row for row in comparison.rows if row.quantity in MAIN] + last
+    cells = [("trial", "quantity", "A", "B", "B − A")]
+    cells += [
+        (f"{row.trial}", row.quantity, text(row, row.a), text(row, row.b), change(row)) for row in shown
+    ]
+    widths = [max(len(row[k]) for row in cells) for k in range(5)]
+    lines += [
+        "  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in cells
+    ]
+    lines += [f"{name}: {one} in A, {other} in B" for name, one, other in comparison.settings]
+    return [*lines, headline(comparison)]
+
+
+def headline(comparison: Comparison) -> str:
+    """Return in one sentence in how many trials B is lower."""
+    if not comparison.tallies:
+        return "No quantity is known in both."
+    return "; ".join(_counted(each) for each in comparison.tallies) + "."
+
+
+def _counted(tally: Tally) -> str:
+    pairs = tally.lower + tally.higher
+    return f"{tally.quantity}: lower in B in {tally.lower} of {pairs} trials (sign test p = {tally.p:.2g})"
+
+
+def notes(comparison: Comparison) -> list[str]:
+    """Return what a reader must know before the numbers."""
+    found = [
+        f"only in {name}: trial {', '.join(map(str, trials))}"
+        for name, trials in zip(comparison.names, comparison.unpaired, strict=True)
+        if trials
+    ]
+    other = [str(trial) for trial, same in comparison.same_recording.items() if same is False]
+    if other:
+        found.append(f"different recordings: trial {', '.join(other)}")
+    return found
+
+
+def text(row: Row, value: Value) -> str:
+    """Return a value in the unit in which it is shown."""
+    if row.unit == "m":
+        return millimetres(value.value, value.sigma, DIGITS)
+    if row.quantity == "clock offset":
+        return milliseconds(value.value, value.sigma, DIGITS + 1)
+    if row.unit == "1":
+        return scaled(value.value, 100.0, 1, "%", value.sigma)
+    return scaled(value.value, 1.0, 1 if row.unit == "s" else DIGITS + 1, row.unit, value.sigma).strip(HARD)
+
+
+def change(row: Row) -> str:
+    """Return the difference with its sign, marked where it is larger than its uncertainty allows."""
+    difference = row.difference
+    if difference.value is None:
+        return UNKNOWN
+    plus = "+" if difference.value > 0.0 else ""
+    return f"{plus}{text(row, difference)}{' *' if is_large(difference) else ''}"
+
+
+def is_large(difference: Value) -> bool:
+    """Return whether a difference is larger than `LARGE` standard deviations."""
+    return bool(difference.sigma) and abs(difference.value or 0.0) > LARGE * (difference.sigma or 0.0)
+
+
+def _paired(comparison: Comparison, quantity: str) -> list[Row]:
+    return [row for row in comparison.rows if row.quantity == quantity and row.difference.value is not None]
+
+
+def _fitted(comparison: Comparison) -> list[Row]:
+    """Return the parameters of the last trial that has any in both."""
+    rows = [row for row in comparison.rows if row.quantity not in MAIN and row.difference.value is not None]
+    last = max((row.trial for row in rows), default=0)
+    return [row for row in rows if row.trial == last]
+
+
+def _table(rows: list[Row], caption: str) -> Table:
+    cells: list[list[Any]] = [
+        [f"trial {row.trial}", row.quantity, text(row, row.a), text(row, row.b), change(row)] for row in rows
+    ]
+    return Table(["trial", "quantity", "A", "B", "B − A"], cells, caption)
+
+
+def _trials(comparison: Comparison) -> PanelContent:
+    rows = [row for row in comparison.rows if row.quantity in MAIN]
+    caption = (
+        f"± standard deviation where the records have one; * more than {LARGE:g} of the difference's own."
+    )
+    return PanelContent(
+        headline(comparison),
+        "The deviation of a difference is that of independent results. Results from the same recording share "
+        "errors of tracking, so their difference is known better than that.",
+        tables=[_table(rows, caption)],
+    )
+
+
+def _parameters(comparison: Comparison) -> PanelContent:
+    rows = _fitted(comparison)
+    large = [row.quantity for row in rows if is_large(row.difference)]
+    finding = f"Trial {rows[0].trial}: {len(large)} of {len(rows)} numbers differ by more than {LARGE:g} σ"
+    caption = "Logarithms to base 10 of the estimates, ± in decades; other numbers in their own unit."
+    return PanelContent(
+        f"{finding}{': ' if large else ''}{', '.join(large)}.",
+        "A parameter that the throws do not determine may differ by decades and mean nothing: its σ says so. "
+        "σ belongs to one minimum of E; two searches that end in different minima differ by more.",
+        tables=[_table(rows, caption)],
+    )
+
+
+def _misses(comparison: Comparison) -> PanelContent:
+    rows = _paired(comparison, "miss")
+    figure = new_figure(8.4, 1.3 + 0.4 * len(rows), top=0.95, bottom=0.3 if len(rows) < 5 else 0.15)
+    axes = figure.add_subplot()
+    for row in rows:
+        values = [1e3 * (each.value or 0.0) for each in (row.a, row.b)]
+        axes.plot(values, [row.trial] * 2, color=GREY, linewidth=2, zorder=1)
+        axes.plot(values[0], row.trial, "D", color=INK, markersize=7, markerfacecolor="none")
+        axes.plot(values[1], row.trial, "o", color=MEASURED["color"], markersize=7)
+    axes.set(xlabel="miss [mm]   (open diamond: A, disc: B)", ylabel="trial", xlim=(0, None))
+    axes.set_yticks([row.trial for row in rows])
+    axes.set_ylim(max(row.trial for row in rows) + 0.6, min(row.trial for row in rows) - 0.6)
+    shift = sum(row.difference.value or 0.0 for row in rows) / len(rows)
+    finding = f"The miss changes by {signed(f'{1e3 * shift:+.1f}')} mm on average over {len(rows)} trials."
+    return PanelContent(finding, drawing=Drawing(figure, f"Misses of both results by trial. {finding}"))
+
+
+def _differing(comparison: Comparison) -> PanelContent:
+    rows = [list(each) for each in comparison.settings]
+    if not rows:
+        return PanelContent("The fit of the last trial was done the same way, by the same versions.")
+    finding = f"{len(rows)} settings or versions of the last trial's fit differ."
+    return PanelContent(finding, tables=[Table(["name", "A", "B"], rows)])

@@ -1,0 +1,42 @@
+"""All checks of all trials in one table: which trial failed what."""
+
+from urllib.parse import quote
+
+from markupsafe import Markup
+
+from strandcast.report.checks import FAIL, NOT_RUN, PASS, WARN, run_checks
+from strandcast.report.panels.content import PanelContent, Table
+from strandcast.report.panels.page_data import ExperimentPageData
+
+MARKS = {PASS: "✓", WARN: "▲", FAIL: "✕", NOT_RUN: "–"}
+
+
+def quality(page: ExperimentPageData) -> PanelContent:
+    """Return the matrix of trials and checks; a mark leads to the checks on the trial's page."""
+    trials = list(page.trials)
+    by_check: dict[str, dict[int, str]] = {}
+    for trial, results in page.trials.items():
+        for check in run_checks(results, None)[:-1]:  # the next motion has its own section
+            by_check.setdefault(check.name, {})[trial] = check.state
+    rows = [
+        [name, *(_mark(page, trial, states.get(trial, NOT_RUN)) for trial in trials)]
+        for name, states in by_check.items()
+        if set(states.values()) != {PASS}
+    ]
+    states = [state for each in by_check.values() for state in each.values()]
+    warned, failed = states.count(WARN), states.count(FAIL)
+    finding = f"{states.count(PASS)} of {len(states)} checks passed, {warned} warned, {failed} failed."
+    passed = len(by_check) - len(rows)
+    return PanelContent(
+        finding,
+        f"✓ passed, ▲ warned, ✕ failed, – not run. {passed} checks that every trial passed are left out.",
+        tables=[Table(["check", *(f"trial {trial}" for trial in trials)], rows)],
+    )
+
+
+def _mark(page: ExperimentPageData, trial: int, state: str) -> Markup:
+    """Return the mark of a check with its state in words, as a link to the trial's checks."""
+    folder = quote(page.trials[trial].folder.name)
+    return Markup('<a class="state {}" href="{}/report.html#checks" aria-label="{}">{}</a>').format(
+        state, folder, f"trial {trial}: {state.lower()}", MARKS[state]
+    )

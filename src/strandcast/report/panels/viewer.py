@@ -1,0 +1,206 @@
+"""The throw frame by frame: its film, with what was measured and fitted drawn over it, and a film strip."""
+
+import base64
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from strandcast.records.camera import Camera
+from strandcast.records.clip import PLAYED_HZ, Clip
+from strandcast.report.numbers import millimetres, milliseconds
+from strandcast.report.pages import render
+from strandcast.report.panels.content import PanelContent
+from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.panels.strobe_picture import path_of, project_px, rim_m
+from strandcast.report.results import TrialResults
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+SLOWER = 20  # than the throw, while the film plays
+STEPS_PER_PX = 16  # of places on the page
+MISSING = -32768  # a place that is unknown or far outside of the picture
+MOST_RUNS = 200  # chosen: flagged runs to jump to
+LOWEST_M = 1e-3  # on the plot's logarithmic axis
+DECADES_MM = (10, 100)  # its labels
+PLOT = (1000.0, 100.0)  # width and height of the plot, in units of its own
+
+
+@dataclass(frozen=True)
+class Film:
+    """What the viewer shows of each of K frames: K numbers, and K places of n + 1 points."""
+
+    frame: Whole  # of the camera
+    measured_m: Array  # (K, n + 1, 2)
+    flagged: NDArray[np.bool_]  # (K, n + 1): unsure, hidden, predicted or not found
+    fitted_m: Array  # (K, n + 1, 2)
+    to_target_m: Array  # of the tip
+    error_m: Array  # mean distance between measured and fitted points
+    since_start_s: Array  # of the motion
+    counts: NDArray[np.bool_]  # whether the fit and the miss count it
+
+    def at(self, frame: int | None) -> int | None:
+        """Return the place of a camera's frame in the film, or of the last frame before it; None outside."""
+        if frame is None or not self.frame[0] <= frame <= self.frame[-1]:
+            return None
+        return int(np.searchsorted(self.frame, frame, side="right")) - 1
+
+    def worst(self) -> int | None:
+        """Return the place of the frame with the largest error, among those that count."""
+        counted_m = np.where(self.counts, self.error_m, np.nan)
+        return int(np.nanargmax(counted_m)) if np.isfinite(counted_m).any() else None
+
+
+class StripTile(NamedTuple):
+    """One picture of the film strip: its frame, its caption, and the paths that are drawn over it."""
+
+    frame: int
+    place: int  # in the film
+    text: str
+    webp: str
+    measured: Markup
+    fitted: Markup
+
+
+def viewer(page: TrialPageData) -> PanelContent:
+    """Return the viewer; where scripts do not run, the film strip stands alone."""
+    results = page.results
+    clip, verdict = results.need("clip"), results.need("verdict")
+    film = film_of(results, clip)
+    measured_px, fitted_px = (clip_px(results, clip, each) for each in (film.measured_m, film.fitted_m))
+    closest, worst, runs = film.at(verdict.closest_frame), film.worst(), flagged_runs(film.flagged)
+    highest_m = max(0.2, *np.nan_to_num([film.to_target_m, film.error_m]).ravel())
+    miss = millimetres(verdict.miss_m)
+    finding = _finding(film, closest, miss, worst, len(runs))
+    markup = render(
+        "viewer.html.jinja",
+        clip=clip,
+        film=film,
+        finding=finding,
+        played_hz=PLAYED_HZ,
+        play_rate=clip.rate_hz / (SLOWER * clip.step * PLAYED_HZ),
+        slower=SLOWER,
+        measured=_base64(_stepped(measured_px)),
+        fitted=_base64(_stepped(fitted_px)),
+        flagged=_base64(film.flagged.astype("u1")),
+        numbers=_base64(_numbers(film)),
+        rim=path_of(clip_px(results, clip, rim_m(verdict))),
+        closest=closest,
+        worst=worst,
+        runs=runs[:MOST_RUNS],
+        plot=PLOT,
+        lines={"track": _line(film.to_target_m, highest_m), "model": _line(film.error_m, highest_m)},
+        decades={mm: float(_height(np.array(1e-3 * mm), highest_m)) for mm in DECADES_MM},
+        strip=[_tile(clip, film, k, measured_px, fitted_px) for k in range(len(clip.strip))],
+        closest_frame=None if closest is None else int(film.frame[closest]),
+    )
+    return PanelContent(
+        finding,
+        "Blue rings: the measured points; yellow squares: flagged ones (unsure, hidden, predicted). Dashed: "
+        "the fitted string. Large ring: the target. Good: the rings sit on the string, and the dashed line "
+        "follows it. Bad: rings beside the string (tracking), all of them shifted alike (camera), the dashed "
+        "line ahead or behind (clocks), or of another shape (fit).",
+        Markup(markup),
+        sources=["clip.json"],
+    )
+
+
+def film_of(results: TrialResults, clip: Clip) -> Film:
+    """Return what was measured and fitted in the frames of a clip."""
+    track, throw = results.need("track"), (results.get("simulated") or {}).get("fitted")
+    frame = clip.first_frame + clip.step * np.arange(clip.frames)
+    shape = (len(frame), *track.points_m.shape[1:])
+    measured_m, fitted_m, since_s = (
+        np.full(shape, np.nan),
+        np.full(shape, np.nan),
+        np.full(len(frame), np.nan),
+    )
+    flagged, counts = np.ones(shape[:2], bool), np.ones(len(frame), bool)
+    _, mine, theirs = np.intersect1d(frame, track.frame, return_indices=True)
+    measured_m[mine] = track.points_m[theirs]
+    flagged[mine] = (track.flags[theirs] != 0) | ~np.isfinite(track.points_m[theirs]).all(axis=2)
+    if (alignment := results.get("alignment")) is not None:
+        since_s[mine] = results.robot_time_s()[theirs] - alignment.motion_start_s
+        counts[mine] = results.in_window()[theirs]
+    if throw is not None and throw.points_m.shape[1:] == shape[1:]:
+        _, mine, theirs = np.intersect1d(frame, throw.frame, return_indices=True)
+        fitted_m[mine] = throw.points_m[theirs]
+    apart_m = np.linalg.norm(measured_m[:, 1:] - fitted_m[:, 1:], axis=2)
+    known = np.isfinite(apart_m)
+    error_m = np.where(known, apart_m, 0.0).sum(axis=1) / np.where(
+        known.any(axis=1), known.sum(axis=1), np.nan
+    )
+    to_target_m = np.linalg.norm(measured_m[:, -1] - np.array(results.need("verdict").target_m), axis=1)
+    return Film(frame, measured_m, flagged, fitted_m, to_target_m, error_m, since_s, counts)
+
+
+def flagged_runs(flagged: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last index of each run of frames with a flagged point of the string (K, n + 1)."""
+    edges = np.diff(np.concatenate([[False], flagged[:, 1:].any(axis=1), [False]]).astype(int))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return list(zip(starts.tolist(), ends.tolist(), strict=True))
+
+
+def clip_px(results: TrialResults, clip: Clip, places_m: Array) -> Array:
+    """Return the pixels (..., 2) of places (..., 2) in the small video; NaN for unknown places."""
+    camera: Camera = results.need("camera")
+    left, top, width, height = clip.box_px
+    known = np.isfinite(places_m).all(axis=-1)
+    pixels = np.full(places_m.shape, np.nan)
+    if known.any():
+        scale = np.array([clip.width_px / width, clip.height_px / height])
+        # A pixel's middle has whole coordinates, in both pictures.
+        pixels[known] = (project_px(camera, places_m[known], 1.0) - (left, top) + 0.5) * scale - 0.5
+    return pixels
+
+
+def _finding(film: Film, closest: int | None, miss: str, worst: int | None, runs: int) -> str:
+    parts = [f"Frames {film.frame[0]} to {film.frame[-1]} of the camera"]
+    if closest is not None:
+        away = millimetres(float(film.to_target_m[closest]))
+        parts.append(f"closest in frame {film.frame[closest]}, {away} (between frames {miss})")
+    if worst is not None:
+        error = millimetres(float(film.error_m[worst]))
+        parts.append(f"worst fit in frame {film.frame[worst]}, {error} in the mean over the string")
+    parts.append(f"{runs} run{'' if runs == 1 else 's'} of frames with flagged points")
+    return "; ".join(parts) + "."
+
+
+def _tile(clip: Clip, film: Film, number: int, measured_px: Array, fitted_px: Array) -> StripTile:
+    picture = clip.strip[number]
+    k = film.at(picture.frame) or 0
+    text = f"frame {picture.frame}"
+    if np.isfinite(film.since_start_s[k]):
+        text += f", {milliseconds(float(film.since_start_s[k]), digits=0)}"
+    return StripTile(picture.frame, k, text, picture.webp, path_of(measured_px[k]), path_of(fitted_px[k]))
+
+
+def _stepped(pixels: Array) -> NDArray[np.int16]:
+    """Return places as whole steps of a pixel."""
+    steps = np.rint(STEPS_PER_PX * pixels)
+    return np.where(np.abs(steps) < -MISSING, steps, MISSING).astype("<i2")
+
+
+def _numbers(film: Film) -> NDArray[np.float32]:
+    """Return for each frame: tip to target [mm], error [mm], time [ms]."""
+    columns = [film.to_target_m, film.error_m, film.since_start_s]
+    return (1e3 * np.column_stack(columns)).astype("<f4")
+
+
+def _base64(values: NDArray[np.generic]) -> str:
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
+
+
+def _height(length_m: Array, highest_m: float) -> Array:
+    """Return heights in the plot, from its top, of lengths on its logarithmic axis."""
+    share = np.log(np.maximum(length_m, LOWEST_M) / LOWEST_M) / np.log(highest_m / LOWEST_M)
+    return np.asarray(PLOT[1] * (1.0 - share))
+
+
+def _line(length_m: Array, highest_m: float) -> Markup:
+    across = PLOT[0] * np.arange(len(length_m)) / max(1, len(length_m) - 1)
+    known = np.where(np.isfinite(length_m), across, np.nan)
+    return path_of(np.column_stack([known, _height(length_m, highest_m)]))

@@ -1,0 +1,64 @@
+"""Which stage makes which file of an experiment, and the command that runs it."""
+
+import shlex
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+from strandcast.stages.context import Context
+from strandcast.stages.declarations import STAGES
+from strandcast.stages.files import SUPPLIED_FILES
+from strandcast.stages.job import Job
+
+
+class Step(NamedTuple):
+    """A stage of one trial; trial 0: of the whole experiment."""
+
+    stage: str
+    trial: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.stage} of trial {self.trial}" if self.trial else self.stage
+
+    def command(self, experiment: str) -> str:
+        """Return the command that runs it alone."""
+        name = self.stage.replace("_", "-")
+        return f"strandcast {name} {experiment}" + (f" {self.trial}" if self.trial else "")
+
+
+def steps_of(context: Context, trial: int) -> list[Step]:
+    """Return the stages of a trial, in the order in which they run; trial 0: those of the experiment."""
+    is_lab = context.settings.lab is not None
+    if not trial:
+        return [Step(stage) for stage in (*(["lab_calibrate"] if is_lab else []), "calibrate", "summary")]
+    folder = context.folder.trial(trial)
+    supplied = all((folder.data / name).is_file() for name in SUPPLIED_FILES.values())
+    if is_lab:
+        motion = ["plan", "lab_throw"]
+    elif (folder.data / "motion.json").is_file():
+        motion = ["register_motion"]
+    else:
+        motion = [] if folder.raw_files() else ["plan"]
+    measured = ["register_track"] if supplied else ["track", "reconstruct", "clip", "align"]
+    return [Step(stage, trial) for stage in (*motion, "ingest", *measured, "score", "estimate", "report")]
+
+
+def producers(context: Context, trials: Iterable[int]) -> dict[Path, Step]:
+    """Return the step that makes each file, for an experiment and some of its trials."""
+    steps = (step for trial in (0, *trials) for step in steps_of(context, trial))
+    return {
+        path: step
+        for step in steps
+        for paths in STAGES[step.stage].output_files(Job(context, step.trial)).values()
+        for path in paths
+    }
+
+
+def play_command(context: Context, trial: int) -> str:
+    """Return the command that throws a planned motion, on the arm or in the lab."""
+    if context.settings.lab is not None:
+        return Step("lab_throw", trial).command(context.name)
+    folder = context.folder.trial(trial)
+    motion, arm = folder.results / "motion.json", context.arm_file
+    files = [str(motion), "--arm", str(arm), "--out", str(folder.data)]
+    return shlex.join(["strandcast", "play", *files])

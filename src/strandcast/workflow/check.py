@@ -1,0 +1,218 @@
+"""Check an experiment before anything runs: settings, arm, reach, markers, photos, raw files, names."""
+
+import shlex
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from strandcast.config.find import overlooked_experiments
+from strandcast.errors import StrandcastError, StrandcastErrors
+from strandcast.records.folders import TrialFolder, video_suffixes
+from strandcast.records.record import read_json
+from strandcast.stages import files
+from strandcast.stages.context import Context, context_of
+from strandcast.stages.job import Job
+from strandcast.workflow.locks import refuse_if_held
+
+RAW_RECORDS = ("motion.json", "run.json")
+LOG_FILES = (("joints.csv", "run.json"), ("run.json", "joints.csv"))
+RAW_NAMES = ("joints.csv", "run.json", "motion.json", *files.SUPPLIED_FILES.values())
+
+
+@dataclass
+class Checked:
+    """What a check found: errors, which stop stages, and warnings; in words, what is there."""
+
+    errors: list[StrandcastError] = field(default_factory=list)
+    warnings: list[StrandcastError] = field(default_factory=list)
+    facts: list[str] = field(default_factory=list)
+
+    def attempt(self, check: Callable[..., object], *arguments: object) -> None:
+        """Run one check and keep the problems that it raises."""
+        try:
+            check(*arguments)
+        except StrandcastError as error:
+            self.errors += _single(error)
+
+
+def refusal(root: Path, name: str) -> StrandcastError | None:
+    """Return why an experiment cannot be run: settings, arm, a misnamed trial or another run; or None."""
+    try:
+        context = context_of(root, name)
+        context.arm_file  # noqa: B018  (raises if there is none)
+        if context.settings.lab is None:
+            context.folder.recorded_trials()
+        refuse_if_held(root, name)
+    except StrandcastError as error:
+        return error
+    return None
+
+
+def runnable(root: Path, names: list[str]) -> tuple[list[str], list[StrandcastError]]:
+    """Return the experiments that can be run, and why others cannot: a bad one stops only itself.
+
+    Raises
+    ------
+    StrandcastErrors
+        None can be run.
+    """
+    refused = {name: problem for name in names if (problem := refusal(root, name)) is not None}
+    if len(refused) == len(names):
+        raise StrandcastErrors([each for error in refused.values() for each in _single(error)])
+    return [name for name in names if name not in refused], list(refused.values())
+
+
+def _single(error: StrandcastError) -> list[StrandcastError]:
+    return error.problems if isinstance(error, StrandcastErrors) else [error]
+
+
+def check_experiment(root: Path, name: str) -> Checked:
+    """Return everything that is wrong with an experiment, as far as it shows before its stages run."""
+    found = Checked()
+    found.errors += [each for each in overlooked_experiments(root) if Path(str(each.file)).name == name]
+    found.attempt(_check_all, root, name, found)
+    return found
+
+
+def _check_all(root: Path, name: str, found: Checked) -> None:
+    context = context_of(root, name)
+    found.attempt(_check_arm, context, found)
+    if context.settings.lab is None:
+        found.attempt(_check_photos, context, found)
+        _check_folders(context, found)
+
+
+def _check_arm(context: Context, found: Checked) -> None:
+    from strandcast.arm.link_masses import torque_gap
+    from strandcast.arm.load import load_arm
+    from strandcast.planning.reachability import refuse_unreachable
+    from strandcast.stages.plan_inputs import task_of
+
+    arm, settings = load_arm(context.arm_file), context.settings
+    string = settings.string
+    found.facts.append(f"string of {string.length_m:g} m as {string.n} points, arm {arm.name}")
+    plane = settings.camera.plane
+    shared = {m.id for m in arm.markers} & {m.id for m in plane.markers}
+    if shared and arm.marker_dictionary == plane.dictionary:
+        what = f"the hand's markers have the ids {sorted(shared)} too"
+        fix = "give the plane's markers other ids"
+        found.errors.append(
+            StrandcastError("SC-F006", what, file=context.file, field="camera.plane.markers", fix=fix)
+        )
+    gap = torque_gap(arm)
+    if gap is not None:
+        found.facts.append(f"warning: {gap}")
+    try:
+        refuse_unreachable(task_of(context, arm))
+    except StrandcastError as error:
+        error.file = str(context.file)
+        raise
+
+
+def _check_photos(context: Context, found: Checked) -> None:
+    """Check that the photos of the calibration are there, and that the plane's shows its markers.
+
+    Before the first throw, missing ones are warnings: the first motion is planned without a camera.
+    """
+    camera, job = context.settings.camera, Job(context)
+    thrown = context.folder.thrown_trials()
+    supplied = [number for number in thrown if files.supplied(job, number)]
+    if camera.scale == "arc" or (thrown and supplied == thrown):
+        return
+    lens = files.lens(job)
+    if not [path for path in lens if path.is_file()]:
+        name, what = camera.lens_video or camera.lens_photos, "there is no photo or video of the lens board"
+        fix = (
+            f"take 10 photos of it (strandcast boards {context.name} prints it), all over the picture; "
+            "motion capture needs none (strandcast import track)"
+        )
+        place = context.folder.data / name
+        problem = StrandcastError("SC-W034", what, file=place, field="camera.lens_photos", fix=fix)
+        (found.errors if thrown else found.warnings).append(problem)
+    photo = files.plane(job)[0]
+    try:
+        _find_plane_markers(context, photo, found)
+    except StrandcastError as error:
+        (found.errors if thrown or photo.is_file() else found.warnings).extend(_single(error))
+
+
+def _find_plane_markers(context: Context, photo: Path, found: Checked) -> None:
+    from strandcast.camera.find_markers import find_markers
+    from strandcast.stages.calibrate import plane_markers_of, read_photos_of
+
+    [picture] = read_photos_of(context, [photo])
+    markers, dictionary = plane_markers_of(context.settings.camera.plane)
+    wanted = {marker.marker: marker for marker in markers}
+    ids, _, _ = find_markers(picture, wanted, dictionary, str(photo))
+    missing = sorted(set(wanted) - {int(marker) for marker in ids})
+    found.facts.append(f"{len(ids)} of {len(wanted)} plane markers are in {photo}")
+    if missing:
+        what = f"the plane's markers {', '.join(map(str, missing))} are not seen"
+        cost = "the plane is measured with the others, less precisely"
+        fix = "check their ids and places in camera.plane.markers, the light and the focus"
+        found.warnings.append(StrandcastError("SC-W035", what, file=photo, cost=cost, fix=fix))
+
+
+def _check_folders(context: Context, found: Checked) -> None:
+    """Check the names of folders, and the raw files of each trial."""
+    folder = context.folder
+    misnamed = folder.misnamed_trials()
+    found.errors += misnamed
+    reported = {each.file for each in misnamed}
+    numbers = folder.thrown_trials()
+    used = {folder.trial(number).data for number in range(1, 100)}
+    for path in sorted(folder.data.glob("[tT][rR][iI][aA][lL]*")):
+        if not (path.is_dir() and path in used) and str(path) not in reported:
+            fix = "rename it to a trial's name if it holds a throw, e.g. trial-01"
+            found.warnings.append(
+                StrandcastError(
+                    "SC-W032", "is not used: a trial is a folder trial-01 to trial-99", file=path, fix=fix
+                )
+            )
+    for path in (folder.trial(number).data / name for number in numbers for name in RAW_RECORDS):
+        if path.is_file():
+            found.attempt(read_json, path)
+    for number in numbers:
+        excluded = context.settings.excluded_reason(number) is not None
+        problems = list(_problems_of_trial(folder.trial(number)))
+        (found.warnings if excluded else found.errors).extend(problems)
+    found.facts.append(f"trials with raw files: {', '.join(map(str, numbers)) or 'none'}")
+
+
+def _problems_of_trial(trial: TrialFolder) -> Iterator[StrandcastError]:
+    there = {path.name: path for path in trial.raw_files()}
+    for name, path in there.items():
+        right = name.lower()
+        if right in RAW_NAMES and right not in there:
+            yield _wrong(f"is not read: its name must be {right}", path, _rename(path, trial.data / right))
+    supplied = [name for name in files.SUPPLIED_FILES.values() if name in there]
+    if not supplied:
+        yield from _problems_of_video(trial)
+    needed = {name: supplied[0] for name in files.SUPPLIED_FILES.values() if supplied}
+    needed |= {other: one for one, other in LOG_FILES if one in there}
+    for name, beside in needed.items():
+        if name not in map(str.lower, there):
+            fix = "copy it from the computer that wrote the others, or import it: strandcast import --help"
+            yield _wrong(f"is missing beside {beside}", trial.data / name, fix)
+
+
+def _problems_of_video(trial: TrialFolder) -> Iterator[StrandcastError]:
+    if len(trial.videos()) > 1:
+        try:
+            trial.video()
+        except StrandcastError as error:
+            yield error
+    elif not trial.videos():
+        like = [path for path in trial.raw_files() if path.suffix.lower() in video_suffixes()]
+        fix = "copy the recording there as video.mp4 (or .avi, .mkv, .mov …)"
+        if len(like) == 1:
+            fix = _rename(like[0], trial.data / f"video{like[0].suffix.lower()}")
+        yield _wrong("the trial has raw files, but no video", trial.data, fix)
+
+
+def _wrong(what: str, file: Path, fix: str) -> StrandcastError:
+    return StrandcastError("SC-W033", what, file=file, fix=fix)
+
+
+def _rename(path: Path, new: Path) -> str:
+    return "rename it: " + shlex.join(["mv", str(path), str(new)])

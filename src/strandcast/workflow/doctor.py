@@ -1,0 +1,285 @@
+"""Whether this computer can run strandcast: what it offers, and a fix for each problem."""
+
+import ctypes
+import importlib
+import importlib.metadata
+import os
+import platform
+import re
+import resource
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from strandcast.kernel_cache import PACKAGE
+from strandcast.records.files import existing_folder, free_bytes, in_bytes
+from strandcast.records.folders import is_project
+from strandcast.workflow.host import LEAST_FREE_BYTES
+
+PYTHONS = ((3, 11), (3, 14))  # the first that works, and the first that is not tested
+NEED_BYTES = 1 << 30  # memory of the largest stage
+ROOMY_BYTES = 3 << 30  # memory of the largest stage and the others that run beside it
+SHARED_BYTES = 64 << 20  # frames pass from the decoding process through /dev/shm
+TIME_ERROR = 5  # of adjtimex: no time server sets this clock
+TIMEX_BYTES = 512  # more than any struct timex
+DRIVERS = {"ur": ("ur_rtde", "rtde_control"), "franka": ("pylibfranka", "pylibfranka")}
+
+State = Literal["ok", "note", "problem"]
+
+
+class Diagnosis(NamedTuple):
+    """One thing that was examined."""
+
+    name: str
+    state: State
+    found: str
+    fix: str | None = None
+
+
+def diagnose(root: Path) -> list[Diagnosis]:
+    """Examine the environment; a check that fails in an unexpected way is a problem itself."""
+    found: list[Diagnosis] = []
+    for check in CHECKS:
+        name = check.__name__.strip("_").replace("_", " ")
+        try:
+            found += check(root)
+        except Exception as error:
+            fix = "report it, with the output of strandcast doctor --json"
+            found.append(Diagnosis(name, "problem", f"could not be examined: {error}", fix))
+    return found
+
+
+def _python(root: Path) -> Iterator[Diagnosis]:
+    here = f"{platform.python_version()} at {sys.executable}, {platform.platform()}"
+    if PYTHONS[0] <= sys.version_info[:2] < PYTHONS[1]:
+        yield Diagnosis("python", "ok", here)
+    else:
+        yield Diagnosis("python", "problem", here, "install strandcast with Python 3.11, 3.12 or 3.13")
+
+
+def _packages(root: Path) -> Iterator[Diagnosis]:
+    names = [re.split(r"[^\w.-]", each)[0] for each in _requirements()]
+    versions = {name: _version(name) for name in names}
+    missing = [name for name, version in versions.items() if version is None]
+    if missing:
+        fix = "install strandcast again: uv tool install --force strandcast (in a clone: make demo)"
+        yield Diagnosis("packages", "problem", f"missing: {', '.join(missing)}", fix)
+    pinned: dict[str, set[str]] = {}  # a package may have several versions, for several Pythons
+    for name, version in re.findall(r"^([\w.-]+)==([^\s;\\]+)", _lock(), re.MULTILINE):
+        pinned.setdefault(name, set()).add(version)
+    other = [
+        f"{name} {has}, not {' or '.join(sorted(pinned[name]))}"
+        for name, has in versions.items()
+        if name in pinned and has not in pinned[name]
+    ]
+    if other:
+        fix = "results differ in their last digits; make demo installs the pinned versions"
+        yield Diagnosis("packages", "note", f"not as pinned: {', '.join(other)}", fix)
+    if not missing and not other:
+        what = "as pinned" if pinned else "no list of pinned versions here"
+        yield Diagnosis("packages", "ok", f"{len(versions)} required packages are installed, {what}")
+
+
+def _requirements() -> list[str]:
+    try:
+        return [each for each in importlib.metadata.requires("strandcast") or [] if "extra ==" not in each]
+    except importlib.metadata.PackageNotFoundError:  # from the sources, not installed
+        return []
+
+
+def _lock() -> str:
+    """Return the list of pinned versions, which a clone holds."""
+    path = PACKAGE.parents[1] / "requirements" / "runtime.lock"
+    return path.read_text(encoding="utf-8") if path.is_file() else ""
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _codecs(root: Path) -> Iterator[Diagnosis]:
+    from strandcast.video.self_test import CLIPS, decode_problem
+
+    for codec in CLIPS:
+        problem = decode_problem(codec)
+        if problem is None:
+            yield Diagnosis(f"codec {codec}", "ok", "a clip was decoded")
+        else:
+            yield Diagnosis(
+                f"codec {codec}", "problem", problem, "install PyAV again: pip install --force av"
+            )
+
+
+def _cores(root: Path) -> Iterator[Diagnosis]:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    words = f"{cores} for this process, of {os.cpu_count()}"
+    few = "runs take about twice as long; allow two cores, and use --cores 1 if there is one"
+    yield Diagnosis("cores", "ok" if cores > 1 else "note", words, None if cores > 1 else few)
+
+
+def _memory(root: Path) -> Iterator[Diagnosis]:
+    free = _free_memory()
+    if free is None:
+        yield Diagnosis("memory", "note", "not known on this system")
+        return
+    fix = "end other programs, allow more (`ulimit -v`, the container's limit), or use --jobs 1"
+    state: State = "problem" if free < NEED_BYTES else "note" if free < ROOMY_BYTES else "ok"
+    yield Diagnosis(
+        "memory", state, f"{in_bytes(free)} free for this process", None if state == "ok" else fix
+    )
+
+
+def _free_memory() -> int | None:
+    """Return the memory [bytes] that this process may still take."""
+    limits = []
+    meminfo = Path("/proc/meminfo")
+    if meminfo.is_file():
+        found = re.search(r"^MemAvailable:\s+(\d+) kB", meminfo.read_text(), re.MULTILINE)
+        limits += [int(found[1]) * 1024] if found else []
+    group, used = (Path("/sys/fs/cgroup") / name for name in ("memory.max", "memory.current"))
+    if group.is_file() and used.is_file() and group.read_text().strip().isdigit():
+        limits.append(int(group.read_text()) - int(used.read_text()))
+    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+    limits += [] if allowed == resource.RLIM_INFINITY else [allowed]
+    return min(limits, default=None)
+
+
+def _disk(root: Path) -> Iterator[Diagnosis]:
+    places = {"results": root / "results", "temporary files": Path(tempfile.gettempdir())}
+    for name, place in places.items():
+        free, folder = free_bytes(place), existing_folder(place)
+        if not os.access(folder, os.W_OK):
+            yield Diagnosis(
+                f"disk, {name}", "problem", f"{folder} cannot be written", "change its permissions"
+            )
+        elif free < LEAST_FREE_BYTES:
+            fix = f"free {in_bytes(LEAST_FREE_BYTES)} or more; one trial's video and results need that"
+            yield Diagnosis(f"disk, {name}", "problem", f"{in_bytes(free)} free at {folder}", fix)
+        else:
+            yield Diagnosis(f"disk, {name}", "ok", f"{in_bytes(free)} free at {folder}")
+
+
+def _shared_memory(root: Path) -> Iterator[Diagnosis]:
+    place = Path("/dev/shm")
+    if not place.is_dir():
+        yield Diagnosis("shared memory", "note", "there is no /dev/shm on this system")
+    elif not os.access(place, os.W_OK) or shutil.disk_usage(place).free < SHARED_BYTES:
+        fix = "mount /dev/shm writable with 64 MB or more (docker run --shm-size=256m)"
+        yield Diagnosis("shared memory", "problem", "/dev/shm is full or cannot be written", fix)
+    else:
+        yield Diagnosis("shared memory", "ok", f"{in_bytes(shutil.disk_usage(place).free)} free at {place}")
+
+
+def _clock(root: Path) -> Iterator[Diagnosis]:
+    step_s = time.get_clock_info("monotonic").resolution
+    coarse = step_s > 1e-6
+    fix = "joint logs need a clock with steps below 1 µs: use a real computer, not this virtual one"
+    state: State = "note" if coarse else "ok"
+    yield Diagnosis("clock", state, f"monotonic, in steps of {step_s * 1e9:g} ns", fix if coarse else None)
+    set_by_server = _is_synchronised()
+    if set_by_server is None:
+        yield Diagnosis("clock, date", "note", "whether a time server sets it is not known")
+    elif set_by_server:
+        yield Diagnosis("clock, date", "ok", "set by a time server")
+    else:
+        fix = "turn on NTP (`timedatectl set-ntp true`), so that files of several computers keep their order"
+        yield Diagnosis("clock, date", "note", "no time server sets it", fix)
+
+
+def _is_synchronised() -> bool | None:
+    """Return whether the kernel's clock is disciplined; None where that cannot be asked."""
+    try:
+        state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(TIMEX_BYTES))
+    except (OSError, AttributeError):
+        return None
+    return None if state < 0 else state != TIME_ERROR
+
+
+def _kernels(root: Path) -> Iterator[Diagnosis]:
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
+    wrong = "NUMBA_CACHE_DIR" not in os.environ or (folder.exists() and not folder.is_dir())
+    if wrong or not os.access(existing_folder(folder), os.W_OK):
+        fix = "set TMPDIR or NUMBA_CACHE_DIR to a folder that can be written"
+        yield Diagnosis("kernels", "problem", f"compiled code cannot be kept at {folder}", fix)
+        return
+    modules = {path.with_suffix("").relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if _is_kept(path)}
+    indices = list(folder.rglob("*.nbi"))  # one per kernel
+    compiled = {path.relative_to(folder).parent / path.name.partition(".")[0] for path in indices}
+    left = len(modules - compiled)
+    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    place = f"{len(indices)} compiled, {in_bytes(size)} at {folder}"
+    if not left:
+        yield Diagnosis("kernels", "ok", place)
+        return
+    more = f"{left} of {len(modules)} modules have none yet, and are compiled when first used, once"
+    yield Diagnosis("kernels", "note", f"{place}; {more}")
+
+
+def _is_kept(path: Path) -> bool:
+    """Return whether a file has kernels with cached machine code."""
+    return b"cache=True" in path.read_bytes()
+
+
+def _drivers(root: Path) -> Iterator[Diagnosis]:
+    for extra, (package, module) in DRIVERS.items():
+        version = _version(package)
+        if version is None:
+            fix = f"to move such an arm: pip install 'strandcast[{extra}]'"
+            yield Diagnosis(f"driver {extra}", "note", f"{package} is not installed", fix)
+            continue
+        try:
+            importlib.import_module(module)
+        except Exception as error:
+            fix = f"install it again for this Python: pip install --force-reinstall {package}"
+            yield Diagnosis(f"driver {extra}", "problem", f"{package} {version}: {error}", fix)
+        else:
+            yield Diagnosis(f"driver {extra}", "ok", f"{package} {version}")
+
+
+def _real_time(root: Path) -> Iterator[Diagnosis]:
+    if not hasattr(os, "sched_setscheduler"):
+        yield Diagnosis("real time", "note", "this system has no real-time scheduling: play from Linux")
+        return
+    kernel = "a PREEMPT_RT kernel" if "PREEMPT_RT" in platform.version() else "no PREEMPT_RT kernel"
+    policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, policy, parameter)
+    except OSError:
+        fix = (
+            "to move a Franka arm: allow rtprio in /etc/security/limits.conf (see docs/reference/executor.md)"
+        )
+        yield Diagnosis("real time", "note", f"not permitted; {kernel}", fix)
+    else:
+        yield Diagnosis("real time", "ok", f"permitted; {kernel}")
+
+
+def _project(root: Path) -> Iterator[Diagnosis]:
+    if is_project(root):
+        yield Diagnosis("project", "ok", str(root.resolve()))
+    else:
+        fix = "change to a project's folder, or make one: strandcast new mylab"
+        yield Diagnosis("project", "note", "this folder is in no project", fix)
+
+
+CHECKS: tuple[Callable[[Path], Iterator[Diagnosis]], ...] = (
+    _python,
+    _packages,
+    _codecs,
+    _cores,
+    _memory,
+    _disk,
+    _shared_memory,
+    _clock,
+    _kernels,
+    _drivers,
+    _real_time,
+    _project,
+)

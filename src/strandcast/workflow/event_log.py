@@ -1,0 +1,92 @@
+"""Snakemake with a logger of ours: `python -m strandcast.workflow.event_log` takes Snakemake's arguments.
+
+Each event is one line of JSON on standard error, between the lines of the jobs, and begins with `MARK`.
+"""
+
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from logging import WARNING, LogRecord
+from threading import Thread
+from typing import Any
+
+from snakemake_interface_logger_plugins.base import LogHandlerBase
+from snakemake_interface_logger_plugins.registry import LoggerPluginRegistry
+
+from strandcast.errors import shortened
+from strandcast.workflow.events import MARK, in_words
+
+POLL_S = 0.5  # chosen
+PATIENCE_S = 20.0  # as of a run that is stopped by a signal (`strandcast.workflow.engine`)
+
+
+def _job_info(record: Any) -> dict[str, Any]:
+    return {
+        "id": record.jobid,
+        "rule": record.rule_name,
+        "wildcards": dict(record.wildcards),
+        "reason": shortened(in_words(str(record.reason))),
+    }
+
+
+# What is passed on of the events of Snakemake's logger interface, by their names there.
+EVENTS: dict[str, Callable[[Any], dict[str, Any]]] = {
+    "run_info": lambda record: {"counts": dict(record.stats)},
+    "job_info": _job_info,
+    "job_finished": lambda record: {"id": record.job_id},
+    "job_error": lambda record: {"id": record.jobid, "log": list(map(str, record.log))},
+    "progress": lambda record: {"done": record.done, "total": record.total},
+}
+
+
+class LogHandler(LogHandlerBase):
+    """The logger; Snakemake expects this name."""
+
+    writes_to_stream = True
+    writes_to_file = False
+    has_filter = True
+    has_formatter = True
+    needs_rulegraph = False
+
+    def emit(self, record: LogRecord) -> None:
+        """Write an event that a run shows; errors and warnings of Snakemake itself are `message`."""
+        name = str(getattr(record, "event", None))
+        if name in EVENTS:
+            event = {"event": name} | EVENTS[name](record)
+        elif record.levelno >= WARNING:
+            event = {"event": "message", "text": shortened(record.getMessage())}
+        else:
+            return
+        os.write(sys.stderr.fileno(), f"{MARK}{json.dumps(event)}\n".encode())
+
+
+def end_with_parent() -> None:
+    """End this process and its jobs when the run that started them is killed."""
+    Thread(target=_end_without, args=(os.getppid(),), daemon=True).start()
+
+
+def _end_without(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(POLL_S)
+    # Nobody reads what is printed, and a broken pipe keeps Snakemake from ending.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        os.killpg(os.getpgrp(), number)
+        time.sleep(PATIENCE_S)
+
+
+def main() -> None:
+    """Run Snakemake."""
+    from snakemake.cli import main as snakemake
+
+    LoggerPluginRegistry().register_plugin("snakemake_logger_plugin_strandcast", sys.modules[__name__])
+    end_with_parent()
+    sys.argv = ["snakemake", *sys.argv[1:], "--logger", "strandcast"]
+    snakemake()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,237 @@
+"""The state of an experiment: of each stage of each trial, what was thrown, and what to do next.
+
+It starts nothing and changes nothing. What it calls stale is what `strandcast run` makes again.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from strandcast.errors import StrandcastError
+from strandcast.records.lineage import relative_to
+from strandcast.records.record import read_json
+from strandcast.records.verdict import Verdict
+from strandcast.stages.context import Context, context_of
+from strandcast.stages.producers import Step, play_command, steps_of
+from strandcast.workflow.remake import StepState, log_of, tasks_of
+from strandcast.workflow.verify import Finding, verify
+
+State = Literal["done", "stale", "missing", "failed", "damaged", "excluded"]
+HASH_DIGITS = 8  # as `strandcast play` asks for
+LOG_TAIL_BYTES = 1 << 16
+CODED = re.compile(r"^(SC-[A-Z]\d{3}) ERROR  (.*)", re.MULTILINE)
+UNCODED = re.compile(r"^\S*(?:Error|Exception|Interrupt)\b.*", re.MULTILINE)  # the last line of a traceback
+
+
+class StageStatus(NamedTuple):
+    """The state of one stage of one trial.
+
+    Attributes
+    ----------
+    why
+        What changed, is missing or went wrong; for an excluded trial, the reason.
+    after
+        The stage that runs again and makes this one run too, if there is no other reason.
+    code
+        The code of the error with which it failed, if it has one.
+    runs
+        Whether `strandcast run` runs it now, as far as no other stage fails before it.
+    """
+
+    stage: str
+    state: State
+    why: list[str] = []
+    after: str | None = None
+    code: str | None = None
+    runs: bool = False
+
+
+class PlayedMotion(NamedTuple):
+    """What the arm played in a trial.
+
+    Attributes
+    ----------
+    motion_sha256
+        Hash of the motion's content; None if no motion lies beside the raw files.
+    as_planned
+        Whether it is the motion that was planned for this trial.
+    planned_for
+        The experiment and trial that the motion names.
+    """
+
+    motion_sha256: str | None
+    as_planned: bool
+    planned_for: str | None
+
+    def __str__(self) -> str:
+        if self.motion_sha256 is None:
+            return "unknown motion"
+        short = self.motion_sha256[:HASH_DIGITS]
+        return short if self.as_planned else f"{short}, planned for {self.planned_for}"
+
+
+@dataclass(frozen=True)
+class TrialStatus:
+    """The state of one trial; trial 0: the stages of the whole experiment."""
+
+    trial: int
+    throw: PlayedMotion | None
+    stages: list[StageStatus]
+
+
+@dataclass(frozen=True)
+class Status:
+    """The state of an experiment.
+
+    Attributes
+    ----------
+    next_steps
+        What to do next: commands that can be pasted, and lines of advice, which begin with ``#``.
+    """
+
+    experiment: str
+    trials: list[TrialStatus]
+    damaged: list[Finding]
+    next_steps: list[str]
+
+
+def status_of(root: Path, name: str) -> Status:
+    """Return the state of an experiment.
+
+    Raises
+    ------
+    StrandcastError
+        Its settings cannot be read, or SC-R032 a folder's name leaves open which trial it holds.
+    """
+    context = context_of(root, name)
+    context.arm_file  # noqa: B018  (raises if there is none)
+    findings = verify(root, name, raw=False)
+    again = {relative_to(root, each.file): each.what for each in findings if each.state == "outdated"}
+    damaged = [each for each in findings if each.state in ("damaged", "misplaced")]
+    numbers, more = known_trials(context)
+    if more:
+        again[f"results/{name}/report.html"] = "the lab throws another trial"
+    tasks = tasks_of(context, numbers, again)
+    faults = {relative_to(root, each.file): each for each in damaged}
+    shown = sorted({0, *numbers, *context.folder.thrown_trials(), *(step.trial for step in tasks)})
+    trials = [_trial(context, number, tasks, faults) for number in shown]
+    return Status(name, trials, damaged, list(_next_steps(context, trials, damaged)))
+
+
+def known_trials(context: Context) -> tuple[list[int], bool]:
+    """Return the trials that the page covers, and whether the lab throws one that has no verdict yet."""
+    settings, folder = context.settings, context.folder
+    if settings.lab is None:
+        return folder.recorded_trials(), False
+    numbers: list[int] = []
+    for number in range(1, settings.max_trials + 1):
+        numbers.append(number)
+        if context.counted([number]):
+            try:
+                hit = Verdict.read(folder.trial(number).results / "verdict.json").hit
+            except StrandcastError:
+                return numbers, True
+            if hit and number >= settings.min_trials:
+                break
+    return numbers, False
+
+
+def _trial(
+    context: Context, number: int, tasks: dict[Step, StepState], faults: dict[str, Finding]
+) -> TrialStatus:
+    excluded = context.settings.excluded_reason(number) if number else None
+    steps = [step for step in steps_of(context, number) if step in tasks or excluded is None]
+    if number > max((step.trial for step in tasks if step.stage == "report"), default=0):
+        steps = [step for step in steps if step in tasks]  # only its motion is asked for
+    stages = [_stage(context, step, tasks.get(step), faults) for step in steps]
+    if excluded is not None:
+        stages.insert(0, StageStatus("trial", "excluded", [excluded]))
+    return TrialStatus(number, throw_of(context, number) if number else None, stages)
+
+
+def _stage(context: Context, step: Step, task: StepState | None, faults: dict[str, Finding]) -> StageStatus:
+    if task is None:
+        return StageStatus(step.stage, "missing")
+    root = context.folder.root
+    wrong = [faults[name] for name in task.outputs if name in faults]
+    if wrong:
+        why = [f"{relative_to(root, each.file)} {each.what}" for each in wrong]
+        return StageStatus(step.stage, "damaged", why)
+    if task.problem is not None:
+        return StageStatus(step.stage, "failed", [task.problem.what], None, task.problem.code, True)
+    lost = [name for name in task.outputs if not (root / name).exists()]
+    after = None if task.after is None else str(task.after)
+    if not lost:
+        return StageStatus(step.stage, "stale" if task.runs else "done", task.why, after, None, task.runs)
+    code, what = _failure(log_of(context, step))
+    if what is not None:
+        return StageStatus(step.stage, "failed", [what], None, code, task.runs)
+    return StageStatus(step.stage, "missing", task.why, after, None, task.runs)
+
+
+def _failure(log: Path) -> tuple[str | None, str | None]:
+    """Return the code and the words of the error with which a log ends, if any."""
+    try:
+        text = log.read_bytes()[-LOG_TAIL_BYTES:].decode(errors="replace")
+    except OSError:
+        return None, None
+    coded = CODED.findall(text)
+    if coded:
+        code, what = coded[0]
+        return code, what
+    uncoded = UNCODED.findall(text) if "Traceback (most recent call last)" in text else []
+    return None, f"{uncoded[-1]} ({log})" if uncoded else None
+
+
+def throw_of(context: Context, trial: int) -> PlayedMotion | None:
+    """Return what the arm played in a trial; None if nothing was thrown."""
+    folder = context.folder.trial(trial)
+    if not folder.raw_files():
+        return None
+    try:
+        played = read_json(folder.data / "motion.json")
+    except StrandcastError:
+        return PlayedMotion(None, False, None)
+    sha256, planned_for = str(played.get("content_sha256")), (played.get("experiment"), played.get("trial"))
+    try:
+        planned = str(read_json(folder.results / "motion.json").get("content_sha256"))
+    except StrandcastError:
+        planned = sha256
+    as_planned = sha256 == planned and planned_for == (context.name, trial)
+    return PlayedMotion(sha256, as_planned, f"{planned_for[0]} trial {planned_for[1]}")
+
+
+def _next_steps(context: Context, trials: list[TrialStatus], damaged: list[Finding]) -> Iterator[str]:
+    name, found = context.name, [(trial.trial, stage) for trial in trials for stage in trial.stages]
+    if damaged:
+        yield f"# restore the damaged files; this lists them: strandcast verify {name}"
+        return
+    filmless = [trial.trial for trial in trials if trial.trial and _is_filmless(context, trial)]
+    for number in filmless:
+        yield f"# copy the video of trial {number} to {context.folder.trial(number).data}/video.*"
+    failed = [(number, stage) for number, stage in found if stage.state == "failed"]
+    if failed:
+        number, stage = failed[0]
+        yield f"# correct this first: {Step(stage.stage, number)}, {stage.code or ''} {stage.why[0]}"
+    if any(stage.runs for _, stage in found):
+        yield f"strandcast run {name}"
+        return
+    unmade = [Step(stage.stage, number) for number, stage in found if stage.state == "missing"]
+    if unmade:  # no other result needs them, so that a run leaves them out
+        yield from (step.command(name) for step in unmade)
+        return
+    following = max((trial.trial for trial in trials), default=0)
+    if context.settings.lab is None and not filmless:
+        motion = context.folder.trial(following).results / "motion.json"
+        if motion.is_file() and not context.folder.trial(following).raw_files():
+            yield play_command(context, following)
+            return
+    yield f"# nothing is to be done; the page is {context.folder.results / 'report.html'}"
+
+
+def _is_filmless(context: Context, trial: TrialStatus) -> bool:
+    """Return whether a trial was thrown, but has neither a video nor a supplied track."""
+    lab = context.settings.lab is not None
+    return not lab and trial.throw is not None and trial.trial not in context.folder.recorded_trials()

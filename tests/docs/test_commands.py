@@ -1,0 +1,194 @@
+"""Every command in the documentation exists with its options, and a test runs it unless it needs a robot."""
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+from snakemake.cli import get_argument_parser
+
+from strandcast.cli.main import app
+from strandcast.workflow.project import make_project
+
+from .pages import ROOT, Command, block_commands, blocks, inline_commands
+
+COMMANDS = block_commands()
+WALKS = (
+    "bring-a-ur5e",
+    "motion-capture",
+    "throw-again",
+)  # pages of docs/how-to that are run from top to bottom
+RUN_BY = {  # the beginning of a command, and the test or script that runs it elsewhere
+    "strandcast new": "tests/workflow/test_project.py",
+    "strandcast run": "tests/workflow/test_loop.py",
+    "strandcast check": "tests/workflow/test_check.py",
+    "strandcast estimate": "tests/cli/test_cli.py",
+    "strandcast preview": "tests/tracking/test_preview.py",
+    "strandcast compare": "tests/workflow/test_comparison.py",
+    "strandcast verify": "tests/cli/test_cli.py",
+    "strandcast export": "tests/exports",
+    "strandcast play": "tests/executor",
+    "snakemake": "tests/workflow/test_loop.py",
+    "make demo": "tests/regression",
+    "make test": ".ci/run",
+    "make paper": "tests/studies",
+    "python -m strandcast_studies": "tests/studies",
+}
+QUICK = """
+estimate: {evaluations: 100, ensemble: 2, profiles: false}
+plan: {screening: 16, evaluations: 16, ensemble: 1, mesh_refinement: false}
+"""
+CAPTURE = """\
+import strandcast
+trial = strandcast.open("small")["demo"].trials[1]
+wide = trial.track.pivot(index="camera_time_s", columns="point", values=["x_m", "y_m"])
+wide.columns = [f"m{point}_{name[0]}" for name, point in wide.columns]
+wide = wide.rename(columns={"m0_x": "hand_x", "m0_y": "hand_y"}).reset_index(names="t")
+hand = trial.hand.query("source == 'measured'")
+wide["t"] = trial.alignment.robot_time_s(wide["t"])
+import numpy
+wide["hand_angle"] = numpy.interp(wide["t"], hand["robot_time_s"], hand["angle_rad"])
+wide[wide["t"].between(hand["robot_time_s"].min(), hand["robot_time_s"].max())].to_csv("capture.csv")
+"""
+
+
+def place(word: str) -> str:
+    """Return a value for a placeholder: a trial's number for TRIAL, any name for others."""
+    return "1" if word == "TRIAL" else word.lower() if word.isupper() else word
+
+
+def parse(words: tuple[str, ...], partial: bool = False) -> None:
+    """Parse the words of `strandcast …` as the command line does; `partial`: arguments may be missing."""
+    command = typer.main.get_command(app)
+    rest, name = list(map(place, words[1:])), "strandcast"
+    while hasattr(command, "commands") and rest and not rest[0].startswith("-"):
+        name = f"{name} {rest[0]}"
+        assert rest[0] in command.commands, f"there is no command `{name}`"
+        command = command.commands[rest.pop(0)]
+    options = {option for each in command.params for option in (*each.opts, *each.secondary_opts)}
+    unknown = {word.split("=")[0] for word in rest if word.startswith("--")} - options - {"--help"}
+    assert not unknown, f"`{name}` has no option {sorted(unknown)}"
+    if not partial:
+        command.make_context(name, rest, resilient_parsing=False)
+
+
+def check(command: Command, partial: bool) -> None:
+    words = command.words
+    if words[0] == "strandcast":
+        parse(tuple(word for word in words if word != "..."), partial or "..." in words or "COMMAND" in words)
+    elif words[0] == "make":
+        targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        assert words[1] in targets, f"there is no target {words[1]}"
+    elif words[0] == "snakemake":
+        get_argument_parser().parse_args(list(words[1:]))
+    elif words[1] == "-m":
+        assert importlib.util.find_spec(words[2]) is not None, f"there is no module {words[2]}"
+
+
+def test_the_documentation_has_commands():
+    assert len(COMMANDS) > 50
+    assert sum(command.robot for command in COMMANDS) > 4
+
+
+@pytest.mark.parametrize("command", sorted(set(COMMANDS)), ids=str)
+def test_a_command_of_a_block_is_valid(command):
+    check(command, partial=False)
+
+
+@pytest.mark.parametrize("command", sorted(set(inline_commands())), ids=str)
+def test_a_command_in_the_text_exists(command):
+    if "COMMAND" not in command.words and "--install-completion" not in command.words:
+        check(command, partial=True)
+
+
+def test_every_command_is_run_or_needs_a_robot():
+    walked = {f"docs/how-to/{page}.md" for page in WALKS}
+    left = [
+        str(command)
+        for command in COMMANDS
+        if not command.robot
+        and command.page not in walked
+        and not any(" ".join(command.words).startswith(begins) for begins in RUN_BY)
+    ]
+    assert left == [], f"mark the block with {'<!-- robot -->'}, or run it in a test"
+    assert [each for each in RUN_BY.values() if not (ROOT / each).exists()] == []
+
+
+@pytest.fixture
+def walk(tmp_path):
+    """Return a function that runs the blocks of a page as a reader would, without installing packages."""
+    shim = tmp_path / "bin" / "strandcast"
+    shim.parent.mkdir()
+    shim.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m strandcast "$@"\n')
+    shim.chmod(0o755)
+    path = f"{shim.parent}{os.pathsep}{os.environ['PATH']}"
+
+    def run(page: str, folder: Path, after: dict[str, str], **replaced: str) -> str:
+        """Run a page; `after`: lines for the shell after a line that contains a text."""
+        lines = ["set -euo pipefail"]
+        for text, robot in blocks(ROOT / "docs" / "how-to" / f"{page}.md"):
+            known = r"(strandcast|cp|cd|sed|mkdir) "
+            if robot or not re.match(rf"{known}|pip ", text):
+                continue
+            for line in text.replace("\\\n", " ").splitlines():
+                if re.match(known, line):
+                    lines += [line, *(more for word, more in after.items() if word in line)]
+        script = "\n".join(lines)
+        for old, new in replaced.items():
+            script = re.sub(rf"\b{old}\b", new, script)
+        environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT / "src")}
+        done = subprocess.run(
+            ["bash", "-c", script], cwd=folder, env=environment, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    return run
+
+
+@pytest.fixture
+def lab(tmp_path, project) -> Path:
+    folder = tmp_path / "lab"
+    make_project(folder)
+    shutil.copytree(project, folder, dirs_exist_ok=True)
+    return folder
+
+
+@pytest.mark.slow
+def test_a_ur5e_is_brought_to_its_dry_run(walk, tmp_path):
+    out = walk(
+        "bring-a-ur5e", tmp_path, {"cp config/examples": f"echo '{QUICK}' >> data/cord/experiment.yaml"}
+    )
+    assert "cord: 2 warnings" in out
+    assert "plane-markers.pdf" in out
+    assert "dry run: nothing was sent" in out
+
+
+@pytest.mark.slow
+def test_a_string_is_fitted_to_a_csv(walk, tmp_path, lab):
+    page = (ROOT / "docs/how-to/motion-capture.md").read_text()
+    (lab / "data/mocap").mkdir()
+    (settings,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    (lab / "data/mocap/experiment.yaml").write_text(settings + QUICK)
+    code = CAPTURE.replace('"small"', repr(str(lab)))
+    subprocess.run([sys.executable, "-c", code], cwd=lab, check=True)
+    out = walk("motion-capture", lab, {})
+    assert "10 mass points" in out
+    assert "mocap: nothing is wrong" in out
+    assert (lab / "results/mocap/trial-01/estimate.json").is_file()
+    assert (lab / "results/mocap/report.html").is_file()
+
+
+@pytest.mark.slow
+def test_a_throw_is_excluded_and_included_again(walk, lab):
+    settings = lab / "config/experiments/demo.yaml"
+    before = settings.read_text()
+    (lab / "data/demo/experiment.yaml").write_text(before)
+    out = walk("throw-again", lab, {}, cord="demo", **{"demo 2": "demo 1"})
+    assert "estimate" in out
+    assert (lab / "data/demo/experiment.yaml").read_text() == before

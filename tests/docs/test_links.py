@@ -1,0 +1,32 @@
+"""Links between the pages work as plain files; `make docs` checks those of the site."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from .pages import PAGES, ROOT
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as the site and code hosts make them."""
+    titles = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    plain = [re.sub(r"[^\w\- ]", "", re.sub(r"\]\([^)]*\)", "]", title)).strip().lower() for title in titles]
+    return {title.replace(" ", "-") for title in plain}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        name, _, anchor = target.partition("#")
+        if "://" in name:
+            continue
+        file = (page.parent / name).resolve() if name else page
+        assert file.exists(), f"{target}: there is no such file"
+        assert not anchor or anchor in anchors(file), f"{target}: there is no such heading"
+
+
+def test_the_arms_page_holds_the_arms_file():
+    arm = (ROOT / "config/arms/planar3.toml").read_text()
+    assert f"```toml\n{arm}```" in (ROOT / "docs/reference/arm-file.md").read_text()

@@ -1,0 +1,100 @@
+"""The film of a throw: which frames, which part of them, how many bytes."""
+
+import base64
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from strandcast.records.clip import Clip
+from strandcast.records.track import Track
+from strandcast.tracking import clip as clips
+from strandcast.tracking.clip import even_size, make_clip, strip_frames, throw_frames
+from strandcast.video.ingest import inspect_video
+from strandcast.video.small import small_video
+
+RATE_HZ, FRAMES = 100.0, 120
+
+
+def still_then_moved() -> Track:
+    """Return a hand that moves by 0.1 m from frame 20.5 to 60.5, and a tip 0.2 m below it."""
+    frame = np.arange(FRAMES, dtype=np.int32)
+    x_m = 0.1 * np.clip((frame - 20.5) / 40, 0.0, 1.0)
+    points_m = np.stack([np.column_stack([x_m, np.full(FRAMES, y)]) for y in (0.5, 0.3)], axis=1)
+    return Track(
+        frame, frame / RATE_HZ, points_m, np.full((FRAMES, 2), 1e-3), np.zeros((FRAMES, 2), np.int32)
+    )
+
+
+def test_the_film_holds_the_motion_and_the_time_in_which_the_tip_may_still_hit(facts) -> None:
+    first, last = throw_frames(still_then_moved(), facts)
+    assert first == 23  # the first that is 5 mm away
+    assert last == 58 + round(0.15 * (58 - 23)) + 30  # 15 % of the motion, and 0.3 s
+
+
+def test_a_long_film_leaves_out_frames_evenly(film, facts, camera, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clips, "MOST_FRAMES", 30)
+    made = make_clip(film, facts, still_then_moved(), camera, np.array([0.1, 0.3]))
+    assert made["step"] == 3
+    assert made["frames"] == len(numbers_in(made["mp4"])) == 24
+    assert numbers_in(made["mp4"]) == list(range(23, 23 + 3 * 24, 3))
+
+
+def test_every_frame_is_the_cameras_and_the_bytes_are_the_same_again(film, facts, camera) -> None:
+    made = make_clip(film, facts, still_then_moved(), camera, np.array([0.1, 0.3]))
+    assert numbers_in(made["mp4"]) == list(range(23, 23 + made["frames"]))
+    assert make_clip(film, facts, still_then_moved(), camera, np.array([0.1, 0.3])) == made
+    Clip(experiment="e", trial=1, **made)
+
+
+def test_the_strip_holds_the_frame_nearest_to_the_target() -> None:
+    track = still_then_moved()
+    frames = strip_frames(track, np.arange(20, 90), np.array([0.0487, 0.3]))
+    assert 40 in frames
+    assert len(frames) <= 12
+    unseen = replace(track, points_m=np.where([[[False], [True]]], np.nan, track.points_m))
+    assert {20, 89} <= strip_frames(unseen, np.arange(20, 90), np.array([0.0487, 0.3]))
+
+
+def test_sides_are_even_and_never_enlarged() -> None:
+    assert even_size(1000, 501, 640) == (640, 320)
+    assert even_size(301, 99, 640) == (300, 100)
+
+
+def test_pure_noise_stays_within_its_bytes() -> None:
+    random = np.random.default_rng(1)
+    pictures = (random.integers(0, 256, (240, 320), dtype=np.uint8) for _ in range(200))
+    made = small_video(pictures, width_px=320, height_px=240, count=200, rate_hz=25, most_bytes=300_000)
+    assert len(made) < 330_000
+
+
+def numbers_in(mp4: str) -> list[int]:
+    """Return the numbers in the frames of a film: their mean grey level, less 50."""
+    with av.open(io.BytesIO(base64.b64decode(mp4))) as opened:
+        return [round(float(frame.to_ndarray(format="gray").mean())) - 50 for frame in opened.decode(video=0)]
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a video: frame k has the grey level 50 + k."""
+    path = tmp_path_factory.mktemp("film") / "video.mp4"
+    pictures = (np.full((480, 640), 50 + k, np.uint8) for k in range(FRAMES))
+    path.write_bytes(
+        small_video(
+            pictures, width_px=640, height_px=480, count=FRAMES, rate_hz=int(RATE_HZ), most_bytes=10**7
+        )
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def facts(film: Path):
+    return inspect_video(film, RATE_HZ)
+
+
+@pytest.fixture(scope="module")
+def camera(scene):
+    return scene.flat_camera()

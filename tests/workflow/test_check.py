@@ -1,0 +1,145 @@
+"""What is wrong with an experiment is reported before anything runs: all of it, each with its fix."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from strandcast.config.find import experiment_named, find_experiment
+from strandcast.errors import StrandcastError
+from strandcast.workflow.check import check_experiment, runnable
+
+SETTINGS = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
+
+
+@pytest.fixture
+def root(tmp_path: Path, project_root: Path) -> Path:
+    shutil.copytree(project_root / "config", tmp_path / "config")
+    write(tmp_path, "data/rig/experiment.yaml", SETTINGS)
+    return tmp_path
+
+
+def write(root: Path, name: str, text: str = "") -> None:
+    (root / name).parent.mkdir(parents=True, exist_ok=True)
+    (root / name).write_text(text)
+
+
+def errors(root: Path) -> set[tuple[str, str]]:
+    """Return codes and files, relative to the experiment's folder."""
+    found = check_experiment(root, "rig").errors
+    return {(each.code, str(Path(str(each.file)).relative_to(root / "data/rig"))) for each in found}
+
+
+def test_everything_that_is_wrong_is_reported_at_once(root: Path) -> None:
+    for name in ("trial-1/video.mp4", "trial-02/cam.avi", "trial-02/Joints.csv", "trial-03/video.mp4"):
+        write(root, f"data/rig/{name}")
+    for name in ("trial-03/video.avi", "trial-03/joints.csv", "trial-04/track.parquet", "trial-05-bad/x"):
+        write(root, f"data/rig/{name}")
+    assert errors(root) == {
+        ("SC-W034", "calibration/lens-*.png"),
+        ("SC-C031", "calibration/plane.png"),
+        ("SC-R032", "trial-1"),
+        ("SC-W033", "trial-02"),
+        ("SC-W033", "trial-02/Joints.csv"),
+        ("SC-V020", "trial-03"),
+        ("SC-W033", "trial-03/run.json"),
+        ("SC-W033", "trial-04/track.json"),
+        ("SC-W033", "trial-04/alignment.json"),
+        ("SC-W033", "trial-04/hand.parquet"),
+    }
+    write(root, "data/rig/trial-06")
+    warnings = check_experiment(root, "rig").warnings
+    assert [each.code for each in warnings] == ["SC-W032", "SC-W032"]
+    assert [Path(str(each.file)).name for each in warnings] == ["trial-05-bad", "trial-06"]
+
+
+def test_before_the_first_throw_missing_photos_are_warnings(root: Path) -> None:
+    shutil.copy(root / "config/examples/ur5e.yaml", root / "data/rig/experiment.yaml")
+    found = check_experiment(root, "rig")
+    assert found.errors == []
+    assert [each.code for each in found.warnings] == ["SC-W034", "SC-C031"]
+    write(root, "data/rig/calibration/plane.png", "no picture")
+    assert [code for code, _ in errors(root)] == ["SC-C032"]
+    write(root, "data/rig/trial-01/video.mp4")
+    assert "SC-W034" in {code for code, _ in errors(root)}
+
+
+def test_an_emptied_record_beside_the_raw_files_is_reported(root: Path) -> None:
+    write(root, "data/rig/trial-01/motion.json")
+    write(root, "data/rig/trial-01/video.mp4")
+    assert ("SC-R001", "trial-01/motion.json") in errors(root)
+
+
+def test_the_fix_of_a_wrong_name_is_the_command_that_renames_it(root: Path) -> None:
+    write(root, "data/rig/trial-02/Video of day 2.MP4")
+    fixes = [each.fix or "" for each in check_experiment(root, "rig").errors if each.code == "SC-W033"]
+    folder = root / "data/rig/trial-02"
+    assert fixes == [f"rename it: mv '{folder}/Video of day 2.MP4' {folder}/video.mp4"]
+
+
+def test_a_target_out_of_reach_is_reported_with_the_distance_that_is_lacking(root: Path) -> None:
+    write(root, "data/rig/experiment.yaml", SETTINGS.replace("[0.5, 0.5]", "[0.0, 1.5]"))
+    [error] = [each for each in check_experiment(root, "rig").errors if each.code == "SC-P002"]
+    assert error.file == str(root / "data/rig/experiment.yaml")
+    assert "no throw comes nearer than" in str(error)
+
+
+def test_an_excluded_trial_only_warns(root: Path) -> None:
+    write(root, "data/rig/trial-01/cam.avi")
+    assert ("SC-W033", "trial-01") in errors(root)
+    write(root, "data/rig/experiment.yaml", SETTINGS + "excluded: [{trial: 1, reason: no film}]\n")
+    assert ("SC-W033", "trial-01") not in errors(root)
+
+
+@pytest.mark.parametrize(
+    "argument",
+    ["rig", "data/rig", "data/rig/", "./results/rig/", "data/rig/experiment.yaml", "data/rig/trial-01"],
+)
+def test_an_experiment_may_be_named_by_a_path(root: Path, monkeypatch, argument: str) -> None:
+    monkeypatch.chdir(root)
+    assert experiment_named(argument, Path()) == "rig"
+    assert experiment_named("config/experiments/demo.yaml", Path()) == "demo"
+    monkeypatch.chdir(root / "data")
+    assert experiment_named("rig/", Path("..")) == "rig"
+    monkeypatch.chdir(root / "data/rig")
+    assert experiment_named(".", Path("../..")) == "rig"
+    assert experiment_named("/elsewhere/data/rig", Path("../..")) == "/elsewhere/data/rig"
+
+
+@pytest.mark.parametrize(
+    ("name", "new"), [("Größe 1", "groesse-1"), ("Seil_A", "seil-a"), ("École", "ecole"), ("…", "string-1")]
+)
+def test_a_folder_with_another_name_is_reported_with_its_renaming(root: Path, name: str, new: str) -> None:
+    write(root, f"data/{name}/experiment.yaml", SETTINGS)
+    with pytest.raises(StrandcastError, match="SC-F005") as caught:
+        find_experiment(name, root)
+    assert str(caught.value).endswith(str(root / "data" / new))
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "../rig", "rig/.."])
+def test_no_folder_but_that_of_an_experiment_is_to_be_renamed(root: Path, name: str) -> None:
+    with pytest.raises(StrandcastError, match="SC-F005") as caught:
+        find_experiment(name, root)
+    assert "mv" not in str(caught.value)
+
+
+def test_settings_of_another_spelling_are_reported_with_their_renaming(root: Path) -> None:
+    write(root, "data/rig-2/Experiment.YML", SETTINGS)
+    with pytest.raises(StrandcastError, match="SC-F001") as caught:
+        find_experiment("rig-2", root)
+    assert str(caught.value).endswith(
+        f"mv {root}/data/rig-2/Experiment.YML {root}/data/rig-2/experiment.yaml"
+    )
+
+
+def test_a_bad_experiment_stops_only_itself(root: Path) -> None:
+    write(root, "data/bad/experiment.yaml", "string: 3\n")
+    write(root, "data/Größe 1/experiment.yaml", SETTINGS)
+    write(root, "data/misnamed/experiment.yaml", SETTINGS)
+    write(root, "data/misnamed/trial-1/video.mp4")
+    sound, refused = runnable(root, ["bad", "Größe 1", "misnamed", "rig"])
+    assert sound == ["rig"]
+    assert [each.code for each in refused] == ["SC-F003", "SC-F005", "SC-R032"]
+    with pytest.raises(StrandcastError) as caught:
+        runnable(root, ["bad", "misnamed"])
+    assert {"SC-F003", "SC-R032"} <= set(str(caught.value).split())

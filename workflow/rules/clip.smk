@@ -1,0 +1,25 @@
+"""The throw as a small video and a film strip, for the trial's page.
+
+REQUIRED INPUTS: the trial's video, manifest.json, track.parquet, track.json, results/<experiment>/cameras/*.json
+OUTPUTS:         results/<experiment>/trial-NN/clip.json
+"""
+
+
+rule clip:
+    input:
+        unpack(stage_inputs("clip")),
+    output:
+        **stage_outputs("clip"),
+    log:
+        "results/{experiment}/trial-{trial}/logs/clip.log",
+    benchmark:
+        "results/{experiment}/trial-{trial}/logs/clip.jsonl"
+    wildcard_constraints:
+        experiment=targets.experiment_pattern(SUPPLIED, other=True),
+    params:
+        settings=stage_settings("clip"),
+        code=code_version("clip"),
+    message:
+        "{wildcards.experiment} trial {wildcards.trial}: the film of the throw is cut"
+    shell:
+        "python -m strandcast clip {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
