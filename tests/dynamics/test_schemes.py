@@ -2,6 +2,8 @@
 
 import importlib.util
 import re
+import sys
+import types
 
 import numpy as np
 import pytest
@@ -18,16 +20,26 @@ PARAMETERS = np.array([[2e7, 20.0, 0.8, 0.01, 0.5, 0.005, 0.01, 0.2, 2.0, 0.02]]
 
 
 @pytest.fixture(scope="module")
-def toy(project_root, tmp_path_factory):
-    """Return the scheme of the handbook's page, from a file outside of the package."""
+def file(project_root, tmp_path_factory):
+    """Return a file outside of the package with the scheme of the handbook's page."""
     page = (project_root / "docs/extending/integrator-scheme.md").read_text(encoding="utf-8")
     file = tmp_path_factory.mktemp("package") / "free_fall.py"
     file.write_text(re.search(r"```python\n(.*?)```", page, re.DOTALL)[1], encoding="utf-8")
+    return file
+
+
+def load(file):
     spec = importlib.util.spec_from_file_location("free_fall", file)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    SCHEMES.register("free_fall", module.FREE_FALL)
     return module.FREE_FALL
+
+
+@pytest.fixture(scope="module")
+def toy(file):
+    scheme = load(file)
+    SCHEMES.register("free_fall", scheme)
+    return scheme
 
 
 @pytest.mark.slow
@@ -45,6 +57,12 @@ def test_a_scheme_of_another_package_is_an_integrator_by_name(toy):
     np.testing.assert_allclose(points[:, :, 0], np.broadcast_to(POSE[:, :2], (11, 41, 2)), atol=1e-12)
     built_in, _ = simulate_batch(StringModel(0.3, 6), PARAMETERS, np.ones((11, 6)), TIME_S, POSE, TIME_S)
     assert np.ptp(built_in[:, :, -1, 1]) < 1e-6  # a string at rest stays there
+
+
+def test_machine_code_is_shared_only_if_others_can_import_the_scheme(file, monkeypatch):
+    assert load(file).version != load(file).version
+    monkeypatch.setitem(sys.modules, "free_fall", types.ModuleType("free_fall"))
+    assert load(file).version == load(file).version
 
 
 def test_a_name_is_registered_once(toy):
