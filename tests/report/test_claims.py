@@ -73,9 +73,12 @@ def test_a_true_string_of_another_length_is_compared_at_equal_shares(results: Pa
 
 def test_the_alignment_gives_the_rms_of_its_curves(results: Path) -> None:
     made = alignment(page_data(results / "trial-03"))
-    x, y = (curve[:, 1] for curve in curves(made, 1))
-    assert f"{rms_mm(np.hypot(x, y)):.2f}\u00a0mm rms from the joint log" in made.finding
-    assert "0.80\u00a0mm rms remain over 500 frames" in made.finding
+    distance, x, y, line = (curve[:, 1] for curve in curves(made, 1))
+    assert f"{rms_mm(distance):.2f}\u00a0mm rms from the aligned joint log" in made.finding
+    np.testing.assert_allclose(distance, np.hypot(x, y))
+    np.testing.assert_allclose(line, rms_mm(distance))
+    rows = dict(made.tables[0].rows)
+    assert rows["distance of the hand with all of this fitted, rms over 500 frames"] == "0.80\u00a0mm"
 
 
 def test_the_tips_path_gives_the_rms_of_its_curves(results: Path) -> None:

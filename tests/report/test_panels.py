@@ -1,6 +1,8 @@
 """Panels from outside the package are on the pages, without a change to strandcast."""
 
+import shutil
 import sys
+from html import unescape
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
@@ -14,7 +16,7 @@ from strandcast.report.facts import Facts
 from strandcast.report.panels.content import Panel, PanelContent, Table, make_section
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
 from strandcast.report.panels.registry import PANELS, panels_of
-from strandcast.report.results import FILES
+from strandcast.report.results import FILES, read_results
 from strandcast.report.summary import summarise
 from strandcast.report.trial_page import trial_page
 
@@ -103,7 +105,35 @@ def test_declared_panels_have_unique_names_and_need_known_results(kind) -> None:
     assert {name for panel in panels for name in panel.needs} <= set(FILES)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("removed", sorted(set(FILES) - {"ensemble"}))
+def test_a_panel_is_a_box_just_if_a_result_that_it_needs_is_missing(
+    results: Path, tmp_path: Path, removed: str
+) -> None:
+    folder = Path(shutil.copytree(results, tmp_path / "swing")) / "trial-03"
+    whole = read_results(folder)
+    assert not whole.problems
+    whole.path(removed).unlink()
+    page = TrialPageData(read_results(folder), next_motion=results / "trial-04" / "motion.json")
+    assert removed in page.results.problems
+    shown = [panel for panel in panels_of("trial") if panel.shown(page)]
+    boxes = {panel.name: make_section(panel, page).problem for panel in shown}
+    wanted = {panel.name for panel in shown if set(panel.needs) & page.results.problems.keys()}
+    assert {name for name, problem in boxes.items() if problem is not None} == wanted
+    for panel in shown:
+        missing = [name for name in panel.needs if name in page.results.problems]
+        assert not missing or boxes[panel.name] == page.results.problems[missing[0]].message()
+
+
+def test_the_declared_texts_are_on_the_page(results: Path) -> None:
+    next_motion = results / "trial-04" / "motion.json"
+    text = unescape(trial_page(results / "trial-03", trial=3, experiment="swing", next_motion=next_motion))
+    for panel in panels_of("trial"):
+        for words in (panel.title, panel.caption, panel.good, panel.bad):
+            assert words in text
+
+
 def test_a_panel_without_drawing_has_tables_only() -> None:
     panel = Panel("plain", "Plain", lambda page: PanelContent("Nothing to draw."))
     section = make_section(panel, None)
-    assert (section.finding, section.markup, section.problem) == ("Nothing to draw.", Markup(), None)
+    assert (section.content.finding, section.markup, section.problem) == ("Nothing to draw.", Markup(), None)

@@ -24,9 +24,23 @@ MAIN = (
 def comparison_page(comparison: Comparison) -> str:
     """Return the HTML page of a comparison."""
     panels = [
-        Panel("trials", "Trials", _trials),
+        Panel(
+            "trials",
+            "Trials",
+            _trials,
+            caption="The deviation of a difference is that of independent results. Results from the same "
+            "recording share errors of tracking, so their difference is known better than that.",
+        ),
         Panel("misses", "Misses", _misses, shown=lambda it: bool(_paired(it, "miss"))),
-        Panel("parameters", "Parameters of the last fit", _parameters, shown=lambda it: bool(_fitted(it))),
+        Panel(
+            "parameters",
+            "Parameters of the last fit",
+            _parameters,
+            caption="A parameter that the throws do not determine may differ by decades and mean nothing: "
+            "its σ says so. σ belongs to one minimum of E; two searches that end in different minima differ "
+            "by more.",
+            shown=lambda it: bool(_fitted(it)),
+        ),
         Panel("differing", "What differs", _differing),
     ]
     a, b = comparison.names
@@ -134,8 +148,6 @@ def _trials(comparison: Comparison) -> PanelContent:
     )
     return PanelContent(
         headline(comparison),
-        "The deviation of a difference is that of independent results. Results from the same recording share "
-        "errors of tracking, so their difference is known better than that.",
         tables=[_table(rows, caption)],
     )
 
@@ -147,8 +159,6 @@ def _parameters(comparison: Comparison) -> PanelContent:
     caption = "Logarithms to base 10 of the estimates, ± in decades; other numbers in their own unit."
     return PanelContent(
         f"{finding}{': ' if large else ''}{', '.join(large)}.",
-        "A parameter that the throws do not determine may differ by decades and mean nothing: its σ says so. "
-        "σ belongs to one minimum of E; two searches that end in different minima differ by more.",
         tables=[_table(rows, caption)],
     )
 

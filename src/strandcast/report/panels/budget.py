@@ -62,8 +62,6 @@ def budget(page: TrialPageData) -> PanelContent:
     rows = [[step.name, _length(step.across_m), step.what, BETTER[step.name]] for step in steps]
     return PanelContent(
         finding,
-        "Good: each part is well within the hit radius. Parts of opposite sign cancel; the side is the same "
-        "for all. How much throws of one motion differ is in the next motion's predicted misses.",
         draw.Drawing(figure, f"Parts of the miss. {finding}"),
         [Table(["part", "across the path", "from … to", "what makes it smaller"], rows)],
         ["motion.json", "simulated.parquet", "track.parquet", "verdict.json"],

@@ -44,8 +44,6 @@ def calibration(page: TrialPageData) -> PanelContent:
     )
     return PanelContent(
         finding,
-        "Good: short arrows in all directions, corners all over the picture. Bad: arrows that turn "
-        "together or grow towards the edges (lens), one marker with long arrows (its place is wrong).",
         Drawing(figure, f"Calibration residuals. {finding}"),
         [_view_table(camera), _marker_table(camera), _lens_table(camera)],
         [page.results.file("camera")],

@@ -38,9 +38,6 @@ def camera_picture(page: ExperimentPageData) -> PanelContent:
     )
     return PanelContent(
         finding,
-        "Good: the grid agrees with measured places (markers, a ruler, the arm's base at 0, 0), the arrows "
-        "point in all directions. Bad: the grid is tilted or stretched (a marker's place, the lens), one "
-        "marker has long arrows.",
         markup,
         [each for each in (_source_table(camera), _model_table(camera), _warning_table(camera)) if each.rows],
         [f"cameras/{path.name}", f"cameras/{record.name}"],

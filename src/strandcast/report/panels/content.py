@@ -27,7 +27,6 @@ class PanelContent:
     """The content of a panel, as its function returns it."""
 
     finding: str  # one sentence with numbers, computed from the data
-    reading: str = ""  # how good and bad data look in this panel
     drawing: Drawing | Markup | None = None
     tables: list[Table] = field(default_factory=list)
     sources: list[str] = field(default_factory=list)  # files it was made from, relative to the page
@@ -46,6 +45,9 @@ class Panel:
     title: str
     build: Callable[[Any], PanelContent]
     needs: tuple[str, ...] = ()  # required results, by the names of `report.results.FILES`
+    caption: str = ""  # what is drawn, and how
+    good: str = ""  # how good data look in this panel
+    bad: str = ""  # how bad data look, and why
     shown: Callable[[Any], bool] = always  # whether a page has this panel at all
 
 
@@ -53,14 +55,20 @@ class Panel:
 class PageSection:
     """A panel on a page: its content, or the problem that prevented it."""
 
-    name: str
-    title: str
-    finding: str = ""
-    reading: str = ""
+    panel: Panel
+    content: PanelContent
     markup: Markup = field(default_factory=Markup)
-    tables: list[Table] = field(default_factory=list)
-    sources: list[str] = field(default_factory=list)
     problem: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the panel's name, the section's anchor."""
+        return self.panel.name
+
+    @property
+    def title(self) -> str:
+        """Return the panel's title."""
+        return self.panel.title
 
 
 def make_section(panel: Panel, page: Any) -> PageSection:
@@ -73,12 +81,12 @@ def make_section(panel: Panel, page: Any) -> PageSection:
             shape = made.drawing
             markup = to_svg(shape, panel.name) if isinstance(shape, Drawing) else shape or Markup()
     except StrandcastError as problem:
-        return PageSection(panel.name, panel.title, problem=problem.message())
+        return PageSection(panel, PanelContent(""), problem=problem.message())
     except Exception as problem:
         log.warning("panel %r failed", panel.name, exc_info=log.isEnabledFor(logging.DEBUG))
         text = StrandcastError("SC-H002", f"{type(problem).__name__}: {problem}").message()
-        return PageSection(panel.name, panel.title, problem=text)
-    return PageSection(panel.name, panel.title, made.finding, made.reading, markup, made.tables, made.sources)
+        return PageSection(panel, PanelContent(""), problem=text)
+    return PageSection(panel, made, markup)
 
 
 def make_sections(panels: list[Panel], page: Any) -> list[PageSection]:

@@ -36,11 +36,6 @@ def evaluation(page: TrialPageData) -> PanelContent:
     finding = _finding(estimate, window)
     return PanelContent(
         finding,
-        "E is the mean distance between measured and simulated points, E_i that of point i (eqs. 4–6). "
-        "Good: E_i grows gently towards the tip and stays near the tracker's σ; the curve is flat at its "
-        "end. Bad: one point stands out (a weight at the wrong place, a lost stretch), or the curve still "
-        "falls (too small a budget). The curve is for all trials in the fit, with w; "
-        "green dash-dot: this trial alone with the parameters that planned it, w = 0.",
         draw.Drawing(figure, f"Evaluation value by point and convergence. {finding}"),
         [_table(estimate, window)],
         ["estimate.json"],

@@ -48,9 +48,6 @@ def fit_error(page: TrialPageData) -> PanelContent:
         )
     return PanelContent(
         finding,
-        "Dashed: the frames of the fit. Good: even and dark within them. Bad: a bright row (a weight at the "
-        "wrong place), a bright column (a lost or folded string), brighter towards the tip and in time "
-        "(parameters).",
         Drawing(figure, f"Distance of the measured from the fitted string. {finding}"),
         sources=["track.parquet", "simulated.parquet", "estimate.json"],
     )

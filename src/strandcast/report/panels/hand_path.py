@@ -60,9 +60,6 @@ def hand_path(page: TrialPageData) -> PanelContent:
         sources.append("estimate.json")
     return PanelContent(
         finding,
-        "The distance at the same instant includes the servo's lag; the distance from the path does not. "
-        "Good: the camera's path agrees with the measured one within a few mm. Bad: it is off everywhere "
-        "(marker's place, camera) or only while moving fast (alignment).",
         draw.Drawing(figure, f"Path of the hand. {finding}"),
         tables,
         sources,

@@ -68,8 +68,6 @@ def lab_truth(page: TrialPageData) -> PanelContent:
     ]
     return PanelContent(
         finding,
-        "No stage used any of this: it is shown beside the measurement, never instead of it. Point 0 is left "
-        "out: it is the hand by its markers, and the string may leave the clamp beside it.",
         Drawing(figure, f"Errors against the lab's truth. {finding}"),
         [Table(["quantity", "measured", "lab truth"], rows)],
         ["lab_truth.parquet"],

@@ -54,9 +54,6 @@ def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
     finding = _finding(motion)
     return PanelContent(
         finding,
-        "Good: the predicted path ends at the target, the ensemble's misses lie below the hit radius, the "
-        "curves stay within the limits. Bad: the misses spread over decimetres: the string is too uncertain "
-        "for this motion.",
         draw.Drawing(figure, f"The next motion. {finding}"),
         [_table(motion, facts.play_command)],
         [place_of_file],

@@ -41,10 +41,6 @@ def parameters(page: TrialPageData) -> PanelContent:
     )
     return PanelContent(
         _finding(estimate),
-        "Only ratios can be determined: scaling all masses and coefficients together changes nothing. Good: "
-        "estimates inside their ranges, narrow ensembles. An estimate at a bound: where the ensemble is "
-        "narrow, widen its range, estimate.ranges in experiment.yaml; where it is wide, no range helps: a "
-        "throw that bends the string more would determine it.",
         tables=[Table(heads, rows, caption)],
         sources=["estimate.json", "ensemble.parquet"],
     )
@@ -153,8 +149,6 @@ def masses(page: TrialPageData) -> PanelContent:
     ]
     return PanelContent(
         finding,
-        "Point i lies at i·L/n from the hand (point 0); a plain point has mass 1. Triangles: the "
-        "experiment's known weights; hatched: its stiff sections, which show as mass.",
         Drawing(figure, f"Relative masses along the string. {finding}"),
         [Table(heads, rows)] if rows else [],
         ["estimate.json"],

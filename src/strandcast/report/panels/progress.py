@@ -44,9 +44,6 @@ def misses(page: ExperimentPageData) -> PanelContent:
     finding = _finding(summary) + _held(summary, predicted)
     return PanelContent(
         finding,
-        "Bars: ± σ of the tracked tip. Wide bars: the interval predicted before the throw, for four of five "
-        "throws. Good: the marks lie within them. Full disc: hit; open triangle: miss; grey cross: excluded; "
-        "no mark: the tip was not detected at its closest approach.",
         Drawing(figure, f"Miss per trial. {finding}"),
         sources=["summary.json"],
     )
@@ -85,8 +82,6 @@ def evaluations(page: ExperimentPageData) -> PanelContent:
     finding += f"; last: {millimetres(known[-1].E_m, digits=2)}." if known else "."
     return PanelContent(
         finding,
-        "Good: the diamonds move left from trial to trial: the string is better known before each throw. "
-        "Excluded trials are grey.",
         Drawing(figure, f"Evaluation value before and after each fit. {finding}"),
         sources=["summary.json"],
     )

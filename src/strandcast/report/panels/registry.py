@@ -1,5 +1,6 @@
 """The panels of each page: the built-in lists, registered ones, and those of installed packages."""
 
+from dataclasses import replace
 from typing import Any, Literal
 
 from strandcast.core.registry import Registry
@@ -59,44 +60,215 @@ def _has_picture(page: ExperimentPageData) -> bool:
 CLOCKS = ("alignment", "hand")
 THROW = ("track", "alignment", "verdict")
 
+NEXT_MOTION = Panel(
+    "next",
+    "The next motion",
+    next_motion,
+    good="the predicted path ends at the target, the ensemble’s misses lie below the hit radius, the "
+    "curves stay within the limits.",
+    bad="the misses spread over decimetres: the string is too uncertain for this motion.",
+)
+
 TRIAL_PANELS = [
-    Panel("picture", "Strobe picture of the throw", strobe_picture, ("strobe", "verdict"), _from_video),
-    Panel("film", "The throw, frame by frame", viewer, ("clip", "track", "verdict", "camera"), _from_video),
-    Panel("strobe", "The throw at equal steps of the tip’s path", strobe, THROW),
     Panel(
-        "tip", "Tip path, measured and simulated", tip_path, ("track", "verdict", "alignment", "simulated")
+        "picture",
+        "Strobe picture of the throw",
+        strobe_picture,
+        needs=("strobe", "verdict"),
+        caption="Large ring: the target. Dashed: the fitted string at the instants of the picture, with the "
+        "measured points as small rings, or, if the picture’s instants are unknown, the fitted tip’s path "
+        "beside the measured one (solid).",
+        good="rings and dashes lie on the string of the picture.",
+        bad="they lie beside it everywhere (camera or alignment), or at some instants (tracking).",
+        shown=_from_video,
+    ),
+    Panel(
+        "film",
+        "The throw, frame by frame",
+        viewer,
+        needs=("clip", "track", "verdict", "camera"),
+        caption="Blue rings: the measured points; yellow squares: flagged ones (unsure, hidden, predicted). "
+        "Dashed: the fitted string. Large ring: the target.",
+        good="the rings sit on the string, and the dashed line follows it.",
+        bad="rings beside the string (tracking), all of them shifted by the same amount (camera), the dashed "
+        "line ahead or behind (clocks), or of another shape (fit).",
+        shown=_from_video,
+    ),
+    Panel(
+        "strobe",
+        "The throw at equal steps of the tip’s path",
+        strobe,
+        needs=THROW,
+        good="the dashed string covers the solid one at every instant.",
+        bad="they separate towards the tip (stiffness, masses or air), or already at the hand (alignment, "
+        "servo or clamp).",
+    ),
+    Panel(
+        "tip",
+        "Tip path, measured and simulated",
+        tip_path,
+        needs=(*THROW, "simulated"),
+        caption="Squares mark every 50 ms of the measured path. After the closest approach nothing is fitted "
+        "if the tip has hit.",
+        good="the fitted path covers the measured one up to the closest approach, and the tip stays as near "
+        "to the simulated one as the tracker’s σ.",
+        bad="that distance grows steadily (parameters), jumps (a lost tip), or swings with the speed "
+        "(alignment: 1 ms is 10 mm at 10 m/s).",
     ),
     Panel(
         "budget",
         "Where the miss came from",
         budget,
-        ("verdict", "motion", "alignment", "simulated"),
-        _planned,
+        needs=("verdict", "motion", "alignment", "simulated"),
+        caption="The side is the same for all parts: parts of opposite sign cancel. How much throws of one "
+        "motion differ is in the next motion’s predicted misses.",
+        good="each part is well within the hit radius.",
+        bad="one part is larger than the hit radius: the table says what makes it smaller.",
+        shown=_planned,
     ),
     Panel("rig", "Health of the rig", rig, shown=_from_video),
-    Panel("hand", "Hand path: commanded, measured, by camera", hand_path, CLOCKS, _from_video),
-    Panel("fit", "Evaluation value E and the search", evaluation, ("estimate",)),
     Panel(
-        "errors", "Fitted string, point by frame", fit_error, ("track", "simulated", "alignment", "estimate")
+        "hand",
+        "Hand path: commanded, measured, by camera",
+        hand_path,
+        needs=CLOCKS,
+        caption="The distance at the same instant includes the servo’s lag; the distance from the path does "
+        "not.",
+        good="the camera’s path agrees with the measured one within a few mm.",
+        bad="it is off everywhere (marker’s place, camera) or only while moving fast (alignment).",
+        shown=_from_video,
     ),
-    Panel("parameters", "String parameters", parameters, ("estimate",)),
-    Panel("masses", "Masses along the string", masses, ("estimate",)),
-    Panel("next", "The next motion", next_motion, shown=_plans),
-    Panel("tracking", "Tracking quality", tracking, ("track", "track_summary")),
-    Panel("clocks", "Alignment of the clocks", alignment, CLOCKS, _from_video),
-    Panel("camera", "Calibration", calibration, ("camera",), _from_video),
-    Panel("truth", "Lab truth", lab_truth, ("lab_truth", *THROW), _in_the_lab),
+    Panel(
+        "fit",
+        "Evaluation value E and the search",
+        evaluation,
+        needs=("estimate",),
+        caption="E is the mean distance between measured and simulated points, E_i that of point i (eqs. "
+        "4–6). The curve is for all trials in the fit, with w; green dash-dot: this trial alone with the "
+        "parameters that planned it, w = 0.",
+        good="E_i grows gently towards the tip and stays near the tracker’s σ; the curve is flat at its end.",
+        bad="one point stands out (a weight at the wrong place, a lost stretch), or the curve still falls "
+        "(too small a budget).",
+    ),
+    Panel(
+        "errors",
+        "Fitted string, point by frame",
+        fit_error,
+        needs=("track", "simulated", "alignment", "estimate"),
+        caption="Dashed: the frames of the fit.",
+        good="even and dark within them.",
+        bad="a bright row (a weight at the wrong place), a bright column (a lost or folded string), brighter "
+        "towards the tip and in time (parameters).",
+    ),
+    Panel(
+        "parameters",
+        "String parameters",
+        parameters,
+        needs=("estimate",),
+        caption="Only ratios can be determined: scaling all masses and coefficients together changes "
+        "nothing.",
+        good="estimates inside their ranges, narrow ensembles.",
+        bad="an estimate at a bound. Where the ensemble is narrow, widen its range, estimate.ranges in "
+        "experiment.yaml; where it is wide, no range helps: a throw that bends the string more would "
+        "determine it.",
+    ),
+    Panel(
+        "masses",
+        "Masses along the string",
+        masses,
+        needs=("estimate",),
+        caption="Point i lies at i·L/n from the hand (point 0); a plain point has mass 1. Triangles: the "
+        "experiment’s known weights; hatched: its stiff sections, which show as mass.",
+        good="the tall bars stand at the triangles.",
+        bad="a tall bar elsewhere: an undeclared weight, or points that slipped along the string.",
+    ),
+    replace(NEXT_MOTION, shown=_plans),
+    Panel(
+        "tracking",
+        "Tracking quality",
+        tracking,
+        needs=("track", "track_summary"),
+        good="even and dark above, pale below.",
+        bad="columns of gaps (a fast or folded string), a bright row (a point that is always uncertain), a "
+        "coloured band in the lower picture (points slipped along the string).",
+    ),
+    Panel(
+        "clocks",
+        "Alignment of the clocks",
+        alignment,
+        needs=CLOCKS,
+        caption="The joint log is drawn at the times of the fitted clock, with the arm’s file as it is; the "
+        "table gives the distance that remains with the rig’s errors fitted.",
+        good="the speeds agree, and the distance changes slowly (zeros of the joints, lengths of the links) "
+        "by a few mm.",
+        bad="the distance resembles the speed (offset: 1 ms is 2 mm at 2 m/s) or jumps (markers).",
+        shown=_from_video,
+    ),
+    Panel(
+        "camera",
+        "Calibration",
+        calibration,
+        needs=("camera",),
+        good="short arrows in all directions, corners all over the picture.",
+        bad="arrows that turn together or grow towards the edges (lens), one marker with long arrows (its "
+        "place is wrong).",
+        shown=_from_video,
+    ),
+    Panel(
+        "truth",
+        "Lab truth",
+        lab_truth,
+        needs=("lab_truth", "track_summary", *THROW),
+        caption="No stage used any of this: it is shown beside the measurement, never instead of it. Point 0 "
+        "is left out: it is the hand by its markers, and the string may leave the clamp beside it.",
+        good="errors of the size of the tracker’s σ.",
+        bad="an error that grows towards the tip or with its speed.",
+        shown=_in_the_lab,
+    ),
 ]
 
 EXPERIMENT_PANELS = [
-    Panel("misses", "Miss per trial", misses),
-    Panel("hands", "Hand paths, first throw and hit", hand_paths),
-    Panel("tips", "Tip paths", tip_paths),
-    Panel("strings", "Strings at the closest approach", closest_strings),
-    Panel("evaluations", "E before and after each fit", evaluations),
-    Panel("next", "The next motion", next_motion),
-    Panel("quality", "Checks by trial", quality),
-    Panel("camera", "Calibration of the camera", camera_picture, shown=_has_picture),
+    Panel(
+        "misses",
+        "Miss per trial",
+        misses,
+        caption="Bars: ± σ of the tracked tip. Wide bars: the interval predicted before the throw, for four "
+        "of five throws. Full disc: hit; open triangle: miss; grey cross: excluded; no mark: the tip was not "
+        "detected at its closest approach.",
+        good="the marks lie within the wide bars and go down.",
+        bad="a mark far above its wide bar: something changed that no string of the ensemble explains.",
+    ),
+    Panel(
+        "hands",
+        "Hand paths, first throw and hit",
+        hand_paths,
+        caption="Squares: where the motion starts.",
+    ),
+    Panel("tips", "Tip paths", tip_paths, caption="From the motion’s start until 0.3 s after its end."),
+    Panel(
+        "strings",
+        "Strings at the closest approach",
+        closest_strings,
+        good="from trial to trial the tip ends nearer to the target.",
+    ),
+    Panel(
+        "evaluations",
+        "E before and after each fit",
+        evaluations,
+        caption="Excluded trials are grey.",
+        good="the diamonds move left from trial to trial: the string is better known before each throw.",
+    ),
+    NEXT_MOTION,
+    Panel("quality", "Checks by trial", quality, caption="✓ passed, ▲ warned, ✕ failed, – not run."),
+    Panel(
+        "camera",
+        "Calibration of the camera",
+        camera_picture,
+        good="the grid agrees with measured places (markers, a ruler, the arm’s base at 0, 0), the arrows "
+        "point in all directions.",
+        bad="the grid is tilted or stretched (a marker’s place, the lens), one marker has long arrows.",
+        shown=_has_picture,
+    ),
 ]
 
 # By "page.name", in the order of the pages.

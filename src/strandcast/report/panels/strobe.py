@@ -50,8 +50,6 @@ def strobe(page: TrialPageData) -> PanelContent:
         finding += f" The fitted string is {millimetres(error_m)} from the measured one at these instants."
     return PanelContent(
         finding + not_shown,
-        "Good: the dashed string covers the solid one at every instant. Bad: they separate towards the tip "
-        "(stiffness, masses or air), or already at the hand (alignment, servo or clamp).",
         draw.Drawing(figure, f"Strobe figure of the throw. {finding}"),
         [_instants(shown)],
         ["track.parquet", "simulated.parquet", "alignment.json"],

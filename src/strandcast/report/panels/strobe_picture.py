@@ -56,10 +56,6 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
     ).format(f"Strobe picture of the throw. {finding}", width, height, Markup(data), width, height, drawn)
     return PanelContent(
         finding,
-        "Large ring: the target. Dashed: the fitted string at the instants of the picture, with the "
-        "measured points as small rings, or, if the picture's instants are unknown, the fitted tip's "
-        "path beside the measured one (solid). Good: rings and dashes lie on the string of the picture. "
-        "Bad: they lie beside it everywhere (camera or alignment), or at some instants (tracking).",
         markup,
         sources=["strobe.webp"],
     )

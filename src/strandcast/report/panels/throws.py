@@ -45,7 +45,6 @@ def hand_paths(page: ExperimentPageData) -> PanelContent:
         finding += f", that of trial {last} {millimetres(lengths[last], digits=0)} ({more})"
     return PanelContent(
         finding + ".",
-        "Squares: where the motion starts.",
         draw.Drawing(figure, f"Hand paths of the first and the hitting throw. {finding}."),
         sources=[f"trial-{trial:02d}/hand.parquet" for trial in lengths],
     )
@@ -93,7 +92,6 @@ def tip_paths(page: ExperimentPageData) -> PanelContent:
         finding += f" Not shown, without a track: {', '.join(missing)}."
     return PanelContent(
         finding,
-        "From the motion's start until 0.3 s after its end.",
         draw.Drawing(figure, f"Measured tip paths. {finding}"),
         sources=[f"trial-{trial:02d}/track.parquet" for trial in shown],
     )
@@ -123,7 +121,6 @@ def closest_strings(page: ExperimentPageData) -> PanelContent:
     )
     return PanelContent(
         finding,
-        "Good: from trial to trial the tip ends nearer to the target.",
         draw.Drawing(figure, f"Measured strings at the closest approach. {finding}"),
         sources=[f"trial-{trial:02d}/track.parquet" for trial in shown],
     )

@@ -60,10 +60,6 @@ def tip_path(page: TrialPageData) -> PanelContent:
     finding += "; ".join(findings) + "." if findings else "there is no simulated tip to compare with."
     return PanelContent(
         finding,
-        "Squares mark every 50 ms of the measured path. Good: the fitted path covers the measured one up to "
-        "the closest approach, and the tip stays as near to the simulated one as the tracker's σ. Bad: that "
-        "distance grows steadily (parameters), jumps (a lost tip), or swings with the speed (alignment: 1 ms "
-        "is 10 mm at 10 m/s). After the closest approach nothing is fitted if the tip has hit.",
         draw.Drawing(figure, f"Tip path measured and simulated. {finding}"),
         sources=["track.parquet", "simulated.parquet"],
     )

@@ -45,9 +45,6 @@ def tracking(page: TrialPageData) -> PanelContent:
         )
     return PanelContent(
         finding,
-        "Good: even and dark above, pale below. Bad: columns of gaps (a fast or folded string), a bright "
-        "row (a point that is always uncertain), a coloured band in the lower picture (points slipped "
-        "along the string).",
         Drawing(figure, f"Tracking quality, point by frame. {finding}"),
         [_lost_table(track), detected_table(summary), _choice_table(summary)],
         ["track.parquet", "track.json"],

@@ -99,10 +99,6 @@ def viewer(page: TrialPageData) -> PanelContent:
     )
     return PanelContent(
         finding,
-        "Blue rings: the measured points; yellow squares: flagged ones (unsure, hidden, predicted). Dashed: "
-        "the fitted string. Large ring: the target. Good: the rings sit on the string, and the dashed line "
-        "follows it. Bad: rings beside the string (tracking), all of them shifted alike (camera), the dashed "
-        "line ahead or behind (clocks), or of another shape (fit).",
         Markup(markup),
         sources=["clip.json"],
     )

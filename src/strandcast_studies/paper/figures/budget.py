@@ -39,9 +39,6 @@ def budget(made: ErrorBudget, hit_radius_m: float) -> PanelContent:
     finding = _finding(lines)
     return PanelContent(
         finding,
-        "In the lab, with supplied tracks: causes are switched off one at a time, and all from the fit on "
-        "is repeated. A cause's share is computed from mean squares, which a single large miss can "
-        "dominate; negative: throws happened to be worse without it.",
         Drawing(figure, f"Misses with causes switched off. {finding}"),
         [_table(made), _worst(throws)],
         ["../error-budget.json"],

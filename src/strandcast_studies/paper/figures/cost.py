@@ -57,7 +57,6 @@ def times(facts: PaperFacts) -> PanelContent:
     total_times = "; ".join(f"{NAMES[m]} {total:.2f} h" for m, total in zip(methods, totals, strict=True))
     return PanelContent(
         f"Total wall time of all jobs: {total_times}.",
-        "From the logs beside the results, for the last run of every job; no other result contains times.",
         tables=[Table(heads, rows, caption)],
     )
 
@@ -128,8 +127,6 @@ def first_fit(summary: PaperSummary) -> PanelContent:
     ]
     return PanelContent(
         finding,
-        "Good: nothing in the upper left, where a miss follows a good fit. All targets; runs that "
-        "ended with their first throw are not included.",
         Drawing(figure, f"First fit's E against the next miss. {finding}"),
         [Table(heads, rows)],
         ["summary.json"],

@@ -48,8 +48,6 @@ def trials_to_hit(summary: PaperSummary) -> PanelContent:
     )
     return PanelContent(
         " ".join(outcomes) or "Nothing has been thrown yet.",
-        "The paper’s column is for its own robot, strings and targets: it gives only the first target’s "
-        "place, and no hit tolerance.",
         tables=[Table(heads, rows, caption)],
         sources=["summary.json"],
     )
@@ -114,9 +112,6 @@ def rates(summary: PaperSummary) -> PanelContent:
     finding = _rates_finding(summary, lines)
     return PanelContent(
         finding,
-        "Strings at their own targets. Bars: Wilson’s 95 % interval. A run stops at its first hit within "
-        f"{millimetres(summary.hit_radius_m, digits=0)}, but not before its second throw: from the third "
-        "trial on, rates of smaller radii are lower bounds. A failed run counts as no hit.",
         Drawing(figure, f"Hit rates by trial. {finding}"),
         [_rates_table(summary, lines, radii)],
         ["summary.json"],
@@ -195,8 +190,6 @@ def misses(summary: PaperSummary) -> PanelContent:
     )
     return PanelContent(
         finding,
-        "Strings at their own targets; open marks: every throw; bars: medians. A run ends with its hit, so "
-        "later trials are those of the harder runs; the table’s “nearest so far” includes all runs.",
         Drawing(figure, f"Miss of every throw by trial. {finding}"),
         [_misses_table(lines, "thrown"), _misses_table(lines, "nearest")],
         ["summary.json"],

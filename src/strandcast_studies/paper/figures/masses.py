@@ -61,10 +61,6 @@ def masses(runs: Sequence[RunResults], facts: PaperFacts) -> PanelContent:
     finding = _finding(rows, found)
     return PanelContent(
         finding,
-        "Masses in plain points, from the last fit of every run at the string’s own target; median over "
-        "seeds. Black bars: true weights; hatched: pipes; the table adds up the masses of a pipe’s points. "
-        "Both methods are given the places but not the masses. The paper’s masses end at about 20; a weight "
-        "of 10 g on light cord has 28 to 111.",
         Drawing(_figure(strings, found), f"Estimated masses by place. {finding}"),
         [Table(heads, rows)],
         ["summary.json"],

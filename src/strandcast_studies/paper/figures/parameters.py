@@ -81,9 +81,6 @@ def parameters(runs: Sequence[RunResults]) -> PanelContent:
     )
     return PanelContent(
         finding,
-        "Large marks: the last fit at each target; small ones: its near-best strings. As the paper says, "
-        "each target has its own parameters: a motion does not determine what it does not excite. k_ph, drag "
-        "and masses are on the runs’ own pages.",
         Drawing(figure, f"Fitted parameters by target. {finding}"),
         sources=[f"../{each.run.experiment}/report.html" for method in methods for each in shown[method]],
     )
@@ -127,9 +124,6 @@ def transfer(runs: Sequence[RunResults]) -> PanelContent:
         raise StrandcastError("SC-H076", "no fit was applied to another target's throw", fix="make paper")
     return PanelContent(
         "Median E, the fit’s own throw against another target’s: " + "; ".join(medians) + ".",
-        "Rows: the throw; columns: the target at which the string was fitted; E (w = 0) of the best string, "
-        "and least … greatest of the ensemble. The diagonal was fitted. Good: other columns are nearly as "
-        "small.",
         tables=tables,
         sources=sources,
     )

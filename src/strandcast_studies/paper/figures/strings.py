@@ -35,8 +35,6 @@ def strings(facts: PaperFacts) -> PanelContent:
     )
     return PanelContent(
         finding,
-        "Lengths, weights and pipes are the paper’s; their places, density, stiffness and curl are ours "
-        "(Table 4’s indices cannot be matched to millimetres with certainty).",
         Drawing(figure, f"The strings to scale. {finding}"),
     )
 
@@ -103,8 +101,6 @@ def targets(facts: PaperFacts, summary: PaperSummary) -> PanelContent:
     ]
     return PanelContent(
         finding,
-        "Solid circle: reach of the outstretched hand; dotted: with a string of each length. The paper "
-        "prints only the first target’s place; its text mentions five targets, its Fig. 5 four.",
         Drawing(figure, f"The targets and the arm’s reach. {finding}"),
         [Table(["target", "place", "from the base", "source", "thrown at with string"], rows)],
     )

@@ -27,12 +27,7 @@ def first_and_last(each: RunResults) -> PanelContent:
     before = read_results(each.trial(first)) if first != last else None
     made = strobe(TrialPageData(results, before))
     shown = f"Trials {first} and {last}" if before is not None else f"Trial {last}, the first"
-    panel = replace(
-        made,
-        finding=f"{_who(each)} {_outcome(each)} {shown}; the closest approach is bold.",
-        reading="Good: the dashed string covers the solid one up to the closest approach. The defaults fit "
-        "no further: everything after it is predicted.",
-    )
+    panel = replace(made, finding=f"{_who(each)} {_outcome(each)} {shown}; the closest approach is bold.")
     return _own(panel, each)
 
 
@@ -67,8 +62,6 @@ def tip(each: RunResults) -> PanelContent:
     finding = f"{_who(each)} {_outcome(each)} Up to the closest approach: {'; '.join(distances)}."
     made = PanelContent(
         finding,
-        "The throw that hit, or the last one. “As planned”: the string for which the motion was planned, "
-        "driven by the measured joints; “fitted”: the string after this throw. Ring: hit radius.",
         Drawing(figure, f"Tip path up to the closest approach. {finding}"),
         sources=["track.parquet", "simulated.parquet"],
     )
@@ -112,8 +105,6 @@ def joints(each: RunResults) -> PanelContent:
     )
     return PanelContent(
         f"{finding}.",
-        "As planned. The paper keeps posture and duration and changes heights by up to 0.5 rad/s; the "
-        "defaults may change more, or plan from the start.",
         Drawing(figure, f"Joint angles and speeds of two throws. {finding}."),
         sources=[f"../{each.run.experiment}/trial-{number:02d}/motion.json" for number in motions],
     )

@@ -130,8 +130,6 @@ def readings(facts: PaperFacts) -> PanelContent:
         tables.append(Table(["setting", *(NAMES[method] for method in METHODS)], different, caption))
     return PanelContent(
         f"{len(rows)} points where the paper is open, misprinted or contradicts itself.",
-        "Of two values, the first is for the paper’s method, the second the default. Values that the paper "
-        "does not give are settings in config/paper.yaml.",
         tables=tables,
     )
 

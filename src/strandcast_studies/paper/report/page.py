@@ -28,6 +28,47 @@ from strandcast_studies.paper.report.summary import METHODS, chosen
 STROBES = {"Fig. 7": 1, "Fig. 9": 5, "Fig. 10": 7}
 SINGLE = 1  # Figs. 8a and 8b are of string 1
 
+# How to read each panel, by the first word of its name.
+CAPTIONS = {
+    "trials": "The paper’s column is for its own robot, strings and targets: it gives only the first "
+    "target’s place, and no hit tolerance.",
+    "rates": "Strings at their own targets. Bars: Wilson’s 95 % interval. A run stops at its first hit, but "
+    "not before its second throw: from the third trial on, rates of radii below the hit radius are lower "
+    "bounds. A failed run counts as no hit.",
+    "misses": "Strings at their own targets; open marks: every throw; bars: medians. A run ends with its "
+    "hit, so later trials are those of the harder runs; the table’s “nearest so far” includes all runs.",
+    "strings": "Lengths, weights and pipes are the paper’s; their places, density, stiffness and curl are "
+    "ours (Table 4’s indices cannot be matched to millimetres with certainty).",
+    "targets": "Solid circle: reach of the outstretched hand; dotted: with a string of each length. The "
+    "paper prints only the first target’s place; its text mentions five targets, its Fig. 5 four.",
+    "strobe": "Good: the dashed string covers the solid one up to the closest approach. The defaults fit no "
+    "further: everything after it is predicted.",
+    "tip": "The throw that hit, or the last one. “As planned”: the string for which the motion was planned, "
+    "driven by the measured joints; “fitted”: the string after this throw. Ring: hit radius.",
+    "hand": "Squares: where the motion starts.",
+    "joints": "As planned. The paper keeps posture and duration and changes heights by up to 0.5 rad/s; the "
+    "defaults may change more, or plan from the start.",
+    "masses": "Masses in plain points, from the last fit of every run at the string’s own target; median "
+    "over seeds. Black bars: true weights; hatched: pipes; the table adds up the masses of a pipe’s points. "
+    "Both methods are given the places but not the masses. The paper’s masses end at about 20; a weight of "
+    "10 g on light cord has 28 to 111.",
+    "parameters": "Large marks: the last fit at each target; small ones: its near-best strings. As the paper "
+    "says, each target has its own parameters: a motion does not determine what it does not excite. k_ph, "
+    "drag and masses are on the runs’ own pages.",
+    "transfer": "Rows: the throw; columns: the target at which the string was fitted; E (w = 0) of the best "
+    "string, and least … greatest of the ensemble. The diagonal was fitted. Good: other columns are nearly "
+    "as small.",
+    "warning": "Good: nothing in the upper left, where a miss follows a good fit. All targets; runs that "
+    "ended with their first throw are not included.",
+    "budget": "In the lab, with supplied tracks: causes are switched off one at a time, and all from the fit "
+    "on is repeated. A cause’s share is computed from mean squares, which a single large miss can dominate; "
+    "negative: throws happened to be worse without it.",
+    "readings": "Of two values, the first is for the paper’s method, the second the default. Values that the "
+    "paper does not give are settings in config/paper.yaml.",
+    "times": "From the logs beside the results, for the last run of every job; no other result contains "
+    "times.",
+}
+
 
 def paper_page(summary: PaperSummary, folders: Mapping[str, Path], facts: PaperFacts) -> str:
     """Return the HTML page of the paper's experiment; `folders` maps an experiment to its results."""
@@ -89,7 +130,8 @@ def _panels(summary: PaperSummary, runs: list[RunResults], facts: PaperFacts) ->
 
 
 def _panel(name: str, title: str, build: Callable[..., PanelContent], *given: Any) -> Panel:
-    return Panel(name, title, lambda _: build(*given))
+    caption = CAPTIONS.get(name.partition("-")[0], "")
+    return Panel(name, title, lambda _: build(*given), caption=caption)
 
 
 def _thrown(summary: PaperSummary, string: int) -> list[str]:
