@@ -3,10 +3,11 @@ import numpy as np
 import pytest
 
 from strandcast.camera.boards import write_charuco
+from strandcast.camera.distinct_poses import pose_groups
 from strandcast.camera.distortion import MODELS, choose_model, fit_lens, smallest_as_good
 from strandcast.camera.lens import calibrate_lens
-from strandcast.camera.lens_error import lens_covariance
-from strandcast.camera.views import board_corners
+from strandcast.camera.lens_error import lens_covariance, repeat_inflation
+from strandcast.camera.views import BoardCorners, board_corners
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Lens
@@ -168,6 +169,40 @@ def test_standard_errors_are_right(corner_views):
     spread = np.sqrt((np.array(off) ** 2).mean(axis=0))
     assert (spread > 0.65).all()
     assert (spread < 1.4).all()
+
+
+def test_repeated_photos_of_one_pose_count_once(corner_views):
+    distinct = corner_views(TRUE_K, 0, views=6, noise_px=0.1)
+    random = np.random.default_rng(1)
+    repeated = [
+        BoardCorners(f"{view.name}-{k}", view.board_m, view.picture_px + random.normal(0.0, 0.1, (1, 2)))
+        for k in range(4)
+        for view in distinct
+    ]
+    assert pose_groups(distinct).tolist() == list(range(6))
+    groups = pose_groups(repeated)
+    assert groups.tolist() == list(range(6)) * 4
+    once, four = (fit_lens(views, SIZE, "k1k2") for views in (distinct, repeated))
+    np.testing.assert_array_equal(repeat_inflation(distinct, once, pose_groups(distinct)), np.ones(9))
+    factors = repeat_inflation(repeated, four, groups)
+    np.testing.assert_allclose(factors[:6], 2.0, rtol=1e-6)  # the root of four photos a pose
+    assert (factors[6:] == 1.0).all()  # fixed coefficients
+    apart, together = (
+        np.sqrt(np.diag(lens_covariance(repeated, four, SIZE, by)))[:4] for by in (None, groups)
+    )
+    np.testing.assert_allclose(together / apart, 2.0, rtol=0.1)
+
+
+def test_photos_that_do_not_determine_the_focal_length_are_refused(photos):
+    repeats = [(f"{k}.png", photos[k % 2][1]) for k in range(6)]
+    with pytest.raises(StrandcastError, match="6 usable board photos show 2 distinct poses") as caught:
+        calibrate_lens(repeats, BOARD)
+    assert caught.value.code == "SC-C018"
+    assert "camera.lens_file" in caught.value.fix
+    moved = [(f"{k}.png", np.roll(photos[0][1], (0, 40 * k), (0, 1))) for k in range(-2, 3)]
+    with pytest.raises(StrandcastError, match=r"differ by \d\.\d degrees; at least 3") as caught:
+        calibrate_lens(moved, BOARD, "none")
+    assert caught.value.code == "SC-C018"
 
 
 def test_the_covariance_is_opencvs_for_sufficient_photos(corner_views):

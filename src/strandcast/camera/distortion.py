@@ -111,11 +111,15 @@ def _project(
 
 
 def choose_model(
-    views: Sequence[BoardCorners], size: tuple[int, int], models: Sequence[str]
+    views: Sequence[BoardCorners],
+    size: tuple[int, int],
+    models: Sequence[str],
+    groups: np.ndarray | None = None,
 ) -> tuple[str, list[ModelTrial]]:
     """Return the smallest model that predicts held-out photos as well as the best one, and all trials.
 
-    Each photo is predicted by a lens fitted without it; only its pose is fitted to it. Models are compared
+    Each photo is predicted by a lens fitted without it and without those of the same pose, by `groups`
+    (`distinct_poses.pose_groups`); only its pose is fitted to it. Models are compared
     photo by photo, by the logarithm of their mean squares, so a steep view with large residuals counts no
     more than a good one. A model is as good as the best if its mean is within one standard error. The
     rational model extrapolates badly, so it must be better by two standard errors and by 5 %. Models that
@@ -128,13 +132,14 @@ def choose_model(
     """
     centre = np.array(size) / 2.0
     reached_px = centre + FOLD_MARGIN * (np.concatenate([each.picture_px for each in views]) - centre)
+    groups = np.arange(len(views)) if groups is None else groups
     trials, squares = [], {}
     for model in models:
         whole = fit_lens(views, size, model)
         if folds_picture(whole, reached_px):
             trials.append(ModelTrial(model=model, held_out_px=None, reason="folds the picture"))
             continue
-        squares[model] = _held_out(views, size, whole)
+        squares[model] = _held_out(views, size, whole, groups)
         trials.append(ModelTrial(model=model, held_out_px=float(np.sqrt(squares[model].mean()))))
     if not squares:
         what = "no distortion model fits the board photos without folding the picture"
@@ -168,12 +173,14 @@ def _excess(logs: np.ndarray, best: np.ndarray) -> float:
     return float(difference.mean() / error) if error > 0 else 0.0
 
 
-def _held_out(views: Sequence[BoardCorners], size: tuple[int, int], whole: LensFit) -> np.ndarray:
-    """Return the mean square residual [px²] of each photo (n,) for lenses fitted without it."""
-    folds = min(len(views), MAX_FOLDS)
+def _held_out(
+    views: Sequence[BoardCorners], size: tuple[int, int], whole: LensFit, groups: np.ndarray
+) -> np.ndarray:
+    """Return the mean square residual [px²] of each photo (n,) for lenses fitted without its pose."""
+    folds = min(int(groups.max()) + 1, MAX_FOLDS)
     squares = np.empty(len(views))
     for fold in range(folds):
-        out = np.arange(len(views)) % folds == fold
+        out = groups % folds == fold
         fit = fit_lens(
             [each for each, hidden in zip(views, out, strict=True) if not hidden], size, whole.model, whole
         )

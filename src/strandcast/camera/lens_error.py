@@ -14,25 +14,50 @@ FOCAL_SD, CENTRE_SD = 0.3, 0.05
 PRIOR_SD = {"k1": 0.3, "k2": 0.5, "p1": 3e-3, "p2": 3e-3, "k3": 1.0, "k4": 1.0, "k5": 1.0, "k6": 1.0}
 
 
-def lens_covariance(views: Sequence[BoardCorners], fit: LensFit, size: tuple[int, int]) -> np.ndarray:
+def lens_covariance(
+    views: Sequence[BoardCorners], fit: LensFit, size: tuple[int, int], groups: np.ndarray | None = None
+) -> np.ndarray:
     """Return the covariance of fx, fy, cx, cy and the distortion, (9, 9), or (12, 12) for the rational model.
 
-    The normal equations of all corners with the boards' poses eliminated (Schur complement). k1, k2, p1 and
-    p2 are free here even if the fit has fewer: a coefficient that was not worth fitting is not known to be
-    zero. Weak priors keep undetermined parameters finite.
+    k1, k2, p1 and p2 are free here even if the fit has fewer: a coefficient that was not worth fitting is
+    not known to be zero. Weak priors keep undetermined parameters finite. Photos of one pose, by `groups`
+    (`distinct_poses.pose_groups`), count as one.
     """
     names = PINHOLE + COEFFICIENTS[: len(fit.distortion)]
     free = np.array([name in PINHOLE + ALWAYS_FREE + MODELS[fit.model][0] for name in names])
-    information = np.zeros((len(names), len(names)))
-    for corners, rotation, translation in zip(views, fit.rotations, fit.translations_m, strict=True):
-        pose, lens = jacobians(corners.board_m, rotation, translation, fit.matrix, fit.distortion)
-        cross = pose.T @ lens
-        information += lens.T @ lens - cross.T @ np.linalg.solve(pose.T @ pose, cross)
-    information = information[np.ix_(free, free)] / corner_variance(fit)
+    information = _information(views, fit, groups)[np.ix_(free, free)]
     information += np.diag(1.0 / _prior_sd(fit, names, size)[free] ** 2)
     covariance = np.zeros((len(names), len(names)))
     covariance[np.ix_(free, free)] = np.linalg.inv(information)
     return covariance
+
+
+def repeat_inflation(views: Sequence[BoardCorners], fit: LensFit, groups: np.ndarray) -> np.ndarray:
+    """Return the factors on the standard errors of a fit (9 or 12,) because photos of one pose count as one.
+
+    Such photos share the errors of board and model, so that their mean is no better than one of them.
+    """
+    factors = np.ones(len(fit.standard_errors))
+    if groups.max() + 1 < len(groups):
+        free = np.isin(PINHOLE + COEFFICIENTS[: len(fit.distortion)], fit.free())
+        each, once = (
+            np.diag(np.linalg.pinv(_information(views, fit, by)[np.ix_(free, free)])) for by in (None, groups)
+        )
+        factors[free] = np.sqrt(once / each)
+    return factors
+
+
+def _information(views: Sequence[BoardCorners], fit: LensFit, groups: np.ndarray | None) -> np.ndarray:
+    """Return the normal equations of all corners with the boards' poses eliminated (Schur complement)."""
+    count = len(PINHOLE) + len(fit.distortion)
+    weights = np.ones(len(views)) if groups is None else 1.0 / np.bincount(groups)[groups]
+    information = np.zeros((count, count))
+    poses = zip(views, fit.rotations, fit.translations_m, weights, strict=True)
+    for corners, rotation, translation, weight in poses:
+        pose, lens = jacobians(corners.board_m, rotation, translation, fit.matrix, fit.distortion)
+        cross = pose.T @ lens
+        information += weight * (lens.T @ lens - cross.T @ np.linalg.solve(pose.T @ pose, cross))
+    return information / corner_variance(fit)
 
 
 def corner_variance(fit: LensFit) -> float:

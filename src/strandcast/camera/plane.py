@@ -181,7 +181,8 @@ def _lens_warnings(camera: Camera) -> list[str]:
             f"the lens photos do not determine the lens: {weaknesses or 'its standard errors are large'}",
             field="camera.lens_photos",
             cost=f"{cost_m * 1e3:.1f} mm (standard error) at the worst position of the string",
-            fix="take ten photos, the board large, tilted 30-45 degrees each way, all over the picture",
+            fix="take ten photos, the board large, tilted 30-45 degrees each way, all over the picture; or "
+            "give the known lens in camera.lens_file",
         )
     if weaknesses or cost_m > LENS_WARNING_M:
         return [
