@@ -174,6 +174,42 @@ def test_photos_are_read_as_the_sensor_has_them(root, board_seen):
     assert lens.matrix[1][2] == pytest.approx(280.0, abs=4)
 
 
+def test_a_legacy_board_in_the_plane_is_recognised_and_the_warning_printed(
+    root, tmp_path, photograph, looking, lens, capsys
+):
+    legacy = BOARD.model_copy(update={"squares_y": 4, "legacy": True})
+    [page] = write_charuco(legacy, tmp_path / "board.png", page="A4", dpi=200)
+    texture = cv2.imread(str(page), cv2.IMREAD_GRAYSCALE)
+    scale, left_m, low_m = 200 / 0.0254, (297 - 245) / 2e3, (22 + (210 - 22 - 140) / 2) / 1e3
+    to_texture = np.array(
+        [[scale, 0.0, left_m * scale - 0.5], [0.0, -scale, texture.shape[0] - low_m * scale - 0.5]]
+    )
+    pose = looking(0.06, -0.1, 0.03, (0.12, 0.07), 0.5)
+    folder = root / "data" / "own"
+    cv2.imwrite(str(folder / "calibration" / "plane.png"), photograph(texture, to_texture, lens, *pose))
+    (k1, k2, p1, p2, k3), [fx, fy], [cx, cy] = lens.distortion, (1100.0, 1090.0), (470.0, 280.0)
+    (folder / "lens.yaml").write_text(
+        f"image_width: {lens.width_px}\nimage_height: {lens.height_px}\n"
+        f"camera_matrix: [{fx}, 0, {cx}, 0, {fy}, {cy}, 0, 0, 1]\n"
+        f"distortion_coefficients: [{k1}, {k2}, {p1}, {p2}, {k3}]\n"
+    )
+    board = "squares_x: 7, squares_y: 4, square_m: 0.035, marker_m: 0.026, dictionary: DICT_5X5_100"
+    (folder / "experiment.yaml").write_text(
+        "string: {length_m: 0.1}\ntarget_m: [0.1, 0.1]\ncamera:\n  lens_file: lens.yaml\n"
+        f"  plane: {{board: {{{board}, x_m: 0.0, y_m: 0.0}}}}\n"
+    )
+    run_stage("calibrate", root, "own")
+    camera = Camera.read(root / "results" / "own" / "cameras" / "main.json")
+    assert camera.plane_rms_px < 0.2
+    assert "set camera.plane.board.legacy to true" in camera.warnings[0]
+    assert f"warning: {camera.warnings[0]}" in capsys.readouterr().err
+    places = np.array([[0.0, 0.0], [0.245, 0.14]])
+    truth = camera.model_copy(
+        update={"rotation": pose[0].tolist(), "translation_m": pose[1].tolist(), "lens": lens}
+    )
+    assert np.abs(pixel_to_metre(camera, metre_to_pixel(truth, places)) - places).max() < 3e-4
+
+
 def test_missing_files_are_named(root):
     with pytest.raises(StrandcastError, match=r"no photo fits 'calibration/lens-\*\.png'; there: plane\.png"):
         run_stage("calibrate", root, "own")

@@ -53,10 +53,13 @@ def check_sizes(images: Sequence[tuple[str, np.ndarray]]) -> None:
             raise StrandcastError("SC-C012", f"is {sizes[0]}, {first_name} is {sizes[1]}", file=name, fix=fix)
 
 
-def detect_pattern(images: Sequence[tuple[str, np.ndarray]], board: Board) -> tuple[Board, list[str]]:
+def detect_pattern(
+    images: Sequence[tuple[str, np.ndarray]], board: Board, field: str = "camera.board"
+) -> tuple[Board, list[str]]:
     """Return the board with the pattern that the photos show, and a warning if it is not the declared one.
 
-    Boards with an even number of rows start with a white square before OpenCV 4.6, with a black one since.
+    `field` is where the experiment declares the board. Boards with an even number of rows start with a white
+    square before OpenCV 4.6, with a black one since.
     """
     if board.squares_y % 2:
         return board, []
@@ -67,7 +70,7 @@ def detect_pattern(images: Sequence[tuple[str, np.ndarray]], board: Board) -> tu
     if given_count > MAJORITY * other_count or other_count == 0:
         return board, []
     has = "has" if other.legacy else "does not have"
-    hint = f"set camera.board.legacy to {str(other.legacy).lower()}"
+    hint = f"set {field}.legacy to {str(other.legacy).lower()}"
     return other, [f"the board {has} the legacy pattern (OpenCV before 4.6): {hint}"]
 
 

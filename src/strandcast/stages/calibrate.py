@@ -12,10 +12,11 @@ from strandcast.camera.lens_file import read_lens
 from strandcast.camera.picture import camera_picture
 from strandcast.camera.plane import PlaneGeometry, board_markers, plane_from_markers
 from strandcast.camera.pose import PlacedMarker
+from strandcast.camera.views import detect_pattern
 from strandcast.config.camera import Plane
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
-from strandcast.progress import progress
+from strandcast.progress import print_line, progress
 from strandcast.records.camera import Camera, Lens
 from strandcast.records.files import atomic_write
 from strandcast.records.lineage import note_picture
@@ -42,13 +43,15 @@ def run(job: Job, files: Files) -> None:
         Image.fromarray(camera_picture(picture, camera)).save(temporary, "WEBP", quality=82, method=4)
     note_picture(files.output("picture"))
     camera.write(files.output("camera"))
+    for text in camera.lens.warnings + camera.warnings:
+        print_line(f"warning: {text}")
 
 
 def _by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
     """Fit the lens to photos or a video of the board, the plane to a photo of its markers or board."""
     settings, plane = context.settings, files.input("plane")
     [picture] = read_photos_of(context, [plane])
-    markers, dictionary = plane_markers_of(settings.camera.plane)
+    markers, dictionary, warnings = plane_markers_of(settings.camera.plane, picture)
     camera = plane_from_markers(
         picture,
         _lens(context, files),
@@ -57,6 +60,7 @@ def _by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
         file=str(plane),
         geometry=_plane_geometry(settings),
     )
+    camera.warnings = warnings + camera.warnings
     return camera, picture
 
 
@@ -124,10 +128,15 @@ def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:
         yield grey
 
 
-def plane_markers_of(plane: Plane) -> tuple[list[PlacedMarker], str]:
-    """Return the plane's markers, single ones or those of the board lying in it, and their dictionary."""
-    if plane.board is not None:
-        board = plane.board
-        return board_markers(board, board.x_m, board.y_m, board.angle_rad), board.dictionary
-    single = [PlacedMarker(m.id, m.x_m, m.y_m, plane.size_m, m.angle_rad) for m in plane.markers]
-    return single, plane.dictionary
+def plane_markers_of(plane: Plane, picture: np.ndarray) -> tuple[list[PlacedMarker], str, list[str]]:
+    """Return the plane's markers, their dictionary, and a warning if its board has another pattern.
+
+    The markers are single ones, or those of the board lying in the plane, in the pattern that the plane's
+    `picture` (height, width) shows.
+    """
+    if plane.board is None:
+        single = [PlacedMarker(m.id, m.x_m, m.y_m, plane.size_m, m.angle_rad) for m in plane.markers]
+        return single, plane.dictionary, []
+    placed = plane.board
+    board, warnings = detect_pattern([("", picture)], placed, "camera.plane.board")
+    return board_markers(board, placed.x_m, placed.y_m, placed.angle_rad), placed.dictionary, warnings
