@@ -281,6 +281,17 @@ def test_a_board_lying_in_the_plane_gives_the_same_plane(tmp_path, photograph, l
     assert np.abs(back - turned).max() < 2e-4
 
 
+def test_a_lens_with_unequal_focal_lengths_is_named(photograph, paint_markers, looking, lens):
+    matrix = [[1100.0, 0.0, 470.0], [0.0, 1320.0, 280.0], [0.0, 0.0, 1.0]]
+    oblong = lens.model_copy(update={"matrix": matrix})
+    pose = looking(0.06, -0.1, 0.03, (0.0, 0.02), 2.3)
+    picture = photograph(*paint_markers(MARKERS, DICTIONARY), oblong, *pose)
+    found = plane_from_markers(picture, oblong, MARKERS, DICTIONARY)
+    [warning] = [text for text in found.warnings if "focal lengths differ" in text]
+    assert "fx = 1100.0 and fy = 1320.0 px: its pixels are 1.2 times as wide as high" in warning
+    assert found.plane_rms_px < 0.2
+
+
 def test_the_strings_offset_is_corrected(photo, lens, truth):
     known = PlaneGeometry(string_offset_m=0.02, string_offset_sd_m=1e-3)
     found = plane_from_markers(photo, lens, MARKERS, DICTIONARY, geometry=known)

@@ -1,5 +1,10 @@
 """A pendulum whose pivot is out of view: scale and pivot from its arc; a drawn one and a real one."""
 
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import av
 import cv2
 import numpy as np
 import pytest
@@ -8,8 +13,10 @@ from strandcast.config.track import TrackSettings
 from strandcast.errors import StrandcastError
 from strandcast.tracking.pendulum.arc import calibrate_arc, fit_arc
 from strandcast.tracking.pendulum.track import track_pendulum
+from strandcast.tracking.preconditions import check_pixel_aspect
 from strandcast.tracking.result import Tracked
 from strandcast.video.ingest import inspect_video
+from strandcast.video.source import VideoInfo
 
 pytestmark = pytest.mark.slow
 
@@ -62,6 +69,35 @@ def test_too_short_an_arc_is_refused(scene, tmp_path):
     with pytest.raises(StrandcastError) as caught:
         calibrate_arc(tmp_path / "v.mkv", inspect_video(tmp_path / "v.mkv"), 0.7)
     assert caught.value.code in {"SC-T005", "SC-T006"}
+
+
+def test_pixels_that_are_not_square_are_refused(tmp_path):
+    wide = tmp_path / "wide.mp4"
+    with av.open(str(wide), "w") as container:
+        stream = container.add_stream("libx264", rate=60)
+        stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
+        stream.codec_context.sample_aspect_ratio = Fraction(4, 3)
+        for _ in range(4):
+            grey = av.VideoFrame.from_ndarray(np.zeros((120, 160), np.uint8), "gray")
+            container.mux(stream.encode(grey.reformat(format="yuv420p")))
+        container.mux(stream.encode())
+    facts = inspect_video(wide)
+    assert "not square, 1.333 times as wide as high" in facts.notes[0]
+    with pytest.raises(StrandcastError, match="1.333 times as wide as high") as caught:
+        calibrate_arc(wide, facts, length_m=0.7)
+    assert caught.value.code == "SC-T007"
+    assert "by 33%" in caught.value.cost
+
+
+def test_a_lens_for_the_videos_pixels_is_accepted(scene):
+    info = VideoInfo(Path("v.mp4"), 800, 600, "h264", "gray", 255, pixel_aspect=4 / 3)
+    camera = scene.flat_camera()
+    with pytest.raises(StrandcastError, match="fy / fx = 1") as caught:
+        check_pixel_aspect(info, camera, info.path)
+    assert caught.value.code == "SC-T007"
+    camera.lens.matrix[1][1] *= 4 / 3
+    check_pixel_aspect(info, camera, info.path)
+    check_pixel_aspect(replace(info, pixel_aspect=496 / 495), scene.flat_camera(), info.path)
 
 
 def test_arc_of_exact_points():

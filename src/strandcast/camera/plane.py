@@ -18,6 +18,7 @@ from strandcast.records.camera import Camera, Lens, MarkerFit, PlaneError
 LENS_ERROR_M = 5e-3  # chosen: largest standard error in the string's plane from the lens alone
 LENS_WARNING_M = 5e-4  # chosen
 WORST_WARNING_M = 2e-3  # chosen
+UNEQUAL_FOCAL_LENGTHS = 0.02  # chosen: relative difference; cameras with square pixels stay below 0.01
 SOURCES = {
     "corners": "markers' corners: use larger markers, or more, all around the workspace",
     "places": "markers' positions: measure them again",
@@ -101,7 +102,11 @@ def plane_from_markers(
     camera.plane_markers = _marker_fits(layout)
     camera.plane_error = plane_error(camera, fit, box, geometry.place_sd_m, geometry.string_offset_sd_m)
     camera.warnings = (
-        warnings + marker_warnings + _lens_warnings(camera) + _error_warnings(camera.plane_error)
+        warnings
+        + marker_warnings
+        + _lens_warnings(camera)
+        + _aspect_warnings(lens)
+        + _error_warnings(camera.plane_error)
     )
     return camera
 
@@ -190,6 +195,17 @@ def _lens_warnings(camera: Camera) -> list[str]:
             + (f"; its photos are weak: {weaknesses}" if weaknesses else "")
         ]
     return []
+
+
+def _aspect_warnings(lens: Lens) -> list[str]:
+    """Return a warning about a lens for pixels that are not square."""
+    fx_px, fy_px = lens.matrix[0][0], lens.matrix[1][1]
+    if abs(fy_px / fx_px - 1.0) < UNEQUAL_FOCAL_LENGTHS:
+        return []
+    return [
+        f"the lens' focal lengths differ, fx = {fx_px:.1f} and fy = {fy_px:.1f} px: its pixels are "
+        f"{fy_px / fx_px:.4g} times as wide as high; the throws must be filmed with the same pixels"
+    ]
 
 
 def _error_warnings(error: PlaneError) -> list[str]:

@@ -13,7 +13,7 @@ from strandcast.tracking.background import Samples, learn_background
 from strandcast.tracking.crops import Crops
 from strandcast.tracking.events.led import LedMonitor
 from strandcast.tracking.hand.finder import HandDetection, HandFinder
-from strandcast.tracking.preconditions import check_count, open_ingested
+from strandcast.tracking.preconditions import check_count, check_pixel_aspect, open_ingested
 
 DECODER_THREADS = 2  # chosen: beside this process, which finds the hand meanwhile
 BRIGHTNESS_TOLERANCE = 0.15  # chosen: relative difference in median grey between a given background and video
@@ -41,11 +41,13 @@ def decode(
     Raises
     ------
     StrandcastError
-        SC-T001 the decoded count differs from the manifest's; SC-V021 the file changed since ingestion.
+        SC-T001 the decoded count differs from the manifest's; SC-T007 its pixels are not the calibration's;
+        SC-V021 the file changed since ingestion.
     """
     hands: list[HandDetection | None] = []
     progress = Progress("track: frames", total=facts.packets)
     with open_ingested(video, facts, threads=DECODER_THREADS) as opened:
+        check_pixel_aspect(opened.info, finder.camera, video)
         depth = 1 if opened.info.max_level < 256 else 2
         samples = Samples(facts.packets, background_frames, depth * opened.info.width * opened.info.height)
         for index, _, image in opened:

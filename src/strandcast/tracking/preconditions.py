@@ -8,6 +8,7 @@ from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
 from strandcast.video.checks import check_same
 from strandcast.video.reader import VideoFile, open_video
+from strandcast.video.source import SQUARE_TOLERANCE, VideoInfo
 
 
 def open_ingested(
@@ -31,6 +32,30 @@ def check_size(facts: VideoFacts, camera: Camera, path: str | Path) -> None:
             file=path,
             fix="calibrate with pictures of the throw's size",
         )
+
+
+def check_pixel_aspect(info: VideoInfo, camera: Camera | None, path: str | Path) -> None:
+    """Refuse a video whose pixels are not those of its calibration (SC-T007); None: a pendulum's arc.
+
+    A pixel `a` times as wide as high makes fy = a · fx. Of a lens with other pixels than a video that states
+    square ones, or none, `calibrate` warns: many cameras that skip lines state nothing.
+    """
+    aspect = info.pixel_aspect
+    calibrated = 1.0 if camera is None else camera.lens.matrix[1][1] / camera.lens.matrix[0][0]
+    wrong = abs(aspect / calibrated - 1.0)
+    if abs(aspect - 1.0) < SQUARE_TOLERANCE or wrong < SQUARE_TOLERANCE:
+        return
+    basis = (
+        "a pendulum's arc needs square ones" if camera is None else f"the lens has fy / fx = {calibrated:.4g}"
+    )
+    raise StrandcastError(
+        "SC-T007",
+        f"its pixels are {aspect:.4g} times as wide as high (sample aspect ratio); {basis}",
+        file=path,
+        cost=f"widths would be wrong by {wrong:.0%} relative to heights",
+        fix="convert it to square pixels (ffmpeg -i IN -vf scale=iw*sar:ih,setsar=1 OUT), and calibrate with "
+        "pictures of that size",
+    )
 
 
 def check_count(decoded: int, facts: VideoFacts, path: str | Path) -> None:

@@ -14,7 +14,7 @@ from strandcast.video.cine import cine_times_ns
 from strandcast.video.ffmpeg import OpenContainer, open_container, reason
 from strandcast.video.files import damaged
 from strandcast.video.grey import BLACK, LUMA_8BIT, WHITE, grey_converter, is_full_range, luma, upright
-from strandcast.video.source import Contents, Source, VideoInfo
+from strandcast.video.source import SQUARE_TOLERANCE, Contents, Source, VideoInfo
 
 LONGEST_SPAN = 2.0  # of a cine's time stamps, relative to their median step times the frames
 AVI_CHUNK_HEADER = 8  # bytes between the position in the index and the packet's
@@ -43,10 +43,21 @@ def probe(path: str | Path) -> Contents:
         )
         # Phones that export slow motion at 30 frames/s write the true rate here.
         rate = container.metadata.get("com.android.capture.fps")
+        aspect = _pixel_aspect(stream)
     if rate:
         contents.notes.append(f"its header says that it was filmed at {_number(rate)} frames/s")
+    if abs(aspect - 1.0) > SQUARE_TOLERANCE:
+        contents.notes.append(
+            f"its pixels are not square, {aspect:.4g} times as wide as high: calibrate with pictures of the "
+            "same pixels"
+        )
     contents.notes.extend(_notes_on_first_frame(path))
     return _with_camera_times(contents, path) if contents.container == "cine" else contents
+
+
+def _pixel_aspect(stream: av.VideoStream) -> float:
+    """Return the width of a pixel over its height (sample aspect ratio); 1 if the file states none."""
+    return float(stream.sample_aspect_ratio or 1)
 
 
 def _number(text: str) -> str:
@@ -173,7 +184,10 @@ def open_source(path: str | Path, threads: int, frames: int | None) -> Iterator[
         context.thread_count = threads
         name = context.format.name
         to_grey, max_level = grey_converter(name, int(context.color_range), Path(path))
-        info = VideoInfo(Path(path), context.width, context.height, context.name, name, max_level)
+        info = VideoInfo(
+            *(Path(path), context.width, context.height, context.name, name, max_level),
+            pixel_aspect=_pixel_aspect(opened.stream),
+        )
         yield Source(info, _frames(opened, info, frames), to_grey, opened.messages)
 
 

@@ -10,12 +10,18 @@ import numpy as np
 from strandcast.errors import StrandcastError
 
 MAX_PIXELS = 40_000_000  # a tiny file can claim frames that need gigabytes
+# Chosen: relative difference of width and height above which pixels are not square. Scaling to whole pixels
+# changes the ratio by less, as does a lens' fit.
+SQUARE_TOLERANCE = 0.02
 Grey = np.ndarray
 
 
 @dataclass(frozen=True)
 class VideoInfo:
-    """Properties of the frames as the decoder states them; sizes in pixels, grey levels 0 to `max_level`."""
+    """Properties of the frames as the decoder states them; sizes in pixels, grey levels 0 to `max_level`.
+
+    `pixel_aspect` is a pixel's width over its height; 1 where the file states none.
+    """
 
     path: Path
     width: int
@@ -23,6 +29,7 @@ class VideoInfo:
     codec: str
     pixel_format: str
     max_level: int
+    pixel_aspect: float = 1.0
 
     @property
     def dtype(self) -> np.dtype:

@@ -10,7 +10,7 @@ from strandcast.errors import StrandcastError
 from strandcast.progress import Progress
 from strandcast.records.manifest import VideoFacts
 from strandcast.tracking.background import Samples, learn_background
-from strandcast.tracking.preconditions import check_count, open_ingested
+from strandcast.tracking.preconditions import check_count, check_pixel_aspect, open_ingested
 
 NOISE_TIMES = 8.0
 LEAST_CHANGE = 12.0  # grey levels
@@ -44,7 +44,8 @@ def track_ball(path: str | Path, facts: VideoFacts, background_frames: int) -> B
     Raises
     ------
     StrandcastError
-        SC-T001 the decoded count differs from the manifest's; SC-T005 nothing of constant size moves.
+        SC-T001 the decoded count differs from the manifest's; SC-T005 nothing of constant size moves;
+        SC-T007 pixels that are not square.
     """
     background = learn_scene(path, facts, background_frames)
     progress = Progress("track: ball", total=facts.packets)
@@ -72,6 +73,7 @@ def track_ball(path: str | Path, facts: VideoFacts, background_frames: int) -> B
 def learn_scene(path: str | Path, facts: VideoFacts, frames: int) -> np.ndarray:
     """Return the background of a video, from a decoding pass of its own."""
     with open_ingested(path, facts) as video:
+        check_pixel_aspect(video.info, None, path)
         depth = 1 if video.info.max_level < 256 else 2
         samples = Samples(facts.packets, frames, depth * video.info.width * video.info.height)
         for index, _, image in video:
