@@ -20,7 +20,7 @@ from strandcast.records.verdict import Verdict
 from strandcast.report.experiment_page import _thumbnail, experiment_page
 from strandcast.report.facts import Facts
 from strandcast.report.measures import arc_length_m, strobe_rows, tip_error_m
-from strandcast.report.pages import viewer_script
+from strandcast.report.pages import page_script
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.lab_truth import at_places
 from strandcast.report.panels.page_data import TrialPageData
@@ -108,7 +108,7 @@ def test_the_page_is_complete_small_and_self_contained(page: str) -> None:
     tags = Tags(page)
     assert len(page.encode()) < 3_000_000
     assert "could not be made" not in page
-    assert page.count("<script") == page.count(f"<script>{viewer_script()}</script>") == 1
+    assert page.count("<script") == page.count(f"<script>{page_script()}</script>") == 1
     assert len(tags.ids) == len(set(tags.ids))
     outside = [r for r in tags.references if not r.startswith(("#", "data:", "../", "track", "strobe"))]
     assert [r for r in outside if not re.fullmatch(r"[a-z_]+\.(json|parquet)", r)] == []

@@ -19,7 +19,7 @@ from strandcast.records.load import RECORDS
 from strandcast.records.record import Record
 from strandcast.report.experiment_page import experiment_page
 from strandcast.report.facts import Facts
-from strandcast.report.pages import viewer_script
+from strandcast.report.pages import page_script
 from strandcast.report.summary import summarise
 from strandcast.report.trial_page import trial_page
 
@@ -173,7 +173,7 @@ def check_inert(browser: str, html: str, page: Path, least: int) -> None:
     before, _, after = html.partition(POLICY)
     page.write_text(before + after.partition(">")[2], encoding="utf-8")
     shown, asked_for, _ = opened(browser, page)
-    assert set(shown.scripts) <= {viewer_script()}
+    assert set(shown.scripts) <= {page_script()}
     assert not shown.tags & {"iframe", "object", "embed", "form", "base", "link"}
     assert [name for name, _ in shown.attributes if name.startswith("on")] == []
     links = [value for name, value in shown.attributes if name.endswith(("href", "src"))]
@@ -194,7 +194,7 @@ def test_the_policy_stops_what_escapes(browser: str, pages: dict[str, str], tmp_
     page = tmp_path / "page.html"
     page.write_text(pages["trial"].replace("</h1>", f"</h1>{POISON}", 1), encoding="utf-8")
     shown, asked_for, log = opened(browser, page)
-    assert set(shown.scripts) > {viewer_script()}
+    assert set(shown.scripts) > {page_script()}
     assert shown.title.startswith("<script>")
     assert [address for address in asked_for if "127.0.0.1" in address] == []
     assert "Content Security Policy" in log

@@ -16,6 +16,7 @@ import typer
 from typer.exceptions import TyperException
 
 from strandcast import __version__
+from strandcast.cli.campaign import campaign
 from strandcast.cli.checks import boards, check, preview, schema
 from strandcast.cli.common import show_problem
 from strandcast.cli.compare import compare
@@ -136,7 +137,7 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     DAILY: (new, check, status, run, play, exclude, include),
     SET_UP: (doctor, schema, boards, preview),
     CARE: (compare, verify, unlock),
-    STAGES: (summary,),
+    STAGES: (summary, campaign),
 }
 EPILOGS = {play: EXIT_CODES, run: RESUMING}
 

@@ -35,20 +35,30 @@ def run(
         typer.Option(metavar="STAGE", help="Make only what this stage writes, and what that needs."),
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would run, and why.")] = False,
+    report_only: Annotated[
+        bool,
+        typer.Option("--report-only", help="Render all pages again from the results that there are."),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Make the reports of experiments, and everything they need (default: all under data/)."""
+    """Make the reports of experiments, and everything they need (default: all under data/).
+
+    It ends with the page of all experiments, results/report.html.
+    """
     from strandcast.workflow.runner import RunOptions, run_experiments, table
 
     if jobs is not None and cores is not None and jobs > cores:
         raise typer.BadParameter(f"{jobs} jobs need at least {jobs} cores", param_hint="--jobs")
-    options = RunOptions(cores or max(LEAST_CORES, jobs or 0), jobs, until, dry_run)
+    if report_only and (dry_run or until is not None):
+        raise typer.BadParameter("goes with no other stage and no dry run", param_hint="--report-only")
+    options = RunOptions(cores or max(LEAST_CORES, jobs or 0), jobs, until, dry_run, report_only)
     done = run_experiments(ROOT, experiments or [], options)
     if dry_run:
         lines = list(planned_lines(done.jobs))
     else:
         lines = [line for summary in done.summaries for line in table(ROOT, summary)]
         lines += failed_lines(done)
+        lines += campaign_line(done)
     show(as_json, as_data(done), lines)
     raise typer.Exit(done.exit_code)
 
@@ -61,8 +71,18 @@ def as_data(done: "RunResult") -> dict[str, object]:
         "failed": [job.to_json() for job in done.failed],
         "refused": [problem.to_json() for problem in done.refused],
         "damaged": {name: [each._asdict() for each in wrong] for name, wrong in done.damaged.items()},
+        "campaign": None
+        if done.campaign is None
+        else done.campaign[0].to_json() | {"page": done.campaign[1]},
         "experiments": {each.experiment: each.model_dump(mode="json") for each in done.summaries},
     }
+
+
+def campaign_line(done: "RunResult") -> list[str]:
+    """Return what all experiments come to, and their page; nothing if there is only one experiment."""
+    if done.campaign is None or sum(done.campaign[0].experiments.values()) < 2:
+        return []
+    return [f"all experiments: {done.campaign[0]}; page: {done.campaign[1]}"]
 
 
 def planned_lines(jobs: "list[StageRun]") -> Iterator[str]:

@@ -146,13 +146,15 @@ def how_to_make(path: str | Path) -> str:
     return "copy it there" if place.raw else f"make it first: strandcast run {place.experiment}"
 
 
-def check_lineage(path: str | Path, lineage: Lineage | None, *, reusable: bool = False) -> None:
+def check_lineage(
+    path: str | Path, lineage: Lineage | None, *, reusable: bool = False, inputs: bool = True
+) -> None:
     """Check that a file that was read lies where it belongs, and that its inputs are those that are there.
 
     Raw files may be copied to another experiment, to process them with other settings, and they outlive the
     results that they were made from: only a trial's number within its own experiment is checked. Inputs that
-    are missing are not checked. A `reusable` raw file, e.g. the motion of a repeated throw, may lie anywhere.
-    trial.
+    are missing are not checked; without `inputs` none is, as hashing those of many experiments takes minutes.
+    A `reusable` raw file, e.g. the motion of a repeated throw, may lie anywhere.
 
     Raises
     ------
@@ -166,7 +168,7 @@ def check_lineage(path: str | Path, lineage: Lineage | None, *, reusable: bool =
     if elsewhere and (lineage.experiment == place.experiment or not place.raw):
         what = f"is of {_named(lineage.experiment, lineage.trial)}, but lies in the folder of {place}"
         raise _refusal(MISPLACED, path, what, "put back this trial's own file")
-    changed = [] if place.raw else changed_inputs(place.root, lineage)
+    changed = [] if place.raw or not inputs else changed_inputs(place.root, lineage)
     if changed:
         what = f"was made from another {changed[0]} than the one that is there"
         fix = f"restore {changed[0]}, or make this file again: strandcast run {place.experiment}"

@@ -87,8 +87,8 @@ class Record(Part):
         write_text(path, json.dumps(head | content, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
 
     @classmethod
-    def read(cls, path: str | Path) -> Self:
-        """Read, verify and if necessary migrate a record.
+    def read(cls, path: str | Path, *, inputs: bool = True) -> Self:
+        """Read, verify and if necessary migrate a record; with `inputs`, check too that these are the same.
 
         Raises
         ------
@@ -109,7 +109,7 @@ class Record(Part):
             raise refusal("SC-R003", path, "version", what, fix)
         content = verify_hash(path, data)
         lineage = lineage_in(path, data.get("lineage"))
-        check_lineage(path, lineage, reusable=cls.REUSABLE)
+        check_lineage(path, lineage, reusable=cls.REUSABLE, inputs=inputs)
         for old in steps:
             log.info("%s: migrated from version %s of %s", path, old, cls.SCHEMA)
             try:

@@ -18,6 +18,15 @@ class TrialSummary(Part):
     tracked_fraction: float | None
     alignment_offset_s: float | None
     alignment_offset_se_s: float | None
+    # The misses predicted before the throw: a tenth is less than the first, a tenth more than the second.
+    predicted_p10_m: float | None = None
+    predicted_p90_m: float | None = None
+    # The rig; null: unknown.
+    clock_drift: float | None = None
+    lens_rms_px: float | None = None
+    plane_rms_px: float | None = None
+    marker_fraction: float | None = None  # of the frames in which the hand's markers were seen
+    servo_residual_rad: float | None = None  # rms that the servo's model leaves, of the worst joint
     excluded: str | None = None  # the reason
     unread: dict[str, str] = {}  # results that could not be read -> why
 

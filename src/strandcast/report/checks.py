@@ -10,6 +10,7 @@ from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
 from strandcast.report.numbers import millimetres, milliseconds, percent
 from strandcast.report.results import FILES, TrialResults
+from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLANE_RMS_PX
 
 PASS, WARN, FAIL, NOT_RUN = "PASS", "WARN", "FAIL", "NOT RUN"
 OPTIONAL = {"lab_truth"}
@@ -125,12 +126,12 @@ def _played(results: TrialResults) -> CheckOutcome | None:
 
 def _lens(results: TrialResults) -> CheckOutcome:
     rms_px = results.need("camera").lens.rms_px
-    return CheckOutcome(rms_px <= 0.5, f"{rms_px:.3f} px", "≤ 0.5 px rms")
+    return CheckOutcome(rms_px <= MOST_LENS_RMS_PX, f"{rms_px:.3f} px", f"≤ {MOST_LENS_RMS_PX:g} px rms")
 
 
 def _plane(results: TrialResults) -> CheckOutcome:
     rms_px = results.need("camera").plane_rms_px
-    return CheckOutcome(rms_px <= 1.0, f"{rms_px:.3f} px", "≤ 1 px rms")
+    return CheckOutcome(rms_px <= MOST_PLANE_RMS_PX, f"{rms_px:.3f} px", f"≤ {MOST_PLANE_RMS_PX:g} px rms")
 
 
 def _tracked(results: TrialResults) -> CheckOutcome:
@@ -168,7 +169,8 @@ def _offset(results: TrialResults) -> CheckOutcome | None:
 
 def _drift(results: TrialResults) -> CheckOutcome:
     drift = results.need("alignment").drift
-    return CheckOutcome(abs(drift) <= 1e-4, f"{drift * 1e6:.1f} ppm".replace("-", "−"), "≤ 100 ppm")
+    found = f"{drift * 1e6:.1f} ppm".replace("-", "−")
+    return CheckOutcome(abs(drift) <= MOST_DRIFT, found, f"≤ {MOST_DRIFT * 1e6:g} ppm")
 
 
 def _hand(results: TrialResults) -> CheckOutcome | None:

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 # The palette of Okabe and Ito. Each role has a dash style too, so that nothing depends on colour alone.
 MEASURED: dict[str, Any] = {"color": "#0072b2", "linestyle": "-", "linewidth": 1.6}
@@ -110,6 +110,11 @@ def log_if_wide(axes: Any, axis: str, values: Iterable[float | None], ratio: flo
     side.set_major_formatter("{x:g}")
     getattr(axes, f"set_{axis}lim")(min(known) / 1.6, max(known) * 1.6)
     return True
+
+
+def few_ticks() -> Any:
+    """Return a locator of few ticks, for a low panel among others."""
+    return MaxNLocator(nbins=3)
 
 
 def marks(marker: str, size: float, **style: Any) -> dict[str, Any]:

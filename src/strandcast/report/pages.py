@@ -16,8 +16,13 @@ from strandcast.report import numbers
 from strandcast.report.typeset import typeset
 
 
-def render(template: str, package: str = "strandcast.report", **values: Any) -> str:
-    """Return a page; a name that the template uses but did not get is an error."""
+def render(
+    template: str, package: str = "strandcast.report", script: str = "viewer.js.jinja", **values: Any
+) -> str:
+    """Return a page; a name that the template uses but did not get is an error.
+
+    `script` is the template of the one script that its policy lets run, if the page has one.
+    """
     environment = Environment(
         loader=ChoiceLoader([PackageLoader(package), PackageLoader("strandcast.report")]),
         autoescape=True,
@@ -31,9 +36,9 @@ def render(template: str, package: str = "strandcast.report", **values: Any) -> 
     environment.filters["place"] = numbers.place
     environment.filters["typeset"] = typeset
     environment.filters["csv_link"] = csv_link
-    script = viewer_script()
-    environment.globals["script"] = Markup(script)
-    environment.globals["script_hash"] = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    code = page_script(script)
+    environment.globals["script"] = Markup(code)
+    environment.globals["script_hash"] = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
     environment.globals["style"] = Markup(environment.get_template("style.css.jinja").render())
     return environment.get_template(template).render(**values)
 
@@ -54,6 +59,6 @@ def _cell(value: object) -> str:
     return f"'{text}" if text[:1] in ("=", "@") else text
 
 
-def viewer_script() -> str:
-    """Return the one script that a page's policy lets run."""
-    return (Path(__file__).parent / "templates" / "viewer.js.jinja").read_text(encoding="utf-8")
+def page_script(name: str = "viewer.js.jinja") -> str:
+    """Return a script that a page's policy lets run."""
+    return (Path(__file__).parent / "templates" / name).read_text(encoding="utf-8")

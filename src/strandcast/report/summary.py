@@ -59,6 +59,9 @@ def trial_summary(trial: int, results: TrialResults, excluded: str | None) -> Tr
     """Return one row of the summary."""
     verdict, estimate = results.get("verdict"), results.get("estimate")
     track, alignment = results.get("track_summary"), results.get("alignment")
+    motion, camera = results.get("motion"), results.get("camera")
+    predicted = motion.predicted.miss_quantiles_m if motion and motion.predicted else {}
+    servo = estimate.servo if estimate else None
     return TrialSummary(
         trial=trial,
         miss_m=verdict.miss_m if verdict else None,
@@ -69,6 +72,15 @@ def trial_summary(trial: int, results: TrialResults, excluded: str | None) -> Tr
         tracked_fraction=track.tracked_fraction if track else None,
         alignment_offset_s=alignment.offset_s if alignment else None,
         alignment_offset_se_s=alignment.offset_se_s if alignment else None,
+        predicted_p10_m=predicted.get("p10"),
+        predicted_p90_m=predicted.get("p90"),
+        clock_drift=alignment.drift if alignment else None,
+        lens_rms_px=camera.lens.rms_px if camera else None,
+        plane_rms_px=camera.plane_rms_px if camera else None,
+        marker_fraction=track.marker_fraction if track else None,
+        servo_residual_rad=max((each for each in servo.residual_rad if each is not None), default=None)
+        if servo
+        else None,
         excluded=excluded,
         unread=results.unread(),
     )

@@ -9,6 +9,7 @@ from strandcast.records.camera import Camera
 from strandcast.records.estimate import Estimate
 from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
+from strandcast.records.summary import TrialSummary
 from strandcast.records.track import TrackSummary
 from strandcast.records.verdict import Verdict
 from strandcast.report.numbers import millimetres, place, significant
@@ -28,7 +29,7 @@ class Badge(NamedTuple):
     style: str
 
 
-def verdict_badge(verdict: Verdict | None, excluded: str | None) -> Badge:
+def verdict_badge(verdict: Verdict | TrialSummary | None, excluded: str | None) -> Badge:
     """Return the outcome of a trial; word and shape say the same as the colour."""
     if excluded is not None:
         return Badge("EXCLUDED", "◌", "excluded")

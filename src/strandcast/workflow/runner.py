@@ -10,12 +10,15 @@ from strandcast.config.find import overlooked_experiments
 from strandcast.errors import ENVIRONMENT, INTEGRITY, StrandcastError
 from strandcast.records.folders import ExperimentFolder, is_project, trial_name, video_suffixes
 from strandcast.records.summary import ExperimentSummary
+from strandcast.report.campaign import CampaignTally
 from strandcast.stages.run import run_stage
+from strandcast.workflow.campaign import write_campaign
 from strandcast.workflow.check import runnable
 from strandcast.workflow.display import Display, display_for
 from strandcast.workflow.engine import compiling_ahead, run_snakemake
 from strandcast.workflow.events import RunState, StageRun, past_durations
 from strandcast.workflow.host import check_host
+from strandcast.workflow.pages import render_pages
 from strandcast.workflow.project import profile
 from strandcast.workflow.targets import default_experiments, is_to_be_continued, targets_of
 from strandcast.workflow.verify import Finding, verify
@@ -24,12 +27,16 @@ DAMAGED = ("damaged", "misplaced")
 
 
 class RunOptions(NamedTuple):
-    """How a run is done: at most `jobs` stages at a time on `cores` cores, up to the stage `until`."""
+    """How a run is done: at most `jobs` stages at a time on `cores` cores, up to the stage `until`.
+
+    With `report_only`, only pages are made, from the results that there are.
+    """
 
     cores: int = 2
     jobs: int | None = None
     until: str | None = None
     dry_run: bool = False
+    report_only: bool = False
 
 
 class RunResult(NamedTuple):
@@ -41,6 +48,7 @@ class RunResult(NamedTuple):
     damaged: dict[str, list[Finding]]
     summaries: list[ExperimentSummary]
     refused: list[StrandcastError]
+    campaign: tuple[CampaignTally, Path] | None = None  # what the page of all experiments counts
 
 
 def command(
@@ -77,6 +85,8 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
     overlooked = [] if experiments else overlooked_experiments(root)
     for message in (*map(str, refused), *(each.message("WARNING") for each in overlooked)):
         print(message, file=sys.stderr, flush=True)
+    if options.report_only:
+        return _render_again(root, names, options.cores, refused)
     check_host(root, names)
     findings = {name: verify(root, name, raw=False) for name in names}
     damaged = {
@@ -100,7 +110,17 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
     if sound and codes[-1] == 0 and not options.dry_run and options.until is None:
         summaries = [_read_summary(root, name) for name in sound]
         codes += [INTEGRITY for summary in summaries if summary.all_unread()]
-    return RunResult(max(codes), state.seen, state.failed, damaged, summaries, refused)
+    partial = options.dry_run or options.until is not None
+    campaign = None if partial else write_campaign(root)
+    return RunResult(max(codes), state.seen, state.failed, damaged, summaries, refused, campaign)
+
+
+def _render_again(root: Path, names: list[str], cores: int, refused: list[StrandcastError]) -> RunResult:
+    problems = render_pages(root, names, cores)
+    for problem in problems:
+        print(problem.text, file=sys.stderr, flush=True)
+    codes = [0, *(each.exit_code for each in refused), *(each.exit_code for each in problems)]
+    return RunResult(max(codes), [], [], {}, [], refused, write_campaign(root))
 
 
 def refuse_elsewhere(root: Path) -> None:

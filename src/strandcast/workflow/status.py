@@ -165,13 +165,13 @@ def _stage(context: Context, step: Step, task: StepState | None, faults: dict[st
     after = None if task.after is None else str(task.after)
     if not lost:
         return StageStatus(step.stage, "stale" if task.runs else "done", task.why, after, None, task.runs)
-    code, what = _failure(log_of(context, step))
+    code, what = failure_in(log_of(context, step))
     if what is not None:
         return StageStatus(step.stage, "failed", [what], None, code, task.runs)
     return StageStatus(step.stage, "missing", task.why, after, None, task.runs)
 
 
-def _failure(log: Path) -> tuple[str | None, str | None]:
+def failure_in(log: Path) -> tuple[str | None, str | None]:
     """Return the code and the words of the error with which a log ends, if any."""
     try:
         text = log.read_bytes()[-LOG_TAIL_BYTES:].decode(errors="replace")

@@ -10,6 +10,7 @@ from strandcast.report.numbers import millimetres, milliseconds, percent, scaled
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.results import TrialResults
+from strandcast.report.rig_limits import LEAST_MARKER_FRACTION, MOST_DRIFT, MOST_SERVO_RESIDUAL_RAD
 
 STATES = {True: ("PASS", "✓ good"), False: ("WARN", "▲ look"), None: ("NONE", "– unknown")}
 
@@ -65,9 +66,9 @@ def _clock(page: TrialPageData) -> Iterator[RigCheck]:
     )
     yield RigCheck(
         "clocks: drift",
-        abs(fit.drift) <= 1e-4,
+        abs(fit.drift) <= MOST_DRIFT,
         scaled(fit.drift, 1e6, 0, "ppm", fit.drift_se),
-        "within ± 100 ppm",
+        f"within ± {MOST_DRIFT * 1e6:g} ppm",
         "check the frame rate: the camera may not run at the one it reports",
     )
     if fit.base_shift_m is not None:
@@ -106,9 +107,9 @@ def _video(page: TrialPageData) -> Iterator[RigCheck]:
         return
     yield RigCheck(
         "hand's markers: seen",
-        track.marker_fraction >= 0.95,
+        track.marker_fraction >= LEAST_MARKER_FRACTION,
         f"{percent(track.marker_fraction)} of frames",
-        "≥ 95 %",
+        f"≥ {100 * LEAST_MARKER_FRACTION:g} %",
         "more light, a place on the hand that never turns away",
     )
     yield RigCheck(
@@ -156,9 +157,9 @@ def _servo(page: TrialPageData) -> Iterator[RigCheck]:
     lags = "" if servo.lag_s is None else ", ".join(f"{1e3 * lag:.0f}" for lag in servo.lag_s)
     yield RigCheck(
         "servo",
-        max(left) <= 5e-3,
+        max(left) <= MOST_SERVO_RESIDUAL_RAD,
         f"lag {lags} ms; " * bool(lags) + f"{max(left) * 1e3:.1f} mrad rms unexplained at worst",
-        "≤ 5 mrad rms unexplained",
+        f"≤ {1e3 * MOST_SERVO_RESIDUAL_RAD:g} mrad rms unexplained",
         "check payload and limits: a joint may have saturated",
     )
 

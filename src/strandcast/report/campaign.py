@@ -1,0 +1,274 @@
+"""A campaign: the summaries of many experiments, and what can be counted over all of their throws."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from strandcast.core.shares import wilson
+from strandcast.records.summary import ExperimentSummary, TrialSummary
+from strandcast.report.numbers import millimetres, scaled
+from strandcast.report.rig_limits import (
+    LEAST_MARKER_FRACTION,
+    MOST_DRIFT,
+    MOST_LENS_RMS_PX,
+    MOST_PLANE_RMS_PX,
+    MOST_SERVO_RESIDUAL_RAD,
+)
+
+# Iglewicz & Hoaglin, "How to Detect and Handle Outliers", 1993: |robust z| > 3.5, σ = 1.4826 · MAD.
+MOST_ROBUST_Z, SIGMA_PER_MAD = 3.5, 1.4826
+LEAST_THROWS = 8  # to say which of them stands out; chosen
+BEYOND_PREDICTION = 3.0  # times the predicted p90, which one throw in ten exceeds anyway; chosen
+
+
+class WaitingTrial(NamedTuple):
+    """A throw whose experiment's summary does not have it; `failure`: why, if a stage failed."""
+
+    trial: int
+    failure: str | None = None
+
+
+@dataclass(frozen=True)
+class CampaignExperiment:
+    """One experiment: its summary, or why it could not be read, and throws that are not in it."""
+
+    name: str
+    summary: ExperimentSummary | None
+    problem: str | None = None
+    waiting: Sequence[WaitingTrial] = ()
+
+    @property
+    def trials(self) -> list[TrialSummary]:
+        """Return the trials in the summary."""
+        return [] if self.summary is None else self.summary.trials
+
+    @property
+    def throws(self) -> list[TrialSummary]:
+        """Return the trials that count, in order: the first is throw 1, whatever its trial's number."""
+        return [line for line in self.trials if line.excluded is None]
+
+    @property
+    def verdict(self) -> str:
+        """Return "hit", "no hit" or "unknown"; a summary that lacks a throw cannot say that none has hit."""
+        known = "unknown" if self.summary is None else self.summary.verdict
+        return "unknown" if known == "no hit" and self.waiting else known
+
+    def has_hit_by(self, throw: int) -> bool | None:
+        """Return whether one of the first throws hit; None if one of them is unknown and none hit."""
+        hits = [line.hit for line in self.throws[:throw]]
+        if any(hits):
+            return True
+        throws = self.throws
+        lacking = any(len(throws) < throw or each.trial < throws[throw - 1].trial for each in self.waiting)
+        return None if self.summary is None or None in hits or lacking else False
+
+
+@dataclass(frozen=True)
+class CampaignTally:
+    """Trials of a campaign by what became of them."""
+
+    scored: int
+    excluded: int
+    failed: int  # unknown, as a result could not be read, or a stage failed
+    left: int  # thrown, but not processed yet
+    hits: int  # throws that hit
+    experiments: dict[str, int]  # by verdict
+    unread: int  # experiments without a readable summary: their trials are not counted
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the counts as plain data."""
+        return asdict(self) | {"done": self.done}
+
+    @property
+    def done(self) -> int:
+        """Return the trials that need no more work."""
+        return self.scored + self.excluded
+
+    def __str__(self) -> str:
+        experiments = f"{self.experiments['hit']} of {sum(self.experiments.values())} experiments"
+        text = (
+            f"{self.done} trial{'' if self.done == 1 else 's'} done, {self.failed} failed, {self.left} left"
+        )
+        text += f"; hits: {self.hits} throws, in {experiments}"
+        text += f"; excluded: {self.excluded}" if self.excluded else ""
+        return text + (f"; without a readable summary: {self.unread}" if self.unread else "")
+
+
+class HitShare(NamedTuple):
+    """How many of the experiments of known outcome have hit by a throw, with the 95 % Wilson interval."""
+
+    throw: int
+    hits: int
+    known: int
+    unknown: int
+    low: float
+    high: float
+
+
+class RigQuantity(NamedTuple):
+    """A quantity of the rig: its field, the unit on the page and the factor to it, the limit in SI units."""
+
+    name: str
+    field: str
+    unit: str
+    factor: float
+    limit: float
+    is_least: bool = False  # whether the limit is the least good value, not the most
+
+    def of(self, line: TrialSummary) -> float | None:
+        """Return the value of a trial in the unit of the page, None if it is unknown."""
+        value: float | None = getattr(line, self.field)
+        return None if value is None else value * self.factor
+
+    def is_good(self, line: TrialSummary) -> bool | None:
+        """Return whether a trial's value is within the limit; None if it is unknown."""
+        value: float | None = getattr(line, self.field)
+        if value is None:
+            return None
+        return value >= self.limit if self.is_least else abs(value) <= self.limit
+
+
+RIG_QUANTITIES = (
+    RigQuantity("clock drift", "clock_drift", "ppm", 1e6, MOST_DRIFT),
+    RigQuantity("lens, rms", "lens_rms_px", "px", 1.0, MOST_LENS_RMS_PX),
+    RigQuantity("plane of motion, rms", "plane_rms_px", "px", 1.0, MOST_PLANE_RMS_PX),
+    RigQuantity("hand's markers seen", "marker_fraction", "%", 100.0, LEAST_MARKER_FRACTION, True),
+    RigQuantity("servo, unexplained", "servo_residual_rad", "mrad", 1e3, MOST_SERVO_RESIDUAL_RAD),
+)
+
+
+class CampaignThrow(NamedTuple):
+    """One trial of a campaign; `throw` counts from 1 and is None for an excluded trial."""
+
+    experiment: str
+    line: TrialSummary
+    throw: int | None
+
+
+class Outlier(NamedTuple):
+    """A trial that stands out, and by what: a sentence for each reason, the worst trial first."""
+
+    experiment: str
+    trial: int
+    reasons: list[str]
+    severity: float  # the largest of its values over their limits
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Many experiments, by name."""
+
+    experiments: Sequence[CampaignExperiment] = field(default_factory=list)
+
+    def trials(self) -> Iterator[CampaignThrow]:
+        """Yield all trials in the summaries, by experiment and number."""
+        for each in self.experiments:
+            throw = 0
+            for line in each.trials:
+                throw += line.excluded is None
+                yield CampaignThrow(each.name, line, throw if line.excluded is None else None)
+
+    def tally(self) -> CampaignTally:
+        """Count the trials."""
+        lines = [each.line for each in self.trials()]
+        counted = [line for line in lines if line.excluded is None]
+        waiting = [trial for each in self.experiments for trial in each.waiting]
+        verdicts = [each.verdict for each in self.experiments]
+        failed = sum(line.hit is None for line in counted)
+        return CampaignTally(
+            scored=len(counted) - failed,
+            excluded=len(lines) - len(counted),
+            failed=failed + sum(trial.failure is not None for trial in waiting),
+            left=sum(trial.failure is None for trial in waiting),
+            hits=sum(line.hit is True for line in counted),
+            experiments={verdict: verdicts.count(verdict) for verdict in ("hit", "no hit", "unknown")},
+            unread=sum(each.summary is None for each in self.experiments),
+        )
+
+    def most_throws(self) -> int:
+        """Return the number of throws of the experiment with the most."""
+        return max((len(each.throws) for each in self.experiments), default=0)
+
+    def hit_shares(self) -> list[HitShare]:
+        """Return by throw how many experiments have hit.
+
+        One that stopped without a hit has not hit; one that may have is unknown and not in the share.
+        """
+        shares = []
+        for throw in range(1, self.most_throws() + 1):
+            outcomes = [each.has_hit_by(throw) for each in self.experiments]
+            hits, known = outcomes.count(True), len(outcomes) - outcomes.count(None)
+            shares.append(HitShare(throw, hits, known, outcomes.count(None), *wilson(hits, known)))
+        return shares
+
+    def misses_by_throw(self) -> dict[int, list[tuple[int, float]]]:
+        """Return by throw the known misses [m], each with the position of its experiment."""
+        found: dict[int, list[tuple[int, float]]] = {}
+        for position, each in enumerate(self.experiments):
+            for throw, line in enumerate(each.throws, 1):
+                if line.miss_m is not None:
+                    found.setdefault(throw, []).append((position, line.miss_m))
+        return dict(sorted(found.items()))
+
+    def best_so_far(self) -> dict[int, list[float]]:
+        """Return by throw the least known miss [m] of each experiment so far; a stopped one keeps its own."""
+        found: dict[int, list[float]] = {throw: [] for throw in range(1, self.most_throws() + 1)}
+        for each in self.experiments:
+            best = math.inf
+            for throw in found:
+                line = each.throws[throw - 1] if throw <= len(each.throws) else None
+                if line is not None and line.miss_m is not None:
+                    best = min(best, line.miss_m)
+                if best < math.inf:
+                    found[throw].append(best)
+        return found
+
+    def outliers(self) -> list[Outlier]:
+        """Return the counted trials that stand out, the worst first."""
+        usual = {
+            throw: _robust([math.log10(miss) for _, miss in misses if miss > 0.0])
+            for throw, misses in self.misses_by_throw().items()
+        }
+        found = []
+        for each in self.trials():
+            if each.throw is not None:
+                reasons = list(_reasons(each, usual.get(each.throw)))
+                if reasons:
+                    severity = max(size for size, _ in reasons)
+                    texts = [text for _, text in sorted(reasons, reverse=True)]
+                    found.append(Outlier(each.experiment, each.line.trial, texts, severity))
+        return sorted(found, key=lambda outlier: -outlier.severity)
+
+
+def _robust(values: list[float]) -> tuple[float, float] | None:
+    """Return the median and a robust σ of values; None for too few, or if most are the same."""
+    if len(values) < LEAST_THROWS:
+        return None
+    middle = float(np.median(values))
+    sigma = SIGMA_PER_MAD * float(np.median(np.abs(np.array(values) - middle)))
+    return (middle, sigma) if sigma > 0.0 else None
+
+
+def _reasons(each: CampaignThrow, usual: tuple[float, float] | None) -> Iterator[tuple[float, str]]:
+    """Yield by what a throw stands out: how far over the limit, and a sentence."""
+    line = each.line
+    if line.miss_m and usual is not None:
+        over = (math.log10(line.miss_m) - usual[0]) / usual[1] / MOST_ROBUST_Z
+        if over > 1.0:
+            median = millimetres(10.0 ** usual[0])
+            yield over, f"miss of {millimetres(line.miss_m)}; the median of throw {each.throw} is {median}"
+    if line.miss_m is not None and line.predicted_p90_m:
+        over = line.miss_m / line.predicted_p90_m / BEYOND_PREDICTION
+        if over > 1.0:
+            predicted = millimetres(line.predicted_p90_m)
+            yield over, f"miss of {millimetres(line.miss_m)}; nine of ten were predicted within {predicted}"
+    for quantity in RIG_QUANTITIES:
+        value, limit = quantity.of(line), quantity.limit * quantity.factor
+        if value is not None and not quantity.is_good(line):
+            over = limit / max(value, 1e-9) if quantity.is_least else abs(value) / limit
+            shown = scaled(value, 1.0, 2, quantity.unit)
+            bound = f"{'at least' if quantity.is_least else 'at most'} {limit:g} {quantity.unit} is good"
+            yield over, f"{quantity.name}: {shown}; {bound}"

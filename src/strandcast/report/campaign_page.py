@@ -1,0 +1,214 @@
+"""The page of a campaign: what failed first, then misses and hits over all experiments, and every trial."""
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+from markupsafe import Markup
+
+from strandcast.records.folders import trial_name
+from strandcast.records.provenance import group_by_versions
+from strandcast.records.summary import VersionGroup
+from strandcast.report.campaign import (
+    BEYOND_PREDICTION,
+    MOST_ROBUST_Z,
+    Campaign,
+    CampaignExperiment,
+    CampaignTally,
+)
+from strandcast.report.campaign_table import HEADS, chip, line_badge, page_link, trial_rows, trials_csv
+from strandcast.report.numbers import UNKNOWN, millimetres, place
+from strandcast.report.pages import render
+from strandcast.report.panels.campaign import learning, rig_course, throw_misses
+from strandcast.report.panels.content import Panel, PanelContent, Table, make_sections
+from strandcast.report.provenance import mixed_versions, version_tables
+from strandcast.report.text import Badge
+
+MOST_OUTLIERS = 40  # listed by name; the remarks in the table of trials hold all
+VERDICTS = {
+    "hit": Badge("HIT", "●", "hit"),
+    "no hit": Badge("NO HIT", "▲", "miss"),
+    "unknown": Badge("UNKNOWN", "✕", "failed"),
+}
+
+
+class Trouble(NamedTuple):
+    """What failed or is unknown: the experiment or its trial, and why."""
+
+    where: Markup
+    badge: Badge
+    why: str
+
+
+def campaign_page(campaign: Campaign) -> str:
+    """Return the HTML page of a campaign. It is made from the experiments' summaries alone."""
+    tally = campaign.tally()
+    troubles = list(_troubles(campaign))
+    words = Counter(each.badge.word for each in troubles)
+    groups = _version_groups(campaign)
+    return render(
+        "campaign.html.jinja",
+        script="table.js.jinja",
+        tally=tally,
+        badge=_badge(tally),
+        headline=headline(tally),
+        troubles=troubles,
+        trouble=", ".join(f"{count} {word.lower()}" for word, count in words.items()),
+        experiments=_experiments(campaign),
+        sections=make_sections(CAMPAIGN_PANELS, campaign),
+        heads=HEADS,
+        rows=trial_rows(campaign),
+        csv=trials_csv(campaign),
+        mixed_versions=mixed_versions(groups),
+        provenance=[_hashes(campaign), *version_tables(groups)],
+    )
+
+
+def headline(tally: CampaignTally) -> str:
+    """Return in a sentence what is known of a campaign."""
+    hit, missed, unknown = (tally.experiments[name] for name in ("hit", "no hit", "unknown"))
+    count = hit + missed + unknown
+    text = f"{hit} of {count} experiment{'' if count == 1 else 's'} {'has' if hit == 1 else 'have'} hit"
+    text += f", {missed} {'has' if missed == 1 else 'have'} not" if missed else ""
+    return text + (f"; {unknown} {'is' if unknown == 1 else 'are'} unknown." if unknown else ".")
+
+
+def _has_throws(campaign: Campaign) -> bool:
+    return campaign.most_throws() > 0
+
+
+def _badge(tally: CampaignTally) -> Badge:
+    unknown, hit = tally.experiments["unknown"], tally.experiments["hit"]
+    count = sum(tally.experiments.values())
+    if unknown or not count:
+        return Badge(f"{unknown} UNKNOWN" if count else "NO EXPERIMENT", "✕", "failed")
+    return (
+        Badge(f"{hit} OF {count} HIT", "●", "hit")
+        if hit == count
+        else Badge(f"{hit} OF {count} HIT", "▲", "miss")
+    )
+
+
+def _named_link(experiment: str, trial: int) -> Markup:
+    page = f"{quote(experiment)}/{trial_name(trial)}/report.html"
+    return Markup('<a href="{}">{}, trial {}</a>').format(page, experiment, trial)
+
+
+def _troubles(campaign: Campaign) -> Iterator[Trouble]:
+    """Yield what failed or is unknown, experiments first."""
+    unknown = VERDICTS["unknown"]
+    for each in campaign.experiments:
+        if each.summary is None:
+            yield Trouble(Markup("{}").format(each.name), unknown, each.problem or "no summary")
+        for file, why in each.summary.unread.items() if each.summary is not None else ():
+            yield Trouble(page_link(each.name), unknown, f"{file}: {why}")
+    for each in campaign.experiments:
+        for line in each.throws:
+            if line.unread or line.hit is None:
+                why = "; ".join(f"{file}: {reason}" for file, reason in line.unread.items())
+                badge = line_badge(line) if line.hit is not None else unknown
+                yield Trouble(_named_link(each.name, line.trial), badge, why or "no verdict")
+        for trial in each.waiting:
+            where = Markup("{}").format(f"{each.name}, trial {trial.trial}")
+            failed = trial.failure is not None
+            badge = Badge("FAILED", "✕", "failed") if failed else Badge("WAITING", "◌", "excluded")
+            yield Trouble(where, badge, trial.failure or "thrown, but not in the experiment’s summary")
+
+
+def _experiments(campaign: Campaign) -> Table:
+    heads = ["experiment", "verdict", "hit at trial", "best miss", "trials", "unknown", "excluded", "waiting"]
+    return Table([*heads, "string", "target"], [_experiment_row(each) for each in campaign.experiments])
+
+
+def _experiment_row(each: CampaignExperiment) -> list[Any]:
+    summary, badge = each.summary, chip(VERDICTS[each.verdict])
+    if summary is None:
+        return [each.name, badge, *[UNKNOWN] * 5, len(each.waiting), UNKNOWN, UNKNOWN]
+    best = min((line.miss_m for line in each.throws if line.miss_m is not None), default=None)
+    return [
+        page_link(each.name),
+        badge,
+        summary.hit_trial or UNKNOWN,
+        millimetres(best),
+        len(summary.trials),
+        sum(line.hit is None for line in each.throws),
+        len(summary.trials) - len(each.throws),
+        len(each.waiting),
+        millimetres(summary.string_length_m, digits=0),
+        place(summary.target_m),
+    ]
+
+
+def _outliers(campaign: Campaign) -> PanelContent:
+    found = campaign.outliers()
+    counted = sum(each.throw is not None for each in campaign.trials())
+    rows = [
+        [_named_link(each.experiment, each.trial), "; ".join(each.reasons)] for each in found[:MOST_OUTLIERS]
+    ]
+    named = "" if len(found) <= MOST_OUTLIERS else f" The worst {MOST_OUTLIERS} are named here."
+    return PanelContent(
+        f"{len(found)} of {counted} throws stand out.{named}",
+        tables=[Table(["trial", "stands out by"], rows)] if rows else [],
+    )
+
+
+def _version_groups(campaign: Campaign) -> list[VersionGroup]:
+    made = (
+        (f"{each.name}: {len(group.files)} files", group.versions)
+        for each in campaign.experiments
+        for group in (each.summary.made_with if each.summary is not None else ())
+    )
+    return [VersionGroup(versions=versions, files=files) for versions, files in group_by_versions(made)]
+
+
+def _hashes(campaign: Campaign) -> Table:
+    rows = [
+        [f"{each.name}/summary.json", UNKNOWN if each.summary is None else each.summary.content_sha256()]
+        for each in campaign.experiments
+    ]
+    return Table(["summary", "content sha256"], rows)
+
+
+CAMPAIGN_PANELS = [
+    Panel(
+        "misses",
+        "Misses by throw",
+        throw_misses,
+        caption="Within a throw, the experiments stand in the order of the table. Excluded trials are not "
+        "throws; a throw with an unknown miss has no mark. Experiments that stop at a hit have no later "
+        "throws: those are of the harder ones.",
+        good="The band falls from throw to throw.",
+        bad="It stays: what is learned from a throw does not help the next; see E of the experiments.",
+        shown=_has_throws,
+    ),
+    Panel(
+        "learning",
+        "Hits and best miss by throw",
+        learning,
+        caption="Bars: Wilson’s 95 % interval. An experiment that stopped without a hit counts as one that "
+        "has not hit; one that may have, as a result could not be read, is left out.",
+        good="The share rises to 100 %, the best miss falls below the hit radius.",
+        bad="Both are flat from some throw on.",
+        shown=_has_throws,
+    ),
+    Panel(
+        "outliers",
+        "Trials that stand out",
+        _outliers,
+        caption="By a miss far above those of the same throw (robust z of its logarithm over "
+        f"{MOST_ROBUST_Z:g}), by one over {BEYOND_PREDICTION:g} times what nine of ten were predicted "
+        "within, or by a quantity of the rig beyond its limit. The remarks in the table of trials name all.",
+        shown=_has_throws,
+    ),
+    Panel(
+        "rig",
+        "The rig over the campaign",
+        rig_course,
+        caption="By experiment, in the order of the table: the summaries hold no dates. Disc: median of its "
+        "throws; bar: least to largest; dotted: the limit; cross: an experiment with a throw beyond it.",
+        good="Flat and within the limits.",
+        bad="A trend: the rig changes, e.g. the camera was moved.",
+        shown=_has_throws,
+    ),
+]

@@ -1,0 +1,53 @@
+"""The campaign: all experiments of a project that were begun, from their summaries."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from strandcast.errors import StrandcastError
+from strandcast.records.folders import ExperimentFolder
+from strandcast.records.page import write_page
+from strandcast.records.summary import ExperimentSummary
+from strandcast.report.campaign import Campaign, CampaignExperiment, CampaignTally, WaitingTrial
+from strandcast.report.campaign_page import campaign_page
+from strandcast.workflow.status import failure_in
+from strandcast.workflow.targets import known_experiments
+
+
+def campaign_of(root: Path) -> Campaign:
+    """Return all experiments that have results or throws.
+
+    A summary is verified by its hash and its place; the results that it was made from are not hashed again:
+    `verify` does that, which each run does first.
+    """
+    folders = (ExperimentFolder(root, name) for name in known_experiments(root))
+    return Campaign([_experiment(each) for each in folders if each.results.is_dir() or each.thrown_trials()])
+
+
+def write_campaign(root: Path) -> tuple[CampaignTally, Path]:
+    """Write the page of the campaign; return what it counts, and its path."""
+    campaign, page = campaign_of(root), root / "results" / "report.html"
+    write_page(page, campaign_page(campaign))
+    return campaign.tally(), page
+
+
+def _experiment(folder: ExperimentFolder) -> CampaignExperiment:
+    summary, problem = None, None
+    try:
+        summary = ExperimentSummary.read(folder.results / "summary.json", inputs=False)
+    except StrandcastError as error:
+        problem = f"summary.json: {error.what}; {error.fix}"
+    known = {line.trial for line in summary.trials} if summary is not None else set()
+    missing = [number for number in folder.thrown_trials() if number not in known]
+    of_all = next(_failures(folder.results, *sorted(folder.results.glob("cameras/*"))), None)
+    waiting = [
+        WaitingTrial(number, next(_failures(folder.trial(number).results), of_all)) for number in missing
+    ]
+    return CampaignExperiment(folder.name, summary, problem, waiting)
+
+
+def _failures(*folders: Path) -> Iterator[str]:
+    """Yield the stages of these folders whose logs end with an error, with its words."""
+    for log in (path for folder in folders for path in sorted(folder.glob("logs/*.log"))):
+        code, what = failure_in(log)
+        if what is not None:
+            yield f"{log.stem}: {f'{code} ' if code else ''}{what}"

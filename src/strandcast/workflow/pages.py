@@ -1,0 +1,98 @@
+"""All pages again, from the results that there are: no stage runs, and Snakemake is not asked."""
+
+import os
+import signal
+import sys
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple
+
+from strandcast.errors import StrandcastError
+from strandcast.records.folders import ExperimentFolder
+from strandcast.stages.run import files_of, run_stage
+from strandcast.workflow.locks import lease
+
+SCORED = ("verdict.json", "track.json", "report.html")  # a trial that has one of these has a page
+
+
+class PageJob(NamedTuple):
+    """One page: a trial's, or for trial 0, the experiment's."""
+
+    root: Path
+    experiment: str
+    trial: int = 0
+
+
+class PageProblem(NamedTuple):
+    """What is wrong with a page, e.g. which results could not be read."""
+
+    exit_code: int
+    text: str
+
+
+def render_pages(root: Path, names: list[str], cores: int) -> list[PageProblem]:
+    """Render the pages of trials, then those of experiments, on some cores; return what is wrong with them.
+
+    A page whose bytes stay the same keeps its time: to Snakemake, nothing has happened.
+    """
+    trials = [PageJob(root, name, number) for name in names for number in _with_results(root, name)]
+    with ExitStack() as stack:
+        for name in names:
+            stack.enter_context(lease(root, name))
+        # New processes, not copies of this one: threads of libraries do not survive a fork.
+        pool = ProcessPoolExecutor(cores, get_context("spawn"), initializer=_leave_signals)
+        try:
+            problems = _rendered(pool, trials)
+            return [*problems, *_rendered(pool, [PageJob(root, name) for name in names])]
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _leave_signals() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one ends it
+
+
+def _rendered(pool: ProcessPoolExecutor, jobs: list[PageJob]) -> list[PageProblem]:
+    problems: list[PageProblem] = []
+    for done, problem in enumerate(pool.map(render_page, jobs), 1):
+        problems += [problem] if problem is not None else []
+        if done % 50 == 0 or done == len(jobs):
+            what = "pages of trials" if jobs[0].trial else "pages of experiments"
+            print(f"{done} of {len(jobs)} {what}", file=sys.stderr, flush=True)
+    return problems
+
+
+def render_page(job: PageJob) -> PageProblem | None:
+    """Render one page; return what its stage says about it."""
+    root, name, trial = job
+    stage = "report" if trial else "summary"
+    numbers = () if trial else ExperimentFolder(root, name).reported_trials()
+    try:
+        files = files_of(stage, root, name, trial, numbers)
+        outputs = [path for paths in files.stage.output_files(files.job).values() for path in paths]
+        with _keeping_times(outputs):
+            run_stage(stage, root, name, trial, numbers)
+    except StrandcastError as problem:
+        return PageProblem(problem.exit_code, str(problem))
+    return None
+
+
+def _with_results(root: Path, name: str) -> Iterator[int]:
+    for folder in sorted((root / "results" / name).glob("trial-[0-9][0-9]")):
+        if any((folder / file).is_file() for file in SCORED):
+            yield int(folder.name.removeprefix("trial-"))
+
+
+@contextmanager
+def _keeping_times(paths: Iterable[Path]) -> Iterator[None]:
+    """Give files that have the same bytes after the block as before the times that they had."""
+    before = [(path, path.read_bytes(), path.stat()) for path in paths if path.is_file()]
+    try:
+        yield
+    finally:
+        for path, content, facts in before:
+            if path.is_file() and path.read_bytes() == content:
+                os.utime(path, ns=(facts.st_atime_ns, facts.st_mtime_ns))
