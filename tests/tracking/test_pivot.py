@@ -12,6 +12,7 @@ import pytest
 from strandcast.config.track import TrackSettings
 from strandcast.errors import StrandcastError
 from strandcast.tracking.pendulum.arc import calibrate_arc, fit_arc
+from strandcast.tracking.pendulum.period import check_period, period_s
 from strandcast.tracking.pendulum.track import track_pendulum
 from strandcast.tracking.preconditions import check_pixel_aspect
 from strandcast.tracking.result import Tracked
@@ -35,11 +36,11 @@ def pendulum(scene, path, camera, length_m, points) -> Tracked:
 
 
 def swing_film(scene, path, swing_rad):
-    """Film a ball of 15 px on a thread of 700 px, 1.25 s a period; the pivot is 500 px above the picture."""
+    """Film a ball of 15 px on a thread of 700 px, 1.68 s a period; the pivot is 500 px above the picture."""
     rng = np.random.default_rng(0)
     frames, angles = [], []
-    for k in range(150):
-        angle = swing_rad * np.cos(2 * np.pi * k / 75)
+    for k in range(202):
+        angle = swing_rad * np.cos(2 * np.pi * k / 101)
         centre = np.array([250 + 700 * np.sin(angle), -500 + 700 * np.cos(angle)])
         image = np.full((300, 500), 170.0, np.float32)
         cv2.circle(image, np.rint(centre * 64).astype(int).tolist(), 15 * 64, 60.0, -1, cv2.LINE_AA, 6)
@@ -98,6 +99,32 @@ def test_a_lens_for_the_videos_pixels_is_accepted(scene):
     camera.lens.matrix[1][1] *= 4 / 3
     check_pixel_aspect(info, camera, info.path)
     check_pixel_aspect(replace(info, pixel_aspect=496 / 495), scene.flat_camera(), info.path)
+
+
+@pytest.mark.parametrize(("length_m", "rate_hz", "fits"), [(0.3, 60.0, "0.70"), (0.7, 120.0, "0.5 times")])
+def test_a_period_that_contradicts_the_length_is_refused(scene, tmp_path, length_m, rate_hz, fits):
+    swing_film(scene, tmp_path / "v.mkv", 0.2)
+    facts = inspect_video(tmp_path / "v.mkv", rate_hz)
+    with pytest.raises(StrandcastError, match=r"gravity would be \d+\.\d m/s") as caught:
+        calibrate_arc(tmp_path / "v.mkv", facts, length_m)
+    assert caught.value.code == "SC-T008"
+    assert fits in caught.value.cost
+    camera = calibrate_arc(tmp_path / "v.mkv", inspect_video(tmp_path / "v.mkv"), 0.7)
+    given = replace(scene.tracker_input(tmp_path / "v.mkv", length_m, 4, camera=camera), facts=facts)
+    with pytest.raises(StrandcastError) as caught:
+        track_pendulum(given, TrackSettings())
+    assert caught.value.code == "SC-T008"
+
+
+def test_noise_does_not_add_passages_and_less_than_a_period_is_not_checked():
+    time_s = np.arange(0.0, 5.0, 1e-3)
+    angle = 0.2 * np.cos(2 * np.pi * time_s / 1.68) + np.random.default_rng(0).normal(0.0, 2e-3, len(time_s))
+    rising = np.count_nonzero((angle[:-1] < 0) & (angle[1:] >= 0))
+    assert rising > 3
+    assert period_s(time_s, angle) == pytest.approx(1.68, rel=2e-3)
+    short = time_s < 1.0
+    assert np.isnan(period_s(time_s[short], angle[short]))
+    check_period(time_s[short], angle[short], 7.0, "v.mkv")
 
 
 def test_arc_of_exact_points():

@@ -11,9 +11,9 @@ from scipy.signal import savgol_filter
 
 from strandcast.tracking.pendulum.arc import arc_camera, fit_arc
 from strandcast.tracking.pendulum.ball import BallTrack, track_ball
+from strandcast.tracking.pendulum.period import period_s
 from strandcast.video.ingest import camera_times, inspect_video
 from strandcast_studies.evidence.figure import Figure
-from strandcast_studies.evidence.string_pendulum import period_s
 
 FILE = "rope_pendulum_0.62m_60fps.mp4"
 LENGTH_M = 0.62  # stated by its author

@@ -16,6 +16,7 @@ from strandcast.dynamics.batch import HandPath, StringStart
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simulate import simulate_batch
+from strandcast.tracking.pendulum.period import period_s
 from strandcast_studies.evidence.figure import Figure
 from strandcast_studies.evidence.solve import Unknown, solve
 
@@ -110,15 +111,6 @@ def fit_drag(measured: PendulumSwing, laws: tuple[bool, bool]) -> tuple[Array, f
 
     found = solve(residuals, unknowns, np.r_[start, np.full(len(used), 5e-3)])
     return _drag(found.values[4:], used), float(np.sqrt(found.sum_of_squares / len(measured.time_s)))
-
-
-def period_s(time_s: Array, angle_rad: Array) -> float:
-    """Return the mean period between the first and last rising passage through the middle [s]."""
-    middle = angle_rad - angle_rad.mean()
-    rising = np.flatnonzero((middle[:-1] < 0) & (middle[1:] >= 0))
-    share = middle[rising] / (middle[rising] - middle[rising + 1])
-    passage_s = time_s[rising] + share * (time_s[rising + 1] - time_s[rising])
-    return float(np.polyfit(np.arange(len(passage_s)), passage_s, 1)[0])
 
 
 def amplitude_rad(time_s: Array, angle_rad: Array, at_s: float, period: float) -> float:

@@ -11,6 +11,8 @@ from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
 from strandcast.tracking.pendulum.ball import track_ball
+from strandcast.tracking.pendulum.period import check_period
+from strandcast.video.ingest import camera_times
 
 LEAST_SWING_RAD = 0.02  # half of the arc; a shorter one does not determine its radius
 WORST_SHARE = 0.1  # standard error of the radius over the radius
@@ -61,7 +63,8 @@ def calibrate_arc(
     Raises
     ------
     StrandcastError
-        SC-T005 as `track_ball`; SC-T006 the arc is too short to determine its radius.
+        SC-T005 as `track_ball`; SC-T006 the arc is too short to determine its radius; SC-T008 its
+        period is not that of the length.
     """
     ball = track_ball(path, facts, background_frames)
     arc = fit_arc(ball.centre_px)
@@ -74,6 +77,8 @@ def calibrate_arc(
             cost="metres would be wrong",
             fix="film a wider swing, or use markers for the scale",
         )
+    across, down = (ball.centre_px - arc.centre_px).T
+    check_period(camera_times(facts), np.arctan2(across, down), length_m, path)
     return arc_camera(arc, facts, length_m)
 
 

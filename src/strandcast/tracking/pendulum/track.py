@@ -6,6 +6,7 @@ from strandcast.camera.mapping import pixel_to_metre
 from strandcast.config.track import TrackSettings
 from strandcast.records.track import PREDICTED
 from strandcast.tracking.pendulum.ball import SIGMA_PX, track_ball
+from strandcast.tracking.pendulum.period import check_period
 from strandcast.tracking.preconditions import check_size
 from strandcast.tracking.result import Tracked, marker_columns
 from strandcast.tracking.strobe import choose_instants, strobe_picture
@@ -25,12 +26,15 @@ def track_pendulum(given: TrackerInput, settings: TrackSettings) -> Tracked:
     ------
     StrandcastError
         SC-T001 the decoded count differs from the manifest's; SC-T002 the frames' size is not the
-        calibration's; SC-T005 no bead is found.
+        calibration's; SC-T005 no bead is found; SC-T008 its period is not that of the length.
     """
     camera, string = given.camera, given.hint
     check_size(given.facts, camera, given.video)
     ball = track_ball(given.video, given.facts, settings.background_frames)
     tip_m = pixel_to_metre(camera, ball.centre_px, camera.string_offset_m)
+    check_period(
+        camera_times(given.facts), np.arctan2(tip_m[:, 0], -tip_m[:, 1]), string.length_m, given.video
+    )
     count = ball.decoded
     points = np.full((count, string.points + 1, 2), np.nan)
     sigma = np.full((count, string.points + 1), np.nan)
