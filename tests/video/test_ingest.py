@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError
+from strandcast.video.checks import slow_rate_warning, warnings_of
 from strandcast.video.ingest import camera_times, inspect_video
 
 
@@ -59,6 +60,16 @@ def test_the_experiments_rate_wins_over_a_slow_motion_export(tmp_path):
     facts = inspect_video(tmp_path / "v.mp4", frame_rate_hz=1000.0)
     assert facts.frame_rate_source == "experiment"
     assert camera_times(facts)[10] == pytest.approx(0.010)
+
+
+def test_a_low_rate_asks_for_the_rate_of_filming(tmp_path):
+    write(tmp_path / "v.mp4", range(0, 500, 17))  # 29.4 frames/s
+    warning = warnings_of(inspect_video(tmp_path / "v.mp4"), None)[-1]
+    assert "v.mp4 states 29.4118 frames/s; a throw needs 240 or more" in warning
+    assert "camera.frame_rate_hz" in warning
+    assert slow_rate_warning(inspect_video(tmp_path / "v.mp4", frame_rate_hz=30.0)) == []
+    write(tmp_path / "fast.mp4", range(0, 60, 2))  # 250 frames/s
+    assert slow_rate_warning(inspect_video(tmp_path / "fast.mp4")) == []
 
 
 def test_missing_video_lists_similar_names(tmp_path):

@@ -166,6 +166,32 @@ def test_a_cines_own_times_reveal_lost_frames(real_data, tmp_path):
     assert camera_times(facts)[100] == pytest.approx(1.03, abs=1e-6)
 
 
+@pytest.mark.parametrize("name", ["data_small_cine.cine", "ball_12bit.cihx"])
+def test_a_rate_that_contradicts_the_cameras_clock_is_refused(real_data, name):
+    path = real_data / "highspeed_native" / name
+    true_hz = inspect_video(path).frame_rate_hz
+    assert inspect_video(path, 1.01 * true_hz).frame_rate_source == "experiment"
+    with pytest.raises(StrandcastError, match=f"clock gives {true_hz:.6g} frames/s") as caught:
+        inspect_video(path, 10.0 * true_hz)
+    assert caught.value.code == "SC-V025"
+    assert "factor of 10" in caught.value.cost
+
+
+def test_the_flips_of_a_cine_are_named(tmp_path):
+    from ..faults.readers import cine_file
+
+    path = cine_file(tmp_path)
+    data = bytearray(path.read_bytes())
+    upright = frames_of(path)
+    assert not any("flip" in note for note in inspect_video(path).notes)
+    struct.pack_into("<II", data, 84 + 756, 1, 1)
+    path.write_bytes(data)
+    notes = inspect_video(path).notes
+    assert any("horizontal flip (bFlipH), which is not applied" in note for note in notes)
+    assert any("vertical flip (bFlipV), which is applied" in note for note in notes)
+    np.testing.assert_array_equal(frames_of(path), upright[:, ::-1])
+
+
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("isolated", [True, False])
 def test_a_cine_without_compression_is_read_the_right_way_up(real_data, tmp_path, bits, isolated):

@@ -18,6 +18,7 @@ from strandcast.tracking.preview.picture import preview_picture
 from strandcast.tracking.preview.preview import Expected, preview
 from strandcast.tracking.preview.sampled import sample_video
 from strandcast.tracking.tracker import StringHint
+from strandcast.video.checks import slow_rate_warning
 from strandcast.video.ingest import inspect_video
 
 WEBP_QUALITY = 85
@@ -46,7 +47,7 @@ def run(root: Path, name: str, trial: int) -> list[str]:
     out = folder.results / "preview.webp"
     write_picture(out, cv2.cvtColor(preview_picture(found, title), cv2.COLOR_RGB2BGR), WEBP_QUALITY)
     wrong = [f"wrong: {text}" for text in problems(found)] or ["nothing is wrong in these frames"]
-    notes = [f"file: {text}" for text in facts.notes + sampled.warnings]
+    notes = [f"file: {text}" for text in facts.notes + sampled.warnings + slow_rate_warning(facts)]
     if sampled.decoded < facts.packets:
         notes.append(f"only the first {sampled.decoded} of {facts.packets} frames were sampled")
     return [title, *wrong, *findings(found), *notes, str(out)]

@@ -11,10 +11,13 @@ from strandcast.records.folders import files_of_video
 from strandcast.records.joint_log import Run
 from strandcast.records.manifest import LogFacts, VideoFacts
 from strandcast.video.files import damaged, video_sha256
+from strandcast.video.ingest import RATE_TOLERANCE
 
 QUIET_S = 1.0  # chosen: time without changes before a file is read
 MIN_COVER = 0.5  # chosen: share of the motion that the video must cover
 LONGEST_HASH_BYTES = 4096  # of a file of `sha256sum`: the hash, then a name
+CAMERA_CLOCKS = ("cine", "mraw")  # containers whose times are those of filming
+LEAST_RATE_HZ = 240.0  # below, a fast tip moves by decimetres between frames (the README asks for 240)
 SLOW_MOTION = 3.0  # chosen: duration relative to the joint log above which slow motion is suspected
 
 
@@ -110,7 +113,21 @@ def warnings_of(facts: VideoFacts, log: LogFacts | None) -> list[str]:
         found.append(f"{facts.file}: {missing} frames missing in {len(facts.gaps)} gaps, up to {worst:.4f} s")
     if facts.duplicates:
         found.append(f"{facts.file}: {facts.duplicates} frames with the previous frame's time stamp")
-    return found if log is None else found + _against_log(facts, log)
+    return found + ((_against_log(facts, log) if log is not None else []) or slow_rate_warning(facts))
+
+
+def slow_rate_warning(facts: VideoFacts) -> list[str]:
+    """Return a warning about a low frame rate that a file's header gives: slow motion, or too slow."""
+    rate_hz = facts.frame_rate_hz
+    if facts.frame_rate_source == "experiment" or rate_hz >= (1.0 - RATE_TOLERANCE) * LEAST_RATE_HZ:
+        return []
+    needs = f"a throw needs {LEAST_RATE_HZ:g} or more"
+    if facts.container in CAMERA_CLOCKS:
+        return [f"{facts.file} was filmed at {rate_hz:.6g} frames/s; {needs}"]
+    return [
+        f"{facts.file} states {rate_hz:.6g} frames/s; {needs}. If it was filmed faster and plays in slow "
+        "motion, give the rate of filming in camera.frame_rate_hz, otherwise all speeds are wrong"
+    ]
 
 
 def _against_log(facts: VideoFacts, log: LogFacts) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 IMAGE_TIMES = 1002
 COUNT_AT, SETUP_AT = 0x14, 0x1C  # in the header: number of images; positions of setup and image table
-LENGTH_AT = 142  # in the setup
+LENGTH_AT, FLIPS_AT = 142, 756  # in the setup: its length; bFlipH, then bFlipV
 
 
 def cine_times_ns(path: str | Path) -> list[int] | None:
@@ -29,6 +29,17 @@ def cine_times_ns(path: str | Path) -> list[int] | None:
     fraction = (stamps[:, 0] & ~np.uint32(3)).astype(np.float64) / 2.0**32
     times = seconds * 10**9 + np.rint(fraction * 1e9).astype(np.int64)
     return [int(time) for time in times - times[0]]
+
+
+def cine_flips(path: str | Path) -> list[str]:
+    """Return a note for each flip that a cine file requests; FFmpeg applies the vertical one only."""
+    with Path(path).open("rb") as file:
+        try:
+            across, upside = _read(file, _read(file, SETUP_AT, "<I")[0] + FLIPS_AT, "<II")
+        except struct.error:
+            return []
+    notes = ["its header requests a horizontal flip (bFlipH), which is not applied"] if across else []
+    return notes + (["its header requests a vertical flip (bFlipV), which is applied"] if upside else [])
 
 
 def _image_times(file: IO[bytes]) -> np.ndarray | None:

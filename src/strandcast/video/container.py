@@ -10,7 +10,7 @@ import av
 import numpy as np
 
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.video.cine import cine_times_ns
+from strandcast.video.cine import cine_flips, cine_times_ns
 from strandcast.video.ffmpeg import OpenContainer, open_container, reason
 from strandcast.video.files import damaged
 from strandcast.video.grey import BLACK, LUMA_8BIT, WHITE, grey_converter, is_full_range, luma, upright
@@ -128,7 +128,8 @@ def _promised_frames(container: av.container.InputContainer, stream: av.VideoStr
 
 
 def _with_camera_times(contents: Contents, path: str | Path) -> Contents:
-    """Use the camera's own time stamps, which a cine file contains beside its nominal rate."""
+    """Use the camera's own time stamps, which a cine contains beside its nominal rate; name its flips."""
+    contents = replace(contents, camera_clock=True, notes=contents.notes + cine_flips(path))
     times = cine_times_ns(path)
     if times is None or len(times) != len(contents.ticks) or len(times) < 2:
         return contents

@@ -46,7 +46,8 @@ def inspect_video(
     ------
     StrandcastError
         As `strandcast.video.reader.open_video` on opening, and SC-V011 fewer than two frames, SC-V012
-        fewer than the header states (truncated), SC-V017 no frame rate, SC-V018 too many missing.
+        fewer than the header states (truncated), SC-V017 no frame rate, SC-V018 too many missing,
+        SC-V025 `frame_rate_hz` contradicts the camera's clock.
     """
     check_video_path(path)
     contents = probe_isolated(path, ProcessLimits()) if isolated else probe(path)
@@ -118,8 +119,23 @@ def _clock(contents: Contents, frame_rate_hz: float | None, path: str | Path) ->
         field = "camera.frame_rate_hz"
         fix = f"give {field} in experiment.yaml"
         raise StrandcastError("SC-V017", "pictures have no frame rate", file=path, field=field, fix=fix)
+    if contents.camera_clock and stamped_hz is not None:
+        _refuse_other_rate(rate_hz, stamped_hz, path)
     true = contents.time_base_s if frame_rate_hz is None else None
     return _Clock(ticks, true or 1.0 / (rate_hz * step), rate_hz, stamped_hz, _gaps(ticks, step, rate_hz))
+
+
+def _refuse_other_rate(given_hz: float, camera_hz: float, path: str | Path) -> None:
+    """Refuse a declared frame rate that the camera's own clock contradicts (SC-V025)."""
+    if abs(given_hz / camera_hz - 1.0) > RATE_TOLERANCE:
+        raise StrandcastError(
+            "SC-V025",
+            f"the camera's own clock gives {camera_hz:.6g} frames/s, camera.frame_rate_hz {given_hz:.6g}",
+            file=path,
+            field="camera.frame_rate_hz",
+            cost=f"speeds would be wrong by a factor of {given_hz / camera_hz:.3g}",
+            fix="remove camera.frame_rate_hz: this file needs none",
+        )
 
 
 def _cut(contents: Contents, missing: int) -> str | None:

@@ -132,6 +132,7 @@ def probe(path: str | Path) -> Contents:
         ticks=list(range(min(held, header.frames))),
         time_base_s=1.0 / header.rate_hz,
         promised=header.frames,
+        camera_clock=True,
     )
 
 

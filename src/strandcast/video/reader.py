@@ -11,6 +11,7 @@ import numpy as np
 from strandcast.video.files import check_video_path
 from strandcast.video.isolated import ProcessLimits, decode_isolated
 from strandcast.video.registry import open_source
+from strandcast.video.repeats import MotionMeter, repeat_warnings
 from strandcast.video.source import Grey, Source, VideoInfo, is_copy
 
 MAX_REPORTED = 5  # chosen: kinds of decoder messages, and runs of copies
@@ -34,6 +35,8 @@ class VideoFile:
         Messages of the decoder so far.
     copies
         Indices of frames that are exact copies of their predecessors: the camera or a converter froze.
+    changes
+        How much each frame changes from the one before, from `repeats.MotionMeter`.
     pid
         Id of the decoding process; None if it is this process.
     """
@@ -42,13 +45,14 @@ class VideoFile:
     frames: Iterator[tuple[int, float, Grey]]
     messages: list[str] = field(default_factory=list)
     copies: list[int] = field(default_factory=list)
+    changes: list[float] = field(default_factory=list)
     pid: int | None = None
 
     def __iter__(self) -> Iterator[tuple[int, float, Grey]]:
         return self.frames
 
     def warnings(self) -> list[str]:
-        """Return warnings about the frames so far: the decoder's messages, frozen frames."""
+        """Return warnings about the frames so far: the decoder's messages, frozen and doubled frames."""
         warnings = [f"decoder: {text}" for text in summed_up(self.messages)[:MAX_REPORTED]]
         frozen = runs(self.copies)
         for first, last in frozen[:MAX_REPORTED]:
@@ -58,7 +62,7 @@ class VideoFile:
             warnings.append(
                 f"{len(frozen) - MAX_REPORTED} more runs of copied frames, {len(self.copies)} copies in all"
             )
-        return warnings
+        return warnings + repeat_warnings(self.changes, self.copies)
 
 
 def summed_up(messages: list[str]) -> list[str]:
@@ -117,17 +121,20 @@ def open_video(
     """
     check_video_path(path)
     copies: list[int] = []
+    changes: list[float] = []
     if not isolated:
         with open_source(path, threads, frames) as source:
-            video = VideoFile(source.info, _counted(_compared(source), copies), copies=copies)
+            counted = _measured(_counted(_compared(source), copies), source.info, changes)
+            video = VideoFile(source.info, counted, copies=copies, changes=changes)
             try:
                 yield video
             finally:
                 video.messages[:] = source.messages()
         return
     with decode_isolated(path, threads, frames, keep, limits or ProcessLimits()) as decoding:
-        counted = _counted(decoding.frames(), copies)
-        yield VideoFile(decoding.info, counted, decoding.messages, copies, decoding.decoder.process.pid)
+        counted = _measured(_counted(decoding.frames(), copies), decoding.info, changes)
+        pid = decoding.decoder.process.pid
+        yield VideoFile(decoding.info, counted, decoding.messages, copies, changes, pid)
 
 
 def _compared(source: Source) -> Iterator[tuple[float, Grey, bool]]:
@@ -144,4 +151,14 @@ def _counted(
     for index, (time_s, grey, copy) in enumerate(frames):
         if copy:
             copies.append(index)
+        yield index, time_s, grey
+
+
+def _measured(
+    frames: Iterator[tuple[int, float, Grey]], info: VideoInfo, changes: list[float]
+) -> Iterator[tuple[int, float, Grey]]:
+    meter = MotionMeter(info.max_level)
+    meter.changes = changes
+    for index, time_s, grey in frames:
+        meter.add(grey)
         yield index, time_s, grey

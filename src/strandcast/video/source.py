@@ -72,6 +72,8 @@ class Contents:
         Number of frames that the header states, 0 if it states none; False if derived from a duration.
     discarded
         Number of frames that the container's edit list removes.
+    camera_clock
+        Whether the camera wrote the times or the rate when it recorded, so that they are no playing speed.
     breaks_off
         Why the data end before the file does; None if they do not.
     notes
@@ -88,6 +90,7 @@ class Contents:
     promised: int = 0
     exact: bool = True
     discarded: int = 0
+    camera_clock: bool = False
     breaks_off: str | None = None
     notes: list[str] = field(default_factory=list)
 
