@@ -62,9 +62,10 @@ def repeat_warnings(changes: list[float], copies: list[int]) -> list[str]:
     if len(repeated) < LEAST_COUNT or len(repeated) < LEAST_SHARE * np.ptp(moving):
         return []
     total = int(np.ptp(moving)) + 1
+    real = 1.0 - len(repeated) / total
     examples = "{}, {} and {}".format(*repeated)
     return [
         f"{len(repeated)} of the {total} frames with motion show nothing new, as {examples}: a converter "
-        f"doubled frames and encoded them again, so that about {1.0 - len(repeated) / total:.0%} of the frame "
-        "rate is real; use the camera's original file"
+        f"doubled frames and encoded them again, so that about {real:.0%} of the frame rate is real; use the "
+        "camera's original file"
     ]
