@@ -13,9 +13,14 @@ import pytest
 from PIL import Image
 
 from strandcast.records.files import write_text
+from strandcast.report.campaign_page import campaign_page
+from strandcast.report.comparison import TrialRecords, compare, read_records
+from strandcast.report.comparison_page import comparison_page
 from strandcast.report.experiment_page import experiment_page
 from strandcast.report.summary import summarise
 from strandcast.report.trial_page import trial_page
+
+from .campaigns import campaign_in_memory
 
 pytestmark = pytest.mark.browser
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -93,7 +98,7 @@ def light_and_dark(page: Path, folder: Path, browser: str) -> None:
 
 @pytest.fixture
 def pages(page: Path, results: Path, tmp_path: Path) -> list[Path]:
-    """Return a trial's page, and that of an experiment with an excluded trial."""
+    """Return the pages of a trial, an experiment with an excluded trial, a comparison and a campaign."""
     trials = {trial: results / f"trial-{trial:02d}" for trial in (1, 2, 3)}
     summary = summarise(
         "swing",
@@ -103,9 +108,15 @@ def pages(page: Path, results: Path, tmp_path: Path) -> list[Path]:
         hit_radius_m=0.02,
         excluded={2: "the string slipped"},
     )
-    path = tmp_path / "experiment.html"
-    write_text(path, experiment_page(summary, trials))
-    return [page, path]
+    records = {trial: TrialRecords(read_records(folder)) for trial, folder in trials.items()}
+    made = {
+        "experiment": experiment_page(summary, trials),
+        "comparison": comparison_page(compare(("old", "new"), records, records)),
+        "campaign": campaign_page(campaign_in_memory(7)),
+    }
+    for name, text in made.items():
+        write_text(tmp_path / f"{name}.html", text)
+    return [page, *(tmp_path / f"{name}.html" for name in made)]
 
 
 @pytest.mark.slow
@@ -114,8 +125,8 @@ def pages(page: Path, results: Path, tmp_path: Path) -> list[Path]:
 def test_axe_finds_no_violation(
     pages: list[Path], tmp_path: Path, browser: str, width_px: int, scheme: int
 ) -> None:
-    for each in pages:
-        assert violations(each, tmp_path / "axe.html", browser, width_px, scheme) == []
+    found = {each.stem: violations(each, tmp_path / "axe.html", browser, width_px, scheme) for each in pages}
+    assert found == {each.stem: [] for each in pages}
 
 
 @pytest.mark.slow

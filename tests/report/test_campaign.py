@@ -8,14 +8,15 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
-from tests.report.campaigns import campaign_in_memory, name_of, summary_of, write_summaries
-from tests.report.test_pages import Tags
 
 from strandcast.records.summary import TrialSummary
 from strandcast.report.campaign import Campaign, CampaignExperiment, WaitingTrial
 from strandcast.report.campaign_page import campaign_page, headline
 from strandcast.report.pages import page_script
 from strandcast.workflow.campaign import campaign_of, write_campaign
+
+from .campaigns import campaign_in_memory, name_of, summary_of, write_summaries
+from .test_pages import Tags
 
 pytestmark = pytest.mark.slow
 MOST_BYTES = 2_000_000

@@ -246,7 +246,7 @@ def test_misses_are_held_against_what_was_predicted_before(results: Path, tmp_pa
         known = motion.predicted.model_copy(update={"miss_quantiles_m": {"p10": low_m, "p90": high_m}})
         motion.model_copy(update={"predicted": known}).write(path)
     page = ExperimentPageData(summary, {k: read_results(each) for k, each in trials.items()}, folder)
-    assert "1 of 2 missed by as much as predicted." in misses(page).finding
+    assert "1 of 2 misses lie in the interval predicted before the throw." in misses(page).finding
 
 
 def test_the_matrix_of_checks_leads_to_the_trial_that_failed(results: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -473,6 +474,45 @@ def test_status_agrees_with_what_snakemake_would_run(rig, tmp_path, monkeypatch,
     for step, reason in why.items():
         assert reason in [*stages[step].why, f"after {stages[step].after}"]
     assert (status.next_steps[0] == "strandcast run rig") == bool(jobs(run))
+
+
+def test_snakemakes_own_report_holds_pages_numbers_and_figures(rig, tmp_path, monkeypatch):
+    root = Path(shutil.copytree(rig, tmp_path / "project"))
+    assert snakemake(root, "results/report.html").returncode == 0
+    for name in ("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"):
+        monkeypatch.setenv(name, "http://127.0.0.1:9")  # nothing listens there: a request would fail
+    run = snakemake(root, "results/report.html", "--report", "whole.html")
+    assert run.returncode == 0, run.stderr[-3000:]
+    page = (root / "whole.html").read_text()
+    found = {
+        name: json.loads(re.search(rf"var {name} = (\{{.*\}});\n", page)[1])
+        for name in ("categories", "results")
+    }
+    assert found["categories"] == {
+        "All experiments": {"Other": ["results/report.html"]},
+        "Calibration": {"rig": ["results/rig/cameras/main.webp"]},
+        "Experiments": {"rig": ["results/rig/report.html", "results/rig/summary.json"]},
+        "Trials": {"rig": ["results/rig/trial-01/report.html", "results/rig/trial-01/strobe.webp"]},
+    }
+    shown = found["results"]["results/rig/trial-01/report.html"]
+    assert shown["labels"] == {"trial": "01", "content": "trial"}
+    assert "Trial 01 of experiment rig: the verdict" in shown["caption"]
+    assert not re.search(r"<(script|link|img)[^>]*(src|href)=.http", page)
+
+
+def test_the_pages_are_rendered_again_without_any_stage(rig, tmp_path):
+    root = Path(shutil.copytree(rig, tmp_path / "project"))
+    pages = [root / "results" / "rig" / name for name in ("report.html", "trial-01/report.html")]
+    before = [(page.read_bytes(), page.stat().st_mtime_ns) for page in pages]
+    pages[1].unlink()
+    line = [sys.executable, "-m", "strandcast", "run", "--report-only", "--json"]
+    run = subprocess.run(line, cwd=root, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert [page.read_bytes() for page in pages] == [content for content, _ in before]
+    assert pages[0].stat().st_mtime_ns == before[0][1]  # nothing has happened to it
+    campaign = json.loads(run.stdout)["campaign"]
+    assert (campaign["done"], campaign["failed"], campaign["left"]) == (2, 0, 0)  # with that of tiny
+    assert "rig/trial-01/report.html" in (root / campaign["page"]).read_text()
 
 
 def test_a_missing_result_that_no_run_makes_is_made_by_the_command_that_status_names(rig, tmp_path):

@@ -9,7 +9,7 @@ rule calibrate:
     input:
         unpack(stage_inputs("calibrate")),
     output:
-        **stage_outputs("calibrate"),
+        **shown(stage_outputs("calibrate"), "Calibration", picture="camera"),
     log:
         "results/{experiment}/cameras/{camera}/logs/calibrate.log",
     benchmark:

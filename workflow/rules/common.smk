@@ -83,6 +83,27 @@ def kept(outputs):
     return {role: update(paths) for role, paths in outputs.items()}
 
 
+def shown(outputs, category, **captions):
+    """Return outputs, those with a caption in workflow/report/ marked for `snakemake --report`."""
+    marked = {
+        role: report(
+            outputs[role],
+            category=category,
+            subcategory="{experiment}",
+            labels=labels_of(outputs[role], caption),
+            caption=f"../report/{caption}.rst",
+        )
+        for role, caption in captions.items()
+    }
+    return outputs | marked
+
+
+def labels_of(pattern, content):
+    """Return the columns by which the report lists a file: what it shows, and of which trial or camera."""
+    names = [name for name in ("trial", "camera") if f"{{{name}}}" in pattern]
+    return {name: f"{{{name}}}" for name in names} | {"content": content}
+
+
 EXPERIMENTS = targets.default_experiments()
 LAB_EXPERIMENTS = targets.names_pattern(targets.lab_experiments())
 SUPPLIED, PLAYED = targets.supplied_trials(), targets.played_trials()

@@ -1,7 +1,8 @@
 """Pages, from results only.
 
 REQUIRED INPUTS: all results of a trial and of the one before, the next motion, the arm's file
-OUTPUTS:         results/<experiment>/trial-NN/report.html, results/<experiment>/{report.html, summary.json}
+OUTPUTS:         results/<experiment>/trial-NN/report.html, results/<experiment>/{report.html, summary.json},
+                 results/report.html
 EXIT CODE 4:     the page was made, and says which results could not be read: its job has not failed
 """
 
@@ -10,7 +11,7 @@ rule report_trial:
     input:
         unpack(stage_inputs("report")),
     output:
-        **stage_outputs("report"),
+        **shown(stage_outputs("report"), "Trials", page="trial"),
     log:
         "results/{experiment}/trial-{trial}/logs/report.log",
     benchmark:
@@ -29,7 +30,12 @@ rule report_experiment:
     input:
         unpack(stage_inputs("summary", all_trials)),
     output:
-        **stage_outputs("summary"),
+        **shown(
+            stage_outputs("summary"),
+            "Experiments",
+            page="experiment",
+            summary="summary",
+        ),
     log:
         "results/{experiment}/logs/summary.log",
     benchmark:
@@ -43,3 +49,23 @@ rule report_experiment:
     shell:
         "python -m strandcast summary {wildcards.experiment:q} {params.trials} 2>&1 | tee {log:q} >&2"
         " || [ $? -eq 4 ]"
+
+
+rule report_campaign:
+    input:
+        expand("results/{experiment}/summary.json", experiment=EXPERIMENTS),
+    output:
+        page=report(
+            "results/report.html",
+            category="All experiments",
+            labels={"content": "campaign"},
+            caption="../report/campaign.rst",
+        ),
+    log:
+        "results/campaign.log",
+    params:
+        code=code_version("strandcast.workflow.campaign"),
+    message:
+        "the page of all experiments is written"
+    shell:
+        "python -m strandcast campaign 2>&1 | tee {log:q} >&2"

@@ -9,7 +9,7 @@ rule track:
     input:
         unpack(stage_inputs("track")),
     output:
-        **stage_outputs("track"),
+        **shown(stage_outputs("track"), "Trials", strobe="strobe"),
     log:
         "results/{experiment}/trial-{trial}/logs/track.log",
     benchmark:

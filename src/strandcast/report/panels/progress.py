@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import numpy as np
+
 from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.report.drawing import (
     FITTED,
@@ -19,6 +21,9 @@ from strandcast.report.numbers import millimetres
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import ExperimentPageData
 
+MOST_NUMBERS = 12  # of misses that stand beside their marks; the table has all
+MOST_TICKS = 20
+
 
 def misses(page: ExperimentPageData) -> PanelContent:
     """Return the miss per trial against the hit radius; excluded trials are grey."""
@@ -30,9 +35,18 @@ def misses(page: ExperimentPageData) -> PanelContent:
     axes.axhline(radius_mm, color=TARGET, linewidth=1.2, linestyle=(0, (6, 3)))
     counted = [line for line in summary.trials if line.excluded is None and line.miss_m is not None]
     axes.plot([line.trial for line in counted], [(line.miss_m or 0.0) * 1e3 for line in counted], **MEASURED)
+    best_mm = np.minimum.accumulate([(line.miss_m or 0.0) * 1e3 for line in counted])
+    axes.step(
+        [line.trial for line in counted],
+        best_mm,
+        where="post",
+        color=INK,
+        linewidth=0.9,
+        linestyle=(0, (2, 2)),
+    )
     predicted = _draw_predicted(axes, page)
     for line in summary.trials:
-        _draw_miss(axes, line)
+        _draw_miss(axes, line, named=len(summary.trials) <= MOST_NUMBERS)
     right = {"xycoords": ("axes fraction", "data"), "ha": "right", "fontsize": 8}
     note(axes, "hit radius", (1.0, radius_mm), (-3, 3), **right)
     axes.set(xlabel="trial", ylabel="miss [mm]", ylim=(0, None))
@@ -111,10 +125,10 @@ def _held(summary: ExperimentSummary, predicted: dict[int, tuple[float, float]])
     if not misses_mm:
         return ""
     held = sum(predicted[trial][0] <= miss <= predicted[trial][1] for trial, miss in misses_mm.items())
-    return f" {held} of {len(misses_mm)} missed by as much as predicted."
+    return f" {held} of {len(misses_mm)} misses lie in the interval predicted before the throw."
 
 
-def _draw_miss(axes: Any, line: TrialSummary) -> None:
+def _draw_miss(axes: Any, line: TrialSummary, named: bool) -> None:
     if line.miss_m is None:
         note(axes, "not seen", (line.trial, 0), (0, 4), ha="center", fontsize=8)
         return
@@ -132,12 +146,13 @@ def _draw_miss(axes: Any, line: TrialSummary) -> None:
         markeredgewidth=1.8,
         capsize=4,
     )
-    note(axes, f"{line.miss_m * 1e3:.1f}", (line.trial, line.miss_m * 1e3), (9, 5), fontsize=8.5)
+    if named:
+        note(axes, f"{line.miss_m * 1e3:.1f}", (line.trial, line.miss_m * 1e3), (9, 5), fontsize=8.5)
 
 
 def _trial_axis(axis: Any, set_limits: Any, summary: ExperimentSummary) -> None:
     trials = [line.trial for line in summary.trials]
-    axis.set_ticks(trials)
+    axis.set_ticks(trials[:: -(-len(trials) // MOST_TICKS) or 1])
     set_limits(min(trials, default=1) - 0.6, max(trials, default=1) + 0.6)
 
 

@@ -233,8 +233,8 @@ EXPERIMENT_PANELS = [
         "Miss per trial",
         misses,
         caption="Bars: ± σ of the tracked tip. Wide bars: the interval predicted before the throw, for four "
-        "of five throws. Full disc: hit; open triangle: miss; grey cross: excluded; no mark: the tip was not "
-        "detected at its closest approach.",
+        "of five throws. Dotted: the best so far. Full disc: hit; open triangle: miss; grey cross: excluded; "
+        "no mark: the tip was not detected at its closest approach.",
         good="the marks lie within the wide bars and go down.",
         bad="a mark far above its wide bar: something changed that no string of the ensemble explains.",
     ),
@@ -242,7 +242,7 @@ EXPERIMENT_PANELS = [
         "hands",
         "Hand paths, first throw and hit",
         hand_paths,
-        caption="Squares: where the motion starts.",
+        caption="Squares: where the motion starts. Grey: the trials between.",
     ),
     Panel("tips", "Tip paths", tip_paths, caption="From the motion’s start until 0.3 s after its end."),
     Panel(

@@ -17,6 +17,8 @@ STYLES: tuple[dict[str, Any], ...] = (
     draw.TRUE,
     {"color": draw.GREY, "linestyle": (0, (8, 2, 1, 2, 1, 2)), "linewidth": 1.3},
 )
+AMONG_OTHERS: dict[str, Any] = {"color": draw.GREY, "linewidth": 0.9, "alpha": 0.8}
+MOST_NAMED = len(STYLES) + 1  # trials that can be told apart; of more, only the first and the last are named
 
 
 def hand_paths(page: ExperimentPageData) -> PanelContent:
@@ -28,6 +30,9 @@ def hand_paths(page: ExperimentPageData) -> PanelContent:
     first, last = counted[0], summary.hit_trial or counted[-1]
     figure = draw.new_figure(8.4, 4.8, top=0.97, bottom=0.2)
     axes = figure.add_subplot()
+    for trial in sorted(set(counted) - {first, last}):
+        if trials[trial].get("hand") is not None and trials[trial].get("alignment") is not None:
+            axes.plot(*_hand(trials[trial]).pose[:, :2].T, **AMONG_OTHERS, label="other trials")
     lengths = {}
     for trial, style in {first: draw.PLANNED, last: draw.MEASURED}.items():
         path = _hand(trials[trial])
@@ -75,12 +80,9 @@ def tip_paths(page: ExperimentPageData) -> PanelContent:
         except StrandcastError:
             missing.append(str(line.trial))
             continue
-        style = (
-            draw.MEASURED | {"linewidth": 2.4}
-            if line.trial == summary.hit_trial
-            else STYLES[len(shown) % len(STYLES)]
-        )
-        axes.plot(*tip_m.T, **style, label=f"trial {line.trial}: {millimetres(line.miss_m)}")
+        style, name = _style(summary, line.trial)
+        label = f"{name}: {millimetres(line.miss_m)}" if name.startswith("trial") else name
+        axes.plot(*tip_m.T, **style, label=label)
         shown.append(line.trial)
     if not shown:
         raise StrandcastError("SC-H063", "no counted trial has a track", fix="track the trials")
@@ -108,10 +110,9 @@ def closest_strings(page: ExperimentPageData) -> PanelContent:
         row = None if line.excluded is not None or results is None else closest_row(results)
         if results is None or row is None:
             continue
-        hit = line.trial == summary.hit_trial
-        style = draw.MEASURED | {"linewidth": 2.4} if hit else STYLES[len(shown) % len(STYLES)]
+        style, name = _style(summary, line.trial)
         string_m = results.need("track").points_m[row]
-        axes.plot(*string_m.T, **(style | {"marker": "o", "markersize": 2.6}), label=f"trial {line.trial}")
+        axes.plot(*string_m.T, **(style | {"marker": "o", "markersize": 2.6}), label=name)
         shown.append(line.trial)
     if not shown:
         raise StrandcastError("SC-H063", "no counted trial has a closest approach", fix="track the trials")
@@ -124,6 +125,19 @@ def closest_strings(page: ExperimentPageData) -> PanelContent:
         draw.Drawing(figure, f"Measured strings at the closest approach. {finding}"),
         sources=[f"trial-{trial:02d}/track.parquet" for trial in shown],
     )
+
+
+def _style(summary: ExperimentSummary, trial: int) -> tuple[dict[str, Any], str]:
+    """Return the style and the name of a trial's line: the hit is bold; of many others, most are grey."""
+    counted = [line.trial for line in summary.trials if line.excluded is None]
+    name = f"trial {trial}"
+    if trial == summary.hit_trial:
+        return draw.MEASURED | {"linewidth": 2.4, "zorder": 3}, f"{name}, the hit"
+    if len(counted) <= MOST_NAMED:
+        return STYLES[counted.index(trial) % len(STYLES)], name
+    if trial in (counted[0], counted[-1]):
+        return (draw.PLANNED if trial == counted[0] else draw.FITTED) | {"zorder": 2.5}, name
+    return AMONG_OTHERS, "other trials"
 
 
 def _finish(axes: Any, summary: ExperimentSummary) -> None:
