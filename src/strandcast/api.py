@@ -239,7 +239,7 @@ class FittedString:
             Settings of experiment.yaml that replace its own, e.g. ``target_m=(0.6, 0.4)``.
         """
         with threadpool_limits(1):  # as the stages: the last digits must not depend on the number of cores
-            return plan.motion_of(*_job(self.context, "plan", self.trial + 1, settings))
+            return plan.plan_motion(*_job(self.context, "plan", self.trial + 1, settings))[0]
 
     def _file(self, name: str) -> Path:
         return self.context.folder.trial(self.trial).results / name

@@ -303,7 +303,14 @@ def sealed_readers() -> list[Reader]:
     for schema in TABLES:
         kind = schema.rpartition("/")[2]
         readers.append(Reader(kind, copied(f"{kind}-any.parquet"), loaded, sealed=True))
-    beside = {"hand": [], "track": ["track.json"], "simulated": [], "ensemble": [], "lab_truth": []}
+    beside = {
+        "hand": [],
+        "track": ["track.json"],
+        "simulated": [],
+        "predicted": [],
+        "ensemble": [],
+        "lab_truth": [],
+    }
     for name, others in beside.items():
         read = on_page(name)
         readers.append(

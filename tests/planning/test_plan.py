@@ -301,25 +301,25 @@ def test_the_prediction_is_over_strings_and_disturbances(
 ) -> None:
     later = planned_next(task, strings, trial, 0.001)
     for plan in (first, later):
-        assert plan.disturbed_miss_m.shape == (16 * len(strings),)
-        assert plan.hit_probability == np.mean(plan.disturbed_miss_m <= task.hit_radius_m)
+        assert plan.throws.miss_m.shape == (16 * len(strings),)
+        assert plan.hit_probability == np.mean(plan.throws.miss_m <= task.hit_radius_m)
         # Undisturbed is not among them, but the spread is around it.
-        one = plan.disturbed_miss_m[:16]
+        one = plan.throws.miss_m[:16]
         assert one.max() > plan.miss_m
         assert np.sqrt(np.mean(one**2)) < plan.miss_m + 0.03
     # The search does not ask how wide a hit is; with a narrow one some of the throws hit.
-    narrow = replace(task, hit_radius_m=float(np.quantile(first.disturbed_miss_m, 0.6)))
+    narrow = replace(task, hit_radius_m=float(np.quantile(first.throws.miss_m, 0.6)))
     again = planned(narrow, strings)
-    np.testing.assert_array_equal(again.disturbed_miss_m, first.disturbed_miss_m)
-    assert again.hit_probability == np.mean(first.disturbed_miss_m <= narrow.hit_radius_m)
+    np.testing.assert_array_equal(again.throws.miss_m, first.throws.miss_m)
+    assert again.hit_probability == np.mean(first.throws.miss_m <= narrow.hit_radius_m)
     assert 0.55 < again.hit_probability < 0.65
     predicted = to_record(later, task, "demo", 2, 3, {}).predicted
     assert predicted is not None
     assert predicted.disturbed_throws == 48
     assert list(predicted.miss_quantiles_m) == ["p10", "p50", "p90"]
-    np.testing.assert_allclose(predicted.miss_quantiles_m["p50"], np.median(later.disturbed_miss_m))
+    np.testing.assert_allclose(predicted.miss_quantiles_m["p50"], np.median(later.throws.miss_m))
     still = planned(task, strings, disturbances=0.0)
-    np.testing.assert_allclose(still.disturbed_miss_m, np.repeat(still.ensemble_miss_m, 16), atol=1e-4)
+    np.testing.assert_allclose(still.throws.miss_m, np.repeat(still.ensemble_miss_m, 16), atol=1e-4)
 
 
 @pytest.mark.parametrize("budget", [{"evaluations": 8, "ensemble": 1}, {"evaluations": 200, "ensemble": 3}])

@@ -35,6 +35,7 @@ from strandcast.records.motion import (
     StringSet,
     points_of,
 )
+from strandcast.records.predicted import PredictedThrows, write_predicted
 from strandcast.records.tables import write_table
 from strandcast.records.track import TRACK, Track, TrackSummary
 from strandcast.records.verdict import Verdict
@@ -230,6 +231,15 @@ def motion(experiment: str, trial: int, swing_rad: float, played: bool) -> Motio
     )
 
 
+def predicted(planned: Motion) -> PredictedThrows:
+    """Return 20 throws that go 2 % less to 2 % farther than a motion's, every other one with its path."""
+    assert planned.predicted is not None
+    tips_m = np.linspace(0.98, 1.02, 20)[:, None, None] * np.array(planned.predicted.tip_m)
+    miss_m = np.array([path_distance_m(np.array([TARGET_M]), tip_m)[0] for tip_m in tips_m])
+    chosen, time_s = np.arange(0, 20, 2), np.array(planned.predicted.time_s)
+    return PredictedThrows(miss_m, chosen, time_s[::2], tips_m[chosen, ::2], planned.content_sha256())
+
+
 def estimate(experiment: str, trial: int) -> Estimate:
     ranges = {
         "k_s": ("N/m/kg", 1e3, 1e8, 0.97),
@@ -350,6 +360,7 @@ def build_trial(folder: Path, experiment: str, trial: int, rate_hz: float = FRAM
     ).write(folder / "verdict.json")
     planned = motion(experiment, trial, SWINGS_RAD[trial], played=True)
     planned.write(folder / "motion.json")
+    write_predicted(folder / "predicted.parquet", predicted(planned))
     _manifest(experiment, trial, len(frames), planned.content_sha256()).write(folder / "manifest.json")
     TrackSummary(
         experiment=experiment,
@@ -492,7 +503,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for trial in SWINGS_RAD:
         (folder / f"trial-{trial:02d}").mkdir(parents=True)
         build_trial(folder / f"trial-{trial:02d}", "swing", trial)
-    motion("swing", 4, 2.55, played=False).write(folder / "trial-04" / "motion.json")
+    following = motion("swing", 4, 2.55, played=False)
+    following.write(folder / "trial-04" / "motion.json")
+    write_predicted(folder / "trial-04" / "predicted.parquet", predicted(following))
     return folder
 
 

@@ -10,9 +10,11 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
+from strandcast.errors import StrandcastError
 from strandcast.records.alignment import Alignment
 from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.motion import Motion
+from strandcast.records.predicted import UNPREDICTED, read_predicted
 from strandcast.records.tables import read_facts, read_table, write_table
 from strandcast.records.track import TrackSummary
 from strandcast.records.verdict import Verdict
@@ -27,6 +29,7 @@ from strandcast.report.panels.evaluation import evaluation
 from strandcast.report.panels.fit_error import fit_error
 from strandcast.report.panels.lab_truth import lab_truth
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
+from strandcast.report.panels.predicted import next_throw, predicted_throw, throws_of
 from strandcast.report.panels.progress import misses
 from strandcast.report.panels.quality import quality
 from strandcast.report.panels.rig import rig
@@ -85,6 +88,64 @@ def test_the_tips_path_gives_the_rms_of_its_curves(results: Path) -> None:
     made = tip_path(page_data(results / "trial-03"))
     for curve, name in zip(curves(made, 2), ("as planned", "fitted"), strict=False):
         assert f"{name}: {rms_mm(curve[:, 1]):.1f}\u00a0mm rms" in made.finding
+
+
+def test_the_predicted_misses_are_those_of_the_curve(results: Path) -> None:
+    page = page_data(results / "trial-03")
+    made = predicted_throw(page)
+    shares, hit_radius, measured = curves(made, 2)
+    miss_mm, verdict = shares[:, 0], page.need("verdict")
+    low_mm, high_mm = np.quantile(miss_mm, (0.1, 0.9))
+    assert (
+        f"four of five of 20 predicted throws miss by {low_mm:.1f}\u00a0mm to {high_mm:.1f}" in made.finding
+    )
+    assert measured[0, 0] == pytest.approx(1e3 * verdict.miss_m)
+    assert hit_radius[0, 0] == pytest.approx(1e3 * verdict.hit_radius_m)
+    below = 100 * np.mean(miss_mm < measured[0, 0])
+    assert f"miss of {measured[0, 0]:.1f}\u00a0mm is larger than {below:.1f}\u00a0% of theirs" in made.finding
+    np.testing.assert_allclose(shares[:, 1], 5.0 * np.arange(1, 21))
+
+
+def test_the_share_within_the_band_is_that_of_its_figure(results: Path) -> None:
+    page = page_data(results / "trial-03")
+    made = predicted_throw(page)
+    assert isinstance(made.drawing, Drawing)
+    measured = curves(made, 1)[0]
+    (band,) = made.drawing.figure.axes[1].collections
+    edge = band.get_paths()[0].vertices
+    since_ms = np.unique(edge[:, 0])
+    low_mm, high_mm = ([f(edge[edge[:, 0] == t, 1]) for t in since_ms] for f in (np.min, np.max))
+    verdict, alignment = page.need("verdict"), page.need("alignment")
+    until_ms = 1e3 * (verdict.closest_robot_time_s - alignment.motion_start_s)
+    counted = measured[(measured[:, 0] <= until_ms) & np.isfinite(measured[:, 1])]
+    low, high = (np.interp(counted[:, 0], since_ms, each) for each in (low_mm, high_mm))
+    inside = 100 * np.mean((counted[:, 1] >= low) & (counted[:, 1] <= high))
+    assert 0 < inside < 100
+    assert f"within the band in {inside:.1f}\u00a0% of frames" in made.finding
+
+
+def test_the_fan_of_the_next_throw_is_that_of_its_file(results: Path) -> None:
+    path = results / "trial-04" / "motion.json"
+    made = next_throw(TrialPageData(read_results(results / "trial-03"), next_motion=path))
+    throws = read_predicted(path.with_name("predicted.parquet"))
+    drawn = curves(made, 0)[: len(throws.throw)]
+    for path_m, tip_m in zip(drawn, throws.tip_m, strict=True):
+        np.testing.assert_array_equal(path_m, tip_m[: len(path_m)])
+    miss_mm = curves(made, 1)[0][:, 0]
+    radius_mm = curves(made, 1)[1][0, 0]
+    hits, half = 100 * np.mean(miss_mm <= radius_mm), np.median(miss_mm)
+    assert (
+        f"{hits:.1f}\u00a0% of them hit, and half of them miss by {half:.1f}\u00a0mm or less" in made.finding
+    )
+
+
+def test_a_prediction_of_another_motion_is_refused(results: Path) -> None:
+    page = page_data(results / "trial-03")
+    throws, motion = page.need("predicted"), page.need("motion")
+    assert throws_of(motion, throws, "predicted.parquet") is throws
+    for other in (throws._replace(motion_sha256="0" * 64), UNPREDICTED):
+        with pytest.raises(StrandcastError, match="SC-H052"):
+            throws_of(motion, other, "predicted.parquet")
 
 
 def test_the_curve_of_the_miss_ends_in_the_verdicts(results: Path) -> None:

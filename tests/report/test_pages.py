@@ -104,6 +104,16 @@ def copy_of(results: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(results, tmp_path / "swing"))
 
 
+def test_the_header_leads_to_the_neighbours(results: Path) -> None:
+    header = page_of(results, neighbours=(2, 4)).partition("</header>")[0]
+    links = re.findall(r'<a href="([^"]*)">([^<]*)</a>', header)
+    assert links == [
+        ("../report.html", "↑ swing"),
+        ("../trial-02/report.html", "← trial 2"),
+        ("../trial-04/report.html", "trial 4 →"),
+    ]
+
+
 def test_the_page_is_complete_small_and_self_contained(page: str) -> None:
     tags = Tags(page)
     assert len(page.encode()) < 3_000_000
@@ -121,7 +131,7 @@ def test_the_page_is_complete_small_and_self_contained(page: str) -> None:
 
 def test_every_figure_has_an_alternative_text(page: str) -> None:
     assert (
-        page.count('role="img" aria-label="') == page.count('role="img"') == 24
+        page.count('role="img" aria-label="') == page.count('role="img"') == 26
     )  # with 10 tiles of the film strip
 
 
@@ -224,8 +234,8 @@ def test_a_missing_result_is_a_box_with_the_reason(results: Path, tmp_path: Path
     (folder / "cameras" / "main.json").write_text('{"schema": "strandcast/camera", "version": 1}')
     page = page_of(folder, next_motion=None)
     text = Tags(page).text
-    assert text.count("✕ This figure could not be made.") == 6
-    assert "6 of 16 figures could not be made" in text
+    assert text.count("✕ This figure could not be made.") == 7
+    assert "7 of 18 figures could not be made" in text
     assert "is damaged or is not a table" in text
     assert "no next motion was planned" in text
     assert "the file was changed" in text
@@ -238,7 +248,7 @@ def test_an_empty_folder_still_gives_a_page(tmp_path: Path) -> None:
     page = trial_page(tmp_path / "trial-01", trial=1, experiment="empty")
     text = Tags(page).text
     assert "UNKNOWN" in text
-    assert "14 of 15 figures could not be made" in text
+    assert "16 of 17 figures could not be made" in text
 
 
 def test_a_bug_in_a_panel_does_not_lose_the_page(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -250,7 +260,7 @@ def test_a_bug_in_a_panel_does_not_lose_the_page(results: Path, monkeypatch: pyt
     monkeypatch.setattr(PANELS, "_entries", panels)
     text = Tags(page_of(results)).text
     assert "ZeroDivisionError: on purpose" in text
-    assert "1 of 16 figures could not be made" in text
+    assert "1 of 18 figures could not be made" in text
 
 
 def test_an_undetected_tip_is_reported(results: Path, tmp_path: Path) -> None:

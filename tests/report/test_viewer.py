@@ -144,6 +144,32 @@ def test_what_is_drawn_belongs_to_the_frame(film: Page, folder: Path) -> None:
     assert words.endswith("flagged: points 7, 8, 9, 10")
 
 
+def test_the_lines_in_the_plots_follow_the_frame(film: Page, folder: Path) -> None:
+    results = read_results(folder)
+    shown = film_of(results, results.need("clip"))
+    film.press("Home")
+    check_shows(film, 0)
+    film.press("]")
+    for frame in (40, 120):
+        check_shows(film, frame)
+        lines = film.value(
+            "Array.from(document.querySelectorAll('line.now'), l => [l.dataset, l.getAttribute('x1'), "
+            "l.getAttribute('x2'), l.getAttribute('visibility')].map(v => ({...v}.clock ? {...v} : v)))"
+        )
+        assert [line[0]["clock"] for line in lines].count("frame") == 2
+        assert len(lines) == 10
+        for data, x1, x2, visibility in lines:
+            now = frame if data["clock"] == "frame" else 1e3 * shown.since_start_s[frame]
+            first, last, left, right = (float(data[name]) for name in ("first", "last", "left", "right"))
+            share = (now - first) / (last - first)
+            assert visibility == ("visible" if 0 <= share <= 1 else "hidden")
+            if visibility == "visible":
+                assert x1 == x2
+                assert float(x1) == pytest.approx(left + share * (right - left), abs=0.02)
+        assert sum(line[3] == "visible" for line in lines) >= 8
+        film.press("]")
+
+
 def test_a_tile_of_the_film_strip_jumps_to_its_frame(film: Page) -> None:
     film.value("document.querySelectorAll('.strip button')[3].click()")
     check_shows(film, 159)
@@ -171,6 +197,8 @@ def test_without_scripts_the_film_strip_stands_alone(page: Page, folder: Path) -
     page.open(folder / "report.html")
     assert page.value("getComputedStyle(document.querySelector('.viewer')).display") == "none"
     assert page.value("document.querySelectorAll('.strip button').length") == 0
+    lines = "Array.from(document.querySelectorAll('line.now'), l => getComputedStyle(l).visibility)"
+    assert set(page.value(lines)) == {"hidden"}
     assert page.value("document.querySelectorAll('.strip li > svg').length") == 10
     tile = np.asarray(
         Image.open(io.BytesIO(page.picture(".strip li:nth-child(4) image"))).convert("L"), float

@@ -75,7 +75,7 @@ def test_the_planner_throws_what_was_fitted(tmp_path, task, fitted):
     assert not np.allclose(simulated[0], simulated[1], atol=0.01)
 
     found = SearchResult("refined", curve, 1, [])
-    plan = describe(task, planned, "ensemble", found, rollouts, np.zeros(3))
+    plan = describe(task, planned, "ensemble", found, rollouts, rollouts)
     known = _planned(to_record(plan, task, "test", 2, 0, {}), PIPED)
     assert known is not None
     for column in fields(StringBatch):

@@ -1,7 +1,7 @@
 """The next motion.
 
 REQUIRED INPUTS: the latest estimate and ensemble; motions, tracks and hands of the trials so far; the arm's file
-OUTPUTS:         results/<experiment>/trial-NN/motion.json, made from the trials before NN
+OUTPUTS:         results/<experiment>/trial-NN/{motion.json, predicted.parquet}, made from the trials before NN
 """
 
 

@@ -22,6 +22,7 @@ from strandcast.executor.run_record import EXIT_CODES, run_record
 from strandcast.executor.streaming.clock import Clock, HostClock
 from strandcast.executor.streaming.interrupts import held_off
 from strandcast.records.joint_log import Run, write_joint_log
+from strandcast.records.predicted import read_predicted, write_predicted
 
 AROUND_S = 10.0  # more than any driver logs before and after the motion, or while it stops
 CELL_BYTES = 25  # a number and its comma
@@ -32,6 +33,8 @@ RECORD_BYTES = 1 << 20  # run.json: 2 kB, more with many gaps in the log
 
 def play(preflight: Preflight, driver: Driver, confirmed: str, clock: Clock | None = None) -> Run:
     """Play a checked motion; write motion.json (as played), joints.csv and, last, run.json.
+
+    The planner's predicted throws are kept too, if they lie beside the motion.
 
     Parameters
     ----------
@@ -137,11 +140,19 @@ def _guarded(driver: Driver, when: str, cost: str, exit_code: int) -> Iterator[N
         ) from error
 
 
+def _keep_predicted(preflight: Preflight) -> None:
+    """Keep what was expected of the throw; without it, only a figure of the page is missing."""
+    with suppress(StrandcastError, OSError):
+        throws = read_predicted(preflight.motion_path.with_name("predicted.parquet"))
+        write_predicted(preflight.out_dir / "predicted.parquet", throws)
+
+
 def _keep(preflight: Preflight, driver: Driver, recording: Recording) -> Run:
     folder = preflight.out_dir
     try:
         preflight.motion.write(folder / "motion.json")
         run = run_record(preflight, driver, recording, write_joint_log(folder / "joints.csv", recording.log))
+        _keep_predicted(preflight)
         run.write(folder / "run.json")
     except (OSError, StrandcastError) as error:
         reason = error.what if isinstance(error, StrandcastError) else error.strerror

@@ -17,6 +17,11 @@ from strandcast.planning.cost import CLEARANCE_M, rollout_cost, start_cost
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.search import SearchResult
 from strandcast.planning.task import PlanningTask
+from strandcast.records.predicted import PredictedThrows
+
+# Paths of predicted throws that are kept, and the time between their places; chosen for less than 100 kB.
+MOST_PATHS = 32
+PATH_STEP_S = 4e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +40,8 @@ class PlannedMotion:
         The objective in words.
     miss_m, ensemble_miss_m
         Predicted miss with the best string, and with every string (K,), undisturbed.
-    disturbed_miss_m, hit_probability
-        Predicted misses of every string with every disturbance of the design, and the share of them that hit.
+    throws, hit_probability
+        Predicted throws of every string with every disturbance of the design, and the share of them that hit.
     cost_m
         The rms of the undisturbed misses, plus the price of lateness, folding, leaving the workspace,
         touching the arm and hiding the tip.
@@ -64,7 +69,7 @@ class PlannedMotion:
     strings: StringBatch
     miss_m: float
     ensemble_miss_m: np.ndarray
-    disturbed_miss_m: np.ndarray
+    throws: PredictedThrows
     hit_probability: float
     cost_m: float
     hit_time_s: float
@@ -86,7 +91,7 @@ def describe(
     planner: str,
     found: SearchResult,
     rollouts: Rollouts,
-    disturbed_miss_m: np.ndarray,
+    scattered: Rollouts,
 ) -> PlannedMotion:
     """Return a motion with its prediction; refuse one that breaks the arm's limits.
 
@@ -94,8 +99,8 @@ def describe(
     ----------
     rollouts
         The motion simulated with every string.
-    disturbed_miss_m
-        The misses of every string with every disturbance.
+    scattered
+        The motion simulated with every string and every disturbance, roughly (`PlanningTask.rough`).
 
     Raises
     ------
@@ -105,6 +110,7 @@ def describe(
     motion = sample(found.curve, task.step_s)
     _refuse_violations(task, motion)
     assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
+    throws = _throws(scattered, assess_rollouts(task.rough(), scattered).miss_m)
     count = rollouts.last[0] + 1
     path, time_s = rollouts.points_m[0, :count], np.arange(count) * task.step_s
     return PlannedMotion(
@@ -116,8 +122,8 @@ def describe(
         strings=strings,
         miss_m=float(assessment.miss_m[0]),
         ensemble_miss_m=assessment.miss_m,
-        disturbed_miss_m=disturbed_miss_m,
-        hit_probability=float(np.mean(disturbed_miss_m <= task.hit_radius_m)),
+        throws=throws,
+        hit_probability=float(np.mean(throws.miss_m <= task.hit_radius_m)),
         cost_m=float(rollout_cost(assessment, len(strings), task.step_s)[0]),
         hit_time_s=float(time_s[assessment.hit_index[0]]),
         tip_speed_m_s=float(assessment.tip_speed_m_s[0]),
@@ -131,6 +137,16 @@ def describe(
         simulations=found.simulations,
         flags=(*found.flags, *prediction_flags(task, found.curve, assessment)),
     )
+
+
+def _throws(scattered: Rollouts, miss_m: np.ndarray) -> PredictedThrows:
+    """Return all misses, and the tip's paths of some throws: evenly from the best to the worst."""
+    best_first = np.argsort(miss_m, kind="stable")
+    evenly = np.linspace(0, len(miss_m) - 1, min(MOST_PATHS, len(miss_m))).round().astype(int)
+    chosen = np.sort(best_first[evenly])
+    samples = np.arange(0, scattered.last[0] + 1, max(1, round(PATH_STEP_S / scattered.step_s)))
+    tip_m = scattered.tip_m()[chosen[:, None], samples].astype(float)
+    return PredictedThrows(miss_m, chosen, samples * scattered.step_s, tip_m)
 
 
 def prediction_flags(task: PlanningTask, curve: Curve, predicted: Assessment) -> list[str]:

@@ -10,7 +10,6 @@ from strandcast.arm.servo import Servo, identify
 from strandcast.config.plan import PlanSettings
 from strandcast.core.strings import StringBatch
 from strandcast.errors import StrandcastError
-from strandcast.planning.assessment import assess_rollouts
 from strandcast.planning.bezier import Curve
 from strandcast.planning.bias_correction import distance_rad_s
 from strandcast.planning.describe import PlannedMotion, describe, stopped_outside_m
@@ -163,22 +162,19 @@ def _near(given: SearchInputs, best: PastTrial, miss_m: float, known: list[PastT
     )
     flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
     paths, heights = paths_of_any([curve], task.step_s, AFTER_END_S), curve.heights_rad_s[None]
-    rough = task.rough()
-    scattered = rollouts_near(rough, with_every_disturbance(task, near, settings), paths, heights)
+    scattered = rollouts_near(task.rough(), with_every_disturbance(task, near, settings), paths, heights)
     found = SearchResult("refined", curve, simulations, flags, best.trial)
     rollouts = rollouts_near(task, near, paths, heights)
-    scattered_m = assess_rollouts(rough, scattered).miss_m
-    return describe(task, given.strings, settings.planner, found, rollouts, scattered_m)
+    return describe(task, given.strings, settings.planner, found, rollouts, scattered)
 
 
 def _described(given: SearchInputs, found: SearchResult) -> PlannedMotion:
     """Describe a motion without bias correction."""
-    task, rough, settings = given.task, given.task.rough(), given.settings
+    task, settings = given.task, given.settings
     every = crossed(given.strings, len(task.arm.joints), settings.disturbances)
-    scattered = rollouts_of_curves(rough, every, given.conditions, [found.curve])
-    scattered_m = assess_rollouts(rough, scattered).miss_m
+    scattered = rollouts_of_curves(task.rough(), every, given.conditions, [found.curve])
     rollouts = rollouts_of_curves(task, given.strings, given.conditions, [found.curve])
-    return describe(task, given.strings, settings.planner, found, rollouts, scattered_m)
+    return describe(task, given.strings, settings.planner, found, rollouts, scattered)
 
 
 def _stopped_inside(

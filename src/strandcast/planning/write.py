@@ -96,9 +96,9 @@ def _prediction(plan: PlannedMotion, limits: Limits) -> Prediction:
         miss_m=plan.miss_m,
         ensemble_miss_m=plan.ensemble_miss_m.tolist(),
         hit_probability=plan.hit_probability,
-        disturbed_throws=len(plan.disturbed_miss_m),
+        disturbed_throws=len(plan.throws.miss_m),
         miss_quantiles_m={
-            f"p{round(100 * share)}": float(np.quantile(plan.disturbed_miss_m, share)) for share in QUANTILES
+            f"p{round(100 * share)}": float(np.quantile(plan.throws.miss_m, share)) for share in QUANTILES
         },
         hit_time_s=plan.hit_time_s,
         largest_bend_rad=plan.largest_bend_rad,

@@ -9,11 +9,10 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
 from strandcast.report.numbers import millimetres, milliseconds, percent
-from strandcast.report.results import FILES, TrialResults
+from strandcast.report.results import FILES, OPTIONAL, TrialResults
 from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLANE_RMS_PX
 
 PASS, WARN, FAIL, NOT_RUN = "PASS", "WARN", "FAIL", "NOT RUN"
-OPTIONAL = {"lab_truth"}
 LEAST_ROOM_M = 0.01  # chosen: throws of one motion differ by millimetres
 
 

@@ -39,6 +39,7 @@ INK, FAINT, PAGE = "#010203", "#040506", "#070809"
 
 SETTINGS: dict[str, Any] = {
     "svg.fonttype": "none",
+    "path.simplify_threshold": 0.3,  # points that change a line by less, in points of 1/72 inch, are left out
     "font.family": "sans-serif",
     "font.size": 9.0,
     "text.parse_math": False,  # names may hold dollar signs
@@ -140,10 +141,12 @@ def note(axes: Any, text: str, at: Any, offset: Any, **style: Any) -> None:
 
 
 class Drawing(NamedTuple):
-    """A figure and its alternative text, for screen readers."""
+    """A figure, its alternative text for screen readers, and its plots that the viewer's cursor follows."""
 
     figure: Figure
     alt: str
+    time_axes: Sequence[Any] = ()  # x is the time from the motion's start [ms]
+    frame_axes: Sequence[Any] = ()  # x is the camera's frame
 
 
 def to_svg(drawn: Drawing, name: str) -> Markup:
@@ -160,7 +163,23 @@ def to_svg(drawn: Drawing, name: str) -> Markup:
     text = re.sub(r'<g id="[^"]*"', "<g", text)
     text = re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{name}-", text)
     text = re.sub(r"<g>\s*</g>\n?", "", text)
+    # Matplotlib writes six digits; a hundredth of a point is less than a pixel on any screen.
+    text = re.sub(r'(?<= d=")[^"]+', lambda path: re.sub(r"(\.\d\d)\d+|\s*\n", r"\1", path[0]), text)
     for sentinel, value in THEME.items():
         text = text.replace(sentinel, value)
     head = Markup('<svg role="img" aria-label="{}"').format(drawn.alt)
-    return Markup(str(head) + text[len("<svg") :].rstrip())
+    body = text[len("<svg") :].rstrip().removesuffix("</svg>")
+    return Markup(f"{head}{body}{''.join(_cursors(drawn))}</svg>")
+
+
+def _cursors(drawn: Drawing) -> Iterator[str]:
+    """Yield a hidden line for each plot that follows the viewer, with the scale of its time axis."""
+    width, height = 72.0 * drawn.figure.get_size_inches()  # in the units of the SVG
+    for clock, plots in (("ms", drawn.time_axes), ("frame", drawn.frame_axes)):
+        for axes in plots:
+            box, (first, last) = axes.get_position(), axes.get_xlim()
+            yield (
+                f'<line class="now" visibility="hidden" data-clock="{clock}" data-first="{first:.6g}" '
+                f'data-last="{last:.6g}" data-left="{box.x0 * width:.2f}" data-right="{box.x1 * width:.2f}" '
+                f'y1="{(1 - box.y1) * height:.2f}" y2="{(1 - box.y0) * height:.2f}"/>'
+            )

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
+from strandcast.records.verdict import Verdict
 from strandcast.report.results import FILES, HandPoses, SimulatedThrow, TrialResults
 
 Array = NDArray[np.float64]
@@ -28,6 +29,14 @@ def equal_instants(tip_m: Array, count: int, forced: int | None) -> NDArray[np.i
     if forced is not None:
         rows[np.argmin(np.abs(rows - forced))] = forced
     return np.unique(rows)
+
+
+def target_distance_m(verdict: Verdict, places_m: Array) -> Array:
+    """Return the distance (…) of places (…, 2) from the target or the bar."""
+    ends = np.array(verdict.bar_m or [verdict.target_m])
+    along = ends[-1] - ends[0]
+    share = np.clip((places_m - ends[0]) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(places_m - ends[0] - share[..., None] * along, axis=-1))
 
 
 def path_distance_m(points_m: Array, path_m: Array) -> Array:

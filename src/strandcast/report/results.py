@@ -17,6 +17,7 @@ from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.lineage import Lineage, check_picture
 from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
+from strandcast.records.predicted import read_predicted
 from strandcast.records.record import Record
 from strandcast.records.tables import (
     MOST_CELLS,
@@ -72,8 +73,12 @@ FILES = {
     "ensemble": "ensemble.parquet",
     "simulated": "simulated.parquet",
     "motion": "motion.json",
+    "predicted": "predicted.parquet",
     "lab_truth": "lab_truth.parquet",
 }
+
+
+OPTIONAL = {"predicted", "lab_truth"}  # results that a complete trial may lack
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,7 @@ class TrialResults:
     def unread(self) -> dict[str, str]:
         """Return the results that should be there but could not be read, each with the reason."""
         there = (name for name in self.problems if name not in self.not_made() or self.path(name).exists())
-        needed = (name for name in there if name != "lab_truth" or self.path(name).exists())
+        needed = (name for name in there if name not in OPTIONAL or self.path(name).exists())
         return {FILES[name].removeprefix("../"): self.problems[name].what for name in needed}
 
     def robot_time_s(self) -> Array:
@@ -154,6 +159,7 @@ def read_results(folder: Path) -> TrialResults:
         "ensemble": lambda path: read_table(path, ENSEMBLE),
         "simulated": _read_simulated,
         "motion": Motion.read,
+        "predicted": read_predicted,
         "lab_truth": _read_lab_truth,
     }
     for name, read in readers.items():

@@ -33,13 +33,15 @@ def trial_page(
     trial: int,
     experiment: str,
     previous: Path | None = None,
+    neighbours: tuple[int | None, int | None] = (None, None),
     next_motion: Path | None = None,
     facts: Facts | None = None,
 ) -> str:
     """Return the HTML page of one trial from its folder of results.
 
     `trial` and `experiment` are shown even if no result can be read. `previous` is the folder of the trial
-    before, drawn beside this one; `next_motion` was planned after this trial.
+    before, drawn beside this one; `next_motion` was planned after this trial. `neighbours` are the trials
+    before and after this one that have pages, too.
     """
     facts = facts or Facts()
     results = read_results(folder)
@@ -68,7 +70,7 @@ def trial_page(
         methods=methods(results),
         mixed_versions=mixed_versions(groups),
         provenance=trial_provenance(results, groups, facts),
-        previous=None if previous is None else previous.name,
+        neighbours=neighbours,
     )
 
 

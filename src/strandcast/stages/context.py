@@ -35,6 +35,11 @@ class Context:
         """Return those of the trials that are not excluded."""
         return [number for number in trials if self.settings.excluded_reason(number) is None]
 
+    def is_last(self, trial: int, hit: bool) -> bool:
+        """Return whether the lab throws no more after a trial that hit or not."""
+        enough = hit and trial >= self.settings.min_trials and bool(self.counted([trial]))
+        return enough or trial >= self.settings.max_trials
+
     def counted_before(self, trial: int) -> list[int]:
         """Return the trials before this one that are not excluded."""
         return self.counted(range(1, trial))

@@ -190,7 +190,7 @@ _DECLARED = (
             "ensemble": results(latest, "ensemble.parquet"),
             "arm": files.arm,
         },
-        outputs={"motion": TRIAL + "motion.json"},
+        outputs={"motion": TRIAL + "motion.json", "predicted": TRIAL + "predicted.parquet"},
         settings=(
             *("string", "plan", "seed", "start_string", "workspace_m", "target_m", "objective"),
             *("hit_radius_m", "estimate.reading", "estimate.integrator", "estimate.dt_s", "estimate.joints"),
@@ -198,14 +198,15 @@ _DECLARED = (
     ),
     Stage(
         "register_motion",
-        inputs={"motion": raw("motion.json")},
-        outputs={"motion": TRIAL + "motion.json"},
+        inputs={"motion": raw("motion.json"), "predicted": files.raw_if_there(this, "predicted.parquet")},
+        outputs={"motion": TRIAL + "motion.json", "predicted": TRIAL + "predicted.parquet"},
     ),
     Stage(
         "report",
         inputs={
             "results": page_files.shown(this),
             "next_motion": page_files.next_motion,
+            "next_throw": page_files.next_throw,
             "previous": page_files.shown(latest),
             "arm": files.arm,
         },
@@ -215,6 +216,7 @@ _DECLARED = (
             "shown": results(so_far, *page_files.ON_PAGE),
             "cameras": files.cameras,
             "planned": page_files.motion_after,
+            "expected": page_files.throws_after,
         },
     ),
     Stage(

@@ -63,9 +63,14 @@ def raw(name: str) -> Role:
     return lambda job: [job.folder.data / name]
 
 
+def raw_if_there(scope: Scope, name: str) -> Role:
+    """Return the role of a raw file that a trial may lack; the lab's trials will have it."""
+    return lambda job: _raw_if_there(job, scope(job), name)
+
+
 def played_motions(scope: Scope) -> Role:
     """Return the role of the motions that were played; an imported trial may have none."""
-    return lambda job: _raw_if_there(job, scope(job), "motion.json")
+    return raw_if_there(scope, "motion.json")
 
 
 def logged(scope: Scope, name: str) -> Role:

@@ -19,7 +19,8 @@ TRIAL_FILES = (
 )
 BY_CAMERA = ("manifest.json", "strobe.webp", "clip.json")
 # Files that a page shows if they exist, also of excluded and supplied trials.
-ON_PAGE = (*TRIAL_FILES, *BY_CAMERA, "motion.json", "lab_truth.parquet")
+MOTION_FILES = ("motion.json", "predicted.parquet")
+ON_PAGE = (*TRIAL_FILES, *BY_CAMERA, *MOTION_FILES, "lab_truth.parquet")
 
 
 def shown(scope: Scope) -> Role:
@@ -38,7 +39,7 @@ def _shown_of(job: Job, trial: int) -> list[Path]:
     by_camera = not files.supplied(job, trial)
     names = [*TRIAL_FILES, *(BY_CAMERA if by_camera else [])]
     names += ["lab_truth.parquet"] if job.is_lab else []
-    names += ["motion.json"] if _is_played(job, trial) else []
+    names += MOTION_FILES if _is_played(job, trial) else []
     camera = files.cameras(job) if by_camera else []
     return [context.folder.trial(trial).results / name for name in names] + camera
 
@@ -55,18 +56,23 @@ def next_motion(job: Job) -> list[Path]:
     return _to_be_had(job, motion_after(job)) if last and planned and shown else []
 
 
+def next_throw(job: Job) -> list[Path]:
+    """Return the throws that are expected of the next motion, where they are there or can be made."""
+    return _to_be_had(job, [path.with_name("predicted.parquet") for path in next_motion(job)])
+
+
 def first_motion(job: Job) -> list[Path]:
     """Return the motion to begin with, for a real experiment without a recorded trial."""
     begun = job.is_lab or job.context.folder.recorded_trials()
     return [] if begun else _to_be_had(job, [job.context.folder.trial(1).results / "motion.json"])
 
 
-def _to_be_had(job: Job, motions: list[Path]) -> list[Path]:
-    """Return those motions that are there or can be made: a throw of an unknown motion is not planned."""
-    numbers = [int(path.parent.name.removeprefix("trial-")) for path in motions]
+def _to_be_had(job: Job, paths: list[Path]) -> list[Path]:
+    """Return those results of a plan that are there or can be made: an unknown motion is not planned."""
+    numbers = [int(path.parent.name.removeprefix("trial-")) for path in paths]
     return [
         path
-        for path, number in zip(motions, numbers, strict=True)
+        for path, number in zip(paths, numbers, strict=True)
         if path.is_file() or _is_played(job, number) or not job.context.folder.trial(number).raw_files()
     ]
 
@@ -79,3 +85,8 @@ def motion_after(job: Job) -> list[Path]:
     """Return the place of the motion after the last trial, which may not be planned yet."""
     last = job.trial or max(job.trials, default=0)
     return [] if last == LAST_TRIAL else [job.context.folder.trial(last + 1).results / "motion.json"]
+
+
+def throws_after(job: Job) -> list[Path]:
+    """Return the place of the throws that are expected of that motion."""
+    return [path.with_name("predicted.parquet") for path in motion_after(job)]

@@ -1,4 +1,4 @@
-"""The next motion: motion.json, made from the trials before it."""
+"""The next motion, made from the trials before it, and the throws that are expected of it."""
 
 import time
 
@@ -14,6 +14,7 @@ from strandcast.planning.write import to_record
 from strandcast.progress import print_line
 from strandcast.records.estimate import Estimate
 from strandcast.records.motion import Motion
+from strandcast.records.predicted import PredictedThrows, write_predicted
 from strandcast.seeds import rng, seed_of
 from strandcast.stages.context import Context
 from strandcast.stages.files import past
@@ -32,18 +33,19 @@ def run(job: Job, files: Files) -> None:
     """
     _refuse_thrown(job)
     began_s = time.monotonic()
-    motion = motion_of(job, files)
+    motion, throws = plan_motion(job, files)
     assert motion.provenance is not None
     # How long it took is not part of the result, which is the same every time.
     taken_s = time.monotonic() - began_s
     print_line(f"plan: {motion.provenance.simulations} throws simulated in {taken_s:.1f} s")
     for flag in motion.provenance.flags:
         print_line(f"plan: {flag}")
+    write_predicted(files.output("predicted"), throws)
     motion.write(files.output("motion"))
 
 
-def motion_of(job: Job, files: Files) -> Motion:
-    """Return the planned motion of one trial."""
+def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
+    """Return the planned motion of one trial, and the throws that are expected of it."""
     context, arm = job.context, load_arm(files.input("arm"))
     settings, seeded_by = context.settings, (context.name, context.settings.seed, job.trial, "plan")
     random = rng(*seeded_by)
@@ -55,7 +57,7 @@ def motion_of(job: Job, files: Files) -> Motion:
         error.file = error.file or str(context.file)
         raise
     parent = next((t.motion for t in trials if t.number == plan.parent_trial), None)
-    return to_record(
+    motion = to_record(
         plan,
         task,
         context.name,
@@ -65,6 +67,7 @@ def motion_of(job: Job, files: Files) -> Motion:
         None if parent is None else parent.content_sha256(),
         None if trials else start_string_name(settings),
     )
+    return motion, plan.throws._replace(motion_sha256=motion.content_sha256())
 
 
 def _refuse_thrown(job: Job) -> None:

@@ -16,7 +16,7 @@ from strandcast.workflow.locks import refuse_if_held
 
 RAW_RECORDS = ("motion.json", "run.json")
 LOG_FILES = (("joints.csv", "run.json"), ("run.json", "joints.csv"))
-RAW_NAMES = ("joints.csv", "run.json", "motion.json", *files.SUPPLIED_FILES.values())
+RAW_NAMES = ("joints.csv", "run.json", "motion.json", "predicted.parquet", *files.SUPPLIED_FILES.values())
 
 
 @dataclass

@@ -161,7 +161,7 @@ def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) ->
         thrown.append(number)
         if context.counted([number]):
             verdict = Verdict.read(verdict_of(f"{number:02d}"))
-            if verdict.hit and number >= limits.min_trials:
+            if context.is_last(number, verdict.hit):
                 break
     return thrown
 

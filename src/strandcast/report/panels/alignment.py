@@ -52,7 +52,7 @@ def alignment(page: TrialPageData) -> PanelContent:
     )
     return PanelContent(
         finding,
-        draw.Drawing(figure, f"Alignment of the clocks. {finding}"),
+        draw.Drawing(figure, f"Alignment of the clocks. {finding}", (speed_axes, apart_axes)),
         [_table(fit)],
         ["alignment.json", "hand.parquet"],
     )

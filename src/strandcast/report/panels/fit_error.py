@@ -48,6 +48,6 @@ def fit_error(page: TrialPageData) -> PanelContent:
         )
     return PanelContent(
         finding,
-        Drawing(figure, f"Distance of the measured from the fitted string. {finding}"),
+        Drawing(figure, f"Distance of the measured from the fitted string. {finding}", (axes,)),
         sources=["track.parquet", "simulated.parquet", "estimate.json"],
     )

@@ -17,6 +17,7 @@ STYLES = {
     "seen": draw.FITTED | draw.marks("o", 4, markerfacecolor="none", alpha=0.5),
 }
 NAMES = {"commanded": "Commanded", "measured": "Measured (joint log)", "seen": "Camera"}
+MOST_MARKS = 120  # of the hand by the camera; more would hide each other
 PAIRS = (("measured", "commanded"), ("seen", "measured"))
 
 
@@ -28,7 +29,8 @@ def hand_path(page: TrialPageData) -> PanelContent:
     figure = draw.new_figure(10.0, 4.6, left=0.08, top=0.95, bottom=0.2, wspace=0.2)
     path_axes, apart_axes = figure.subplots(1, 2)
     for name, path in reversed(paths.items()):  # the dashed command is drawn last, on top
-        path_axes.plot(path.pose[:, 0], path.pose[:, 1], **STYLES[name], label=NAMES[name])
+        step = max(1, len(path.pose) // MOST_MARKS)
+        path_axes.plot(*path.pose[:, :2].T, **STYLES[name], markevery=step, label=NAMES[name])
     rows, findings = [], []
     for name, other in PAIRS:
         if name not in paths or other not in paths:
@@ -60,7 +62,7 @@ def hand_path(page: TrialPageData) -> PanelContent:
         sources.append("estimate.json")
     return PanelContent(
         finding,
-        draw.Drawing(figure, f"Path of the hand. {finding}"),
+        draw.Drawing(figure, f"Path of the hand. {finding}", (apart_axes,)),
         tables,
         sources,
     )

@@ -68,7 +68,7 @@ def lab_truth(page: TrialPageData) -> PanelContent:
     ]
     return PanelContent(
         finding,
-        Drawing(figure, f"Errors against the lab's truth. {finding}"),
+        Drawing(figure, f"Errors against the lab's truth. {finding}", (curve,)),
         [Table(["quantity", "measured", "lab truth"], rows)],
         ["lab_truth.parquet"],
     )

@@ -91,6 +91,14 @@ def _draw_prediction(axes: Any, motion: Motion, facts: Facts) -> None:
     hand_m, tip_m = np.array(predicted.hand_m).reshape(-1, 2), np.array(predicted.tip_m).reshape(-1, 2)
     axes.plot(*hand_m.T, **draw.TRUE, label="hand")
     axes.plot(*tip_m.T, **draw.FITTED, label="tip, predicted")
+    draw_aims(axes, motion, facts)
+    draw.equal_axes(axes)
+    axes.set_title("predicted throw", fontsize=8.5)
+    axes.legend(loc="best", fontsize=7.5)
+
+
+def draw_aims(axes: Any, motion: Motion, facts: Facts) -> None:
+    """Draw the places that a motion aims at, each with the hit radius."""
     aims_m = [tuple(motion.target_m)] if facts.aims_m is None else facts.aims_m
     for x_m, y_m in aims_m:
         draw.ring(axes, (x_m, y_m), facts.hit_radius_m, width=1.5)
@@ -99,9 +107,6 @@ def _draw_prediction(axes: Any, motion: Motion, facts: Facts) -> None:
         axes.plot(
             *np.array(aims_m).T, **draw.marks("+", 10, color=draw.TARGET, linestyle=line), label="target"
         )
-    draw.equal_axes(axes)
-    axes.set_title("predicted throw", fontsize=8.5)
-    axes.legend(loc="best", fontsize=7.5)
 
 
 def _draw_misses(axes: Any, motion: Motion) -> None:

@@ -17,6 +17,7 @@ from strandcast.report.panels.lab_truth import lab_truth
 from strandcast.report.panels.next_motion import next_motion
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
 from strandcast.report.panels.parameters import masses, parameters
+from strandcast.report.panels.predicted import next_throw, predicted_throw
 from strandcast.report.panels.progress import evaluations, misses
 from strandcast.report.panels.quality import quality
 from strandcast.report.panels.rig import rig
@@ -40,11 +41,17 @@ def _plans(page: TrialPageData) -> bool:
     return page.next_motion is not None or _from_video(page)
 
 
+def _was_predicted(page: TrialPageData) -> bool:
+    """Return whether the throw's motion was planned here, with a prediction, or could not be read."""
+    motion = page.played
+    return _from_video(page) and (motion is None or motion.predicted is not None)
+
+
 def _planned(page: TrialPageData) -> bool:
     """Return whether the throw aimed at a place, with a prediction, and its closest approach was seen."""
-    motion, verdict = page.played, page.results.get("verdict")
+    verdict = page.results.get("verdict")
     aimed = verdict is None or (verdict.wanted is None and verdict.closest_m is not None)
-    return aimed and _from_video(page) and (motion is None or motion.predicted is not None)
+    return aimed and _was_predicted(page)
 
 
 def _in_the_lab(page: TrialPageData) -> bool:
@@ -116,6 +123,20 @@ TRIAL_PANELS = [
         "(alignment: 1 ms is 10 mm at 10 m/s).",
     ),
     Panel(
+        "predicted",
+        "The throw as predicted, and as measured",
+        predicted_throw,
+        needs=(*THROW, "motion", "predicted"),
+        caption="Thin lines: throws that the planner simulated before the throw, each with another plausible "
+        "string or another disturbance (grasp, sway, joint zeros). Band: four of five of them at each time. "
+        "Lower right: the share of all predicted throws that miss by less; solid line: the measured miss.",
+        good="the measured path runs within the fan up to the closest approach, and the measured miss is one "
+        "of those predicted.",
+        bad="it leaves a narrow fan: string, servo or grasp were not as the ensemble supposed; the parts of "
+        "the miss say which.",
+        shown=_was_predicted,
+    ),
+    Panel(
         "budget",
         "Where the miss came from",
         budget,
@@ -183,6 +204,17 @@ TRIAL_PANELS = [
         bad="a tall bar elsewhere: an undeclared weight, or points that slipped along the string.",
     ),
     replace(NEXT_MOTION, shown=_plans),
+    Panel(
+        "next-throw",
+        "The next throw, as predicted",
+        next_throw,
+        caption="Thin lines: simulated throws of the next motion, each with another plausible string or "
+        "another disturbance. Right: the share of all of them that miss by less; dashed: the hit radius.",
+        good="a narrow fan that ends at the target, and a curve that is near 100 % at the hit radius.",
+        bad="a fan that opens before the target: throws of this motion will differ; a narrow fan beside the "
+        "target: nothing within the limits came nearer.",
+        shown=_plans,
+    ),
     Panel(
         "tracking",
         "Tracking quality",

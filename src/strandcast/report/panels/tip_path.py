@@ -6,7 +6,7 @@ import numpy as np
 
 from strandcast.records.verdict import AFTER_MOTION_S, Verdict
 from strandcast.report import drawing as draw
-from strandcast.report.measures import rms, tip_error_m
+from strandcast.report.measures import rms, target_distance_m, tip_error_m
 from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
@@ -27,7 +27,7 @@ def tip_path(page: TrialPageData) -> PanelContent:
     window = results.in_window()
     tip_m, time_s = track.points_m[window, -1], results.robot_time_s()[window]
     _draw_path(path_axes, tip_m, time_s - start_s)
-    miss_m = _distance_m(verdict, tip_m)
+    miss_m = target_distance_m(verdict, tip_m)
     _draw_miss(miss_axes, (time_s - start_s) * 1e3, miss_m * 1e3, verdict)
     if verdict.miss_m is not None and verdict.closest_robot_time_s is not None:
         # The closest approach may lie between two frames.
@@ -51,16 +51,16 @@ def tip_path(page: TrialPageData) -> PanelContent:
     error_axes.set(xlabel=draw.SINCE_START, ylabel="tip – simulated [mm]", ylim=(0, None))
     if draw.log_if_wide(error_axes, "y", apart):
         error_axes.autoscale(axis="y")
-    _draw_target(path_axes, verdict)
+    draw_target(path_axes, verdict)
     for axes in (miss_axes, error_axes):
         axes.set_xlim((time_s[0] - start_s) * 1e3, (time_s[-1] - start_s) * 1e3)
-        _mark_closest(axes, verdict, start_s)
+        mark_closest(axes, verdict, start_s)
     draw.legend_below(figure, path_axes)
     finding = f"From the motion’s start to {AFTER_MOTION_S:g} s after its end: "
     finding += "; ".join(findings) + "." if findings else "there is no simulated tip to compare with."
     return PanelContent(
         finding,
-        draw.Drawing(figure, f"Tip path measured and simulated. {finding}"),
+        draw.Drawing(figure, f"Tip path measured and simulated. {finding}", (miss_axes, error_axes)),
         sources=["track.parquet", "simulated.parquet"],
     )
 
@@ -76,14 +76,6 @@ def _draw_path(axes: Any, tip_m: Any, since_start_s: Any) -> None:
     draw.equal_axes(axes)
 
 
-def _distance_m(verdict: Verdict, tip_m: Any) -> Any:
-    """Return the distance (F,) of the tip from the target or the bar."""
-    ends = np.array(verdict.bar_m or [verdict.target_m])
-    along = ends[-1] - ends[0]
-    share = np.clip((tip_m - ends[0]) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
-    return np.linalg.norm(tip_m - ends[0] - share[:, None] * along, axis=1)
-
-
 def _draw_miss(axes: Any, since_ms: Any, miss_mm: Any, verdict: Verdict) -> None:
     """Draw the distance of the tip from the target over time, and the closest approach."""
     axes.plot(since_ms, miss_mm, **draw.MEASURED)
@@ -95,17 +87,21 @@ def _draw_miss(axes: Any, since_ms: Any, miss_mm: Any, verdict: Verdict) -> None
     draw.note(axes, "hit radius", (1.0, verdict.hit_radius_m * 1e3), (-3, 3), **right)
 
 
-def _draw_target(axes: Any, verdict: Verdict) -> None:
+def draw_target(axes: Any, verdict: Verdict) -> None:
+    """Draw the target or the bar, and the hit radius."""
     draw.ring(axes, verdict.target_m, verdict.hit_radius_m)
     if verdict.bar_m is not None:
         axes.plot(*np.array(verdict.bar_m).T, color=draw.TARGET, linewidth=3.0, label="Bar")
     axes.plot(*verdict.target_m, **draw.marks("+", 9, color=draw.TARGET), label="Target")
 
 
-def _mark_closest(axes: Any, verdict: Verdict, start_s: float) -> None:
+def mark_closest(axes: Any, verdict: Verdict, start_s: float) -> None:
     """Draw a line at the closest approach."""
     if verdict.closest_robot_time_s is not None:
         at_ms = (verdict.closest_robot_time_s - start_s) * 1e3
         axes.axvline(at_ms, color=draw.INK, linewidth=0.8, linestyle=(0, (2, 2)))
+        first, last = axes.get_xlim()
+        right = at_ms < first + 0.7 * (last - first)
         top = {"xycoords": ("data", "axes fraction"), "va": "top", "fontsize": 8}
-        draw.note(axes, "closest approach", (at_ms, 1.0), (4, -2), **top)
+        side = "left" if right else "right"
+        draw.note(axes, "closest approach", (at_ms, 1.0), (4 if right else -4, -2), ha=side, **top)

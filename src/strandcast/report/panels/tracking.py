@@ -45,7 +45,11 @@ def tracking(page: TrialPageData) -> PanelContent:
         )
     return PanelContent(
         finding,
-        Drawing(figure, f"Tracking quality, point by frame. {finding}"),
+        Drawing(
+            figure,
+            f"Tracking quality, point by frame. {finding}",
+            frame_axes=(sigma_axes, length_axes),
+        ),
         [_lost_table(track), detected_table(summary), _choice_table(summary)],
         ["track.parquet", "track.json"],
     )

@@ -1,0 +1,191 @@
+"""The throws that the planner expected of a motion: of the one that was thrown, and of the next."""
+
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strandcast.errors import StrandcastError
+from strandcast.records.motion import Motion
+from strandcast.records.predicted import PredictedThrows, read_predicted
+from strandcast.records.verdict import Verdict
+from strandcast.report import drawing as draw
+from strandcast.report.measures import target_distance_m
+from strandcast.report.numbers import millimetres, percent
+from strandcast.report.panels.content import PanelContent
+from strandcast.report.panels.next_motion import draw_aims
+from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.panels.tip_path import draw_target, mark_closest
+from strandcast.report.results import FILES, TrialResults
+
+Array = NDArray[np.float64]
+AFTER_HIT_S = 0.1  # drawn after the closest approach; chosen
+LOW, HIGH = 0.1, 0.9  # quantiles that bound four of five throws
+ONE_THROW = {"color": draw.PLANNED["color"], "linewidth": 0.9, "alpha": 0.5}
+BAND = {"facecolor": draw.PLANNED["color"], "alpha": 0.3, "linewidth": 0}
+
+
+def predicted_throw(page: TrialPageData) -> PanelContent:
+    """Return the throw as it was expected, with every plausible string, and as it was measured."""
+    results = page.results
+    throws = throws_of(results.need("motion"), results.need("predicted"), FILES["predicted"])
+    verdict, start_s = results.need("verdict"), results.need("alignment").motion_start_s
+    window = results.in_window()
+    tip_m, since_s = results.need("track").points_m[window, -1], results.robot_time_s()[window] - start_s
+    expected_m = target_distance_m(verdict, throws.tip_m)
+    until_s = AFTER_HIT_S + max(
+        float(np.median(throws.time_s[_nearest(expected_m)])),
+        0.0 if verdict.closest_robot_time_s is None else verdict.closest_robot_time_s - start_s,
+    )
+    shown, expected = since_s <= until_s, throws.time_s <= until_s
+    figure = draw.new_figure(10.0, 5.2, left=0.07, top=0.95, bottom=0.19)
+    grid = figure.add_gridspec(2, 2, width_ratios=[1.15, 1], height_ratios=[1.5, 1], wspace=0.2, hspace=0.42)
+    path_axes = figure.add_subplot(grid[:, 0])
+    time_axes, miss_axes = (figure.add_subplot(grid[k, 1]) for k in range(2))
+    _draw_fan(path_axes, throws, throws.tip_m[:, expected])
+    path_axes.plot(*tip_m[shown].T, **draw.MEASURED, label="measured")
+    draw_target(path_axes, verdict)
+    low_m, high_m = (_quantile(expected_m, share) for share in (LOW, HIGH))
+    apart_m = target_distance_m(verdict, tip_m)
+    since_ms = 1e3 * throws.time_s[expected]
+    time_axes.fill_between(since_ms, 1e3 * low_m[expected], 1e3 * high_m[expected], **BAND)
+    time_axes.plot(1e3 * since_s[shown], 1e3 * apart_m[shown], **draw.MEASURED)
+    time_axes.set(xlabel=draw.SINCE_START, ylabel="tip – target [mm]", xlim=(0, 1e3 * until_s))
+    draw.log_if_wide(time_axes, "y", 1e3 * apart_m[shown & (apart_m > 0)])
+    mark_closest(time_axes, verdict, start_s)
+    _draw_misses(miss_axes, throws, verdict.hit_radius_m)
+    if verdict.miss_m is not None:
+        place_m = np.array(verdict.closest_m if verdict.closest_m is not None else verdict.target_m)
+        path_axes.plot(*place_m, **draw.marks("D", 6, color=draw.MEASURED["color"]), label="closest approach")
+        miss_axes.axvline(1e3 * verdict.miss_m, color=draw.MEASURED["color"], linewidth=2.0)
+    draw.legend_below(figure, path_axes)
+    finding = _finding(throws, verdict) + _within(results, throws, low_m, high_m, apart_m, since_s)
+    return PanelContent(
+        finding,
+        draw.Drawing(figure, f"The throw as predicted and as measured. {finding}", (time_axes,)),
+        sources=["predicted.parquet", "track.parquet", "verdict.json"],
+    )
+
+
+def next_throw(page: TrialPageData) -> PanelContent:
+    """Return the next throw as it is expected, with every plausible string."""
+    path = page.next_motion
+    if path is None:
+        raise StrandcastError(
+            "SC-H051",
+            "no next motion was planned",
+            fix="`strandcast plan` makes it from this trial's estimate",
+        )
+    beside = path.with_name(FILES["predicted"])
+    shown = os.path.relpath(beside, page.folder)
+    try:
+        motion = Motion.read(path)
+        throws = throws_of(motion, read_predicted(beside), shown)
+    except StrandcastError as problem:
+        if problem.file != shown:  # the page must not depend on where the folder is
+            problem.file = os.path.relpath(problem.file or beside, page.folder)
+        raise
+    radius_m = page.facts.hit_radius_m
+    figure = draw.new_figure(10.0, 4.6, left=0.07, top=0.95, bottom=0.21)
+    grid = figure.add_gridspec(1, 2, width_ratios=[1.4, 1], wspace=0.2)
+    path_axes, miss_axes = (figure.add_subplot(grid[k]) for k in range(2))
+    until_s = AFTER_HIT_S + (
+        motion.predicted.hit_time_s if motion.predicted is not None else throws.time_s[-1]
+    )
+    _draw_fan(path_axes, throws, throws.tip_m[:, throws.time_s <= until_s])
+    draw_aims(path_axes, motion, page.facts)
+    _draw_misses(miss_axes, throws, radius_m)
+    draw.legend_below(figure, path_axes)
+    hits, median_m = float(np.mean(throws.miss_m <= radius_m)), float(np.median(throws.miss_m))
+    finding = (
+        f"Trial {motion.trial}: {_interval(throws)}; {percent(hits)} of them hit, and half of them miss by "
+        f"{millimetres(median_m)} or less."
+    )
+    return PanelContent(
+        finding, draw.Drawing(figure, f"The next throw as predicted. {finding}"), sources=[shown]
+    )
+
+
+def throws_of(motion: Motion, throws: PredictedThrows, file: str) -> PredictedThrows:
+    """Return the predicted throws of a motion, or raise that they are missing or of another one."""
+    if not len(throws.throw):
+        what = "there is no prediction beside the motion that was played"
+    elif throws.motion_sha256 != motion.content_sha256():
+        what = "the prediction is of another motion than the one that was played"
+    else:
+        return throws
+    fix = f"copy {FILES['predicted']} with the motion that is played, as `strandcast play` does"
+    raise StrandcastError("SC-H052", what, file=file, fix=fix)
+
+
+def _nearest(distance_m: Array) -> NDArray[np.int64]:
+    """Return the sample (M,) at which each throw is nearest to the target."""
+    return np.asarray(np.argmin(np.nan_to_num(distance_m, nan=np.inf), axis=1))
+
+
+def _quantile(values: Array, share: float) -> Array:
+    """Return a quantile over the throws (M, T) at each time, NaN where all have failed."""
+    known = np.isfinite(values).any(axis=0)
+    found = np.full(values.shape[1], np.nan)
+    found[known] = np.nanquantile(values[:, known], share, axis=0)
+    return found
+
+
+def _draw_fan(axes: Any, throws: PredictedThrows, tip_m: Array) -> None:
+    count, every = len(throws.throw), len(throws.miss_m)
+    label = f"predicted: {every} throws" if count == every else f"predicted: {count} of {every} throws"
+    for k, path_m in enumerate(tip_m):
+        axes.plot(*path_m.T, **ONE_THROW, label=None if k else label)
+    draw.equal_axes(axes)
+
+
+def _draw_misses(axes: Any, throws: PredictedThrows, radius_m: float) -> None:
+    """Draw the share of throws that are predicted to miss by less."""
+    miss_mm = 1e3 * np.sort(throws.miss_m)
+    share = 100.0 * np.arange(1, len(miss_mm) + 1) / len(miss_mm)
+    axes.step(miss_mm, share, where="post", **draw.PLANNED)
+    axes.axvline(1e3 * radius_m, **draw.dashes({"color": draw.TARGET, "linestyle": (0, (6, 3))}))
+    axes.set(xlabel="miss [mm]", ylabel="throws below [%]", ylim=(0, 103))
+    draw.log_if_wide(axes, "x", [*miss_mm, 1e3 * radius_m], ratio=10.0)
+
+
+def _interval(throws: PredictedThrows) -> str:
+    low_m, high_m = (float(np.quantile(throws.miss_m, share)) for share in (LOW, HIGH))
+    return (
+        f"four of five of {len(throws.miss_m)} predicted throws miss by {millimetres(low_m)} to "
+        f"{millimetres(high_m)}"
+    )
+
+
+def _finding(throws: PredictedThrows, verdict: Verdict) -> str:
+    if verdict.miss_m is None:
+        return f"Before the throw, {_interval(throws)}; the miss was not measured."
+    below = float(np.mean(throws.miss_m < verdict.miss_m))
+    return (
+        f"Before the throw, {_interval(throws)}; the measured miss of {millimetres(verdict.miss_m)} is "
+        f"larger than {percent(below)} of theirs."
+    )
+
+
+def _within(
+    results: TrialResults,
+    throws: PredictedThrows,
+    low_m: Array,
+    high_m: Array,
+    apart_m: Array,
+    since_s: Array,
+) -> str:
+    """Return in how many frames up to the closest approach the tip was as far away as predicted."""
+    verdict: Verdict = results.need("verdict")
+    if verdict.closest_robot_time_s is None:
+        return ""
+    counted = since_s <= verdict.closest_robot_time_s - results.need("alignment").motion_start_s
+    counted &= np.isfinite(apart_m)
+    if not counted.any():
+        return ""
+    low, high = (np.interp(since_s[counted], throws.time_s, edge) for edge in (low_m, high_m))
+    inside = float(np.mean((apart_m[counted] >= low) & (apart_m[counted] <= high)))
+    return (
+        f" Up to the closest approach the tip’s distance lay within the band in {percent(inside)} of frames."
+    )
