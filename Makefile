@@ -178,6 +178,10 @@ bench-agents: $(VENV)/studies.stamp  ## compare planners, random search and CMA-
 error-budget: $(VENV)/runtime.stamp  ## split the misses of bench-loop by cause: results/error-budget.json
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.error_budget results/bench-loop/default/usual --jobs $(JOBS)
 
+.PHONY: bad-throws
+bad-throws: $(VENV)/runtime.stamp  ## throw in the lab with a slipping clamp, a hidden tip, a wrong clock, arm or length: results/bad-throws; half an hour
+	@$(BIN)/python -m strandcast_studies.bad_throws --cores $(CORES)
+
 .PHONY: real
 real: $(VENV)/studies.stamp  ## predict real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
 	@$(BIN)/python -m strandcast_studies.evidence.run

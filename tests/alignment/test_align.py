@@ -92,6 +92,22 @@ def test_a_drift_of_two_percent_is_corrected_and_reported(throw, fit):
     )
 
 
+def test_a_rate_that_is_one_percent_off_is_not_absorbed_by_the_rigs_constants(throw, fit):
+    trial = throw(5)
+    wrong = trial.markers | {"camera_time_s": trial.markers["camera_time_s"] * 0.99}
+    found = fit(trial, markers=wrong)
+    assert found.drift == pytest.approx(0.0101, abs=5e-4)
+
+
+def test_one_joint_with_a_wrong_zero_is_named_and_no_other(throw, fit):
+    trial = throw(5)
+    q_rad = trial.log.q_rad.copy()
+    q_rad[:, 1] -= 0.03
+    found = fit(trial, log=dataclasses.replace(trial.log, q_rad=q_rad))
+    assert found.joint_zero_rad == pytest.approx([0.0, 0.03, 0.0], abs=0.004)
+    assert any("the zero of joint 2 is off by +" in text for text in found.warnings)
+
+
 def test_drift_beyond_100_ppm_is_flagged(throw, fit):
     trial = throw(4)
     stretched = trial.markers | {"camera_time_s": trial.markers["camera_time_s"] / 1.0003}

@@ -89,6 +89,12 @@ def test_an_arms_file_with_a_wrong_link(good, refusal, arm, longer_m, words):
     assert words in found.what
 
 
+def test_an_arms_file_with_a_wrong_zero(good, refusal):
+    found = refusal(good, log=joints(good, lambda q: q - np.array([0.03, 0.0, 0.0])))
+    assert found.code == "SC-A015"
+    assert "the zero of joint_1 is off by +3" in str(found)
+
+
 @pytest.mark.parametrize("clamp", [{"offset_m": (0.0, 0.03)}, {"angle_rad": 0.3}])
 def test_an_arms_file_with_a_wrong_clamp(good, refusal, arm, clamp):
     wrong = dataclasses.replace(arm, clamp=arm.clamp.model_copy(update=clamp))

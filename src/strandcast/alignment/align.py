@@ -26,6 +26,7 @@ from strandcast.alignment.log_rows import log_rows_of, motion_span
 from strandcast.alignment.problem import ClockProblem, EventPair, Priors
 from strandcast.alignment.rig_error import Detections, detections_of, rig_of
 from strandcast.alignment.search import AlignmentFiles, best_fit, fit_with_events
+from strandcast.alignment.single_error import with_single_error
 from strandcast.alignment.to_record import Heading, record_of_events, record_of_fit, sync_check
 from strandcast.arm.load import Arm
 from strandcast.config.align import AlignSettings
@@ -106,10 +107,12 @@ def align(
     data = AlignmentData(rig, rows, detections, arm.joints, settings.largest_offset_s)
     best = best_fit(data, priors, files)
     _refuse_mistakes(best, data, priors, files)
+    best = with_single_error(best, rig, priors)
     fastest = FastestPoint("a tip's", tip_speed_m_s) if tip_speed_m_s else _fastest_hand(best.covered)
     checked = _checked_events(best, events, fastest)
     if checked.pairs:
         best = fit_with_events(best, rig, priors, checked.pairs)
+        best = with_single_error(best, rig, priors, checked.pairs)
     else:
         refuse_uncertain(best, fastest)
     warnings = [*warnings_of(best, rig, rows, priors, fastest), *checked.warnings]

@@ -212,8 +212,9 @@ def _rig_warnings(fit: ClockFit, rig: Rig, priors: Priors) -> list[str]:
         (
             float(np.abs(zero_rad[joint])),
             priors.joint_zero_rad,
-            f"the zero of joint {joint + 1} is off by {zero_rad[joint] * 1e3:+.1f} mrad, or the world is "
-            f"rotated ({abs(zero_rad[joint]) * reach_m * 1e3:.1f} mm at the hand)",
+            f"the zero of joint {joint + 1} is off by {zero_rad[joint] * 1e3:+.1f} mrad"
+            f"{', or the world is rotated' if joint == 0 else ''} "
+            f"({abs(zero_rad[joint]) * reach_m * 1e3:.1f} mm at the hand)",
         ),
         (
             float(np.abs(longer_m[link])),

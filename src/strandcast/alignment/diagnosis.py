@@ -14,6 +14,7 @@ from strandcast.alignment.joints import joint_path
 from strandcast.alignment.log_rows import MOVES, LogRows, end_speeds
 from strandcast.alignment.problem import ClockProblem, Priors
 from strandcast.alignment.rig_error import Detections, Rig, RigError
+from strandcast.alignment.single_error import FIRST_ZERO, FREED
 from strandcast.core.pose import Pose
 from strandcast.errors import StrandcastError
 
@@ -73,6 +74,9 @@ def diagnose(
             cost=cost,
             fix=best.fix,
         )
+    single = _wrong_zero_or_length(data)
+    if single is not None and single[0] < min(LENGTHS_EXPLAIN_M, LENGTHS_EXPLAIN_SHARE * residual_m):
+        return wrong_arm_error(single[1], f"{off}; ", cost, arm_file)
     lengths = _wrong_lengths(data)
     if lengths is not None and lengths[0] < min(LENGTHS_EXPLAIN_M, LENGTHS_EXPLAIN_SHARE * residual_m):
         return wrong_arm_error(lengths[1], f"{off}; ", cost, arm_file)
@@ -111,7 +115,8 @@ def wrong_arm_error(words: str, off: str, cost: str, arm_file: str | None) -> St
         file=arm_file,
         field="urdf, clamp, markers.hand",
         cost=cost,
-        fix="is it the file of this arm? If so, measure that length and the markers' places on the hand",
+        fix="is it the file of this arm? If so, measure that length or calibrate that zero, and measure the "
+        "markers' places on the hand",
     )
 
 
@@ -199,7 +204,8 @@ def _remaining_m(hypothesis: Hypothesis) -> float:
     return min(_fit(corrected, offset_s, Priors()).residual_m for offset_s in offsets[:2])
 
 
-def _fit(data: AlignmentData, offset_s: float, priors: Priors) -> _Fitted:
+def _fit(data: AlignmentData, offset_s: float, priors: Priors, freed: int | None = None) -> _Fitted:
+    """Fit from one offset; `freed` is an unknown with a prior that is `FREED` times as wide."""
     rows, detections = data.rows, data.detections
     covered = detections.where(rows.covers(detections.time_s + offset_s))
     if len(covered.time_s) < LEAST_DETECTIONS:
@@ -207,6 +213,8 @@ def _fit(data: AlignmentData, offset_s: float, priors: Priors) -> _Fitted:
     robot_s = covered.time_s + offset_s
     path = joint_path(rows.time_s, rows.q_rad, (float(robot_s[0]), float(robot_s[-1])))
     problem = ClockProblem.of(data.rig, path, covered, offset_s, priors)
+    if freed is not None:
+        problem.scales[freed] *= FREED
     fit = robust_fit(problem)
     off = problem.residual(fit.x)
     return _Fitted(moving_rms_m(off, covered, outliers(off, fit.sigma)), fit.x * problem.scales)
@@ -228,6 +236,24 @@ def _frame_rate(data: AlignmentData) -> list[tuple[float, Hypothesis]]:
     what, fix = rate_words(data.detections, ratio * (1.0 + drift))
     hypothesis = Hypothesis("SC-A016", what, fix, "camera.frame_rate_hz", data)
     return [(fitted.residual_m, hypothesis)]
+
+
+def _wrong_zero_or_length(data: AlignmentData) -> tuple[float, str] | None:
+    """Return the residual with one joint's zero or one link's length free [m], and that error in words."""
+    names, offsets = data.joint_names, candidate_offsets(data)[0][:2]
+    freed = range(FIRST_ZERO, FIRST_ZERO + 2 * len(names))
+    fits = [(_fit(data, float(offset_s), Priors(), k), k - FIRST_ZERO) for k in freed for offset_s in offsets]
+    best, which = min(fits, key=lambda pair: pair[0].residual_m)
+    if best.full is None:
+        return None
+    error = RigError.from_vector(best.full[2:], data.rig)
+    if which >= len(names):
+        return best.residual_m, length_words(data.rig, names, error)
+    zero_rad = float(error.zero_rad[which])
+    words = f"the zero of {names[which]} is off by {zero_rad * 1e3:+.0f} mrad ({np.degrees(zero_rad):+.1f}°)"
+    if which == 0:
+        words += ", or the markers of the plane are turned by that angle"
+    return best.residual_m, words
 
 
 def _wrong_lengths(data: AlignmentData) -> tuple[float, str] | None:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from strandcast.alignment.checks import LEAST_DETECTIONS, PLAIN_RESIDUAL_M, no_overlap_error
+from strandcast.alignment.checks import LEAST_DETECTIONS, no_overlap_error
 from strandcast.alignment.coarse_search import APART_S, AlignmentData, candidate_offsets, shape_change_m
 from strandcast.alignment.diagnosis import diagnose
 from strandcast.alignment.fine_fit import SHIFT_S, Candidate, fit_clock, moving_rms_m
@@ -17,6 +17,7 @@ LARGEST_COARSE_M = 0.05
 RIVAL_RATIO = 1.5
 SURPRISE = 4.0  # standard deviations of the drift's prior
 ANY_DRIFT = 0.05
+FREED_FROM_M = 0.0003  # a rate wrong by 1 % can leave half a millimetre; lab throws leave less than 0.1 mm
 FREED_SHARE = 0.7  # of the residual: a free drift must leave less
 LEAST_SHARE = 0.5  # of the path in the video that a rival must explain
 
@@ -75,7 +76,7 @@ def _fitted(data: AlignmentData, offset_s: float, priors: Priors) -> Candidate |
 
     found = fitted(priors)
     surprise = abs(found.fit.drift - priors.known_drift) > SURPRISE * priors.drift
-    if priors.drift < ANY_DRIFT and (surprise or found.residual_m > PLAIN_RESIDUAL_M):
+    if priors.drift < ANY_DRIFT and (surprise or found.residual_m > FREED_FROM_M):
         freed = fitted(priors.with_drift(ANY_DRIFT))
         if freed.residual_m < FREED_SHARE * found.residual_m or surprise:
             return freed

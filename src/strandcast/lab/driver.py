@@ -15,6 +15,7 @@ from strandcast.core.trajectory import JointTrajectory
 from strandcast.executor.drivers.protocol import ArmState, Recording
 from strandcast.lab.film import film_frames, film_subject
 from strandcast.lab.led import LedTimes, led_times
+from strandcast.lab.rig import ClampSlip
 from strandcast.lab.scene import LabScene, make_scene
 from strandcast.lab.servo import CYCLE_S
 from strandcast.lab.strings import physical_string
@@ -37,12 +38,13 @@ SPEED_DIGITS = 4
 
 @dataclass(frozen=True)
 class LabThrow:
-    """A throw of an experiment, and the file for its truth."""
+    """A throw of an experiment, the file for its truth, and how the clamp slips if it does."""
 
     name: str
     experiment: Experiment
     trial: int
     truth_path: Path
+    slip: ClampSlip | None = None
 
 
 def lab_driver(arm: Arm, motion: Motion) -> LabDriver:
@@ -89,7 +91,7 @@ class LabDriver:
         variation = draw_variation(self._random("lab-throw"), len(arm.joints), experiment.lab.noise)
         clocks = draw_clocks(self._random("lab-clocks"))
         string = physical_string(experiment)
-        swing = simulate_swing(arm, experiment.lab.servo, string, variation, command)
+        swing = simulate_swing(arm, experiment.lab.servo, string, variation, command, slip=throw.slip)
         scene = self._scene or make_scene(experiment, throw.name, arm)
         actors = film_subject(swing, string.shifted(variation.grasp_length_m))
         start_s, motion_s = clocks.log_start_s + BEFORE_S, float(command.time_s[-1])

@@ -145,7 +145,7 @@ def _instants(scene: LabScene, swing: LabSwing, middle_s: float, exposure_s: flo
 def paint_instant(
     canvas: Canvas, scene: LabScene, actors: FilmSubject, q: np.ndarray, nodes: np.ndarray
 ) -> None:
-    """Paint string, arm and hand markers, from back to front."""
+    """Paint string, arm and hand markers, from back to front, and what hides them."""
     view = scene.view
     line = view.pixels(nodes)
     scale = view.scale_px_m(nodes[len(nodes) // 2])
@@ -155,3 +155,5 @@ def paint_instant(
     for node, radius in actors.weights:
         canvas.stroke(line[[node, node]], np.array([radius * scale]), actors.tones.clay)
     paint_arm(canvas, scene, q)
+    if scene.in_front is not None:
+        canvas.light[scene.in_front] = scene.still[scene.in_front]

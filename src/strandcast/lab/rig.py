@@ -56,6 +56,22 @@ class LabGrasp:
     angle_rad: float = 0.0
 
 
+@dataclass(frozen=True)
+class ClampSlip:
+    """A clamp that lets go for a while: from when since the motion's start, for how long [s], how far [m]."""
+
+    from_s: float
+    duration_s: float
+    length_m: float
+
+    def speed_m_s(self, time_s: float) -> float:
+        """Return the speed at which the string leaves the clamp: a half sine."""
+        phase = (time_s - self.from_s) / self.duration_s
+        if not 0.0 <= phase <= 1.0:
+            return 0.0
+        return float(0.5 * np.pi * self.length_m / self.duration_s * np.sin(np.pi * phase))
+
+
 @dataclass(frozen=True, eq=False)
 class LabRig:
     """The compiled model, and the indices of its parts.
@@ -76,6 +92,8 @@ class LabRig:
         (N,) their positions along the string [m].
     plane
         (2, 3) unit vectors of the plane of the throw.
+    slide
+        Coordinate along which the string leaves the clamp; None if it is held.
     """
 
     model: mujoco.MjModel
@@ -85,21 +103,31 @@ class LabRig:
     nodes: np.ndarray
     places_m: np.ndarray
     plane: np.ndarray = field(repr=False)
+    slide: int | None = None
 
     def nodes_m(self, data: mujoco.MjData) -> np.ndarray:
         """Return the nodes' positions (N, 2) in the plane [m]."""
         return np.asarray(data.site_xpos[self.nodes] @ self.plane.T)
 
 
-def build_rig(arm: Arm, drive: JointDrives, string: PhysicalString, grasp: LabGrasp, dt_s: float) -> LabRig:
+def build_rig(
+    arm: Arm,
+    drive: JointDrives,
+    string: PhysicalString,
+    grasp: LabGrasp,
+    dt_s: float,
+    slip: ClampSlip | None = None,
+) -> LabRig:
     """Return the model of an arm that holds a string.
 
     Parameters
     ----------
     string
-        The string, with its free length in this throw.
+        The string, with its free length at the start of this throw.
     dt_s
         Step of the integration [s].
+    slip
+        If given, the string can slide out of the clamp, and one more node is at the clamp.
     """
     spec = read_spec(arm.urdf_path)
     spec.option.timestep = dt_s
@@ -115,17 +143,25 @@ def build_rig(arm: Arm, drive: JointDrives, string: PhysicalString, grasp: LabGr
     for name in arm.held:
         spec.joint(name).armature = LOCKED_KG_M2
     links = links_of(string)
-    _hang(spec.body(arm.clamp.link), arm, links, string, grasp)
+    hand = spec.body(arm.clamp.link)
+    if slip is not None:
+        hand.add_site(name="clamp", pos=clamp_frame(arm, grasp.lateral_m, grasp.angle_rad)[0])
+    _hang(hand, arm, links, string, grasp, slides=slip is not None)
     model = spec.compile()
     hinges = [f"hinge_{k}" for k in range(len(links)) if _bends(links, k)]
+    nodes = [f"node_{k}" for k in range(len(links) + 1)]
+    places_m = [0.0, *(link.to_m for link in links)]
+    if slip is not None:
+        nodes, places_m = ["clamp", *nodes], [-slip.length_m, *places_m]
     return LabRig(
         model=model,
         arm_dofs=_dofs(model, arm.joints),
         held={int(model.joint(name).dofadr[0]): angle for name, angle in arm.held.items()},
         string_dofs=_dofs(model, hinges),
-        nodes=np.array([model.site(f"node_{k}").id for k in range(len(links) + 1)]),
-        places_m=np.array([0.0, *(link.to_m for link in links)]),
+        nodes=np.array([model.site(name).id for name in nodes]),
+        places_m=np.array(places_m),
         plane=arm.plane,
+        slide=None if slip is None else int(model.joint("slide").dofadr[0]),
     )
 
 
@@ -138,7 +174,13 @@ def _bends(links: list[StringLink], k: int) -> bool:
 
 
 def _hang(
-    body: mujoco.MjsBody, arm: Arm, links: list[StringLink], string: PhysicalString, grasp: LabGrasp
+    body: mujoco.MjsBody,
+    arm: Arm,
+    links: list[StringLink],
+    string: PhysicalString,
+    grasp: LabGrasp,
+    *,
+    slides: bool,
 ) -> None:
     """Add the string's links to the hand's body, each a child of the one before."""
     place, frame = clamp_frame(arm, grasp.lateral_m, grasp.angle_rad)
@@ -160,6 +202,10 @@ def _hang(
                 damping=[stiffness * string.damping_time_s, 0, 0],
                 springref=string.curl_rad_m * reach,
             )
+        if slides and k == 0:
+            # Along the first link, which turns about the clamp. The rotor's inertia keeps the given speed.
+            slide = mujoco.mjtJoint.mjJNT_SLIDE
+            body.add_joint(name="slide", type=slide, axis=[1, 0, 0], armature=LOCKED_KG_M2)
         _add_shapes(body, link, string, length)
         place, quat = np.array([length, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])
     body.add_site(name=f"node_{len(links)}", pos=place)

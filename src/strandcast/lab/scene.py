@@ -78,6 +78,8 @@ class LabScene:
         The plate on the hand, then its markers in the order of the arm's file.
     led
         The LED switched by the controller, if there is one; `still` shows it dark.
+    in_front
+        Rows and columns of something between the camera and the throw, painted on `still`, which hides both.
     """
 
     view: LabView
@@ -86,6 +88,7 @@ class LabScene:
     arm: Arm
     hand_prints: tuple[HandPrint, ...]
     led: LabLed | None = None
+    in_front: tuple[slice, slice] | None = None
 
 
 def make_scene(experiment: Experiment, name: str, arm: Arm) -> LabScene:

@@ -10,7 +10,7 @@ from scipy.optimize import root
 from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import FAILED_TRIALS, StrandcastError
-from strandcast.lab.rig import LabGrasp, LabRig, build_rig
+from strandcast.lab.rig import ClampSlip, LabGrasp, LabRig, build_rig
 from strandcast.lab.servo import CYCLE_S, SERVO_PRESETS, ServoSetPoints, joint_drives, set_points
 from strandcast.lab.strings import PhysicalString
 from strandcast.lab.variation import ThrowVariation
@@ -60,6 +60,7 @@ def simulate_swing(
     variation: ThrowVariation,
     command: JointTrajectory,
     step_s: float = STEP_S,
+    slip: ClampSlip | None = None,
 ) -> LabSwing:
     """Simulate a throw.
 
@@ -73,6 +74,8 @@ def simulate_swing(
         The motion, from rest to rest.
     step_s
         Step of the integration [s]; halved while the string diverges.
+    slip
+        If given, the clamp lets the string slip.
 
     Raises
     ------
@@ -91,14 +94,14 @@ def simulate_swing(
     # A diverged run is repeated with half the step; suppress MuJoCo's warning and its log file.
     mujoco.set_mju_user_warning(lambda _: None)
     while step_s >= MIN_STEP_S:
-        rig = build_rig(arm, drive, hanging, grasp, step_s)
+        rig = build_rig(arm, drive, hanging, grasp, step_s, slip)
         loop = ServoLoop(
             drive.stiffness * variation.servo_gain,
             drive.damping * variation.servo_gain,
             drive.torque_n_m,
             variation.joint_zero_rad,
         )
-        recorded = _run(rig, loop, points, variation)
+        recorded = _run(rig, loop, points, variation, time_s, slip)
         if recorded is not None:
             q, qd, torque, nodes = recorded
             return LabSwing(time_s, command.q_rad, command.qd_rad_s, q, qd, torque, nodes, rig.places_m)
@@ -141,7 +144,12 @@ class ServoLoop:
 
 
 def _run(
-    rig: LabRig, loop: ServoLoop, points: ServoSetPoints, variation: ThrowVariation
+    rig: LabRig,
+    loop: ServoLoop,
+    points: ServoSetPoints,
+    variation: ThrowVariation,
+    time_s: np.ndarray,
+    slip: ClampSlip | None,
 ) -> tuple[np.ndarray, ...] | None:
     """Return angles, speeds, torques and nodes at every cycle; None if the string diverged."""
     model, dofs = rig.model, rig.arm_dofs
@@ -157,6 +165,8 @@ def _run(
     for k in range(count):
         motion[0, k], motion[1, k] = data.qpos[dofs], data.qvel[dofs]
         nodes[k] = rig.nodes_m(data)
+        if rig.slide is not None and slip is not None:
+            data.qvel[rig.slide] = slip.speed_m_s(time_s[k] + 0.5 * CYCLE_S)
         motion[2, k] = data.qfrc_applied[dofs] = loop.torque(points, k, motion[0, k], motion[1, k])
         mujoco.mj_step(model, data, steps)
         if not np.abs(data.qvel).max() < DIVERGED_RAD_S:

@@ -8,6 +8,7 @@ import numpy as np
 
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
+from strandcast.report.causes import slip_in_clamp, slipped
 from strandcast.report.numbers import millimetres, milliseconds, percent
 from strandcast.report.results import FILES, OPTIONAL, TrialResults
 from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLANE_RMS_PX
@@ -153,6 +154,15 @@ def _length(results: TrialResults) -> CheckOutcome | None:
     return CheckOutcome(good, f"{millimetres(median_m)} measured", f"{millimetres(length_m)} ± 3 %")
 
 
+def _slip(results: TrialResults) -> CheckOutcome | None:
+    slip = slip_in_clamp(results)
+    if slip is None:
+        return None
+    found = f"{millimetres(slip.rise_m)} beyond the {millimetres(slip.at_rest_m)} at rest"
+    expected = "≤ 5 mm and ≤ 1.5 %: the tip is never farther from the clamp than the string is long"
+    return CheckOutcome(not slipped(slip), found, expected)
+
+
 def _tip(results: TrialResults) -> CheckOutcome:
     verdict = results.need("verdict")
     found = verdict.reason or f"detected, miss {millimetres(verdict.miss_m, verdict.miss_sigma_m)}"
@@ -214,6 +224,7 @@ CHECKS: list[tuple[str, str, TrialCheck]] = [
     ("track: points detected", WARN, _tracked),
     ("track: σ", WARN, _sigma),
     ("track: length of the string", WARN, _length),
+    ("track: string held by the clamp", WARN, _slip),
     ("track: tip at the closest approach", WARN, _tip),
     ("alignment: offset's error", WARN, _offset),
     ("alignment: drift", WARN, _drift),

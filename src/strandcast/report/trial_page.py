@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from strandcast.records.manifest import Manifest
 from strandcast.records.verdict import Verdict
+from strandcast.report.causes import probable_causes
 from strandcast.report.checks import FAIL, PASS, run_checks
 from strandcast.report.facts import Facts
 from strandcast.report.measures import fit_window
@@ -59,6 +60,7 @@ def trial_page(
         excluded=facts.excluded.get(trial),
         badge=verdict_badge(verdict, facts.excluded.get(trial)),
         outcome=outcome(results),
+        causes=probable_causes(results),
         unread=results.unread(),
         key_figures=_key_figures(results),
         sections=sections,

@@ -9,6 +9,7 @@ from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
 from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
+from strandcast.report.causes import probable_causes
 from strandcast.report.numbers import signed
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
@@ -59,6 +60,8 @@ def budget(page: TrialPageData) -> PanelContent:
         finding += "Every part is within half of the hit radius: nothing needs to change."
     else:
         finding += f"For the next throw: {BETTER[largest.name]}."
+    if probable_causes(page.results):
+        finding += " But first remove the fault that the top of this page names: it may be the reason."
     rows = [[step.name, _length(step.across_m), step.what, BETTER[step.name]] for step in steps]
     return PanelContent(
         finding,

@@ -1,0 +1,262 @@
+"""What most probably went wrong in a throw: the faults that its results prove, each with size and remedy."""
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from strandcast.errors import StrandcastError
+from strandcast.report.measures import Array
+from strandcast.report.numbers import millimetres, milliseconds, percent, place, scaled, significant
+from strandcast.report.results import TrialResults
+
+# Chosen so that no good throw of the lab's seven strings is accused; the lab's faults are far beyond.
+LEAST_SLIP_M = 0.005  # good throws rise by up to 2 mm: the clamp holds the string beside its centre line
+LEAST_SLIP_SHARE = 0.015  # of the length; a stretching cord also rises
+SMOOTHED = 7  # frames of the running median, against single misplaced tips
+STRAIGHT_SHARE = 0.97  # of the length, from end to end
+LEAST_RESTING = 10  # frames before the motion
+LENGTH_SHARE = 0.03  # grasps differ by 1 %
+SIGMAS = 5.0
+WRONG_RATE = 1e-3  # clocks of cameras and controllers agree to 0.01 %
+WRONG_ZERO_RAD = 0.01  # ten times the prior
+WRONG_LENGTH_M = 0.004  # four times the prior
+
+
+class Cause(NamedTuple):
+    """One probable cause: what it is, its evidence, its cost, what to do, and the anchor of the evidence."""
+
+    what: str
+    evidence: str
+    cost: str
+    fix: str
+    anchor: str
+
+
+class ClampSlip(NamedTuple):
+    """How far the tip came beyond the length at rest, that length [m], and when since the motion's start."""
+
+    rise_m: float
+    at_rest_m: float
+    since_start_s: float
+
+
+def probable_causes(results: TrialResults) -> list[Cause]:
+    """Return the probable causes of a bad throw, the gravest first; none for a good one.
+
+    A cause that cannot be examined, because a result is missing, is left out: the checks say so.
+    """
+    found: list[Cause] = []
+    for test in TESTS:
+        try:
+            found += test(results)
+        except StrandcastError:
+            continue
+    return found
+
+
+def slip_in_clamp(results: TrialResults) -> ClampSlip | None:
+    """Return how far the string slipped out of the clamp during the throw; None if rest or throw is not seen.
+
+    The tip is never farther from the clamp than the free length, and a string slips while it is taut: after a
+    slip the tip gets farther away than the whole string was long at rest.
+    """
+    track, alignment = results.need("track"), results.need("alignment")
+    time_s = results.robot_time_s()
+    reach_m = np.linalg.norm(track.points_m[:, -1] - track.points_m[:, 0], axis=1)
+    along_m = np.linalg.norm(np.diff(track.points_m, axis=1), axis=2).sum(axis=1)
+    resting = (time_s < alignment.motion_start_s) & np.isfinite(reach_m)
+    thrown = results.in_window() & np.isfinite(reach_m)
+    if resting.sum() < LEAST_RESTING or thrown.sum() < SMOOTHED:
+        return None
+    at_rest_m, chain_m = float(np.median(reach_m[resting])), float(np.nanmedian(along_m[resting]))
+    # A curled string hangs shorter than it is: then its length along the points counts. Of a straight one the
+    # ends count, because the tracker's chain has one length for the whole throw.
+    if at_rest_m < STRAIGHT_SHARE * chain_m:
+        at_rest_m = chain_m
+    smooth_m = _running_median(reach_m[thrown])
+    rise_m = float(smooth_m.max()) - at_rest_m
+    first = int(np.argmax(smooth_m > at_rest_m + 0.5 * rise_m))
+    return ClampSlip(rise_m, at_rest_m, float(time_s[thrown][first] - alignment.motion_start_s))
+
+
+def slipped(slip: ClampSlip) -> bool:
+    """Return whether a slip is beyond what a good throw shows."""
+    return slip.rise_m > max(LEAST_SLIP_M, LEAST_SLIP_SHARE * slip.at_rest_m)
+
+
+def _running_median(values: Array) -> Array:
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(values, SMOOTHED), axis=1))
+
+
+def _lost_tip(results: TrialResults) -> Iterator[Cause]:
+    verdict, track = results.need("verdict"), results.need("track")
+    if verdict.miss_m is not None:
+        return
+    time_s, tip = results.robot_time_s(), track.points_m[:, -1]
+    known = np.isfinite(tip).all(axis=1) & (track.flags[:, -1] == 0)
+    window = np.flatnonzero(results.in_window())
+    lost = window[~known[window]]
+    share = percent(len(lost) / max(len(window), 1))
+    evidence = f"{verdict.reason}; the tip is missing in {share} of the throw’s frames"
+    gap = _gap_near(known, tip, np.array(verdict.target_m))
+    fix = "the string’s end must be in the picture, uncovered and sharp from rest to the target"
+    if gap is not None:
+        before, after = gap
+        start_s = results.need("alignment").motion_start_s
+        lasted_s = float(time_s[after] - time_s[before])
+        speed_m_s = float(
+            np.linalg.norm(tip[before] - tip[before - 1]) / (time_s[before] - time_s[before - 1])
+        )
+        beside = np.isfinite(track.points_m[before + 1 : after, 1:-1]).all(axis=2).mean()
+        evidence += (
+            f". Last seen at {place(tip[before].tolist())}, frame {track.frame[before]}, "
+            f"{milliseconds(time_s[before] - start_s, digits=0)} after the motion’s start; seen again "
+            f"{milliseconds(lasted_s, digits=0)} later at {place(tip[after].tolist())}. In between "
+            f"{percent(float(beside))} of the other points of the string were seen"
+        )
+        evidence += _blur(results, speed_m_s)
+        fix = (
+            f"look at frames {track.frame[before]} to {track.frame[after]} of the film: clear away what "
+            "stands "
+            "before or behind the string there, or move the camera so that the place is in the picture; "
+            "if the "
+            "tip is only a streak there, expose for a shorter time with more light"
+        )
+    yield Cause(
+        "the tracker lost the string’s tip where it comes nearest to the target",
+        evidence,
+        "miss and hit are unknown; the fit does not use these frames",
+        f"{fix}. Then throw again",
+        "tracking",
+    )
+
+
+def _gap_near(known: Array, tip: Array, target_m: Array) -> tuple[int, int] | None:
+    """Return the known frames around the gap that is nearest to the target, or None."""
+    rows = np.flatnonzero(known)
+    gaps = [(a, b) for a, b in pairwise(rows.tolist()) if b > a + 1]
+    away_m = [min(float(np.linalg.norm(tip[k] - target_m)) for k in gap) for gap in gaps]
+    return gaps[int(np.argmin(away_m))] if gaps else None
+
+
+def _blur(results: TrialResults, speed_m_s: float) -> str:
+    exposure_s = results.need("track_summary").choices.get("exposure_s")
+    if not isinstance(exposure_s, float) or not np.isfinite(speed_m_s):
+        return ""
+    blur_m = speed_m_s * exposure_s
+    return (
+        f"; its motion blur was {millimetres(blur_m)} ({significant(speed_m_s, 2)} m/s) when it was last seen"
+    )
+
+
+def _slip(results: TrialResults) -> Iterator[Cause]:
+    slip = slip_in_clamp(results)
+    if slip is not None and slipped(slip):
+        most_m = slip.at_rest_m + slip.rise_m
+        yield Cause(
+            f"the string slipped out of the clamp by about {millimetres(slip.rise_m, digits=0)} during "
+            "the throw",
+            f"at rest before the throw the string was {millimetres(slip.at_rest_m)} long, from clamp to "
+            "tip; from "
+            f"{milliseconds(slip.since_start_s, digits=0)} after the motion’s start on, the tip was up to "
+            f"{millimetres(most_m)} away from the clamp, farther than a string that is held can reach",
+            "the fit takes one length for the whole throw: its parameters, the next motion and the "
+            "places of the "
+            "points along the string are wrong",
+            "clamp the string harder, exclude this trial (`strandcast exclude`), measure string.length_m "
+            "again and "
+            "repeat the throw. (A rubber-like string that stretches looks the same.)",
+            "tracking",
+        )
+
+
+def _wrong_length(results: TrialResults) -> Iterator[Cause]:
+    summary = results.need("track_summary")
+    length_m, sigma_m = (summary.choices.get(name) for name in ("length_m", "length_sigma_m"))
+    slip = slip_in_clamp(results)
+    if not isinstance(length_m, float) or not isinstance(sigma_m, float):
+        return
+    if slip is not None and slipped(
+        slip
+    ):  # a slip changes the length; the length at rest is what was declared
+        length_m, sigma_m = slip.at_rest_m, LEAST_SLIP_M / SIGMAS
+    off_m = length_m - summary.length_m
+    if abs(off_m) > max(LENGTH_SHARE * summary.length_m, SIGMAS * sigma_m):
+        yield Cause(
+            f"the declared length of the string is wrong: it is {millimetres(abs(off_m), digits=0)} "
+            f"{'longer' if off_m > 0 else 'shorter'} than string.length_m says",
+            f"from clamp to tip {millimetres(length_m, sigma_m)} in the video, in rest and in the throw; "
+            f"{millimetres(summary.length_m)} by experiment.yaml",
+            f"the motion was planned, and the string is fitted, with a length that is off by "
+            f"{percent(abs(off_m) / summary.length_m)}",
+            "measure the string from the clamp to the tip, correct string.length_m and the places of the "
+            "weights "
+            "in experiment.yaml, and run again; if the ruler confirms the declared length, check the plane’s "
+            "calibration (size_m and places of its markers)",
+            "tracking",
+        )
+
+
+def _wrong_clock(results: TrialResults) -> Iterator[Cause]:
+    fit, manifest = results.need("alignment"), results.need("manifest")
+    if fit.drift_se is None or abs(fit.drift) < max(WRONG_RATE, SIGMAS * fit.drift_se):
+        return
+    nominal_hz = manifest.video.frame_rate_hz
+    true_hz, true_se_hz = nominal_hz / (1.0 + fit.drift), nominal_hz * fit.drift_se
+    lasted_s = fit.motion_end_s - fit.motion_start_s
+    source = (
+        "experiment.yaml" if manifest.video.frame_rate_source == "experiment" else "the video’s time stamps"
+    )
+    yield Cause(
+        f"the video’s frame rate is wrong: {significant(nominal_hz, 4)} frames/s by {source}, "
+        f"{significant(true_hz, 4)} by the hand’s motion",
+        f"the hand by the camera and by the joint log agree only with the camera’s clock running "
+        f"{scaled(fit.drift, 100, 2, '%', fit.drift_se)} slower than the robot’s (true rate "
+        f"{scaled(true_hz, 1, 1, 'frames/s', true_se_hz)}); usual clocks agree within 0.01 %",
+        f"without this correction, video and log would part by {milliseconds(abs(fit.drift) * lasted_s)} "
+        "during the "
+        "motion; it has been corrected in this fit, and the rate is known only as well as the line above "
+        "says",
+        "check the rate that the camera was set to and write it: camera.frame_rate_hz: "
+        f"{significant(true_hz, 4)}; "
+        "if it is right, the log’s time stamps are wrong",
+        "clocks",
+    )
+
+
+def _wrong_arm(results: TrialResults) -> Iterator[Cause]:
+    fit = results.need("alignment")
+    words = []
+    for joint, zero_rad in enumerate(fit.joint_zero_rad or [], start=1):
+        if abs(zero_rad) > WRONG_ZERO_RAD:
+            size = f"{scaled(zero_rad, 1e3, 0, 'mrad')} ({scaled(zero_rad, 180 / np.pi, 1, '°')})"
+            other = ", or the markers of the plane are turned" if joint == 1 else ""
+            words.append(f"the zero of joint {joint} is off by {size}{other}")
+    for link, longer_m in enumerate(fit.link_length_m or [], start=1):
+        if abs(longer_m) > WRONG_LENGTH_M:
+            more = "longer" if longer_m > 0 else "shorter"
+            words.append(f"link {link} is {millimetres(abs(longer_m))} {more} than in the file")
+    if not words:
+        return
+    residual = millimetres(fit.residual_rms_m, digits=2)
+    yield Cause(
+        f"the arm’s file does not describe this arm: {'; '.join(words)}",
+        "with the file as it is, the joint log puts the hand elsewhere than the camera sees it, by the "
+        "same error "
+        f"throughout the throw; with the values above, {residual} rms remain",
+        "plans aim with a wrong arm: the hand, and with it the tip, passes beside where it was planned",
+        "measure this link or calibrate this joint’s zero, correct the arm’s file (URDF), then plan and "
+        "throw again",
+        "clocks",
+    )
+
+
+TESTS: tuple[Callable[[TrialResults], Iterator[Cause]], ...] = (
+    _lost_tip,
+    _slip,
+    _wrong_length,
+    _wrong_clock,
+    _wrong_arm,
+)

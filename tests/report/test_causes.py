@@ -1,0 +1,112 @@
+"""Every fault that a trial's results can prove is named with its size; a good throw is accused of nothing."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from strandcast.report.causes import probable_causes, slip_in_clamp
+from strandcast.report.checks import WARN, run_checks
+from strandcast.report.results import TrialResults, read_results
+from strandcast.report.trial_page import trial_page
+
+
+@pytest.fixture
+def good(results) -> TrialResults:
+    """Return a trial's results; its motion is said to begin 0.1 s later, after some frames at rest."""
+    found = read_results(results / "trial-01")
+    return with_record(found, "alignment", motion_start_s=found.pieces["alignment"].motion_start_s + 0.1)
+
+
+def with_record(results: TrialResults, name: str, **fields) -> TrialResults:
+    """Return the results with other fields in one record."""
+    record = results.pieces[name].model_copy(update=fields)
+    return dataclasses.replace(results, pieces=results.pieces | {name: record})
+
+
+def with_points(results: TrialResults, change) -> TrialResults:
+    """Return the results with the track's points (F, n + 1, 2) changed in place, given their robot times."""
+    points_m = results.pieces["track"].points_m.copy()
+    change(points_m, results.robot_time_s())
+    track = dataclasses.replace(results.pieces["track"], points_m=points_m)
+    return dataclasses.replace(results, pieces=results.pieces | {"track": track})
+
+
+def slipped_by(results: TrialResults, length_m: float) -> TrialResults:
+    """Return the results of a string that slips 0.15 s after the motion's start."""
+    start_s = results.pieces["alignment"].motion_start_s
+
+    def change(points_m: np.ndarray, time_s: np.ndarray) -> None:
+        hand = points_m[:, :1]
+        along = points_m[:, 1:] - hand
+        reach = np.linalg.norm(along[:, -1:], axis=2, keepdims=True)
+        late = (time_s > start_s + 0.15)[:, None, None]
+        points_m[:, 1:] += np.where(late, along / reach * length_m, 0.0)
+
+    return with_points(results, change)
+
+
+def test_good_throws_are_accused_of_nothing(results):
+    for trial in ("trial-01", "trial-02", "trial-03"):
+        assert probable_causes(read_results(results / trial)) == []
+        assert "Most probable fault" not in trial_page(results / trial, trial=1, experiment="swing")
+
+
+def test_a_slip_in_the_clamp_is_named_with_its_length_and_time(good):
+    before = slip_in_clamp(good)
+    bad = slipped_by(good, 0.02)
+    found = slip_in_clamp(bad)
+    assert found.rise_m - before.rise_m == pytest.approx(0.02, abs=0.002)
+    assert found.since_start_s == pytest.approx(0.15, abs=0.02)
+    (cause,) = probable_causes(bad)
+    assert "slipped out of the clamp by about 2" in cause.what
+    check = next(check for check in run_checks(bad, None) if check.name == "track: string held by the clamp")
+    assert check.state == WARN
+
+
+def test_a_small_slip_is_within_what_grasps_differ_by(good):
+    assert probable_causes(slipped_by(good, 0.002)) == []
+
+
+def test_a_wrong_length_is_named_with_its_sign(good):
+    declared_m = good.pieces["track_summary"].length_m
+    choices = {"length_m": declared_m - 0.02, "length_sigma_m": 0.0005}
+    (cause,) = probable_causes(with_record(good, "track_summary", choices=choices))
+    assert "20\u00a0mm shorter than string.length_m" in cause.what
+    unsure = {"length_m": declared_m - 0.02, "length_sigma_m": 0.006}
+    assert probable_causes(with_record(good, "track_summary", choices=unsure)) == []
+
+
+def test_a_lost_tip_is_named_with_the_frames_of_the_gap(good):
+    target_m = np.array(good.pieces["verdict"].target_m)
+    apart_m = np.linalg.norm(good.pieces["track"].points_m[:, -1] - target_m, axis=1)
+    closest = int(np.nanargmin(apart_m))
+
+    def lose(points_m: np.ndarray, _: np.ndarray) -> None:
+        points_m[closest - 6 : closest + 7, -1] = np.nan
+
+    bad = with_record(good, "verdict", miss_m=None, hit=None, reason="the tip was not tracked")
+    (cause,) = probable_causes(with_points(bad, lose))
+    assert "lost the string’s tip" in cause.what
+    assert f"frames {closest - 7} to {closest + 7}" in cause.fix
+
+
+def test_a_wrong_frame_rate_is_named_with_the_right_one(good):
+    rate_hz = good.pieces["manifest"].video.frame_rate_hz
+    bad = with_record(good, "alignment", drift=0.01, drift_se=1e-4)
+    (cause,) = probable_causes(bad)
+    assert "frame rate is wrong" in cause.what
+    assert f"camera.frame_rate_hz: {rate_hz / 1.01:.4g}" in cause.fix
+    assert probable_causes(with_record(good, "alignment", drift=0.002, drift_se=1e-3)) == []
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"joint_zero_rad": [0.001, -0.035]}, "the zero of joint 2 is off by −35\u00a0mrad (−2.0\u00a0°)"),
+        ({"link_length_m": [0.008, 0.0]}, "link 1 is 8.0\u00a0mm longer than in the file"),
+    ],
+)
+def test_a_wrong_arm_is_named_with_its_joint_or_link(good, fields, words):
+    (cause,) = probable_causes(with_record(good, "alignment", **fields))
+    assert words in cause.what
