@@ -79,8 +79,8 @@ def as_data(done: "RunResult") -> dict[str, object]:
 
 
 def campaign_line(done: "RunResult") -> list[str]:
-    """Return what all experiments come to, and their page; nothing if there is only one experiment."""
-    if done.campaign is None or sum(done.campaign[0].experiments.values()) < 2:
+    """Return what all experiments come to, and their page; nothing if a single one was summarised above."""
+    if done.campaign is None or (done.summaries and sum(done.campaign[0].experiments.values()) < 2):
         return []
     return [f"all experiments: {done.campaign[0]}; page: {done.campaign[1]}"]
 

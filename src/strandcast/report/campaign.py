@@ -57,13 +57,13 @@ class CampaignExperiment:
         return "unknown" if known == "no hit" and self.waiting else known
 
     def has_hit_by(self, throw: int) -> bool | None:
-        """Return whether one of the first throws hit; None if one of them is unknown and none hit."""
-        hits = [line.hit for line in self.throws[:throw]]
-        if any(hits):
-            return True
+        """Return whether one of the first throws hit; None if one that is unknown comes before the hit."""
         throws = self.throws
+        decisive = next((line.hit for line in throws[:throw] if line.hit is not False), False)
         lacking = any(len(throws) < throw or each.trial < throws[throw - 1].trial for each in self.waiting)
-        return None if self.summary is None or None in hits or lacking else False
+        if self.summary is None or decisive is None:
+            return None
+        return True if decisive else None if lacking else False
 
 
 @dataclass(frozen=True)

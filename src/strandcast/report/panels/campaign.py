@@ -6,7 +6,7 @@ import numpy as np
 
 from strandcast.report import drawing as draw
 from strandcast.report.campaign import RIG_QUANTITIES, Campaign, RigQuantity
-from strandcast.report.numbers import millimetres, percent
+from strandcast.report.numbers import millimetres, percent, signed
 from strandcast.report.panels.content import PanelContent, Table
 
 BAND = (0.1, 0.9)  # quantiles; four of five throws lie between them
@@ -120,7 +120,11 @@ def rig_course(campaign: Campaign) -> PanelContent:
         known = _draw_quantity(axes, campaign, quantity)
         limit = quantity.limit * quantity.factor
         bound = f"{'≥' if quantity.is_least else '≤'} {limit:g} {quantity.unit}"
-        middle = [f"{np.median(known):.3g}", f"{min(known):.3g} to {max(known):.3g}"] if known else ["–", "–"]
+        middle = (
+            [signed(f"{np.median(known):.3g}"), signed(f"{min(known):.3g} to {max(known):.3g}")]
+            if known
+            else ["–", "–"]
+        )
         rows.append([f"{quantity.name} [{quantity.unit}]", *middle, bound, len(bad), lacking])
     step = -(-len(names) // MOST_NAMES)
     panels[-1].set_xticks(range(0, len(names), step), names[::step], rotation=60, ha="right", fontsize=8)
