@@ -214,6 +214,7 @@ _DECLARED = (
         settings=ALL_SETTINGS,
         may_read={
             "shown": results(so_far, *page_files.ON_PAGE),
+            "verdict": results(this, "verdict.json"),
             "cameras": files.cameras,
             "planned": page_files.motion_after,
             "expected": page_files.throws_after,

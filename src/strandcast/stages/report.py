@@ -25,7 +25,7 @@ def run(job: Job, files: Files) -> None:
         trial=job.trial,
         experiment=context.name,
         previous=context.folder.trial(before[-1]).results if before else None,
-        neighbours=_neighbours(job),
+        neighbours=_neighbours(job, files),
         next_motion=next_motion,
         facts=facts_of(context, next_motion),
     )
@@ -34,7 +34,7 @@ def run(job: Job, files: Files) -> None:
         refuse_unread(context, files.output("page"), read_results(folder.results).unread())
 
 
-def _neighbours(job: Job) -> tuple[int | None, int | None]:
+def _neighbours(job: Job, files: Files) -> tuple[int | None, int | None]:
     """Return the trials before and after this one, excluded ones too; None where there is none.
 
     The lab throws until the tip hits, so that its next trial may be thrown only after this page is made.
@@ -43,7 +43,7 @@ def _neighbours(job: Job) -> tuple[int | None, int | None]:
     if job.is_lab:
         hit = False
         with suppress(StrandcastError):
-            hit = Verdict.read(job.folder.results / "verdict.json").hit
+            hit = Verdict.read(files.input("verdict")).hit
         return trial - 1 or None, None if context.is_last(trial, hit) else trial + 1
     recorded = context.folder.recorded_trials()
     before, after = ([n for n in recorded if n < trial], [n for n in recorded if n > trial])
