@@ -83,10 +83,14 @@ def damaged(text: str, changes: list[Change]) -> bytes:
 
 
 def plain_rows(data: bytes, columns: list[str]) -> dict[float, list[float]]:
-    """Return the numbers of the plain rows of a CSV with a header, NaN where empty, by their time."""
+    """Return the numbers of the plain rows of a CSV with a header, NaN where empty, by their time.
+
+    A last row that was cut has too few cells; it is left out.
+    """
     text = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     lines = [line for line in text.split("\n") if line.strip() and line.strip()[0] not in "#%"]
     names, *rows = ([cell.strip().strip('"') for cell in line.split(",")] for line in lines)
+    rows = rows[:-1] if rows and len(rows[-1]) < len(names) else rows
     while names[-1] == "":
         names.pop()
     at = [names.index(name) for name in columns]

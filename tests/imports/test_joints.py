@@ -52,6 +52,24 @@ def test_the_headerless_ur_log_is_read_with_its_uneven_steps(real_data, tmp_path
     assert np.corrcoef(speed, log.qd_rad_s[:, 0])[0, 1] > 0.99
 
 
+@pytest.mark.parametrize("columns", [13, 19, 31])
+def test_a_headerless_ur_log_with_a_cut_last_line_is_read_with_warnings(tmp_path, columns):
+    time_s = np.arange(200) / 100.0
+    values = np.zeros((200, columns))
+    values[:, 0] = time_s
+    values[:, 1:7] = 0.1 * np.sin(time_s)[:, None] + np.arange(6)
+    values[:, 7:13] = 0.1 * np.cos(time_s)[:, None]
+    text = "\n".join(",".join(f"{value:.6f}" for value in row) for row in values)
+    (tmp_path / "log.csv").write_text(text + "\n" + text.splitlines()[-1][:40])
+    run = import_joints(tmp_path / "log.csv", tmp_path / "trial-01")
+    assert run.rows == 200
+    assert any(f"its {columns} columns have no names" in warning for warning in run.warnings)
+    assert any(f"line 201, the last, was cut (5 of {columns} cells)" in each for each in run.warnings)
+    _, log = read_run(tmp_path / "trial-01")
+    np.testing.assert_allclose(log.q_rad, values[:, 1:7], atol=1e-6)
+    np.testing.assert_allclose(log.qd_rad_s, values[:, 7:13], atol=1e-6)
+
+
 def test_ur_rtde_columns_are_known(tmp_path):
     header = ["timestamp"] + [
         f"{kind}_{k}" for kind in ("actual_q", "actual_qd", "target_q") for k in range(6)

@@ -67,6 +67,17 @@ def test_what_does_not_fit_is_one_message_with_the_line(tmp_path, text, line, wo
     assert refusal.value.fix
 
 
+def test_only_a_last_line_without_an_end_may_be_cut(tmp_path):
+    table = table_of(tmp_path, "t,a\n0,1\n1,2\n2")
+    assert table.values.tolist() == [[0.0, 1.0], [1.0, 2.0]]
+    assert table.notes == ["line 4, the last, was cut (1 of 2 cells) and is left out"]
+    assert table_of(tmp_path, "t,a\n0,1\n1,2").notes == []
+    with pytest.raises(StrandcastError, match="1 cells, the header has 2"):
+        table_of(tmp_path, "t,a\n0,1\n2\n")  # with its line end, it was written so
+    with pytest.raises(StrandcastError, match="3 cells"):
+        table_of(tmp_path, "t,a\n0,1\n1,2\n2,3,4")
+
+
 def test_cells_in_quotation_marks_are_read(tmp_path):
     table = table_of(tmp_path, '"t","q, measured"\n"0",1\n0.1,"2"\n')
     assert table.names == ["t", "q, measured"]

@@ -8,6 +8,7 @@ from strandcast.imports.mapping import JointMapping
 from strandcast.imports.table import NumberTable
 
 UR_JOINTS = 6
+UR_PLAIN_COLUMNS = tuple(1 + groups * UR_JOINTS for groups in (2, 3, 5))
 UR_OUTPUTS = "actual_digital_output_bits"
 
 
@@ -57,8 +58,11 @@ def ur_rtde(table: NumberTable) -> JointMapping | None:
 
 
 def ur_plain(table: NumberTable) -> JointMapping | None:
-    """Read UR logs without header: t, q (6), qd (6), current (6), desired current (6), desired torque (6)."""
-    if table.has_header or len(table.names) not in (1 + 2 * UR_JOINTS, 1 + 5 * UR_JOINTS):
+    """Read UR logs without header: t, q (6), qd (6), current (6), desired current (6), desired torque (6).
+
+    The last two groups of columns, or the last three, may be missing.
+    """
+    if table.has_header or len(table.names) not in UR_PLAIN_COLUMNS:
         return None
     return JointMapping(
         time="1",

@@ -27,6 +27,10 @@ NO_MOTION = (
     "there is no motion.json in the trial's folder: the motion's start is known from the commanded "
     "joints at best, and no later motion can be planned from it; put it there and import again: --replace"
 )
+UNNAMED = (
+    "its {} columns have no names: read as a UR log, time, six angles q and their speeds qd; the others are "
+    "not used"
+)
 IMPORTED = "import: "  # start of an imported run's driver name
 
 
@@ -153,7 +157,8 @@ def _source(path: Path, reading: Reading, namings: Sequence[list[str]]) -> _Sour
     table = read_numbers(path)
     name, columns = ("mapping", reading.mapping) if reading.mapping else recognise(table, reading.dialect)
     clock = f"the column {columns.time!r} of the log"
-    return _Source(name, table, columns.model_copy(update=unit), namings, sha256_file(path), clock)
+    notes = table.notes + ([UNNAMED.format(len(table.names))] if name == "ur" else [])
+    return _Source(name, table, columns.model_copy(update=unit), namings, sha256_file(path), clock, notes)
 
 
 def _log_of(source: _Source, sync_output: int | None) -> tuple[np.ndarray, JointLog]:

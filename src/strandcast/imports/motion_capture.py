@@ -76,7 +76,7 @@ def import_capture(
         marker_fraction=float(detected[:, 0].mean()),
         median_sigma_m=mapping.sigma_m,
         choices={"file": Path(path).name, "sha256": sha256_file(path)} | places,
-        warnings=warnings,
+        warnings=table.notes + warnings,
     )
     alignment = _alignment(experiment, trial, mapping, time_s)
     known = np.isfinite(hand.array()).all(axis=1)

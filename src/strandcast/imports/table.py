@@ -1,6 +1,6 @@
 """Tables of numbers that importers read columns from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ class NumberTable:
     values: np.ndarray
     lines: np.ndarray
     has_header: bool
+    notes: list[str] = field(default_factory=list)  # remarks for the user
 
     def column(self, name: str) -> np.ndarray:
         """Return one column (rows,) by its name, or by its number from 1 where the file has no header."""
@@ -48,6 +49,11 @@ class NumberTable:
 
 
 def read_numbers(path: str | Path) -> NumberTable:
-    """Read a CSV file of numbers, see `records.csv_cells.read_cells`; errors have the code SC-I001."""
-    cells = read_cells(path, "SC-I001")
-    return NumberTable(cells.path, cells.names, cells.numbers(), np.array(cells.lines), cells.has_header)
+    """Read a CSV file of numbers, see `records.csv_cells.read_cells`; errors have the code SC-I001.
+
+    A last line that was cut is left out, with a note.
+    """
+    cells, notes = read_cells(path, "SC-I001").without_cut_line()
+    return NumberTable(
+        cells.path, cells.names, cells.numbers(), np.array(cells.lines), cells.has_header, notes
+    )

@@ -4,7 +4,7 @@ import csv
 import math
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,19 @@ class Cells:
     lines: list[int]
     has_header: bool
     code: str
+    last_line_ends: bool = True  # False: the file stops within its last line, or without a line end
+
+    def without_cut_line(self) -> "tuple[Cells, list[str]]":
+        """Return the cells without a last line that was cut, and a warning of it.
+
+        A writer that is stopped leaves a line without an end and with too few cells; a line with too few
+        cells elsewhere is damage.
+        """
+        if self.last_line_ends or len(self.rows) < 2 or len(self.rows[-1]) >= len(self.names):
+            return self, []
+        cells = f"{len(self.rows[-1])} of {len(self.names)} cells"
+        left_out = f"line {self.lines[-1]}, the last, was cut ({cells}) and is left out"
+        return replace(self, rows=self.rows[:-1], lines=self.lines[:-1]), [left_out]
 
     def numbers(self, empty: frozenset[str] = EMPTY) -> np.ndarray:
         """Return all cells (rows, columns) as floats; words in `empty`, in any case, become NaN."""
@@ -91,9 +104,11 @@ def read_cells(path: str | Path, code: str) -> Cells:
         decimal comma is reported as such), or quotation marks that do not enclose a cell.
     """
     path = Path(path)
-    rows, lines = _split(path, _text(path, code), code)
+    text = _text(path, code)
+    rows, lines = _split(path, text, code)
+    ends = text.endswith(("\n", "\r"))
     if all(_is_number(cell) for cell in rows[0]):
-        return Cells(path, [str(k + 1) for k in range(len(rows[0]))], rows, lines, False, code)
+        return Cells(path, [str(k + 1) for k in range(len(rows[0]))], rows, lines, False, code, ends)
     longest = max(rows[0], key=len)
     if len(longest) > LONGEST_NAME:
         what = f"the header has a column's name of {len(longest)} characters, {_quoted(longest)}"
@@ -104,7 +119,7 @@ def read_cells(path: str | Path, code: str) -> Cells:
         raise refusal(code, path, twice[0], what, "rename one of them", lines[0])
     if len(rows) == 1:
         raise refusal(code, path, None, "the file has a header and no rows", "export or copy it again")
-    return Cells(path, rows[0], rows[1:], lines[1:], True, code)
+    return Cells(path, rows[0], rows[1:], lines[1:], True, code, ends)
 
 
 def _text(path: Path, code: str) -> str:
