@@ -7,7 +7,7 @@ import pytest
 
 from strandcast.errors import StrandcastError
 from strandcast.records.predicted import (
-    PREDICTED,
+    PREDICTED_THROWS,
     UNPREDICTED,
     PredictedThrows,
     read_predicted,
@@ -51,7 +51,7 @@ def test_a_path_without_its_miss_is_refused(
     tmp_path: Path, throw: list[int], facts: dict[str, object]
 ) -> None:
     columns = {"throw": throw, "time_s": [0.0, 0.0], "x_m": [0.1, 0.2], "y_m": [0.1, 0.2]}
-    write_table(tmp_path / "predicted.parquet", PREDICTED, columns, facts)
+    write_table(tmp_path / "predicted.parquet", PREDICTED_THROWS, columns, facts)
     with pytest.raises(StrandcastError) as caught:
         read_predicted(tmp_path / "predicted.parquet")
     assert caught.value.code == "SC-R017"

@@ -157,7 +157,10 @@ def test_a_run_until_a_stage_asks_for_what_it_writes(root):
     assert targets.targets_of("rig") == ["results/rig/report.html"]
     wanted = [f"results/rig/trial-{trial}/verdict.json" for trial in ("01", "02", "03")]
     assert targets.targets_of("rig", "score") == wanted
-    assert targets.targets_of("rig", "plan") == ["results/rig/trial-04/motion.json"]
+    assert targets.targets_of("rig", "plan") == [
+        "results/rig/trial-04/motion.json",
+        "results/rig/trial-04/predicted.parquet",
+    ]
     assert targets.targets_of("lab-1", "lab-throw")[0].startswith("data/lab-1/trial-01/")
     registered = ["results/mocap/trial-01/track.parquet", "results/mocap/trial-01/alignment.json"]
     assert set(registered) < set(targets.targets_of("mocap", "track"))
@@ -166,7 +169,10 @@ def test_a_run_until_a_stage_asks_for_what_it_writes(root):
 def test_a_run_until_a_stage_of_a_trial_is_refused_before_there_is_one(root):
     (root / "data" / "new").mkdir()
     (root / "data" / "new" / "experiment.yaml").write_text(SETTINGS)
-    assert targets.targets_of("new", "plan") == ["results/new/trial-01/motion.json"]
+    assert targets.targets_of("new", "plan") == [
+        "results/new/trial-01/motion.json",
+        "results/new/trial-01/predicted.parquet",
+    ]
     assert "results/new/cameras/main.json" in targets.targets_of("new", "calibrate")
     with pytest.raises(StrandcastError, match="has no trial yet"):
         targets.targets_of("new", "estimate")

@@ -15,7 +15,7 @@ from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
 from strandcast.records.observations import OBSERVATIONS
-from strandcast.records.predicted import PREDICTED
+from strandcast.records.predicted import PREDICTED_THROWS
 from strandcast.records.record import Record, read_json, refusal
 from strandcast.records.summary import ExperimentSummary
 from strandcast.records.tables import (
@@ -49,7 +49,7 @@ RECORDS: dict[str, type[Record]] = {
 }
 TABLES: dict[str, TableSpec] = {
     spec.schema: spec
-    for spec in (ENSEMBLE, HAND, LAB_TRUTH, MARKERS, OBSERVATIONS, PREDICTED, SIMULATED, TRACK)
+    for spec in (ENSEMBLE, HAND, LAB_TRUTH, MARKERS, OBSERVATIONS, PREDICTED_THROWS, SIMULATED, TRACK)
 }
 # Units by the end of a column's name in joints.csv.
 LOG_UNITS = {"_rad_s": "rad/s", "_rad": "rad", "_time_ns": "ns", "_time_s": "s", "_start_s": "s"}

@@ -17,7 +17,7 @@ from strandcast.records.tables import (
 )
 
 # One row per stored path and time. Facts stored beside the table: the miss of every throw, the motion's hash.
-PREDICTED = TableSpec(
+PREDICTED_THROWS = TableSpec(
     "strandcast/predicted",
     {
         "throw": Column("i4", "1"),  # place in the list of misses
@@ -67,13 +67,16 @@ def write_predicted(path: str | Path, throws: PredictedThrows) -> None:
         "y_m": x_y_m[:, 1],
     }
     write_table(
-        path, PREDICTED, columns, {"motion_sha256": throws.motion_sha256, "miss_m": throws.miss_m.tolist()}
+        path,
+        PREDICTED_THROWS,
+        columns,
+        {"motion_sha256": throws.motion_sha256, "miss_m": throws.miss_m.tolist()},
     )
 
 
 def read_predicted(path: str | Path) -> PredictedThrows:
     """Read and verify predicted throws; see `read_table` for the errors."""
-    rows, facts = read_table(path, PREDICTED), read_facts(path, PREDICTED)
+    rows, facts = read_table(path, PREDICTED_THROWS), read_facts(path, PREDICTED_THROWS)
     with fitting(path):
         throw, row = np.unique(rows["throw"], return_inverse=True)
         time_s, sample = np.unique(rows["time_s"], return_inverse=True)
