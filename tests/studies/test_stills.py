@@ -126,6 +126,49 @@ def test_a_string_in_pieces_is_flagged():
     assert not string_in_mask(mask).sure
 
 
+def pictured(cover: np.ndarray) -> np.ndarray:
+    noise = np.random.default_rng(3).normal(0.0, 2.0, cover.shape)
+    return np.clip(60.0 + 120.0 * cover + noise, 0, 255).astype(np.uint8)
+
+
+def test_a_whole_string_raises_no_doubt():
+    string = string_in_picture(pictured(drawn(loop(), 7.0)))
+    assert string.doubts == []
+    assert string.sure
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        ("faded", "something continues beyond"),
+        ("gap", "something continues beyond"),
+        ("border", "touches the picture's border"),
+        ("smudge", "leaves a part of it out"),
+    ],
+)
+def test_an_end_a_gap_or_a_border_raises_a_doubt(damage, words):
+    course = loop()
+    cover = drawn(course, 7.0)
+    apart_px = np.linalg.norm(np.indices(SHAPE)[::-1] - course[0][:, None, None], axis=0)
+    if damage == "faded":
+        cover[apart_px < 60.0] *= 0.12
+    elif damage == "gap":
+        cover[(apart_px > 40.0) & (apart_px < 52.0)] = 0.0
+    elif damage == "border":
+        cover = cover[:, int(course[0, 0]) + 20 :]
+    else:
+        cv2.circle(cover, tuple(np.rint(course[120]).astype(int).tolist()), 24, 1.0, -1)
+    string = string_in_picture(pictured(np.ascontiguousarray(cover)))
+    assert any(words in doubt for doubt in string.doubts), string.doubts
+    assert not string.sure
+
+
+def test_a_blob_is_no_string():
+    blob = cv2.ellipse(np.zeros(SHAPE), (300, 200), (30, 19), 30, 0, 360, 1.0, -1)
+    string = string_in_picture(pictured(blob))
+    assert "it is too short for its width" in string.doubts
+
+
 def test_a_given_background_removes_other_objects():
     course = loop()
     wall = np.full(SHAPE, 150.0)

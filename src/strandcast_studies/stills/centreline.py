@@ -9,10 +9,10 @@ from strandcast_studies.stills.graph import FREE, Graph, skeleton_graph
 from strandcast_studies.stills.line import even_line, measure_across, normals, sample, smooth
 from strandcast_studies.stills.mask import Silhouette, find_silhouette, given_silhouette
 from strandcast_studies.stills.order import StillOrder, find_order
+from strandcast_studies.stills.sureness import doubts
 
 # All chosen on the mBEST pictures and on drawn strings.
 SURE_MARGIN = 6.0  # by which every other order must cost more: squared bending in units of the typical one
-MOST_BESIDE = 0.1  # largest separate area that also looks like string, as a share of the string's area
 WIDTH_RANGE = (0.6, 1.35)  # of a single strand, times the typical width
 BRIDGE_HALF_WIDTHS = 4.0  # a longer bridge guides the strands that run along it
 GUIDE_WEIGHT = 0.05  # of the skeleton of merged strands; a single strand's has 1
@@ -43,6 +43,7 @@ class StillString:
     crossings: list[StillCrossing]  # in the order in which the string first passes them
     mask: np.ndarray  # (height, width), the silhouette used
     choices: dict[str, Any]  # values chosen automatically, with units in the names
+    doubts: list[str]  # why the line may not be the whole string; see `stills.sureness`
 
     @property
     def length_px(self) -> float:
@@ -51,8 +52,8 @@ class StillString:
 
     @property
     def sure(self) -> bool:
-        """Whether the order is certain at every crossing, and little else in the picture could be string."""
-        return self.choices["beside_share"] < MOST_BESIDE and all(c.sure for c in self.crossings)
+        """Whether the order is certain at every crossing, and ends, gaps and border raise no doubt."""
+        return not self.doubts and all(c.sure for c in self.crossings)
 
 
 def string_in_picture(
@@ -103,7 +104,8 @@ def _follow(silhouette: Silhouette, start_px: np.ndarray | None) -> StillString:
         "width_px": width,
     }
     crossings = _crossings(graph, order, line)
-    return StillString(line, measured, width, crossings, silhouette.mask, choices)
+    found = doubts(silhouette, line, measured, width, [crossing.place_px for crossing in crossings])
+    return StillString(line, measured, width, crossings, silhouette.mask, choices, found)
 
 
 def _starts_last(graph: Graph, order: StillOrder, start_px: np.ndarray | None) -> bool:

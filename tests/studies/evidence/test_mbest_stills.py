@@ -12,7 +12,7 @@ def through(way_px: np.ndarray, crossings_px: np.ndarray) -> StillString:
     """Return a string along the given places."""
     line = even_line(way_px)[0]
     crossings = [StillCrossing(place, (0.0, 1.0), 99.0, True, True) for place in crossings_px]
-    return StillString(line, np.ones(len(line), bool), 12.0, crossings, np.zeros((1, 1), bool), {})
+    return StillString(line, np.ones(len(line), bool), 12.0, crossings, np.zeros((1, 1), bool), {}, [])
 
 
 def test_every_picture_is_labelled():
