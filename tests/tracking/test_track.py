@@ -7,6 +7,7 @@ import pytest
 
 from strandcast.errors import StrandcastError
 from strandcast.tracking.chain.point_uncertainty import in_long_gap
+from strandcast.tracking.scene_checks import exposure_warnings
 from strandcast.video.ingest import inspect_video
 
 POINTS = 10
@@ -101,6 +102,17 @@ def test_a_missing_marker_is_named(scene, tmp_path):
     error = refusal(scene, tmp_path / "v.mkv", markers=(other,))
     assert error.code == "SC-T003"
     assert "33" in error.what
+
+
+def test_an_assumed_exposure_is_named_where_the_string_is_fast():
+    time_s = np.arange(10) / 250.0
+    points = np.zeros((10, 3, 2))
+    points[:, 2, 0] = 5.0 * time_s  # the tip, at 5 m/s: 20 mm a frame
+    [warning] = exposure_warnings(points, time_s, 0.8e-3, 2e-3)
+    assert "0.8 ms is assumed" in warning
+    assert "(5.0 m/s) over 2.0 px; the true blur may reach 10.0 px" in warning
+    assert exposure_warnings(0.2 * points, time_s, 0.8e-3, 2e-3) == []  # 2 px a frame
+    assert exposure_warnings(np.full_like(points, np.nan), time_s, 0.8e-3, 2e-3) == []
 
 
 def test_hidden_runs_are_given_up_only_when_long():

@@ -19,6 +19,7 @@ from strandcast.stages.job import Files, Job
 from strandcast.tracking.observe import observe
 from strandcast.tracking.registry import track
 from strandcast.tracking.result import Tracked
+from strandcast.tracking.scene_checks import exposure_warnings
 from strandcast.tracking.tracker import TrackerInput
 
 WEBP_QUALITY = 82
@@ -39,6 +40,7 @@ def run(job: Job, files: Files) -> None:
     note_picture(files.output("strobe"))
     summary = _summary(job, tracked, manifest, free_length_m(context, arm.clamp.clamped_length_m))
     summary.cameras = list(context.settings.cameras)
+    summary.warnings += _assumed_exposure(job, tracked, camera)
     summary.write(files.output("summary"))
 
 
@@ -60,6 +62,14 @@ def _tracker_input(
         background=given_background(context, facts),
         settings_file=context.file,
     )
+
+
+def _assumed_exposure(job: Job, tracked: Tracked, camera: Camera) -> list[str]:
+    """Return a warning if the tracker assumed a camera's exposure; the lab's is in its own section."""
+    exposure_s = tracked.choices.get("exposure_s")
+    if job.is_lab or job.context.settings.camera.exposure_s is not None or not isinstance(exposure_s, float):
+        return []
+    return exposure_warnings(tracked.points_m, tracked.camera_time_s, exposure_s, camera.scale_m_per_px)
 
 
 def _summary(job: Job, tracked: Tracked, manifest: Manifest, length_m: float) -> TrackSummary:

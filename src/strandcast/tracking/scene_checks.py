@@ -16,6 +16,8 @@ from strandcast.tracking.hand.finder import HandDetection, HandFinder
 
 LEAST_CONFIDENT = 0.3  # chosen: share of unflagged frames below which the user is warned
 MOVED_FRAMES = 4  # chosen: frames compared with the photo of the plane
+HARMLESS_BLUR_PX = 3.0  # chosen: blur over a whole frame interval that needs no known exposure
+FASTEST_PERCENTILE = 99.0  # chosen: of the points' speeds; single wrong points are faster
 LARGEST_CORRECTION = 0.03  # chosen: relative difference between declared and detected length
 
 
@@ -57,6 +59,26 @@ def confidence_warnings(points_m: np.ndarray, flags: np.ndarray) -> list[str]:
         "what the tracker detects"
         for what, share in shares
         if share < LEAST_CONFIDENT
+    ]
+
+
+def exposure_warnings(
+    points_m: np.ndarray, time_s: np.ndarray, exposure_s: float, m_per_px: float
+) -> list[str]:
+    """Return a warning about an assumed exposure if points (F, n + 1, 2) are so fast that it matters."""
+    interval_s = np.diff(time_s)
+    speed_m_s = np.linalg.norm(np.diff(points_m, axis=0), axis=2) / interval_s[:, None]
+    if not np.isfinite(speed_m_s).any():
+        return []
+    fastest_m_s = float(np.nanpercentile(speed_m_s, FASTEST_PERCENTILE))
+    most_px = fastest_m_s * float(np.median(interval_s)) / m_per_px
+    if most_px < HARMLESS_BLUR_PX:
+        return []
+    share_px = fastest_m_s * exposure_s / m_per_px
+    return [
+        f"camera.exposure_s is not given: {1e3 * exposure_s:.3g} ms is assumed, which blurs the fastest "
+        f"points ({fastest_m_s:.1f} m/s) over {share_px:.1f} px; the true blur may reach {most_px:.1f} px: "
+        "set it to the camera's value"
     ]
 
 
