@@ -165,9 +165,9 @@ def _slip(results: TrialResults) -> Iterator[Cause]:
             "the fit takes one length for the whole throw: its parameters, the next motion and the "
             "places of the "
             "points along the string are wrong",
-            "clamp the string harder, exclude this trial (`strandcast exclude`), measure string.length_m "
+            "clamp the string harder, exclude this trial (strandcast exclude), measure string.length_m "
             "again and "
-            "repeat the throw. (A rubber-like string that stretches looks the same.)",
+            "repeat the throw; a rubber-like string that stretches looks the same",
             "tracking",
         )
 
