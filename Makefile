@@ -170,6 +170,12 @@ bench-loop: $(VENV)/runtime.stamp  ## run the loop on seven strings, 15 seeds, t
 bench-drawn: $(VENV)/runtime.stamp  ## run the loop on sixty random strings, targets and servos: results/bench-drawn.json; 45 minutes of one core
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS)
 
+.PHONY: calibration
+calibration: $(VENV)/runtime.stamp  ## count how far throws of drawn strings and rigs miss, for the stated probabilities; hours
+	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS) --seeds 4001-4060 --out results/calibration-usual.json
+	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS) --wide --seeds 5001-5060 --out results/calibration-wide.json
+	@$(BIN)/python -m strandcast_studies.benchmarks.loop.calibration fit results/calibration-usual.json results/calibration-wide.json
+
 .PHONY: bench-agents
 bench-agents: $(VENV)/studies.stamp  ## compare planners, random search and CMA-ES by their misses per throw: results/bench-agents; hours
 	@$(BIN)/python -m strandcast_studies.benchmarks.agents.run --jobs $(JOBS)

@@ -31,6 +31,7 @@ class Equations:
     clamp_offset_rad: float = 0.0
     factor: np.ndarray | float = 1.0
     gravity_m_s2: float = 9.81
+    drag_along: float = 0.0
 
     def accelerations(self, x, v, clamp, clamp_rate):
         """Accelerations of points 1…n (n, 2); x, v (n+1, 2) include the hand. With complex numbers."""
@@ -42,7 +43,12 @@ class Equations:
         turn = log_rate.imag
         pull = k_s * (length - self.spacing_m)
         tension = pull + c_s * log_rate.real * length
-        total = -(c1 + c2 * np.abs(w)) * w - 1j * self.gravity_m_s2 * np.r_[0, self.masses]
+        air = (c1 + c2 * np.abs(w)) * w
+        if self.drag_along:
+            tangent = np.r_[1.0, d[:-1] + d[1:], d[-1]]
+            tangent /= np.abs(tangent)
+            air -= (1.0 - self.drag_along) * (air * tangent.conj()).real * tangent
+        total = -air - 1j * self.gravity_m_s2 * np.r_[0, self.masses]
         total[1:] -= tension * u
         total[:-1] += tension * u
         at_clamp = k_ph * wrap(np.angle(d[0]) - clamp - self.clamp_offset_rad)

@@ -3,6 +3,7 @@
 import numpy as np
 from arrays import start_shape
 
+from strandcast.core.strings import PARAMETERS
 from strandcast.dynamics import parameters as ps
 from strandcast.dynamics.masses import mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
@@ -28,8 +29,8 @@ def test_ensemble_is_plausible_and_repeatable():
     assert first.parameters.tobytes() == again.parameters.tobytes()
     low, high = ps.RANGES["wide"].T
     assert np.all((first.parameters >= low) & (first.parameters <= high))
-    # 5 to 20 g over 30 mm of 3…9 g/m
-    assert np.all((first.weight_masses > 18.5) & (first.weight_masses < 223.0))
+    # 2 to 30 g over 30 mm of 1…40 g/m
+    assert np.all((first.weight_masses > 1.6) & (first.weight_masses <= 800.0))
     assert np.ptp(np.log(first.weight_masses)) > np.log(4.0)
     masses = point_masses(mass_layout(0.3, 10, [0.3]), first.weight_masses)
     for p, m in zip(first.parameters, masses, strict=True):
@@ -41,10 +42,18 @@ def test_pipes_are_lighter_than_weights():
     layout = mass_layout(0.51, 17, [0.17], [(0.37, 0.44)])
     assert (layout.count, layout.stiff) == (3, 2)
     masses = ps.ensemble(64, 0.51, 17, 1, np.random.default_rng(0), layout.stiff).weight_masses
-    # Points of pipe: 8 to 40 g/m over 3 to 9 g/m of cord, the same at both.
-    assert np.all((masses[:, 1] > 8 / 9) & (masses[:, 1] < 40 / 3))
+    # Points of pipe: 8 to 40 g/m over 1 to 40 g/m of cord, the same at both.
+    assert np.all((masses[:, 1] > 8 / 40) & (masses[:, 1] < 40 / 1))
     np.testing.assert_array_equal(masses[:, 1], masses[:, 2])
-    assert np.median(masses[:, 0]) > 15 * np.median(masses[:, 1])
+    assert np.median(masses[:, 0]) > 10 * np.median(masses[:, 1])
+
+
+def test_drag_follows_a_known_thickness():
+    thin, thick = (
+        ps.ensemble(16, 0.3, 10, 0, np.random.default_rng(1), thickness_m=d) for d in (0.002, 0.008)
+    )
+    drag = PARAMETERS.index("C_c2")
+    np.testing.assert_allclose(thick.parameters[:, drag], 4.0 * thin.parameters[:, drag])
 
 
 def test_weights_are_split_over_their_neighbours():

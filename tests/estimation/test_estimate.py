@@ -15,7 +15,7 @@ from strandcast.threads import threads
 
 from .known_string import LAYOUT, MODEL, NOISE_M, TIME_S, hand_path, known_string, observed_throw, simulated
 
-QUICK = EstimateSettings(evaluations=1500, ensemble=4, profiles=False)
+QUICK = EstimateSettings(ensemble=4, profiles=False)
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_same_seed_same_bytes_on_one_core_and_two(fit):
 
 
 def test_second_trial_starts_from_the_first_and_is_predicted_by_it(fit):
-    few = EstimateSettings(evaluations=400, ensemble=2, profiles=False)
+    few = EstimateSettings(evaluations=1200, ensemble=2, profiles=False)
     second = estimate(
         [observed_throw(1.0), observed_throw(0.8, 1)],
         MODEL,
@@ -136,7 +136,7 @@ def test_paper_search_runs_within_table_2():
 
 
 def test_given_ranges_bounds_and_curl_are_reported():
-    settings = EstimateSettings(evaluations=400, ranges={"k_s": (1e3, 1e5)}, profiles=False)
+    settings = EstimateSettings(evaluations=1200, ranges={"k_s": (1e3, 1e5)}, profiles=False)
     found = estimate([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(5))
     assert found.best.parameters[0, 0] <= 1e5 * (1 + 1e-12)
     assert found.at_bound[0]

@@ -121,6 +121,6 @@ def test_an_interval_ends_where_E_rises_by_two_percent():
 
 
 def test_ranges_in_decades():
-    decades = decades_of(space_of(EstimateSettings(rest_curl=True), LAYOUT))
+    decades = decades_of(space_of(EstimateSettings(), LAYOUT))
     assert decades[0] == pytest.approx(5.0)
     assert np.isnan(decades[-1])

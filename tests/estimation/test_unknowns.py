@@ -39,6 +39,7 @@ def test_every_unknown_survives_the_round_trip():
         camera_offset_sd_m=0.002,
         stiff_bend=True,
         bend_friction=True,
+        drag_along=True,
         find_weights=2,
     )
     space = space_of(settings, PIPED, 0.24)
@@ -52,6 +53,7 @@ def test_every_unknown_survives_the_round_trip():
         "camera_offset_m",
         "bend_factor",
         "bend_friction",
+        "drag_along",
         "found_weights",
         "clamp_offset_rad",
         "rest_curl_rad_m",
@@ -128,7 +130,7 @@ def test_the_camera_sees_a_shifted_string_and_its_offset_is_found():
     )
     throw = observed_throw(1.0)
     throw = replace(throw, points_m=throw.points_m + np.array([0.004, -0.003]))
-    free = EstimateSettings(evaluations=900, camera_offset_sd_m=0.005, ensemble=2, profiles=False)
+    free = EstimateSettings(evaluations=1200, camera_offset_sd_m=0.005, ensemble=2, profiles=False)
     found = estimate([throw], MODEL, LAYOUT, free, np.random.default_rng(3))
     np.testing.assert_allclose(found.best.camera_offset_m[0], [0.004, -0.003], atol=1e-3)
     assert found.E_m < 2.0 * NOISE_M * np.sqrt(np.pi / 2)

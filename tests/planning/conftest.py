@@ -11,7 +11,6 @@ from strandcast.core.box import Box
 from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
-from strandcast.dynamics.parameters import ensemble
 from strandcast.planning.task import PlanningTask
 
 LAYOUT = mass_layout(0.30, 10, [0.30])
@@ -30,8 +29,14 @@ def task(arm: Arm) -> PlanningTask:
 
 @pytest.fixture(scope="session")
 def strings() -> StringBatch:
-    draw = ensemble(3, 0.30, 10, 1, np.random.default_rng(5))
-    return StringBatch(draw.parameters, point_masses(LAYOUT, draw.weight_masses))
+    """Return three strings as unlike as cords with 10 g of clay are: 3 to 9 g/m, thread to thin rope."""
+    density_kg_m = np.array([[3e-3], [5e-3], [9e-3]])
+    bending, drag = np.array([[0.4], [1.5], [6.0]]) * 1e-6 / (density_kg_m * 0.03**2), 1e-3 / density_kg_m
+    springs = np.full((3, 1), 2e7), np.full((3, 1), 20.0)
+    damping, slow = 0.01 * bending, np.full((3, 1), 0.01)
+    parameters = [*springs, bending, damping, 0.7 * bending, 0.7 * damping, slow, drag]
+    masses = point_masses(LAYOUT, 0.010 / (density_kg_m * 0.03))
+    return StringBatch(np.hstack([*parameters, 2.0 * bending, 2.0 * damping]), masses)
 
 
 @pytest.fixture

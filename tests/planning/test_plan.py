@@ -21,11 +21,13 @@ from strandcast.dynamics.parameters import minima
 from strandcast.errors import StrandcastError
 from strandcast.executor.checks import check_motion
 from strandcast.planning import global_search, local_search
+from strandcast.planning import plan as plan_module
 from strandcast.planning.approach import closest_approach
 from strandcast.planning.assessment import Assessment
 from strandcast.planning.capsules import start_violation_m
 from strandcast.planning.cost import CLEARANCE_M, rollout_cost
 from strandcast.planning.describe import prediction_flags, stopped_outside_m
+from strandcast.planning.miss_calibration import LEVELS, MissDistribution
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial
 from strandcast.planning.plan import PlannedMotion, plan_first, plan_next
 from strandcast.planning.ranking import likely_miss_m
@@ -36,7 +38,6 @@ from strandcast.planning.rollouts import (
     rollouts_of_paths,
     simulate_rollouts,
 )
-from strandcast.planning.search import SearchInputs
 from strandcast.planning.task import PlanningTask
 from strandcast.planning.write import to_record
 from strandcast.records.files import content_sha256
@@ -103,7 +104,7 @@ def trial(task: PlanningTask, unknown: StringBatch, first: PlannedMotion) -> Pas
 
 def test_a_first_motion_is_expected_to_hit_and_is_playable(task: PlanningTask, first: PlannedMotion) -> None:
     assert first.miss_m < 0.02
-    assert first.hit_probability > 0.6
+    assert first.simulated_hit_probability(task.hit_radius_m) > 0.6
     motion = first.motion
     assert violations(task.arm, motion) == []
     assert np.all(motion.qd_rad_s[[0, -1]] == 0.0)
@@ -227,19 +228,41 @@ def test_after_a_motion_without_control_heights_the_plan_is_from_scratch(
         planned_next(task, strings, bare, planner="paper")
 
 
-@pytest.mark.parametrize(("cost_radii", "attempts"), [(1.0, 1), (3.0, 2), (30.0, 1)])
-def test_the_search_is_repeated_only_near_a_good_motion(
+@pytest.mark.parametrize(
+    ("probability", "cost_radii", "attempts"), [(0.7, 3.0, 1), (0.5, 3.0, 3), (0.1, 30.0, 1)]
+)
+def test_a_search_from_nothing_is_repeated_until_a_hit_is_likely_or_hopeless(
     task: PlanningTask,
     strings: StringBatch,
+    first: PlannedMotion,
     monkeypatch: pytest.MonkeyPatch,
+    probability: float,
     cost_radii: float,
     attempts: int,
 ) -> None:
-    point = np.zeros(len(task.arm.joints) * (SMALL.control_points + 1) + 1)
-    optimum = global_search.Optimum(point, cost_radii * task.hit_radius_m)
-    monkeypatch.setattr(global_search, "_attempt", lambda *_: (optimum, 100))
-    given = SearchInputs(task, strings, RolloutConditions(), SMALL, np.random.default_rng(1))
-    assert global_search.search_globally(given)[1] == 100 * attempts
+    at_radius = task.hit_radius_m * np.array(LEVELS) / probability
+    found = replace(first, miss=MissDistribution(at_radius), cost_m=cost_radii * task.hit_radius_m)
+    np.testing.assert_allclose(found.hit_probability(task.hit_radius_m), probability)
+    monkeypatch.setattr(plan_module, "search_globally", lambda _: (first.curve, 100))
+    monkeypatch.setattr(
+        plan_module, "_described", lambda _, result: replace(found, simulations=result.simulations)
+    )
+    plan = plan_first(task, strings, SMALL, np.random.default_rng(1))
+    assert plan.simulations == 100 * attempts
+
+
+def test_a_motion_unlikely_to_hit_gives_way_to_one_that_has_hit(
+    task: PlanningTask, strings: StringBatch, trial: PastTrial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The search near the trial finds motions that miss: the trial's own is thrown again."""
+    worse = replace(trial.curve, heights_rad_s=0.9 * trial.curve.heights_rad_s)
+    monkeypatch.setattr(plan_module, "search_near", lambda *_: (worse, 10))
+    monkeypatch.setattr(plan_module, "FAIR", 0.0)
+    at_tip = replace(task, target_m=trial.tip_m[np.nanargmax(trial.tip_m[:, 1])])
+    plan = planned_next(at_tip, strings, replace(trial, miss_m=0.0), 0.001)
+    assert plan.simulations == 20
+    np.testing.assert_array_equal(plan.curve.heights_rad_s, trial.curve.heights_rad_s)
+    assert "repeats trial 1's motion: no change was found likelier to hit" in plan.flags
 
 
 def test_a_target_out_of_reach_of_small_changes_is_planned_from_scratch(
@@ -248,7 +271,7 @@ def test_a_target_out_of_reach_of_small_changes_is_planned_from_scratch(
     away = replace(task, target_m=np.array([0.75, -0.10]))
     plan = planned_next(away, strings, thrown_for_real(away, unknown, first, 1), 0.002, screening=96)
     assert plan.kind == "replanned"
-    assert "planned from scratch: near trial 1's motion the best is" in plan.flags[0]
+    assert "planned from scratch: near trial 1's motion the best hits with" in plan.flags[0]
     assert plan.miss_m < 0.05
 
 
@@ -293,7 +316,7 @@ def test_a_target_in_reach_that_nothing_found_comes_near_is_flagged_with_the_dis
     assert plan.miss_m > 0.05
     near = f"the best that was found within the arm's limits misses by {1000 * plan.miss_m:.0f} mm"
     assert f"not expected to hit: {near}" in plan.flags
-    assert plan.hit_probability == 0.0
+    assert plan.simulated_hit_probability(slow.hit_radius_m) == 0.0
 
 
 def test_the_prediction_is_over_strings_and_disturbances(
@@ -302,7 +325,8 @@ def test_the_prediction_is_over_strings_and_disturbances(
     later = planned_next(task, strings, trial, 0.001)
     for plan in (first, later):
         assert plan.throws.miss_m.shape == (16 * len(strings),)
-        assert plan.hit_probability == np.mean(plan.throws.miss_m <= task.hit_radius_m)
+        simulated = plan.simulated_hit_probability(task.hit_radius_m)
+        assert simulated == np.mean(plan.throws.miss_m <= task.hit_radius_m)
         # Undisturbed is not among them, but the spread is around it.
         one = plan.throws.miss_m[:16]
         assert one.max() > plan.miss_m
@@ -311,13 +335,14 @@ def test_the_prediction_is_over_strings_and_disturbances(
     narrow = replace(task, hit_radius_m=float(np.quantile(first.throws.miss_m, 0.6)))
     again = planned(narrow, strings)
     np.testing.assert_array_equal(again.throws.miss_m, first.throws.miss_m)
-    assert again.hit_probability == np.mean(first.throws.miss_m <= narrow.hit_radius_m)
-    assert 0.55 < again.hit_probability < 0.65
+    assert 0.55 < again.simulated_hit_probability(narrow.hit_radius_m) < 0.65
     predicted = to_record(later, task, "demo", 2, 3, {}).predicted
     assert predicted is not None
     assert predicted.disturbed_throws == 48
     assert list(predicted.miss_quantiles_m) == ["p10", "p50", "p90"]
-    np.testing.assert_allclose(predicted.miss_quantiles_m["p50"], np.median(later.throws.miss_m))
+    np.testing.assert_allclose(predicted.miss_rms_m, np.sqrt(np.mean(later.throws.miss_m**2)))
+    np.testing.assert_allclose(predicted.miss_quantiles_m["p50"], later.miss_quantile_m(0.5))
+    assert predicted.hit_probability == later.hit_probability(task.hit_radius_m)
     still = planned(task, strings, disturbances=0.0)
     np.testing.assert_allclose(still.throws.miss_m, np.repeat(still.ensemble_miss_m, 16), atol=1e-4)
 

@@ -14,7 +14,7 @@ from strandcast.stages.estimate_record import uncertainty_record
 
 
 def test_deviations_become_decades_and_intervals_values():
-    space = space_of(EstimateSettings(rest_curl=True), mass_layout(0.3, 10, []))
+    space = space_of(EstimateSettings(), mass_layout(0.3, 10, []))
     d = space.dimension
     low, high = np.full(d, 0.4), np.full(d, 0.6)
     low[1] = np.nan

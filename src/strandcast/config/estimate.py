@@ -133,6 +133,11 @@ class EstimateSettings(Section):
         description="Fit one dry friction of all joints. Set it for thick cables, which stop swinging "
         "abruptly.",
     )
+    drag_along: bool = Field(
+        False,
+        description="Let air drag be smaller along the string than across it, and fit the ratio. Set it for "
+        "light, thick strings; without it drag is the same in all directions, as in the paper's Table 1.",
+    )
     find_weights: Annotated[int, Field(ge=0, le=3)] = Field(
         0,
         description="Number of weights at unknown places: place and mass are both estimated. Set it if "

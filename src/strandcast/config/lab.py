@@ -1,6 +1,7 @@
 """`lab:` the virtual rig."""
 
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -51,6 +52,31 @@ class LabCamera(Section):
     )
 
 
+def _sd(default: float, what: str) -> Any:
+    return Field(default, ge=0, description=f"{what}. Raise it to see what a less repeatable rig costs.")
+
+
+class LabScatter(Section):
+    """How throws of one motion differ: standard deviations. The defaults, chosen, are a typical rig's."""
+
+    grasp_length_m: float = _sd(0.002, "Length of string beyond the clamp")
+    grasp_lateral_m: float = _sd(0.001, "Place of the string in the clamp")
+    grasp_angle_rad: float = _sd(math.radians(3.0), "Turn of the string in the clamp")
+    sway_rad: float = _sd(0.010, "Turn of the hanging string about the hand at the start")
+    sway_rad_s: float = _sd(0.050, "Rate of that turn")
+    joint_zero_rad: float = _sd(0.001, "Zero positions of the joints")
+    servo_gain: float = _sd(0.01, "Relative gain of the servo")
+    joint_log_rad: float = _sd(0.0005, "Noise of the logged angles")
+    heavy_tails: bool = Field(
+        False,
+        description="Draw from Student's t with 4 degrees of freedom. Set it to true for a rig on which "
+        "large deviations are not rare.",
+    )
+
+
+TYPICAL = LabScatter()
+
+
 class LabSettings(Section):
     """The virtual rig, for experiments without a robot."""
 
@@ -63,6 +89,10 @@ class LabSettings(Section):
         1.0,
         description="Scale of the throw-to-throw variation; 1 is a typical rig. Set it to 0 for throws "
         "that repeat exactly.",
+    )
+    scatter: LabScatter = Field(
+        TYPICAL,
+        description="Sizes and shape of the throw-to-throw variation. Set them to those of your own rig.",
     )
     servo: Literal["servoj", "stiff", "pd", "soft", "weak"] = Field(
         "servoj",

@@ -111,6 +111,7 @@ def make_batch(
             model.gravity_m_s2,
             model.switch(),
             strings.bend_friction,
+            strings.drag_along,
             *strings.disturbances.sway.T,
         )
     )

@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 
 from strandcast.dynamics.elements import (
+    ALONG,
     BEND_AT_REST,
     C_MORE,
     C_PH,
@@ -17,6 +18,7 @@ from strandcast.dynamics.elements import (
     COEFFICIENTS,
     DRAG_1,
     DRAG_2,
+    DRAG_ALONG,
     DRY,
     FLOOR,
     FRICTION,
@@ -123,7 +125,7 @@ def _prepare(
         c[C_SH, b], c[C_MORE, b] = p[5], p[3] - p[5]
         c[DRAG_1, b], c[DRAG_2, b], c[K_PH, b], c[C_PH, b] = p[6], p[7], p[8], p[9]
         c[REST_BEND, b], c[CLAMP_OFFSET, b] = fixed[BEND_AT_REST], fixed[CLAMP_TURN]
-        c[FLOOR, b], c[FRICTION, b] = STABLE * lightest, fixed[DRY]
+        c[FLOOR, b], c[FRICTION, b], c[ALONG, b] = STABLE * lightest, fixed[DRY], fixed[DRAG_ALONG]
         if start.mode == HANGING:
             hanging(pose, p, m, candidates.factor[b], fixed, reading, x)
         elif start.mode == RESPACED:

@@ -26,15 +26,16 @@ SLIP_RAD_S = 0.05  # rate of bending below which dry friction acts like a damper
 
 # Rows of each candidate's coefficients beside its masses. The h parameters are stored as differences to the
 # sh ones; FLOOR is what the averaging of a spring needs to stay stable (`schemes.lfcn`).
-COEFFICIENTS = 14
+COEFFICIENTS = 15
 K_S, C_S, K_SH, K_MORE, C_SH, C_MORE, DRAG_1, DRAG_2, K_PH, C_PH, *_OTHERS = range(COEFFICIENTS)
-REST_BEND, CLAMP_OFFSET, FLOOR, FRICTION = _OTHERS
+REST_BEND, CLAMP_OFFSET, FLOOR, FRICTION, ALONG = _OTHERS
 
 # Columns of each candidate's numbers beside parameters, masses and bend factors: rest spacing [m], rest bend
 # per joint [rad], clamp offset [rad], gravity [m/s^2], half-width of the switch, dry friction of a joint
-# [N m/kg], turn of the start about the hand [rad], and its rate [rad/s].
-FIXED = 8
-SPACING, BEND_AT_REST, CLAMP_TURN, GRAVITY, HALF_WIDTH, DRY, SWAY, SWAY_RATE = range(FIXED)
+# [N m/kg], drag along the string over that across it (0: the same in all directions, as in Table 1), turn of
+# the start about the hand [rad], and its rate [rad/s].
+FIXED = 9
+SPACING, BEND_AT_REST, CLAMP_TURN, GRAVITY, HALF_WIDTH, DRY, DRAG_ALONG, SWAY, SWAY_RATE = range(FIXED)
 
 
 @njit(**INLINED)
@@ -99,6 +100,46 @@ def drag(c: Any, spec: Any, vx: Any, vy: Any) -> tuple[Any, Any]:
     per_speed = inverse_root(spec, squared)
     quadratic = load(spec, c, DRAG_2)
     return load(spec, c, DRAG_1) + quadratic * (squared * per_speed), quadratic * per_speed
+
+
+@njit(**INLINED)
+def direction(spec: Any, d: Any, n: int, i: int) -> tuple[Any, Any]:
+    """Direction of the string at point i = 1…n: the sum of the segments next to it, d of 2n rows."""
+    tx, ty = load(spec, d, 2 * i - 2), load(spec, d, 2 * i - 1)
+    if i < n:
+        tx, ty = tx + load(spec, d, 2 * i), ty + load(spec, d, 2 * i + 1)
+    return tx, ty
+
+
+@njit(**INLINED)
+def slender_drag(c: Any, spec: Any, tx: Any, ty: Any, vx: Any, vy: Any) -> tuple[Any, Any, Any, Any, Any]:
+    """Drag that is smaller along the string than across it, by the same factor at all speeds.
+
+    A factor of 1 is `drag`. Of a moving slender body the force along it is mostly skin friction (Hoerner,
+    Fluid-Dynamic Drag, 1965, section 3.11).
+
+    Parameters
+    ----------
+    tx, ty
+        Direction of the string at the point, of any length above 0.
+    vx, vy
+        Velocity of the point [m/s].
+
+    Returns
+    -------
+    Force by x and y, and half its derivative by velocity, symmetric: xx, yy, xy [N s/m/kg].
+    """
+    per_length = inverse_root(spec, maximum(tx * tx + ty * ty, 1e-20))
+    tx, ty = tx * per_length, ty * per_length
+    per_speed, slope = drag(c, spec, vx, vy)
+    less = 1.0 - load(spec, c, ALONG)
+    along = less * (vx * tx + vy * ty)
+    wx, wy = vx - along * tx, vy - along * ty
+    per_speed, slope = 0.5 * per_speed, 0.5 * slope
+    xx, yy = per_speed * (1.0 - less * tx * tx), per_speed * (1.0 - less * ty * ty)
+    xy = 0.5 * slope * (wx * vy + wy * vx) - per_speed * less * tx * ty
+    fx, fy = -2.0 * per_speed * wx, -2.0 * per_speed * wy
+    return fx, fy, xx + slope * wx * vx, yy + slope * wy * vy, xy
 
 
 @njit(**INLINED)

@@ -81,8 +81,27 @@ def random_strings(k: int, weights: int, rng: np.random.Generator, ranges: str =
     )
 
 
+# The prior of a cord that was never thrown; chosen to hold sewing thread, cotton and nylon cord, rubber
+# tube and rope: mass per length, density of the material with its air, and the length over which its own
+# weight bends it, (B / (mass per length * g))^(1/3) for a bending stiffness B.
+DENSITY_KG_M = (2e-3, 20e-3)
+MATERIAL_KG_M3 = (100.0, 1300.0)
+BENDING_LENGTH_M = (0.012, 0.065)
+WEIGHT_KG, PIPE_KG_M = (3e-3, 20e-3), (8e-3, 40e-3)
+# Drag per length and diameter, half of air's density times the coefficient of a cylinder across the flow,
+# 1.0 to 1.2 at these Reynolds numbers (Hoerner, Fluid-Dynamic Drag, 1965, fig. 3-12).
+DRAG_KG_M3 = 0.66
+GRAVITY_M_S2 = 9.81
+
+
 def ensemble(
-    k: int, length_m: float, n: int, weights: int, rng: np.random.Generator, stiff: int = 0
+    k: int,
+    length_m: float,
+    n: int,
+    weights: int,
+    rng: np.random.Generator,
+    stiff: int = 0,
+    thickness_m: float | None = None,
 ) -> StringDraw:
     """`k` physically plausible strings: the prior of a cord that was never thrown.
 
@@ -94,16 +113,19 @@ def ensemble(
         Free length [m] and number of free points.
     weights, stiff
         Number of weights, and of points of stiff sections; their free masses follow those of the weights.
+    thickness_m
+        Diameter, for drag; without it, that of a cord of the mass and a plausible material.
 
     Notes
     -----
-    A cord of 3 to 9 g/m and a bending stiffness of 0.3 to 8e-6 N m^2, 2 mm thick in air, held as in a clamp;
-    weights like the paper's 10 g of clay, within a factor of two; pipes of 8 to 40 g/m. All coefficients per
-    kilogram of one plain point.
+    Held as in a clamp. All coefficients per kilogram of one plain point.
     """
     spacing_m = length_m / n
-    density_kg_m = _log_uniform(rng, 3e-3, 9e-3, k)
-    bending = _log_uniform(rng, 0.3e-6, 8e-6, k) / (density_kg_m * spacing_m**2)
+    density_kg_m = _log_uniform(rng, *DENSITY_KG_M, k)
+    diameter_m = np.sqrt(4.0 * density_kg_m / (np.pi * _log_uniform(rng, *MATERIAL_KG_M3, k)))
+    if thickness_m is not None:
+        diameter_m[:] = thickness_m
+    bending = GRAVITY_M_S2 * _log_uniform(rng, *BENDING_LENGTH_M, k) ** 3 / spacing_m**2
     damping = bending * _log_uniform(rng, 2e-3, 2e-2, k)
     stretch = _log_uniform(rng, 5e6, 1e8, k)
     parameters = np.column_stack(
@@ -115,14 +137,14 @@ def ensemble(
             bending * rng.uniform(0.5, 1.0, k),
             damping * rng.uniform(0.5, 1.0, k),
             _log_uniform(rng, 1e-3, 5e-2, k),
-            _log_uniform(rng, 1.2e-3, 2.4e-3, k) * 0.6 / density_kg_m,
+            DRAG_KG_M3 * diameter_m / density_kg_m,
             2.0 * bending,
             2.0 * damping,
         ]
     )
     low, high = RANGES["wide"].T
-    clay_kg = _log_uniform(rng, 5e-3, 20e-3, (k, weights))
-    pipe_kg = np.repeat(_log_uniform(rng, 8e-3, 40e-3, (k, 1)) * spacing_m, stiff, axis=1)
+    clay_kg = _log_uniform(rng, *WEIGHT_KG, (k, weights))
+    pipe_kg = np.repeat(_log_uniform(rng, *PIPE_KG_M, (k, 1)) * spacing_m, stiff, axis=1)
     masses = np.hstack([clay_kg, pipe_kg]) / (density_kg_m * spacing_m)[:, None]
     return StringDraw(np.clip(parameters, low, high), np.clip(masses, *MASS_RANGE["wide"]))
 

@@ -16,7 +16,7 @@ from strandcast.dynamics.batch import (
     rows_of,
 )
 from strandcast.dynamics.candidates import ready
-from strandcast.dynamics.elements import DRY, GRAVITY, HALF_WIDTH, SPACING
+from strandcast.dynamics.elements import DRAG_ALONG, DRY, GRAVITY, HALF_WIDTH, SPACING
 from strandcast.dynamics.hand import DRIVING, drive, places
 from strandcast.dynamics.integrate import integrate, workspace
 from strandcast.dynamics.model import READINGS, StringModel
@@ -178,6 +178,7 @@ def _pass(batch: Batch, finer: int) -> Array:
         reading=reading,
         per_width=float(1.0 / fixed[0, HALF_WIDTH]),
         has_friction=bool(fixed[:, DRY].max() > 0.0),
+        slender=True if fixed[:, DRAG_ALONG].max() > 0.0 else None,
     )
     strings = ready(candidates, hand.pose, batch.start, reading, settings.step)
     own = len(hand.pose) > 1

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
-from strandcast.core.strings import StringBatch
+from strandcast.core.strings import DRAG_ALONG, StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import OK
 from strandcast.estimation.cross_validation import HeldOutEvaluation
@@ -16,6 +16,7 @@ from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow
 from strandcast.estimation.uncertainty import Uncertainty
 
+PHYSICAL_BOUNDS = (DRAG_ALONG,)  # no string is beyond them
 AT_BOUND = 0.01  # distance to a bound, as a share of the range (chosen)
 
 
@@ -128,6 +129,7 @@ def fit_of(
     members = space.values(chi[rows])
     used = newest.weight.any(axis=1)
     at_bound = np.asarray((chi[rows[0]] < AT_BOUND) | (chi[rows[0]] > 1.0 - AT_BOUND))
+    at_bound &= np.array([name not in PHYSICAL_BOUNDS for name in space.names])
     planned_m, planned_value = None, None
     if planned is not None:
         planned_m = simulate_throw(model, newest, planned.take(0))[0][0]

@@ -7,6 +7,7 @@ from strandcast.core.strings import (
     BEND_FRICTION,
     CAMERA_OFFSET,
     CLAMP_OFFSET,
+    DRAG_ALONG,
     PARAMETERS,
     PLAIN_MASS,
     REST_CURL,
@@ -26,6 +27,7 @@ CLAMP_RANGE_RAD = (-0.2, 0.2)
 CAMERA_OFFSET_RANGE_SD = 4.0  # half-width, in standard deviations of the prior
 STIFF_RANGE = (1.0, 1e3)
 FRICTION_RANGE = (1e-4, 1e2)  # N m/kg
+DRAG_ALONG_RANGE = (0.02, 1.0)  # from skin friction alone to as much as across
 FRICTION_BEND_RAD = (1e-3, 1e-1)  # plausible bends that dry friction alone can hold
 
 
@@ -73,6 +75,8 @@ def space_of(
         options[STIFF_BEND] = STIFF_RANGE
     if settings.bend_friction:
         options[BEND_FRICTION] = FRICTION_RANGE
+    if settings.drag_along:
+        options[DRAG_ALONG] = DRAG_ALONG_RANGE
     for k in range(settings.find_weights):
         options[found_place(k + 1)] = (0.0, length_m)
         options[found_mass(k + 1)] = mass_range

@@ -88,7 +88,8 @@ class LabDriver:
         """Throw, film and write the truth; return the controller's log."""
         throw, arm, experiment = self._throw, self._arm, self._throw.experiment
         assert experiment.lab is not None
-        variation = draw_variation(self._random("lab-throw"), len(arm.joints), experiment.lab.noise)
+        lab = experiment.lab
+        variation = draw_variation(self._random("lab-throw"), len(arm.joints), lab.noise, lab.scatter)
         clocks = draw_clocks(self._random("lab-clocks"))
         string = physical_string(experiment)
         swing = simulate_swing(arm, experiment.lab.servo, string, variation, command, slip=throw.slip)

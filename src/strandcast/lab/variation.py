@@ -4,16 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# Standard deviations of a typical rig (scale 1); chosen.
-GRASP_LENGTH_M = 0.002
-GRASP_LATERAL_M = 0.001
-GRASP_ANGLE_RAD = np.radians(3.0)
-SWAY_RAD = 0.010
-SWAY_RAD_S = 0.050
-JOINT_ZERO_RAD = 0.001
-SERVO_GAIN = 0.01
-JOINT_LOG_RAD = 0.0005
-CLOCK_DRIFT = 2e-5
+from strandcast.config.lab import TYPICAL, LabScatter
+
+CLOCK_DRIFT = 2e-5  # standard deviation; chosen
+HEAVY_TAILS = 4  # degrees of freedom of Student's t; chosen: one deviation in 50 is beyond 2.7 of its sd
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,20 +24,29 @@ class ThrowVariation:
     log_noise_rad: float
 
 
-def draw_variation(rng: np.random.Generator, joints: int, scale: float) -> ThrowVariation:
-    """Draw a throw's deviations; `scale` 0: none, 1: those of a typical rig."""
+def draw_variation(
+    rng: np.random.Generator, joints: int, scale: float, scatter: LabScatter = TYPICAL
+) -> ThrowVariation:
+    """Draw a throw's deviations; `scale` 0: none, 1: those of `scatter`."""
     single = rng.standard_normal(5) * scale
     zero, gain = rng.standard_normal((2, joints)) * scale
+    if scatter.heavy_tails:
+        single, zero, gain = (one * _stretch(rng, len(one)) for one in (single, zero, gain))
     return ThrowVariation(
-        grasp_length_m=float(single[0] * GRASP_LENGTH_M),
-        grasp_lateral_m=float(single[1] * GRASP_LATERAL_M),
-        grasp_angle_rad=float(single[2] * GRASP_ANGLE_RAD),
-        sway_rad=float(single[3] * SWAY_RAD),
-        sway_rad_s=float(single[4] * SWAY_RAD_S),
-        joint_zero_rad=zero * JOINT_ZERO_RAD,
-        servo_gain=1.0 + gain * SERVO_GAIN,
-        log_noise_rad=scale * JOINT_LOG_RAD,
+        grasp_length_m=float(single[0] * scatter.grasp_length_m),
+        grasp_lateral_m=float(single[1] * scatter.grasp_lateral_m),
+        grasp_angle_rad=float(single[2] * scatter.grasp_angle_rad),
+        sway_rad=float(single[3] * scatter.sway_rad),
+        sway_rad_s=float(single[4] * scatter.sway_rad_s),
+        joint_zero_rad=zero * scatter.joint_zero_rad,
+        servo_gain=1.0 + gain * scatter.servo_gain,
+        log_noise_rad=scale * scatter.joint_log_rad,
     )
+
+
+def _stretch(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return factors that make normal numbers Student's t ones of the same standard deviation."""
+    return np.sqrt((HEAVY_TAILS - 2) / rng.chisquare(HEAVY_TAILS, count))
 
 
 @dataclass(frozen=True)

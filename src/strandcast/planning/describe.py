@@ -14,6 +14,7 @@ from strandcast.errors import StrandcastError
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, sample
 from strandcast.planning.cost import CLEARANCE_M, rollout_cost, start_cost
+from strandcast.planning.miss_calibration import MissDistribution, miss_distribution
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.search import SearchResult
 from strandcast.planning.task import PlanningTask
@@ -40,8 +41,11 @@ class PlannedMotion:
         The objective in words.
     miss_m, ensemble_miss_m
         Predicted miss with the best string, and with every string (K,), undisturbed.
-    throws, hit_probability
-        Predicted throws of every string with every disturbance of the design, and the share of them that hit.
+    throws
+        Predicted throws of every string with every disturbance of the design.
+    miss
+        Distribution of the miss by how far such motions really missed (`miss_calibration`), None if that was
+        not counted for this kind of motion.
     cost_m
         The rms of the undisturbed misses, plus the price of lateness, folding, leaving the workspace,
         touching the arm and hiding the tip.
@@ -70,7 +74,7 @@ class PlannedMotion:
     miss_m: float
     ensemble_miss_m: np.ndarray
     throws: PredictedThrows
-    hit_probability: float
+    miss: MissDistribution | None
     cost_m: float
     hit_time_s: float
     tip_speed_m_s: float
@@ -83,6 +87,18 @@ class PlannedMotion:
     parent_trial: int | None
     simulations: int
     flags: tuple[str, ...]
+
+    def hit_probability(self, radius_m: float) -> float:
+        """Return the probability to pass within a radius [m], calibrated if that was counted."""
+        return self.miss.within(radius_m) if self.miss else self.simulated_hit_probability(radius_m)
+
+    def simulated_hit_probability(self, radius_m: float) -> float:
+        """Return the share of simulated throws that pass within a radius [m]."""
+        return float(np.mean(self.throws.miss_m <= radius_m))
+
+    def miss_quantile_m(self, share: float) -> float:
+        """Return the miss [m] that a share of throws stays below, calibrated if that was counted."""
+        return self.miss.quantile_m(share) if self.miss else float(np.quantile(self.throws.miss_m, share))
 
 
 def describe(
@@ -123,7 +139,7 @@ def describe(
         miss_m=float(assessment.miss_m[0]),
         ensemble_miss_m=assessment.miss_m,
         throws=throws,
-        hit_probability=float(np.mean(throws.miss_m <= task.hit_radius_m)),
+        miss=miss_distribution(planner, found.kind, throws.miss_m),
         cost_m=float(rollout_cost(assessment, len(strings), task.step_s)[0]),
         hit_time_s=float(time_s[assessment.hit_index[0]]),
         tip_speed_m_s=float(assessment.tip_speed_m_s[0]),

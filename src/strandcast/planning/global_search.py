@@ -23,9 +23,6 @@ from strandcast.progress import Progress
 BATCH = 32
 SCREENED_WITH = 2  # strings
 LARGEST_SLOPE_RAD_S2 = 60.0  # of the random curves' alpha_k (eq. 1)
-MOST_ATTEMPTS = 2
-GOOD_ENOUGH = 1.5  # hit radii: up to this cost, all terms included, one attempt is enough
-HOPELESS = 10.0  # hit radii: so far off it is not bad luck of the search, and another attempt finds the same
 # One standard deviation of the search: heights, posture, time.
 HEIGHT_RAD_S, POSTURE_RAD, TIME_S = 1.5, 0.25, 0.06
 
@@ -81,42 +78,24 @@ class Encoding:
 
 
 def search_globally(given: SearchInputs) -> tuple[Curve, int]:
-    """Return the motion with the least rms miss over the strings, and the number of rollouts.
+    """Return the motion with the least cost over the strings, and the number of rollouts.
 
-    Where the best motion found is not good, but near a good one, the search is repeated with other random
-    motions.
+    Many motions are tried with few strings, fewer with more: every round starts from the best of the last.
     """
     task, settings, joints = given.task.rough(), given.settings, len(given.task.arm.joints)
     ensemble = disturbed(given.strings, settings.ensemble, joints, settings.disturbances)
     encoding = Encoding(joints, settings.control_points, settings.duration_range_s, task.step_s)
-    optima: list[Optimum] = []
-    simulations = 0
-    while len(optima) < MOST_ATTEMPTS:
-        optimum, more = _attempt(replace(given, task=task, strings=ensemble), encoding)
-        optima.append(optimum)
-        simulations += more
-        if not GOOD_ENOUGH < optimum.cost_m / task.hit_radius_m < HOPELESS:
-            break
-    return encoding.curves(_best_first(optima)[0][None])[0], simulations
-
-
-def _attempt(given: SearchInputs, encoding: Encoding) -> tuple[Optimum, int]:
-    """Return the best point found from random motions, and the number of rollouts.
-
-    Many motions are tried with few strings, fewer with more: every round starts from the best of the last.
-    """
-    ensemble, settings = given.strings, given.settings
-    found = screen(replace(given, strings=ensemble.first(SCREENED_WITH)))
+    found = screen(replace(given, task=task, strings=ensemble.first(SCREENED_WITH)))
     simulations = settings.screening * min(SCREENED_WITH, len(ensemble))
     starts = [encoding.point(curve) for curve in found]
     optima: list[Optimum] = []
     progress, done = Progress("plan: search", total=settings.evaluations), 0
     for searches, share, members, spread in ROUNDS:
-        scenarios = scenarios_of(given.task, ensemble.first(members), settings)
+        scenarios = scenarios_of(task, ensemble.first(members), settings)
         budget = int(share * settings.evaluations / searches)
 
         def value(points: np.ndarray, scenarios: list[Scenario] = scenarios) -> np.ndarray:
-            return curve_costs(given.task, scenarios, given.conditions, encoding.curves(points))
+            return curve_costs(task, scenarios, given.conditions, encoding.curves(points))
 
         optima = []
         for start in starts[:searches]:
@@ -125,7 +104,7 @@ def _attempt(given: SearchInputs, encoding: Encoding) -> tuple[Optimum, int]:
             done += budget
             simulations += tried * min(members, len(ensemble))
         starts = _best_first(optima)
-    return min(optima, key=lambda optimum: optimum.cost_m), simulations
+    return encoding.curves(starts[0][None])[0], simulations
 
 
 def _best_first(optima: list[Optimum]) -> list[np.ndarray]:

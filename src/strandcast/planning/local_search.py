@@ -14,7 +14,7 @@ from strandcast.planning.cost import CLEARANCE_M, motion_costs, rollout_cost
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.paths import JointPaths, paths_of_any
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, Rollouts, simulate_rollouts
-from strandcast.planning.scenarios import crossed
+from strandcast.planning.scenarios import crossed, disturbed
 from strandcast.planning.search import minimise
 from strandcast.planning.task import PlanningTask
 from strandcast.progress import Progress
@@ -64,7 +64,17 @@ def neighbourhood(
 def with_every_disturbance(task: PlanningTask, near: Neighbourhood, settings: PlanSettings) -> Neighbourhood:
     """Return it with every string under every disturbance; each keeps its string's bias correction."""
     strings = crossed(near.strings, len(task.arm.joints), settings.disturbances)
-    member = np.arange(len(strings)) * len(near.strings) // len(strings)
+    return _with_strings(near, strings, np.arange(len(strings)) * len(near.strings) // len(strings))
+
+
+def disturbed_near(task: PlanningTask, near: Neighbourhood, settings: PlanSettings) -> Neighbourhood:
+    """Return it with the strings in turn, each with other disturbances."""
+    strings = disturbed(near.strings, settings.ensemble, len(task.arm.joints), settings.disturbances)
+    return _with_strings(near, strings, np.arange(len(strings)) % len(near.strings))
+
+
+def _with_strings(near: Neighbourhood, strings: StringBatch, member: np.ndarray) -> Neighbourhood:
+    """Return it with strings made from its `member`s, and their bias correction."""
     return replace(near, strings=strings, bias=replace(near.bias, tip_m=near.bias.tip_m[:, member]))
 
 

@@ -13,8 +13,10 @@ from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import Curve
 from strandcast.planning.bias_correction import distance_rad_s
 from strandcast.planning.describe import PlannedMotion, describe, stopped_outside_m
-from strandcast.planning.global_search import GOOD_ENOUGH, search_globally
+from strandcast.planning.global_search import search_globally
 from strandcast.planning.local_search import (
+    Neighbourhood,
+    disturbed_near,
     neighbourhood,
     rollouts_near,
     search_near,
@@ -38,6 +40,11 @@ TESTED_RAD_S = 0.5
 # above 8 mm is the best warning of a miss; 20 mm is the default hit radius.
 REPLAN_FROM_E_M = 0.008
 REPLAN_FROM_MISS_M = 0.020
+# Probabilities of a hit below which a later motion is compared with others near it, and any is searched for
+# again from nothing; chosen.
+LIKELY, FAIR = 0.9, 0.6
+MOST_ATTEMPTS = 3  # of a search from nothing; chosen: each takes as long as the first
+HOPELESS = 10.0  # hit radii: so far off it is not bad luck of the search, and another attempt finds the same
 
 
 def plan_first(
@@ -128,9 +135,18 @@ def fitted_servo(task: PlanningTask, past_trials: list[PastTrial]) -> Servo:
 
 
 def _globally(given: SearchInputs, kind: str, *flags: str) -> PlannedMotion:
-    """Plan with the strings as if nothing had been thrown."""
-    curve, simulations = _stopped_inside(given.task, lambda task: search_globally(replace(given, task=task)))
-    return _described(given, SearchResult(kind, curve, simulations, list(flags)))
+    """Plan with the strings as if nothing had been thrown; search again where a hit is not likely."""
+    radius_m = given.task.hit_radius_m
+    plans: list[PlannedMotion] = []
+    while len(plans) < MOST_ATTEMPTS:
+        curve, simulations = _stopped_inside(
+            given.task, lambda task: search_globally(replace(given, task=task))
+        )
+        plans.append(_described(given, SearchResult(kind, curve, simulations, list(flags))))
+        if plans[-1].hit_probability(radius_m) >= FAIR or plans[-1].cost_m > HOPELESS * radius_m:
+            break
+    likeliest = max(plans, key=lambda plan: plan.hit_probability(radius_m))
+    return replace(likeliest, simulations=sum(plan.simulations for plan in plans))
 
 
 def _near_or_globally(given: SearchInputs, known: list[PastTrial], fit_E_m: float) -> PlannedMotion:
@@ -142,11 +158,13 @@ def _near_or_globally(given: SearchInputs, known: list[PastTrial], fit_E_m: floa
     if least_m > REPLAN_FROM_MISS_M and fit_E_m > REPLAN_FROM_E_M:
         return _from_scratch(given, f"the fit leaves {1000 * fit_E_m:.1f} mm and no throw came near")
     near = _near(given, best, least_m, known)
-    if near.cost_m <= GOOD_ENOUGH * given.task.hit_radius_m:
+    radius_m = given.task.hit_radius_m
+    likely = near.hit_probability(radius_m)
+    if likely >= FAIR:
         return near
-    again = _from_scratch(given, f"near trial {best.trial}'s motion the best is {1000 * near.cost_m:.0f} mm")
+    again = _from_scratch(given, f"near trial {best.trial}'s motion the best hits with {likely:.0%}")
     simulations = near.simulations + again.simulations
-    return replace(again if again.cost_m < near.cost_m else near, simulations=simulations)
+    return replace(again if again.hit_probability(radius_m) > likely else near, simulations=simulations)
 
 
 def _from_scratch(given: SearchInputs, reason: str) -> PlannedMotion:
@@ -154,16 +172,42 @@ def _from_scratch(given: SearchInputs, reason: str) -> PlannedMotion:
 
 
 def _near(given: SearchInputs, best: PastTrial, miss_m: float, known: list[PastTrial]) -> PlannedMotion:
-    """Plan near the best trial, and describe the motion with all strings as they were fitted."""
+    """Plan near the best trial, and describe the motion with all strings as they were fitted.
+
+    Where the motion is not likely enough to hit, one that is searched for with disturbances and the best
+    trial's own are compared with it, and the likeliest is taken.
+    """
     task, settings = given.task, given.settings
     near = neighbourhood(task, given.strings, given.conditions, best, known, settings)
-    curve, simulations = _stopped_inside(
-        task, lambda task: search_near(task, near, miss_m, settings, given.rng)
-    )
     flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
-    paths, heights = paths_of_any([curve], task.step_s, AFTER_END_S), curve.heights_rad_s[None]
+
+    def found(strings: Neighbourhood) -> PlannedMotion:
+        curve, simulations = _stopped_inside(
+            task, lambda task: search_near(task, strings, miss_m, settings, given.rng)
+        )
+        return described(curve, simulations)
+
+    def described(curve: Curve, simulations: int = 0, *more: str) -> PlannedMotion:
+        result = SearchResult("refined", curve, simulations, [*flags, *more], best.trial)
+        return _described_near(given, near, result)
+
+    plan = found(near)
+    if plan.hit_probability(task.hit_radius_m) >= LIKELY:
+        return plan
+    others = [
+        found(disturbed_near(task, near, settings)),
+        described(near.best, 0, f"repeats trial {best.trial}'s motion: no change was found likelier to hit"),
+    ]
+    likeliest = max([plan, *others], key=lambda other: other.hit_probability(task.hit_radius_m))
+    return replace(likeliest, simulations=plan.simulations + others[0].simulations)
+
+
+def _described_near(given: SearchInputs, near: Neighbourhood, found: SearchResult) -> PlannedMotion:
+    """Describe a motion with the bias correction of the trials near it."""
+    task, settings = given.task, given.settings
+    paths = paths_of_any([found.curve], task.step_s, AFTER_END_S)
+    heights = found.curve.heights_rad_s[None]
     scattered = rollouts_near(task.rough(), with_every_disturbance(task, near, settings), paths, heights)
-    found = SearchResult("refined", curve, simulations, flags, best.trial)
     rollouts = rollouts_near(task, near, paths, heights)
     return describe(task, given.strings, settings.planner, found, rollouts, scattered)
 

@@ -7,6 +7,8 @@ from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import MassLayout, point_masses
 from strandcast.dynamics.parameters import StringDraw, ensemble, minima, random_strings
 
+# Drag along a string over that across it: from a smooth cord's skin friction to a fluffy thread's; chosen.
+FIRST_DRAG_ALONG = (0.1, 0.7)
 FIRST_CURL_RAD_M = 3.0  # cords come off a reel: they may rest bent this much either way; chosen
 
 
@@ -23,9 +25,15 @@ def start_strings(
     if start == "ensemble":
         count = settings.plan.ensemble
         weights = layout.count - layout.stiff
-        draw = ensemble(count, length_m, string.n, weights, random, layout.stiff)
+        draw = ensemble(count, length_m, string.n, weights, random, layout.stiff, settings.string.thickness_m)
         curl = random.uniform(-FIRST_CURL_RAD_M, FIRST_CURL_RAD_M, count)
-        return StringBatch(draw.parameters, point_masses(layout, draw.weight_masses), curl)
+        low, high = FIRST_DRAG_ALONG
+        return StringBatch(
+            draw.parameters,
+            point_masses(layout, draw.weight_masses),
+            curl,
+            drag_along=low * (high / low) ** random.random(count),
+        )
     if start == "random":
         draw = random_strings(1, layout.count, random)
     elif isinstance(start, dict):

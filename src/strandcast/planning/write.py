@@ -64,7 +64,7 @@ def to_record(
         points=points_of(
             np.arange(len(motion.time_s)) * step_ns, motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2
         ),
-        predicted=_prediction(plan, arm.limits),
+        predicted=_prediction(plan, task.hit_radius_m, arm.limits),
         provenance=Provenance(
             planner=plan.planner,
             objective=plan.objective,
@@ -91,15 +91,16 @@ def _best_string(strings: StringBatch) -> StringSet:
 QUANTILES = (0.1, 0.5, 0.9)
 
 
-def _prediction(plan: PlannedMotion, limits: Limits) -> Prediction:
+def _prediction(plan: PlannedMotion, hit_radius_m: float, limits: Limits) -> Prediction:
     return Prediction(
         miss_m=plan.miss_m,
         ensemble_miss_m=plan.ensemble_miss_m.tolist(),
-        hit_probability=plan.hit_probability,
+        hit_probability=plan.hit_probability(hit_radius_m),
+        miss_quantiles_m={f"p{round(100 * level)}": plan.miss_quantile_m(level) for level in QUANTILES},
+        calibrated=plan.miss is not None,
         disturbed_throws=len(plan.throws.miss_m),
-        miss_quantiles_m={
-            f"p{round(100 * share)}": float(np.quantile(plan.throws.miss_m, share)) for share in QUANTILES
-        },
+        simulated_hit_probability=plan.simulated_hit_probability(hit_radius_m),
+        miss_rms_m=float(np.sqrt(np.mean(plan.throws.miss_m**2))),
         hit_time_s=plan.hit_time_s,
         largest_bend_rad=plan.largest_bend_rad,
         peak_speed_rad_s=plan.peaks["velocity_rad_s"].tolist(),

@@ -89,10 +89,15 @@ class Prediction(OmitsUnset):
 
     miss_m: float  # with the best string, undisturbed
     ensemble_miss_m: list[float]  # with each string of the ensemble, undisturbed
-    hit_probability: float  # over strings and disturbances
-    # Over all strings with all disturbances: the number of throws, and quantiles of their misses, p10 to p90.
-    disturbed_throws: int | None = None
+    # Probability of a hit, and quantiles of the miss, p10 to p90: calibrated by how far such motions really
+    # missed or, if that was not counted for this kind, as simulated.
+    hit_probability: float
     miss_quantiles_m: dict[str, float] = {}
+    calibrated: bool = False
+    # Over all strings with all disturbances: the number of simulated throws, share of hits and rms miss.
+    disturbed_throws: int | None = None
+    simulated_hit_probability: float | None = None
+    miss_rms_m: float | None = None
     hit_time_s: float  # from the motion's start
     largest_bend_rad: float
     peak_speed_rad_s: list[float]

@@ -6,7 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup, escape
 
-from strandcast.core.strings import BEND_FRICTION, CLAMP_OFFSET, PARAMETERS, REST_CURL, STIFF_BEND
+from strandcast.core.strings import (
+    BEND_FRICTION,
+    CLAMP_OFFSET,
+    DRAG_ALONG,
+    PARAMETERS,
+    REST_CURL,
+    STIFF_BEND,
+)
 from strandcast.report.numbers import HARD, UNKNOWN, significant, superscript
 
 WORDS = {
@@ -14,6 +21,7 @@ WORDS = {
     CLAMP_OFFSET: "clamp angle",
     STIFF_BEND: "stiffness of the stiff sections",
     BEND_FRICTION: "bend friction",
+    DRAG_ALONG: "drag along the string over that across it",
 }
 NAMES = re.compile(rf"\b({'|'.join((*PARAMETERS, *WORDS))})\b")
 

@@ -57,6 +57,7 @@ def fitted_strings(path: Path, layout: MassLayout) -> StringBatch:
         fitted.clamp_offset_rad,
         fitted.bend_factor,
         fitted.bend_friction,
+        fitted.drag_along,
     )
 
 

@@ -14,10 +14,12 @@ from strandcast.dynamics.elements import (
     K_PH,
     K_S,
     REST_BEND,
+    direction,
     drag,
     dry_friction,
     joint,
     segment,
+    slender_drag,
     turn,
 )
 from strandcast.dynamics.hand import COS, DRATE, DVX, DVY, RATE, SIN, VX, VY
@@ -47,15 +49,20 @@ def _step(
     """
     n, c, mass, factor = string
     d, v, _ = motion
-    step, _, l0, gravity, reading, per_width, has_friction = settings
+    step, _, l0, gravity, reading, per_width, has_friction, slender = settings
     zero = splat(spec, 0.0)
     store(spec, force, 0, zero)
     store(spec, force, 1, zero)
     for i in range(1, n + 1):
         vx, vy = load(spec, v, 2 * i), load(spec, v, 2 * i + 1)
-        per_speed, _ = drag(c, spec, vx, vy)
-        store(spec, force, 2 * i, -per_speed * vx)
-        store(spec, force, 2 * i + 1, -per_speed * vy - gravity * load(spec, mass, i - 1))
+        if slender is None:
+            per_speed, _ = drag(c, spec, vx, vy)
+            fx, fy = -per_speed * vx, -per_speed * vy
+        else:
+            tx, ty = direction(spec, d, n, i)
+            fx, fy, _, _, _ = slender_drag(c, spec, tx, ty, vx, vy)
+        store(spec, force, 2 * i, fx)
+        store(spec, force, 2 * i + 1, fy - gravity * load(spec, mass, i - 1))
     k_s, c_s = load(spec, c, K_S), load(spec, c, C_S)
     # The hand's velocity now lies between those of the half steps around.
     vx, vy = hand[VX] + 0.5 * hand[DVX], hand[VY] + 0.5 * hand[DVY]

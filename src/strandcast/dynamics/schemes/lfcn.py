@@ -22,10 +22,12 @@ from strandcast.dynamics.elements import (
     K_PH,
     K_S,
     REST_BEND,
+    direction,
     drag,
     dry_friction,
     joint,
     segment,
+    slender_drag,
     turn,
 )
 from strandcast.dynamics.hand import COS, DRATE, DVX, DVY, RATE, SIN, VX, VY
@@ -89,6 +91,15 @@ def _point(
 
 
 @njit(**INLINED)
+def _slender_point(
+    spec: Any, c: Any, h: float, gravity: float, mass: Any, vx: Any, vy: Any, tx: Any, ty: Any
+) -> tuple[Any, Any, Any, Any, Any]:
+    """Return the same for drag that differs along and across the string, whose direction is (tx, ty)."""
+    fx, fy, xx, yy, xy = slender_drag(c, spec, tx, ty, vx, vy)
+    return mass + h * xx, mass + h * yy, h * xy, h * fx, h * (fy - gravity * mass)
+
+
+@njit(**INLINED)
 def step_lfcn(
     spec: Any, string: StringArrays, motion: StringMotion, hand: Any, work: Any, settings: StepSettings
 ) -> tuple[Any, Any]:
@@ -97,7 +108,7 @@ def step_lfcn(
     extent = _segments(spec, string, motion, hand, work, h, settings.l0)
     _bends(spec, string, hand, work)
     _joints(spec, string, hand, work, h, settings)
-    _assemble(spec, string, motion, work, h, settings.gravity)
+    _assemble(spec, string, motion, work, h, settings)
     tip_x, tip_y = eliminate(spec, string.n, work, hand[DVX], hand[DVY])
     back(spec, string.n, work, hand, settings.step, tip_x, tip_y, motion)
     return extent
@@ -148,7 +159,7 @@ def _bends(spec: Any, string: StringArrays, hand: Any, work: Any) -> None:
 def _joints(spec: Any, string: StringArrays, hand: Any, work: Any, h: float, settings: StepSettings) -> None:
     """Write impulse and weight of every joint's moment into its rows of `work`."""
     n, c, mass, factor = string
-    _, _, l0, gravity, reading, per_width, has_friction = settings
+    _, _, l0, gravity, reading, per_width, has_friction, _ = settings
     h2, half = h * h, 0.5 * h
     floor = (l0 * l0 / 16.0) * load(spec, c, FLOOR)
     own = load(spec, factor, 0)
@@ -178,11 +189,12 @@ def _joints(spec: Any, string: StringArrays, hand: Any, work: Any, h: float, set
 
 @njit(**INLINED)
 def _assemble(
-    spec: Any, string: StringArrays, motion: StringMotion, work: Any, h: float, gravity: float
+    spec: Any, string: StringArrays, motion: StringMotion, work: Any, h: float, settings: StepSettings
 ) -> None:
     """Replace the elements in `work` by all points' blocks and right sides, without each bend's last end."""
     n, c, mass, _ = string
-    v = motion.v
+    d, v, _ = motion
+    gravity = settings.gravity
     zero = splat(spec, 0.0)
     floor_segment = 0.25 * load(spec, c, FLOOR)
     along = averaged(load(spec, c, K_S), h * h, floor_segment) + (0.5 * h) * load(spec, c, C_S)
@@ -224,9 +236,12 @@ def _assemble(
         ixx, iyy, ixy = xx + sxx + bgx * gx, yy + syy + bgy * gy, xy + sxy + bgx * gy
         irx, iry = rx + ax - moment * gx, ry + ay - moment * gy
         e0, e1, e2, e3 = qx * bgx - sxx, qx * bgy - sxy, qy * bgx - sxy, qy * bgy - syy
-        xx, yy, xy, rx, ry = _point(
-            spec, c, h, gravity, load(spec, mass, j), load(spec, v, 2 * j + 2), load(spec, v, 2 * j + 3)
-        )
+        own, vx, vy = load(spec, mass, j), load(spec, v, 2 * j + 2), load(spec, v, 2 * j + 3)
+        if settings.slender is None:
+            xx, yy, xy, rx, ry = _point(spec, c, h, gravity, own, vx, vy)
+        else:
+            tx, ty = direction(spec, d, n, j + 1)
+            xx, yy, xy, rx, ry = _slender_point(spec, c, h, gravity, own, vx, vy, tx, ty)
         if j == 0:
             # The clamp's bend has no joint behind it to be eliminated with: all of it is here.
             bx, by = weight * qx, weight * qy

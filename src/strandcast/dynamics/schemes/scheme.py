@@ -69,6 +69,8 @@ class StepSettings(NamedTuple):
         The model's reading and 1 / half-width of its switch.
     has_friction
         Whether there is dry friction.
+    slender
+        True if drag differs along and across the string, else None: kernels are compiled for either.
     """
 
     step: float
@@ -78,13 +80,14 @@ class StepSettings(NamedTuple):
     reading: int
     per_width: float
     has_friction: bool
+    slender: Any
 
 
 @njit(**INLINED)
 def at_step(settings: StepSettings, k: int) -> StepSettings:
     """Return the settings of step k."""
-    step, _, l0, gravity, reading, per_width, has_friction = settings
-    return StepSettings(step, 0.5 if k == 0 else 1.0, l0, gravity, reading, per_width, has_friction)
+    step, _, l0, gravity, reading, per_width, friction, slender = settings
+    return StepSettings(step, 0.5 if k == 0 else 1.0, l0, gravity, reading, per_width, friction, slender)
 
 
 @dataclass(frozen=True, eq=False)

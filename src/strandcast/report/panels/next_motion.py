@@ -133,9 +133,19 @@ def _finding(motion: Motion) -> str:
     spread += f" over {len(misses)} strings of the ensemble" if misses else ""
     predicted = f"Predicted miss {millimetres(motion.predicted.miss_m)} with the best string{spread}; "
     hit = percent(motion.predicted.hit_probability)
-    if motion.predicted.disturbed_throws is None:
+    throws, share = motion.predicted.disturbed_throws, motion.predicted.simulated_hit_probability
+    if throws is None:
         return f"{predicted}{hit} of them hit."
-    return f"{predicted}{hit} of {motion.predicted.disturbed_throws} throws hit, disturbances included."
+    simulated = hit if share is None else percent(share)
+    finding = f"{predicted}{simulated} of {throws} simulated throws hit, disturbances included."
+    return f"{finding} {likely_hit(motion.predicted)}".rstrip()
+
+
+def likely_hit(predicted: Prediction) -> str:
+    """Return the calibrated probability of a hit in words; nothing if it was not calibrated."""
+    if not predicted.calibrated:
+        return ""
+    return f"Of throws that looked like this one, {percent(predicted.hit_probability)} really hit in the lab."
 
 
 def _table(motion: Motion, command: str | None) -> Table:
@@ -177,7 +187,8 @@ def _disturbed(predicted: Prediction) -> list[list[str]]:
     quantiles = ", ".join(
         f"{name} {millimetres(value)}" for name, value in predicted.miss_quantiles_m.items()
     )
-    return [["predicted miss over strings and disturbances", quantiles]]
+    counted = "as throws like this one missed in the lab" if predicted.calibrated else "simulated"
+    return [[f"predicted miss, {counted}", quantiles]]
 
 
 def _limits(predicted: Prediction) -> list[list[str]]:

@@ -14,7 +14,7 @@ from strandcast.report import drawing as draw
 from strandcast.report.measures import target_distance_m
 from strandcast.report.numbers import millimetres, percent
 from strandcast.report.panels.content import PanelContent
-from strandcast.report.panels.next_motion import draw_aims
+from strandcast.report.panels.next_motion import draw_aims, likely_hit
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.tip_path import draw_target, mark_closest
 from strandcast.report.results import FILES, TrialResults
@@ -102,6 +102,8 @@ def next_throw(page: TrialPageData) -> PanelContent:
         f"Trial {motion.trial}: {_interval(throws)}; {percent(hits)} of them hit, and half of them miss by "
         f"{millimetres(median_m)} or less."
     )
+    if motion.predicted is not None:
+        finding = f"{finding} {likely_hit(motion.predicted)}".rstrip()
     return PanelContent(
         finding, draw.Drawing(figure, f"The next throw as predicted. {finding}"), sources=[shown]
     )

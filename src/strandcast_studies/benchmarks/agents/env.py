@@ -100,7 +100,8 @@ class ThrowEnv(gymnasium.Env):
         observation, miss_m, share = self._observation(action), REFUSED_M, 0.0
         if played is not None:
             motion, share = played
-            variation = draw_variation(self._random("lab-throw"), len(self._arm.joints), self._lab.noise)
+            given = len(self._arm.joints), self._lab.noise, self._lab.scatter
+            variation = draw_variation(self._random("lab-throw"), *given)
             string = physical_string(self._task.experiment)
             swing = simulate_swing(self._arm, self._lab.servo, string, variation, motion)
             miss_m = true_miss(swing, self._target_m, motion.end_s)[0]

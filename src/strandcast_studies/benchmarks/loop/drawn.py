@@ -1,9 +1,11 @@
 """The loop on random strings, targets and servos; none was used for tuning.
 
     python -m strandcast_studies.benchmarks.loop.drawn --seeds 3001-3060 --out results/bench-drawn.json
+    python -m strandcast_studies.benchmarks.loop.drawn --wide --seeds 6001-6060 --out results/bench-wide.json
 
-As `loop.run`, but every seed has its own string, target and servo. The planner knows only a string's length
-and the places of its weights.
+As `loop.run`, but every seed has its own string, target and servo; with ``--wide`` also strings from 1 to
+40 g/m, thin and thick, and rigs that repeat better or worse than the typical one, with or without heavy
+tails. The planner knows only a string's length and the places of its weights.
 """
 
 import json
@@ -14,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from strandcast.config.lab import TYPICAL
 from strandcast_studies.benchmarks.loop.run import (
     PROJECT,
     RIGS,
@@ -35,9 +38,40 @@ FIRST_PLACE_M, APART_M = 0.06, 0.05  # least distance of weights from the hand, 
 DENSITY_KG_M, STIFFNESS_N_M2, DIAMETER_M = (0.002, 0.020), (3e-7, 1e-5), (0.002, 0.005)
 CURL_RAD_M = 4.0
 SERVOS = ("servoj", "stiff", "pd", "soft")
+# With --wide: strings by their density, the density of their material, and the length over which their own
+# weight bends them; scatter of throws as a share of the typical rig's.
+WIDE_DENSITY_KG_M, MATERIAL_KG_M3, BENDING_LENGTH_M = (0.001, 0.040), (100.0, 1300.0), (0.012, 0.06)
+WIDE_WEIGHTS, WIDE_WEIGHT_KG, THICKEST_M = 3, (0.002, 0.030), 0.012
+SCATTER = (0.3, 3.0)
 # A target is out of the arm's reach by up to this share of the string's length.
 ARM_M, OF_LENGTH = 0.70, 0.6
 EDGE_M = 0.10  # from the workspace's edge
+
+
+def wide_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
+    """Return an experiment's settings with a string and a rig from the wide ranges."""
+    random = np.random.default_rng([seed, 6])
+    density = _log_uniform(WIDE_DENSITY_KG_M, random)
+    diameter_m = math.sqrt(4.0 * density / (math.pi * _log_uniform(MATERIAL_KG_M3, random)))
+    bending_n_m2 = 9.81 * density * _log_uniform(BENDING_LENGTH_M, random) ** 3
+    usual = settings_of(common, seed)
+    weights = _weights(usual["string"]["length_m"], random, WIDE_WEIGHTS, WIDE_WEIGHT_KG)
+    typical = TYPICAL.model_dump(exclude={"heavy_tails"})
+    scatter = {name: sd * _log_uniform(SCATTER, random) for name, sd in typical.items()}
+    return merged(
+        usual,
+        {
+            "string": {"weights": weights},
+            "lab": {
+                "string": {
+                    "linear_density_kg_m": density,
+                    "bending_stiffness_n_m2": bending_n_m2,
+                    "diameter_m": min(diameter_m, THICKEST_M),
+                },
+                "scatter": scatter | {"heavy_tails": bool(random.integers(2))},
+            },
+        },
+    )
 
 
 def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
@@ -48,7 +82,7 @@ def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
         common,
         {
             "seed": seed,
-            "string": {"length_m": length_m, "weights": _weights(length_m, random)},
+            "string": {"length_m": length_m, "weights": _weights(length_m, random, WEIGHTS, WEIGHT_KG)},
             "target_m": _target(common["workspace_m"], ARM_M + OF_LENGTH * length_m, random),
             "lab": {
                 "string": {
@@ -63,12 +97,14 @@ def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
     )
 
 
-def _weights(length_m: float, random: np.random.Generator) -> list[dict[str, float]]:
-    """Return up to two weights; only the lab knows their masses."""
-    places_m = np.sort(random.uniform(FIRST_PLACE_M, length_m, random.integers(WEIGHTS + 1)))
+def _weights(
+    length_m: float, random: np.random.Generator, most: int, mass_kg: tuple[float, float]
+) -> list[dict[str, float]]:
+    """Return up to `most` weights; only the lab knows their masses."""
+    places_m = np.sort(random.uniform(FIRST_PLACE_M, length_m, random.integers(most + 1)))
     apart = np.diff(places_m, prepend=0.0) >= APART_M
     return [
-        {"place_m": round(float(place_m), 2), "mass_kg": _log_uniform(WEIGHT_KG, random)}
+        {"place_m": round(float(place_m), 2), "mass_kg": _log_uniform(mass_kg, random)}
         for place_m in places_m[apart]
     ]
 
@@ -88,9 +124,9 @@ def _log_uniform(between: tuple[float, float], random: np.random.Generator) -> f
     return float(np.exp(random.uniform(*np.log(between))))
 
 
-def _job(root: str, seed: int, trials: int) -> dict[str, Any]:
-    settings = settings_of(load_plan(PROJECT / FILE).common, seed)
-    name = f"drawn-{seed}"
+def _job(root: str, seed: int, trials: int, wide: bool) -> dict[str, Any]:
+    settings = (wide_settings_of if wide else settings_of)(load_plan(PROJECT / FILE).common, seed)
+    name = f"{'wide' if wide else 'drawn'}-{seed}"
     prepare(Path(root), name, settings)
     drawn = {key: settings[key] for key in ("seed", "string", "target_m", "lab")}
     return drawn | outcome(lambda: run_prepared(Path(root), name, trials, RIGS["usual"]))
@@ -99,10 +135,11 @@ def _job(root: str, seed: int, trials: int) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> None:
     """Run the experiments, two at a time; write each result as soon as it is known."""
     parser = run_parser(__doc__, list(REPORTED_SEEDS), "results/bench-drawn.json", strings=False)
+    parser.add_argument("--wide", action="store_true", help="draw from the wide ranges, and rigs too")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="strandcast-drawn-") as folder:
         root = str(root_with_arms(Path(folder)))
-        jobs = [(root, seed, options.trials) for seed in options.seeds]
+        jobs = [(root, seed, options.trials, options.wide) for seed in options.seeds]
         print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
 
 

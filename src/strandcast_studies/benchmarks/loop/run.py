@@ -18,7 +18,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ruamel.yaml import YAML
 
@@ -74,6 +74,9 @@ class LoopTrial:
     true_miss_m: float
     predicted_m: float
     hit_probability: float
+    simulated_hit_probability: float
+    miss_rms_m: float
+    miss_quantiles_m: dict[str, float]
     bend_rad: float
     tip_speed_m_s: float
     simulations: int
@@ -137,6 +140,9 @@ def _trial(motion: Motion, verdict: Verdict, true_m: float, spent: tuple[float, 
         true_miss_m=true_m,
         predicted_m=predicted.miss_m,
         hit_probability=predicted.hit_probability,
+        simulated_hit_probability=cast(float, predicted.simulated_hit_probability),
+        miss_rms_m=cast(float, predicted.miss_rms_m),
+        miss_quantiles_m=predicted.miss_quantiles_m,
         bend_rad=predicted.largest_bend_rad,
         tip_speed_m_s=predicted.peak_tip_speed_m_s,
         simulations=origin.simulations,

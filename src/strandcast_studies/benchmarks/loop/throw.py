@@ -47,7 +47,12 @@ def throw(root: Path, name: str, trial: int, rig: LoopRig) -> float:
     shutil.copyfile(folder.results / "motion.json", folder.data / "motion.json")
     motion = Motion.read(folder.data / "motion.json")
     assert settings.lab is not None
-    drawn = draw_variation(rng(name, settings.seed, trial, "lab-throw"), len(arm.joints), settings.lab.noise)
+    drawn = draw_variation(
+        rng(name, settings.seed, trial, "lab-throw"),
+        len(arm.joints),
+        settings.lab.noise,
+        settings.lab.scatter,
+    )
     variation = rig.vary(drawn)
     swing = swung(context, arm, motion, variation)
     motion_s = motion.trajectory().end_s

@@ -120,7 +120,7 @@ def step_operations(bits: int, points: int = SEGMENTS) -> float:
     middle = np.sqrt(RANGES["paper"][:, 0] * RANGES["paper"][:, 1])
     k_s, c_s, k_h, c_h, k_sh, c_sh, c1, c2, k_ph, c_ph = middle
     coefficients = _column(
-        [k_s, c_s, k_sh, k_h - k_sh, c_sh, c_h - c_sh, c1, c2, k_ph, c_ph, 0.0, 0.0, 0.9, 0.0]
+        [k_s, c_s, k_sh, k_h - k_sh, c_sh, c_h - c_sh, c1, c2, k_ph, c_ph, 0.0, 0.0, 0.9, 0.0, 0.0]
     )
     hand = tuple(Counted(value) for value in (1.0, 0.5, 0.0, -1.0, 2.0, 0.01, 0.01, 0.02))
     segments = _column(np.column_stack([0.1 * l0 * np.sin(np.arange(n)), np.full(n, -l0)]).ravel())
@@ -132,6 +132,6 @@ def step_operations(bits: int, points: int = SEGMENTS) -> float:
         string = StringArrays(n, coefficients, _column(np.resize(MASSES, n)), _column(np.ones(n)))
         motion = StringMotion(segments, velocities, changes)
         reading, per_width = READINGS.index(model.reading), 1.0 / model.switch()
-        settings = StepSettings(1e-3, 1.0, l0, model.gravity_m_s2, reading, per_width, False)
+        settings = StepSettings(1e-3, 1.0, l0, model.gravity_m_s2, reading, per_width, False, None)
         lfcn.step_lfcn(VectorSpec(bits, 1), string, motion, hand, work, settings)
     return Counted.operations / n

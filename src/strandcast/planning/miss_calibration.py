@@ -1,0 +1,93 @@
+"""From simulated misses to a probability that holds: calibrated on throws in the lab.
+
+The simulated misses of a motion come from strings and disturbances that the planner thinks of; the real
+string, the rig and the model differ in other ways too, and the search chooses the motion that looks best. How
+much larger misses really are was counted: `miss_calibration.json`, made by
+`strandcast_studies.benchmarks.loop.calibration` from drawn strings, targets and rigs, kind of motion by kind.
+
+The miss is s r with s = floor + gain * rms of the simulated misses, and r distributed as it was seen.
+"""
+
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from strandcast.records.record import Part
+
+FILE = Path(__file__).with_name("miss_calibration.json")
+COUNTED = "ensemble"  # the planner of the throws that were counted
+LEVELS = tuple(np.round(np.arange(0.05, 0.951, 0.05), 2).tolist())  # shares whose ratios are kept
+# Above the last level the ratio's tail is a power law: the exponent of Student's t with four degrees of
+# freedom; below the first it falls linearly to zero, as distances in a plane at most do.
+TAIL_EXPONENT = 4.0
+
+
+class KindCalibration(Part):
+    """Misses of one kind of motion.
+
+    Attributes
+    ----------
+    throws
+        How many were counted.
+    floor_m, gain
+        s = floor + gain * rms of the simulated misses [m].
+    ratios
+        Quantiles of miss / s at `LEVELS`.
+    """
+
+    throws: int
+    floor_m: float
+    gain: float
+    ratios: list[float]
+
+
+class MissCalibration(Part):
+    """Calibration by kind of motion; ``made_from`` says from which experiments."""
+
+    made_from: str
+    kinds: dict[str, KindCalibration]
+
+
+class MissDistribution(NamedTuple):
+    """Distribution of a throw's miss: its quantiles (L,) at `LEVELS` [m], increasing."""
+
+    quantiles_m: np.ndarray
+
+    def quantile_m(self, share: float) -> float:
+        """Return the miss [m] that a share of throws stays below."""
+        last = self.quantiles_m[-1]
+        if share > LEVELS[-1]:
+            return float(last * ((1.0 - LEVELS[-1]) / (1.0 - share)) ** (1.0 / TAIL_EXPONENT))
+        return float(np.interp(share, (0.0, *LEVELS), (0.0, *self.quantiles_m)))
+
+    def within(self, radius_m: float) -> float:
+        """Return the probability that a throw passes within a radius [m]."""
+        last = self.quantiles_m[-1]
+        if radius_m > last:
+            return float(1.0 - (1.0 - LEVELS[-1]) * (last / radius_m) ** TAIL_EXPONENT)
+        return float(np.interp(radius_m, (0.0, *self.quantiles_m), (0.0, *LEVELS)))
+
+
+def miss_distribution(planner: str, kind: str, simulated_miss_m: np.ndarray) -> MissDistribution | None:
+    """Return the distribution of the miss of a motion; None if such motions were not counted.
+
+    Parameters
+    ----------
+    planner, kind
+        ``ensemble`` or ``paper``, which was not counted; ``first``, ``refined`` or ``replanned``.
+    simulated_miss_m
+        Misses simulated with strings and disturbances [m].
+    """
+    known = calibration().kinds.get(kind)
+    if known is None or planner != COUNTED:
+        return None
+    scale_m = known.floor_m + known.gain * float(np.sqrt(np.mean(simulated_miss_m**2)))
+    return MissDistribution(scale_m * np.array(known.ratios))
+
+
+@cache
+def calibration() -> MissCalibration:
+    """Return the calibration that the package carries."""
+    return MissCalibration.model_validate_json(FILE.read_text(encoding="utf-8"))

@@ -1,0 +1,158 @@
+"""Count how far throws really miss: make `planning/miss_calibration.json`, or check it on other experiments.
+
+    python -m strandcast_studies.benchmarks.loop.calibration fit results/bench-wide.json
+    python -m strandcast_studies.benchmarks.loop.calibration check results/bench-drawn.json
+
+Runs come from `loop.drawn`. ``fit`` takes experiments that nothing else was tuned on; ``check`` prints, for
+experiments that ``fit`` has not seen, which share of throws stayed below the stated quantiles, the stated
+hit probability against the share that hit, and Brier and log loss, calibrated and as simulated.
+"""
+
+import argparse
+import json
+from collections import defaultdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from strandcast.core.shares import wilson
+from strandcast.planning.miss_calibration import (
+    FILE,
+    LEVELS,
+    KindCalibration,
+    MissCalibration,
+    MissDistribution,
+)
+
+FEWEST = 30  # throws of a kind: fewer do not tell nineteen quantiles
+SIMILAR = {"replanned": "first"}  # kinds that are searched for in the same way may be counted together
+SHARES, BIN = (0.5, 0.9), 0.1
+
+
+class Throw(NamedTuple):
+    """A throw of a run: its kind, number, simulated rms, simulated hit probability and true miss [m]."""
+
+    kind: str
+    trial: int
+    rms_m: float
+    simulated: float
+    miss_m: float
+
+
+def throws_of(files: list[Path]) -> list[Throw]:
+    """Return the throws of all runs that did not fail."""
+    runs = [run for file in files for run in json.loads(file.read_text(encoding="utf-8"))["runs"]]
+    return [
+        Throw(t["kind"], t["trial"], t["miss_rms_m"], t["simulated_hit_probability"], t["true_miss_m"])
+        for run in runs
+        for t in run["trials"]
+    ]
+
+
+def kind_calibration(rms_m: np.ndarray, miss_m: np.ndarray) -> KindCalibration:
+    """Return the floor and gain with the least spread of log(miss / s), and the quantiles of miss / s.
+
+    Parameters
+    ----------
+    rms_m, miss_m
+        (N,) rms of the simulated misses, and the misses [m].
+    """
+    log_miss = np.log(np.maximum(miss_m, 1e-4))
+
+    def spread(log_floor: np.ndarray) -> float:
+        off = log_miss - np.log(np.exp(log_floor[0]) + rms_m)
+        return float(np.abs(off - np.median(off)).mean())
+
+    starts = np.log([1e-4, 1e-3, 5e-3, 2e-2, 1e-1])
+    best = min((minimize(spread, [start], method="Nelder-Mead") for start in starts), key=lambda r: r.fun)
+    floor_m = float(np.exp(best.x[0]))
+    ratio = miss_m / (floor_m + rms_m)
+    middle = float(np.median(ratio))
+    # The next throw stays below these with the stated probability: (N + 1) p, as in conformal prediction.
+    at = np.clip(np.array(LEVELS) * (len(ratio) + 1) / len(ratio), 0.0, 1.0)
+    ratios = np.maximum.accumulate(np.quantile(ratio / middle, at))
+    return KindCalibration(
+        throws=len(ratio), floor_m=middle * floor_m, gain=middle, ratios=np.round(ratios, 4).tolist()
+    )
+
+
+def fit(throws: list[Throw], made_from: str) -> MissCalibration:
+    """Return the calibration of every kind with enough throws; a kind with few takes a similar one's too."""
+    by_kind: dict[str, list[Throw]] = defaultdict(list)
+    for throw in throws:
+        by_kind[throw.kind].append(throw)
+    kinds = {}
+    for kind, mine in by_kind.items():
+        counted = mine if len(mine) >= FEWEST else mine + by_kind.get(SIMILAR.get(kind, ""), [])
+        if len(counted) >= FEWEST:
+            rms, miss = (np.array([getattr(t, name) for t in counted]) for name in ("rms_m", "miss_m"))
+            kinds[kind] = kind_calibration(rms, miss)
+    return MissCalibration(made_from=made_from, kinds=dict(sorted(kinds.items())))
+
+
+def stated(throw: Throw, calibration: MissCalibration) -> MissDistribution:
+    """Return the calibrated distribution of a throw's miss."""
+    known = calibration.kinds[throw.kind]
+    return MissDistribution((known.floor_m + known.gain * throw.rms_m) * np.array(known.ratios))
+
+
+def reliability(throws: list[Throw], calibration: MissCalibration, radius_m: float) -> dict[str, Any]:
+    """Return how often stated quantiles and probabilities held."""
+    throws = [throw for throw in throws if throw.kind in calibration.kinds]
+    said = [stated(throw, calibration) for throw in throws]
+    miss = np.array([throw.miss_m for throw in throws])
+    hit = miss <= radius_m
+    answer: dict[str, Any] = {"throws": len(throws), "hits": int(hit.sum())}
+    for share in SHARES:
+        below = miss <= [one.quantile_m(share) for one in said]
+        answer[f"below_p{round(100 * share)}"] = _share(below)
+    simulated = np.array([throw.simulated for throw in throws])
+    for name, probability in (
+        ("calibrated", np.array([one.within(radius_m) for one in said])),
+        ("simulated", simulated),
+    ):
+        safe = np.clip(probability, 0.005, 0.995)  # a stated 1 that fails would cost infinitely much
+        answer[name] = {
+            "mean": float(probability.mean()),
+            "brier": float(np.mean((probability - hit) ** 2)),
+            "log_loss": float(-np.mean(np.where(hit, np.log(safe), np.log(1.0 - safe)))),
+            "bins": [
+                {"stated": float(probability[inside].mean())} | _share(hit[inside])
+                for low in np.arange(0.0, 1.0, BIN)
+                if (inside := (probability >= low) & (probability < low + BIN + 1e-9 * (low > 0.85))).any()
+            ],
+        }
+    return answer
+
+
+def _share(held: np.ndarray) -> dict[str, float]:
+    low, high = wilson(int(held.sum()), len(held))
+    return {"of": len(held), "share": float(held.mean()), "low": low, "high": high}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Fit or check."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=("fit", "check"))
+    parser.add_argument("files", nargs="+", type=Path, help="results of loop.drawn")
+    parser.add_argument("--radius", type=float, default=0.020, help="hit radius [m]")
+    parser.add_argument("--out", type=Path, default=FILE, help="where fit writes the calibration")
+    options = parser.parse_args(arguments)
+    throws = throws_of(options.files)
+    if options.what == "fit":
+        names = ", ".join(sorted(file.stem for file in options.files))
+        made = fit(throws, f"{len(throws)} throws of {names}")
+        options.out.write_text(made.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    else:
+        made = MissCalibration.model_validate_json(options.out.read_text(encoding="utf-8"))
+    for trial in sorted({throw.trial for throw in throws}):
+        mine = [throw for throw in throws if throw.trial == trial]
+        print(f"trial {trial}:", json.dumps(reliability(mine, made, options.radius), indent=1))
+
+
+if __name__ == "__main__":
+    main()
