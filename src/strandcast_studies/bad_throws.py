@@ -26,7 +26,7 @@ from strandcast.core.box import Box
 from strandcast.executor.play import play
 from strandcast.executor.preflight import run_preflight
 from strandcast.lab.driver import LabDriver, LabThrow
-from strandcast.lab.rig import ClampSlip
+from strandcast.lab.rig import SlipInClamp
 from strandcast.lab.scene import PEDESTAL, LabScene, make_scene
 from strandcast.lab.strings import PAPER_STRINGS
 from strandcast.lab.throw import photograph_boards
@@ -86,7 +86,7 @@ class BadThrow:
     declared: Mapping[str, Any] = field(default_factory=dict)
     truth: Mapping[str, Any] = field(default_factory=dict)
     urdf: tuple[str, str] | None = None
-    slip: ClampSlip | None = None
+    slip: SlipInClamp | None = None
     post: Box | None = None
 
 
@@ -96,7 +96,7 @@ def _string(length_m: float) -> dict[str, Any]:
 
 CASES: dict[str, BadThrow] = {
     "throw-01": BadThrow("none: a good throw"),
-    "throw-02": BadThrow("the string slipped 25 mm out of the clamp", slip=ClampSlip(0.19, 0.06, 0.025)),
+    "throw-02": BadThrow("the string slipped 25 mm out of the clamp", slip=SlipInClamp(0.19, 0.06, 0.025)),
     "throw-03": BadThrow(
         "a post before the target hides the tip", post=Box(x_m=(0.46, 0.62), y_m=(0.46, 0.80))
     ),
@@ -111,7 +111,7 @@ CASES: dict[str, BadThrow] = {
     ),
     "throw-06": BadThrow("the string is 30 mm shorter than declared", declared={"string": _string(0.33)}),
     # The same causes, too small to be refused.
-    "throw-07": BadThrow("the string slipped 8 mm out of the clamp", slip=ClampSlip(0.19, 0.06, 0.008)),
+    "throw-07": BadThrow("the string slipped 8 mm out of the clamp", slip=SlipInClamp(0.19, 0.06, 0.008)),
     "throw-08": BadThrow(
         "the camera runs at 495 frames/s, the experiment says 500",
         declared={"camera": {**SETTINGS["camera"], "frame_rate_hz": 500.0}},

@@ -13,7 +13,7 @@ from strandcast.planning.miss_calibration import (
     MissDistribution,
     miss_distribution,
 )
-from strandcast_studies.benchmarks.loop.calibration import Throw, fit, main, reliability
+from strandcast_studies.benchmarks.loop.calibration import CountedThrow, fit, main, reliability
 
 
 def throws(count, seed, gain=2.0):
@@ -22,7 +22,7 @@ def throws(count, seed, gain=2.0):
     rms_m = 10 ** random.uniform(-3.0, -1.5, count)
     miss_m = (0.003 + gain * rms_m) * random.rayleigh(0.7, count)
     simulated = 1.0 - np.exp(-((0.02 / rms_m) ** 2))
-    return [Throw("first", 1, *row) for row in zip(rms_m, simulated, miss_m, strict=True)]
+    return [CountedThrow("first", 1, *row) for row in zip(rms_m, simulated, miss_m, strict=True)]
 
 
 def test_stated_shares_hold_for_other_throws():

@@ -15,7 +15,7 @@ from strandcast.core.trajectory import JointTrajectory
 from strandcast.executor.drivers.protocol import ArmState, Recording
 from strandcast.lab.film import film_frames, film_subject
 from strandcast.lab.led import LedTimes, led_times
-from strandcast.lab.rig import ClampSlip
+from strandcast.lab.rig import SlipInClamp
 from strandcast.lab.scene import LabScene, make_scene
 from strandcast.lab.servo import CYCLE_S
 from strandcast.lab.strings import physical_string
@@ -44,7 +44,7 @@ class LabThrow:
     experiment: Experiment
     trial: int
     truth_path: Path
-    slip: ClampSlip | None = None
+    slip: SlipInClamp | None = None
 
 
 def lab_driver(arm: Arm, motion: Motion) -> LabDriver:

@@ -57,7 +57,7 @@ class LabGrasp:
 
 
 @dataclass(frozen=True)
-class ClampSlip:
+class SlipInClamp:
     """A clamp that lets go for a while: from when since the motion's start, for how long [s], how far [m]."""
 
     from_s: float
@@ -116,7 +116,7 @@ def build_rig(
     string: PhysicalString,
     grasp: LabGrasp,
     dt_s: float,
-    slip: ClampSlip | None = None,
+    slip: SlipInClamp | None = None,
 ) -> LabRig:
     """Return the model of an arm that holds a string.
 

@@ -10,7 +10,7 @@ from scipy.optimize import root
 from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import FAILED_TRIALS, StrandcastError
-from strandcast.lab.rig import ClampSlip, LabGrasp, LabRig, build_rig
+from strandcast.lab.rig import LabGrasp, LabRig, SlipInClamp, build_rig
 from strandcast.lab.servo import CYCLE_S, SERVO_PRESETS, ServoSetPoints, joint_drives, set_points
 from strandcast.lab.strings import PhysicalString
 from strandcast.lab.variation import ThrowVariation
@@ -60,7 +60,7 @@ def simulate_swing(
     variation: ThrowVariation,
     command: JointTrajectory,
     step_s: float = STEP_S,
-    slip: ClampSlip | None = None,
+    slip: SlipInClamp | None = None,
 ) -> LabSwing:
     """Simulate a throw.
 
@@ -149,7 +149,7 @@ def _run(
     points: ServoSetPoints,
     variation: ThrowVariation,
     time_s: np.ndarray,
-    slip: ClampSlip | None,
+    slip: SlipInClamp | None,
 ) -> tuple[np.ndarray, ...] | None:
     """Return angles, speeds, torques and nodes at every cycle; None if the string diverged."""
     model, dofs = rig.model, rig.arm_dofs

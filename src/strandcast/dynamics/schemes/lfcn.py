@@ -94,7 +94,7 @@ def _point(
 def _slender_point(
     spec: Any, c: Any, h: float, gravity: float, mass: Any, vx: Any, vy: Any, tx: Any, ty: Any
 ) -> tuple[Any, Any, Any, Any, Any]:
-    """Return the same for drag that differs along and across the string, whose direction is (tx, ty)."""
+    """Return the same as `_point` where drag along the string, in the direction (tx, ty), is smaller."""
     fx, fy, xx, yy, xy = slender_drag(c, spec, tx, ty, vx, vy)
     return mass + h * xx, mass + h * yy, h * xy, h * fx, h * (fy - gravity * mass)
 

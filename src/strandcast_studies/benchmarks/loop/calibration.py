@@ -31,7 +31,7 @@ SIMILAR = {"replanned": "first"}  # kinds that are searched for in the same way 
 SHARES, BIN = (0.5, 0.9), 0.1
 
 
-class Throw(NamedTuple):
+class CountedThrow(NamedTuple):
     """A throw of a run: its kind, number, simulated rms, simulated hit probability and true miss [m]."""
 
     kind: str
@@ -41,11 +41,11 @@ class Throw(NamedTuple):
     miss_m: float
 
 
-def throws_of(files: list[Path]) -> list[Throw]:
+def throws_of(files: list[Path]) -> list[CountedThrow]:
     """Return the throws of all runs that did not fail."""
     runs = [run for file in files for run in json.loads(file.read_text(encoding="utf-8"))["runs"]]
     return [
-        Throw(t["kind"], t["trial"], t["miss_rms_m"], t["simulated_hit_probability"], t["true_miss_m"])
+        CountedThrow(t["kind"], t["trial"], t["miss_rms_m"], t["simulated_hit_probability"], t["true_miss_m"])
         for run in runs
         for t in run["trials"]
     ]
@@ -78,9 +78,9 @@ def kind_calibration(rms_m: np.ndarray, miss_m: np.ndarray) -> KindCalibration:
     )
 
 
-def fit(throws: list[Throw], made_from: str) -> MissCalibration:
+def fit(throws: list[CountedThrow], made_from: str) -> MissCalibration:
     """Return the calibration of every kind with enough throws; a kind with few takes a similar one's too."""
-    by_kind: dict[str, list[Throw]] = defaultdict(list)
+    by_kind: dict[str, list[CountedThrow]] = defaultdict(list)
     for throw in throws:
         by_kind[throw.kind].append(throw)
     kinds = {}
@@ -92,13 +92,13 @@ def fit(throws: list[Throw], made_from: str) -> MissCalibration:
     return MissCalibration(made_from=made_from, kinds=dict(sorted(kinds.items())))
 
 
-def stated(throw: Throw, calibration: MissCalibration) -> MissDistribution:
+def stated(throw: CountedThrow, calibration: MissCalibration) -> MissDistribution:
     """Return the calibrated distribution of a throw's miss."""
     known = calibration.kinds[throw.kind]
     return MissDistribution((known.floor_m + known.gain * throw.rms_m) * np.array(known.ratios))
 
 
-def reliability(throws: list[Throw], calibration: MissCalibration, radius_m: float) -> dict[str, Any]:
+def reliability(throws: list[CountedThrow], calibration: MissCalibration, radius_m: float) -> dict[str, Any]:
     """Return how often stated quantiles and probabilities held."""
     throws = [throw for throw in throws if throw.kind in calibration.kinds]
     said = [stated(throw, calibration) for throw in throws]
