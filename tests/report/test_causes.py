@@ -5,9 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from strandcast.report.causes import probable_causes, slip_in_clamp
+from strandcast.report.causes import caveat, probable_causes, slip_in_clamp
 from strandcast.report.checks import WARN, run_checks
+from strandcast.report.facts import Facts
+from strandcast.report.panels.next_motion import next_motion
+from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.panels.parameters import parameters
 from strandcast.report.results import TrialResults, read_results
+from strandcast.report.text import methods, uncertain_verdict, verdict_badge
 from strandcast.report.trial_page import trial_page
 
 
@@ -110,3 +115,46 @@ def test_a_wrong_frame_rate_is_named_with_the_right_one(good):
 def test_a_wrong_arm_is_named_with_its_joint_or_link(good, fields, words):
     (cause,) = probable_causes(with_record(good, "alignment", **fields))
     assert words in cause.what
+
+
+@pytest.fixture
+def too_short(good) -> TrialResults:
+    """Return the results of a string that is 20 mm shorter than declared."""
+    declared_m = good.pieces["track_summary"].length_m
+    choices = {"length_m": declared_m - 0.02, "length_sigma_m": 0.0005}
+    return with_record(good, "track_summary", choices=choices)
+
+
+def test_nothing_after_a_named_fault_reads_as_safe(results, too_short):
+    words = caveat(probable_causes(too_short))
+    assert words == "after the named fault: not to be trusted; first correct string.length_m and run again"
+    bound = [fit.model_copy(update={"at_bound": True}) for fit in too_short.pieces["estimate"].parameters]
+    bad = with_record(too_short, "estimate", parameters=bound)
+    path = results / "trial-02" / "motion.json"
+    check = run_checks(bad, path)[-1]
+    assert (check.state, words in check.found) == (WARN, True)
+    page = TrialPageData(bad, next_motion=path, facts=Facts(play_command="strandcast play"))
+    content = next_motion(page)
+    assert content.finding.lower().startswith(words)
+    assert content.tables[0].rows[-1] == ["command to play it", words]
+    rows = parameters(page).tables[0].rows
+    assert all(words in str(row[6]) for row in rows[: len(bound)])
+    assert "widen" not in str(rows)
+
+
+def test_the_methods_name_the_fault_with_its_numbers(good, too_short):
+    assert "Do not use" not in methods(good)
+    length_mm = 1e3 * good.pieces["track_summary"].length_m
+    text = methods(too_short).replace("\u00a0", " ")
+    assert f"declared as {length_mm:.1f} mm, but measured as {length_mm - 20:.1f} ± 0.5 mm" in text
+    rate_hz = good.pieces["manifest"].video.frame_rate_hz
+    corrected = methods(with_record(good, "alignment", drift=0.01, drift_se=1e-4)).replace("\u00a0", " ")
+    assert f"corrected to {rate_hz / 1.01:.1f} ±" in corrected
+
+
+@pytest.mark.parametrize(("beyond_m", "word"), [(-0.001, "HIT?"), (0.001, "MISS?"), (-0.005, "HIT")])
+def test_a_miss_near_the_hit_radius_gets_a_question_mark(good, beyond_m, word):
+    radius_m = good.pieces["verdict"].hit_radius_m
+    fields = {"miss_m": radius_m + beyond_m, "miss_sigma_m": 0.002, "hit": beyond_m < 0}
+    near = with_record(good, "verdict", **fields)
+    assert verdict_badge(near.get("verdict"), None, uncertain=uncertain_verdict(near)).word == word

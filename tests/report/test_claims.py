@@ -272,7 +272,7 @@ def test_the_outcome_gives_the_miss_and_the_prediction(results: Path, tmp_path: 
     )
     motion.model_copy(update={"predicted": quantiles}).write(folder / "motion.json")
     text = outcome(read_results(folder)).replace("\u00a0", " ")
-    assert f"missed by {1e3 * verdict.miss_m:.1f} ± 0.9 mm" in text
+    assert f"The tip passed {1e3 * verdict.miss_m:.1f} ± 0.9 mm from the target" in text
     assert "Predicted before the throw: 1.0 mm to 3.0 mm" in text
     assert "more than predicted" in text
     near = verdict.model_copy(update={"miss_m": 0.0195})

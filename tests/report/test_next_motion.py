@@ -12,13 +12,13 @@ from strandcast.records.verdict import Verdict
 from strandcast.report.facts import Facts
 from strandcast.report.panels.next_motion import _draw_prediction, next_motion
 from strandcast.report.panels.page_data import TrialPageData
-from strandcast.report.results import TrialResults
+from strandcast.report.results import read_results
 from strandcast.report.trial_page import trial_page
 
 
 def rows_of(motion: Motion, folder: Path) -> tuple[str, dict[str, str]]:
     motion.write(folder / "motion.json")
-    content = next_motion(TrialPageData(TrialResults(folder), next_motion=folder / "motion.json"))
+    content = next_motion(TrialPageData(read_results(folder), next_motion=folder / "motion.json"))
     return content.finding, {row[0]: row[1] for row in content.tables[0].rows}
 
 

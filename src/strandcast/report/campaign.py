@@ -51,6 +51,11 @@ class CampaignExperiment:
         return [line for line in self.trials if line.excluded is None]
 
     @property
+    def hit_radius_m(self) -> float:
+        """Return the radius of a hit; 0 without a summary, which has no trials either."""
+        return 0.0 if self.summary is None else self.summary.hit_radius_m
+
+    @property
     def verdict(self) -> str:
         """Return "hit", "no hit" or "unknown"; a summary that lacks a throw cannot say that none has hit."""
         known = "unknown" if self.summary is None else self.summary.verdict
@@ -146,6 +151,7 @@ class CampaignThrow(NamedTuple):
     experiment: str
     line: TrialSummary
     throw: int | None
+    hit_radius_m: float
 
 
 class Outlier(NamedTuple):
@@ -169,7 +175,9 @@ class Campaign:
             throw = 0
             for line in each.trials:
                 throw += line.excluded is None
-                yield CampaignThrow(each.name, line, throw if line.excluded is None else None)
+                yield CampaignThrow(
+                    each.name, line, throw if line.excluded is None else None, each.hit_radius_m
+                )
 
     def tally(self) -> CampaignTally:
         """Count the trials."""

@@ -107,7 +107,7 @@ def _troubles(campaign: Campaign) -> Iterator[Trouble]:
         for line in each.throws:
             if line.unread or line.hit is None:
                 why = "; ".join(f"{file}: {reason}" for file, reason in line.unread.items())
-                badge = line_badge(line) if line.hit is not None else unknown
+                badge = line_badge(line, each.hit_radius_m) if line.hit is not None else unknown
                 yield Trouble(_named_link(each.name, line.trial), badge, why or "no verdict")
         for trial in each.waiting:
             where = Markup("{}").format(f"{each.name}, trial {trial.trial}")
@@ -121,8 +121,13 @@ def _experiments(campaign: Campaign) -> Table:
     return Table([*heads, "string", "target"], [_experiment_row(each) for each in campaign.experiments])
 
 
+def _experiment_badge(each: CampaignExperiment) -> Badge:
+    hit = next((line for line in each.throws if each.verdict == "hit" and line.hit), None)
+    return VERDICTS[each.verdict] if hit is None else line_badge(hit, each.hit_radius_m)
+
+
 def _experiment_row(each: CampaignExperiment) -> list[Any]:
-    summary, badge = each.summary, chip(VERDICTS[each.verdict])
+    summary, badge = each.summary, chip(_experiment_badge(each))
     if summary is None:
         return [each.name, badge, *[UNKNOWN] * 5, len(each.waiting), UNKNOWN, UNKNOWN]
     best = min((line.miss_m for line in each.throws if line.miss_m is not None), default=None)

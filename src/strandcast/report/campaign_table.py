@@ -10,7 +10,7 @@ from strandcast.records.summary import TrialSummary
 from strandcast.report.campaign import RIG_QUANTITIES, Campaign, CampaignThrow
 from strandcast.report.numbers import UNKNOWN, signed
 from strandcast.report.pages import csv_link
-from strandcast.report.text import Badge, verdict_badge
+from strandcast.report.text import Badge, too_near, verdict_badge
 
 HEADS = (
     *(
@@ -43,9 +43,10 @@ def page_link(experiment: str, trial: int | None = None) -> Markup:
     return Markup('<a href="{}" aria-label="{}">{}</a>').format(page, f"{experiment}, trial {trial}", trial)
 
 
-def line_badge(line: TrialSummary) -> Badge:
-    """Return the outcome of a trial, from its line of the summary."""
-    return verdict_badge(None if line.hit is None else line, line.excluded)
+def line_badge(line: TrialSummary, hit_radius_m: float) -> Badge:
+    """Return the outcome of a trial, from its line of the summary; the camera's error is not in it."""
+    uncertain = too_near(line.miss_m, hit_radius_m, line.miss_sigma_m)
+    return verdict_badge(None if line.hit is None else line, line.excluded, uncertain=uncertain)
 
 
 def chip(badge: Badge) -> Markup:
@@ -73,7 +74,7 @@ def _row(each: CampaignThrow, reasons: list[str]) -> CampaignRow:
         page_link(each.experiment),
         page_link(each.experiment, line.trial),
         each.throw or UNKNOWN,
-        chip(line_badge(line)),
+        chip(line_badge(line, each.hit_radius_m)),
         _number(line.miss_m, 1e3, 1, line.miss_sigma_m),
         UNKNOWN if None in predicted else " to ".join(_number(value, 1e3, 1) for value in predicted),
         _number(line.E_planned_m, 1e3, 1),

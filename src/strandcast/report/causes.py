@@ -25,13 +25,19 @@ WRONG_LENGTH_M = 0.004  # four times the prior
 
 
 class Cause(NamedTuple):
-    """One probable cause: what it is, its evidence, its cost, what to do, and the anchor of the evidence."""
+    """One probable cause: what it is, its evidence, its cost, what to do, and the anchor of the evidence.
+
+    `first` is what must be done before anything that follows from the throw can be trusted, in a few words;
+    `methods` is the sentence that a paper on this throw would need.
+    """
 
     what: str
     evidence: str
     cost: str
     fix: str
     anchor: str
+    first: str
+    methods: str
 
 
 class ClampSlip(NamedTuple):
@@ -54,6 +60,14 @@ def probable_causes(results: TrialResults) -> list[Cause]:
         except StrandcastError:
             continue
     return found
+
+
+def caveat(causes: list[Cause]) -> str | None:
+    """Return the words for all that was computed from a throw with faults; None for a throw without."""
+    if not causes:
+        return None
+    first = ", then ".join(cause.first for cause in causes)
+    return f"after the named fault: not to be trusted; first {first}"
 
 
 def slip_in_clamp(results: TrialResults) -> ClampSlip | None:
@@ -130,6 +144,8 @@ def _lost_tip(results: TrialResults) -> Iterator[Cause]:
         "miss and hit are unknown; the fit does not use these frames",
         f"{fix}. Then throw again",
         "tracking",
+        "make the tip visible up to the target",
+        "Do not use as a throw with a known miss: the tip was not seen at its closest approach.",
     )
 
 
@@ -169,6 +185,9 @@ def _slip(results: TrialResults) -> Iterator[Cause]:
             "again and "
             "repeat the throw; a rubber-like string that stretches looks the same",
             "tracking",
+            "clamp the string harder and throw again",
+            f"Do not use: the string slipped out of the clamp by {millimetres(slip.rise_m, digits=0)} during "
+            "the throw, and the fit takes one length for all of it.",
         )
 
 
@@ -196,6 +215,9 @@ def _wrong_length(results: TrialResults) -> Iterator[Cause]:
             "in experiment.yaml, and run again; if the ruler confirms the declared length, check the plane’s "
             "calibration (size_m and places of its markers)",
             "tracking",
+            "correct string.length_m and run again",
+            f"Do not use the fit: the length of the string was declared as {millimetres(summary.length_m)}, "
+            f"but measured as {millimetres(length_m, sigma_m)} from clamp to tip.",
         )
 
 
@@ -223,6 +245,9 @@ def _wrong_clock(results: TrialResults) -> Iterator[Cause]:
         f"{significant(true_hz, 4)}; "
         "if it is right, the log’s time stamps are wrong",
         "clocks",
+        f"set camera.frame_rate_hz: {significant(true_hz, 4)} and run again",
+        f"The frame rate by {source}, {significant(nominal_hz, 4)} frames/s, was wrong; all times were "
+        f"corrected to {scaled(true_hz, 1, 1, 'frames/s', true_se_hz)}, the rate by the hand’s motion.",
     )
 
 
@@ -250,6 +275,8 @@ def _wrong_arm(results: TrialResults) -> Iterator[Cause]:
         "measure this link or calibrate this joint’s zero, correct the arm’s file (URDF), then plan and "
         "throw again",
         "clocks",
+        "correct the arm’s file",
+        f"Do not use: the arm’s file does not describe the arm ({'; '.join(words)}).",
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
-from strandcast.report.causes import slip_in_clamp, slipped
+from strandcast.report.causes import caveat, probable_causes, slip_in_clamp, slipped
 from strandcast.report.numbers import millimetres, milliseconds, percent
 from strandcast.report.results import FILES, OPTIONAL, TrialResults
 from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLANE_RMS_PX
@@ -45,7 +45,7 @@ def run_checks(results: TrialResults, next_motion: Path | None) -> list[CheckRes
         if name not in results.problems or name not in OPTIONAL | results.not_made()
     ]
     checks += [_run(name, severity, check, results) for name, severity, check in CHECKS]
-    checks.append(_next_motion(next_motion))
+    checks.append(_next_motion(next_motion, caveat(probable_causes(results))))
     return checks
 
 
@@ -66,7 +66,7 @@ def _run(name: str, severity: str, check: TrialCheck, results: TrialResults) -> 
     return CheckResult(name, PASS if outcome.good else severity, outcome.found, outcome.expected)
 
 
-def _next_motion(path: Path | None) -> CheckResult:
+def _next_motion(path: Path | None, caveat: str | None) -> CheckResult:
     name = "next motion: planned, complete, without flags"
     if path is None:
         return CheckResult(name, NOT_RUN, "none was given", "")
@@ -74,7 +74,8 @@ def _next_motion(path: Path | None) -> CheckResult:
         motion = Motion.read(path)
     except StrandcastError as problem:
         return CheckResult(name, FAIL, problem.what, "readable, with the right hash")
-    flags = list(motion.provenance.flags) if motion.provenance is not None else []
+    flags = [] if caveat is None else [caveat]
+    flags += motion.provenance.flags if motion.provenance is not None else []
     room_m = motion.predicted.workspace_room_m if motion.predicted is not None else None
     if room_m is not None and room_m < LEAST_ROOM_M:
         flags.append(

@@ -18,7 +18,7 @@ from strandcast.report.panels.page_data import ExperimentPageData
 from strandcast.report.panels.registry import panels_of
 from strandcast.report.provenance import experiment_provenance, mixed_versions
 from strandcast.report.results import TrialResults, read_results
-from strandcast.report.text import CITATION, Badge, verdict_badge
+from strandcast.report.text import CITATION, Badge, uncertain_verdict, verdict_badge
 
 THUMBNAIL_PX = 320
 MOST_PIXELS = 40_000_000  # as of a video's frame
@@ -45,13 +45,14 @@ def experiment_page(
     facts = facts or Facts()
     results = {trial: read_results(folder) for trial, folder in sorted(trials.items())}
     folder = next(iter(results.values())).folder.parent if results else Path()
+    uncertain = summary.hit_trial is not None and uncertain_verdict(results.get(summary.hit_trial))
     page = ExperimentPageData(summary, results, folder, next_motion, facts)
     return render(
         "experiment.html.jinja",
         summary=summary,
         title=facts.title,
-        badge=_badge(summary),
-        headline=_headline(summary),
+        badge=_badge(summary, uncertain=uncertain),
+        headline=_headline(summary, uncertain=uncertain),
         unread=summary.all_unread(),
         csv=_csv(summary),
         rows=[_row(line, trials, results) for line in summary.trials],
@@ -68,15 +69,17 @@ def _csv(summary: ExperimentSummary) -> Markup:
     return csv_link([[getattr(line, name) for name in names] for line in summary.trials], names, "trials")
 
 
-def _badge(summary: ExperimentSummary) -> Badge:
+def _badge(summary: ExperimentSummary, *, uncertain: bool) -> Badge:
     if summary.verdict == "unknown":
         return Badge("UNKNOWN", "✕", "failed")
+    if summary.hit_trial is not None and uncertain:
+        return Badge(f"HIT? AT TRIAL {summary.hit_trial}", "◐", "unseen")
     if summary.hit_trial is not None:
         return Badge(f"HIT AT TRIAL {summary.hit_trial}", "●", "hit")
     return Badge("NO HIT YET", "▲", "miss")
 
 
-def _headline(summary: ExperimentSummary) -> str:
+def _headline(summary: ExperimentSummary, *, uncertain: bool) -> str:
     excluded = sum(line.excluded is not None for line in summary.trials)
     count = len(summary.trials)
     trials = f"{count} trial{'' if count == 1 else 's'}"
@@ -87,7 +90,8 @@ def _headline(summary: ExperimentSummary) -> str:
         return f"The tip has not hit the target in {trials}."
     hit = next(line for line in summary.trials if line.trial == summary.hit_trial)
     near = millimetres(hit.miss_m)
-    return f"The tip hit the target at trial {hit.trial}, {near} from its middle ({trials})."
+    edge = ", too near to the hit radius to be certain" if uncertain else ""
+    return f"The tip hit the target at trial {hit.trial}, {near} from its middle{edge} ({trials})."
 
 
 def _row(line: TrialSummary, trials: Mapping[int, Path], results: Mapping[int, TrialResults]) -> TrialRow:
@@ -100,7 +104,8 @@ def _row(line: TrialSummary, trials: Mapping[int, Path], results: Mapping[int, T
         remark = f"failed: {mine.problems['verdict'].what}"
     folder = trials[line.trial].name if line.trial in trials else f"trial-{line.trial:02d}"
     picture = mine.get("strobe") if mine is not None else None
-    return TrialRow(line, folder, verdict_badge(verdict, line.excluded), remark, _thumbnail(picture))
+    badge = verdict_badge(verdict, line.excluded, uncertain=uncertain_verdict(mine))
+    return TrialRow(line, folder, badge, remark, _thumbnail(picture))
 
 
 def _thumbnail(picture: bytes | None) -> str | None:

@@ -12,6 +12,7 @@ from strandcast.records.motion import Motion
 from strandcast.records.summary import TrialSummary
 from strandcast.records.track import TrackSummary
 from strandcast.records.verdict import Verdict
+from strandcast.report.causes import probable_causes
 from strandcast.report.numbers import millimetres, place, significant
 from strandcast.report.results import FILES, TrialResults
 
@@ -29,15 +30,41 @@ class Badge(NamedTuple):
     style: str
 
 
-def verdict_badge(verdict: Verdict | TrialSummary | None, excluded: str | None) -> Badge:
-    """Return the outcome of a trial; word and shape say the same as the colour."""
+def verdict_badge(
+    verdict: Verdict | TrialSummary | None, excluded: str | None, *, uncertain: bool = False
+) -> Badge:
+    """Return the outcome of a trial; word and shape say the same as the colour.
+
+    `uncertain`: the miss is too near to the hit radius, see `too_near`.
+    """
     if excluded is not None:
         return Badge("EXCLUDED", "◌", "excluded")
     if verdict is None:
         return Badge("UNKNOWN", "✕", "failed")
     if verdict.miss_m is None:
         return Badge("NOT SEEN", "◇", "unseen")
+    if uncertain:
+        return Badge("HIT?" if verdict.hit else "MISS?", "◐", "unseen")
     return Badge("HIT", "●", "hit") if verdict.hit else Badge("MISS", "▲", "miss")
+
+
+def too_near(miss_m: float | None, hit_radius_m: float, *sigmas_m: float | None) -> bool:
+    """Return whether a miss is within two standard deviations of the hit radius; unknown ones count as 0."""
+    sigma_m = math.hypot(*(each or 0.0 for each in sigmas_m))
+    return miss_m is not None and abs(miss_m - hit_radius_m) < 2 * sigma_m
+
+
+def uncertain_verdict(results: TrialResults | None) -> bool:
+    """Return whether a miss is too near to the hit radius, by the errors of tip and camera."""
+    verdict: Verdict | None = None if results is None else results.get("verdict")
+    if results is None or verdict is None:
+        return False
+    return too_near(verdict.miss_m, verdict.hit_radius_m, verdict.miss_sigma_m, _plane_error_m(results))
+
+
+def _plane_error_m(results: TrialResults) -> float | None:
+    camera: Camera | None = results.get("camera")
+    return None if camera is None or camera.plane_error is None else camera.plane_error.median_m
 
 
 def outcome(results: TrialResults) -> str:
@@ -48,14 +75,18 @@ def outcome(results: TrialResults) -> str:
     target = f"The target at {place(verdict.target_m)}" if verdict.wanted is None else "The aim"
     if verdict.miss_m is None:
         return f"{target}: the closest approach was not seen; {verdict.reason}."
-    camera: Camera | None = results.get("camera")
-    plane_m = None if camera is None or camera.plane_error is None else camera.plane_error.median_m
-    sigma_m = math.hypot(verdict.miss_sigma_m or 0.0, plane_m or 0.0)
-    text = f"{target} was missed by {millimetres(verdict.miss_m, verdict.miss_sigma_m)}"
+    plane_m = _plane_error_m(results)
+    miss = millimetres(verdict.miss_m, verdict.miss_sigma_m)
+    if not verdict.hit:
+        text = f"{target} was missed by {miss}"
+    elif verdict.wanted is None:
+        text = f"The tip passed {miss} from {target[0].lower()}{target[1:]}"
+    else:
+        text = f"{target} was reached to within {miss}"
     text += f" (± {millimetres(plane_m)} more from the camera’s plane)" if plane_m is not None else ""
     beyond_m = verdict.miss_m - verdict.hit_radius_m
     text += f": {millimetres(abs(beyond_m))} {'outside' if beyond_m > 0 else 'inside'} the hit radius"
-    if abs(beyond_m) < 2 * sigma_m:
+    if uncertain_verdict(results):
         text += ", too near to its edge to be certain"
     return f"{text}. {_as_predicted(results, verdict.miss_m)}".strip()
 
@@ -67,9 +98,9 @@ def _as_predicted(results: TrialResults, miss_m: float) -> str:
     if "p10" not in known or "p90" not in known:
         return ""
     low, high = known["p10"], known["p90"]
-    where = "more than" if miss_m > high else "less than" if miss_m < low else "as"
+    where = "by more than" if miss_m > high else "by less than" if miss_m < low else "as"
     interval = f"{millimetres(low)} to {millimetres(high)}"
-    return f"Predicted before the throw: {interval} in four of five throws; it missed by {where} predicted."
+    return f"Predicted before the throw: {interval} in four of five throws; it missed {where} predicted."
 
 
 def warnings_of(results: TrialResults) -> list[tuple[str, str]]:
@@ -85,8 +116,9 @@ def warnings_of(results: TrialResults) -> list[tuple[str, str]]:
 
 
 def methods(results: TrialResults) -> str:
-    """Return a paragraph for a paper; a stage without results is left out."""
-    sentences = [
+    """Return a paragraph for a paper, named faults first; a stage without results is left out."""
+    sentences = [cause.methods for cause in probable_causes(results)]
+    sentences += [
         sentence(record) for name, sentence in SENTENCES.items() if (record := results.get(name)) is not None
     ]
     sentences.append(

@@ -17,7 +17,7 @@ from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.registry import panels_of
 from strandcast.report.provenance import mixed_versions, trial_provenance, version_groups
 from strandcast.report.results import TrialResults, read_results
-from strandcast.report.text import methods, outcome, verdict_badge, warnings_of
+from strandcast.report.text import methods, outcome, uncertain_verdict, verdict_badge, warnings_of
 
 
 class KeyFigure(NamedTuple):
@@ -58,7 +58,7 @@ def trial_page(
         trial=trial,
         title=facts.title,
         excluded=facts.excluded.get(trial),
-        badge=verdict_badge(verdict, facts.excluded.get(trial)),
+        badge=verdict_badge(verdict, facts.excluded.get(trial), uncertain=uncertain_verdict(results)),
         outcome=outcome(results),
         causes=probable_causes(results),
         unread=results.unread(),

@@ -53,8 +53,11 @@ def budget(page: TrialPageData) -> PanelContent:
         axes.xaxis.set_major_formatter("{x:g}")
     axes.invert_yaxis()
     largest = max(steps, key=lambda step: abs(step.across_m))
+    others_m = normal_miss_m - largest.across_m
     finding = (
-        f"Largest part of the miss: {largest.name}, {_length(largest.across_m)} of {_length(normal_miss_m)}. "
+        f"Largest part of the miss: {largest.name}, {_length(largest.across_m)}; the other parts "
+        f"{'take' if others_m * largest.across_m < 0 else 'add'} {_length(others_m)}"
+        f"{' back' if others_m * largest.across_m < 0 else ''}, the sum is {_length(normal_miss_m)}. "
     )
     if abs(largest.across_m) * 1e3 <= radius_mm / 2:
         finding += "Every part is within half of the hit radius: nothing needs to change."

@@ -10,7 +10,15 @@ from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion, Prediction
 from strandcast.report import drawing as draw
 from strandcast.report.facts import Facts
-from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent, place, significant
+from strandcast.report.numbers import (
+    UNKNOWN,
+    millimetres,
+    milliseconds,
+    percent,
+    place,
+    significant,
+    with_caveat,
+)
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
 
@@ -51,11 +59,11 @@ def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
     if motion.predicted is not None:
         _draw_prediction(figure.add_subplot(expected[0]), motion, facts)
         _draw_misses(figure.add_subplot(expected[1]), motion)
-    finding = _finding(motion)
+    finding = with_caveat(page.caveat, _finding(motion))
     return PanelContent(
         finding,
         draw.Drawing(figure, f"The next motion. {finding}"),
-        [_table(motion, facts.play_command)],
+        [_table(motion, page.caveat or facts.play_command)],
         [place_of_file],
     )
 

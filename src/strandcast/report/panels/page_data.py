@@ -7,6 +7,7 @@ from typing import Any
 
 from strandcast.records.motion import Motion
 from strandcast.records.summary import ExperimentSummary
+from strandcast.report.causes import caveat, probable_causes
 from strandcast.report.facts import Facts
 from strandcast.report.results import TrialResults
 
@@ -29,6 +30,11 @@ class TrialPageData:
     def played(self) -> Motion | None:
         """Return the motion of the trial."""
         return self.results.get("motion")
+
+    @property
+    def caveat(self) -> str | None:
+        """Return what to say of all that follows from this throw if it has a fault."""
+        return caveat(probable_causes(self.results))
 
     def need(self, name: str) -> Any:
         """Return a result of the trial, or raise the problem that kept it from being read."""
@@ -54,8 +60,17 @@ class ExperimentPageData:
     @property
     def played(self) -> Motion | None:
         """Return the motion of the last trial that counts."""
+        return None if self._last_counted is None else self._last_counted.get("motion")
+
+    @property
+    def caveat(self) -> str | None:
+        """Return what to say of the next motion if the last trial that counts has a fault."""
+        return None if self._last_counted is None else caveat(probable_causes(self._last_counted))
+
+    @property
+    def _last_counted(self) -> TrialResults | None:
         counted = [each.trial for each in self.summary.trials if each.excluded is None]
-        return self.trials[counted[-1]].get("motion") if counted and counted[-1] in self.trials else None
+        return self.trials.get(counted[-1]) if counted else None
 
     def need(self, name: str) -> Any:
         """Return a result of every trial that has it; raise the first problem if none has."""

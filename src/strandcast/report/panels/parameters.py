@@ -8,7 +8,7 @@ from markupsafe import Markup
 from strandcast.records.estimate import Estimate, ParameterFit, WeightFit
 from strandcast.report.drawing import ALONG_STRING, FITTED, HAND, MEASURED, Drawing, marks, new_figure
 from strandcast.report.facts import Facts
-from strandcast.report.numbers import significant
+from strandcast.report.numbers import significant, with_caveat
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.typeset import quantity, symbol, unit
@@ -26,7 +26,7 @@ def parameters(page: TrialPageData) -> PanelContent:
             significant(fit.maximum),
             Markup("<b>{}</b>").format(significant(fit.value)),
             Markup("{:.2f} {}").format(fit.exponent, _bar(fit)),
-            *_bound_and_ensemble(fit),
+            *_bound_and_ensemble(fit, page.caveat),
             *_known(estimate, fit.name),
         ]
         for fit in estimate.parameters
@@ -40,7 +40,7 @@ def parameters(page: TrialPageData) -> PanelContent:
         + _known_caption(estimate)
     )
     return PanelContent(
-        _finding(estimate),
+        with_caveat(page.caveat, _finding(estimate)),
         tables=[Table(heads, rows, caption)],
         sources=["estimate.json", "ensemble.parquet"],
     )
@@ -59,15 +59,17 @@ def _finding(estimate: Estimate) -> str:
     )
 
 
-def _bound_and_ensemble(fit: ParameterFit | WeightFit) -> list[str]:
+def _bound_and_ensemble(fit: ParameterFit | WeightFit, caveat: str | None) -> list[str]:
     """Return the cells "bound" and "ensemble" of an estimated number."""
-    return [_bound(fit), f"{significant(fit.ensemble_low)} … {significant(fit.ensemble_high)}"]
+    return [_bound(fit, caveat), f"{significant(fit.ensemble_low)} … {significant(fit.ensemble_high)}"]
 
 
-def _bound(fit: ParameterFit | WeightFit) -> str:
+def _bound(fit: ParameterFit | WeightFit, caveat: str | None) -> str:
     """Return whether an estimate lies at a bound, and what can be done about it."""
     if not fit.at_bound:
         return "within"
+    if caveat is not None:
+        return Markup('<b class="warn">▲ at bound</b>, {}').format(caveat)
     if isinstance(fit, ParameterFit) and _decades(fit) > 1.0:
         return Markup('<b class="warn">▲ at bound</b>, but not determined: leave it')
     return Markup('<b class="warn">▲ at bound</b>: widen its range')
@@ -135,7 +137,7 @@ def masses(page: TrialPageData) -> PanelContent:
     estimate: Estimate = results.need("estimate")
     figure = new_figure(8.4, 3.2, top=0.9, bottom=0.17)
     _draw_masses(figure.add_subplot(), estimate, facts)
-    finding = _masses_finding(estimate, facts.weight_places_m)
+    finding = with_caveat(page.caveat, _masses_finding(estimate, facts.weight_places_m))
     heads = ["kind", "place [mm]", "relative mass", "range", "bound", "ensemble"]
     rows = [
         [
@@ -143,7 +145,7 @@ def masses(page: TrialPageData) -> PanelContent:
             f"{weight.place_m * 1e3:.0f}",
             significant(weight.value),
             f"{significant(weight.minimum)} … {significant(weight.maximum)}",
-            *_bound_and_ensemble(weight),
+            *_bound_and_ensemble(weight, page.caveat),
         ]
         for weight in estimate.weights
     ]

@@ -12,7 +12,7 @@ from strandcast.records.predicted import PredictedThrows, read_predicted
 from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
 from strandcast.report.measures import target_distance_m
-from strandcast.report.numbers import millimetres, percent
+from strandcast.report.numbers import millimetres, percent, with_caveat
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.next_motion import draw_aims, likely_hit
 from strandcast.report.panels.page_data import TrialPageData
@@ -98,9 +98,10 @@ def next_throw(page: TrialPageData) -> PanelContent:
     _draw_misses(miss_axes, throws, radius_m)
     draw.legend_below(figure, path_axes)
     hits, median_m = float(np.mean(throws.miss_m <= radius_m)), float(np.median(throws.miss_m))
-    finding = (
+    finding = with_caveat(
+        page.caveat,
         f"Trial {motion.trial}: {_interval(throws)}; {percent(hits)} of them hit, and half of them miss by "
-        f"{millimetres(median_m)} or less."
+        f"{millimetres(median_m)} or less.",
     )
     if motion.predicted is not None:
         finding = f"{finding} {likely_hit(motion.predicted)}".rstrip()
