@@ -18,7 +18,8 @@ from strandcast.core.strings import PARAMETERS, StringBatch
 
 # All chosen.
 STRING_KG = 0.01
-STEP_S = 2e-4
+STEP_S = 2e-4  # at most
+STABLE_STEP = 0.5  # with springs along the links: share of the longest stable step
 STRETCHES = 1e-3  # hanging at rest, relative to its length: from here on links have a spring along them
 BEAD_RADIUS_M = 0.003  # of the spheres that the air acts on
 POINT_RADIUS_M = 1e-4  # of the spheres that give the mass points their inertia, which MuJoCo needs
@@ -62,6 +63,18 @@ class StringInMuJoCo:
     viscosity_pa_s: float
     drag: float
 
+    @property
+    def step_s(self) -> float:
+        """Time step [s]: STEP_S, or a whole fraction of it that keeps springs along the links stable.
+
+        MuJoCo integrates springs explicitly: stable up to 2 / omega, and no mode of the chain is faster than
+        omega = 2 sqrt(stiffness / least mass).
+        """
+        if self.stretch_n_m is None:
+            return STEP_S
+        longest_s = STABLE_STEP * np.sqrt(self.mass_kg.min() / self.stretch_n_m)
+        return STEP_S / max(1, int(np.ceil(STEP_S / longest_s)))
+
 
 def in_mujoco(string: StringBatch, length_m: float, total_kg: float = STRING_KG) -> StringInMuJoCo:
     """Return a fitted string (a batch of one) in MuJoCo's terms.
@@ -102,9 +115,7 @@ def in_mujoco(string: StringBatch, length_m: float, total_kg: float = STRING_KG)
     )
 
 
-def arm_with_string(
-    arm: Arm, string: StringInMuJoCo, posture_rad: np.ndarray, bends_rad: np.ndarray, step_s: float = STEP_S
-) -> str:
+def arm_with_string(arm: Arm, string: StringInMuJoCo, posture_rad: np.ndarray, bends_rad: np.ndarray) -> str:
     """Return MJCF of the arm with the string in its clamp.
 
     The keyframes ``start`` (hanging) and ``swing`` (turned by 0.8 rad at the clamp) have the arm in the given
@@ -121,7 +132,7 @@ def arm_with_string(
     spec.modelname = f"{arm.name} with a fitted string"
     spec.compiler.discardvisual = False
     spec.compiler.boundinertia = POINT_KG_M2
-    _set_physics(spec, string, -GRAVITY_M_S2 * arm.plane[1], step_s)
+    _set_physics(spec, string, -GRAVITY_M_S2 * arm.plane[1], string.step_s)
     _hold(spec, arm)
     _show(spec, arm)
     place, axes = clamp_frame(arm)
@@ -144,7 +155,7 @@ def arm_with_string(
     return str(spec.to_xml())
 
 
-def string_on_hand(string: StringInMuJoCo, step_s: float = STEP_S) -> mujoco.MjModel:
+def string_on_hand(string: StringInMuJoCo, step_s: float) -> mujoco.MjModel:
     """Return the string alone, x to the right and y up, on a hand of three coordinates: x, y, angle."""
     spec = mujoco.MjSpec()
     _set_physics(spec, string, np.array([0.0, -GRAVITY_M_S2, 0.0]), step_s)

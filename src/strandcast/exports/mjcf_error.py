@@ -10,7 +10,7 @@ from scipy.signal import savgol_filter
 from strandcast.dynamics.batch import HandPath
 from strandcast.estimation.evaluation import distances, evaluation_of_points, point_values
 from strandcast.estimation.throws import PreparedThrow
-from strandcast.exports.mjcf import HAND_KG, STEP_S, StringInMuJoCo, string_on_hand
+from strandcast.exports.mjcf import HAND_KG, StringInMuJoCo, string_on_hand
 
 # Rigid links pass the encoders' noise on to all masses as accelerations of a hundred g; chosen.
 SMOOTHED_S = 0.05
@@ -23,7 +23,7 @@ def error_in_mujoco(
     string: StringInMuJoCo,
     offset_m: np.ndarray,
     reading: str,
-    step_s: float = STEP_S,
+    step_s: float | None = None,
 ) -> float:
     """Return E of the string as MuJoCo simulates it on a measured throw [m]; infinite if it diverges.
 
@@ -37,6 +37,8 @@ def error_in_mujoco(
         (2,) of the camera's positions from the robot's.
     reading
         Frame of reference of E: ``world`` or ``hand``.
+    step_s
+        By default the string's own.
     """
     points_m = play(throw, start_m, string, step_s) + offset_m
     value = evaluation_of_points(point_values(distances(throw.points_m, points_m, reading), throw.weight))
@@ -44,9 +46,10 @@ def error_in_mujoco(
 
 
 def play(
-    throw: PreparedThrow, start_m: np.ndarray, string: StringInMuJoCo, step_s: float = STEP_S
+    throw: PreparedThrow, start_m: np.ndarray, string: StringInMuJoCo, step_s: float | None = None
 ) -> np.ndarray:
     """Return the points (G, n+1, 2) at the throw's frames, NaN from a divergence on [m]."""
+    step_s = step_s or string.step_s
     model = string_on_hand(string, step_s)
     data = mujoco.MjData(model)
     hand = _smooth(throw.hand)
