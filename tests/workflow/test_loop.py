@@ -17,7 +17,9 @@ from strandcast.records.motion import Motion
 from strandcast.records.summary import ExperimentSummary
 from strandcast.records.tables import table_sha256
 from strandcast.report.summary import summarise
+from strandcast.stages.files import SUPPLIED_FILES
 from strandcast.stages.run import files_of
+from strandcast.workflow import locks
 from strandcast.workflow.status import status_of
 from strandcast.workflow.verify import verify
 
@@ -505,11 +507,15 @@ def test_the_pages_are_rendered_again_without_any_stage(rig, tmp_path):
     pages = [root / "results" / "rig" / name for name in ("report.html", "trial-01/report.html")]
     before = [(page.read_bytes(), page.stat().st_mtime_ns) for page in pages]
     pages[1].unlink()
+    (root / "data/fresh").mkdir()
+    shutil.copy(root / "data/rig/experiment.yaml", root / "data/fresh")
     line = [sys.executable, "-m", "strandcast", "run", "--report-only", "--json"]
     run = subprocess.run(line, cwd=root, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert [page.read_bytes() for page in pages] == [content for content, _ in before]
     assert pages[0].stat().st_mtime_ns == before[0][1]  # nothing has happened to it
+    assert "fresh has no page yet" in run.stderr
+    assert not (root / "results/fresh/report.html").exists()  # Snakemake would take it for a finished one
     campaign = json.loads(run.stdout)["campaign"]
     assert (campaign["done"], campaign["failed"], campaign["left"]) == (2, 0, 0)  # with that of tiny
     assert "rig/trial-01/report.html" in (root / campaign["page"]).read_text()
@@ -521,6 +527,24 @@ def test_a_missing_result_that_no_run_makes_is_made_by_the_command_that_status_n
     status = status_of(root, "rig")
     assert [s.stage for s in status.trials[1].stages if s.state == "missing"] == ["estimate"]
     assert status.next_steps == ["strandcast estimate rig 1"]
+
+
+def test_status_waits_for_a_run_that_lives(rig, tmp_path):
+    root = Path(shutil.copytree(rig, tmp_path / "project"))
+    with locks.lease(root, "rig"):
+        (step,) = status_of(root, "rig").next_steps
+    assert step.startswith(f"# wait for the run that has not ended: process {os.getpid()} on ")
+    assert not any(step.startswith("# wait") for step in status_of(root, "rig").next_steps)
+
+
+def test_an_imported_track_needs_no_camera_and_no_video(rig, tmp_path):
+    root = Path(shutil.copytree(rig, tmp_path / "project"))
+    for name in SUPPLIED_FILES.values():
+        shutil.copy(root / "results/rig/trial-01" / name, root / "data/rig/trial-01")
+    stages = [{stage.stage for stage in trial.stages} for trial in status_of(root, "rig").trials[:2]]
+    assert stages[0] == {"summary"}
+    assert stages[1] >= {"register_track", "score"}
+    assert not stages[1] & {"ingest", "track", "align"}
 
 
 def test_status_names_the_stage_that_failed_and_why(rig, tmp_path):

@@ -20,6 +20,7 @@ SIGNS = {
     "damaged": ("!", "bold red"),
     "excluded": ("–", "dim"),
 }
+MOST_REASONS = 3  # in a row of the table; --json prints all
 
 
 def status(
@@ -72,7 +73,9 @@ def _lines(status: Any) -> Iterator[str]:
             stages = list(group)
             sign, colour = SIGNS[state]
             names = ", ".join(stage.stage for stage in stages) if state != "done" else _range(stages)
-            why = "; ".join(dict.fromkeys(_why(stages)))
+            reasons = list(dict.fromkeys(_why(stages)))
+            more = [f"{len(reasons) - MOST_REASONS} more"] if len(reasons) > MOST_REASONS else []
+            why = "; ".join(reasons[:MOST_REASONS] + more)
             table.add_row(label, thrown, names, f"[{colour}]{sign} {state}[/]", why.replace("[", r"\["))
             label = thrown = ""
     if not console.is_terminal:

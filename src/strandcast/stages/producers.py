@@ -30,17 +30,26 @@ def steps_of(context: Context, trial: int) -> list[Step]:
     """Return the stages of a trial, in the order in which they run; trial 0: those of the experiment."""
     is_lab = context.settings.lab is not None
     if not trial:
-        return [Step(stage) for stage in (*(["lab_calibrate"] if is_lab else []), "calibrate", "summary")]
+        recorded = [] if is_lab else context.folder.recorded_trials()
+        calibrated = (
+            [] if recorded and all(_is_supplied(context, each) for each in recorded) else ["calibrate"]
+        )
+        return [Step(stage) for stage in (*(["lab_calibrate"] if is_lab else []), *calibrated, "summary")]
     folder = context.folder.trial(trial)
-    supplied = all((folder.data / name).is_file() for name in SUPPLIED_FILES.values())
     if is_lab:
         motion = ["plan", "lab_throw"]
     elif (folder.data / "motion.json").is_file():
         motion = ["register_motion"]
     else:
         motion = [] if folder.raw_files() else ["plan"]
-    measured = ["register_track"] if supplied else ["track", "reconstruct", "clip", "align"]
-    return [Step(stage, trial) for stage in (*motion, "ingest", *measured, "score", "estimate", "report")]
+    by_camera = ["ingest", "track", "reconstruct", "clip", "align"]
+    measured = ["register_track"] if _is_supplied(context, trial) else by_camera
+    return [Step(stage, trial) for stage in (*motion, *measured, "score", "estimate", "report")]
+
+
+def _is_supplied(context: Context, trial: int) -> bool:
+    data = context.folder.trial(trial).data
+    return all((data / name).is_file() for name in SUPPLIED_FILES.values())
 
 
 def producers(context: Context, trials: Iterable[int]) -> dict[Path, Step]:

@@ -156,6 +156,13 @@ def owner_of(root: Path, experiment: str) -> Owner | None:
         return None
 
 
+def living_owner(root: Path, experiment: str) -> Owner | None:
+    """Return who holds an experiment's lease; a process of another host may have ended."""
+    owner = owner_of(root, experiment) if _lease_file(root, experiment).exists() else None
+    here = owner is not None and owner.host == socket.gethostname()
+    return None if owner is None or (here and (not _lives(owner.pid) or _is_zombie(owner.pid))) else owner
+
+
 def _release(root: Path, experiment: str, held: SoftFileLease) -> None:
     with suppress(OSError):  # what is left is taken over; the error that ended the run must not be hidden
         if held.is_locked:

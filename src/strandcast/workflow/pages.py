@@ -36,8 +36,13 @@ class PageProblem(NamedTuple):
 def render_pages(root: Path, names: list[str], cores: int) -> list[PageProblem]:
     """Render the pages of trials, then those of experiments, on some cores; return what is wrong with them.
 
-    A page whose bytes stay the same keeps its time: to Snakemake, nothing has happened.
+    A page whose bytes stay the same keeps its time: to Snakemake, nothing has happened. An experiment without
+    a page is left to a run, which would take a new page for a finished one.
     """
+    made = [name for name in names if (ExperimentFolder(root, name).results / "report.html").is_file()]
+    for name in sorted({*names} - {*made}):
+        print(f"{name} has no page yet; make it: strandcast run {name}", file=sys.stderr, flush=True)
+    names = made
     trials = [PageJob(root, name, number) for name in names for number in _with_results(root, name)]
     with ExitStack() as stack:
         for name in names:

@@ -170,7 +170,7 @@ def _own_reasons(root: Path, task: StepState, oldest_s: float | None) -> Iterato
         yield from (f"{name} changed" for name in newer[:MOST_CHANGES])
         return
     if any(_is_incomplete(root, name) for name in task.outputs):
-        yield "the run that made it was stopped"
+        yield "the run that makes it was stopped, or has not ended yet"
     if all(notes):
         yield from dict.fromkeys(reason for note in notes for reason in _differences(task, note))
 

@@ -15,6 +15,7 @@ from strandcast.records.record import read_json
 from strandcast.records.verdict import Verdict
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.producers import Step, play_command, steps_of
+from strandcast.workflow.locks import living_owner
 from strandcast.workflow.remake import StepState, log_of, tasks_of
 from strandcast.workflow.verify import Finding, verify
 
@@ -208,6 +209,10 @@ def _next_steps(context: Context, trials: list[TrialStatus], damaged: list[Findi
     if damaged:
         yield f"# restore the damaged files; this lists them: strandcast verify {name}"
         return
+    owner = living_owner(context.folder.root, name)
+    if owner is not None:
+        yield f"# wait for the run that has not ended: {owner}"
+        return
     filmless = [trial.trial for trial in trials if trial.trial and _is_filmless(context, trial)]
     for number in filmless:
         yield f"# copy the video of trial {number} to {context.folder.trial(number).data}/video.*"
@@ -219,8 +224,8 @@ def _next_steps(context: Context, trials: list[TrialStatus], damaged: list[Findi
         yield f"strandcast run {name}"
         return
     unmade = [Step(stage.stage, number) for number, stage in found if stage.state == "missing"]
-    if unmade:  # no other result needs them, so that a run leaves them out
-        yield from (step.command(name) for step in unmade)
+    yield from (step.command(name) for step in unmade)  # no result needs them: a run leaves them out
+    if any(step.trial for step in unmade):
         return
     following = max((trial.trial for trial in trials), default=0)
     if context.settings.lab is None and not filmless:
@@ -228,7 +233,8 @@ def _next_steps(context: Context, trials: list[TrialStatus], damaged: list[Findi
         if motion.is_file() and not context.folder.trial(following).raw_files():
             yield play_command(context, following)
             return
-    yield f"# nothing is to be done; the page is {context.folder.results / 'report.html'}"
+    if not unmade:
+        yield f"# nothing is to be done; the page is {context.folder.results / 'report.html'}"
 
 
 def _is_filmless(context: Context, trial: TrialStatus) -> bool:
