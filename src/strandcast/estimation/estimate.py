@@ -100,8 +100,8 @@ def search(
     progress = Progress("estimate", evaluations)
 
     def report(count: int, best: float) -> None:
-        more = f", {count - evaluations} more behind the search" if count > evaluations else ""
-        progress(min(count, evaluations), f"best E {1e3 * best:.2f} mm{more}")
+        more = f", {count - evaluations} more for the uncertainty" if count > evaluations else ""
+        progress(min(count, evaluations), f"best cost {1e3 * best:.2f} mm{more}")
 
     log = EvaluationLog(objective.cost, report)
     problem = SearchProblem(objective, settings, start, rng, evaluations)

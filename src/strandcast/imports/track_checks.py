@@ -159,7 +159,7 @@ def _check_clock(track: Track, file: Path) -> list[str]:
     usual_s = float(np.median(steps))
     problem = clock_problem(time_s)
     if problem is not None:
-        fix = "give seconds; for a capture, see time_unit"
+        fix = "give seconds; for a capture, set time_unit in the file of --columns"
         raise refusal("SC-I028", file, "camera_time_s", problem, fix)
     longest = int(np.argmax(steps))
     if steps[longest] > LONG_STEP * usual_s:
@@ -286,7 +286,10 @@ def _check_single(far_m: np.ndarray, frame: np.ndarray, places_m: np.ndarray, fi
 
 
 def _wrong_size(file: Path, what: str) -> StrandcastError:
-    fix = "give metres from the clamp on, the origin at the arm's; for a capture, see length_unit and places"
+    fix = (
+        "give metres from the clamp on, the origin at the arm's; "
+        "for a capture, check the markers' places, and length_unit in the file of --columns"
+    )
     return refusal("SC-I027", file, "x_m, y_m", what, fix)
 
 

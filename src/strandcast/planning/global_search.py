@@ -126,7 +126,7 @@ def screen(given: SearchInputs) -> list[Curve]:
     for k in range(0, len(drawn), BATCH):
         batch = packed(drawn[k : k + BATCH])
         costs[k : k + BATCH] = curve_costs(task, [Scenario(task, given.strings)], given.conditions, batch)
-        progress(min(k + BATCH, len(drawn)), f"best {1000 * costs.min():.0f} mm")
+        progress(min(k + BATCH, len(drawn)), f"best cost {1000 * costs.min():.0f} mm")
     return [drawn[k] for k in np.argsort(costs, kind="stable")]
 
 

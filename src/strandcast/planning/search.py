@@ -74,5 +74,5 @@ def minimise(
         done += POPULATION
         if values.min() < best_value:
             best, best_value = points[int(np.argmin(values))], float(values.min())
-        progress(done_before + done, f"best {1000 * best_value:.1f} mm")
+        progress(done_before + done, f"best cost {1000 * best_value:.1f} mm")
     return best, best_value, done

@@ -52,7 +52,7 @@ class Cells:
             if len(row) != len(self.names):
                 first = "header" if self.has_header else "first line"
                 what = f"{len(row)} cells, the {first} has {len(self.names)}"
-                fix = "was the file cut, or does it use a decimal comma? copy it again"
+                fix = "was the file cut, has it lines above the header, or does it use a decimal comma?"
                 raise self._refusal(k, None, what, fix)
             values[k] = [
                 math.nan if cell.lower() in empty else self._number(k, column, cell)
