@@ -52,6 +52,15 @@ def test_markers_between_points_are_reported_with_a_better_number(tmp_path):
     assert "string.points: 4" in summary.warnings[0]
 
 
+def test_a_hand_without_angle_is_warned_of_unless_the_direction_is_given(tmp_path):
+    units = {"time_unit": "ms", "length_unit": "mm"}
+    markers = ["0.2:mx,my", "0.4:ex,ey"]
+    (warning,) = capture(tmp_path, capture_mapping_of("ms", "hx,hy", markers, **units)).warnings
+    assert "always leaves the hand along x" in warning
+    down = capture_mapping_of("ms", "hx,hy", markers, **units, angle_offset_rad=-np.pi / 2)
+    assert capture(tmp_path, down).warnings == []
+
+
 def test_points_may_be_named(tmp_path):
     mapping = capture_mapping_of(
         "ms", "hx,hy", ["0.2@3:mx,my", "0.4:ex,ey"], time_unit="ms", length_unit="mm"

@@ -61,6 +61,11 @@ def import_capture(
     index, warnings = points_of_markers(mapping, length_m, points)
     track = _track(table, mapping, time_s, hand, index, points)
     _refuse_unseen(track, index, mapping)
+    if mapping.hand_angle is None and mapping.angle_offset_rad == 0.0:
+        warnings.append(
+            "no column gives the hand's angle, so the string always leaves the hand along x: "
+            "if that is wrong, give the direction (--angle-offset)"
+        )
     detected = np.isfinite(track.points_m).all(axis=2)
     places = {f"point_{k}_place_m": m.place_m for m, k in zip(mapping.markers, index, strict=True)}
     summary = TrackSummary(
