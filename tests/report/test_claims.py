@@ -93,7 +93,7 @@ def test_the_tips_path_gives_the_rms_of_its_curves(results: Path) -> None:
 def test_the_predicted_misses_are_those_of_the_curve(results: Path) -> None:
     page = page_data(results / "trial-03")
     made = predicted_throw(page)
-    shares, hit_radius, measured = curves(made, 2)
+    shares, hit_radius, measured = curves(made, 3)
     miss_mm, verdict = shares[:, 0], page.need("verdict")
     low_mm, high_mm = np.quantile(miss_mm, (0.1, 0.9))
     assert (
@@ -106,12 +106,31 @@ def test_the_predicted_misses_are_those_of_the_curve(results: Path) -> None:
     np.testing.assert_allclose(shares[:, 1], 5.0 * np.arange(1, 21))
 
 
+def test_the_view_of_the_target_holds_every_place_that_lies_in_it(results: Path) -> None:
+    page = page_data(results / "trial-03")
+    made, throws = predicted_throw(page), page.need("predicted")
+    assert isinstance(made.drawing, Drawing)
+    overview, view = made.drawing.figure.axes[:2]
+    (left, right), (low, high) = view.get_xlim(), view.get_ylim()
+    target_m = page.need("verdict").target_m
+    assert [(left + right) / 2, (low + high) / 2] == pytest.approx(target_m)
+    assert right - left == pytest.approx(high - low)
+    within = 0
+    for whole, part in zip(curves(made, 0), curves(made, 1)[: len(throws.throw) + 1], strict=False):
+        x, y = whole.T
+        inside = (x > left) & (x < right) & (y > low) & (y < high)
+        np.testing.assert_array_equal(part[inside], whole[inside])
+        within += inside.sum()
+    assert within > len(throws.throw)
+    assert overview.get_xlim()[1] - overview.get_xlim()[0] > right - left
+
+
 def test_the_share_within_the_band_is_that_of_its_figure(results: Path) -> None:
     page = page_data(results / "trial-03")
     made = predicted_throw(page)
     assert isinstance(made.drawing, Drawing)
-    measured = curves(made, 1)[0]
-    (band,) = made.drawing.figure.axes[1].collections
+    measured = curves(made, 2)[0]
+    (band,) = made.drawing.figure.axes[2].collections
     edge = band.get_paths()[0].vertices
     since_ms = np.unique(edge[:, 0])
     low_mm, high_mm = ([f(edge[edge[:, 0] == t, 1]) for t in since_ms] for f in (np.min, np.max))
@@ -131,8 +150,8 @@ def test_the_fan_of_the_next_throw_is_that_of_its_file(results: Path) -> None:
     drawn = curves(made, 0)[: len(throws.throw)]
     for path_m, tip_m in zip(drawn, throws.tip_m, strict=True):
         np.testing.assert_array_equal(path_m, tip_m[: len(path_m)])
-    miss_mm = curves(made, 1)[0][:, 0]
-    radius_mm = curves(made, 1)[1][0, 0]
+    miss_mm = curves(made, 2)[0][:, 0]
+    radius_mm = curves(made, 2)[1][0, 0]
     hits, half = 100 * np.mean(miss_mm <= radius_mm), np.median(miss_mm)
     assert (
         f"{hits:.1f}\u00a0% of them hit, and half of them miss by {half:.1f}\u00a0mm or less" in made.finding
@@ -238,7 +257,7 @@ def test_the_worst_error_is_that_of_the_image(results: Path) -> None:
     assert isinstance(made.drawing, Drawing)
     axes = made.drawing.figure.axes[0]
     shown_mm = np.asarray(axes.images[0].get_array())
-    left, right = sorted(line.get_xdata()[0] for line in axes.lines)
+    left, right = sorted({line.get_xdata()[0] for line in axes.lines})
     low, high = axes.images[0].get_extent()[:2]
     since_ms = np.linspace(low, high, shown_mm.shape[1])
     inside = shown_mm[:, (since_ms >= left) & (since_ms <= right)]

@@ -97,6 +97,7 @@ def test_the_page_is_one_file_with_the_policy_of_the_others(results: Path) -> No
     assert "prefers-color-scheme: dark" in page
     assert "@media print" in page
     assert "This figure could not be made" not in page
+    assert "<td>k<sub>s</sub></td><td>log₁₀ N/(m·kg)</td>" in page
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert comparison_page(compare((hostile, "new"), a, b)) == page
 

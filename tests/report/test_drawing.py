@@ -21,7 +21,7 @@ def test_a_cursor_has_the_scale_of_its_plot(clock: str) -> None:
     assert given["data-clock"] == clock
     first, last, left, right = (float(given[f"data-{name}"]) for name in ("first", "last", "left", "right"))
     x = left + (123.0 - first) / (last - first) * (right - left)
-    drawn = re.search(r'd="M ([\d.]+) ([\d.]+)L ([\d.]+) ([\d.]+)"[^>]*stroke: #123456', svg)
+    drawn = re.search(r'd="M([\d.]+) ([\d.]+)L([\d.]+) ([\d.]+)"[^>]*stroke: #123456', svg)
     assert drawn is not None
     assert float(drawn[1]) == pytest.approx(x, abs=0.02)
     assert sorted(map(float, (drawn[2], drawn[4]))) == pytest.approx(

@@ -13,6 +13,7 @@ import pytest
 from strandcast.records.estimate import Estimate
 from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.motion import Motion
+from strandcast.records.predicted import read_predicted, write_predicted
 from strandcast.records.provenance import current_versions
 from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK, TrackSummary
@@ -444,7 +445,10 @@ def section_of(page: str, name: str) -> str:
 def test_text_within_figures_is_text(results: Path, tmp_path: Path) -> None:
     folder = copy_of(results, tmp_path)
     path = folder / "trial-04" / "motion.json"
-    Motion.read(path).model_copy(update={"joint_names": [EVIL, "a", "b"]}).write(path)
+    motion = Motion.read(path).model_copy(update={"joint_names": [EVIL, "a", "b"]})
+    motion.write(path)
+    beside = path.with_name("predicted.parquet")
+    write_predicted(beside, read_predicted(beside)._replace(motion_sha256=motion.content_sha256()))
     path = folder / "trial-03" / "estimate.json"
     Estimate.read(path).model_copy(update={"search": EVIL}).write(path)
     page = page_of(folder)

@@ -13,12 +13,18 @@ def test_weights_pipes_target_and_contact_are_listed():
             DetectedSection(from_m=0.40, from_sigma_m=0.002, to_m=0.50, to_sigma_m=0.002, width_m=0.006),
         ],
         target=DetectedTarget(
-            place_m=[0.5, 0.51], sigma_m=0.0003, offset_m=[0.0, 0.01], radius_m=0.01, kind="round"
+            place_m=[0.5, 0.51], sigma_m=0.0003, offset_m=[-0.00002, 0.01], radius_m=0.01, kind="round"
         ),
         contact=Contact(frame=283, camera_time_s=0.566, distance_m=0.007, evidence=["outlines"]),
     )
     text = " ".join(" ".join(row) for row in detected_table(summary).rows)
-    for expected in ("149.6 ± 0.9 mm", "20.6 mm wide", "400 ± 2 to 500 ± 2 mm", "+10.0 mm in y", "frame 283"):
+    for expected in (
+        "149.6 ± 0.9 mm",
+        "20.6 mm wide",
+        "400 ± 2 to 500 ± 2 mm",
+        "+0.0 mm in x, +10.0 mm in y",
+        "frame 283",
+    ):
         assert expected in text
 
 

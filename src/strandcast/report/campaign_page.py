@@ -183,8 +183,8 @@ CAMPAIGN_PANELS = [
         caption="Within a throw, the experiments stand in the order of the table. Excluded trials are not "
         "throws; a throw with an unknown miss has no mark. Experiments that stop at a hit have no later "
         "throws: those are of the harder ones.",
-        good="The band falls from throw to throw.",
-        bad="It stays: what is learned from a throw does not help the next; see E of the experiments.",
+        good="the band falls from throw to throw.",
+        bad="it stays: what is learned from a throw does not help the next; see E of the experiments.",
         shown=_has_throws,
     ),
     Panel(
@@ -193,8 +193,8 @@ CAMPAIGN_PANELS = [
         learning,
         caption="Bars: Wilson’s 95 % interval. An experiment that stopped without a hit counts as one that "
         "has not hit; one that may have, as a result could not be read, is left out.",
-        good="The share rises to 100 %, the best miss falls below the hit radius.",
-        bad="Both are flat from some throw on.",
+        good="the share rises to 100 %, the best miss falls below the hit radius.",
+        bad="both are flat from some throw on.",
         shown=_has_throws,
     ),
     Panel(
@@ -212,8 +212,8 @@ CAMPAIGN_PANELS = [
         rig_course,
         caption="By experiment, in the order of the table: the summaries hold no dates. Disc: median of its "
         "throws; bar: least to largest; dotted: the limit; cross: an experiment with a throw beyond it.",
-        good="Flat and within the limits.",
-        bad="A trend: the rig changes, e.g. the camera was moved.",
+        good="flat and within the limits.",
+        bad="a trend: the rig changes, e.g. the camera was moved.",
         shown=_has_throws,
     ),
 ]

@@ -37,6 +37,7 @@ FIT_SETTINGS = (
     "trials_used",
     "evaluations",
 )
+LOG_UNIT = "log10 "  # before the unit of a number that is compared by its logarithm
 
 
 class Value(NamedTuple):
@@ -189,7 +190,7 @@ def parameters_of(trial: TrialRecords) -> dict[str, tuple[str, Value]]:
     for fit in estimate.parameters:
         sigma, _ = sigmas.get(fit.name, (None, True))
         decades = math.log10(fit.value) if fit.value > 0.0 else None
-        found[fit.name] = (f"log10 {fit.unit}".rstrip(), Value(decades, sigma))
+        found[fit.name] = (f"{LOG_UNIT}{fit.unit}".rstrip(), Value(decades, sigma))
     for name, value in estimate.options.items():
         found[name] = ("", Value(value, sigmas.get(name, (None, False))[0]))
     return found

@@ -2,11 +2,12 @@
 
 from typing import Any
 
-from strandcast.report.comparison import Comparison, Row, Tally, Value
+from strandcast.report.comparison import LOG_UNIT, Comparison, Row, Tally, Value
 from strandcast.report.drawing import GREY, INK, MEASURED, Drawing, new_figure
 from strandcast.report.numbers import HARD, UNKNOWN, millimetres, milliseconds, scaled, signed
 from strandcast.report.pages import render
 from strandcast.report.panels.content import Panel, PanelContent, Table, make_sections
+from strandcast.report.typeset import symbol, unit
 
 DIGITS = 2
 LARGE = 2.0  # a difference of this many standard deviations is marked
@@ -159,8 +160,26 @@ def _parameters(comparison: Comparison) -> PanelContent:
     caption = "Logarithms to base 10 of the estimates, ± in decades; other numbers in their own unit."
     return PanelContent(
         f"{finding}{': ' if large else ''}{', '.join(large)}.",
-        tables=[_table(rows, caption)],
+        tables=[_parameter_table(rows, caption)],
     )
+
+
+def _parameter_table(rows: list[Row], caption: str) -> Table:
+    """Return the rows of parameters with their units in a column of their own."""
+    cells: list[list[Any]] = []
+    for row in rows:
+        bare = row._replace(unit="")
+        of = row.unit.removeprefix(LOG_UNIT)
+        cells.append(
+            [
+                f"trial {row.trial}",
+                symbol(row.quantity) if row.unit else row.quantity,
+                f"log₁₀ {unit(of)}" if of != row.unit else row.unit,
+                *(text(bare, value) for value in (row.a, row.b)),
+                change(bare),
+            ]
+        )
+    return Table(["trial", "quantity", "unit", "A", "B", "B − A"], cells, caption)
 
 
 def _misses(comparison: Comparison) -> PanelContent:

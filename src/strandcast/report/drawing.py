@@ -19,6 +19,7 @@ FITTED: dict[str, Any] = {"color": "#d55e00", "linestyle": (0, (5, 2)), "linewid
 PLANNED: dict[str, Any] = {"color": "#009e73", "linestyle": (0, (5, 2, 1, 2)), "linewidth": 1.3}
 TRUE: dict[str, Any] = {"color": "#e69f00", "linestyle": (0, (1, 1.2)), "linewidth": 1.8}
 TARGET, HAND, GREY = "#cc79a7", "#e69f00", "#808890"
+HIT_RADIUS: dict[str, Any] = {"color": TARGET, "linestyle": (0, (6, 3)), "linewidth": 1.4}
 
 # Labels that several figures share.
 SINCE_START = "time from the motion's start [ms]"
@@ -164,7 +165,9 @@ def to_svg(drawn: Drawing, name: str) -> Markup:
     text = re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{name}-", text)
     text = re.sub(r"<g>\s*</g>\n?", "", text)
     # Matplotlib writes six digits; a hundredth of a point is less than a pixel on any screen.
-    text = re.sub(r'(?<= d=")[^"]+', lambda path: re.sub(r"(\.\d\d)\d+|\s*\n", r"\1", path[0]), text)
+    text = re.sub(
+        r'(?<= d=")[^"]+', lambda path: re.sub(r"(\.\d\d)\d+|\s*\n|(?<=[A-Z]) ", r"\1", path[0]), text
+    )
     for sentinel, value in THEME.items():
         text = text.replace(sentinel, value)
     head = Markup('<svg role="img" aria-label="{}"').format(drawn.alt)

@@ -46,7 +46,7 @@ def budget(page: TrialPageData) -> PanelContent:
     axes.axvline(0.0, color=draw.INK, linewidth=0.8)
     radius_mm = page.need("verdict").hit_radius_m * 1e3
     for side_mm in (-radius_mm, radius_mm):
-        axes.axvline(side_mm, **draw.dashes({"color": draw.TARGET, "linestyle": (0, (6, 3))}))
+        axes.axvline(side_mm, **draw.HIT_RADIUS)
     axes.set(xlabel="across the tip’s path at the closest approach [mm] (dashed: hit radius)")
     if max(map(abs, lengths_mm)) > 20 * radius_mm:
         axes.set_xscale("symlog", linthresh=radius_mm)

@@ -50,7 +50,8 @@ def throw_misses(campaign: Campaign) -> PanelContent:
     middles = [*middles[:MOST_MEDIANS], "…", middles[-1]] if len(middles) > MOST_MEDIANS + 1 else middles
     finding = f"Median miss by throw: {' → '.join(middles) or 'none known'} mm, of {known} known misses."
     if sum(unknown.values()):
-        finding += f" {sum(unknown.values())} more are unknown."
+        more = sum(unknown.values())
+        finding += f" {more} more {'is' if more == 1 else 'are'} unknown."
     return PanelContent(
         finding,
         draw.Drawing(figure, f"Miss of every throw. {finding}"),
@@ -164,6 +165,7 @@ def _draw_quantity(axes: Any, campaign: Campaign, quantity: RigQuantity) -> list
         axes.axhline(side, color=draw.INK, linewidth=0.8, linestyle=(0, (2, 2)))
     axes.set_title(f"{quantity.name} [{quantity.unit}]", fontsize=8.5, pad=3)
     axes.yaxis.set_major_locator(draw.few_ticks())
+    axes.margins(y=0.15)  # marks at the least value stay clear of the axis
     return known
 
 
@@ -182,7 +184,7 @@ def _hit_radius(axes: Any, campaign: Campaign) -> None:
     """Draw the hit radius, if all experiments have the same."""
     radii = {each.summary.hit_radius_m for each in campaign.experiments if each.summary is not None}
     if len(radii) == 1:
-        axes.axhline(1e3 * radii.pop(), **draw.dashes(draw.PLANNED, linewidth=1.2), label="hit radius")
+        axes.axhline(1e3 * radii.pop(), **draw.HIT_RADIUS, label="hit radius")
 
 
 def _throw_axis(axes: Any, campaign: Campaign, most_ticks: int = 20) -> None:

@@ -64,4 +64,4 @@ def _table(estimate: Estimate, window: str) -> Table:
         [simulations, f"{estimate.evaluations}; {estimate.rejected}"],
         ["trials in the fit", ", ".join(map(str, estimate.trials_used))],
     ]
-    return Table(["figure", "value"], rows)
+    return Table(["quantity", "value"], rows)

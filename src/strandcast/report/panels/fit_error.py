@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 
 from strandcast.errors import StrandcastError
-from strandcast.report.drawing import INK, SINCE_START, Drawing, new_figure
+from strandcast.report.drawing import INK, PAGE, SINCE_START, Drawing, new_figure
 from strandcast.report.measures import fit_window, matched
 from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.panels.content import PanelContent
@@ -33,18 +33,22 @@ def fit_error(page: TrialPageData) -> PanelContent:
     axes.set(xlabel=SINCE_START, ylabel="point")
     window_s = results.need("estimate").window_s or (start_s, start_s)
     for edge_s in window_s:
-        axes.axvline((edge_s - start_s) * 1e3, color=INK, linewidth=1.0, linestyle=(0, (4, 2)))
+        at_ms = (edge_s - start_s) * 1e3
+        axes.axvline(
+            at_ms, color=PAGE, linewidth=2.6, alpha=0.8
+        )  # dashes stand out from dark and bright cells
+        axes.axvline(at_ms, color=INK, linewidth=1.0, linestyle=(0, (4, 2)))
     inside = apart_m[
         (since_ms >= (window_s[0] - start_s) * 1e3) & (since_ms <= (window_s[1] - start_s) * 1e3)
     ]
     finding = "No point was measured in the frames of the fit."
     if np.isfinite(inside).any():
         row, point = np.unravel_index(int(np.nanargmax(inside)), inside.shape)
-        at_ms = since_ms[since_ms >= (window_s[0] - start_s) * 1e3][row]
+        worst_ms = since_ms[since_ms >= (window_s[0] - start_s) * 1e3][row]
         finding = (
             f"Within the {fit_window(results)}, the fitted string is at most "
             f"{millimetres(inside[row, point])} from the measured one: point {point + 1} at "
-            f"{milliseconds(at_ms / 1e3, digits=0)}."
+            f"{milliseconds(worst_ms / 1e3, digits=0)}."
         )
     return PanelContent(
         finding,

@@ -16,7 +16,7 @@ STYLES = {
     "measured": draw.MEASURED,
     "seen": draw.FITTED | draw.marks("o", 4, markerfacecolor="none", alpha=0.5),
 }
-NAMES = {"commanded": "Commanded", "measured": "Measured (joint log)", "seen": "Camera"}
+NAMES = {"commanded": "commanded", "measured": "measured (joint log)", "seen": "camera"}
 MOST_MARKS = 120  # of the hand by the camera; more would hide each other
 PAIRS = (("measured", "commanded"), ("seen", "measured"))
 
@@ -39,7 +39,7 @@ def hand_path(page: TrialPageData) -> PanelContent:
         apart_m = np.linalg.norm(places_m - at_times(paths[other], time_s), axis=1)
         off_m = path_distance_m(places_m, paths[other].pose[:, :2])
         since_s, gapped_m = with_gaps(time_s - start_s, apart_m)
-        label = f"{name.capitalize()} – {other}"
+        label = f"{'camera' if name == 'seen' else name} – {other}"
         style = draw.MEASURED if name == "measured" else draw.FITTED | {"linewidth": 1.0}
         apart_axes.plot(since_s * 1e3, gapped_m * 1e3, **style, label=label)
         rows.append([label, *(millimetres(v) for v in (np.nanmax(apart_m), rms(apart_m), np.nanmax(off_m)))])
@@ -53,7 +53,7 @@ def hand_path(page: TrialPageData) -> PanelContent:
         for name, path in paths.items()
         if name != "seen"
     ]
-    finding = "; ".join(findings) + ". Length of the path: " + ", ".join(lengths) + "."
+    finding = "; ".join(findings).capitalize() + ". Length of the path: " + ", ".join(lengths) + "."
     heads = ["paths", "largest, same instant", "rms, same instant", "largest from the path"]
     tables, sources = [Table(heads, rows)], ["hand.parquet", "alignment.json"]
     estimate = results.get("estimate")

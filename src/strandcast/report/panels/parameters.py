@@ -22,8 +22,7 @@ def parameters(page: TrialPageData) -> PanelContent:
         [
             symbol(fit.name),
             unit(fit.unit),
-            significant(fit.minimum),
-            significant(fit.maximum),
+            f"{significant(fit.minimum)} … {significant(fit.maximum)}",
             Markup("<b>{}</b>").format(significant(fit.value)),
             Markup("{:.2f} {}").format(fit.exponent, _bar(fit)),
             *_bound_and_ensemble(fit, page.caveat),
@@ -32,7 +31,7 @@ def parameters(page: TrialPageData) -> PanelContent:
         for fit in estimate.parameters
     ]
     rows += [_option_row(estimate, name, value) for name, value in sorted(estimate.options.items())]
-    heads = ["parameter", "unit", "minimum", "maximum", "estimate", "χ (0 … 1)", "bound", "ensemble"]
+    heads = ["parameter", "unit", "range", "estimate", "χ (0 … 1)", "bound", "ensemble"]
     heads += ["standard deviation", "profile"]
     caption = (
         f"Ranges: {estimate.ranges}; reading of compression and tension: {estimate.reading}; per kg of a "
@@ -78,7 +77,7 @@ def _bound(fit: ParameterFit | WeightFit, caveat: str | None) -> str:
 def _option_row(estimate: Estimate, name: str, value: float) -> list[Any]:
     """Return the row of a number beside the parameters, e.g. the rest curl."""
     words, text = quantity(name, value)
-    return [words, "", "", "", Markup("<b>{}</b>").format(text), "", "", "", *_known(estimate, name)]
+    return [words, "", "", Markup("<b>{}</b>").format(text), "", "", "", *_known(estimate, name)]
 
 
 def _known(estimate: Estimate, name: str) -> list[str]:
@@ -87,13 +86,17 @@ def _known(estimate: Estimate, name: str) -> list[str]:
     if known is None or name not in known.unknowns:
         return ["", ""]
     k = known.unknowns.index(name)
-    deviation = significant(known.marginal_sd[k]) + " decades" * known.in_decades[k]
+
+    def shown(value: float) -> str:
+        return significant(value) if known.in_decades[k] else quantity(name, value)[1]
+
+    deviation = shown(known.marginal_sd[k]) + " decades" * known.in_decades[k]
     low, high = known.profile_low[k], known.profile_high[k]
     if low is None or high is None:
         return [deviation, ""]
     below = "≤ " if known.profile_low_open[k] else ""
     above = "≥ " if known.profile_high_open[k] else ""
-    return [deviation, f"{below}{significant(low)} … {above}{significant(high)}"]
+    return [deviation, f"{below}{shown(low)} … {above}{shown(high)}"]
 
 
 def _known_caption(estimate: Estimate) -> str:
@@ -138,7 +141,7 @@ def masses(page: TrialPageData) -> PanelContent:
     figure = new_figure(8.4, 3.2, top=0.9, bottom=0.17)
     _draw_masses(figure.add_subplot(), estimate, facts)
     finding = with_caveat(page.caveat, _masses_finding(estimate, facts.weight_places_m))
-    heads = ["kind", "place [mm]", "relative mass", "range", "bound", "ensemble"]
+    heads = ["kind", "place [mm]", "added mass", "range", "bound", "ensemble"]
     rows = [
         [
             weight.kind,

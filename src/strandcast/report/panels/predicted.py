@@ -1,6 +1,7 @@
 """The throws that the planner expected of a motion: of the one that was thrown, and of the next."""
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from strandcast.report.results import FILES, TrialResults
 
 Array = NDArray[np.float64]
 AFTER_HIT_S = 0.1  # drawn after the closest approach; chosen
+ROOM = 1.5  # of the view of the target around the misses; chosen
 LOW, HIGH = 0.1, 0.9  # quantiles that bound four of five throws
 ONE_THROW = {"color": draw.PLANNED["color"], "linewidth": 0.9, "alpha": 0.5}
 BAND = {"facecolor": draw.PLANNED["color"], "alpha": 0.3, "linewidth": 0}
@@ -39,13 +41,17 @@ def predicted_throw(page: TrialPageData) -> PanelContent:
         0.0 if verdict.closest_robot_time_s is None else verdict.closest_robot_time_s - start_s,
     )
     shown, expected = since_s <= until_s, throws.time_s <= until_s
-    figure = draw.new_figure(10.0, 5.2, left=0.07, top=0.95, bottom=0.19)
-    grid = figure.add_gridspec(2, 2, width_ratios=[1.15, 1], height_ratios=[1.5, 1], wspace=0.2, hspace=0.42)
-    path_axes = figure.add_subplot(grid[:, 0])
-    time_axes, miss_axes = (figure.add_subplot(grid[k, 1]) for k in range(2))
+    figure = draw.new_figure(10.0, 7.2, left=0.07, top=0.96, bottom=0.13)
+    grid = figure.add_gridspec(2, 2, width_ratios=[1.3, 1], height_ratios=[1.5, 1], wspace=0.2, hspace=0.3)
+    path_axes, near_axes, time_axes, miss_axes = (figure.add_subplot(grid[k]) for k in range(4))
+    half_m = _half_width_m(throws, max(verdict.hit_radius_m, verdict.miss_m or 0.0))
     _draw_fan(path_axes, throws, throws.tip_m[:, expected])
     path_axes.plot(*tip_m[shown].T, **draw.MEASURED, label="measured")
-    draw_target(path_axes, verdict)
+    _draw_fan(near_axes, throws, _near(throws.tip_m[:, expected], verdict.target_m, half_m))
+    near_axes.plot(*_near(tip_m[shown], verdict.target_m, half_m).T, **draw.MEASURED, marker=".")
+    _frame_target(near_axes, verdict.target_m, half_m)
+    for axes in (path_axes, near_axes):
+        draw_target(axes, verdict)
     low_m, high_m = (_quantile(expected_m, share) for share in (LOW, HIGH))
     apart_m = target_distance_m(verdict, tip_m)
     since_ms = 1e3 * throws.time_s[expected]
@@ -57,7 +63,8 @@ def predicted_throw(page: TrialPageData) -> PanelContent:
     _draw_misses(miss_axes, throws, verdict.hit_radius_m)
     if verdict.miss_m is not None:
         place_m = np.array(verdict.closest_m if verdict.closest_m is not None else verdict.target_m)
-        path_axes.plot(*place_m, **draw.marks("D", 6, color=draw.MEASURED["color"]), label="closest approach")
+        for axes in (path_axes, near_axes):
+            axes.plot(*place_m, **draw.marks("D", 6, color=draw.MEASURED["color"]), label="closest approach")
         miss_axes.axvline(1e3 * verdict.miss_m, color=draw.MEASURED["color"], linewidth=2.0)
     draw.legend_below(figure, path_axes)
     finding = _finding(throws, verdict) + _within(results, throws, low_m, high_m, apart_m, since_s)
@@ -88,13 +95,18 @@ def next_throw(page: TrialPageData) -> PanelContent:
         raise
     radius_m = page.facts.hit_radius_m
     figure = draw.new_figure(10.0, 4.6, left=0.07, top=0.95, bottom=0.21)
-    grid = figure.add_gridspec(1, 2, width_ratios=[1.4, 1], wspace=0.2)
-    path_axes, miss_axes = (figure.add_subplot(grid[k]) for k in range(2))
+    grid = figure.add_gridspec(1, 3, width_ratios=[1.4, 1, 1], wspace=0.32)
+    path_axes, near_axes, miss_axes = (figure.add_subplot(grid[k]) for k in range(3))
     until_s = AFTER_HIT_S + (
         motion.predicted.hit_time_s if motion.predicted is not None else throws.time_s[-1]
     )
-    _draw_fan(path_axes, throws, throws.tip_m[:, throws.time_s <= until_s])
-    draw_aims(path_axes, motion, page.facts)
+    half_m = _half_width_m(throws, radius_m)
+    tip_m = throws.tip_m[:, throws.time_s <= until_s]
+    _draw_fan(path_axes, throws, tip_m)
+    _draw_fan(near_axes, throws, _near(tip_m, motion.target_m, half_m))
+    _frame_target(near_axes, motion.target_m, half_m)
+    for axes in (path_axes, near_axes):
+        draw_aims(axes, motion, page.facts)
     _draw_misses(miss_axes, throws, radius_m)
     draw.legend_below(figure, path_axes)
     hits, median_m = float(np.mean(throws.miss_m <= radius_m)), float(np.median(throws.miss_m))
@@ -143,12 +155,36 @@ def _draw_fan(axes: Any, throws: PredictedThrows, tip_m: Array) -> None:
     draw.equal_axes(axes)
 
 
+def _half_width_m(throws: PredictedThrows, least_m: float) -> float:
+    """Return half the width of the view of the target [m]: it shows most predicted throws pass."""
+    return ROOM * max(least_m, float(np.quantile(throws.miss_m, HIGH)))
+
+
+def _near(path_m: Array, target_m: Sequence[float], half_m: float) -> Array:
+    """Return paths (…, T, 2) with NaN far from the target, so that the page holds only what is shown."""
+    inside = (np.abs(path_m - np.array(target_m)) < half_m).all(axis=-1)
+    kept = inside.copy()  # with one sample on either side: lines reach the edges of the view
+    kept[..., 1:] |= inside[..., :-1]
+    kept[..., :-1] |= inside[..., 1:]
+    return np.where(kept[..., None], path_m, np.nan)
+
+
+def _frame_target(axes: Any, target_m: Sequence[float], half_m: float) -> None:
+    """Set the limits of a view of the target."""
+    axes.set(title="near the target", xlabel="x [m]", ylabel="y [m]")
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlim(target_m[0] - half_m, target_m[0] + half_m)
+    axes.set_ylim(target_m[1] - half_m, target_m[1] + half_m)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(draw.few_ticks())
+
+
 def _draw_misses(axes: Any, throws: PredictedThrows, radius_m: float) -> None:
     """Draw the share of throws that are predicted to miss by less."""
     miss_mm = 1e3 * np.sort(throws.miss_m)
     share = 100.0 * np.arange(1, len(miss_mm) + 1) / len(miss_mm)
     axes.step(miss_mm, share, where="post", **draw.PLANNED)
-    axes.axvline(1e3 * radius_m, **draw.dashes({"color": draw.TARGET, "linestyle": (0, (6, 3))}))
+    axes.axvline(1e3 * radius_m, **draw.HIT_RADIUS)
     axes.set(xlabel="miss [mm]", ylabel="throws below [%]", ylim=(0, 103))
     draw.log_if_wide(axes, "x", [*miss_mm, 1e3 * radius_m], ratio=10.0)
 

@@ -8,6 +8,7 @@ from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.report.drawing import (
     FITTED,
     GREY,
+    HIT_RADIUS,
     INK,
     MEASURED,
     PLANNED,
@@ -23,6 +24,8 @@ from strandcast.report.panels.page_data import ExperimentPageData
 
 MOST_NUMBERS = 12  # of misses that stand beside their marks; the table has all
 MOST_TICKS = 20
+# Of the predicted intervals, in points: wider than a mark, and together half of the axis.
+WIDEST_BAR, ALL_BARS = 22.0, 270.0
 
 
 def misses(page: ExperimentPageData) -> PanelContent:
@@ -32,7 +35,7 @@ def misses(page: ExperimentPageData) -> PanelContent:
     axes = figure.add_subplot()
     radius_mm = summary.hit_radius_m * 1e3
     axes.axhspan(0, radius_mm, facecolor=TARGET, alpha=0.25, linewidth=0)
-    axes.axhline(radius_mm, color=TARGET, linewidth=1.2, linestyle=(0, (6, 3)))
+    axes.axhline(radius_mm, **HIT_RADIUS)
     counted = [line for line in summary.trials if line.excluded is None and line.miss_m is not None]
     axes.plot([line.trial for line in counted], [(line.miss_m or 0.0) * 1e3 for line in counted], **MEASURED)
     best_mm = np.minimum.accumulate([(line.miss_m or 0.0) * 1e3 for line in counted])
@@ -105,11 +108,12 @@ def _draw_predicted(axes: Any, page: ExperimentPageData) -> dict[int, tuple[floa
     """Draw the interval of misses that was predicted before each throw; return them by trial [mm]."""
     motions = {trial: results.get("motion") for trial, results in page.trials.items()}
     intervals = {}
+    width = min(WIDEST_BAR, ALL_BARS / max(len(page.summary.trials), 1))
     for trial, motion in motions.items():
         known = {} if motion is None or motion.predicted is None else motion.predicted.miss_quantiles_m
         if {"p10", "p90"} <= known.keys():
             low_mm, high_mm = known["p10"] * 1e3, known["p90"] * 1e3
-            wide = {"color": PLANNED["color"], "alpha": 0.45, "linewidth": 11, "solid_capstyle": "butt"}
+            wide = {"color": PLANNED["color"], "alpha": 0.45, "linewidth": width, "solid_capstyle": "butt"}
             axes.plot([trial, trial], [low_mm, high_mm], **wide)
             intervals[trial] = (low_mm, high_mm)
     return intervals

@@ -129,7 +129,8 @@ TRIAL_PANELS = [
         needs=(*THROW, "motion", "predicted"),
         caption="Thin lines: throws that the planner simulated before the throw, each with another plausible "
         "string or another disturbance (grasp, sway, joint zeros). Band: four of five of them at each time. "
-        "Lower right: the share of all predicted throws that miss by less; solid line: the measured miss.",
+        "Lower right: the share of all predicted throws that miss by less; solid: the measured miss, dashed: "
+        "the hit radius.",
         good="the measured path runs within the fan up to the closest approach, and the measured miss is one "
         "of those predicted.",
         bad="it leaves a narrow fan: string, servo or grasp were not as the ensemble supposed; the parts of "
@@ -198,8 +199,9 @@ TRIAL_PANELS = [
         "Masses along the string",
         masses,
         needs=("estimate",),
-        caption="Point i lies at i·L/n from the hand (point 0); a plain point has mass 1. Triangles: the "
-        "experiment’s known weights; hatched: its stiff sections, which show as mass.",
+        caption="Point i lies at i·L/n from the hand (point 0); a plain point has mass 1, to which "
+        "a weight adds its own. Triangles: the experiment’s known weights; hatched: its stiff "
+        "sections, which show as mass.",
         good="the tall bars stand at the triangles.",
         bad="a tall bar elsewhere: an undeclared weight, or points that slipped along the string.",
     ),

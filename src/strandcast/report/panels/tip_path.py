@@ -11,8 +11,9 @@ from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
 
+LABEL_GAP = 0.05  # between labelled instants, as a fraction of the path's extent: labels do not overlap
 STYLES = {"planned": draw.PLANNED, "fitted": draw.FITTED}
-NAMES = {"planned": "Simulated, as planned", "fitted": "Simulated, fitted"}
+NAMES = {"planned": "simulated, as planned", "fitted": "simulated, fitted"}
 
 
 def tip_path(page: TrialPageData) -> PanelContent:
@@ -66,20 +67,24 @@ def tip_path(page: TrialPageData) -> PanelContent:
 
 
 def _draw_path(axes: Any, tip_m: Any, since_start_s: Any) -> None:
-    axes.plot(*tip_m.T, **draw.MEASURED, label="Measured")
+    axes.plot(*tip_m.T, **draw.MEASURED, label="measured")
     marked_s = np.arange(0.0, since_start_s[-1] if len(since_start_s) else 0.0, 0.05)
     rows = np.searchsorted(since_start_s, marked_s).clip(0, max(len(tip_m) - 1, 0))
     axes.plot(*tip_m[rows].T, **draw.marks("s", 3, color=draw.MEASURED["color"]))
-    for mark, row in zip(marked_s, rows, strict=True):
-        if round(mark * 1e3) % 100 == 0 and np.isfinite(tip_m[row]).all():
-            draw.note(axes, f"{mark * 1e3:.0f} ms", tip_m[row], (5, 4), fontsize=7.5)
     draw.equal_axes(axes)
+    least_m = LABEL_GAP * np.ptp(axes.dataLim.get_points(), axis=0).max()
+    labelled_m = np.empty((0, 2))
+    for mark, row in zip(marked_s, rows, strict=True):
+        far = (np.linalg.norm(labelled_m - tip_m[row], axis=1) > least_m).all()
+        if round(mark * 1e3) % 100 == 0 and np.isfinite(tip_m[row]).all() and far:
+            draw.note(axes, f"{mark * 1e3:.0f} ms", tip_m[row], (5, 4), fontsize=7.5)
+            labelled_m = np.vstack([labelled_m, tip_m[row]])
 
 
 def _draw_miss(axes: Any, since_ms: Any, miss_mm: Any, verdict: Verdict) -> None:
     """Draw the distance of the tip from the target over time, and the closest approach."""
     axes.plot(since_ms, miss_mm, **draw.MEASURED)
-    axes.axhline(verdict.hit_radius_m * 1e3, **draw.dashes({"color": draw.TARGET, "linestyle": (0, (6, 3))}))
+    axes.axhline(verdict.hit_radius_m * 1e3, **draw.HIT_RADIUS)
     axes.set(ylabel="tip – target [mm]", ylim=(0, None))
     nearest_mm = None if verdict.miss_m is None else verdict.miss_m * 1e3
     draw.log_if_wide(axes, "y", [*miss_mm[np.isfinite(miss_mm)], verdict.hit_radius_m * 1e3, nearest_mm])
@@ -91,8 +96,8 @@ def draw_target(axes: Any, verdict: Verdict) -> None:
     """Draw the target or the bar, and the hit radius."""
     draw.ring(axes, verdict.target_m, verdict.hit_radius_m)
     if verdict.bar_m is not None:
-        axes.plot(*np.array(verdict.bar_m).T, color=draw.TARGET, linewidth=3.0, label="Bar")
-    axes.plot(*verdict.target_m, **draw.marks("+", 9, color=draw.TARGET), label="Target")
+        axes.plot(*np.array(verdict.bar_m).T, color=draw.TARGET, linewidth=3.0, label="bar")
+    axes.plot(*verdict.target_m, **draw.marks("+", 9, color=draw.TARGET), label="target")
 
 
 def mark_closest(axes: Any, verdict: Verdict, start_s: float) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 
 from strandcast.report.drawing import INK, Drawing, new_figure
-from strandcast.report.numbers import millimetres, percent
+from strandcast.report.numbers import millimetres, percent, signed
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.typeset import quantity
@@ -102,8 +102,9 @@ def detected_table(summary: Any) -> Table:
         width = f"{1e3 * section.width_m:.1f} mm wide"
         rows.append(["section of another width", f"{start} to {end}", width])
     if summary.target is not None:
-        x, y = summary.target.offset_m
-        place = f"{1e3 * x:+.1f} mm in x, {1e3 * y:+.1f} mm in y from target_m"
+        # Adding zero turns −0.0 into 0.0.
+        x, y = (signed(f"{round(1e3 * each, 1) + 0.0:+.1f}") for each in summary.target.offset_m)
+        place = f"{x} mm in x, {y} mm in y from target_m"
         rows.append(["target", place, f"radius {1e3 * summary.target.radius_m:.1f} mm"])
     if summary.contact is not None:
         contact = summary.contact
