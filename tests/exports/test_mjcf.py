@@ -55,6 +55,14 @@ def test_it_swings(exported) -> None:
     assert np.linalg.norm(data.site("tip").xpos - tip) > 0.1
 
 
+def test_drag_that_differs_along_and_across_becomes_one_value() -> None:
+    row = np.full((1, len(PARAMETERS)), 0.5)
+    plain, slender = (StringBatch(row, np.ones((1, 8)), drag_along=np.array([x])) for x in (0.0, 0.2))
+    both = [in_mujoco(string, 0.32) for string in (plain, slender)]
+    assert both[1].drag == pytest.approx(0.6 * both[0].drag)
+    assert both[1].viscosity_pa_s == pytest.approx(0.6 * both[0].viscosity_pa_s)
+
+
 @pytest.mark.parametrize(
     ("k_s", "tip", "step_s"),
     [(1e8, 12.0, 5e-5), (2e5, 12.0, 5e-5), (1e8, 500.0, None)],

@@ -1,8 +1,9 @@
 """A fitted string on its arm as a MuJoCo model: point masses on links that bend at hinges.
 
 Masses, bending, drag, clamp, rest curl and dry friction carry over. Bending coefficients that differ between
-growing and straightening bends have no counterpart: each hinge takes their mean. Links are rigid unless the
-string stretches noticeably under its own weight.
+growing and straightening bends have no counterpart: each hinge takes their mean. Drag that differs along and
+across the string becomes their mean, too. Links are rigid unless the string stretches noticeably under its
+own weight.
 """
 
 from __future__ import annotations
@@ -99,6 +100,8 @@ def in_mujoco(string: StringBatch, length_m: float, total_kg: float = STRING_KG)
     rest[0] = string.clamp_offset_rad[0]
     friction = np.full(len(masses), string.bend_friction[0])
     friction[0] = 0.0
+    along = float(string.drag_along[0]) or 1.0
+    air = 0.5 * (1.0 + along)
     hanging_m = GRAVITY_M_S2 * np.cumsum(masses[::-1]).sum() / given["k_s"]
     return StringInMuJoCo(
         spacing_m=spacing_m,
@@ -110,8 +113,8 @@ def in_mujoco(string: StringBatch, length_m: float, total_kg: float = STRING_KG)
         stretch_n_m=unit_kg * given["k_s"] if hanging_m > STRETCHES * length_m else None,
         stretch_n_s_m=unit_kg * given["c_s"],
         # MuJoCo's drag on a sphere: 6 pi viscosity r v + density drag pi r^2 v^2.
-        viscosity_pa_s=unit_kg * given["C_c1"] / (6.0 * np.pi * BEAD_RADIUS_M),
-        drag=unit_kg * given["C_c2"] / (AIR_KG_M3 * np.pi * BEAD_RADIUS_M**2),
+        viscosity_pa_s=air * unit_kg * given["C_c1"] / (6.0 * np.pi * BEAD_RADIUS_M),
+        drag=air * unit_kg * given["C_c2"] / (AIR_KG_M3 * np.pi * BEAD_RADIUS_M**2),
     )
 
 
