@@ -11,6 +11,7 @@ from strandcast.report.facts import Facts
 from strandcast.report.panels.next_motion import next_motion
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.parameters import parameters
+from strandcast.report.panels.rig import rig
 from strandcast.report.results import TrialResults, read_results
 from strandcast.report.text import methods, uncertain_verdict, verdict_badge
 from strandcast.report.trial_page import trial_page
@@ -54,7 +55,9 @@ def slipped_by(results: TrialResults, length_m: float) -> TrialResults:
 def test_good_throws_are_accused_of_nothing(results):
     for trial in ("trial-01", "trial-02", "trial-03"):
         assert probable_causes(read_results(results / trial)) == []
-        assert "Most probable fault" not in trial_page(results / trial, trial=1, experiment="swing")
+        page = trial_page(results / trial, trial=1, experiment="swing")
+        assert "Most probable fault" not in page
+        assert "No fault of the rig found" in page
 
 
 def test_a_slip_in_the_clamp_is_named_with_its_length_and_time(good):
@@ -65,8 +68,17 @@ def test_a_slip_in_the_clamp_is_named_with_its_length_and_time(good):
     assert found.since_start_s == pytest.approx(0.15, abs=0.02)
     (cause,) = probable_causes(bad)
     assert "slipped out of the clamp by about 2" in cause.what
-    check = next(check for check in run_checks(bad, None) if check.name == "track: string held by the clamp")
-    assert check.state == WARN
+    checks = {check.name: check for check in run_checks(bad, None)}
+    assert checks["track: string held by the clamp"].state == WARN
+    length = checks["track: length of the string"]
+    assert (length.state, "at rest →" in length.found) == (WARN, True)
+    choices = {"length_m": 0.5, "length_sigma_m": 0.005}
+    content = rig(TrialPageData(with_record(bad, "track_summary", choices=choices)))
+    assert content.drawing is not None
+    (row,) = (row for row in content.tables[0].rows if row[0] == "grasp: length out of the clamp")
+    assert "look" in row[1]
+    assert "at rest →" in row[2]
+    assert rig(TrialPageData(good)).drawing is None
 
 
 def test_a_small_slip_is_within_what_grasps_differ_by(good):
@@ -91,7 +103,10 @@ def test_a_lost_tip_is_named_with_the_frames_of_the_gap(good):
         points_m[closest - 6 : closest + 7, -1] = np.nan
 
     bad = with_record(good, "verdict", miss_m=None, hit=None, reason="the tip was not tracked")
-    (cause,) = probable_causes(with_points(bad, lose))
+    choices = bad.pieces["track_summary"].choices | {"target_seen": False}
+    (cause,) = probable_causes(with_record(with_points(bad, lose), "track_summary", choices=choices))
+    assert "not found in 13 of the frames between, and doubtful in the other 0" in cause.evidence
+    assert "The target itself was not found" in cause.evidence
     assert "lost the string’s tip" in cause.what
     assert f"frames {closest - 7} to {closest + 7}" in cause.fix
 
@@ -106,15 +121,27 @@ def test_a_wrong_frame_rate_is_named_with_the_right_one(good):
 
 
 @pytest.mark.parametrize(
-    ("fields", "words"),
+    ("fields", "words", "fix"),
     [
-        ({"joint_zero_rad": [0.001, -0.035]}, "the zero of joint 2 is off by −35\u00a0mrad (−2.0\u00a0°)"),
-        ({"link_length_m": [0.008, 0.0]}, "link 1 is 8.0\u00a0mm longer than in the file"),
+        (
+            {"joint_zero_rad": [0.001, -0.035]},
+            "the zero of joint 2 is off by −35\u00a0mrad (−2.0\u00a0°)",
+            "zero of joint 2 (subtract 35",
+        ),
+        (
+            {"link_length_m": [0.008, 0.0]},
+            "link 1 is 8.0\u00a0mm longer than in the file",
+            "measure link 1 and",
+        ),
     ],
 )
-def test_a_wrong_arm_is_named_with_its_joint_or_link(good, fields, words):
-    (cause,) = probable_causes(with_record(good, "alignment", **fields))
+def test_a_wrong_arm_is_named_with_its_joint_or_link(good, fields, words, fix):
+    bad = with_record(good, "alignment", **fields)
+    (cause,) = probable_causes(bad)
     assert words in cause.what
+    assert fix in cause.fix
+    if "joint_zero_rad" in fields:
+        assert "To look at: arm: zeros of the joints" in rig(TrialPageData(bad)).finding
 
 
 @pytest.fixture

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.errors import StrandcastError
-from strandcast.report.measures import Array
+from strandcast.records.track import Track
+from strandcast.report.measures import Array, at_times, rms, within_motion
 from strandcast.report.numbers import millimetres, milliseconds, percent, place, scaled, significant
 from strandcast.report.results import TrialResults
 
@@ -70,6 +71,11 @@ def caveat(causes: list[Cause]) -> str | None:
     return f"after the named fault: not to be trusted; first {first}"
 
 
+def clamp_to_tip_m(track: Track) -> Array:
+    """Return the straight distance (F,) from the clamp to the tip, NaN where the tip was not detected."""
+    return np.asarray(np.linalg.norm(track.points_m[:, -1] - track.points_m[:, 0], axis=1))
+
+
 def slip_in_clamp(results: TrialResults) -> ClampSlip | None:
     """Return how far the string slipped out of the clamp during the throw; None if rest or throw is not seen.
 
@@ -78,7 +84,7 @@ def slip_in_clamp(results: TrialResults) -> ClampSlip | None:
     """
     track, alignment = results.need("track"), results.need("alignment")
     time_s = results.robot_time_s()
-    reach_m = np.linalg.norm(track.points_m[:, -1] - track.points_m[:, 0], axis=1)
+    reach_m = clamp_to_tip_m(track)
     along_m = np.linalg.norm(np.diff(track.points_m, axis=1), axis=2).sum(axis=1)
     resting = (time_s < alignment.motion_start_s) & np.isfinite(reach_m)
     thrown = results.in_window() & np.isfinite(reach_m)
@@ -93,6 +99,18 @@ def slip_in_clamp(results: TrialResults) -> ClampSlip | None:
     rise_m = float(smooth_m.max()) - at_rest_m
     first = int(np.argmax(smooth_m > at_rest_m + 0.5 * rise_m))
     return ClampSlip(rise_m, at_rest_m, float(time_s[thrown][first] - alignment.motion_start_s))
+
+
+def slip_words(results: TrialResults) -> str | None:
+    """Return the length before and after a slip out of the clamp; None if no slip was found."""
+    try:
+        slip = slip_in_clamp(results)
+    except StrandcastError:
+        return None
+    if slip is None or not slipped(slip):
+        return None
+    after_m = slip.at_rest_m + slip.rise_m
+    return f"{millimetres(slip.at_rest_m)} at rest → {millimetres(after_m)} after the slip"
 
 
 def slipped(slip: ClampSlip) -> bool:
@@ -113,7 +131,10 @@ def _lost_tip(results: TrialResults) -> Iterator[Cause]:
     window = np.flatnonzero(results.in_window())
     lost = window[~known[window]]
     share = percent(len(lost) / max(len(window), 1))
-    evidence = f"{verdict.reason}; the tip is missing in {share} of the throw’s frames"
+    evidence = (
+        f"{verdict.reason}; the tip is missing or doubtful in {share} of the frames from the motion’s start "
+        "to 0.3 s after its end"
+    )
     gap = _gap_near(known, tip, np.array(verdict.target_m))
     fix = "the string’s end must be in the picture, uncovered and sharp from rest to the target"
     if gap is not None:
@@ -124,11 +145,13 @@ def _lost_tip(results: TrialResults) -> Iterator[Cause]:
             np.linalg.norm(tip[before] - tip[before - 1]) / (time_s[before] - time_s[before - 1])
         )
         beside = np.isfinite(track.points_m[before + 1 : after, 1:-1]).all(axis=2).mean()
+        nowhere = int((~np.isfinite(tip[before + 1 : after])).any(axis=1).sum())
         evidence += (
             f". Last seen at {place(tip[before].tolist())}, frame {track.frame[before]}, "
             f"{milliseconds(time_s[before] - start_s, digits=0)} after the motion’s start; seen again "
             f"{milliseconds(lasted_s, digits=0)} later at {place(tip[after].tolist())}. In between "
-            f"{percent(float(beside))} of the other points of the string were seen"
+            f"{percent(float(beside))} of the other points of the string were seen; the tip was not found in "
+            f"{nowhere} of the frames between, and doubtful in the other {after - before - 1 - nowhere}"
         )
         evidence += _blur(results, speed_m_s)
         fix = (
@@ -138,6 +161,8 @@ def _lost_tip(results: TrialResults) -> Iterator[Cause]:
             "if the "
             "tip is only a streak there, expose for a shorter time with more light"
         )
+    if verdict.wanted is None and results.need("track_summary").choices.get("target_seen") is False:
+        evidence += ". The target itself was not found in the picture either: something covers it"
     yield Cause(
         "the tracker lost the string’s tip where it comes nearest to the target",
         evidence,
@@ -162,9 +187,8 @@ def _blur(results: TrialResults, speed_m_s: float) -> str:
     if not isinstance(exposure_s, float) or not np.isfinite(speed_m_s):
         return ""
     blur_m = speed_m_s * exposure_s
-    return (
-        f"; its motion blur was {millimetres(blur_m)} ({significant(speed_m_s, 2)} m/s) when it was last seen"
-    )
+    speed = f"{significant(speed_m_s, 2)} m/s"
+    return f"; the tip’s motion blur was {millimetres(blur_m)} ({speed}) when it was last seen"
 
 
 def _slip(results: TrialResults) -> Iterator[Cause]:
@@ -253,31 +277,43 @@ def _wrong_clock(results: TrialResults) -> Iterator[Cause]:
 
 def _wrong_arm(results: TrialResults) -> Iterator[Cause]:
     fit = results.need("alignment")
-    words = []
+    words, fixes = [], []
     for joint, zero_rad in enumerate(fit.joint_zero_rad or [], start=1):
         if abs(zero_rad) > WRONG_ZERO_RAD:
             size = f"{scaled(zero_rad, 1e3, 0, 'mrad')} ({scaled(zero_rad, 180 / np.pi, 1, '°')})"
             other = ", or the markers of the plane are turned" if joint == 1 else ""
             words.append(f"the zero of joint {joint} is off by {size}{other}")
+            change = f"{'add' if zero_rad > 0 else 'subtract'} {scaled(abs(zero_rad), 1e3, 1, 'mrad')}"
+            to = "to" if zero_rad > 0 else "from"
+            fixes.append(f"calibrate the zero of joint {joint} ({change} {to} the angle that it reports)")
     for link, longer_m in enumerate(fit.link_length_m or [], start=1):
         if abs(longer_m) > WRONG_LENGTH_M:
             more = "longer" if longer_m > 0 else "shorter"
             words.append(f"link {link} is {millimetres(abs(longer_m))} {more} than in the file")
+            fixes.append(f"measure link {link} and correct its length in the arm’s file (URDF)")
     if not words:
         return
     residual = millimetres(fit.residual_rms_m, digits=2)
     yield Cause(
         f"the arm’s file does not describe this arm: {'; '.join(words)}",
-        "with the file as it is, the joint log puts the hand elsewhere than the camera sees it, by the "
-        "same error "
+        f"with the file as it is, the joint log puts the hand {_hand_off(results)}, by the same error "
         f"throughout the throw; with the values above, {residual} rms remain",
         "plans aim with a wrong arm: the hand, and with it the tip, passes beside where it was planned",
-        "measure this link or calibrate this joint’s zero, correct the arm’s file (URDF), then plan and "
-        "throw again",
+        f"{'; '.join(fixes)}; then plan and throw again",
         "clocks",
-        "correct the arm’s file",
+        "; ".join(fixes),
         f"Do not use: the arm’s file does not describe the arm ({'; '.join(words)}).",
     )
+
+
+def _hand_off(results: TrialResults) -> str:
+    """Return in words how far the hand by the joint log is from the hand by the camera."""
+    paths = within_motion(results)
+    if "seen" not in paths or "measured" not in paths:
+        return "elsewhere than the camera sees it"
+    seen = paths["seen"]
+    apart_m = np.linalg.norm(seen.pose[:, :2] - at_times(paths["measured"], seen.robot_time_s), axis=1)
+    return f"{millimetres(rms(apart_m))} rms from where the camera sees it"
 
 
 TESTS: tuple[Callable[[TrialResults], Iterator[Cause]], ...] = (

@@ -8,7 +8,7 @@ import numpy as np
 
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
-from strandcast.report.causes import caveat, probable_causes, slip_in_clamp, slipped
+from strandcast.report.causes import caveat, probable_causes, slip_in_clamp, slip_words, slipped
 from strandcast.report.numbers import millimetres, milliseconds, percent
 from strandcast.report.results import FILES, OPTIONAL, TrialResults
 from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLANE_RMS_PX
@@ -151,6 +151,8 @@ def _length(results: TrialResults) -> CheckOutcome | None:
     if not np.isfinite(measured_m).any():
         return None
     median_m = float(np.nanmedian(measured_m))
+    if (words := slip_words(results)) is not None:
+        return CheckOutcome(False, words, f"{millimetres(length_m)} ± 3 %, before and after the throw")
     good = abs(median_m / length_m - 1.0) <= 0.03
     return CheckOutcome(good, f"{millimetres(median_m)} measured", f"{millimetres(length_m)} ± 3 %")
 
@@ -192,9 +194,20 @@ def _hand(results: TrialResults) -> CheckOutcome | None:
 
 def _fit(results: TrialResults) -> CheckOutcome:
     error_m = results.need("estimate").E_m
-    return CheckOutcome(
-        error_m <= 0.008, millimetres(error_m, digits=2), "≤ 8 mm; beyond it the next throw often misses"
-    )
+    found = f"{millimetres(error_m, digits=2)}{_points_counted(results)}"
+    return CheckOutcome(error_m <= 0.008, found, "≤ 8 mm; beyond it the next throw often misses")
+
+
+def _points_counted(results: TrialResults) -> str:
+    """Return in words how many points of the frames of the fit were measured without a flag."""
+    track, window_s = results.get("track"), results.need("estimate").window_s
+    if track is None or window_s is None or results.get("alignment") is None:
+        return ""
+    time_s = results.robot_time_s()
+    rows = (time_s >= window_s[0]) & (time_s <= window_s[1])
+    points_m, flags = track.points_m[rows, 1:], track.flags[rows, 1:]
+    sure = np.isfinite(points_m).all(axis=2) & (flags == 0)
+    return f"; {percent(sure.sum() / max(sure.size, 1))} of the points in these frames without a flag"
 
 
 def _bounds(results: TrialResults) -> CheckOutcome:

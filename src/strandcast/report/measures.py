@@ -39,6 +39,19 @@ def target_distance_m(verdict: Verdict, places_m: Array) -> Array:
     return np.asarray(np.linalg.norm(places_m - ends[0] - share[..., None] * along, axis=-1))
 
 
+def within_motion(results: TrialResults) -> dict[str, HandPoses]:
+    """Return the hand's paths between the motion's start and 0.1 s after its end."""
+    alignment = results.need("alignment")
+    paths = {}
+    for name, path in results.need("hand").items():
+        inside: NDArray[np.bool_] = (path.robot_time_s >= alignment.motion_start_s) & (
+            path.robot_time_s <= alignment.motion_end_s + 0.1
+        )
+        if inside.sum() > 1:
+            paths[name] = HandPoses(path.robot_time_s[inside], path.pose[inside])
+    return paths
+
+
 def path_distance_m(points_m: Array, path_m: Array) -> Array:
     """Return the least distance (K,) from points (K, 2) to a path's segments (T, 2)."""
     path_m = path_m[np.isfinite(path_m).all(axis=1)]

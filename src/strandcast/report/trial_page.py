@@ -49,6 +49,7 @@ def trial_page(
     before = None if previous is None else read_results(previous)
     page = TrialPageData(results, before, next_motion, facts)
     sections = make_sections(panels_of("trial"), page)
+    causes = probable_causes(results)
     checks = run_checks(results, next_motion)
     verdict = results.get("verdict")
     groups = version_groups({folder.name: results})
@@ -60,10 +61,11 @@ def trial_page(
         excluded=facts.excluded.get(trial),
         badge=verdict_badge(verdict, facts.excluded.get(trial), uncertain=uncertain_verdict(results)),
         outcome=outcome(results),
-        causes=probable_causes(results),
+        causes=causes,
         unread=results.unread(),
         key_figures=_key_figures(results),
         sections=sections,
+        sound=not causes and not results.unread() and not any(check.state == FAIL for check in checks),
         broken=[each for each in sections if each.problem is not None],
         checks=checks,
         failed=sum(check.state == FAIL for check in checks),

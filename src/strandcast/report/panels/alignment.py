@@ -5,10 +5,9 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import Alignment
 from strandcast.report import drawing as draw
-from strandcast.report.measures import at_times, rms, with_gaps
+from strandcast.report.measures import at_times, rms, with_gaps, within_motion
 from strandcast.report.numbers import millimetres, milliseconds, scaled
 from strandcast.report.panels.content import PanelContent, Table
-from strandcast.report.panels.hand_path import within_motion
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.results import FILES
 

@@ -3,12 +3,14 @@
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
 from strandcast.errors import StrandcastError
 from strandcast.report.drawing import Drawing, drawing, to_svg
+from strandcast.report.results import FILES, OPTIONAL
 
 log = logging.getLogger(__name__)
 
@@ -59,6 +61,7 @@ class PageSection:
     content: PanelContent
     markup: Markup = field(default_factory=Markup)
     problem: str | None = None
+    optional: bool = False  # whether the problem is a file that a complete trial may lack
 
     @property
     def name(self) -> str:
@@ -81,12 +84,22 @@ def make_section(panel: Panel, page: Any) -> PageSection:
             shape = made.drawing
             markup = to_svg(shape, panel.name) if isinstance(shape, Drawing) else shape or Markup()
     except StrandcastError as problem:
-        return PageSection(panel, PanelContent(""), problem=problem.message())
+        optional = _optional_is_missing(problem)
+        if optional:
+            problem.fix = (
+                "none needed: only this figure needs the file, everything else is complete without it"
+            )
+        return PageSection(panel, PanelContent(""), problem=problem.message(), optional=optional)
     except Exception as problem:
         log.warning("panel %r failed", panel.name, exc_info=log.isEnabledFor(logging.DEBUG))
         text = StrandcastError("SC-H002", f"{type(problem).__name__}: {problem}").message()
         return PageSection(panel, PanelContent(""), problem=text)
     return PageSection(panel, made, markup)
+
+
+def _optional_is_missing(problem: StrandcastError) -> bool:
+    name = Path(problem.file or "").name
+    return "is not there" in problem.what and name in {FILES[each] for each in OPTIONAL}
 
 
 def make_sections(panels: list[Panel], page: Any) -> list[PageSection]:

@@ -64,4 +64,9 @@ def _table(estimate: Estimate, window: str) -> Table:
         [simulations, f"{estimate.evaluations}; {estimate.rejected}"],
         ["trials in the fit", ", ".join(map(str, estimate.trials_used))],
     ]
-    return Table(["quantity", "value"], rows)
+    caption = (
+        "E is a weighted mean distance: points with a large σ or flagged as unsure count less, hidden and "
+        "predicted ones not at all. In the rms and in the mean of the tip every measured "
+        "point counts the same."
+    )
+    return Table(["quantity", "value"], rows, caption)

@@ -1,15 +1,13 @@
 """The hand's path: commanded, measured by the joints, detected by the camera."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strandcast.records.estimate import ServoFit
 from strandcast.report import drawing as draw
-from strandcast.report.measures import arc_length_m, at_times, path_distance_m, rms, with_gaps
+from strandcast.report.measures import arc_length_m, at_times, path_distance_m, rms, with_gaps, within_motion
 from strandcast.report.numbers import millimetres, scaled
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
-from strandcast.report.results import HandPoses, TrialResults
 
 STYLES = {
     "commanded": draw.PLANNED,
@@ -95,16 +93,3 @@ def servo_table(servo: ServoFit) -> Table:
     return Table(
         ["joint", "lag", "delay", "time constant", "gain", "rms left", "rms held out"], rows, caption
     )
-
-
-def within_motion(results: TrialResults) -> dict[str, HandPoses]:
-    """Return the hand's paths between the motion's start and 0.1 s after its end."""
-    alignment = results.need("alignment")
-    paths = {}
-    for name, path in results.need("hand").items():
-        inside: NDArray[np.bool_] = (path.robot_time_s >= alignment.motion_start_s) & (
-            path.robot_time_s <= alignment.motion_end_s + 0.1
-        )
-        if inside.sum() > 1:
-            paths[name] = HandPoses(path.robot_time_s[inside], path.pose[inside])
-    return paths

@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 
+from strandcast.report import drawing as draw
+from strandcast.report.causes import WRONG_ZERO_RAD, clamp_to_tip_m, slip_in_clamp, slip_words
 from strandcast.report.numbers import millimetres, milliseconds, percent, scaled
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
@@ -44,7 +46,24 @@ def rig(page: TrialPageData) -> PanelContent:
     ]
     heads = ["part of the rig", "state", "found", "good looks like", "otherwise"]
     sources = ["manifest.json", "track.json", "alignment.json", "estimate.json"]
-    return PanelContent(finding, tables=[Table(heads, rows)], sources=sources)
+    figure = _clamp_to_tip(page.results) if slip_words(page.results) is not None else None
+    return PanelContent(finding, figure, [Table(heads, rows)], sources)
+
+
+def _clamp_to_tip(results: TrialResults) -> draw.Drawing:
+    """Return the distance from the clamp to the tip over time; a held string cannot exceed its length."""
+    slip, start_s = slip_in_clamp(results), results.need("alignment").motion_start_s
+    assert slip is not None
+    figure = draw.new_figure(10.0, 2.6, left=0.07, top=0.96, bottom=0.22)
+    axes = figure.add_subplot()
+    before = results.robot_time_s() <= results.window_s()[1]
+    since_ms = 1e3 * (results.robot_time_s()[before] - start_s)
+    axes.plot(since_ms, 1e3 * clamp_to_tip_m(results.need("track"))[before], **draw.MEASURED)
+    axes.axhline(1e3 * slip.at_rest_m, **draw.dashes(draw.FITTED), label="length at rest")
+    axes.axvline(1e3 * slip.since_start_s, color=draw.INK, linewidth=1.0, label="slip")
+    axes.set(xlabel=draw.SINCE_START, ylabel="clamp to tip [mm]")
+    axes.legend(loc="lower right")
+    return draw.Drawing(figure, "Distance from the clamp to the tip over time.", (axes,))
 
 
 def _unread(part: str, results: TrialResults, name: str) -> RigCheck:
@@ -71,6 +90,15 @@ def _clock(page: TrialPageData) -> Iterator[RigCheck]:
         f"within ± {MOST_DRIFT * 1e6:g} ppm",
         "check the frame rate: the camera may not run at the one it reports",
     )
+    if fit.joint_zero_rad:
+        worst = int(np.argmax(np.abs(fit.joint_zero_rad))) + 1
+        yield RigCheck(
+            "arm: zeros of the joints",
+            abs(fit.joint_zero_rad[worst - 1]) <= WRONG_ZERO_RAD,
+            ", ".join(scaled(zero_rad, 1e3, 1, "").strip() for zero_rad in fit.joint_zero_rad) + " mrad",
+            f"within ± {1e3 * WRONG_ZERO_RAD:g} mrad of the arm’s file",
+            f"calibrate the zero of joint {worst}",
+        )
     if fit.base_shift_m is not None:
         yield RigCheck(
             "camera or base moved",
@@ -128,13 +156,14 @@ def _grasp(page: TrialPageData) -> Iterator[RigCheck]:
     )
     if track is None or not isinstance(length_m, float):
         return
+    slip = slip_words(page.results)
     off_m = length_m - track.length_m
     yield RigCheck(
         "grasp: length out of the clamp",
-        abs(off_m) <= 0.03 * track.length_m,
-        millimetres(length_m, sigma_m if isinstance(sigma_m, float) else None),
+        slip is None and abs(off_m) <= 0.03 * track.length_m,
+        slip or millimetres(length_m, sigma_m if isinstance(sigma_m, float) else None),
         f"{millimetres(track.length_m)} ± 3 %",
-        "measure string.length_m from the clamp to the tip",
+        "measure string.length_m from the clamp to the tip" if slip is None else "clamp the string harder",
     )
     before = None if page.previous is None else page.previous.get("track_summary")
     before_m = None if before is None else before.choices.get("length_m")

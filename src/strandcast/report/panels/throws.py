@@ -5,10 +5,9 @@ from typing import Any
 from strandcast.errors import StrandcastError
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report import drawing as draw
-from strandcast.report.measures import arc_length_m, closest_row
+from strandcast.report.measures import arc_length_m, closest_row, within_motion
 from strandcast.report.numbers import millimetres, signed
 from strandcast.report.panels.content import PanelContent
-from strandcast.report.panels.hand_path import within_motion
 from strandcast.report.panels.page_data import ExperimentPageData
 from strandcast.report.results import FILES, HandPoses, TrialResults
 

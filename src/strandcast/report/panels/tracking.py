@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import LogNorm
 
+from strandcast.report.causes import slip_words
 from strandcast.report.drawing import INK, Drawing, new_figure
 from strandcast.report.numbers import millimetres, percent, signed
 from strandcast.report.panels.content import PanelContent, Table
@@ -38,7 +39,9 @@ def tracking(page: TrialPageData) -> PanelContent:
         f"{percent(summary.tip_fraction)} of frames, the hand's marker in "
         f"{percent(summary.marker_fraction)}; median σ {millimetres(summary.median_sigma_m, digits=2)}."
     )
-    if whole.any():
+    if (slip := slip_words(results)) is not None:
+        finding += f" Length from clamp to tip: {slip}; the string’s is {millimetres(summary.length_m)}."
+    elif whole.any():
         finding += (
             f" Measured length {millimetres(float(np.median(length_m[whole])))} (median), "
             f"the string's is {millimetres(summary.length_m)}."
@@ -85,7 +88,10 @@ def _lost_table(track: Any) -> Table:
         for k in sorted(longest)
     ]
     caption = (
-        "The longest runs without the tip." if rows else "The tip was detected in every frame of the track."
+        "The longest runs of frames, of the whole film, in which the tip was not found at all; frames in "
+        "which it is doubtful are not among them."
+        if rows
+        else "The tip was detected in every frame of the track."
     )
     return Table(["tip lost from frame", "to frame", "frames"], rows, caption)
 
