@@ -1,6 +1,8 @@
 """Every fault that a trial's results can prove is named with its size; a good throw is accused of nothing."""
 
 import dataclasses
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -185,3 +187,14 @@ def test_a_miss_near_the_hit_radius_gets_a_question_mark(good, beyond_m, word):
     fields = {"miss_m": radius_m + beyond_m, "miss_sigma_m": 0.002, "hit": beyond_m < 0}
     near = with_record(good, "verdict", **fields)
     assert verdict_badge(near.get("verdict"), None, uncertain=uncertain_verdict(near)).word == word
+
+
+def test_a_missing_optional_file_leaves_a_figure_out_without_alarm(results, tmp_path):
+    folder = Path(shutil.copytree(results, tmp_path / "swing")) / "trial-03"
+    (folder / "predicted.parquet").unlink(missing_ok=True)
+    page = trial_page(folder, trial=3, experiment="swing")
+    section = page[page.index('id="predicted"') :]
+    section = section[: section.index("</section>")]
+    assert "This figure is left out" in section
+    assert "alert" not in section
+    assert "strandcast run" not in section

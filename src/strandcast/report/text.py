@@ -98,9 +98,9 @@ def _as_predicted(results: TrialResults, miss_m: float) -> str:
     if "p10" not in known or "p90" not in known:
         return ""
     low, high = known["p10"], known["p90"]
-    where = "by more than" if miss_m > high else "by less than" if miss_m < low else "as"
-    interval = f"{millimetres(low)} to {millimetres(high)}"
-    return f"Predicted before the throw: {interval} in four of five throws; it missed {where} predicted."
+    where = "more than" if miss_m > high else "less than" if miss_m < low else "as"
+    interval = f"{millimetres(low)} to {millimetres(high)} in four of five throws"
+    return f"Predicted before the throw: {interval}; the measured miss is {where} predicted."
 
 
 def warnings_of(results: TrialResults) -> list[tuple[str, str]]:

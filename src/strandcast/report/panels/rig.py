@@ -61,7 +61,8 @@ def _clamp_to_tip(results: TrialResults) -> draw.Drawing:
     axes.plot(since_ms, 1e3 * clamp_to_tip_m(results.need("track"))[before], **draw.MEASURED)
     axes.axhline(1e3 * slip.at_rest_m, **draw.dashes(draw.FITTED), label="length at rest")
     axes.axvline(1e3 * slip.since_start_s, color=draw.INK, linewidth=1.0, label="slip")
-    axes.set(xlabel=draw.SINCE_START, ylabel="clamp to tip [mm]")
+    lowest_mm = 800.0 * slip.at_rest_m  # a slip is a few per cent of the length
+    axes.set(xlabel=draw.SINCE_START, ylabel="clamp to tip [mm]", ylim=(lowest_mm, None))
     axes.legend(loc="lower right")
     return draw.Drawing(figure, "Distance from the clamp to the tip over time.", (axes,))
 
