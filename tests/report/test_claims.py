@@ -21,6 +21,7 @@ from strandcast.records.verdict import Verdict
 from strandcast.report.checks import run_checks
 from strandcast.report.drawing import Drawing
 from strandcast.report.measures import fit_window
+from strandcast.report.numbers import signed
 from strandcast.report.pages import csv_link
 from strandcast.report.panels.alignment import alignment
 from strandcast.report.panels.budget import budget, miss_steps
@@ -240,6 +241,7 @@ def test_the_parts_of_the_miss_sum_up_to_it(results: Path) -> None:
     verdict = page.need("verdict")
     assert abs(miss_m) <= np.linalg.norm(np.subtract(verdict.closest_m, verdict.target_m)) + 1e-9
     made = budget(page)
+    assert f"the sum is {signed(f'{1e3 * miss_m:+.1f}')}\u00a0mm." in made.finding
     assert isinstance(made.drawing, Drawing)
     widths_mm = [bar.get_width() for bar in made.drawing.figure.axes[0].patches]
     np.testing.assert_allclose(
