@@ -123,6 +123,7 @@ def play(path: Path, arm: Arm, driver: Driver, out_dir: Path, **options: object)
 
 def test_a_motion_is_played_and_logged(arm: Arm, motion: Motion, tmp_path: Path) -> None:
     motion.write(tmp_path / "planned.json")
+    (tmp_path / "predicted.parquet").write_bytes(b"the throws that are expected of it")
     driver = PerfectArm()
     play(tmp_path / "planned.json", arm, driver, tmp_path / "trial-01")
     run, log = read_run(tmp_path / "trial-01")
@@ -130,6 +131,8 @@ def test_a_motion_is_played_and_logged(arm: Arm, motion: Motion, tmp_path: Path)
     assert run.motion_sha256 == motion.content_sha256()
     assert run.rows == len(log.time_s) == 751
     assert (tmp_path / "trial-01" / "motion.json").read_bytes() == (tmp_path / "planned.json").read_bytes()
+    kept, given = (place / "predicted.parquet" for place in (tmp_path / "trial-01", tmp_path))
+    assert kept.read_bytes() == given.read_bytes()
     np.testing.assert_allclose(driver.played[0].q_rad, motion.trajectory().q_rad, atol=1e-12)
     assert driver.stopped == 1
 

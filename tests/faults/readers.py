@@ -534,7 +534,8 @@ def decoded(path: Path) -> Any:
 
 
 def _decoded(path: Path) -> Any:
-    facts = inspect_video(path, frame_rate_hz=500.0, isolated=False)
+    has_clock = path.suffix in (".cine", ".cih", ".cihx")
+    facts = inspect_video(path, frame_rate_hz=None if has_clock else 500.0, isolated=False)
     digest = hashlib.sha256()
     with open_video(path, isolated=False) as video:
         for _, time_s, grey in video:

@@ -129,8 +129,8 @@ def fork_job(
 
 
 def hashes(root: Path) -> dict[str, str]:
-    """Return the hash of every raw file and result by its place, but not of logs and hidden files."""
-    files = (path for top in ("data", "results") for path in (root / top).rglob("*") if path.is_file())
+    """Return the hash of each of the experiment's files by its place, but not of logs and hidden files."""
+    files = (path for top in ("data", "results") for path in (root / top / NAME).rglob("*") if path.is_file())
     wanted = (path for path in files if "logs" not in path.parts and not path.name.startswith("."))
     return {path.relative_to(root).as_posix(): sha256_file(path) for path in wanted}
 

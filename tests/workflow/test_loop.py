@@ -289,7 +289,8 @@ def verdicts(root: Path) -> tuple[str, list[bool | None], set[str]]:
 
 def test_exchanged_raw_files_of_two_trials_are_named(twice):
     both = pairs(twice, "data")
-    assert {one.name for one, _ in both} == {"video.mp4", "joints.csv", "run.json", "motion.json"}
+    names = {"video.mp4", "joints.csv", "run.json", "motion.json", "predicted.parquet"}
+    assert {one.name for one, _ in both} == names
     for pair in both:
         with exchanged(pair):
             assert faulty(twice) >= set(pair), pair[0].name

@@ -1,7 +1,8 @@
 """The virtual rig, for experiments without a robot.
 
-REQUIRED INPUTS: results/<experiment>/trial-NN/motion.json
-OUTPUTS:         data/<experiment>/calibration/*, data/<experiment>/trial-NN/{video.mp4, joints.csv, run.json, motion.json}
+REQUIRED INPUTS: results/<experiment>/trial-NN/{motion.json, predicted.parquet}
+OUTPUTS:         data/<experiment>/calibration/*,
+                 data/<experiment>/trial-NN/{video.mp4, joints.csv, run.json, motion.json, predicted.parquet}
 STEPS:           lab_calibrate (calibration photos), lab_throw (play the motion, film it)
 """
 

@@ -21,8 +21,8 @@ from strandcast.executor.preflight import Preflight
 from strandcast.executor.run_record import EXIT_CODES, run_record
 from strandcast.executor.streaming.clock import Clock, HostClock
 from strandcast.executor.streaming.interrupts import held_off
+from strandcast.records.files import write_bytes
 from strandcast.records.joint_log import Run, write_joint_log
-from strandcast.records.predicted import read_predicted, write_predicted
 
 AROUND_S = 10.0  # more than any driver logs before and after the motion, or while it stops
 CELL_BYTES = 25  # a number and its comma
@@ -143,8 +143,8 @@ def _guarded(driver: Driver, when: str, cost: str, exit_code: int) -> Iterator[N
 def _keep_predicted(preflight: Preflight) -> None:
     """Keep what was expected of the throw; without it, only a figure of the page is missing."""
     with suppress(StrandcastError, OSError):
-        throws = read_predicted(preflight.motion_path.with_name("predicted.parquet"))
-        write_predicted(preflight.out_dir / "predicted.parquet", throws)
+        planned = preflight.motion_path.with_name("predicted.parquet")
+        write_bytes(preflight.out_dir / planned.name, planned.read_bytes())
 
 
 def _keep(preflight: Preflight, driver: Driver, recording: Recording) -> Run:

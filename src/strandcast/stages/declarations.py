@@ -64,6 +64,7 @@ _DECLARED = (
         "lab_throw",
         inputs={
             "motion": results(this, "motion.json"),
+            "predicted": results(this, "predicted.parquet"),
             "plane": files.plane,
             "arm": files.arm,
         },
@@ -72,6 +73,7 @@ _DECLARED = (
             "joints": RAW + "joints.csv",
             "run": RAW + "run.json",
             "motion": RAW + "motion.json",
+            "predicted": RAW + "predicted.parquet",
             "truth": TRIAL + "lab_truth.parquet",
         },
         settings=(

@@ -12,6 +12,7 @@ from strandcast.records.load import RECORDS, TABLES
 from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
 from strandcast.records.page import check_page
+from strandcast.records.predicted import read_predicted
 from strandcast.records.provenance import current_versions
 from strandcast.records.record import read_json, verify_hash
 from strandcast.records.tables import read_arrow, read_parquet, table_made_by, table_schema, verify_content
@@ -108,8 +109,13 @@ def _verify_raw_bytes(trial: TrialFolder) -> Iterator[Finding]:
             run, _ = read_run(trial.data)
         played = trial.data / "motion.json"
         planned_sha256 = run.motion_sha256 if run is not None else None
-        if played.is_file() and planned_sha256 not in (None, Motion.read(played).content_sha256()):
-            yield Finding(played, "misplaced", "is not the motion that run.json says was played")
+        if played.is_file():
+            sha256 = Motion.read(played).content_sha256()
+            if planned_sha256 not in (None, sha256):
+                yield Finding(played, "misplaced", "is not the motion that run.json says was played")
+            expected = trial.data / "predicted.parquet"
+            if expected.is_file() and read_predicted(expected).motion_sha256 not in ("", sha256):
+                yield Finding(expected, "misplaced", "was predicted for another motion")
         manifest = trial.results / "manifest.json"
         if manifest.is_file():
             facts = Manifest.read(manifest).video
