@@ -20,7 +20,7 @@ from strandcast.errors import StrandcastError
 from strandcast.planning.rollouts import RolloutConditions, commands, simulate_rollouts
 from strandcast.records.alignment import Alignment
 from strandcast.records.estimate import Estimate
-from strandcast.records.folders import TRIAL, TrialFolder
+from strandcast.records.folders import TrialFolder, trial_folders
 from strandcast.records.load import load
 from strandcast.records.motion import Motion
 from strandcast.records.record import Record
@@ -89,9 +89,8 @@ class ExperimentView:
     def trials(self) -> dict[int, TrialView]:
         """The trials that have files, by number, counted from 1."""
         folder = self.context.folder
-        found = {path.name for top in (folder.data, folder.results) for path in top.glob("trial-*")}
-        numbers = sorted(int(name[-2:]) for name in found if TRIAL.fullmatch(name))
-        return {number: TrialView(self.context, number) for number in numbers if number}
+        numbers = sorted({*trial_folders(folder.data), *trial_folders(folder.results)})
+        return {number: TrialView(self.context, number) for number in numbers}
 
     def trial(self, number: int) -> TrialView:
         """Return one trial, whether it has files or not: what is not there is refused when it is read."""

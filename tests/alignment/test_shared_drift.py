@@ -3,6 +3,7 @@ import pytest
 
 from strandcast.alignment.shared_drift import main, shared_drift
 from strandcast.config.align import AlignSettings
+from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import Alignment
 
@@ -66,7 +67,7 @@ def test_lab_throws_that_share_a_drift(throw, fit):
 
 def test_the_command_prints_settings(tmp_path, capsys):
     for trial in (1, 2):
-        aligned(trial, 8e-5, 1e-4).write(tmp_path / f"trial-{trial:02d}" / "alignment.json")
+        aligned(trial, 8e-5, 1e-4).write(tmp_path / trial_name(trial) / "alignment.json")
     main([str(tmp_path)])
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("# drift of 2 trials: +")

@@ -6,6 +6,7 @@ import pytest
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm
 from strandcast.config.experiment import Experiment
+from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.lab.strings import PAPER_STRINGS, physical_string
 from strandcast.lab.throw import throw
@@ -64,7 +65,7 @@ def test_without_noise_trials_differ_only_in_their_clocks(arm: Arm, tmp_path: Pa
     motion = write_motion(tmp_path / "motion.json", arm, swing_command())
     for trial in (1, 2):
         throw(experiment, "lab-test", arm, trial, motion, tmp_path, tmp_path / f"truth-{trial}.parquet")
-    (first_run, first), (second_run, second) = (read_run(tmp_path / f"trial-{trial:02d}") for trial in (1, 2))
+    (first_run, first), (second_run, second) = (read_run(tmp_path / trial_name(trial)) for trial in (1, 2))
     np.testing.assert_array_equal(first.q_rad, second.q_rad)
     assert first_run.motion_start_s != second_run.motion_start_s
     facts = [read_facts(tmp_path / f"truth-{trial}.parquet", LAB_TRUTH) for trial in (1, 2)]

@@ -3,7 +3,8 @@
 import pytest
 
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import ExperimentFolder, TrialFolder
+from strandcast.records.folders import ExperimentFolder, TrialFolder, trial_folders
+from strandcast.records.lineage import place_of
 
 
 @pytest.fixture
@@ -74,20 +75,23 @@ def test_trials_with_a_video_or_a_supplied_track_are_recorded(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name",
+    ("name", "number"),
     [
-        "trial-00",
-        "trial-1",
-        "trial-001",
-        "trial-100",
-        "trial_01",
-        "trial01",
-        "Trial-01",
-        "TRIAL 2",
-        "trial‐01",
+        ("trial-00", 2),
+        ("trial-1", 2),
+        ("trial-001", 2),
+        ("trial-007", 7),
+        ("trial-0100", 100),
+        ("trial-1000000", 2),
+        ("trial_01", 2),
+        ("trial01", 2),
+        ("Trial-01", 2),
+        ("Trial-03", 3),
+        ("TRIAL 2", 2),
+        ("trial‐01", 2),
     ],
 )
-def test_a_folder_that_would_be_overlooked_is_refused(tmp_path, name):
+def test_a_folder_that_would_be_overlooked_is_refused(tmp_path, name, number):
     folder = ExperimentFolder(tmp_path, "x")
     for each in ("trial-01", "calibration", "trial-03-failed", "trials", name):
         (folder.data / each).mkdir(parents=True)
@@ -95,6 +99,20 @@ def test_a_folder_that_would_be_overlooked_is_refused(tmp_path, name):
     with pytest.raises(StrandcastError, match="SC-R032") as caught:
         folder.recorded_trials()
     assert caught.value.file == str(folder.data / name)
-    assert str(caught.value).endswith(str(folder.data / "trial-02"))
-    (folder.data / name).rename(folder.data / "trial-02")
-    assert folder.recorded_trials() == [1, 2]
+    assert str(caught.value).endswith(str(folder.trial(number).data))
+    assert "trial-99, then trial-100 to trial-999999" in str(caught.value)
+    (folder.data / name).rename(folder.trial(number).data)
+    assert folder.recorded_trials() == [1, number]
+
+
+def test_trials_are_in_the_order_of_their_numbers(tmp_path):
+    folder = ExperimentFolder(tmp_path, "e")
+    numbers = [1, 2, 99, 100, 101]
+    for number in reversed(numbers):
+        for place in (folder.trial(number).data, folder.trial(number).results):
+            place.mkdir(parents=True)
+        (folder.trial(number).data / "video.mp4").touch()
+        (folder.trial(number).results / "report.html").touch()
+    assert folder.recorded_trials() == folder.thrown_trials() == folder.reported_trials() == numbers
+    assert list(trial_folders(folder.data)) == numbers
+    assert place_of(folder.trial(100).data / "joints.csv").trial == 100

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
+from strandcast.core.trial_names import trial_name
 from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.camera import BoardView, Camera, Lens, MarkerFit
 from strandcast.records.clip import PLAYED_HZ, Clip, StripPicture
@@ -221,7 +222,7 @@ def motion(experiment: str, trial: int, swing_rad: float, played: bool) -> Motio
             planner="ensemble",
             kind="first" if trial == 1 else "replanned",
             seed=11,
-            planned_from={} if trial == 1 else {f"trial-{trial - 1:02d}/estimate.json": "c" * 64},
+            planned_from={} if trial == 1 else {f"{trial_name(trial - 1)}/estimate.json": "c" * 64},
             parent_motion_sha256=None,
             simulations=1680,
             start_string="ensemble" if trial == 1 else None,
@@ -501,8 +502,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return results/<experiment> with trials 1, 2, 3 and the motion for trial 4."""
     folder = tmp_path_factory.mktemp("results") / "swing"
     for trial in SWINGS_RAD:
-        (folder / f"trial-{trial:02d}").mkdir(parents=True)
-        build_trial(folder / f"trial-{trial:02d}", "swing", trial)
+        (folder / trial_name(trial)).mkdir(parents=True)
+        build_trial(folder / trial_name(trial), "swing", trial)
     following = motion("swing", 4, 2.55, played=False)
     following.write(folder / "trial-04" / "motion.json")
     write_predicted(folder / "trial-04" / "predicted.parquet", predicted(following))

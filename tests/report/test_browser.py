@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from strandcast.core.trial_names import trial_name
 from strandcast.records.files import write_text
 from strandcast.report.campaign_page import campaign_page
 from strandcast.report.comparison import TrialRecords, compare, read_records
@@ -99,7 +100,7 @@ def light_and_dark(page: Path, folder: Path, browser: str) -> None:
 @pytest.fixture
 def pages(page: Path, results: Path, tmp_path: Path) -> list[Path]:
     """Return the pages of a trial, an experiment with an excluded trial, a comparison and a campaign."""
-    trials = {trial: results / f"trial-{trial:02d}" for trial in (1, 2, 3)}
+    trials = {trial: results / trial_name(trial) for trial in (1, 2, 3)}
     summary = summarise(
         "swing",
         trials,

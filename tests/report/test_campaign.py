@@ -9,6 +9,7 @@ from urllib.parse import unquote
 
 import pytest
 
+from strandcast.core.trial_names import trial_name
 from strandcast.records.summary import TrialSummary
 from strandcast.report.campaign import Campaign, CampaignExperiment, WaitingTrial
 from strandcast.report.campaign_page import campaign_page, headline
@@ -51,7 +52,7 @@ def test_a_thousand_trials_are_one_small_page_without_network(page: str, project
     assert len(tags.ids) == len(set(tags.ids))
     assert {r[1:] for r in tags.references if r.startswith("#")} <= set(tags.ids)
     links = {r for r in tags.references if not r.startswith(("#", "data:"))}
-    trials = {f"{name_of(k)}/trial-{n:02d}/report.html" for k in range(50) for n in range(1, 21)}
+    trials = {f"{name_of(k)}/{trial_name(n)}/report.html" for k in range(50) for n in range(1, 21)}
     assert links == trials | {f"{name_of(k)}/report.html" for k in range(50)}
     assert campaign_page(campaign_of(project)) == page[: page.index("\n<!-- strandcast")]
 
@@ -151,7 +152,7 @@ def test_what_cannot_be_read_is_unknown_and_comes_first(tmp_path: Path) -> None:
     damaged = tmp_path / "results" / name_of(1) / "summary.json"
     damaged.write_text(damaged.read_text().replace('"hit_trial"', '"hit_trail"', 1))
     for trial in (21, 22):
-        folder = tmp_path / "data" / name_of(2) / f"trial-{trial:02d}"
+        folder = tmp_path / "data" / name_of(2) / trial_name(trial)
         folder.mkdir()
         (folder / "video.mp4").write_bytes(b"cut off")
     logs = tmp_path / "results" / name_of(2) / "trial-22" / "logs"

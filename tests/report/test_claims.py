@@ -10,6 +10,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
+from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import Alignment
 from strandcast.records.lab_truth import LAB_TRUTH
@@ -187,7 +188,7 @@ def test_E_is_the_mean_of_its_bars_and_names_its_frames(results: Path) -> None:
 
 
 def test_the_misses_are_those_of_the_marks(results: Path) -> None:
-    trials = {k: results / f"trial-{k:02d}" for k in (1, 2, 3)}
+    trials = {k: results / trial_name(k) for k in (1, 2, 3)}
     summary = summarise("swing", trials, string_length_m=0.3, target_m=[0.6, 0.6], hit_radius_m=0.02)
     far = [summary.trials[0].model_copy(update={"miss_m": 1.0}), *summary.trials[1:]]
     made = misses(ExperimentPageData(summary.model_copy(update={"trials": far}), {}))
@@ -319,7 +320,7 @@ def test_every_table_is_a_csv_within_the_page(results: Path) -> None:
 
 def test_misses_are_held_against_what_was_predicted_before(results: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(results, tmp_path / "swing"))
-    trials = {k: folder / f"trial-{k:02d}" for k in (1, 2, 3)}
+    trials = {k: folder / trial_name(k) for k in (1, 2, 3)}
     summary = summarise("swing", trials, string_length_m=0.3, target_m=[0.6, 0.6], hit_radius_m=0.02)
     for trial, low_m, high_m in ((1, 0.0, 9.0), (3, 8.0, 9.0)):
         path = trials[trial] / "motion.json"
@@ -333,7 +334,7 @@ def test_misses_are_held_against_what_was_predicted_before(results: Path, tmp_pa
 
 def test_the_matrix_of_checks_leads_to_the_trial_that_failed(results: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(results, tmp_path / "swing"))
-    trials = {k: folder / f"trial-{k:02d}" for k in (1, 2, 3)}
+    trials = {k: folder / trial_name(k) for k in (1, 2, 3)}
     summary = summarise("swing", trials, string_length_m=0.3, target_m=[0.6, 0.6], hit_radius_m=0.02)
     path = trials[2] / "track.json"
     TrackSummary.read(path).model_copy(update={"tracked_fraction": 0.5}).write(path)
@@ -347,7 +348,7 @@ def test_the_matrix_of_checks_leads_to_the_trial_that_failed(results: Path, tmp_
 
 
 def test_the_strings_of_all_trials_are_overlaid(results: Path) -> None:
-    trials = {k: results / f"trial-{k:02d}" for k in (1, 2, 3)}
+    trials = {k: results / trial_name(k) for k in (1, 2, 3)}
     summary = summarise("swing", trials, string_length_m=0.3, target_m=[0.6, 0.6], hit_radius_m=0.02)
     made = closest_strings(ExperimentPageData(summary, {k: read_results(each) for k, each in trials.items()}))
     drawn = curves(made, 0)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.report.comparison import (
     Row,
@@ -24,7 +25,7 @@ pytestmark = pytest.mark.slow
 def trials(
     results: Path, numbers: tuple[int, ...] = (1, 2, 3), seconds: float = 10.0
 ) -> dict[int, TrialRecords]:
-    return {k: TrialRecords(read_records(results / f"trial-{k:02d}"), {"track": seconds}) for k in numbers}
+    return {k: TrialRecords(read_records(results / trial_name(k)), {"track": seconds}) for k in numbers}
 
 
 def changed(trial: TrialRecords, record: str, **values: object) -> TrialRecords:

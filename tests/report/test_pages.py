@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from strandcast.core.trial_names import trial_name
 from strandcast.records.estimate import Estimate
 from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.motion import Motion
@@ -93,7 +94,7 @@ def page_of(results: Path, trial: int = 3, **changes: object) -> str:
         "next_motion": results / "trial-04" / "motion.json",
         "facts": FACTS,
     }
-    return trial_page(results / f"trial-{trial:02d}", **(given | changes))
+    return trial_page(results / trial_name(trial), **(given | changes))
 
 
 @pytest.fixture(scope="module")
@@ -325,7 +326,7 @@ def test_lab_truth_is_read_by_frame_not_by_row(results: Path, tmp_path: Path) ->
 
 
 def experiment_of(results: Path, facts: Facts = FACTS) -> str:
-    trials = {k: results / f"trial-{k:02d}" for k in (1, 2, 3)}
+    trials = {k: results / trial_name(k) for k in (1, 2, 3)}
     next_motion = results / "trial-04" / "motion.json"
     summary = summarise(
         "swing",
@@ -347,7 +348,7 @@ def test_the_experiments_page(results: Path) -> None:
     assert len(tags.ids) == len(set(tags.ids))
     assert "HIT AT TRIAL 3" in tags.text
     assert "excluded: the string slipped" in tags.text
-    assert {f"trial-{k:02d}/report.html" for k in (1, 2, 3)} <= set(tags.references)
+    assert {f"{trial_name(k)}/report.html" for k in (1, 2, 3)} <= set(tags.references)
     assert sum(r.startswith("data:image/webp") for r in tags.references) == 3
     # arcs of 0.5 m · 2.0 rad and 0.6 m · 2.5 rad
     assert "The hand of trial 1 travelled 1000 mm, that of trial 3 1500 mm (+50 %)" in tags.text
@@ -382,13 +383,23 @@ def test_an_experiment_of_no_trial_one_or_many(results: Path, tmp_path: Path) ->
     for count, words in counts.items():
         trials = {}
         for trial in range(1, count + 1):
-            trials[trial] = tmp_path / str(count) / f"trial-{trial:02d}"
+            trials[trial] = tmp_path / str(count) / trial_name(trial)
             trials[trial].parent.mkdir(exist_ok=True)
-            trials[trial].symlink_to(results / f"trial-{min(trial, 3):02d}")
+            trials[trial].symlink_to(results / trial_name(min(trial, 3)))
         page = experiment_page(summarise("swing", trials, **given), trials, facts=FACTS)
         assert words in Tags(page).text
-        assert len(page.encode()) < 1_000_000  # 99 trials, as many as there can be: three times as much
+        assert len(page.encode()) < 1_000_000
         assert page.count("<figcaption>trial ") == count
+    numbers = [1, 2, 99, 100, 101]
+    for trial in reversed(numbers):
+        trials[trial] = tmp_path / trial_name(trial)
+        trials[trial].symlink_to(results / "trial-01")
+    trials = {trial: trials[trial] for trial in reversed(numbers)}
+    summary = summarise("swing", trials, **given)
+    assert [line.trial for line in summary.trials] == numbers
+    page = experiment_page(summary, trials, facts=FACTS)
+    linked = re.findall(r'href="(trial-\d+)/report.html"', page)
+    assert list(dict.fromkeys(linked)) == [trial_name(trial) for trial in numbers]
     excluded = {trial: "the string slipped" for trial in (1, 2, 3)}
     facts = replace(FACTS, excluded=excluded)
     assert "not hit the target in 3 trials, 3 of them excluded" in Tags(experiment_of(results, facts)).text

@@ -10,6 +10,7 @@ from types import ModuleType
 import pytest
 from markupsafe import Markup
 
+from strandcast.core.trial_names import trial_name
 from strandcast.report.drawing import Drawing, new_figure
 from strandcast.report.experiment_page import experiment_page
 from strandcast.report.facts import Facts
@@ -79,7 +80,7 @@ def test_an_installed_panel_is_on_the_page(results: Path, monkeypatch: pytest.Mo
     assert "The tip rises to 0." in page
     assert "has no attribute &#39;missing&#39;" in page  # on the page, which stays complete
     assert "Number of trials" not in page
-    trials = {k: results / f"trial-{k:02d}" for k in (1, 2, 3)}
+    trials = {k: results / trial_name(k) for k in (1, 2, 3)}
     summary = summarise("swing", trials, string_length_m=0.3, target_m=[0.6, 0.7], hit_radius_m=0.02)
     assert "There are 3 trials." in experiment_page(summary, trials, facts=Facts())
 

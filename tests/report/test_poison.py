@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from strandcast.core.trial_names import trial_name
 from strandcast.records.camera import Camera
 from strandcast.records.load import RECORDS
 from strandcast.records.record import Record
@@ -149,7 +150,7 @@ def pages(
         title=POISON, excluded={2: POISON}, play_command=POISON, settings={POISON: {POISON: [POISON]}}
     )
     next_motion = folder / "trial-04" / "motion.json"
-    trials = {trial: folder / f"trial-{trial:02d}" for trial in (1, 2, 3)}
+    trials = {trial: folder / trial_name(trial) for trial in (1, 2, 3)}
     summary = summarise(
         POISON, trials, string_length_m=0.3, target_m=[0.6, 0.7], hit_radius_m=0.02, excluded={2: POISON}
     )

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from strandcast.core.trial_names import trial_name
 from strandcast.records.motion import Motion
 from strandcast.records.summary import ExperimentSummary
 from strandcast.records.verdict import Verdict
@@ -13,7 +14,7 @@ GIVEN = {"string_length_m": 0.3, "target_m": [0.606, 0.674], "hit_radius_m": 0.0
 
 
 def test_the_summary_holds_the_values_of_the_records(results: Path, tmp_path: Path) -> None:
-    trials = {k: results / f"trial-{k:02d}" for k in (1, 2, 3)}
+    trials = {k: results / trial_name(k) for k in (1, 2, 3)}
     next_motion = results / "trial-04" / "motion.json"
     summary = summarise("swing", trials, **GIVEN, excluded={2: "slipped"}, next_motion=next_motion)
     assert summary.hit_trial == 3

@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.stages.files import SUPPLIED_FILES
 from strandcast.workflow import targets
@@ -26,7 +27,7 @@ def root(tmp_path, monkeypatch):
     files = [("rig", trial, "video.mp4") for trial in (1, 2, 3)] + [("rig", 1, "motion.json")]
     files += [("mocap", 1, name) for name in SUPPLIED_FILES.values()] + [("mocap", 2, "track.parquet")]
     for name, trial, file in files:
-        folder = tmp_path / "data" / name / f"trial-{trial:02d}"
+        folder = tmp_path / "data" / name / trial_name(trial)
         folder.mkdir(exist_ok=True)
         (folder / file).touch()
     monkeypatch.chdir(tmp_path)
@@ -36,9 +37,8 @@ def root(tmp_path, monkeypatch):
 
 
 def matches(pattern: str, path: str) -> bool:
-    return (
-        re.fullmatch(rf"results/(?P<experiment>{pattern})/trial-(?P<trial>\d\d)/track.json", path) is not None
-    )
+    whole = rf"results/(?P<experiment>{pattern})/trial-(?P<trial>{targets.TRIAL})/track.json"
+    return re.fullmatch(whole, path) is not None
 
 
 def test_experiments_are_of_the_lab_or_real(root):
@@ -126,10 +126,35 @@ def test_raw_files_of_the_lab_have_names_before_they_exist(root):
 
 
 def test_no_motion_follows_the_last_trial_that_has_a_name(root):
-    for trial, following in ((98, ["results/rig/trial-99/motion.json"]), (99, [])):
+    for trial, following in ((999_998, ["results/rig/trial-999999/motion.json"]), (999_999, [])):
         (root / "data" / "rig" / f"trial-{trial}").mkdir()
         (root / "data" / "rig" / f"trial-{trial}" / "video.mp4").touch()
         assert targets.stage_inputs("report", "rig", trial)["next_motion"] == following
+
+
+def test_trials_beyond_99_are_in_the_order_of_their_numbers(root):
+    more = "excluded: [" + ", ".join(f"{{trial: {k}, reason: none}}" for k in range(3, 99)) + "]\n"
+    (root / "data" / "many").mkdir()
+    (root / "data" / "many" / "experiment.yaml").write_text(SETTINGS + more)
+    numbers = [1, 2, 99, 100, 101]
+    for number in reversed(numbers):
+        folder = root / "data" / "many" / trial_name(number)
+        folder.mkdir()
+        for name in SUPPLIED_FILES.values() if number != 100 else ("video.mp4",):
+            (folder / name).touch()
+    assert targets.trials_of("many", lambda trial: "") == numbers
+    assert targets.supplied_trials()["many"] == ["trial-01", "trial-02", "trial-99", "trial-101"]
+    assert targets.thrown_trials()["many"] == [trial_name(number) for number in numbers]
+    estimated = targets.stage_inputs("estimate", "many", 101)["track"]
+    assert estimated == [f"results/many/{trial_name(number)}/track.parquet" for number in numbers]
+    pages = targets.stage_inputs("summary", "many", 0, numbers)["pages"]
+    assert [path.split("/")[2] for path in pages] == [trial_name(number) for number in numbers]
+    assert targets.targets_of("many", "plan")[0] == "results/many/trial-102/motion.json"
+    assert targets.targets_of("many", "track")[-1].split("/")[2] == "trial-101"
+    register = targets.experiment_pattern(targets.supplied_trials())
+    tracks = {number: f"results/many/{trial_name(number)}/track.json" for number in (10, 99, 100, 101)}
+    assert [number for number, path in tracks.items() if matches(register, path)] == [99, 101]
+    assert not matches(targets.EXPERIMENT, "results/many/trial-0100/track.json")
 
 
 def test_a_supplied_trial_needs_no_camera(root):

@@ -12,6 +12,7 @@ import numpy as np
 
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import Alignment
+from strandcast.records.folders import trial_folders
 
 LEAST_INFORMATION = 1e-3  # of the prior's; trials with less are ignored
 ODD = 4.0  # standard deviations from the shared drift
@@ -59,7 +60,8 @@ def shared_drift(alignments: Sequence[Alignment]) -> SharedDrift:
 
 def main(arguments: list[str]) -> None:
     """Print the drift that the trials of a results folder share."""
-    files = sorted(Path(arguments[0]).glob("trial-*/alignment.json")) if arguments else []
+    folders = trial_folders(Path(arguments[0])).values() if arguments else ()
+    files = [file for folder in folders if (file := folder / "alignment.json").exists()]
     try:
         found = shared_drift([Alignment.read(file) for file in files])
     except StrandcastError as error:

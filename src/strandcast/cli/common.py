@@ -8,8 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
+from strandcast.core.trial_names import LAST_TRIAL
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import project_root
+from strandcast.records.folders import project_root, trial_folders
 
 ROOT = project_root()
 
@@ -24,10 +25,8 @@ def complete_experiment(incomplete: str) -> list[str]:
 def complete_trial(context: typer.Context, incomplete: str) -> list[str]:
     """Return the trials, recorded or planned, of the experiment that the command line names."""
     name = context.params.get("experiment") or ""
-    found = {
-        path.name[-2:] for top in ("data", "results") for path in ROOT.glob(f"{top}/{name}/trial-[0-9][0-9]")
-    }
-    return sorted((number for each in found if (number := str(int(each))).startswith(incomplete)), key=int)
+    found = {number for top in ("data", "results") for number in trial_folders(ROOT / top / name)}
+    return [str(number) for number in sorted(found) if str(number).startswith(incomplete)]
 
 
 def experiment_argument(argument: str) -> str:
@@ -55,7 +54,7 @@ TrialNumber = Annotated[
     typer.Argument(
         metavar="TRIAL",
         min=1,
-        max=99,
+        max=LAST_TRIAL,
         help="The trial's number, counted from 1.",
         autocompletion=complete_trial,
     ),

@@ -6,8 +6,9 @@ from typing import Annotated, Any
 import typer
 
 from strandcast.cli.common import ROOT, AsJson, ExperimentName, TrialNumber, complete_trial, show
+from strandcast.core.trial_names import LAST_TRIAL, trial_name
 from strandcast.progress import print_line, set_context
-from strandcast.records.folders import ExperimentFolder, trial_name
+from strandcast.records.folders import ExperimentFolder
 from strandcast.stages.run import files_of, run_stage
 from strandcast.workflow.locks import lease
 
@@ -57,7 +58,7 @@ def summary(
     experiment: ExperimentName,
     trials: Annotated[
         list[int] | None,
-        typer.Argument(metavar="[TRIAL]...", min=1, max=99, autocompletion=complete_trial),
+        typer.Argument(metavar="[TRIAL]...", min=1, max=LAST_TRIAL, autocompletion=complete_trial),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

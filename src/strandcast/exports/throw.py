@@ -8,6 +8,7 @@ import numpy as np
 from strandcast.api import TrialView
 from strandcast.arm.kinematics import hand_pose, link_points
 from strandcast.arm.load import Arm, load_arm
+from strandcast.core.trial_names import trial_digits
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import JointLog
 from strandcast.stages.declarations import STAGES
@@ -80,7 +81,7 @@ def read_throw(trial: TrialView) -> ThrowData:
     fitted_m[row, fitted["point"].to_numpy()] = fitted[["x_m", "y_m"]].to_numpy()
     time_s, q_rad, q_cmd_rad = _joints(arm, measured.log)
     return ThrowData(
-        f"{context.name}-{trial.number:02d}",
+        f"{context.name}-{trial_digits(trial.number)}",
         track.frame,
         track.camera_time_s,
         measured.frame_time_s,

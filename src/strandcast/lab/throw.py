@@ -8,6 +8,7 @@ import numpy as np
 from strandcast.arm.load import Arm
 from strandcast.config.experiment import Experiment
 from strandcast.core.box import Box
+from strandcast.core.trial_names import trial_name
 from strandcast.executor.play import play
 from strandcast.executor.preflight import run_preflight
 from strandcast.lab.calibration import write_lens_photos, write_plane_photo
@@ -58,7 +59,7 @@ def throw(
         Where to write lab_truth.parquet.
     """
     driver = LabDriver(LabThrow(name, experiment, trial, Path(truth_path)), arm)
-    folder = Path(data_dir) / f"trial-{trial:02d}"
+    folder = Path(data_dir) / trial_name(trial)
     # Unlike a real throw, a virtual one can be repeated.
     (folder / "run.json").unlink(missing_ok=True)
     # A virtual arm can hurt nobody: it needs no workspace and no confirmation by a person.

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from strandcast.core.registry import installed
+from strandcast.core.trial_names import LAST_TRIAL, TRIAL_NAMES, trial_name, trial_number
 from strandcast.errors import StrandcastError
 
 # Suffixes of videos, by the module of strandcast.video that reads them.
@@ -16,9 +17,7 @@ CONTAINERS = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".cine")
 TIFFS = (".tif", ".tiff")
 PICTURES = (".png", *TIFFS)  # in a folder
 PHOTRON = (".mraw", ".cih", ".cihx")  # raw frames and their headers; the last one present names the video
-LAST_TRIAL = 99
-TRIAL = re.compile(r"trial-[0-9][0-9]")
-LIKE_A_TRIAL = re.compile(r"trial[\W_]?\d+", re.IGNORECASE)  # trial-1, trial_01, Trial-01, trial-100
+LIKE_A_TRIAL = re.compile(r"trial[\W_]?\d+", re.IGNORECASE)  # trial-1, trial_01, Trial-01, trial-0100
 # Entry points of packages that read other formats; the name of each is a suffix without its dot.
 FRAME_READERS_GROUP = "strandcast.frame_readers"
 # Set for the jobs of a workflow: it runs in the root, and holds the lease of the experiment for all of them.
@@ -74,44 +73,39 @@ class ExperimentFolder:
         Raises
         ------
         StrandcastError
-            SC-R032 a folder is named as a trial, but not trial-01 to trial-99: it would be overlooked.
+            SC-R032 a folder is named like a trial, but is none, e.g. trial-1: it would be overlooked.
         """
         if misnamed := self.misnamed_trials():
             raise misnamed[0]
-        folders = sorted(path for path in self.data.glob("trial-*") if path.is_dir())
-        trials = [self.trial(number) for number in map(_number_of, folders) if number]
+        trials = [self.trial(number) for number in trial_folders(self.data)]
         return [t.number for t in trials if t.videos() or (t.data / "track.parquet").exists()]
 
     def misnamed_trials(self) -> list[StrandcastError]:
-        """Return a problem for each folder that is named as a trial, but not trial-01 to trial-99."""
-        what = "is no trial's name: trials are counted from 1, in two digits, trial-01 to trial-99"
-        folders = sorted(path for path in self.data.glob("*") if path.is_dir() and not _number_of(path))
-        return [
-            StrandcastError("SC-R032", what, file=path, fix=self._renaming(path))
-            for path in folders
-            if LIKE_A_TRIAL.fullmatch(path.name)
-        ]
+        """Return a problem for each folder that is named like a trial, but is none, e.g. trial-1."""
+        what = f"is no trial's name: trials are named {TRIAL_NAMES}"
+        like = (path for path in self.data.glob("*") if LIKE_A_TRIAL.fullmatch(path.name))
+        misnamed = sorted(path for path in like if path.is_dir() and not trial_number(path.name))
+        return [StrandcastError("SC-R032", what, file=path, fix=self._renaming(path)) for path in misnamed]
 
     def _renaming(self, folder: Path) -> str:
         """Return the command that gives a misnamed folder the number in its name, or the next free one."""
         digits = re.findall(r"\d+", folder.name)
-        numbers = {_number_of(path) for path in self.data.glob("trial-*")}
+        numbers = trial_folders(self.data)
         number = int(digits[0]) if digits and digits[0].isascii() else 0
         if not 1 <= number <= LAST_TRIAL or number in numbers:
             number = max(numbers, default=0) + 1
         if number > LAST_TRIAL:
-            return "move it to a second experiment: more than 99 throws need one"
+            return f"move it to a second experiment: more than {LAST_TRIAL} throws need one"
         return "rename it: " + shlex.join(["mv", str(folder), str(self.data / trial_name(number))])
 
     def thrown_trials(self) -> list[int]:
         """Return the numbers of the trials that have any raw file: their motions are not planned again."""
-        numbers = sorted(_number_of(path) for path in self.data.glob("trial-*") if path.is_dir())
-        return [number for number in numbers if number and self.trial(number).raw_files()]
+        return [number for number in trial_folders(self.data) if self.trial(number).raw_files()]
 
     def reported_trials(self) -> list[int]:
         """Return the numbers of the trials with a page of their own."""
-        pages = self.results.glob("trial-[0-9][0-9]/report.html")
-        return sorted(int(page.parent.name.removeprefix("trial-")) for page in pages)
+        folders = trial_folders(self.results)
+        return [number for number, folder in folders.items() if (folder / "report.html").exists()]
 
 
 @dataclass(frozen=True)
@@ -173,11 +167,7 @@ def video_suffixes() -> tuple[str, ...]:
     return (*built_in, *(suffix for suffix in others if suffix not in built_in))
 
 
-def _number_of(folder: Path) -> int:
-    """Return the number of a trial's folder, 0 if it is none."""
-    return int(folder.name[-2:]) if TRIAL.fullmatch(folder.name) else 0
-
-
-def trial_name(number: int) -> str:
-    """Return the folder name of a trial, e.g. trial-01."""
-    return f"trial-{number:02d}"
+def trial_folders(parent: Path) -> dict[int, Path]:
+    """Return the folders of trials in a folder by number, in the order of the numbers."""
+    numbered = ((trial_number(path.name), path) for path in parent.glob("*"))
+    return dict(sorted((number, path) for number, path in numbered if number and path.is_dir()))

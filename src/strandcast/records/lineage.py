@@ -6,7 +6,6 @@ made again with the same numbers still fits.
 """
 
 import os
-import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -15,11 +14,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
+from strandcast.core.trial_names import trial_number
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.files import content_sha256, sha256_file
 
 MISPLACED, OUTDATED = "SC-R006", "SC-R007"
-TRIAL = re.compile(r"trial-(\d\d)")
 HASHES_KEPT = 4096  # paths; a process reads far fewer
 FIX = "restore the file, or delete it and make it again"
 
@@ -132,9 +131,9 @@ def place_of(path: str | Path) -> Place | None:
     parents = Path(os.path.normpath(Path(path).absolute())).parents  # not "trial-01/../cameras"
     for experiment, trial in zip(parents, [None, *parents], strict=False):
         raw = experiment.parent.name == "data"
-        number = TRIAL.fullmatch(trial.name) if trial is not None else None
+        number = trial_number(trial.name) if trial is not None else 0
         if (raw and number) or experiment.parent.name == "results":
-            return Place(experiment.parent.parent, experiment.name, int(number[1]) if number else 0, raw)
+            return Place(experiment.parent.parent, experiment.name, number, raw)
     return None
 
 

@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from strandcast.records.folders import trial_name
+from strandcast.core.trial_names import trial_name
 from strandcast.records.provenance import group_by_versions
 from strandcast.records.summary import VersionGroup
 from strandcast.report.campaign import (

@@ -5,7 +5,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from strandcast.records.folders import trial_name
+from strandcast.core.trial_names import trial_name
 from strandcast.records.summary import TrialSummary
 from strandcast.report.campaign import RIG_QUANTITIES, Campaign, CampaignThrow
 from strandcast.report.numbers import UNKNOWN, signed

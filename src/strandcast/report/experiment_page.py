@@ -9,6 +9,7 @@ from typing import NamedTuple
 from markupsafe import Markup
 from PIL import Image
 
+from strandcast.core.trial_names import trial_name
 from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.report.facts import Facts
 from strandcast.report.numbers import millimetres
@@ -102,7 +103,7 @@ def _row(line: TrialSummary, trials: Mapping[int, Path], results: Mapping[int, T
         remark = verdict.reason
     if not remark and mine is not None and verdict is None:
         remark = f"failed: {mine.problems['verdict'].what}"
-    folder = trials[line.trial].name if line.trial in trials else f"trial-{line.trial:02d}"
+    folder = trials[line.trial].name if line.trial in trials else trial_name(line.trial)
     picture = mine.get("strobe") if mine is not None else None
     badge = verdict_badge(verdict, line.excluded, uncertain=uncertain_verdict(mine))
     return TrialRow(line, folder, badge, remark, _thumbnail(picture))

@@ -12,6 +12,7 @@ from urllib.parse import quote
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from strandcast.core.trial_names import trial_name
 from strandcast.report import numbers
 from strandcast.report.typeset import typeset
 
@@ -34,6 +35,7 @@ def render(
     environment.filters["ms"] = numbers.milliseconds
     environment.filters["percent"] = numbers.percent
     environment.filters["place"] = numbers.place
+    environment.filters["trial_name"] = trial_name
     environment.filters["typeset"] = typeset
     environment.filters["csv_link"] = csv_link
     code = page_script(script)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
+from strandcast.core.trial_names import in_trial_order
 from strandcast.records.files import sha256_file
 from strandcast.records.provenance import group_by_versions
 from strandcast.records.summary import VersionGroup
@@ -83,10 +84,11 @@ def _origins(results: TrialResults) -> list[list[str]]:
     if motion is not None:
         rows.append(["motion as planned, content sha256", motion.content_sha256()])
         if motion.provenance is not None:
-            made_from = sorted(motion.provenance.planned_from.items())
+            made_from = motion.provenance.planned_from
             rows.append(["seed of the plan", str(motion.provenance.seed)])
-            rows += [[f"planned from {name}", sha] for name, sha in made_from]
+            rows += [[f"planned from {name}", made_from[name]] for name in in_trial_order(made_from)]
     if estimate is not None:
         rows.append(["seed of the estimate", str(estimate.seed)])
-        rows += [[f"estimated from {name}", sha] for name, sha in sorted(estimate.planned_from.items())]
+        made_from = estimate.planned_from
+        rows += [[f"estimated from {name}", made_from[name]] for name in in_trial_order(made_from)]
     return rows

@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from strandcast.records.folders import TrialFolder, trial_name
+from strandcast.core.trial_names import trial_digits, trial_name
+from strandcast.records.folders import TrialFolder
 from strandcast.stages.context import Context
 
 
@@ -67,7 +68,7 @@ class Stage:
 
     def output_files(self, job: Job) -> dict[str, list[Path]]:
         """Return the output files of a job by role, those of every camera."""
-        context, trial = job.context, f"{job.trial:02d}"
+        context, trial = job.context, trial_digits(job.trial)
         found = {}
         for role, patterns in self.outputs.items():
             paths = [

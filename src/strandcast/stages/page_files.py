@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from strandcast.records.folders import LAST_TRIAL
+from strandcast.core.trial_names import LAST_TRIAL, trial_number
 from strandcast.stages import files
 from strandcast.stages.files import Scope, played_motions
 from strandcast.stages.job import Job, Role
@@ -69,7 +69,7 @@ def first_motion(job: Job) -> list[Path]:
 
 def _to_be_had(job: Job, paths: list[Path]) -> list[Path]:
     """Return those results of a plan that are there or can be made: an unknown motion is not planned."""
-    numbers = [int(path.parent.name.removeprefix("trial-")) for path in paths]
+    numbers = [trial_number(path.parent.name) for path in paths]
     return [
         path
         for path, number in zip(paths, numbers, strict=True)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from strandcast.arm.load import load_arm
+from strandcast.core.trial_names import trial_number
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.report.facts import Facts
 from strandcast.stages.context import Context
@@ -28,7 +29,7 @@ def facts_of(context: Context, next_motion: Path | None) -> Facts:
 
 
 def _trial_of(motion: Path) -> int:
-    return int(motion.parent.name.removeprefix("trial-"))
+    return trial_number(motion.parent.name)
 
 
 def refuse_unread(context: Context, page: Path, unread: Mapping[str, str]) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from strandcast.config.find import overlooked_experiments
+from strandcast.core.trial_names import TRIAL_NAMES, trial_number
 from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.records.folders import TrialFolder, video_suffixes
 from strandcast.records.record import read_json
@@ -160,13 +161,12 @@ def _check_folders(context: Context, found: Checked) -> None:
     found.errors += misnamed
     reported = {each.file for each in misnamed}
     numbers = folder.thrown_trials()
-    used = {folder.trial(number).data for number in range(1, 100)}
     for path in sorted(folder.data.glob("[tT][rR][iI][aA][lL]*")):
-        if not (path.is_dir() and path in used) and str(path) not in reported:
+        if not (path.is_dir() and trial_number(path.name)) and str(path) not in reported:
             fix = "rename it to a trial's name if it holds a throw, e.g. trial-01"
             found.warnings.append(
                 StrandcastError(
-                    "SC-W032", "is not used: a trial is a folder trial-01 to trial-99", file=path, fix=fix
+                    "SC-W032", f"is not used: trials are folders {TRIAL_NAMES}", file=path, fix=fix
                 )
             )
     for path in (folder.trial(number).data / name for number in numbers for name in RAW_RECORDS):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from strandcast.config.find import NAME, find_experiment
 from strandcast.errors import StrandcastError
+from strandcast.records.folders import trial_folders
 from strandcast.report.comparison import Comparison, TrialRecords, compare, read_records
 from strandcast.workflow.events import benchmarks
 
@@ -38,7 +39,7 @@ def _folder(root: Path, name: str) -> Path:
     by_name = root / "results" / name
     is_name = re.fullmatch(NAME, name) is not None
     folder = by_name if is_name and by_name.is_dir() else Path(name)
-    if not any(folder.glob("trial-[0-9][0-9]/*.json")):
+    if not any(any(each.glob("*.json")) for each in trial_folders(folder).values()):
         if is_name:
             find_experiment(name, root)  # or else says which names there are
         fix = f"strandcast run {name}" if is_name else "give an experiment, or results/EXPERIMENT"
@@ -63,8 +64,8 @@ def _trials(folder: Path) -> dict[int, TrialRecords]:
     for trial, stage, seconds in benchmarks(folder):
         times_s.setdefault(trial, {})[stage] = seconds
     found = {}
-    for path in sorted(folder.glob("trial-[0-9][0-9]")):
+    for number, path in trial_folders(folder).items():
         records = read_records(path)
         if "verdict" in records or "estimate" in records:  # else it is only planned
-            found[int(path.name[-2:])] = TrialRecords(records, times_s.get(path.name, {}))
+            found[number] = TrialRecords(records, times_s.get(path.name, {}))
     return found

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from strandcast.records.folders import trial_name
+from strandcast.core.trial_names import trial_name, trial_number
 
 MARK = "\x1e"  # begins a line that is an event, as in JSON text sequences (RFC 7464)
 STAGES = {
@@ -109,7 +109,7 @@ def past_durations(root: Path, experiments: list[str]) -> Durations:
     found: Durations = {}
     for name in experiments:
         for folder, stage, seconds in benchmarks(root / "results" / name):
-            subject = f"{name} {folder}" if folder.startswith("trial-") else name
+            subject = f"{name} {folder}" if trial_number(folder) else name
             found.setdefault((name, stage), {})[subject] = seconds
     return found
 

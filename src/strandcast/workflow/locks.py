@@ -20,7 +20,7 @@ from filelock import SoftFileLease, Timeout
 
 from strandcast.errors import StrandcastError
 from strandcast.records.files import remove_temporary_files, write_text
-from strandcast.records.folders import WITHIN_WORKFLOW, ExperimentFolder
+from strandcast.records.folders import WITHIN_WORKFLOW, ExperimentFolder, trial_folders
 from strandcast.records.record import read_json
 
 LEASE_S = 60.0  # chosen: three renewals; a busy file server may delay each by many seconds
@@ -210,5 +210,5 @@ def _as_json(owner: Owner) -> str:
 
 def _sweep(folder: ExperimentFolder) -> None:
     """Remove temporary files of killed stages: nobody else writes results now."""
-    for found in (folder.results, *folder.results.glob("trial-[0-9][0-9]"), *folder.results.glob("cameras")):
+    for found in (folder.results, *trial_folders(folder.results).values(), *folder.results.glob("cameras")):
         remove_temporary_files(found)

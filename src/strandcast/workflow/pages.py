@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import ExperimentFolder
+from strandcast.records.folders import ExperimentFolder, trial_folders
 from strandcast.stages.run import files_of, run_stage
 from strandcast.workflow.locks import lease
 
@@ -86,9 +86,9 @@ def render_page(job: PageJob) -> PageProblem | None:
 
 
 def _with_results(root: Path, name: str) -> Iterator[int]:
-    for folder in sorted((root / "results" / name).glob("trial-[0-9][0-9]")):
+    for number, folder in trial_folders(root / "results" / name).items():
         if any((folder / file).is_file() for file in SCORED):
-            yield int(folder.name.removeprefix("trial-"))
+            yield number
 
 
 @contextmanager

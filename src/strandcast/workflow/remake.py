@@ -15,6 +15,7 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
 
+from strandcast.core.trial_names import in_trial_order
 from strandcast.errors import StrandcastError
 from strandcast.records.files import sha256_file
 from strandcast.records.lineage import relative_to
@@ -193,8 +194,8 @@ def _differences(task: StepState, note: dict[str, Any]) -> Iterator[str]:
     inputs = sorted(task.inputs)
     if note.get("input") is not None and note["input"] != inputs:
         added, gone = set(inputs) - set(note["input"]), set(note["input"]) - set(inputs)
-        yield from (f"{name} is a new input" for name in sorted(added)[:MOST_CHANGES])
-        yield from (f"{name} is no longer an input" for name in sorted(gone)[:MOST_CHANGES])
+        yield from (f"{name} is a new input" for name in in_trial_order(added)[:MOST_CHANGES])
+        yield from (f"{name} is no longer an input" for name in in_trial_order(gone)[:MOST_CHANGES])
 
 
 def _changed_params(before: list[str], now: list[str]) -> Iterator[str]:

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from strandcast.config.find import overlooked_experiments
+from strandcast.core.trial_names import trial_name
 from strandcast.errors import ENVIRONMENT, INTEGRITY, StrandcastError
-from strandcast.records.folders import ExperimentFolder, is_project, trial_name, video_suffixes
+from strandcast.records.folders import ExperimentFolder, is_project, trial_folders, video_suffixes
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report.campaign import CampaignTally
 from strandcast.stages.run import run_stage
@@ -156,7 +157,8 @@ def _read_summary(root: Path, experiment: str) -> ExperimentSummary:
 
 def films(root: Path, experiment: str) -> list[Path]:
     """Return the videos of an experiment's trials."""
-    files = sorted(ExperimentFolder(root, experiment).data.glob("trial-*/video.*"))
+    folders = trial_folders(ExperimentFolder(root, experiment).data).values()
+    files = [file for folder in folders for file in sorted(folder.glob("video.*"))]
     return [file for file in files if file.suffix.lower() in video_suffixes()]
 
 

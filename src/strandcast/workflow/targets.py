@@ -11,8 +11,9 @@ from functools import cache
 from pathlib import Path
 
 from strandcast.config.find import NAME
+from strandcast.core.trial_names import TRIAL_DIGITS, trial_digits, trial_name, trial_number
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import ExperimentFolder, trial_name
+from strandcast.records.folders import ExperimentFolder, trial_folders
 from strandcast.records.verdict import Verdict
 from strandcast.stages import files
 from strandcast.stages.context import Context, context_of
@@ -32,7 +33,7 @@ WITH_CAMERA = (
 NEVER = "(?!)"  # the pattern that matches nothing
 # results/paper and results/paper-quick are not experiments: they hold the summaries of many.
 EXPERIMENT = rf"(?!paper(?:-quick)?(?:/|$)){NAME}"
-TRIAL = r"\d{2}"
+TRIAL = TRIAL_DIGITS
 CAMERA = r"[a-z0-9][a-z0-9_-]{0,31}"
 
 
@@ -84,7 +85,7 @@ def with_files(*names: str, experiments: Iterable[str], root: Path = ROOT) -> di
     """Return the trials that have all of some raw files, by experiment."""
     found = {}
     for name in experiments:
-        folders = sorted((root / "data" / name).glob("trial-[0-9][0-9]"))
+        folders = trial_folders(root / "data" / name).values()
         trials = [folder.name for folder in folders if all((folder / file).is_file() for file in names)]
         if trials:
             found[name] = trials
@@ -150,7 +151,7 @@ def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) ->
     Parameters
     ----------
     verdict_of
-        Returns the path of the verdict of a trial, given as ``01``, once it exists.
+        Returns the path of the verdict of a trial, given as ``01`` or ``100``, once it exists.
     """
     context = experiment(name, root)
     limits = context.settings
@@ -160,7 +161,7 @@ def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) ->
     for number in range(1, limits.max_trials + 1):
         thrown.append(number)
         if context.counted([number]):
-            verdict = Verdict.read(verdict_of(f"{number:02d}"))
+            verdict = Verdict.read(verdict_of(trial_digits(number)))
             if context.is_last(number, verdict.hit):
                 break
     return thrown
@@ -170,7 +171,7 @@ def is_to_be_continued(name: str, root: Path = ROOT) -> bool:
     """Return whether the lab throws more trials than were scored, e.g. because `max_trials` was raised."""
     results = experiment(name, root).folder.results
     try:
-        trials_of(name, lambda trial: str(results / f"trial-{trial}" / "verdict.json"), root)
+        trials_of(name, lambda trial: str(results / trial_name(int(trial)) / "verdict.json"), root)
     except StrandcastError:
         return True
     return False
@@ -198,7 +199,7 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
             field="--until",
             fix=(f"did you mean {near[0]}?" if near else f"one of {', '.join(known)}").replace("_", "-"),
         )
-    supplied = {int(trial[-2:]) for trial in supplied_trials(root).get(name, [])}
+    supplied = {trial_number(trial) for trial in supplied_trials(root).get(name, [])}
     trials = _trials_so_far(name, root)
     if stage == "plan":
         trials = [max(trials, default=0) + 1]  # the next motion
@@ -206,7 +207,7 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
     for trial in trials or [0]:
         made_by = "register_track" if trial in supplied and stage in WITH_CAMERA else stage
         outputs = STAGES[made_by].output_files(Job(context, trial, tuple(trials)))
-        if not trials and any("trial-00" in path.parts for paths in outputs.values() for path in paths):
+        if not trials and any(trial_name(0) in path.parts for paths in outputs.values() for path in paths):
             raise StrandcastError(
                 "SC-W021",
                 f"{name} has no trial yet, and {until} needs one",

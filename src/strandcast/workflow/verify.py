@@ -4,8 +4,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from strandcast.core.trial_names import in_trial_order
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import ExperimentFolder, TrialFolder
+from strandcast.records.folders import ExperimentFolder, TrialFolder, trial_folders
 from strandcast.records.joint_log import Run, read_run
 from strandcast.records.lineage import MISPLACED, OUTDATED, Lineage, check_picture
 from strandcast.records.load import RECORDS, TABLES
@@ -53,8 +54,7 @@ def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
 
 
 def _numbers(folder: ExperimentFolder) -> list[int]:
-    found = (path.name for place in (folder.data, folder.results) for path in place.glob("trial-[0-9][0-9]"))
-    return sorted({int(name.removeprefix("trial-")) for name in found})
+    return sorted({*trial_folders(folder.data), *trial_folders(folder.results)})
 
 
 def _missing(root: Path, lineages: list[Lineage]) -> Iterator[Finding]:
@@ -63,9 +63,9 @@ def _missing(root: Path, lineages: list[Lineage]) -> Iterator[Finding]:
     for lineage in lineages:
         for name in lineage.inputs:
             users.setdefault(name, set()).add(lineage.stage)
-    for name, stages in sorted(users.items()):
+    for name in in_trial_order(users):
         if not (root / name).exists():
-            what = f"is missing; {', '.join(sorted(stages))} used it"
+            what = f"is missing; {', '.join(sorted(users[name]))} used it"
             yield Finding(
                 root / name, "missing", what, "restore it; `strandcast status` says what makes it again"
             )

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
-from strandcast.records.folders import ExperimentFolder, trial_name
+from strandcast.records.folders import ExperimentFolder
 from strandcast.records.summary import ExperimentSummary
 from strandcast.records.verdict import Verdict
 from strandcast_studies.paper.cases import PaperCase, case_of

@@ -11,7 +11,7 @@ from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
 from strandcast.lab.strings import PAPER_STRINGS
 from strandcast.records.files import write_text
-from strandcast.records.folders import ExperimentFolder
+from strandcast.records.folders import ExperimentFolder, trial_folders
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report.facts import Facts
 from strandcast.report.summary import summarise
@@ -63,11 +63,11 @@ def _run(root: Path, plan: PaperPlan, case: PaperCase) -> PaperRun:
     if how == "done":
         summary = ExperimentSummary.read(folder.results / "summary.json")
     else:
-        scored = sorted(folder.results.glob("trial-[0-9][0-9]/verdict.json"))
-        numbers = [int(path.parent.name.removeprefix("trial-")) for path in scored]
+        trials = trial_folders(folder.results)
+        scored = {number: each for number, each in trials.items() if (each / "verdict.json").exists()}
         summary = summarise(
             case.name,
-            {number: folder.trial(number).results for number in numbers},
+            scored,
             string_length_m=plan.string(case.string).string.length_m,
             target_m=target_m,
             hit_radius_m=_common(plan).hit_radius_m,

@@ -8,6 +8,7 @@ import pytest
 
 from strandcast.core.box import Box
 from strandcast.core.strings import PARAMETERS
+from strandcast.core.trial_names import trial_name
 from strandcast.records.estimate import ENSEMBLE
 from strandcast.records.tables import write_table
 from strandcast.report.summary import summarise
@@ -111,10 +112,10 @@ def paper_run(
 ) -> PaperRun:
     """Write a run with the first trials of the swing; the third hits."""
     name = f"paper-string{string}-target{target}-seed101-{method}"
-    folders = {trial: root / name / f"trial-{trial:02d}" for trial in range(1, trials + 1)}
+    folders = {trial: root / name / trial_name(trial) for trial in range(1, trials + 1)}
     rng = np.random.default_rng(target)
     for trial, folder in folders.items():
-        shutil.copytree(results / f"trial-{trial:02d}", folder)
+        shutil.copytree(results / trial_name(trial), folder)
         draws = {name: 10.0 ** rng.uniform(-3, 0, 4) for name in PARAMETERS}
         write_table(
             folder / "ensemble.parquet",

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from strandcast.core.trial_names import trial_name
 from strandcast.records.folders import ExperimentFolder
 from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.records.verdict import Verdict
@@ -51,7 +52,7 @@ def make(root: Path, name: str, lines: list[TrialSummary]) -> Path:
     hits = [each.trial for each in lines if each.hit and each.excluded is None]
     for each in lines:
         if each.excluded is None:
-            trial = results / f"trial-{each.trial:02d}"
+            trial = results / trial_name(each.trial)
             trial.mkdir(parents=True, exist_ok=True)
             (trial / "estimate.json").write_text("{}")
             Verdict(

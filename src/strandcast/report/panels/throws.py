@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report import drawing as draw
@@ -50,7 +51,7 @@ def hand_paths(page: ExperimentPageData) -> PanelContent:
     return PanelContent(
         finding + ".",
         draw.Drawing(figure, f"Hand paths of the first and the hitting throw. {finding}."),
-        sources=[f"trial-{trial:02d}/hand.parquet" for trial in lengths],
+        sources=[f"{trial_name(trial)}/hand.parquet" for trial in lengths],
     )
 
 
@@ -94,7 +95,7 @@ def tip_paths(page: ExperimentPageData) -> PanelContent:
     return PanelContent(
         finding,
         draw.Drawing(figure, f"Measured tip paths. {finding}"),
-        sources=[f"trial-{trial:02d}/track.parquet" for trial in shown],
+        sources=[f"{trial_name(trial)}/track.parquet" for trial in shown],
     )
 
 
@@ -122,7 +123,7 @@ def closest_strings(page: ExperimentPageData) -> PanelContent:
     return PanelContent(
         finding,
         draw.Drawing(figure, f"Measured strings at the closest approach. {finding}"),
-        sources=[f"trial-{trial:02d}/track.parquet" for trial in shown],
+        sources=[f"{trial_name(trial)}/track.parquet" for trial in shown],
     )
 
 

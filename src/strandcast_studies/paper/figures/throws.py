@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from matplotlib.patches import Circle
 
+from strandcast.core.trial_names import trial_name
 from strandcast.records.motion import Motion
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report.drawing import FITTED, MEASURED, PLANNED, TARGET, Drawing, legend_below, new_figure
@@ -106,7 +107,7 @@ def joints(each: RunResults) -> PanelContent:
     return PanelContent(
         f"{finding}.",
         Drawing(figure, f"Joint angles and speeds of two throws. {finding}."),
-        sources=[f"../{each.run.experiment}/trial-{number:02d}/motion.json" for number in motions],
+        sources=[f"../{each.run.experiment}/{trial_name(number)}/motion.json" for number in motions],
     )
 
 
@@ -129,6 +130,6 @@ def _outcome(each: RunResults) -> str:
 def _own(made: PanelContent, each: RunResults, before: str = "") -> PanelContent:
     """Return a run's panel for this page, with the run's name and links to its files."""
     folder = f"../{each.run.experiment}/"
-    last = f"trial-{each.last():02d}/"
+    last = f"{trial_name(each.last())}/"
     sources = [folder + ("" if source.startswith("trial-") else last) + source for source in made.sources]
     return replace(made, finding=before + made.finding, sources=sources)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.records.estimate import ENSEMBLE, Estimate
-from strandcast.records.folders import trial_name
 from strandcast.records.tables import read_table
 from strandcast_studies.paper.figures.counts import NAMES
 from strandcast_studies.paper.records import PaperRun, Transfer
