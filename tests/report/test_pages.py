@@ -373,6 +373,15 @@ def test_ten_times_the_frames_make_no_larger_page(page: str, fast_results: Path)
     assert len(fast) < 1.5 * len(page)
 
 
+def test_the_page_lists_what_a_fit_was_made_from_by_trial(results: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(results, tmp_path / "swing")) / "trial-02"
+    names = [f"{trial_name(trial)}/track.parquet" for trial in (1, 2, 99, 100, 101)]
+    estimate = Estimate.read(folder / "estimate.json")
+    changed = estimate.model_copy(update={"planned_from": {name: "c" * 64 for name in names}})
+    changed.write(folder / "estimate.json")
+    assert re.findall(r"estimated from ([^<]*parquet)", page_of(folder.parent, 2)) == names
+
+
 def test_an_experiment_of_no_trial_one_or_many(results: Path, tmp_path: Path) -> None:
     given = {"string_length_m": 0.3, "target_m": [0.6, 0.7], "hit_radius_m": 0.02}
     counts = {

@@ -13,6 +13,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from strandcast.core.trial_names import trial_name
 from strandcast.records.motion import Motion
 from strandcast.records.summary import ExperimentSummary
 from strandcast.records.tables import table_sha256
@@ -570,6 +571,25 @@ def test_after_the_last_trial_was_excluded_the_next_motion_is_planned(rig, tmp_p
     assert following.provenance.start_string == "ensemble"
     summary = ExperimentSummary.read(root / "results/rig/summary.json")
     assert summary.next_motion_sha256 == following.content_sha256()
+
+
+def test_trials_beyond_99_are_targets(tmp_path, project_root):
+    root, numbers = project(tmp_path, project_root), [1, 2, 99, 100, 101]
+    (root / "data" / "many").mkdir(parents=True)
+    between = ", ".join(f"{{trial: {number}, reason: none}}" for number in range(3, 99))
+    (root / "data" / "many" / "experiment.yaml").write_text(f"{RIG}excluded: [{between}]\n")
+    for number in reversed(numbers):
+        folder = root / "data" / "many" / trial_name(number)
+        folder.mkdir()
+        for name in (*SUPPLIED_FILES.values(), "motion.json"):
+            (folder / name).touch()
+    motions = [f"results/many/{trial_name(number)}/motion.json" for number in (100, 102)]
+    run = snakemake(root, *motions, "--dry-run")
+    assert run.returncode == 0, run.stderr[-3000:]
+    assert {"register_motion", "plan"} <= jobs(run)
+    estimated = re.findall(r"many trial (\d+): the string's", run.stdout + run.stderr)
+    assert {*estimated} == {"01", "02", "99", "100", "101"}
+    assert snakemake(root, "results/many/trial-0100/motion.json", "--dry-run").returncode == 1
 
 
 def test_an_invalid_setting_is_reported_before_any_job_starts(tmp_path, project_root):
