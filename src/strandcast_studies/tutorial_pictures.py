@@ -36,7 +36,7 @@ def fit(demo: ExperimentView, path: Path) -> None:
         points = trial.simulated[trial.simulated["source"] == source]
         last = points[points["point"] == points["point"].max()]
         axes.plot(last["x_m"], last["y_m"], style, label=source)
-    axes.plot(*demo.settings.target_m, "o", color="black", label="target")
+    axes.plot(*(demo.settings.target_m or ()), "o", color="black", label="target")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="the tip in trial 1")
     axes.legend()
     figure.savefig(path, dpi=110, pil_kwargs={"quality": 60, "method": 6})

@@ -66,6 +66,26 @@ def test_a_users_error_is_one_message(root, arguments, code, words):
 
 
 @pytest.mark.parametrize(
+    ("stage", "words"),
+    [
+        ("estimate", "import motion capture (strandcast import track swung 1 FILE.csv)"),
+        ("plan", "data/swung/experiment.yaml: target_m: the experiment has no target"),
+        ("run --until estimate", "import its recording: strandcast import track swung 1 FILE.csv"),
+    ],
+)
+def test_without_a_recording_and_a_target_the_message_says_how_to_begin(root, stage, words):
+    (root / "Snakefile").touch()
+    (root / "data" / "swung").mkdir(parents=True)
+    (root / "data" / "swung" / "experiment.yaml").write_text("string: {length_m: 0.3}\n")
+    command, *options = stage.split()
+    run = strandcast(root, command, "swung", *(options or ["1"]))
+    assert run.returncode == 2
+    assert words in run.stderr
+    status = strandcast(root, "status", "swung")
+    assert "next: # import a recording: strandcast import track swung 1 FILE.csv" in status.stdout
+
+
+@pytest.mark.parametrize(
     ("arguments", "code", "problem"),
     [
         (["verify", "dmeo", "--json"], 2, "SC-F001"),

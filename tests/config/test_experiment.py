@@ -40,6 +40,15 @@ def test_a_minimal_experiment_has_defaults(tmp_path):
     assert load(tmp_path, GOOD.replace("0.3", "0.61")).string.n == 20
 
 
+def test_only_what_aims_needs_a_target(tmp_path):
+    captured = load(tmp_path, GOOD.replace("target_m: [0.5, 0.5]\n", ""))
+    assert captured.target_m is None
+    assert captured.aim is None
+    for aims, who in (("lab: {}\n", "the lab"), ("objective: {kind: swing, height_m: 1}\n", "the objective")):
+        (missing,) = problems(tmp_path, GOOD.replace("target_m: [0.5, 0.5]\n", aims))
+        assert (missing.field, missing.what) == ("target_m", f"{who} needs a target")
+
+
 def test_camera_is_short_for_the_camera_main(tmp_path):
     one = load(tmp_path, GOOD + "camera: {exposure_s: 0.001}\n")
     assert one == load(tmp_path, GOOD + "cameras: {main: {exposure_s: 0.001}}\n")

@@ -1,5 +1,7 @@
 """A known string observed with noise is recovered, and what the fit reports about itself is correct."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,12 +10,23 @@ from strandcast.core.strings import REST_CURL, StringBatch
 from strandcast.dynamics.parameters import RANGES
 from strandcast.errors import StrandcastError
 from strandcast.estimation.cross_validation import CHOSEN, REFITTED
-from strandcast.estimation.estimate import estimate
+from strandcast.estimation.estimate import estimate, without_model
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.unknowns import space_of
+from strandcast.records.estimate import CARRIED, HANGING
 from strandcast.threads import threads
 
-from .known_string import LAYOUT, MODEL, NOISE_M, TIME_S, hand_path, known_string, observed_throw, simulated
+from .known_string import (
+    LAYOUT,
+    MODEL,
+    NOISE_M,
+    TIME_S,
+    hand_path,
+    known_string,
+    objective_of,
+    observed_throw,
+    simulated,
+)
 
 QUICK = EstimateSettings(ensemble=4, profiles=False)
 
@@ -53,6 +66,17 @@ def test_the_fit_reports_itself_correctly(fit):
     assert 1e-7 < fit.step_change_m < fit.E_m
     assert fit.convergence[0][-1] <= fit.evaluations
     assert fit.convergence[1][-1] == fit.member_values_m[0]
+
+
+def test_guesses_without_a_model_are_as_far_off_as_the_string_is():
+    still = observed_throw(0.0, noise=0.0)
+    hanging_m = np.array([0.0, -1.0]) * MODEL.places_m()[:, None] + np.array([0.03, 0.04])
+    hanging_m[0] = 0.0
+    shifted = replace(still, points_m=np.broadcast_to(hanging_m, still.points_m.shape))
+    hangs, carried = without_model(objective_of([shifted], QUICK))
+    assert (hangs.what, carried.what) == (HANGING, CARRIED)
+    assert hangs.E_m == pytest.approx(0.05)
+    assert carried.E_m < 0.01 * hangs.E_m  # its first shape is the one that it keeps
 
 
 def test_members_are_near_optimal_strings_that_differ(fit):

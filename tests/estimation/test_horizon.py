@@ -10,7 +10,7 @@ from strandcast.stages.estimate import _until_s
 START_S, END_S, EXPECTED_S = 2.0, 2.9, 0.6
 
 
-def trial(closest_s: float | None, hit: bool = False, predicted: bool = True) -> SimpleNamespace:
+def trial(closest_s: float | None, hit: bool | None = False, predicted: bool = True) -> SimpleNamespace:
     motion = SimpleNamespace(predicted=SimpleNamespace(hit_time_s=EXPECTED_S) if predicted else None)
     return SimpleNamespace(
         motion=motion,
@@ -30,9 +30,10 @@ def trial(closest_s: float | None, hit: bool = False, predicted: bool = True) ->
         (None, False, True, 2.63),  # closest approach not tracked
         (2.66, False, False, 2.69),  # a motion without a prediction
         (None, False, False, 3.20),
+        (None, None, False, 3.20),  # without a target, the whole capture
     ],
 )
-def test_the_last_frame(closest_s: float | None, hit: bool, predicted: bool, until_s: float) -> None:
+def test_the_last_frame(closest_s: float | None, hit: bool | None, predicted: bool, until_s: float) -> None:
     settings = EstimateSettings(horizon_s=0.03)
     assert _until_s(trial(closest_s, hit, predicted), settings) == pytest.approx(until_s)
     if not hit:

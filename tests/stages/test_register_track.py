@@ -29,13 +29,14 @@ Damage = Callable[[Rows], Rows]
 
 @dataclass
 class Supplied:
-    """An experiment's root, and the four supplied files of its first trial."""
+    """An experiment's root, and the four supplied files of one trial."""
 
     root: Path
+    trial: int = 1
 
     @property
     def folder(self) -> Path:
-        return self.root / "data" / "swung" / "trial-01"
+        return self.root / "data" / "swung" / f"trial-{self.trial:02d}"
 
     def register(self) -> TrackSummary:
         run_stage("register_track", self.root, "swung", 1)
@@ -57,10 +58,11 @@ def supplied_once(tmp_path_factory: pytest.TempPathFactory, project_root: Path) 
     return supplied_in(tmp_path_factory.mktemp("fuzz"), project_root)
 
 
-def supplied_in(tmp_path: Path, project_root: Path) -> Supplied:
+def supplied_in(tmp_path: Path, project_root: Path, trial: int = 1) -> Supplied:
     """Write a track of a straight string in a slow swing."""
-    (tmp_path / "config").symlink_to(project_root / "config")
-    made = Supplied(tmp_path)
+    if not (tmp_path / "config").exists():
+        (tmp_path / "config").symlink_to(project_root / "config")
+    made = Supplied(tmp_path, trial)
     made.folder.mkdir(parents=True)
     (made.folder.parent / "experiment.yaml").write_text(SETTINGS)
     # A straight string of 0.4 m along the hand's angle.
@@ -81,8 +83,8 @@ def supplied_in(tmp_path: Path, project_root: Path) -> Supplied:
             "angle_rad": ANGLE_RAD,
         },
     )
-    summary_of().write(made.folder / "track.json")
-    alignment_of().write(made.folder / "alignment.json")
+    for record, name in ((summary_of(), "track.json"), (alignment_of(), "alignment.json")):
+        record.model_copy(update={"trial": trial}).write(made.folder / name)
     return made
 
 

@@ -62,8 +62,10 @@ class Experiment(Section):
         "planar3",
         description="A name in config/arms, or the path of an arm's file. Set it for every real arm.",
     )
-    target_m: tuple[Position, Position] = Field(
-        description="The target in the world frame: x to the right and y up from the arm's base."
+    target_m: tuple[Position, Position] | None = Field(
+        None,
+        description="The target in the world frame: x to the right and y up from the arm's base. Leave "
+        "it out for motion that was only captured: the string is fitted, and nothing is scored or planned.",
     )
     objective: AnyObjective = Field(
         PointObjective(),
@@ -149,9 +151,19 @@ class Experiment(Section):
         return self
 
     @model_validator(mode="after")
+    def _lab_and_objective_have_a_target(self) -> Experiment:
+        if self.target_m is None and (self.lab is not None or self.objective != PointObjective()):
+            raise Conflict(
+                f"{'the lab' if self.lab is not None else 'the objective'} needs a target",
+                "target_m",
+                "add target_m: [x, y]",
+            )
+        return self
+
+    @model_validator(mode="after")
     def _target_in_workspace(self) -> Experiment:
         box = self.workspace_m
-        if box is not None:
+        if box is not None and self.target_m is not None:
             for value, (low, high), axis in zip(self.target_m, (box.x_m, box.y_m), "xy", strict=True):
                 if not low <= value <= high:
                     raise Conflict(
@@ -191,9 +203,9 @@ class Experiment(Section):
         return self
 
     @property
-    def aim(self) -> Objective:
-        """The objective of every throw, with the target."""
-        return self.objective.aimed_at(self.target_m)
+    def aim(self) -> Objective | None:
+        """The objective of every throw, with the target; None without one."""
+        return None if self.target_m is None else self.objective.aimed_at(self.target_m)
 
     @property
     def camera_name(self) -> str:

@@ -42,7 +42,7 @@ def _place(node: Any, detail: ErrorDetails) -> tuple[str, ...]:
         child = _child(node, part)
         if child is not None:
             node = child
-        elif not (detail["type"] == "missing" and part == detail["loc"][-1]):
+        elif part != (detail["loc"][-1] if detail["type"] == "missing" else conflict and conflict.field):
             continue
         place.append(str(part))
     return tuple(place)

@@ -11,6 +11,7 @@ from strandcast.estimation import cross_validation
 from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.estimation.descent import GaussNewtonModel
 from strandcast.estimation.ensemble import near_samples
+from strandcast.estimation.evaluation import evaluation_of_points
 from strandcast.estimation.fit import StringFit, fit_of
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
 from strandcast.estimation.measured import Throw
@@ -20,6 +21,7 @@ from strandcast.estimation.throws import prepare
 from strandcast.estimation.uncertainty import uncertainty_of
 from strandcast.estimation.unknowns import space_of
 from strandcast.progress import Progress
+from strandcast.records.estimate import CARRIED, HANGING, UNDER_PREVIOUS
 
 # Chosen.
 NEAR_SAMPLES = 64
@@ -36,6 +38,7 @@ def estimate(
     planned: StringBatch | None = None,
     previous: StringBatch | None = None,
     plain_mass: bool | None = None,
+    references: bool = False,
 ) -> StringFit:
     """Fit the string to the throws so far, the newest last.
 
@@ -51,6 +54,9 @@ def estimate(
         The previous estimate (the best string first, then its ensemble), from which the search starts.
     plain_mass
         Whether to fit the common mass of the plain points; None: only in the paper's search.
+    references
+        Whether `held_out` has E of the newest throw without a model too, see `without_model`. A throw with a
+        target has its plan to be compared with.
 
     Raises
     ------
@@ -83,6 +89,7 @@ def estimate(
             cross_validation.refitted(objective, log, int(CROSS_VALIDATION_SHARE * settings.evaluations))
         )
         _sample_near(objective, log, rng)
+    held_out += without_model(objective) if references else []
     uncertainty = uncertainty_of(objective, log, profiles=settings.profiles)
     all_weights = np.zeros(len(throws))
     all_weights[-len(kept) :] = objective.shares
@@ -119,7 +126,25 @@ def _search_budget(settings: EstimateSettings) -> int:
 def _under_previous(objective: FitObjective, previous: StringBatch) -> HeldOutEvaluation:
     """E of the newest throw under the previous estimate."""
     value = float(objective.value(objective.throws[-1], previous.take(0), 0.0)[0])
-    return HeldOutEvaluation("this throw under the estimate before it", value)
+    return HeldOutEvaluation(UNDER_PREVIOUS, value)
+
+
+def without_model(objective: FitObjective) -> list[HeldOutEvaluation]:
+    """E of the newest throw for two guesses that need no model, to compare predictions with.
+
+    The string hangs straight below the hand, or it keeps its first shape and moves with the hand.
+    """
+    throw = objective.throws[-1]
+    path_s, path_m = throw.hand.time_s, throw.hand.pose[:, :2]
+    hand_m = np.stack([np.interp(throw.time_s, path_s, path_m[:, k]) for k in (0, 1)], axis=1)[:, None]
+    hanging_m = np.outer(objective.model.places_m(), (0.0, -1.0))
+    guesses = {HANGING: hanging_m}
+    if throw.start.points_m is not None:
+        guesses[CARRIED] = np.concatenate([np.zeros((1, 2)), throw.start.points_m - path_m[0]])
+    return [
+        HeldOutEvaluation(what, float(evaluation_of_points(objective.point_values(throw, hand_m + shape_m))))
+        for what, shape_m in guesses.items()
+    ]
 
 
 def _sample_near(objective: FitObjective, log: EvaluationLog, rng: np.random.Generator) -> None:

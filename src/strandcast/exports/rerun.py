@@ -25,9 +25,9 @@ def export_rerun(throw: ThrowData, out: Path) -> None:
         raise missing_package("rerun-sdk", "rerun") from None
     recording = rr.RecordingStream("strandcast", recording_id=throw.name)
     recording.save(out)
-    recording.log(
-        "target", rr.Points3D([throw.in_space(throw.target_m)], colors=TARGET, radii=0.01), static=True
-    )
+    if throw.target_m is not None:
+        target = rr.Points3D([throw.in_space(throw.target_m)], colors=TARGET, radii=0.01)
+        recording.log("target", target, static=True)
 
     def lines(entity: str, time_s: np.ndarray, points_m: np.ndarray, color: tuple[int, int, int]) -> None:
         for at_s, line in zip(time_s, throw.in_space(points_m), strict=True):

@@ -35,7 +35,7 @@ class ThrowData:
     joint_time_s, q_rad, q_cmd_rad
         (T,), (T, J), (T, J): the joint log on the robot's clock; T = 0 without one.
     target_m
-        (2,) the experiment's target.
+        (2,) the experiment's target, None if it has none.
     video
         The video; None for an imported track.
     """
@@ -50,7 +50,7 @@ class ThrowData:
     joint_time_s: np.ndarray
     q_rad: np.ndarray
     q_cmd_rad: np.ndarray
-    target_m: np.ndarray
+    target_m: np.ndarray | None
     video: Path | None
 
     def in_space(self, points_m: np.ndarray) -> np.ndarray:
@@ -91,7 +91,7 @@ def read_throw(trial: TrialView) -> ThrowData:
         time_s,
         q_rad,
         q_cmd_rad,
-        np.array(context.settings.target_m),
+        None if context.settings.target_m is None else np.array(context.settings.target_m),
         trial.folder.video() if trial.folder.videos() else None,
     )
 

@@ -30,6 +30,7 @@ def import_capture(
     length_m: float,
     points: int,
     arm: Arm | None = None,
+    aimed: bool = True,
 ) -> TrackSummary:
     """Write track.parquet, track.json, hand.parquet and alignment.json into a trial's folder.
 
@@ -48,6 +49,8 @@ def import_capture(
         place; points without a marker are absent.
     arm
         The arm that moves the hand, for its reach.
+    aimed
+        Whether throws of this arm are planned, so that a hand beyond its reach is worth a warning.
 
     Returns
     -------
@@ -88,7 +91,8 @@ def import_capture(
     paths = {"measured": (time_s[known], hand[known])}
     summary.warnings += check_track(track, paths, alignment, summary, table.path)
     if arm is not None:
-        summary.warnings += _check_reach(hand[known].position_m, arm, table.path)
+        beyond = _check_reach(hand[known].position_m, arm, table.path)
+        summary.warnings += beyond if aimed else []
     # All checks have passed: only now is anything written.
     folder = Path(folder)
     # track.json marks an import as complete: it must not lie beside half of another one.

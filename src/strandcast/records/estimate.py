@@ -106,6 +106,12 @@ class ServoFit(Part):
     held_out_hand_m: float | None = None  # rms distance at the hand
 
 
+# `what` of errors that pages look for: this trial under the string fitted before it was added, and where the
+# string would be if it hung straight below the hand, or kept its first shape and moved with the hand.
+UNDER_PREVIOUS = "this throw under the estimate before it"
+HANGING, CARRIED = "no model: hanging straight below the hand", "no model: first shape, moved with the hand"
+
+
 class HeldOutError(Part):
     """E on data held out from the fit."""
 
@@ -161,3 +167,7 @@ class Estimate(Record):
     servo: ServoFit | None
     planned_from: dict[str, str]  # files read -> content hash
     warnings: list[str]
+
+    def held_out_m(self, what: str) -> float | None:
+        """Return E on the data that `what` names; None where it is not known."""
+        return next((held.E_m for held in self.held_out if held.what == what), None)

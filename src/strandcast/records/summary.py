@@ -12,7 +12,7 @@ class TrialSummary(Part):
     trial: int
     miss_m: float | None
     miss_sigma_m: float | None
-    hit: bool | None  # null: unknown
+    hit: bool | None  # null: unknown, or no target
     E_planned_m: float | None
     E_m: float | None
     tracked_fraction: float | None
@@ -49,9 +49,10 @@ class ExperimentSummary(Record):
 
     experiment: str
     string_length_m: float
-    target_m: list[float]
+    target_m: list[float] | None  # null: none, the motion was only captured
     hit_radius_m: float
-    verdict: Literal["hit", "no hit", "unknown"]  # unknown: a result that it depends on could not be read
+    # unknown: a result that it depends on could not be read
+    verdict: Literal["hit", "no hit", "unknown", "no target"]
     hit_trial: int | None
     trials: list[TrialSummary]
     next_motion_sha256: str | None

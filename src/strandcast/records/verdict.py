@@ -8,17 +8,20 @@ AFTER_MOTION_S = 0.3  # the miss counts until then: the tip may arrive after the
 
 
 class Verdict(Record):
-    """The miss of one trial, from the track; null, with the reason, if the tip was not detected."""
+    """The miss of one trial, from the track; null, with the reason, if the tip was not detected.
+
+    A trial without a target has no miss, and is no hit or miss: these are null, too.
+    """
 
     SCHEMA: ClassVar[str] = "strandcast/verdict"
 
     experiment: str
     trial: int
-    target_m: list[float]
+    target_m: list[float] | None  # null: the experiment has no target
     hit_radius_m: float
     miss_m: float | None
     miss_sigma_m: float | None
-    hit: bool
+    hit: bool | None
     closest_frame: int | None
     closest_robot_time_s: float | None
     closest_m: list[float] | None
@@ -26,3 +29,8 @@ class Verdict(Record):
     objective: str = "point"  # its kind
     wanted: str | None = None  # the aim in words, if it is not a point or a bar
     bar_m: list[list[float]] | None = None  # both ends of a bar to strike
+
+    def target(self) -> list[float]:
+        """Return the target; only for what is not done for a trial without one."""
+        assert self.target_m is not None
+        return self.target_m

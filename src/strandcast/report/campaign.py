@@ -41,6 +41,11 @@ class CampaignExperiment:
     waiting: Sequence[WaitingTrial] = ()
 
     @property
+    def aimed(self) -> bool:
+        """Return whether the experiment has a target, as far as its summary can be read."""
+        return self.summary is None or self.summary.target_m is not None
+
+    @property
     def trials(self) -> list[TrialSummary]:
         """Return the trials in the summary."""
         return [] if self.summary is None else self.summary.trials
@@ -57,7 +62,10 @@ class CampaignExperiment:
 
     @property
     def verdict(self) -> str:
-        """Return "hit", "no hit" or "unknown"; a summary that lacks a throw cannot say that none has hit."""
+        """Return "hit", "no hit", "unknown" or "no target".
+
+        A summary that lacks a throw cannot say that none has hit.
+        """
         known = "unknown" if self.summary is None else self.summary.verdict
         return "unknown" if known == "no hit" and self.waiting else known
 
@@ -82,10 +90,14 @@ class CampaignTally:
     hits: int  # throws that hit
     experiments: dict[str, int]  # by verdict
     unread: int  # experiments without a readable summary: their trials are not counted
+    captured: int = 0  # experiments without a target
 
     def to_json(self) -> dict[str, Any]:
         """Return the counts as plain data."""
-        return asdict(self) | {"done": self.done}
+        counts = asdict(self)
+        if not self.captured:
+            del counts["captured"]
+        return counts | {"done": self.done}
 
     @property
     def done(self) -> int:
@@ -98,6 +110,7 @@ class CampaignTally:
             f"{self.done} trial{'' if self.done == 1 else 's'} done, {self.failed} failed, {self.left} left"
         )
         text += f"; hits: {self.hits} throws, in {experiments}"
+        text += f"; without a target: {self.captured}" if self.captured else ""
         text += f"; excluded: {self.excluded}" if self.excluded else ""
         return text + (f"; without a readable summary: {self.unread}" if self.unread else "")
 
@@ -152,6 +165,12 @@ class CampaignThrow(NamedTuple):
     line: TrialSummary
     throw: int | None
     hit_radius_m: float
+    aimed: bool = True
+
+    @property
+    def is_unknown(self) -> bool:
+        """Return whether a hit or a miss should be known, and is not; of a capture, whether a result is."""
+        return self.line.hit is None and (self.aimed or bool(self.line.unread))
 
 
 class Outlier(NamedTuple):
@@ -175,17 +194,17 @@ class Campaign:
             throw = 0
             for line in each.trials:
                 throw += line.excluded is None
-                yield CampaignThrow(
-                    each.name, line, throw if line.excluded is None else None, each.hit_radius_m
-                )
+                number = throw if line.excluded is None else None
+                yield CampaignThrow(each.name, line, number, each.hit_radius_m, each.aimed)
 
     def tally(self) -> CampaignTally:
         """Count the trials."""
-        lines = [each.line for each in self.trials()]
+        trials = list(self.trials())
+        lines = [each.line for each in trials]
         counted = [line for line in lines if line.excluded is None]
         waiting = [trial for each in self.experiments for trial in each.waiting]
         verdicts = [each.verdict for each in self.experiments]
-        failed = sum(line.hit is None for line in counted)
+        failed = sum(each.line.excluded is None and each.is_unknown for each in trials)
         return CampaignTally(
             scored=len(counted) - failed,
             excluded=len(lines) - len(counted),
@@ -194,11 +213,12 @@ class Campaign:
             hits=sum(line.hit is True for line in counted),
             experiments={verdict: verdicts.count(verdict) for verdict in ("hit", "no hit", "unknown")},
             unread=sum(each.summary is None for each in self.experiments),
+            captured=verdicts.count("no target"),
         )
 
     def most_throws(self) -> int:
-        """Return the number of throws of the experiment with the most."""
-        return max((len(each.throws) for each in self.experiments), default=0)
+        """Return the number of throws of the experiment with the most; captures are no throws."""
+        return max((len(each.throws) for each in self.experiments if each.aimed), default=0)
 
     def hit_shares(self) -> list[HitShare]:
         """Return by throw how many experiments have hit.
@@ -207,7 +227,7 @@ class Campaign:
         """
         shares = []
         for throw in range(1, self.most_throws() + 1):
-            outcomes = [each.has_hit_by(throw) for each in self.experiments]
+            outcomes = [each.has_hit_by(throw) for each in self.experiments if each.aimed]
             hits, known = outcomes.count(True), len(outcomes) - outcomes.count(None)
             shares.append(HitShare(throw, hits, known, outcomes.count(None), *wilson(hits, known)))
         return shares

@@ -23,13 +23,14 @@ from strandcast.report.pages import render
 from strandcast.report.panels.campaign import learning, rig_course, throw_misses
 from strandcast.report.panels.content import Panel, PanelContent, Table, make_sections
 from strandcast.report.provenance import mixed_versions, version_tables
-from strandcast.report.text import Badge
+from strandcast.report.text import NO_TARGET, Badge
 
 MOST_OUTLIERS = 40  # listed by name; the remarks in the table of trials hold all
 VERDICTS = {
     "hit": Badge("HIT", "●", "hit"),
     "no hit": Badge("NO HIT", "▲", "miss"),
     "unknown": Badge("UNKNOWN", "✕", "failed"),
+    "no target": NO_TARGET,
 }
 
 
@@ -71,6 +72,9 @@ def headline(tally: CampaignTally) -> str:
     count = hit + missed + unknown
     text = f"{hit} of {count} experiment{'' if count == 1 else 's'} {'has' if hit == 1 else 'have'} hit"
     text += f", {missed} {'has' if missed == 1 else 'have'} not" if missed else ""
+    if tally.captured:
+        captured = f"{tally.captured} {'has' if tally.captured == 1 else 'have'} no target"
+        text = f"{text}; {captured}" if count else f"{captured}: motion was captured and fitted"
     return text + (f"; {unknown} {'is' if unknown == 1 else 'are'} unknown." if unknown else ".")
 
 
@@ -81,6 +85,8 @@ def _has_throws(campaign: Campaign) -> bool:
 def _badge(tally: CampaignTally) -> Badge:
     unknown, hit = tally.experiments["unknown"], tally.experiments["hit"]
     count = sum(tally.experiments.values())
+    if not count and tally.captured:
+        return NO_TARGET
     if unknown or not count:
         return Badge(f"{unknown} UNKNOWN" if count else "NO EXPERIMENT", "✕", "failed")
     return (
@@ -105,7 +111,7 @@ def _troubles(campaign: Campaign) -> Iterator[Trouble]:
             yield Trouble(page_link(each.name), unknown, f"{file}: {why}")
     for each in campaign.experiments:
         for line in each.throws:
-            if line.unread or line.hit is None:
+            if line.unread or (line.hit is None and each.aimed):
                 why = "; ".join(f"{file}: {reason}" for file, reason in line.unread.items())
                 badge = line_badge(line, each.hit_radius_m) if line.hit is not None else unknown
                 yield Trouble(_named_link(each.name, line.trial), badge, why or "no verdict")
@@ -137,11 +143,11 @@ def _experiment_row(each: CampaignExperiment) -> list[Any]:
         summary.hit_trial or UNKNOWN,
         millimetres(best),
         len(summary.trials),
-        sum(line.hit is None for line in each.throws),
+        sum(line.hit is None and (each.aimed or bool(line.unread)) for line in each.throws),
         len(summary.trials) - len(each.throws),
         len(each.waiting),
         millimetres(summary.string_length_m, digits=0),
-        place(summary.target_m),
+        UNKNOWN if summary.target_m is None else place(summary.target_m),
     ]
 
 

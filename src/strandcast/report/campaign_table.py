@@ -10,7 +10,7 @@ from strandcast.records.summary import TrialSummary
 from strandcast.report.campaign import RIG_QUANTITIES, Campaign, CampaignThrow
 from strandcast.report.numbers import UNKNOWN, signed
 from strandcast.report.pages import csv_link
-from strandcast.report.text import Badge, too_near, verdict_badge
+from strandcast.report.text import NO_TARGET, Badge, too_near, verdict_badge
 
 HEADS = (
     *(
@@ -57,14 +57,20 @@ def chip(badge: Badge) -> Markup:
 def trial_rows(campaign: Campaign) -> list[CampaignRow]:
     """Return the rows of the table: unknown trials first, then those not seen, then all others in order."""
     reasons = {(each.experiment, each.trial): each.reasons for each in campaign.outliers()}
-    trials = sorted(campaign.trials(), key=lambda each: _urgency(each.line))
+    trials = sorted(campaign.trials(), key=_urgency)
     return [_row(each, reasons.get((each.experiment, each.line.trial), [])) for each in trials]
 
 
-def _urgency(line: TrialSummary) -> int:
+def _urgency(each: CampaignThrow) -> int:
+    line = each.line
     if line.excluded is not None:
         return 2
-    return 0 if line.hit is None else 1 if line.miss_m is None else 2
+    return 0 if each.is_unknown else 1 if line.miss_m is None and each.aimed else 2
+
+
+def _capture_badge(line: TrialSummary) -> Badge:
+    """Return the state of a trial without a target."""
+    return NO_TARGET if line.excluded is None else verdict_badge(None, line.excluded)
 
 
 def _row(each: CampaignThrow, reasons: list[str]) -> CampaignRow:
@@ -74,7 +80,7 @@ def _row(each: CampaignThrow, reasons: list[str]) -> CampaignRow:
         page_link(each.experiment),
         page_link(each.experiment, line.trial),
         each.throw or UNKNOWN,
-        chip(line_badge(line, each.hit_radius_m)),
+        chip(line_badge(line, each.hit_radius_m) if each.aimed else _capture_badge(line)),
         _number(line.miss_m, 1e3, 1, line.miss_sigma_m),
         UNKNOWN if None in predicted else " to ".join(_number(value, 1e3, 1) for value in predicted),
         _number(line.E_planned_m, 1e3, 1),

@@ -124,7 +124,7 @@ def _running_median(values: Array) -> Array:
 
 def _lost_tip(results: TrialResults) -> Iterator[Cause]:
     verdict, track = results.need("verdict"), results.need("track")
-    if verdict.miss_m is not None:
+    if verdict.miss_m is not None or verdict.target_m is None:
         return
     time_s, tip = results.robot_time_s(), track.points_m[:, -1]
     known = np.isfinite(tip).all(axis=1) & (track.flags[:, -1] == 0)

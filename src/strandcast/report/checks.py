@@ -14,6 +14,7 @@ from strandcast.report.results import FILES, OPTIONAL, TrialResults
 from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLANE_RMS_PX
 
 PASS, WARN, FAIL, NOT_RUN = "PASS", "WARN", "FAIL", "NOT RUN"
+NEXT_MOTION = "next motion: planned, complete, without flags"
 LEAST_ROOM_M = 0.01  # chosen: throws of one motion differ by millimetres
 
 
@@ -44,8 +45,14 @@ def run_checks(results: TrialResults, next_motion: Path | None) -> list[CheckRes
         for name in FILES
         if name not in results.problems or name not in OPTIONAL | results.not_made()
     ]
-    checks += [_run(name, severity, check, results) for name, severity, check in CHECKS]
-    checks.append(_next_motion(next_motion, caveat(probable_causes(results))))
+    aimed = results.aimed()
+    checks += [
+        _run(name, severity, check, results)
+        for name, severity, check in CHECKS
+        if aimed or check not in AIMED
+    ]
+    if aimed:
+        checks.append(_next_motion(next_motion, caveat(probable_causes(results))))
     return checks
 
 
@@ -67,7 +74,7 @@ def _run(name: str, severity: str, check: TrialCheck, results: TrialResults) -> 
 
 
 def _next_motion(path: Path | None, caveat: str | None) -> CheckResult:
-    name = "next motion: planned, complete, without flags"
+    name = NEXT_MOTION
     if path is None:
         return CheckResult(name, NOT_RUN, "none was given", "")
     try:
@@ -195,7 +202,8 @@ def _hand(results: TrialResults) -> CheckOutcome | None:
 def _fit(results: TrialResults) -> CheckOutcome:
     error_m = results.need("estimate").E_m
     found = f"{millimetres(error_m, digits=2)}{_points_counted(results)}"
-    return CheckOutcome(error_m <= 0.008, found, "≤ 8 mm; beyond it the next throw often misses")
+    next_throw = "; beyond it the next throw often misses" if results.aimed() else ""
+    return CheckOutcome(error_m <= 0.008, found, f"≤ 8 mm{next_throw}")
 
 
 def _points_counted(results: TrialResults) -> str:
@@ -247,3 +255,5 @@ CHECKS: list[tuple[str, str, TrialCheck]] = [
     ("estimate: bounds", WARN, _bounds),
     ("motion played: folding", WARN, _bend),
 ]
+
+AIMED = (_tip, _played, _bend)  # checks of a throw at a target

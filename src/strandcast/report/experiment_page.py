@@ -10,6 +10,7 @@ from markupsafe import Markup
 from PIL import Image
 
 from strandcast.core.trial_names import trial_name
+from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.report.facts import Facts
 from strandcast.report.numbers import millimetres
@@ -19,7 +20,7 @@ from strandcast.report.panels.page_data import ExperimentPageData
 from strandcast.report.panels.registry import panels_of
 from strandcast.report.provenance import experiment_provenance, mixed_versions
 from strandcast.report.results import TrialResults, read_results
-from strandcast.report.text import CITATION, Badge, uncertain_verdict, verdict_badge
+from strandcast.report.text import CITATION, NO_TARGET, Badge, uncertain_verdict, verdict_badge
 
 THUMBNAIL_PX = 320
 MOST_PIXELS = 40_000_000  # as of a video's frame
@@ -29,6 +30,7 @@ class TrialRow(NamedTuple):
     """One trial in the table and among the thumbnails."""
 
     line: TrialSummary
+    predicted_m: float | None  # E under the string that was fitted to the trials before
     folder: str
     badge: Badge
     remark: str
@@ -51,6 +53,7 @@ def experiment_page(
     return render(
         "experiment.html.jinja",
         summary=summary,
+        aimed=page.aimed,
         title=facts.title,
         badge=_badge(summary, uncertain=uncertain),
         headline=_headline(summary, uncertain=uncertain),
@@ -73,6 +76,8 @@ def _csv(summary: ExperimentSummary) -> Markup:
 def _badge(summary: ExperimentSummary, *, uncertain: bool) -> Badge:
     if summary.verdict == "unknown":
         return Badge("UNKNOWN", "✕", "failed")
+    if summary.target_m is None:
+        return NO_TARGET
     if summary.hit_trial is not None and uncertain:
         return Badge(f"HIT? AT TRIAL {summary.hit_trial}", "◐", "unseen")
     if summary.hit_trial is not None:
@@ -87,6 +92,11 @@ def _headline(summary: ExperimentSummary, *, uncertain: bool) -> str:
     trials += f", {excluded} of them excluded" if excluded else ""
     if summary.verdict == "unknown":
         return f"Whether the tip hit the target is unknown: results could not be read ({trials})."
+    if summary.target_m is None:
+        fitted = [line.E_m for line in summary.trials if line.excluded is None and line.E_m is not None]
+        best = f", fitted to E {millimetres(min(fitted))}" if fitted else ", none of them fitted yet"
+        spread = f" to {millimetres(max(fitted))}" if len(fitted) > 1 else ""
+        return f"Captured motion without a target: {trials}{best}{spread}."
     if summary.hit_trial is None:
         return f"The tip has not hit the target in {trials}."
     hit = next(line for line in summary.trials if line.trial == summary.hit_trial)
@@ -99,14 +109,16 @@ def _row(line: TrialSummary, trials: Mapping[int, Path], results: Mapping[int, T
     mine = results.get(line.trial)
     verdict = mine.get("verdict") if mine is not None else None
     remark = f"excluded: {line.excluded}" if line.excluded is not None else ""
-    if not remark and verdict is not None and verdict.reason:
+    if not remark and verdict is not None and verdict.reason and verdict.target_m is not None:
         remark = verdict.reason
     if not remark and mine is not None and verdict is None:
         remark = f"failed: {mine.problems['verdict'].what}"
     folder = trials[line.trial].name if line.trial in trials else trial_name(line.trial)
     picture = mine.get("strobe") if mine is not None else None
     badge = verdict_badge(verdict, line.excluded, uncertain=uncertain_verdict(mine))
-    return TrialRow(line, folder, badge, remark, _thumbnail(picture))
+    estimate: Estimate | None = mine.get("estimate") if mine is not None else None
+    predicted_m = None if estimate is None else estimate.held_out_m(UNDER_PREVIOUS)
+    return TrialRow(line, predicted_m, folder, badge, remark, _thumbnail(picture))
 
 
 def _thumbnail(picture: bytes | None) -> str | None:

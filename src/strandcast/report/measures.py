@@ -4,10 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
+from strandcast.records.estimate import CARRIED, HANGING, Estimate
 from strandcast.records.verdict import Verdict
 from strandcast.report.results import FILES, HandPoses, SimulatedThrow, TrialResults
 
 Array = NDArray[np.float64]
+GUESSES = (HANGING, CARRIED)  # made without a model
 
 
 def arc_length_m(path_m: Array) -> Array:
@@ -33,7 +35,7 @@ def equal_instants(tip_m: Array, count: int, forced: int | None) -> NDArray[np.i
 
 def target_distance_m(verdict: Verdict, places_m: Array) -> Array:
     """Return the distance (…) of places (…, 2) from the target or the bar."""
-    ends = np.array(verdict.bar_m or [verdict.target_m])
+    ends = np.array(verdict.bar_m or [verdict.target()])
     along = ends[-1] - ends[0]
     share = np.clip((places_m - ends[0]) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
     return np.asarray(np.linalg.norm(places_m - ends[0] - share[..., None] * along, axis=-1))
@@ -126,6 +128,11 @@ def fit_window(results: TrialResults) -> str:
         return f"{frames} of the fit"
     first, last = (f"{1e3 * (time_s - alignment.motion_start_s):.0f}" for time_s in estimate.window_s)
     return f"{frames} from {first} to {last} ms after the motion’s start"
+
+
+def best_guess_m(estimate: Estimate) -> float | None:
+    """Return the lower E of the guesses without a model; None if there is none."""
+    return min((each for what in GUESSES if (each := estimate.held_out_m(what)) is not None), default=None)
 
 
 def rms(values: Array) -> float:

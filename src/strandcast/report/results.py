@@ -116,9 +116,16 @@ class TrialResults:
         summary = self.get("track_summary")
         return summary is not None and summary.source == "supplied"
 
+    def aimed(self) -> bool:
+        """Return whether the trial had a target, as far as its verdict can be read."""
+        verdict = self.get("verdict")
+        return verdict is None or verdict.target_m is not None
+
     def not_made(self) -> set[str]:
         """Return the results that a trial without video does not have."""
-        return {"manifest", "camera", "strobe", "clip", "motion"} if self.supplied() else set()
+        if self.supplied():
+            return {"manifest", "camera", "strobe", "clip", "motion"}
+        return set() if self.aimed() else {"motion"}
 
     def unread(self) -> dict[str, str]:
         """Return the results that should be there but could not be read, each with the reason."""

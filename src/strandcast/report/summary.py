@@ -15,7 +15,7 @@ def summarise(
     trials: Mapping[int, Path],
     *,
     string_length_m: float,
-    target_m: list[float],
+    target_m: list[float] | None,
     hit_radius_m: float,
     excluded: Mapping[int, str] | None = None,
     next_motion: Path | None = None,
@@ -36,7 +36,13 @@ def summarise(
         string_length_m=string_length_m,
         target_m=target_m,
         hit_radius_m=hit_radius_m,
-        verdict="no hit" if decisive is None else "hit" if decisive.hit else "unknown",
+        verdict="no target"
+        if target_m is None
+        else "no hit"
+        if decisive is None
+        else "hit"
+        if decisive.hit
+        else "unknown",
         hit_trial=decisive.trial if decisive is not None and decisive.hit else None,
         trials=lines,
         next_motion_sha256=next_sha256,

@@ -6,13 +6,14 @@ from typing import Any, NamedTuple
 
 from strandcast.records.alignment import Alignment
 from strandcast.records.camera import Camera
-from strandcast.records.estimate import Estimate
+from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
 from strandcast.records.summary import TrialSummary
 from strandcast.records.track import TrackSummary
 from strandcast.records.verdict import Verdict
 from strandcast.report.causes import probable_causes
+from strandcast.report.measures import best_guess_m, fit_window
 from strandcast.report.numbers import millimetres, place, significant
 from strandcast.report.results import FILES, TrialResults
 
@@ -30,6 +31,9 @@ class Badge(NamedTuple):
     style: str
 
 
+NO_TARGET = Badge("NO TARGET", "○", "unseen")
+
+
 def verdict_badge(
     verdict: Verdict | TrialSummary | None, excluded: str | None, *, uncertain: bool = False
 ) -> Badge:
@@ -41,6 +45,8 @@ def verdict_badge(
         return Badge("EXCLUDED", "◌", "excluded")
     if verdict is None:
         return Badge("UNKNOWN", "✕", "failed")
+    if isinstance(verdict, Verdict) and verdict.target_m is None:
+        return NO_TARGET
     if verdict.miss_m is None:
         return Badge("NOT SEEN", "◇", "unseen")
     if uncertain:
@@ -72,6 +78,8 @@ def outcome(results: TrialResults) -> str:
     verdict: Verdict | None = results.get("verdict")
     if verdict is None:
         return "Whether the tip hit is unknown."
+    if verdict.target_m is None:
+        return _as_fitted(results)
     target = f"The target at {place(verdict.target_m)}" if verdict.wanted is None else "The aim"
     if verdict.miss_m is None:
         return f"{target}: the closest approach was not seen; {verdict.reason}."
@@ -91,6 +99,13 @@ def outcome(results: TrialResults) -> str:
     return f"{text}. {_as_predicted(results, verdict.miss_m)}".strip()
 
 
+def _as_fitted(results: TrialResults) -> str:
+    """Return in words how well a trial without a target was fitted, or that it was not."""
+    if results.get("estimate") is None:
+        return "The trial has no target, and was not fitted."
+    return f"A capture without a target: {capture_finding(results.need('estimate'), fit_window(results))}"
+
+
 def _as_predicted(results: TrialResults, miss_m: float) -> str:
     """Return in words the misses that were predicted before the throw, beside the measured one."""
     motion: Motion | None = results.get("motion")
@@ -101,6 +116,18 @@ def _as_predicted(results: TrialResults, miss_m: float) -> str:
     where = "more than" if miss_m > high else "less than" if miss_m < low else "as"
     interval = f"{millimetres(low)} to {millimetres(high)} in four of five throws"
     return f"Predicted before the throw: {interval}; the measured miss is {where} predicted."
+
+
+def capture_finding(estimate: Estimate, window: str) -> str:
+    """Return how well a trial without a target was fitted, and predicted by the trials before it."""
+    fitted = f"E {millimetres(estimate.E_m, digits=2)} after the fit, over {window}"
+    predicted_m, guess_m = estimate.held_out_m(UNDER_PREVIOUS), best_guess_m(estimate)
+    if predicted_m is not None:
+        predicted = millimetres(predicted_m, digits=2)
+        fitted += f". The string fitted to the trials before it predicted it to {predicted}"
+    if guess_m is not None:
+        fitted += f"; the better of two guesses without a model is {millimetres(guess_m, digits=2)} off"
+    return f"{fitted}."
 
 
 def warnings_of(results: TrialResults) -> list[tuple[str, str]]:
@@ -121,8 +148,11 @@ def methods(results: TrialResults) -> str:
     sentences += [
         sentence(record) for name, sentence in SENTENCES.items() if (record := results.get(name)) is not None
     ]
+    what, named = ("The loop is", "search and planner are")
+    if not results.aimed():
+        what, named = ("The string model is", "the search is")
     sentences.append(
-        f"The loop is that of {CITATION}, as implemented by strandcast; search and planner are named above "
+        f"{what} that of {CITATION}, as implemented by strandcast; {named} named above "
         "(“paper” is the paper's own procedure, every other name strandcast's); every E is unweighted (w = "
         "0) unless stated otherwise."
     )

@@ -4,12 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from strandcast.records.estimate import UNDER_PREVIOUS
 from strandcast.records.manifest import Manifest
 from strandcast.records.verdict import Verdict
 from strandcast.report.causes import probable_causes
 from strandcast.report.checks import FAIL, PASS, run_checks
 from strandcast.report.facts import Facts
-from strandcast.report.measures import fit_window
+from strandcast.report.measures import best_guess_m, fit_window
 from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent, place
 from strandcast.report.pages import render
 from strandcast.report.panels.content import make_sections
@@ -91,7 +92,8 @@ def _key_figures(results: TrialResults) -> list[KeyFigure]:
     """Return the most important numbers, each with a link to its evidence."""
     figures = [
         KeyFigure(name, UNKNOWN if (record := results.get(source)) is None else text_of(record), anchor)
-        for name, source, text_of, anchor in KEY_FIGURES
+        for name, source, text_of, anchor in (KEY_FIGURES if results.aimed() else CAPTURE_FIGURES)
+        if results.aimed() or source not in results.not_made()
     ]
     if results.get("estimate") is not None:
         after = next(k for k, figure in enumerate(figures) if figure.anchor == "tracking")
@@ -128,4 +130,9 @@ KEY_FIGURES: tuple[tuple[str, str, Callable[[Any], str], str], ...] = (
     ("clock offset", "alignment", lambda a: milliseconds(a.offset_s, a.offset_se_s), "clocks"),
     ("video, sha256", "manifest", lambda m: m.video.sha256[:16] + "…", "provenance"),
     ("joint log, sha256", "manifest", _log_sha, "provenance"),
+)
+CAPTURE_FIGURES = (
+    ("E, predicted from the trials before", "estimate", lambda e: _fine(e.held_out_m(UNDER_PREVIOUS)), "fit"),
+    ("E, better guess without a model", "estimate", lambda e: _fine(best_guess_m(e)), "fit"),
+    *KEY_FIGURES[4:],
 )

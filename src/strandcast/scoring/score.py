@@ -60,6 +60,23 @@ def score_throw(track: Track, alignment: Alignment, aim: Aim, length_m: float) -
     return _verdict(aim, shortfall, frame=int(track.frame[inside][shortfall.row]))
 
 
+def without_target(experiment: str, trial: int, hit_radius_m: float) -> Verdict:
+    """Return the verdict of a trial that aimed at nothing."""
+    return Verdict(
+        experiment=experiment,
+        trial=trial,
+        target_m=None,
+        hit_radius_m=hit_radius_m,
+        miss_m=None,
+        miss_sigma_m=None,
+        hit=None,
+        closest_frame=None,
+        closest_robot_time_s=None,
+        closest_m=None,
+        reason="the experiment has no target",
+    )
+
+
 def _too_little(track: Track, rows: np.ndarray) -> str | None:
     """Return the reason if the frames with a tracked tip are too few or too unsure for a miss."""
     if len(rows) < 2:

@@ -20,6 +20,6 @@ def run(job: Job, files: Files) -> None:
         facts,
         read_track(files.input("track"), summary.points),
         read_camera(context, files.input("cameras")),
-        np.array(context.settings.target_m),
+        None if context.settings.target_m is None else np.array(context.settings.target_m),
     )
     Clip(experiment=context.name, trial=job.trial, **made).write(files.output("clip"))

@@ -55,6 +55,7 @@ def run(job: Job, files: Files) -> None:
         rng(context.name, context.settings.seed, job.trial, "estimate"),
         planned=_planned(trials[-1].motion, layout),
         previous=previous,
+        references=context.settings.target_m is None,
     )
     response = servo_of(arm, trials)
     servo = None if response is None else servo_record(arm, response)

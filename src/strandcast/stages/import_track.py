@@ -26,4 +26,5 @@ def run(
         length_m=free_length_m(context, arm.clamp.clamped_length_m),
         points=string.n,
         arm=arm,
+        aimed=context.settings.target_m is not None,
     )

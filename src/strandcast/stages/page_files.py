@@ -51,7 +51,7 @@ def next_motion(job: Job) -> list[Path]:
     excluded.
     """
     last = job.trial or max(job.trials, default=0)
-    planned = not files.supplied(job, last) or _is_played(job, last)
+    planned = _has_target(job) and (not files.supplied(job, last) or _is_played(job, last))
     shown = not job.trial or job.context.counted([last])
     return _to_be_had(job, motion_after(job)) if last and planned and shown else []
 
@@ -63,7 +63,7 @@ def next_throw(job: Job) -> list[Path]:
 
 def first_motion(job: Job) -> list[Path]:
     """Return the motion to begin with, for a real experiment without a recorded trial."""
-    begun = job.is_lab or job.context.folder.recorded_trials()
+    begun = job.is_lab or not _has_target(job) or job.context.folder.recorded_trials()
     return [] if begun else _to_be_had(job, [job.context.folder.trial(1).results / "motion.json"])
 
 
@@ -75,6 +75,10 @@ def _to_be_had(job: Job, paths: list[Path]) -> list[Path]:
         for path, number in zip(paths, numbers, strict=True)
         if path.is_file() or _is_played(job, number) or not job.context.folder.trial(number).raw_files()
     ]
+
+
+def _has_target(job: Job) -> bool:
+    return job.context.settings.target_m is not None
 
 
 def _is_played(job: Job, trial: int) -> bool:

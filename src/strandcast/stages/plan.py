@@ -20,7 +20,13 @@ from strandcast.stages.context import Context
 from strandcast.stages.files import past
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import Trial, hashes_of, read_trial
-from strandcast.stages.plan_inputs import first_inputs, next_inputs, past_trial_of, servo_of
+from strandcast.stages.plan_inputs import (
+    first_inputs,
+    next_inputs,
+    past_trial_of,
+    refuse_without_target,
+    servo_of,
+)
 
 
 def run(job: Job, files: Files) -> None:
@@ -46,6 +52,7 @@ def run(job: Job, files: Files) -> None:
 
 def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
     """Return the planned motion of one trial, and the throws that are expected of it."""
+    refuse_without_target(job.context)
     context, arm = job.context, load_arm(files.input("arm"))
     settings, seeded_by = context.settings, (context.name, context.settings.seed, job.trial, "plan")
     random = rng(*seeded_by)

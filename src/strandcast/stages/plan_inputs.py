@@ -10,6 +10,7 @@ from strandcast.config.experiment import Experiment
 from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
+from strandcast.errors import StrandcastError
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial
 from strandcast.planning.start_strings import start_strings
 from strandcast.planning.task import PlanningTask
@@ -37,14 +38,33 @@ def next_inputs(context: Context, arm: Arm, ensemble: Path) -> tuple[PlanningTas
 
 
 def _task(settings: Experiment, arm: Arm, model: StringModel) -> PlanningTask:
+    # Without a target, motions are simulated but not planned: see `refuse_without_target`.
     return PlanningTask(
         arm,
         model,
-        np.array(settings.target_m),
+        np.full(2, np.nan) if settings.target_m is None else np.array(settings.target_m),
         settings.hit_radius_m,
         arm.workspace if settings.workspace_m is None else settings.workspace_m,
         settings.objective,
     )
+
+
+def refuse_without_target(context: Context) -> None:
+    """Refuse to plan for an experiment without a target.
+
+    Raises
+    ------
+    StrandcastError
+        SC-F013 the experiment has none.
+    """
+    if context.settings.target_m is None:
+        raise StrandcastError(
+            "SC-F013",
+            "the experiment has no target, so that no motion can be planned",
+            file=context.file,
+            field="target_m",
+            fix="add target_m: [x, y]; to fit a recording, import it: strandcast import track --help",
+        )
 
 
 def fitted_strings(path: Path, layout: MassLayout) -> StringBatch:

@@ -61,7 +61,7 @@ def _expected(context: Context) -> Expected:
         StringHint(free_length_m(context, arm.clamp.clamped_length_m), string.n, string.thickness_m),
         arm.markers,
         arm.marker_dictionary,
-        np.asarray(settings.target_m, float),
+        None if settings.target_m is None else np.asarray(settings.target_m, float),
         tuple(weight.place_m for weight in string.weights),
         POLARITIES[settings.track.polarity],
         tuple(marker.id for marker in plane.markers) if alike else (),

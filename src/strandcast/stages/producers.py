@@ -41,7 +41,7 @@ def steps_of(context: Context, trial: int) -> list[Step]:
     elif (folder.data / "motion.json").is_file():
         motion = ["register_motion"]
     else:
-        motion = [] if folder.raw_files() else ["plan"]
+        motion = [] if folder.raw_files() or context.settings.target_m is None else ["plan"]
     by_camera = ["ingest", "track", "reconstruct", "clip", "align"]
     measured = ["register_track"] if _is_supplied(context, trial) else by_camera
     return [Step(stage, trial) for stage in (*motion, *measured, "score", "estimate", "report")]

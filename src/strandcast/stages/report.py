@@ -43,7 +43,7 @@ def _neighbours(job: Job, files: Files) -> tuple[int | None, int | None]:
     if job.is_lab:
         hit = False
         with suppress(StrandcastError):
-            hit = Verdict.read(files.input("verdict")).hit
+            hit = bool(Verdict.read(files.input("verdict")).hit)
         return trial - 1 or None, None if context.is_last(trial, hit) else trial + 1
     recorded = context.folder.recorded_trials()
     before, after = ([n for n in recorded if n < trial], [n for n in recorded if n > trial])

@@ -11,7 +11,7 @@ from strandcast.records.lineage import made_by_stage
 from strandcast.stages.context import context_of
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
-from strandcast.stages.producers import producers
+from strandcast.stages.producers import Step, producers
 
 PAGES = ("report", "summary")  # they show what is missing
 
@@ -33,6 +33,19 @@ def run_stage(stage: str, root: Path, experiment: str, trial: int = 0, trials: S
         run(files.job, files)
 
 
+def _how_to_make(files: Files, step: Step) -> str:
+    """Return the commands that make an input: a recording comes first, except in the lab."""
+    name, trial, until = files.job.context.name, step.trial, files.stage.name.replace("_", "-")
+    run = f"strandcast run {name} --until {until}"
+    if trial and not files.job.is_lab and not files.job.context.folder.trial(trial).raw_files():
+        folder = files.job.context.folder.trial(trial).data
+        return (
+            f"record trial {trial} first: copy its video into {folder}, or import motion capture "
+            f"(strandcast import track {name} {trial} FILE.csv); then: {run}"
+        )
+    return f"make it first: {step.command(name)} ({run} makes all that is needed)"
+
+
 def _refuse_unmade(files: Files) -> None:
     """Refuse inputs that another stage has not made yet; a stage reports missing raw files itself."""
     inputs = (path for role in files.stage.inputs for path in files.inputs(role))
@@ -46,5 +59,5 @@ def _refuse_unmade(files: Files) -> None:
             "SC-W030",
             f"{files.stage.name} needs this file, which has not been made yet",
             file=missing,
-            fix=f"make it first: {step.command(context.name)} (strandcast run {context.name} makes all)",
+            fix=_how_to_make(files, step),
         )

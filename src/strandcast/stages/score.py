@@ -3,7 +3,7 @@
 from strandcast.records.alignment import Alignment
 from strandcast.records.track import TrackSummary, read_track
 from strandcast.records.verdict import Verdict
-from strandcast.scoring.score import Aim, score_throw
+from strandcast.scoring.score import Aim, score_throw, without_target
 from strandcast.stages.job import Files, Job
 
 
@@ -18,5 +18,7 @@ def verdict_of(job: Job, files: Files) -> Verdict:
     summary = TrackSummary.read(files.input("summary"))
     track = read_track(files.input("track"), summary.points)
     alignment = Alignment.read(files.input("alignment"))
+    if settings.aim is None or settings.target_m is None:
+        return without_target(job.context.name, job.trial, settings.hit_radius_m)
     aim = Aim(job.context.name, job.trial, settings.aim, settings.target_m, settings.hit_radius_m)
     return score_throw(track, alignment, aim, summary.length_m)

@@ -18,7 +18,7 @@ def run(job: Job, files: Files) -> None:
         context.name,
         folders,
         string_length_m=settings.string.length_m,
-        target_m=list(settings.target_m),
+        target_m=None if settings.target_m is None else list(settings.target_m),
         hit_radius_m=settings.hit_radius_m,
         excluded={exclusion.trial: exclusion.reason for exclusion in settings.excluded},
         next_motion=next_motion,

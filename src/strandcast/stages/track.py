@@ -56,7 +56,7 @@ def _tracker_input(
         free_length_m=free_length_m(context, arm.clamp.clamped_length_m),
         markers=arm.markers,
         marker_dictionary=arm.marker_dictionary,
-        target_m=np.array(settings.target_m),
+        target_m=None if settings.target_m is None else np.array(settings.target_m),
         exposure_s=settings.camera.exposure_s,
         led=settings.align.led,
         background=given_background(context, facts),

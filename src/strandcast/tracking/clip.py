@@ -29,7 +29,7 @@ WEBP_QUALITY = 60
 
 
 def make_clip(
-    video: Path, facts: VideoFacts, track: Track, camera: Camera, target_m: np.ndarray
+    video: Path, facts: VideoFacts, track: Track, camera: Camera, target_m: np.ndarray | None
 ) -> dict[str, Any]:
     """Return the fields of a trial's `Clip`: the throw until its miss no longer counts.
 
@@ -87,11 +87,13 @@ def throw_frames(track: Track, facts: VideoFacts) -> tuple[int, int]:
 
 
 def swept_box_px(
-    track: Track, camera: Camera, target_m: np.ndarray, frames: tuple[int, int]
+    track: Track, camera: Camera, target_m: np.ndarray | None, frames: tuple[int, int]
 ) -> tuple[int, int, int, int]:
-    """Return left, top, width and height of the part of the picture that string and target need."""
+    """Return left, top, width and height of the part of the picture that string and target, if any, need."""
     inside = (track.frame >= frames[0]) & (track.frame <= frames[1])
-    places_m = np.vstack([track.points_m[inside].reshape(-1, 2), np.reshape(target_m, (-1, 2))])
+    places_m = track.points_m[inside].reshape(-1, 2)
+    if target_m is not None:
+        places_m = np.vstack([places_m, np.reshape(target_m, (-1, 2))])
     known = places_m[np.isfinite(places_m).all(axis=1)]
     whole = np.array([camera.lens.width_px, camera.lens.height_px])
     pixels = metre_to_pixel(camera, known, camera.string_offset_m)
@@ -107,18 +109,19 @@ def even_size(width: int, height: int, largest: int) -> tuple[int, int]:
     return max(2, 2 * round(share * width / 2)), max(2, 2 * round(share * height / 2))
 
 
-def strip_frames(track: Track, chosen: np.ndarray, target_m: np.ndarray) -> set[int]:
+def strip_frames(track: Track, chosen: np.ndarray, target_m: np.ndarray | None) -> set[int]:
     """Return the frames of the film strip: even along the tip's path, with that nearest to the target.
 
     They are even in time if the tip was never seen.
     """
     rows = np.flatnonzero(np.isin(track.frame, chosen))
-    away_m = np.linalg.norm(track.points_m[rows, -1] - target_m, axis=1)
-    if not np.isfinite(away_m).any():
+    seen = np.isfinite(track.points_m[rows, -1]).all(axis=1)
+    if not seen.any():
         return set(chosen[np.linspace(0, len(chosen) - 1, INSTANTS).astype(int)].tolist())
-    nearest = rows[np.nanargmin(away_m)]
     instants = choose_instants(rows, track.points_m)
-    instants[np.abs(instants - nearest).argmin()] = nearest
+    if target_m is not None:
+        nearest = rows[np.nanargmin(np.linalg.norm(track.points_m[rows, -1] - target_m, axis=1))]
+        instants[np.abs(instants - nearest).argmin()] = nearest
     return set(track.frame[instants].tolist())
 
 

@@ -82,7 +82,13 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         flags=flags,
         markers=marker_table(finder, decoded.hands, time_s),
         strobe=strobe_picture(background.picture, thrown, points_m[instants], camera),
-        choices=choices(string, background, exposure_s, target is not None, instants),
+        choices=choices(
+            string,
+            background,
+            exposure_s,
+            None if given.target_m is None else target is not None,
+            instants,
+        ),
         warnings=(
             *(target_warnings(target) if given.target_m is not None else ()),
             *led_warnings,
@@ -123,9 +129,13 @@ def assemble_points(
 
 
 def choices(
-    string: StringTrack, background: Background, exposure_s: float, target_found: bool, instants: np.ndarray
+    string: StringTrack,
+    background: Background,
+    exposure_s: float,
+    target_found: bool | None,
+    instants: np.ndarray,
 ) -> dict[str, float | int | str | bool | None]:
-    """Return the tracker's estimates and decisions by name."""
+    """Return the tracker's estimates and decisions by name; `target_found` is None without a target."""
     appearance, clamp_fit = string.first.appearance, string.learned.clamp_fit
     return {
         "background": background.source,
@@ -134,7 +144,7 @@ def choices(
         "thickness_m": 2 * appearance.half_m,
         "polarity": appearance.polarity,
         "contrast_grey": appearance.contrast,
-        "target_seen": target_found,
+        **({} if target_found is None else {"target_seen": target_found}),
         "noise_grey": appearance.noise,
         "tip_excess_m": appearance.tip_excess_m,
         "bead_at_tip": appearance.has_bead,

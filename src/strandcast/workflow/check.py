@@ -103,6 +103,9 @@ def _check_arm(context: Context, found: Checked) -> None:
     gap = torque_gap(arm)
     if gap is not None:
         found.facts.append(f"warning: {gap}")
+    if settings.target_m is None:
+        found.facts.append("no target: recordings are fitted; nothing is scored or planned")
+        return
     try:
         refuse_unreachable(task_of(context, arm))
     except StrandcastError as error:

@@ -9,8 +9,9 @@ from typing import NamedTuple
 from strandcast.config.find import overlooked_experiments
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import ENVIRONMENT, INTEGRITY, StrandcastError
+from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.folders import ExperimentFolder, is_project, trial_folders, video_suffixes
-from strandcast.records.summary import ExperimentSummary
+from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.report.campaign import CampaignTally
 from strandcast.stages.run import run_stage
 from strandcast.workflow.campaign import write_campaign
@@ -165,17 +166,34 @@ def films(root: Path, experiment: str) -> list[Path]:
 def table(root: Path, summary: ExperimentSummary) -> list[str]:
     """Return an experiment's trials as lines of text."""
     page = ExperimentFolder(root, summary.experiment).results / "report.html"
-    lines = [f"{summary.experiment}: string of {summary.string_length_m:g} m, target {summary.target_m} m"]
+    target = "no target" if summary.target_m is None else f"target {summary.target_m} m"
+    lines = [f"{summary.experiment}: string of {summary.string_length_m:g} m, {target}"]
     for trial in summary.trials:
         if trial.excluded is not None:
             lines.append(f"  trial {trial.trial}: excluded ({trial.excluded})")
+            continue
+        if summary.target_m is None:
+            lines.append(f"  trial {trial.trial}: {_fitted(page.parent / trial_name(trial.trial), trial)}")
             continue
         verdict = {True: "HIT ", False: "miss", None: "UNKNOWN:"}[trial.hit]
         near = "tip not tracked" if trial.miss_m is None else f"{1000 * trial.miss_m:.1f} mm from the target"
         fit = "" if trial.E_m is None else f"; fitted to {1000 * trial.E_m:.1f} mm"
         lines.append(f"  trial {trial.trial}: {verdict} {near}{fit}")
+    if summary.target_m is None and not summary.trials:
+        lines.append(
+            f"  no recording yet; import one: strandcast import track {summary.experiment} 1 FILE.csv"
+        )
     if summary.next_motion_sha256 is not None:
         following = trial_name(summary.trials[-1].trial + 1 if summary.trials else 1)
         lines.append(f"  next:   {page.parent / following / 'motion.json'}")
     lines.append(f"  report: {page}")
     return [*lines, *(f"  film:   {film}" for film in films(root, summary.experiment))]
+
+
+def _fitted(folder: Path, trial: TrialSummary) -> str:
+    """Return in words how well a trial without a target was fitted, and predicted before."""
+    if trial.E_m is None:
+        return "not fitted"
+    predicted_m = Estimate.read(folder / "estimate.json").held_out_m(UNDER_PREVIOUS)
+    before = "" if predicted_m is None else f"; {1000 * predicted_m:.1f} mm predicted from the trials before"
+    return f"fitted to E = {1000 * trial.E_m:.1f} mm{before}"

@@ -118,7 +118,11 @@ def status_of(root: Path, name: str) -> Status:
     faults = {relative_to(root, each.file): each for each in damaged}
     shown = sorted({0, *numbers, *context.folder.thrown_trials(), *(step.trial for step in tasks)})
     trials = [_trial(context, number, tasks, faults) for number in shown]
-    return Status(name, trials, damaged, list(_next_steps(context, trials, damaged)))
+    if context.settings.target_m is None and not context.folder.thrown_trials():
+        next_steps = [f"# import a recording: strandcast import track {name} 1 FILE.csv"]
+    else:
+        next_steps = list(_next_steps(context, trials, damaged))
+    return Status(name, trials, damaged, next_steps)
 
 
 def known_trials(context: Context) -> tuple[list[int], bool]:

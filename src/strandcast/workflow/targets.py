@@ -162,7 +162,7 @@ def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) ->
         thrown.append(number)
         if context.counted([number]):
             verdict = Verdict.read(verdict_of(trial_digits(number)))
-            if context.is_last(number, verdict.hit):
+            if context.is_last(number, bool(verdict.hit)):
                 break
     return thrown
 
@@ -212,7 +212,9 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
                 "SC-W021",
                 f"{name} has no trial yet, and {until} needs one",
                 field="--until",
-                fix=f"plan the first motion: strandcast plan {name} 1; then throw it, or import its track",
+                fix=f"import its recording: strandcast import track {name} 1 FILE.csv"
+                if context.settings.target_m is None
+                else f"plan the first motion: strandcast plan {name} 1; then throw it, or import its track",
             )
         found += [path.relative_to(root).as_posix() for paths in outputs.values() for path in paths]
     return list(dict.fromkeys(found))

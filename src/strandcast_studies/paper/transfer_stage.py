@@ -40,7 +40,7 @@ def run(root: Path, name: str, fitted: list[str]) -> None:
         fits.append(
             TransferPrediction(
                 experiment=other.name,
-                target_m=list(other.settings.target_m),
+                target_m=list(other.settings.target_m or ()),
                 trial=after,
                 E_m=values[0],
                 ensemble_E_m=values,
@@ -49,7 +49,7 @@ def run(root: Path, name: str, fitted: list[str]) -> None:
     Transfer(
         experiment=name,
         trial=trial,
-        target_m=list(context.settings.target_m),
+        target_m=list(context.settings.target_m or ()),
         fits=fits,
         planned_from={
             f"{other.name}/{path.parent.name}/{path.name}": result_sha256(path)

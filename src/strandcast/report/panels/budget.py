@@ -120,7 +120,7 @@ def miss_steps(results: TrialResults) -> tuple[list[MissStep], float]:
 
 def _nearest_of_target(verdict: Verdict, place_m: Array) -> Array:
     """Return the target, or the place of the bar that is nearest to a place."""
-    ends = np.array(verdict.bar_m or [verdict.target_m])
+    ends = np.array(verdict.bar_m or [verdict.target()])
     along = ends[-1] - ends[0]
     share = np.clip((place_m - ends[0]) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
     return np.asarray(ends[0] + share * along)

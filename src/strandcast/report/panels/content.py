@@ -32,6 +32,10 @@ class PanelContent:
     drawing: Drawing | Markup | None = None
     tables: list[Table] = field(default_factory=list)
     sources: list[str] = field(default_factory=list)  # files it was made from, relative to the page
+    # These replace the panel's.
+    title: str | None = None
+    caption: str | None = None
+    good: str | None = None
 
 
 def always(page: Any) -> bool:
@@ -70,8 +74,8 @@ class PageSection:
 
     @property
     def title(self) -> str:
-        """Return the panel's title."""
-        return self.panel.title
+        """Return the content's title, or else the panel's."""
+        return self.content.title or self.panel.title
 
 
 def make_section(panel: Panel, page: Any) -> PageSection:

@@ -2,12 +2,19 @@
 
 import numpy as np
 
-from strandcast.records.estimate import Estimate
+from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.report import drawing as draw
-from strandcast.report.measures import fit_window
+from strandcast.report.measures import GUESSES, fit_window
 from strandcast.report.numbers import millimetres
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.text import capture_finding
+
+CAPTURE_CAPTION = (
+    "E is the mean distance between measured and simulated points, E_i that of point i (eqs. 4–6). The "
+    "curve is for all trials in the fit, with w; green dash-dot: this trial alone under the string fitted to "
+    "the trials before it, w = 0."
+)
 
 
 def evaluation(page: TrialPageData) -> PanelContent:
@@ -28,17 +35,20 @@ def evaluation(page: TrialPageData) -> PanelContent:
     best_mm = [step.best_m * 1e3 for step in estimate.convergence]
     curve.step(steps, best_mm, where="post", **draw.MEASURED)
     curve.set(xlabel="simulations", ylabel="best E so far [mm]")
-    draw.log_if_wide(curve, "y", [*best_mm, 1e3 * (estimate.E_planned_m or estimate.E_m)], ratio=1.5)
-    if estimate.E_planned_m is not None:
-        curve.axhline(estimate.E_planned_m * 1e3, **draw.dashes(draw.PLANNED))
+    aimed = results.aimed()
+    before_m = estimate.E_planned_m if aimed else estimate.held_out_m(UNDER_PREVIOUS)
+    draw.log_if_wide(curve, "y", [*best_mm, 1e3 * (before_m or estimate.E_m)], ratio=1.5)
+    if before_m is not None:
+        curve.axhline(before_m * 1e3, **draw.dashes(draw.PLANNED))
     curve.set_title(f"search: {estimate.search}, {estimate.evaluations} simulations")
     window = fit_window(results)
-    finding = _finding(estimate, window)
+    finding = _finding(estimate, window) if aimed else capture_finding(estimate, window)
     return PanelContent(
         finding,
         draw.Drawing(figure, f"Evaluation value by point and convergence. {finding}"),
-        [_table(estimate, window)],
+        [_table(estimate, window, aimed)],
         ["estimate.json"],
+        caption=None if aimed else CAPTURE_CAPTION,
     )
 
 
@@ -50,17 +60,23 @@ def _finding(estimate: Estimate, window: str) -> str:
     return f"{after}; {millimetres(estimate.E_planned_m, digits=2)} before it: {ratio:.1f} times better."
 
 
-def _table(estimate: Estimate, window: str) -> Table:
+def _held_out(what: str, aimed: bool) -> str:
+    """Return in words what is compared; the records call every trial a throw."""
+    words = what if what in GUESSES else f"held out: {what}"
+    return words if aimed else words.replace("throw", "trial")
+
+
+def _table(estimate: Estimate, window: str, aimed: bool) -> Table:
     planned = "E of this trial with the parameters that planned it (w = 0)"
     simulations = "simulations; of these rejected (diverged or overstretched)"
     rows = [
-        [planned, millimetres(estimate.E_planned_m, digits=2)],
+        *([[planned, millimetres(estimate.E_planned_m, digits=2)]] if aimed else []),
         ["E of this trial after the fit (w = 0)", millimetres(estimate.E_m, digits=2)],
         [f"E after the fit, weighted (w = {estimate.w:g})", millimetres(estimate.E_weighted_m, digits=2)],
         ["rms distance over points and frames", millimetres(estimate.rmse_m, digits=2)],
         ["mean distance of the tip", millimetres(estimate.tip_error_m, digits=2)],
         ["frames in all of these", window],
-        *([f"held out: {held.what}", millimetres(held.E_m, digits=2)] for held in estimate.held_out),
+        *([_held_out(held.what, aimed), millimetres(held.E_m, digits=2)] for held in estimate.held_out),
         [simulations, f"{estimate.evaluations}; {estimate.rejected}"],
         ["trials in the fit", ", ".join(map(str, estimate.trials_used))],
     ]

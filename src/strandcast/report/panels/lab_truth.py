@@ -85,7 +85,7 @@ def at_places(truth: TrueString, places_m: Array) -> Array:
 
 def _miss(truth: TrueString, verdict: Verdict, window_s: tuple[float, float]) -> float:
     inside = (truth.robot_time_s >= window_s[0]) & (truth.robot_time_s <= window_s[1])
-    ends = np.array(verdict.bar_m or [verdict.target_m])
+    ends = np.array(verdict.bar_m or [verdict.target()])
     share = np.linspace(0.0, 1.0, BAR_PLACES if verdict.bar_m else 1)[:, None]
     places = (1.0 - share) * ends[0] + share * ends[-1]
     return float(path_distance_m(places, truth.points_m[inside, -1]).min())

@@ -52,6 +52,11 @@ class ExperimentPageData:
     facts: Facts = field(default_factory=Facts)
 
     @property
+    def aimed(self) -> bool:
+        """Return whether the experiment has a target."""
+        return self.summary.target_m is not None
+
+    @property
     def camera_record(self) -> Path:
         """Return the record of the camera that filmed the trials."""
         records = (each.path("camera") for each in self.trials.values() if not each.supplied())

@@ -57,7 +57,7 @@ def misses(page: ExperimentPageData) -> PanelContent:
     log_if_wide(
         axes, "y", [radius_mm, *known_mm, *(end for interval in predicted.values() for end in interval)]
     )
-    _trial_axis(axes.xaxis, axes.set_xlim, summary)
+    trial_axis(axes.xaxis, axes.set_xlim, summary)
     finding = _finding(summary) + _held(summary, predicted)
     return PanelContent(
         finding,
@@ -88,7 +88,7 @@ def evaluations(page: ExperimentPageData) -> PanelContent:
     )
     both_mm = [1e3 * each for line in known for each in (line.E_m, line.E_planned_m) if each is not None]
     log_if_wide(axes, "x", [*both_mm, 8.0])
-    _trial_axis(axes.yaxis, axes.set_ylim, summary)
+    trial_axis(axes.yaxis, axes.set_ylim, summary)
     axes.invert_yaxis()
     axes.plot([], [], "D", color=PLANNED["color"], markersize=7, label="as planned")
     axes.plot([], [], "o", color=FITTED["color"], markersize=7, label="after the fit")
@@ -154,7 +154,8 @@ def _draw_miss(axes: Any, line: TrialSummary, named: bool) -> None:
         note(axes, f"{line.miss_m * 1e3:.1f}", (line.trial, line.miss_m * 1e3), (9, 5), fontsize=8.5)
 
 
-def _trial_axis(axis: Any, set_limits: Any, summary: ExperimentSummary) -> None:
+def trial_axis(axis: Any, set_limits: Any, summary: ExperimentSummary) -> None:
+    """Set the ticks of an axis to trials."""
     trials = [line.trial for line in summary.trials]
     axis.set_ticks(trials[:: -(-len(trials) // MOST_TICKS) or 1])
     set_limits(min(trials, default=1) - 0.6, max(trials, default=1) + 0.6)

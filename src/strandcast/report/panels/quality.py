@@ -4,7 +4,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from strandcast.report.checks import FAIL, NOT_RUN, PASS, WARN, run_checks
+from strandcast.report.checks import FAIL, NEXT_MOTION, NOT_RUN, PASS, WARN, run_checks
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import ExperimentPageData
 
@@ -16,7 +16,9 @@ def quality(page: ExperimentPageData) -> PanelContent:
     trials = list(page.trials)
     by_check: dict[str, dict[int, str]] = {}
     for trial, results in page.trials.items():
-        for check in run_checks(results, None)[:-1]:  # the next motion has its own section
+        for check in run_checks(results, None):
+            if check.name == NEXT_MOTION:  # it has its own section
+                continue
             by_check.setdefault(check.name, {})[trial] = check.state
     rows = [
         [name, *(_mark(page, trial, states.get(trial, NOT_RUN)) for trial in trials)]

@@ -18,6 +18,7 @@ from strandcast.report.panels.next_motion import next_motion
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
 from strandcast.report.panels.parameters import masses, parameters
 from strandcast.report.panels.predicted import next_throw, predicted_throw
+from strandcast.report.panels.predictions import predictions
 from strandcast.report.panels.progress import evaluations, misses
 from strandcast.report.panels.quality import quality
 from strandcast.report.panels.rig import rig
@@ -38,13 +39,13 @@ def _from_video(page: TrialPageData) -> bool:
 
 def _plans(page: TrialPageData) -> bool:
     """Return whether a next motion is to be expected."""
-    return page.next_motion is not None or _from_video(page)
+    return page.results.aimed() and (page.next_motion is not None or _from_video(page))
 
 
 def _was_predicted(page: TrialPageData) -> bool:
     """Return whether the throw's motion was planned here, with a prediction, or could not be read."""
     motion = page.played
-    return _from_video(page) and (motion is None or motion.predicted is not None)
+    return page.results.aimed() and _from_video(page) and (motion is None or motion.predicted is not None)
 
 
 def _planned(page: TrialPageData) -> bool:
@@ -52,6 +53,16 @@ def _planned(page: TrialPageData) -> bool:
     verdict = page.results.get("verdict")
     aimed = verdict is None or (verdict.wanted is None and verdict.closest_m is not None)
     return aimed and _was_predicted(page)
+
+
+def _is_aimed(page: ExperimentPageData) -> bool:
+    """Return whether the experiment has a target."""
+    return page.aimed
+
+
+def _is_captured(page: ExperimentPageData) -> bool:
+    """Return whether the experiment has no target."""
+    return not page.aimed
 
 
 def _in_the_lab(page: TrialPageData) -> bool:
@@ -271,12 +282,35 @@ EXPERIMENT_PANELS = [
         "no mark: the tip was not detected at its closest approach.",
         good="the marks lie within the wide bars and go down.",
         bad="a mark far above its wide bar: something changed that no string of the ensemble explains.",
+        shown=_is_aimed,
+    ),
+    Panel(
+        "predictions",
+        "Each trial, predicted and fitted",
+        predictions,
+        caption="Diamond: E of a trial under the string that was fitted to the trials before it, from the "
+        "hand’s path and the string’s first shape alone. Disc: E after the trial was added to the fit. "
+        "Crosses: E of two guesses without a model, a string that hangs straight below the hand, and one "
+        "that keeps its first shape and moves with the hand. Excluded trials are grey.",
+        good="the diamonds lie far left of the crosses and near the discs: the fitted string predicts "
+        "motion that it was not fitted to.",
+        bad="a diamond near a cross: the string predicts no better than a guess. The trials differ (another "
+        "string, a slipped clamp), or those before it did not excite what this one needs.",
+        shown=_is_captured,
     ),
     Panel(
         "hands",
         "Hand paths, first throw and hit",
         hand_paths,
         caption="Squares: where the motion starts. Grey: the trials between.",
+        shown=_is_aimed,
+    ),
+    Panel(
+        "hand-paths",
+        "Hand paths, first and last trial",
+        hand_paths,
+        caption="Squares: where the motion starts. Grey: the trials between.",
+        shown=_is_captured,
     ),
     Panel("tips", "Tip paths", tip_paths, caption="From the motion’s start until 0.3 s after its end."),
     Panel(
@@ -284,6 +318,7 @@ EXPERIMENT_PANELS = [
         "Strings at the closest approach",
         closest_strings,
         good="from trial to trial the tip ends nearer to the target.",
+        shown=_is_aimed,
     ),
     Panel(
         "evaluations",
@@ -291,8 +326,9 @@ EXPERIMENT_PANELS = [
         evaluations,
         caption="Excluded trials are grey.",
         good="the diamonds move left from trial to trial: the string is better known before each throw.",
+        shown=_is_aimed,
     ),
-    NEXT_MOTION,
+    replace(NEXT_MOTION, shown=_is_aimed),
     Panel("quality", "Checks by trial", quality, caption="✓ passed, ▲ warned, ✕ failed, – not run."),
     Panel(
         "camera",

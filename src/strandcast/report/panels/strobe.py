@@ -11,6 +11,7 @@ from strandcast.report.measures import closest_row, matched, strobe_rows
 from strandcast.report.numbers import millimetres, place
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.panels.tip_path import draw_target
 from strandcast.report.results import TrialResults
 
 Array = NDArray[np.float64]
@@ -40,11 +41,13 @@ def strobe(page: TrialPageData) -> PanelContent:
     draw.legend_below(figure, figure.axes[-1])
     verdict = results.need("verdict")
     error_m = _fit_error(results)
-    finding = f"{len(strobe_rows(results))} instants at equal arc length of the tip's path; " + (
-        f"the closest approach ({millimetres(verdict.miss_m)} from the target at {place(verdict.target_m)}) "
-        "is bold."
+    finding = f"{len(strobe_rows(results))} instants at equal arc length of the tip's path" + (
+        "."
+        if verdict.target_m is None
+        else f"; the closest approach ({millimetres(verdict.miss_m)} from the target at "
+        f"{place(verdict.target_m)}) is bold."
         if verdict.miss_m is not None
-        else f"the closest approach to the target at {place(verdict.target_m)} was not detected."
+        else f"; the closest approach to the target at {place(verdict.target_m)} was not detected."
     )
     if error_m is not None:
         finding += f" The fitted string is {millimetres(error_m)} from the measured one at these instants."
@@ -53,6 +56,7 @@ def strobe(page: TrialPageData) -> PanelContent:
         draw.Drawing(figure, f"Strobe figure of the throw. {finding}"),
         [_instants(shown)],
         ["track.parquet", "simulated.parquet", "alignment.json"],
+        title=None if results.aimed() else "The string at equal steps of the tip’s path",
     )
 
 
@@ -68,8 +72,9 @@ def _instants(shown: list[TrialResults]) -> Table:
 
 def _limits(shown: list[TrialResults]) -> tuple[float, float, float, float]:
     places = [each.need("track").points_m[strobe_rows(each)].reshape(-1, 2) for each in shown]
-    target_m = np.array([shown[-1].need("verdict").target_m])
-    every = np.concatenate([*places, target_m, [[0.0, 0.0]]])
+    verdict = shown[-1].need("verdict")
+    marked = [] if verdict.target_m is None else [np.array([verdict.target_m]), np.zeros((1, 2))]
+    every = np.concatenate([*places, *marked])
     low, high = np.nanmin(every, axis=0) - 0.06, np.nanmax(every, axis=0) + 0.06
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
@@ -92,12 +97,11 @@ def _draw(axes: Any, results: TrialResults, limits: tuple[float, float, float, f
         _label(axes, string_m, f"{k + 1}", bold)
     hand_m = track.points_m[rows, 0]
     axes.plot(*hand_m.T, **draw.marks("s", 4.5, color=draw.HAND), label="hand")
-    draw.ring(axes, verdict.target_m, verdict.hit_radius_m)
-    if verdict.bar_m is not None:
-        axes.plot(*np.array(verdict.bar_m).T, color=draw.TARGET, linewidth=3.0, label="bar")
-    axes.plot(*verdict.target_m, **draw.marks("+", 9, color=draw.TARGET), label="target")
+    if results.aimed():
+        draw_target(axes, verdict)
     axes.set(xlim=limits[:2], ylim=limits[2:], aspect="equal", xlabel="x [m]")
-    axes.set_title(f"trial {verdict.trial}: miss {millimetres(verdict.miss_m, verdict.miss_sigma_m)}")
+    miss = f": miss {millimetres(verdict.miss_m, verdict.miss_sigma_m)}" if results.aimed() else ""
+    axes.set_title(f"trial {verdict.trial}{miss}")
 
 
 def _label(axes: Any, string_m: Array, text: str, bold: bool) -> None:

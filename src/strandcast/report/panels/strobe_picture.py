@@ -19,6 +19,9 @@ from strandcast.report.results import FILES, TrialResults
 
 Array = NDArray[np.float64]
 LARGEST_BYTES = 1_500_000
+CAPTURE_CAPTION = (
+    "Dashed: the fitted string at the instants of the picture, with the measured points as small rings."
+)
 
 
 def strobe_picture(page: TrialPageData) -> PanelContent:
@@ -33,9 +36,11 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
             fix="open the file beside this page",
         )
     width, height = Image.open(io.BytesIO(picture), formats=["WEBP"]).size
-    verdict = results.need("verdict")
+    verdict, aimed = results.need("verdict"), results.aimed()
     finding = (
-        f"The tip passed the target at {place(verdict.target_m)} at {millimetres(verdict.miss_m)}."
+        f"The string in {len(_instants(results))} frames."
+        if not aimed
+        else f"The tip passed the target at {place(verdict.target_m)} at {millimetres(verdict.miss_m)}."
         if verdict.miss_m is not None
         else f"The tip's closest approach was not detected: {verdict.reason}."
     )
@@ -58,6 +63,8 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
         finding,
         markup,
         sources=["strobe.webp"],
+        title=None if aimed else "Strobe picture",
+        caption=None if aimed else CAPTURE_CAPTION,
     )
 
 
@@ -79,7 +86,7 @@ def _overlay(results: TrialResults, width: int) -> Markup:
     scale, size = width / camera.lens.width_px, width / 640.0
     track, throw = results.need("track"), (results.get("simulated") or {}).get("fitted")
     frames = _instants(results)
-    parts = [_target(results, camera, scale, size)]
+    parts = [_target(results, camera, scale, size)] if results.aimed() else []
     if not frames:
         window = results.in_window()
         parts.append(_line("track", _known_px(camera, track.points_m[window, -1], scale), size))
@@ -118,7 +125,7 @@ def _known_px(camera: Camera, places_m: Array, scale: float) -> Array:
 def rim_m(verdict: Verdict) -> Array:
     """Return the hit radius around the target as places (K, 2)."""
     turn = np.linspace(0.0, 2 * np.pi, 49)
-    return np.array(verdict.target_m) + verdict.hit_radius_m * np.column_stack([np.cos(turn), np.sin(turn)])
+    return np.array(verdict.target()) + verdict.hit_radius_m * np.column_stack([np.cos(turn), np.sin(turn)])
 
 
 def _target(results: TrialResults, camera: Camera, scale: float, size: float) -> Markup:

@@ -50,7 +50,10 @@ def hand_paths(page: ExperimentPageData) -> PanelContent:
         finding += f", that of trial {last} {millimetres(lengths[last], digits=0)} ({more})"
     return PanelContent(
         finding + ".",
-        draw.Drawing(figure, f"Hand paths of the first and the hitting throw. {finding}."),
+        draw.Drawing(
+            figure,
+            f"Hand paths of the first and the {'hitting throw' if page.aimed else 'last trial'}. {finding}.",
+        ),
         sources=[f"{trial_name(trial)}/hand.parquet" for trial in lengths],
     )
 
@@ -81,15 +84,20 @@ def tip_paths(page: ExperimentPageData) -> PanelContent:
             missing.append(str(line.trial))
             continue
         style, name = _style(summary, line.trial)
-        label = f"{name}: {millimetres(line.miss_m)}" if name.startswith("trial") else name
+        label = f"{name}: {millimetres(line.miss_m)}" if page.aimed and name.startswith("trial") else name
         axes.plot(*tip_m.T, **style, label=label)
         shown.append(line.trial)
     if not shown:
         raise StrandcastError("SC-H063", "no counted trial has a track", fix="track the trials")
     _finish(axes, summary)
-    finding = f"Tip paths of {len(shown)} trials" + (
-        f"; trial {summary.hit_trial}, the hit, is bold." if summary.hit_trial in shown else "; none has hit."
-    )
+    finding = f"Tip paths of {len(shown)} trial{'s' if page.aimed or len(shown) > 1 else ''}"
+    if page.aimed:
+        finding += (
+            f"; trial {summary.hit_trial}, the hit, is bold"
+            if summary.hit_trial in shown
+            else "; none has hit"
+        )
+    finding += "."
     if missing:
         finding += f" Not shown, without a track: {', '.join(missing)}."
     return PanelContent(
@@ -141,8 +149,9 @@ def _style(summary: ExperimentSummary, trial: int) -> tuple[dict[str, Any], str]
 
 
 def _finish(axes: Any, summary: ExperimentSummary) -> None:
-    draw.ring(axes, summary.target_m, summary.hit_radius_m)
-    axes.plot(*summary.target_m, **draw.marks("+", 10, color=draw.TARGET), label="target")
-    axes.plot(0, 0, **draw.marks("o", 5, color=draw.FITTED["color"]), label="arm’s base")
+    if summary.target_m is not None:
+        draw.ring(axes, summary.target_m, summary.hit_radius_m)
+        axes.plot(*summary.target_m, **draw.marks("+", 10, color=draw.TARGET), label="target")
+        axes.plot(0, 0, **draw.marks("o", 5, color=draw.FITTED["color"]), label="arm’s base")
     draw.equal_axes(axes)
     draw.legend_below(axes.figure)

@@ -23,17 +23,19 @@ def tip_path(page: TrialPageData) -> PanelContent:
     start_s = results.need("alignment").motion_start_s
     throws = results.need("simulated")
     figure = draw.new_figure(8.4, 9.2, left=0.1, top=0.98, bottom=0.1)
-    grid = figure.add_gridspec(3, 1, height_ratios=[2.6, 1, 1], hspace=0.3)
-    path_axes, miss_axes, error_axes = (figure.add_subplot(grid[k]) for k in range(3))
+    rows = 3 if results.aimed() else 2
+    grid = figure.add_gridspec(rows, 1, height_ratios=[2.6, *[1] * (rows - 1)], hspace=0.3)
+    path_axes, *over_time = (figure.add_subplot(grid[k]) for k in range(rows))
+    error_axes = over_time[-1]
     window = results.in_window()
     tip_m, time_s = track.points_m[window, -1], results.robot_time_s()[window]
     _draw_path(path_axes, tip_m, time_s - start_s)
-    miss_m = target_distance_m(verdict, tip_m)
-    _draw_miss(miss_axes, (time_s - start_s) * 1e3, miss_m * 1e3, verdict)
-    if verdict.miss_m is not None and verdict.closest_robot_time_s is not None:
-        # The closest approach may lie between two frames.
-        closest = ((verdict.closest_robot_time_s - start_s) * 1e3, verdict.miss_m * 1e3)
-        miss_axes.plot(*closest, **draw.marks("D", 5, color=draw.MEASURED["color"]))
+    if results.aimed():
+        _draw_miss(over_time[0], (time_s - start_s) * 1e3, target_distance_m(verdict, tip_m) * 1e3, verdict)
+        if verdict.miss_m is not None and verdict.closest_robot_time_s is not None:
+            # The closest approach may lie between two frames.
+            closest = ((verdict.closest_robot_time_s - start_s) * 1e3, verdict.miss_m * 1e3)
+            over_time[0].plot(*closest, **draw.marks("D", 5, color=draw.MEASURED["color"]))
     findings, apart = [], []
     for name, throw in throws.items():
         inside = np.isin(throw.frame, track.frame[window])
@@ -52,17 +54,24 @@ def tip_path(page: TrialPageData) -> PanelContent:
     error_axes.set(xlabel=draw.SINCE_START, ylabel="tip – simulated [mm]", ylim=(0, None))
     if draw.log_if_wide(error_axes, "y", apart):
         error_axes.autoscale(axis="y")
-    draw_target(path_axes, verdict)
-    for axes in (miss_axes, error_axes):
+    if results.aimed():
+        draw_target(path_axes, verdict)
+    for axes in over_time:
         axes.set_xlim((time_s[0] - start_s) * 1e3, (time_s[-1] - start_s) * 1e3)
         mark_closest(axes, verdict, start_s)
     draw.legend_below(figure, path_axes)
-    finding = f"From the motion’s start to {AFTER_MOTION_S:g} s after its end: "
+    whole = "Over the whole capture: "
+    finding = f"From the motion’s start to {AFTER_MOTION_S:g} s after its end: " if results.aimed() else whole
     finding += "; ".join(findings) + "." if findings else "there is no simulated tip to compare with."
     return PanelContent(
         finding,
-        draw.Drawing(figure, f"Tip path measured and simulated. {finding}", (miss_axes, error_axes)),
+        draw.Drawing(figure, f"Tip path measured and simulated. {finding}", tuple(over_time)),
         sources=["track.parquet", "simulated.parquet"],
+        caption=None if results.aimed() else "Squares mark every 50 ms of the measured path.",
+        good=None
+        if results.aimed()
+        else "the fitted path covers the measured one, and the tip stays as near to the simulated one as the "
+        "tracker’s σ.",
     )
 
 
@@ -94,10 +103,10 @@ def _draw_miss(axes: Any, since_ms: Any, miss_mm: Any, verdict: Verdict) -> None
 
 def draw_target(axes: Any, verdict: Verdict) -> None:
     """Draw the target or the bar, and the hit radius."""
-    draw.ring(axes, verdict.target_m, verdict.hit_radius_m)
+    draw.ring(axes, verdict.target(), verdict.hit_radius_m)
     if verdict.bar_m is not None:
         axes.plot(*np.array(verdict.bar_m).T, color=draw.TARGET, linewidth=3.0, label="bar")
-    axes.plot(*verdict.target_m, **draw.marks("+", 9, color=draw.TARGET), label="target")
+    axes.plot(*verdict.target(), **draw.marks("+", 9, color=draw.TARGET), label="target")
 
 
 def mark_closest(axes: Any, verdict: Verdict, start_s: float) -> None:

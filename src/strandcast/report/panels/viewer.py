@@ -26,6 +26,10 @@ MISSING = -32768  # a place that is unknown or far outside of the picture
 MOST_RUNS = 200  # chosen: flagged runs to jump to
 LOWEST_M = 1e-3  # on the plot's logarithmic axis
 DECADES_MM = (10, 100)  # its labels
+CAPTURE_CAPTION = (
+    "Blue rings: the measured points; yellow squares: flagged ones (unsure, hidden, predicted). Dashed: the "
+    "fitted string."
+)
 PLOT = (1000.0, 100.0)  # width and height of the plot, in units of its own
 
 
@@ -37,7 +41,7 @@ class Film:
     measured_m: Array  # (K, n + 1, 2)
     flagged: NDArray[np.bool_]  # (K, n + 1): unsure, hidden, predicted or not found
     fitted_m: Array  # (K, n + 1, 2)
-    to_target_m: Array  # of the tip
+    to_target_m: Array  # of the tip; NaN without a target
     error_m: Array  # mean distance between measured and fitted points
     since_start_s: Array  # of the motion
     counts: NDArray[np.bool_]  # whether the fit and the miss count it
@@ -87,7 +91,7 @@ def viewer(page: TrialPageData) -> PanelContent:
         fitted=_base64(_stepped(fitted_px)),
         flagged=_base64(film.flagged.astype("u1")),
         numbers=_base64(_numbers(film)),
-        rim=path_of(clip_px(results, clip, rim_m(verdict))),
+        rim=path_of(clip_px(results, clip, rim_m(verdict))) if results.aimed() else None,
         closest=closest,
         worst=worst,
         runs=runs[:MOST_RUNS],
@@ -101,6 +105,8 @@ def viewer(page: TrialPageData) -> PanelContent:
         finding,
         Markup(markup),
         sources=["clip.json"],
+        title=None if results.aimed() else "The capture, frame by frame",
+        caption=None if results.aimed() else CAPTURE_CAPTION,
     )
 
 
@@ -129,7 +135,9 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
     error_m = np.where(known, apart_m, 0.0).sum(axis=1) / np.where(
         known.any(axis=1), known.sum(axis=1), np.nan
     )
-    to_target_m = np.linalg.norm(measured_m[:, -1] - np.array(results.need("verdict").target_m), axis=1)
+    to_target_m = np.full(len(frame), np.nan)
+    if results.aimed():
+        to_target_m = np.linalg.norm(measured_m[:, -1] - np.array(results.need("verdict").target_m), axis=1)
     return Film(frame, measured_m, flagged, fitted_m, to_target_m, error_m, since_s, counts)
 
 

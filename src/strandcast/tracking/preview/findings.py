@@ -73,7 +73,7 @@ def _string(preview: Preview) -> list[str]:
 
 
 def _target(preview: Preview) -> list[str]:
-    if not preview.calibrated:
+    if not preview.calibrated or preview.expected.target_m is None:
         return []
     if preview.target is None:
         return ["target: nothing distinct is detected at target_m, so the image is not used for it"]

@@ -156,7 +156,7 @@ def _draw_string(axes: Any, preview: Preview, frame: PreviewFrame) -> None:
 
 
 def _draw_target(axes: Any, preview: Preview) -> None:
-    if not preview.calibrated:
+    if not preview.calibrated or preview.expected.target_m is None:
         return
     given = to_pixels(preview, preview.expected.target_m[None])[0]
     axes.plot(*given, marker="+", ms=13, color=TARGET, mew=1.8)

@@ -35,7 +35,7 @@ class Expected:
     string: StringHint
     markers: tuple[HandMarker, ...]  # on the hand
     dictionary: str  # of these markers
-    target_m: np.ndarray  # (2,)
+    target_m: np.ndarray | None  # (2,); None: the experiment has none
     weights_m: tuple[float, ...] = ()  # places of declared weights along the string
     polarity: float | None = None  # 1, -1, or None to measure it
     plane_ids: tuple[int, ...] = ()  # markers of the plane of motion from the hand's dictionary
@@ -117,7 +117,9 @@ def preview(
         max_level=sampled.max_level,
         camera=used,
         calibrated=camera is not None,
-        target=None if camera is None else locate_target(background, camera, expected.target_m),
+        target=None
+        if camera is None or expected.target_m is None
+        else locate_target(background, camera, expected.target_m),
         others=[] if any(hand is not None for hand in hands) else other_markers(sampled.pictures, expected),
         expected=expected,
     )
