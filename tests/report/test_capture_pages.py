@@ -106,5 +106,7 @@ def test_all_experiments_count_captures_apart(summary: ExperimentSummary) -> Non
     assert "captured" not in alone.to_json()
     page = campaign_page(both)
     assert "UNKNOWN" not in words_of(page)
+    assert "are unknown" not in words_of(page)
+    assert f"of {len(aimed.throws)} throws stand out" in words_of(page)
     assert "; 1 has no target" in words_of(page)
     assert "1 has no target" in words_of(campaign_page(Campaign([CampaignExperiment("swing", summary)])))

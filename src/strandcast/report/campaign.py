@@ -159,7 +159,7 @@ RIG_QUANTITIES = (
 
 
 class CampaignThrow(NamedTuple):
-    """One trial of a campaign; `throw` counts from 1 and is None for an excluded trial."""
+    """One trial of a campaign; `throw` counts from 1 and is None for an excluded trial and for a capture."""
 
     experiment: str
     line: TrialSummary
@@ -194,7 +194,7 @@ class Campaign:
             throw = 0
             for line in each.trials:
                 throw += line.excluded is None
-                number = throw if line.excluded is None else None
+                number = throw if line.excluded is None and each.aimed else None
                 yield CampaignThrow(each.name, line, number, each.hit_radius_m, each.aimed)
 
     def tally(self) -> CampaignTally:

@@ -104,7 +104,8 @@ def learning(campaign: Campaign) -> PanelContent:
 
 
 def rig_course(campaign: Campaign) -> PanelContent:
-    """Return the quantities of the rig by experiment: median, extremes, limit."""
+    """Return the quantities of the rig by experiment: median, extremes, limit; captures are left out."""
+    campaign = Campaign([each for each in campaign.experiments if each.aimed])
     names = [each.name for each in campaign.experiments]
     figure = draw.new_figure(
         8.4, 0.7 + 1.45 * len(RIG_QUANTITIES), left=0.11, top=0.96, bottom=0.17, hspace=0.45
