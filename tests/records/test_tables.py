@@ -1,5 +1,9 @@
 """Tables: round trip, units in the metadata, and every flipped bit that matters is caught."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -62,6 +66,20 @@ def test_units_facts_and_text_columns(tmp_path):
     time_s, pose = read_hand(path, "seen")
     assert pose.array().shape == (25, 3)
     assert time_s[0] == pytest.approx(25 / 49)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads, on Linux")
+def test_reading_a_table_starts_no_threads(tmp_path):
+    write_table(tmp_path / "hand.parquet", HAND, {name: np.arange(9.0) for name in HAND.columns})
+    script = """if True:
+        import os, sys
+        from strandcast.records.tables import read_parquet
+        before = len(os.listdir("/proc/self/task"))
+        read_parquet(sys.argv[1])
+        print(len(os.listdir("/proc/self/task")) - before)
+    """
+    line = [sys.executable, "-c", script, str(tmp_path / "hand.parquet")]
+    assert subprocess.run(line, capture_output=True, text=True, check=True).stdout == "0\n"
 
 
 def test_same_columns_same_bytes(tmp_path):

@@ -4,6 +4,7 @@ import json
 import os
 import pty
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -57,6 +58,7 @@ def in_terminal(line: list[str], until: Callable[[str], bool] = lambda _: False)
     """Run a command in a terminal, pressing Ctrl-C once `until` is true; return what it wrote, its status."""
     pid, terminal = pty.fork()
     if pid == 0:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell ignores it for jobs in the background
         os.environ.update(TERM="xterm-256color", COLUMNS="100", LINES="30")
         os.execv(line[0], line)
     shown, pressed, end = "", False, time.monotonic() + 60.0

@@ -96,7 +96,7 @@ def _load_table(path: Path) -> pd.DataFrame:
     if schema not in TABLES:
         raise _refusal(path, f"its schema {schema!r} is not known")
     table = read_arrow(path, TABLES[schema])
-    frame: pd.DataFrame = table.to_pandas()
+    frame: pd.DataFrame = table.to_pandas(use_threads=False)
     columns = TABLES[schema].columns | TABLES[schema].optional
     frame.attrs = {
         # Not those in the file, which no hash covers.

@@ -199,7 +199,9 @@ def _read_bounded(data: bytes) -> pa.Table:
         names = file.schema_arrow.names
         if len(set(names)) < len(names):
             raise ValueError("two of its columns have one name")
-        return file.read()
+        # Arrow's threads may outlive the call, and one that frees these bytes while Python ends aborts the
+        # process (https://github.com/apache/arrow/issues/34314).
+        return file.read(use_threads=False)
 
 
 def read_arrow(path: str | Path, spec: TableSpec) -> pa.Table:
