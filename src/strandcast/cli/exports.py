@@ -1,6 +1,7 @@
 """Commands that write trials and fitted strings for other programs."""
 
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -75,6 +76,44 @@ def export_dataset(experiment: ExperimentName, out: OutFolder, as_json: AsJson =
     show(as_json, {"folder": out, "frames": frames}, [f"{out}: {frames} frames"])
 
 
+def export_crate(
+    experiment: ExperimentName,
+    out: Annotated[
+        Path | None, typer.Option(help="Output folder, or .zip file; without it, EXPERIMENT-crate.zip.")
+    ] = None,
+    without_video: Annotated[
+        bool, typer.Option("--without-video", help="Leave the raw videos out, but give their hashes.")
+    ] = False,
+    date: Annotated[
+        datetime | None,
+        typer.Option(
+            formats=["%Y-%m-%d"],
+            metavar="YYYY-MM-DD",
+            help="Date of publication; without it, the day of the newest raw file.",
+        ),
+    ] = None,
+    licence: Annotated[
+        str | None, typer.Option("--license", help="SPDX identifier of the data's licence, e.g. CC-BY-4.0.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write an experiment as an RO-Crate to deposit in an archive: raw files, results and their provenance.
+
+    Refused if a file is not as it was recorded or made. `strandcast verify --crate` checks a crate.
+    """
+    import strandcast
+    from strandcast.exports.crate import export_crate as export
+    from strandcast.workflow.verify import refuse_changed_files
+
+    target = out or Path(f"{experiment}-crate.zip")
+    view = strandcast.open(ROOT)[experiment]
+    refuse_changed_files(ROOT, experiment)
+    published = None if date is None else date.date()
+    count = export(view, target, without_video=without_video, published=published, licence=licence)
+    line = f"{target}: {count} files; check it with `strandcast verify --crate {target}`"
+    show(as_json, {"crate": target, "files": count}, [line])
+
+
 def _trial(experiment: str, trial: int) -> "TrialView":
     import strandcast
 
@@ -87,4 +126,5 @@ EXPORTS: dict[str, Callable[..., Any]] = {
     "rerun": export_rerun,
     "mcap": export_mcap,
     "dataset": export_dataset,
+    "crate": export_crate,
 }

@@ -158,7 +158,8 @@ def read_json(path: str | Path) -> dict[str, Any]:
     if not path.is_file():  # reading a pipe would never end
         raise refusal("SC-R001", path, None, "the file is not there", how_to_make(path))
     try:
-        data = _parse(path)
+        with path.open("rb") as file:
+            data = parse_json(file.read(MOST_BYTES + 1))
     except (ValueError, OverflowError, RecursionError) as error:
         raise refusal("SC-R001", path, None, f"is not a JSON record ({error})", REMAKE) from None
     if not isinstance(data, dict):
@@ -166,9 +167,11 @@ def read_json(path: str | Path) -> dict[str, Any]:
     return data
 
 
-def _parse(path: Path) -> Any:
-    with path.open("rb") as file:
-        content = file.read(MOST_BYTES + 1)
+def parse_json(content: bytes) -> Any:
+    """Return the data in JSON text, or raise a `ValueError`, `OverflowError` or `RecursionError`.
+
+    NaN, infinity, integers of more than 64 bits and more than `MOST_BYTES` or `MOST_LEVELS` are refused.
+    """
     if len(content) > MOST_BYTES:
         raise ValueError(f"larger than {MOST_BYTES >> 20} MiB")
     data = json.loads(content, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_int64)

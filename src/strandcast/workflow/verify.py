@@ -5,21 +5,18 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from strandcast.core.trial_names import in_trial_order
-from strandcast.errors import StrandcastError
+from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.folders import ExperimentFolder, TrialFolder, trial_folders
 from strandcast.records.joint_log import Run, read_run
 from strandcast.records.lineage import MISPLACED, OUTDATED, Lineage, check_picture
-from strandcast.records.load import RECORDS, TABLES
 from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
-from strandcast.records.page import check_page
 from strandcast.records.predicted import read_predicted
 from strandcast.records.provenance import current_versions
-from strandcast.records.record import read_json, verify_hash
-from strandcast.records.tables import read_arrow, read_parquet, table_made_by, table_schema, verify_content
+from strandcast.records.verified import READERS, Verified
 
-State = Literal["damaged", "misplaced", "missing", "outdated", "versions"]
-ORDER: tuple[State, ...] = ("damaged", "misplaced", "missing", "outdated", "versions")
+State = Literal["damaged", "misplaced", "missing", "extra", "outdated", "versions"]
+ORDER: tuple[State, ...] = ("damaged", "misplaced", "missing", "extra", "outdated", "versions")
 STATES: dict[str, State] = {MISPLACED: "misplaced", OUTDATED: "outdated"}
 
 
@@ -30,13 +27,6 @@ class Finding(NamedTuple):
     state: State
     what: str
     fix: str | None = None
-
-
-class _Verified(NamedTuple):
-    """A file that is as it was made: its lineage and the versions that made it."""
-
-    lineage: Lineage | None
-    made_by: dict[str, str]
 
 
 def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
@@ -51,6 +41,23 @@ def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
         findings += _verify_raw_records(trial)
         findings += _verify_raw_bytes(trial) if raw else []
     return sorted(findings, key=lambda finding: ORDER.index(finding.state))
+
+
+def refuse_changed_files(root: Path, experiment: str) -> None:
+    """Refuse an experiment with files that are not as they were recorded or made.
+
+    Raises
+    ------
+    StrandcastError
+        SC-I053 a file is damaged, misplaced, missing or outdated.
+    """
+    faults = [finding for finding in verify(root, experiment) if finding.state != "versions"]
+    if faults:
+        first = faults[0]
+        others = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        fix = f"strandcast verify {experiment} lists all, with a fix for each"
+        what = f"{first.what}{others}"
+        raise StrandcastError("SC-I053", what, file=first.file, fix=fix, exit_code=INTEGRITY)
 
 
 def _numbers(folder: ExperimentFolder) -> list[int]:
@@ -125,7 +132,7 @@ def _verify_raw_bytes(trial: TrialFolder) -> Iterator[Finding]:
         yield _finding(Path(problem.file or trial.data), problem)
 
 
-def _checked(path: Path, read: Callable[[Path], _Verified]) -> _Verified | Finding:
+def _checked(path: Path, read: Callable[[Path], Verified]) -> Verified | Finding:
     try:
         return read(path)
     except StrandcastError as problem:
@@ -141,33 +148,3 @@ def _other_versions(path: Path, made_by: dict[str, str]) -> Iterator[Finding]:
     changed = [f"{name} {old}" for name, old in made_by.items() if now.get(name, old) != old]
     if changed:
         yield Finding(path, "versions", f"was made by {', '.join(changed)}")
-
-
-def _verify_record(path: Path) -> _Verified:
-    data = read_json(path)
-    kind = RECORDS.get(str(data.get("schema")))
-    if kind is None:
-        verify_hash(path, data)
-        return _Verified(None, {})
-    record = kind.read(path)
-    return _Verified(record.lineage, record.made_by)
-
-
-def _verify_table(path: Path) -> _Verified:
-    table = read_parquet(path)
-    lineage = verify_content(path, table)
-    spec = TABLES.get(table_schema(table)[0])
-    if spec is not None:
-        read_arrow(path, spec)
-    return _Verified(lineage, table_made_by(table))
-
-
-def _verify_page(path: Path) -> _Verified:
-    return _Verified(check_page(path), {})
-
-
-READERS: dict[str, Callable[[Path], _Verified]] = {
-    ".json": _verify_record,
-    ".parquet": _verify_table,
-    ".html": _verify_page,
-}

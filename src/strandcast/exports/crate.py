@@ -1,0 +1,371 @@
+"""`export crate`: an experiment as an RO-Crate 1.1 (Process Run Crate), to deposit in an archive.
+
+The files lie in the crate as in the project, so that an unpacked crate is read as a project. Every stage is a
+`CreateAction`, with inputs and outputs from the lineage in the records.
+
+Sources: https://w3id.org/ro/crate/1.1 and https://w3id.org/ro/wfrun/process/0.5.
+"""
+
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from strandcast.api import ExperimentView
+from strandcast.errors import StrandcastError
+from strandcast.exports.throw import missing_package
+from strandcast.records.estimate import Estimate, ParameterFit, WeightFit
+from strandcast.records.files import atomic_write, check_room, content_sha256, sha256_file, write_bytes
+from strandcast.records.folders import files_of_video
+from strandcast.records.lineage import relative_to
+from strandcast.records.provenance import group_by_versions
+from strandcast.records.verdict import Verdict
+from strandcast.records.verified import READERS
+from strandcast.stages.declarations import STAGES
+from strandcast.stages.job import Job
+
+METADATA = "ro-crate-metadata.json"
+PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
+# Gives `sha256` a meaning, which the context of RO-Crate 1.1 does not.
+TERMS = "https://w3id.org/ro/terms/workflow-run/context"
+ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip can hold: equal files, equal bytes
+MEDIA_TYPES = {
+    ".avi": "video/x-msvideo",
+    ".csv": "text/csv",
+    ".html": "text/html",
+    ".json": "application/json",
+    ".mkv": "video/x-matroska",
+    ".mov": "video/quicktime",
+    ".mp4": "video/mp4",
+    ".parquet": "application/vnd.apache.parquet",
+    ".png": "image/png",
+    ".tif": "image/tiff",
+    ".tiff": "image/tiff",
+    ".toml": "application/toml",
+    ".urdf": "application/xml",
+    ".webp": "image/webp",
+    ".yaml": "application/yaml",
+}
+NO_LICENCE = "No licence was stated when this crate was made: ask its authors before you use it."
+
+
+@dataclass(frozen=True)
+class _StageRun:
+    """A stage that ran: the names of the files that it read and wrote, and the versions that it ran with."""
+
+    stage: str
+    trial: int
+    made_by: dict[str, str]
+    inputs: set[str] = field(default_factory=set)
+    outputs: set[str] = field(default_factory=set)
+
+    @property
+    def name(self) -> str:
+        return f"{self.stage}, trial {self.trial}" if self.trial else self.stage
+
+
+def export_crate(
+    experiment: ExperimentView,
+    out: Path,
+    *,
+    without_video: bool = False,
+    published: date | None = None,
+    licence: str | None = None,
+) -> int:
+    """Write an experiment as a crate, a folder or a .zip; return the number of files in it.
+
+    Parameters
+    ----------
+    without_video
+        Leave the raw videos out; the crate names them with their hashes.
+    published
+        Date of publication; without it the day [UTC] of the newest raw file, as results hold no dates.
+    licence
+        SPDX identifier of the data's licence, e.g. ``CC-BY-4.0``.
+
+    Raises
+    ------
+    StrandcastError
+        SC-W040 the package rocrate is missing; SC-I050 the folder is not empty; SC-I052 no result is there;
+        otherwise as the readers of results.
+    """
+    try:
+        import rocrate.rocrate as library
+    except ImportError:
+        raise missing_package("rocrate", "crate") from None
+    zipped = out.suffix.lower() == ".zip"
+    if not zipped and out.is_dir() and any(out.iterdir()):
+        what, fix = "is not empty: a crate is written whole", "give a new folder, or delete this one"
+        raise StrandcastError("SC-I050", what, file=out, fix=fix)
+    runs = _stage_runs(experiment)
+    if not runs:
+        what, fix = "has no results to export", f"strandcast run {experiment.name}"
+        raise StrandcastError("SC-I052", what, file=experiment.context.folder.results, fix=fix)
+    files = _files(experiment, {name for run in runs for name in run.inputs})
+    left_out = (
+        {name: files.pop(name) for name in sorted(_videos(experiment) & set(files))} if without_video else {}
+    )
+    check_room(out.parent, sum(path.stat().st_size for path in files.values()))
+
+    crate = library.ROCrate(version="1.1")
+    crate.metadata.extra_contexts.append(TERMS)
+    entities = {name: _add_file(crate, name, path) for name, path in files.items()}
+    entities |= {name: _add_left_out(crate, name, path) for name, path in left_out.items()}
+    actions = _add_actions(crate, runs, entities)
+    root = crate.root_dataset
+    root["name"] = experiment.settings.title or experiment.name
+    root["description"] = _description(experiment, left_out)
+    root["datePublished"] = (published or _newest_day(experiment)).isoformat()
+    root["license"] = _licence(crate, licence)
+    root["conformsTo"] = _add(
+        crate, PROFILE, "CreativeWork", name="Process Run Crate", version=PROFILE.rpartition("/")[2]
+    )
+    root["mentions"] = [*actions, *(entities[name] for name in left_out)]
+    root["variableMeasured"] = [*_add_verdicts(crate, experiment), *_add_parameters(crate, experiment)]
+    (_write_zip if zipped else _write_folder)(out, files, _with_own_hash(crate.metadata.generate()))
+    return len(files)
+
+
+def _stage_runs(experiment: ExperimentView) -> list[_StageRun]:
+    """Return the stages that made the files of an experiment, in the order of the loop."""
+    folder = experiment.context.folder
+    places = [folder.results, folder.results / "cameras"]
+    places += [place for t in experiment.trials.values() for place in (t.folder.data, t.folder.results)]
+    runs: dict[tuple[str, int], _StageRun] = {}
+    for path in sorted(path for place in places for path in place.glob("*.*")):
+        if path.suffix not in READERS or path.name.startswith("."):
+            continue
+        lineage, made_by = READERS[path.suffix](path)
+        if lineage is None or lineage.stage not in STAGES:  # a raw file
+            continue
+        run = runs.setdefault((lineage.stage, lineage.trial), _StageRun(lineage.stage, lineage.trial, {}))
+        run.made_by.update(made_by)
+        run.inputs.update(lineage.inputs)
+        if path.is_relative_to(folder.results):  # raw files may be copies of results, with their lineage
+            run.outputs.add(_name_of(experiment, path))
+        run.outputs.update(_name_of(experiment, path.parent / picture) for picture in lineage.pictures)
+    for run in runs.values():
+        run.inputs.add(_name_of(experiment, experiment.context.file))
+        _add_declared(experiment, run)
+        run.inputs.difference_update(run.outputs)
+    order = list(STAGES)
+    return sorted(runs.values(), key=lambda run: (run.trial, order.index(run.stage)))
+
+
+def _add_declared(experiment: ExperimentView, run: _StageRun) -> None:
+    """Add the files that no lineage names: raw ones that a stage hashes itself, and what the lab films."""
+    job, stage = Job(experiment.context, run.trial), STAGES[run.stage]
+    read = (
+        find(job)
+        for role, find in {**stage.inputs, **stage.may_read}.items()
+        if role not in stage.lineage_roles()
+    )
+    for names, groups in ((run.inputs, read), (run.outputs, stage.output_files(job).values())):
+        names.update(_name_of(experiment, path) for paths in groups for path in paths)
+
+
+def _files(experiment: ExperimentView, inputs: Iterable[str]) -> dict[str, Path]:
+    """Return the files of the crate by their names in it: settings, arm, raw files, results; no logs."""
+    context = experiment.context
+    folder = context.folder
+    found = [context.file, context.arm_file, *(folder.root / name for name in inputs)]
+    for top in (folder.data, folder.results):
+        for place, folders, names in os.walk(top, followlinks=True):  # a large video is often a link
+            folders[:] = [name for name in folders if name != "logs" and not name.startswith(".")]
+            found += [Path(place, name) for name in names if not name.startswith(".")]
+    named = {_name_of(experiment, path): path for path in found if path.is_file()}
+    return dict(sorted(named.items()))
+
+
+def _videos(experiment: ExperimentView) -> set[str]:
+    videos = (video for trial in experiment.trials.values() for video in trial.folder.videos())
+    return {_name_of(experiment, file) for video in videos for file in files_of_video(video)}
+
+
+def _name_of(experiment: ExperimentView, path: Path) -> str:
+    root, path = (Path(os.path.normpath(each.absolute())) for each in (experiment.context.folder.root, path))
+    return relative_to(root, path)
+
+
+def _add(crate: Any, identifier: str, kind: str, **properties: Any) -> Any:
+    from rocrate.model import ContextEntity
+
+    there = {name: value for name, value in properties.items() if value is not None}
+    return crate.add(ContextEntity(crate, identifier, {"@type": kind, **there}))
+
+
+def _content(name: str, path: Path) -> dict[str, Any]:
+    about = {"name": name, "contentSize": str(path.stat().st_size), "sha256": sha256_file(path)}
+    media_type = MEDIA_TYPES.get(path.suffix.lower())
+    return about if media_type is None else about | {"encodingFormat": media_type}
+
+
+def _add_file(crate: Any, name: str, path: Path) -> Any:
+    return crate.add_file(path, name, properties=_content(name, path))
+
+
+def _add_left_out(crate: Any, name: str, path: Path) -> Any:
+    text = "Raw video, left out of this crate; a copy of it is the original if its SHA-256 is this one."
+    return _add(crate, f"#{quote(name)}", "VideoObject", description=text, **_content(name, path))
+
+
+def _add_actions(crate: Any, runs: list[_StageRun], entities: dict[str, Any]) -> list[Any]:
+    groups = group_by_versions((run.name, run.made_by) for run in runs if run.made_by)
+    software = {name: _add_software(crate, group, groups) for group in groups for name in group[1]}
+    actions = []
+    for run in runs:
+        # Pages hold no versions. If all records have the same ones, these made the pages too.
+        instrument = software.get(run.name) or _add_software(
+            crate, groups[0] if len(groups) == 1 else ({}, []), groups
+        )
+        properties = {"name": run.name, "instrument": instrument}
+        properties["object"] = [entities[name] for name in sorted(run.inputs) if name in entities]
+        properties["result"] = [entities[name] for name in sorted(run.outputs) if name in entities]
+        identifier = f"#{run.stage}-{run.trial:02d}" if run.trial else f"#{run.stage}"
+        actions.append(_add(crate, identifier, "CreateAction", **properties))
+    return actions
+
+
+def _add_software(
+    crate: Any, group: tuple[dict[str, str], list[str]], groups: list[tuple[dict[str, str], list[str]]]
+) -> Any:
+    """Add strandcast as one set of versions describes it, once."""
+    versions = dict(group[0])
+    number = "" if not versions or len(groups) == 1 else f"-{groups.index(group) + 1}"
+    identifier = f"#strandcast{number}"
+    if (there := crate.get(identifier)) is not None:
+        return there
+    own = versions.pop("strandcast", None)
+    libraries = [
+        crate.get(each) or _add(crate, each, "SoftwareApplication", name=name, softwareVersion=version)
+        for name, version in versions.items()
+        for each in [f"#{name}-{version}"]
+    ]
+    return _add(
+        crate,
+        identifier,
+        "SoftwareApplication",
+        name="strandcast",
+        softwareVersion=own,
+        softwareRequirements=libraries or None,
+    )
+
+
+def _add_verdicts(crate: Any, experiment: ExperimentView) -> Iterator[Any]:
+    for number, trial in experiment.trials.items():
+        file = trial.folder.results / "verdict.json"
+        if not file.is_file():
+            continue
+        verdict = Verdict.read(file)
+        source = {"subjectOf": crate.get(_name_of(experiment, file))}
+        label = f"#verdict-{number:02d}"
+        yield _add(
+            crate, f"{label}-hit", "PropertyValue", name=f"hit, trial {number}", value=verdict.hit, **source
+        )
+        if verdict.miss_m is not None:
+            sigma = verdict.miss_sigma_m
+            yield _add(
+                crate,
+                f"{label}-miss",
+                "PropertyValue",
+                name=f"miss, trial {number}",
+                value=verdict.miss_m,
+                unitText="m",
+                description=None if sigma is None else f"standard error {sigma:.2g} m",
+                **source,
+            )
+
+
+def _add_parameters(crate: Any, experiment: ExperimentView) -> Iterator[Any]:
+    """Add the fitted string after each trial, with the interval of every number over the ensemble."""
+    for number, trial in experiment.trials.items():
+        file = trial.folder.results / "estimate.json"
+        if not file.is_file():
+            continue
+        estimate = Estimate.read(file)
+        fits: list[tuple[str, str, ParameterFit | WeightFit]] = [
+            *((fit.name, fit.unit, fit) for fit in estimate.parameters),
+            *(
+                (f"relative mass of the {fit.kind} at {fit.place_m:g} m", "1", fit)
+                for fit in estimate.weights
+            ),
+        ]
+        for place, (name, unit, fit) in enumerate(fits, start=1):
+            bound = "; the value is at a bound of its search range" if fit.at_bound else ""
+            yield _add(
+                crate,
+                f"#estimate-{number:02d}-{place}",
+                "PropertyValue",
+                name=f"{name}, fitted after trial {number}",
+                value=fit.value,
+                unitText=unit,
+                minValue=fit.ensemble_low,
+                maxValue=fit.ensemble_high,
+                description=f"minValue and maxValue: range over the ensemble of near-best fits{bound}",
+                subjectOf=crate.get(_name_of(experiment, file)),
+            )
+
+
+def _description(experiment: ExperimentView, left_out: dict[str, Path]) -> str:
+    verdicts = [t.folder.results / "verdict.json" for t in experiment.trials.values()]
+    hits = [Verdict.read(path).hit for path in verdicts if path.is_file()]
+    parts = [
+        "Throws of a string at a target by a robot arm: recordings, settings, results, provenance.",
+        f"Trials scored: {len(hits)}; hits: {sum(hits)}.",
+    ]
+    page = experiment.context.folder.results / "report.html"
+    if page.is_file():
+        parts.append(f"Start with {_name_of(experiment, page)}.")
+    if experiment.settings.lab is not None:
+        parts.append("Simulated data: the virtual lab of strandcast threw and filmed the string.")
+    if left_out:
+        parts.append(f"Raw video files left out, with their SHA-256: {len(left_out)}.")
+    return " ".join(parts)
+
+
+def _newest_day(experiment: ExperimentView) -> date:
+    raw = (path for path in experiment.context.folder.data.rglob("*") if path.is_file())
+    newest_s = max(path.stat().st_mtime for path in (experiment.context.file, *raw))
+    return datetime.fromtimestamp(newest_s, UTC).date()
+
+
+def _licence(crate: Any, identifier: str | None) -> Any:
+    if identifier is None:
+        return NO_LICENCE
+    return _add(crate, f"https://spdx.org/licenses/{quote(identifier)}", "CreativeWork", name=identifier)
+
+
+def _with_own_hash(metadata: dict[str, Any]) -> bytes:
+    """Return the metadata as JSON, with the hash of its content as an entity of its own."""
+    own = {
+        "@id": "#metadata-sha256",
+        "@type": "PropertyValue",
+        "name": "SHA-256 of this file's JSON without this entity: keys sorted, no spaces, UTF-8",
+        "value": content_sha256(metadata),
+    }
+    metadata["@graph"].append(own)
+    return (json.dumps(metadata, indent=1, sort_keys=True, ensure_ascii=False) + "\n").encode()
+
+
+def _write_folder(out: Path, files: dict[str, Path], metadata: bytes) -> None:
+    for name, path in files.items():
+        with atomic_write(out / name, path.stat().st_size) as temporary:
+            shutil.copyfile(path, temporary)
+    write_bytes(out / METADATA, metadata)
+
+
+def _write_zip(out: Path, files: dict[str, Path], metadata: bytes) -> None:
+    """Write a zip without compression, which is not the same bytes with every version of zlib."""
+    with atomic_write(out) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        archive.writestr(zipfile.ZipInfo(METADATA, ZIP_EPOCH), metadata)
+        for name, path in files.items():
+            entry = zipfile.ZipInfo(name, ZIP_EPOCH)
+            entry.file_size = path.stat().st_size
+            with path.open("rb") as source, archive.open(entry, "w") as target:
+                shutil.copyfileobj(source, target)

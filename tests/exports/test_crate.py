@@ -1,0 +1,267 @@
+"""export crate, read by rocrate; `verify --crate` names every change and refuses hostile paths."""
+
+import json
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import zipfile
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+import strandcast
+from strandcast.errors import StrandcastError
+from strandcast.exports.crate import METADATA, _with_own_hash, export_crate
+from strandcast.records.files import sha256_file
+from strandcast.workflow.verify import refuse_changed_files
+from strandcast.workflow.verify_crate import verify_crate
+
+VIDEO, TRACK = "data/demo/trial-01/video.mp4", "results/demo/trial-01/track.parquet"
+DAY = date(2026, 3, 14)
+
+
+@pytest.fixture(scope="module")
+def library():
+    return pytest.importorskip("rocrate.rocrate", reason="rocrate is not installed: make test")
+
+
+@pytest.fixture(scope="module")
+def made(library, project, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("crate") / "demo"
+    export_crate(strandcast.open(project)["demo"], folder, published=DAY, licence="CC-BY-4.0")
+    return folder
+
+
+@pytest.fixture
+def crate(made, tmp_path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "crate"))
+
+
+def files_in(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def states(path: Path) -> list[tuple[str, str]]:
+    return [(each.state, each.file.relative_to(path).as_posix()) for each in verify_crate(path)]
+
+
+def test_rocrate_reads_all_files_with_their_hashes(library, made, project) -> None:
+    read = library.ROCrate(made)
+    files = {entity.id: entity for entity in read.data_entities}
+    assert set(files) == files_in(made) - {METADATA}
+    raw = files_in(project / "data" / "demo")
+    results = files_in(project / "results" / "demo")
+    assert len(raw) > 15
+    assert len(results) > 15
+    assert {f"data/demo/{name}" for name in raw} | {f"results/demo/{name}" for name in results} | {
+        "config/arms/planar3.toml",
+        "config/arms/planar3.urdf",
+        "config/experiments/demo.yaml",
+    } == set(files)
+    for name, entity in files.items():
+        assert entity["sha256"] == sha256_file(project / name) == sha256_file(made / name)
+        assert entity["contentSize"] == str((project / name).stat().st_size)
+    assert read.root_dataset["datePublished"] == "2026-03-14"
+    assert read.license.id == "https://spdx.org/licenses/CC-BY-4.0"
+    assert read.root_dataset["conformsTo"].id == "https://w3id.org/ro/wfrun/process/0.5"
+    assert verify_crate(made) == []
+
+
+def test_stages_are_actions_with_inputs_software_and_outputs(library, made) -> None:
+    read = library.ROCrate(made)
+    actions = {entity.id: entity for entity in read.get_by_type("CreateAction")}
+    assert {each.id for each in read.root_dataset["mentions"]} == set(actions)
+    assert {"#calibrate", "#lab_throw-01", "#ingest-01", "#estimate-01", "#plan-02"} <= set(actions)
+    ids = {name: {each.id for each in actions["#track-01"][name]} for name in ("object", "result")}
+    assert ids["result"] == {
+        f"results/demo/trial-01/{name}" for name in ("observations.parquet", "strobe.webp", "track.json")
+    }
+    assert {VIDEO, "config/experiments/demo.yaml", "results/demo/cameras/main.json"} < ids["object"]
+    assert VIDEO in {each.id for each in actions["#lab_throw-01"]["result"]}
+    # Every result was made by exactly one stage.
+    made_by = [each.id for action in actions.values() for each in action["result"]]
+    assert len(made_by) == len(set(made_by))
+    assert {name for name in files_in(made) if name.startswith("results/")} <= set(made_by)
+    software = actions["#estimate-01"]["instrument"]
+    assert (software["name"], software["softwareVersion"]) == ("strandcast", strandcast.__version__)
+    libraries = {each["name"]: each["softwareVersion"] for each in software["softwareRequirements"]}
+    assert libraries["python"] == ".".join(map(str, sys.version_info[:3]))
+
+
+def test_parameters_have_units_and_intervals_and_the_verdict_is_there(library, made, trial) -> None:
+    values = {each["name"]: each for each in library.ROCrate(made).root_dataset["variableMeasured"]}
+    for fit in trial.estimate.record.parameters:
+        found = values[f"{fit.name}, fitted after trial 1"]
+        assert (found["value"], found["unitText"]) == (fit.value, fit.unit)
+        assert (found["minValue"], found["maxValue"]) == (fit.ensemble_low, fit.ensemble_high)
+        assert found["subjectOf"].id == "results/demo/trial-01/estimate.json"
+    assert values["hit, trial 1"]["value"] is trial.verdict.hit
+    assert values["miss, trial 1"]["value"] == trial.verdict.miss_m
+    assert values["miss, trial 1"]["unitText"] == "m"
+
+
+def test_the_same_results_give_the_same_bytes(made, project, tmp_path) -> None:
+    code = (
+        "import sys, pathlib, strandcast\n"
+        "from strandcast.exports.crate import export_crate\n"
+        "export_crate(strandcast.open(sys.argv[1])['demo'], pathlib.Path(sys.argv[2]))"
+    )
+    for number in "12":
+        environment = os.environ | {"PYTHONHASHSEED": number}
+        line = [sys.executable, "-c", code, project, tmp_path / f"{number}.zip"]
+        subprocess.run(line, env=environment, check=True)
+    assert (tmp_path / "1.zip").read_bytes() == (tmp_path / "2.zip").read_bytes()
+    with zipfile.ZipFile(tmp_path / "1.zip") as archive:
+        assert set(archive.namelist()) == files_in(made)
+    assert verify_crate(tmp_path / "1.zip") == []
+
+
+def test_a_crate_without_video_keeps_its_hash(library, project, tmp_path) -> None:
+    export_crate(strandcast.open(project)["demo"], tmp_path / "small", without_video=True)
+    assert VIDEO not in files_in(tmp_path / "small")
+    read = library.ROCrate(tmp_path / "small")
+    entity = read.get(f"#{VIDEO}")
+    assert entity["sha256"] == sha256_file(project / VIDEO)
+    assert f"#{VIDEO}" in {each.id for each in read.get("#track-01")["object"]}
+    assert verify_crate(tmp_path / "small") == []
+    shutil.copyfile(project / VIDEO, tmp_path / "small" / VIDEO)
+    assert verify_crate(tmp_path / "small") == []  # the original, put back
+    (tmp_path / "small" / VIDEO).write_bytes(b"another")
+    assert states(tmp_path / "small") == [("damaged", VIDEO)]
+
+
+def test_a_flipped_byte_a_removed_and_an_added_file_are_named(crate) -> None:
+    flip(crate / TRACK)
+    (crate / "results/demo/trial-01/verdict.json").unlink()
+    (crate / "results/demo/notes.txt").write_text("mine")
+    expected = [
+        ("damaged", TRACK),
+        ("missing", "results/demo/trial-01/verdict.json"),
+        ("extra", "results/demo/notes.txt"),
+    ]
+    assert states(crate) == expected
+    zipped = pack(crate, crate.with_suffix(".zip"))
+    assert states(zipped) == expected
+
+
+def test_a_changed_number_in_the_metadata_is_found(crate) -> None:
+    text = (crate / METADATA).read_text()
+    changed = text.replace('"value": false', '"value": true')  # the verdict: a miss
+    assert changed != text
+    (crate / METADATA).write_text(changed)
+    assert states(crate) == [("damaged", METADATA)]
+
+
+def test_a_damaged_zip_is_named(crate) -> None:
+    zipped = pack(crate, crate.with_suffix(".zip"))
+    content = bytearray(zipped.read_bytes())
+    with zipfile.ZipFile(zipped) as archive:
+        entry = archive.getinfo(TRACK)
+    content[entry.header_offset + 200] ^= 1
+    zipped.write_bytes(content)
+    assert states(zipped) == [("damaged", TRACK)]
+    zipped.write_bytes(content[: len(content) // 2])
+    with pytest.raises(StrandcastError, match="SC-R051"):
+        verify_crate(zipped)
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def pack(folder: Path, target: Path) -> Path:
+    with zipfile.ZipFile(target, "w") as archive:
+        for name in sorted(files_in(folder)):
+            archive.write(folder / name, name)
+    return target
+
+
+def by_hand(folder: Path, identifier: str) -> Path:
+    """Write a crate of one file that is named so."""
+    folder.mkdir()
+    entity = {"@id": identifier, "@type": "File", "contentSize": "6", "sha256": "0" * 64}
+    (folder / METADATA).write_bytes(_with_own_hash({"@context": "", "@graph": [entity]}))
+    return folder
+
+
+@pytest.mark.parametrize(
+    "name", ["../x", "/etc/hostname", "a/../../x", "%2e%2e/x", "file:///etc/hostname", "C:\\x"]
+)
+def test_hostile_paths_in_the_metadata_are_refused(tmp_path, name) -> None:
+    with pytest.raises(StrandcastError, match="SC-R052") as refused:
+        verify_crate(by_hand(tmp_path / "crate", name))
+    assert refused.value.exit_code == 4
+
+
+def test_links_in_a_folder_are_refused(tmp_path) -> None:
+    (tmp_path / "secret").write_text("secret")
+    folder = by_hand(tmp_path / "crate", "a.txt")
+    (folder / "a.txt").symlink_to(tmp_path / "secret")
+    with pytest.raises(StrandcastError, match="SC-R052"):
+        verify_crate(folder)
+    (folder / "a.txt").unlink()
+    (folder / "up").symlink_to(tmp_path)
+    with pytest.raises(StrandcastError, match="SC-R052"):
+        verify_crate(folder)
+
+
+@pytest.mark.parametrize("name", ["../x", "/x", "a/../../x", "link", "twice"])
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_hostile_zips_are_refused(tmp_path, name) -> None:
+    entry = zipfile.ZipInfo(name)
+    if name == "link":
+        entry.external_attr = (stat.S_IFLNK | 0o777) << 16
+    folder = by_hand(tmp_path / "crate", "a.txt")
+    with zipfile.ZipFile(tmp_path / "crate.zip", "w") as archive:
+        archive.write(folder / METADATA, METADATA)
+        for _ in range(2 if name == "twice" else 1):
+            archive.writestr(entry, b"secret")
+    with pytest.raises(StrandcastError, match="SC-R052"):
+        verify_crate(tmp_path / "crate.zip")
+    assert files_in(tmp_path) == {"crate.zip", f"crate/{METADATA}"}
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"@graph": 3}', '{"@graph": [3]}', "[" * 100_000])
+def test_metadata_that_cannot_be_read_is_refused(tmp_path, text) -> None:
+    (tmp_path / METADATA).write_text(text)
+    with pytest.raises(StrandcastError, match="SC-R051"):
+        verify_crate(tmp_path)
+
+
+def test_what_cannot_be_exported_is_refused(library, project, tmp_path, monkeypatch) -> None:
+    root = Path(shutil.copytree(project, tmp_path / "project"))
+    experiment = strandcast.open(root)["demo"]
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used" / "note").touch()
+    with pytest.raises(StrandcastError, match="SC-I050"):
+        export_crate(experiment, tmp_path / "used")
+    flip(root / VIDEO)
+    with pytest.raises(StrandcastError, match="SC-I053") as refused:
+        refuse_changed_files(root, "demo")
+    assert VIDEO in refused.value.message()
+    shutil.rmtree(root / "results")
+    shutil.rmtree(root / "data" / "demo" / "trial-01")
+    with pytest.raises(StrandcastError, match="SC-I052"):
+        export_crate(experiment, tmp_path / "out.zip")
+    monkeypatch.setitem(sys.modules, "rocrate.rocrate", None)
+    with pytest.raises(StrandcastError, match=r"SC-W040(.|\n)*strandcast\[crate\]"):
+        try:
+            export_crate(experiment, tmp_path / "out.zip")
+        except StrandcastError as problem:
+            raise StrandcastError(problem.code, problem.message()) from None
+    assert not (tmp_path / "out.zip").exists()
+
+
+def test_verify_prints_and_ends_with_4(tmp_path) -> None:
+    folder = by_hand(tmp_path / "crate", "a.txt")
+    line = [sys.executable, "-m", "strandcast", "verify", "--crate", folder, "--json"]
+    done = subprocess.run(line, capture_output=True, text=True)
+    assert done.returncode == 4
+    found = json.loads(done.stdout)
+    assert found["faults"] == 1
+    assert found["findings"][0]["state"] == "missing"
