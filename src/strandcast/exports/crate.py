@@ -263,6 +263,8 @@ def _add_verdicts(crate: Any, experiment: ExperimentView) -> Iterator[Any]:
         if not file.is_file():
             continue
         verdict = Verdict.read(file)
+        if verdict.hit is None:  # a throw without a target
+            continue
         source = {"subjectOf": crate.get(_name_of(experiment, file))}
         label = f"#verdict-{number:02d}"
         yield _add(
@@ -314,10 +316,10 @@ def _add_parameters(crate: Any, experiment: ExperimentView) -> Iterator[Any]:
 
 def _description(experiment: ExperimentView, left_out: dict[str, Path]) -> str:
     verdicts = [t.folder.results / "verdict.json" for t in experiment.trials.values()]
-    hits = [Verdict.read(path).hit for path in verdicts if path.is_file()]
+    hits = [hit for path in verdicts if path.is_file() and (hit := Verdict.read(path).hit) is not None]
     parts = [
-        "Throws of a string at a target by a robot arm: recordings, settings, results, provenance.",
-        f"Trials scored: {len(hits)}; hits: {sum(hits)}.",
+        "Throws of a string by a robot arm: recordings, settings, results, provenance.",
+        f"Trials: {len(experiment.trials)}; with a target: {len(hits)}; hits: {sum(hits)}.",
     ]
     page = experiment.context.folder.results / "report.html"
     if page.is_file():
