@@ -72,7 +72,9 @@ def test_guesses_without_a_model_are_as_far_off_as_the_string_is():
     still = observed_throw(0.0, noise=0.0)
     hanging_m = np.array([0.0, -1.0]) * MODEL.places_m()[:, None] + np.array([0.03, 0.04])
     hanging_m[0] = 0.0
-    shifted = replace(still, points_m=np.broadcast_to(hanging_m, still.points_m.shape))
+    hand_m = np.array([0.5, 0.2])
+    points_m = np.broadcast_to(hanging_m + hand_m, still.points_m.shape)
+    shifted = replace(still, points_m=points_m, hand_pose=still.hand_pose + np.append(hand_m, 0.0))
     hangs, carried = without_model(objective_of([shifted], QUICK))
     assert (hangs.what, carried.what) == (HANGING, CARRIED)
     assert hangs.E_m == pytest.approx(0.05)

@@ -59,6 +59,17 @@ def test_the_strip_holds_the_frame_nearest_to_the_target() -> None:
     assert {20, 89} <= strip_frames(unseen, np.arange(20, 90), np.array([0.0487, 0.3]))
 
 
+def test_without_a_target_the_film_shows_what_the_string_sweeps(film, facts, camera) -> None:
+    track = still_then_moved()
+    swept, aimed = (make_clip(film, facts, track, camera, aim) for aim in (None, np.array([0.1, 0.3])))
+    assert swept["frames"] == aimed["frames"]
+    assert swept["box_px"] == aimed["box_px"]  # the tip ends at that target: the box needs nothing more
+    assert len(swept["strip"]) <= 12
+    instants = strip_frames(track, np.arange(20, 90), None)
+    assert 23 in instants  # even along the tip's path, from its first place on
+    assert len(instants) == 12
+
+
 def test_sides_are_even_and_never_enlarged() -> None:
     assert even_size(1000, 501, 640) == (640, 320)
     assert even_size(301, 99, 640) == (300, 100)
