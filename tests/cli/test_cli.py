@@ -48,7 +48,7 @@ def strandcast(root: Path, *arguments: str) -> subprocess.CompletedProcess:
         (["import", "joints", "demo", "1", "nothing.csv"], 4, "nothing.csv"),
         (["estimate", "demo", "0"], 2, "TRIAL"),
         (["ingest", "demo", "100"], 2, "make it first: strandcast lab-throw demo 100"),
-        (["estimate", "demo", "1000000"], 2, "TRIAL"),
+        (["estimate", "demo", "1000000"], 2, "less than or equal to 999999"),
         (["run", "demo", "--jobs", "3", "--cores", "2"], 2, "3 jobs need at least 3 cores"),
         (["run", "demo", "--until"], 2, "strandcast run: Option '--until' requires an argument"),
         (["rn"], 2, "Did you mean 'run'?"),
