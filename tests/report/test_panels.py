@@ -16,6 +16,7 @@ from strandcast.report.experiment_page import experiment_page
 from strandcast.report.facts import Facts
 from strandcast.report.panels.content import Panel, PanelContent, Table, make_section
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
+from strandcast.report.panels.progress import spaced_ticks
 from strandcast.report.panels.registry import PANELS, panels_of
 from strandcast.report.results import FILES, read_results
 from strandcast.report.summary import summarise
@@ -62,6 +63,14 @@ def test_a_registered_panel_is_on_the_page(results: Path) -> None:
     assert "The tip rises to 0." in page
     assert 'aria-label="Height of the tip."' in page
     assert page.index('id="truth"') < page.index('id="tip-height"') < page.index('id="checks"')
+
+
+def test_an_axis_of_trials_names_few_and_none_near_another() -> None:
+    for count, step in ((0, 1), (1, 1), (20, 1), (21, 2), (40, 2), (41, 3)):
+        trials = list(range(1, count + 1))
+        assert spaced_ticks(trials) == trials[::step]
+    assert spaced_ticks([1, 2, 99, 100, 101]) == [1, 99]
+    assert spaced_ticks([2, 4]) == [2, 4]
 
 
 def test_an_installed_panel_is_on_the_page(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:

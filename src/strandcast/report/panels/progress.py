@@ -157,8 +157,18 @@ def _draw_miss(axes: Any, line: TrialSummary, named: bool) -> None:
 def trial_axis(axis: Any, set_limits: Any, summary: ExperimentSummary) -> None:
     """Set the ticks of an axis to trials."""
     trials = [line.trial for line in summary.trials]
-    axis.set_ticks(trials[:: -(-len(trials) // MOST_TICKS) or 1])
+    axis.set_ticks(spaced_ticks(trials))
     set_limits(min(trials, default=1) - 0.6, max(trials, default=1) + 0.6)
+
+
+def spaced_ticks(trials: list[int]) -> list[int]:
+    """Return those of the trials, in their order, that an axis names: at most 20, and none near another."""
+    apart = (max(trials, default=1) - min(trials, default=1) + 1) / MOST_TICKS
+    ticks: list[int] = []
+    for trial in trials:
+        if not ticks or trial - ticks[-1] >= apart:
+            ticks.append(trial)
+    return ticks
 
 
 def _finding(summary: ExperimentSummary) -> str:
