@@ -8,6 +8,7 @@ import subprocess
 import sys
 import zipfile
 from datetime import date
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ import strandcast
 from strandcast.errors import StrandcastError
 from strandcast.exports.crate import METADATA, _with_own_hash, export_crate
 from strandcast.records.files import sha256_file
+from strandcast.stages.run import run_stage
 from strandcast.workflow.verify import refuse_changed_files
 from strandcast.workflow.verify_crate import verify_crate
 
@@ -89,6 +91,22 @@ def test_stages_are_actions_with_inputs_software_and_outputs(library, made) -> N
     assert (software["name"], software["softwareVersion"]) == ("strandcast", strandcast.__version__)
     libraries = {each["name"]: each["softwareVersion"] for each in software["softwareRequirements"]}
     assert libraries["python"] == ".".join(map(str, sys.version_info[:3]))
+
+
+@pytest.mark.slow
+def test_no_stage_works_on_what_was_made_from_its_results(library, project, tmp_path) -> None:
+    root = Path(shutil.copytree(project, tmp_path / "project"))
+    for stage in ("lab_throw", "ingest"):  # each trial's `ingest` looks at the other's manifest
+        run_stage(stage, root, "demo", 2)
+    export_crate(strandcast.open(root)["demo"], tmp_path / "crate")
+    actions = library.ROCrate(tmp_path / "crate").get_by_type("CreateAction")
+    maker = {each.id: action.id for action in actions for each in action["result"]}
+    before = {
+        action.id: {maker[each.id] for each in action["object"] if each.id in maker} for action in actions
+    }
+    assert {"#ingest-01", "#ingest-02"} < set(before)
+    order = list(TopologicalSorter(before).static_order())  # a cycle is a `CycleError`
+    assert order.index("#track-01") < order.index("#estimate-01")
 
 
 def test_parameters_have_units_and_intervals_and_the_verdict_is_there(library, made, trial) -> None:

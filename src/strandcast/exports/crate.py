@@ -161,13 +161,13 @@ def _stage_runs(experiment: ExperimentView) -> list[_StageRun]:
 def _add_declared(experiment: ExperimentView, run: _StageRun) -> None:
     """Add the files that no lineage names: raw ones that a stage hashes itself, and what the lab films."""
     job, stage = Job(experiment.context, run.trial), STAGES[run.stage]
-    read = (
-        find(job)
-        for role, find in {**stage.inputs, **stage.may_read}.items()
-        if role not in stage.lineage_roles()
-    )
-    for names, groups in ((run.inputs, read), (run.outputs, stage.output_files(job).values())):
-        names.update(_name_of(experiment, path) for paths in groups for path in paths)
+    declared = {**stage.inputs, **stage.may_read}
+    read = [path for role in set(declared) - set(stage.lineage_roles()) for path in declared[role](job)]
+    # Results that a stage may look at, such as the manifests of later trials, are not what it works on.
+    raw = (path for path in read if path.is_relative_to(experiment.context.folder.data))
+    run.inputs.update(_name_of(experiment, path) for path in raw)
+    written = (path for paths in stage.output_files(job).values() for path in paths)
+    run.outputs.update(_name_of(experiment, path) for path in written)
 
 
 def _files(experiment: ExperimentView, inputs: Iterable[str]) -> dict[str, Path]:
@@ -317,9 +317,10 @@ def _add_parameters(crate: Any, experiment: ExperimentView) -> Iterator[Any]:
 def _description(experiment: ExperimentView, left_out: dict[str, Path]) -> str:
     verdicts = [t.folder.results / "verdict.json" for t in experiment.trials.values()]
     hits = [hit for path in verdicts if path.is_file() and (hit := Verdict.read(path).hit) is not None]
+    throws = len(experiment.context.folder.thrown_trials())
     parts = [
         "Throws of a string by a robot arm: recordings, settings, results, provenance.",
-        f"Trials: {len(experiment.trials)}; with a target: {len(hits)}; hits: {sum(hits)}.",
+        f"Throws: {throws}; at a target: {len(hits)}; hits: {sum(hits)}.",
     ]
     page = experiment.context.folder.results / "report.html"
     if page.is_file():
