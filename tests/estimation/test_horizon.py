@@ -14,7 +14,9 @@ def trial(closest_s: float | None, hit: bool | None = False, predicted: bool = T
     motion = SimpleNamespace(predicted=SimpleNamespace(hit_time_s=EXPECTED_S) if predicted else None)
     return SimpleNamespace(
         motion=motion,
-        verdict=SimpleNamespace(closest_robot_time_s=closest_s, hit=hit),
+        verdict=SimpleNamespace(
+            closest_robot_time_s=closest_s, hit=hit, target_m=None if hit is None else [0.5, 0.5]
+        ),
         alignment=SimpleNamespace(motion_start_s=START_S, motion_end_s=END_S),
     )
 
@@ -31,6 +33,7 @@ def trial(closest_s: float | None, hit: bool | None = False, predicted: bool = T
         (2.66, False, False, 2.69),  # a motion without a prediction
         (None, False, False, 3.20),
         (None, None, False, 3.20),  # without a target, the whole capture
+        (None, None, True, 3.20),  # also of a motion that was planned for one
     ],
 )
 def test_the_last_frame(closest_s: float | None, hit: bool | None, predicted: bool, until_s: float) -> None:

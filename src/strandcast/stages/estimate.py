@@ -78,14 +78,14 @@ def throw_of(trial: Trial, settings: EstimateSettings) -> Throw:
 def _until_s(trial: Trial, settings: EstimateSettings) -> float:
     """Return the robot time of the last frame that enters E.
 
-    A touch ends the free motion. After a miss, the closest approach may belong to another pass of the tip
-    than the planned one; the fit then uses the planned pass.
+    Without a target, all frames of the motion do. A touch ends the free motion. After a miss, the closest
+    approach may belong to another pass of the tip than the planned one; the fit then uses the planned pass.
     """
     closest_s, expected_s = trial.verdict.closest_robot_time_s, _expected_s(trial)
     if trial.verdict.hit and closest_s is not None:
         return closest_s
     known_s = [s for s in (closest_s, expected_s) if s is not None]
-    if settings.horizon_s is None or not known_s:
+    if settings.horizon_s is None or not known_s or trial.verdict.target_m is None:
         return trial.alignment.motion_end_s + AFTER_MOTION_S
     if len(known_s) == 2 and abs(known_s[0] - known_s[1]) > SAME_PASS_S:
         return known_s[1] + settings.horizon_s
