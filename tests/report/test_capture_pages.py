@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from strandcast.core.trial_names import trial_name
 from strandcast.records.estimate import CARRIED, HANGING, UNDER_PREVIOUS, Estimate, HeldOutError
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report.campaign import Campaign, CampaignExperiment
@@ -30,8 +31,8 @@ def captured(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("captured") / "swing"
     shutil.copytree(results / "cameras", root / "cameras")
     for trial in (1, 2):
-        folder = root / f"trial-{trial:02d}"
-        shutil.copytree(results / f"trial-{trial:02d}", folder)
+        folder = root / trial_name(trial)
+        shutil.copytree(results / trial_name(trial), folder)
         for name in ("motion.json", "predicted.parquet", "lab_truth.parquet"):
             (folder / name).unlink(missing_ok=True)
         without_target("swing", trial, 0.02).write(folder / "verdict.json")
@@ -48,7 +49,7 @@ def summary(captured: Path) -> ExperimentSummary:
 
 
 def folders_of(captured: Path) -> dict[int, Path]:
-    return {trial: captured / f"trial-{trial:02d}" for trial in (1, 2)}
+    return {trial: captured / trial_name(trial) for trial in (1, 2)}
 
 
 def words_of(page: str) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.records.estimate import CARRIED, HANGING, UNDER_PREVIOUS, Estimate
 from strandcast.records.summary import ExperimentSummary
@@ -36,7 +37,7 @@ def captured(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Pa
 
 
 def result(root: Path, trial: int, name: str) -> Path:
-    return root / "results" / "swung" / f"trial-{trial:02d}" / name
+    return root / "results" / "swung" / trial_name(trial) / name
 
 
 def test_the_whole_capture_is_fitted_and_predicted_before(captured: Path) -> None:

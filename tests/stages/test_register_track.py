@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.imports.track_checks import check_supplied
 from strandcast.records.alignment import HAND, Alignment
@@ -36,7 +37,7 @@ class Supplied:
 
     @property
     def folder(self) -> Path:
-        return self.root / "data" / "swung" / f"trial-{self.trial:02d}"
+        return self.root / "data" / "swung" / trial_name(self.trial)
 
     def register(self) -> TrackSummary:
         run_stage("register_track", self.root, "swung", 1)

@@ -18,6 +18,7 @@ from typing import Any
 from urllib.parse import quote
 
 from strandcast.api import ExperimentView
+from strandcast.core.trial_names import in_trial_order, trial_digits
 from strandcast.errors import StrandcastError
 from strandcast.exports.throw import missing_package
 from strandcast.records.estimate import Estimate, ParameterFit, WeightFit
@@ -180,7 +181,7 @@ def _files(experiment: ExperimentView, inputs: Iterable[str]) -> dict[str, Path]
             folders[:] = [name for name in folders if name != "logs" and not name.startswith(".")]
             found += [Path(place, name) for name in names if not name.startswith(".")]
     named = {_name_of(experiment, path): path for path in found if path.is_file()}
-    return dict(sorted(named.items()))
+    return {name: named[name] for name in in_trial_order(named)}
 
 
 def _videos(experiment: ExperimentView) -> set[str]:
@@ -225,9 +226,9 @@ def _add_actions(crate: Any, runs: list[_StageRun], entities: dict[str, Any]) ->
             crate, groups[0] if len(groups) == 1 else ({}, []), groups
         )
         properties = {"name": run.name, "instrument": instrument}
-        properties["object"] = [entities[name] for name in sorted(run.inputs) if name in entities]
-        properties["result"] = [entities[name] for name in sorted(run.outputs) if name in entities]
-        identifier = f"#{run.stage}-{run.trial:02d}" if run.trial else f"#{run.stage}"
+        properties["object"] = [entities[name] for name in in_trial_order(run.inputs) if name in entities]
+        properties["result"] = [entities[name] for name in in_trial_order(run.outputs) if name in entities]
+        identifier = f"#{run.stage}-{trial_digits(run.trial)}" if run.trial else f"#{run.stage}"
         actions.append(_add(crate, identifier, "CreateAction", **properties))
     return actions
 
@@ -266,7 +267,7 @@ def _add_verdicts(crate: Any, experiment: ExperimentView) -> Iterator[Any]:
         if verdict.hit is None:  # a throw without a target
             continue
         source = {"subjectOf": crate.get(_name_of(experiment, file))}
-        label = f"#verdict-{number:02d}"
+        label = f"#verdict-{trial_digits(number)}"
         yield _add(
             crate, f"{label}-hit", "PropertyValue", name=f"hit, trial {number}", value=verdict.hit, **source
         )
@@ -302,7 +303,7 @@ def _add_parameters(crate: Any, experiment: ExperimentView) -> Iterator[Any]:
             bound = "; the value is at a bound of its search range" if fit.at_bound else ""
             yield _add(
                 crate,
-                f"#estimate-{number:02d}-{place}",
+                f"#estimate-{trial_digits(number)}-{place}",
                 "PropertyValue",
                 name=f"{name}, fitted after trial {number}",
                 value=fit.value,
