@@ -79,6 +79,7 @@ def test_a_captures_page_shows_fit_and_prediction_and_no_false_word(captured: Pa
     for section in ("predicted", "budget", "next", "next-throw"):
         assert f'<h2 id="{section}">' not in page
     assert false_words(page) == []
+    assert '<span data-part="tip" style="display: none">' in page  # the script writes "tip to target" into it
 
 
 def test_the_experiments_page_compares_predictions_with_guesses(

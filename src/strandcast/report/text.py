@@ -137,7 +137,7 @@ def warnings_of(results: TrialResults) -> list[tuple[str, str]]:
         record = results.get(name)
         warnings += [(FILES[name], text) for text in (record.warnings if record is not None else [])]
     motion = results.get("motion")
-    if motion is not None and motion.provenance is not None:
+    if motion is not None and motion.provenance is not None and results.aimed():
         warnings += [(FILES["motion"], f"planner's flag: {flag}") for flag in motion.provenance.flags]
     return warnings
 

@@ -53,7 +53,7 @@ def tracking(page: TrialPageData) -> PanelContent:
             f"Tracking quality, point by frame. {finding}",
             frame_axes=(sigma_axes, length_axes),
         ),
-        [_lost_table(track), detected_table(summary), _choice_table(summary)],
+        [_lost_table(track), detected_table(summary, results.aimed()), _choice_table(summary)],
         ["track.parquet", "track.json"],
     )
 
@@ -96,8 +96,8 @@ def _lost_table(track: Any) -> Table:
     return Table(["tip lost from frame", "to frame", "frames"], rows, caption)
 
 
-def detected_table(summary: Any) -> Table:
-    """Return what was detected on the string and at the target."""
+def detected_table(summary: Any, aimed: bool = True) -> Table:
+    """Return what was detected on the string and, if there is one, at the target."""
     rows = []
     for weight in summary.weights:
         at = f"{1e3 * weight.place_m:.1f} ± {1e3 * weight.sigma_m:.1f} mm from the clamp"
@@ -116,7 +116,8 @@ def detected_table(summary: Any) -> Table:
         contact = summary.contact
         when = f"frame {contact.frame}, {contact.camera_time_s:.3f} s on the camera's clock"
         rows.append(["contact with the target", when, f"evidence: {', '.join(contact.evidence)}"])
-    caption = "Detected on the string and at the target." if rows else "Nothing was detected on the string."
+    where = "on the string and at the target" if aimed else "on the string"
+    caption = f"Detected {where}." if rows else "Nothing was detected on the string."
     return Table(["detected", "where", "what"], rows, caption)
 
 
