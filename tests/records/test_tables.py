@@ -70,7 +70,7 @@ def test_units_facts_and_text_columns(tmp_path):
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads, on Linux")
 def test_reading_a_table_starts_no_threads(tmp_path):
-    write_table(tmp_path / "hand.parquet", HAND, {name: np.arange(9.0) for name in HAND.columns})
+    write_table(tmp_path / "hand.parquet", HAND, hand_columns())
     script = """if True:
         import os, sys
         from strandcast.records.tables import read_parquet
