@@ -1,23 +1,27 @@
 """The searches on functions whose minimum is known, and on a throw at an equal budget."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from strandcast.config.estimate import EstimateSettings, PaperSearch
+from strandcast.config.estimate import THOROUGH_EVALUATIONS, EstimateSettings, PaperSearch
 from strandcast.errors import StrandcastError
 from strandcast.estimation.ensemble import distant_members
 from strandcast.estimation.estimate import search
-from strandcast.estimation.fit_objective import EvaluationLog
+from strandcast.estimation.fit_objective import EvaluationLog, simulate_throw
 from strandcast.estimation.optimisers.cma_es import minimise_by_cma_es
 from strandcast.estimation.optimisers.evolution import evolve
 from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.optimisers.paper import shrinking_search
 from strandcast.estimation.optimisers.registry import OPTIMISERS
 from strandcast.estimation.optimisers.starts import latin_hypercube
+from strandcast.estimation.unknowns import prior_exponents
+from strandcast.lab.strings import PAPER_STRINGS
+from strandcast_studies.evidence.lab_throws import specimen
 
-from .known_string import objective_of, observed_throw
+from .known_string import NOISE_M, objective_of, observed_throw
 
 GOAL = np.array([0.3, 0.8, 0.55])
 
@@ -91,16 +95,47 @@ def by_chance():
     return np.median([objective.cost(draws).min() for draws in drawn])
 
 
-@pytest.mark.parametrize("name", ["descent", "cma", "evolution", "paper"])
-def test_every_search_beats_chance_within_its_budget(name, by_chance):
-    settings = EstimateSettings(search=name, evaluations=400, paper=PaperSearch(beta=0.99))
+@pytest.mark.parametrize(
+    ("name", "evaluations"),
+    [("descent", 400), ("cma", 400), ("evolution", 400), ("paper", 400), ("thorough", 4000)],
+)
+def test_every_search_beats_chance_within_its_budget(name, evaluations, by_chance):
+    settings = EstimateSettings(search=name, evaluations=evaluations, paper=PaperSearch(beta=0.99))
     objective = objective_of([observed_throw(1.0)], settings)
     logs = [
-        search(objective, settings, np.random.default_rng(k), SearchStart(None, 1), 400) for k in (1, 1, 2)
+        search(objective, settings, np.random.default_rng(k), SearchStart(None, 1), evaluations)
+        for k in (1, 1, 2)
     ]
     assert logs[0].all()[0].tobytes() == logs[1].all()[0].tobytes()
-    assert all(log.count <= 400 for log in logs)
+    assert all(log.count <= evaluations for log in logs)
     assert max(log.best()[1] for log in logs) < by_chance
+
+
+@pytest.mark.slow
+def test_a_thorough_search_explains_a_throw_as_well_as_the_string_that_made_it():
+    throw = specimen(PAPER_STRINGS["paper-1"], [(0.75, 0.30)], np.random.default_rng(2))
+    objective = objective_of(throw.throws, EstimateSettings(), throw.layout, throw.model)
+    truth = prior_exponents(objective.space, throw.model, 1, np.random.default_rng(5))
+    observed = objective.throws[0]
+    made = simulate_throw(throw.model, observed, objective.space.strings(truth))[0][0]
+    noisy = made + NOISE_M * np.random.default_rng(6).standard_normal(made.shape)
+    objective = replace(objective, throws=(replace(observed, points_m=noisy),))
+
+    def relative_cost(name: str, evaluations: int) -> float:
+        settings = EstimateSettings(search=name)
+        random, start = np.random.default_rng(1), SearchStart(None, 1)
+        return float(
+            search(objective, settings, random, start, evaluations).best()[1] / objective.cost(truth)[0]
+        )
+
+    assert relative_cost("thorough", 60000) < 1.005
+    assert relative_cost("descent", 4000) > 1.02  # else this throw is too easy
+
+
+def test_a_thorough_search_simulates_more_unless_told_how_many():
+    assert EstimateSettings(search="thorough").evaluations == THOROUGH_EVALUATIONS
+    assert EstimateSettings(search="thorough", evaluations=5000).evaluations == 5000
+    assert EstimateSettings().evaluations == 4000
 
 
 def test_latin_hypercube_fills_every_slice():

@@ -145,9 +145,12 @@ class GaussNewtonModel:
     ----------
     objective
         The function to minimise; only some of its frames are used.
+    nearest_m
+        Smaller distances weigh no more: among them, squares are minimised [m].
     """
 
     objective: FitObjective
+    nearest_m: float = NEAREST_M
 
     def __call__(self, chi: Array) -> tuple[Array, Array]:
         """Gradients (S, d) and curvatures (S, d, d) [m] of candidates (S, d), in one batch of S (d + 1)."""
@@ -158,7 +161,7 @@ class GaussNewtonModel:
         gradient, curvature = np.empty((count, d)), np.empty((count, d, d))
         shaped = difference.reshape(count, d + 1, -1, 2)
         for s in range(count):
-            gradient[s], curvature[s] = normal_equations(shaped[s], weight, step[s], NEAREST_M)
+            gradient[s], curvature[s] = normal_equations(shaped[s], weight, step[s], self.nearest_m)
         space = self.objective.space
         # The penalty is a parabola where it is not flat: its unknowns are linear in chi.
         width = space.bounds[:, 1] - space.bounds[:, 0]

@@ -105,14 +105,16 @@ class CampaignTally:
         return self.scored + self.excluded
 
     def __str__(self) -> str:
-        experiments = f"{self.experiments['hit']} of {sum(self.experiments.values())} experiments"
-        text = (
-            f"{self.done} trial{'' if self.done == 1 else 's'} done, {self.failed} failed, {self.left} left"
-        )
-        text += f"; hits: {self.hits} throws, in {experiments}"
+        text = f"{_counted(self.done, 'trial')} done, {self.failed} failed, {self.left} left"
+        experiments = f"{self.experiments['hit']} of {_counted(sum(self.experiments.values()), 'experiment')}"
+        text += f"; hits: {_counted(self.hits, 'throw')}, in {experiments}"
         text += f"; without a target: {self.captured}" if self.captured else ""
         text += f"; excluded: {self.excluded}" if self.excluded else ""
         return text + (f"; without a readable summary: {self.unread}" if self.unread else "")
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 class HitShare(NamedTuple):

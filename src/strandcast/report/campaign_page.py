@@ -70,7 +70,8 @@ def headline(tally: CampaignTally) -> str:
     """Return in a sentence what is known of a campaign."""
     hit, missed, unknown = (tally.experiments[name] for name in ("hit", "no hit", "unknown"))
     count = hit + missed + unknown
-    text = f"{hit} of {count} experiment{'' if count == 1 else 's'} {'has' if hit == 1 else 'have'} hit"
+    have = "has" if 1 in (hit, count) else "have"
+    text = f"{hit} of {count} experiment{'' if count == 1 else 's'} {have} hit"
     text += f", {missed} {'has' if missed == 1 else 'have'} not" if missed else ""
     if tally.captured:
         captured = f"{tally.captured} {'has' if tally.captured == 1 else 'have'} no target"

@@ -10,6 +10,8 @@ from strandcast.estimation.fit_objective import EvaluationLog
 from strandcast.estimation.optimisers.optimiser import SearchProblem
 from strandcast.estimation.optimisers.starts import draw_starts, spread_population
 
+FEWEST = 5  # candidates of a generation, as SciPy asks for
+
 
 def search_by_evolution(problem: SearchProblem, log: EvaluationLog) -> bool:
     """Differential evolution from the best draws."""
@@ -36,6 +38,8 @@ def evolve(
     Whether it ended this way, before the evaluations were spent.
     """
     begun, size = log.count, len(population)
+    if size < FEWEST or size > evaluations:
+        return False
 
     def value(chi: Any) -> Any:
         return log(chi.T)
