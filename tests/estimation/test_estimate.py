@@ -171,12 +171,14 @@ def test_given_ranges_bounds_and_curl_are_reported():
     assert found.E_m > 0.0012  # so soft a string cannot follow the motion
 
 
-def test_a_hand_that_jumps_gives_one_clear_error():
+@pytest.mark.parametrize("name", ["descent", "thorough"])
+def test_a_hand_that_jumps_gives_one_clear_error(name):
     throw = observed_throw(1.0)
     jumping = Throw(throw.time_s, throw.points_m, throw.hand_time_s, throw.hand_pose.copy(), throw.used)
     jumping.hand_pose[60:] += [5e3, 0.0, 0.0]
     with pytest.raises(StrandcastError, match="SC-E003"):
-        estimate([jumping], MODEL, LAYOUT, EstimateSettings(evaluations=100), np.random.default_rng(7))
+        settings = EstimateSettings(search=name, evaluations=100)
+        estimate([jumping], MODEL, LAYOUT, settings, np.random.default_rng(7))
 
 
 def test_space_round_trip():

@@ -19,7 +19,7 @@ from strandcast.estimation.optimisers.starts import draw_starts
 
 # All chosen; 16 starts and these parts of the used frames found more of the true strings than fewer did, at
 # the same number of simulations.
-RESTARTS = 8
+RESTARTS, LEAST_EVALUATIONS = 8, 5000  # a smaller budget buys fewer restarts
 STARTS = 16
 PARTS = (0.25, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 ROUNDS, POLISH_ROUNDS = 6, 20
@@ -49,9 +49,10 @@ def search_thoroughly(problem: SearchProblem, log: EvaluationLog) -> bool:
     E has many local minima, the more the longer the throw: a string that explains its first quarter is found
     easily and leads to one that explains more of it.
     """
-    share = problem.evaluations // (RESTARTS + 1)
+    restarts = min(max(problem.evaluations // LEAST_EVALUATIONS, 1), RESTARTS)
+    share = problem.evaluations // (restarts + 1)
     found = []
-    for number in range(RESTARTS):
+    for number in range(restarts):
         # The first restart goes on from the previous estimate, the others owe it nothing.
         start = problem.start if number == 0 else replace(problem.start, previous=None)
         begun = len(log.chi)
@@ -67,6 +68,8 @@ def _search_once(problem: SearchProblem, log: EvaluationLog) -> None:
     first, end = len(log.chi), log.count + int((1.0 - POLISH_SHARE) * problem.evaluations)
     draw_starts(problem, log)
     chi, _ = _best_apart(log, first, 2 * STARTS)
+    if not len(chi):  # no string could be simulated
+        return
     starts = _by_growing_parts(problem, log, chi[:STARTS], end - int(EVOLUTION_SHARE * problem.evaluations))
     slopes = GaussNewtonModel(problem.objective)
     ends = descend(log, slopes, descent_batch(starts, log(starts)), end - log.count, ROUNDS).chi
