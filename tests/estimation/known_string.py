@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from strandcast.core.strings import StringBatch
+from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.masses import mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
@@ -10,7 +10,7 @@ from strandcast.dynamics.simulate import OK, simulate_batch
 from strandcast.estimation.fit_objective import FitObjective
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.throws import prepare
-from strandcast.estimation.unknowns import space_of
+from strandcast.estimation.unknowns import WIDENED, space_of
 
 MODEL = StringModel(length_m=0.24, points=6, dt_s=2e-3)
 LAYOUT = mass_layout(0.24, 6, [0.2])
@@ -28,8 +28,10 @@ def hand_path(strength):
     )
 
 
-def known_string():
-    return StringBatch(TRUTH[None], point_masses(LAYOUT, np.array([[MASS]])))
+def known_string(stiffer=1.0):
+    """Return the string, or one that bends less and swings down as fast."""
+    parameters = TRUTH * np.where(np.isin(PARAMETERS, WIDENED), stiffer, 1.0)
+    return StringBatch(parameters[None], point_masses(LAYOUT, np.array([[MASS]])))
 
 
 def simulated(string, pose):
@@ -39,9 +41,9 @@ def simulated(string, pose):
     return points[0]
 
 
-def observed_throw(strength, seed=0, noise=NOISE_M):
+def observed_throw(strength, seed=0, noise=NOISE_M, stiffer=1.0):
     pose = hand_path(strength)
-    points = simulated(known_string(), pose)
+    points = simulated(known_string(stiffer), pose)
     points = points + noise * np.random.default_rng(seed).standard_normal(points.shape)
     return Throw(TIME_S, points, TIME_S, pose, TIME_S < 0.55)
 

@@ -18,9 +18,11 @@ from strandcast.threads import threads
 
 from .known_string import (
     LAYOUT,
+    MASS,
     MODEL,
     NOISE_M,
     TIME_S,
+    TRUTH,
     hand_path,
     known_string,
     objective_of,
@@ -169,6 +171,26 @@ def test_given_ranges_bounds_and_curl_are_reported():
     assert any(warning.startswith("k_s ended at a bound") for warning in found.warnings)
     assert REST_CURL in found.space.names
     assert found.E_m > 0.0012  # so soft a string cannot follow the motion
+
+
+def test_ranges_are_widened_for_a_stiff_string():
+    throw, random = observed_throw(1.0, stiffer=40.0), np.random.default_rng(3)
+    found = estimate([throw], MODEL, LAYOUT, EstimateSettings(profiles=False), random)
+    assert found.space.bounds[2, 1] == 300.0
+    assert any("widened to 300; read" in warning for warning in found.warnings)
+    within = EstimateSettings(profiles=False, ranges={"k_h": (1e-4, 10.0)})
+    kept = estimate([throw], MODEL, LAYOUT, within, np.random.default_rng(3))
+    assert kept.E_m > 1.5 * found.E_m
+    assert any(warning.startswith("the weights' masses are not known: ") for warning in kept.warnings)
+
+
+@pytest.mark.slow
+def test_a_thorough_search_finds_the_mass_on_a_stiff_string():
+    throw = observed_throw(1.0, stiffer=40.0)
+    settings = EstimateSettings(search="thorough", evaluations=60000, profiles=False)
+    found = estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
+    assert found.best.free_masses[0, 0] == pytest.approx(MASS, rel=0.1)
+    assert found.best.parameters[0, 2] == pytest.approx(40.0 * TRUTH[2], rel=0.2)
 
 
 @pytest.mark.parametrize("name", ["descent", "thorough"])

@@ -1,5 +1,7 @@
 """Estimate the string from the throws so far."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
@@ -19,13 +21,14 @@ from strandcast.estimation.optimisers.optimiser import SearchProblem, SearchStar
 from strandcast.estimation.optimisers.registry import OPTIMISERS
 from strandcast.estimation.throws import prepare
 from strandcast.estimation.uncertainty import uncertainty_of
-from strandcast.estimation.unknowns import space_of
+from strandcast.estimation.unknowns import space_of, widened
 from strandcast.progress import Progress
 from strandcast.records.estimate import CARRIED, HANGING, UNDER_PREVIOUS
 
 # Chosen.
 NEAR_SAMPLES = 64
 CROSS_VALIDATION_SHARE = 0.08  # of the evaluations
+WIDER_PAYS = 0.98  # wider ranges are kept if the cost falls below this share
 
 
 def estimate(
@@ -79,7 +82,9 @@ def estimate(
         settings.evaluation,
         overstretched_allowed=settings.ranges == "paper",
     )
-    log = search(objective, settings, rng, SearchStart(previous, len(throws)), _search_budget(settings))
+    objective, log = _search_in_wide_enough_ranges(
+        objective, settings, rng, SearchStart(previous, len(throws))
+    )
     _refuse_invalid(log)
     held_out = [] if previous is None else [_under_previous(objective, previous)]
     if settings.search == "paper":
@@ -94,6 +99,27 @@ def estimate(
     all_weights = np.zeros(len(throws))
     all_weights[-len(kept) :] = objective.shares
     return fit_of(objective, prepared[-1], log, held_out, uncertainty, settings, planned, all_weights)
+
+
+def _search_in_wide_enough_ranges(
+    objective: FitObjective, settings: EstimateSettings, rng: np.random.Generator, start: SearchStart
+) -> tuple[FitObjective, EvaluationLog]:
+    """Search; where a bound of a bending coefficient was in the way, search wider ranges while that pays.
+
+    A fit at a bound says little of where the best string beyond it lies: the wider search starts anew.
+    """
+    log = search(objective, settings, rng, start, _search_budget(settings))
+    while settings.ranges == "wide" and np.isfinite(log.best()[1]):
+        best, value = log.best()
+        space = widened(objective.space, best)
+        if space is None:
+            break
+        wider = replace(objective, space=space)
+        beyond = search(wider, settings, rng, replace(start, previous=None), _search_budget(settings))
+        if beyond.best()[1] > WIDER_PAYS * value:
+            break
+        objective, log = wider, beyond
+    return objective, log
 
 
 def search(

@@ -12,12 +12,13 @@ from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.estimation.ensemble import distant_members
 from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, rmse, tip_error
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
-from strandcast.estimation.space import Space
+from strandcast.estimation.space import AT_BOUND, Space
 from strandcast.estimation.throws import PreparedThrow
 from strandcast.estimation.uncertainty import Uncertainty
+from strandcast.estimation.unknowns import WIDENED, WIDENED_BY, bounds_of
 
+STIFFNESSES = ("k_h", "k_sh", "k_ph")
 PHYSICAL_BOUNDS = (DRAG_ALONG,)  # no string is beyond them
-AT_BOUND = 0.01  # distance to a bound, as a share of the range (chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +131,7 @@ def fit_of(
     used = newest.weight.any(axis=1)
     at_bound = np.asarray((chi[rows[0]] < AT_BOUND) | (chi[rows[0]] > 1.0 - AT_BOUND))
     at_bound &= np.array([name not in PHYSICAL_BOUNDS for name in space.names])
+    valid = int(status[0]) == OK
     planned_m, planned_value = None, None
     if planned is not None:
         planned_m = simulate_throw(model, newest, planned.take(0))[0][0]
@@ -164,7 +166,7 @@ def fit_of(
         planned_m=planned_m,
         fitted_m=fitted[0],
         trial_weights=trial_weights,
-        warnings=tuple(_warnings(space, at_bound, int(status[0]) == OK, points, log, step_change_m)),
+        warnings=tuple(_warnings(space, chi[rows[0]], at_bound, valid, points, log, step_change_m)),
     )
 
 
@@ -176,9 +178,24 @@ def _step_change(model: StringModel, throw: PreparedThrow, best: StringBatch, fi
 
 
 def _warnings(
-    space: Space, at_bound: np.ndarray, valid: bool, points: Array, log: EvaluationLog, step_change_m: float
+    space: Space,
+    chi: Array,
+    at_bound: np.ndarray,
+    valid: bool,
+    points: Array,
+    log: EvaluationLog,
+    step_change_m: float,
 ) -> list[str]:
     warnings = [f"{space.names[k]} ended at a bound of its range" for k in np.flatnonzero(at_bound)]
+    k_h = space.names.index(WIDENED[0])
+    if space.bounds[k_h, 1] >= WIDENED_BY * bounds_of("wide")[k_h, 1]:
+        warnings.append(
+            f"a stiff string: the ranges of {', '.join(WIDENED)} were widened to {space.bounds[k_h, 1]:g}; "
+            "read its masses and parameters only from a fit with estimate.search: thorough"
+        )
+    greatest = [space.names[k] for k in np.flatnonzero(at_bound & (chi > 0.5))]
+    if space.layout.count and (stiff := [name for name in greatest if name in STIFFNESSES]):
+        warnings.append(f"the weights' masses are not known: {', '.join(stiff)} ended at the upper bound")
     if not valid:
         warnings.append("the best string stretches a segment beyond three rest lengths")
     if np.isnan(points).any():

@@ -9,6 +9,7 @@ from strandcast.dynamics.masses import MassLayout, point_masses
 from strandcast.dynamics.parameters import to_exponent
 from strandcast.estimation.evaluation import Array
 
+AT_BOUND = 0.01  # distance to a bound, as a share of the range (chosen)
 DEVIATION_COSTS_M = 2e-5
 """Penalty of one standard deviation from a prior, on the scale of E [m]. Chosen: as if a throw were some 50
 independent measurements of a millimetre each; many more are taken, but their errors are correlated."""

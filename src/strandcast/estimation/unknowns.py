@@ -1,5 +1,7 @@
 """The unknown numbers of the string, their ranges and priors, and plausible strings to start from."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from strandcast.config.estimate import EstimateSettings, Ranges
@@ -19,7 +21,7 @@ from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import MASS_RANGE, RANGES, ensemble
 from strandcast.estimation.evaluation import Array
-from strandcast.estimation.space import Space
+from strandcast.estimation.space import AT_BOUND, Space
 
 # All chosen.
 CURL_RANGE_RAD_M = (-15.0, 15.0)
@@ -29,6 +31,10 @@ STIFF_RANGE = (1.0, 1e3)
 FRICTION_RANGE = (1e-4, 1e2)  # N m/kg
 DRAG_ALONG_RANGE = (0.02, 1.0)  # from skin friction alone to as much as across
 FRICTION_BEND_RAD = (1e-3, 1e-1)  # plausible bends that dry friction alone can hold
+# A stiff cable is beyond the wide ranges, the more the closer its points are: its coefficients are stiffness
+# per mass and spacing squared. More k_s or c_s changes nothing, and less than the lower bounds is nothing.
+WIDENED = ("k_h", "k_sh", "k_ph", "c_h", "c_sh", "c_ph")
+WIDENED_BY = 30.0
 
 
 def bounds_of(ranges: Ranges) -> Array:
@@ -84,6 +90,14 @@ def space_of(
     bounds = np.vstack([bounds_of(settings.ranges), *[mass_range] * layout.count, *options.values()])
     prior_sd = np.array([sd.get(name, np.inf) for name in names])
     return Space(names, bounds, layout, prior_sd, length_m / layout.shares.shape[1])
+
+
+def widened(space: Space, chi: Array) -> Space | None:
+    """Return the box with wider ranges of `WIDENED` if a fit `chi` (d,) has one at its upper bound."""
+    named = np.isin(space.names, WIDENED)
+    if not (named & (chi > 1.0 - AT_BOUND)).any():
+        return None
+    return replace(space, bounds=space.bounds * np.where(named[:, None], [1.0, WIDENED_BY], 1.0))
 
 
 def prior_exponents(
