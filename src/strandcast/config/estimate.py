@@ -1,7 +1,7 @@
 """`estimate:` the fit of the string."""
 
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -170,12 +170,11 @@ class EstimateSettings(Section):
     )
     paper: PaperSearch = Field(PaperSearch(), description="Settings of `search: paper`.")
 
-    @model_validator(mode="before")
-    @classmethod
-    def _a_thorough_search_has_its_own_budget(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("search") == "thorough":
-            return {"evaluations": THOROUGH_EVALUATIONS} | data
-        return data
+    @model_validator(mode="after")
+    def _a_thorough_search_has_its_own_budget(self) -> Self:
+        if self.search == "thorough" and "evaluations" not in self.model_fields_set:
+            object.__setattr__(self, "evaluations", THOROUGH_EVALUATIONS)
+        return self
 
     @field_validator("ranges")
     @classmethod
