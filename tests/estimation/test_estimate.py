@@ -187,7 +187,7 @@ def test_ranges_are_widened_for_a_stiff_string():
 @pytest.mark.slow
 def test_a_thorough_search_finds_the_mass_on_a_stiff_string():
     throw = observed_throw(1.0, stiffer=40.0)
-    settings = EstimateSettings(search="thorough", evaluations=60000, profiles=False)
+    settings = EstimateSettings(search="thorough", profiles=False)
     found = estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
     assert found.best.free_masses[0, 0] == pytest.approx(MASS, rel=0.1)
     assert found.best.parameters[0, 2] == pytest.approx(40.0 * TRUTH[2], rel=0.2)

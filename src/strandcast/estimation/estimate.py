@@ -104,7 +104,7 @@ def estimate(
 def _search_in_wide_enough_ranges(
     objective: FitObjective, settings: EstimateSettings, rng: np.random.Generator, start: SearchStart
 ) -> tuple[FitObjective, EvaluationLog]:
-    """Search; where a bound of a bending coefficient was in the way, search wider ranges while that pays.
+    """Search; where a stiffness ended at its upper bound, search wider ranges while that pays.
 
     A fit at a bound says little of where the best string beyond it lies: the wider search starts anew.
     """
@@ -115,7 +115,8 @@ def _search_in_wide_enough_ranges(
         if space is None:
             break
         wider = replace(objective, space=space)
-        beyond = search(wider, settings, rng, replace(start, previous=None), _search_budget(settings))
+        own_rng = rng.spawn(1)[0]  # what follows does not depend on a search that did not pay
+        beyond = search(wider, settings, own_rng, replace(start, previous=None), _search_budget(settings))
         if beyond.best()[1] > WIDER_PAYS * value:
             break
         objective, log = wider, beyond

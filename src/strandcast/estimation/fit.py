@@ -15,9 +15,8 @@ from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, sim
 from strandcast.estimation.space import AT_BOUND, Space
 from strandcast.estimation.throws import PreparedThrow
 from strandcast.estimation.uncertainty import Uncertainty
-from strandcast.estimation.unknowns import WIDENED, WIDENED_BY, bounds_of
+from strandcast.estimation.unknowns import STIFFNESSES, WIDENED, WIDENED_BY, bounds_of
 
-STIFFNESSES = ("k_h", "k_sh", "k_ph")
 PHYSICAL_BOUNDS = (DRAG_ALONG,)  # no string is beyond them
 
 

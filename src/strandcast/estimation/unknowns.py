@@ -33,7 +33,8 @@ DRAG_ALONG_RANGE = (0.02, 1.0)  # from skin friction alone to as much as across
 FRICTION_BEND_RAD = (1e-3, 1e-1)  # plausible bends that dry friction alone can hold
 # A stiff cable is beyond the wide ranges, the more the closer its points are: its coefficients are stiffness
 # per mass and spacing squared. More k_s or c_s changes nothing, and less than the lower bounds is nothing.
-WIDENED = ("k_h", "k_sh", "k_ph", "c_h", "c_sh", "c_ph")
+STIFFNESSES = ("k_h", "k_sh", "k_ph")
+WIDENED = (*STIFFNESSES, "c_h", "c_sh", "c_ph")
 WIDENED_BY = 30.0
 
 
@@ -93,10 +94,13 @@ def space_of(
 
 
 def widened(space: Space, chi: Array) -> Space | None:
-    """Return the box with wider ranges of `WIDENED` if a fit `chi` (d,) has one at its upper bound."""
-    named = np.isin(space.names, WIDENED)
-    if not (named & (chi > 1.0 - AT_BOUND)).any():
+    """Return the box with wider ranges of `WIDENED` if a fit `chi` (d,) has a stiffness at its upper bound.
+
+    Dampers alone are often there because a throw does not determine them.
+    """
+    if not (np.isin(space.names, STIFFNESSES) & (chi > 1.0 - AT_BOUND)).any():
         return None
+    named = np.isin(space.names, WIDENED)
     return replace(space, bounds=space.bounds * np.where(named[:, None], [1.0, WIDENED_BY], 1.0))
 
 
