@@ -106,6 +106,32 @@ def test_the_tally_counts_what_is_done_failed_and_left() -> None:
     assert str(tally).endswith("; excluded: 1; without a readable summary: 1")
 
 
+def test_throws_too_near_to_the_hit_radius_are_counted_and_named() -> None:
+    lines = summary_of(40, 3).trials
+    misses_m = (0.0195, 0.0205, 0.0225)  # σ 0.9 mm, radius 20 mm: two of them within 2 σ
+    lines = [
+        line.model_copy(update={"miss_m": miss_m, "hit": miss_m < 0.02})
+        for line, miss_m in zip(lines, misses_m, strict=True)
+    ]
+    campaign = Campaign([CampaignExperiment("a", summary_of(40, 3).model_copy(update={"trials": lines}))])
+    assert campaign.tally().uncertain == 2
+    assert "; 2 throws too near to the hit radius to be certain" in str(campaign.tally())
+    text = campaign_page(campaign)
+    assert "2 throws within two standard deviations of the tracked tip from the hit radius count" in text
+    excluded = [line.model_copy(update={"excluded": "slipped"}) for line in lines]
+    summary = summary_of(40, 3).model_copy(update={"trials": excluded})
+    assert Campaign([CampaignExperiment("a", summary)]).tally().uncertain == 0
+
+
+def test_the_methods_say_what_was_counted(page: str) -> None:
+    text = " ".join(page.split())
+    assert "999 throws of 50 experiments were counted; 1 trial was excluded, with a reason" in text
+    assert "a miss of at most 20.0 mm is a hit" in text
+    share = Campaign([CampaignExperiment(name_of(n), summary_of(n)) for n in range(50)]).hit_shares()[-1]
+    assert f"By throw {share.throw}, {share.hits} of {share.known} experiments had hit" in text
+    assert "Software: strandcast 0.2.0." in text
+
+
 def test_an_unprocessed_throw_leaves_open_whether_the_tip_hit() -> None:
     missed = summary_of(20, 3)
     assert CampaignExperiment("a", missed).verdict == "no hit"

@@ -9,7 +9,7 @@ import numpy as np
 
 from strandcast.core.shares import wilson
 from strandcast.records.summary import ExperimentSummary, TrialSummary
-from strandcast.report.numbers import millimetres, scaled
+from strandcast.report.numbers import counted, millimetres, scaled
 from strandcast.report.rig_limits import (
     LEAST_MARKER_FRACTION,
     MOST_DRIFT,
@@ -17,6 +17,7 @@ from strandcast.report.rig_limits import (
     MOST_PLANE_RMS_PX,
     MOST_SERVO_RESIDUAL_RAD,
 )
+from strandcast.report.text import line_too_near
 
 # Iglewicz & Hoaglin, "How to Detect and Handle Outliers", 1993: |robust z| > 3.5, σ = 1.4826 · MAD.
 MOST_ROBUST_Z, SIGMA_PER_MAD = 3.5, 1.4826
@@ -88,6 +89,7 @@ class CampaignTally:
     failed: int  # unknown, as a result could not be read, or a stage failed
     left: int  # thrown, but not processed yet
     hits: int  # throws that hit
+    uncertain: int  # throws, hits or not, whose miss is too near to the hit radius to be certain
     experiments: dict[str, int]  # by verdict
     unread: int  # experiments without a readable summary: their trials are not counted
     captured: int = 0  # experiments without a target
@@ -105,16 +107,14 @@ class CampaignTally:
         return self.scored + self.excluded
 
     def __str__(self) -> str:
-        text = f"{_counted(self.done, 'trial')} done, {self.failed} failed, {self.left} left"
-        experiments = f"{self.experiments['hit']} of {_counted(sum(self.experiments.values()), 'experiment')}"
-        text += f"; hits: {_counted(self.hits, 'throw')}, in {experiments}"
+        text = f"{counted(self.done, 'trial')} done, {self.failed} failed, {self.left} left"
+        experiments = f"{self.experiments['hit']} of {counted(sum(self.experiments.values()), 'experiment')}"
+        text += f"; hits: {counted(self.hits, 'throw')}, in {experiments}"
+        near = f"{counted(self.uncertain, 'throw')} too near to the hit radius to be certain"
+        text += f"; {near}" if self.uncertain else ""
         text += f"; without a target: {self.captured}" if self.captured else ""
         text += f"; excluded: {self.excluded}" if self.excluded else ""
         return text + (f"; without a readable summary: {self.unread}" if self.unread else "")
-
-
-def _counted(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 class HitShare(NamedTuple):
@@ -174,6 +174,11 @@ class CampaignThrow(NamedTuple):
         """Return whether a hit or a miss should be known, and is not; of a capture, whether a result is."""
         return self.line.hit is None and (self.aimed or bool(self.line.unread))
 
+    @property
+    def is_uncertain(self) -> bool:
+        """Return whether a counted throw is too near to the hit radius to be a certain hit or miss."""
+        return self.throw is not None and line_too_near(self.line, self.hit_radius_m)
+
 
 class Outlier(NamedTuple):
     """A trial that stands out, and by what: a sentence for each reason, the worst trial first."""
@@ -203,16 +208,17 @@ class Campaign:
         """Count the trials."""
         trials = list(self.trials())
         lines = [each.line for each in trials]
-        counted = [line for line in lines if line.excluded is None]
+        thrown = [line for line in lines if line.excluded is None]
         waiting = [trial for each in self.experiments for trial in each.waiting]
         verdicts = [each.verdict for each in self.experiments]
         failed = sum(each.line.excluded is None and each.is_unknown for each in trials)
         return CampaignTally(
-            scored=len(counted) - failed,
-            excluded=len(lines) - len(counted),
+            scored=len(thrown) - failed,
+            excluded=len(lines) - len(thrown),
             failed=failed + sum(trial.failure is not None for trial in waiting),
             left=sum(trial.failure is None for trial in waiting),
-            hits=sum(line.hit is True for line in counted),
+            hits=sum(line.hit is True for line in thrown),
+            uncertain=sum(each.is_uncertain for each in trials),
             experiments={verdict: verdicts.count(verdict) for verdict in ("hit", "no hit", "unknown")},
             unread=sum(each.summary is None for each in self.experiments),
             captured=verdicts.count("no target"),

@@ -18,12 +18,12 @@ from strandcast.report.campaign import (
     CampaignTally,
 )
 from strandcast.report.campaign_table import HEADS, chip, line_badge, page_link, trial_rows, trials_csv
-from strandcast.report.numbers import UNKNOWN, millimetres, place
+from strandcast.report.numbers import UNKNOWN, counted, millimetres, percent, place
 from strandcast.report.pages import render
 from strandcast.report.panels.campaign import learning, rig_course, throw_misses
 from strandcast.report.panels.content import Panel, PanelContent, Table, make_sections
 from strandcast.report.provenance import mixed_versions, version_tables
-from strandcast.report.text import NO_TARGET, Badge
+from strandcast.report.text import CITATION, NO_TARGET, Badge, software_sentence
 
 MOST_OUTLIERS = 40  # listed by name; the remarks in the table of trials hold all
 VERDICTS = {
@@ -61,6 +61,7 @@ def campaign_page(campaign: Campaign) -> str:
         heads=HEADS,
         rows=trial_rows(campaign),
         csv=trials_csv(campaign),
+        methods=campaign_methods(campaign, tally, groups),
         mixed_versions=mixed_versions(groups),
         provenance=[_hashes(campaign), *version_tables(groups)],
     )
@@ -77,6 +78,47 @@ def headline(tally: CampaignTally) -> str:
         captured = f"{tally.captured} {'has' if tally.captured == 1 else 'have'} no target"
         text = f"{text}; {captured}" if count else f"{captured}: motion was captured and fitted"
     return text + (f"; {unknown} {'is' if unknown == 1 else 'are'} unknown." if unknown else ".")
+
+
+def campaign_methods(campaign: Campaign, tally: CampaignTally, groups: list[VersionGroup]) -> str:
+    """Return a paragraph for a paper: what was counted and how. Each trial's page has methods of its own."""
+    sentences = list(_counted_throws(campaign, tally))
+    if tally.captured:
+        sentences.append(f"{counted(tally.captured, 'experiment')} without a target gave no throws.")
+    sentences.append(f"The loop is that of {CITATION}, as implemented by strandcast.")
+    sentences += [software_sentence(groups[0].versions)] if len(groups) == 1 else []
+    return " ".join(sentences)
+
+
+def _counted_throws(campaign: Campaign, tally: CampaignTally) -> Iterator[str]:
+    """Yield in sentences how many throws and hits were counted, and by what rules."""
+    throws = sum(each.throw is not None for each in campaign.trials())
+    if not throws:
+        return
+    text = (
+        f"{counted(throws, 'throw')} of {counted(sum(tally.experiments.values()), 'experiment')} were counted"
+    )
+    if tally.excluded:
+        were = "was excluded, with a reason" if tally.excluded == 1 else "were excluded, with reasons"
+        text += f"; {counted(tally.excluded, 'trial')} {were}"
+    radii = {each.hit_radius_m for each in campaign.experiments if each.summary is not None and each.aimed}
+    limits = " or ".join(map(millimetres, sorted(radii))) + (" (by experiment)" if len(radii) > 1 else "")
+    yield (
+        f"{text}. The miss is the least distance between the tracked tip and the target; a miss of at most "
+        f"{limits} is a hit."
+    )
+    last = next((each for each in reversed(campaign.hit_shares()) if each.known), None)
+    if last is not None:
+        yield (
+            f"By throw {last.throw}, {last.hits} of {counted(last.known, 'experiment')} had hit (95 % Wilson "
+            f"interval {percent(last.low)} to {percent(last.high)}); those of unknown outcome are left out, "
+            "and those that stopped without a hit count as not hit."
+        )
+    if tally.uncertain:
+        yield (
+            f"{counted(tally.uncertain, 'throw')} within two standard deviations of the tracked tip from the "
+            f"hit radius {'counts' if tally.uncertain == 1 else 'count'} as measured."
+        )
 
 
 def _has_throws(campaign: Campaign) -> bool:
@@ -154,13 +196,13 @@ def _experiment_row(each: CampaignExperiment) -> list[Any]:
 
 def _outliers(campaign: Campaign) -> PanelContent:
     found = campaign.outliers()
-    counted = sum(each.throw is not None for each in campaign.trials())
+    throws = sum(each.throw is not None for each in campaign.trials())
     rows = [
         [_named_link(each.experiment, each.trial), "; ".join(each.reasons)] for each in found[:MOST_OUTLIERS]
     ]
     named = "" if len(found) <= MOST_OUTLIERS else f" The worst {MOST_OUTLIERS} are named here."
     return PanelContent(
-        f"{len(found)} of {counted} throws stand out.{named}",
+        f"{len(found)} of {throws} throws stand out.{named}",
         tables=[Table(["trial", "stands out by"], rows)] if rows else [],
     )
 

@@ -38,6 +38,11 @@ def percent(fraction: float | None) -> str:
     return scaled(fraction, 100.0, 1, "%")
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun: "1 throw", "2 throws"."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def significant(value: float | None, digits: int = 3) -> str:
     """Return a number with this many significant digits, with a power of ten if very large or small."""
     if value is None or not math.isfinite(value):

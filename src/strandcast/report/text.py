@@ -1,7 +1,7 @@
 """Text made from records: the verdict, the methods paragraph, warnings."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from strandcast.records.alignment import Alignment
@@ -58,6 +58,11 @@ def too_near(miss_m: float | None, hit_radius_m: float, *sigmas_m: float | None)
     """Return whether a miss is within two standard deviations of the hit radius; unknown ones count as 0."""
     sigma_m = math.hypot(*(each or 0.0 for each in sigmas_m))
     return miss_m is not None and abs(miss_m - hit_radius_m) < 2 * sigma_m
+
+
+def line_too_near(line: TrialSummary, hit_radius_m: float) -> bool:
+    """Return whether a trial's miss is too near to the hit radius, by the error of the tip alone."""
+    return too_near(line.miss_m, hit_radius_m, line.miss_sigma_m)
 
 
 def uncertain_verdict(results: TrialResults | None) -> bool:
@@ -165,7 +170,13 @@ def _software(results: TrialResults) -> str:
     known = next(
         (results.made_by[name] for name in reversed(list(results.made_by)) if results.made_by[name]), {}
     )
-    return f"Software: {', '.join(f'{name} {version}' for name, version in known.items())}." if known else ""
+    return software_sentence(known)
+
+
+def software_sentence(versions: Mapping[str, str]) -> str:
+    """Return the versions in a sentence; nothing if none is known."""
+    named = ", ".join(f"{name} {version}" for name, version in versions.items())
+    return f"Software: {named}." if named else ""
 
 
 def _recording(manifest: Manifest) -> str:
