@@ -3,6 +3,7 @@
 import json
 import sys
 from importlib.util import find_spec
+from itertools import islice
 
 import av
 import numpy as np
@@ -90,6 +91,25 @@ def test_rerun_reads_the_dataset(project, tmp_path) -> None:
     reader = LeRobotReader(tmp_path / "set")
     assert (reader.version, reader.episodes()) == ("v3", [0])
     assert len(list(reader.stream(0).to_chunks())) > 5
+
+
+def test_lerobot_reads_rows_and_pictures_of_the_dataset(project, throw, tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    reader = pytest.importorskip("lerobot.datasets.lerobot_dataset", reason="lerobot (8 GB) is not installed")
+    frames = export_dataset(strandcast.open(project)["demo"], tmp_path / "set")
+    dataset = reader.LeRobotDataset("lab/demo", root=tmp_path / "set", video_backend="pyav")
+    assert (len(dataset), dataset.num_episodes) == (frames, 1)
+    tracked = int(throw.frame[-1] - throw.frame[0])
+    row = dataset[tracked]
+    assert row["observation.string"].numpy() == pytest.approx(
+        throw.points_m[-1].ravel(), abs=1e-6, nan_ok=True
+    )
+    assert float(row["camera_time_s"]) == pytest.approx(throw.camera_time_s[-1], abs=1e-6)
+    video = tmp_path / "set/videos/observation.images.main/chunk-000/file-000.mp4"
+    with av.open(str(video)) as film:
+        picture = next(islice(film.decode(video=0), tracked, None)).to_ndarray(format="rgb24")
+    shown = row["observation.images.main"].numpy().transpose(1, 2, 0)
+    assert np.abs(255.0 * shown - picture).max() <= 1.0
 
 
 def test_mcap_holds_ros_messages_in_order(throw, tmp_path) -> None:
