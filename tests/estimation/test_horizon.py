@@ -10,35 +10,42 @@ from strandcast.stages.estimate import _until_s
 START_S, END_S, EXPECTED_S = 2.0, 2.9, 0.6
 
 
-def trial(closest_s: float | None, hit: bool | None = False, predicted: bool = True) -> SimpleNamespace:
+def trial(closest_s: float | None, miss_m: float | None = 0.1, predicted: bool = True) -> SimpleNamespace:
     motion = SimpleNamespace(predicted=SimpleNamespace(hit_time_s=EXPECTED_S) if predicted else None)
     return SimpleNamespace(
         motion=motion,
-        verdict=SimpleNamespace(
-            closest_robot_time_s=closest_s, hit=hit, target_m=None if hit is None else [0.5, 0.5]
-        ),
+        aimed=miss_m is not None,
+        shortfall=None if closest_s is None else SimpleNamespace(time_s=closest_s, miss_m=miss_m),
         alignment=SimpleNamespace(motion_start_s=START_S, motion_end_s=END_S),
     )
 
 
 @pytest.mark.parametrize(
-    ("closest_s", "hit", "predicted", "until_s"),
+    ("closest_s", "miss_m", "predicted", "until_s"),
     [
-        (2.55, True, True, 2.55),  # what comes after a touch is another motion
-        (2.55, False, True, 2.63),  # a miss on the planned pass
-        (2.66, False, True, 2.69),
-        (3.10, False, True, 2.63),  # nearest long after the planned pass
-        (2.05, False, True, 2.63),  # or long before
-        (None, False, True, 2.63),  # closest approach not tracked
-        (2.66, False, False, 2.69),  # a motion without a prediction
-        (None, False, False, 3.20),
+        (2.55, 0.02, True, 2.55),  # what comes after a touch is another motion
+        (2.55, 0.021, True, 2.63),  # a miss on the planned pass
+        (2.66, 0.1, True, 2.69),
+        (3.10, 0.1, True, 2.63),  # nearest long after the planned pass
+        (2.05, 0.1, True, 2.63),  # or long before
+        (None, 0.1, True, 2.63),  # closest approach not tracked
+        (2.66, 0.1, False, 2.69),  # a motion without a prediction
+        (None, 0.1, False, 3.20),
         (None, None, False, 3.20),  # without a target, the whole capture
         (None, None, True, 3.20),  # also of a motion that was planned for one
     ],
 )
-def test_the_last_frame(closest_s: float | None, hit: bool | None, predicted: bool, until_s: float) -> None:
+def test_the_last_frame(
+    closest_s: float | None, miss_m: float | None, predicted: bool, until_s: float
+) -> None:
     settings = EstimateSettings(horizon_s=0.03)
-    assert _until_s(trial(closest_s, hit, predicted), settings) == pytest.approx(until_s)
-    if not hit:
+    assert _until_s(trial(closest_s, miss_m, predicted), settings) == pytest.approx(until_s)
+    if until_s != closest_s:
         whole = EstimateSettings(horizon_s=None)
-        assert _until_s(trial(closest_s, hit, predicted), whole) == pytest.approx(END_S + 0.3)
+        assert _until_s(trial(closest_s, miss_m, predicted), whole) == pytest.approx(END_S + 0.3)
+
+
+@pytest.mark.parametrize(("radius_m", "until_s"), [(0.02, 2.63), (0.05, 2.55), (None, 2.63)])
+def test_the_size_of_the_target_decides_what_may_touch_it(radius_m: float | None, until_s: float) -> None:
+    settings = EstimateSettings(contact_radius_m=radius_m)
+    assert _until_s(trial(2.55, 0.03), settings) == pytest.approx(until_s)

@@ -54,7 +54,7 @@ RULES = {"report": "report_trial", "summary": "report_experiment"}  # stage -> r
 WATCH = Path(__file__).with_name("watch")
 OPENED = "opened.txt"
 NOT_SUMMARISED = ("observations.parquet", "markers.parquet")  # read by stages, not by the pages
-ESTIMATE_READS = ("alignment.json", "verdict.json")
+ESTIMATE_READS = ("alignment.json", "track.json")
 
 
 def inputs_of(path: Path) -> list[str]:
@@ -420,6 +420,38 @@ def test_recordings_of_a_real_rig_give_a_report_and_the_next_motion(rig):
     # A motion that was played is not planned again.
     played = Motion.read(rig / "data" / "rig" / "trial-01" / "motion.json")
     assert Motion.read(results / "trial-01" / "motion.json") == played
+
+
+AFTER_PLAN = {"plan", "report_trial", "report_experiment"}
+AFTER_ESTIMATE = AFTER_PLAN | {"estimate"}
+AFTER_ALIGN = AFTER_ESTIMATE | {"align", "score"}
+AFTER_TRACK = AFTER_ALIGN | {"track", "reconstruct", "clip"}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "rules"),
+    [
+        ("A small throw", "Another title", {"report_trial", "report_experiment"}),
+        ("hit_radius_m: 0.02", "hit_radius_m: 0.03", AFTER_PLAN | {"score"}),
+        ("screening: 64", "screening: 65", AFTER_PLAN),
+        ("evaluations: 400", "evaluations: 500", AFTER_ESTIMATE),
+        ("seed: 3", "seed: 4", AFTER_ESTIMATE),
+        ("seed: 3", "seed: 3\nobjective: {kind: swing, height_m: 0.6}", AFTER_ESTIMATE | {"score"}),
+        ("seed: 3", "seed: 3\nalign: {drift_prior: 1.0e-4}", AFTER_ALIGN),
+        ("seed: 3", "seed: 3\ntrack: {tracker: chain}", set()),  # the default
+        ("[0.50, 0.50]", "[0.50, 0.51]", AFTER_TRACK),
+        ("id: 5, x_m: 1.15", "id: 5, x_m: 1.16", AFTER_TRACK | {"calibrate"}),
+    ],
+)
+def test_a_changed_setting_of_a_recorded_experiment_reruns_what_depends_on_it(
+    rig: Path, tmp_path: Path, before: str, after: str, rules: set[str]
+) -> None:
+    root = Path(shutil.copytree(rig, tmp_path / "project"))
+    assert before in RIG
+    edited(before, after)(root)
+    run = snakemake(root, "results/rig/report.html", "--dry-run")
+    assert run.returncode == 0, run.stderr
+    assert jobs(run) == rules
 
 
 def edited(*change: str):

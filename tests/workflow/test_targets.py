@@ -108,7 +108,7 @@ def test_the_next_motion_is_asked_for_after_an_excluded_trial_but_not_for_one_th
 
 def test_an_excluded_trial_is_not_read_by_later_ones(root):
     inputs = targets.stage_inputs("estimate", "rig", 3)
-    for role in ("track", "alignment", "hand", "verdict"):
+    for role in ("track", "alignment", "hand", "summary"):
         assert [path.split("/")[2] for path in inputs[role]] == ["trial-01", "trial-03"]
     assert inputs["previous"] == ["results/rig/trial-01/ensemble.parquet"]
     assert inputs["motion"] == ["data/rig/trial-01/motion.json"]

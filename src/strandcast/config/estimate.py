@@ -153,6 +153,12 @@ class EstimateSettings(Section):
         description="Frames up to this long after the closest approach enter E; null: the whole motion. "
         "Raise it to fit the swing after the hit, too; use null to reproduce the paper.",
     )
+    contact_radius_m: Annotated[float, Field(gt=0, le=0.5)] | None = Field(
+        0.02,
+        description="A throw with at most this miss may touch what stands at the target: its frames after "
+        "the closest approach do not enter E. Set it to the size of the target, or to null if "
+        "nothing solid stands there.",
+    )
     joints: Literal["measured", "commanded"] = Field(
         "measured",
         description="Drive the simulated hand with the measured or with the commanded joint angles. Use "

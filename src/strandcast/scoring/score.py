@@ -8,7 +8,7 @@ from strandcast.core.objectives import Objective
 from strandcast.records.alignment import Alignment
 from strandcast.records.track import UNSURE, Track
 from strandcast.records.verdict import AFTER_MOTION_S, Verdict
-from strandcast.scoring.measured_misses import Shortfall, TrackedThrow, measured_shortfall
+from strandcast.scoring.measured_misses import Measured, Shortfall, TrackedThrow, measured_shortfall
 
 MOST_UNSURE = 0.9  # of the throw's frames: with more of them unsure no miss is reported; chosen
 
@@ -34,7 +34,17 @@ class Aim(NamedTuple):
 
 
 def score_throw(track: Track, alignment: Alignment, aim: Aim, length_m: float) -> Verdict:
-    """Score one throw, from the motion's start until 0.3 s after its end.
+    """Score one throw; the arguments are those of `tracked_shortfall`."""
+    shortfall, reason = tracked_shortfall(track, alignment, aim.objective, length_m)
+    if shortfall is None:
+        return _verdict(aim, reason=reason)
+    return _verdict(aim, shortfall, frame=int(track.frame[shortfall.row]))
+
+
+def tracked_shortfall(track: Track, alignment: Alignment, objective: Objective, length_m: float) -> Measured:
+    """Return the miss of one throw from the motion's start until 0.3 s after its end, or why it is not known.
+
+    It does not depend on the hit radius.
 
     Parameters
     ----------
@@ -42,6 +52,8 @@ def score_throw(track: Track, alignment: Alignment, aim: Aim, length_m: float) -
         The mass points; a tip that is only predicted or hidden counts as not tracked.
     alignment
         Camera time to robot time, and when the motion was.
+    objective
+        Includes the target, if it needs one.
     length_m
         From the hand to the tip, along the string.
     """
@@ -50,14 +62,14 @@ def score_throw(track: Track, alignment: Alignment, aim: Aim, length_m: float) -
     inside, tracked = (robot_s >= window_s[0]) & (robot_s <= window_s[1]), track.detected()
     reason = _too_little(track, np.flatnonzero(tracked[:, -1] & inside))
     if reason is not None:
-        return _verdict(aim, reason=reason)
+        return None, reason
     points_m = np.where(tracked[..., None], track.points_m, np.nan)[inside]
     step_s = float(np.median(np.diff(track.camera_time_s)))
     throw = TrackedThrow(robot_s[inside], points_m, track.sigma_m[inside], length_m, step_s, window_s)
-    shortfall, reason = measured_shortfall(aim.objective, throw)
+    shortfall, reason = measured_shortfall(objective, throw)
     if shortfall is None:
-        return _verdict(aim, reason=reason)
-    return _verdict(aim, shortfall, frame=int(track.frame[inside][shortfall.row]))
+        return None, reason
+    return shortfall._replace(row=int(np.flatnonzero(inside)[shortfall.row])), None
 
 
 def without_target(experiment: str, trial: int, hit_radius_m: float) -> Verdict:

@@ -40,7 +40,7 @@ def _throws(scope: Scope) -> dict[str, Role]:
         "track": results(scope, "track.parquet"),
         "alignment": results(scope, "alignment.json"),
         "hand": results(scope, "hand.parquet"),
-        "verdict": results(scope, "verdict.json"),
+        "summary": results(scope, "track.json"),
         "motion": played_motions(scope),
         "joints": logged(scope, "joints.csv"),
         "run": logged(scope, "run.json"),
@@ -182,7 +182,7 @@ _DECLARED = (
             "ensemble": TRIAL + "ensemble.parquet",
             "simulated": TRIAL + "simulated.parquet",
         },
-        settings=("string", "estimate", "seed"),
+        settings=("string", "estimate", "seed", "target_m", "objective"),
     ),
     Stage(
         "plan",

@@ -59,7 +59,7 @@ def run(job: Job, files: Files) -> None:
     )
     response = servo_of(arm, trials)
     servo = None if response is None else servo_record(arm, response)
-    read = [files.input(role, t.number) for t in trials for role in ("track", "alignment", "hand", "verdict")]
+    read = [files.input(role, t.number) for t in trials for role in ("track", "alignment", "hand", "summary")]
     record = estimate_record(context, model, layout, trials, fit, servo, hashes_of(read))
     write_table(files.output("ensemble"), ENSEMBLE, ensemble_table(fit))
     write_table(files.output("simulated"), SIMULATED, simulated_table(fit, trials[-1]))
@@ -81,11 +81,13 @@ def _until_s(trial: Trial, settings: EstimateSettings) -> float:
     Without a target, all frames of the motion do. A touch ends the free motion. After a miss, the closest
     approach may belong to another pass of the tip than the planned one; the fit then uses the planned pass.
     """
-    closest_s, expected_s = trial.verdict.closest_robot_time_s, _expected_s(trial)
-    if trial.verdict.hit and closest_s is not None:
-        return closest_s
+    nearest, expected_s = trial.shortfall, _expected_s(trial)
+    reach_m = settings.contact_radius_m
+    if nearest is not None and reach_m is not None and nearest.miss_m <= reach_m:
+        return nearest.time_s
+    closest_s = None if nearest is None else nearest.time_s
     known_s = [s for s in (closest_s, expected_s) if s is not None]
-    if settings.horizon_s is None or not known_s or trial.verdict.target_m is None:
+    if settings.horizon_s is None or not known_s or not trial.aimed:
         return trial.alignment.motion_end_s + AFTER_MOTION_S
     if len(known_s) == 2 and abs(known_s[0] - known_s[1]) > SAME_PASS_S:
         return known_s[1] + settings.horizon_s

@@ -18,20 +18,34 @@ from strandcast.records.estimate import ENSEMBLE
 from strandcast.records.joint_log import JointLog, read_run
 from strandcast.records.motion import Motion
 from strandcast.records.tables import read_table
-from strandcast.records.track import Track, read_track
-from strandcast.records.verdict import AFTER_MOTION_S, Verdict
+from strandcast.records.track import Track, TrackSummary, read_track
+from strandcast.records.verdict import AFTER_MOTION_S
+from strandcast.scoring.measured_misses import Shortfall
+from strandcast.scoring.score import tracked_shortfall
 from strandcast.stages.context import Context, free_length_m
 from strandcast.stages.job import Files
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A trial on the robot's clock: track, hand, verdict; if it was played, its motion and joint log."""
+    """A trial on the robot's clock.
+
+    Attributes
+    ----------
+    aimed
+        Whether the experiment has a target.
+    shortfall
+        The miss; None where it is not known, or without a target. Unlike the verdict, it does not depend on
+        the hit radius.
+    motion, log
+        None if they were not recorded.
+    """
 
     number: int
     track: Track
     alignment: Alignment
-    verdict: Verdict
+    aimed: bool
+    shortfall: Shortfall | None
     frame_time_s: np.ndarray
     hand_time_s: np.ndarray
     hand_pose: np.ndarray
@@ -45,12 +59,17 @@ def read_trial(files: Files, number: int) -> Trial:
     track = read_track(files.input("track", number), settings.string.n)
     alignment = Alignment.read(files.input("alignment", number))
     hand_time_s, hand = read_hand(files.input("hand", number), settings.estimate.joints)
+    shortfall = None
+    if settings.aim is not None:
+        length_m = TrackSummary.read(files.input("summary", number)).length_m
+        shortfall, _ = tracked_shortfall(track, alignment, settings.aim, length_m)
     played, run = files.optional("motion", number), files.optional("run", number)
     return Trial(
         number,
         track,
         alignment,
-        Verdict.read(files.input("verdict", number)),
+        settings.aim is not None,
+        shortfall,
         alignment.robot_time_s(track.camera_time_s),
         hand_time_s,
         hand.array(),

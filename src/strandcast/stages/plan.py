@@ -70,7 +70,7 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
         context.name,
         job.trial,
         seed_of(*seeded_by),
-        hashes_of(path for role in ("verdict", "estimate", "ensemble") for path in files.inputs(role)),
+        hashes_of(path for role in ("track", "estimate", "ensemble") for path in files.inputs(role)),
         None if parent is None else parent.content_sha256(),
         None if trials else start_string_name(settings),
     )

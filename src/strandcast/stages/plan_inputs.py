@@ -90,9 +90,8 @@ def past_trial_of(trial: Trial, step_s: float) -> PastTrial:
     else:
         columns = [log.joint_names.index(name) for name in motion.joint_names]
         time_s, q_rad = log.time_s - start_s, log.q_rad[:, columns]
-    measured = Measured(
-        time_s, q_rad, trial.frame_time_s - start_s, trial.track.detected_m(), trial.verdict.miss_m
-    )
+    miss_m = None if trial.shortfall is None else trial.shortfall.miss_m
+    measured = Measured(time_s, q_rad, trial.frame_time_s - start_s, trial.track.detected_m(), miss_m)
     return past_trial(motion, measured, step_s)
 
 
