@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strandcast.config.estimate import EstimateSettings
+from strandcast.config.estimate import EstimateSettings, PaperSearch
 from strandcast.core.strings import REST_CURL, StringBatch
 from strandcast.dynamics.parameters import RANGES
 from strandcast.errors import StrandcastError
@@ -161,6 +161,19 @@ def test_paper_search_runs_within_table_2():
     assert found.held_out[0].E_m >= found.E_m
     assert not found.converged
     assert not found.uncertainty.gauge_fixed
+
+
+def test_the_papers_search_stays_the_closer_to_the_fit_before_the_more_throws_there_were(fit):
+    paper = PaperSearch(centre="fixed")
+    settings = EstimateSettings(search="paper", evaluations=160, profiles=False, trials="latest", paper=paper)
+    random, before = np.random.default_rng, fit.best
+    near, far = (
+        estimate([observed_throw(1.0)], MODEL, LAYOUT, settings, random(4), previous=before, older=older)
+        for older in (99, 0)
+    )
+    reach = [np.abs(found.space.chi_of(found.members) - found.chi).max() for found in (near, far)]
+    assert 0.0 < reach[0] <= 0.02  # of two strings within 0.01 of the fit before
+    assert reach[1] > 0.1
 
 
 def test_given_ranges_bounds_and_curl_are_reported():

@@ -116,6 +116,33 @@ def test_an_excluded_trial_is_not_read_by_later_ones(root):
     assert targets.stage_inputs("report", "rig", 2)["results"] == []
 
 
+@pytest.mark.parametrize(
+    ("trials", "read"),
+    [
+        ("3", [4, 6, 7]),
+        ("1", [7]),
+        ("7", [1, 2, 3, 4, 6, 7]),
+        ("all", [1, 2, 3, 4, 6, 7]),
+        ("latest", [1, 2, 3, 4, 6, 7]),  # the servos' response is fitted to more than the latest
+    ],
+)
+def test_a_fit_reads_only_the_newest_trials_and_the_fit_before(root, trials, read):
+    settings = SETTINGS + f"excluded: [{{trial: 5, reason: slipped}}]\nestimate: {{trials: {trials}}}\n"
+    (root / "data" / "rig" / "experiment.yaml").write_text(settings)
+    targets.experiment.cache_clear()
+    inputs = targets.stage_inputs("estimate", "rig", 7)
+    for role in ("track", "alignment", "hand", "summary"):
+        assert [int(path.split("/")[2].removeprefix("trial-")) for path in inputs[role]] == read
+    assert inputs["previous"] == ["results/rig/trial-06/ensemble.parquet"]
+
+
+def test_the_inputs_of_a_fit_do_not_grow_with_the_number_of_trials(root):
+    def count(trial: int) -> int:
+        return sum(map(len, targets.stage_inputs("estimate", "rig", trial).values()))
+
+    assert count(5) < count(20) == count(1000)
+
+
 def test_raw_files_of_the_lab_have_names_before_they_exist(root):
     inputs = targets.stage_inputs("ingest", "lab-1", 1)
     assert [path for paths in inputs.values() for path in paths] == [

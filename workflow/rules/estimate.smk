@@ -1,7 +1,7 @@
-"""The string parameters, fitted to the throws so far.
+"""The string parameters, fitted to the newest throws.
 
-REQUIRED INPUTS: track, alignment, hand and verdict of the trials so far; the previous estimate (eq. 3's best exponents);
-                 the motions that were played
+REQUIRED INPUTS: track, alignment and hand of the newest trials, as many as estimate.trials says, and the motions that
+                 were played; the previous estimate, from which the search starts (eq. 3's best exponents)
 OUTPUTS:         results/<experiment>/trial-NN/{estimate.json, ensemble.parquet, simulated.parquet}
 """
 

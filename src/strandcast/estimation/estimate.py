@@ -41,9 +41,10 @@ def estimate(
     planned: StringBatch | None = None,
     previous: StringBatch | None = None,
     plain_mass: bool | None = None,
+    older: int = 0,
     references: bool = False,
 ) -> StringFit:
-    """Fit the string to the throws so far, the newest last.
+    """Fit the string to throws, the newest last.
 
     Parameters
     ----------
@@ -57,6 +58,8 @@ def estimate(
         The previous estimate (the best string first, then its ensemble), from which the search starts.
     plain_mass
         Whether to fit the common mass of the plain points; None: only in the paper's search.
+    older
+        How many throws there were before these; the previous estimate is all that is known of them.
     references
         Whether `held_out` has E of the newest throw without a model too, see `without_model`. A throw with a
         target has its plan to be compared with.
@@ -83,7 +86,7 @@ def estimate(
         overstretched_allowed=settings.ranges == "paper",
     )
     objective, log = _search_in_wide_enough_ranges(
-        objective, settings, rng, SearchStart(previous, len(throws))
+        objective, settings, rng, SearchStart(previous, older + len(throws))
     )
     _refuse_invalid(log)
     held_out = [] if previous is None else [_under_previous(objective, previous)]

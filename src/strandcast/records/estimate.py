@@ -125,7 +125,7 @@ def _with_uncertainty(content: dict[str, Any]) -> dict[str, Any]:
 
 
 class Estimate(Record):
-    """The fit after one trial, on all trials so far."""
+    """The fit after one trial, on this and the trials before it."""
 
     SCHEMA: ClassVar[str] = "strandcast/estimate"
     VERSION: ClassVar[int] = 2

@@ -17,6 +17,7 @@ from strandcast.stages.files import (
     past,
     played_motions,
     raw,
+    recent,
     results,
     so_far,
     this,
@@ -173,7 +174,7 @@ _DECLARED = (
     Stage(
         "estimate",
         inputs={
-            **_throws(so_far),
+            **_throws(recent),
             "previous": results(latest, "ensemble.parquet"),
             "arm": files.arm,
         },

@@ -1,4 +1,4 @@
-"""The string that explains the trials so far: estimate.json, ensemble.parquet, simulated.parquet."""
+"""The string that explains the newest trials: estimate.json, ensemble.parquet, simulated.parquet."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from strandcast.records.track import UNSURE
 from strandcast.records.verdict import AFTER_MOTION_S
 from strandcast.seeds import rng
 from strandcast.stages.estimate_record import ensemble_table, estimate_record, servo_record, simulated_table
-from strandcast.stages.files import past, so_far
+from strandcast.stages.files import past, recent
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import (
     Trial,
@@ -34,11 +34,11 @@ SAME_PASS_S = 0.1  # a planned hit and a closest approach this near belong to th
 
 
 def run(job: Job, files: Files) -> None:
-    """Estimate the string after one trial."""
+    """Estimate the string after one trial: from the recent ones, starting from the estimate before."""
     context, settings = job.context, job.context.settings.estimate
     arm = load_arm(files.input("arm"))
     model, layout = string_model(context, arm)
-    trials = [read_trial(files, number) for number in so_far(job)]
+    trials = [read_trial(files, number) for number in recent(job)]
     if not np.isfinite(trials[-1].track.points_m[:, 1:]).any():
         raise StrandcastError(
             "SC-E001",
@@ -46,7 +46,8 @@ def run(job: Job, files: Files) -> None:
             file=files.input("track", job.trial),
             fix=f"check the track's report; exclude trial {job.trial} with a reason",
         )
-    previous = read_members(files.input("previous"), layout) if past(job) else None
+    before = past(job)
+    previous = read_members(files.input("previous"), layout) if before else None
     fit = estimate(
         [throw_of(t, settings) for t in trials],
         model,
@@ -55,6 +56,7 @@ def run(job: Job, files: Files) -> None:
         rng(context.name, context.settings.seed, job.trial, "estimate"),
         planned=_planned(trials[-1].motion, layout),
         previous=previous,
+        older=len(before) + 1 - len(trials),
         references=context.settings.target_m is None,
     )
     response = servo_of(arm, trials)

@@ -5,6 +5,7 @@ A role is a function that returns the files of one kind for a job, e.g.
 """
 
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 
 from strandcast.config.bounded import load_toml, read_bounded
@@ -27,6 +28,13 @@ def latest(job: Job) -> list[int]:
     """Return the last of the past trials, if any."""
     before = range(job.trial - 1, 0, -1)  # not `past`: of a late trial, that is long
     return next(([number] for number in before if job.context.counted([number])), [])
+
+
+def recent(job: Job) -> list[int]:
+    """Return the trials that a fit reads: the newest past ones, and this one even if it is excluded."""
+    read = job.context.settings.estimate.trials_read
+    before = (number for number in range(job.trial - 1, 0, -1) if job.context.counted([number]))
+    return [*reversed(list(islice(before, None if read is None else read - 1))), job.trial]
 
 
 def so_far(job: Job) -> list[int]:
