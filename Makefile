@@ -8,6 +8,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 DRIVERS := .venv-drivers
 FRANKA_SIM := .venv-franka-sim
+SLURM := .venv-slurm
 AUDIT := .venv-audit
 DOCS := .venv-docs
 CORES ?= 2
@@ -69,12 +70,24 @@ $(DOCS)/docs.stamp: requirements/docs.lock | $(VENV)/build.stamp
 	@$(call install,$(DOCS),--only-binary :all: -r $<)
 	@touch $@
 
+# $(call extend,ENVIRONMENT) makes an environment that also has the packages of $(VENV).
+extend = rm -rf $(1) && $(BIN)/python -m venv $(1) && \
+  $(BIN)/python -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' > \
+  "$$($(1)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/strandcast.pth"
+
+# Snakemake imports all its plugins at every start: this one stays out of the usual environment.
+$(SLURM)/slurm.stamp: requirements/slurm.lock $(VENV)/runtime.stamp
+	@echo "set-up: installing Snakemake's plugin for Slurm in $(SLURM)"
+	@$(call extend,$(SLURM))
+	@$(SLURM)/bin/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation -r $<
+	@for name in strandcast snakemake; do \
+	  printf '#!/bin/sh\nexec "%s/python" -m %s "$$@"\n' "$(CURDIR)/$(SLURM)/bin" $$name > $(SLURM)/bin/$$name && chmod +x $(SLURM)/bin/$$name; done
+	@touch $@
+
 # The vendors' packages stay out of the demo's environment: this one extends it.
 $(DRIVERS)/drivers.stamp: requirements/drivers.lock $(VENV)/dev.stamp
 	@echo "set-up: installing the robot vendors' packages in $(DRIVERS)"
-	@rm -rf $(DRIVERS) && $(BIN)/python -m venv $(DRIVERS)
-	@$(BIN)/python -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' > \
-	  "$$($(DRIVERS)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/strandcast.pth"
+	@$(call extend,$(DRIVERS))
 	@$(DRIVERS)/bin/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation -r $<
 	@touch $@
 
@@ -87,6 +100,9 @@ $(FRANKA_SIM)/franka-sim.stamp: requirements/franka-sim.lock | $(VENV)/build.sta
 
 .PHONY: install
 install: $(VENV)/runtime.stamp  ## make the virtual environment
+
+.PHONY: slurm
+slurm: $(SLURM)/slurm.stamp  ## make .venv-slurm, whose `strandcast run --profile slurm` submits to a Slurm cluster
 
 .PHONY: demo
 demo: $(VENV)/runtime.stamp  ## let a virtual arm throw an unknown string until it hits; write the report
@@ -121,6 +137,10 @@ faults-nightly: $(VENV)/dev.stamp fuzz  ## `make fuzz`, kill runs and stages, an
 test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run the drivers' tests, against a Franka controller and a simulated UR
 	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/executor/drivers tests/exports
 
+.PHONY: test-slurm
+test-slurm: $(SLURM)/slurm.stamp $(VENV)/dev.stamp  ## run 20 experiments through a Slurm of two nodes on this machine, where it is installed
+	@$(SLURM)/bin/python -m pytest tests/slurm
+
 .PHONY: fuzz
 fuzz: $(VENV)/fuzz.stamp  ## damage the files of every reader 10,000 times, with and without guidance by coverage; hours
 	@$(BIN)/python -m tests.faults.nightly
@@ -132,7 +152,7 @@ docs: $(DOCS)/docs.stamp  ## build the documentation as a site, build/site/index
 
 .PHONY: audit
 audit: $(AUDIT)/audit.stamp  ## compare the pinned packages with the known vulnerabilities (needs the network)
-	@failed=; for name in build runtime player dev studies drivers franka-sim fuzz audit docs; do \
+	@failed=; for name in build runtime player dev studies drivers slurm franka-sim fuzz audit docs; do \
 	  echo "requirements/$$name.lock"; \
 	  $(AUDIT)/bin/pip-audit --strict --require-hashes --disable-pip --progress-spinner off -r requirements/$$name.lock \
 	    2>&1 | tail -n 20 || failed=1; done; \
@@ -220,6 +240,7 @@ lock: $(VENV)/build.stamp  ## pin pyproject.toml and requirements/*.in again
 	@$(PIN) pyproject.toml -o requirements/runtime.lock
 	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra gym --extra studies -o requirements/studies.lock
 	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra crate --extra franka --extra mcap --extra rerun --extra ros --extra ur -o requirements/drivers.lock
+	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra slurm -o requirements/slurm.lock
 	@for name in dev fuzz; do $(PIN_LIKE_RUNTIME) pyproject.toml requirements/$$name.in -o requirements/$$name.lock; done
 	@$(BIN)/python -c 'import tomllib; \
 	  print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["player"], sep="\n")' | \
@@ -227,5 +248,5 @@ lock: $(VENV)/build.stamp  ## pin pyproject.toml and requirements/*.in again
 
 .PHONY: clean
 clean:  ## remove the environment and caches; data and results stay
-	@rm -rf $(VENV) $(DRIVERS) $(FRANKA_SIM) $(AUDIT) $(DOCS) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@rm -rf $(VENV) $(DRIVERS) $(FRANKA_SIM) $(SLURM) $(AUDIT) $(DOCS) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -16,6 +16,11 @@ rule align:
         "results/{experiment}/trial-{trial}/logs/align.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(SUPPLIED, other=True),
+    group:
+        shard_of("align")
+    resources:
+        mem_mb=memory_of("align"),
+        runtime=runtime_of("align"),
     params:
         settings=stage_settings("align"),
         code=code_version("align"),
@@ -37,6 +42,11 @@ rule register_track:
         "results/{experiment}/trial-{trial}/logs/register_track.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(SUPPLIED),
+    group:
+        shard_of("register_track")
+    resources:
+        mem_mb=memory_of("register_track"),
+        runtime=runtime_of("register_track"),
     params:
         settings=stage_settings("register_track"),
         code=code_version("register_track"),

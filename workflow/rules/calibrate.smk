@@ -14,6 +14,11 @@ rule calibrate:
         "results/{experiment}/cameras/{camera}/logs/calibrate.log",
     benchmark:
         "results/{experiment}/cameras/{camera}/logs/calibrate.jsonl"
+    group:
+        shard_of("calibrate")
+    resources:
+        mem_mb=memory_of("calibrate"),
+        runtime=runtime_of("calibrate"),
     params:
         settings=stage_settings("calibrate"),
         code=code_version("calibrate"),

@@ -16,6 +16,11 @@ rule clip:
         "results/{experiment}/trial-{trial}/logs/clip.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(SUPPLIED, other=True),
+    group:
+        shard_of("clip")
+    resources:
+        mem_mb=memory_of("clip"),
+        runtime=runtime_of("clip"),
     params:
         settings=stage_settings("clip"),
         code=code_version("clip"),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import WITHIN_WORKFLOW
-from strandcast.workflow import locks, targets
+from strandcast.workflow import locks, shards, slurm, targets
 from strandcast.workflow.code_version import code_version
 from strandcast.workflow.targets import stage_outputs
 
@@ -23,9 +23,9 @@ def reported(function):
     """Return a function that ends Snakemake with a user's error as one message, without a traceback."""
 
     @wraps(function)
-    def call(*arguments):
+    def call(*arguments, **named):
         try:
-            return function(*arguments)
+            return function(*arguments, **named)
         except StrandcastError as error:
             sys.stderr.write(f"{error}\n")
             os._exit(error.exit_code)
@@ -38,9 +38,8 @@ def stage_inputs(stage, trials=lambda w: ()):
 
     @reported
     def inputs(wildcards):
-        trial = int(wildcards.get("trial", 0))
         return targets.stage_inputs(
-            stage, wildcards.experiment, trial, trials(wildcards)
+            stage, wildcards.experiment, trial_of(wildcards), trials(wildcards)
         )
 
     return inputs
@@ -49,6 +48,44 @@ def stage_inputs(stage, trials=lambda w: ()):
 def stage_settings(stage):
     """Return the params function of a stage: the settings that it reads, as JSON."""
     return reported(lambda w: targets.stage_settings(stage, w.experiment))
+
+
+def shard_of(stage):
+    """Return the group function of a stage: the jobs that a cluster runs as one."""
+
+    @reported
+    def group(wildcards):
+        shard = shards.shard_of(stage, wildcards.experiment, trial_of(wildcards))
+        if shard is None:
+            return None
+        # A profile's `group-components` merges the groups of a kind.
+        workflow.parent_groupids[shard.name] = shard.kind
+        return shard.name
+
+    return group
+
+
+def memory_of(stage):
+    """Return the resource function of a stage: the memory that it asks for, in MB."""
+    return reported(
+        lambda wildcards, attempt: shards.memory_mb(
+            stage, wildcards.experiment, trial_of(wildcards), attempt
+        )
+    )
+
+
+def runtime_of(stage):
+    """Return the resource function of a stage: the time that it asks for, in minutes."""
+    return reported(
+        lambda wildcards, attempt: shards.runtime_min(
+            stage, wildcards.experiment, trial_of(wildcards), attempt
+        )
+    )
+
+
+def trial_of(wildcards):
+    """Return the number of a job's trial; 0 for a job of the experiment."""
+    return int(wildcards.get("trial", 0))
 
 
 @reported
@@ -67,15 +104,18 @@ def verdict_of(experiment, trial):
 @reported
 def take_leases():
     """Take the leases of the experiments that the jobs to come belong to, until Snakemake ends."""
-    jobs = workflow.dag.needrun_jobs()
+    on_slurm = workflow.executor_plugin.name == slurm.SLURM
     locks.hold_until_exit(
         Path(),
         {
             job.wildcards.experiment
-            for job in jobs
+            for job in workflow.dag.needrun_jobs()
             if "experiment" in job.wildcards.keys()
         },
+        slurm.refuse_left_jobs if on_slurm else None,
     )
+    if on_slurm:
+        slurm.report_held_jobs(Path())
 
 
 def kept(outputs):

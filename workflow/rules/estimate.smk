@@ -15,7 +15,12 @@ rule estimate:
         "results/{experiment}/trial-{trial}/logs/estimate.log",
     benchmark:
         "results/{experiment}/trial-{trial}/logs/estimate.jsonl"
+    group:
+        shard_of("estimate")
     threads: 2
+    resources:
+        mem_mb=memory_of("estimate"),
+        runtime=runtime_of("estimate"),
     params:
         settings=stage_settings("estimate"),
         code=code_version("estimate"),

@@ -14,6 +14,11 @@ rule ingest:
         "results/{experiment}/trial-{trial}/logs/ingest.log",
     benchmark:
         "results/{experiment}/trial-{trial}/logs/ingest.jsonl"
+    group:
+        shard_of("ingest")
+    resources:
+        mem_mb=memory_of("ingest"),
+        runtime=runtime_of("ingest"),
     params:
         settings=stage_settings("ingest"),
         code=code_version("ingest"),

@@ -18,6 +18,11 @@ rule lab_calibrate:
         "results/{experiment}/logs/lab_calibrate.jsonl"
     wildcard_constraints:
         experiment=LAB_EXPERIMENTS,
+    group:
+        shard_of("lab_calibrate")
+    resources:
+        mem_mb=memory_of("lab_calibrate"),
+        runtime=runtime_of("lab_calibrate"),
     params:
         settings=stage_settings("lab_calibrate"),
         code=code_version("lab_calibrate"),
@@ -38,6 +43,11 @@ rule lab_throw:
         "results/{experiment}/trial-{trial}/logs/lab_throw.jsonl"
     wildcard_constraints:
         experiment=LAB_EXPERIMENTS,
+    group:
+        shard_of("lab_throw")
+    resources:
+        mem_mb=memory_of("lab_throw"),
+        runtime=runtime_of("lab_throw"),
     params:
         settings=stage_settings("lab_throw"),
         code=code_version("lab_throw"),

@@ -16,7 +16,12 @@ rule plan:
         "results/{experiment}/trial-{trial}/logs/plan.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(THROWN, other=True),
+    group:
+        shard_of("plan")
     threads: 2
+    resources:
+        mem_mb=memory_of("plan"),
+        runtime=runtime_of("plan"),
     params:
         settings=stage_settings("plan"),
         code=code_version("plan"),
@@ -39,6 +44,11 @@ rule register_motion:
         "results/{experiment}/trial-{trial}/logs/register_motion.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(PLAYED),
+    group:
+        shard_of("register_motion")
+    resources:
+        mem_mb=memory_of("register_motion"),
+        runtime=runtime_of("register_motion"),
     params:
         code=code_version("register_motion"),
     message:

@@ -16,6 +16,11 @@ rule reconstruct:
         "results/{experiment}/trial-{trial}/logs/reconstruct.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(SUPPLIED, other=True),
+    group:
+        shard_of("reconstruct")
+    resources:
+        mem_mb=memory_of("reconstruct"),
+        runtime=runtime_of("reconstruct"),
     params:
         settings=stage_settings("reconstruct"),
         code=code_version("reconstruct"),

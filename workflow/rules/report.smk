@@ -16,6 +16,11 @@ rule report_trial:
         "results/{experiment}/trial-{trial}/logs/report.log",
     benchmark:
         "results/{experiment}/trial-{trial}/logs/report.jsonl"
+    group:
+        shard_of("report")
+    resources:
+        mem_mb=memory_of("report"),
+        runtime=runtime_of("report"),
     params:
         settings=stage_settings("report"),
         code=code_version("report"),
@@ -40,6 +45,11 @@ rule report_experiment:
         "results/{experiment}/logs/summary.log",
     benchmark:
         "results/{experiment}/logs/summary.jsonl"
+    group:
+        shard_of("summary")
+    resources:
+        mem_mb=memory_of("summary"),
+        runtime=runtime_of("summary"),
     params:
         trials=all_trials,
         settings=stage_settings("summary"),

@@ -14,6 +14,11 @@ checkpoint score:
         "results/{experiment}/trial-{trial}/logs/score.log",
     benchmark:
         "results/{experiment}/trial-{trial}/logs/score.jsonl"
+    group:
+        shard_of("score")
+    resources:
+        mem_mb=memory_of("score"),
+        runtime=runtime_of("score"),
     params:
         settings=stage_settings("score"),
         code=code_version("score"),

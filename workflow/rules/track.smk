@@ -16,6 +16,11 @@ rule track:
         "results/{experiment}/trial-{trial}/logs/track.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(SUPPLIED, other=True),
+    group:
+        shard_of("track")
+    resources:
+        mem_mb=memory_of("track"),
+        runtime=runtime_of("track"),
     params:
         settings=stage_settings("track"),
         code=code_version("track"),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from strandcast.cli.common import ROOT, AsJson, Experiments, show
+from strandcast.workflow.project import DEFAULT_PROFILE
 
 if TYPE_CHECKING:
     from strandcast.workflow.events import StageRun
@@ -15,7 +16,6 @@ RESUMING = (
     "Ctrl-C stops a run: finished results are kept, and the same command goes on from there. "
     "With other programs running, use fewer --cores; with little memory, fewer --jobs."
 )
-LEAST_CORES = 2
 
 
 def run(
@@ -39,6 +39,14 @@ def run(
         bool,
         typer.Option("--report-only", help="Render all pages again from the results that there are."),
     ] = False,
+    profile: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Where stages run: a folder of workflow/profiles, or a path. `slurm` submits them to Slurm, "
+            "at most --jobs at a time.",
+        ),
+    ] = DEFAULT_PROFILE,
     as_json: AsJson = False,
 ) -> None:
     """Make the reports of experiments, and everything they need (default: all under data/).
@@ -51,7 +59,7 @@ def run(
         raise typer.BadParameter(f"{jobs} jobs need at least {jobs} cores", param_hint="--jobs")
     if report_only and (dry_run or until is not None):
         raise typer.BadParameter("goes with no other stage and no dry run", param_hint="--report-only")
-    options = RunOptions(cores or max(LEAST_CORES, jobs or 0), jobs, until, dry_run, report_only)
+    options = RunOptions(cores, jobs, until, dry_run, report_only, profile)
     done = run_experiments(ROOT, experiments or [], options)
     if dry_run:
         lines = list(planned_lines(done.jobs))

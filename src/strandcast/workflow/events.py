@@ -74,6 +74,9 @@ class RunState:
         elif kind in ("job_finished", "job_error") and event["id"] in self.running:
             job = self.running.pop(event["id"])
             self._left[job.stage] -= 1
+            # A job that failed and was repeated has not failed.
+            same = (job.experiment, job.trial, job.stage)
+            self.failed = [each for each in self.failed if (each.experiment, each.trial, each.stage) != same]
             if kind == "job_error":
                 job.log = next(iter(event["log"]), None)
                 self.failed.append(job)

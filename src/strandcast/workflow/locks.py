@@ -10,7 +10,7 @@ import os
 import shlex
 import socket
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -52,12 +52,21 @@ def lease(root: Path, experiment: str) -> Iterator[None]:
         _release(root, experiment, held)
 
 
-def hold_until_exit(root: Path, experiments: Iterable[str]) -> None:
-    """Take the leases of experiments, all or none, and release them when this process ends."""
+def hold_until_exit(
+    root: Path,
+    experiments: Iterable[str],
+    check: Callable[[Path, Iterable[str]], None] | None = None,
+) -> None:
+    """Take the leases of experiments, all or none, and release them when this process ends.
+
+    `check` is called with the root and the experiments while the leases are held, and may refuse by an error.
+    """
     taken: list[tuple[str, SoftFileLease]] = []
     try:
         for name in sorted(set(experiments)):
             taken.append((name, take(root, name)))
+        if check is not None:
+            check(root, [name for name, _ in taken])
     except StrandcastError:
         for name, held in taken:
             _release(root, name, held)

@@ -3,10 +3,13 @@
 import shutil
 from pathlib import Path
 
+from strandcast.config.bounded import load_yaml, read_bounded
 from strandcast.errors import StrandcastError
 
 PACKAGE = Path(__file__).resolve().parents[1]
 TEMPLATE = Path(__file__).with_name("template")
+DEFAULT_PROFILE = "default"  # one machine
+PROFILE_FILES = ("profile.yaml", "config.yaml")
 CONFIG = (
     *(f"arms/{arm}.{end}" for arm in ("planar3", "ur5e-example", "fr3-example") for end in ("toml", "urdf")),
     "experiments/demo.yaml",
@@ -24,10 +27,48 @@ def shipped() -> Path:
     return packaged if packaged.is_dir() else PACKAGE.parents[1]
 
 
-def profile(root: Path) -> Path:
-    """Return the folder of Snakemake's settings: the project's own, or else those that ship."""
-    own = Path("workflow", "profiles", "default")
-    return own if (root / own).is_dir() else shipped() / own
+def profile(root: Path, name: str = DEFAULT_PROFILE) -> Path:
+    """Return a folder of Snakemake's settings: the project's own, or else one that ships.
+
+    Parameters
+    ----------
+    name
+        A folder in workflow/profiles, of the project or that ship, or the path of another one.
+
+    Raises
+    ------
+    StrandcastError
+        SC-W027 there is no such profile.
+    """
+    own = Path("workflow", "profiles", name)
+    folder = next((each for each in (own, shipped() / own, Path(name)) if (root / each).is_dir()), None)
+    if folder is None:
+        known = sorted({path.name for top in (root, shipped()) for path in (top / own.parent).glob("*/")})
+        raise StrandcastError(
+            "SC-W027",
+            f"there is no profile {name!r}",
+            field="--profile",
+            fix=f"one of {', '.join(known)}, or the path of a folder with a profile.yaml",
+        )
+    return folder
+
+
+def executor_of(folder: Path) -> str | None:
+    """Return what runs the jobs by a profile, as ``slurm``; None for this computer.
+
+    Raises
+    ------
+    StrandcastError
+        SC-W027 the profile cannot be read.
+    """
+    path = next((folder / name for name in PROFILE_FILES if (folder / name).is_file()), None)
+    try:
+        settings = {} if path is None else load_yaml(read_bounded(path))
+    except ValueError as error:
+        raise StrandcastError(
+            "SC-W027", f"the profile cannot be read: {error}", file=path, fix="correct its YAML"
+        ) from error
+    return settings.get("executor") if isinstance(settings, dict) else None
 
 
 def make_project(folder: Path) -> list[Path]:

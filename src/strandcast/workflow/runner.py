@@ -21,24 +21,32 @@ from strandcast.workflow.engine import compiling_ahead, run_snakemake
 from strandcast.workflow.events import RunState, StageRun, past_durations
 from strandcast.workflow.host import check_host
 from strandcast.workflow.pages import render_pages
-from strandcast.workflow.project import profile
+from strandcast.workflow.project import DEFAULT_PROFILE, executor_of, profile
+from strandcast.workflow.slurm import SLURM, require_slurm, status_options
 from strandcast.workflow.targets import default_experiments, is_to_be_continued, targets_of
 from strandcast.workflow.verify import Finding, verify
 
+LEAST_CORES = 2
 DAMAGED = ("damaged", "misplaced")
 
 
 class RunOptions(NamedTuple):
     """How a run is done: at most `jobs` stages at a time on `cores` cores, up to the stage `until`.
 
-    With `report_only`, only pages are made, from the results that there are.
+    With `report_only`, only pages are made, from the results that there are. With a profile of a cluster,
+    `jobs` are the cluster's, and `cores` those of each; None leaves both to the profile.
     """
 
-    cores: int = 2
+    cores: int | None = None
     jobs: int | None = None
     until: str | None = None
     dry_run: bool = False
     report_only: bool = False
+    profile: str = DEFAULT_PROFILE
+
+    def local_cores(self) -> int:
+        """Return the cores that stages use on this computer."""
+        return self.cores or max(LEAST_CORES, self.jobs or 0)
 
 
 class RunResult(NamedTuple):
@@ -62,17 +70,27 @@ def command(
     """Return the Snakemake command line that makes experiments, and outdated results again."""
     targets = [target for name in experiments for target in targets_of(name, options.until, root)]
     again = [path.as_posix() for path in outdated]
-    at_once = ("--default-resources", "jobs=1", "--resources", f"jobs={options.jobs}")
+    folder = profile(root, options.profile)
+    executor = executor_of(root / folder)
     return [
-        *("snakemake", *targets, "--cores", str(options.cores)),
-        *(at_once if options.jobs is not None else ()),
-        *("--workflow-profile", str(profile(root))),
+        *("snakemake", *targets, *_limits(options, on_cluster=executor is not None)),
+        *(status_options() if executor == SLURM else ()),
+        *("--workflow-profile", str(folder)),
         *("--quiet", "rules", "host"),
         # A lease per experiment replaces Snakemake's lock, which the first of two runs to end would remove.
         "--nolock",
         *(("--forcerun", *again) if again else ()),
         *(("--dry-run",) if options.dry_run else ()),
     ]
+
+
+def _limits(options: RunOptions, on_cluster: bool) -> list[str]:
+    """Return the options of Snakemake for cores and jobs; on a cluster, the profile may give them."""
+    if on_cluster:
+        limits = {"--cores": options.cores, "--jobs": options.jobs}
+        return [word for name, limit in limits.items() if limit is not None for word in (name, str(limit))]
+    at_once = ("--default-resources", "jobs=1", "--resources", f"jobs={options.jobs}")
+    return ["--cores", str(options.local_cores()), *(at_once if options.jobs is not None else ())]
 
 
 def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> RunResult:
@@ -88,7 +106,10 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
     for message in (*map(str, refused), *(each.message("WARNING") for each in overlooked)):
         print(message, file=sys.stderr, flush=True)
     if options.report_only:
-        return _render_again(root, names, options.cores, refused)
+        return _render_again(root, names, options.local_cores(), refused)
+    executor = executor_of(root / profile(root, options.profile))
+    if executor == SLURM and not options.dry_run:
+        require_slurm()
     check_host(root, names)
     findings = {name: verify(root, name, raw=False) for name in names}
     damaged = {
@@ -106,7 +127,8 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
         outdated += [page for name, page in pages if page.is_file() and is_to_be_continued(name, root)]
         line = command(root, sound, options, (path.relative_to(root) for path in outdated))
         display = Display(state) if options.dry_run else display_for(state)
-        with compiling_ahead(0 if options.dry_run else options.cores, display):
+        here = executor is None and not options.dry_run
+        with compiling_ahead(options.local_cores() if here else 0, display):
             codes.append(run_snakemake(line, root, display))
     summaries = []
     if sound and codes[-1] == 0 and not options.dry_run and options.until is None:

@@ -1,0 +1,64 @@
+"""What is read from Slurm's queue: jobs that are held, and whose they are. tests/slurm asks a real one."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from strandcast.errors import StrandcastError
+from strandcast.workflow import slurm
+
+QUEUE = """\
+7|PENDING|{root}|rule_rope_estimate_plan_report_trial|launch failed requeued held
+8|PENDING|{root}|rule_rope.throws_align_clip_ingest|Priority
+9|PENDING|{root}|rule_rope_2_estimate|JobHeldUser
+10|RUNNING|{root}|rule_calibrate_wildcards_silk_main|None
+11|PENDING|/elsewhere|rule_rope_estimate|JobHeldAdmin
+12|PENDING|{root}|rule_silk_estimate|BeginTime
+13|PENDING|{root}|rule_silk_plan|(Nodes a|b) PartitionTimeLimit
+"""
+
+
+@pytest.fixture
+def queue(tmp_path, monkeypatch) -> Path:
+    """Put a `squeue` with a few jobs first on PATH; return the folder that they are of."""
+    program = tmp_path / "bin" / "squeue"
+    program.parent.mkdir()
+    program.write_text(f"#!/bin/sh\ncat {tmp_path}/queue\n")
+    program.chmod(0o755)
+    (tmp_path / "queue").write_text(QUEUE.format(root=tmp_path))
+    monkeypatch.setenv("PATH", f"{program.parent}{os.pathsep}{os.environ['PATH']}")
+    return tmp_path
+
+
+def test_jobs_that_will_not_start_are_one_message_with_the_way_on(queue):
+    held = slurm.held_jobs(slurm.jobs_in(queue))
+    assert [job.id for job in held] == ["7", "9", "13"]
+    problem = slurm.held_message(held)
+    assert "SC-W024 WARNING  Slurm will not start 3 jobs by itself" in problem.message("WARNING")
+    assert "launch failed requeued held" in problem.what
+    assert "scontrol release 7 9 13" in problem.fix
+    assert "scancel 7 9 13" in problem.fix
+
+
+def test_jobs_left_by_a_killed_run_are_refused_by_experiment(queue):
+    slurm.refuse_left_jobs(queue, ["rop", "new"])
+    for name, ids in (("rope", "7 8"), ("rope_2", "9"), ("silk", "10 12 13")):
+        with pytest.raises(StrandcastError, match="SC-W025") as refused:
+            slurm.refuse_left_jobs(queue, [name])
+        assert f"scancel {ids};" in refused.value.fix
+
+
+def test_a_queue_that_does_not_answer_holds_nothing_up(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert slurm.jobs_in(tmp_path) == []
+
+
+def test_without_the_plugin_or_without_slurm_a_run_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(slurm, "PLUGIN", "no_such_plugin")
+    with pytest.raises(StrandcastError, match="SC-W028.*no-such-plugin"):
+        slurm.require_slurm()
+    monkeypatch.setattr(slurm, "PLUGIN", "json")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(StrandcastError, match="SC-W026"):
+        slurm.require_slurm()
