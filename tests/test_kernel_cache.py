@@ -10,12 +10,27 @@ import pytest
 
 import strandcast
 
+SETTINGS = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
+
 
 def cache_of(root, **environment: str) -> str:
-    clean = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    clean = {name: value for name, value in os.environ.items() if name not in SETTINGS}
     line = [sys.executable, "-c", "import strandcast, os; print(os.environ['NUMBA_CACHE_DIR'])"]
     run = subprocess.run(line, cwd=root, env=clean | environment, capture_output=True, text=True, check=True)
     return run.stdout.strip()
+
+
+def test_a_job_on_a_node_without_the_folder_of_the_login_node_has_one_of_its_own(tmp_path):
+    home, node = tmp_path / "home", tmp_path / "node"
+    for folder in (home, node):
+        folder.mkdir()
+    unmounted = tmp_path / "unmounted"
+    unmounted.write_text("")  # no folder can be made in it, for root either
+    inherited = {"HOME": str(home), "NUMBA_CACHE_DIR": str(unmounted / "kernels")}
+    assert cache_of(tmp_path, **inherited).startswith(str(home))
+    assert cache_of(tmp_path, **inherited, XDG_CACHE_HOME=str(node)).startswith(str(node))
+    shared = {"HOME": str(home), "NUMBA_CACHE_DIR": str(tmp_path / "shared" / "kernels")}
+    assert cache_of(tmp_path, **shared) == shared["NUMBA_CACHE_DIR"]
 
 
 def test_an_edited_kernel_has_another_cache(tmp_path, project_root):

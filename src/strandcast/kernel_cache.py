@@ -26,15 +26,28 @@ LOCATORS = "strandcast.kernel_locator.KernelLocator,UserProvidedCacheLocator"
 
 
 def use_own_cache() -> None:
-    """Set numba's cache to the folder of these kernels, unless the user has set NUMBA_CACHE_DIR."""
+    """Set numba's cache to the folder of these kernels, unless the user has set NUMBA_CACHE_DIR.
+
+    A job of a cluster gets the variable from the computer that submitted it, whose folder may not exist here.
+    """
     level = _target()
-    if "NUMBA_CACHE_DIR" not in os.environ:
+    if not _can_be_written(os.environ.get("NUMBA_CACHE_DIR")):
         folder = _writable_folder()
         if folder is not None:
             own = folder / f"{kernels_sha256()[:16]}-{seed_name(level)}"
             plant(own, level, kernels_sha256())
             os.environ["NUMBA_CACHE_DIR"] = str(own)
     os.environ.setdefault("NUMBA_CACHE_LOCATOR_CLASSES", LOCATORS)
+
+
+def _can_be_written(folder: str | None) -> bool:
+    """Return whether a folder is named and is there, or can be made, and takes files."""
+    try:
+        if folder:
+            Path(folder).mkdir(parents=True, exist_ok=True)
+        return bool(folder) and os.access(str(folder), os.W_OK)
+    except OSError:
+        return False
 
 
 def _target() -> str:

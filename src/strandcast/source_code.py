@@ -27,9 +27,9 @@ class SourceCode(NamedTuple):
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of this user's caches, or None if it cannot be written."""
+    """Return the folder of this user's caches, or None if it cannot be written; XDG_CACHE_HOME moves it."""
     try:
-        folder = Path.home() / ".cache" / "strandcast"
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "strandcast"
         folder.mkdir(parents=True, exist_ok=True)
         return folder if os.access(folder, os.W_OK) else None
     except (OSError, RuntimeError):

@@ -2,9 +2,11 @@
 
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from strandcast.workflow.event_log import EVENTS
 from strandcast.workflow.events import RunState, in_words, past_durations
 
 
@@ -36,6 +38,29 @@ def test_jobs_run_finish_and_fail():
         "stage": "track",
         "log": "results/rope/track.log",
     }
+
+
+def test_of_a_group_on_a_cluster_one_job_fails_and_none_once_it_was_repeated():
+    state = RunState()
+    track, _ = [state.take(begins(number, rule)) for number, rule in ((4, "track"), (5, "clip"))]
+    group = {"event": "group_error", "failed": [4], "stopped": [5], "log": ["slurm/7.log"]}
+    assert state.take(group) is track
+    assert (state.running, state.failed, track.log) == ({}, [track], "slurm/7.log")
+    for number, rule in ((4, "track"), (5, "clip")):
+        state.take(begins(number, rule))
+        state.take({"event": "job_finished", "id": number})
+    assert (state.running, state.failed) == ({}, [])
+
+
+def test_the_log_of_a_group_says_which_of_its_jobs_failed(tmp_path):
+    log = tmp_path / "7.log"
+    members = [
+        {"jobid": number, "rule_name": rule} for number, rule in ((4, "ingest"), (5, "track"), (6, "clip"))
+    ]
+    record = SimpleNamespace(job_error_info=members, aux_logs=[str(log)])
+    for text, failed, stopped in (("Error in rule track:\n", [5], [4, 6]), ("Killed\n", [4], [5, 6])):
+        log.write_text(text)
+        assert EVENTS["group_error"](record) == {"failed": failed, "stopped": stopped, "log": [str(log)]}
 
 
 def test_expected_times_come_from_earlier_runs(tmp_path):

@@ -52,7 +52,7 @@ class Display:
     def show_event(self, event: dict[str, Any]) -> None:
         """Show what an event changes."""
         job = self.state.take(event)
-        if event["event"] == "job_error" and job is not None:
+        if event["event"] in ("job_error", "group_error") and job is not None:
             log = f"; its log: {job.log}" if job.log else ""
             self.say(f"{job.subject}: {job.stage} failed{self._cause}{log}")
         elif event["event"] == "message":

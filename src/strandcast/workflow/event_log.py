@@ -5,11 +5,13 @@ Each event is one line of JSON on standard error, between the lines of the jobs,
 
 import json
 import os
+import re
 import signal
 import sys
 import time
 from collections.abc import Callable
 from logging import WARNING, LogRecord
+from pathlib import Path
 from threading import Thread
 from typing import Any
 
@@ -32,12 +34,26 @@ def _job_info(record: Any) -> dict[str, Any]:
     }
 
 
+def _group_error(record: Any) -> dict[str, Any]:
+    """Return which jobs of a group failed, by its log on the cluster; of a group that was killed, the first.
+
+    Snakemake reports all jobs of a group as failed, those that were done or not begun too.
+    """
+    members = {info["jobid"]: info["rule_name"] for info in record.job_error_info}
+    texts = [Path(log).read_text(errors="replace") for log in record.aux_logs if Path(log).is_file()]
+    rules = {rule for text in texts for rule in re.findall(r"^Error in rule (\w+)", text, re.MULTILINE)}
+    failed = [number for number, rule in members.items() if rule in rules] or list(members)[:1]
+    stopped = [number for number in members if number not in failed]
+    return {"failed": failed, "stopped": stopped, "log": list(map(str, record.aux_logs))}
+
+
 # What is passed on of the events of Snakemake's logger interface, by their names there.
 EVENTS: dict[str, Callable[[Any], dict[str, Any]]] = {
     "run_info": lambda record: {"counts": dict(record.stats)},
     "job_info": _job_info,
     "job_finished": lambda record: {"id": record.job_id},
     "job_error": lambda record: {"id": record.jobid, "log": list(map(str, record.log))},
+    "group_error": _group_error,
     "progress": lambda record: {"done": record.done, "total": record.total},
 }
 
@@ -54,6 +70,8 @@ class LogHandler(LogHandlerBase):
     def emit(self, record: LogRecord) -> None:
         """Write an event that a run shows; errors and warnings of Snakemake itself are `message`."""
         name = str(getattr(record, "event", None))
+        if name == "job_error" and getattr(record, "indent", False):  # of a group, which was reported before
+            return
         if name in EVENTS:
             event = {"event": name} | EVENTS[name](record)
         elif record.levelno >= WARNING:

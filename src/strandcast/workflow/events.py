@@ -71,17 +71,33 @@ class RunState:
             job = self.running[event["id"]] = self._job(event)
             self.seen.append(job)
             return job
-        elif kind in ("job_finished", "job_error") and event["id"] in self.running:
-            job = self.running.pop(event["id"])
-            self._left[job.stage] -= 1
-            # A job that failed and was repeated has not failed.
-            same = (job.experiment, job.trial, job.stage)
-            self.failed = [each for each in self.failed if (each.experiment, each.trial, each.stage) != same]
-            if kind == "job_error":
-                job.log = next(iter(event["log"]), None)
-                self.failed.append(job)
-            return job
+        elif kind == "group_error":
+            for number in event["stopped"]:
+                self._end(number)
+            failed = [self._fail(number, event["log"]) for number in event["failed"]]
+            return next((job for job in failed if job), None)
+        elif kind == "job_error":
+            return self._fail(event["id"], event["log"])
+        elif kind == "job_finished":
+            return self._end(event["id"])
         return None
+
+    def _end(self, number: int) -> StageRun | None:
+        job = self.running.pop(number, None)
+        if job is not None:
+            self._left[job.stage] -= 1
+            # A job that failed before and was repeated has not failed.
+            self.failed = [
+                each for each in self.failed if (each.subject, each.stage) != (job.subject, job.stage)
+            ]
+        return job
+
+    def _fail(self, number: int, logs: list[str]) -> StageRun | None:
+        job = self._end(number)
+        if job is not None:
+            job.log = next(iter(logs), None)
+            self.failed.append(job)
+        return job
 
     def _job(self, event: dict[str, Any]) -> StageRun:
         names = event["wildcards"]
