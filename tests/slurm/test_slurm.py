@@ -32,8 +32,12 @@ PATIENCE_S = 900.0  # for a run of some minutes on an idle machine
 # What a user's copy of the profile may say: quick answers, and too little memory for the videos at first.
 PROFILE = """
 set-resources:
-  track: {mem_mb: 250 * attempt ** 2}
-  clip: {mem_mb: 250 * attempt ** 2}
+  ingest: {mem_mb: 200}
+  track: {mem_mb: 400 * attempt ** 2}
+  reconstruct: {mem_mb: 200}
+  clip: {mem_mb: 400 * attempt ** 2}
+  align: {mem_mb: 400 * attempt ** 2}
+  score: {mem_mb: 200}
 """
 # Runs stages one after the other in one process: [stage, experiment, trial, trials of a summary].
 STAGES = """
@@ -188,9 +192,9 @@ def test_held_jobs_are_reported_and_a_node_that_dies_costs_nothing(local, projec
 def test_a_job_out_of_memory_is_repeated_with_more_and_the_lab_throws_on_the_cluster(local, project, cluster):
     with Run(cluster, project, "rig", NAME) as run:
         assert run.end() == 0, run.said[-3000:]
-    states = cluster.run("squeue", "--noheader", "--states=all", "--format=%T|%m|%k").splitlines()
-    throws = [line.split("|") for line in states if "rig.throws" in line]
-    assert [(state, memory) for state, memory, _ in throws] == []
+    jobs = cluster.run("squeue", "--noheader", "--states=all", "--sort=i", "--format=%T|%m|%k").splitlines()
+    throws = [line.split("|")[:2] for line in jobs if "rig.throws" in line]
+    assert throws == [["OUT_OF_MEMORY", "400M"], ["COMPLETED", "1600M"]]
     assert differences(local, project, ["rig", NAME]) == []
 
 
