@@ -16,8 +16,7 @@ from strandcast.workflow.targets import experiment, supplied_trials
 OF_A_THROW = ("ingest", "track", "reconstruct", "clip", "align", "score")
 THROWS = "throws"  # the name under which a profile's `group-components` merges shards of throws
 
-# Measured: the two Snakemakes of a job take 350 MB; the stages of the demo at most 613 MB (`track`, 47 MB of video)
-# and 450 MB (the others).
+# Measured: the two Snakemakes of a job take 350 MB; stages of the demo at most 450 MB, but `track` 613 MB.
 SNAKEMAKE_MB = 400
 PEAK_MB, TRACK_PEAK_MB = SNAKEMAKE_MB + 600, SNAKEMAKE_MB + 900
 PER_VIDEO_MB = 2.0  # chosen: what a large video may add, as file and frames wait in memory
