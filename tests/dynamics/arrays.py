@@ -15,12 +15,22 @@ def strings_of(parameters, masses, **columns):
 
 
 def simulate_batch(
-    model, parameters, masses, time_s, pose, out_s, start=None, velocity=None, respace=True, **columns
+    model,
+    parameters,
+    masses,
+    time_s,
+    pose,
+    out_s,
+    start=None,
+    velocity=None,
+    respace=True,
+    settle=False,
+    **columns,
 ):
     """Points (B, F, n+1, 2) [m] and status (B,) of B strings."""
     strings = strings_of(parameters, masses, **columns)
     return simulation.simulate_batch(
-        model, strings, HandPath(time_s, pose), out_s, StringStart(start, velocity, respace)
+        model, strings, HandPath(time_s, pose), out_s, StringStart(start, velocity, respace, settle)
     )
 
 

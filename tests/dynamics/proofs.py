@@ -6,13 +6,14 @@ import sys
 import numpy as np
 import proofs_dynamics
 import proofs_references
+import proofs_space
 import proofs_statics
 import proofs_symmetries
 from proof import PROOFS, VARIANTS, Proof
 
 import strandcast
 
-MODULES = (proofs_statics, proofs_dynamics, proofs_symmetries, proofs_references)
+MODULES = (proofs_statics, proofs_dynamics, proofs_symmetries, proofs_references, proofs_space)
 
 __all__ = ["MODULES", "PROOFS", "VARIANTS", "Proof", "errors"]
 

@@ -58,7 +58,8 @@ class StringBatch:
     masses
         (B, n) relative masses of points 1…n.
     rest_curl_rad_m, clamp_offset_rad
-        (B,) bend at rest [rad/m], turn of the clamp against the arm's file [rad]; zero if not given.
+        (B,) bend at rest [rad/m], turn of the clamp against the arm's file [rad]; zero if not given. In
+        space (B, 2): to the left, along the normal of the clamp's pose, and up, along direction x normal.
     bend_factor
         (B, n) multiplier of bending at joints 0…n-1; None: all joints bend alike.
     bend_friction
@@ -74,6 +75,10 @@ class StringBatch:
         (B, 2) offset of the camera's positions from the robot's; zero if not given.
     disturbances
         Of the throw that each string is in; none if not given.
+    far_offset_rad
+        (B, 2) turn of the second clamp to its left and up [rad], of strings in space; zero if not given.
+    length_change
+        (B,) of the rest length, relative, of strings in space; zero if not given.
     """
 
     parameters: np.ndarray
@@ -87,6 +92,8 @@ class StringBatch:
     found_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 2)))
     camera_offset_m: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     disturbances: Disturbances = field(default_factory=lambda: Disturbances.none(0))
+    far_offset_rad: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    length_change: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         for column in fields(self):

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strandcast.core.strings import StringBatch
-from strandcast.dynamics.candidates import AS_GIVEN, HANGING, RESPACED, Candidates, StartArrays
+from strandcast.dynamics.candidates import AS_GIVEN, HANGING, RESPACED, SETTLED, Candidates, StartArrays
 from strandcast.dynamics.elements import FIXED
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.observe import Outputs
 from strandcast.dynamics.parameters import Array
+from strandcast.dynamics.spatial.strings import SPATIAL_FIXED, in_space, spatial_columns
 
 
 class HandPath(NamedTuple):
@@ -23,7 +24,10 @@ class HandPath(NamedTuple):
     time_s
         (T,) increasing times [s].
     pose
-        (T, 3) x, y [m] and unwrapped angle [rad], or (B, T, 3) for a path of each string's own.
+        (T, 3) x, y [m] and unwrapped angle [rad], or (B, T, 3) for a path of each string's own. In space,
+        (T, 9) or (B, T, 9): x, y, z [m], z upwards, the direction in which the clamp holds the string, and a
+        normal to it that turns with the clamp (`strandcast.dynamics.spatial.clamps` makes them). (…, 18): the
+        same of a second clamp at the string's end, its direction away from that clamp.
     """
 
     time_s: Array
@@ -36,16 +40,21 @@ class StringStart(NamedTuple):
     Attributes
     ----------
     points_m
-        (n, 2) positions of points 1…n at the first sample [m]; None: hanging at rest, clamped in the hand.
+        (n, 2 or 3) positions of points 1…n at the first sample [m]; None: hanging at rest, clamped in the
+        hand.
     velocity_m_s
-        (n, 2) velocities [m/s]; None: at rest.
+        (n, 2 or 3) velocities [m/s]; None: at rest.
     respace
-        Keep only the directions of `points_m`, and give the segments the lengths of a string at rest.
+        Keep only the directions of `points_m`, and give the segments the lengths of a string at rest. Between
+        two clamps the lengths are kept.
+    settle
+        In space, seek each string's own rest shape from `points_m`; velocities belong to that shape.
     """
 
     points_m: Array | None = None
     velocity_m_s: Array | None = None
     respace: bool = True
+    settle: bool = False
 
 
 HANGING_AT_REST = StringStart()
@@ -59,7 +68,7 @@ class MeasuredPoints(NamedTuple):
     time_s
         (F,) times [s].
     points_m
-        (F, n, 2) points 1…n [m], anything where their weight is 0.
+        (F, n, 2 or 3) points 1…n [m], anything where their weight is 0.
     per_metre
         (F, n) weights of the distances.
     """
@@ -102,12 +111,16 @@ def make_batch(
     masses = rows_of(strings.masses, count, n)
     at = (out_s - time_s[0]) / model.dt_s
     _check(count, time_s, pose, at)
+    spatial = in_space(pose)
+    if start.settle and not spatial:
+        raise ValueError("strings are settled from a given shape in space only")
+    axes = 3 if spatial else 2
     steps = max(int(np.ceil(at[-1] - 1e-9)), 1) if len(at) else 1
     fixed = np.column_stack(
         np.broadcast_arrays(
             model.spacing_m,
-            strings.rest_curl_rad_m * model.spacing_m,
-            strings.thrown_clamp_offset_rad(),
+            0.0 if spatial else strings.rest_curl_rad_m * model.spacing_m,
+            0.0 if spatial else strings.thrown_clamp_offset_rad(),
             model.gravity_m_s2,
             model.switch(),
             strings.bend_friction,
@@ -115,29 +128,45 @@ def make_batch(
             *strings.disturbances.sway.T,
         )
     )
+    columns = FIXED
+    if spatial:
+        columns = SPATIAL_FIXED
+        fixed = np.hstack([np.broadcast_to(fixed, (count, FIXED)), spatial_columns(strings, model.spacing_m)])
+    elif strings.length_change.any() or strings.rest_curl_rad_m.ndim > 1:
+        raise ValueError("a string in the plane has one rest curl and the model's length")
     return Batch(
         model,
         Candidates(
             rows_of(strings.parameters, count, 10),
             masses,
             rows_of(strings.bend_factors(), count, n),
-            rows_of(fixed, count, FIXED),
-            np.zeros((count, 2)),
+            rows_of(fixed, count, columns),
+            np.zeros((count, axes)),
         ),
         HandPath(time_s, pose),
         StartArrays(
-            HANGING if start.points_m is None else (RESPACED if start.respace else AS_GIVEN),
-            np.zeros((n, 2)) if start.points_m is None else rows_of(start.points_m, n, 2),
-            np.zeros((n, 2)) if start.velocity_m_s is None else rows_of(start.velocity_m_s, n, 2),
+            _mode(start),
+            np.zeros((n, 2) if axes == 2 else (0, 3))
+            if start.points_m is None
+            else rows_of(start.points_m, n, axes),
+            np.zeros((n, axes)) if start.velocity_m_s is None else rows_of(start.velocity_m_s, n, axes),
         ),
         steps,
         Outputs(
             np.clip(at, 0.0, float(steps)),
-            np.empty((0, n, 2)),
+            np.empty((0, n, axes)),
             np.empty((0, n)),
             np.empty((0, 0, 0, 0)),
         ),
     )
+
+
+def _mode(start: StringStart) -> int:
+    if start.points_m is None:
+        return HANGING
+    if start.settle:
+        return SETTLED
+    return RESPACED if start.respace else AS_GIVEN
 
 
 def rows_of(values: Array, rows: int, columns: int) -> Array:
@@ -149,7 +178,9 @@ def rows_of(values: Array, rows: int, columns: int) -> Array:
 
 
 def _check(count: int, time_s: Array, pose: Array, at: Array) -> None:
-    if pose.shape[0] not in (1, count) or pose.shape[1:] != (len(time_s), 3):
+    if pose.shape[0] not in (1, count) or pose.shape[1:] not in (
+        (len(time_s), columns) for columns in (3, 9, 18)
+    ):
         raise ValueError(f"{count} candidates and {len(time_s)} times do not fit hand poses {pose.shape}")
     if len(time_s) < 2 or not np.all(np.diff(time_s) > 0):
         raise ValueError("the hand's times must increase")

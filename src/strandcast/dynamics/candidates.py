@@ -38,7 +38,7 @@ from strandcast.dynamics.schemes.lfcn import STABLE, stretch_damping
 from strandcast.dynamics.simd import CACHED
 from strandcast.threads import over_ranges
 
-HANGING, RESPACED, AS_GIVEN = range(3)
+HANGING, RESPACED, AS_GIVEN, SETTLED = range(4)
 
 
 class Candidates(NamedTuple):
@@ -51,7 +51,7 @@ class Candidates(NamedTuple):
     fixed
         (B, FIXED) columns as listed in `strandcast.dynamics.elements`.
     shift_m
-        (B, 2) what is added to the simulated points before they are compared [m].
+        (B, 2 or 3) what is added to the simulated points before they are compared [m].
     """
 
     parameters: Array
@@ -62,7 +62,10 @@ class Candidates(NamedTuple):
 
 
 class StartArrays(NamedTuple):
-    """HANGING, RESPACED or AS_GIVEN; (n, 2) positions [m] and velocities [m/s] of points 1…n."""
+    """How strings start; (n, 2 or 3) positions [m] and velocities [m/s] of points 1…n.
+
+    In space there are no positions of strings that hang.
+    """
 
     mode: int
     points_m: Array

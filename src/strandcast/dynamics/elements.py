@@ -59,17 +59,8 @@ def segment(spec: Any, dx: Any, dy: Any) -> tuple[Any, Any, Any, Any]:
 
 
 @njit(**INLINED)
-def turn(spec: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
-    """Angle from unit vector a to unit vector b [rad], within 6e-11 of itself (f32: 7e-7).
-
-    The tangent of half the angle between them, or of its complement behind 90 degrees, is at most 1: there
-    a polynomial approximates the arc tangent (least relative error, by Remez' exchange).
-    """
-    cross = ax * by - ay * bx
-    dot = ax * bx + ay * by
-    behind = dot < 0.0
-    t = cross * inverse(spec, 1.0 + select(behind, -dot, dot))
-    s = t * t
+def half_angle_ratio(spec: Any, s: Any) -> Any:
+    """Twice the arc tangent of t over t, of s = t^2 up to 1, by Remez' exchange (least relative error)."""
     s2 = s * s
     if is_double(spec):
         s4 = s2 * s2
@@ -82,21 +73,34 @@ def turn(spec: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
         high = (0.068419227079629696 - 0.032223368567186278 * s) + s2 * (
             0.0097018700375357559 - 0.0013695853097479123 * s
         )
-        angle = t * (low + s4 * (middle + s4 * high))
-    else:
-        low = (1.9999986956598918 - 0.66653029843842235 * s) + s2 * (
-            0.39762964933865014 - 0.26974382883140577 * s
-        )
-        high = (0.16774238299551702 - 0.074026003007932665 * s) + s2 * 0.01572675350492383
-        angle = t * (low + s2 * s2 * high)
+        return low + s4 * (middle + s4 * high)
+    low = (1.9999986956598918 - 0.66653029843842235 * s) + s2 * (
+        0.39762964933865014 - 0.26974382883140577 * s
+    )
+    high = (0.16774238299551702 - 0.074026003007932665 * s) + s2 * 0.01572675350492383
+    return low + s2 * s2 * high
+
+
+@njit(**INLINED)
+def turn(spec: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+    """Angle from unit vector a to unit vector b [rad], within 6e-11 of itself (f32: 7e-7).
+
+    The tangent of half the angle between them, or of its complement behind 90 degrees, is at most 1: there
+    a polynomial approximates the arc tangent.
+    """
+    cross = ax * by - ay * bx
+    dot = ax * bx + ay * by
+    behind = dot < 0.0
+    t = cross * inverse(spec, 1.0 + select(behind, -dot, dot))
+    angle = t * half_angle_ratio(spec, t * t)
     half_turn = select(cross < 0.0, splat(spec, -math.pi), math.pi)
     return select(behind, half_turn - angle, angle)
 
 
 @njit(**INLINED)
-def drag(c: Any, spec: Any, vx: Any, vy: Any) -> tuple[Any, Any]:
+def drag(c: Any, spec: Any, squared_speed: Any) -> tuple[Any, Any]:
     """Drag per speed [N s/m/kg], and its derivative by speed over the speed [N s^3/m^3/kg]."""
-    squared = maximum(vx * vx + vy * vy, 1e-20)
+    squared = maximum(squared_speed, 1e-20)
     per_speed = inverse_root(spec, squared)
     quadratic = load(spec, c, DRAG_2)
     return load(spec, c, DRAG_1) + quadratic * (squared * per_speed), quadratic * per_speed
@@ -131,7 +135,7 @@ def slender_drag(c: Any, spec: Any, tx: Any, ty: Any, vx: Any, vy: Any) -> tuple
     """
     per_length = inverse_root(spec, maximum(tx * tx + ty * ty, 1e-20))
     tx, ty = tx * per_length, ty * per_length
-    per_speed, slope = drag(c, spec, vx, vy)
+    per_speed, slope = drag(c, spec, vx * vx + vy * vy)
     less = 1.0 - load(spec, c, ALONG)
     along = less * (vx * tx + vy * ty)
     wx, wy = vx - along * tx, vy - along * ty

@@ -40,7 +40,7 @@ def slopes(time_s: Array, value: Array, out: Array) -> None:
 
 
 @njit(**INLINED)
-def _interpolate(time_s: Array, pose: Array, slope: Array, knot: int, t: float, out: Array) -> int:
+def interpolate(time_s: Array, pose: Array, slope: Array, knot: int, t: float, out: Array) -> int:
     """Write the pose at time t, not before knot number `knot`, into `out`; return the knot before it."""
     while knot < len(time_s) - 2 and time_s[knot + 1] <= t:
         knot += 1
@@ -74,14 +74,14 @@ def drive(time_s: Array, pose: Array, h: float, steps: int, lane: int, out: Any)
     slope = np.empty((3, len(time_s)))
     for c in range(3):
         slopes(time_s, pose[:, c], slope[c])
-    knot: Any = np.int64(0)  # a literal would have `_interpolate` compiled twice
+    knot: Any = np.int64(0)  # a literal would have `interpolate` compiled twice
     ahead, after = np.empty(3), np.empty(3)
     before, here = np.empty(3), np.empty(3)
     for c in range(3):
         before[c], here[c] = slope[c, 0], pose[0, c]
     for k in range(steps):
         t = min(time_s[0] + (k + 1) * h, time_s[-1])
-        knot = _interpolate(time_s, pose, slope, knot, t, after)
+        knot = interpolate(time_s, pose, slope, knot, t, after)
         r = k * DRIVING
         out[r + COS, lane], out[r + SIN, lane] = math.cos(here[2]), math.sin(here[2])
         for c in range(3):
@@ -98,10 +98,10 @@ def drive(time_s: Array, pose: Array, h: float, steps: int, lane: int, out: Any)
 
 @njit(**CACHED)
 def places(time_s: Array, pose: Array, wanted_s: Array, out: Array) -> None:
-    """Places of the hand at increasing times `wanted_s` (F,), into `out` (F, 2) [m]."""
-    slope = np.empty((2, len(time_s)))
-    for c in range(2):
+    """Places of the hand at increasing times `wanted_s` (F,), into `out` (F, 2 or 3) [m]."""
+    slope = np.empty((out.shape[1], len(time_s)))
+    for c in range(out.shape[1]):
         slopes(time_s, pose[:, c], slope[c])
     knot: Any = np.int64(0)
     for f in range(len(wanted_s)):
-        knot = _interpolate(time_s, pose, slope, knot, min(wanted_s[f], time_s[-1]), out[f])
+        knot = interpolate(time_s, pose, slope, knot, min(wanted_s[f], time_s[-1]), out[f])

@@ -24,6 +24,8 @@ from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, VALUE
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.schemes.registry import SCHEMES
 from strandcast.dynamics.schemes.scheme import StepSettings
+from strandcast.dynamics.spatial.passes import pass_in_space
+from strandcast.dynamics.spatial.strings import in_space
 from strandcast.dynamics.vectors import VectorSpec, register_bits
 from strandcast.threads import over_ranges
 
@@ -78,15 +80,16 @@ def simulate_batch(
     Returns
     -------
     positions
-        (B, F, n+1, 2) points 0…n [m]; NaN from a blow-up on.
+        (B, F, n+1, 2) points 0…n [m], (B, F, n+1, 3) in space; NaN from a blow-up on.
     status
         (B,) keys of `STATUS`.
     """
     batch = make_batch(model, strings, hand, out_time_s, start)
     time_s, poses = batch.hand
-    out = np.empty((len(strings), len(out_time_s), model.points + 1, 2))
+    axes = 3 if in_space(poses) else 2
+    out = np.empty((len(strings), len(out_time_s), model.points + 1, axes))
     for b, pose in enumerate(poses):
-        place = np.empty((len(out_time_s), 2))
+        place = np.empty((len(out_time_s), axes))
         places(time_s, pose, np.ascontiguousarray(out_time_s, dtype=float), place)
         out[b : b + 1 if len(poses) > 1 else None, :, 0] = place
     status = _run(batch.observing(out=out))[1]
@@ -115,7 +118,7 @@ def evaluate_batch(
     measured
         What the strings are compared with.
     shift_m
-        (B, 2) added to each string's points [m].
+        (B, 2 or 3) added to each string's points [m].
 
     Returns
     -------
@@ -126,13 +129,14 @@ def evaluate_batch(
     """
     batch = make_batch(model, strings, hand, measured.time_s, start)
     used = rows_of(measured.per_metre, len(measured.time_s), model.points)
-    if len(batch.hand.pose) > 1 or np.shape(measured.points_m) != (*used.shape, 2):
-        raise ValueError(f"one path of the hand and points of shape {(*used.shape, 2)} are compared")
+    axes = 3 if in_space(batch.hand.pose) else 2
+    if len(batch.hand.pose) > 1 or np.shape(measured.points_m) != (*used.shape, axes):
+        raise ValueError(f"one path of the hand and points of shape {(*used.shape, axes)} are compared")
     points_m = np.where(used[..., None] > 0, measured.points_m, 0.0)
     if np.isnan(points_m).any():
         raise ValueError("a point that was not measured has a weight")
     if shift_m is not None:
-        shift = rows_of(shift_m, len(strings), 2)
+        shift = rows_of(shift_m, len(strings), axes)
         batch = batch._replace(candidates=batch.candidates._replace(shift_m=shift))
     kept, status = _run(batch.observing(measured=points_m, per_metre=used))
     values = kept[:, VALUE]
@@ -163,6 +167,8 @@ def _run(batch: Batch) -> tuple[Array, NDArray[np.int64]]:
 
 def _pass(batch: Batch, finer: int) -> Array:
     """Run candidates once, with steps `finer` times smaller than the model's."""
+    if in_space(batch.hand.pose):
+        return pass_in_space(batch, finer, vector_spec(batch.model.precision))
     model, candidates, hand = batch.model, batch.candidates, batch.hand
     spec, scheme = vector_spec(model.precision), SCHEMES.get(model.integrator)
     steps, reading = batch.steps * finer, READINGS.index(model.reading)

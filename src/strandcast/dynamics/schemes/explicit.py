@@ -56,7 +56,7 @@ def _step(
     for i in range(1, n + 1):
         vx, vy = load(spec, v, 2 * i), load(spec, v, 2 * i + 1)
         if slender is None:
-            per_speed, _ = drag(c, spec, vx, vy)
+            per_speed, _ = drag(c, spec, vx * vx + vy * vy)
             fx, fy = -per_speed * vx, -per_speed * vy
         else:
             tx, ty = direction(spec, d, n, i)

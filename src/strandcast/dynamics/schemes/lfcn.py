@@ -82,7 +82,7 @@ def _point(
     spec: Any, c: Any, h: float, gravity: float, mass: Any, vx: Any, vy: Any
 ) -> tuple[Any, Any, Any, Any, Any]:
     """Block of one point's own inertia and drag (xx, yy, xy), and its impulse by drag and weight."""
-    per_speed, slope = drag(c, spec, vx, vy)
+    per_speed, slope = drag(c, spec, vx * vx + vy * vy)
     along = (0.5 * h) * slope
     plain = mass + (0.5 * h) * per_speed
     ax, ay = along * vx, along * vy

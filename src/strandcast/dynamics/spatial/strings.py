@@ -1,0 +1,177 @@
+"""Candidates in space as the kernels take them, and one pass over all of them."""
+
+from typing import Any
+
+import numpy as np
+
+from strandcast.core.strings import StringBatch
+from strandcast.dynamics.candidates import AS_GIVEN, Candidates
+from strandcast.dynamics.elements import (
+    ALONG,
+    C_MORE,
+    C_PH,
+    C_S,
+    C_SH,
+    COEFFICIENTS,
+    DRAG_1,
+    DRAG_2,
+    DRAG_ALONG,
+    DRY,
+    FIXED,
+    FLOOR,
+    FRICTION,
+    GRAVITY,
+    K_MORE,
+    K_PH,
+    K_S,
+    K_SH,
+    SPACING,
+)
+from strandcast.dynamics.parameters import Array
+from strandcast.dynamics.schemes.lfcn import STABLE, stretch_damping
+from strandcast.dynamics.spatial.clamps import POSE
+from strandcast.dynamics.spatial.step import DIRECTION, FAR_DIRECTION, L0, REST, SPATIAL_COEFFICIENTS
+
+assert L0 == COEFFICIENTS
+
+# Columns of a candidate in space after the plane's: relative change of the rest spacing; turns of both clamps
+# and rest bend per joint, each to the left and up in the frame of the clamp's pose [rad].
+LENGTHENED, CLAMP_TURNS, FAR_TURNS, REST_BENDS = FIXED, FIXED + 1, FIXED + 3, FIXED + 5
+SPATIAL_FIXED = FIXED + 7
+
+
+def in_space(pose: Array) -> bool:
+    """Whether poses (..., columns) are of clamps in space."""
+    return bool(pose.shape[-1] != 3)
+
+
+def spatial_columns(strings: StringBatch, spacing_m: float) -> Array:
+    """Return the columns (B, SPATIAL_FIXED - FIXED) of strings in space.
+
+    Raises
+    ------
+    ValueError
+        For what only a string in the plane can have.
+    """
+    if strings.disturbances.sway.any() or strings.disturbances.clamp_turn_rad.any():
+        raise ValueError("disturbances of a throw are for strings in the plane")
+    return np.column_stack(
+        [
+            strings.length_change,
+            _left_and_up(strings.clamp_offset_rad),
+            _left_and_up(strings.far_offset_rad),
+            _left_and_up(strings.rest_curl_rad_m) * spacing_m,
+        ]
+    )
+
+
+def _left_and_up(values: Array) -> Array:
+    """Return (B, 2) of values (B, 2), or (B,) to the left."""
+    return values if values.ndim == 2 else np.column_stack([values, np.zeros_like(values)])
+
+
+def _turned(turns: Array) -> tuple[Array, Array, Array]:
+    """Return the frame of a clamp turned by angles (B, 2) to the left and up, three (B, 3) in its pose's."""
+    angle = np.linalg.norm(turns, axis=1)
+    size, cosine = np.sinc(angle / np.pi), np.cos(angle)
+    left, up = (size[:, None] * turns).T
+    # Rodrigues' formula about the axis (0, -up, left), and (1 - cos) / angle^2 = sinc(angle / 2)^2 / 2.
+    bent = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    a, b = turns.T
+    along = np.column_stack([cosine, left, up])
+    to_left = np.column_stack([-left, 1.0 - bent * a * a, -bent * a * b])
+    upward = np.column_stack([-up, -bent * a * b, 1.0 - bent * b * b])
+    return along, to_left, upward
+
+
+def spatial_coefficients(candidates: Candidates, step: float) -> Array:
+    """Return the rows (SPATIAL_COEFFICIENTS, B) of candidates for steps of this length [s]."""
+    p, fixed = candidates.parameters.T, candidates.fixed.T
+    lightest = candidates.masses.min(axis=1)
+    c = np.empty((SPATIAL_COEFFICIENTS, len(lightest)))
+    c[:COEFFICIENTS] = 0.0
+    plain: Any = stretch_damping
+    damping = [plain.py_func(k_s, step, m) for k_s, m in zip(p[0], lightest, strict=True)]
+    c[K_S], c[C_S] = p[0], p[1] + damping
+    c[K_SH], c[K_MORE], c[C_SH], c[C_MORE] = p[4], p[2] - p[4], p[5], p[3] - p[5]
+    c[DRAG_1], c[DRAG_2], c[K_PH], c[C_PH] = p[6], p[7], p[8], p[9]
+    c[FLOOR], c[FRICTION], c[ALONG] = STABLE * lightest, fixed[DRY], fixed[DRAG_ALONG]
+    c[L0] = fixed[SPACING] * (1.0 + fixed[LENGTHENED])
+    along, left, up = _turned(candidates.fixed[:, CLAMP_TURNS : CLAMP_TURNS + 2])
+    c[DIRECTION : DIRECTION + 3] = along.T
+    to_left, upward = candidates.fixed[:, REST_BENDS : REST_BENDS + 2].T
+    # A bend to the left turns about the upward axis, one upwards about the axis to the right.
+    c[REST : REST + 3] = (to_left[:, None] * up - upward[:, None] * left).T
+    c[FAR_DIRECTION : FAR_DIRECTION + 3] = _turned(candidates.fixed[:, FAR_TURNS : FAR_TURNS + 2])[0].T
+    return c
+
+
+def first_segments(candidates: Candidates, poses: Array, mode: int, points_m: Array, gravity: float) -> Array:
+    """Return the segments (3n, B) [m] at the start, or from where to seek the rest shape.
+
+    Parameters
+    ----------
+    candidates
+        The candidates.
+    poses
+        (1 or B, 9 or 18) of the clamps at the start.
+    mode
+        See `strandcast.dynamics.candidates`.
+    points_m
+        (n, 3) given points, or none for strings that hang.
+    gravity
+        [m/s^2].
+    """
+    count, n = candidates.masses.shape
+    l0 = candidates.fixed[:, SPACING] * (1.0 + candidates.fixed[:, LENGTHENED])
+    two_ends = poses.shape[1] > POSE
+    if not len(points_m):
+        guess = _hanging_between(poses, l0 * n, n) if two_ends else _hanging_from(poses, l0, n)
+        points = np.broadcast_to(guess, (count, n, 3))
+    else:
+        points = np.broadcast_to(points_m, (count, n, 3))
+    first = np.broadcast_to(poses[:, None, :3], (count, 1, 3))
+    d = np.diff(np.concatenate([first, points], axis=1), axis=1)
+    if two_ends:
+        d = d + (poses[:, None, POSE : POSE + 3] - first - d.sum(axis=1, keepdims=True)) / n
+    elif mode != AS_GIVEN:
+        u = d / np.linalg.norm(d, axis=2, keepdims=True)
+        below = np.cumsum(candidates.masses[:, ::-1], axis=1)[:, ::-1] * gravity
+        d = (
+            np.maximum(l0[:, None] - below * u[..., 2] / candidates.parameters[:, :1], 0.1 * l0[:, None])[
+                ..., None
+            ]
+            * u
+        )
+    return np.ascontiguousarray(d.reshape(count, 3 * n).T)
+
+
+def _hanging_from(poses: Array, l0: Array, n: int) -> Array:
+    """Return points (B, n, 3) of strings that leave one clamp in its direction and end downwards."""
+    share = (np.arange(1, n + 1) / n)[:, None]
+    u = (1.0 - share) * poses[:, None, 3:6] + share * [0.0, 0.0, -1.0] + 1e-3 * poses[:, None, 6:9]
+    u /= np.linalg.norm(u, axis=2, keepdims=True)
+    return np.asarray(poses[:, None, :3] + l0[:, None, None] * np.cumsum(u, axis=1))
+
+
+def _hanging_between(poses: Array, length_m: Array, n: int) -> Array:
+    """Return points (B, n, 3) that sag between two clamps like a parabola of about the string's length."""
+    start, end = poses[:, None, :3], poses[:, None, POSE : POSE + 3]
+    span = np.linalg.norm(end - start, axis=2)[:, 0]
+    sag = np.sqrt(np.maximum(0.375 * span * (length_m - span), (0.01 * length_m) ** 2))
+    share = (np.arange(1, n + 1) / n)[:, None]
+    down = (sag[:, None, None] * (4.0 * share * (1.0 - share))) * [0.0, 0.0, -1.0]
+    return np.asarray(start + share * (end - start) + down)
+
+
+def spatial_gravity(candidates: Candidates) -> float:
+    """Return the gravity that all candidates share [m/s^2]."""
+    return float(candidates.fixed[0, GRAVITY])
+
+
+def starts(candidates: Candidates, poses: Array, start: Any) -> tuple[Array, Array]:
+    """Return segments (3n, B) [m] and velocities (3n + 3, B) [m/s] of a `StartArrays` in space."""
+    d = first_segments(candidates, poses, start.mode, start.points_m, spatial_gravity(candidates))
+    v = np.zeros((d.shape[0] + 3, d.shape[1]))
+    v[3:] = start.velocity_m_s.reshape(-1, 1)
+    return d, v
