@@ -341,7 +341,7 @@ def test_a_changed_setting_runs_only_what_depends_on_it(thrown):
     search = dry(thrown, ("evaluations: 400", "evaluations: 500"))
     assert search == {"estimate", "plan", "report_trial", "report_experiment"}
     clocks = dry(thrown, ("plan:", "align: {drift_prior: 1.0e-4}\nplan:"))
-    assert {"align", "score"} <= clocks
+    assert {"align", "score_lab"} <= clocks
     assert not clocks & {"lab_calibrate", "calibrate", "ingest", "track", "lab_throw"}
     title = dry(thrown, ("A small throw", "Another title"))
     assert title == {"report_trial", "report_experiment"}

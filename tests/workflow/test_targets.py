@@ -41,6 +41,15 @@ def matches(pattern: str, path: str) -> bool:
     return re.fullmatch(whole, path) is not None
 
 
+def test_each_experiment_is_one_of_the_named_or_another():
+    for names in ([], ["lab-1"], ["lab-1", "lab-2"]):
+        named, other = targets.names_pattern(names), targets.other_names_pattern(names)
+        for name in ("lab-1", "lab-2", "lab-10", "my-lab-1", "rig"):
+            path = f"{name}/trial-01/track.json"
+            assert matches(named, f"results/{path}") == (name in names)
+            assert matches(other, f"results/{path}") == (name not in names)
+
+
 def test_experiments_are_of_the_lab_or_real(root):
     assert targets.default_experiments() == ["lab-1", "mocap", "rig"]
     assert targets.lab_experiments() == ["lab-1"]

@@ -98,7 +98,7 @@ def all_trials(wildcards):
 
 def verdict_of(experiment, trial):
     """Return a trial's verdict; Snakemake makes it first, then asks again."""
-    return checkpoints.score.get(experiment=experiment, trial=trial).output.verdict
+    return checkpoints.score_lab.get(experiment=experiment, trial=trial).output.verdict
 
 
 @reported
@@ -146,5 +146,6 @@ def labels_of(pattern, content):
 
 EXPERIMENTS = targets.default_experiments()
 LAB_EXPERIMENTS = targets.names_pattern(targets.lab_experiments())
+RECORDED_EXPERIMENTS = targets.other_names_pattern(targets.lab_experiments())
 SUPPLIED, PLAYED = targets.supplied_trials(), targets.played_trials()
 THROWN = targets.thrown_trials()

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from strandcast.core.registry import installed
@@ -162,6 +164,12 @@ def files_of_video(video: Path) -> list[Path]:
 
 def video_suffixes() -> tuple[str, ...]:
     """Return the suffixes of video files: built-in ones, then those of installed frame readers."""
+    return _video_suffixes(tuple(sys.path))
+
+
+@cache  # the engine asks for every trial, and reading what is installed takes 20 ms
+def _video_suffixes(packages: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the suffixes of video files with the packages in some folders, those of `sys.path`."""
     others = (f".{name}" for name in installed(FRAME_READERS_GROUP))
     built_in = (*CONTAINERS, *TIFFS)
     return (*built_in, *(suffix for suffix in others if suffix not in built_in))

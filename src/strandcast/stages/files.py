@@ -5,8 +5,10 @@ A role is a function that returns the files of one kind for a job, e.g.
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from strandcast.config.bounded import load_toml, read_bounded
 from strandcast.stages.job import Job, Role
@@ -108,11 +110,16 @@ def arm(job: Job) -> list[Path]:
     """Return the arm's file and its URDF."""
     path = job.context.arm_file
     try:
-        urdf = path.parent / load_toml(read_bounded(path))["urdf"]
+        urdf = path.parent / _urdf_in(read_bounded(path))
     # An error of the disk is raised: without its URDF, the lineage would be wrong in silence.
     except (FileNotFoundError, ValueError, KeyError, TypeError):
         return [path]  # the stage reports what is wrong with it
     return [path, urdf] if urdf.is_file() else [path]
+
+
+@lru_cache(maxsize=64)  # the engine asks for every trial
+def _urdf_in(arm_toml: str) -> Any:
+    return load_toml(arm_toml)["urdf"]
 
 
 LAB_PHOTOS = tuple(f"calibration/lens-{number:02d}.png" for number in range(1, 13))

@@ -14,6 +14,7 @@ from strandcast.core.trial_names import trial_name, trial_number
 
 MARK = "\x1e"  # begins a line that is an event, as in JSON text sequences (RFC 7464)
 STAGES = {
+    "score_lab": "score",
     "report_trial": "report",
     "report_experiment": "summary",
 }  # rules with other names than their stages

@@ -81,6 +81,11 @@ def names_pattern(names: Iterable[str]) -> str:
     return "|".join(map(re.escape, names)) or NEVER
 
 
+def other_names_pattern(names: Iterable[str]) -> str:
+    """Return the pattern of a wildcard that matches the name of every other experiment."""
+    return f"(?!(?:{names_pattern(names)})/){EXPERIMENT}"
+
+
 def with_files(*names: str, experiments: Iterable[str], root: Path = ROOT) -> dict[str, list[str]]:
     """Return the trials that have all of some raw files, by experiment."""
     found = {}
