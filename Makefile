@@ -196,6 +196,10 @@ calibration: $(VENV)/runtime.stamp  ## count how far throws of drawn strings and
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS) --wide --seeds 5001-5060 --out results/calibration-wide.json
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.calibration fit results/calibration-usual.json results/calibration-wide.json
 
+.PHONY: bench-batch
+bench-batch: $(VENV)/runtime.stamp  ## measure what a batch costs besides its stages: results/bench-batch.json; SIZE=2x3; ten minutes of CPU
+	@$(BIN)/python -m strandcast_studies.benchmarks.batch.run $(if $(SIZE),--size $(SIZE))
+
 .PHONY: bench-agents
 bench-agents: $(VENV)/studies.stamp  ## compare planners, random search and CMA-ES by their misses per throw: results/bench-agents; hours
 	@$(BIN)/python -m strandcast_studies.benchmarks.agents.run --jobs $(JOBS)

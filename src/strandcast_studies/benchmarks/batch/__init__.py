@@ -1,0 +1,1 @@
+"""What a batch of recorded experiments costs besides the stages' own work."""

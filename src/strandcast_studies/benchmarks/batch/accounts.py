@@ -1,0 +1,71 @@
+"""CPU time of a command and of all processes that it starts, by what it was spent on."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+from typing import NamedTuple
+
+HOOK = Path(__file__).with_name("hook")
+ENGINE = "snakemake"  # the module that Python runs
+
+
+class Spent(NamedTuple):
+    """CPU time of a command [s], and the engine's peak memory [MB].
+
+    Attributes
+    ----------
+    stages_s, imports_s
+        Python in the jobs: their own work, and their imports.
+    starts_s
+        The rest of the jobs: shells, the start and the end of Python.
+    engine_s
+        Snakemake itself, with its imports and its end.
+    """
+
+    stages_s: float
+    imports_s: float
+    starts_s: float
+    engine_s: float
+    engine_mb: float
+
+    @property
+    def total_s(self) -> float:
+        """Return the CPU time of all."""
+        return self.stages_s + self.overhead_s
+
+    @property
+    def overhead_s(self) -> float:
+        """Return the CPU time of all but the stages' own work."""
+        return self.imports_s + self.starts_s + self.engine_s
+
+
+def spent_by(line: list[str], root: Path, file: Path) -> Spent:
+    """Run Snakemake by a command in a folder and return what it spent; `file` is written anew.
+
+    Raises
+    ------
+    subprocess.CalledProcessError
+        The command failed.
+    """
+    file.unlink(missing_ok=True)
+    path = os.pathsep.join([str(HOOK), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = os.environ | {"PYTHONPATH": path, "STRANDCAST_ACCOUNTS": str(file)}
+    with subprocess.Popen(line, cwd=root, env=environment, stdin=subprocess.DEVNULL) as process:
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, line)
+    processes = [json.loads(text) for text in file.read_text(encoding="utf-8").splitlines()]
+    engines = [one for one in processes if ENGINE in one["line"]]
+    jobs = [one for one in processes if one not in engines]
+    all_jobs_s = sum(one["children_s"] for one in engines)
+    imports_s = sum(one["imports_s"] for one in jobs)
+    stages_s = sum(one["cpu_s"] - one["start_s"] - one["imports_s"] for one in jobs)
+    return Spent(
+        stages_s,
+        imports_s,
+        all_jobs_s - stages_s - imports_s,
+        usage.ru_utime + usage.ru_stime - all_jobs_s,
+        max(one["peak_mb"] for one in engines),
+    )

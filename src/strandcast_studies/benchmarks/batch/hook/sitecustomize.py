@@ -1,0 +1,53 @@
+"""Write what a Python process spends on its start, on imports, and in all: one line of JSON at its end.
+
+Python imports this module at its start when its folder is on PYTHONPATH; see `benchmarks.batch.accounts`.
+"""
+
+import atexit
+import json
+import os
+import resource
+import sys
+import time
+from importlib import _bootstrap
+from pathlib import Path
+from typing import Any
+
+STARTED_S = time.process_time()
+
+
+def account(file: str) -> None:
+    """Time the outermost imports from now on, and write the line when the process ends."""
+    importing: Any = _bootstrap  # every import comes through it, also one by importlib.import_module
+    find_and_load = importing._find_and_load
+    imports_s, depth = 0.0, 0
+
+    def timed(*arguments: object) -> object:
+        nonlocal imports_s, depth
+        before_s, depth = time.process_time(), depth + 1
+        try:
+            return find_and_load(*arguments)
+        finally:
+            depth -= 1
+            if not depth:
+                imports_s += time.process_time() - before_s
+
+    def write() -> None:
+        own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+        spent = {
+            "line": sys.orig_argv[1:],
+            "start_s": STARTED_S,
+            "imports_s": imports_s,
+            "cpu_s": own.ru_utime + own.ru_stime,
+            "children_s": children.ru_utime + children.ru_stime,
+            "peak_mb": own.ru_maxrss / 1024,
+        }
+        with Path(file).open("a", encoding="utf-8") as out:
+            out.write(json.dumps(spent) + "\n")
+
+    importing._find_and_load = timed
+    atexit.register(write)
+
+
+if "STRANDCAST_ACCOUNTS" in os.environ:
+    account(os.environ["STRANDCAST_ACCOUNTS"])
