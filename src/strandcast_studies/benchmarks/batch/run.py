@@ -95,14 +95,13 @@ def extrapolated(rows: list[dict[str, Any]], trials: int) -> dict[str, float]:
     }
 
 
-def run(worked: Size, stubbed: list[Size], work: Path) -> dict[str, Any]:
+def run(worked: Size, stubbed: list[Size], work: Path, donor: Path | None) -> dict[str, Any]:
     """Return the measurements of a batch with its stages and of batches without."""
     found: dict[str, Any] = {"stubbed": []}
     if worked.all_trials:
-        donor = throw_once(work / "donor")
         root = work / "worked"
         make_project(root)
-        record(root, donor, *worked)
+        record(root, donor or throw_once(work / "donor"), *worked)
         found["worked"] = measure(worked, root, sys.executable)
     for batch in stubbed:
         root = work / f"stubbed-{batch.experiments}x{batch.trials}"
@@ -141,10 +140,11 @@ def main(arguments: list[str] | None = None) -> None:
     )
     parser.add_argument("--size", type=size, default=Size(2, 3), help="experiments x trials; 0x0: none")
     parser.add_argument("--stubbed", type=sizes, default=sizes("1x10,5x10,10x10"))
+    parser.add_argument("--donor", type=Path, help="take this data/EXPERIMENT instead of a throw in the lab")
     parser.add_argument("--out", type=Path, default=Path("results/bench-batch.json"))
     chosen = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="strandcast-batch-") as folder:
-        found = run(chosen.size, chosen.stubbed, Path(folder))
+        found = run(chosen.size, chosen.stubbed, Path(folder), chosen.donor)
     chosen.out.parent.mkdir(parents=True, exist_ok=True)
     chosen.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(found, indent=1))
