@@ -139,7 +139,7 @@ test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run th
 
 .PHONY: test-slurm
 test-slurm: $(SLURM)/slurm.stamp $(VENV)/dev.stamp  ## run 20 experiments through a Slurm of two nodes on this machine, where it is installed
-	@$(SLURM)/bin/python -m pytest tests/slurm
+	@$(SLURM)/bin/python -m pytest -rs tests/slurm
 
 .PHONY: fuzz
 fuzz: $(VENV)/fuzz.stamp  ## damage the files of every reader 10,000 times, with and without guidance by coverage; hours

@@ -7,6 +7,8 @@ import pytest
 
 from strandcast.errors import StrandcastError
 from strandcast.workflow import slurm
+from strandcast.workflow.project import executor_of, profile
+from strandcast.workflow.runner import RunOptions, command
 
 QUEUE = """\
 7|PENDING|{root}|rule_rope_estimate_plan_report_trial|launch failed requeued held
@@ -62,3 +64,36 @@ def test_without_the_plugin_or_without_slurm_a_run_is_refused(tmp_path, monkeypa
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(StrandcastError, match="SC-W026"):
         slurm.require_slurm()
+
+
+def words_after(line: list[str], option: str) -> str | None:
+    return line[line.index(option) + 1] if option in line else None
+
+
+@pytest.mark.parametrize(("answer", "status"), [("exit 0", None), ("exit 1", "squeue")])
+def test_a_run_on_slurm_asks_the_cluster_for_jobs_and_not_this_computer_for_cores(queue, answer, status):
+    sacct = queue / "bin" / "sacct"
+    sacct.write_text(f"#!/bin/sh\n{answer}\n")
+    sacct.chmod(0o755)
+    line = command(queue, ["demo"], RunOptions(jobs=40, profile="slurm"))
+    assert words_after(line, "--jobs") == "40"
+    assert words_after(line, "--cores") is None  # the profile says how many a job has
+    assert words_after(line, "--slurm-status-command") == status
+    here = command(queue, ["demo"], RunOptions(jobs=3))
+    assert (words_after(here, "--cores"), words_after(here, "--jobs")) == ("3", None)
+
+
+def test_a_profile_is_the_projects_own_or_one_that_ships_or_a_path(tmp_path):
+    assert executor_of(tmp_path / profile(tmp_path, "slurm")) == slurm.SLURM
+    assert executor_of(tmp_path / profile(tmp_path)) is None
+    own = tmp_path / "workflow" / "profiles" / "slurm"
+    own.mkdir(parents=True)
+    (own / "profile.yaml").write_text("executor: lsf\n")
+    assert executor_of(tmp_path / profile(tmp_path, "slurm")) == "lsf"
+    assert profile(tmp_path, str(own)) == own
+    (own / "profile.yaml").write_text("executor: [lsf\n")
+    with pytest.raises(StrandcastError, match="SC-W027.*cannot be read"):
+        executor_of(own)
+    with pytest.raises(StrandcastError, match="SC-W027.*'slrum'") as refused:
+        profile(tmp_path, "slrum")
+    assert refused.value.fix.startswith("one of default, slurm")
