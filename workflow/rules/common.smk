@@ -55,12 +55,10 @@ def shard_of(stage):
 
     @reported
     def group(wildcards):
-        shard = shards.shard_of(stage, wildcards.experiment, trial_of(wildcards))
-        if shard is None:
-            return None
-        # A profile's `group-components` merges the groups of a kind.
-        workflow.parent_groupids[shard.name] = shard.kind
-        return shard.name
+        name = shards.shard_of(stage, wildcards.experiment, trial_of(wildcards))
+        if name is not None and name.endswith(f".{shards.THROWS}"):
+            workflow.parent_groupids[name] = shards.THROWS
+        return name
 
     return group
 

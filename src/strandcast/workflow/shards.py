@@ -6,7 +6,7 @@ On a single machine, groups and requests have no effect.
 """
 
 import math
-from typing import NamedTuple
+from functools import cache
 
 from strandcast.core.trial_names import trial_name
 from strandcast.records.folders import files_of_video
@@ -14,7 +14,7 @@ from strandcast.workflow.targets import experiment, supplied_trials
 
 # What a throw needs before it is fitted. In the lab, the next throw depends on the fit: all is one chain.
 OF_A_THROW = ("ingest", "track", "reconstruct", "clip", "align", "score")
-THROWS = "throws"  # the name under which a profile's `group-components` merges shards of throws
+THROWS = "throws"  # ends the names of these groups; a profile's `group-components` says how many are merged
 
 # Measured: the two Snakemakes of a job take 350 MB; stages of the demo at most 450 MB, but `track` 613 MB.
 SNAKEMAKE_MB = 400
@@ -24,26 +24,25 @@ TIME_MIN, TRACK_MIN = 5, 10  # chosen: ten times what the stages of the demo tak
 VIDEO_MB_PER_MIN = 20.0  # chosen: the tracker reads about 10 MB of compressed video per second of one core
 
 
-class Shard(NamedTuple):
-    """A group of jobs: its name, and the name under which a profile merges groups of this kind."""
-
-    name: str
-    kind: str
-
-
-def shard_of(stage: str, name: str, trial: int = 0) -> Shard | None:
-    """Return the group of a job; None for one that runs by itself.
+def shard_of(stage: str, name: str, trial: int = 0) -> str | None:
+    """Return the name of the group of a job; None for one that runs by itself.
 
     All jobs of an experiment are one group, but for recorded throws: their videos are tracked in groups of
     their own, at the same time, and the calibration that they need runs before.
     """
     if experiment(name).settings.lab is not None:
-        return Shard(name, "experiments")
+        return name
     if stage == "calibrate":
         return None
-    if stage in OF_A_THROW and trial_name(trial) not in supplied_trials().get(name, ()):
-        return Shard(f"{name}.{THROWS}", THROWS)
-    return Shard(name, "experiments")
+    if stage in OF_A_THROW and trial_name(trial) not in supplied().get(name, ()):
+        return f"{name}.{THROWS}"
+    return name
+
+
+@cache
+def supplied() -> dict[str, list[str]]:
+    """Return the trials whose track was measured elsewhere, by experiment; read once."""
+    return supplied_trials()
 
 
 def memory_mb(stage: str, name: str, trial: int = 0, attempt: int = 1) -> int:
