@@ -84,7 +84,7 @@ def local(tmp_path_factory) -> Path:
     jobs = [["register_motion", "rig", 1], *chain("rig", *of_rig), ["plan", "rig", 2]]
     jobs += [["report", "rig", 1], ["summary", "rig", 0, [1]]]
     for name in STRINGS:
-        jobs += [[stage, name, 1] for stage in ("register_track", "score", "estimate")]
+        jobs += [[stage, name, 1] for stage in ("register_track", "estimate")]
     run_stages(root, jobs)
     return root
 
