@@ -32,12 +32,12 @@ PATIENCE_S = 900.0  # for a run of some minutes on an idle machine
 # What a user's copy of the profile may say: quick answers, and too little memory for the videos at first.
 PROFILE = """
 set-resources:
-  ingest: {mem_mb: 200}
-  track: {mem_mb: 400 * attempt ** 2}
-  reconstruct: {mem_mb: 200}
-  clip: {mem_mb: 400 * attempt ** 2}
-  align: {mem_mb: 400 * attempt ** 2}
-  score: {mem_mb: 200}
+  ingest: {mem_mb: 150 * attempt ** 3}
+  track: {mem_mb: 150 * attempt ** 3}
+  reconstruct: {mem_mb: 150 * attempt ** 3}
+  clip: {mem_mb: 150 * attempt ** 3}
+  align: {mem_mb: 150 * attempt ** 3}
+  score: {mem_mb: 150 * attempt ** 3}
 """
 # Runs stages one after the other in one process: [stage, experiment, trial, trials of a summary].
 STAGES = """
@@ -192,9 +192,16 @@ def test_held_jobs_are_reported_and_a_node_that_dies_costs_nothing(local, projec
 def test_a_job_out_of_memory_is_repeated_with_more_and_the_lab_throws_on_the_cluster(local, project, cluster):
     with Run(cluster, project, "rig", NAME) as run:
         assert run.end() == 0, run.said[-3000:]
+    assert "rig trial-01: ingest failed; its log: " in run.said
     jobs = cluster.run("squeue", "--noheader", "--states=all", "--sort=i", "--format=%T|%m|%k").splitlines()
-    throws = [line.split("|")[:2] for line in jobs if "rig.throws" in line]
-    assert throws == [["OUT_OF_MEMORY", "400M"], ["COMPLETED", "1600M"]]
+    names = ("rule_rig.throws", "rule_rig_", f"rule_{NAME}_", "rule_report_experiment")
+    of = {name: [line.split("|")[:2] for line in jobs if f"|{name}" in line] for name in names}
+    first, *others = [state for state, _ in of["rule_rig.throws"]]
+    assert (first, others[-1]) == ("OUT_OF_MEMORY", "COMPLETED")
+    asked_mb = [int(memory.removesuffix("M")) for _, memory in of["rule_rig.throws"]]
+    assert asked_mb == sorted(set(asked_mb))  # more with each attempt
+    # Nothing else was submitted twice: up to the lab's verdict, after it, and the page.
+    assert [len(of[name]) for name in names[1:]] == [1, 2, 1]
     assert differences(local, project, ["rig", NAME]) == []
 
 

@@ -100,6 +100,7 @@ def test_recorded_throws_are_jobs_of_their_own_and_all_else_of_an_experiment_is_
         assert shards.shard_of(*job) == "rig"
     assert {shards.shard_of(stage, "mocap", 1) for stage in ("register_track", "score", "plan")} == {"mocap"}
     assert {shards.shard_of(stage, "lab", 1) for stage in ("calibrate", "track", "score")} == {"lab"}
+    assert shards.shard_of("summary", "lab") is None  # known only after the verdicts
 
 
 def test_a_job_asks_for_memory_and_time_by_the_size_of_its_video_and_more_after_each_failure(here):

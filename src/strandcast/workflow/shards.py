@@ -28,10 +28,12 @@ def shard_of(stage: str, name: str, trial: int = 0) -> str | None:
     """Return the name of the group of a job; None for one that runs by itself.
 
     All jobs of an experiment are one group, but for recorded throws: their videos are tracked in groups of
-    their own, at the same time, and the calibration that they need runs before.
+    their own, at the same time, and the calibration that they need runs before. In the lab, the verdicts
+    decide what the experiment's page is made from: Snakemake plans that job again after each of them, and
+    would submit its group a second time.
     """
     if experiment(name).settings.lab is not None:
-        return name
+        return None if stage == "summary" else name
     if stage == "calibrate":
         return None
     if stage in OF_A_THROW and trial_name(trial) not in supplied().get(name, ()):
