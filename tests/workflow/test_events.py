@@ -58,9 +58,14 @@ def test_the_log_of_a_group_says_which_of_its_jobs_failed(tmp_path):
         {"jobid": number, "rule_name": rule} for number, rule in ((4, "ingest"), (5, "track"), (6, "clip"))
     ]
     record = SimpleNamespace(job_error_info=members, aux_logs=[str(log)])
-    for text, failed, stopped in (("Error in rule track:\n", [5], [4, 6]), ("Killed\n", [4], [5, 6])):
+    killed = "error: StepId=7.0 exceeded memory limit (2 > 1), being killed\n"
+    for text, failed, stopped, cause in (
+        ("Error in rule track:\n", [5], [4, 6], ""),
+        (killed, [4], [5, 6], ": out of memory"),
+    ):
         log.write_text(text)
-        assert EVENTS["group_error"](record) == {"failed": failed, "stopped": stopped, "log": [str(log)]}
+        known = {"failed": failed, "stopped": stopped, "cause": cause, "log": [str(log)]}
+        assert EVENTS["group_error"](record) == known
 
 
 def test_expected_times_come_from_earlier_runs(tmp_path):

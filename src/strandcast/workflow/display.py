@@ -54,7 +54,8 @@ class Display:
         job = self.state.take(event)
         if event["event"] in ("job_error", "group_error") and job is not None:
             log = f"; its log: {job.log}" if job.log else ""
-            self.say(f"{job.subject}: {job.stage} failed{self._cause}{log}")
+            cause = event.get("cause") or self._cause
+            self.say(f"{job.subject}: {job.stage} failed{cause}{log}")
         elif event["event"] == "message":
             status = EXIT_STATUS.search(
                 event["text"]

@@ -23,6 +23,11 @@ from strandcast.workflow.events import MARK, in_words
 
 POLL_S = 0.5  # chosen
 PATIENCE_S = 20.0  # as of a run that is stopped by a signal (`strandcast.workflow.engine`)
+# What Slurm writes into the log of a job that it kills.
+CAUSES = {
+    "exceeded memory limit|oom.kill|Out Of Memory": ": out of memory",
+    "DUE TO TIME LIMIT": ": out of time",
+}
 
 
 def _job_info(record: Any) -> dict[str, Any]:
@@ -44,7 +49,8 @@ def _group_error(record: Any) -> dict[str, Any]:
     rules = {rule for text in texts for rule in re.findall(r"^Error in rule (\w+)", text, re.MULTILINE)}
     failed = [number for number, rule in members.items() if rule in rules] or list(members)[:1]
     stopped = [number for number in members if number not in failed]
-    return {"failed": failed, "stopped": stopped, "log": list(map(str, record.aux_logs))}
+    cause = next((words for sign, words in CAUSES.items() if re.search(sign, "".join(texts))), "")
+    return {"failed": failed, "stopped": stopped, "cause": cause, "log": list(map(str, record.aux_logs))}
 
 
 # What is passed on of the events of Snakemake's logger interface, by their names there.
