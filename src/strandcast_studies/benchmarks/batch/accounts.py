@@ -16,7 +16,8 @@ class Spent(NamedTuple):
     Attributes
     ----------
     stages_s, imports_s
-        Python in the jobs: their own work, and their imports.
+        Python in the jobs: their own work, with that of processes that they start, and imports. Of a process
+        that is killed when it is no longer needed, as one that decodes a video, all counts as work.
     starts_s
         The rest of the jobs: shells, the start and the end of Python.
     engine_s
@@ -60,8 +61,9 @@ def spent_by(line: list[str], root: Path, file: Path) -> Spent:
     engines = [one for one in processes if ENGINE in one["line"]]
     jobs = [one for one in processes if one not in engines]
     all_jobs_s = sum(one["children_s"] for one in engines)
-    imports_s = sum(one["imports_s"] for one in jobs)
-    stages_s = sum(one["cpu_s"] - one["start_s"] - one["imports_s"] for one in jobs)
+    imports_s, starts_s = (sum(one[what] for one in jobs) for what in ("imports_s", "start_s"))
+    whole_s = sum(one["cpu_s"] + one["children_s"] for one in jobs if not one["nested"])
+    stages_s = whole_s - imports_s - starts_s
     return Spent(
         stages_s,
         imports_s,

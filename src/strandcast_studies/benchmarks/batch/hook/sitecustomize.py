@@ -16,11 +16,16 @@ from typing import Any
 STARTED_S = time.process_time()
 
 
+NESTED = "STRANDCAST_ACCOUNTS_NESTED"
+
+
 def account(file: str) -> None:
     """Time the outermost imports from now on, and write the line when the process ends."""
     importing: Any = _bootstrap  # every import comes through it, also one by importlib.import_module
     find_and_load = importing._find_and_load
-    imports_s, depth = 0.0, 0
+    imports_s, depth, nested = 0.0, 0, NESTED in os.environ
+    if "snakemake" not in sys.orig_argv:
+        os.environ[NESTED] = "1"  # for processes that this one starts
 
     def timed(*arguments: object) -> object:
         nonlocal imports_s, depth
@@ -36,6 +41,7 @@ def account(file: str) -> None:
         own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
         spent = {
             "line": sys.orig_argv[1:],
+            "nested": nested,
             "start_s": STARTED_S,
             "imports_s": imports_s,
             "cpu_s": own.ru_utime + own.ru_stime,
