@@ -15,8 +15,8 @@ from strandcast.errors import ENDING_SIGNALS
 # A stand-in for Snakemake with one job: a process of its own, in a shell.
 ENGINE = """
 import subprocess, sys
-job = subprocess.Popen(["bash", "-c", "sleep 600 & echo $! > {pids}; wait"])
 print("demo trial-01 plan: 1/2", file=sys.stderr, flush=True)
+job = subprocess.Popen(["bash", "-c", "sleep 600 & echo $! > {pids}; wait"])
 try:
     job.wait()
 except KeyboardInterrupt:
@@ -69,11 +69,12 @@ def start(
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_every_way_to_end_a_run_ends_its_jobs_and_says_so(tmp_path, number):
     run, job = start(tmp_path)
+    while "demo trial-01 plan: 1/2" not in run.stderr.readline():  # lines after the signal are lost
+        assert run.poll() is None
     run.send_signal(number)
     _, said = run.communicate()
     assert run.returncode == 128 + number
     assert not alive(job)
-    assert "demo trial-01 plan: 1/2" in said
     assert f"stopped by {number.name}: all finished results are kept" in said
 
 
@@ -82,8 +83,10 @@ def test_a_closed_terminal_ends_a_run_too(tmp_path):
     line = "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
     line += "os.execv(sys.argv[1], sys.argv[1:])"
     pids = tmp_path / "pids"
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     run = subprocess.Popen(
         [sys.executable, "-c", line, sys.executable, "-c", RUN, ENGINE.format(pids=pids)],
+        env=environment,
         stdin=slave,
         stdout=slave,
         stderr=slave,

@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from types import FrameType
 from typing import Annotated, Any
 
@@ -74,9 +73,17 @@ def guarded(command: Callable[[], Any]) -> None:
             raise
         _end_with(problem)
     except Ended as ended:
-        with suppress(OSError):  # the terminal may be closed
+        try:
             print(f"stopped by {ended}: {ended.kept}", file=sys.stderr, flush=True)
+        except OSError:  # the terminal is closed; Python would try again at its exit, and end with 120
+            _write_nowhere()
         sys.exit(ended.exit_code)
+
+
+def _write_nowhere() -> None:
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        os.dup2(nowhere, stream.fileno())
 
 
 def _end_with(problem: StrandcastError) -> None:
