@@ -10,7 +10,7 @@ from proofs_space import OUT_S, STRING, TIME_S, first_clamp, pose_of, second_cla
 
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import BLEW_UP, OK
-from strandcast.dynamics.spatial.clamps import clamp_poses, poses_in_plane, poses_of_points
+from strandcast.dynamics.spatial.clamps import clamp_poses, level_clamp_poses, poses_in_plane
 
 pytestmark = pytest.mark.slow
 
@@ -96,7 +96,12 @@ def test_normals_are_transported_without_roll():
     direction = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
     pose = clamp_poses(np.zeros((200, 3)), 3.0 * direction)
     np.testing.assert_allclose(pose[:, 8], pose[0, 8], atol=1e-12)  # the vertical part of the normal
-    np.testing.assert_allclose(poses_of_points(-0.1 * direction, 0.0 * direction)[:, 3:6], direction)
+    tilted = direction + np.array([0.0, 0.0, 0.5])
+    level = level_clamp_poses(np.zeros((200, 3)), tilted)
+    np.testing.assert_allclose(level[:, 8], 0.0, atol=1e-12)
+    np.testing.assert_allclose((level[:, 3:6] * level[:, 6:9]).sum(axis=1), 0.0, atol=1e-12)
+    with pytest.raises(ValueError, match="no level normal"):
+        level_clamp_poses(np.zeros((1, 3)), np.array([[0.0, 0.0, -2.0]]))
 
 
 def test_what_exists_in_the_plane_only_is_refused():

@@ -153,6 +153,7 @@ def _run(batch: Batch) -> tuple[Array, NDArray[np.int64]]:
     kept = _pass(batch, 1)
     status = _status(model, kept)
     stiff = candidates.parameters[:, 0] * model.dt_s**2 > _STIFF * candidates.masses.min(axis=1)
+    stiff |= in_space(batch.hand.pose) & (status == BLEW_UP)
     stiff &= SCHEMES.get(model.integrator).repeats_diverged
     finer = 2
     while finer <= SMALLEST_STEP and (diverged := np.flatnonzero(stiff & (status != OK))).size:

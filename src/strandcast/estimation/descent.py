@@ -159,7 +159,7 @@ class GaussNewtonModel:
         moved = chi[:, None] + np.concatenate([np.zeros((count, 1, d)), step[:, :, None] * np.eye(d)], axis=1)
         difference, weight = self.objective.thinned(DERIVATIVE_FRAMES).residuals(moved.reshape(-1, d))
         gradient, curvature = np.empty((count, d)), np.empty((count, d, d))
-        shaped = difference.reshape(count, d + 1, -1, 2)
+        shaped = difference.reshape(count, d + 1, -1, difference.shape[-1])
         for s in range(count):
             gradient[s], curvature[s] = normal_equations(shaped[s], weight, step[s], self.nearest_m)
         space = self.objective.space
@@ -177,7 +177,7 @@ def normal_equations(difference: Array, weight: Array, step: Array, nearest: flo
     Parameters
     ----------
     difference
-        (d+1, R, 2) of the point itself and of the points a `step` (d,) away in each unknown.
+        (d+1, R, 2 or 3) of the point itself and of the points a `step` (d,) away in each unknown.
     weight
         (R,).
     nearest
@@ -187,9 +187,11 @@ def normal_equations(difference: Array, weight: Array, step: Array, nearest: flo
     gradient, curvature = np.zeros(d), np.zeros((d, d))
     slope = np.empty(d)
     for r in range(rows):
-        x, y = difference[0, r, 0], difference[0, r, 1]
-        per_square = weight[r] / max(np.hypot(x, y), nearest)
-        for c in range(2):
+        distance = np.hypot(difference[0, r, 0], difference[0, r, 1])
+        for c in range(2, difference.shape[2]):
+            distance = np.hypot(distance, difference[0, r, c])
+        per_square = weight[r] / max(distance, nearest)
+        for c in range(difference.shape[2]):
             base = difference[0, r, c]
             for i in range(d):
                 slope[i] = (difference[i + 1, r, c] - base) / step[i]

@@ -60,17 +60,19 @@ class FitObjective:
                 throw.time_s, self.compared(throw), self.per_metre(throw, self.w if w is None else w)
             ),
             throw.start,
-            shift_m=None if self.reading == "hand" else strings.camera_offset_m,
+            shift_m=strings.camera_offset_m
+            if self.reading != "hand" and strings.camera_offset_m.any()
+            else None,
         )
         allowed = (status == OK) | (self.overstretched_allowed & (status != BLEW_UP))
         return np.where(allowed & np.isfinite(result), result, np.inf)
 
     def compared(self, throw: PreparedThrow) -> Array:
-        """Measured points 1…n (G, n, 2), moved to the robot's hand where E is relative to it."""
+        """Measured points 1…n (G, n, 2 or 3), moved to the robot's hand where E is relative to it."""
         points = throw.points_m[:, 1:]
         if self.reading != "hand":
             return points
-        hand = np.empty((len(throw.time_s), 2))
+        hand = np.empty((len(throw.time_s), points.shape[-1]))
         places(*throw.hand, throw.time_s, hand)
         off = throw.points_m[:, 0] - hand
         return np.asarray(points - np.where(np.isnan(off), 0.0, off)[:, None])
@@ -95,8 +97,8 @@ class FitObjective:
         Returns
         -------
         differences
-            (B, R, 2) measured minus simulated [m] of every point measured in a used frame of every throw; NaN
-            where the simulation failed.
+            (B, R, 2 or 3) measured minus simulated [m] of every point measured in a used frame of every
+            throw; NaN where the simulation failed.
         weights
             (R,).
         """

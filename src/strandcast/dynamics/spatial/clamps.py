@@ -10,6 +10,7 @@ from strandcast.dynamics.hand import interpolate, slopes
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simd import CACHED
 
+_VERTICAL = 1e-3  # sine of the angle to the vertical
 POSE = 9  # columns of one clamp's pose: place, direction, normal
 
 # Rows of `drive_clamps` per step and clamp, three each.
@@ -46,12 +47,17 @@ def clamp_poses(place_m: Array, direction: Array) -> Array:
     return np.hstack([place_m, along, normal])
 
 
-def poses_of_points(outer_m: Array, inner_m: Array) -> Array:
-    """Return poses (T, 9) of a clamp that prescribes two points (T, 3) of the string [m].
+def level_clamp_poses(place_m: Array, direction: Array) -> Array:
+    """Return the same as `clamp_poses` of a clamp that does not roll against the vertical.
 
-    The string leaves the clamp at `inner_m`, in the direction from `outer_m`.
+    The normals are horizontal; a direction that is vertical has none.
     """
-    return clamp_poses(inner_m, inner_m - outer_m)
+    along = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    normal = np.cross([0.0, 0.0, 1.0], along)
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    if (size < _VERTICAL).any():
+        raise ValueError("a clamp that points up or down has no level normal")
+    return np.hstack([place_m, along, normal / size])
 
 
 def poses_in_plane(pose: Array, origin_m: Array, right: Array, up: Array) -> Array:
