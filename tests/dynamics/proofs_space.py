@@ -68,7 +68,7 @@ def swung(t: float, phase: float, away: float) -> ClampState:
         * s
         * np.array([np.cos(s * t + phase), 0.7 * np.cos(0.7 * s * t), 0.9 * np.cos(0.9 * s * t + phase)])
     )
-    size, axis = 0.8 * np.sin(s * t), np.array([1.0, 2.0, -2.0]) / 3.0
+    size, axis = 0.8 * np.sin(s * t), np.array([2.0 * away, 2.0, -2.0]) / 3.0
     direction = np.array([away, 0.3, -1.0])
     frame = np.stack([direction, np.cross(direction, [0.0, 1.0, 0.0]), np.zeros(3)])
     frame[:2] /= np.linalg.norm(frame[:2], axis=1)[:, None]
