@@ -8,8 +8,11 @@ from arrays import evaluate_batch, simulate_batch, start_shape
 from proofs_dynamics import MASSES, hand_path
 from proofs_space import OUT_S, STRING, TIME_S, first_clamp, pose_of, second_clamp, start_of
 
+from strandcast.core.strings import StringBatch
+from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import BLEW_UP, OK
+from strandcast.dynamics.simulate import simulate_batch as simulate
 from strandcast.dynamics.spatial.clamps import clamp_poses, level_clamp_poses, poses_in_plane
 
 pytestmark = pytest.mark.slow
@@ -104,6 +107,22 @@ def test_normals_are_transported_without_roll():
         level_clamp_poses(np.zeros((1, 3)), np.array([[0.0, 0.0, -2.0]]))
 
 
+@pytest.mark.parametrize("poses", [clamp_poses, level_clamp_poses])
+@pytest.mark.parametrize("size", [0.0, np.nan, np.inf])
+def test_a_direction_without_a_length_is_refused(poses, size):
+    direction = np.array([[1.0, 0.0, 0.0], [size, 0.0, 0.0]])
+    with pytest.raises(ValueError, match="finite length above 0"):
+        poses(np.zeros((2, 3)), direction)
+
+
+def test_a_reversed_direction_has_no_transported_normal():
+    there = np.array([[1.0, 0.0, 0.0], [-1.0, 1e-9, 0.0]])
+    with pytest.raises(ValueError, match="reversed at sample 1"):
+        clamp_poses(np.zeros((2, 3)), there)
+    almost = clamp_poses(np.zeros((2, 3)), np.array([[1.0, 0.0, 0.0], [-1.0, 1e-3, 0.0]]))
+    assert np.abs((almost[:, 3:6] * almost[:, 6:9]).sum(axis=1)).max() < 1e-9
+
+
 def test_what_exists_in_the_plane_only_is_refused():
     parameters, masses = batch_of(1)
     flat = hand_path(TIME_S)
@@ -118,3 +137,7 @@ def test_what_exists_in_the_plane_only_is_refused():
         simulate_batch(MODEL, parameters, masses, TIME_S, flat, OUT_S, length_change=0.01)
     with pytest.raises(ValueError, match="do not fit hand poses"):
         simulate_batch(MODEL, parameters, masses, TIME_S, up[:, :7], OUT_S)
+    far = StringBatch(parameters, masses, far_offset_rad=np.array([[0.0, 0.1]]))
+    for pose in (flat, up):
+        with pytest.raises(ValueError, match="only a second clamp has an offset"):
+            simulate(MODEL, far, HandPath(TIME_S, pose), OUT_S)

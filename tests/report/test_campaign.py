@@ -125,11 +125,21 @@ def test_throws_too_near_to_the_hit_radius_are_counted_and_named() -> None:
 
 def test_the_methods_say_what_was_counted(page: str) -> None:
     text = " ".join(page.split())
-    assert "999 throws of 50 experiments were counted; 1 trial was excluded, with a reason" in text
+    assert (
+        "999 throws of 50 experiments were counted; 1 trial was excluded, with a reason; "
+        "the outcome of 1 throw is unknown. The miss is" in text
+    )
     assert "a miss of at most 20.0 mm is a hit" in text
     share = Campaign([CampaignExperiment(name_of(n), summary_of(n)) for n in range(50)]).hit_shares()[-1]
     assert f"By throw {share.throw}, {share.hits} of {share.known} experiments had hit" in text
     assert "Software: strandcast 0.2.0." in text
+
+
+def test_the_methods_count_the_experiments_that_were_thrown() -> None:
+    campaign = Campaign(
+        [CampaignExperiment("a", summary_of(40, 3)), CampaignExperiment("b", None, "damaged")]
+    )
+    assert "3 throws of 1 experiment were counted. The miss is" in campaign_page(campaign)
 
 
 def test_an_unprocessed_throw_leaves_open_whether_the_tip_hit() -> None:

@@ -1,6 +1,7 @@
 """Projects: made anywhere, found from their sub-folders, run by the workflow that is installed."""
 
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -132,3 +133,14 @@ def test_the_wheel_holds_the_workflow_and_the_configuration(tmp_path, project_ro
         assert {f"strandcast/shipped/{path.relative_to(shipped())}" for path in files} <= held
     assert "strandcast/workflow/template/Snakefile" in held
     assert not any("studies" in name for name in held)
+
+
+def test_a_dry_run_that_fails_does_not_say_that_all_is_done(lab):
+    trial = lab / "data" / "lost" / "trial-01"
+    trial.mkdir(parents=True)
+    shutil.copyfile(lab / "config" / "examples" / "ur5e.yaml", trial.parent / "experiment.yaml")
+    (trial / "video.mp4").symlink_to(lab / "nowhere.mp4")
+    listed = run(lab, "strandcast", "run", "lost", "--dry-run")
+    assert listed.returncode != 0
+    assert "video.mp4" in listed.stderr
+    assert listed.stdout == ""

@@ -7,8 +7,8 @@ import pytest
 
 from strandcast.errors import StrandcastError
 from strandcast.workflow import slurm
-from strandcast.workflow.project import executor_of, profile
-from strandcast.workflow.runner import RunOptions, command
+from strandcast.workflow.project import executor_of, make_project, profile
+from strandcast.workflow.runner import RunOptions, command, run_experiments
 
 QUEUE = """\
 7|PENDING|{root}|rule_rope_estimate_plan_report_trial|launch failed requeued held
@@ -60,10 +60,18 @@ def test_without_the_plugin_or_without_slurm_a_run_is_refused(tmp_path, monkeypa
     monkeypatch.setattr(slurm, "PLUGIN", "no_such_plugin")
     with pytest.raises(StrandcastError, match="SC-W028.*no-such-plugin"):
         slurm.require_slurm()
+    with pytest.raises(StrandcastError, match="SC-W028"):  # Snakemake lists no jobs without it either
+        run_experiments(project(tmp_path), ["demo"], RunOptions(profile="slurm", dry_run=True))
     monkeypatch.setattr(slurm, "PLUGIN", "json")
     monkeypatch.setenv("PATH", str(tmp_path))
+    slurm.require_slurm(submits=False)
     with pytest.raises(StrandcastError, match="SC-W026"):
         slurm.require_slurm()
+
+
+def project(folder: Path) -> Path:
+    make_project(folder / "lab")
+    return folder / "lab"
 
 
 def words_after(line: list[str], option: str) -> str | None:
@@ -97,3 +105,19 @@ def test_a_profile_is_the_projects_own_or_one_that_ships_or_a_path(tmp_path):
     with pytest.raises(StrandcastError, match="SC-W027.*'slrum'") as refused:
         profile(tmp_path, "slrum")
     assert refused.value.fix.startswith("one of default, slurm")
+
+
+@pytest.mark.parametrize("name", ["", "..", "/", "/no/such/folder"])
+def test_a_folder_without_settings_is_no_profile(tmp_path, name):
+    (tmp_path / "workflow" / "profiles" / "empty").mkdir(parents=True)
+    with pytest.raises(StrandcastError, match="SC-W027") as refused:
+        profile(tmp_path, name)
+    assert refused.value.fix.startswith("one of default, slurm, or")
+
+
+def test_the_settings_of_a_profile_may_be_for_a_version_of_snakemake(tmp_path):
+    own = tmp_path / "workflow" / "profiles" / "ours"
+    own.mkdir(parents=True)
+    (own / "config.yaml").write_text("cores: 2\n")
+    (own / "config.v8+.yaml").write_text("executor: slurm\n")
+    assert executor_of(tmp_path / profile(tmp_path, "ours")) == slurm.SLURM

@@ -62,7 +62,7 @@ def run(
     options = RunOptions(cores, jobs, until, dry_run, report_only, profile)
     done = run_experiments(ROOT, experiments or [], options)
     if dry_run:
-        lines = list(planned_lines(done.jobs))
+        lines = list(planned_lines(done.jobs)) if done.jobs or not done.exit_code else []
     else:
         lines = [line for summary in done.summaries for line in table(ROOT, summary)]
         lines += failed_lines(done)

@@ -13,6 +13,7 @@ from strandcast.dynamics.elements import FIXED
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.observe import Outputs
 from strandcast.dynamics.parameters import Array
+from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.dynamics.spatial.strings import SPATIAL_FIXED, in_space, spatial_columns
 
 
@@ -114,6 +115,8 @@ def make_batch(
     spatial = in_space(pose)
     if start.settle and not spatial:
         raise ValueError("strings are settled from a given shape in space only")
+    if strings.far_offset_rad.any() and pose.shape[2] <= POSE:
+        raise ValueError("only a second clamp has an offset: the path is of one")
     axes = 3 if spatial else 2
     steps = max(int(np.ceil(at[-1] - 1e-9)), 1) if len(at) else 1
     fixed = np.column_stack(

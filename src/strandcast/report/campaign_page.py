@@ -92,20 +92,22 @@ def campaign_methods(campaign: Campaign, tally: CampaignTally, groups: list[Vers
 
 def _counted_throws(campaign: Campaign, tally: CampaignTally) -> Iterator[str]:
     """Yield in sentences how many throws and hits were counted, and by what rules."""
-    throws = sum(each.throw is not None for each in campaign.trials())
+    throws = [each for each in campaign.trials() if each.throw is not None]
     if not throws:
         return
-    text = (
-        f"{counted(throws, 'throw')} of {counted(sum(tally.experiments.values()), 'experiment')} were counted"
-    )
+    thrown = len({each.experiment for each in throws})
+    were = "was" if len(throws) == 1 else "were"
+    text = f"{counted(len(throws), 'throw')} of {counted(thrown, 'experiment')} {were} counted"
     if tally.excluded:
         were = "was excluded, with a reason" if tally.excluded == 1 else "were excluded, with reasons"
         text += f"; {counted(tally.excluded, 'trial')} {were}"
-    radii = {each.hit_radius_m for each in campaign.experiments if each.summary is not None and each.aimed}
+    unknown = sum(each.is_unknown for each in throws)
+    text += f"; the outcome of {counted(unknown, 'throw')} is unknown" if unknown else ""
+    radii = {each.hit_radius_m for each in throws}
     limits = " or ".join(map(millimetres, sorted(radii))) + (" (by experiment)" if len(radii) > 1 else "")
     yield (
-        f"{text}. The miss is the least distance between the tracked tip and the target; a miss of at most "
-        f"{limits} is a hit."
+        f"{text}. The miss is the least distance between the tracked tip and the target, or how far a throw "
+        f"with another objective fell short of it; a miss of at most {limits} is a hit."
     )
     last = next((each for each in reversed(campaign.hit_shares()) if each.known), None)
     if last is not None:

@@ -1,5 +1,6 @@
 """The workflow and the configuration that ship with strandcast, and new projects that use them."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -9,7 +10,8 @@ from strandcast.errors import StrandcastError
 PACKAGE = Path(__file__).resolve().parents[1]
 TEMPLATE = Path(__file__).with_name("template")
 DEFAULT_PROFILE = "default"  # one machine
-PROFILE_FILES = ("profile.yaml", "config.yaml")
+# As Snakemake names them: profile.yaml, or e.g. config.v8+.yaml for version 8 and later.
+PROFILE_FILE = re.compile(r"(?:profile|config)(?:\.v(\d+)\+)?\.yaml")
 CONFIG = (
     *(f"arms/{arm}.{end}" for arm in ("planar3", "ur5e-example", "fr3-example") for end in ("toml", "urdf")),
     "experiments/demo.yaml",
@@ -40,10 +42,12 @@ def profile(root: Path, name: str = DEFAULT_PROFILE) -> Path:
     StrandcastError
         SC-W027 there is no such profile.
     """
-    own = Path("workflow", "profiles", name)
-    folder = next((each for each in (own, shipped() / own, Path(name)) if (root / each).is_dir()), None)
+    profiles = Path("workflow", "profiles")
+    places = (profiles / name, shipped() / profiles / name, Path(name))
+    folder = next((each for each in places if _profile_file(root / each) is not None), None)
     if folder is None:
-        known = sorted({path.name for top in (root, shipped()) for path in (top / own.parent).glob("*/")})
+        folders = {path for top in (root, shipped()) for path in (top / profiles).glob("*/")}
+        known = sorted({path.name for path in folders if _profile_file(path) is not None})
         raise StrandcastError(
             "SC-W027",
             f"there is no profile {name!r}",
@@ -61,7 +65,7 @@ def executor_of(folder: Path) -> str | None:
     StrandcastError
         SC-W027 the profile cannot be read.
     """
-    path = next((folder / name for name in PROFILE_FILES if (folder / name).is_file()), None)
+    path = _profile_file(folder)
     try:
         settings = {} if path is None else load_yaml(read_bounded(path))
     except ValueError as error:
@@ -69,6 +73,13 @@ def executor_of(folder: Path) -> str | None:
             "SC-W027", f"the profile cannot be read: {error}", file=path, fix="correct its YAML"
         ) from error
     return settings.get("executor") if isinstance(settings, dict) else None
+
+
+def _profile_file(folder: Path) -> Path | None:
+    """Return the file of a profile that Snakemake reads, of several that for its latest version, or None."""
+    files = folder.iterdir() if folder.is_dir() else ()
+    found = [(int(match[1] or 0), path) for path in files if (match := PROFILE_FILE.fullmatch(path.name))]
+    return max(found)[1] if found else None
 
 
 def make_project(folder: Path) -> list[Path]:

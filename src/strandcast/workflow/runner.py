@@ -108,8 +108,8 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
     if options.report_only:
         return _render_again(root, names, options.local_cores(), refused)
     executor = executor_of(root / profile(root, options.profile))
-    if executor == SLURM and not options.dry_run:
-        require_slurm()
+    if executor == SLURM:
+        require_slurm(submits=not options.dry_run)
     check_host(root, names)
     findings = {name: verify(root, name, raw=False) for name in names}
     damaged = {

@@ -49,7 +49,9 @@ def jobs_in(root: Path) -> list[SlurmJob]:
     """Return this user's jobs that wait or run in a folder; none if Slurm does not answer."""
     line = ["squeue", "--me", "--noheader", f"--format={FORMAT}"]
     try:
-        answer = subprocess.run(line, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        answer = subprocess.run(
+            line, capture_output=True, text=True, errors="replace", timeout=PATIENCE_S, check=False
+        )
     except (OSError, subprocess.TimeoutExpired):
         return []
     rows = (row.split("|", 4) for row in answer.stdout.splitlines())
@@ -114,8 +116,8 @@ def refuse_left_jobs(root: Path, experiments: Iterable[str]) -> None:
         )
 
 
-def require_slurm() -> None:
-    """Refuse to run on Slurm where its commands or Snakemake's plugin for it are not found.
+def require_slurm(*, submits: bool = True) -> None:
+    """Refuse to run on Slurm where Snakemake's plugin for it, or if it submits jobs, `sbatch` is not found.
 
     Raises
     ------
@@ -129,7 +131,7 @@ def require_slurm() -> None:
             fix="in a clone: make slurm; otherwise: pip install 'strandcast[slurm]'",
             exit_code=ENVIRONMENT,
         )
-    if shutil.which("sbatch") is None:
+    if submits and shutil.which("sbatch") is None:
         raise StrandcastError(
             "SC-W026",
             "no `sbatch` is found: this computer submits no jobs to Slurm",
@@ -144,7 +146,7 @@ def status_options() -> list[str]:
     try:
         answer = subprocess.run(line, capture_output=True, timeout=PATIENCE_S, check=False)
         has_accounting = answer.returncode == 0
-    except FileNotFoundError:
+    except OSError:  # there is no sacct, or it may not be run
         has_accounting = False
     except subprocess.TimeoutExpired:  # it is there, and busy
         has_accounting = True

@@ -11,6 +11,7 @@ from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simd import CACHED
 
 _VERTICAL = 1e-3  # sine of the angle to the vertical
+_REVERSED = 1e-9  # 1 + cosine of a turn: within 0.003 degrees of a half turn, its axis is not known (chosen)
 POSE = 9  # columns of one clamp's pose: place, direction, normal
 
 # Rows of `drive_clamps` per step and clamp, three each.
@@ -33,26 +34,44 @@ def clamp_poses(place_m: Array, direction: Array) -> Array:
     Returns
     -------
     (T, 9) poses as `strandcast.dynamics.batch.HandPath` takes them.
+
+    Raises
+    ------
+    ValueError
+        For a direction that has no length or is not finite, or that is reversed from one sample to the next.
     """
-    along = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    along = _of_length_one(direction)
     normal = np.empty_like(along)
     least = np.eye(3)[np.argmin(np.abs(along[0]))]
     normal[0] = np.cross(along[0], least)
     for k in range(1, len(along)):
-        normal[k] = normal[k - 1] - (normal[k - 1] @ along[k]) / (1.0 + along[k - 1] @ along[k]) * (
-            along[k - 1] + along[k]
-        )
+        turned = 1.0 + along[k - 1] @ along[k]
+        if turned < _REVERSED:
+            raise ValueError(f"the clamp's direction is reversed at sample {k}: no normal follows from it")
+        normal[k] = normal[k - 1] - (normal[k - 1] @ along[k]) / turned * (along[k - 1] + along[k])
     normal -= (normal * along).sum(axis=1, keepdims=True) * along
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return np.hstack([place_m, along, normal])
 
 
+def _of_length_one(direction: Array) -> Array:
+    length = np.linalg.norm(direction, axis=1, keepdims=True)
+    if not np.all((length > 0.0) & np.isfinite(length)):
+        raise ValueError("a clamp's direction needs a finite length above 0 at every sample")
+    return np.asarray(direction / length)
+
+
 def level_clamp_poses(place_m: Array, direction: Array) -> Array:
     """Return the same as `clamp_poses` of a clamp that does not roll against the vertical.
 
-    The normals are horizontal; a direction that is vertical has none.
+    The normals are horizontal.
+
+    Raises
+    ------
+    ValueError
+        For a direction that has no length or is not finite, or that is vertical.
     """
-    along = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    along = _of_length_one(direction)
     normal = np.cross([0.0, 0.0, 1.0], along)
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     if (size < _VERTICAL).any():
