@@ -159,8 +159,8 @@ class EstimateSettings(Section):
     contact_radius_m: Annotated[float, Field(gt=0, le=0.5)] | None = Field(
         0.02,
         description="A throw with at most this miss may touch what stands at the target: its frames after "
-        "the closest approach do not enter E. Set it to the size of the target, or to null if "
-        "nothing solid stands there.",
+        "the closest approach do not enter E. Set it to the radius of what stands there, or to null if "
+        "nothing solid does.",
     )
     joints: Literal["measured", "commanded"] = Field(
         "measured",
