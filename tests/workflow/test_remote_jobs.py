@@ -115,3 +115,15 @@ def test_a_job_asks_for_memory_and_time_by_the_size_of_its_video_and_more_after_
     assert shards.runtime_min("track", "rig", 1, attempt=2) == 2 * (shards.TRACK_MIN + 25)
     assert shards.memory_mb("track", "lab", 1) == shards.TRACK_PEAK_MB  # its video does not exist yet
     video.write_bytes(b"")
+
+
+def test_a_video_whose_storage_is_not_there_keeps_no_later_stage_from_running(here):
+    video = here / "data" / "rig" / "trial-01" / "video.mp4"
+    video.unlink()
+    video.symlink_to(here / "no-such-storage" / "video.mp4")
+    try:
+        assert shards.runtime_min("score", "rig", 1) == shards.TIME_MIN
+        assert shards.memory_mb("track", "rig", 1) == shards.TRACK_PEAK_MB
+    finally:
+        video.unlink()
+        video.touch()

@@ -62,7 +62,7 @@ def runtime_min(stage: str, name: str, trial: int = 0, attempt: int = 1) -> int:
 
 
 def video_mb(name: str, trial: int) -> float:
-    """Return the size of a trial's video [MB]; 0 for one that does not exist yet."""
+    """Return the size of a trial's video [MB]; 0 for one that does not exist yet, or is a link to nowhere."""
     videos = experiment(name).folder.trial(trial).videos() if trial else []
     files = [file for video in videos for file in files_of_video(video)]
-    return sum(file.stat().st_size for file in files) / 1e6
+    return sum(file.stat().st_size for file in files if file.is_file()) / 1e6
