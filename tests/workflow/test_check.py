@@ -70,6 +70,33 @@ def test_an_emptied_record_beside_the_raw_files_is_reported(root: Path) -> None:
     assert ("SC-R001", "trial-01/motion.json") in errors(root)
 
 
+def test_a_missing_trial_between_others_is_refused_with_the_line_that_excludes_it(root: Path) -> None:
+    for number in (1, 2, 5):
+        write(root, f"data/rig/trial-{number:02d}/video.mp4")
+    assert ("SC-W036", "trial-03") in errors(root)
+    with pytest.raises(StrandcastError, match="SC-W036") as caught:
+        runnable(root, ["rig"])
+    line = "excluded: [{trial: 3, reason: not thrown}, {trial: 4, reason: not thrown}]"
+    assert str(caught.value.problems[0].fix).endswith(line)
+    write(root, "data/rig/experiment.yaml", f"{SETTINGS}{line}\n")
+    assert runnable(root, ["rig"]) == (["rig"], [])
+
+
+def test_a_hit_radius_that_a_touch_does_not_have_is_mentioned(root: Path) -> None:
+    def mentioned() -> bool:
+        return any("estimate.contact_radius_m" in fact for fact in check_experiment(root, "rig").facts)
+
+    assert not mentioned()
+    write(root, "data/rig/experiment.yaml", SETTINGS + "hit_radius_m: 0.05\n")
+    assert mentioned()
+    write(
+        root,
+        "data/rig/experiment.yaml",
+        SETTINGS + "hit_radius_m: 0.05\nestimate: {contact_radius_m: 0.02}\n",
+    )
+    assert not mentioned()
+
+
 def test_the_fix_of_a_wrong_name_is_the_command_that_renames_it(root: Path) -> None:
     write(root, "data/rig/trial-02/Video of day 2.MP4")
     fixes = [each.fix or "" for each in check_experiment(root, "rig").errors if each.code == "SC-W033"]

@@ -68,8 +68,8 @@ class EstimateSettings(Section):
     )
     older_trials_weight: Annotated[float, Field(ge=0, le=1)] = Field(
         0.6,
-        description="Weight of a trial in the fit relative to the trial after it. Raise it to 1 if the "
-        "string surely stays the same; lower it if it wears or slips.",
+        description="Weight of a trial in the fit relative to the trial after it. Raise it to 1, and "
+        "`trials` with it, if the string surely stays the same; lower it if it wears or slips.",
     )
     evaluation: Literal["world", "hand"] = Field(
         "world",

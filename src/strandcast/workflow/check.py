@@ -15,6 +15,7 @@ from strandcast.stages.context import Context, context_of
 from strandcast.stages.job import Job
 from strandcast.workflow.locks import refuse_if_held
 
+MOST_NAMED = 5  # missing trials in a message
 RAW_RECORDS = ("motion.json", "run.json")
 LOG_FILES = (("joints.csv", "run.json"), ("run.json", "joints.csv"))
 RAW_NAMES = ("joints.csv", "run.json", "motion.json", "predicted.parquet", *files.SUPPLIED_FILES.values())
@@ -43,10 +44,34 @@ def refusal(root: Path, name: str) -> StrandcastError | None:
         context.arm_file  # noqa: B018  (raises if there is none)
         if context.settings.lab is None:
             context.folder.recorded_trials()
+            refuse_gap(context)
         refuse_if_held(root, name)
     except StrandcastError as error:
         return error
     return None
+
+
+def refuse_gap(context: Context) -> None:
+    """Refuse recorded trials with a number missing between: later fits and plans would wait for that trial.
+
+    Raises
+    ------
+    StrandcastError
+        SC-W036 a trial that counts has no raw files, and a later one has.
+    """
+    thrown = context.folder.thrown_trials()
+    missing = sorted(set(context.counted(range(1, max(thrown, default=0)))) - set(thrown))
+    if missing:
+        entries = [f"{{trial: {number}, reason: not thrown}}" for number in missing]
+        more = ", …" if len(entries) > MOST_NAMED else ""
+        raise StrandcastError(
+            "SC-W036",
+            f"trial {missing[0]} has no raw files, but trial {thrown[-1]} has",
+            file=context.folder.trial(missing[0]).data,
+            cost="the trials after it would wait for its results",
+            fix="copy its files there, give the later folders the numbers before, or write to "
+            f"{context.file}: excluded: [{', '.join(entries[:MOST_NAMED])}{more}]",
+        )
 
 
 def runnable(root: Path, names: list[str]) -> tuple[list[str], list[StrandcastError]]:
@@ -78,6 +103,7 @@ def check_experiment(root: Path, name: str) -> Checked:
 def _check_all(root: Path, name: str, found: Checked) -> None:
     context = context_of(root, name)
     found.attempt(_check_arm, context, found)
+    _compare_radii(context, found)
     if context.settings.lab is None:
         found.attempt(_check_photos, context, found)
         _check_folders(context, found)
@@ -111,6 +137,22 @@ def _check_arm(context: Context, found: Checked) -> None:
     except StrandcastError as error:
         error.file = str(context.file)
         raise
+
+
+def _compare_radii(context: Context, found: Checked) -> None:
+    settings, touch_m = context.settings, context.settings.estimate.contact_radius_m
+    chosen = "contact_radius_m" in settings.estimate.model_fields_set
+    if (
+        settings.target_m is not None
+        and touch_m is not None
+        and settings.hit_radius_m != touch_m
+        and not chosen
+    ):
+        found.facts.append(
+            f"warning: a miss of up to {1e3 * settings.hit_radius_m:g} mm is a hit, but fits leave out what "
+            f"follows a touch up to {1e3 * touch_m:g} mm only: set estimate.contact_radius_m to the "
+            "radius of what stands at the target"
+        )
 
 
 def _check_photos(context: Context, found: Checked) -> None:
@@ -162,6 +204,8 @@ def _check_folders(context: Context, found: Checked) -> None:
     folder = context.folder
     misnamed = folder.misnamed_trials()
     found.errors += misnamed
+    if not misnamed:  # each may be the missing one
+        found.attempt(refuse_gap, context)
     reported = {each.file for each in misnamed}
     numbers = folder.thrown_trials()
     for path in sorted(folder.data.glob("[tT][rR][iI][aA][lL]*")):
