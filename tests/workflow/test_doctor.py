@@ -90,9 +90,12 @@ def test_a_check_that_fails_does_not_hide_the_others(monkeypatch, tmp_path):
 @pytest.mark.slow
 def test_the_command_ends_with_3_if_there_is_a_problem(tmp_path):
     line = [sys.executable, "-m", "strandcast", "doctor", "--json"]
-    (tmp_path / "file").touch()
-    lost = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "file")}
-    for environment, code in ((os.environ, 0), (lost, 3)):
+    package, module = doctor.DRIVERS["ur"]
+    (tmp_path / "broken" / f"{package}-1.dist-info").mkdir(parents=True)
+    (tmp_path / "broken" / f"{package}-1.dist-info" / "METADATA").write_text(f"Name: {package}\nVersion: 1\n")
+    (tmp_path / "broken" / f"{module}.py").write_text("raise ImportError('for another Python')\n")
+    path = os.pathsep.join([str(tmp_path / "broken"), os.environ.get("PYTHONPATH", "")])
+    for environment, code in ((os.environ, 0), (os.environ | {"PYTHONPATH": path}, 3)):
         run = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False, env=environment)
         printed = json.loads(run.stdout)
         assert (run.returncode, printed["problems"]) == (code, 1 if code else 0), run.stdout

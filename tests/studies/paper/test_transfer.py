@@ -18,8 +18,7 @@ from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.estimate import ENSEMBLE
 from strandcast.records.summary import ExperimentSummary
 from strandcast.records.tables import write_table
-from strandcast.records.track import TRACK, Track
-from strandcast.records.verdict import Verdict
+from strandcast.records.track import TRACK, Track, TrackSummary
 from strandcast.report.results import read_results
 from strandcast.report.summary import trial_summary
 from strandcast.stages.estimate_record import ensemble_table
@@ -88,19 +87,21 @@ def thrown(root: Path, name: str, turn_rad: float, strings: StringBatch) -> None
         marker_turn_rad=None,
         sync_events=[],
     ).write(folder / "alignment.json")
-    Verdict(
+    TrackSummary(
         experiment=name,
         trial=1,
-        target_m=[0.5, 0.5],
-        hit_radius_m=0.02,
-        miss_m=0.1,
-        miss_sigma_m=None,
-        hit=False,
-        closest_frame=300,
-        closest_robot_time_s=0.6,
-        closest_m=[0.5, 0.6],
-        reason=None,
-    ).write(folder / "verdict.json")
+        source="supplied",
+        points=N,
+        length_m=LENGTH_M,
+        decoded_frames=len(time_s),
+        expected_frames=len(time_s),
+        tracked_fraction=1.0,
+        tip_fraction=1.0,
+        marker_fraction=1.0,
+        median_sigma_m=1e-9,
+        choices={},
+        warnings=[],
+    ).write(folder / "track.json")
     members = SimpleNamespace(members=strings, member_values_m=np.arange(float(len(strings))))
     write_table(folder / "ensemble.parquet", ENSEMBLE, ensemble_table(members))
     ExperimentSummary(
