@@ -29,7 +29,7 @@ pytest.importorskip(slurm.PLUGIN, reason="the plugin for Slurm is not installed:
 
 REAL = SETTINGS[: SETTINGS.index("lab:")]
 STRINGS = [f"string-{number:02d}" for number in range(1, 19)]
-PATIENCE_S = 900.0  # for a run of some minutes on an idle machine
+PATIENCE_S = 3600.0  # for a run of some minutes on an idle machine; others may be busy
 # What a user's copy of the profile may say: quick answers, and too little memory for the videos at first.
 PROFILE = """
 set-resources:
