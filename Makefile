@@ -102,7 +102,7 @@ $(FRANKA_SIM)/franka-sim.stamp: requirements/franka-sim.lock | $(VENV)/build.sta
 install: $(VENV)/runtime.stamp  ## make the virtual environment
 
 .PHONY: slurm
-slurm: $(SLURM)/slurm.stamp  ## make .venv-slurm, whose `strandcast run --profile slurm` submits to a Slurm cluster
+slurm: $(SLURM)/slurm.stamp  ## make .venv-slurm; its `strandcast run --profile slurm` submits to a Slurm cluster
 
 .PHONY: demo
 demo: $(VENV)/runtime.stamp  ## let a virtual arm throw an unknown string until it hits; write the report

@@ -28,7 +28,7 @@ LOCATORS = "strandcast.kernel_locator.KernelLocator,UserProvidedCacheLocator"
 def use_own_cache() -> None:
     """Set numba's cache to the folder of these kernels, unless the user has set NUMBA_CACHE_DIR.
 
-    A job of a cluster gets the variable from the computer that submitted it, whose folder may not exist here.
+    A job of a cluster gets the variable from the computer that submitted it; that folder may not exist here.
     """
     level = _target()
     if not _can_be_written(os.environ.get("NUMBA_CACHE_DIR")):

@@ -89,7 +89,7 @@ class CampaignTally:
     failed: int  # unknown, as a result could not be read, or a stage failed
     left: int  # thrown, but not processed yet
     hits: int  # throws that hit
-    uncertain: int  # throws, hits or not, whose miss is too near to the hit radius to be certain
+    uncertain: int  # hits and misses too near to the hit radius to be certain
     experiments: dict[str, int]  # by verdict
     unread: int  # experiments without a readable summary: their trials are not counted
     captured: int = 0  # experiments without a target

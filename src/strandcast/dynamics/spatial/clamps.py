@@ -20,7 +20,7 @@ CLAMP = 24
 
 
 def clamp_poses(place_m: Array, direction: Array) -> Array:
-    """Return poses of a clamp whose roll about its own axis was not measured.
+    """Return poses of a clamp if its roll about its own axis was not measured.
 
     The normals are transported along the path without spin about the direction.
 

@@ -123,7 +123,7 @@ def _row3(spec: Any, path: Any, common: Any, own: bool, row: int) -> Any:
 
 @njit(**INLINED)
 def _clamp(spec: Any, path: Any, common: Any, own: bool, r: int, moves: bool) -> ClampMotion:
-    """Return the clamp whose rows begin at r; at rest in its place if it does not move."""
+    """Return the clamp with the rows from r on; at rest in its place if it does not move."""
     frame = (
         _row3(spec, path, common, own, r + ALONG_CLAMP),
         _row3(spec, path, common, own, r + LEFT),

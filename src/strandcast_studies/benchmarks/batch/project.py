@@ -61,7 +61,7 @@ def record_empty(root: Path, experiments: int, trials: int) -> None:
 
 
 def python_without_stages(folder: Path) -> Path:
-    """Return a Python in a folder whose `python`, which the jobs call, only writes the outputs of stages.
+    """Return a Python in a folder with a `python` for the jobs that only writes the outputs of stages.
 
     Must be called in a virtual environment, which the returned Python shares.
     """

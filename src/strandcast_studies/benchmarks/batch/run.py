@@ -4,7 +4,7 @@
 
 All figures are CPU times of the processes, which depend less on other load than times of the clock. The
 stages of `--size` (experiments x trials) do their work on videos of one throw in the lab. With `--stubbed`
-they only write empty files: what is left is the engine, whose cost for a thousand trials is extrapolated.
+they only write empty files: what is left is the engine; its cost for a thousand trials is extrapolated.
 """
 
 import argparse
