@@ -153,7 +153,7 @@ def turned_space(options: Options) -> float:
     """Without gravity, turning and moving the frame turns and moves the motion, a clamp's roll included."""
     model = StringModel(0.2, 5, gravity_m_s2=0.0, **options)
     fixed = {"rest_curl_rad_m": CURL_RAD_M[None], "clamp_offset_rad": np.array([[0.2, -0.1]])}
-    fixed |= {"far_offset_rad": np.array([[0.1, 0.3]]), "respace": False}
+    fixed["respace"] = False
     turn, origin = Rotation.from_rotvec([0.7, -1.9, 0.4]), np.array([0.4, -0.3, 0.2])
     apart = []
     for clamps in ((first_clamp,), (first_clamp, second_clamp)):
@@ -165,7 +165,9 @@ def turned_space(options: Options) -> float:
                 for each in np.split(pose, len(clamps), axis=1)
             ]
         )
-        start = start_of(len(clamps) == 2)
+        two_ends = len(clamps) == 2
+        start = start_of(two_ends)
+        fixed |= {"far_offset_rad": np.array([[0.1, 0.3]])} if two_ends else {}
         plain, _ = simulate(model, STRING, MASSES, TIME_S, pose, OUT_S, start, **fixed)
         other, _ = simulate(model, STRING, MASSES, TIME_S, turned, OUT_S, turn.apply(start) + origin, **fixed)
         apart.append(other - (turn.apply(plain.reshape(-1, 3)) + origin).reshape(plain.shape))
