@@ -35,7 +35,7 @@ from strandcast.dynamics.elements import (
 from strandcast.dynamics.equilibrium import hanging, respaced
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.schemes.lfcn import STABLE, stretch_damping
-from strandcast.dynamics.simd import CACHED
+from strandcast.dynamics.simd import CACHED, INLINED
 from strandcast.threads import over_ranges
 
 HANGING, RESPACED, AS_GIVEN, SETTLED = range(4)
@@ -103,6 +103,22 @@ def ready(
     return strings
 
 
+@njit(**INLINED)
+def put_coefficients(p: Array, m: Array, fixed: Array, step: float, c: Array) -> None:
+    """Write the coefficients of one candidate but those of its rest shape into `c` (COEFFICIENTS or more,).
+
+    `p` (10,) parameters, `m` (n,) masses, `fixed` (FIXED or more,) columns, `step` [s].
+    """
+    lightest = m[0]
+    for i in range(1, len(m)):
+        lightest = min(lightest, m[i])
+    c[K_S], c[C_S] = p[0], p[1] + stretch_damping(p[0], step, lightest)
+    c[K_SH], c[K_MORE] = p[4], p[2] - p[4]
+    c[C_SH], c[C_MORE] = p[5], p[3] - p[5]
+    c[DRAG_1], c[DRAG_2], c[K_PH], c[C_PH] = p[6], p[7], p[8], p[9]
+    c[FLOOR], c[FRICTION], c[ALONG] = STABLE * lightest, fixed[DRY], fixed[DRAG_ALONG]
+
+
 @njit(nogil=True, **CACHED)
 def _prepare(
     first: int,
@@ -120,15 +136,8 @@ def _prepare(
     for b in range(first, last):
         p, m, fixed = candidates.parameters[b], candidates.masses[b], candidates.fixed[b]
         pose = poses[b if len(poses) > 1 else 0, 0]
-        lightest = m[0]
-        for i in range(1, n):
-            lightest = min(lightest, m[i])
-        c[K_S, b], c[C_S, b] = p[0], p[1] + stretch_damping(p[0], step, lightest)
-        c[K_SH, b], c[K_MORE, b] = p[4], p[2] - p[4]
-        c[C_SH, b], c[C_MORE, b] = p[5], p[3] - p[5]
-        c[DRAG_1, b], c[DRAG_2, b], c[K_PH, b], c[C_PH, b] = p[6], p[7], p[8], p[9]
+        put_coefficients(p, m, fixed, step, c[:, b])
         c[REST_BEND, b], c[CLAMP_OFFSET, b] = fixed[BEND_AT_REST], fixed[CLAMP_TURN]
-        c[FLOOR, b], c[FRICTION, b], c[ALONG, b] = STABLE * lightest, fixed[DRY], fixed[DRAG_ALONG]
         if start.mode == HANGING:
             hanging(pose, p, m, candidates.factor[b], fixed, reading, x)
         elif start.mode == RESPACED:

@@ -121,7 +121,7 @@ def _load_strings(
 
 
 @njit(**INLINED)
-def _keep(first: int, d: Any, results: Any, kept: Array) -> None:
+def keep_results(first: int, d: Any, results: Any, kept: Array) -> None:
     """Copy the results of each candidate into `kept`; after a blow-up its longest segment is infinite."""
     for lane in range(min(d.shape[1], len(kept) - first)):
         for k in range(RESULTS):
@@ -193,5 +193,5 @@ def integrate(
                 while f < len(at) and at[f] <= k + 1:
                     observe(spec, k, f, settings.step, motion, place, hand_place, outputs, shift, b, results)
                     f += 1
-        _keep(b, motion.d, results, kept)
+        keep_results(b, motion.d, results, kept)
     flush_denormals(control)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from strandcast.dynamics.integrate import ANY_LENGTH_M
+from strandcast.dynamics.integrate import ANY_LENGTH_M, keep_results
 from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, VALUE, Outputs
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.schemes.scheme import StringArrays, StringMotion
@@ -250,16 +250,11 @@ def _halt(spec: Any, motion: StringMotion) -> None:
 
 
 @njit(**INLINED)
-def _keep_strings(first: int, d: Any, results: Any, segments: Array, settled: bool, kept: Array) -> None:
-    """Copy results, and the segments of settled strings; after a blow-up the longest one is infinite."""
-    for lane in range(min(d.shape[1], len(kept) - first)):
-        for row in range(RESULTS):
-            kept[first + lane, row] = results[row, lane]
+def _keep_settled(first: int, d: Any, segments: Array, settled: bool) -> None:
+    """Copy the segments of settled strings."""
+    for lane in range(min(d.shape[1], segments.shape[1] - first) if settled else 0):
         for row in range(d.shape[0]):
-            if settled:
-                segments[row, first + lane] = d[row, lane]
-            if not math.fabs(d[row, lane]) < FAR_M:
-                kept[first + lane, LONGEST] = np.inf
+            segments[row, first + lane] = d[row, lane]
 
 
 @njit(nogil=True, **CACHED)
@@ -328,5 +323,6 @@ def integrate_in_space(
                         hand_place[axis, lane] = path[r, lane] if own else common[r, 0]
                 _observe(spec, k, f, now, motion, place, hand_place, outputs, shift, b, results)
                 f += 1
-        _keep_strings(b, motion.d, results, strings.d, settle, kept)
+        keep_results(b, motion.d, results, kept)
+        _keep_settled(b, motion.d, strings.d, settle)
     flush_denormals(control)

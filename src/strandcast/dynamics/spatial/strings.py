@@ -3,32 +3,13 @@
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from strandcast.core.strings import StringBatch
-from strandcast.dynamics.candidates import AS_GIVEN, Candidates
-from strandcast.dynamics.elements import (
-    ALONG,
-    C_MORE,
-    C_PH,
-    C_S,
-    C_SH,
-    COEFFICIENTS,
-    DRAG_1,
-    DRAG_2,
-    DRAG_ALONG,
-    DRY,
-    FIXED,
-    FLOOR,
-    FRICTION,
-    GRAVITY,
-    K_MORE,
-    K_PH,
-    K_S,
-    K_SH,
-    SPACING,
-)
+from strandcast.dynamics.candidates import AS_GIVEN, Candidates, put_coefficients
+from strandcast.dynamics.elements import COEFFICIENTS, FIXED, GRAVITY, SPACING
 from strandcast.dynamics.parameters import Array
-from strandcast.dynamics.schemes.lfcn import STABLE, stretch_damping
+from strandcast.dynamics.simd import CACHED
 from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.dynamics.spatial.step import DIRECTION, FAR_DIRECTION, L0, REST, SPATIAL_COEFFICIENTS
 
@@ -84,18 +65,17 @@ def _turned(turns: Array) -> tuple[Array, Array, Array]:
     return along, to_left, upward
 
 
+@njit(**CACHED)
+def _put_all(parameters: Array, masses: Array, fixed: Array, step: float, c: Array) -> None:
+    for b in range(len(masses)):
+        put_coefficients(parameters[b], masses[b], fixed[b], step, c[:, b])
+
+
 def spatial_coefficients(candidates: Candidates, step: float) -> Array:
     """Return the rows (SPATIAL_COEFFICIENTS, B) of candidates for steps of this length [s]."""
-    p, fixed = candidates.parameters.T, candidates.fixed.T
-    lightest = candidates.masses.min(axis=1)
-    c = np.empty((SPATIAL_COEFFICIENTS, len(lightest)))
-    c[:COEFFICIENTS] = 0.0
-    plain: Any = stretch_damping
-    damping = [plain.py_func(k_s, step, m) for k_s, m in zip(p[0], lightest, strict=True)]
-    c[K_S], c[C_S] = p[0], p[1] + damping
-    c[K_SH], c[K_MORE], c[C_SH], c[C_MORE] = p[4], p[2] - p[4], p[5], p[3] - p[5]
-    c[DRAG_1], c[DRAG_2], c[K_PH], c[C_PH] = p[6], p[7], p[8], p[9]
-    c[FLOOR], c[FRICTION], c[ALONG] = STABLE * lightest, fixed[DRY], fixed[DRAG_ALONG]
+    fixed = candidates.fixed.T
+    c = np.zeros((SPATIAL_COEFFICIENTS, len(candidates.masses)))
+    _put_all(candidates.parameters, candidates.masses, candidates.fixed, step, c)
     c[L0] = fixed[SPACING] * (1.0 + fixed[LENGTHENED])
     along, left, up = _turned(candidates.fixed[:, CLAMP_TURNS : CLAMP_TURNS + 2])
     c[DIRECTION : DIRECTION + 3] = along.T
