@@ -197,7 +197,7 @@ calibration: $(VENV)/runtime.stamp  ## count how far throws of drawn strings and
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.calibration fit results/calibration-usual.json results/calibration-wide.json
 
 .PHONY: bench-batch
-bench-batch: $(VENV)/runtime.stamp  ## measure what a batch costs besides its stages: results/bench-batch.json; SIZE=2x3; ten minutes of CPU
+bench-batch: $(VENV)/runtime.stamp  ## measure the overhead of a batch over its stages' own work: results/bench-batch.json; SIZE=2x3; ten minutes of CPU
 	@$(BIN)/python -m strandcast_studies.benchmarks.batch.run $(if $(SIZE),--size $(SIZE))
 
 .PHONY: bench-agents

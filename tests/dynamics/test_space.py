@@ -1,4 +1,4 @@
-"""What callers rely on of strings in space besides the physics: batches, paths, what is refused."""
+"""What callers rely on of strings in space, apart from the physics: batches, paths, what is refused."""
 
 from dataclasses import replace
 

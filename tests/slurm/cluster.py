@@ -107,7 +107,7 @@ class Cluster:
         values = {"folder": folder, "host": host, "user": user, "memory": NODE_MB}
         values |= {"port": port, "port_1": port_1, "port_2": port_2}
         (folder / "slurm.conf").write_text(CONF.format_map(values))
-        # A node whose file `broken-NODE` is there starts no job.
+        # A node starts no job while the file `broken-NODE` is there.
         prolog = folder / "prolog"
         prolog.write_text(f"#!/bin/sh\n! test -e {folder}/broken-$SLURMD_NODENAME\n")
         prolog.chmod(0o755)

@@ -1,4 +1,4 @@
-"""What is read from Slurm's queue: jobs that are held, and whose they are. tests/slurm asks a real one."""
+"""What is read from Slurm's queue: held jobs, and their experiments. tests/slurm asks a real one."""
 
 import os
 from pathlib import Path

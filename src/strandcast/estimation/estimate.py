@@ -109,7 +109,7 @@ def _search_in_wide_enough_ranges(
 ) -> tuple[FitObjective, EvaluationLog]:
     """Search; where a stiffness ended at its upper bound, search wider ranges while that pays.
 
-    A fit at a bound says little of where the best string beyond it lies: the wider search starts anew.
+    A fit at a bound says little of where the best string beyond it lies: the wider search starts again.
     """
     log = search(objective, settings, rng, start, _search_budget(settings))
     while settings.ranges == "wide" and np.isfinite(log.best()[1]):

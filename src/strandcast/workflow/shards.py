@@ -43,7 +43,7 @@ def shard_of(stage: str, name: str, trial: int = 0) -> str | None:
 
 @cache
 def supplied() -> dict[str, list[str]]:
-    """Return the trials whose track was measured elsewhere, by experiment; read once."""
+    """Return the trials with a track that was measured elsewhere, by experiment; read once."""
     return supplied_trials()
 
 

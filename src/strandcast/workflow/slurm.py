@@ -65,7 +65,7 @@ def held_jobs(jobs: Iterable[SlurmJob]) -> list[SlurmJob]:
 
 
 def held_message(jobs: list[SlurmJob]) -> StrandcastError:
-    """Return what to tell the user of jobs that Slurm holds."""
+    """Return the message about jobs that Slurm holds."""
     ids = " ".join(job.id for job in jobs)
     reasons = "; ".join(sorted({job.reason for job in jobs}))
     return StrandcastError(

@@ -25,13 +25,12 @@ METADATA = "ro-crate-metadata.json"
 OWN_HASH = "#metadata-sha256"
 WEB = ("http:", "https:")
 SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
-# What zipfile raises for a damaged, encrypted or unknown member.
+# What zipfile raises for a damaged, encrypted (RuntimeError) or unknown member.
 UNREADABLE = (
     OSError,
     zipfile.BadZipFile,
     zlib.error,
     EOFError,
-    NotImplementedError,
     RuntimeError,
     ValueError,
 )

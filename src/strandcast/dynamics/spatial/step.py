@@ -70,7 +70,7 @@ from strandcast.dynamics.spatial.triples import (
     zero3,
 )
 
-# Coefficients besides those of the plane: rest spacing [m]; direction of each clamp and rest bend [rad] in
+# Coefficients after those of the plane: rest spacing [m]; direction of each clamp and rest bend [rad] in
 # the frame of the clamp's pose.
 L0, DIRECTION, REST, FAR_DIRECTION = 15, 16, 19, 22
 SPATIAL_COEFFICIENTS = 25

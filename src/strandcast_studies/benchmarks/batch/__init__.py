@@ -1,1 +1,1 @@
-"""What a batch of recorded experiments costs besides the stages' own work."""
+"""The overhead of a batch of recorded experiments over the stages' own work."""

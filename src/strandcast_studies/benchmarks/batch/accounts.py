@@ -42,7 +42,7 @@ class Spent(NamedTuple):
 
 
 def spent_by(line: list[str], root: Path, file: Path) -> Spent:
-    """Run Snakemake by a command in a folder and return what it spent; `file` is written anew.
+    """Run Snakemake by a command in a folder and return what it spent; `file` is overwritten.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a batch of recorded experiments costs, from raw files to reports, besides the stages' own work.
+"""The overhead of a batch of recorded experiments, from raw files to reports, over the stages' own work.
 
     python -m strandcast_studies.benchmarks.batch.run --size 2x3 --stubbed 1x10,10x10
 
