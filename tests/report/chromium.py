@@ -6,7 +6,7 @@ import os
 import select
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -69,9 +69,13 @@ class Page:
 
     def wait(self, expression: str) -> None:
         """Wait until an expression is true."""
+        self.until(lambda: self.value(expression), expression)
+
+    def until(self, seen: Callable[[], object], name: str) -> None:
+        """Wait until something is seen."""
         end = time.monotonic() + LONGEST_S
-        while not self.value(expression):
-            assert time.monotonic() < end, f"never true: {expression}"
+        while not seen():
+            assert time.monotonic() < end, f"never true: {name}"
             time.sleep(0.02)
 
     def press(self, key: str, shift: bool = False) -> None:
