@@ -15,9 +15,9 @@ def distances(measured: Array, simulated: Array, reading: str = "world") -> Arra
     Parameters
     ----------
     measured
-        (F, n+1, 2) measured points [m], NaN where not measured.
+        (F, n+1, 2 or 3) measured points [m], NaN where not measured.
     simulated
-        (..., F, n+1, 2) simulated points [m].
+        (..., F, n+1, 2 or 3) simulated points [m].
     reading
         ``world``, or ``hand``: both relative to their own hand, as the paper centres its images. A frame
         whose hand was not measured is compared in the world.
@@ -31,6 +31,8 @@ def distances(measured: Array, simulated: Array, reading: str = "world") -> Arra
     if reading == "hand":
         difference = difference - np.where(np.isnan(difference[..., :1, :]), 0.0, difference[..., :1, :])
     distance = np.hypot(difference[..., 1:, 0], difference[..., 1:, 1])
+    for axis in range(2, difference.shape[-1]):
+        distance = np.hypot(distance, difference[..., 1:, axis])
     lost = np.isnan(distance) & ~np.isnan(measured[:, 1:]).any(axis=-1)
     return np.asarray(np.where(lost, np.inf, distance))
 

@@ -52,6 +52,9 @@ class FitObjective:
 
     def value(self, throw: PreparedThrow, strings: StringBatch, w: float | None = None) -> Array:
         """E of strings on one throw: (B,) [m], infinite where invalid."""
+        if throw.observed is not None:
+            result, status = self._compare_markers(throw, strings, self.w if w is None else w)
+            return self._valid(result, status)
         result, status = evaluate_batch(
             self.model,
             strings,
@@ -64,8 +67,20 @@ class FitObjective:
             if self.reading != "hand" and strings.camera_offset_m.any()
             else None,
         )
+        return self._valid(result, status)
+
+    def _valid(self, result: Array, status: NDArray[np.int64]) -> Array:
         allowed = (status == OK) | (self.overstretched_allowed & (status != BLEW_UP))
         return np.where(allowed & np.isfinite(result), result, np.inf)
+
+    def _compare_markers(
+        self, throw: PreparedThrow, strings: StringBatch, w: float
+    ) -> tuple[Array, NDArray[np.int64]]:
+        """Return E of strings whose markers lie between mass points, and their status: each (B,)."""
+        simulated, status = simulate_throw(self.model, throw, strings)
+        distance = distances(throw.points_m, simulated, self.reading)
+        weight = self.per_metre(throw, w)
+        return (weight * np.where(weight > 0, distance, 0.0)).sum(axis=(1, 2)), status
 
     def compared(self, throw: PreparedThrow) -> Array:
         """Measured points 1…n (G, n, 2 or 3), moved to the robot's hand where E is relative to it."""
@@ -84,7 +99,7 @@ class FitObjective:
         return np.asarray(throw.weight * point)
 
     def point_values(self, throw: PreparedThrow, simulated: Array) -> Array:
-        """E_i of simulated points (..., G, n+1, 2): (..., n) [m]."""
+        """E_i of simulated points (..., G, n+1, 2 or 3): (..., n) [m]."""
         return point_values(distances(throw.points_m, simulated, self.reading), throw.weight)
 
     def cost(self, chi: Array) -> Array:
@@ -123,8 +138,11 @@ class FitObjective:
 def simulate_throw(
     model: StringModel, throw: PreparedThrow, strings: StringBatch
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Simulate candidate strings on one throw, as the camera sees them: (B, G, n+1, 2) [m], (B,) status."""
+    """Simulate candidate strings on one throw, as it was measured: (B, G, n+1, 2 or 3) [m], (B,) status."""
     points, status = simulate_batch(model, strings, throw.hand, throw.time_s, throw.start)
+    if throw.observed is not None:
+        markers = np.moveaxis(np.tensordot(points, throw.observed, axes=(2, 1)), -1, 2)
+        points = np.concatenate([points[:, :, :1], markers], axis=2)
     if strings.camera_offset_m.any():
         points = points + strings.camera_offset_m[:, None, None]
     return points, status

@@ -21,11 +21,14 @@ class PreparedThrow:
     frames
         (G,) indices of the throw's frames that are simulated.
     time_s, points_m, weight
-        (G,), (G, n+1, 2) and (G, n): their times, measured points, weights in E (0 for frames not used).
+        (G,), (G, n+1, 2 or 3) and (G, n): their times, measured points, weights in E (0 for frames not used).
     hand
         The hand's path from the start on.
     start
         Observed shape and velocity at the start, or hanging at rest.
+    observed
+        (m, n+1) shares of the simulated points in each measured one, which are m then: for markers between
+        mass points. None: the mass points themselves were measured.
     """
 
     frames: np.ndarray
@@ -34,6 +37,7 @@ class PreparedThrow:
     weight: Array
     hand: HandPath
     start: StringStart = HANGING_AT_REST
+    observed: Array | None = None
 
     def until(self, share: float) -> PreparedThrow:
         """Return this throw up to the first `share` of its used frames."""

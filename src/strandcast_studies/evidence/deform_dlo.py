@@ -11,21 +11,19 @@ from typing import Protocol
 import numpy as np
 
 from strandcast.dynamics.parameters import Array
-from strandcast.dynamics.spatial.clamps import clamp_poses, level_clamp_poses
-from strandcast_studies.evidence.figure import Figure
-from strandcast_studies.evidence.spatial_cable import (
+from strandcast.estimation.cable_fit import CableFit, fit_by_roll, fit_cable
+from strandcast.estimation.cable_series import (
     GLITCH_M_S,
-    CableFit,
     CableSeries,
-    fit_cable,
-    smoothed,
+    DrivenEnd,
+    series_between,
 )
+from strandcast.estimation.cable_space import space_of_cable
+from strandcast_studies.evidence.figure import Figure
 
 FRAME_S = 0.01
 DRIVEN_VERTICES = (0, 1, -2, -1)
 PUBLISHED_MM = 9.9
-# The clamps' roll is not in the data: the turns of the clamps are taken in either frame, as fits better.
-ROLLS = {"transported": clamp_poses, "level": level_clamp_poses}
 
 
 class Predictor(Protocol):
@@ -76,7 +74,7 @@ class FittedCable:
         path = np.full((len(ends_m), start_m.shape[1], 3), np.nan)
         path[:2] = start_m
         path[:, DRIVEN_VERTICES] = ends_m
-        path[:, 1:-1] = self.fit.predict(series_of(path, self.places, self.roll))
+        path[:, 1:-1] = self.fit.predict(series_of(path, self.places)[self.roll])
         path[:, DRIVEN_VERTICES] = ends_m
         return path
 
@@ -88,13 +86,14 @@ def places_of(sequences: Array) -> tuple[Array, float]:
     return along / along[-1], float(along[-1])
 
 
-def series_of(measured: Array, places: Array, roll: str) -> CableSeries:
-    """Return a sequence (F, n, 3) [m] as a series between two clamps, each of two vertices; see `ROLLS`."""
+def series_of(measured: Array, places: Array) -> dict[str, CableSeries]:
+    """Return a sequence (F, n, 3) [m] as a series between two clamps, each of two vertices, by their roll."""
     time_s = np.asarray(FRAME_S * np.arange(len(measured)), dtype=float)
-    ends = smoothed(time_s, measured[:, DRIVEN_VERTICES])
-    outer, inner = ends[:, [0, 3]], ends[:, [1, 2]]
-    pose = np.hstack([ROLLS[roll](inner[:, k], inner[:, k] - outer[:, k]) for k in range(2)])
-    return CableSeries(time_s, pose, measured[:, 1:-1], places)
+    ends = [
+        DrivenEnd(measured[:, inner], measured[:, inner] - measured[:, outer])
+        for outer, inner in ((0, 1), (-1, -2))
+    ]
+    return series_between(time_s, ends, measured[:, 1:-1], places)
 
 
 def errors_m(predict: Predictor, sequences: Array) -> tuple[float, float]:
@@ -131,13 +130,11 @@ def cables_in(folder: Path) -> list[str]:
 def fitted_on(training: Array) -> tuple[FittedCable, float]:
     """Fit a cable to training sequences (S, F, n, 3) [m]; return the predictor and its CPU time [s]."""
     before = time.process_time()
-    sequences = training.astype(float)
-    places, length_m = places_of(sequences)
-    fits = {
-        roll: fit_cable([series_of(each, places, roll) for each in sequences], length_m) for roll in ROLLS
-    }
-    roll = min(fits, key=lambda name: fits[name].value_m)
-    return FittedCable(fits[roll], places, roll), time.process_time() - before
+    places, length_m = places_of(training.astype(float))
+    sequences = [series_of(each, places) for each in training.astype(float)]
+    model, space = space_of_cable(length_m, True)
+    roll, fit = fit_by_roll(sequences, lambda each: fit_cable(each, model, space))
+    return FittedCable(fit, places, roll), time.process_time() - before
 
 
 def measure(folder: Path) -> list[Figure]:

@@ -10,7 +10,7 @@ from strandcast.dynamics.hand import interpolate, slopes
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simd import CACHED
 
-_VERTICAL = 1e-3  # sine of the angle to the vertical
+_VERTICAL = 1e-6  # sine of the angle to the vertical
 _REVERSED = 1e-9  # 1 + cosine of a turn: within 0.003 degrees of a half turn, its axis is not known (chosen)
 POSE = 9  # columns of one clamp's pose: place, direction, normal
 

@@ -1,0 +1,256 @@
+"""Recorded motions of a string in space: its driven ends, the markers seen on it, and its start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import medfilt, savgol_filter
+
+from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
+from strandcast.dynamics.parameters import Array
+from strandcast.dynamics.spatial.clamps import POSE, clamp_poses, level_clamp_poses
+from strandcast.estimation.measured import HAND_MOVED_M
+from strandcast.estimation.throws import PreparedThrow
+
+# All chosen.
+SMOOTHING_S = 0.07  # of the driven ends: their markers' noise would shake the string
+GLITCH_M_S = 5.0  # faster jumps of a marker are errors of measurement
+START_S = 0.04  # on either side of a start, from which its shape and velocity are taken
+REST_S = 0.1  # of a start at rest
+FEWEST = 4  # known places of a shape, the driven ends included; through fewer, the ends' directions help
+LEAST_ASIDE = 0.1  # sine of the angle to the vertical
+CLEAR_OF_ENDS = 1e-6  # of the length: a marker nearer to a driven end is that end
+
+Roll = Callable[[Array, Array], Array]
+# How a driven end turns about its own axis where that was not measured, as fits better.
+ROLLS: Mapping[str, Roll] = {"transported": clamp_poses, "level": level_clamp_poses}
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenEnd:
+    """The path of one driven end of a string.
+
+    Attributes
+    ----------
+    place_m
+        (F, 3) where the string leaves it [m].
+    direction
+        (F, 3) in which it holds the string, away from it, of any length; None: it is only a point.
+    normal
+        (F, 3) any direction that turns with it and is not along `direction`; None: not measured.
+    """
+
+    place_m: Array
+    direction: Array | None = None
+    normal: Array | None = None
+
+    def pose(self, roll: str) -> Array:
+        """Return its poses (F, 9); an end that is only a point holds the string downwards, without force."""
+        if self.direction is None:
+            down = np.broadcast_to([0.0, 0.0, -1.0], self.place_m.shape)
+            return clamp_poses(self.place_m, down)
+        if self.normal is None:
+            return ROLLS[roll](self.place_m, self.direction)
+        return np.hstack([self.place_m, self.direction, self.normal])
+
+    def smoothed(self, time_s: Array) -> DrivenEnd:
+        """Return the path without single wrong samples and with little noise."""
+        place_m = smoothed(time_s, self.place_m)
+        # Each is smoothed as a point: a wrong sample of a marker is wrong in one of its coordinates.
+        return DrivenEnd(
+            place_m,
+            *(
+                None if away is None else smoothed(time_s, self.place_m + away) - place_m
+                for away in (self.direction, self.normal)
+            ),
+        )
+
+    def can_be_level(self) -> bool:
+        """Whether it usually points far enough from up and down to stay level."""
+        if self.direction is None or self.normal is not None:
+            return True
+        aside = np.hypot(self.direction[:, 0], self.direction[:, 1])
+        return bool(np.median(aside / np.linalg.norm(self.direction, axis=1)) > LEAST_ASIDE)
+
+
+@dataclass(frozen=True, eq=False)
+class CableSeries:
+    """One recorded motion of a string in space.
+
+    Attributes
+    ----------
+    time_s
+        (F,) times [s].
+    pose
+        (F, 9 or 18) of one driven end or two, see `strandcast.dynamics.batch.HandPath`.
+    vertices_m, places
+        (F, m, 3) measured markers [m], NaN where not seen, and (m,) their places from the first end, 0 to 1.
+    pinned
+        Whether the ends are points, which hold the string in no direction.
+    """
+
+    time_s: Array
+    pose: Array
+    vertices_m: Array
+    places: Array
+    pinned: bool = False
+
+    def two_ends(self) -> bool:
+        """Whether the string's far end is driven, too."""
+        return bool(self.pose.shape[1] > POSE)
+
+    def part(self, first: int, last: int) -> CableSeries:
+        """Return the frames `first` to before `last`."""
+        kept = slice(first, last)
+        return replace(self, time_s=self.time_s[kept], pose=self.pose[kept], vertices_m=self.vertices_m[kept])
+
+    def reliable(self) -> np.ndarray:
+        """(F, m) whether a marker is seen, and did not jump on its way there or from there."""
+        jump = np.linalg.norm(np.diff(self.vertices_m, axis=0), axis=2) / np.diff(self.time_s)[:, None]
+        seen = ~np.isnan(self.vertices_m[..., 0])
+        calm = ~(jump > GLITCH_M_S)
+        return np.asarray(seen & np.vstack([calm[:1], calm[1:] & calm[:-1], calm[-1:]]))
+
+    def shape_is_seen(self) -> bool:
+        """Whether the markers of a usual frame and the driven ends show the string's shape."""
+        seen = (self.reliable() & self._between_the_ends()).sum(axis=1)
+        return bool(np.median(seen) + 1 + self.two_ends() >= FEWEST)
+
+    def prepared(self, first: int, last: int, points: int) -> PreparedThrow:
+        """Return the frames `first` to before `last` as the fit takes them, for strings of n = `points`.
+
+        Simulated strings are compared at the markers' places.
+        """
+        kept = slice(first, last)
+        hand_m = self.pose[kept, None, :3]
+        weight = self.reliable()[kept] & self._between_the_ends()
+        return PreparedThrow(
+            np.arange(first, last),
+            self.time_s[kept],
+            np.concatenate([hand_m, self.vertices_m[kept]], axis=1),
+            weight.astype(float),
+            HandPath(self.time_s[kept], self.pose[kept]),
+            self.start(first, points),
+            CubicSpline(np.linspace(0.0, 1.0, points + 1), np.eye(points + 1))(self.places),
+        )
+
+    def start(self, frame: int, points: int) -> StringStart:
+        """Return shape and velocity (n = `points`) in a frame, by least squares over the frames around it.
+
+        A spline through the markers that are seen and the driven ends. Through few of them, it begins in the
+        direction of the ends; if the string also rests, each candidate's own rest shape is sought from there.
+        """
+        near = np.flatnonzero(np.abs(self.time_s - self.time_s[frame]) <= START_S)
+        markers = self._between_the_ends() & self.reliable()[near].any(axis=0)
+        known = [_value_and_slope(self.time_s[near] - self.time_s[frame], self.pose[near, :3])]
+        for k in np.flatnonzero(markers):
+            rows = near[self.reliable()[near, k]]
+            known.append(_value_and_slope(self.time_s[rows] - self.time_s[frame], self.vertices_m[rows, k]))
+        if self.two_ends():
+            far = slice(POSE, POSE + 3)
+            known.append(_value_and_slope(self.time_s[near] - self.time_s[frame], self.pose[near, far]))
+        places = np.r_[0.0, self.places[markers], [1.0] * self.two_ends()]
+        if len(places) < 2:
+            return HANGING_AT_REST
+        values, rates = np.array(known).transpose(1, 0, 2)
+        few = len(places) < FEWEST
+        ends: Any = self._directions(frame, places, values) if few else "not-a-knot"
+        rest: Literal["natural", "not-a-knot"] = "natural" if few else "not-a-knot"
+        along = np.linspace(0.0, 1.0, points + 1)[1:]
+        shape, velocity = (
+            _extended(CubicSpline(places, path, bc_type=bc), along)
+            for path, bc in ((values, ends), (rates, rest))
+        )
+        if few and self._rests(frame):
+            return StringStart(shape, settle=True)
+        return StringStart(shape, velocity, respace=False)
+
+    def _between_the_ends(self) -> np.ndarray:
+        """(m,) which markers are not at a driven end."""
+        free = self.places > CLEAR_OF_ENDS
+        return np.asarray(free & (self.places < 1.0 - CLEAR_OF_ENDS) if self.two_ends() else free)
+
+    def _directions(self, frame: int, places: Array, values: Array) -> Any:
+        """Return the spline's conditions at both ends: a driven end's direction, or straight."""
+        straight = (2, np.zeros(3))
+        if self.pinned:
+            return straight, straight
+        chord = float(np.linalg.norm(np.diff(values, axis=0), axis=1).sum() / (places[-1] - places[0]))
+        near, far = (
+            (1, sign * chord * pose[3:6] / np.linalg.norm(pose[3:6]))
+            for sign, pose in ((1.0, self.pose[frame, :POSE]), (-1.0, self.pose[frame, -POSE:]))
+        )
+        return near, far if self.two_ends() else straight
+
+    def _rests(self, frame: int) -> bool:
+        """Whether driven ends and markers stay where they are around a frame."""
+        near = np.abs(self.time_s - self.time_s[frame]) <= REST_S
+        ends = self.pose[near].reshape(near.sum(), -1, POSE)[..., :3]
+        seen = np.where(self.reliable()[near, :, None], self.vertices_m[near], np.nan)
+        moved = [np.linalg.norm(path - path[:1], axis=2) for path in (ends, seen - _first_seen(seen))]
+        return bool(max(np.nanmax(each, initial=0.0) for each in moved) <= HAND_MOVED_M)
+
+
+def series_between(
+    time_s: Array,
+    ends: list[DrivenEnd],
+    vertices_m: Array,
+    places: Array,
+) -> dict[str, CableSeries]:
+    """Return a motion between driven ends, which are smoothed, by the roll that they may have; see `ROLLS`.
+
+    Parameters
+    ----------
+    time_s
+        (F,) times [s].
+    ends
+        One driven end or two; only points, or none of them.
+    vertices_m, places
+        See `CableSeries`.
+    """
+    calm = [end.smoothed(time_s) for end in ends]
+    free_to_roll = any(end.direction is not None and end.normal is None for end in ends)
+    rolls = ["transported", "level"] if free_to_roll else ["measured"]
+    if not all(end.can_be_level() for end in calm):
+        rolls.remove("level")
+    return {
+        roll: CableSeries(
+            time_s,
+            np.hstack([end.pose(roll) for end in calm]),
+            vertices_m,
+            places,
+            ends[0].direction is None,
+        )
+        for roll in rolls
+    }
+
+
+def smoothed(time_s: Array, path: Array) -> Array:
+    """Return paths (F, ...) without single wrong samples and with little noise."""
+    frames = max(round(SMOOTHING_S / float(np.median(np.diff(time_s)))) // 2 * 2 + 1, 5)
+    flat = path.reshape(len(path), -1)
+    clean = np.column_stack([medfilt(np.pad(column, 2, mode="edge"), 5)[2:-2] for column in flat.T])
+    return np.asarray(savgol_filter(clean, frames, 2, axis=0).reshape(path.shape))
+
+
+def _value_and_slope(since_s: Array, path: Array) -> tuple[Array, Array]:
+    """Return value and slope (3,) at 0 of the parabola through a path (k, 3), a line through two frames."""
+    degree = min(2, len(since_s) - 1)
+    fitted = np.polynomial.polynomial.polyfit(since_s, path, degree)
+    return fitted[0], fitted[1] if degree else np.zeros(3)
+
+
+def _extended(spline: CubicSpline, along: Array) -> Array:
+    """Return a spline's values at places, along its tangents beyond its ends."""
+    inside = np.clip(along, spline.x[0], spline.x[-1])
+    return np.asarray(spline(inside) + (along - inside)[:, None] * spline(inside, 1))
+
+
+def _first_seen(paths: Array) -> Array:
+    """Return the first known places (1, m, 3) of paths (F, m, 3)."""
+    first = np.argmax(~np.isnan(paths[..., 0]), axis=0)
+    return np.asarray(paths[first, np.arange(paths.shape[1])][None])

@@ -1,0 +1,129 @@
+"""The unknowns of a string in space, held at one end or both, and the strings that they describe.
+
+All ranges scale with the string's length, and nothing is specific to a data set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from strandcast.core.strings import PARAMETERS, StringBatch
+from strandcast.dynamics.masses import mass_layout, point_masses
+from strandcast.dynamics.model import StringModel
+from strandcast.dynamics.parameters import GRAVITY_M_S2, MASS_RANGE, Array
+from strandcast.estimation.space import Space
+
+# All chosen.
+POINTS, STEP_S = 20, 2e-3
+STRAIN = 1e-3  # by the string's own weight: it does not visibly stretch
+STRETCH_DAMPING = 0.1  # of the critical damping of one segment
+AIR_LINEAR = 1e-6  # drag is quadratic
+
+# Unknowns: length over which the cable's weight bends it, over its length; bending damping over stiffness
+# [s]; quadratic drag over mass, times the length; stiffness of the clamps over that of half a segment;
+# relative change of the length; turns of the clamps [rad]; rest curl, as the turn over the length [rad].
+COMMON = {
+    "bending_length": (0.01, 3.0),
+    "damping_s": (1e-3, 1.0),
+    "air": (1e-3, 3.0),
+    "clamp_stiffness": (0.02, 50.0),
+    "length_change": (-0.08, 0.04),
+    "clamp_left_rad": (-0.8, 0.8),
+    "clamp_up_rad": (-0.8, 0.8),
+}
+TWO_ENDS = {"far_left_rad": (-0.8, 0.8), "far_up_rad": (-0.8, 0.8)}
+ONE_END = {"curl_left_rad": (-3.0, 3.0), "curl_up_rad": (-3.0, 3.0)}  # both ends held: hardly observable
+OF_CLAMPS = ("clamp_", "far_", "curl_")  # unknowns of ends that hold the string in a direction
+UNITS = {"damping_s": "s"} | {name: "rad" for name in (*COMMON, *TWO_ENDS, *ONE_END) if name.endswith("_rad")}
+
+
+@dataclass(frozen=True, eq=False)
+class CableSpace(Space):
+    """Box of a cable's unknowns, by the names above; its strings have bending h and sh the same.
+
+    An unknown that is not in the box is 0: clamps of stiffness 0 are points.
+    """
+
+    length_m: float = 1.0
+
+    def strings(self, chi: Array) -> StringBatch:
+        """Candidate cables of exponents (B, d)."""
+        value = dict(zip(self.names, self.values(np.atleast_2d(chi)).T, strict=True))
+        count, n, l0 = len(np.atleast_2d(chi)), self.layout.shares.shape[1], self.spacing_m
+        none = np.zeros(count)
+        weights = [value[f"weight_{k + 1}"] for k in range(self.layout.count)]
+        free = np.column_stack([np.zeros((count, 0)), *weights])
+        bending = GRAVITY_M_S2 * (value["bending_length"] * self.length_m) ** 3 / l0**2
+        damping = value["damping_s"] * bending
+        clamp = 2.0 * value.get("clamp_stiffness", none)
+        stretch = (n + free.sum(axis=1)) * GRAVITY_M_S2 / (STRAIN * l0)
+        columns = {
+            "k_s": stretch,
+            "c_s": STRETCH_DAMPING * 2.0 * np.sqrt(stretch),
+            "k_h": bending,
+            "c_h": damping,
+            "k_sh": bending,
+            "c_sh": damping,
+            "C_c1": AIR_LINEAR,
+            "C_c2": value["air"] / self.length_m,
+            "k_ph": clamp * bending,
+            "c_ph": clamp * damping,
+        }
+        pairs = {
+            name: np.column_stack([value.get(f"{name}_{side}_rad", none) for side in ("left", "up")])
+            for name in ("clamp", "far", "curl")
+        }
+        masses = point_masses(self.layout, free)
+        masses[:, -1] -= 0.5  # of a free end: each point carries half of both its segments
+        return StringBatch(
+            np.column_stack([np.broadcast_to(columns[name], count) for name in PARAMETERS]),
+            masses,
+            rest_curl_rad_m=pairs["curl"] / self.length_m,
+            clamp_offset_rad=pairs["clamp"],
+            far_offset_rad=pairs["far"],
+            free_masses=free,
+            length_change=value["length_change"],
+        )
+
+
+def space_of_cable(
+    length_m: float,
+    two_ends: bool,
+    *,
+    pinned: bool = False,
+    points: int = POINTS,
+    step_s: float = STEP_S,
+    weight_places_m: Sequence[float] = (),
+) -> tuple[StringModel, CableSpace]:
+    """Return the model of a cable of this nominal length [m], and the box of its unknowns.
+
+    Parameters
+    ----------
+    length_m
+        Nominal free length [m].
+    two_ends
+        Whether both ends are driven.
+    pinned
+        Whether they are points, which hold the string in no direction.
+    points, step_s
+        Number n of points, and time step [s].
+    weight_places_m
+        Places of weights of unknown mass, from the first end [m].
+    """
+    model = StringModel(length_m, points, reading="strain", dt_s=step_s)
+    layout = mass_layout(length_m, points, list(weight_places_m))
+    unknowns = COMMON | (TWO_ENDS if two_ends else ONE_END)
+    if pinned:
+        unknowns = {name: each for name, each in unknowns.items() if not name.startswith(OF_CLAMPS)}
+    unknowns |= {f"weight_{k + 1}": MASS_RANGE["wide"] for k in range(layout.count)}
+    return model, CableSpace(
+        tuple(unknowns),
+        np.array(list(unknowns.values())),
+        layout,
+        np.full(len(unknowns), np.inf),
+        model.spacing_m,
+        length_m,
+    )

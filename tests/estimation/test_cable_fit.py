@@ -1,0 +1,143 @@
+"""A cable in space is fitted to series of its motion and predicts another one; held at one end or both."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from strandcast.dynamics.batch import HandPath
+from strandcast.dynamics.simulate import simulate_batch
+from strandcast.dynamics.spatial.clamps import clamp_poses
+from strandcast.estimation.cable_fit import fit_cable, predicted
+from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
+from strandcast.estimation.cable_space import space_of_cable
+
+pytestmark = pytest.mark.slow
+
+LENGTH_M = 0.8
+TIME_S = np.arange(0.0, 1.5, 0.01)
+PLACES = np.linspace(0.0, 1.0, 11)
+TRUTH = {
+    "bending_length": 0.1,
+    "damping_s": 0.05,
+    "air": 0.1,
+    "clamp_stiffness": 1.0,
+    "length_change": -0.015,
+    "clamp_left_rad": 0.1,
+    "clamp_up_rad": -0.15,
+    "far_left_rad": 0.05,
+    "far_up_rad": 0.1,
+    "curl_left_rad": 0.6,
+    "curl_up_rad": -0.4,
+}
+
+
+def moved(phase: float, origin_m: tuple[float, float, float], direction: tuple[float, float, float]):
+    """Poses of a clamp that moves and turns about all axes."""
+    away = 0.1 * np.column_stack([np.sin(k * TIME_S + phase) - np.sin(phase) for k in (4.0, 3.0, 5.0)])
+    turn = Rotation.from_rotvec(np.outer(0.5 * np.sin(4.0 * TIME_S), [0.3, -0.5, 0.8]))
+    return clamp_poses(origin_m + away, turn.apply(direction))
+
+
+def series(two_ends: bool, phase: float, places=PLACES) -> CableSeries:
+    """Return a motion of the true cable from rest, with its markers off by 0.2 mm."""
+    pose = moved(phase, (0.0, 0.0, 0.0), (0.5, 0.0, -0.8))
+    if two_ends:
+        pose = np.hstack([pose, moved(phase + 1.0, (0.5, 0.1, 0.0), (-0.5, 0.1, -0.8))])
+    model, space = space_of_cable(LENGTH_M, two_ends)
+    strings = space.strings(space.exponents(np.array([TRUTH[name] for name in space.names])))
+    points, _ = simulate_batch(model, strings, HandPath(TIME_S, pose), TIME_S)
+    markers = CubicSpline(np.linspace(0.0, 1.0, 21), points[0], axis=1)(places)
+    noise = np.random.default_rng(int(10 * phase)).normal(0.0, 2e-4, markers.shape)
+    return CableSeries(TIME_S, pose, markers + noise, np.asarray(places))
+
+
+def eased(moving: CableSeries) -> CableSeries:
+    """Return the same motion after half a second at rest, in which its first frame is repeated."""
+    rest_s = np.arange(-0.5, 0.0, 0.01)
+
+    def held(values):
+        return np.concatenate([np.repeat(values[:1], len(rest_s), axis=0), values])
+
+    return CableSeries(np.r_[rest_s, TIME_S], held(moving.pose), held(moving.vertices_m), moving.places)
+
+
+def missed_m(fit, other: CableSeries) -> float:
+    return float(np.linalg.norm(fit.predict(other) - other.vertices_m, axis=2).mean())
+
+
+@pytest.mark.parametrize("two_ends", [False, True], ids=["one end", "two ends"])
+def test_a_fitted_cable_predicts_another_motion(two_ends):
+    model, space = space_of_cable(LENGTH_M, two_ends)
+    fit = fit_cable([series(two_ends, 0.0), series(two_ends, 1.3)], model, space)
+    assert missed_m(fit, series(two_ends, 2.9)) < 4e-3
+    assert len(fit.space.names) <= 10
+    found = fit.values()
+    assert found["bending_length"] == pytest.approx(TRUTH["bending_length"], rel=0.1)
+    assert found["length_change"] == pytest.approx(TRUTH["length_change"], abs=4e-3)
+
+
+@pytest.mark.parametrize("places", [[1.0], [0.37, 0.96]], ids=["tip", "two markers"])
+def test_few_markers_off_the_mass_points_are_enough_from_rest(places):
+    model, space = space_of_cable(LENGTH_M, False)
+    fitted = [eased(series(False, phase, places)) for phase in (0.0, 1.3)]
+    assert not fitted[0].shape_is_seen()
+    fit = fit_cable(fitted, model, space)
+    assert missed_m(fit, eased(series(False, 2.9, places))) < 6e-3
+
+
+def test_weights_of_unknown_mass_are_found():
+    model, space = space_of_cable(LENGTH_M, False, weight_places_m=[LENGTH_M])
+    truth = space.exponents(np.array([TRUTH.get(name, 8.0) for name in space.names]))
+    bare = series(False, 0.0)
+    loaded = CableSeries(TIME_S, bare.pose, predicted(model, space, truth, bare), PLACES)
+    fit = fit_cable([loaded], model, space, evaluations=150)
+    assert fit.values()["weight_1"] == pytest.approx(8.0, rel=0.15)
+
+
+def test_vertices_that_jump_or_are_not_seen_do_not_count():
+    clean = series(False, 0.0)
+    vertices = clean.vertices_m.copy()
+    vertices[40, 5] += 0.3
+    vertices[60:70, 3] = np.nan
+    reliable = CableSeries(TIME_S, clean.pose, vertices, PLACES).reliable()
+    expected = np.ones_like(reliable)
+    expected[39:42, 5] = False
+    expected[60:70, 3] = False
+    np.testing.assert_array_equal(reliable, expected)
+
+
+def test_a_prediction_reads_the_start_only():
+    model, space = space_of_cable(LENGTH_M, False)
+    chi = space.exponents(np.array([TRUTH[name] for name in space.names]))
+    whole = series(False, 0.0)
+    hidden = whole.vertices_m.copy()
+    hidden[5:] = np.nan
+    np.testing.assert_array_equal(
+        predicted(model, space, chi, whole),
+        predicted(model, space, chi, CableSeries(TIME_S, whole.pose, hidden, PLACES)),
+    )
+
+
+def test_the_start_velocity_is_smoothed_over_a_few_frames():
+    clean = series(True, 0.4)
+    noise = np.random.default_rng(5).normal(0.0, 1e-3, clean.vertices_m.shape)
+    noisy = CableSeries(TIME_S, clean.pose, clean.vertices_m + noise, PLACES)
+    off = noisy.start(60, 20).velocity_m_s - clean.start(60, 20).velocity_m_s
+    # Two frames 10 ms apart would be off by 0.14 m/s rms in each coordinate.
+    assert np.sqrt(np.mean(off[:-1] ** 2)) < 0.03
+
+
+def test_an_end_that_points_down_is_not_level_and_a_point_has_no_direction():
+    place = np.cumsum(np.full((50, 3), 1e-3), axis=0)
+    time_s, down = TIME_S[:50], np.broadcast_to([0.0, 0.0, -1.0], (50, 3))
+    seen = place[:, None] - [0.0, 0.0, 0.5]
+    aside = np.broadcast_to([0.5, 0.0, -1.0], (50, 3))
+
+    def rolls(*direction):
+        return series_between(time_s, [DrivenEnd(place, *direction)], seen, np.ones(1))
+
+    assert list(rolls(down)) == ["transported"]
+    assert list(rolls(aside)) == ["transported", "level"]
+    assert list(rolls(aside, down)) == ["measured"]
+    assert rolls()["measured"].pinned
