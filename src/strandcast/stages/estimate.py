@@ -12,7 +12,7 @@ from strandcast.estimation.measured import Throw
 from strandcast.records.estimate import ENSEMBLE, SIMULATED
 from strandcast.records.motion import Motion
 from strandcast.records.tables import write_table
-from strandcast.records.track import UNSURE
+from strandcast.records.track import UNSURE, TrackSummary
 from strandcast.records.verdict import AFTER_MOTION_S
 from strandcast.seeds import rng
 from strandcast.stages.estimate_record import ensemble_table, estimate_record, servo_record, simulated_table
@@ -26,6 +26,7 @@ from strandcast.stages.past_trials import (
     servo_of,
     string_model,
 )
+from strandcast.stages.seen_weights import seen_weights_warnings
 
 # All chosen.
 DOUBT_M = 0.003  # standard deviation of a point at which its weight in E halves
@@ -48,12 +49,14 @@ def run(job: Job, files: Files) -> None:
         )
     before = past(job)
     previous = read_members(files.input("previous"), layout) if before else None
+    throws = [throw_of(t, settings) for t in trials]
+    random = rng(context.name, context.settings.seed, job.trial, "estimate")
     fit = estimate(
-        [throw_of(t, settings) for t in trials],
+        throws,
         model,
         layout,
         settings,
-        rng(context.name, context.settings.seed, job.trial, "estimate"),
+        random,
         planned=_planned(trials[-1].motion, layout),
         previous=previous,
         older=len(before) + 1 - len(trials),
@@ -63,6 +66,8 @@ def run(job: Job, files: Files) -> None:
     servo = None if response is None else servo_record(arm, response)
     read = [files.input(role, t.number) for t in trials for role in ("track", "alignment", "hand", "summary")]
     record = estimate_record(context, model, layout, trials, fit, servo, hashes_of(read))
+    seen = TrackSummary.read(files.input("summary", job.trial)).weights
+    record.warnings += seen_weights_warnings(context, arm, throws, fit.E_m, seen, random)
     write_table(files.output("ensemble"), ENSEMBLE, ensemble_table(fit))
     write_table(files.output("simulated"), SIMULATED, simulated_table(fit, trials[-1]))
     record.write(files.output("estimate"))

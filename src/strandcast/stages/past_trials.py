@@ -1,6 +1,6 @@
 """The results of past trials, as estimate and plan read them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,16 +101,22 @@ def read_members(path: Path, layout: MassLayout) -> StringBatch:
     )
 
 
-def string_model(context: Context, arm: Arm) -> tuple[StringModel, MassLayout]:
-    """Return the model of the experiment's string, without its clamped length, and its mass layout."""
+def string_model(
+    context: Context, arm: Arm, weights_m: Sequence[float] | None = None
+) -> tuple[StringModel, MassLayout]:
+    """Return the model of the experiment's string, without its clamped length, and its mass layout.
+
+    `weights_m` are places of weights [m] from the clamp to use instead of the declared ones.
+    """
     string, estimate = context.settings.string, context.settings.estimate
     length_m = free_length_m(context, arm.clamp.clamped_length_m)
     SCHEMES.get(estimate.integrator, context.file)
+    places_m = [weight.place_m for weight in string.weights] if weights_m is None else weights_m
     model = StringModel(length_m, string.n, estimate.reading, estimate.integrator, estimate.dt_s)
     layout = mass_layout(
         length_m,
         string.n,
-        [min(weight.place_m, length_m) for weight in string.weights],
+        [min(place_m, length_m) for place_m in places_m],
         [(section.from_m, min(section.to_m, length_m)) for section in string.stiff_sections],
     )
     return model, layout

@@ -1,6 +1,14 @@
 """Declared weights and stiff sections compared with the detected ones; the declaration wins."""
 
-from strandcast.tracking.attachments.detect import Attachments
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from strandcast.records.track import DetectedWeight
+
+if TYPE_CHECKING:  # it costs an import of scipy, and the estimate stage needs the pairing alone
+    from strandcast.tracking.attachments.detect import Attachments
 
 SIGMAS = 4.0
 LEAST_M = 0.010  # a smaller difference of a weight's place is no conflict
@@ -23,25 +31,32 @@ def declaration_conflicts(
 
 
 def _weights(found: Attachments, declared_m: list[float]) -> list[str]:
-    """Pair declared and detected weights, nearest first; warn of distant pairs and undeclared weights."""
-    declared, detected, warnings = list(declared_m), list(found.weights), []
+    """Warn of weights that are detected far from where they are declared, and of undeclared ones."""
+    displaced, undeclared = compared_weights(found.weights, declared_m)
+    return [
+        f"string.weights: a weight is declared at {_mm(place)} from the clamp and detected at "
+        f"{_mm(weight.place_m, weight.sigma_m)}: {_mm(abs(weight.place_m - place))} off"
+        for place, weight in displaced
+    ] + [
+        f"string.weights: an undeclared weight is detected at {_mm(w.place_m, w.sigma_m)} from the clamp"
+        for w in (undeclared if declared_m else [])
+    ]
+
+
+def compared_weights(
+    found: Sequence[DetectedWeight], declared_m: Sequence[float]
+) -> tuple[list[tuple[float, DetectedWeight]], list[DetectedWeight]]:
+    """Pair declared and detected weights, nearest first; return the distant pairs and the undeclared ones."""
+    declared, detected, displaced = list(declared_m), list(found), []
     while declared and detected:
         place, weight = min(
             ((d, w) for d in declared for w in detected), key=lambda pair: abs(pair[0] - pair[1].place_m)
         )
         declared.remove(place)
         detected.remove(weight)
-        off_m = abs(weight.place_m - place)
-        if off_m > max(LEAST_M, SIGMAS * weight.sigma_m):
-            warnings.append(
-                f"string.weights: a weight is declared at {_mm(place)} from the clamp and detected at "
-                f"{_mm(weight.place_m, weight.sigma_m)}: {_mm(off_m)} off"
-            )
-    undeclared = detected if declared_m else []
-    return warnings + [
-        f"string.weights: an undeclared weight is detected at {_mm(w.place_m, w.sigma_m)} from the clamp"
-        for w in undeclared
-    ]
+        if abs(weight.place_m - place) > max(LEAST_M, SIGMAS * weight.sigma_m):
+            displaced.append((place, weight))
+    return displaced, detected
 
 
 def _section(found: Attachments, from_m: float, to_m: float) -> list[str]:
