@@ -7,6 +7,7 @@ import pytest
 
 from strandcast.arm.servo import Servo, respond
 from strandcast.config.plan import PlanSettings
+from strandcast.core.disturbances import TYPICAL_SIZES
 from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve, rest_heights, sample
 from strandcast.planning.bias_correction import HALF_LEFT_RAD_S, comparable, distance_rad_s, tip_bias
@@ -166,7 +167,7 @@ def test_every_disturbance_keeps_its_strings_bias(
 ) -> None:
     trial = played(task, unlike, curve(), 1)
     near = near_to(task, strings, [trial], settings)
-    every = with_every_disturbance(task, near, settings)
+    every = with_every_disturbance(task, near, TYPICAL_SIZES)
     assert len(every.strings) == 16 * len(strings)
     for k in (0, 1, 15, 17, 40, 47):
         np.testing.assert_array_equal(every.bias.tip_m[:, k], near.bias.tip_m[:, k // 16])

@@ -13,6 +13,7 @@ from strandcast.core.disturbances import (
     JOINT_ZERO_RAD,
     SWAY_RAD,
     SWAY_RAD_S,
+    TYPICAL_SIZES,
 )
 from strandcast.core.strings import StringBatch
 from strandcast.dynamics.batch import HandPath, StringStart
@@ -87,7 +88,8 @@ def test_the_disturbances_are_a_balanced_design(strings: StringBatch, count: int
     np.testing.assert_allclose(np.abs(signs), 1.0)
     np.testing.assert_allclose(signs.T @ signs / count, np.eye(7), atol=1e-12)
     np.testing.assert_allclose(signs.sum(axis=0), 0.0, atol=1e-12)
-    np.testing.assert_allclose(levels_of(disturbed(strings.take([0]), count, 3, 0.5)), 0.5 * signs * SIZES)
+    half = disturbed(strings.take([0]), count, 3, 0.5 * TYPICAL_SIZES)
+    np.testing.assert_allclose(levels_of(half), 0.5 * signs * SIZES)
 
 
 def test_the_mean_square_is_bias_and_variance_of_a_linear_response(strings: StringBatch) -> None:
@@ -106,6 +108,16 @@ def test_every_string_is_crossed_with_every_disturbance(strings: StringBatch) ->
         mine = every.take(range(16 * k, 16 * k + 16))
         np.testing.assert_array_equal(mine.parameters, np.tile(strings.parameters[k], (16, 1)))
         np.testing.assert_allclose(levels_of(mine), levels_of(disturbed(strings.take([0]), 16, 3)))
+
+
+def test_every_string_is_crossed_with_sizes_of_its_own(strings: StringBatch) -> None:
+    sizes = np.outer([1.0, 2.0, 0.5], TYPICAL_SIZES[0])
+    every = levels_of(crossed(strings, 3, sizes)) / SIZES
+    for k in range(len(strings)):
+        np.testing.assert_allclose(np.abs(every[16 * k : 16 * k + 16]), [1.0, 2.0, 0.5][k % 3])
+    # In a search the strings come in turn, and so do the draws of the sizes.
+    searched = levels_of(disturbed(strings.take([0]), 4, 3, sizes)) / SIZES
+    np.testing.assert_allclose(np.abs(searched), np.tile([[1.0], [2.0], [0.5], [1.0]], 7))
 
 
 def test_a_longer_string_hangs_out_further(task: PlanningTask, strings: StringBatch) -> None:

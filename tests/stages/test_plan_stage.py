@@ -1,6 +1,11 @@
 """The plan stage: it plans, and the score stage scores, for the objective of experiment.yaml."""
 
+import json
+import re
 import shutil
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +25,10 @@ from strandcast.records.estimate import Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK
+from strandcast.stages import plan as plan_stage
 from strandcast.stages.context import context_of
 from strandcast.stages.plan_inputs import first_inputs
+from strandcast.stages.rig import rig_state
 from strandcast.stages.run import run_stage
 from strandcast_studies.benchmarks.loop.throw import LoopRig, throw
 
@@ -152,6 +159,64 @@ def test_a_plan_that_cannot_be_made_names_file_field_and_fix(root: Path, text: s
     with pytest.raises(StrandcastError) as caught:
         run_stage("plan", root, "not", 1)
     assert words in str(caught.value)
+
+
+@pytest.mark.slow
+def test_what_a_throw_shows_of_the_rig_is_learnt_and_written(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = "target_m: [0.5, 0.5]\nlab: {string: paper-1}\n"
+    text += "estimate: {evaluations: 100, profiles: false}\n"
+    write(root, "rig", text + SMALL.replace("}", ", disturbances: learnt}"))
+    first = planned(root, "rig").provenance
+    assert first is not None
+    assert [one.measured for one in first.scatter] == [{}] * 7
+    with pytest.raises(StrandcastError, match="rig needs a fitted string"):
+        rig_state(context_of(root, "rig"))
+    throw(root, "rig", 1, LoopRig(vary=lambda drawn: replace(drawn, sway_rad=0.0, sway_rad_s=0.8)))
+    for stage in ("register_track", "score", "estimate"):
+        run_stage(stage, root, "rig", 1)
+    motions = {}
+    for disturbances in ("learnt", "1.0"):
+        write(root, "rig", text + SMALL.replace("}", f", disturbances: {disturbances}}}"))
+        run_stage("plan", root, "rig", 2)
+        motions[disturbances] = Motion.read(root / "results/rig/trial-02/motion.json")
+    learnt, fixed = (motion.provenance for motion in motions.values())
+    assert learnt is not None
+    assert fixed is not None
+    assert fixed.scatter == []
+    known = {one.quantity: one for one in learnt.scatter}
+    rate = known["sway_rad_s"]
+    assert rate.prior_median == 0.04
+    # The string sways twenty times as fast as expected, to and fro, which one throw shows to a part.
+    (value,) = rate.measured[1]
+    assert value is not None
+    assert abs(value) > 0.3
+    assert rate.median > 2.0 * rate.prior_median
+    # The lengths and zeros of one trial are only numbers, from which others may differ.
+    assert known["grasp_length_m"].measured[1] == [pytest.approx(0.3, abs=0.006)]
+    assert known["grasp_length_m"].median == pytest.approx(0.0015, rel=1e-3)
+    assert known["grasp_angle_rad"].measured == {}
+    state = rig_state(context_of(root, "rig"))
+    assert (state.trials, state.planned_with, state.repeats) == ([1], 1.0, [])
+    assert state.scatter == learnt.scatter
+    line = [sys.executable, "-m", "strandcast", "rig", "rig"]
+    (root / "Snakefile").touch()
+    printed = subprocess.run(line, cwd=root, capture_output=True, text=True, check=True).stdout
+    assert re.search(r"its rate +mrad/s +40 ×÷ 2 +-?[3-9]\d\d\.\d +\d+ +\d+ to \d+ +1 trial\n", printed)
+    assert re.search(r"turn in the clamp +mrad +35 ×÷ 2 +– +as expected", printed)
+    assert "warning: sway_rad_s: trial 1 is" in printed
+    as_json = subprocess.run([*line, "--json"], cwd=root, capture_output=True, text=True, check=True).stdout
+    assert json.loads(as_json)["scatter"] == [json.loads(one.model_dump_json()) for one in learnt.scatter]
+    # It is planned with: had nothing been seen, throws would be predicted to scatter less.
+    monkeypatch.setattr(plan_stage, "seen_deviations", lambda *given: [])
+    write(root, "rig", text + SMALL.replace("}", ", disturbances: learnt}"))
+    run_stage("plan", root, "rig", 2)
+    prior = Motion.read(root / "results/rig/trial-02/motion.json").predicted
+    wide = motions["learnt"].predicted
+    assert prior is not None
+    assert wide is not None
+    assert wide.miss_rms_m > 1.01 * prior.miss_rms_m
 
 
 @pytest.mark.slow

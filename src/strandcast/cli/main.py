@@ -26,6 +26,7 @@ from strandcast.cli.exports import EXPORTS
 from strandcast.cli.integrity import unlock, verify
 from strandcast.cli.new import new
 from strandcast.cli.play import EXIT_CODES, play
+from strandcast.cli.rig import rig
 from strandcast.cli.run import RESUMING, run
 from strandcast.cli.stages import LAB_STAGES, stage_commands, summary
 from strandcast.cli.status import status
@@ -143,7 +144,7 @@ STAGES, LAB, EXCHANGE = "Single stages", "Virtual lab", "Data exchange"
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     DAILY: (new, check, status, run, play, exclude, include),
     SET_UP: (doctor, schema, boards, preview),
-    CARE: (compare, verify, unlock),
+    CARE: (compare, rig, verify, unlock),
     STAGES: (summary, campaign),
 }
 EPILOGS = {play: EXIT_CODES, run: RESUMING}

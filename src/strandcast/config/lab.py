@@ -72,6 +72,11 @@ class LabScatter(Section):
         description="Draw from Student's t with 4 degrees of freedom. Set it to true for a rig on which "
         "large deviations are not rare.",
     )
+    drawn: bool = Field(
+        False,
+        description="Draw the rig by the experiment's name and seed: each size 0.3 to 3 times the one given, "
+        "heavy tails every other time. Set it to true to see what it costs not to know the rig.",
+    )
 
 
 TYPICAL = LabScatter()

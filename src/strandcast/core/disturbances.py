@@ -13,6 +13,9 @@ GRASP_LENGTH_M = 0.002
 SWAY_RAD = 0.010
 SWAY_RAD_S = 0.050
 JOINT_ZERO_RAD = 0.001
+# The same as one row: what `Disturbances` holds, column by column; all joints share the last.
+DISTURBING = ("grasp_angle_rad", "grasp_length_m", "sway_rad", "sway_rad_s", "joint_zero_rad")
+TYPICAL_SIZES = np.array([[GRASP_ANGLE_RAD, GRASP_LENGTH_M, SWAY_RAD, SWAY_RAD_S, JOINT_ZERO_RAD]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from strandcast.lab.servo import CYCLE_S
 from strandcast.lab.strings import physical_string
 from strandcast.lab.swing import BEFORE_S, LabSwing, simulate_swing
 from strandcast.lab.truth import FilmedThrow, write_truth
-from strandcast.lab.variation import LabClocks, ThrowVariation, draw_clocks, draw_variation
+from strandcast.lab.variation import LabClocks, ThrowVariation, draw_clocks, draw_variation, scatter_of
 from strandcast.lab.video import write_video
 from strandcast.progress import progress
 from strandcast.records.folders import ExperimentFolder, project_root
@@ -89,7 +89,8 @@ class LabDriver:
         throw, arm, experiment = self._throw, self._arm, self._throw.experiment
         assert experiment.lab is not None
         lab = experiment.lab
-        variation = draw_variation(self._random("lab-throw"), len(arm.joints), lab.noise, lab.scatter)
+        scatter = scatter_of(throw.name, experiment.seed, lab)
+        variation = draw_variation(self._random("lab-throw"), len(arm.joints), lab.noise, scatter)
         clocks = draw_clocks(self._random("lab-clocks"))
         string = physical_string(experiment)
         swing = simulate_swing(arm, experiment.lab.servo, string, variation, command, slip=throw.slip)

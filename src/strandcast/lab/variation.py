@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.config.lab import TYPICAL, LabScatter
+from strandcast.config.lab import TYPICAL, LabScatter, LabSettings
+from strandcast.seeds import rng
 
 CLOCK_DRIFT = 2e-5  # standard deviation; chosen
 HEAVY_TAILS = 4  # degrees of freedom of Student's t; chosen: one deviation in 50 is beyond 2.7 of its sd
+DRAWN_FACTORS = (0.3, 3.0)  # of the typical sizes, logarithmic; chosen to be wider than the planner's prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +24,21 @@ class ThrowVariation:
     joint_zero_rad: np.ndarray
     servo_gain: np.ndarray
     log_noise_rad: float
+
+
+def scatter_of(experiment: str, seed: int, lab: LabSettings) -> LabScatter:
+    """Return the scatter of an experiment's rig; one that is drawn depends on name and seed alone."""
+    return (
+        drawn_scatter(rng(experiment, seed, 0, "lab-rig"), lab.scatter) if lab.scatter.drawn else lab.scatter
+    )
+
+
+def drawn_scatter(random: np.random.Generator, about: LabScatter = TYPICAL) -> LabScatter:
+    """Return the scatter of a rig that nobody knows: each size of its own, heavy tails every other time."""
+    low, high = np.log(DRAWN_FACTORS)
+    given = about.model_dump(exclude={"heavy_tails", "drawn"})
+    sizes = {name: sd * float(np.exp(random.uniform(low, high))) for name, sd in given.items()}
+    return LabScatter(**sizes, heavy_tails=bool(random.integers(2)))
 
 
 def draw_variation(

@@ -83,7 +83,7 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
     Many motions are tried with few strings, fewer with more: every round starts from the best of the last.
     """
     task, settings, joints = given.task.rough(), given.settings, len(given.task.arm.joints)
-    ensemble = disturbed(given.strings, settings.ensemble, joints, settings.disturbances)
+    ensemble = disturbed(given.strings, settings.ensemble, joints, given.sizes)
     encoding = Encoding(joints, settings.control_points, settings.duration_range_s, task.step_s)
     found = screen(replace(given, task=task, strings=ensemble.first(SCREENED_WITH)))
     simulations = settings.screening * min(SCREENED_WITH, len(ensemble))

@@ -61,15 +61,15 @@ def neighbourhood(
     return Neighbourhood(best.curve, strings, conditions, bias)
 
 
-def with_every_disturbance(task: PlanningTask, near: Neighbourhood, settings: PlanSettings) -> Neighbourhood:
+def with_every_disturbance(task: PlanningTask, near: Neighbourhood, sizes: np.ndarray) -> Neighbourhood:
     """Return it with every string under every disturbance; each keeps its string's bias correction."""
-    strings = crossed(near.strings, len(task.arm.joints), settings.disturbances)
+    strings = crossed(near.strings, len(task.arm.joints), sizes)
     return _with_strings(near, strings, np.arange(len(strings)) * len(near.strings) // len(strings))
 
 
-def disturbed_near(task: PlanningTask, near: Neighbourhood, settings: PlanSettings) -> Neighbourhood:
-    """Return it with the strings in turn, each with other disturbances."""
-    strings = disturbed(near.strings, settings.ensemble, len(task.arm.joints), settings.disturbances)
+def disturbed_near(task: PlanningTask, near: Neighbourhood, count: int, sizes: np.ndarray) -> Neighbourhood:
+    """Return it with `count` strings, those given in turn, each with other disturbances."""
+    strings = disturbed(near.strings, count, len(task.arm.joints), sizes)
     return _with_strings(near, strings, np.arange(len(strings)) % len(near.strings))
 
 

@@ -27,6 +27,7 @@ from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.paths import paths_of_any
 from strandcast.planning.ranking import likely_miss_m
 from strandcast.planning.reachability import refuse_unreachable
+from strandcast.planning.rig_scatter import drawn_sizes
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_curves
 from strandcast.planning.scenarios import crossed
 from strandcast.planning.search import SearchInputs, SearchResult
@@ -48,7 +49,11 @@ HOPELESS = 10.0  # hit radii: so far off it is not bad luck of the search, and a
 
 
 def plan_first(
-    task: PlanningTask, strings: StringBatch, settings: PlanSettings, rng: np.random.Generator
+    task: PlanningTask,
+    strings: StringBatch,
+    settings: PlanSettings,
+    rng: np.random.Generator,
+    sizes: np.ndarray | None = None,
 ) -> PlannedMotion:
     """Plan a motion for a string that was never thrown.
 
@@ -62,6 +67,8 @@ def plan_first(
         Planner and budget.
     rng
         Random numbers.
+    sizes
+        Of the disturbances, see `planning.scenarios.disturbed`; by default those of the settings.
 
     Raises
     ------
@@ -70,9 +77,9 @@ def plan_first(
     """
     refuse_unreachable(task)
     conditions = RolloutConditions(task.arm.servo if settings.plans_with_servo else None)
-    given = SearchInputs(task, strings, conditions, settings, rng)
+    given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings, sizes))
     return (
-        _described(given, first_by_paper(given)) if settings.planner == "paper" else _globally(given, "first")
+        predicted(given, first_by_paper(given)) if settings.planner == "paper" else _globally(given, "first")
     )
 
 
@@ -84,12 +91,13 @@ def plan_next(
     rng: np.random.Generator,
     servo: Servo | None = None,
     fit_E_m: float | None = None,
+    sizes: np.ndarray | None = None,
 ) -> PlannedMotion:
     """Plan the motion after one or more trials.
 
     Parameters
     ----------
-    task, settings, rng
+    task, settings, rng, sizes
         See `plan_first`.
     strings
         The fitted strings, the best first.
@@ -117,13 +125,17 @@ def plan_next(
         )
     servo = servo or (fitted_servo(task, past_trials) if past_trials else task.arm.servo)
     conditions = RolloutConditions(servo if settings.plans_with_servo else None)
-    given = SearchInputs(task, strings, conditions, settings, rng)
+    given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings, sizes))
     if settings.planner == "paper":
         found = later_by_paper(given, cast(Curve, known[-1].curve))
-        plan = _described(given, replace(found, parent_trial=known[-1].trial))
+        plan = predicted(given, replace(found, parent_trial=known[-1].trial))
     else:
         plan = _near_or_globally(given, known, fit_E_m or 0.0)
     return replace(plan, flags=(*plan.flags, *_far_flags(plan.curve, known)))
+
+
+def _sizes(settings: PlanSettings, sizes: np.ndarray | None) -> np.ndarray:
+    return drawn_sizes(settings, []) if sizes is None else sizes
 
 
 def fitted_servo(task: PlanningTask, past_trials: list[PastTrial]) -> Servo:
@@ -142,7 +154,7 @@ def _globally(given: SearchInputs, kind: str, *flags: str) -> PlannedMotion:
         curve, simulations = _stopped_inside(
             given.task, lambda task: search_globally(replace(given, task=task))
         )
-        plans.append(_described(given, SearchResult(kind, curve, simulations, list(flags))))
+        plans.append(predicted(given, SearchResult(kind, curve, simulations, list(flags))))
         if plans[-1].hit_probability(radius_m) >= FAIR or plans[-1].cost_m > HOPELESS * radius_m:
             break
     likeliest = max(plans, key=lambda plan: plan.hit_probability(radius_m))
@@ -189,33 +201,33 @@ def _near(given: SearchInputs, best: PastTrial, miss_m: float, known: list[PastT
 
     def described(curve: Curve, simulations: int = 0, *more: str) -> PlannedMotion:
         result = SearchResult("refined", curve, simulations, [*flags, *more], best.trial)
-        return _described_near(given, near, result)
+        return predicted_near(given, near, result)
 
     plan = found(near)
     if plan.hit_probability(task.hit_radius_m) >= LIKELY:
         return plan
     others = [
-        found(disturbed_near(task, near, settings)),
+        found(disturbed_near(task, near, settings.ensemble, given.sizes)),
         described(near.best, 0, f"repeats trial {best.trial}'s motion: no change was found likelier to hit"),
     ]
     likeliest = max([plan, *others], key=lambda other: other.hit_probability(task.hit_radius_m))
     return replace(likeliest, simulations=plan.simulations + others[0].simulations)
 
 
-def _described_near(given: SearchInputs, near: Neighbourhood, found: SearchResult) -> PlannedMotion:
+def predicted_near(given: SearchInputs, near: Neighbourhood, found: SearchResult) -> PlannedMotion:
     """Describe a motion with the bias correction of the trials near it."""
     task, settings = given.task, given.settings
     paths = paths_of_any([found.curve], task.step_s, AFTER_END_S)
     heights = found.curve.heights_rad_s[None]
-    scattered = rollouts_near(task.rough(), with_every_disturbance(task, near, settings), paths, heights)
+    scattered = rollouts_near(task.rough(), with_every_disturbance(task, near, given.sizes), paths, heights)
     rollouts = rollouts_near(task, near, paths, heights)
     return describe(task, given.strings, settings.planner, found, rollouts, scattered)
 
 
-def _described(given: SearchInputs, found: SearchResult) -> PlannedMotion:
+def predicted(given: SearchInputs, found: SearchResult) -> PlannedMotion:
     """Describe a motion without bias correction."""
     task, settings = given.task, given.settings
-    every = crossed(given.strings, len(task.arm.joints), settings.disturbances)
+    every = crossed(given.strings, len(task.arm.joints), given.sizes)
     scattered = rollouts_of_curves(task.rough(), every, given.conditions, [found.curve])
     rollouts = rollouts_of_curves(task, given.strings, given.conditions, [found.curve])
     return describe(task, given.strings, settings.planner, found, rollouts, scattered)

@@ -5,18 +5,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import hadamard
 
-from strandcast.core.disturbances import (
-    GRASP_ANGLE_RAD,
-    GRASP_LENGTH_M,
-    JOINT_ZERO_RAD,
-    SWAY_RAD,
-    SWAY_RAD_S,
-    Disturbances,
-)
+from strandcast.core.disturbances import DISTURBING, TYPICAL_SIZES, Disturbances
 from strandcast.core.strings import StringBatch
 
 
-def disturbed(strings: StringBatch, count: int, joints: int, scale: float = 1.0) -> StringBatch:
+def disturbed(
+    strings: StringBatch, count: int, joints: int, sizes: np.ndarray = TYPICAL_SIZES
+) -> StringBatch:
     """Return `count` strings: the given ones in turn, each with different disturbances.
 
     The disturbances are the rows of a two-level design (Hadamard), each one standard deviation either way:
@@ -29,27 +24,39 @@ def disturbed(strings: StringBatch, count: int, joints: int, scale: float = 1.0)
         How many; a multiple of the design's size (8 for an arm of up to three joints) uses it fully.
     joints
         Number J of joints.
-    scale
-        Of the disturbances: 1 for a typical rig.
+    sizes
+        (M, 5) standard deviations, in the order of `DISTURBING`. Where there are several rows, they are draws
+        of sizes that are not known, and the strings take them in turn: the disturbances then have the tails
+        of the distribution over all sizes.
     """
-    levels = scale * _levels(joints)
-    levels = levels[np.arange(count) % len(levels)]
-    chosen = strings.take([k % len(strings) for k in range(count)])
+    return _with_levels(
+        strings.take([k % len(strings) for k in range(count)]), np.arange(count), joints, sizes
+    )
+
+
+def _with_levels(strings: StringBatch, draw: np.ndarray, joints: int, sizes: np.ndarray) -> StringBatch:
+    """Return strings with the rows of the design in turn, each with the sizes of its `draw` (B,)."""
+    signs = _signs(joints)
+    signs = signs[np.arange(len(strings)) % len(signs)]
+    repeats = [1] * (len(DISTURBING) - 1) + [joints]
+    levels = np.repeat(sizes, repeats, axis=1)[draw % len(sizes)] * signs
     drawn = Disturbances(levels[:, 0], levels[:, 1], levels[:, 2:4], levels[:, 4:])
-    return replace(chosen, disturbances=drawn)
+    return replace(strings, disturbances=drawn)
 
 
-def crossed(strings: StringBatch, joints: int, scale: float = 1.0) -> StringBatch:
-    """Return every string with every disturbance of the design, string by string; see `disturbed`."""
-    rows = len(_levels(joints))
-    every = strings.take(np.repeat(np.arange(len(strings)), rows))
-    return disturbed(every, len(every), joints, scale)
+def crossed(strings: StringBatch, joints: int, sizes: np.ndarray = TYPICAL_SIZES) -> StringBatch:
+    """Return every string with every disturbance of the design, string by string; see `disturbed`.
+
+    Each string has its own draw of the sizes.
+    """
+    member = np.repeat(np.arange(len(strings)), len(_signs(joints)))
+    return _with_levels(strings.take(member), member, joints, sizes)
 
 
-def _levels(joints: int) -> np.ndarray:
-    """Return the design's disturbances (R, 4 + J), each one standard deviation either way."""
-    sizes = np.array([GRASP_ANGLE_RAD, GRASP_LENGTH_M, SWAY_RAD, SWAY_RAD_S, *[JOINT_ZERO_RAD] * joints])
-    runs = 1 << int(np.ceil(np.log2(len(sizes) + 1)))
-    design = hadamard(runs)[:, 1 : len(sizes) + 1]
+def _signs(joints: int) -> np.ndarray:
+    """Return the design (R, 4 + J): 1 or -1 for each disturbance."""
+    columns = len(DISTURBING) - 1 + joints
+    runs = 1 << int(np.ceil(np.log2(columns + 1)))
+    design = hadamard(runs)[:, 1 : columns + 1]
     # A second design with all signs reversed removes quadratic effects from the mean, too.
-    return np.asarray(sizes * np.concatenate([design, -design]))
+    return np.asarray(np.concatenate([design, -design]))

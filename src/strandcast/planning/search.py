@@ -1,12 +1,13 @@
 """Inputs and result of a search for a motion, and CMA-ES over motions."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from strandcast.config.plan import PlanSettings
 from strandcast.core.cma_es import cma_es
+from strandcast.core.disturbances import TYPICAL_SIZES
 from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve
 from strandcast.planning.rollouts import RolloutConditions
@@ -18,13 +19,17 @@ POPULATION = 16  # chosen
 
 @dataclass(frozen=True, eq=False)
 class SearchInputs:
-    """The task, the strings and the conditions to simulate motions with, the settings, random numbers."""
+    """The task, the strings and the conditions to simulate motions with, the settings, random numbers.
+
+    ``sizes`` (M, 5) are those of the disturbances, see `planning.scenarios.disturbed`.
+    """
 
     task: PlanningTask
     strings: StringBatch
     conditions: RolloutConditions
     settings: PlanSettings
     rng: np.random.Generator
+    sizes: np.ndarray = field(default_factory=lambda: TYPICAL_SIZES)
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,6 +42,7 @@ class Trial:
     """
 
     number: int
+    summary: TrackSummary
     track: Track
     alignment: Alignment
     aimed: bool
@@ -59,13 +60,14 @@ def read_trial(files: Files, number: int) -> Trial:
     track = read_track(files.input("track", number), settings.string.n)
     alignment = Alignment.read(files.input("alignment", number))
     hand_time_s, hand = read_hand(files.input("hand", number), settings.estimate.joints)
+    summary = TrackSummary.read(files.input("summary", number))
     shortfall = None
     if settings.aim is not None:
-        length_m = TrackSummary.read(files.input("summary", number)).length_m
-        shortfall, _ = tracked_shortfall(track, alignment, settings.aim, length_m)
+        shortfall, _ = tracked_shortfall(track, alignment, settings.aim, summary.length_m)
     played, run = files.optional("motion", number), files.optional("run", number)
     return Trial(
         number,
+        summary,
         track,
         alignment,
         settings.aim is not None,

@@ -8,6 +8,7 @@ from strandcast.arm.load import Arm, load_arm
 from strandcast.errors import StrandcastError
 from strandcast.planning.describe import PlannedMotion
 from strandcast.planning.plan import plan_first, plan_next
+from strandcast.planning.rig_scatter import LearntSize, drawn_sizes, learnt_sizes
 from strandcast.planning.start_strings import start_string_name
 from strandcast.planning.task import PlanningTask
 from strandcast.planning.write import to_record
@@ -25,6 +26,7 @@ from strandcast.stages.plan_inputs import (
     next_inputs,
     past_trial_of,
     refuse_without_target,
+    seen_deviations,
     servo_of,
 )
 
@@ -58,7 +60,7 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
     random = rng(*seeded_by)
     trials = [read_trial(files, number) for number in past(job)]
     try:
-        task, plan = _next(files, arm, trials, random) if trials else _first(context, arm, random)
+        task, plan, scatter = _next(files, arm, trials, random) if trials else _first(context, arm, random)
     except StrandcastError as error:
         # An error that names no file is about a request in the experiment's file.
         error.file = error.file or str(context.file)
@@ -73,6 +75,7 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
         hashes_of(path for role in ("track", "estimate", "ensemble") for path in files.inputs(role)),
         None if parent is None else parent.content_sha256(),
         None if trials else start_string_name(settings),
+        [one.to_record() for one in scatter] if settings.plan.disturbances == "learnt" else None,
     )
     return motion, plan.throws._replace(motion_sha256=motion.content_sha256())
 
@@ -94,19 +97,25 @@ def _refuse_thrown(job: Job) -> None:
         )
 
 
-def _first(context: Context, arm: Arm, random: np.random.Generator) -> tuple[PlanningTask, PlannedMotion]:
-    """Plan for an ensemble of plausible strings."""
+Plan = tuple[PlanningTask, PlannedMotion, list[LearntSize]]
+
+
+def _first(context: Context, arm: Arm, random: np.random.Generator) -> Plan:
+    """Plan for an ensemble of plausible strings, on a rig of which only the prior is known."""
+    settings = context.settings.plan
     task, strings = first_inputs(context, arm, random)
-    return task, plan_first(task, strings, context.settings.plan, random)
+    return task, plan_first(task, strings, settings, random), learnt_sizes(settings, [])
 
 
-def _next(
-    files: Files, arm: Arm, trials: list[Trial], random: np.random.Generator
-) -> tuple[PlanningTask, PlannedMotion]:
+def _next(files: Files, arm: Arm, trials: list[Trial], random: np.random.Generator) -> Plan:
     """Plan with the strings fitted after the newest trial, and with all trials that were played."""
-    context = files.job.context
+    context, settings = files.job.context, files.job.context.settings.plan
     task, strings = next_inputs(context, arm, files.input("ensemble"))
     estimate = Estimate.read(files.input("estimate"))
     played = [past_trial_of(trial, task.step_s) for trial in trials if trial.motion is not None]
     servo = servo_of(estimate.servo)
-    return task, plan_next(task, strings, played, context.settings.plan, random, servo, estimate.E_m)
+    learns = settings.disturbances == "learnt"
+    seen = seen_deviations(task, strings, trials, servo) if learns else []
+    sizes = drawn_sizes(settings, seen)
+    plan = plan_next(task, strings, played, settings, random, servo, estimate.E_m, sizes)
+    return task, plan, learnt_sizes(settings, seen)

@@ -11,7 +11,9 @@ from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
+from strandcast.planning.deviations import RigReadings, trial_deviations
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial
+from strandcast.planning.rig_scatter import TrialDeviations
 from strandcast.planning.start_strings import start_strings
 from strandcast.planning.task import PlanningTask
 from strandcast.records.estimate import ServoFit
@@ -83,6 +85,12 @@ def fitted_strings(path: Path, layout: MassLayout) -> StringBatch:
 
 def past_trial_of(trial: Trial, step_s: float) -> PastTrial:
     """Return a trial on its motion's own clock, joints every `step_s`."""
+    assert trial.motion is not None
+    return past_trial(trial.motion, measured_of(trial), step_s)
+
+
+def measured_of(trial: Trial) -> Measured:
+    """Return the measurements of a trial since its motion's start."""
     motion, log, start_s = trial.motion, trial.log, trial.alignment.motion_start_s
     assert motion is not None
     if log is None:  # a supplied track: the joints are taken to have followed the commands
@@ -91,8 +99,28 @@ def past_trial_of(trial: Trial, step_s: float) -> PastTrial:
         columns = [log.joint_names.index(name) for name in motion.joint_names]
         time_s, q_rad = log.time_s - start_s, log.q_rad[:, columns]
     miss_m = None if trial.shortfall is None else trial.shortfall.miss_m
-    measured = Measured(time_s, q_rad, trial.frame_time_s - start_s, trial.track.detected_m(), miss_m)
-    return past_trial(motion, measured, step_s)
+    return Measured(time_s, q_rad, trial.frame_time_s - start_s, trial.track.detected_m(), miss_m)
+
+
+def _deviations_of(
+    task: PlanningTask, best: StringBatch, trial: Trial, servo: Servo | None
+) -> TrialDeviations:
+    length_m, error_m = (trial.summary.choices.get(name) for name in ("length_m", "length_sigma_m"))
+    zeros_rad = trial.alignment.joint_zero_rad
+    readings = RigReadings(
+        (length_m, error_m) if isinstance(length_m, float) and isinstance(error_m, float) else None,
+        None if zeros_rad is None else np.array(zeros_rad),
+    )
+    past = past_trial_of(trial, task.step_s)
+    return trial_deviations(task, best, past, measured_of(trial), servo if trial.log else None, readings)
+
+
+def seen_deviations(
+    task: PlanningTask, strings: StringBatch, trials: list[Trial], servo: Servo | None
+) -> list[TrialDeviations]:
+    """Return what the trials that were played from a motion show of the rig; the best string comes first."""
+    played = [trial for trial in trials if trial.motion is not None]
+    return [_deviations_of(task, strings.first(1), trial, servo) for trial in played]
 
 
 def servo_of(fit: ServoFit | None) -> Servo | None:

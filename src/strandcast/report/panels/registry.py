@@ -22,6 +22,7 @@ from strandcast.report.panels.predictions import predictions
 from strandcast.report.panels.progress import evaluations, misses
 from strandcast.report.panels.quality import quality
 from strandcast.report.panels.rig import rig
+from strandcast.report.panels.rig_scatter import learns_scatter, rig_scatter
 from strandcast.report.panels.strobe import strobe
 from strandcast.report.panels.strobe_picture import strobe_picture
 from strandcast.report.panels.throws import closest_strings, hand_paths, tip_paths
@@ -329,6 +330,19 @@ EXPERIMENT_PANELS = [
         shown=_is_aimed,
     ),
     replace(NEXT_MOTION, shown=_is_aimed),
+    Panel(
+        "scatter",
+        "Scatter of the rig",
+        rig_scatter,
+        caption="Standard deviations from throw to throw: expected before any throw (two rigs in three lie "
+        "within the factor), and learnt from the trials, with the interval that holds it with 90 %. Measured "
+        "values are as the trial showed them, one for each joint; they scatter about their mean, the rate "
+        "about zero. The turn in the clamp cannot be seen; travel and lag are not planned with.",
+        good="what was learnt is near what was expected.",
+        bad="a value that grows from trial to trial (a clamp that gives way), or one far from the others (a "
+        "string that slipped).",
+        shown=learns_scatter,
+    ),
     Panel("quality", "Checks by trial", quality, caption="✓ passed, ▲ warned, ✕ failed, – not run."),
     Panel(
         "camera",

@@ -16,7 +16,7 @@ from strandcast.lab.driver import joint_log
 from strandcast.lab.strings import physical_string
 from strandcast.lab.swing import BEFORE_S, LabSwing, simulate_swing
 from strandcast.lab.truth import MISS_AFTER_S, true_miss
-from strandcast.lab.variation import LabClocks, ThrowVariation, draw_variation
+from strandcast.lab.variation import LabClocks, ThrowVariation, draw_variation, scatter_of
 from strandcast.planning.capsules import start_violation_m
 from strandcast.planning.cost import CLEARANCE_M
 from strandcast.scoring.closest_approach import closest_approach
@@ -100,7 +100,8 @@ class ThrowEnv(gymnasium.Env):
         observation, miss_m, share = self._observation(action), REFUSED_M, 0.0
         if played is not None:
             motion, share = played
-            given = len(self._arm.joints), self._lab.noise, self._lab.scatter
+            scatter = scatter_of(self._task.name, self._task.experiment.seed, self._lab)
+            given = len(self._arm.joints), self._lab.noise, scatter
             variation = draw_variation(self._random("lab-throw"), *given)
             string = physical_string(self._task.experiment)
             swing = simulate_swing(self._arm, self._lab.servo, string, variation, motion)

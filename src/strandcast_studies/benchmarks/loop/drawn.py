@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from strandcast.config.lab import TYPICAL
+from strandcast.lab.variation import drawn_scatter
 from strandcast_studies.benchmarks.loop.run import (
     PROJECT,
     RIGS,
@@ -39,10 +39,9 @@ DENSITY_KG_M, STIFFNESS_N_M2, DIAMETER_M = (0.002, 0.020), (3e-7, 1e-5), (0.002,
 CURL_RAD_M = 4.0
 SERVOS = ("servoj", "stiff", "pd", "soft")
 # With --wide: strings by their density, the density of their material, and the length over which their own
-# weight bends them; scatter of throws as a share of the typical rig's.
+# weight bends them.
 WIDE_DENSITY_KG_M, MATERIAL_KG_M3, BENDING_LENGTH_M = (0.001, 0.040), (100.0, 1300.0), (0.012, 0.06)
 WIDE_WEIGHTS, WIDE_WEIGHT_KG, THICKEST_M = 3, (0.002, 0.030), 0.012
-SCATTER = (0.3, 3.0)
 # A target is out of the arm's reach by up to this share of the string's length.
 ARM_M, OF_LENGTH = 0.70, 0.6
 EDGE_M = 0.10  # from the workspace's edge
@@ -56,8 +55,7 @@ def wide_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
     bending_n_m2 = 9.81 * density * _log_uniform(BENDING_LENGTH_M, random) ** 3
     usual = settings_of(common, seed)
     weights = _weights(usual["string"]["length_m"], random, WIDE_WEIGHTS, WIDE_WEIGHT_KG)
-    typical = TYPICAL.model_dump(exclude={"heavy_tails"})
-    scatter = {name: sd * _log_uniform(SCATTER, random) for name, sd in typical.items()}
+    scatter = drawn_scatter(random)
     return merged(
         usual,
         {
@@ -68,7 +66,7 @@ def wide_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
                     "bending_stiffness_n_m2": bending_n_m2,
                     "diameter_m": min(diameter_m, THICKEST_M),
                 },
-                "scatter": scatter | {"heavy_tails": bool(random.integers(2))},
+                "scatter": scatter.model_dump(),
             },
         },
     )
@@ -124,22 +122,28 @@ def _log_uniform(between: tuple[float, float], random: np.random.Generator) -> f
     return float(np.exp(random.uniform(*np.log(between))))
 
 
-def _job(root: str, seed: int, trials: int, wide: bool) -> dict[str, Any]:
+def _job(root: str, seed: int, trials: int, wide: bool, learnt: bool) -> dict[str, Any]:
     settings = (wide_settings_of if wide else settings_of)(load_plan(PROJECT / FILE).common, seed)
+    settings = merged(settings, {"plan": {"disturbances": "learnt"}}) if learnt else settings
     name = f"{'wide' if wide else 'drawn'}-{seed}"
     prepare(Path(root), name, settings)
     drawn = {key: settings[key] for key in ("seed", "string", "target_m", "lab")}
-    return drawn | outcome(lambda: run_prepared(Path(root), name, trials, RIGS["usual"]))
+    run = {"name": name} | drawn | outcome(lambda: run_prepared(Path(root), name, trials, RIGS["usual"]))
+    (Path(root) / "runs").mkdir(exist_ok=True)
+    (Path(root) / "runs" / f"{name}.json").write_text(json.dumps(run, indent=1), encoding="utf-8")
+    return run
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the experiments, two at a time; write each result as soon as it is known."""
     parser = run_parser(__doc__, list(REPORTED_SEEDS), "results/bench-drawn.json", strings=False)
     parser.add_argument("--wide", action="store_true", help="draw from the wide ranges, and rigs too")
+    parser.add_argument("--learnt", action="store_true", help="learn the rig's scatter (plan.disturbances)")
+    parser.add_argument("--work", type=Path, default=None, help="keep the experiments' folders here")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="strandcast-drawn-") as folder:
-        root = str(root_with_arms(Path(folder)))
-        jobs = [(root, seed, options.trials, options.wide) for seed in options.seeds]
+        root = str(root_with_arms(options.work or Path(folder)))
+        jobs = [(root, seed, options.trials, options.wide, options.learnt) for seed in options.seeds]
         print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
 
 

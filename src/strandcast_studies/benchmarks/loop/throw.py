@@ -15,7 +15,7 @@ from strandcast.lab.driver import joint_log
 from strandcast.lab.strings import physical_string
 from strandcast.lab.swing import BEFORE_S, LabSwing, simulate_swing
 from strandcast.lab.truth import true_miss
-from strandcast.lab.variation import LabClocks, ThrowVariation, draw_variation
+from strandcast.lab.variation import LabClocks, ThrowVariation, draw_variation, scatter_of
 from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.joint_log import JointLog, Run, timing_of, write_joint_log
 from strandcast.records.motion import Motion
@@ -51,7 +51,7 @@ def throw(root: Path, name: str, trial: int, rig: LoopRig) -> float:
         rng(name, settings.seed, trial, "lab-throw"),
         len(arm.joints),
         settings.lab.noise,
-        settings.lab.scatter,
+        scatter_of(name, settings.seed, settings.lab),
     )
     variation = rig.vary(drawn)
     swing = swung(context, arm, motion, variation)

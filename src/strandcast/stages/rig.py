@@ -1,0 +1,108 @@
+"""How much throws differ on a rig, as all trials so far show it; for `strandcast rig`."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from strandcast.arm.load import load_arm
+from strandcast.errors import StrandcastError
+from strandcast.planning.bias_correction import SAME_MOTION_RAD_S, distance_rad_s
+from strandcast.planning.past_trials import PastTrial, resampled
+from strandcast.planning.rig_scatter import learnt_sizes
+from strandcast.records.estimate import Estimate
+from strandcast.records.motion import RigScatter
+from strandcast.stages.context import Context
+from strandcast.stages.declarations import STAGES
+from strandcast.stages.job import Files, Job
+from strandcast.stages.past_trials import read_trial
+from strandcast.stages.plan_inputs import next_inputs, past_trial_of, seen_deviations, servo_of
+
+
+class Repeat(NamedTuple):
+    """Two throws of one motion: the rms distance of their tips over the frames that both saw [m]."""
+
+    trials: tuple[int, int]
+    tip_m: float
+
+
+class RigState(NamedTuple):
+    """What the trials show of a rig.
+
+    Attributes
+    ----------
+    trials
+        Those that were used: with a fitted string, not excluded.
+    planned_with
+        ``plan.disturbances`` of the settings: a scale of a typical rig's, or ``learnt``.
+    scatter, repeats
+        How much throws differ, by quantity; the motions that were thrown more than once.
+    """
+
+    trials: list[int]
+    planned_with: float | str
+    scatter: list[RigScatter]
+    repeats: list[Repeat]
+
+
+def rig_state(context: Context) -> RigState:
+    """Return what an experiment's trials show of its rig.
+
+    Raises
+    ------
+    StrandcastError
+        SC-W030 no trial has a fitted string yet.
+    """
+    settings = context.settings.plan
+    last = _newest_fit(context)
+    files = Files(STAGES["plan"], Job(context, last + 1))
+    arm = load_arm(files.input("arm"))
+    trials = [read_trial(files, number) for number in context.counted_before(last + 1)]
+    trials = [trial for trial in trials if trial.motion is not None]
+    task, strings = next_inputs(context, arm, files.input("ensemble"))
+    servo = servo_of(Estimate.read(files.input("estimate")).servo)
+    seen = seen_deviations(task, strings, trials, servo)
+    return RigState(
+        [trial.number for trial in trials],
+        settings.disturbances,
+        [one.to_record() for one in learnt_sizes(settings, seen)],
+        repeats([past_trial_of(trial, task.step_s) for trial in trials]),
+    )
+
+
+def _newest_fit(context: Context) -> int:
+    """Return the newest trial with a fitted string."""
+    numbers = context.counted(context.folder.thrown_trials())
+    fitted = [n for n in numbers if (context.folder.trial(n).results / "ensemble.parquet").is_file()]
+    if not fitted:
+        raise StrandcastError(
+            "SC-W030",
+            "rig needs a fitted string, and no trial has one yet",
+            file=context.folder.trial(max(numbers, default=1)).results / "ensemble.parquet",
+            fix=f"throw once, then: strandcast run {context.name}",
+        )
+    return max(fitted)
+
+
+def repeats(trials: list[PastTrial]) -> list[Repeat]:
+    """Return every pair of neighbouring throws of one motion, and how far apart their tips were."""
+    found = []
+    for k, later in enumerate(trials):
+        same = [
+            one
+            for one in trials[:k]
+            if later.curve is not None and distance_rad_s(later.curve, [one]) < SAME_MOTION_RAD_S
+        ]
+        if same:
+            found.append(Repeat((same[-1].trial, later.trial), _tips_apart_m(same[-1], later)))
+    return [repeat for repeat in found if np.isfinite(repeat.tip_m)]
+
+
+def _tips_apart_m(one: PastTrial, other: PastTrial) -> float:
+    seen = np.isfinite(other.tip_m).all(axis=1)
+    first_s = max(0.0, other.frame_s[seen].min(initial=np.inf))
+    during = (one.frame_s >= first_s) & (one.frame_s <= other.frame_s[seen].max(initial=-np.inf))
+    during &= np.isfinite(one.tip_m).all(axis=1)
+    if not during.any():
+        return float("nan")
+    apart = one.tip_m[during] - resampled(one.frame_s[during], other.frame_s[seen], other.tip_m[seen])
+    return float(np.sqrt(np.mean((apart**2).sum(axis=1))))
