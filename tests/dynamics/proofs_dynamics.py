@@ -300,6 +300,72 @@ def energy_balance(options: Options) -> float:
     return 100.0 * float(np.abs(total - total[0] - done).max() / kinetic.max())
 
 
+@proof("% of the area", lfcn=0.05, lfcn_f32=0.5, semi_implicit=0.05)
+def friction_loop(options: Options) -> float:
+    """The moment of friction that sticks runs through a loop of the area 4 M (a - s tanh(a / s)).
+
+    a: amplitude of the bend, s: bend over which the full moment M builds up. The hand turns back and forth;
+    the pendulum below it shows the clamp's moment.
+    """
+    length, clamp, linear, full, stick, turn_s = 0.1, 0.5, 6.0, 0.2, 0.05, 2.0
+    model = StringModel(length, 1, **options)
+    times = steps(model, 3 * turn_s)
+    fine = np.linspace(0.0, 3 * turn_s, 6001)
+
+    def turned(t):
+        return DOWN[2] + 0.5 * np.sin(2 * np.pi * t / turn_s)
+
+    hand = np.column_stack([np.zeros((6001, 2)), turned(fine)])
+    p = parameters(k_s=1e6, k_ph=clamp, C_c1=linear)
+    fixed = {"bend_friction": full, "friction_stick_rad_m": stick / length}
+    simulated, _ = simulate(model, p, np.ones(1), fine, hand, times, **fixed)
+    angle = np.unwrap(np.arctan2(simulated[:, 1, 1], simulated[:, 1, 0]))[times > 2 * turn_s - 1e-9]
+    half = np.diff(angle) / model.dt_s
+    inertia, air = length**2 * np.diff(half) / model.dt_s, linear * length**2 * 0.5 * (half[1:] + half[:-1])
+    moment = -(inertia + air + GRAVITY_M_S2 * length * np.cos(angle[1:-1]))
+    bend = (angle - turned(times[times > 2 * turn_s - 1e-9]))[1:-1]
+    area = 0.5 * float((moment + np.roll(moment, 1)) @ (bend - np.roll(bend, 1)))
+    reach = 0.5 * np.ptp(bend)
+    assert reach > 3 * stick
+    assert np.sum(np.diff(np.sign(np.diff(bend))) != 0) <= 2  # no small loops in the large one
+    return 100.0 * abs(area / (4 * full * (reach - stick * np.tanh(reach / stick))) - 1.0)
+
+
+@proof("% of the energy lost", lfcn=0.05, lfcn_f32=0.1, semi_implicit=0.05)
+def energy_lost_to_friction(options: Options) -> float:
+    """Friction that sticks takes what its moments take, and never gives back more than its bends store."""
+    model = StringModel(0.2, 5, **options)
+    k_s, c_s, k, k_ph, full, stick = 2e4, 8.0, 0.3, 0.5, 0.1, 0.05
+    p = parameters(k_s=k_s, c_s=c_s, k_h=k, k_sh=k, k_ph=k_ph)
+    times = steps(model, 1.5)
+    start = along(np.array([-0.5, -0.4, -0.6, -0.3, -0.5]), model.spacing_m)
+    fixed = {"bend_friction": full, "friction_stick_rad_m": stick / model.spacing_m}
+    simulated, _ = simulate(model, p, MASSES, *still(DOWN, 2.0), times, start, respace=False, **fixed)
+    motion = Motion.of(simulated, model.dt_s)
+    kinetic, total = energy(motion, MASSES, model.spacing_m, k_s, k, k_ph, DOWN[2])
+    _, growth, _, angle, _ = motion.segments()
+    change = np.diff(np.diff(angle, axis=1, prepend=DOWN[2]), axis=0)
+    share = np.zeros((len(change) + 1, 5))
+    first = along_bends(simulated[:2])
+    share[0] = -np.sign(first) * np.expm1(-np.abs(first) / stick)
+    for i, turn in enumerate(change):
+        toward = np.sign(turn)
+        share[i + 1] = toward + (share[i] - toward) * np.exp(-np.abs(turn) / stick)
+    stretching = 0.5 * c_s * ((growth[1:] ** 2).sum(1) + (growth[:-1] ** 2).sum(1)) * model.dt_s
+    rubbing = full * (0.5 * (share[1:] + share[:-1]) * change).sum(1)
+    lost = np.r_[0.0, np.cumsum(stretching + rubbing)]
+    stored = total + 0.5 * full * stick * (share**2).sum(1)
+    assert np.diff(stored).max() < 1e-4 * kinetic.max()  # energy never grows
+    assert rubbing.sum() > 1.0  # J/kg
+    return 100.0 * float(np.abs(total - total[0] + lost).max() / lost[-1])
+
+
+def along_bends(points: np.ndarray) -> np.ndarray:
+    """Changes (n,) of the bends from the first to the second of two shapes (2, n+1, 2) [rad]."""
+    d = np.diff(points, axis=1)
+    return np.diff(np.diff(np.arctan2(d[..., 1], d[..., 0]), axis=1, prepend=DOWN[2]), axis=0)[0]
+
+
 @proof("% of the largest momentum", lfcn=0.005, lfcn_f32=0.1, semi_implicit=0.005)
 def momentum(options: Options) -> float:
     """All momentum comes through the first segment and from gravity: inner forces have none."""

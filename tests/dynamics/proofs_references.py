@@ -27,8 +27,14 @@ VELOCITY = np.linspace([0.0, 0.0], [0.4, -0.2], 5)
 SWITCH = {"rate": 0.5, "sign": 0.02, "strain": 20.0}
 # The switch feeds energy in and turns within a step: there the order shows only at much finer steps.
 LATE_ORDER = ("rate", "sh")
-# Reading, stiffer coefficients, drag along over across (0: the same in all directions).
-CASES = (*((reading, stiff, 0.0) for reading in READINGS for stiff in ("h", "sh")), ("strain", "h", 0.2))
+# Reading, stiffer coefficients, drag along over across (0: the same in all directions), bend per length over
+# which friction builds up (0: no friction).
+CASES = (
+    *((reading, stiff, 0.0, 0.0) for reading in READINGS for stiff in ("h", "sh")),
+    ("strain", "h", 0.2, 0.0),
+    ("strain", "h", 0.0, 2.0),
+)
+FRICTION = 0.15
 
 
 def moving_hand(t):
@@ -37,7 +43,7 @@ def moving_hand(t):
 
 
 @cache
-def truth(reading: str, stiff: str, drag_along: float) -> np.ndarray:
+def truth(reading: str, stiff: str, drag_along: float, stick_rad_m: float) -> np.ndarray:
     """Points 1…n by DOP853; a function of constants only, so that it can be cached."""
     p = GROWING_STIFF if stiff == "h" else STRAIGHTENING_STIFF
     equations = reference.Equations(
@@ -50,11 +56,13 @@ def truth(reading: str, stiff: str, drag_along: float) -> np.ndarray:
         CLAMP_RAD,
         np.array(FACTOR),
         drag_along=drag_along,
+        friction=FRICTION if stick_rad_m else 0.0,
+        stick_rad=stick_rad_m * SPACING_M,
     )
     return reference.integrate(equations, moving_hand, START, OUT_S, VELOCITY)
 
 
-def distance_m(options: Options, reading: str, stiff: str, drag_along: float) -> float:
+def distance_m(options: Options, reading: str, stiff: str, drag_along: float, stick_rad_m: float) -> float:
     """Root mean square distance of the simulated points from DOP853's."""
     p = GROWING_STIFF if stiff == "h" else STRAIGHTENING_STIFF
     fixed = {"reading": reading, "switch_width": None if reading == "rate" else SWITCH[reading]}
@@ -73,8 +81,11 @@ def distance_m(options: Options, reading: str, stiff: str, drag_along: float) ->
         bend_factor=FACTOR,
         clamp_offset_rad=CLAMP_RAD,
         drag_along=drag_along,
+        bend_friction=FRICTION if stick_rad_m else 0.0,
+        friction_stick_rad_m=stick_rad_m,
     )
-    return float(np.sqrt(((simulated[:, 1:] - truth(reading, stiff, drag_along)) ** 2).sum(-1).mean()))
+    expected = truth(reading, stiff, drag_along, stick_rad_m)
+    return float(np.sqrt(((simulated[:, 1:] - expected) ** 2).sum(-1).mean()))
 
 
 @proof("mm", lfcn=5e-3, lfcn_f32=1e-2, semi_implicit=5e-3, euler=5e-3)

@@ -32,9 +32,14 @@ class Equations:
     factor: np.ndarray | float = 1.0
     gravity_m_s2: float = 9.81
     drag_along: float = 0.0
+    friction: float = 0.0
+    stick_rad: float = 0.0
 
-    def accelerations(self, x, v, clamp, clamp_rate):
-        """Accelerations of points 1…n (n, 2); x, v (n+1, 2) include the hand. With complex numbers."""
+    def accelerations(self, x, v, clamp, clamp_rate, held=0.0):
+        """Accelerations of points 1…n (n, 2); x, v (n+1, 2) include the hand. With complex numbers.
+
+        `held`: share of the full moment of friction at each joint.
+        """
         k_s, c_s, _, _, _, _, c1, c2, k_ph, c_ph = self.parameters
         z, w = x[:, 0] + 1j * x[:, 1], v[:, 0] + 1j * v[:, 1]
         d, dw = np.diff(z), np.diff(w)
@@ -54,12 +59,20 @@ class Equations:
         at_clamp = k_ph * wrap(np.angle(d[0]) - clamp - self.clamp_offset_rad)
         at_clamp += c_ph * (turn[0] - clamp_rate)
         bend = wrap(np.diff(np.angle(d))) - self.curl_rad_m * self.spacing_m
-        at_joints = np.r_[at_clamp, self.moments(bend, np.diff(turn), pull)] * self.factor
+        at_joints = np.r_[at_clamp, self.moments(bend, np.diff(turn), pull)] + self.friction * held
+        at_joints = at_joints * self.factor
         # The difference of the moments over the length, turned by +90 degrees.
         shear = np.diff(np.r_[at_joints, 0.0]) / length * 1j * u
         total[1:] += shear
         total[:-1] -= shear
         return (total[1:] / self.masses).view(float).reshape(-1, 2)
+
+    def build_up(self, x, v, clamp_rate, held):
+        """Rate of the shares `held` (n,), which follow the bend over `stick_rad` until friction is full."""
+        d, dw = np.diff(x, axis=0), np.diff(v, axis=0)
+        turn = (d[:, 0] * dw[:, 1] - d[:, 1] * dw[:, 0]) / (d**2).sum(1)
+        rate = np.diff(np.r_[clamp_rate, turn])
+        return (rate - np.abs(rate) * held) / self.stick_rad
 
     def moments(self, bend, rate, pull):
         """Moments at joints 1…n-1 before their factors (n-1,)."""
@@ -80,13 +93,16 @@ def integrate(equations: Equations, path: Path, start, times, start_velocity=Non
 
     def derivative(t, state):
         pose, speed = path(t)
-        x = np.vstack([pose[:2], state[: 2 * n].reshape(n, 2)])
-        v = np.vstack([speed[:2], state[2 * n :].reshape(n, 2)])
-        a = equations.accelerations(x, v, pose[2], speed[2])
-        return np.r_[state[2 * n :], a.ravel()]
+        place, moving, held = np.split(state, [2 * n, 4 * n])
+        x = np.vstack([pose[:2], place.reshape(n, 2)])
+        v = np.vstack([speed[:2], moving.reshape(n, 2)])
+        if not equations.stick_rad:
+            return np.r_[moving, equations.accelerations(x, v, pose[2], speed[2]).ravel()]
+        a = equations.accelerations(x, v, pose[2], speed[2], held)
+        return np.r_[moving, a.ravel(), equations.build_up(x, v, speed[2], held)]
 
     velocity = np.zeros((n, 2)) if start_velocity is None else start_velocity
-    first = np.r_[start.ravel(), velocity.ravel()]
+    first = np.r_[start.ravel(), velocity.ravel(), np.zeros(n if equations.stick_rad else 0)]
     result = solve_ivp(
         derivative, times[[0, -1]], first, "DOP853", times, rtol=1e-9, atol=1e-11, max_step=2e-3
     )

@@ -116,6 +116,47 @@ def test_dry_friction_ends_a_swing_away_from_rest():
     assert np.abs(with_friction[100]) > 0.02
 
 
+def leaning_cable(dt_s, stick_rad_m):
+    """Return the tip (401, 2) [m] of a cable that is let go at an angle, over four seconds."""
+    model = replace(MODEL, dt_s=dt_s)
+    cable = np.array([[1e5, 5.0, 1.0, 0.05, 1.0, 0.05, 5.0, 1e-3, 1.0, 0.05]])
+    time_s, frame_s = np.array([0.0, 4.0]), np.linspace(0.0, 4.0, 401)
+    leaning = np.column_stack([np.sin(0.5) * np.arange(1, 8), -np.cos(0.5) * np.arange(1, 8)])
+    points, status = simulate_batch(
+        model,
+        cable,
+        np.ones((1, 7)),
+        time_s,
+        np.tile([0.0, 0.0, -np.pi / 2], (2, 1)),
+        frame_s,
+        leaning * model.spacing_m,
+        bend_friction=4.0,
+        friction_stick_rad_m=stick_rad_m,
+    )
+    assert status[0] == OK
+    return points[0, :, -1]
+
+
+def test_friction_that_sticks_holds_a_string_where_it_stopped():
+    sticking, creeping = leaning_cable(1e-3, 0.1), leaning_cable(1e-3, 0.0)
+    assert np.abs(sticking[0, 0]) > 0.1
+    assert sticking[-1, 0] > 0.05
+    assert np.ptp(sticking[300:, 0]) < 2e-5
+    assert np.ptp(creeping[300:, 0]) > 2e-3
+
+
+def test_friction_that_sticks_needs_no_smaller_steps():
+    """Until it slips, a joint is 1400 times stiffer here: too stiff for any step without averaging."""
+    assert np.abs(leaning_cable(1e-3, 0.05) - leaning_cable(2.5e-4, 0.05)).max() < 1e-4
+
+
+@pytest.mark.parametrize("bits", ["256", "0"])
+def test_every_register_width_gives_the_same_friction(monkeypatch, bits):
+    here = leaning_cable(1e-3, 0.1)
+    monkeypatch.setenv("STRANDCAST_REGISTER_BITS", bits)
+    assert np.abs(leaning_cable(1e-3, 0.1) - here).max() < 1e-7
+
+
 def test_arrays_of_the_wrong_length_are_refused(drawn):
     masses, weights = np.ones((COUNT, 7)), np.ones((len(FRAME_S), 7))
     measured_m = np.zeros((len(FRAME_S), 7, 2))

@@ -29,6 +29,7 @@ PARAMETERS = tuple(UNITS)  # in the order of every array of parameters
 REST_CURL, CLAMP_OFFSET, PLAIN_MASS = "rest_curl_rad_m", "clamp_offset_rad", "plain_mass"
 CAMERA_OFFSET = ("camera_offset_x_m", "camera_offset_y_m")
 STIFF_BEND, BEND_FRICTION, DRAG_ALONG = "stiff_bend_factor", "bend_friction", "drag_along"
+FRICTION_STICK = "friction_stick_rad_m"
 FOUND_WEIGHT = "found_"
 
 
@@ -64,6 +65,9 @@ class StringBatch:
         (B, n) multiplier of bending at joints 0…n-1; None: all joints bend alike.
     bend_friction
         (B,) dry friction of a joint [N m/kg]; zero if not given.
+    friction_stick_rad_m
+        (B,) bend per length over which dry friction builds up, so that it holds a string at rest where it
+        stopped [rad/m]; zero, the default: friction acts like a damper at small rates.
     drag_along
         (B,) drag along the string over that across it; zero, the default: the same in all directions.
     free_masses
@@ -88,6 +92,7 @@ class StringBatch:
     bend_factor: np.ndarray | None = None
     bend_friction: np.ndarray = field(default_factory=lambda: np.zeros(0))
     drag_along: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    friction_stick_rad_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
     free_masses: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     found_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 2)))
     camera_offset_m: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -143,6 +148,8 @@ class StringBatch:
             options[STIFF_BEND] = self.bend_factor.max(axis=1)
         if self.bend_friction.any():
             options[BEND_FRICTION] = self.bend_friction
+        if self.friction_stick_rad_m.any():
+            options[FRICTION_STICK] = self.friction_stick_rad_m
         if self.drag_along.any():
             options[DRAG_ALONG] = self.drag_along
         for k in range(self.found_weights.shape[1]):
@@ -183,6 +190,7 @@ class StringBatch:
             bend_factor=None if factor is None else np.where(stiff_joints, factor[:, None], 1.0),
             bend_friction=options.get(BEND_FRICTION, none),
             drag_along=options.get(DRAG_ALONG, none),
+            friction_stick_rad_m=options.get(FRICTION_STICK, none),
             free_masses=free_masses,
             found_weights=np.stack(found, axis=1) if found else np.zeros((len(parameters), 0, 2)),
             camera_offset_m=np.column_stack([options.get(name, none) for name in CAMERA_OFFSET]),

@@ -129,6 +129,7 @@ def make_batch(
             strings.bend_friction,
             strings.drag_along,
             *strings.disturbances.sway.T,
+            strings.friction_stick_rad_m * model.spacing_m,
         )
     )
     columns = FIXED

@@ -27,8 +27,11 @@ from strandcast.dynamics.elements import (
     K_PH,
     K_S,
     K_SH,
+    PER_STICK,
     REST_BEND,
     SPACING,
+    STICK,
+    STICKING,
     SWAY,
     SWAY_RATE,
 )
@@ -117,6 +120,9 @@ def put_coefficients(p: Array, m: Array, fixed: Array, step: float, c: Array) ->
     c[C_SH], c[C_MORE] = p[5], p[3] - p[5]
     c[DRAG_1], c[DRAG_2], c[K_PH], c[C_PH] = p[6], p[7], p[8], p[9]
     c[FLOOR], c[FRICTION], c[ALONG] = STABLE * lightest, fixed[DRY], fixed[DRAG_ALONG]
+    c[STICKING], c[PER_STICK] = 0.0, 0.0
+    if fixed[STICK] > 0.0:
+        c[FRICTION], c[STICKING], c[PER_STICK] = 0.0, fixed[DRY], 1.0 / fixed[STICK]
 
 
 @njit(nogil=True, **CACHED)

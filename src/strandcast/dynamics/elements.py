@@ -19,6 +19,7 @@ from strandcast.dynamics.simd import (
     minimum,
     select,
     splat,
+    store,
 )
 
 RATE_READING, SIGN_READING, STRAIN_READING = range(3)
@@ -26,16 +27,17 @@ SLIP_RAD_S = 0.05  # rate of bending below which dry friction acts like a damper
 
 # Rows of each candidate's coefficients beside its masses. The h parameters are stored as differences to the
 # sh ones; FLOOR is what the averaging of a spring needs to stay stable (`schemes.lfcn`).
-COEFFICIENTS = 15
+COEFFICIENTS = 17
 K_S, C_S, K_SH, K_MORE, C_SH, C_MORE, DRAG_1, DRAG_2, K_PH, C_PH, *_OTHERS = range(COEFFICIENTS)
-REST_BEND, CLAMP_OFFSET, FLOOR, FRICTION, ALONG = _OTHERS
+REST_BEND, CLAMP_OFFSET, FLOOR, FRICTION, ALONG, STICKING, PER_STICK = _OTHERS
 
 # Columns of each candidate's numbers beside parameters, masses and bend factors: rest spacing [m], rest bend
 # per joint [rad], clamp offset [rad], gravity [m/s^2], half-width of the switch, dry friction of a joint
 # [N m/kg], drag along the string over that across it (0: the same in all directions, as in Table 1), turn of
-# the start about the hand [rad], and its rate [rad/s].
-FIXED = 9
-SPACING, BEND_AT_REST, CLAMP_TURN, GRAVITY, HALF_WIDTH, DRY, DRAG_ALONG, SWAY, SWAY_RATE = range(FIXED)
+# the start about the hand [rad], its rate [rad/s], and bend of a joint over which its dry friction builds up
+# [rad] (0: it acts like a damper at small rates).
+FIXED = 10
+SPACING, BEND_AT_REST, CLAMP_TURN, GRAVITY, HALF_WIDTH, DRY, DRAG_ALONG, SWAY, SWAY_RATE, STICK = range(FIXED)
 
 
 @njit(**INLINED)
@@ -151,6 +153,45 @@ def dry_friction(spec: Any, c: Any, factor: Any, rate: Any) -> Any:
     """Damping that acts like dry friction at this rate: its moment does not grow with the rate."""
     size = select(rate < 0.0, -rate, rate)
     return factor * load(spec, c, FRICTION) * inverse(spec, size + SLIP_RAD_S)
+
+
+@njit(**INLINED)
+def sticking_friction(
+    spec: Any, c: Any, factor: Any, j: int, bend: Any, share: float, stick: Any
+) -> tuple[Any, Any]:
+    """Moment of dry friction that sticks, after Dahl; advances its state.
+
+    Its share z of the full moment changes with the bend b alone: dz = (1 - z sgn(db)) db / s, where s is the
+    bend over which friction builds up. A joint that stands still therefore keeps its moment, and a small
+    bend meets a spring (P. R. Dahl, A Solid Friction Model, Aerospace Corporation, TOR-158(3107-18), 1968).
+
+    Parameters
+    ----------
+    factor
+        Multiplier of the moment.
+    j, bend
+        The joint, and its bend at this step [rad].
+    share
+        Below 1 at the first step, where friction is relaxed: z = 0.
+    stick
+        `StringMotion.stick`.
+
+    Returns
+    -------
+    The moment, and the largest derivative that it may have by the bend in the coming step.
+    """
+    before, z = load(spec, stick, 2 * j), load(spec, stick, 2 * j + 1)
+    if share < 1.0:
+        before, z = bend, splat(spec, 0.0)
+    change = bend - before
+    size = select(change < 0.0, -change, change) * load(spec, c, PER_STICK)
+    toward = select(change < 0.0, splat(spec, -1.0), 1.0)
+    # exp(-size) to second order, by an approximant between 0 and 1, so that z cannot exceed 1.
+    z = toward + (z - toward) * inverse(spec, 1.0 + size + 0.5 * size * size)
+    store(spec, stick, 2 * j, bend)
+    store(spec, stick, 2 * j + 1, z)
+    full = factor * load(spec, c, STICKING)
+    return full * z, full * load(spec, c, PER_STICK) * (1.0 + select(z < 0.0, -z, z))
 
 
 @njit(**INLINED)

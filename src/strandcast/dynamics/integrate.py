@@ -78,20 +78,23 @@ class Workspace(NamedTuple):
     hand_place: Array
 
 
-def workspace(spec: VectorSpec, points: int, own_steps: int) -> Workspace:
-    """Return work arrays for strings of so many points; `own_steps` with a path for each lane, or 0."""
+def workspace(spec: VectorSpec, points: int, own_steps: int, *, sticks: bool = False) -> Workspace:
+    """Return work arrays for strings of so many points.
+
+    `own_steps` with a path for each lane, or 0; `sticks`: with the state of friction that sticks.
+    """
     n, width = points, spec.width
     sizes = (
         *(COEFFICIENTS, n, n, 2 * n, 2 * n + 2, 2 * n + 2),
-        *(ROWS * (n + 1), 2 * n, RESULTS, 2, max(own_steps * DRIVING, 1)),
+        *(ROWS * (n + 1), 2 * n, RESULTS, 2, max(own_steps * DRIVING, 1), 2 * n * sticks),
     )
     flat = np.empty(sum(sizes) * width + _LINE, spec.dtype)
     first = (-flat.ctypes.data % _LINE) // flat.itemsize
     rows = flat[first : first + sum(sizes) * width].reshape(-1, width)
     ends = list(accumulate(sizes, initial=0))
     parts = [rows[start:end] for start, end in pairwise(ends)]
-    c, mass, factor, d, v, dv, scheme, place, results, shift, path = parts
-    string, motion = StringArrays(n, c, mass, factor), StringMotion(d, v, dv)
+    c, mass, factor, d, v, dv, scheme, place, results, shift, path, stick = parts
+    string, motion = StringArrays(n, c, mass, factor), StringMotion(d, v, dv, stick if sticks else None)
     hand_place = np.empty((2, width if own_steps else 1))
     return Workspace(string, motion, scheme, place, results, shift, path, hand_place)
 

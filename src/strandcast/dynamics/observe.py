@@ -39,7 +39,7 @@ class Outputs(NamedTuple):
 @njit(**INLINED)
 def _place(spec: Any, n: int, s: float, step: float, share: float, motion: StringMotion, place: Any) -> None:
     """Points 1…n relative to the hand at the step's end, at part `s` of the step: a parabola in time."""
-    d, v, dv = motion
+    d, v, dv, _ = motion
     back, bent = (s - 1.0) * step, 0.5 * s / share
     x, y = splat(spec, 0.0), splat(spec, 0.0)
     for i in range(n):

@@ -16,7 +16,7 @@ from strandcast.dynamics.batch import (
     rows_of,
 )
 from strandcast.dynamics.candidates import ready
-from strandcast.dynamics.elements import DRAG_ALONG, DRY, GRAVITY, HALF_WIDTH, SPACING
+from strandcast.dynamics.elements import DRAG_ALONG, DRY, GRAVITY, HALF_WIDTH, SPACING, STICK
 from strandcast.dynamics.hand import DRIVING, drive, places
 from strandcast.dynamics.integrate import integrate, workspace
 from strandcast.dynamics.model import READINGS, StringModel
@@ -177,6 +177,7 @@ def _pass(batch: Batch, finer: int) -> Array:
     if not len(kept):
         return kept
     fixed = candidates.fixed
+    sticks = fixed[:, STICK] > 0.0
     settings = StepSettings(
         step=model.dt_s / finer,
         share=1.0,
@@ -184,7 +185,7 @@ def _pass(batch: Batch, finer: int) -> Array:
         gravity=float(fixed[0, GRAVITY]),
         reading=reading,
         per_width=float(1.0 / fixed[0, HALF_WIDTH]),
-        has_friction=bool(fixed[:, DRY].max() > 0.0),
+        has_friction=bool(fixed[~sticks, DRY].any()),
         slender=True if fixed[:, DRAG_ALONG].max() > 0.0 else None,
     )
     strings = ready(candidates, hand.pose, batch.start, reading, settings.step)
@@ -195,7 +196,7 @@ def _pass(batch: Batch, finer: int) -> Array:
     outputs = batch.outputs._replace(at=batch.outputs.at * finer)
 
     def run(first: int, last: int) -> None:
-        work = workspace(spec, model.points, steps if own else 0)
+        work = workspace(spec, model.points, steps if own else 0, sticks=bool(sticks.any()))
         integrate(
             first, last, spec, work, candidates, strings, hand, common, steps, settings, scheme, outputs, kept
         )

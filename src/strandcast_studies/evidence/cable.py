@@ -29,6 +29,7 @@ UNKNOWNS = {
     "log_stiffness": Unknown("log_stiffness", float(np.log(0.13)), -6.0, 1.0, 0.01),
     "log_damping": Unknown("log_damping", float(np.log(0.005)), -12.0, -1.0, 0.02),
     "log_friction": Unknown("log_friction", float(np.log(0.03)), -9.0, 0.0, 0.02),
+    "log_stick": Unknown("log_stick", 0.0, float(np.log(0.02)), float(np.log(50.0)), 0.02),
     "curl_rad_m": Unknown("curl_rad_m", -1.0, -15.0, 15.0, 0.02),
     "clamp_rad": Unknown("clamp_rad", 0.0, -0.4, 0.4, 0.003),
     "log_clamp": Unknown("log_clamp", float(np.log(2.0)), -3.0, 4.0, 0.03),
@@ -37,8 +38,9 @@ UNKNOWNS = {
     "weight_kg": Unknown("weight_kg", 0.15, 0.0, 1.0, 0.002),
 }
 """Stiffness [N m^2]; damping [N m^2 s]; moment of dry friction [N m], without which a swing decays
-exponentially and never stops; rest curl; turn of the clamp and its stiffness relative to a segment's; delay
-of the hand's times relative to the markers'; the weight's lever beyond the end and its mass."""
+exponentially and never stops; bend per length over which friction builds up [rad/m], without which it does
+not stick; rest curl; turn of the clamp and its stiffness relative to a segment's; delay of the hand's times
+relative to the markers'; the weight's lever beyond the end and its mass."""
 
 Values = Mapping[str, Array | float]
 
@@ -109,6 +111,7 @@ def play(series: Series, values: Values) -> Array:
         clamp_offset_rad=given.get("clamp_rad", none),
         bend_factor=stiffer,
         bend_friction=np.exp(given["log_friction"]) if "log_friction" in given else none,
+        friction_stick_rad_m=np.exp(given["log_stick"]) if "log_stick" in given else none,
     )
     pose = _late(series, given["delay_s"]) if "delay_s" in given else series.hand_pose
     start = StringStart(_longer(series.start_m, beyond), _longer(series.start_velocity_m_s, beyond))

@@ -100,7 +100,7 @@ def back(
     spec: Any, n: int, work: Any, hand: Any, step: float, ax: Any, ay: Any, motion: StringMotion
 ) -> None:
     """From the tip's change (ax, ay) back to the hand: kick the velocities, drift the segments."""
-    d, v, dv = motion
+    d, v, dv, _ = motion
     fx, fy = splat(spec, 0.0), splat(spec, 0.0)
     vx, vy = load(spec, v, 2 * n) + ax, load(spec, v, 2 * n + 1) + ay
     store(spec, v, 2 * n, vx)

@@ -20,6 +20,7 @@ from strandcast.dynamics.elements import (
     joint,
     segment,
     slender_drag,
+    sticking_friction,
     turn,
 )
 from strandcast.dynamics.hand import COS, DRATE, DVX, DVY, RATE, SIN, VX, VY
@@ -36,6 +37,7 @@ def _add(spec: Any, force: Any, i: int, x: Any, y: Any) -> None:
 @njit(**INLINED)
 def _step(
     euler: bool,
+    stick: Any,
     spec: Any,
     string: StringArrays,
     motion: StringMotion,
@@ -45,11 +47,11 @@ def _step(
 ) -> tuple[Any, Any]:
     """Advance velocities and segments by one step; `force` is 2n + 2 rows of work.
 
-    `euler`: points move with the old velocities, else with the new ones.
+    `euler`: points move with the old velocities, else with the new ones; `stick`: that of `motion`.
     """
     n, c, mass, factor = string
-    d, v, _ = motion
-    step, _, l0, gravity, reading, per_width, has_friction, slender = settings
+    d, v, _, _ = motion
+    step, share, l0, gravity, reading, per_width, has_friction, slender = settings
     zero = splat(spec, 0.0)
     store(spec, force, 0, zero)
     store(spec, force, 1, zero)
@@ -91,6 +93,8 @@ def _step(
         if has_friction:
             damping += dry_friction(spec, c, own, change)
         moment = k * bend + damping * change
+        if stick is not None:
+            moment += sticking_friction(spec, c, own, j, bend, share, stick)[0]
         ax, ay = axial * ux + moment * qx, axial * uy + moment * qy
         _add(spec, force, j + 1, -ax, -ay)
         _add(spec, force, j, ax + moment * px, ay + moment * py)
@@ -123,13 +127,13 @@ def _advance(
 @njit(**INLINED)
 def step_euler(*given: Any) -> tuple[Any, Any]:
     """Advance by one step; see `strandcast.dynamics.schemes.scheme.advance`."""
-    return _step(True, *given)
+    return _step(True, given[2].stick, *given)
 
 
 @njit(**INLINED)
 def step_semi_implicit(*given: Any) -> tuple[Any, Any]:
     """Advance by one step; see `strandcast.dynamics.schemes.scheme.advance`."""
-    return _step(False, *given)
+    return _step(False, given[2].stick, *given)
 
 
 EULER = Scheme("euler", step_euler)

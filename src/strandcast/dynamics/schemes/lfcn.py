@@ -28,6 +28,7 @@ from strandcast.dynamics.elements import (
     joint,
     segment,
     slender_drag,
+    sticking_friction,
     turn,
 )
 from strandcast.dynamics.hand import COS, DRATE, DVX, DVY, RATE, SIN, VX, VY
@@ -107,7 +108,7 @@ def step_lfcn(
     h = settings.share * settings.step
     extent = _segments(spec, string, motion, hand, work, h, settings.l0)
     _bends(spec, string, hand, work)
-    _joints(spec, string, hand, work, h, settings)
+    _joints(spec, string, hand, work, h, settings, motion.stick)
     _assemble(spec, string, motion, work, h, settings)
     tip_x, tip_y = eliminate(spec, string.n, work, hand[DVX], hand[DVY])
     back(spec, string.n, work, hand, settings.step, tip_x, tip_y, motion)
@@ -120,7 +121,7 @@ def _segments(
 ) -> tuple[Any, Any]:
     """Write all segments' rows of `work`; return the lengths of the longest and the shortest."""
     n, c, _, _ = string
-    d, v, _ = motion
+    d, v, _, _ = motion
     k_s, c_s, floor = load(spec, c, K_S), load(spec, c, C_S), 0.25 * load(spec, c, FLOOR)
     vx, vy = hand[VX], hand[VY]
     longest, shortest = splat(spec, 0.0), splat(spec, 1e9)
@@ -156,10 +157,12 @@ def _bends(spec: Any, string: StringArrays, hand: Any, work: Any) -> None:
 
 
 @njit(**INLINED)
-def _joints(spec: Any, string: StringArrays, hand: Any, work: Any, h: float, settings: StepSettings) -> None:
+def _joints(
+    spec: Any, string: StringArrays, hand: Any, work: Any, h: float, settings: StepSettings, stick: Any
+) -> None:
     """Write impulse and weight of every joint's moment into its rows of `work`."""
     n, c, mass, factor = string
-    _, _, l0, gravity, reading, per_width, has_friction, _ = settings
+    _, share, l0, gravity, reading, per_width, has_friction, _ = settings
     h2, half = h * h, 0.5 * h
     floor = (l0 * l0 / 16.0) * load(spec, c, FLOOR)
     own = load(spec, factor, 0)
@@ -167,8 +170,13 @@ def _joints(spec: Any, string: StringArrays, hand: Any, work: Any, h: float, set
     rate, pull = load(spec, work, TURNING), load(spec, work, PULL)
     if has_friction:
         damping += dry_friction(spec, c, own, rate - hand[RATE])
+    bend = load(spec, work, BEND)
+    moment = k * bend + damping * (rate - hand[RATE])
+    if stick is not None:
+        held, tangent = sticking_friction(spec, c, own, 0, bend, share, stick)
+        moment, k = moment + held, k + tangent
     weight = averaged(k, h2, 4.0 * floor) + half * damping
-    moment = h * (k * load(spec, work, BEND) + damping * (rate - hand[RATE])) - weight * hand[DRATE]
+    moment = h * moment - weight * hand[DRATE]
     store(spec, work, MOMENT, moment)
     store(spec, work, W, weight)
     for j in range(1, n):
@@ -182,7 +190,11 @@ def _joints(spec: Any, string: StringArrays, hand: Any, work: Any, h: float, set
         if has_friction:
             more = dry_friction(spec, c, own, change)
             damping, slope = damping + more, slope + more
-        store(spec, work, r + MOMENT, h * (k * bend + damping * change))
+        moment = k * bend + damping * change
+        if stick is not None:
+            held, tangent = sticking_friction(spec, c, own, j, bend, share, stick)
+            moment, k = moment + held, k + tangent
+        store(spec, work, r + MOMENT, h * moment)
         # A switch may add energy faster than a step can follow; the matrix stays positive.
         store(spec, work, r + W, averaged(k, h2, floor) + maximum(half * slope, -0.5 * floor))
 
@@ -193,7 +205,7 @@ def _assemble(
 ) -> None:
     """Replace the elements in `work` by all points' blocks and right sides, without each bend's last end."""
     n, c, mass, _ = string
-    d, v, _ = motion
+    d, v, _, _ = motion
     gravity = settings.gravity
     zero = splat(spec, 0.0)
     floor_segment = 0.25 * load(spec, c, FLOOR)

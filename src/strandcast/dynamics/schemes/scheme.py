@@ -49,11 +49,15 @@ class StringMotion(NamedTuple):
     v, dv
         2n + 2 rows: velocities of points 0…n and their last change; point 0 is the hand. A scheme whose
         velocities belong to the end of the step leaves `dv` at zero.
+    stick
+        2n rows: bend at the last step [rad] and share of its full moment of friction at joints 0…n-1, by
+        turns; None if no friction sticks: kernels are compiled for either.
     """
 
     d: Any
     v: Any
     dv: Any
+    stick: Any = None
 
 
 class StepSettings(NamedTuple):

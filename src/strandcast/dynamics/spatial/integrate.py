@@ -155,7 +155,7 @@ def _observe(
     results: Any,
 ) -> None:
     """Output f, which falls into step k; `hand` (3, width or 1) is the first clamp at the step's end."""
-    d, v, dv = motion
+    d, v, dv, _ = motion
     n = d.shape[0] // 3
     back = (outputs.at[f] - k - 1.0) * settings.step
     bent = 0.5 * (outputs.at[f] - k) * settings.step / settings.kick

@@ -72,8 +72,8 @@ from strandcast.dynamics.spatial.triples import (
 
 # Coefficients after those of the plane: rest spacing [m]; direction of each clamp and rest bend [rad] in
 # the frame of the clamp's pose.
-L0, DIRECTION, REST, FAR_DIRECTION = 15, 16, 19, 22
-SPATIAL_COEFFICIENTS = 25
+L0, DIRECTION, REST, FAR_DIRECTION = 17, 18, 21, 24
+SPATIAL_COEFFICIENTS = 27
 
 # Work rows per segment and the joint before it; what follows from them replaces them in the same rows.
 UNIT, PER_LENGTH, AXIAL, ACROSS, TURNING, PULL, MOMENT, WEIGHT, TORQUE, PER, AT_STEP = (
@@ -458,7 +458,7 @@ def _back(
     spec: Any, n: int, motion: StringMotion, clamp: ClampMotion, tip: Any, work: Any, step: float
 ) -> None:
     """From the last point's change back to the clamp: kick the velocities, drift the segments."""
-    d, v, dv = motion
+    d, v, dv, _ = motion
     after, change = zero3(spec), tip
     v_after = plus(load3(spec, v, 3 * n), change)
     store3(spec, v, 3 * n, v_after)

@@ -36,6 +36,8 @@ def spatial_columns(strings: StringBatch, spacing_m: float) -> Array:
     """
     if strings.disturbances.sway.any() or strings.disturbances.clamp_turn_rad.any():
         raise ValueError("disturbances of a throw are for strings in the plane")
+    if strings.friction_stick_rad_m.any():
+        raise ValueError("friction that sticks is for strings in the plane")
     return np.column_stack(
         [
             strings.length_change,
