@@ -29,6 +29,12 @@ _threads = _Threads()
 os.register_at_fork(after_in_child=_threads.forget)
 
 
+def use_environment() -> None:
+    """Take the number of threads from the environment again, which was changed after this module's import."""
+    config.reload_config()
+    _threads.count = config.NUMBA_NUM_THREADS
+
+
 def over_ranges(count: int, kernel: Callable[[int, int], None]) -> None:
     """Call ``kernel(first, last)`` side by side on ranges that make up 0…count; raise the first error.
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from tests.faults.small import JOBS
 
 from strandcast.core.trial_names import trial_name
 from strandcast.records.motion import Motion
@@ -52,7 +53,7 @@ lab:
 RIG = TINY[: TINY.index("lab:")]
 RULES = {"report": "report_trial", "summary": "report_experiment"}  # stage -> rule of another name
 WATCH = Path(__file__).with_name("watch")
-OPENED = "opened.txt"
+OPENED, FORKED = "opened.txt", "."
 NOT_SUMMARISED = ("observations.parquet", "markers.parquet")  # read by stages, not by the pages
 ESTIMATE_READS = ("alignment.json", "track.json")
 
@@ -73,6 +74,8 @@ def undeclared(root: Path, experiment: str) -> set[str]:
     found = set()
     for line in set((root / OPENED).read_text().splitlines()):
         command, path = line.split("\t")
+        if path == FORKED:
+            continue
         stage, name, *trials = command.split()
         written_now = ".tmp." in path or (root / path).is_dir()  # flushed to disk by the atomic writer
         if name == experiment and path.startswith(("data/", "results/", "config/")) and not written_now:
@@ -312,6 +315,20 @@ def test_exchanged_results_of_two_trials_are_named_and_change_no_verdict(twice):
             if pair[0].suffix != ".html" and pair[0].name not in NOT_SUMMARISED:
                 assert {f"trial {k}, {pair[0].name}" for k in (1, 2)} <= unread, pair[0].name
     assert (verdicts(twice), faulty(twice)) == (sound, set())
+
+
+def test_every_job_of_a_run_is_a_fork_of_one_process(thrown):
+    lines = (line.split("\t") for line in (thrown / OPENED).read_text().splitlines())
+    forked = {command.split()[0] for command, what in lines if what == FORKED}
+    assert forked == {stage.replace("_", "-") for stage, _ in JOBS}
+
+
+def test_a_run_writes_what_its_jobs_took(thrown):
+    places = {path.stem: path for path in (thrown / "results" / "tiny").rglob("logs/*.jsonl")}
+    assert places.keys() == {stage for stage, _ in JOBS}
+    track = json.loads(places["track"].read_text())
+    assert 0.0 < track["cpu_time"] < 100 * track["s"]
+    assert 100.0 < track["max_rss"] < 2000.0
 
 
 def test_a_stage_opens_only_the_files_that_it_declares(thrown):

@@ -12,8 +12,6 @@ rule align:
         **stage_outputs("align"),
     log:
         "results/{experiment}/trial-{trial}/logs/align.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/align.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(SUPPLIED, other=True),
     group:
@@ -27,7 +25,7 @@ rule align:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the camera's clock is aligned with the robot's"
     shell:
-        "python -m strandcast align {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast align {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
 
 
 # Where another system (motion capture) measured track and alignment, they are supplied beside the raw files.
@@ -38,8 +36,6 @@ rule register_track:
         **stage_outputs("register_track"),
     log:
         "results/{experiment}/trial-{trial}/logs/register_track.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/register_track.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(SUPPLIED),
     group:
@@ -53,4 +49,4 @@ rule register_track:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the supplied track is registered"
     shell:
-        "python -m strandcast register-track {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast register-track {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

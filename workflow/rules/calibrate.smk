@@ -12,8 +12,6 @@ rule calibrate:
         **shown(stage_outputs("calibrate"), "Calibration", picture="camera"),
     log:
         "results/{experiment}/cameras/{camera}/logs/calibrate.log",
-    benchmark:
-        "results/{experiment}/cameras/{camera}/logs/calibrate.jsonl"
     group:
         shard_of("calibrate")
     resources:
@@ -25,4 +23,4 @@ rule calibrate:
     message:
         "{wildcards.experiment}: lens and plane of motion of camera {wildcards.camera} are calibrated"
     shell:
-        "python -m strandcast calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
+        "strandcast calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"

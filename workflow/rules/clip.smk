@@ -12,8 +12,6 @@ rule clip:
         **stage_outputs("clip"),
     log:
         "results/{experiment}/trial-{trial}/logs/clip.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/clip.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(SUPPLIED, other=True),
     group:
@@ -27,4 +25,4 @@ rule clip:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the film of the throw is cut"
     shell:
-        "python -m strandcast clip {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast clip {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

@@ -8,15 +8,41 @@ from pathlib import Path
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import WITHIN_WORKFLOW
-from strandcast.workflow import locks, shards, slurm, targets
+from strandcast.workflow import locks, shards, slurm, stage_server, targets
 from strandcast.workflow.code_version import code_version
 from strandcast.workflow.targets import stage_outputs
 
 # Jobs use the Python that runs Snakemake, and rely on the lease that it holds.
 PYTHON_FOLDER = shlex.quote(str(Path(sys.executable).parent))
-shell.prefix(
-    f"set -euo pipefail; export PATH={PYTHON_FOLDER}:$PATH {WITHIN_WORKFLOW}=1; "
-)
+
+
+def use_command(strandcast):
+    """Let the rules' `strandcast` be a command."""
+    shell.prefix(
+        f"set -euo pipefail; export PATH={PYTHON_FOLDER}:$PATH {WITHIN_WORKFLOW}=1; "
+        f'strandcast() {{{{ {strandcast} "$@"; }}}}; '
+    )
+
+
+def start_server():
+    """Let stages run in forks of one process, unless their rules have an environment of their own."""
+    if not workflow.deployment_settings.deployment_method:
+        use_command(stage_server.start())
+
+
+def limit_no_rate():
+    """Start jobs of this computer at any rate.
+
+    With a limit, each round of the scheduler asks for one more a second later: rounds accumulate, and after
+    a thousand jobs there are a thousand rounds per second.
+    """
+    if workflow.local_exec:
+        workflow.scheduler.job_rate_limiter = None
+
+
+use_command(stage_server.DIRECTLY)
+if workflow.subprocess_exec:  # a cluster's job, which does not call onstart
+    start_server()
 
 
 def reported(function):

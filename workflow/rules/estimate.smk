@@ -13,8 +13,6 @@ rule estimate:
         **stage_outputs("estimate"),
     log:
         "results/{experiment}/trial-{trial}/logs/estimate.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/estimate.jsonl"
     group:
         shard_of("estimate")
     threads: 2
@@ -27,5 +25,5 @@ rule estimate:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the string's parameters are estimated"
     shell:
-        "NUMBA_NUM_THREADS={threads} python -m strandcast estimate {wildcards.experiment:q} {wildcards.trial}"
+        "NUMBA_NUM_THREADS={threads} strandcast estimate {wildcards.experiment:q} {wildcards.trial}"
         " 2>&1 | tee {log:q} >&2"

@@ -12,8 +12,6 @@ rule ingest:
         **stage_outputs("ingest"),
     log:
         "results/{experiment}/trial-{trial}/logs/ingest.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/ingest.jsonl"
     group:
         shard_of("ingest")
     resources:
@@ -25,4 +23,4 @@ rule ingest:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: raw files are hashed and counted"
     shell:
-        "python -m strandcast ingest {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast ingest {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

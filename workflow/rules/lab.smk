@@ -14,8 +14,6 @@ rule lab_calibrate:
         **kept(stage_outputs("lab_calibrate")),
     log:
         "results/{experiment}/logs/lab_calibrate.log",
-    benchmark:
-        "results/{experiment}/logs/lab_calibrate.jsonl"
     wildcard_constraints:
         experiment=LAB_EXPERIMENTS,
     group:
@@ -29,7 +27,7 @@ rule lab_calibrate:
     message:
         "{wildcards.experiment}: the lab photographs its calibration boards"
     shell:
-        "python -m strandcast lab-calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
+        "strandcast lab-calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
 
 
 rule lab_throw:
@@ -39,8 +37,6 @@ rule lab_throw:
         **kept(stage_outputs("lab_throw")),
     log:
         "results/{experiment}/trial-{trial}/logs/lab_throw.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/lab_throw.jsonl"
     wildcard_constraints:
         experiment=LAB_EXPERIMENTS,
     group:
@@ -54,4 +50,4 @@ rule lab_throw:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the lab plays the motion and films the throw"
     shell:
-        "python -m strandcast lab-throw {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast lab-throw {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

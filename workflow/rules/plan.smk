@@ -12,8 +12,6 @@ rule plan:
         **stage_outputs("plan"),
     log:
         "results/{experiment}/trial-{trial}/logs/plan.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/plan.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(THROWN, other=True),
     group:
@@ -28,7 +26,7 @@ rule plan:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the motion is planned"
     shell:
-        "NUMBA_NUM_THREADS={threads} python -m strandcast plan {wildcards.experiment:q} {wildcards.trial}"
+        "NUMBA_NUM_THREADS={threads} strandcast plan {wildcards.experiment:q} {wildcards.trial}"
         " 2>&1 | tee {log:q} >&2"
 
 
@@ -40,8 +38,6 @@ rule register_motion:
         **stage_outputs("register_motion"),
     log:
         "results/{experiment}/trial-{trial}/logs/register_motion.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/register_motion.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(PLAYED),
     group:
@@ -54,4 +50,4 @@ rule register_motion:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the motion that was played is registered"
     shell:
-        "python -m strandcast register-motion {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast register-motion {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

@@ -12,8 +12,6 @@ rule reconstruct:
         **stage_outputs("reconstruct"),
     log:
         "results/{experiment}/trial-{trial}/logs/reconstruct.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/reconstruct.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(SUPPLIED, other=True),
     group:
@@ -27,4 +25,4 @@ rule reconstruct:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the track is reconstructed in metres"
     shell:
-        "python -m strandcast reconstruct {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast reconstruct {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

@@ -14,8 +14,6 @@ rule report_trial:
         **shown(stage_outputs("report"), "Trials", page="trial"),
     log:
         "results/{experiment}/trial-{trial}/logs/report.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/report.jsonl"
     group:
         shard_of("report")
     resources:
@@ -27,7 +25,7 @@ rule report_trial:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the page is written"
     shell:
-        "python -m strandcast report {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast report {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
         " || [ $? -eq 4 ]"
 
 
@@ -43,8 +41,6 @@ rule report_experiment:
         ),
     log:
         "results/{experiment}/logs/summary.log",
-    benchmark:
-        "results/{experiment}/logs/summary.jsonl"
     group:
         shard_of("summary")
     resources:
@@ -57,7 +53,7 @@ rule report_experiment:
     message:
         "{wildcards.experiment}: the experiment's page and summary are written"
     shell:
-        "python -m strandcast summary {wildcards.experiment:q} {params.trials} 2>&1 | tee {log:q} >&2"
+        "strandcast summary {wildcards.experiment:q} {params.trials} 2>&1 | tee {log:q} >&2"
         " || [ $? -eq 4 ]"
 
 
@@ -78,4 +74,4 @@ rule report_campaign:
     message:
         "the page of all experiments is written"
     shell:
-        "python -m strandcast campaign 2>&1 | tee {log:q} >&2"
+        "strandcast campaign 2>&1 | tee {log:q} >&2"

@@ -12,8 +12,6 @@ rule score:
         **stage_outputs("score"),
     log:
         "results/{experiment}/trial-{trial}/logs/score.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/score.jsonl"
     wildcard_constraints:
         experiment=RECORDED_EXPERIMENTS,
     group:
@@ -27,7 +25,7 @@ rule score:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the throw is scored"
     shell:
-        "python -m strandcast score {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast score {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
 
 
 # After every checkpoint Snakemake works out again all that is left to do, in vain where all trials are recorded.
@@ -38,8 +36,6 @@ checkpoint score_lab:
         **stage_outputs("score"),
     log:
         "results/{experiment}/trial-{trial}/logs/score.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/score.jsonl"
     wildcard_constraints:
         experiment=LAB_EXPERIMENTS,
     group:
@@ -53,4 +49,4 @@ checkpoint score_lab:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the throw is scored"
     shell:
-        "python -m strandcast score {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast score {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

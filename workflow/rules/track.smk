@@ -12,8 +12,6 @@ rule track:
         **shown(stage_outputs("track"), "Trials", strobe="strobe"),
     log:
         "results/{experiment}/trial-{trial}/logs/track.log",
-    benchmark:
-        "results/{experiment}/trial-{trial}/logs/track.jsonl"
     wildcard_constraints:
         experiment=targets.experiment_pattern(SUPPLIED, other=True),
     group:
@@ -27,4 +25,4 @@ rule track:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the string is tracked"
     shell:
-        "python -m strandcast track {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast track {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

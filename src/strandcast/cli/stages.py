@@ -1,6 +1,8 @@
 """One command for each stage; the rules of the workflow call them."""
 
+import os
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Annotated, Any
 
 import typer
@@ -8,8 +10,9 @@ import typer
 from strandcast.cli.common import ROOT, AsJson, ExperimentName, TrialNumber, complete_trial, show
 from strandcast.core.trial_names import LAST_TRIAL, trial_name
 from strandcast.progress import print_line, set_context
-from strandcast.records.folders import ExperimentFolder
+from strandcast.records.folders import WITHIN_WORKFLOW, ExperimentFolder
 from strandcast.stages.run import files_of, run_stage
+from strandcast.stages.usage import usage_written
 from strandcast.workflow.locks import lease
 
 EXPERIMENT_STAGES = {
@@ -72,7 +75,8 @@ def _run(as_json: bool, stage: str, subject: str, *arguments: Any) -> None:
     set_context(subject)
     print_line(f"{subject} {stage}")
     with lease(ROOT, arguments[0]):
-        run_stage(stage, ROOT, *arguments)
-    files = files_of(stage, ROOT, *arguments)
+        files = files_of(stage, ROOT, *arguments)
+        with usage_written(files.usage) if WITHIN_WORKFLOW in os.environ else nullcontext():
+            run_stage(stage, ROOT, *arguments)
     made = [path for paths in files.stage.output_files(files.job).values() for path in paths]
     show(as_json, {"stage": stage, "experiment": arguments[0], "files": made}, ())

@@ -109,3 +109,17 @@ class Files:
     def output(self, role: str) -> Path:
         """Return the file to write in a role; if there are several, the first."""
         return self.stage.output_files(self.job)[role][0]
+
+    @property
+    def log(self) -> Path:
+        """Return the file to which a run of the workflow writes what the job prints."""
+        context, trial = self.job.context, self.job.trial
+        folder = self.job.folder.results if trial else context.folder.results
+        if self.stage.name == "calibrate":
+            folder = context.folder.camera(context.settings.camera_name).with_suffix("")
+        return folder / "logs" / f"{self.stage.name}.log"
+
+    @property
+    def usage(self) -> Path:
+        """Return the file that holds the job's time and memory, of a run of the workflow."""
+        return self.log.with_suffix(".jsonl")

@@ -21,7 +21,7 @@ from strandcast.records.files import sha256_file
 from strandcast.records.lineage import relative_to
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.job import Job
+from strandcast.stages.job import Files, Job
 from strandcast.stages.producers import Step, producers
 from strandcast.workflow.code_version import code_version, settings
 
@@ -48,7 +48,6 @@ class StepState:
     step: Step
     inputs: list[str]
     outputs: list[str]
-    benchmark: str
     params: list[str]
     problem: StrandcastError | None = None
     why: list[str] = field(default_factory=list)
@@ -102,19 +101,12 @@ def _task(context: Context, step: Step, trials: list[int]) -> StepState:
     noted = [repr(value) for value in params]
     if step == TARGET:
         noted.append(repr(trials))
-    return StepState(step, inputs, outputs, _log(context, step, ".jsonl"), noted, problem)
+    return StepState(step, inputs, outputs, noted, problem)
 
 
 def log_of(context: Context, step: Step) -> Path:
     """Return the file to which a run writes what a step prints."""
-    return context.folder.root / _log(context, step, ".log")
-
-
-def _log(context: Context, step: Step, suffix: str) -> str:
-    folder = context.folder.trial(step.trial).results if step.trial else context.folder.results
-    if step.stage == "calibrate":
-        folder = context.folder.camera(context.settings.camera_name).with_suffix("")
-    return relative_to(context.folder.root, folder / "logs" / f"{step.stage}{suffix}")
+    return Files(STAGES[step.stage], Job(context, step.trial)).log
 
 
 def _decide(
@@ -149,9 +141,7 @@ def _decide(
 
 
 def _oldest_output(root: Path, task: StepState) -> float | None:
-    times = [_changed_s(root / name) for name in task.outputs if (root / name).exists()]
-    benchmark = root / task.benchmark
-    return min([*times, *([_changed_s(benchmark)] if benchmark.exists() else [])], default=None)
+    return min((_changed_s(root / name) for name in task.outputs if (root / name).exists()), default=None)
 
 
 def _changed_s(path: Path) -> float:

@@ -6,8 +6,11 @@ import subprocess
 from pathlib import Path
 from typing import NamedTuple
 
+from strandcast.workflow import stage_server
+
 HOOK = Path(__file__).with_name("hook")
 ENGINE = "snakemake"  # the module that Python runs
+SERVER = stage_server.SERVER  # likewise; all its own time is overhead, and stages run in its forks
 
 
 class Spent(NamedTuple):
@@ -19,7 +22,7 @@ class Spent(NamedTuple):
         Python in the jobs: their own work, with that of processes that they start, and imports. Of a process
         that is killed when it is no longer needed, as one that decodes a video, all counts as work.
     starts_s
-        The rest of the jobs: shells, the start and the end of Python.
+        The rest of the jobs: shells, the clients of the stage server, the start and the end of Python.
     engine_s
         Snakemake itself, with its imports and its end.
     """
@@ -61,9 +64,10 @@ def spent_by(line: list[str], root: Path, file: Path) -> Spent:
     engines = [one for one in processes if ENGINE in one["line"]]
     jobs = [one for one in processes if one not in engines]
     all_jobs_s = sum(one["children_s"] for one in engines)
-    imports_s, starts_s = (sum(one[what] for one in jobs) for what in ("imports_s", "start_s"))
-    whole_s = sum(one["cpu_s"] + one["children_s"] for one in jobs if not one["nested"])
-    stages_s = whole_s - imports_s - starts_s
+    imports_s = sum(one["imports_s"] for one in jobs)
+    stages = [one for one in jobs if SERVER not in one["line"]]
+    whole_s = sum(one["cpu_s"] + one["children_s"] for one in stages if not one["nested"])
+    stages_s = whole_s - sum(one["imports_s"] + one["start_s"] for one in stages)
     return Spent(
         stages_s,
         imports_s,

@@ -74,10 +74,12 @@ def python_without_stages(folder: Path) -> Path:
         patterns = [
             p for given in stage.outputs.values() for p in ([given] if isinstance(given, str) else given)
         ]
-        files = " ".join(p.format(experiment="$4", trial="$5", camera="main") for p in patterns)
+        files = " ".join(p.format(experiment="$2", trial="$3", camera="main") for p in patterns)
         cases.append(f"{name.replace('_', '-')}) files='{files}';;")
     script = (
-        *("#!/bin/bash", "# python -m strandcast STAGE EXPERIMENT [TRIAL]", "case $3 in"),
+        "#!/bin/bash",
+        "# python -m strandcast STAGE EXPERIMENT [TRIAL], or python -IS CLIENT SERVER STAGE ...",
+        *("[ $1 = -m ] && shift 2 || shift 3", "case $1 in"),
         *(case.replace("'", '"') for case in cases),
         *("campaign) files=results/report.html;;", "esac", 'for file in $files; do echo > "$file"; done'),
     )

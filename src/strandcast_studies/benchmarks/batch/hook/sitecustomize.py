@@ -51,7 +51,13 @@ def account(file: str) -> None:
         with Path(file).open("a", encoding="utf-8") as out:
             out.write(json.dumps(spent) + "\n")
 
+    def begin_fork() -> None:  # a stage, in a fork of the stage server
+        nonlocal imports_s, depth
+        global STARTED_S
+        STARTED_S, imports_s, depth = 0.0, 0.0, 0
+
     importing._find_and_load = timed
+    os.register_at_fork(after_in_child=begin_fork)
     atexit.register(write)
 
 

@@ -1,0 +1,291 @@
+"""The server of `strandcast.workflow.stage_server`: it runs commands of strandcast in forks of itself.
+
+A stage's modules are imported before its first fork, and are there for all that follow. Forks are safe as
+the server has one thread, and does nothing but import. A request that a fork could not fulfil exactly as a
+process of its own is refused: one from another folder, or with other settings in its environment. The client
+then runs the command itself, as it does when it loses the server.
+"""
+
+import atexit
+import ctypes
+import gc
+import os
+import select
+import signal
+import socket
+import struct
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from types import FrameType
+from typing import NamedTuple, NoReturn
+
+from strandcast.errors import ENDING_SIGNALS
+from strandcast.stages.declarations import STAGES
+from strandcast.workflow.stage_client import NUMBER_BYTES
+
+PARENT = 0  # standard input: a pipe that closes when Snakemake ends
+PATIENCE_S = 10.0  # chosen: a client sends its request at once
+LIBRARIES = ("OPENBLAS_", "MKL_", "BLIS_", "OMP_")  # `strandcast.cli` has set them
+# Differ between jobs, and are read when they are needed, or again (`threads.use_environment`).
+OF_A_JOB = {
+    *("NUMBA_NUM_THREADS", "GOTO_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS"),
+    *("TMPDIR", "TMP", "TEMP", "TEMPDIR", "PATH", "PWD", "OLDPWD", "SHLVL", "_"),
+}
+# jemalloc, which Arrow brings and does not use by default, would start a thread when it is loaded.
+NO_ALLOCATOR_THREAD = ("JE_ARROW_MALLOC_CONF", "background_thread:false")
+# What imports a library only when it is used, as every stage uses it.
+LATER = {"pyarrow": "pandas", "strandcast.stages.plan": "cma"}
+OUTPUT_LOST = 120  # Python's exit code
+DIES_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
+
+
+class Request(NamedTuple):
+    """A command: its arguments, environment and folder, and the client's standard streams."""
+
+    arguments: list[str]
+    environment: dict[str, str]
+    folder: str
+    streams: list[int]
+
+
+class ForkedJob(NamedTuple):
+    """A command that runs: its process, and the connection to its client."""
+
+    pid: int
+    connection: socket.socket
+
+
+class StageServer:
+    """Accepts requests, forks, passes signals on, and reports how the forks have ended.
+
+    A signal to the process group reaches forks by itself: it is passed on only if the server has not got it.
+    """
+
+    def __init__(self, listener: socket.socket) -> None:
+        self.listener: socket.socket | None = listener
+        self.jobs: dict[int, ForkedJob] = {}  # by the connection's descriptor
+        self.received: set[int] = set()
+        self.environment = _initial_environment()
+        self.folder = str(Path.cwd())
+        self.poll = select.poll()
+        self.dispositions = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
+        for number, before in self.dispositions.items():
+            if before is not signal.SIG_IGN:
+                signal.signal(number, self._note)
+        self.wakes, wakeup = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        signal.set_wakeup_fd(wakeup, warn_on_full_buffer=False)
+        for descriptor in (PARENT, listener.fileno(), self.wakes):
+            self.poll.register(descriptor, select.POLLIN)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.received.add(number)
+
+    def serve(self) -> None:
+        """Run commands until Snakemake has ended, or a signal has come, and the last fork has ended."""
+        while self.listener is not None or self.jobs:
+            for descriptor, _ in self.poll.poll():
+                if descriptor in self.jobs:
+                    self._heed(self.jobs[descriptor])
+                elif descriptor == self.wakes:
+                    os.read(self.wakes, select.PIPE_BUF)
+                elif descriptor == PARENT:
+                    self._stop_listening()
+                elif self.listener is not None:
+                    self._accept(self.listener)
+            if self.received:
+                self._stop_listening()
+            self._reap()
+
+    def _stop_listening(self) -> None:
+        if self.listener is not None:
+            for descriptor in (PARENT, self.listener.fileno()):
+                self.poll.unregister(descriptor)
+            self.listener.close()
+            self.listener = None
+
+    def _accept(self, listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        connection.settimeout(PATIENCE_S)
+        streams: list[int] = []
+        try:
+            request = _receive(connection, streams)
+            if request is not None and self._can_run(request):
+                self._fork(request, connection)
+        except (OSError, ValueError):  # a client that was killed, or is none
+            pass
+        finally:
+            for stream in streams:
+                os.close(stream)
+            if connection.fileno() not in self.jobs:
+                connection.close()
+
+    def _can_run(self, request: Request) -> bool:
+        """Return whether a fork runs a command as a process of its own would; import what it needs."""
+        names = self.environment.keys() | request.environment.keys()
+        same = request.folder == self.folder and all(
+            self.environment.get(name) == request.environment.get(name)
+            for name in names - OF_A_JOB
+            if not name.startswith(LIBRARIES)
+        )
+        return same and _imports(request.arguments[0])
+
+    def _fork(self, request: Request, connection: socket.socket) -> None:
+        server = os.getpid()
+        signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)  # the fork must not take one for the server
+        pid = os.fork()
+        if not pid:
+            _run(request, partial(self._become_job, server))
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
+        self.jobs[connection.fileno()] = ForkedJob(pid, connection)
+        self.poll.register(connection, select.POLLIN)
+
+    def _become_job(self, server: int) -> None:
+        """Give back what the fork has of the server, but not its connection: it ends when the fork ends."""
+        ctypes.CDLL(None).prctl(DIES_WITH_PARENT, signal.SIGKILL)
+        if os.getppid() != server:
+            os._exit(1)
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        for number, before in self.dispositions.items():
+            signal.signal(number, before)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
+        if self.listener is not None:
+            self.listener.close()
+        for job in self.jobs.values():
+            job.connection.close()
+
+    def _heed(self, job: ForkedJob) -> None:
+        """Pass a client's signals on to its fork; kill the fork if its client was killed."""
+        try:
+            numbers = job.connection.recv(1)
+        except OSError:
+            numbers = b""
+        if not numbers:
+            os.kill(job.pid, signal.SIGKILL)
+            self.poll.unregister(job.connection)
+        elif numbers[0] not in self.received:
+            os.kill(job.pid, numbers[0])
+
+    def _reap(self) -> None:
+        """Report forks that have ended to their clients."""
+        for descriptor, job in list(self.jobs.items()):
+            pid, status = os.waitpid(job.pid, os.WNOHANG)
+            if pid:
+                code = os.waitstatus_to_exitcode(status)
+                with suppress(OSError):
+                    job.connection.sendall(code.to_bytes(NUMBER_BYTES, sys.byteorder, signed=True))
+                with suppress(KeyError):  # its client was killed
+                    self.poll.unregister(job.connection)
+                del self.jobs[descriptor]
+                job.connection.close()
+
+
+def _initial_environment() -> dict[str, str]:
+    """Return the environment with which this process was started: importing this package adds to it."""
+    return _as_environment(Path("/proc/self/environ").read_bytes().split(b"\0"))
+
+
+def _as_environment(items: list[bytes]) -> dict[str, str]:
+    pairs = (os.fsdecode(item).partition("=") for item in items if item)
+    return {name: value for name, _, value in pairs}
+
+
+def _receive(connection: socket.socket, streams: list[int]) -> Request | None:
+    """Return a client's request; its standard streams are added to `streams`. None: not of this user.
+
+    Raises
+    ------
+    OSError, ValueError
+        The client is none.
+    """
+    credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+    if struct.unpack("3i", credentials)[1] != os.getuid():
+        return None
+    head, received, _, _ = socket.recv_fds(connection, NUMBER_BYTES, 3)
+    streams += received
+    rest = int.from_bytes(head, sys.byteorder)
+    data = bytearray()
+    while len(data) < rest and (more := connection.recv(rest - len(data))):
+        data += more
+    folder, count, *words = bytes(data).split(b"\0")
+    arguments = [os.fsdecode(word) for word in words[: int(count)]]
+    if len(data) < rest or len(streams) != 3 or not arguments:
+        raise ValueError(words)
+    return Request(arguments, _as_environment(words[int(count) :]), os.fsdecode(folder), streams)
+
+
+def _imports(command: str) -> bool:
+    """Import what a command needs; return whether this process is still fit to be forked."""
+    stage = command.replace("-", "_")
+    modules = ["strandcast.cli.main", *([f"strandcast.stages.{stage}"] if stage in STAGES else [])]
+    for module in modules:
+        if module not in sys.modules:
+            with suppress(Exception):  # the fork meets the same error, and reports it
+                import_module(module)
+            modules += [later for user, later in LATER.items() if user in sys.modules]
+            gc.freeze()  # collections in the forks would copy its memory
+    return len(list(Path("/proc/self/task").iterdir())) == 1
+
+
+def _run(request: Request, become_job: Callable[[], None]) -> NoReturn:
+    """Run a command in this fork, and end it as Python ends."""
+    code = 1
+    try:
+        become_job()
+        for number, stream in enumerate(request.streams):
+            os.dup2(stream, number)
+            os.close(stream)
+        os.environ.update(
+            {name: value for name, value in request.environment.items() if not name.startswith(LIBRARIES)}
+        )
+        if "strandcast.threads" in sys.modules:
+            sys.modules["strandcast.threads"].use_environment()
+        sys.orig_argv = [sys.executable, "-m", "strandcast", *request.arguments]
+        sys.argv = [str(Path(__file__).parents[1] / "__main__.py"), *request.arguments]
+        code = _run_main()
+        threading._shutdown()  # type: ignore[attr-defined]  # waits for threads, and ends their pools
+        atexit._run_exitfuncs()
+    finally:
+        os._exit(_flushed(code))
+
+
+def _run_main() -> int:
+    """Run the command of `sys.argv` and return its exit code."""
+    from strandcast.cli.main import main
+
+    try:
+        main()
+    except SystemExit as end:
+        if isinstance(end.code, str):
+            print(end.code, file=sys.stderr)
+        return end.code & 0xFF if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+        return 1
+    return 0
+
+
+def _flushed(code: int) -> int:
+    """Flush what was printed and return the exit code, Python's own if that is impossible."""
+    try:
+        sys.stderr.flush()
+        sys.stdout.flush()
+    except OSError:
+        return code or OUTPUT_LOST
+    return code
+
+
+def serve(listener: socket.socket) -> None:
+    """Serve the clients of a socket until this process's parent ends."""
+    os.environ.setdefault(*NO_ALLOCATOR_THREAD)
+    StageServer(listener).serve()
+
+
+if __name__ == "__main__":
+    serve(socket.socket(fileno=int(sys.argv[1])))
