@@ -25,7 +25,7 @@ REST_FRAMES = 15
 _SMOOTHING_FRAMES = 7  # the hand's noise of 1 mm is an acceleration of 1 m/s^2 at 30 Hz
 _ALONG = 200
 
-CABLE = ("log_stiffness", "log_damping", "curl_rad_m", "clamp_rad", "log_friction")
+CABLE = ("log_stiffness", "log_damping", "curl_rad_m", "clamp_rad", "log_friction", "log_stick")
 
 
 def read(folder: Path, kind: str, cable: str) -> Series:

@@ -19,13 +19,20 @@ from strandcast_studies.evidence.pac_cable import (
     weight_kg,
 )
 
-LEFT_OUT = ("log_friction", "curl_rad_m", "clamp_rad")
+# What a variant leaves out of the model.
+LEFT_OUT = {
+    "stick": ("log_stick",),
+    "friction": ("log_friction", "log_stick"),
+    "curl": ("curl_rad_m",),
+    "clamp_turn": ("clamp_rad",),
+}
 ADDED = ("log_clamp",)
 
 _LOGARITHMS = {
     "log_stiffness": "stiffness_N_m2",
     "log_damping": "damping_N_m2_s",
     "log_friction": "friction_N_m",
+    "log_stick": "stick_rad_m",
 }
 
 
@@ -64,16 +71,20 @@ def _prediction(fitted: Series, other: Series, weight: float) -> Figure:
 
 
 def _parts(free: dict[str, Series], driven: dict[str, Series], weights: dict[str, float]) -> list[Figure]:
-    """Return figures of driven series predicted from free swings, with parts of the model changed."""
+    """Return figures of each motion predicted from the other, with parts of the model changed."""
     variants: dict[str, tuple[str, ...]] = {"as_it_is": CABLE}
-    variants |= {f"without_{left}": tuple(name for name in CABLE if name != left) for left in LEFT_OUT}
+    variants |= {
+        f"without_{part}": tuple(name for name in CABLE if name not in names)
+        for part, names in LEFT_OUT.items()
+    }
     variants |= {f"with_{added}": (*CABLE, added) for added in ADDED}
     return [
         _mean(
-            f"pac_cable.parts.{variant}",
-            {c: tip_error_mm(driven[c], fit(free[c], names, weights[c])) for c in CABLES},
+            f"pac_cable.parts.{variant}.{fitted[CABLES[0]].kind}_predicts_{other[CABLES[0]].kind}",
+            {c: tip_error_mm(other[c], fit(fitted[c], names, weights[c])) for c in CABLES},
         )
         for variant, names in variants.items()
+        for fitted, other in ((free, driven), (driven, free))
     ]
 
 
@@ -88,7 +99,7 @@ def _delay(free: dict[str, Series], driven: dict[str, Series], weights: dict[str
         carried = {"delay_s": _median(delays[other] for other in CABLES if other != c)}
         errors[c] = tip_error_mm(driven[c], fit(free[c], CABLE, weights[c]) | carried)
     return [
-        _mean("pac_cable.parts.with_delay_of_other_cables", errors),
+        _mean(f"pac_cable.parts.with_delay_of_other_cables.{FREE}_predicts_{DRIVEN}", errors),
         Figure(
             "pac_cable.delay_of_the_hand",
             1e3 * _median(delays.values()),
@@ -100,7 +111,7 @@ def _delay(free: dict[str, Series], driven: dict[str, Series], weights: dict[str
 
 
 def _mean(name: str, errors: dict[str, float]) -> Figure:
-    note = "driven series predicted from the free swing, mean of the cables"
+    note = "mean of the cables"
     return Figure(name, float(np.mean(list(errors.values()))), "mm", note=note, detail=dict(errors))
 
 
