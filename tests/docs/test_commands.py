@@ -30,6 +30,7 @@ RUN_BY = {  # the beginning of a command, and the test or script that runs it el
     "strandcast estimate": "tests/cli/test_cli.py",
     "strandcast preview": "tests/tracking/test_preview.py",
     "strandcast compare": "tests/workflow/test_comparison.py",
+    "strandcast rig": "tests/stages/test_plan_stage.py",
     "strandcast verify": "tests/cli/test_cli.py",
     "strandcast export": "tests/exports",
     "strandcast play": "tests/executor",
