@@ -54,7 +54,7 @@ def _short(number: float) -> str:
 
 
 def _measured(values: list[float | None] | None, factor: float) -> str:
-    return ", ".join("–" if value is None else f"{factor * value:.1f}" for value in values or []) or "–"
+    return ", ".join("–" if value is None else f"{factor * value:z.1f}" for value in values or []) or "–"
 
 
 def learns_scatter(page: ExperimentPageData) -> bool:
