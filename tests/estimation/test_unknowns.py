@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from strandcast.config.estimate import EstimateSettings
-from strandcast.core.strings import BEND_FRICTION, CAMERA_OFFSET, PARAMETERS, STIFF_BEND, StringBatch
+from strandcast.core.strings import (
+    BEND_FRICTION,
+    CAMERA_OFFSET,
+    FRICTION_STICK,
+    PARAMETERS,
+    STIFF_BEND,
+    StringBatch,
+)
 from strandcast.dynamics.masses import mass_layout, point_masses
 from strandcast.estimation.estimate import estimate
 from strandcast.estimation.fit_objective import simulate_throw
@@ -39,6 +46,7 @@ def test_every_unknown_survives_the_round_trip():
         camera_offset_sd_m=0.002,
         stiff_bend=True,
         bend_friction=True,
+        friction_stick=True,
         drag_along=True,
         find_weights=2,
     )
@@ -53,6 +61,7 @@ def test_every_unknown_survives_the_round_trip():
         "camera_offset_m",
         "bend_factor",
         "bend_friction",
+        "friction_stick_rad_m",
         "drag_along",
         "found_weights",
         "clamp_offset_rad",
@@ -91,6 +100,15 @@ def test_friction_is_drawn_only_if_declared_and_stays_plausible():
     assert held_rad.max() == pytest.approx(1e-1, rel=0.1)
     bare = space_of(EstimateSettings(), LAYOUT)
     assert not bare.strings(np.full((2, bare.dimension), 0.5)).bend_friction.any()
+
+
+def test_friction_that_sticks_is_friction():
+    space = space_of(EstimateSettings(friction_stick=True), LAYOUT)
+    strings = space.strings(np.full((2, space.dimension), 0.5))
+    assert strings.bend_friction.all()
+    assert strings.friction_stick_rad_m == pytest.approx([0.1, 0.1])
+    without = space_of(EstimateSettings(bend_friction=True), LAYOUT)
+    assert FRICTION_STICK not in without.names
 
 
 def test_dry_friction_is_found_where_damping_cannot_replace_it():

@@ -10,7 +10,14 @@ from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import load_arm
 from strandcast.config.estimate import EstimateSettings
 from strandcast.core.box import Box
-from strandcast.core.strings import BEND_FRICTION, CLAMP_OFFSET, REST_CURL, STIFF_BEND, StringBatch
+from strandcast.core.strings import (
+    BEND_FRICTION,
+    CLAMP_OFFSET,
+    FRICTION_STICK,
+    REST_CURL,
+    STIFF_BEND,
+    StringBatch,
+)
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
@@ -42,17 +49,18 @@ def task(project_root) -> PlanningTask:
 
 @pytest.fixture
 def fitted() -> StringBatch:
-    """Return three strings with a curl, a turned clamp, a stiff pipe, a found weight and dry friction."""
-    settings = EstimateSettings(clamp_offset=True, stiff_bend=True, bend_friction=True, find_weights=1)
+    """Return three strings with curl, turned clamp, stiff pipe, found weight and sticking friction."""
+    settings = EstimateSettings(clamp_offset=True, stiff_bend=True, friction_stick=True, find_weights=1)
     space = space_of(settings, PIPED, LENGTH_M)
     return space.strings(prior_exponents(space, MODEL, 3, np.random.default_rng(4)))
 
 
 def test_the_options_of_the_experiment_are_fitted():
-    for name in ("rest_curl", "clamp_offset", "stiff_bend", "bend_friction"):
+    for name in ("rest_curl", "clamp_offset", "stiff_bend", "bend_friction", "friction_stick"):
         for wanted in (True, False):
             settings = EstimateSettings.model_validate({name: wanted})
             fitted = {"rest_curl": REST_CURL, "clamp_offset": CLAMP_OFFSET, "stiff_bend": STIFF_BEND}
+            fitted["friction_stick"] = FRICTION_STICK
             unknown = fitted.get(name, BEND_FRICTION)
             assert (unknown in space_of(settings, PIPED, LENGTH_M).names) is wanted
 

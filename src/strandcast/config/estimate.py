@@ -141,6 +141,11 @@ class EstimateSettings(Section):
         description="Fit one dry friction of all joints. Set it for thick cables, which stop swinging "
         "abruptly.",
     )
+    friction_stick: bool = Field(
+        False,
+        description="Fit dry friction that sticks, and the bend over which it builds up. Set it for cables "
+        "that rest where friction holds them, or that are stiffer in small motions than in large ones.",
+    )
     drag_along: bool = Field(
         False,
         description="Let air drag be smaller along the string than across it, and fit the ratio. Set it for "

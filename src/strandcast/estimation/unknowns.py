@@ -10,6 +10,7 @@ from strandcast.core.strings import (
     CAMERA_OFFSET,
     CLAMP_OFFSET,
     DRAG_ALONG,
+    FRICTION_STICK,
     PARAMETERS,
     PLAIN_MASS,
     REST_CURL,
@@ -30,6 +31,7 @@ CAMERA_OFFSET_RANGE_SD = 4.0  # half-width, in standard deviations of the prior
 STIFF_RANGE = (1.0, 1e3)
 FRICTION_RANGE = (1e-4, 1e2)  # N m/kg
 DRAG_ALONG_RANGE = (0.02, 1.0)  # from skin friction alone to as much as across
+STICK_RANGE_RAD_M = (0.01, 1.0)  # real cables, 20 mm thick: 0.02 to 0.25 (`make real`)
 FRICTION_BEND_RAD = (1e-3, 1e-1)  # plausible bends that dry friction alone can hold
 # A stiff cable is beyond the wide ranges, the more the closer its points are: its coefficients are stiffness
 # per mass and spacing squared. More k_s or c_s changes nothing, and less than the lower bounds is nothing.
@@ -80,10 +82,12 @@ def space_of(
         sd |= dict.fromkeys(CAMERA_OFFSET, settings.camera_offset_sd_m)
     if settings.stiff_bend and layout.stiff:
         options[STIFF_BEND] = STIFF_RANGE
-    if settings.bend_friction:
-        options[BEND_FRICTION] = FRICTION_RANGE
-    if settings.drag_along:
-        options[DRAG_ALONG] = DRAG_ALONG_RANGE
+    by_name = {
+        BEND_FRICTION: (settings.bend_friction or settings.friction_stick, FRICTION_RANGE),
+        FRICTION_STICK: (settings.friction_stick, STICK_RANGE_RAD_M),
+        DRAG_ALONG: (settings.drag_along, DRAG_ALONG_RANGE),
+    }
+    options |= {name: bounds for name, (wanted, bounds) in by_name.items() if wanted}
     for k in range(settings.find_weights):
         options[found_place(k + 1)] = (0.0, length_m)
         options[found_mass(k + 1)] = mass_range

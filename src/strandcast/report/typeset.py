@@ -10,6 +10,7 @@ from strandcast.core.strings import (
     BEND_FRICTION,
     CLAMP_OFFSET,
     DRAG_ALONG,
+    FRICTION_STICK,
     PARAMETERS,
     REST_CURL,
     STIFF_BEND,
@@ -21,6 +22,7 @@ WORDS = {
     CLAMP_OFFSET: "clamp angle",
     STIFF_BEND: "stiffness of the stiff sections",
     BEND_FRICTION: "bend friction",
+    FRICTION_STICK: "bend over which friction builds up",
     DRAG_ALONG: "drag along the string over that across it",
 }
 NAMES = re.compile(rf"\b({'|'.join((*PARAMETERS, *WORDS))})\b")

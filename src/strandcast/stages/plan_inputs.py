@@ -80,6 +80,7 @@ def fitted_strings(path: Path, layout: MassLayout) -> StringBatch:
         fitted.bend_factor,
         fitted.bend_friction,
         fitted.drag_along,
+        fitted.friction_stick_rad_m,
     )
 
 
