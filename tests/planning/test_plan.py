@@ -245,7 +245,7 @@ def test_a_search_from_nothing_is_repeated_until_a_hit_is_likely_or_hopeless(
     np.testing.assert_allclose(found.hit_probability(task.hit_radius_m), probability)
     monkeypatch.setattr(plan_module, "search_globally", lambda _: (first.curve, 100))
     monkeypatch.setattr(
-        plan_module, "_described", lambda _, result: replace(found, simulations=result.simulations)
+        plan_module, "predicted", lambda _, result: replace(found, simulations=result.simulations)
     )
     plan = plan_first(task, strings, SMALL, np.random.default_rng(1))
     assert plan.simulations == 100 * attempts

@@ -1,7 +1,5 @@
 """What a trial shows of the rig's scatter: how the string hung, how it was held, how the joints followed."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from strandcast.arm.kinematics import hand_pose
@@ -20,28 +18,13 @@ STEP_RAD = 0.02  # of finite differences
 LEAST_TRAVEL_RAD = 0.1  # a joint that moves less shows no gain
 
 
-class RigReadings(NamedTuple):
-    """What earlier stages measured of the rig in a trial, None where they did not.
-
-    Attributes
-    ----------
-    length_m
-        Length of the string out of the clamp, and its standard error.
-    joint_zero_rad
-        (J,) errors of the joints' zeros; from a track that was supplied they are measured here.
-    """
-
-    length_m: tuple[float, float] | None = None
-    joint_zero_rad: np.ndarray | None = None
-
-
 def trial_deviations(
     task: PlanningTask,
     best: StringBatch,
     trial: PastTrial,
     measured: Measured,
     servo: Servo | None,
-    readings: RigReadings,
+    length_m: tuple[float, float] | None,
 ) -> TrialDeviations:
     """Return what a trial shows of the quantities of `planning.rig_scatter.UNITS`, as far as it was seen.
 
@@ -53,13 +36,16 @@ def trial_deviations(
         The trial on its motion's clock, and as it was measured.
     servo
         The response of the joints, common to all trials; None: gain and lag are not measured.
+    length_m
+        Length of the string out of the clamp and its standard error, as the tracker measured it; None: it is
+        taken along the points.
     """
     values: dict[str, np.ndarray] = {}
     errors: dict[str, np.ndarray] = {}
     for found in (
         _hanging(task, best, trial, measured),
-        _length(measured, readings),
-        _zeros(task, measured, readings),
+        _length(measured, length_m),
+        _zeros(task, measured),
         {} if servo is None else _following(task, trial, servo),
     ):
         values |= {name: value for name, (value, _) in found.items()}
@@ -108,27 +94,26 @@ def _hanging(task: PlanningTask, best: StringBatch, trial: PastTrial, measured: 
     return {"sway_rad": _one(sway, sway_error), "sway_rad_s": _one(trial.sway_rad_s, rate_error)}
 
 
-def _length(measured: Measured, readings: RigReadings) -> Found:
+def _length(measured: Measured, length_m: tuple[float, float] | None) -> Found:
     """Return the length of the string out of the clamp: the tracker's, or along the points at rest."""
-    if readings.length_m is not None:
-        return {"grasp_length_m": _one(*readings.length_m)}
+    if length_m is not None:
+        return {"grasp_length_m": _one(*length_m)}
     still = _still(measured)
     if not len(still):
         return {}
     points = np.concatenate([np.zeros((1, 2)), still.mean(axis=0)])
-    length_m = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    return {"grasp_length_m": _one(length_m, LENGTH_ERROR_M)}
+    along_m = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    return {"grasp_length_m": _one(along_m, LENGTH_ERROR_M)}
 
 
-def _zeros(task: PlanningTask, measured: Measured, readings: RigReadings) -> Found:
-    """Return errors of the joints' zeros: from the alignment, or from the tracked hand.
+def _zeros(task: PlanningTask, measured: Measured) -> Found:
+    """Return errors of the joints' zeros, from the tracked hand.
 
+    The alignment's zeros are drawn towards zero by their prior, and would hide how much they scatter.
     With them an offset of the string in the clamp is fitted, which turns with the hand. The zero of the last
     joint moves the hand in the same way and is not known.
     """
     joints = measured.q_rad.shape[1]
-    if readings.joint_zero_rad is not None:
-        return {"joint_zero_rad": (readings.joint_zero_rad, np.full(joints, STEP_RAD / 100.0))}
     hand_m = measured.points_m[:, 0]
     seen = np.isfinite(hand_m).all(axis=1) & (measured.frame_s >= measured.joint_time_s[0])
     seen &= measured.frame_s <= measured.joint_time_s[-1]

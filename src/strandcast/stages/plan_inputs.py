@@ -11,7 +11,7 @@ from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
-from strandcast.planning.deviations import RigReadings, trial_deviations
+from strandcast.planning.deviations import trial_deviations
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial
 from strandcast.planning.rig_scatter import TrialDeviations
 from strandcast.planning.start_strings import start_strings
@@ -107,13 +107,9 @@ def _deviations_of(
     task: PlanningTask, best: StringBatch, trial: Trial, servo: Servo | None
 ) -> TrialDeviations:
     length_m, error_m = (trial.summary.choices.get(name) for name in ("length_m", "length_sigma_m"))
-    zeros_rad = trial.alignment.joint_zero_rad
-    readings = RigReadings(
-        (length_m, error_m) if isinstance(length_m, float) and isinstance(error_m, float) else None,
-        None if zeros_rad is None else np.array(zeros_rad),
-    )
+    known = (length_m, error_m) if isinstance(length_m, float) and isinstance(error_m, float) else None
     past = past_trial_of(trial, task.step_s)
-    return trial_deviations(task, best, past, measured_of(trial), servo if trial.log else None, readings)
+    return trial_deviations(task, best, past, measured_of(trial), servo if trial.log else None, known)
 
 
 def seen_deviations(

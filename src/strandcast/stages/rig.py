@@ -6,7 +6,7 @@ import numpy as np
 
 from strandcast.arm.load import load_arm
 from strandcast.errors import StrandcastError
-from strandcast.planning.bias_correction import SAME_MOTION_RAD_S, distance_rad_s
+from strandcast.planning.bias_correction import distance_rad_s
 from strandcast.planning.past_trials import PastTrial, resampled
 from strandcast.planning.rig_scatter import learnt_sizes
 from strandcast.records.estimate import Estimate
@@ -17,9 +17,11 @@ from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import read_trial
 from strandcast.stages.plan_inputs import next_inputs, past_trial_of, seen_deviations, servo_of
 
+REPEATED_RAD_S = 1e-6  # rms over the heights: the same motion but for rounding
+
 
 class Repeat(NamedTuple):
-    """Two throws of one motion: the rms distance of their tips over the frames that both saw [m]."""
+    """Two throws of one motion: the rms distance of their tips during it, where both were seen [m]."""
 
     trials: tuple[int, int]
     tip_m: float
@@ -90,7 +92,7 @@ def repeats(trials: list[PastTrial]) -> list[Repeat]:
         same = [
             one
             for one in trials[:k]
-            if later.curve is not None and distance_rad_s(later.curve, [one]) < SAME_MOTION_RAD_S
+            if later.curve is not None and distance_rad_s(later.curve, [one]) < REPEATED_RAD_S
         ]
         if same:
             found.append(Repeat((same[-1].trial, later.trial), _tips_apart_m(same[-1], later)))
@@ -98,9 +100,11 @@ def repeats(trials: list[PastTrial]) -> list[Repeat]:
 
 
 def _tips_apart_m(one: PastTrial, other: PastTrial) -> float:
+    assert one.curve is not None
     seen = np.isfinite(other.tip_m).all(axis=1)
     first_s = max(0.0, other.frame_s[seen].min(initial=np.inf))
-    during = (one.frame_s >= first_s) & (one.frame_s <= other.frame_s[seen].max(initial=-np.inf))
+    last_s = min(one.curve.end_s, other.frame_s[seen].max(initial=-np.inf))
+    during = (one.frame_s >= first_s) & (one.frame_s <= last_s)
     during &= np.isfinite(one.tip_m).all(axis=1)
     if not during.any():
         return float("nan")
