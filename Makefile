@@ -243,7 +243,7 @@ lock: $(VENV)/build.stamp  ## pin pyproject.toml and requirements/*.in again
 	@for name in build franka-sim audit docs; do $(PIN) requirements/$$name.in -o requirements/$$name.lock; done
 	@$(PIN) pyproject.toml -o requirements/runtime.lock
 	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra gym --extra studies -o requirements/studies.lock
-	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra crate --extra franka --extra mcap --extra rerun --extra ros --extra ur -o requirements/drivers.lock
+	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra c3d --extra crate --extra franka --extra mcap --extra rerun --extra ros --extra ur -o requirements/drivers.lock
 	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra slurm -o requirements/slurm.lock
 	@for name in dev fuzz; do $(PIN_LIKE_RUNTIME) pyproject.toml requirements/$$name.in -o requirements/$$name.lock; done
 	@$(BIN)/python -c 'import tomllib; \

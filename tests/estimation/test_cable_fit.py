@@ -112,7 +112,7 @@ def test_a_prediction_reads_the_start_only():
     chi = space.exponents(np.array([TRUTH[name] for name in space.names]))
     whole = series(False, 0.0)
     hidden = whole.vertices_m.copy()
-    hidden[5:] = np.nan
+    hidden[12:] = np.nan
     np.testing.assert_array_equal(
         predicted(model, space, chi, whole),
         predicted(model, space, chi, CableSeries(TIME_S, whole.pose, hidden, PLACES)),

@@ -65,38 +65,86 @@ def import_joints(
 def import_track(
     experiment: ExperimentName,
     trial: TrialNumber,
-    capture: Annotated[Path, typer.Argument(metavar="CAPTURE", help="CSV file with one row per sample.")],
-    time: Annotated[str, typer.Option(help="Column of the time.")] = "t",
-    hand: Annotated[str, typer.Option(help="Columns of the hand: X,Y or X,Y,ANGLE.")] = "x,y,angle",
+    capture: Annotated[
+        Path, typer.Argument(metavar="CAPTURE", help="CSV, Parquet or C3D with one row per sample.")
+    ],
+    time: Annotated[
+        str | None, typer.Option(help="Column of the time; t by default, but for C3D, which has a rate.")
+    ] = None,
+    hand: Annotated[
+        str, typer.Option(help="Columns of the hand: X,Y or X,Y,ANGLE; in space X,Y,Z, or NAME.")
+    ] = "x,y,angle",
     marker: Annotated[
         list[str] | None,
         typer.Option(
-            help="PLACE:X,Y of a marker on the string, e.g. 0.2:x_mid,z_mid; repeat for each marker."
+            help="PLACE:X,Y of a marker on the string, e.g. 0.2:x_mid,z_mid; in space PLACE:X,Y,Z or "
+            "PLACE:NAME; repeat for each marker. PLACE is metres from the hand along the string."
         ),
     ] = None,
     angle_sign: Annotated[int, typer.Option(help="-1 if the file's angle grows clockwise.")] = 1,
     angle_offset: Annotated[
         float, typer.Option(help="Direction in which the string leaves the hand at angle 0 [rad].")
     ] = 0.0,
+    up: Annotated[
+        str | None,
+        typer.Option(help="The capture is in space; the file's axis that points up: z, y, x, -z, -y or -x."),
+    ] = None,
+    length_unit: Annotated[str | None, typer.Option(help="In space: m, cm or mm.")] = None,
+    time_unit: Annotated[str | None, typer.Option(help="In space: s, ms, us or ns.")] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="In space, without a column of the time: rows per second.")
+    ] = None,
+    behind: Annotated[
+        str | None,
+        typer.Option(
+            help="In space: X,Y,Z or NAME of a point behind the hand; the string leaves in the direction "
+            "from there. For an orientation as a quaternion, use --columns."
+        ),
+    ] = None,
+    far: Annotated[
+        str | None, typer.Option(help="In space: the body that drives the string's other end, as --hand.")
+    ] = None,
+    far_behind: Annotated[str | None, typer.Option(help="… and a point behind it, as --behind.")] = None,
     columns: Annotated[
-        Path | None, typer.Option(help="TOML or YAML file that gives all this instead.")
+        Path | None,
+        typer.Option(help="TOML or YAML file that gives all this instead; docs/how-to/capture-in-space.md."),
     ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Import motion capture as track, hand and alignment of a trial without video."""
-    from strandcast.imports.mapping import CaptureMapping, capture_mapping_of, load_mapping
+    """Import motion capture as track, hand and alignment of a trial without video.
+
+    A capture in the plane of motion has two coordinates, one in space (--up) three: then units and the axis
+    that points up must be given, and one or two ends of the string may be driven.
+    """
+    from strandcast.imports.mapping import CaptureMapping, capture_mapping_of
+    from strandcast.imports.space_mapping import SpaceMapping, load_capture_mapping, space_mapping_of
     from strandcast.stages import import_track as stage
 
     if columns is None and not marker:
         raise typer.BadParameter("give --marker PLACE:X,Y for each marker, or --columns FILE")
     if columns is not None:
-        mapping = load_mapping(columns, CaptureMapping)
+        mapping: CaptureMapping | SpaceMapping = load_capture_mapping(columns)
+    elif up is not None:
+        own_clock = rate is not None or capture.suffix.lower() == ".c3d"
+        mapping = space_mapping_of(
+            hand,
+            marker or [],
+            up=up,
+            length_unit=length_unit,
+            time=time or (None if own_clock else "t"),
+            time_unit=time_unit,
+            rate_hz=rate,
+            behind=behind,
+            far=far,
+            far_behind=far_behind,
+        )
     else:
         turned = {"angle_sign": angle_sign, "angle_offset_rad": angle_offset}
-        mapping = capture_mapping_of(time, hand, marker or [], **turned)
+        mapping = capture_mapping_of(time or "t", hand, marker or [], **turned)
     summary = stage.run(ROOT, experiment, trial, capture, mapping, replace)
-    lines = [f"{summary.decoded_frames} samples, {summary.points} mass points"]
+    what = "markers in space" if isinstance(mapping, SpaceMapping) else "mass points"
+    lines = [f"{summary.decoded_frames} samples, {summary.points} {what}"]
     lines += [f"warning: {warning}" for warning in summary.warnings]
     found = {"samples": summary.decoded_frames, "points": summary.points, "warnings": summary.warnings}
     show(as_json, {"experiment": experiment, "trial": trial} | found, lines)

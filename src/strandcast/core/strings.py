@@ -27,6 +27,8 @@ PARAMETERS = tuple(UNITS)  # in the order of every array of parameters
 
 # Names of the numbers beside parameters and masses, as files and the unknowns of the fit use them.
 REST_CURL, CLAMP_OFFSET, PLAIN_MASS = "rest_curl_rad_m", "clamp_offset_rad", "plain_mass"
+FAR_OFFSET, LENGTH_CHANGE = "far_offset_rad", "length_change"
+SIDES = ("left", "up")  # of a turn in space
 CAMERA_OFFSET = ("camera_offset_x_m", "camera_offset_y_m")
 STIFF_BEND, BEND_FRICTION, DRAG_ALONG = "stiff_bend_factor", "bend_friction", "drag_along"
 FRICTION_STICK = "friction_stick_rad_m"
@@ -141,7 +143,12 @@ class StringBatch:
 
     def options(self) -> dict[str, np.ndarray]:
         """Return the numbers in use beside parameters and masses by name, each (B,)."""
-        options = {REST_CURL: self.rest_curl_rad_m, CLAMP_OFFSET: self.clamp_offset_rad}
+        options: dict[str, np.ndarray] = {}
+        for name, values in ((REST_CURL, self.rest_curl_rad_m), (CLAMP_OFFSET, self.clamp_offset_rad)):
+            options |= _by_side(name, values)
+        if self.rest_curl_rad_m.ndim > 1:
+            options |= _by_side(FAR_OFFSET, self.far_offset_rad) if self.far_offset_rad.any() else {}
+            options[LENGTH_CHANGE] = self.length_change
         if self.camera_offset_m.any():
             options |= dict(zip(CAMERA_OFFSET, self.camera_offset_m.T, strict=True))
         if self.bend_factor is not None:
@@ -185,8 +192,8 @@ class StringBatch:
         return cls(
             parameters,
             masses,
-            options.get(REST_CURL, none),
-            options.get(CLAMP_OFFSET, none),
+            _of_sides(REST_CURL, options, none),
+            _of_sides(CLAMP_OFFSET, options, none),
             bend_factor=None if factor is None else np.where(stiff_joints, factor[:, None], 1.0),
             bend_friction=options.get(BEND_FRICTION, none),
             drag_along=options.get(DRAG_ALONG, none),
@@ -194,4 +201,26 @@ class StringBatch:
             free_masses=free_masses,
             found_weights=np.stack(found, axis=1) if found else np.zeros((len(parameters), 0, 2)),
             camera_offset_m=np.column_stack([options.get(name, none) for name in CAMERA_OFFSET]),
+            far_offset_rad=np.column_stack([options.get(_side(FAR_OFFSET, side), none) for side in SIDES]),
+            length_change=options.get(LENGTH_CHANGE, none),
         )
+
+
+def _side(name: str, side: str) -> str:
+    """Return the name of a turn to one side in space: its unit comes last."""
+    stem, _, unit = name.partition("_rad")
+    return f"{stem}_{side}_rad{unit}"
+
+
+def _by_side(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
+    """Return turns (B,) in the plane by name, or turns (B, 2) in space by side."""
+    if values.ndim == 1:
+        return {name: values}
+    return {_side(name, side): values[:, k] for k, side in enumerate(SIDES)}
+
+
+def _of_sides(name: str, options: Mapping[str, np.ndarray], none: np.ndarray) -> np.ndarray:
+    """Return turns (B,) in the plane, or (B, 2) in space."""
+    if _side(name, SIDES[0]) not in options:
+        return options.get(name, none)
+    return np.column_stack([options[_side(name, side)] for side in SIDES])

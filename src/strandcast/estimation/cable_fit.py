@@ -21,7 +21,8 @@ from strandcast.estimation.throws import PreparedThrow
 
 # All chosen.
 SCREENED, DESCENTS, EVALUATIONS, SEED = 64, 3, 350, 1
-WINDOWS, WINDOW_S = 20, 2.0  # of motion that are fitted
+WINDOWS, WINDOW_S = 20, 2.0  # of motion that are fitted, at most
+OVERLAP = 2.0  # times that each instant is in a window, at most, on average
 LONGEST_WINDOWS = 8  # of series whose shape is not seen: from their beginning, the same time in all
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 SCREENING_FRAMES = 60  # of each series
@@ -147,15 +148,18 @@ def windows(series: list[CableSeries], points: int) -> list[PreparedThrow]:
         chosen = chosen if len(series) > LONGEST_WINDOWS else series
         span_s = WINDOWS * WINDOW_S / len(chosen)
         return [each.prepared(0, _frames(each, span_s), points) for each in chosen]
-    parts = []
-    for k in range(WINDOWS):
-        each = series[k * len(series) // WINDOWS if len(series) >= WINDOWS else k % len(series)]
+    recorded_s = sum(float(each.time_s[-1] - each.time_s[0]) for each in series)
+    count = min(WINDOWS, max(round(OVERLAP * recorded_s / WINDOW_S), len(series)))
+    parts: dict[tuple[int, int], PreparedThrow] = {}
+    for k in range(count):
+        row = k * len(series) // count if len(series) >= count else k % len(series)
+        each = series[row]
         frames = _frames(each, WINDOW_S)
         first = int(_GOLDEN * k % 1.0 * max(len(each.time_s) - frames, 0))
         seen = each.reliable()[first : first + frames].sum(axis=1)
         first += int(np.argmax(seen)) if len(each.time_s) > frames else 0
-        parts.append(each.prepared(first, min(first + frames, len(each.time_s)), points))
-    return parts
+        parts[row, first] = each.prepared(first, min(first + frames, len(each.time_s)), points)
+    return list(parts.values())
 
 
 def _frames(series: CableSeries, span_s: float) -> int:

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import medfilt, savgol_filter
 
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
-from strandcast.dynamics.parameters import Array
+from strandcast.dynamics.parameters import GRAVITY_M_S2, Array
 from strandcast.dynamics.spatial.clamps import POSE, clamp_poses, level_clamp_poses
-from strandcast.estimation.measured import HAND_MOVED_M
 from strandcast.estimation.throws import PreparedThrow
 
 # All chosen.
 SMOOTHING_S = 0.07  # of the driven ends: their markers' noise would shake the string
 GLITCH_M_S = 5.0  # faster jumps of a marker are errors of measurement
-START_S = 0.04  # on either side of a start, from which its shape and velocity are taken
-REST_S = 0.1  # of a start at rest
+START_S = 0.08  # around a start, from which its shape and velocity are taken
+FEWEST_FRAMES = 3  # of a start, also of slow cameras
+STILL_M_S = 0.01  # velocities of a start are not known better
+SLOW = 0.05  # of the speed of a fall over its length: there, a string nearly has its rest shape
 FEWEST = 4  # known places of a shape, the driven ends included; through fewer, the ends' directions help
 LEAST_ASIDE = 0.1  # sine of the angle to the vertical
 CLEAR_OF_ENDS = 1e-6  # of the length: a marker nearer to a driven end is that end
@@ -142,9 +143,10 @@ class CableSeries:
         """Return shape and velocity (n = `points`) in a frame, by least squares over the frames around it.
 
         A spline through the markers that are seen and the driven ends. Through few of them, it begins in the
-        direction of the ends; if the string also rests, each candidate's own rest shape is sought from there.
+        direction of the ends; if the string hardly moves, each candidate's own rest shape is sought.
         """
-        near = np.flatnonzero(np.abs(self.time_s - self.time_s[frame]) <= START_S)
+        frames = max(round(START_S / float(np.median(np.diff(self.time_s)))) + 1, FEWEST_FRAMES)
+        near = np.sort(np.argsort(np.abs(self.time_s - self.time_s[frame]), kind="stable")[:frames])
         markers = self._between_the_ends() & self.reliable()[near].any(axis=0)
         known = [_value_and_slope(self.time_s[near] - self.time_s[frame], self.pose[near, :3])]
         for k in np.flatnonzero(markers):
@@ -158,16 +160,18 @@ class CableSeries:
             return HANGING_AT_REST
         values, rates = np.array(known).transpose(1, 0, 2)
         few = len(places) < FEWEST
-        ends: Any = self._directions(frame, places, values) if few else "not-a-knot"
-        rest: Literal["natural", "not-a-knot"] = "natural" if few else "not-a-knot"
+        free: Any = "natural" if few or not self.two_ends() else "not-a-knot"  # a free end is straight
+        smooth: Any = ("natural" if few else "not-a-knot", free)
+        ends: Any = self._directions(frame, places, values) if few else smooth
         along = np.linspace(0.0, 1.0, points + 1)[1:]
         shape, velocity = (
             _extended(CubicSpline(places, path, bc_type=bc), along)
-            for path, bc in ((values, ends), (rates, rest))
+            for path, bc in ((values, ends), (rates, smooth))
         )
-        if few and self._rests(frame):
-            return StringStart(shape, settle=True)
-        return StringStart(shape, velocity, respace=False)
+        reach_m = np.linalg.norm(np.diff(values, axis=0), axis=1).sum()
+        fastest = np.linalg.norm(rates, axis=1).max()
+        settle = bool(few and fastest <= SLOW * np.sqrt(GRAVITY_M_S2 * reach_m))
+        return StringStart(shape, velocity * (fastest > STILL_M_S), respace=False, settle=settle)
 
     def _between_the_ends(self) -> np.ndarray:
         """(m,) which markers are not at a driven end."""
@@ -185,14 +189,6 @@ class CableSeries:
             for sign, pose in ((1.0, self.pose[frame, :POSE]), (-1.0, self.pose[frame, -POSE:]))
         )
         return near, far if self.two_ends() else straight
-
-    def _rests(self, frame: int) -> bool:
-        """Whether driven ends and markers stay where they are around a frame."""
-        near = np.abs(self.time_s - self.time_s[frame]) <= REST_S
-        ends = self.pose[near].reshape(near.sum(), -1, POSE)[..., :3]
-        seen = np.where(self.reliable()[near, :, None], self.vertices_m[near], np.nan)
-        moved = [np.linalg.norm(path - path[:1], axis=2) for path in (ends, seen - _first_seen(seen))]
-        return bool(max(np.nanmax(each, initial=0.0) for each in moved) <= HAND_MOVED_M)
 
 
 def series_between(
@@ -248,9 +244,3 @@ def _extended(spline: CubicSpline, along: Array) -> Array:
     """Return a spline's values at places, along its tangents beyond its ends."""
     inside = np.clip(along, spline.x[0], spline.x[-1])
     return np.asarray(spline(inside) + (along - inside)[:, None] * spline(inside, 1))
-
-
-def _first_seen(paths: Array) -> Array:
-    """Return the first known places (1, m, 3) of paths (F, m, 3)."""
-    first = np.argmax(~np.isnan(paths[..., 0]), axis=0)
-    return np.asarray(paths[first, np.arange(paths.shape[1])][None])

@@ -49,6 +49,11 @@ class CableSpace(Space):
 
     length_m: float = 1.0
 
+    @property
+    def parameter_units(self) -> dict[str, str]:
+        """Names and units of the unknowns but for weights."""
+        return {name: UNITS.get(name, "1") for name in self.names[: len(self.names) - self.layout.count]}
+
     def strings(self, chi: Array) -> StringBatch:
         """Candidate cables of exponents (B, d)."""
         value = dict(zip(self.names, self.values(np.atleast_2d(chi)).T, strict=True))

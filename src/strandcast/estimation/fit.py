@@ -28,8 +28,9 @@ class StringFit:
     ----------
     space, chi
         The unknowns and the best exponents (d,).
-    best, members, member_values_m
-        The best string (a batch of one), the ensemble (K, the best first) and the members' E on all throws.
+    best, members, member_unknowns, member_values_m
+        The best string (a batch of one), the ensemble (K, the best first), the members' unknowns (K, d), and
+        their E on all throws.
     at_bound, low, high
         (d,) which unknowns ended at a bound; (d,) their range over the ensemble, as values.
     frames, time_s, frames_used, window_s
@@ -55,7 +56,7 @@ class StringFit:
     converged
         Whether the search ended because nothing improved any more, before its evaluations were spent.
     planned_m, fitted_m
-        (G, n+1, 2) simulated points; `planned_m` None without a planned string.
+        (G, n+1, 2 or 3) simulated points; `planned_m` None without a planned string.
     trial_weights
         Weight of each throw in the fit, in the order given.
     warnings
@@ -66,6 +67,7 @@ class StringFit:
     chi: Array
     best: StringBatch
     members: StringBatch
+    member_unknowns: Array
     member_values_m: Array
     at_bound: np.ndarray
     low: Array
@@ -141,6 +143,7 @@ def fit_of(
         chi=chi[rows[0]],
         best=best,
         members=space.strings(chi[rows]),
+        member_unknowns=members,
         member_values_m=values[rows],
         at_bound=at_bound,
         low=members.min(axis=0),
@@ -186,8 +189,8 @@ def _warnings(
     step_change_m: float,
 ) -> list[str]:
     warnings = [f"{space.names[k]} ended at a bound of its range" for k in np.flatnonzero(at_bound)]
-    k_h = space.names.index(WIDENED[0])
-    if space.bounds[k_h, 1] >= WIDENED_BY * bounds_of("wide")[k_h, 1]:
+    k_h = space.names.index(WIDENED[0]) if WIDENED[0] in space.names else None
+    if k_h is not None and space.bounds[k_h, 1] >= WIDENED_BY * bounds_of("wide")[k_h, 1]:
         warnings.append(
             f"a stiff string: the ranges of {', '.join(WIDENED)} were widened to {space.bounds[k_h, 1]:g}; "
             "read its masses and parameters only from a fit with estimate.search: thorough"

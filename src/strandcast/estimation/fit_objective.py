@@ -140,9 +140,7 @@ def simulate_throw(
 ) -> tuple[Array, NDArray[np.int64]]:
     """Simulate candidate strings on one throw, as it was measured: (B, G, n+1, 2 or 3) [m], (B,) status."""
     points, status = simulate_batch(model, strings, throw.hand, throw.time_s, throw.start)
-    if throw.observed is not None:
-        markers = np.moveaxis(np.tensordot(points, throw.observed, axes=(2, 1)), -1, 2)
-        points = np.concatenate([points[:, :, :1], markers], axis=2)
+    points = throw.as_measured(points)
     if strings.camera_offset_m.any():
         points = points + strings.camera_offset_m[:, None, None]
     return points, status

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strandcast.core.strings import PLAIN_MASS, StringBatch, count_found_weights
+from strandcast.core.strings import PLAIN_MASS, UNITS, StringBatch, count_found_weights
 from strandcast.dynamics.masses import MassLayout, point_masses
 from strandcast.dynamics.parameters import to_exponent
 from strandcast.estimation.evaluation import Array
@@ -48,6 +48,11 @@ class Space:
     def weights_found(self) -> int:
         """Number of weights at unknown places."""
         return count_found_weights(self.names)
+
+    @property
+    def parameter_units(self) -> dict[str, str]:
+        """Names and units of the unknowns that describe a plain string; weights and options follow them."""
+        return UNITS
 
     def is_linear(self) -> Array:
         """(d,) True for unknowns that may be zero or negative: chi is linear in them, not an exponent."""

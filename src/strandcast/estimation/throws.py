@@ -39,6 +39,13 @@ class PreparedThrow:
     start: StringStart = HANGING_AT_REST
     observed: Array | None = None
 
+    def as_measured(self, points: Array) -> Array:
+        """Return the hand and the measured points (..., m+1, c) of simulated points (..., n+1, c)."""
+        if self.observed is None:
+            return points
+        markers = np.moveaxis(np.tensordot(points, self.observed, axes=(-2, 1)), -1, -2)
+        return np.concatenate([points[..., :1, :], markers], axis=-2)
+
     def until(self, share: float) -> PreparedThrow:
         """Return this throw up to the first `share` of its used frames."""
         used = np.flatnonzero(self.weight.any(axis=1))

@@ -100,7 +100,7 @@ def fisher(objective: FitObjective, chi: Array, log: EvaluationLog) -> tuple[Arr
     log.count += d + 1
     slope = (difference[1:] - difference[0]) / step[:, None, None]
     share = weight / weight.mean()
-    noise = float((share[:, None] * difference[0] ** 2).sum() / max(2 * len(share) - d, 1))
+    noise = float((share[:, None] * difference[0] ** 2).sum() / max(difference.shape[-1] * len(share) - d, 1))
     per_datum = correlated_count(objective, difference[0])
     information = np.einsum("r,irc,jrc->ij", share, slope, slope) / (max(noise, 1e-12) * per_datum)
     space = objective.space
@@ -111,13 +111,13 @@ def fisher(objective: FitObjective, chi: Array, log: EvaluationLog) -> tuple[Arr
 def correlated_count(objective: FitObjective, residual_m: Array) -> float:
     """Return how many measurements count as one: variance of their mean over that of independent ones.
 
-    The residuals (R, 2) of one point are correlated in time: the correlation is summed up to its first zero.
+    The residuals (R, 2 or 3) of one point are correlated in time: summed up to the correlation's first zero.
     Neighbouring points are taken to be correlated, too.
     """
     begun, sums = 0, []
     for throw in objective.throws:
         used = throw.weight > 0
-        shaped = np.zeros((*used.shape, 2))
+        shaped = np.zeros((*used.shape, residual_m.shape[-1]))
         shaped[used] = residual_m[begun : begun + used.sum()]
         begun += int(used.sum())
         sums.append(_correlated_in_time(shaped) * _correlated_along_string(shaped))

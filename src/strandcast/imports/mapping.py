@@ -10,11 +10,11 @@ from strandcast.errors import StrandcastError, StrandcastErrors
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE_UNITS = {"rad": 1.0, "deg": 0.017453292519943295}
-LENGTH_UNITS = {"m": 1.0, "mm": 1e-3}
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 AngleUnit = Literal["rad", "deg"]
-LengthUnit = Literal["m", "mm"]
+LengthUnit = Literal["m", "cm", "mm"]
 
 
 class Mapping(BaseModel):
@@ -68,7 +68,7 @@ class CaptureMapping(Mapping):
     motion_end_s: float | None = None
 
 
-Kind = TypeVar("Kind", JointMapping, CaptureMapping)
+Kind = TypeVar("Kind", bound=Mapping)
 
 
 def load_mapping(path: str | Path, kind: type[Kind]) -> Kind:
@@ -79,16 +79,20 @@ def load_mapping(path: str | Path, kind: type[Kind]) -> Kind:
     StrandcastError
         The file is missing or is neither, or with every invalid entry.
     """
+    return check_mapping(mapping_data(path), kind, Path(path))
+
+
+def mapping_data(path: str | Path) -> Any:
+    """Return the plain data of a TOML or YAML file; see `load_mapping` for the errors."""
     path = Path(path)
     try:
         text = read_bounded(path)
-        data = load_toml(text) if path.suffix == ".toml" else load_yaml(text)
+        return load_toml(text) if path.suffix == ".toml" else load_yaml(text)
     except FileNotFoundError:
         raise StrandcastError("SC-I010", "the mapping is missing", file=path, fix="check the path") from None
     except BoundError as error:
         what = f"is not a mapping ({error})"
         raise StrandcastError("SC-I010", what, file=path, line=error.line, fix="correct the line") from None
-    return check_mapping(data, kind, path)
 
 
 def check_mapping(data: Any, kind: type[Kind], path: Path | None = None) -> Kind:

@@ -7,8 +7,9 @@ import numpy as np
 from strandcast.arm.load import Arm
 from strandcast.core.pose import Pose
 from strandcast.errors import StrandcastError
-from strandcast.imports.mapping import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS, CaptureMapping
-from strandcast.imports.table import NumberTable, read_numbers
+from strandcast.imports.capture_table import read_capture
+from strandcast.imports.mapping import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS, CaptureMapping, TimeUnit
+from strandcast.imports.table import NumberTable
 from strandcast.imports.track_checks import check_track
 from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.files import sha256_file
@@ -37,7 +38,7 @@ def import_capture(
     Parameters
     ----------
     path
-        CSV: one row per instant; an empty cell is a marker that was not detected.
+        CSV, Parquet or C3D: one row per instant; an empty cell is a marker that was not detected.
     folder
         ``data/<experiment>/trial-NN``.
     mapping
@@ -58,8 +59,8 @@ def import_capture(
         With warnings about markers between mass points, the number of points that fits them best, and those
         of `imports.track_checks`. A refused import writes nothing.
     """
-    table = read_numbers(path)
-    time_s = _times(table, mapping)
+    table = read_capture(path)
+    time_s = times_of(table, mapping.time, mapping.time_unit)
     hand = _hand(table, mapping, time_s)
     index, warnings = points_of_markers(mapping, length_m, points)
     track = _track(table, mapping, time_s, hand, index, points)
@@ -86,23 +87,28 @@ def import_capture(
         choices={"file": Path(path).name, "sha256": sha256_file(path)} | places,
         warnings=table.notes + warnings,
     )
-    alignment = _alignment(experiment, trial, mapping, time_s)
+    alignment = one_clock(experiment, trial, time_s, mapping.motion_start_s, mapping.motion_end_s)
     known = np.isfinite(hand.array()).all(axis=1)
     paths = {"measured": (time_s[known], hand[known])}
     summary.warnings += check_track(track, paths, alignment, summary, table.path)
     if arm is not None:
         beyond = _check_reach(hand[known].position_m, arm, table.path)
         summary.warnings += beyond if aimed else []
-    # All checks have passed: only now is anything written.
-    folder = Path(folder)
+    write_capture(Path(folder), track, _hand_columns(time_s[known], hand[known]), alignment, summary)
+    return summary
+
+
+def write_capture(
+    folder: Path, track: Track, hand: dict[str, np.ndarray], alignment: Alignment, summary: TrackSummary
+) -> None:
+    """Write the four files of an imported trial: all checks have passed."""
     # track.json marks an import as complete: it must not lie beside half of another one.
     (folder / "track.json").unlink(missing_ok=True)
-    source = {"source": Path(path).name}
+    source = {"source": summary.choices["file"]}
     write_table(folder / "track.parquet", TRACK, track.columns(), source)
-    write_table(folder / "hand.parquet", HAND, _hand_columns(time_s[known], hand[known]), source)
+    write_table(folder / "hand.parquet", HAND, hand, source)
     alignment.write(folder / "alignment.json")
     summary.write(folder / "track.json")
-    return summary
 
 
 def points_of_markers(mapping: CaptureMapping, length_m: float, points: int) -> tuple[list[int], list[str]]:
@@ -152,13 +158,14 @@ def _best_points(mapping: CaptureMapping, length_m: float, points: int) -> int:
     return min(tried, key=lambda n: (round(worst(n), 4), abs(n - points)))
 
 
-def _times(table: NumberTable, mapping: CaptureMapping) -> np.ndarray:
-    time_s = table.column(mapping.time) * TIME_UNITS[mapping.time_unit]
-    table.require_finite(time_s[:, None], [mapping.time])
+def times_of(table: NumberTable, column: str, unit: TimeUnit) -> np.ndarray:
+    """Return the times (rows,) [s] of a capture, which rise."""
+    time_s = table.column(column) * TIME_UNITS[unit]
+    table.require_finite(time_s[:, None], [column])
     back = np.flatnonzero(np.diff(time_s) <= 0)
     if len(back):
         fix = "sort the rows by time and remove doubled ones"
-        raise table.refusal(back[0] + 1, mapping.time, "time does not rise here", fix, "SC-I007")
+        raise table.refusal(back[0] + 1, column, "time does not rise here", fix, "SC-I007")
     if len(time_s) < 3:
         raise refusal("SC-I001", table.path, None, f"{len(time_s)} rows are no motion", "export it again")
     return time_s
@@ -201,9 +208,10 @@ def _track(
     )
 
 
-def _alignment(experiment: str, trial: int, mapping: CaptureMapping, time_s: np.ndarray) -> Alignment:
-    """Return the alignment of one clock with itself."""
-    start_s, end_s = mapping.motion_start_s, mapping.motion_end_s
+def one_clock(
+    experiment: str, trial: int, time_s: np.ndarray, start_s: float | None = None, end_s: float | None = None
+) -> Alignment:
+    """Return the alignment of one clock with itself; by default, the motion is the whole capture."""
     return Alignment(
         experiment=experiment,
         trial=trial,

@@ -12,7 +12,10 @@ from strandcast.records.record import refusal
 
 @dataclass(frozen=True)
 class NumberTable:
-    """Named columns of numbers: values (rows, columns), NaN where a cell is empty; the line of each row."""
+    """Named columns of numbers: values (rows, columns), NaN where a cell is empty; the line of each row.
+
+    `rate_hz` and `length_unit` are what the file itself says of them, if it does.
+    """
 
     path: Path
     names: list[str]
@@ -20,6 +23,8 @@ class NumberTable:
     lines: np.ndarray
     has_header: bool
     notes: list[str] = field(default_factory=list)  # remarks for the user
+    rate_hz: float | None = None
+    length_unit: str | None = None
 
     def column(self, name: str) -> np.ndarray:
         """Return one column (rows,) by its name, or by its number from 1 where the file has no header."""

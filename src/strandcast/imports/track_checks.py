@@ -8,7 +8,7 @@ import numpy as np
 from strandcast.core.pose import Pose
 from strandcast.errors import StrandcastError
 from strandcast.imports.clock import clock_problem
-from strandcast.records.alignment import HAND, Alignment
+from strandcast.records.alignment import Alignment, read_plane_hand
 from strandcast.records.record import refusal
 from strandcast.records.tables import read_table
 from strandcast.records.track import AXES, TRACK, Track, TrackSummary, read_track
@@ -41,7 +41,7 @@ def check_supplied(
         and those of `check_track`.
     """
     rows = read_table(track_file, TRACK)
-    _check_rows(track_file, rows)
+    check_rows(track_file, rows)
     paths = dict(_paths(hand_file))
     return check_track(read_track(track_file, summary.points), paths, alignment, summary, track_file)
 
@@ -57,9 +57,10 @@ def check_track(
         SC-I027 sizes that string and arm cannot have; SC-I028 times that no film of a throw has; SC-I029 the
         track does not follow the hand; SC-I033 track, hand and motion do not overlap in time.
     """
-    warnings = _check_clock(track, file)
+    warnings = check_clock(track, file)
     robot_s = alignment.robot_time_s(track.camera_time_s)
-    _check_overlap(robot_s, paths, alignment, file)
+    times_s = {f"{name} path of the hand": time_s for name, (time_s, _) in paths.items()}
+    check_overlap(robot_s, times_s, alignment, file)
     warnings += _check_hand(track, robot_s, paths, file)
     time_s, pose = next(iter(paths.values()))
     hand = pose.interpolated(time_s, robot_s)
@@ -67,11 +68,12 @@ def check_track(
         np.isfinite(track.points_m[:, :1, :2]), track.points_m[:, :1, :2], hand.position_m[:, None]
     )
     string_m = track.points_m[..., :2] - held_m
-    warnings += _check_lengths(string_m, track.frame, _places(summary), file)
+    warnings += check_lengths(string_m, track.frame, summary.places_m(), file)
     return warnings + _mirrored(string_m, hand.angle_rad)
 
 
-def _check_rows(file: Path, rows: dict[str, np.ndarray]) -> None:
+def check_rows(file: Path, rows: dict[str, np.ndarray]) -> None:
+    """Refuse rows of a track that are not finite, doubled or not in order of time."""
     frame, point = rows["frame"], rows["point"]
     places = np.stack([rows[name] for name in AXES if name in rows])
     if not np.isfinite(places).all(axis=0).any():
@@ -117,7 +119,7 @@ def _check_doubled(file: Path, frame: np.ndarray, point: np.ndarray) -> None:
 
 
 def _paths(file: Path) -> Iterator[tuple[str, tuple[np.ndarray, Pose]]]:
-    rows = read_table(file, HAND)
+    rows = read_plane_hand(file)
     if not len(rows["source"]):
         raise refusal("SC-I024", file, "source", "it has 0 rows", "supply the hand's path")
     for name in ("robot_time_s", "x_m", "y_m", "angle_rad"):
@@ -149,7 +151,8 @@ def _paths(file: Path) -> Iterator[tuple[str, tuple[np.ndarray, Pose]]]:
         yield source, (time_s, Pose.from_array(poses))
 
 
-def _check_clock(track: Track, file: Path) -> list[str]:
+def check_clock(track: Track, file: Path) -> list[str]:
+    """Refuse times that no capture has; return a warning of a gap."""
     time_s = track.camera_time_s
     if len(time_s) < FEWEST:
         raise refusal(
@@ -168,9 +171,12 @@ def _check_clock(track: Track, file: Path) -> list[str]:
     return []
 
 
-def _check_overlap(robot_s: np.ndarray, paths: Paths, alignment: Alignment, file: Path) -> None:
+def check_overlap(
+    robot_s: np.ndarray, times_s: Mapping[str, np.ndarray], alignment: Alignment, file: Path
+) -> None:
+    """Refuse a track that has too few frames in common with the motion or with a path, by name."""
     start_s, end_s = alignment.motion_start_s, alignment.motion_end_s
-    spans = {f"{name} path of the hand": (time_s[0], time_s[-1]) for name, (time_s, _) in paths.items()}
+    spans = {name: (time_s[0], time_s[-1]) for name, time_s in times_s.items()}
     for name, (from_s, to_s) in (spans | {"motion": (start_s, end_s)}).items():
         covered = int(((robot_s >= from_s) & (robot_s <= to_s)).sum())
         if covered < FEWEST:
@@ -230,16 +236,11 @@ def check_length(supplied_m: float, string_m: float, file: Path) -> list[str]:
     return [f"length_m in track.json {words}"] if share > 1.0 + LENGTH_ERROR else []
 
 
-def _places(summary: TrackSummary) -> np.ndarray:
-    """Return the distance of each point from the clamp (n+1,), a marker's own where it was imported."""
-    even_m = np.linspace(0.0, summary.length_m, summary.points + 1)
-    own = [summary.choices.get(f"point_{k}_place_m") for k in range(summary.points + 1)]
-    return np.array([float(own_m) if own_m else m for own_m, m in zip(own, even_m, strict=True)])
-
-
-def _check_lengths(string_m: np.ndarray, frame: np.ndarray, places_m: np.ndarray, file: Path) -> list[str]:
+def check_lengths(string_m: np.ndarray, frame: np.ndarray, places_m: np.ndarray, file: Path) -> list[str]:
     """Compare the distances from the hand with the places along the string."""
-    far_m = np.hypot(*np.moveaxis(string_m, -1, 0))
+    far_m = np.hypot(string_m[..., 0], string_m[..., 1])
+    for axis in range(2, string_m.shape[-1]):
+        far_m = np.hypot(far_m, string_m[..., axis])
     points = [k for k in range(1, far_m.shape[1]) if np.isfinite(far_m[:, k]).any()]
     if not points:
         raise refusal(

@@ -1,13 +1,14 @@
 """alignment.json and hand.parquet: offset and drift between the clocks, and the paths of the hand."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from strandcast.core.pose import Pose
 from strandcast.errors import StrandcastError
-from strandcast.records.record import Part, Record
+from strandcast.records.record import Part, Record, refusal
 from strandcast.records.tables import Column, TableSpec, read_table
 
 HAND = TableSpec(
@@ -17,9 +18,32 @@ HAND = TableSpec(
         "robot_time_s": Column("f8", "s"),
         "x_m": Column("f8", "m"),
         "y_m": Column("f8", "m"),
+    },
+    # In the plane the hand has an angle. In space the first driven end has what is known of its pose, and
+    # a second one too.
+    optional={
         "angle_rad": Column("f8", "rad"),
+        "z_m": Column("f8", "m"),
+        **{f"far_{axis}_m": Column("f8", "m") for axis in "xyz"},
+        **{
+            f"{end}{name}_{axis}": Column("f8", "1")
+            for end in ("", "far_")
+            for name in ("direction", "normal")
+            for axis in "xyz"
+        },
     },
 )
+
+
+class EndPath(NamedTuple):
+    """The path of a driven end in space, each (T, 3): its place [m], the string's direction, and a normal.
+
+    None where direction or normal were not measured.
+    """
+
+    place_m: np.ndarray
+    direction: np.ndarray | None
+    normal: np.ndarray | None
 
 
 class HandMarkerFit(Part):
@@ -87,9 +111,18 @@ class Alignment(Record):
         return camera_time_s * (1.0 + self.drift) + self.offset_s
 
 
-def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, Pose]:
-    """Return one path of the hand: robot times (T,) [s] and poses (T,)."""
+def read_plane_hand(path: str | Path) -> dict[str, np.ndarray]:
+    """Return the rows of hand.parquet in the plane."""
     rows = read_table(path, HAND)
+    if "angle_rad" not in rows:
+        what = "the column is missing: the hand is not one in the plane"
+        raise refusal("SC-R014", path, "angle_rad", what, "supply track and hand of the same kind")
+    return rows
+
+
+def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, Pose]:
+    """Return one path of the hand in the plane: robot times (T,) [s] and poses (T,)."""
+    rows = read_plane_hand(path)
     mine = rows["source"] == source
     if not mine.any():
         there = ", ".join(sorted(set(rows["source"])))
@@ -102,3 +135,29 @@ def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, Pose]:
         )
     position_m = np.column_stack([rows["x_m"][mine], rows["y_m"][mine]])
     return rows["robot_time_s"][mine], Pose(position_m, rows["angle_rad"][mine])
+
+
+def end_columns(ends: Sequence[EndPath]) -> dict[str, np.ndarray]:
+    """Return the columns of hand.parquet for the driven ends of a string in space, one or two."""
+    columns: dict[str, np.ndarray] = {}
+    for prefix, end in zip(("", "far_"), ends, strict=False):
+        columns |= {f"{prefix}{axis}_m": end.place_m[:, k] for k, axis in enumerate("xyz")}
+        for name, path in (("direction", end.direction), ("normal", end.normal)):
+            if path is not None:
+                columns |= {f"{prefix}{name}_{axis}": path[:, k] for k, axis in enumerate("xyz")}
+    return columns
+
+
+def ends_of(rows: Mapping[str, np.ndarray]) -> list[EndPath]:
+    """Return the driven ends in rows of hand.parquet; none for a hand in the plane."""
+
+    def path(stem: str, unit: str = "") -> np.ndarray | None:
+        names = [f"{stem}{axis}{unit}" for axis in "xyz"]
+        return np.column_stack([rows[name] for name in names]) if names[-1] in rows else None
+
+    places = [(prefix, path(prefix, "_m")) for prefix in ("", "far_")]
+    return [
+        EndPath(place_m, path(f"{prefix}direction_"), path(f"{prefix}normal_"))
+        for prefix, place_m in places
+        if place_m is not None
+    ]

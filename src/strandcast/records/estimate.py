@@ -15,13 +15,16 @@ ENSEMBLE = TableSpec(
 SIMULATED = TableSpec(
     "strandcast/simulated",
     {
-        "source": Column("str", "1"),  # "planned" or "fitted"
+        # "planned" or "fitted". In space the points of "fitted" and "predicted" (by the estimate before) are
+        # the markers, and those of "string" and "predicted_string" the mass points.
+        "source": Column("str", "1"),
         "frame": Column("i4", "1"),
         "robot_time_s": Column("f8", "s"),
         "point": Column("i4", "1"),
         "x_m": Column("f8", "m"),
         "y_m": Column("f8", "m"),
     },
+    optional={"z_m": Column("f8", "m")},
 )
 
 
@@ -109,6 +112,8 @@ class ServoFit(Part):
 # `what` of errors that pages look for: this trial under the string fitted before it was added, and where the
 # string would be if it hung straight below the hand, or kept its first shape and moved with the hand.
 UNDER_PREVIOUS = "this throw under the estimate before it"
+TIP_UNDER_PREVIOUS = "its last marker under the estimate before it, mean distance"
+LAST_PART = "the last quarter of the trial, simulated from its beginning, from a fit to the rest"
 HANGING, CARRIED = "no model: hanging straight below the hand", "no model: first shape, moved with the hand"
 
 

@@ -1,5 +1,6 @@
 """track.parquet, markers.parquet and track.json: the tracked string, the hand's markers, a summary."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -40,6 +41,12 @@ MARKERS = TableSpec(
 )
 
 AXES = ("x_m", "y_m", "z_m")
+
+
+def is_in_space(columns: Iterable[str]) -> bool:
+    """Return whether a table of points with these columns is in space."""
+    return AXES[2] in columns
+
 
 # Bits of `flags`.
 UNSURE = 1  # detected, but the place along or across the string is doubtful
@@ -132,6 +139,12 @@ class TrackSummary(Record):
     target: DetectedTarget | None = None
     contact: Contact | None = None
     led: DetectedLed | None = None
+
+    def places_m(self) -> np.ndarray:
+        """Return the distance of each point from the clamp (n+1,), a marker's own where it was imported."""
+        even_m = np.linspace(0.0, self.length_m, self.points + 1)
+        own = [self.choices.get(f"point_{k}_place_m") for k in range(self.points + 1)]
+        return np.array([float(own_m) if own_m else m for own_m, m in zip(own, even_m, strict=True)])
 
 
 @dataclass(eq=False)

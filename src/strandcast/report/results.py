@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
-from strandcast.records.alignment import HAND, Alignment
+from strandcast.records.alignment import HAND, Alignment, ends_of
 from strandcast.records.camera import Camera
 from strandcast.records.clip import Clip
 from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
@@ -28,14 +28,14 @@ from strandcast.records.tables import (
     scattered,
     table_made_by,
 )
-from strandcast.records.track import Track, TrackSummary, read_track
+from strandcast.records.track import AXES, Track, TrackSummary, read_track
 from strandcast.records.verdict import AFTER_MOTION_S, Verdict
 
 Array = NDArray[np.float64]
 
 
 class SimulatedThrow(NamedTuple):
-    """One simulated throw: frame (F,), robot_time_s (F,), points_m (F, n+1, 2)."""
+    """One simulated throw: frame (F,), robot_time_s (F,), points_m (F, n+1, 2 or 3)."""
 
     frame: NDArray[np.int32]
     robot_time_s: Array
@@ -43,7 +43,10 @@ class SimulatedThrow(NamedTuple):
 
 
 class HandPoses(NamedTuple):
-    """One path of the hand: robot_time_s (T,), pose (T, 3) = x_m, y_m, angle_rad."""
+    """One path of the hand: robot_time_s (T,), pose (T, 3) = x_m, y_m, angle_rad.
+
+    In space (T, 3 or 6): the places of one driven end or two.
+    """
 
     robot_time_s: Array
     pose: Array
@@ -120,6 +123,11 @@ class TrialResults:
         """Return whether the trial had a target, as far as its verdict can be read."""
         verdict = self.get("verdict")
         return verdict is None or verdict.target_m is not None
+
+    def in_space(self) -> bool:
+        """Return whether the track is in space."""
+        track = self.get("track")
+        return track is not None and track.points_m.shape[2] == len(AXES)
 
     def not_made(self) -> set[str]:
         """Return the results that a trial without video does not have."""
@@ -220,7 +228,8 @@ def _read_hand(path: Path) -> dict[str, HandPoses]:
     for source in ("commanded", "measured", "seen"):
         mine = rows["source"] == source
         if mine.any():
-            pose = np.column_stack([rows[name][mine] for name in ("x_m", "y_m", "angle_rad")])
+            places = [end.place_m for end in ends_of(rows)]
+            pose = np.column_stack(places or [rows[name] for name in ("x_m", "y_m", "angle_rad")])[mine]
             paths[source] = HandPoses(rows["robot_time_s"][mine], pose)
     return paths
 
@@ -228,12 +237,13 @@ def _read_hand(path: Path) -> dict[str, HandPoses]:
 def _read_simulated(path: Path) -> dict[str, SimulatedThrow]:
     rows = read_table(path, SIMULATED)
     throws = {}
-    for source in ("planned", "fitted"):
+    axes = [name for name in AXES if name in rows]
+    for source in ("planned", "fitted", "predicted", "string", "predicted_string"):
         mine = rows["source"] == source
         if mine.any():
             frame, first, place = np.unique(rows["frame"][mine], return_index=True, return_inverse=True)
-            point, x_y_m = rows["point"][mine], np.column_stack([rows["x_m"][mine], rows["y_m"][mine]])
-            points_m = scattered((len(frame), point.max() + 1, 2), (place, point), x_y_m)
+            point, places_m = rows["point"][mine], np.column_stack([rows[name][mine] for name in axes])
+            points_m = scattered((len(frame), point.max() + 1, len(axes)), (place, point), places_m)
             throws[source] = SimulatedThrow(frame, rows["robot_time_s"][mine][first], points_m)
     return throws
 

@@ -56,6 +56,7 @@ def trial_page(
     groups = version_groups({folder.name: results})
     return render(
         "trial.html.jinja",
+        script="space.js.jinja" if results.in_space() else "viewer.js.jinja",
         experiment=experiment,
         trial=trial,
         title=facts.title,

@@ -59,6 +59,18 @@ def refuse_replacing(path: Path, replace: bool) -> None:
         )
 
 
+def refuse_target_in_space(context: Context, in_space: bool) -> None:
+    """Refuse a track in space for an experiment that aims at a target in the plane."""
+    if in_space and context.settings.target_m is not None:
+        raise StrandcastError(
+            "SC-I046",
+            "the track is in space, and the target in a plane",
+            file=context.file,
+            field="target_m",
+            fix="leave target_m out: captures in space are fitted and predicted, and nothing is planned",
+        )
+
+
 def free_length_m(context: Context, clamped_length_m: float) -> float:
     """Return the length of the string beyond the clamp [m]."""
     return context.settings.string.length_m - clamped_length_m

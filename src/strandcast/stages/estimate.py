@@ -11,10 +11,11 @@ from strandcast.estimation.estimate import estimate
 from strandcast.estimation.measured import Throw
 from strandcast.records.estimate import ENSEMBLE, SIMULATED
 from strandcast.records.motion import Motion
-from strandcast.records.tables import write_table
-from strandcast.records.track import UNSURE, TrackSummary
+from strandcast.records.tables import read_arrow, write_table
+from strandcast.records.track import TRACK, UNSURE, TrackSummary, is_in_space
 from strandcast.records.verdict import AFTER_MOTION_S
 from strandcast.seeds import rng
+from strandcast.stages.estimate_in_space import estimate_in_space
 from strandcast.stages.estimate_record import ensemble_table, estimate_record, servo_record, simulated_table
 from strandcast.stages.files import past, recent
 from strandcast.stages.job import Files, Job
@@ -37,6 +38,9 @@ SAME_PASS_S = 0.1  # a planned hit and a closest approach this near belong to th
 def run(job: Job, files: Files) -> None:
     """Estimate the string after one trial: from the recent ones, starting from the estimate before."""
     context, settings = job.context, job.context.settings.estimate
+    if is_in_space(read_arrow(files.input("track", job.trial), TRACK).column_names):
+        estimate_in_space(job, files)
+        return
     arm = load_arm(files.input("arm"))
     model, layout = string_model(context, arm)
     trials = [read_trial(files, number) for number in recent(job)]
@@ -65,7 +69,7 @@ def run(job: Job, files: Files) -> None:
     response = servo_of(arm, trials)
     servo = None if response is None else servo_record(arm, response)
     read = [files.input(role, t.number) for t in trials for role in ("track", "alignment", "hand", "summary")]
-    record = estimate_record(context, model, layout, trials, fit, servo, hashes_of(read))
+    record = estimate_record(context, model, layout, [t.number for t in trials], fit, servo, hashes_of(read))
     seen = TrackSummary.read(files.input("summary", job.trial)).weights
     record.warnings += seen_weights_warnings(context, arm, throws, fit.E_m, seen, random)
     write_table(files.output("ensemble"), ENSEMBLE, ensemble_table(fit))

@@ -1,12 +1,14 @@
 """The estimate as files: the record estimate.json, the tables of ensemble.parquet and simulated.parquet."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm
 from strandcast.arm.servo_response import HeldOut as Predicted
 from strandcast.arm.servo_response import Response
-from strandcast.core.strings import PARAMETERS, UNITS
+from strandcast.core.strings import PARAMETERS
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.estimation.fit import StringFit
@@ -21,6 +23,7 @@ from strandcast.records.estimate import (
     WeightFit,
 )
 from strandcast.records.motion import StringSet
+from strandcast.records.track import AXES, Track
 from strandcast.seeds import seed_of
 from strandcast.stages.context import Context
 from strandcast.stages.past_trials import Trial
@@ -30,7 +33,7 @@ def estimate_record(
     context: Context,
     model: StringModel,
     layout: MassLayout,
-    trials: list[Trial],
+    trials: Sequence[int],
     fit: StringFit,
     servo: ServoFit | None,
     planned_from: dict[str, str],
@@ -38,10 +41,10 @@ def estimate_record(
     """Return estimate.json of the newest trial; `planned_from` has the hashes of the files that were read."""
     settings, seed = context.settings.estimate, context.settings.seed
     newest = trials[-1]
-    kept = [t.number for t, weight in zip(trials, fit.trial_weights, strict=True) if weight > 0]
+    kept = [number for number, weight in zip(trials, fit.trial_weights, strict=True) if weight > 0]
     return Estimate(
         experiment=context.name,
-        trial=newest.number,
+        trial=newest,
         trials_used=kept,
         length_m=model.length_m,
         points=model.points,
@@ -53,17 +56,17 @@ def estimate_record(
         start_shape=settings.start_shape,
         evaluation=settings.evaluation,
         w=settings.w,
-        seed=seed_of(context.name, seed, newest.number, "estimate"),
+        seed=seed_of(context.name, seed, newest, "estimate"),
         string=StringSet.first_of(fit.best),
         parameters=[
-            ParameterFit(name=name, unit=UNITS[name], **_fitted_range(fit, k))
-            for k, name in enumerate(PARAMETERS)
+            ParameterFit(name=name, unit=unit, **_fitted_range(fit, k))
+            for k, (name, unit) in enumerate(fit.space.parameter_units.items())
         ],
         weights=_weight_fits(context, fit, layout),
         options={
             name: float(fit.space.values(fit.chi)[k])
             for k, name in enumerate(fit.space.names)
-            if k >= len(PARAMETERS) + layout.count
+            if k >= len(fit.space.parameter_units) + layout.count
         },
         frames_used=fit.frames_used,
         window_s=list(fit.window_s),
@@ -106,7 +109,7 @@ def _weight_fits(context: Context, fit: StringFit, layout: MassLayout) -> list[W
     found = []
     weights = len(context.settings.string.weights)
     for k in range(layout.count):
-        numbers = _fitted_range(fit, len(PARAMETERS) + k)
+        numbers = _fitted_range(fit, len(fit.space.parameter_units) + k)
         numbers.pop("exponent")
         kind = "weight" if k < weights else "stiff"
         found.append(WeightFit(place_m=float(layout.places_m[k]), kind=kind, **numbers))
@@ -181,23 +184,31 @@ def ensemble_table(fit: StringFit) -> dict[str, np.ndarray]:
     columns |= dict(zip(PARAMETERS, strings.parameters.T, strict=True))
     columns |= {f"mass_{k + 1}": mass for k, mass in enumerate(strings.masses.T)}
     columns |= {f"weight_{k + 1}": mass for k, mass in enumerate(strings.free_masses.T)}
-    return columns | strings.options()
+    columns |= strings.options()
+    unknowns = zip(fit.space.names, fit.member_unknowns.T, strict=True)
+    return columns | {name: found for name, found in unknowns if name in fit.space.parameter_units}
 
 
 def simulated_table(fit: StringFit, trial: Trial) -> dict[str, np.ndarray]:
     """Return the columns of simulated.parquet: the newest throw under the planned and the fitted string."""
     paths = [("planned", fit.planned_m), ("fitted", fit.fitted_m)]
-    tables = [_points_table(name, points, fit, trial) for name, points in paths if points is not None]
+    return points_table(paths, fit, trial.track)
+
+
+def points_table(
+    paths: list[tuple[str, np.ndarray | None]], fit: StringFit, track: Track
+) -> dict[str, np.ndarray]:
+    """Return the columns of simulated points (G, n+1, 2 or 3) by their source, of those that there are."""
+    tables = [_rows_of(name, points, fit, track) for name, points in paths if points is not None]
     return {column: np.concatenate([table[column] for table in tables]) for column in tables[0]}
 
 
-def _points_table(source: str, points_m: np.ndarray, fit: StringFit, trial: Trial) -> dict[str, np.ndarray]:
+def _rows_of(source: str, points_m: np.ndarray, fit: StringFit, track: Track) -> dict[str, np.ndarray]:
     frame, point = np.nonzero(np.isfinite(points_m).all(axis=2))
-    return {
+    columns = {
         "source": np.full(len(frame), source, dtype=object),
-        "frame": trial.track.frame[fit.frames[frame]],
+        "frame": track.frame[fit.frames[frame]],
         "robot_time_s": fit.time_s[frame],
         "point": point,
-        "x_m": points_m[frame, point, 0],
-        "y_m": points_m[frame, point, 1],
     }
+    return columns | dict(zip(AXES, np.moveaxis(points_m[frame, point], -1, 0), strict=False))

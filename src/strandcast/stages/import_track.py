@@ -3,20 +3,32 @@
 from pathlib import Path
 
 from strandcast.arm.load import load_arm
+from strandcast.imports.capture_in_space import import_capture_in_space
 from strandcast.imports.mapping import CaptureMapping
 from strandcast.imports.motion_capture import import_capture
+from strandcast.imports.space_mapping import SpaceMapping
 from strandcast.records.track import TrackSummary
-from strandcast.stages.context import context_of, free_length_m, refuse_replacing
+from strandcast.stages.context import context_of, free_length_m, refuse_replacing, refuse_target_in_space
 
 
 def run(
-    root: Path, name: str, trial: int, capture: Path, mapping: CaptureMapping, replace: bool = False
+    root: Path,
+    name: str,
+    trial: int,
+    capture: Path,
+    mapping: CaptureMapping | SpaceMapping,
+    replace: bool = False,
 ) -> TrackSummary:
     """Import a capture; `register_track` copies it to the results."""
     context = context_of(root, name)
     string, folder = context.settings.string, context.folder.trial(trial)
-    arm = load_arm(context.arm_file)
     refuse_replacing(folder.data / "track.json", replace)
+    if isinstance(mapping, SpaceMapping):
+        refuse_target_in_space(context, True)
+        return import_capture_in_space(
+            capture, folder.data, mapping, experiment=name, trial=trial, length_m=string.length_m
+        )
+    arm = load_arm(context.arm_file)
     return import_capture(
         capture,
         folder.data,

@@ -1,10 +1,12 @@
 """Verify a track and an alignment measured elsewhere, and copy them to the results."""
 
 from strandcast.errors import StrandcastError
+from strandcast.imports.space_checks import check_supplied_in_space
 from strandcast.imports.track_checks import check_length, check_supplied
 from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.tables import read_arrow, write_arrow
-from strandcast.records.track import TRACK, TrackSummary
+from strandcast.records.track import TRACK, TrackSummary, is_in_space
+from strandcast.stages.context import refuse_target_in_space
 from strandcast.stages.job import Files, Job
 
 
@@ -12,7 +14,10 @@ def run(job: Job, files: Files) -> None:
     """Copy track, summary, alignment and hand from data/ to results/, each after a verified read."""
     alignment = Alignment.read(files.input("alignment"))
     summary, declared = TrackSummary.read(files.input("summary")), job.context.settings.string.n
-    if summary.points != declared:
+    track = read_arrow(files.input("track"), TRACK)
+    in_space = is_in_space(track.column_names)
+    refuse_target_in_space(job.context, in_space)
+    if summary.points != declared and not in_space:
         raise StrandcastError(
             "SC-I020",
             f"the track has {summary.points} points, the experiment's string {declared}",
@@ -21,9 +26,10 @@ def run(job: Job, files: Files) -> None:
             fix="set string.points in experiment.yaml, or import the track again",
         )
     found = check_length(summary.length_m, job.context.settings.string.length_m, files.input("summary"))
-    found += check_supplied(files.input("track"), files.input("hand"), alignment, summary)
+    check = check_supplied_in_space if in_space else check_supplied
+    found += check(files.input("track"), files.input("hand"), alignment, summary)
     summary.warnings += [warning for warning in found if warning not in summary.warnings]
-    write_arrow(files.output("track"), read_arrow(files.input("track"), TRACK))
+    write_arrow(files.output("track"), track)
     write_arrow(files.output("hand"), read_arrow(files.input("hand"), HAND))
     alignment.write(files.output("alignment"))
     summary.write(files.output("summary"))

@@ -24,8 +24,11 @@ def evaluation(page: TrialPageData) -> PanelContent:
     figure = draw.new_figure(10.0, 3.6, top=0.9, bottom=0.15, wspace=0.22)
     bars, curve = figure.subplots(1, 2)
     places_mm = np.arange(1, estimate.points + 1) * estimate.length_m / estimate.points * 1e3
+    if results.in_space():  # E is of the markers, which lie between the mass points
+        places_mm = 1e3 * results.need("track_summary").places_m()[1:]
     errors_mm = np.array([np.nan if e is None else e * 1e3 for e in estimate.E_points_m])
-    bars.bar(places_mm, errors_mm, 0.7 * places_mm[0], color=draw.MEASURED["color"])
+    width_mm = 0.7 * np.diff(places_mm, prepend=0.0).min()
+    bars.bar(places_mm, errors_mm, max(width_mm, 1.0), color=draw.MEASURED["color"])
     bars.axhline(estimate.E_m * 1e3, **draw.dashes(draw.FITTED, linewidth=1.5))
     left = {"xycoords": ("axes fraction", "data"), "fontsize": 8.5}
     draw.note(bars, f"E {estimate.E_m * 1e3:.2f} mm", (0.0, estimate.E_m * 1e3), (4, 3), **left)

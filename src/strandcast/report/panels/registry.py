@@ -23,6 +23,7 @@ from strandcast.report.panels.progress import evaluations, misses
 from strandcast.report.panels.quality import quality
 from strandcast.report.panels.rig import rig
 from strandcast.report.panels.rig_scatter import learns_scatter, rig_scatter
+from strandcast.report.panels.space_views import turnable, two_views
 from strandcast.report.panels.strobe import strobe
 from strandcast.report.panels.strobe_picture import strobe_picture
 from strandcast.report.panels.throws import closest_strings, hand_paths, tip_paths
@@ -36,6 +37,26 @@ PageKind = Literal["trial", "experiment"]
 def _from_video(page: TrialPageData) -> bool:
     """Return whether the track comes from a video, and was not supplied."""
     return not page.results.supplied()
+
+
+def _in_plane(page: TrialPageData) -> bool:
+    """Return whether the track is in the plane of motion, or cannot be read."""
+    return not page.results.in_space()
+
+
+def _in_space(page: TrialPageData) -> bool:
+    """Return whether the track is in space."""
+    return page.results.in_space()
+
+
+def _captured_in_plane(page: ExperimentPageData) -> bool:
+    """Return whether the experiment has no target, and no track in space."""
+    return not page.aimed and _tracks_in_plane(page)
+
+
+def _tracks_in_plane(page: ExperimentPageData) -> bool:
+    """Return whether no trial's track is in space."""
+    return not any(results.in_space() for results in page.trials.values())
 
 
 def _plans(page: TrialPageData) -> bool:
@@ -114,10 +135,32 @@ TRIAL_PANELS = [
         shown=_from_video,
     ),
     Panel(
+        "views",
+        "The string from two sides",
+        two_views,
+        needs=("track", "alignment"),
+        caption="Left: seen along y; right: seen along x. Thin blue: the path of the last marker. Rings: the "
+        "measured markers at some instants; dashed: the fitted string; squares: the driven ends.",
+        good="the dashed string runs through the rings in both views.",
+        bad="it misses them in one view only (an axis, a clamp’s direction), or more towards the tip "
+        "(stiffness, air).",
+        shown=_in_space,
+    ),
+    Panel(
+        "turn",
+        "The string, to be turned",
+        turnable,
+        needs=("track", "alignment", "simulated"),
+        caption="Drag the figure, or use its sliders, to turn it. Blue rings: the measured markers; dashed: "
+        "the fitted string; green: the string as predicted from the trials before.",
+        shown=_in_space,
+    ),
+    Panel(
         "strobe",
         "The throw at equal steps of the tip’s path",
         strobe,
         needs=THROW,
+        shown=_in_plane,
         good="the dashed string covers the solid one at every instant.",
         bad="they separate towards the tip (stiffness, masses or air), or already at the hand (alignment, "
         "servo or clamp).",
@@ -133,6 +176,7 @@ TRIAL_PANELS = [
         "to the simulated one as the tracker’s σ.",
         bad="that distance grows steadily (parameters), jumps (a lost tip), or swings with the speed "
         "(alignment: 1 ms is 10 mm at 10 m/s).",
+        shown=_in_plane,
     ),
     Panel(
         "predicted",
@@ -311,9 +355,15 @@ EXPERIMENT_PANELS = [
         "Hand paths, first and last trial",
         hand_paths,
         caption="Squares: where the motion starts. Grey: the trials between.",
-        shown=_is_captured,
+        shown=_captured_in_plane,
     ),
-    Panel("tips", "Tip paths", tip_paths, caption="From the motion’s start until 0.3 s after its end."),
+    Panel(
+        "tips",
+        "Tip paths",
+        tip_paths,
+        caption="From the motion’s start until 0.3 s after its end.",
+        shown=_tracks_in_plane,
+    ),
     Panel(
         "strings",
         "Strings at the closest approach",

@@ -1,0 +1,211 @@
+"""Import motion capture in space, driven ends and markers on the string, as track, hand and alignment."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.errors import StrandcastError
+from strandcast.imports.capture_table import read_capture
+from strandcast.imports.motion_capture import one_clock, times_of, write_capture
+from strandcast.imports.space_checks import check_directions, check_track_in_space, refuse_same_markers
+from strandcast.imports.space_mapping import DrivenBody, SpaceMapping, columns_of
+from strandcast.imports.table import NumberTable
+from strandcast.records.alignment import EndPath, end_columns
+from strandcast.records.files import sha256_file
+from strandcast.records.record import refusal
+from strandcast.records.track import SUPPLIED, Track, TrackSummary
+
+OF_LENGTH_ONE = 0.02  # by which a quaternion's length may differ; chosen: files round to three digits
+FEWEST_ROWS = 3
+
+
+def import_capture_in_space(
+    path: str | Path,
+    folder: str | Path,
+    mapping: SpaceMapping,
+    *,
+    experiment: str,
+    trial: int,
+    length_m: float,
+) -> TrackSummary:
+    """Write track.parquet, track.json, hand.parquet and alignment.json into a trial's folder.
+
+    The markers are the track's points 1 to m, in the order of their places, which `choices` of the summary
+    has; point 0 is the first driven end. The world is right-handed with z up.
+
+    Parameters
+    ----------
+    path
+        CSV, Parquet or C3D: one row per instant; an empty cell is a marker that was not detected.
+    folder
+        ``data/<experiment>/trial-NN``.
+    mapping
+        Columns, units, axes and places; see `strandcast.imports.space_mapping`.
+    experiment, trial
+        Experiment and trial of the records.
+    length_m
+        The string's free length.
+
+    Raises
+    ------
+    StrandcastError
+        For columns, units, axes, times, driven ends or markers that do not fit; nothing is written then.
+    """
+    table = read_capture(path)
+    time_s = _times(table, mapping)
+    _refuse_other_unit(table, mapping)
+    ends = [_end(table, mapping, body, name) for name, body in _named(mapping)]
+    markers = sorted(mapping.markers, key=lambda marker: marker.place_m)
+    points_m = np.stack([_position(table, mapping, marker.position) for marker in markers], axis=1)
+    names = [", ".join(columns_of(marker.position)) for marker in markers]
+    _refuse_misplaced([marker.place_m for marker in markers], length_m)
+    refuse_same_markers(points_m, names, table.path)
+    track = Track(
+        np.arange(len(time_s)),
+        time_s,
+        np.concatenate([ends[0].place_m[:, None], points_m], axis=1),
+        np.full((len(time_s), 1 + len(markers)), mapping.sigma_m),
+        np.full((len(time_s), 1 + len(markers)), SUPPLIED, np.int32),
+    )
+    detected = np.isfinite(points_m).all(axis=2)
+    _refuse_unseen(detected, names)
+    summary = TrackSummary(
+        experiment=experiment,
+        trial=trial,
+        source="supplied",
+        points=len(markers),
+        length_m=length_m,
+        decoded_frames=len(time_s),
+        expected_frames=len(time_s),
+        tracked_fraction=float(detected.mean()),
+        tip_fraction=float(detected[:, -1].mean()),
+        marker_fraction=float(np.isfinite(ends[0].place_m).all(axis=1).mean()),
+        median_sigma_m=mapping.sigma_m,
+        choices={
+            "file": Path(path).name,
+            "sha256": sha256_file(path),
+            "up": mapping.up,
+            "handedness": mapping.handedness,
+            "length_unit": mapping.length_unit,
+        }
+        | {f"point_{k}_place_m": marker.place_m for k, marker in enumerate(markers, start=1)},
+        warnings=list(table.notes),
+    )
+    known = np.all(
+        [np.isfinite(path).all(axis=1) for end in ends for path in end if path is not None], axis=0
+    )
+    hand = {"source": np.full(int(known.sum()), "measured", dtype=object), "robot_time_s": time_s[known]}
+    hand |= {name: column[known] for name, column in end_columns(ends).items()}
+    alignment = one_clock(experiment, trial, time_s)
+    summary.warnings += check_track_in_space(track, hand, alignment, summary, table.path)
+    summary.warnings += check_directions(track, ends, summary, table.path)
+    write_capture(Path(folder), track, hand, alignment, summary)
+    return summary
+
+
+def _named(mapping: SpaceMapping) -> list[tuple[str, DrivenBody]]:
+    return list(zip(("hand", "far"), mapping.bodies(), strict=False))
+
+
+def _times(table: NumberTable, mapping: SpaceMapping) -> np.ndarray:
+    if mapping.time is not None and mapping.time_unit is not None:
+        return times_of(table, mapping.time, mapping.time_unit)
+    rate_hz = mapping.rate_hz or table.rate_hz
+    if rate_hz is None:
+        what = "the mapping has neither a column of the time nor a rate"
+        raise refusal("SC-I011", table.path, "time", what, "give time and time_unit, or rate_hz")
+    if table.rate_hz is not None and abs(rate_hz / table.rate_hz - 1.0) > 1e-3:
+        what = f"is {rate_hz:g}, the file says {table.rate_hz:g}"
+        raise refusal("SC-I028", table.path, "rate_hz", what, "leave rate_hz out")
+    return np.arange(len(table.values)) / rate_hz
+
+
+def _refuse_other_unit(table: NumberTable, mapping: SpaceMapping) -> None:
+    if table.length_unit is not None and table.length_unit.lower() != mapping.length_unit:
+        what = f"is {mapping.length_unit}, the file says {table.length_unit}"
+        raise refusal("SC-I027", table.path, "length_unit", what, "give the file's unit of length")
+
+
+def _position(table: NumberTable, mapping: SpaceMapping, names: list[str]) -> np.ndarray:
+    """Return positions (rows, 3) in the world [m], NaN where not measured."""
+    given = table.columns(columns_of(names)) * mapping.unit_m()
+    return np.where(np.isfinite(given).all(axis=1, keepdims=True), given @ mapping.to_world().T, np.nan)
+
+
+def _end(table: NumberTable, mapping: SpaceMapping, body: DrivenBody, name: str) -> EndPath:
+    """Return the path of a driven end, NaN where it was not measured."""
+    place_m = _position(table, mapping, body.position)
+    direction = normal = None
+    if body.behind is not None:
+        direction = place_m - _position(table, mapping, body.behind)
+        if (np.linalg.norm(direction, axis=1) <= 0.0).any():
+            fix = "name two different points"
+            raise refusal("SC-I036", table.path, f"{name}.behind", "is where position is", fix)
+    elif body.quaternion is not None and body.leaves is not None:
+        turned = _rotations(table, body.quaternion, name) @ np.column_stack(
+            [body.leaves, _aside(np.array(body.leaves)), np.array(body.offset) * mapping.unit_m()]
+        )
+        direction, normal, offset_m = np.moveaxis(mapping.to_world() @ turned, 2, 0)
+        place_m = place_m + offset_m
+    parts = [path for path in (place_m, direction, normal) if path is not None]
+    seen = np.all([np.isfinite(path).all(axis=1) for path in parts], axis=0)
+    if seen.sum() < FEWEST_ROWS:
+        what = f"this driven end was measured in {seen.sum()} of {len(seen)} rows"
+        fix = "name the columns of the body that holds the string, or export it again"
+        raise refusal("SC-I036", table.path, name, what, fix)
+    return EndPath(place_m, direction, normal)
+
+
+def _rotations(table: NumberTable, names: list[str], name: str) -> np.ndarray:
+    """Return the rotations (rows, 3, 3) of quaternions w, x, y, z from the body's axes to the file's."""
+    q = table.columns(names)
+    length = np.linalg.norm(q, axis=1)
+    wrong = np.abs(length - 1.0) > OF_LENGTH_ONE
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        what = f"has length {length[row]:.4g}, not 1 ({wrong.sum()} such rows of {len(q)})"
+        fix = "name the four columns w, x, y, z of the quaternion; leave cells empty where it is not known"
+        raise table.refusal(row, f"{name}.quaternion", what, fix, "SC-I037")
+    w, x, y, z = (q / length[:, None]).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _aside(direction: np.ndarray) -> np.ndarray:
+    """Return a vector (3,) of length one across a direction."""
+    across = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    return np.asarray(across / np.linalg.norm(across))
+
+
+def _refuse_misplaced(places_m: list[float], length_m: float) -> None:
+    if places_m[-1] > length_m * 1.001:
+        raise StrandcastError(
+            "SC-I013",
+            f"a marker at {places_m[-1]} m lies beyond the string's {length_m} m",
+            field="place_m",
+            fix="give places from the first driven end along the string, in metres; check string.length_m",
+        )
+    twice = [place for place, after in pairwise(places_m) if place == after]
+    if twice:
+        raise StrandcastError(
+            "SC-I039",
+            f"two markers have the place {twice[0]:g} m",
+            field="markers",
+            fix="give each marker its own place along the string",
+        )
+
+
+def _refuse_unseen(detected: np.ndarray, names: list[str]) -> None:
+    never = ~detected.any(axis=0)
+    if never.any():
+        raise StrandcastError(
+            "SC-I021",
+            f"a marker is never detected: {names[int(np.argmax(never))]} are empty",
+            field="markers",
+            fix="leave it out, or name its columns",
+        )

@@ -1,0 +1,134 @@
+"""A string in space: two views at right angles, and one that can be turned where scripts run."""
+
+import base64
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from strandcast.report import drawing as draw
+from strandcast.report.measures import matched, strobe_rows
+from strandcast.report.numbers import millimetres
+from strandcast.report.pages import render
+from strandcast.report.panels.content import PanelContent
+from strandcast.report.panels.page_data import TrialPageData
+from strandcast.report.results import SimulatedThrow, TrialResults
+
+Array = NDArray[np.float64]
+
+INSTANTS = 7  # of a string that moves through space; more would hide each other
+MOST_FRAMES = 240  # of the view that can be turned: its page stays below a megabyte
+STEP_M = 1e-4  # of its places
+MISSING = -32768
+SIDES = ((0, "x [m]"), (1, "y [m]"))
+
+
+def two_views(page: TrialPageData) -> PanelContent:
+    """Return the string at some instants, seen along y and along x."""
+    results = page.results
+    track, throws = results.need("track"), results.get("simulated") or {}
+    rows = strobe_rows(results, INSTANTS)
+    string = throws.get("string")
+    low, high = (reduce(track.points_m.reshape(-1, 3), axis=0) for reduce in (np.nanmin, np.nanmax))
+    reach_m = 0.53 * float((high - low).max())
+    figure = draw.new_figure(10.0, 5.6, left=0.07, top=0.97, bottom=0.18, wspace=0.1)
+    shown = figure.subplots(1, 2, sharey=True)
+    for axes, (across, label) in zip(shown, SIDES, strict=True):
+        seen = [across, 2]
+        axes.plot(*track.points_m[:, -1][:, seen].T, **(draw.MEASURED | {"linewidth": 0.6, "alpha": 0.6}))
+        for k, row in enumerate(rows):
+            named = k == 0
+            _draw_instant(axes, track.points_m[row][:, seen], _at(string, track.frame[row], seen), named)
+        for end_m in _ends(results, rows):
+            axes.plot(*end_m[:, seen].T, **draw.marks("s", 4.5, color=draw.HAND))
+        axes.plot([], [], **draw.marks("s", 4.5, color=draw.HAND), label="driven end")
+        middle = 0.5 * (low[across] + high[across])
+        axes.set(xlabel=label, xlim=(middle - reach_m, middle + reach_m), aspect="equal")
+    shown[0].set_ylim(0.5 * (low[2] + high[2]) - reach_m, 0.5 * (low[2] + high[2]) + reach_m)
+    shown[0].set_ylabel("z [m], up")
+    draw.legend_below(figure, shown[0])
+    finding = f"{len(rows)} instants at equal steps of the last marker’s path"
+    error_m = _mean_distance(results, throws.get("fitted"))
+    if error_m is not None:
+        finding += f"; over all frames the fitted markers are {millimetres(error_m)} off on average"
+    finding += "."
+    return PanelContent(
+        finding,
+        draw.Drawing(figure, f"The string from two sides. {finding}"),
+        sources=["track.parquet", "simulated.parquet", "hand.parquet"],
+    )
+
+
+def turnable(page: TrialPageData) -> PanelContent:
+    """Return a view of all frames that can be turned; where scripts do not run, the two views stand alone."""
+    results = page.results
+    track, throws = results.need("track"), results.need("simulated")
+    rows = np.arange(0, len(track.frame), max(-(-len(track.frame) // MOST_FRAMES), 1))
+    since_s = results.robot_time_s()[rows] - results.need("alignment").motion_start_s
+    centre_m = np.nanmedian(track.points_m.reshape(-1, 3), axis=0)
+    lines = {"measured": track.points_m[rows]}
+    for name, source in (("fitted", "string"), ("predicted", "predicted_string")):
+        if source in throws:
+            lines[name] = _aligned(throws[source], track.frame[rows])
+    reach_m = max(float(np.nanmax(np.linalg.norm(each - centre_m, axis=-1))) for each in lines.values())
+    markup = render(
+        "turnable.html.jinja",
+        points={name: each.shape[1] for name, each in lines.items()},
+        places={name: _packed(each - centre_m) for name, each in lines.items()},
+        times=base64.b64encode((1e3 * since_s).astype("<f4").tobytes()).decode(),
+        frames=len(rows),
+        step_m=STEP_M,
+        reach_m=reach_m,
+    )
+    seconds = since_s[-1] - since_s[0]
+    finding = f"{len(rows)} of {len(track.frame)} frames over {seconds:.1f} s."
+    return PanelContent(finding, Markup(markup), sources=["track.parquet", "simulated.parquet"])
+
+
+def _draw_instant(axes: Any, markers_m: Array, string_m: Array | None, named: bool) -> None:
+    """Draw the markers and the fitted string at one instant, with labels for the legend once."""
+    style = draw.marks("o", 4, color=draw.MEASURED["color"], markerfacecolor="none")
+    axes.plot(*markers_m[1:].T, **style, label="measured markers" if named else None)
+    if string_m is not None:
+        axes.plot(*string_m.T, **draw.FITTED, label="fitted string" if named else None)
+
+
+def _at(throw: SimulatedThrow | None, frame: int, seen: list[int]) -> Array | None:
+    """Return two coordinates of a simulated string in a frame; None where it was not simulated."""
+    if throw is None or frame not in throw.frame:
+        return None
+    return np.asarray(throw.points_m[np.searchsorted(throw.frame, frame)][:, seen])
+
+
+def _ends(results: TrialResults, rows: NDArray[np.int64]) -> list[Array]:
+    """Return the places of the driven ends (K, 3) at rows of the track."""
+    path = (results.get("hand") or {}).get("measured")
+    if path is None:
+        return []
+    time_s = results.robot_time_s()[rows]
+    at = np.column_stack([np.interp(time_s, path.robot_time_s, column) for column in path.pose.T])
+    return np.split(at, at.shape[1] // 3, axis=1)
+
+
+def _mean_distance(results: TrialResults, throw: SimulatedThrow | None) -> float | None:
+    if throw is None:
+        return None
+    mine, theirs = matched(results, throw)
+    apart_m = results.need("track").points_m[mine, 1:] - throw.points_m[theirs, 1:]
+    return float(np.nanmean(np.linalg.norm(apart_m, axis=2)))
+
+
+def _aligned(throw: SimulatedThrow, frames: NDArray[np.int32]) -> Array:
+    """Return a simulated string's points in frames, NaN where it was not simulated."""
+    points_m = np.full((len(frames), *throw.points_m.shape[1:]), np.nan)
+    _, mine, theirs = np.intersect1d(frames, throw.frame, return_indices=True)
+    points_m[mine] = throw.points_m[theirs]
+    return points_m
+
+
+def _packed(places_m: Array) -> str:
+    """Return places as whole steps of `STEP_M`, in two bytes each."""
+    steps = np.rint(places_m / STEP_M)
+    known = np.abs(np.nan_to_num(steps, nan=-MISSING)) < -MISSING
+    return base64.b64encode(np.where(known, np.nan_to_num(steps), MISSING).astype("<i2").tobytes()).decode()

@@ -1,0 +1,140 @@
+"""The string in space that explains the newest trials: the same files as of one in the plane."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strandcast.dynamics.spatial.clamps import POSE
+from strandcast.errors import StrandcastError
+from strandcast.estimation.cable_estimate import PreviousCable, Rolls, estimate_cable
+from strandcast.estimation.cable_series import DrivenEnd, series_between
+from strandcast.estimation.cable_space import POINTS, STEP_S, CableSpace, space_of_cable
+from strandcast.records.alignment import HAND, Alignment, ends_of
+from strandcast.records.estimate import ENSEMBLE, SIMULATED
+from strandcast.records.tables import read_facts, read_table, write_table
+from strandcast.records.track import Track, TrackSummary, read_track
+from strandcast.seeds import rng
+from strandcast.stages.context import Context
+from strandcast.stages.estimate_record import ensemble_table, estimate_record, points_table
+from strandcast.stages.files import past, recent
+from strandcast.stages.job import Files, Job
+from strandcast.stages.past_trials import hashes_of
+
+APPLY = {"trials", "evaluations", "ensemble", "profiles", "dt_s"}  # settings of the estimate, in space
+
+
+@dataclass(frozen=True, eq=False)
+class TrialInSpace:
+    """A trial in space: its track, and its motion with every roll that the driven ends may have."""
+
+    number: int
+    track: Track
+    series: Rolls
+
+    def kind(self) -> tuple[int, bool]:
+        """Return columns of the driven ends, and whether they are points."""
+        series = next(iter(self.series.values()))
+        return series.pose.shape[1], series.pinned
+
+
+def estimate_in_space(job: Job, files: Files) -> None:
+    """Estimate the string after one trial: from the recent ones, starting from the estimate before."""
+    context, string = job.context, job.context.settings.string
+    _refuse_settings_of_the_plane(context)
+    trials = [_read_trial(files, number) for number in recent(job)]
+    columns, pinned = trials[-1].kind()
+    for trial in trials:
+        if trial.kind() != (columns, pinned):
+            raise StrandcastError(
+                "SC-E009",
+                f"trials {trial.number} and {trials[-1].number} have other driven ends",
+                file=files.input("hand", trial.number),
+                fix="make an experiment for each way in which the string was driven",
+            )
+    settings = context.settings.estimate
+    model, space = space_of_cable(
+        string.length_m,
+        columns > POSE,
+        pinned=pinned,
+        points=string.points or POINTS,
+        step_s=settings.dt_s if "dt_s" in settings.model_fields_set else STEP_S,
+        weight_places_m=[weight.place_m for weight in string.weights],
+    )
+    found = estimate_cable(
+        [trial.series for trial in trials],
+        model,
+        space,
+        settings,
+        rng(context.name, context.settings.seed, job.trial, "estimate"),
+        _previous(files, space) if past(job) else None,
+    )
+    read = [files.input(role, t.number) for t in trials for role in ("track", "alignment", "hand", "summary")]
+    numbers, fit = [trial.number for trial in trials], found.fit
+    record = estimate_record(context, model, space.layout, numbers, fit, None, hashes_of(read))
+    paths = [
+        ("fitted", fit.fitted_m),
+        ("predicted", found.predicted_m),
+        ("string", found.string_m),
+        ("predicted_string", found.predicted_string_m),
+    ]
+    write_table(files.output("ensemble"), ENSEMBLE, ensemble_table(fit), {"roll": found.roll})
+    write_table(files.output("simulated"), SIMULATED, points_table(paths, fit, trials[-1].track))
+    record.write(files.output("estimate"))
+
+
+def _refuse_settings_of_the_plane(context: Context) -> None:
+    wrong = [f"estimate.{name}" for name in sorted(context.settings.estimate.model_fields_set - APPLY)]
+    wrong += ["string.stiff_sections"] if context.settings.string.stiff_sections else []
+    if wrong:
+        raise StrandcastError(
+            "SC-E008",
+            f"{wrong[0]} does not apply to a string in space",
+            file=context.file,
+            field=wrong[0],
+            fix=f"leave it out; of estimate, {', '.join(sorted(APPLY))} apply",
+        )
+
+
+def _hand(files: Files, number: int) -> dict[str, np.ndarray]:
+    return read_table(files.input("hand", number), HAND)
+
+
+def _read_trial(files: Files, number: int) -> TrialInSpace:
+    """Read a trial's results; the driven ends are interpolated at its frames."""
+    summary = TrackSummary.read(files.input("summary", number))
+    track = read_track(files.input("track", number), summary.points)
+    hand = _hand(files, number)
+    time_s = Alignment.read(files.input("alignment", number)).robot_time_s(track.camera_time_s)
+    known_s = hand["robot_time_s"]
+
+    def at_frames(path: np.ndarray | None) -> np.ndarray | None:
+        if path is None:
+            return None
+        return np.column_stack([np.interp(time_s, known_s, column) for column in path.T])
+
+    ends = []
+    for end in ends_of(hand):
+        place_m = at_frames(end.place_m)
+        assert place_m is not None
+        ends.append(DrivenEnd(place_m, at_frames(end.direction), at_frames(end.normal)))
+    if not ends or track.points_m.shape[2] != 3:
+        raise StrandcastError(
+            "SC-E009",
+            f"trial {number} is in the plane",
+            file=files.input("track", number),
+            fix="keep captures in the plane and in space in experiments of their own",
+        )
+    inside = (time_s >= known_s[0]) & (time_s <= known_s[-1])
+    points_m = np.where(inside[:, None, None], track.detected_m()[:, 1:], np.nan)
+    places = summary.places_m()[1:] / summary.length_m
+    return TrialInSpace(number, track, series_between(time_s, ends, points_m, places))
+
+
+def _previous(files: Files, space: CableSpace) -> PreviousCable | None:
+    """Return the estimate before, if it was of such a string."""
+    path = files.input("previous")
+    rows = read_table(path, ENSEMBLE)
+    if any(name not in rows for name in space.names):
+        return None
+    values = {name: float(rows[name][0]) for name in space.names}
+    return PreviousCable(values, str(read_facts(path, ENSEMBLE).get("roll", "")))

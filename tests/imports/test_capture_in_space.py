@@ -1,0 +1,211 @@
+"""Captures in space: units, axes, poses and points are converted; what does not fit is named."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from strandcast.errors import StrandcastError, StrandcastErrors
+from strandcast.imports.capture_in_space import import_capture_in_space
+from strandcast.imports.mapping import check_mapping
+from strandcast.imports.space_mapping import SpaceMapping, load_capture_mapping, space_mapping_of
+from strandcast.records.alignment import HAND, ends_of
+from strandcast.records.tables import read_table
+from strandcast.records.track import read_track
+
+from . import space_captures as captures
+
+
+@pytest.fixture(scope="module")
+def named():
+    return captures.columns(0.2, seconds=0.6)
+
+
+def imported(tmp_path, named, data, length_m=captures.LENGTH_M, name="capture.csv"):
+    path = tmp_path / name
+    if name.endswith(".parquet"):
+        pd.DataFrame(named).to_parquet(path)
+    else:
+        captures.write_csv(path, named)
+    mapping = check_mapping(data, SpaceMapping)
+    return import_capture_in_space(
+        path, tmp_path / "out", mapping, experiment="e", trial=1, length_m=length_m
+    )
+
+
+@pytest.mark.parametrize("name", ["capture.csv", "capture.parquet"])
+def test_millimetres_with_y_up_become_metres_with_z_up(tmp_path, named, name):
+    summary = imported(tmp_path, named, captures.mapping_data(), name=name)
+    assert summary.warnings == []
+    assert summary.points == 4
+    np.testing.assert_allclose(summary.places_m()[1:], captures.PLACES_M)
+    track = read_track(tmp_path / "out/track.parquet", 4)
+    np.testing.assert_allclose(track.points_m[0, 0], [0.0, 0.0, 1.0], atol=1e-6)
+    np.testing.assert_allclose(track.points_m[0, 4], [0.0, 0.0, 0.2], atol=0.03)
+    (end,) = ends_of(read_table(tmp_path / "out/hand.parquet", HAND))
+    # The body turns, but at the start the string leaves it straight down.
+    np.testing.assert_allclose(end.direction[0], [0.0, 0.0, -1.0], atol=1e-5)
+    assert abs((end.direction * end.normal).sum(axis=1)).max() < 1e-9
+    turned = np.degrees(np.arccos(-end.direction[-1, 2]))
+    assert 10.0 < turned < 60.0
+
+
+def test_two_points_give_the_direction_and_leave_the_roll_open(tmp_path, named):
+    imported(tmp_path, named, captures.mapping_data())
+    (pose,) = ends_of(read_table(tmp_path / "out/hand.parquet", HAND))
+    imported(tmp_path, named, captures.mapping_data(pose=False))
+    (end,) = ends_of(read_table(tmp_path / "out/hand.parquet", HAND))
+    assert end.normal is None
+    np.testing.assert_allclose(end.direction / 0.03, pose.direction, atol=1e-4)
+
+
+def test_a_mirrored_file_and_its_copy_give_the_same(tmp_path, named):
+    mirrored = {name: -column if name.endswith(".z") else column for name, column in named.items()}
+    imported(tmp_path, named, captures.mapping_data(pose=False))
+    plain = read_track(tmp_path / "out/track.parquet", 4).points_m
+    imported(tmp_path, mirrored, captures.mapping_data(pose=False, handedness="left"))
+    np.testing.assert_allclose(read_track(tmp_path / "out/track.parquet", 4).points_m, plain, atol=1e-9)
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
+def test_axes_are_right_handed_and_the_named_one_is_up(up):
+    mapping = check_mapping(captures.mapping_data(up=up), SpaceMapping)
+    matrix, axis = mapping.to_world(), np.zeros(3)
+    axis["xyz".index(up[-1])] = -1.0 if up[0] == "-" else 1.0
+    np.testing.assert_array_equal(matrix @ axis, [0.0, 0.0, 1.0])
+    assert np.linalg.det(matrix) == pytest.approx(1.0)
+
+
+def test_the_command_line_names_the_same_mapping():
+    mapping = space_mapping_of(
+        "hand",
+        ["0.33:m2", "0.8:a,b,c"],
+        up="y",
+        length_unit="mm",
+        time="t",
+        time_unit="s",
+        behind="hand_behind",
+        far="far",
+        far_behind="p,q,r",
+    )
+    assert mapping.hand.behind == ["hand_behind"]
+    assert mapping.far is not None
+    assert mapping.far.behind == ["p", "q", "r"]
+    assert [marker.position for marker in mapping.markers] == [["m2"], ["a", "b", "c"]]
+
+
+def test_a_file_of_columns_in_space_is_recognised(tmp_path):
+    path = tmp_path / "columns.toml"
+    path.write_text('hand = {position = ["a"]}\nmarkers = [{place_m = 0.1, position = ["m"]}]\n')
+    with pytest.raises(StrandcastErrors) as caught:
+        load_capture_mapping(path)
+    # Neither the axis nor the unit is guessed.
+    assert {error.field for error in caught.value.problems} == {"up", "length_unit"}
+
+
+def broken(named, **changes):
+    return named | {name: change(named[name].copy()) for name, change in changes.items()}
+
+
+def swapped(column):
+    column[10], column[11] = column[11], column[10]
+    return column
+
+
+def emptied(column):
+    return np.full_like(column, np.nan)
+
+
+REFUSED = {
+    "metres for millimetres": ("SC-I027", {}, {"length_unit": "m"}),
+    "time that goes back": ("SC-I007", {"t": swapped}, {}),
+    "quaternion not of length one": ("SC-I037", {"hand_qw": lambda q: 2.0 * q}, {}),
+    "no driven end": ("SC-I036", {"hand.x": emptied}, {}),
+    "marker never seen": ("SC-I021", {"m2.y": emptied}, {}),
+    "unknown column": ("SC-I004", {}, {"time": "seconds"}),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_does_not_fit_is_refused_and_nothing_is_written(tmp_path, named, what):
+    code, changes, data = REFUSED[what]
+    with pytest.raises(StrandcastError) as caught:
+        imported(tmp_path, broken(named, **changes), captures.mapping_data(**data))
+    assert caught.value.code == code
+    assert caught.value.fix
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_same_marker_twice_is_refused(tmp_path, named):
+    data = captures.mapping_data()
+    data["markers"][1]["position"] = ["m3"]
+    with pytest.raises(StrandcastError, match=r"SC-I039.*same marker in all"):
+        imported(tmp_path, named, data)
+    data = captures.mapping_data()
+    data["markers"][1]["place_m"] = data["markers"][2]["place_m"]
+    with pytest.raises(StrandcastError, match=r"SC-I039.*two markers have the place"):
+        imported(tmp_path, named, data)
+
+
+def test_a_string_that_leaves_backwards_is_refused_near_the_end_and_else_warned_of(tmp_path, named):
+    data = captures.mapping_data(pose=False)
+    data["hand"] = {"position": ["hand_behind"], "behind": ["hand"]}
+    data["markers"][0]["place_m"] = 0.08
+    near = named | captures.triple("m1", np.outer(np.ones(len(named["t"])), [0.0, 0.0, 0.95]))
+    with pytest.raises(StrandcastError, match="SC-I038"):
+        imported(tmp_path, near, data)
+    (warning,) = [
+        each
+        for each in imported(tmp_path, named, data | {"markers": captures.mapping_data()["markers"]}).warnings
+        if "direction" in each
+    ]
+    assert "behind" in warning
+
+
+def test_a_wrong_axis_up_is_warned_of(tmp_path, named):
+    (warning,) = imported(tmp_path, named, captures.mapping_data(pose=False, up="z")).warnings
+    assert "check `up`" in warning
+
+
+def test_gaps_stay_gaps(tmp_path, named):
+    gap = named | {name: np.where(named["t"] < 0.2, np.nan, named[name]) for name in ("m2.x", "m2.y", "m2.z")}
+    lost = np.abs(named["t"] - 0.4) < 0.07
+    gap |= {f"hand.{axis}": np.where(lost, np.nan, named[f"hand.{axis}"]) for axis in "xyz"}
+    summary = imported(tmp_path, gap, captures.mapping_data())
+    assert summary.tracked_fraction == pytest.approx(1.0 - 0.25 * (named["t"] < 0.2).mean())
+    assert any("were not measured for 0.1" in each for each in summary.warnings)
+    assert len(read_table(tmp_path / "out/hand.parquet", HAND)["x_m"]) == (~lost).sum()
+
+
+def test_a_c3d_file_gives_rate_and_unit(tmp_path, named):
+    c3d = pytest.importorskip("c3d", reason="the optional package c3d is not installed")
+    labels = ["hand", "hand_behind", "m1", "m2", "m3", "m4"]
+    writer = c3d.Writer(point_rate=50.0)
+    writer.set_point_labels(labels)
+    places = np.stack([[named[f"{label}.{axis}"] for axis in "xyz"] for label in labels]).transpose(2, 0, 1)
+    frames = np.concatenate([places, np.zeros((*places.shape[:2], 2))], axis=2).astype(np.float32)
+    frames[3, 4, 3] = -1.0  # not measured
+    writer.add_frames([(frame, np.empty((0, 0))) for frame in frames])
+    path = tmp_path / "capture.c3d"
+    with path.open("wb") as file:
+        writer.write(file)
+    data = {name: each for name, each in captures.mapping_data(pose=False).items() if "time" not in name}
+    mapping = check_mapping(data, SpaceMapping)
+    import_capture_in_space(path, tmp_path / "out", mapping, experiment="e", trial=1, length_m=0.8)
+    track = read_track(tmp_path / "out/track.parquet", 4)
+    np.testing.assert_allclose(track.camera_time_s, named["t"], atol=1e-9)
+    assert np.isnan(track.points_m[3, 3]).all()
+    np.testing.assert_allclose(track.points_m[5, 4, 2], 1e-3 * named["m4.y"][5], atol=1e-6)
+    with pytest.raises(StrandcastError, match=r"SC-I027.*the file says mm"):
+        other = check_mapping(data | {"length_unit": "m"}, SpaceMapping)
+        import_capture_in_space(path, tmp_path / "out", other, experiment="e", trial=1, length_m=0.8)
+
+
+def test_a_damaged_c3d_file_is_refused(tmp_path):
+    pytest.importorskip("c3d", reason="the optional package c3d is not installed")
+    path = tmp_path / "capture.c3d"
+    path.write_bytes(b"\x02\x50" + bytes(600))
+    data = {name: each for name, each in captures.mapping_data(pose=False).items() if "time" not in name}
+    with pytest.raises(StrandcastError, match="SC-I045"):
+        import_capture_in_space(
+            path, tmp_path, check_mapping(data, SpaceMapping), experiment="e", trial=1, length_m=0.8
+        )

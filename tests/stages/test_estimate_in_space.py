@@ -1,0 +1,149 @@
+"""Captures in space are fitted and predicted by the stages, from files of our own simulator and real ones."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from strandcast.core.trial_names import trial_name
+from strandcast.errors import StrandcastError
+from strandcast.imports.mapping import check_mapping
+from strandcast.imports.space_mapping import SpaceMapping
+from strandcast.records.estimate import CARRIED, HANGING, LAST_PART, SIMULATED, UNDER_PREVIOUS, Estimate
+from strandcast.records.summary import ExperimentSummary
+from strandcast.records.tables import read_table
+from strandcast.records.track import TRACK
+from strandcast.stages import import_track
+from strandcast.stages.run import run_stage
+
+from ..imports import space_captures as captures
+
+pytestmark = pytest.mark.slow
+
+STAGES = ("register_track", "score", "estimate", "report")
+YAML = "string: {{length_m: {length}}}\nestimate: {{evaluations: 120}}\n"
+
+
+def project(root: Path, project_root: Path, length_m: float) -> Path:
+    data = root / "data" / "cable"
+    data.mkdir(parents=True)
+    (data / "experiment.yaml").write_text(YAML.format(length=length_m))
+    (root / "config").symlink_to(project_root / "config")
+    return root
+
+
+def run_trials(root: Path, trials: range) -> None:
+    for trial in trials:
+        for stage in STAGES:
+            run_stage(stage, root, "cable", trial)
+    run_stage("summary", root, "cable", trials=tuple(trials))
+
+
+def result(root: Path, trial: int, name: str) -> Path:
+    return root / "results" / "cable" / trial_name(trial) / name
+
+
+@pytest.fixture(scope="module")
+def captured(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Path:
+    """Return a project with two trials of a cable between two poses, fitted, with their pages."""
+    root = project(tmp_path_factory.mktemp("space"), project_root, captures.LENGTH_M)
+    mapping = check_mapping(captures.mapping_data(two_ends=True), SpaceMapping)
+    for trial, phase in ((1, 0.2), (2, 1.3)):
+        named = captures.columns(phase, seconds=1.5, two_ends=True)
+        file = captures.write_csv(root / f"{trial}.csv", named)
+        assert import_track.run(root, "cable", trial, file, mapping).warnings == []
+    run_trials(root, range(1, 3))
+    return root
+
+
+def test_the_second_trial_is_predicted_from_the_first(captured):
+    first, second = (Estimate.read(result(captured, trial, "estimate.json")) for trial in (1, 2))
+    assert first.held_out_m(UNDER_PREVIOUS) is None
+    predicted_m = second.held_out_m(UNDER_PREVIOUS)
+    assert predicted_m is not None
+    assert predicted_m < 5e-3
+    guess_m = second.held_out_m(CARRIED)
+    assert guess_m is not None
+    assert predicted_m < 0.2 * guess_m
+    assert second.held_out_m(HANGING) is None
+    assert all((each.held_out_m(LAST_PART) or 1.0) < 6e-3 for each in (first, second))
+    found = {fit.name: fit.value for fit in second.parameters}
+    assert found["bending_length"] == pytest.approx(captures.TRUTH["bending_length"], rel=0.15)
+    assert len(found) == 9
+    assert set(second.string.options) >= {"clamp_offset_left_rad", "far_offset_up_rad", "length_change"}
+
+
+def test_the_prediction_is_in_the_files(captured):
+    rows = read_table(result(captured, 2, "simulated.parquet"), SIMULATED)
+    track = read_table(result(captured, 2, "track.parquet"), TRACK)
+    assert set(rows["source"]) == {"fitted", "predicted", "string", "predicted_string"}
+    mine, theirs = (each["point"] == 3 for each in (track, rows))
+    theirs &= rows["source"] == "predicted"
+    off_m = [track[name][mine] - rows[name][theirs] for name in ("x_m", "y_m", "z_m")]
+    assert np.linalg.norm(off_m, axis=0).mean() < 8e-3
+
+
+def test_the_pages_show_two_views_and_one_that_turns(captured):
+    page = result(captured, 2, "report.html").read_text()
+    titles = re.findall(r"<h2[^>]*>([^<]+)", page)
+    assert {"The string from two sides", "The string, to be turned", "String parameters"} <= set(titles)
+    assert "could not be made" not in page
+    # One script, allowed by its hash; nothing from a network.
+    assert len(re.findall(r"script-src 'sha256-", page)) == 1
+    assert not re.findall(r"""(?:src|href)=["']?(?:https?:)?//""", page)
+    summary = ExperimentSummary.read(captured / "results" / "cable" / "summary.json")
+    assert (summary.verdict, summary.unread) == ("no target", {})
+
+
+def test_settings_of_the_plane_and_targets_are_refused(captured):
+    file = captured / "data" / "cable" / "experiment.yaml"
+    text = file.read_text()
+    try:
+        file.write_text(text.replace("120}", "120, search: cma}"))
+        with pytest.raises(StrandcastError, match=r"SC-E008.*estimate\.search"):
+            run_stage("estimate", captured, "cable", 1)
+        file.write_text(text + "target_m: [0.5, 0.5]\n")
+        with pytest.raises(StrandcastError, match="SC-I046"):
+            run_stage("register_track", captured, "cable", 1)
+    finally:
+        file.write_text(text)
+
+
+def test_trials_that_are_driven_differently_are_refused(captured, tmp_path, project_root):
+    root = project(tmp_path, project_root, captures.LENGTH_M)
+    for trial, two_ends in ((1, True), (2, False)):
+        named = captures.columns(0.2, seconds=0.6, two_ends=two_ends)
+        mapping = check_mapping(captures.mapping_data(two_ends=two_ends), SpaceMapping)
+        import_track.run(root, "cable", trial, captures.write_csv(root / "c.csv", named), mapping)
+        run_stage("register_track", root, "cable", trial)
+        run_stage("score", root, "cable", trial)
+    run_stage("estimate", root, "cable", 1)
+    with pytest.raises(StrandcastError, match="SC-E009"):
+        run_stage("estimate", root, "cable", 2)
+
+
+def test_a_real_cable_is_predicted(real_data, tmp_path, project_root):
+    """Two sequences of a cable between two robots, each end given by two points, y up in millimetres."""
+    sequences = np.load(real_data / "deform_dlo" / "DLO4_train.npy")[:2].astype(float)
+    segments_m = np.median(np.linalg.norm(np.diff(sequences[:, :, 1:-1], axis=2), axis=3), axis=(0, 1))
+    places_m = np.r_[0.0, np.cumsum(segments_m)]
+    root = project(tmp_path, project_root, round(float(places_m[-1]), 3))
+    last = sequences.shape[2] - 1
+    data = captures.mapping_data(pose=False)
+    data["hand"] = {"position": ["v1"], "behind": ["v0"]}
+    data["far"] = {"position": [f"v{last - 1}"], "behind": [f"v{last}"]}
+    data["markers"] = [{"place_m": float(places_m[k - 1]), "position": [f"v{k}"]} for k in range(2, last - 1)]
+    for trial, sequence in enumerate(sequences, start=1):
+        named = {"t": 0.01 * np.arange(len(sequence))}
+        for k in range(last + 1):
+            named |= captures.triple(f"v{k}", sequence[:, k])
+        file = captures.write_csv(root / f"{trial}.csv", named)
+        import_track.run(root, "cable", trial, file, check_mapping(data, SpaceMapping))
+    run_trials(root, range(1, 3))
+    estimate = Estimate.read(result(root, 2, "estimate.json"))
+    predicted_m, guess_m = (estimate.held_out_m(what) for what in (UNDER_PREVIOUS, CARRIED))
+    assert predicted_m is not None
+    assert guess_m is not None
+    assert predicted_m < 0.04
+    assert predicted_m < 0.5 * guess_m
