@@ -15,11 +15,13 @@ from snakemake.cli import get_argument_parser
 from strandcast.cli.main import app
 from strandcast.workflow.project import make_project
 
+from ..imports import space_captures
 from .pages import ROOT, Command, block_commands, blocks, inline_commands
 
 COMMANDS = block_commands()
 WALKS = (
     "bring-a-ur5e",
+    "capture-in-space",
     "motion-capture",
     "throw-again",
 )  # pages of docs/how-to that are run from top to bottom
@@ -183,6 +185,23 @@ def test_a_string_is_fitted_to_a_csv(walk, tmp_path, lab):
     assert "mocap: nothing is wrong" in out
     assert (lab / "results/mocap/trial-01/estimate.json").is_file()
     assert (lab / "results/mocap/report.html").is_file()
+
+
+@pytest.mark.slow
+def test_a_cable_in_space_is_fitted(walk, tmp_path):
+    folder = tmp_path / "lab"
+    make_project(folder)
+    named = space_captures.columns(0.2, seconds=1.5)
+    for old, new in (("hand_behind", "base"), ("m2", "m1"), ("m4", "m2")):
+        named |= {f"{new}.{axis}": named[f"{old}.{axis}"] for axis in "xyz"}
+    space_captures.write_csv(folder / "capture-1.csv", named)
+    page = (ROOT / "docs/how-to/capture-in-space.md").read_text()
+    (settings,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    quick = settings + "estimate: {evaluations: 100, ensemble: 2}\n"
+    out = walk("capture-in-space", folder, {"mkdir": f"echo '{quick}' > data/cable/experiment.yaml"})
+    assert "75 samples, 2 markers in space" in out
+    assert re.search(r"trial 1: fitted to E = \d", out)
+    assert (folder / "results/cable/trial-01/report.html").is_file()
 
 
 @pytest.mark.slow

@@ -66,7 +66,8 @@ def turnable(page: TrialPageData) -> PanelContent:
     track, throws = results.need("track"), results.need("simulated")
     rows = np.arange(0, len(track.frame), max(-(-len(track.frame) // MOST_FRAMES), 1))
     since_s = results.robot_time_s()[rows] - results.need("alignment").motion_start_s
-    centre_m = np.nanmedian(track.points_m.reshape(-1, 3), axis=0)
+    every_m = track.points_m.reshape(-1, 3)
+    centre_m = 0.5 * (np.nanmin(every_m, axis=0) + np.nanmax(every_m, axis=0))
     lines = {"measured": track.points_m[rows]}
     for name, source in (("fitted", "string"), ("predicted", "predicted_string")):
         if source in throws:
