@@ -139,5 +139,7 @@ def test_an_end_that_points_down_is_not_level_and_a_point_has_no_direction():
 
     assert list(rolls(down)) == ["transported"]
     assert list(rolls(aside)) == ["transported", "level"]
+    begins_down = np.concatenate([down[:10], aside[10:]])
+    assert list(rolls(begins_down)) == ["transported"]
     assert list(rolls(aside, down)) == ["measured"]
     assert rolls()["measured"].pinned

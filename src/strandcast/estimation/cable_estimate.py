@@ -120,7 +120,7 @@ def estimate_cable(
     newest = trials[-1].prepared(0, len(trials[-1].time_s), model.points)
     objective, log = fit.objective, fit.log
     whole = replace(objective, throws=(newest,), shares=np.ones(1))
-    held_out = [_last_part(whole, trials, fitted)]
+    held_out = [_last_part(whole, trials, fitted, before)]
     predicted_m = predicted_string_m = None
     if previous is not None and before is not None:
         under = series[-1].get(previous.roll, trials[-1]).prepared(0, len(newest.time_s), model.points)
@@ -142,11 +142,14 @@ def estimate_cable(
 
 
 def _last_part(
-    whole: FitObjective, trials: list[CableSeries], fitted: Callable[[list[CableSeries], None], CableFit]
+    whole: FitObjective,
+    trials: list[CableSeries],
+    fitted: Callable[[list[CableSeries], Array | None], CableFit],
+    before: Array | None,
 ) -> HeldOutEvaluation:
     """E of the last part of the newest trial, simulated from its beginning, under a fit to all the rest."""
     (throw,), frames = whole.throws, round(PART * len(trials[-1].time_s))
-    rest = fitted([*trials[:-1], trials[-1].part(0, frames)], None)
+    rest = fitted([*trials[:-1], trials[-1].part(0, frames)], before)
     weight = throw.weight.copy()
     weight[:frames] = 0.0
     if not weight.any():

@@ -23,7 +23,7 @@ FEWEST_FRAMES = 3  # of a start, also of slow cameras
 STILL_M_S = 0.01  # velocities of a start are not known better
 SLOW = 0.05  # of the speed of a fall over its length: there, a string nearly has its rest shape
 FEWEST = 4  # known places of a shape, the driven ends included; through fewer, the ends' directions help
-LEAST_ASIDE = 0.1  # sine of the angle to the vertical
+LEAST_ASIDE, VERTICAL = 0.1, 1e-5  # sines of angles to the vertical
 CLEAR_OF_ENDS = 1e-6  # of the length: a marker nearer to a driven end is that end
 
 Roll = Callable[[Array, Array], Array]
@@ -71,11 +71,12 @@ class DrivenEnd:
         )
 
     def can_be_level(self) -> bool:
-        """Whether it usually points far enough from up and down to stay level."""
+        """Whether it usually points far enough from up and down to stay level, and never exactly there."""
         if self.direction is None or self.normal is not None:
             return True
         aside = np.hypot(self.direction[:, 0], self.direction[:, 1])
-        return bool(np.median(aside / np.linalg.norm(self.direction, axis=1)) > LEAST_ASIDE)
+        sine = aside / np.linalg.norm(self.direction, axis=1)
+        return bool(np.median(sine) > LEAST_ASIDE and sine.min() > VERTICAL)
 
 
 @dataclass(frozen=True, eq=False)
