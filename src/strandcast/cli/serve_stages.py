@@ -117,9 +117,10 @@ class StageServer:
             request = _receive(connection, streams)
             if request is not None and self._can_run(request):
                 self._fork(request, connection)
-        except (OSError, ValueError):  # a client that was killed, or is none
+        except (OSError, ValueError):  # a client that was killed, or is none; no more processes are allowed
             pass
         finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
             for stream in streams:
                 os.close(stream)
             if connection.fileno() not in self.jobs:
@@ -141,7 +142,6 @@ class StageServer:
         pid = os.fork()
         if not pid:
             _run(request, partial(self._become_job, server))
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
         self.jobs[connection.fileno()] = ForkedJob(pid, connection)
         self.poll.register(connection, select.POLLIN)
 
