@@ -1,7 +1,6 @@
 """The fitted string is the one that the planner throws, and its motion record gives it back."""
 
 from dataclasses import fields
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -67,9 +66,7 @@ def test_the_options_of_the_experiment_are_fitted():
 
 def test_the_planner_throws_what_was_fitted(tmp_path, task, fitted):
     path = tmp_path / "ensemble.parquet"
-    write_table(
-        path, ENSEMBLE, ensemble_table(SimpleNamespace(members=fitted, member_values_m=np.arange(3.0)))
-    )
+    write_table(path, ENSEMBLE, ensemble_table(fitted, np.arange(3.0)))
     planned = fitted_strings(path, PIPED)
     heights = rest_heights(np.array([[3.0, 2.0, -1.0], [2.0, 4.0, 1.0], [-2.0, 3.0, 5.0]]))
     curve = Curve(np.array([0.4, -0.5, 0.3]), 0.5, heights)

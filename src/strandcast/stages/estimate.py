@@ -72,7 +72,7 @@ def run(job: Job, files: Files) -> None:
     record = estimate_record(context, model, layout, [t.number for t in trials], fit, servo, hashes_of(read))
     seen = TrackSummary.read(files.input("summary", job.trial)).weights
     record.warnings += seen_weights_warnings(context, arm, throws, fit.E_m, seen, random)
-    write_table(files.output("ensemble"), ENSEMBLE, ensemble_table(fit))
+    write_table(files.output("ensemble"), ENSEMBLE, ensemble_table(fit.members, fit.member_values_m))
     write_table(files.output("simulated"), SIMULATED, simulated_table(fit, trials[-1]))
     record.write(files.output("estimate"))
 

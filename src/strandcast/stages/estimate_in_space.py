@@ -77,7 +77,10 @@ def estimate_in_space(job: Job, files: Files) -> None:
         ("string", found.string_m),
         ("predicted_string", found.predicted_string_m),
     ]
-    write_table(files.output("ensemble"), ENSEMBLE, ensemble_table(fit), {"roll": found.roll})
+    unknowns = dict(zip(fit.space.names, fit.member_unknowns.T, strict=True))
+    members = ensemble_table(fit.members, fit.member_values_m)
+    members |= {name: unknowns[name] for name in fit.space.parameter_units}
+    write_table(files.output("ensemble"), ENSEMBLE, members, {"roll": found.roll})
     write_table(files.output("simulated"), SIMULATED, points_table(paths, fit, trials[-1].track))
     record.write(files.output("estimate"))
 

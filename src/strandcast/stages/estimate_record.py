@@ -8,7 +8,7 @@ from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm
 from strandcast.arm.servo_response import HeldOut as Predicted
 from strandcast.arm.servo_response import Response
-from strandcast.core.strings import PARAMETERS
+from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.estimation.fit import StringFit
@@ -177,16 +177,13 @@ def _finite(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else float(value)
 
 
-def ensemble_table(fit: StringFit) -> dict[str, np.ndarray]:
-    """Return the columns of ensemble.parquet."""
-    strings = fit.members
-    columns = {"member": np.arange(len(strings)), "E_m": fit.member_values_m}
+def ensemble_table(strings: StringBatch, values_m: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the columns of ensemble.parquet: strings, and the value of the objective (B,) of each."""
+    columns = {"member": np.arange(len(strings)), "E_m": values_m}
     columns |= dict(zip(PARAMETERS, strings.parameters.T, strict=True))
     columns |= {f"mass_{k + 1}": mass for k, mass in enumerate(strings.masses.T)}
     columns |= {f"weight_{k + 1}": mass for k, mass in enumerate(strings.free_masses.T)}
-    columns |= strings.options()
-    unknowns = zip(fit.space.names, fit.member_unknowns.T, strict=True)
-    return columns | {name: found for name, found in unknowns if name in fit.space.parameter_units}
+    return columns | strings.options()
 
 
 def simulated_table(fit: StringFit, trial: Trial) -> dict[str, np.ndarray]:

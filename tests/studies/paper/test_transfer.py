@@ -1,7 +1,6 @@
 """A throw predicted with its own fit and with another's; the model itself throws known strings."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -102,8 +101,7 @@ def thrown(root: Path, name: str, turn_rad: float, strings: StringBatch) -> None
         choices={},
         warnings=[],
     ).write(folder / "track.json")
-    members = SimpleNamespace(members=strings, member_values_m=np.arange(float(len(strings))))
-    write_table(folder / "ensemble.parquet", ENSEMBLE, ensemble_table(members))
+    write_table(folder / "ensemble.parquet", ENSEMBLE, ensemble_table(strings, np.zeros(len(strings))))
     ExperimentSummary(
         experiment=name,
         string_length_m=LENGTH_M,
