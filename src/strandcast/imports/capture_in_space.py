@@ -113,7 +113,7 @@ def _times(table: NumberTable, mapping: SpaceMapping) -> np.ndarray:
         return times_of(table, mapping.time, mapping.time_unit)
     rate_hz = mapping.rate_hz or table.rate_hz
     if rate_hz is None:
-        what = "the mapping has neither a column of the time nor a rate"
+        what = "the mapping has no column of the time and no rate"
         raise refusal("SC-I011", table.path, "time", what, "give time and time_unit, or rate_hz")
     if table.rate_hz is not None and abs(rate_hz / table.rate_hz - 1.0) > 1e-3:
         what = f"is {rate_hz:g}, the file says {table.rate_hz:g}"

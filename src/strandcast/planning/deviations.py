@@ -73,7 +73,7 @@ def _point_error_m(still: np.ndarray, measured: Measured) -> float:
 def _hanging(task: PlanningTask, best: StringBatch, trial: PastTrial, measured: Measured) -> Found:
     """Return the turn about the hand that takes the string at rest to how it hung, and its rate.
 
-    A turn in the clamp moves a hanging string almost as a whole: it cannot be told from a turn about the
+    A turn in the clamp moves a hanging string almost as a whole: it looks like a turn about the
     hand.
     """
     still = _still(measured)
