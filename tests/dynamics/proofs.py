@@ -4,6 +4,7 @@ import json
 import sys
 
 import numpy as np
+import proofs_ball_joints
 import proofs_dynamics
 import proofs_references
 import proofs_space
@@ -13,7 +14,14 @@ from proof import PROOFS, VARIANTS, Proof
 
 import strandcast
 
-MODULES = (proofs_statics, proofs_dynamics, proofs_symmetries, proofs_references, proofs_space)
+MODULES = (
+    proofs_statics,
+    proofs_dynamics,
+    proofs_symmetries,
+    proofs_references,
+    proofs_space,
+    proofs_ball_joints,
+)
 
 __all__ = ["MODULES", "PROOFS", "VARIANTS", "Proof", "errors"]
 
