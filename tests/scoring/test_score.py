@@ -5,6 +5,7 @@ import pytest
 
 from strandcast.core.objectives import Objective, PointObjective, SegmentObjective
 from strandcast.records.alignment import Alignment
+from strandcast.records.camera import PlaneError
 from strandcast.records.track import PREDICTED, Track
 from strandcast.scoring.score import Aim, score_throw
 
@@ -64,6 +65,26 @@ def test_the_miss_is_that_of_the_segment_not_of_the_samples():
     assert found.closest_robot_time_s == pytest.approx(OFFSET_S + 100.5 * STEP_S, abs=1e-9)
     assert found.closest_m == pytest.approx([0.0, 0.013], abs=1e-12)
     assert found.reason is None
+
+
+def test_the_error_of_the_cameras_plane_is_part_of_the_miss():
+    # 1 mm at x = -1 m and 3 mm at x = 1 m: 2 mm where the tip passes; the worst counts nowhere else.
+    error = PlaneError(
+        x_m=[-1.0, 1.0],
+        y_m=[-1.0, 1.0],
+        sigma_m=[[0.001, 0.003], [0.001, 0.003]],
+        median_m=0.009,
+        worst_m=0.003,
+        sources_m={},
+        corner_sigma_px=0.1,
+        place_sd_m=0.001,
+        string_offset_sd_m=0.001,
+    )
+    aim = Aim("e", 1, PointObjective().aimed_at((0.0, 0.0)), (0.0, 0.0), 0.02)
+    without, found = (score_throw(fly_by(), alignment(), aim, 0.3, each) for each in (None, error))
+    assert found.miss_sigma_m == pytest.approx(np.hypot(without.miss_sigma_m, 0.002))
+    assert found.model_copy(update={"miss_sigma_m": without.miss_sigma_m}) == without
+    assert error.at(np.array([5.0, 0.3])) == 0.003
 
 
 def test_a_hit_is_a_miss_of_at_most_the_radius():

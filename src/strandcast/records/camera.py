@@ -2,6 +2,8 @@
 
 from typing import ClassVar
 
+import numpy as np
+
 from strandcast.records.record import Part, Record
 
 
@@ -81,6 +83,11 @@ class PlaneError(Part):
     corner_sigma_px: float
     place_sd_m: float
     string_offset_sd_m: float
+
+    def at(self, place_m: np.ndarray) -> float:
+        """Return the standard error [m] at a place (2,) [m]; outside the grid, that of its nearest edge."""
+        rows = [np.interp(place_m[0], self.x_m, row) for row in self.sigma_m]
+        return float(np.interp(place_m[1], self.y_m, rows))
 
 
 class Camera(Record):

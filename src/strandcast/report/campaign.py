@@ -17,7 +17,7 @@ from strandcast.report.rig_limits import (
     MOST_PLANE_RMS_PX,
     MOST_SERVO_RESIDUAL_RAD,
 )
-from strandcast.report.text import line_too_near
+from strandcast.report.text import too_near
 
 # Iglewicz & Hoaglin, "How to Detect and Handle Outliers", 1993: |robust z| > 3.5, σ = 1.4826 · MAD.
 MOST_ROBUST_Z, SIGMA_PER_MAD = 3.5, 1.4826
@@ -177,7 +177,7 @@ class CampaignThrow(NamedTuple):
     @property
     def is_uncertain(self) -> bool:
         """Return whether a counted throw is too near to the hit radius to be a certain hit or miss."""
-        return self.throw is not None and line_too_near(self.line, self.hit_radius_m)
+        return self.throw is not None and too_near(self.line, self.hit_radius_m)
 
 
 class Outlier(NamedTuple):

@@ -10,7 +10,7 @@ from strandcast.records.summary import TrialSummary
 from strandcast.report.campaign import RIG_QUANTITIES, Campaign, CampaignThrow
 from strandcast.report.numbers import UNKNOWN, signed
 from strandcast.report.pages import csv_link
-from strandcast.report.text import NO_TARGET, Badge, line_too_near, verdict_badge
+from strandcast.report.text import NO_TARGET, Badge, too_near, verdict_badge
 
 HEADS = (
     *(
@@ -44,8 +44,8 @@ def page_link(experiment: str, trial: int | None = None) -> Markup:
 
 
 def line_badge(line: TrialSummary, hit_radius_m: float) -> Badge:
-    """Return the outcome of a trial, from its line of the summary; the camera's error is not in it."""
-    uncertain = line_too_near(line, hit_radius_m)
+    """Return the outcome of a trial, from its line of the summary."""
+    uncertain = too_near(line, hit_radius_m)
     return verdict_badge(None if line.hit is None else line, line.excluded, uncertain=uncertain)
 
 

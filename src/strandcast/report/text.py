@@ -1,6 +1,5 @@
 """Text made from records: the verdict, the methods paragraph, warnings."""
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -54,28 +53,15 @@ def verdict_badge(
     return Badge("HIT", "●", "hit") if verdict.hit else Badge("MISS", "▲", "miss")
 
 
-def too_near(miss_m: float | None, hit_radius_m: float, *sigmas_m: float | None) -> bool:
+def too_near(throw: Verdict | TrialSummary, hit_radius_m: float) -> bool:
     """Return whether a miss is within two standard deviations of the hit radius; unknown ones count as 0."""
-    sigma_m = math.hypot(*(each or 0.0 for each in sigmas_m))
-    return miss_m is not None and abs(miss_m - hit_radius_m) < 2 * sigma_m
-
-
-def line_too_near(line: TrialSummary, hit_radius_m: float) -> bool:
-    """Return whether a trial's miss is too near to the hit radius, by the error of the tip alone."""
-    return too_near(line.miss_m, hit_radius_m, line.miss_sigma_m)
+    return throw.miss_m is not None and abs(throw.miss_m - hit_radius_m) < 2 * (throw.miss_sigma_m or 0.0)
 
 
 def uncertain_verdict(results: TrialResults | None) -> bool:
-    """Return whether a miss is too near to the hit radius, by the errors of tip and camera."""
+    """Return whether a miss is too near to the hit radius."""
     verdict: Verdict | None = None if results is None else results.get("verdict")
-    if results is None or verdict is None:
-        return False
-    return too_near(verdict.miss_m, verdict.hit_radius_m, verdict.miss_sigma_m, _plane_error_m(results))
-
-
-def _plane_error_m(results: TrialResults) -> float | None:
-    camera: Camera | None = results.get("camera")
-    return None if camera is None or camera.plane_error is None else camera.plane_error.median_m
+    return verdict is not None and too_near(verdict, verdict.hit_radius_m)
 
 
 def outcome(results: TrialResults) -> str:
@@ -88,7 +74,6 @@ def outcome(results: TrialResults) -> str:
     target = f"The target at {place(verdict.target_m)}" if verdict.wanted is None else "The aim"
     if verdict.miss_m is None:
         return f"{target}: the closest approach was not seen; {verdict.reason}."
-    plane_m = _plane_error_m(results)
     miss = millimetres(verdict.miss_m, verdict.miss_sigma_m)
     if not verdict.hit:
         text = f"{target} was missed by {miss}"
@@ -96,7 +81,6 @@ def outcome(results: TrialResults) -> str:
         text = f"The tip passed {miss} from {target[0].lower()}{target[1:]}"
     else:
         text = f"{target} was reached to within {miss}"
-    text += f" (± {millimetres(plane_m)} more from the camera’s plane)" if plane_m is not None else ""
     beyond_m = verdict.miss_m - verdict.hit_radius_m
     text += f": {millimetres(abs(beyond_m))} {'outside' if beyond_m > 0 else 'inside'} the hit radius"
     if uncertain_verdict(results):

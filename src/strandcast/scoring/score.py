@@ -6,6 +6,7 @@ import numpy as np
 
 from strandcast.core.objectives import Objective
 from strandcast.records.alignment import Alignment
+from strandcast.records.camera import PlaneError
 from strandcast.records.track import UNSURE, Track
 from strandcast.records.verdict import AFTER_MOTION_S, Verdict
 from strandcast.scoring.measured_misses import Measured, Shortfall, TrackedThrow, measured_shortfall
@@ -33,11 +34,21 @@ class Aim(NamedTuple):
     hit_radius_m: float
 
 
-def score_throw(track: Track, alignment: Alignment, aim: Aim, length_m: float) -> Verdict:
-    """Score one throw; the arguments are those of `tracked_shortfall`."""
+def score_throw(
+    track: Track, alignment: Alignment, aim: Aim, length_m: float, plane_error: PlaneError | None = None
+) -> Verdict:
+    """Score one throw; the arguments are those of `tracked_shortfall`, and the camera's error if known.
+
+    The errors of tip and plane are independent: one is the tracker's in a few frames, the other is the
+    calibration's, the same in all of them.
+    """
     shortfall, reason = tracked_shortfall(track, alignment, aim.objective, length_m)
     if shortfall is None:
         return _verdict(aim, reason=reason)
+    if plane_error is not None:
+        seen = np.isfinite(shortfall.tip_m).all()
+        plane_m = plane_error.at(shortfall.tip_m) if seen else plane_error.median_m
+        shortfall = shortfall._replace(sigma_m=float(np.hypot(shortfall.sigma_m, plane_m)))
     return _verdict(aim, shortfall, frame=int(track.frame[shortfall.row]))
 
 

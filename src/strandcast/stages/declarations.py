@@ -167,6 +167,7 @@ _DECLARED = (
             "track": results(this, "track.parquet"),
             "summary": results(this, "track.json"),
             "alignment": results(this, "alignment.json"),
+            "cameras": files.filming,
         },
         outputs={"verdict": TRIAL + "verdict.json"},
         settings=("target_m", "objective", "hit_radius_m"),

@@ -64,6 +64,11 @@ def cameras(job: Job) -> list[Path]:
     return [job.context.folder.camera(name) for name in job.context.settings.cameras]
 
 
+def filming(job: Job) -> list[Path]:
+    """Return the records of the cameras that filmed a trial; none where its track was supplied."""
+    return [] if supplied(job, job.trial) else cameras(job)
+
+
 def camera_pictures(job: Job) -> list[Path]:
     """Return the pictures of the cameras' calibrations."""
     return [path.with_suffix(".webp") for path in cameras(job)]

@@ -1,6 +1,7 @@
 """By how much a throw missed its objective: verdict.json."""
 
 from strandcast.records.alignment import Alignment
+from strandcast.records.camera import Camera
 from strandcast.records.track import TrackSummary, read_track
 from strandcast.records.verdict import Verdict
 from strandcast.scoring.score import Aim, score_throw, without_target
@@ -20,5 +21,7 @@ def verdict_of(job: Job, files: Files) -> Verdict:
     alignment = Alignment.read(files.input("alignment"))
     if settings.aim is None or settings.target_m is None:
         return without_target(job.context.name, job.trial, settings.hit_radius_m)
+    cameras = [Camera.read(path) for path in files.inputs("cameras")]
+    plane_error = cameras[0].plane_error if cameras else None
     aim = Aim(job.context.name, job.trial, settings.aim, settings.target_m, settings.hit_radius_m)
-    return score_throw(track, alignment, aim, summary.length_m)
+    return score_throw(track, alignment, aim, summary.length_m, plane_error)
