@@ -40,30 +40,32 @@ from strandcast.dynamics.spatial.joints import (
     transported,
 )
 from strandcast.dynamics.spatial.triples import (
+    backward3,
     combined,
     cross,
     diagonal_plus6,
+    divided3,
+    divided9,
     dot,
-    inverse6,
+    factored6,
+    forward3,
+    forward9,
     load3,
     minus,
     minus6,
-    minus9,
     minus_full_of,
+    minus_product6,
+    minus_transposed_times9,
     outer6,
     plus,
     plus6,
     plus9,
+    plus_product,
     plus_scaled,
     plus_scaled6,
     scaled,
-    scaled6,
-    scaled9,
     store3,
-    symmetric_product,
-    times6,
     times9,
-    transposed_product,
     transposed_product6,
     transposed_times9,
     twice_symmetric_part,
@@ -90,8 +92,8 @@ UNIT, PER_LENGTH, AXIAL, ACROSS, TURNING, PULL, MOMENT, WEIGHT, TORQUE, PER, AT_
     16,
 )
 TENSION = TURNING  # sum of forces along and across a segment, once the joints are known
-NEXT, OVER_NEXT, CHANGED = 0, 9, 18
-SPATIAL_ROWS = 21
+NEXT, OVER_NEXT, CHANGED, LOWER = 0, 9, 18, 21
+SPATIAL_ROWS = 24
 
 
 class SpatialSettings(NamedTuple):
@@ -167,7 +169,7 @@ def step_in_space(
     behind = scaled(splat(spec, -1.0), combined(far.frame, load3(spec, string.c, FAR_DIRECTION)))
     _joints(spec, string, clamp, far, ahead, behind, work, settings)
     _tensions(spec, string, ahead, behind, work, settings.two_ends)
-    tip = _eliminate(spec, string, motion, clamp.dv, ahead, behind, work, settings)
+    tip = _eliminate(spec, string, motion, clamp.dv, ahead, work, settings)
     _back(spec, string.n, motion, clamp, far.dv if settings.two_ends else tip, work, settings.step)
     return extent
 
@@ -223,86 +225,94 @@ def _joints(
 
     Spins and torques do not enter the matrix: they take the velocities of this step, extrapolated. The
     matrix holds what the switch between h and sh adds to a damper as if it were the same in all directions;
-    `left_out` is what that leaves out.
+    `more`, `along` and `sideways` correct the moment for that.
     """
     n, c, mass, factor = string
     l0 = load(spec, c, L0)
     floor = (settings.floor / 16.0) * (l0 * l0) * load(spec, c, FLOOR)
+    twice_half = 2.0 * settings.half
     a, rate_a = ahead, across(ahead, clamp.rate)
     clamp_now = plus_scaled(clamp.rate, 0.5, clamp.change)
     now_a = across(ahead, clamp_now)
     spin, rest = dot(clamp_now, ahead), combined(clamp.frame, load3(spec, c, REST))
     pull = load(spec, work, PULL)
-    own = load(spec, factor, 0)
-    k_clamp, damping_clamp = own * load(spec, c, K_PH), own * load(spec, c, C_PH)
+    if settings.two_ends:
+        r = SPATIAL_ROWS * n
+        store3(spec, work, r + UNIT, behind)
+        store3(spec, work, r + TURNING, across(behind, far.rate))
+        store3(spec, work, r + AT_STEP, across(behind, plus_scaled(far.rate, 0.5, far.change)))
     for j in range(n + 1 if settings.two_ends else n):
         r = SPATIAL_ROWS * j
-        if j < n:
-            b, rate_b = load3(spec, work, r + UNIT), load3(spec, work, r + TURNING)
-            now_b = load3(spec, work, r + AT_STEP)
-        else:
-            b, rate_b = behind, across(behind, far.rate)
-            now_b = across(behind, plus_scaled(far.rate, 0.5, far.change))
+        b, rate_b = load3(spec, work, r + UNIT), load3(spec, work, r + TURNING)
+        now_b = load3(spec, work, r + AT_STEP)
         binormal, middle, per, ratio, per_sine = side_by_side(spec, a, b)
+        halfway, rest = transported(b, middle, per, rest)
         now, more = relative_rate(middle, per, minus(now_b, now_a))
+        rate, _ = relative_rate(middle, per, minus(rate_b, rate_a))
+        ahead_of = minus(now, rate)
         turned, spin_here = minus(b, a), spin - 0.5 * more
         spin = spin - more
-        rate, _ = relative_rate(middle, per, minus(rate_b, rate_a))
         rate = plus_scaled(rate, spin_here, turned)
-        halfway, rest = transported(b, middle, per, rest)
-        switched = left_out = zero3(spec)
+        a, rate_a, now_a = b, rate_b, now_b
+        sideways = along = splat(spec, 0.0)
         if j == 0 or j == n:
+            own = load(spec, factor, 0)
             bend = scaled(ratio, binormal)
-            k, damping = k_clamp, damping_clamp
+            k, damping = own * load(spec, c, K_PH), own * load(spec, c, C_PH)
             slope, least = damping, 4.0 * floor
         else:
+            own = load(spec, factor, j)
             bend = bend_from_rest(binormal, ratio, per_sine, halfway)
             before_pull, pull = pull, load(spec, work, r + PULL)
             size, per_size = size_of(spec, bend)
+            growth = dot(bend, rate) * per_size
             k, damping, slope = joint(
                 spec,
                 c,
                 settings.reading,
                 settings.per_width,
                 load(spec, mass, j - 1) * settings.gravity,
-                load(spec, factor, j),
+                own,
                 size,
-                dot(bend, rate) * per_size,
+                growth,
                 0.5 * (before_pull + pull),
             )
             least = floor
             if settings.reading == RATE_READING:
-                ahead_of = minus(plus_scaled(now, spin_here, turned), rate)
-                step_bend = per_size * dot(bend, ahead_of)
-                along_bend, more = scaled(per_size, bend), slope - damping
-                t = ramp(dot(bend, rate), settings.per_width)
-                c_more = (
-                    load(spec, factor, j) * load(spec, c, C_MORE) * ((3.0 * settings.per_width) * (t - t * t))
-                )
-                off = plus_scaled(rate, -per_size * dot(bend, rate), along_bend)
-                switched = plus_scaled(scaled(more * step_bend, along_bend), c_more * step_bend * size, off)
-                left_out = plus_scaled(switched, -more, ahead_of)
+                t = ramp(size * growth, settings.per_width)
+                sideways = own * load(spec, c, C_MORE) * ((3.0 * settings.per_width) * (t - t * t)) * size
+                ahead_by = per_size * dot(bend, ahead_of)
+                sideways = sideways * ahead_by
+                along = per_size * ((slope - damping) * ahead_by - sideways * growth)
+        more = slope - damping
         if settings.has_friction:
-            rubbing = dry_friction(
-                spec, c, own if j == 0 or j == n else load(spec, factor, j), size_of(spec, rate)[0]
-            )
+            rubbing = dry_friction(spec, c, own, size_of(spec, rate)[0])
             damping, slope = damping + rubbing, slope + rubbing
         weight = held(k, settings, least) + maximum(settings.half * slope, -0.5 * least)
-        stiff, damping = settings.kick * k, 2.0 * settings.half * damping
-        moment = plus_scaled(plus_scaled(scaled(stiff, bend), damping, rate), 2.0 * settings.half, left_out)
-        torque = stiff * dot(bend, turned) + damping * (dot(now, turned) + spin_here * dot(turned, turned))
-        torque = torque + 2.0 * settings.half * dot(switched, turned)
-        if j == 0:
-            driven = relative_rate(middle, per, across(ahead, clamp.change))[0]
-            moment = plus_scaled(moment, -weight, driven)
-        if j == n:
-            driven = relative_rate(middle, per, across(behind, far.change))[0]
-            moment = plus_scaled(moment, weight, driven)
-        store3(spec, work, r + MOMENT, moment)
+        # Moment and torque are sums of stiffness, damping, and what the switch adds in its own directions.
+        along, sideways = settings.kick * k + twice_half * along, twice_half * sideways
+        damping, more = twice_half * damping, twice_half * more
+        moment = plus_scaled(scaled(along, bend), damping + sideways, rate)
+        torque = along * dot(bend, turned) + sideways * dot(rate, turned)
+        torque = torque + damping * (dot(now, turned) + spin_here * dot(turned, turned))
+        store3(spec, work, r + MOMENT, plus_scaled(moment, -more, ahead_of))
         store(spec, work, r + WEIGHT, weight)
         store(spec, work, r + TORQUE, torque)
         store(spec, work, r + PER, per)
-        a, rate_a, now_a = b, rate_b, now_b
+    driven = scaled(splat(spec, -1.0), across(ahead, clamp.change))
+    _drive(spec, work, 0, plus(ahead, load3(spec, work, UNIT)), driven)
+    if settings.two_ends:
+        middle = plus(load3(spec, work, SPATIAL_ROWS * (n - 1) + UNIT), behind)
+        _drive(spec, work, n, middle, across(behind, far.change))
+
+
+@njit(**INLINED)
+def _drive(spec: Any, work: Any, j: int, middle: Any, change: Any) -> None:
+    """Add what the clamp's change of turn rate contributes to the moment of its joint j."""
+    r = SPATIAL_ROWS * j
+    driven = relative_rate(middle, load(spec, work, r + PER), change)[0]
+    moment = load3(spec, work, r + MOMENT)
+    store3(spec, work, r + MOMENT, plus_scaled(moment, load(spec, work, r + WEIGHT), driven))
 
 
 @njit(**INLINED)
@@ -336,13 +346,21 @@ def _tensions(spec: Any, string: StringArrays, ahead: Any, behind: Any, work: An
 
 
 @njit(**INLINED)
-def _point(
-    spec: Any, string: StringArrays, motion: StringMotion, i: int, settings: SpatialSettings
+def _with_point(
+    spec: Any,
+    string: StringArrays,
+    motion: StringMotion,
+    i: int,
+    block: Any,
+    force: Any,
+    settings: SpatialSettings,
 ) -> tuple[Any, Any]:
-    """Return inertia and drag of point i, a symmetric block, and its impulse by drag and weight."""
+    """Add point i's inertia and drag to a symmetric block, and its impulse by drag and weight to `force`."""
     n, c, mass, _ = string
     v, own = load3(spec, motion.v, 3 * i), load(spec, mass, i - 1)
     per_speed, slope = drag(c, spec, dot(v, v))
+    w, drag_share = v, settings.kick * per_speed
+    per_speed, slope = settings.half * per_speed, settings.half * slope
     if settings.slender:
         t = load3(spec, motion.d, 3 * i - 3)
         if i < n:
@@ -350,15 +368,39 @@ def _point(
         t = scaled(inverse_root(spec, maximum(dot(t, t), 1e-20)), t)
         less = 1.0 - load(spec, c, DRAG_SHARE)
         w = plus_scaled(v, -less * dot(v, t), t)
-        # Half the derivative of per_speed w by v, symmetric.
-        block = plus6(outer6(-less * per_speed, t), outer6(0.5 * slope, plus(v, w)))
-        block = minus6(block, plus6(outer6(0.5 * slope, v), outer6(0.5 * slope, w)))
-        block = scaled6(settings.half, diagonal_plus6(per_speed, block))
+        # Half the derivative of per_speed w by v, symmetric: v w^T + w v^T = 2 x x^T - 2 y y^T of half of
+        # their sum and difference.
+        block = plus6(block, outer6(slope, scaled(0.5, plus(v, w))))
+        block = plus6(block, outer6(-slope, scaled(0.5, minus(v, w))))
+        block = plus6(block, outer6(-less * per_speed, t))
     else:
-        w = v
-        block = scaled6(settings.half, diagonal_plus6(per_speed, outer6(slope, v)))
-    x, y, z = scaled(-settings.kick * per_speed, w)
-    return diagonal_plus6(own, block), (x, y, z - settings.kick * settings.gravity * own)
+        block = plus6(block, outer6(slope, v))
+    force = plus_scaled(force, -drag_share, w)
+    down = settings.kick * settings.gravity * own
+    return diagonal_plus6(own + per_speed, block), (force[0], force[1], force[2] - down)
+
+
+@njit(**INLINED)
+def _coupling(spec: Any, work: Any, j: int, u: Any, own: Any, skewed: Any, stretch: Any) -> Any:
+    """Return segment j's block H, joint j + 1's block G, and the next segment's u, `own` and `skewed`.
+
+    `own` is the weight of the joint before a segment over the segment's length squared, `skewed` the block
+    that goes with it.
+    """
+    r = SPATIAL_ROWS * j
+    per_length = load(spec, work, r + PER_LENGTH)
+    plain = load(spec, work, r + ACROSS) + own
+    r += SPATIAL_ROWS
+    u_next, per_length_next = load3(spec, work, r + UNIT), load(spec, work, r + PER_LENGTH)
+    weighted = load(spec, work, r + WEIGHT) * per_length
+    skewed_next = outer6(0.5 * load(spec, work, r + PER), cross(u, u_next))
+    own_here, k = weighted * per_length, weighted * per_length_next
+    plain = plain + own_here
+    segment = diagonal_plus6(plain, outer6(stretch - plain, u))
+    segment = plus_scaled6(plus_scaled6(segment, -own, skewed), -own_here, skewed_next)
+    after = mixed_block(k, u, u_next, dot(u, u_next), skewed_next)
+    own_next = load(spec, work, r + WEIGHT) * (per_length_next * per_length_next)
+    return segment, after, u_next, own_next, skewed_next
 
 
 @njit(**INLINED)
@@ -368,7 +410,6 @@ def _eliminate(
     motion: StringMotion,
     known: Any,
     ahead: Any,
-    behind: Any,
     work: Any,
     settings: SpatialSettings,
 ) -> Any:
@@ -377,68 +418,45 @@ def _eliminate(
     The rows of point i are left with its change if the next two did not change, and with how these enter.
     """
     n, c, _, _ = string
+    # In the row after the last joint weight and 1 / length are 0, as the workspace was made.
     stiff = held(load(spec, c, K_S), settings, (0.25 * settings.floor) * load(spec, c, FLOOR))
     stretch = stiff + settings.half * load(spec, c, C_S)
     zero = splat(spec, 0.0)
-    none = zero, zero, zero
-    none6 = zero, zero, zero, zero, zero, zero
-    none9 = zero, zero, zero, zero, zero, zero, zero, zero, zero
-    # What was eliminated leaves to the next point, between it and the one after, and to the one after.
-    left, left_between, left_after = none6, none9, none6
-    force, force_after = none, none
     u, per_length = load3(spec, work, UNIT), load(spec, work, PER_LENGTH)
-    # Of the joint before a segment: a weight over its length squared, and the block that goes with it.
     own = load(spec, work, WEIGHT) * (per_length * per_length)
     skewed = outer6(0.5 * load(spec, work, PER), cross(ahead, u))
-    before, between, tension_before = none6, none9, none
-    for j in range(n):
+    segment, between, u, own, skewed = _coupling(spec, work, 0, u, own, skewed, stretch)
+    # Of the next point: its block, that between it and the one after, and the impulse; then of the one after.
+    block = minus6(segment, twice_symmetric_part(between))
+    force = scaled(splat(spec, -1.0), load3(spec, work, TENSION))
+    force = minus_transposed_times9(force, minus_full_of(segment, between), known)
+    left_after = zero, zero, zero, zero, zero, zero
+    force_after = transposed_times9(between, known)
+    for j in range(1, n):
         r = SPATIAL_ROWS * j
-        tension, across_segment = load3(spec, work, r + TENSION), load(spec, work, r + ACROSS)
-        plain, block_before = across_segment + own, scaled6(-own, skewed)
-        after = none9
-        u_next, per_length_next = u, per_length
-        if j < n - 1 or settings.two_ends:
-            r += SPATIAL_ROWS
-            weight, per = load(spec, work, r + WEIGHT), load(spec, work, r + PER)
-            if j < n - 1:
-                u_next, per_length_next = load3(spec, work, r + UNIT), load(spec, work, r + PER_LENGTH)
-            else:
-                u_next = behind
-            skewed = outer6(0.5 * per, cross(u, u_next))
-            own = weight * (per_length * per_length)
-            plain, block_before = plain + own, plus_scaled6(block_before, -own, skewed)
-            if j < n - 1:
-                k = weight * (per_length * per_length_next)
-                after = mixed_block(k, u, u_next, dot(u, u_next), skewed)
-                own = weight * (per_length_next * per_length_next)
-            r -= SPATIAL_ROWS
-        segment = diagonal_plus6(plain, plus6(block_before, outer6(stretch - plain, u)))
-        to_next = minus_full_of(segment, plus9(between, after))
-        if j == 0:
-            force = scaled(splat(spec, -1.0), transposed_times9(to_next, known))
-            force_after = transposed_times9(after, known)
-        else:
-            inertia, impulse = _point(spec, string, motion, j, settings)
-            block = minus6(plus6(plus6(inertia, before), segment), twice_symmetric_part(between))
-            solved = inverse6(spec, minus6(block, left))
-            total = plus(plus(force, impulse), minus(tension, tension_before))
-            to_next = minus9(to_next, left_between)
-            # The block to the point after the next is -after.
-            changed = times6(solved, total)
-            next_share, after_share = symmetric_product(solved, to_next), symmetric_product(solved, after)
-            left = plus6(left_after, transposed_product6(to_next, next_share))
-            left_after = transposed_product6(after, after_share)
-            left_between = scaled9(splat(spec, -1.0), transposed_product(to_next, after_share))
-            force = minus(force_after, transposed_times9(to_next, changed))
-            force_after = transposed_times9(after, changed)
-            _store9(spec, work, r + NEXT, next_share)
-            _store9(spec, work, r + OVER_NEXT, after_share)
-            store3(spec, work, r + CHANGED, changed)
-        before, between, tension_before = segment, after, tension
-        u, per_length = u_next, per_length_next
-    inertia, impulse = _point(spec, string, motion, n, settings)
-    solved = inverse6(spec, minus6(plus6(inertia, before), left))
-    return times6(solved, minus(plus(force, impulse), tension_before))
+        force = plus(force, load3(spec, work, r + TENSION))
+        block, force = _with_point(spec, string, motion, j, block, force, settings)
+        segment, after, u, own, skewed = _coupling(spec, work, j, u, own, skewed, stretch)
+        # L D L^T of the point's own block; what it leaves to the next two is in terms of L^-1 of its row.
+        factors = factored6(spec, plus6(block, segment))
+        to_next = forward9(factors, minus_full_of(segment, plus9(between, after)))
+        to_after = forward9(factors, after)
+        total = forward3(factors, force)
+        next_share, after_share = divided9(factors, to_next), divided9(factors, to_after)
+        block = minus6(minus6(segment, twice_symmetric_part(after)), left_after)
+        block = minus_product6(block, to_next, next_share)
+        between = plus_product(after, to_next, after_share)
+        left_after = transposed_product6(to_after, after_share)
+        force = minus_transposed_times9(minus(force_after, load3(spec, work, r + TENSION)), next_share, total)
+        force_after = transposed_times9(after_share, total)
+        _store9(spec, work, r + NEXT, next_share)
+        _store9(spec, work, r + OVER_NEXT, after_share)
+        store3(spec, work, r + CHANGED, divided3(factors, total))
+        store3(spec, work, r + LOWER, factors[3:6])
+    block, force = _with_point(spec, string, motion, n, block, force, settings)
+    factors = factored6(spec, block)
+    total = forward3(factors, force)
+    return backward3(factors[3:6], divided3(factors, total))
 
 
 @njit(**INLINED)
@@ -469,6 +487,7 @@ def _back(
             own = load3(spec, work, r + CHANGED)
             own = minus(own, times9(_load9(spec, work, r + NEXT), change))
             own = plus(own, times9(_load9(spec, work, r + OVER_NEXT), after))
+            own = backward3(load3(spec, work, r + LOWER), own)
             after, change = change, own
             v_now = plus(load3(spec, v, 3 * i), change)
             store3(spec, v, 3 * i, v_now)

@@ -124,18 +124,6 @@ def twice_symmetric_part(a: Any) -> Any:
 
 
 @njit(**INLINED)
-def minus9(a: Any, b: Any) -> Any:
-    """Return the difference of full matrices."""
-    return (*minus(a[0:3], b[0:3]), *minus(a[3:6], b[3:6]), *minus(a[6:9], b[6:9]))
-
-
-@njit(**INLINED)
-def scaled9(k: Any, a: Any) -> Any:
-    """Return k a of a full matrix."""
-    return (*scaled(k, a[0:3]), *scaled(k, a[3:6]), *scaled(k, a[6:9]))
-
-
-@njit(**INLINED)
 def plus9(a: Any, b: Any) -> Any:
     """Return the sum of full matrices."""
     return (*plus(a[0:3], b[0:3]), *plus(a[3:6], b[3:6]), *plus(a[6:9], b[6:9]))
@@ -158,32 +146,6 @@ def minus_full_of(a: Any, b: Any) -> Any:
 
 
 @njit(**INLINED)
-def inverse6(spec: Any, a: Any) -> Any:
-    """Return the inverse of a symmetric matrix."""
-    xx, yy, zz, xy, xz, yz = a
-    i_xx, i_xy, i_xz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    per = inverse(spec, xx * i_xx + xy * i_xy + xz * i_xz)
-    return (
-        per * i_xx,
-        per * (xx * zz - xz * xz),
-        per * (xx * yy - xy * xy),
-        per * i_xy,
-        per * i_xz,
-        per * (xy * xz - xx * yz),
-    )
-
-
-@njit(**INLINED)
-def times6(a: Any, x: Any) -> Any:
-    """Return a x of a symmetric matrix and a vector."""
-    return (
-        a[0] * x[0] + a[3] * x[1] + a[4] * x[2],
-        a[3] * x[0] + a[1] * x[1] + a[5] * x[2],
-        a[4] * x[0] + a[5] * x[1] + a[2] * x[2],
-    )
-
-
-@njit(**INLINED)
 def times9(a: Any, x: Any) -> Any:
     """Return a x of a full matrix and a vector."""
     return dot(a[0:3], x), dot(a[3:6], x), dot(a[6:9], x)
@@ -196,26 +158,6 @@ def transposed_times9(a: Any, x: Any) -> Any:
 
 
 @njit(**INLINED)
-def symmetric_product(a: Any, b: Any) -> Any:
-    """Return a b of a symmetric and a full matrix."""
-    return (
-        *plus_scaled(plus_scaled(scaled(a[0], b[0:3]), a[3], b[3:6]), a[4], b[6:9]),
-        *plus_scaled(plus_scaled(scaled(a[3], b[0:3]), a[1], b[3:6]), a[5], b[6:9]),
-        *plus_scaled(plus_scaled(scaled(a[4], b[0:3]), a[5], b[3:6]), a[2], b[6:9]),
-    )
-
-
-@njit(**INLINED)
-def transposed_product(a: Any, b: Any) -> Any:
-    """Return a^T b of full matrices."""
-    return (
-        *plus_scaled(plus_scaled(scaled(a[0], b[0:3]), a[3], b[3:6]), a[6], b[6:9]),
-        *plus_scaled(plus_scaled(scaled(a[1], b[0:3]), a[4], b[3:6]), a[7], b[6:9]),
-        *plus_scaled(plus_scaled(scaled(a[2], b[0:3]), a[5], b[3:6]), a[8], b[6:9]),
-    )
-
-
-@njit(**INLINED)
 def transposed_product6(a: Any, b: Any) -> Any:
     """Return a^T b of full matrices where it is symmetric."""
     return (
@@ -225,4 +167,79 @@ def transposed_product6(a: Any, b: Any) -> Any:
         a[0] * b[1] + a[3] * b[4] + a[6] * b[7],
         a[0] * b[2] + a[3] * b[5] + a[6] * b[8],
         a[1] * b[2] + a[4] * b[5] + a[7] * b[8],
+    )
+
+
+@njit(**INLINED)
+def factored6(spec: Any, a: Any) -> Any:
+    """Return D^-1 and the unit lower triangle's xy, xz and yz of a symmetric matrix L D L^T."""
+    xx, yy, zz, xy, xz, yz = a
+    per_x = inverse(spec, xx)
+    l_xy, l_xz = per_x * xy, per_x * xz
+    per_y, yz = inverse(spec, yy - l_xy * xy), yz - l_xy * xz
+    l_yz = per_y * yz
+    return per_x, per_y, inverse(spec, zz - l_xz * xz - l_yz * yz), l_xy, l_xz, l_yz
+
+
+@njit(**INLINED)
+def forward3(factors: Any, x: Any) -> Any:
+    """Return L^-1 x of a vector."""
+    y = x[1] - factors[3] * x[0]
+    return x[0], y, x[2] - factors[4] * x[0] - factors[5] * y
+
+
+@njit(**INLINED)
+def forward9(factors: Any, a: Any) -> Any:
+    """Return L^-1 a of a full matrix."""
+    x0, y0, z0 = forward3(factors, a[0::3])
+    x1, y1, z1 = forward3(factors, a[1::3])
+    x2, y2, z2 = forward3(factors, a[2::3])
+    return x0, x1, x2, y0, y1, y2, z0, z1, z2
+
+
+@njit(**INLINED)
+def divided3(factors: Any, x: Any) -> Any:
+    """Return D^-1 x of a vector."""
+    return factors[0] * x[0], factors[1] * x[1], factors[2] * x[2]
+
+
+@njit(**INLINED)
+def divided9(factors: Any, a: Any) -> Any:
+    """Return D^-1 a of a full matrix."""
+    return (*scaled(factors[0], a[0:3]), *scaled(factors[1], a[3:6]), *scaled(factors[2], a[6:9]))
+
+
+@njit(**INLINED)
+def backward3(lower: Any, x: Any) -> Any:
+    """Return L^-T x of a vector and the last three of `factored6`."""
+    y = x[1] - lower[2] * x[2]
+    return x[0] - lower[0] * y - lower[1] * x[2], y, x[2]
+
+
+@njit(**INLINED)
+def minus_transposed_times9(c: Any, a: Any, x: Any) -> Any:
+    """Return c - a^T x of vectors and a full matrix."""
+    return plus_scaled(plus_scaled(plus_scaled(c, -x[0], a[0:3]), -x[1], a[3:6]), -x[2], a[6:9])
+
+
+@njit(**INLINED)
+def minus_product6(c: Any, a: Any, b: Any) -> Any:
+    """Return c - a^T b of a symmetric c and full matrices where the product is symmetric."""
+    return (
+        c[0] - a[0] * b[0] - a[3] * b[3] - a[6] * b[6],
+        c[1] - a[1] * b[1] - a[4] * b[4] - a[7] * b[7],
+        c[2] - a[2] * b[2] - a[5] * b[5] - a[8] * b[8],
+        c[3] - a[0] * b[1] - a[3] * b[4] - a[6] * b[7],
+        c[4] - a[0] * b[2] - a[3] * b[5] - a[6] * b[8],
+        c[5] - a[1] * b[2] - a[4] * b[5] - a[7] * b[8],
+    )
+
+
+@njit(**INLINED)
+def plus_product(c: Any, a: Any, b: Any) -> Any:
+    """Return c + a^T b of full matrices."""
+    return (
+        *plus_scaled(plus_scaled(plus_scaled(c[0:3], a[0], b[0:3]), a[3], b[3:6]), a[6], b[6:9]),
+        *plus_scaled(plus_scaled(plus_scaled(c[3:6], a[1], b[0:3]), a[4], b[3:6]), a[7], b[6:9]),
+        *plus_scaled(plus_scaled(plus_scaled(c[6:9], a[2], b[0:3]), a[5], b[3:6]), a[8], b[6:9]),
     )
