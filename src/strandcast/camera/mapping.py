@@ -89,6 +89,12 @@ def undistort(lens: Lens, uv_px: np.ndarray) -> np.ndarray:
     return np.where(off < 1e3 * CONVERGED, rays, np.nan)
 
 
+def ray_per_pixel(lens: Lens, rays: np.ndarray) -> np.ndarray:
+    """Return the Jacobian (..., 2, 2) [1/px] of `undistort` at the rays (..., 2) that it returns."""
+    slope = np.array(lens.matrix)[:2, :2] @ _distorted(np.array(lens.distortion), rays)[1]
+    return np.linalg.inv(slope)
+
+
 def _distorted(coefficients: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rays (..., 2) distorted by OpenCV's k1, k2, p1, p2, k3[, k4, k5, k6], and the Jacobian.
 

@@ -20,7 +20,7 @@ from strandcast.cli.checks import boards, check, preview, schema
 from strandcast.cli.common import show_problem
 from strandcast.cli.compare import compare
 from strandcast.cli.doctor import doctor
-from strandcast.cli.exchange import export_motion, import_joints, import_track
+from strandcast.cli.exchange import export_motion, import_joints, import_track, import_views
 from strandcast.cli.exclusions import exclude, include
 from strandcast.cli.exports import EXPORTS
 from strandcast.cli.integrity import unlock, verify
@@ -132,6 +132,7 @@ def options(
 importing = typer.Typer(no_args_is_help=True)
 importing.command("joints")(import_joints)
 importing.command("track")(import_track)
+importing.command("views")(import_views)
 exporting = typer.Typer(no_args_is_help=True)
 exporting.command("motion")(export_motion)
 for name, export in EXPORTS.items():

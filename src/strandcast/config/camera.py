@@ -220,14 +220,14 @@ def only_camera(names: Iterable[str]) -> str:
     Raises
     ------
     StrandcastError
-        SC-F008 there are several: reconstruction from more than one camera is not implemented.
+        SC-F008 there are several: each has an experiment of its own.
     """
     given = list(names)
     if len(given) != 1:
         raise StrandcastError(
             "SC-F008",
-            f"names {len(given)} cameras ({', '.join(given)}); strandcast uses one camera for now",
+            f"names {len(given)} cameras ({', '.join(given)}); an experiment has one",
             field="cameras",
-            fix="keep one of them",
+            fix="keep one; give the other an experiment of its own, and see `strandcast import views`",
         )
     return given[0]

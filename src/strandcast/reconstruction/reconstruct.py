@@ -21,13 +21,13 @@ class Reconstruction(NamedTuple):
 def reconstruct(observations: dict[str, Observations], cameras: dict[str, Camera]) -> Reconstruction:
     """Return the track in metres from observations and cameras by name.
 
-    One camera gives the track by intersection with the plane of motion. Several would give it by
-    triangulation, with a third coordinate on the last axis of `Track.points_m`.
+    One camera gives the track by intersection with the plane of motion. Several need their clocks too:
+    `strandcast.reconstruction.views`.
 
     Raises
     ------
     StrandcastError
-        SC-F008 there are several cameras: triangulation is not implemented.
+        SC-F008 there are several cameras.
     """
     name = only_camera(observations)
     found, camera = observations[name], cameras[name]

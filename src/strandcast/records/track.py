@@ -11,7 +11,9 @@ from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.record import Part, Record, refusal
 from strandcast.records.tables import Column, TableSpec, fitting, read_table, scattered
 
-COVARIANCE = ("var_xx_m2", "cov_xy_m2", "var_yy_m2")
+# By column, the axes that a covariance is of.
+COVARIANCE = {"var_xx_m2": (0, 0), "cov_xy_m2": (0, 1), "var_yy_m2": (1, 1)}
+COVARIANCE_IN_SPACE = COVARIANCE | {"cov_xz_m2": (0, 2), "cov_yz_m2": (1, 2), "var_zz_m2": (2, 2)}
 TRACK = TableSpec(
     "strandcast/track",
     {
@@ -24,7 +26,7 @@ TRACK = TableSpec(
         "flags": Column("i4", "1"),
     },
     # A track in space has a third coordinate; a supplied one may come without covariance.
-    optional={"z_m": Column("f8", "m"), **{name: Column("f8", "m2") for name in COVARIANCE}},
+    optional={"z_m": Column("f8", "m"), **{name: Column("f8", "m2") for name in COVARIANCE_IN_SPACE}},
 )
 
 MARKERS = TableSpec(
@@ -156,7 +158,7 @@ class Track:
     points_m: np.ndarray  # (F, n+1, 2) in the plane of motion, (F, n+1, 3) in space; NaN where not detected
     sigma_m: np.ndarray  # standard error per axis, (F, n+1)
     flags: np.ndarray  # bits, (F, n+1)
-    covariance_m2: np.ndarray | None = None  # (F, n+1, 2, 2)
+    covariance_m2: np.ndarray | None = None  # (F, n+1, 2, 2) or (F, n+1, 3, 3)
 
     def detected(self) -> np.ndarray:
         """Return which points were detected, (F, n+1), not inferred or predicted."""
@@ -180,9 +182,15 @@ class Track:
         }
         columns |= dict(zip(AXES, np.moveaxis(self.points_m[frame, point], -1, 0), strict=False))
         if self.covariance_m2 is not None:
-            (xx, xy), (_, yy) = np.moveaxis(self.covariance_m2[frame, point, :2, :2], 0, -1)
-            columns |= dict(zip(COVARIANCE, (xx, xy, yy), strict=True))
+            covariance_m2 = self.covariance_m2[frame, point]
+            of_axes = covariance_columns(covariance_m2.shape[-1])
+            columns |= {name: covariance_m2[:, a, b] for name, (a, b) in of_axes.items()}
         return columns
+
+
+def covariance_columns(axes: int) -> dict[str, tuple[int, int]]:
+    """Return the columns of covariances of points with two or three axes, and the axes that each is of."""
+    return COVARIANCE_IN_SPACE if axes == len(AXES) else COVARIANCE
 
 
 def read_track(path: str | Path, points: int) -> Track:
@@ -197,8 +205,9 @@ def read_track(path: str | Path, points: int) -> Track:
             fix="set string.points back, or track the video again",
             exit_code=INTEGRITY,
         )
-    missing = [name for name in COVARIANCE if name not in rows]
-    if 0 < len(missing) < len(COVARIANCE):
+    of_axes = covariance_columns(2 + is_in_space(rows))
+    missing = [name for name in of_axes if name not in rows]
+    if 0 < len(missing) < len(of_axes):
         what = "the column is missing, but others of the covariance are there"
         raise refusal(
             "SC-R014", path, ", ".join(missing), what, "supply all columns of the covariance, or none"
@@ -214,8 +223,9 @@ def _track_of(rows: dict[str, np.ndarray], points: int) -> Track:
     points_m = scattered((*shape, len(axes)), at, np.stack([rows[name] for name in axes], axis=-1))
     sigma_m, flags = scattered(shape, at, rows["sigma_m"]), scattered(shape, at, rows["flags"], fill=0)
     covariance_m2 = None
-    if COVARIANCE[0] in rows:
-        xx, xy, yy = (rows[name] for name in COVARIANCE)
-        symmetric = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
-        covariance_m2 = scattered((*shape, 2, 2), at, symmetric)
+    if "var_xx_m2" in rows:
+        symmetric = np.empty((len(rows["point"]), len(axes), len(axes)))
+        for name, (a, b) in covariance_columns(len(axes)).items():
+            symmetric[:, a, b] = symmetric[:, b, a] = rows[name]
+        covariance_m2 = scattered((*shape, len(axes), len(axes)), at, symmetric)
     return Track(frame, rows["camera_time_s"][first], points_m, sigma_m, flags, covariance_m2)

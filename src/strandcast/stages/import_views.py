@@ -1,0 +1,114 @@
+"""Import a throw that several cameras filmed, each in an experiment of its own, as a track in space."""
+
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.errors import StrandcastError
+from strandcast.imports.motion_capture import one_clock, write_capture
+from strandcast.imports.space_checks import check_track_in_space
+from strandcast.reconstruction.views import SpaceReconstruction, StringView, reconstruct_in_space
+from strandcast.records.alignment import Alignment, EndPath, end_columns
+from strandcast.records.camera import Camera
+from strandcast.records.files import sha256_file
+from strandcast.records.folders import TrialFolder
+from strandcast.records.observations import read_observations
+from strandcast.records.track import SUPPLIED, Track, TrackSummary
+from strandcast.stages.context import context_of, refuse_replacing, refuse_target_in_space
+
+OBSERVATIONS = "observations.parquet"
+# The cameras' world has y up and z towards the camera; a string in space has z up.
+Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+
+
+def run(
+    root: Path, name: str, trial: int, views: list[tuple[str, int]], replace: bool = False
+) -> TrackSummary:
+    """Join the observations of trials of other experiments; `register_track` copies the track to the results.
+
+    Parameters
+    ----------
+    name, trial
+        The experiment in space and its trial.
+    views
+        Experiment and trial of each camera; the track has the frames of the first.
+    """
+    context = context_of(root, name)
+    folder = context.folder.trial(trial)
+    refuse_replacing(folder.data / "track.json", replace)
+    refuse_target_in_space(context, True)
+    length_m = context.settings.string.length_m
+    found = reconstruct_in_space([_view(root, *view) for view in views], length_m)
+    track = _z_up(found)
+    summary = _summary(name, trial, length_m, found, track)
+    for experiment, number in views:
+        observations = context_of(root, experiment).folder.trial(number).results / OBSERVATIONS
+        summary.choices[f"{experiment} trial {number}"] = sha256_file(observations)
+    hand_m = track.points_m[:, 0]
+    known = np.isfinite(hand_m).all(axis=1)
+    hand = {
+        "source": np.full(int(known.sum()), "measured", dtype=object),
+        "robot_time_s": track.camera_time_s[known],
+        **end_columns([EndPath(hand_m[known], None, None)]),
+    }
+    alignment = one_clock(name, trial, track.camera_time_s)
+    summary.warnings += check_track_in_space(track, hand, alignment, summary, folder.data / "track.parquet")
+    write_capture(folder.data, track, hand, alignment, summary)
+    return summary
+
+
+def _view(root: Path, experiment: str, trial: int) -> StringView:
+    context = context_of(root, experiment)
+    folder: TrialFolder = context.folder.trial(trial)
+    path = folder.results / OBSERVATIONS
+    if not path.is_file():
+        raise StrandcastError(
+            "SC-I048",
+            "this camera's trial has not been tracked",
+            file=path,
+            fix=f"strandcast run {experiment} --until align",
+        )
+    camera = context.settings.camera_name
+    observed = read_observations(path)
+    if camera not in observed:
+        what = f"holds {', '.join(observed) or 'nothing'}, and the experiment's camera is {camera}"
+        raise StrandcastError("SC-I048", what, file=path, fix=f"strandcast track {experiment} {trial}")
+    record = Camera.read(context.folder.camera(camera))
+    clock = Alignment.read(folder.results / "alignment.json")
+    return StringView(experiment, observed[camera].string, record, clock)
+
+
+def _z_up(found: SpaceReconstruction) -> Track:
+    """Return the track on the robot's clock, in a world with z up."""
+    track = found.track
+    assert track.covariance_m2 is not None
+    return Track(
+        track.frame,
+        found.robot_time_s,
+        track.points_m @ Z_UP.T,
+        track.sigma_m,
+        np.where(np.isfinite(track.sigma_m), track.flags | SUPPLIED, 0).astype(np.int32),
+        Z_UP @ track.covariance_m2 @ Z_UP.T,
+    )
+
+
+def _summary(
+    name: str, trial: int, length_m: float, found: SpaceReconstruction, track: Track
+) -> TrackSummary:
+    located = np.isfinite(track.points_m[:, 1:]).all(axis=2)
+    return TrackSummary(
+        experiment=name,
+        trial=trial,
+        source="supplied",
+        points=located.shape[1],
+        length_m=length_m,
+        decoded_frames=len(track.frame),
+        expected_frames=len(track.frame),
+        tracked_fraction=float(located.mean()),
+        tip_fraction=float(located[:, -1].mean()),
+        marker_fraction=float(np.isfinite(track.points_m[:, 0]).all(axis=1).mean()),
+        median_sigma_m=float(np.nanmedian(track.sigma_m[:, 1:])),
+        choices={"file": OBSERVATIONS, "ends_px": found.ends_px, "ends_sigma": found.ends_sigma},
+        cameras=[],
+        warnings=list(found.warnings),
+    )
