@@ -7,7 +7,7 @@ import re
 import shlex
 import sys
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 
 from strandcast.core.registry import installed
@@ -51,12 +51,12 @@ class ExperimentFolder:
     root: Path
     name: str
 
-    @property
+    @cached_property  # the engine asks for each file of each trial
     def data(self) -> Path:
         """Return the folder of raw files."""
         return self.root / "data" / self.name
 
-    @property
+    @cached_property
     def results(self) -> Path:
         """Return the folder of results."""
         return self.root / "results" / self.name
@@ -67,7 +67,7 @@ class ExperimentFolder:
 
     def trial(self, number: int) -> TrialFolder:
         """Return the folders of one trial."""
-        return TrialFolder(self.data / trial_name(number), self.results / trial_name(number), number)
+        return _trial_folder(self, number)
 
     def recorded_trials(self) -> list[int]:
         """Return the numbers of the trials with a video, or with a track that was measured elsewhere.
@@ -108,6 +108,12 @@ class ExperimentFolder:
         """Return the numbers of the trials with a page of their own."""
         folders = trial_folders(self.results)
         return [number for number, folder in folders.items() if (folder / "report.html").exists()]
+
+
+@lru_cache(maxsize=4096)
+def _trial_folder(experiment: ExperimentFolder, number: int) -> TrialFolder:
+    name = trial_name(number)
+    return TrialFolder(experiment.data / name, experiment.results / name, number)
 
 
 @dataclass(frozen=True)
