@@ -9,6 +9,7 @@ BIN := $(VENV)/bin
 DRIVERS := .venv-drivers
 FRANKA_SIM := .venv-franka-sim
 SLURM := .venv-slurm
+STORAGE := .venv-storage
 AUDIT := .venv-audit
 DOCS := .venv-docs
 CORES ?= 2
@@ -75,13 +76,23 @@ extend = rm -rf $(1) && $(BIN)/python -m venv $(1) && \
   $(BIN)/python -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' > \
   "$$($(1)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/strandcast.pth"
 
-# Snakemake imports all its plugins at every start: this one stays out of the usual environment.
+# $(call programs,ENVIRONMENT) adds the commands `strandcast` and `snakemake` to it.
+programs = for name in strandcast snakemake; do \
+  printf '\#!/bin/sh\nexec "%s/python" -m %s "$$@"\n' "$(CURDIR)/$(1)/bin" $$name > $(1)/bin/$$name && chmod +x $(1)/bin/$$name; done
+
+# Snakemake imports all its plugins at every start: they stay out of the usual environment.
 $(SLURM)/slurm.stamp: requirements/slurm.lock $(VENV)/runtime.stamp
 	@echo "set-up: installing Snakemake's plugin for Slurm in $(SLURM)"
 	@$(call extend,$(SLURM))
 	@$(SLURM)/bin/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation -r $<
-	@for name in strandcast snakemake; do \
-	  printf '#!/bin/sh\nexec "%s/python" -m %s "$$@"\n' "$(CURDIR)/$(SLURM)/bin" $$name > $(SLURM)/bin/$$name && chmod +x $(SLURM)/bin/$$name; done
+	@$(call programs,$(SLURM))
+	@touch $@
+
+$(STORAGE)/storage.stamp: requirements/storage.lock $(VENV)/runtime.stamp
+	@echo "set-up: installing Snakemake's plugin for S3 and a local S3 server in $(STORAGE)"
+	@$(call extend,$(STORAGE))
+	@$(STORAGE)/bin/pip install --quiet --disable-pip-version-check --require-hashes --no-build-isolation -r $<
+	@$(call programs,$(STORAGE))
 	@touch $@
 
 # The vendors' packages stay out of the demo's environment: this one extends it.
@@ -103,6 +114,9 @@ install: $(VENV)/runtime.stamp  ## make the virtual environment
 
 .PHONY: slurm
 slurm: $(SLURM)/slurm.stamp  ## make .venv-slurm; its `strandcast run --profile slurm` submits to a Slurm cluster
+
+.PHONY: storage
+storage: $(STORAGE)/storage.stamp  ## make .venv-storage; its `snakemake` takes raw data from object storage and puts results there
 
 .PHONY: demo
 demo: $(VENV)/runtime.stamp  ## let a virtual arm throw an unknown string until it hits; write the report
@@ -141,6 +155,10 @@ test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run th
 test-slurm: $(SLURM)/slurm.stamp $(VENV)/dev.stamp  ## run 20 experiments through a Slurm of two nodes on this machine, where it is installed
 	@$(SLURM)/bin/python -m pytest -rs tests/slurm
 
+.PHONY: test-storage
+test-storage: $(STORAGE)/storage.stamp $(VENV)/dev.stamp  ## run an experiment from a local S3 server into it
+	@$(STORAGE)/bin/python -m pytest -rs tests/storage
+
 .PHONY: fuzz
 fuzz: $(VENV)/fuzz.stamp  ## damage the files of every reader 10,000 times, with and without guidance by coverage; hours
 	@$(BIN)/python -m tests.faults.nightly
@@ -152,7 +170,7 @@ docs: $(DOCS)/docs.stamp  ## build the documentation as a site, build/site/index
 
 .PHONY: audit
 audit: $(AUDIT)/audit.stamp  ## compare the pinned packages with the known vulnerabilities (needs the network)
-	@failed=; for name in build runtime player dev studies drivers slurm franka-sim fuzz audit docs; do \
+	@failed=; for name in build runtime player dev studies drivers slurm storage franka-sim fuzz audit docs; do \
 	  echo "requirements/$$name.lock"; \
 	  $(AUDIT)/bin/pip-audit --strict --require-hashes --disable-pip --progress-spinner off -r requirements/$$name.lock \
 	    2>&1 | tail -n 20 || failed=1; done; \
@@ -245,6 +263,9 @@ lock: $(VENV)/build.stamp  ## pin pyproject.toml and requirements/*.in again
 	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra gym --extra studies -o requirements/studies.lock
 	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra c3d --extra crate --extra franka --extra mcap --extra rerun --extra ros --extra ur -o requirements/drivers.lock
 	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra slurm -o requirements/slurm.lock
+	@# Amazon's botocore needs an older python-dateutil than the others have.
+	@grep -E '^[a-z]' requirements/runtime.lock | grep -v '^python-dateutil=' | tr -d '\\' | \
+	  $(PIN) --constraint - pyproject.toml --extra s3 requirements/storage.in -o requirements/storage.lock
 	@for name in dev fuzz; do $(PIN_LIKE_RUNTIME) pyproject.toml requirements/$$name.in -o requirements/$$name.lock; done
 	@$(BIN)/python -c 'import tomllib; \
 	  print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["player"], sep="\n")' | \
@@ -252,5 +273,5 @@ lock: $(VENV)/build.stamp  ## pin pyproject.toml and requirements/*.in again
 
 .PHONY: clean
 clean:  ## remove the environment and caches; data and results stay
-	@rm -rf $(VENV) $(DRIVERS) $(FRANKA_SIM) $(SLURM) $(AUDIT) $(DOCS) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@rm -rf $(VENV) $(DRIVERS) $(FRANKA_SIM) $(SLURM) $(STORAGE) $(AUDIT) $(DOCS) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,6 +1,7 @@
 """One small lab experiment, cheap enough to be made hundreds of times: its jobs, its files, their hashes."""
 
 import importlib
+import json
 import os
 import shutil
 import subprocess
@@ -34,6 +35,15 @@ plan: {screening: 16, evaluations: 16, ensemble: 1, mesh_refinement: false}
 lab:
   noise: 0.5
   camera: {width_px: 640, height_px: 360, frame_rate_hz: 100}
+"""
+REAL = SETTINGS[: SETTINGS.index("lab:")]  # of an experiment with recordings of the small one
+# Runs stages one after the other in one process: [stage, experiment, trial, trials of a summary].
+STAGES = """
+import json, sys
+from pathlib import Path
+from strandcast.stages.run import run_stage
+for stage, *arguments in json.loads(sys.argv[1]):
+    run_stage(stage, Path(), *arguments)
 """
 Job = tuple[str, tuple[int, ...]]  # stage and trials
 # All jobs of the workflow, in an order that the rules allow.
@@ -79,6 +89,19 @@ def environment(**variables: str) -> dict[str, str]:
         if not name.startswith(("SNAKEMAKE", "STRANDCAST", "OPENBLAS", "OMP", "MKL"))
     }
     return kept | {"PYTHONPATH": str(PROJECT / "src")} | variables
+
+
+def run_stages(root: Path, jobs: list[list[object]]) -> None:
+    """Run stages: each job is a stage, an experiment, and perhaps its trial and the trials of a summary."""
+    line = [sys.executable, "-c", STAGES, json.dumps(jobs)]
+    subprocess.run(line, cwd=root, env=environment(), check=True, capture_output=True)
+
+
+def result_hashes(root: Path) -> dict[str, str]:
+    """Return the hashes of all results by their places, but not of logs and hidden files."""
+    files = [path.relative_to(root) for path in (root / "results").rglob("*") if path.is_file()]
+    wanted = [path for path in files if "logs" not in path.parts and not path.name.startswith(".")]
+    return {path.as_posix(): sha256_file(root / path) for path in wanted if path.parent.name != "results"}
 
 
 def make_whole(root: Path) -> None:

@@ -12,12 +12,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from tests.faults.small import JOBS, NAME, SETTINGS, environment, make_project
+from tests.faults.small import JOBS, NAME, REAL, environment, make_project, result_hashes, run_stages
 from tests.slurm import cluster as slurm_cluster
 from tests.slurm.cluster import Cluster
 
 from strandcast.errors import StrandcastError
-from strandcast.records.files import sha256_file
 from strandcast.stages.files import SUPPLIED_FILES
 from strandcast.workflow import slurm
 
@@ -27,7 +26,6 @@ pytestmark = [
 ]
 pytest.importorskip(slurm.PLUGIN, reason="the plugin for Slurm is not installed: make slurm")
 
-REAL = SETTINGS[: SETTINGS.index("lab:")]
 STRINGS = [f"string-{number:02d}" for number in range(1, 19)]
 PATIENCE_S = 3600.0  # for a run of some minutes on an idle machine; others may be busy
 # What a user's copy of the profile may say: quick answers, and too little memory for the videos at first.
@@ -40,21 +38,6 @@ set-resources:
   align: {mem_mb: 150 * attempt ** 3}
   score: {mem_mb: 150 * attempt ** 3}
 """
-# Runs stages one after the other in one process: [stage, experiment, trial, trials of a summary].
-STAGES = """
-import json, sys
-from pathlib import Path
-from strandcast.stages.run import run_stage
-for stage, *arguments in json.loads(sys.argv[1]):
-    run_stage(stage, Path(), *arguments)
-"""
-
-
-def run_stages(root: Path, jobs: list[list[object]]) -> None:
-    import json
-
-    line = [sys.executable, "-c", STAGES, json.dumps(jobs)]
-    subprocess.run(line, cwd=root, env=environment(), check=True, capture_output=True)
 
 
 def chain(name: str, *stages: str) -> list[list[object]]:
@@ -153,15 +136,8 @@ class Run:
         return code
 
 
-def results(root: Path) -> dict[str, str]:
-    """Return the hashes of all results by their places, but not of logs and hidden files."""
-    files = [path.relative_to(root) for path in (root / "results").rglob("*") if path.is_file()]
-    wanted = [path for path in files if "logs" not in path.parts and not path.name.startswith(".")]
-    return {path.as_posix(): sha256_file(root / path) for path in wanted if path.parent.name != "results"}
-
-
 def differences(local: Path, root: Path, names: list[str]) -> list[str]:
-    here, there = results(local), results(root)
+    here, there = result_hashes(local), result_hashes(root)
     mine = [place for place in here | there if place.split("/")[1] in names]
     assert len(mine) > 4 * len(names)
     return [place for place in mine if here.get(place) != there.get(place)]

@@ -104,7 +104,14 @@ def test_a_profile_is_the_projects_own_or_one_that_ships_or_a_path(tmp_path):
         executor_of(own)
     with pytest.raises(StrandcastError, match="SC-W027.*'slrum'") as refused:
         profile(tmp_path, "slrum")
-    assert refused.value.fix.startswith("one of default, slurm")
+    assert refused.value.fix.startswith("one of default, s3, slurm")
+
+
+def test_a_profile_with_object_storage_is_for_snakemake_itself(tmp_path):
+    folder = profile(tmp_path, "s3")
+    with pytest.raises(StrandcastError, match="SC-W038") as refused:
+        executor_of(tmp_path / folder)
+    assert f"snakemake --workflow-profile {folder} " in refused.value.fix
 
 
 @pytest.mark.parametrize("name", ["", "..", "/", "/no/such/folder"])

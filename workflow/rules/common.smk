@@ -9,7 +9,7 @@ from pathlib import Path
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import WITHIN_WORKFLOW
-from strandcast.workflow import locks, shards, slurm, stage_server, targets
+from strandcast.workflow import locks, shards, slurm, stage_server, storage, targets
 from strandcast.workflow.code_version import code_version
 from strandcast.workflow.targets import stage_outputs
 
@@ -17,18 +17,38 @@ from strandcast.workflow.targets import stage_outputs
 PYTHON_FOLDER = shlex.quote(str(Path(sys.executable).parent))
 
 
+def reported(function):
+    """Return a function that ends Snakemake with a user's error as one message, without a traceback."""
+
+    @wraps(function)
+    def call(*arguments, **named):
+        try:
+            return function(*arguments, **named)
+        except StrandcastError as error:
+            sys.stderr.write(f"{error}\n")
+            os._exit(error.exit_code)
+
+    return call
+
+
+STORAGE = reported(storage.open_storage)(workflow)  # None: all files are on disk
+
+
 def use_command(strandcast):
     """Let the rules' `strandcast` be a command."""
+    command = f'{strandcast} "$@"'
+    if STORAGE is not None:
+        command = f"(cd {shlex.quote(str(STORAGE.folder))} && exec {command})"
     shell.prefix(
         f"set -euo pipefail; export PATH={PYTHON_FOLDER}:$PATH {WITHIN_WORKFLOW}=1; "
-        f'strandcast() {{{{ {strandcast} "$@"; }}}}; '
+        f"strandcast() {{{{ {command}; }}}}; "
     )
 
 
 def start_server():
     """Let stages run in forks of one process, unless their rules have an environment of their own."""
     if not workflow.deployment_settings.deployment_method:
-        use_command(stage_server.start())
+        use_command(stage_server.start(STORAGE.folder if STORAGE else Path()))
 
 
 def limit_no_rate():
@@ -49,30 +69,25 @@ if workflow.subprocess_exec:  # a cluster's job, which does not call onstart
     start_server()
 
 
-def reported(function):
-    """Return a function that ends Snakemake with a user's error as one message, without a traceback."""
-
-    @wraps(function)
-    def call(*arguments, **named):
-        try:
-            return function(*arguments, **named)
-        except StrandcastError as error:
-            sys.stderr.write(f"{error}\n")
-            os._exit(error.exit_code)
-
-    return call
-
-
 def stage_inputs(stage, trials=lambda w: ()):
     """Return the input function of a stage: its files by role. `trials` are those that a summary covers."""
 
     @reported
     def inputs(wildcards):
-        return targets.stage_inputs(
-            stage, wildcards.experiment, trial_of(wildcards), trials(wildcards)
-        )
+        job = stage, wildcards.experiment, trial_of(wildcards), trials(wildcards)
+        return targets.stage_inputs(*job) if STORAGE is None else stored_inputs(*job)
 
     return inputs
+
+
+def stored_inputs(*job):
+    """Return the input files of a job by role, all that it reads; the settings among them are local files."""
+    STORAGE.inform(workflow.iocache)
+    found = targets.stage_inputs(*job, all_read=True)
+    return {
+        role: [local(path) if storage.is_setting(path) else path for path in paths]
+        for role, paths in found.items()
+    }
 
 
 def stage_settings(stage):

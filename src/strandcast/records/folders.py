@@ -13,6 +13,7 @@ from pathlib import Path
 from strandcast.core.registry import installed
 from strandcast.core.trial_names import LAST_TRIAL, TRIAL_NAMES, trial_name, trial_number
 from strandcast.errors import StrandcastError
+from strandcast.records.listing import entries_of, file_exists, folder_exists
 
 # Suffixes of videos, by the module of strandcast.video that reads them.
 CONTAINERS = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".cine")
@@ -80,13 +81,13 @@ class ExperimentFolder:
         if misnamed := self.misnamed_trials():
             raise misnamed[0]
         trials = [self.trial(number) for number in trial_folders(self.data)]
-        return [t.number for t in trials if t.videos() or (t.data / "track.parquet").exists()]
+        return [t.number for t in trials if t.videos() or file_exists(t.data / "track.parquet")]
 
     def misnamed_trials(self) -> list[StrandcastError]:
         """Return a problem for each folder that is named like a trial, but is none, e.g. trial-1."""
         what = f"is no trial's name: trials are named {TRIAL_NAMES}"
-        like = (path for path in self.data.glob("*") if LIKE_A_TRIAL.fullmatch(path.name))
-        misnamed = sorted(path for path in like if path.is_dir() and not trial_number(path.name))
+        like = (path for path in entries_of(self.data) if LIKE_A_TRIAL.fullmatch(path.name))
+        misnamed = sorted(path for path in like if folder_exists(path) and not trial_number(path.name))
         return [StrandcastError("SC-R032", what, file=path, fix=self._renaming(path)) for path in misnamed]
 
     def _renaming(self, folder: Path) -> str:
@@ -130,7 +131,7 @@ class TrialFolder:
         if len(found) == 1:
             return found[0]
         names = ", ".join(path.name for path in found) or "none"
-        others = sorted(path.name for path in self.data.iterdir()) if self.data.is_dir() else []
+        others = sorted(path.name for path in entries_of(self.data))
         inside = "" if found else f"; in the folder: {', '.join(others[:8]) or 'nothing'}"
         raise StrandcastError(
             "SC-V020",
@@ -146,12 +147,11 @@ class TrialFolder:
         found = [path for path in there if path.suffix.lower() in video_suffixes()]
         photron = [path for path in there if path.suffix.lower() in PHOTRON]
         found += sorted(photron, key=lambda path: PHOTRON.index(path.suffix.lower()))[-1:]
-        return found + [path for path in there if not path.suffix and path.is_dir()]
+        return found + [path for path in there if not path.suffix and folder_exists(path)]
 
     def raw_files(self) -> list[Path]:
         """Return what lies in the folder of raw files: a real trial that has any was thrown."""
-        found = self.data.iterdir() if self.data.is_dir() else ()
-        return sorted(path for path in found if not path.name.startswith("."))
+        return sorted(path for path in entries_of(self.data) if not path.name.startswith("."))
 
     def video_files(self) -> list[Path]:
         """Return all files that the video consists of; of several videos, those of all."""
@@ -160,11 +160,11 @@ class TrialFolder:
 
 def files_of_video(video: Path) -> list[Path]:
     """Return the files of a video: itself, Photron's files of its name, or the pictures of a folder."""
-    if video.is_dir():
-        return sorted(path for path in video.iterdir() if path.suffix.lower() in PICTURES)
+    if folder_exists(video):
+        return sorted(path for path in entries_of(video) if path.suffix.lower() in PICTURES)
     if video.suffix.lower() not in PHOTRON:
         return [video]
-    beside = (path for path in video.parent.glob("*") if path.stem == video.stem)
+    beside = (path for path in entries_of(video.parent) if path.stem == video.stem)
     return sorted(path for path in beside if path.suffix.lower() in PHOTRON)
 
 
@@ -183,5 +183,5 @@ def _video_suffixes(packages: tuple[str, ...]) -> tuple[str, ...]:
 
 def trial_folders(parent: Path) -> dict[int, Path]:
     """Return the folders of trials in a folder by number, in the order of the numbers."""
-    numbered = ((trial_number(path.name), path) for path in parent.glob("*"))
-    return dict(sorted((number, path) for number, path in numbered if number and path.is_dir()))
+    numbered = ((trial_number(path.name), path) for path in entries_of(parent))
+    return dict(sorted((number, path) for number, path in numbered if number and folder_exists(path)))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from strandcast.config.bounded import load_toml, read_bounded
+from strandcast.records.listing import file_exists, files_matching
 from strandcast.stages.job import Job, Role
 
 Scope = Callable[[Job], list[int]]
@@ -137,7 +138,9 @@ def lens(job: Job) -> list[Path]:
         return []
     if given := camera.lens_file or camera.lens_video:
         return [folder / given]
-    return [folder / name for name in LAB_PHOTOS] if job.is_lab else sorted(folder.glob(camera.lens_photos))
+    if job.is_lab:
+        return [folder / name for name in LAB_PHOTOS]
+    return files_matching(folder, camera.lens_photos)
 
 
 def plane(job: Job) -> list[Path]:
@@ -174,7 +177,7 @@ SUPPLIED_FILES = {
 
 def supplied(job: Job, trial: int) -> bool:
     """Return whether a trial's track was measured elsewhere and supplied beside its raw files."""
-    return (job.context.folder.trial(trial).data / "track.parquet").is_file()
+    return file_exists(job.context.folder.trial(trial).data / "track.parquet")
 
 
 def _results(job: Job, trials: list[int], *names: str) -> list[Path]:
@@ -184,4 +187,4 @@ def _results(job: Job, trials: list[int], *names: str) -> list[Path]:
 def _raw_if_there(job: Job, trials: list[int], name: str) -> list[Path]:
     """Return a raw file of each trial that has it; the lab's trials will have it."""
     paths = (job.context.folder.trial(number).data / name for number in trials)
-    return [path for path in paths if job.is_lab or path.is_file()]
+    return [path for path in paths if job.is_lab or file_exists(path)]

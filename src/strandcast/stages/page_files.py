@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from strandcast.core.trial_names import LAST_TRIAL, trial_number
+from strandcast.records.listing import file_exists
 from strandcast.stages import files
 from strandcast.stages.files import Scope, played_motions
 from strandcast.stages.job import Job, Role
@@ -73,7 +74,7 @@ def _to_be_had(job: Job, paths: list[Path]) -> list[Path]:
     return [
         path
         for path, number in zip(paths, numbers, strict=True)
-        if path.is_file() or _is_played(job, number) or not job.context.folder.trial(number).raw_files()
+        if file_exists(path) or _is_played(job, number) or not job.context.folder.trial(number).raw_files()
     ]
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
+from strandcast.records.listing import file_exists
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.files import SUPPLIED_FILES
@@ -38,7 +39,7 @@ def steps_of(context: Context, trial: int) -> list[Step]:
     folder = context.folder.trial(trial)
     if is_lab:
         motion = ["plan", "lab_throw"]
-    elif (folder.data / "motion.json").is_file():
+    elif file_exists(folder.data / "motion.json"):
         motion = ["register_motion"]
     else:
         motion = [] if folder.raw_files() or context.settings.target_m is None else ["plan"]
@@ -49,7 +50,7 @@ def steps_of(context: Context, trial: int) -> list[Step]:
 
 def _is_supplied(context: Context, trial: int) -> bool:
     data = context.folder.trial(trial).data
-    return all((data / name).is_file() for name in SUPPLIED_FILES.values())
+    return all(file_exists(data / name) for name in SUPPLIED_FILES.values())
 
 
 def producers(context: Context, trials: Iterable[int]) -> dict[Path, Step]:

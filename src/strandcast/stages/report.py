@@ -3,6 +3,7 @@
 from contextlib import suppress
 
 from strandcast.errors import StrandcastError
+from strandcast.records.listing import folder_exists
 from strandcast.records.page import write_page
 from strandcast.records.verdict import Verdict
 from strandcast.report.results import read_results
@@ -15,7 +16,7 @@ from strandcast.stages.pages import facts_of, no_such_trial, refuse_unread
 def run(job: Job, files: Files) -> None:
     """Write the page of a trial."""
     context, folder = job.context, job.folder
-    known = folder.results.is_dir() or folder.data.is_dir()
+    known = folder.results.is_dir() or folder_exists(folder.data)
     if not known and context.settings.excluded_reason(job.trial) is None:
         raise no_such_trial(context, job.trial)
     before = past(job)

@@ -1,8 +1,10 @@
 """The workflow and the configuration that ship with strandcast, and new projects that use them."""
 
 import re
+import shlex
 import shutil
 from pathlib import Path
+from typing import Any
 
 from strandcast.config.bounded import load_yaml, read_bounded
 from strandcast.errors import StrandcastError
@@ -63,8 +65,23 @@ def executor_of(folder: Path) -> str | None:
     Raises
     ------
     StrandcastError
-        SC-W027 the profile cannot be read.
+        SC-W027 the profile cannot be read; SC-W038 it has the project's files in object storage.
     """
+    settings = _settings_in(folder)
+    if "default-storage-provider" in settings:
+        raise StrandcastError(
+            "SC-W038",
+            "the profile has raw data and results in object storage, and strandcast works with files on disk",
+            file=_profile_file(folder),
+            cost="nothing was run",
+            fix=f"let Snakemake run it: snakemake --workflow-profile {shlex.quote(str(folder))} "
+            "--default-storage-prefix s3://BUCKET/PROJECT",
+        )
+    return settings.get("executor")
+
+
+def _settings_in(folder: Path) -> dict[str, Any]:
+    """Return the settings in a profile."""
     path = _profile_file(folder)
     try:
         settings = {} if path is None else load_yaml(read_bounded(path))
@@ -72,7 +89,7 @@ def executor_of(folder: Path) -> str | None:
         raise StrandcastError(
             "SC-W027", f"the profile cannot be read: {error}", file=path, fix="correct its YAML"
         ) from error
-    return settings.get("executor") if isinstance(settings, dict) else None
+    return settings if isinstance(settings, dict) else {}
 
 
 def _profile_file(folder: Path) -> Path | None:

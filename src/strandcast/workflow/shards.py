@@ -10,6 +10,7 @@ from functools import cache
 
 from strandcast.core.trial_names import trial_name
 from strandcast.records.folders import files_of_video
+from strandcast.records.listing import size_bytes_of
 from strandcast.workflow.targets import experiment, supplied_trials
 
 # What a throw needs before it is fitted. In the lab, the next throw depends on the fit: all is one chain.
@@ -65,4 +66,4 @@ def video_mb(name: str, trial: int) -> float:
     """Return the size of a trial's video [MB]; 0 for one that does not exist yet, or is a link to nowhere."""
     videos = experiment(name).folder.trial(trial).videos() if trial else []
     files = [file for video in videos for file in files_of_video(video)]
-    return sum(file.stat().st_size for file in files if file.is_file()) / 1e6
+    return sum(map(size_bytes_of, files)) / 1e6

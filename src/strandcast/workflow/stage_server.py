@@ -20,11 +20,14 @@ from strandcast.workflow import stage_client
 DIRECTLY = "python -m strandcast"
 SERVER = "strandcast.cli.serve_stages"
 BACKLOG = 1000  # more jobs than start while a module is imported
+HERE = Path()
 PATIENCE_S = 5.0  # chosen: without jobs, the server ends within milliseconds
 
 
-def start() -> str:
+def start(folder: Path = HERE) -> str:
     """Start a server that ends with this process; return the shell command that stands for `strandcast`.
+
+    Its commands run in a folder.
 
     Only Linux has what ends forks with their server, and sockets without files: elsewhere each command is a
     process of its own.
@@ -41,6 +44,7 @@ def start() -> str:
             stdout=subprocess.DEVNULL,
             pass_fds=[listener.fileno()],
             env=os.environ | {WITHIN_WORKFLOW: "1"},
+            cwd=folder,
         )
     atexit.register(_end, server)
     return f"python -IS {shlex.quote(str(Path(stage_client.__file__)))} {name}"

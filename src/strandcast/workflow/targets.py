@@ -14,6 +14,7 @@ from strandcast.config.find import NAME
 from strandcast.core.trial_names import TRIAL_DIGITS, trial_digits, trial_name, trial_number
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import ExperimentFolder, trial_folders
+from strandcast.records.listing import file_exists
 from strandcast.records.verdict import Verdict
 from strandcast.stages import files
 from strandcast.stages.context import Context, context_of
@@ -91,7 +92,7 @@ def with_files(*names: str, experiments: Iterable[str], root: Path = ROOT) -> di
     found = {}
     for name in experiments:
         folders = trial_folders(root / "data" / name).values()
-        trials = [folder.name for folder in folders if all((folder / file).is_file() for file in names)]
+        trials = [folder.name for folder in folders if all(file_exists(folder / file) for file in names)]
         if trials:
             found[name] = trials
     return found
@@ -124,10 +125,28 @@ def experiment_pattern(trials: dict[str, list[str]], *, other: bool = False) -> 
     return f"(?{'!' if other else '='}(?:{pairs})/){EXPERIMENT}"
 
 
-def stage_inputs(stage: str, name: str, trial: int = 0, trials: Iterable[int] = ()) -> dict[str, list[str]]:
-    """Return a stage's input files by role, for an experiment and its trial, or all its trials."""
+def stage_inputs(
+    stage: str, name: str, trial: int = 0, trials: Iterable[int] = (), *, all_read: bool = False
+) -> dict[str, list[str]]:
+    """Return a stage's input files by role, for an experiment and its trial, or all its trials.
+
+    With `all_read`, these are also the files that it reads without depending on them: raw files, and pictures
+    that were made with an input.
+    """
     job = Job(experiment(name), trial, tuple(trials))
-    return {role: [str(path) for path in paths] for role, paths in STAGES[stage].input_files(job).items()}
+    found = STAGES[stage].input_files(job)
+    if all_read:
+        records = {path for paths in found.values() for path in paths}
+        found |= {
+            role: [
+                path
+                for path in find(job)
+                if path.is_relative_to(job.context.folder.data)
+                or (path.suffix == ".webp" and path.with_suffix(".json") in records)
+            ]
+            for role, find in STAGES[stage].may_read.items()
+        }
+    return {role: [str(path) for path in paths] for role, paths in found.items()}
 
 
 def stage_outputs(stage: str) -> dict[str, Pattern]:
