@@ -119,7 +119,7 @@ def test_a_folder_without_settings_is_no_profile(tmp_path, name):
     (tmp_path / "workflow" / "profiles" / "empty").mkdir(parents=True)
     with pytest.raises(StrandcastError, match="SC-W027") as refused:
         profile(tmp_path, name)
-    assert refused.value.fix.startswith("one of default, slurm, or")
+    assert refused.value.fix.startswith("one of default, s3, slurm, or")
 
 
 def test_the_settings_of_a_profile_may_be_for_a_version_of_snakemake(tmp_path):
