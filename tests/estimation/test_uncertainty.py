@@ -16,6 +16,7 @@ from strandcast.estimation.uncertainty import (
     decades_of,
     fisher,
     gauge_direction,
+    near_range,
     uncertainty_of,
 )
 from strandcast.estimation.uncertainty import _crossing as crossing
@@ -101,6 +102,11 @@ def test_profiles_and_deviations_of_a_throw():
     np.testing.assert_allclose(np.diag(known.correlation), 1.0)
     best, value = log.best()
     assert np.all((known.low <= best) & (best <= known.high))
+    # A string of another valley that explains the throw as well extends the interval to its own.
+    log.evaluate = lambda chi: np.full(len(chi), 1.01 * value)
+    log(np.where(np.arange(len(best)) == tip, 1.0, best)[None])
+    log.evaluate = objective.cost
+    assert uncertainty_of(objective, log, profiles=True).high[tip] == 1.0
     truth = objective.space.exponents(np.concatenate([TRUTH, [MASS]]))
     assert known.low[tip] - 0.005 < truth[tip] < known.high[tip] + 0.005
     assert known.high[tip] - known.low[tip] < 0.05
@@ -109,6 +115,12 @@ def test_profiles_and_deviations_of_a_throw():
     moved = np.tile(best, (2, 1))
     moved[:, tip] = known.low[tip], known.high[tip]
     assert np.all(objective.cost(moved) > value * (1.0 + 0.5 * RISE))
+
+
+def test_an_interval_includes_all_strings_that_explain_the_throw_as_well():
+    log = EvaluationLog(lambda chi: np.array([1.0, 1.019, 1.021, np.nan]))
+    log(np.array([[0.5, 0.5], [0.9, 0.4], [0.1, 0.6], [0.0, 1.0]]))
+    np.testing.assert_array_equal(near_range(log), [[0.5, 0.4], [0.9, 0.5]])
 
 
 def test_an_interval_ends_where_E_rises_by_two_percent():

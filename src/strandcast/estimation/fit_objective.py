@@ -162,6 +162,8 @@ class EvaluationLog:
         Strings simulated so far, those for derivatives included.
     converged
         Whether the search ended because nothing improved any more.
+    found
+        The best candidate (d,) so far, and its E.
     """
 
     evaluate: Callable[[Array], Array]
@@ -171,6 +173,7 @@ class EvaluationLog:
     at: list[Array] = field(default_factory=list)
     count: int = 0
     converged: bool = False
+    found: tuple[Array, float] | None = None
 
     def __call__(self, chi: Array) -> Array:
         """Evaluate candidates (B, d), each clipped to [0, 1], and remember them."""
@@ -181,6 +184,10 @@ class EvaluationLog:
         self.values.append(values)
         self.at.append(self.count + np.arange(1.0, len(values) + 1))
         self.count += len(values)
+        if len(values):
+            k = int(np.argmin(values))
+            if self.found is None or values[k] < self.found[1]:
+                self.found = clipped[k], float(values[k])
         self.report(self.count, self.best()[1])
         return values
 
@@ -190,9 +197,9 @@ class EvaluationLog:
 
     def best(self) -> tuple[Array, float]:
         """Return the best candidate (d,) and its E; a NaN never wins."""
-        chi, values = self.all()
-        k = int(np.argmin(values))
-        return chi[k], float(values[k])
+        if self.found is None:
+            raise ValueError("nothing was evaluated")
+        return self.found
 
     def rejected(self) -> int:
         """Return how many candidates were invalid."""

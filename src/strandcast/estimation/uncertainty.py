@@ -41,8 +41,8 @@ class Uncertainty:
         Whether the common scale of masses and coefficients, which no throw can reveal, is fixed by the plain
         points' mass of 1. If not, the deviations are those at a fixed scale.
     low, high
-        (d,) profile interval: exponents at which the best E of all others is `RISE` above the best; NaN
-        where no profile was made.
+        (d,) profile interval: from the least to the greatest exponent at which the best E of all others is
+        at most `RISE` above the best, as far as known; NaN where no profile was made.
     open_low, open_high
         (d,) whether the interval extends beyond the given ends: to the bound of the range or beyond what
         was tried.
@@ -180,12 +180,21 @@ def _profiles(objective: FitObjective, log: EvaluationLog) -> tuple[Array, Array
     held = np.repeat(np.eye(d, dtype=bool), tried.shape[1], axis=0)
     now = descent_batch(chi, log(chi), held)
     now = descend(log, slope, now, len(chi) * 32 * PROFILE_ROUNDS, PROFILE_ROUNDS)
-    found, least = log.best()
-    rise = now.value.reshape(tried.shape) / least - 1.0
+    rise = now.value.reshape(tried.shape) / log.best()[1] - 1.0
     ends = [_ends(best[k], tried[k], rise[k]) for k in range(d)]
     low, high, open_low, open_high = (np.array(column) for column in zip(*ends, strict=True))
-    # A better string may have been found on the way; it belongs to its own interval.
-    return np.minimum(low, found), np.maximum(high, found), open_low, open_high
+    least, greatest = near_range(log)
+    return np.minimum(low, least), np.maximum(high, greatest), open_low, open_high
+
+
+def near_range(log: EvaluationLog) -> tuple[Array, Array]:
+    """Return the least and the greatest exponents (d,) of the strings whose E is within `RISE` of the best.
+
+    A profile follows one valley; the search has been in others, too.
+    """
+    chi, values = log.all()
+    near = chi[values <= (1.0 + RISE) * log.best()[1]]
+    return near.min(axis=0), near.max(axis=0)
 
 
 def _tried(best: Array, value: float, curvature: Array) -> Array:

@@ -59,8 +59,9 @@ class ParameterUncertainty(Part):
     """Uncertainty of the estimate's d unknowns, in the order of `unknowns`.
 
     Standard deviations are in decades, or in the number's own unit where it may be negative (`in_decades`).
-    A profile ends where E, minimised over all other unknowns, has risen by the fraction `profile_rise`; null
-    without profiles. `open`: the profile continues beyond that end, at least to the bound of the range.
+    A profile ends where E, minimised over all other unknowns, has risen by the fraction `profile_rise`, or
+    at the farthest string that the search tried with less E; null without profiles. `open`: the profile
+    continues beyond that end, at least to the bound of the range.
     """
 
     unknowns: list[str]
