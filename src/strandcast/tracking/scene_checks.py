@@ -12,12 +12,18 @@ from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
 from strandcast.tracking.background import Samples
 from strandcast.tracking.chain.clamp_fit import LEAST_FRAMES, ClampFit
+from strandcast.tracking.chain.frames import StringFrames
+from strandcast.tracking.chain.out_of_plane import apparent_strings, measure_out_of_plane
+from strandcast.tracking.chain.string_track import StringTrack
 from strandcast.tracking.hand.finder import HandDetection, HandFinder
 
 LEAST_CONFIDENT = 0.3  # chosen: share of unflagged frames below which the user is warned
 MOVED_FRAMES = 4  # chosen: frames compared with the photo of the plane
 HARMLESS_BLUR_PX = 3.0  # chosen: blur over a whole frame interval that needs no known exposure
 FASTEST_PERCENTILE = 99.0  # chosen: of the points' speeds; single wrong points are faster
+# Chosen: range of the apparent length from which the string has left the plane, and that over its length;
+# thrown in the plane, it was 1.0 mm at most.
+TILTED_M, TILTED_SHARE = 0.003, 0.006
 LARGEST_CORRECTION = 0.03  # chosen: relative difference between declared and detected length
 
 
@@ -95,4 +101,19 @@ def length_warnings(clamp_fit: ClampFit, given_m: float) -> list[str]:
     return [
         f"string.length_m: given {1e3 * given_m:.0f} mm, detected {1e3 * clamp_fit.length_m:.0f} mm; "
         "measure it from the clamp to the tip"
+    ]
+
+
+def out_of_plane_warnings(frames: StringFrames, string: StringTrack, camera: Camera) -> list[str]:
+    """Return a warning about a string that left the plane of motion, which one camera cannot see."""
+    length_m = string.learned.clamp_fit.length_m
+    out = measure_out_of_plane(apparent_strings(frames, string.first.fits), length_m, camera)
+    if out is None or out.length_range_m < max(TILTED_M, TILTED_SHARE * length_m):
+        return []
+    range_mm, depth_mm, error_mm = (1e3 * each_m for each_m in out)
+    return [
+        f"the string's apparent length varies by {range_mm:.0f} mm: its tip leaves the plane of motion by "
+        f"{depth_mm:.0f} mm or more. One camera does not see that: it places the tip up to {error_mm:.0f} "
+        f"mm wrong in the plane, and a miss may be {depth_mm:.0f} mm larger than it seems. Keep to one "
+        "plane, or film with a second camera (`strandcast import views`)"
     ]

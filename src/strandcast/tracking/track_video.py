@@ -27,6 +27,7 @@ from strandcast.tracking.scene_checks import (
     check_hand,
     confidence_warnings,
     length_warnings,
+    out_of_plane_warnings,
 )
 from strandcast.tracking.strobe import (
     choose_instants,
@@ -96,6 +97,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
             *finder.contradictions(),
             *confidence_warnings(points_m, flags),
             *length_warnings(string.learned.clamp_fit, given.free_length_m),
+            *out_of_plane_warnings(frames, string, camera),
             *decoded.warnings,
             *declaration_conflicts(
                 string.learned.attachments,

@@ -122,9 +122,10 @@ def states_at(frames: StringFrames, fits: list[FrameFit | None], indices: list[i
     return states
 
 
-def clamp_paths(frames: StringFrames, fits: list[FrameFit | None]) -> tuple[np.ndarray, np.ndarray]:
-    """Return path lengths and directions (K,) as `fit_clamp` takes them, from frames that show the tip."""
-    paths = []
+def clear_paths(
+    frames: StringFrames, fits: list[FrameFit | None]
+) -> Iterator[tuple[FrameFit, int, float, float]]:
+    """Yield fits that show the tip, the first visible node, and path and direction for `fit_clamp`."""
     for index, fit in enumerate(fits):
         if fit is None or fit.end_is_off or fit.value < GOOD:
             continue
@@ -133,8 +134,12 @@ def clamp_paths(frames: StringFrames, fits: list[FrameFit | None]) -> tuple[np.n
             first = clear[0]
             hidden_m = float(np.hypot(*(fit.nodes()[first] - frames.clamp_m(index))))
             along_m = fit.link_m * (len(fit.heading) - first) + fit.tip_slide_m
-            paths.append((hidden_m + along_m, fit.heading[first] - frames.hand.pose.angle_rad[index]))
-    both = np.array(paths).reshape(-1, 2)
+            yield fit, first, hidden_m + along_m, fit.heading[first] - frames.hand.pose.angle_rad[index]
+
+
+def clamp_paths(frames: StringFrames, fits: list[FrameFit | None]) -> tuple[np.ndarray, np.ndarray]:
+    """Return path lengths and directions (K,) as `fit_clamp` takes them, from frames that show the tip."""
+    both = np.array([path for _, _, *path in clear_paths(frames, fits)]).reshape(-1, 2)
     return both[:, 0], both[:, 1]
 
 
