@@ -208,6 +208,10 @@ bench-loop: $(VENV)/runtime.stamp  ## run the loop on seven strings, 15 seeds, t
 bench-drawn: $(VENV)/runtime.stamp  ## run the loop on sixty random strings, targets and servos: results/bench-drawn.json; 45 minutes of one core
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS)
 
+.PHONY: bench-space
+bench-space: $(VENV)/runtime.stamp  ## run the loop in space on twenty random strings, arms of six and seven joints: results/bench-space.json; 20 minutes of one core
+	@$(BIN)/python -m strandcast_studies.benchmarks.space.run --jobs $(JOBS)
+
 .PHONY: calibration
 calibration: $(VENV)/runtime.stamp  ## count how far throws of drawn strings and rigs miss, for the stated probabilities; hours
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS) --seeds 4001-4060 --out results/calibration-usual.json

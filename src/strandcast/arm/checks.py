@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 
 from strandcast.arm.extract import joints_out_of_order, joints_out_of_plane
-from strandcast.arm.settings import ArmKeys
+from strandcast.arm.settings import AnyArmKeys, ArmKeys
 from strandcast.arm.urdf import JointLimit
 
 Problem = tuple[str, str, str]  # field, what is wrong, fix
 
 
-def name_problems(keys: ArmKeys, urdf: dict[str, JointLimit], model: mujoco.MjModel) -> list[Problem]:
+def name_problems(keys: AnyArmKeys, urdf: dict[str, JointLimit], model: mujoco.MjModel) -> list[Problem]:
     """Return joints and links that the URDF does not have, or that the file does not name."""
     found = []
     for where, names in (("throw.joints", keys.throw.joints), ("throw.held", list(keys.throw.held))):
@@ -36,7 +36,7 @@ def name_problems(keys: ArmKeys, urdf: dict[str, JointLimit], model: mujoco.MjMo
     return found
 
 
-def number_problems(keys: ArmKeys, urdf: dict[str, JointLimit]) -> list[Problem]:
+def number_problems(keys: AnyArmKeys, urdf: dict[str, JointLimit]) -> list[Problem]:
     """Return lists of the wrong length, limits missing from the URDF, reversed ranges."""
     count = len(keys.throw.joints)
     lists = {
@@ -59,13 +59,15 @@ def number_problems(keys: ArmKeys, urdf: dict[str, JointLimit]) -> list[Problem]
     ]
     for name in keys.throw.joints:
         found += _limit_problems(keys, name, urdf[name])
-    for where, pair in (("workspace.x_m", keys.workspace.x_m), ("workspace.y_m", keys.workspace.y_m)):
+    for axis, pair in keys.workspace.model_dump().items():
         if pair[0] >= pair[1]:
-            found.append((where, f"{pair[0]} is not below {pair[1]}", "give the lower end first"))
+            found.append(
+                (f"workspace.{axis}", f"{pair[0]} is not below {pair[1]}", "give the lower end first")
+            )
     return found
 
 
-def _limit_problems(keys: ArmKeys, name: str, limit: JointLimit) -> list[Problem]:
+def _limit_problems(keys: AnyArmKeys, name: str, limit: JointLimit) -> list[Problem]:
     where = f"{keys.urdf} <joint name={name!r}> <limit>"
     if limit.kind == "prismatic":
         return [("throw.joints", f"{name!r} slides", "only turning joints can move in a throw")]

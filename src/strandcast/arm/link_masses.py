@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm
 
 LEAST_KG = 1e-3  # chosen: lighter links are placeholders
 
@@ -17,14 +17,14 @@ def owners(model: mujoco.MjModel, joints: tuple[str, ...]) -> np.ndarray:
     return owner
 
 
-def massless_joints(arm: Arm) -> list[str]:
+def massless_joints(arm: AnyArm) -> list[str]:
     """Return the moving joints whose links have no mass in the URDF, for which torques are unknown."""
     model = arm.model()
     owner = owners(model, arm.joints)
     return [name for j, name in enumerate(arm.joints) if model.body_mass[owner == j].sum() < LEAST_KG]
 
 
-def torque_gap(arm: Arm) -> str | None:
+def torque_gap(arm: AnyArm) -> str | None:
     """Return why torques are not checked, or None if they are."""
     names = massless_joints(arm)
     if names:

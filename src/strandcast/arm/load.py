@@ -1,22 +1,23 @@
 """An arm from its TOML file and its URDF, checked as a whole."""
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from strandcast.arm.checks import geometry_problems, name_problems, number_problems
+from strandcast.arm.checks import Problem, geometry_problems, name_problems, number_problems
 from strandcast.arm.extract import extract_chain
 from strandcast.arm.joint_limits import Limits, Stop
 from strandcast.arm.kinematics import PlanarChain, link_angles
 from strandcast.arm.servo import Servo
-from strandcast.arm.settings import ArmKeys, Clamp, Payload
+from strandcast.arm.settings import AnyArmKeys, AnyClamp, ArmKeys, Clamp, Payload
 from strandcast.arm.urdf import JointLimit, coordinates, read_joint_limits, read_model
 from strandcast.config.bounded import BoundError, load_toml, read_bounded
 from strandcast.config.problems import SHOWN
@@ -28,10 +29,12 @@ from strandcast.records.files import sha256_file
 TRACKING_RAD = 0.15  # three times the error of a servo with 30 ms of lag at 100 rad/s², less its mean lag
 STOP_RISE_S = 0.02  # time to a soft stop's full acceleration, unless the file gives a jerk; chosen
 
+FileKeys = TypeVar("FileKeys", bound=AnyArmKeys)
 
-@dataclass(frozen=True, eq=False)
-class Arm:
-    """An arm, and how it makes a planar throw.
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AnyArm:
+    """An arm, without how it moves: see `Arm` and `strandcast.arm.spatial.SpatialArm`.
 
     Attributes
     ----------
@@ -41,20 +44,14 @@ class Arm:
         Names of the J joints that move, from the base to the hand.
     held
         Angle of every other joint [rad].
-    plane
-        (2, 3) unit vectors of the plane's x and y axes in the frame of the URDF's root link.
-    chain, clamp
-        Kinematics in the plane, and how the string is held.
-    markers, marker_dictionary
-        The ArUco markers on the hand.
+    clamp
+        How the string is held.
     limits, servo
         The joints' limits less their margins, and how they nominally follow a command.
     start_tolerance_rad, start_velocity_rad_s
         (J,) how close to its start the arm must be for a throw [rad], and how still [rad/s].
     stop, tracking_rad, payload
         How it stops early; (J,) largest tracking error while it moves [rad]; its load, if known.
-    workspace
-        The box that hand and string must not leave.
     log_rate_hz
         Rate of the joint log and of the motion's points.
     driver, driver_settings
@@ -68,11 +65,7 @@ class Arm:
     urdf_sha256: str
     joints: tuple[str, ...]
     held: dict[str, float]
-    plane: np.ndarray
-    chain: PlanarChain
-    clamp: Clamp
-    markers: tuple[HandMarker, ...]
-    marker_dictionary: str
+    clamp: AnyClamp
     limits: Limits
     servo: Servo
     start_tolerance_rad: np.ndarray
@@ -80,7 +73,6 @@ class Arm:
     stop: Stop
     tracking_rad: np.ndarray
     payload: Payload | None
-    workspace: Box
     log_rate_hz: float
     driver: str
     driver_settings: dict[str, Any] = field(default_factory=dict)
@@ -106,6 +98,30 @@ class Arm:
         return coordinates(self.model(), self.held | dict(zip(self.joints, q, strict=True)))
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Arm(AnyArm):
+    """An arm, and how it makes a planar throw.
+
+    Attributes
+    ----------
+    plane
+        (2, 3) unit vectors of the plane's x and y axes in the frame of the URDF's root link.
+    chain, clamp
+        Kinematics in the plane, and how the string is held.
+    markers, marker_dictionary
+        The ArUco markers on the hand.
+    workspace
+        The box that hand and string must not leave.
+    """
+
+    clamp: Clamp
+    plane: np.ndarray
+    chain: PlanarChain
+    markers: tuple[HandMarker, ...]
+    marker_dictionary: str
+    workspace: Box
+
+
 @lru_cache(maxsize=8)
 def _model(
     urdf_path: Path, urdf_sha256: str, carrier: str = "", payload: Payload | None = None
@@ -116,13 +132,32 @@ def _model(
 def load_arm(path: str | Path) -> Arm:
     """Read an arm's TOML file and its URDF; the error reports every problem with field, value and fix."""
     path = Path(path)
-    keys = _read_keys(path)
+    keys = read_keys(path, ArmKeys)
+    plane = _plane(keys)
+    values, model = read_urdf(path, keys, lambda model: geometry_problems(keys, model, plane))
+    return Arm(
+        **values,
+        clamp=keys.clamp,
+        plane=plane,
+        chain=extract_chain(model, tuple(keys.throw.joints), keys.throw.held, plane, keys.clamp.link),
+        markers=keys.markers.hand,
+        marker_dictionary=keys.markers.dictionary,
+        workspace=Box.unchecked(keys.workspace.x_m, keys.workspace.y_m),
+    )
+
+
+def read_urdf(
+    path: Path, keys: AnyArmKeys, geometry: Callable[[mujoco.MjModel], list[Problem]]
+) -> tuple[dict[str, Any], mujoco.MjModel]:
+    """Return the values of an `AnyArm` but for its clamp, and the URDF's model; refuse all problems.
+
+    `geometry` finds those of the joints' places and axes.
+    """
     urdf_path = _urdf_beside(path, keys.urdf)
     urdf_limits = read_joint_limits(urdf_path)
     model = _model(urdf_path, sha256_file(urdf_path))
-    plane = _plane(keys)
     problems = name_problems(keys, urdf_limits, model)
-    problems = problems or number_problems(keys, urdf_limits) + geometry_problems(keys, model, plane)
+    problems = problems or number_problems(keys, urdf_limits) + geometry(model)
     if problems:
         raise StrandcastErrors(
             [
@@ -130,43 +165,44 @@ def load_arm(path: str | Path) -> Arm:
                 for field, what, fix in problems
             ]
         )
+    return _values_of(path, urdf_path, keys, urdf_limits), model
+
+
+def _values_of(
+    path: Path, urdf_path: Path, keys: AnyArmKeys, urdf_limits: dict[str, JointLimit]
+) -> dict[str, Any]:
     joints = tuple(keys.throw.joints)
     limits, servo = _limits(keys, [urdf_limits[name] for name in joints]), keys.servo
-    return Arm(
-        name=keys.name,
-        path=path,
-        urdf_path=urdf_path,
-        sha256=sha256_file(path),
-        urdf_sha256=sha256_file(urdf_path),
-        joints=joints,
-        held=dict(keys.throw.held),
-        plane=plane,
-        chain=extract_chain(model, joints, keys.throw.held, plane, keys.clamp.link),
-        clamp=keys.clamp,
-        markers=keys.markers.hand,
-        marker_dictionary=keys.markers.dictionary,
-        limits=limits,
-        servo=Servo(
+    return {
+        "name": keys.name,
+        "path": path,
+        "urdf_path": urdf_path,
+        "sha256": sha256_file(path),
+        "urdf_sha256": sha256_file(urdf_path),
+        "joints": joints,
+        "held": dict(keys.throw.held),
+        "limits": limits,
+        "servo": Servo(
             np.array(servo.delay_s),
             np.array(servo.natural_frequency_rad_s),
             np.array(servo.damping_ratio),
             np.array(servo.gain or [1.0] * len(joints)),
         ),
-        start_tolerance_rad=np.array(keys.start.position_rad),
-        start_velocity_rad_s=keys.start.velocity_rad_s,
-        stop=_stop(keys, limits),
-        tracking_rad=np.array(keys.guard.tracking_rad or [TRACKING_RAD] * len(joints)),
-        payload=keys.payload,
-        workspace=Box.unchecked(keys.workspace.x_m, keys.workspace.y_m),
-        log_rate_hz=keys.log_rate_hz,
-        driver=keys.driver.name,
-        driver_settings=dict(keys.driver.settings),
-    )
+        "start_tolerance_rad": np.array(keys.start.position_rad),
+        "start_velocity_rad_s": keys.start.velocity_rad_s,
+        "stop": _stop(keys, limits),
+        "tracking_rad": np.array(keys.guard.tracking_rad or [TRACKING_RAD] * len(joints)),
+        "payload": keys.payload,
+        "log_rate_hz": keys.log_rate_hz,
+        "driver": keys.driver.name,
+        "driver_settings": dict(keys.driver.settings),
+    }
 
 
-def _read_keys(path: Path) -> ArmKeys:
+def read_keys(path: Path, keys: type[FileKeys]) -> FileKeys:
+    """Read an arm's TOML file as `keys`."""
     try:
-        return ArmKeys.model_validate(load_toml(read_bounded(path)))
+        return keys.model_validate(load_toml(read_bounded(path)))
     except FileNotFoundError:
         raise StrandcastError(
             "SC-F203", "the arm's file is missing", file=path, fix="see config/arms/planar3.toml"
@@ -215,7 +251,7 @@ def _plane(keys: ArmKeys) -> np.ndarray:
     return plane / np.where(lengths > 0, lengths, 1.0)
 
 
-def _limits(keys: ArmKeys, urdf: list[JointLimit]) -> Limits:
+def _limits(keys: AnyArmKeys, urdf: list[JointLimit]) -> Limits:
     margins = keys.margins
     lower = [-np.inf if limit.lower_rad is None else limit.lower_rad for limit in urdf]
     upper = [np.inf if limit.upper_rad is None else limit.upper_rad for limit in urdf]
@@ -231,7 +267,7 @@ def _limits(keys: ArmKeys, urdf: list[JointLimit]) -> Limits:
     )
 
 
-def _stop(keys: ArmKeys, limits: Limits) -> Stop:
+def _stop(keys: AnyArmKeys, limits: Limits) -> Stop:
     acceleration = limits.acceleration_rad_s2
     if keys.stop.acceleration_rad_s2 is not None:
         acceleration = np.minimum(acceleration, keys.stop.acceleration_rad_s2)

@@ -18,26 +18,27 @@ class Keys(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class ThrowKeys(Keys):
-    """Which joints move, which are held, and the plane they move in."""
+class MovingJoints(Keys):
+    """Which joints move, and at which angles the others are held."""
 
     joints: Annotated[list[str], Field(min_length=1)]
-    plane_x: Vector3
-    plane_y: Vector3
     held: dict[str, float] = {}
 
 
-class Clamp(Keys):
-    """How the hand holds the string: from the end of the last link, in its direction.
+class ThrowKeys(MovingJoints):
+    """Which joints move, which are held, and the plane they move in."""
+
+    plane_x: Vector3
+    plane_y: Vector3
+
+
+class AnyClamp(Keys):
+    """The clamp of the string.
 
     Attributes
     ----------
     link
         The link that carries the clamp.
-    offset_m
-        Where the string leaves, along the last link and to its left [m].
-    angle_rad
-        Direction in which the string leaves, relative to the last link [rad].
     clamped_length_m
         String inside the clamp [m]: free length = string length - this. The file says ``swallowed_m``.
     """
@@ -45,9 +46,37 @@ class Clamp(Keys):
     model_config = ConfigDict(populate_by_name=True)
 
     link: str
+    clamped_length_m: NotNegative = Field(0.0, alias="swallowed_m")
+
+
+class Clamp(AnyClamp):
+    """How the hand holds the string: from the end of the last link, in its direction.
+
+    Attributes
+    ----------
+    offset_m
+        Where the string leaves, along the last link and to its left [m].
+    angle_rad
+        Direction in which the string leaves, relative to the last link [rad].
+    """
+
     offset_m: tuple[float, float] = (0.0, 0.0)
     angle_rad: float = 0.0
-    clamped_length_m: NotNegative = Field(0.0, alias="swallowed_m")
+
+
+class SpatialClamp(AnyClamp):
+    """How the hand of an arm that moves in space holds the string, in the frame of its link.
+
+    Attributes
+    ----------
+    offset_m
+        Where the string leaves [m].
+    direction
+        In which direction it leaves; any length above 0.
+    """
+
+    offset_m: Vector3 = [0.0, 0.0, 0.0]
+    direction: Vector3
 
 
 class MarkersKeys(Keys):
@@ -112,6 +141,12 @@ class WorkspaceKeys(Keys):
     y_m: tuple[float, float]
 
 
+class SpatialWorkspaceKeys(WorkspaceKeys):
+    """The same box in space, z upwards."""
+
+    z_m: tuple[float, float]
+
+
 class ServoKeys(Keys):
     """Nominal response of the joints, one number per moving joint."""
 
@@ -128,15 +163,14 @@ class DriverKeys(Keys):
     settings: dict[str, Any] = {}
 
 
-class ArmKeys(Keys):
-    """The whole file."""
+class AnyArmKeys(Keys):
+    """What the files of all arms have."""
 
     name: str
     urdf: str
     log_rate_hz: Positive = 500.0
-    throw: ThrowKeys
-    clamp: Clamp
-    markers: MarkersKeys = MarkersKeys()
+    throw: MovingJoints
+    clamp: AnyClamp
     limits: LimitsKeys
     margins: MarginsKeys = MarginsKeys()
     start: StartKeys
@@ -146,3 +180,18 @@ class ArmKeys(Keys):
     workspace: WorkspaceKeys
     servo: ServoKeys
     driver: DriverKeys
+
+
+class ArmKeys(AnyArmKeys):
+    """The whole file of an arm that throws in a plane."""
+
+    throw: ThrowKeys
+    clamp: Clamp
+    markers: MarkersKeys = MarkersKeys()
+
+
+class SpatialArmKeys(AnyArmKeys):
+    """The whole file of an arm that throws in space."""
+
+    clamp: SpatialClamp
+    workspace: SpatialWorkspaceKeys

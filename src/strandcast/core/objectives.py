@@ -24,6 +24,7 @@ SPEED_S = 0.1
 VELOCITY_S = 0.006
 
 XY = tuple[Position, Position]
+XYZ = tuple[Position, Position, Position]
 
 
 class Objective(Section):
@@ -131,6 +132,15 @@ class AimedPoint(PointObjective):
     """A point objective with the experiment's target, for planner and scorer."""
 
     target_m: XY
+
+
+class PointInSpace(Objective):
+    """The tip hits a target in space, for the planner."""
+
+    kind: Literal["point"] = "point"
+    target_m: XYZ
+
+    target_field: ClassVar[str] = "target_m"
 
 
 class SegmentObjective(Objective):

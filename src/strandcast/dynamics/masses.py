@@ -118,3 +118,10 @@ def _split(position: float, n: int) -> Array:
     if n > 1:
         share[low] = place - low
     return share
+
+
+def free_end(masses: Array) -> Array:
+    """Return masses (B, n) with a free end: each point carries half of both its segments, the last of one."""
+    answer = masses.copy()
+    answer[:, -1] -= 0.5
+    return answer

@@ -93,6 +93,8 @@ class CableSeries:
         (F, m, 3) measured markers [m], NaN where not seen, and (m,) their places from the first end, 0 to 1.
     pinned
         Whether the ends are points, which hold the string in no direction.
+    fastest_m_s
+        Markers that move faster jumped.
     """
 
     time_s: Array
@@ -100,6 +102,7 @@ class CableSeries:
     vertices_m: Array
     places: Array
     pinned: bool = False
+    fastest_m_s: float = GLITCH_M_S
 
     def two_ends(self) -> bool:
         """Whether the string's far end is driven, too."""
@@ -114,7 +117,7 @@ class CableSeries:
         """(F, m) whether a marker is seen, and did not jump on its way there or from there."""
         jump = np.linalg.norm(np.diff(self.vertices_m, axis=0), axis=2) / np.diff(self.time_s)[:, None]
         seen = ~np.isnan(self.vertices_m[..., 0])
-        calm = ~(jump > GLITCH_M_S)
+        calm = ~(jump > self.fastest_m_s)
         return np.asarray(seen & np.vstack([calm[:1], calm[1:] & calm[:-1], calm[-1:]]))
 
     def shape_is_seen(self) -> bool:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm, Arm
 from strandcast.config.experiment import Experiment
 from strandcast.config.find import find_experiment
 from strandcast.config.load import load_experiment
@@ -137,7 +137,7 @@ def _switch_output(log: JointLog, lamp: LedTimes, start_s: float) -> list[SyncEv
 
 
 def joint_log(
-    arm: Arm,
+    arm: AnyArm,
     swing: LabSwing,
     variation: ThrowVariation,
     clocks: LabClocks,

@@ -6,7 +6,7 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from strandcast.arm.load import Arm, clamp_frame
+from strandcast.arm.load import AnyArm, Arm, clamp_frame
 from strandcast.arm.urdf import read_spec
 from strandcast.lab.servo import JointDrives
 from strandcast.lab.strings import PhysicalString
@@ -31,14 +31,14 @@ class StringLink:
     weight_kg: float
 
 
-def links_of(string: PhysicalString) -> list[StringLink]:
-    """Divide a string into links of about LINK_M that end at weights and at the ends of pipes."""
+def links_of(string: PhysicalString, link_m: float = LINK_M) -> list[StringLink]:
+    """Divide a string into links of about `link_m` that end at weights and at the ends of pipes."""
     marks = [0.0, string.length_m, *(place for place, _ in string.weights)]
     marks += [place for start, end, _ in string.pipes for place in (start, end)]
     marks = sorted({round(mark, 9) for mark in marks})
     places = [0.0]
     for start, end in pairwise(marks):
-        places += np.linspace(start, end, max(1, round((end - start) / LINK_M)) + 1)[1:].tolist()
+        places += np.linspace(start, end, max(1, round((end - start) / link_m)) + 1)[1:].tolist()
     links = []
     for start, end in pairwise(places):
         pipe = next((p for p in string.pipes if p[0] - 1e-9 <= start and end <= p[1] + 1e-9), None)
@@ -85,13 +85,14 @@ class LabRig:
     held
         Angle [rad] of each held joint, by coordinate.
     string_dofs
-        (H,) coordinates of the string's hinges, from the clamp on.
+        (H,) coordinates of the string's hinges, from the clamp on; in space the
+        speeds of its ball joints, three each.
     nodes
         (N,) sites at the ends of the links, from the clamp on.
     places_m
         (N,) their positions along the string [m].
     plane
-        (2, 3) unit vectors of the plane of the throw.
+        (2, 3) unit vectors of the plane of the throw; in space (3, 3), the axes themselves.
     slide
         Coordinate along which the string leaves the clamp; None if it is held.
     """
@@ -106,7 +107,7 @@ class LabRig:
     slide: int | None = None
 
     def nodes_m(self, data: mujoco.MjData) -> np.ndarray:
-        """Return the nodes' positions (N, 2) in the plane [m]."""
+        """Return the nodes' positions (N, 2) in the plane, or (N, 3) in space [m]."""
         return np.asarray(data.site_xpos[self.nodes] @ self.plane.T)
 
 
@@ -129,19 +130,7 @@ def build_rig(
     slip
         If given, the string can slide out of the clamp, and one more node is at the clamp.
     """
-    spec = read_spec(arm.urdf_path)
-    spec.option.timestep = dt_s
-    # First-order integrators have errors of millimetres at the tip at any affordable step.
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    spec.option.density, spec.option.viscosity = AIR_KG_M3, AIR_PA_S
-    # All rotations are about the plane's normal, so no constraint is needed.
-    spec.option.disableflags = int(OFF.mjDSBL_CONSTRAINT | OFF.mjDSBL_CONTACT | OFF.mjDSBL_AUTORESET)
-    spec.option.gravity = -9.81 * arm.plane[1]
-    for name, inertia, friction in zip(arm.joints, drive.armature, drive.friction, strict=True):
-        joint = spec.joint(name)
-        joint.armature, joint.damping = inertia, [friction, 0.0, 0.0]
-    for name in arm.held:
-        spec.joint(name).armature = LOCKED_KG_M2
+    spec = driven_arm(arm, drive, arm.plane[1], dt_s)
     links = links_of(string)
     hand = spec.body(arm.clamp.link)
     if slip is not None:
@@ -155,9 +144,9 @@ def build_rig(
         nodes, places_m = ["clamp", *nodes], [-slip.length_m, *places_m]
     return LabRig(
         model=model,
-        arm_dofs=_dofs(model, arm.joints),
-        held={int(model.joint(name).dofadr[0]): angle for name, angle in arm.held.items()},
-        string_dofs=_dofs(model, hinges),
+        arm_dofs=dofs_of(model, arm.joints),
+        held=held_dofs(model, arm),
+        string_dofs=dofs_of(model, hinges),
         nodes=np.array([model.site(name).id for name in nodes]),
         places_m=np.array(places_m),
         plane=arm.plane,
@@ -165,7 +154,31 @@ def build_rig(
     )
 
 
-def _dofs(model: mujoco.MjModel, names: tuple[str, ...] | list[str]) -> np.ndarray:
+def driven_arm(arm: AnyArm, drive: JointDrives, upwards: np.ndarray, dt_s: float) -> mujoco.MjSpec:
+    """Return the arm's links and motors in air, to hang a string on; `upwards` (3,) is against gravity."""
+    spec = read_spec(arm.urdf_path)
+    spec.option.timestep = dt_s
+    # First-order integrators have errors of millimetres at the tip at any affordable step.
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.density, spec.option.viscosity = AIR_KG_M3, AIR_PA_S
+    # Nothing touches, and all rotations in a plane are about its normal: no constraint is needed.
+    spec.option.disableflags = int(OFF.mjDSBL_CONSTRAINT | OFF.mjDSBL_CONTACT | OFF.mjDSBL_AUTORESET)
+    spec.option.gravity = -9.81 * upwards
+    for name, inertia, friction in zip(arm.joints, drive.armature, drive.friction, strict=True):
+        joint = spec.joint(name)
+        joint.armature, joint.damping = inertia, [friction, 0.0, 0.0]
+    for name in arm.held:
+        spec.joint(name).armature = LOCKED_KG_M2
+    return spec
+
+
+def held_dofs(model: mujoco.MjModel, arm: AnyArm) -> dict[int, float]:
+    """Return the angle [rad] of each held joint, by coordinate."""
+    return {int(model.joint(name).dofadr[0]): angle for name, angle in arm.held.items()}
+
+
+def dofs_of(model: mujoco.MjModel, names: tuple[str, ...] | list[str]) -> np.ndarray:
+    """Return the coordinates of hinges by name."""
     return np.array([int(model.joint(name).dofadr[0]) for name in names])
 
 

@@ -1,5 +1,6 @@
 """Simulate one throw: arm and string from rest, through the motion, to the end of the recording."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,11 +8,11 @@ import mujoco
 import numpy as np
 from scipy.optimize import root
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm, Arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.lab.rig import LabGrasp, LabRig, SlipInClamp, build_rig
-from strandcast.lab.servo import CYCLE_S, SERVO_PRESETS, ServoSetPoints, joint_drives, set_points
+from strandcast.lab.servo import CYCLE_S, SERVO_PRESETS, JointDrives, ServoSetPoints, joint_drives, set_points
 from strandcast.lab.strings import PhysicalString
 from strandcast.lab.variation import ThrowVariation
 
@@ -38,7 +39,7 @@ class LabSwing:
     torque_n_m
         (K, J) motor torques.
     nodes_m
-        (K, N, 2) positions of the string's nodes in the plane.
+        (K, N, 2) positions of the string's nodes in the plane, or (K, N, 3) in space.
     places_m
         (N,) their positions along the string.
     """
@@ -82,6 +83,57 @@ def simulate_swing(
     StrandcastError
         SC-L010 the string diverges even at the smallest step.
     """
+    hanging = string.shifted(variation.grasp_length_m)
+    grasp = LabGrasp(variation.grasp_lateral_m, variation.grasp_angle_rad)
+
+    def begin(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> tuple[np.ndarray, np.ndarray]:
+        place, speed = at_rest(rig, loop, points), np.zeros(rig.model.nv)
+        place[rig.string_dofs[0]] += variation.sway_rad
+        speed[rig.string_dofs[0]] = variation.sway_rad_s
+        return place, speed
+
+    return swing_on(
+        arm,
+        servo,
+        variation,
+        command,
+        lambda drive, step_s: build_rig(arm, drive, hanging, grasp, step_s, slip),
+        begin,
+        step_s=step_s,
+        slip=slip,
+    )
+
+
+Begin = Callable[["LabRig", "ServoLoop", ServoSetPoints], tuple[np.ndarray, np.ndarray]]
+
+
+def swing_on(
+    arm: AnyArm,
+    servo: str,
+    variation: ThrowVariation,
+    command: JointTrajectory,
+    make_rig: Callable[[JointDrives, float], LabRig],
+    begin: Begin,
+    *,
+    step_s: float = STEP_S,
+    slip: SlipInClamp | None = None,
+) -> LabSwing:
+    """Simulate a throw on a rig.
+
+    Parameters
+    ----------
+    arm, servo, variation, command, step_s, slip
+        See `simulate_swing`; of the variation, what concerns the joints.
+    make_rig
+        Returns the rig from the joints' motors and the step of the integration [s].
+    begin
+        Returns the rig's coordinates and speeds at the recording's start.
+
+    Raises
+    ------
+    StrandcastError
+        See `simulate_swing`.
+    """
     preset = SERVO_PRESETS[servo]
     drive = joint_drives(arm, preset)
     time_s = (
@@ -89,19 +141,17 @@ def simulate_swing(
     )
     command = _at_cycles(command, time_s)
     points = set_points(arm, preset, drive, command)
-    hanging = string.shifted(variation.grasp_length_m)
-    grasp = LabGrasp(variation.grasp_lateral_m, variation.grasp_angle_rad)
     # A diverged run is repeated with half the step; suppress MuJoCo's warning and its log file.
     mujoco.set_mju_user_warning(lambda _: None)
     while step_s >= MIN_STEP_S:
-        rig = build_rig(arm, drive, hanging, grasp, step_s, slip)
+        rig = make_rig(drive, step_s)
         loop = ServoLoop(
             drive.stiffness * variation.servo_gain,
             drive.damping * variation.servo_gain,
             drive.torque_n_m,
             variation.joint_zero_rad,
         )
-        recorded = _run(rig, loop, points, variation, time_s, slip)
+        recorded = _run(rig, loop, points, begin, time_s, slip)
         if recorded is not None:
             q, qd, torque, nodes = recorded
             return LabSwing(time_s, command.q_rad, command.qd_rad_s, q, qd, torque, nodes, rig.places_m)
@@ -147,21 +197,19 @@ def _run(
     rig: LabRig,
     loop: ServoLoop,
     points: ServoSetPoints,
-    variation: ThrowVariation,
+    begin: Begin,
     time_s: np.ndarray,
     slip: SlipInClamp | None,
 ) -> tuple[np.ndarray, ...] | None:
     """Return angles, speeds, torques and nodes at every cycle; None if the string diverged."""
     model, dofs = rig.model, rig.arm_dofs
     data = mujoco.MjData(model)
-    data.qpos[:] = at_rest(rig, loop, points)
-    data.qpos[rig.string_dofs[0]] += variation.sway_rad
-    data.qvel[rig.string_dofs[0]] = variation.sway_rad_s
+    data.qpos[:], data.qvel[:] = begin(rig, loop, points)
     mujoco.mj_forward(model, data)
     count, joints = points.q_rad.shape
     steps = round(CYCLE_S / model.opt.timestep)
     motion = np.empty((3, count, joints))
-    nodes = np.empty((count, len(rig.nodes), 2))
+    nodes = np.empty((count, len(rig.nodes), len(rig.plane)))
     for k in range(count):
         motion[0, k], motion[1, k] = data.qpos[dofs], data.qvel[dofs]
         nodes[k] = rig.nodes_m(data)

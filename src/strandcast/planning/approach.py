@@ -78,6 +78,11 @@ def bar_approaches(tips: np.ndarray, last: np.ndarray, ends: np.ndarray) -> Appr
     return approaches(_bar_approaches, len(tips), tips, last, ends)
 
 
+def approaches_in_space(tips: np.ndarray, last: np.ndarray, target: np.ndarray) -> Approaches:
+    """Return the closest approaches of tips (B, T, 3) to a place (3,)."""
+    return approaches(_approaches_in_space, len(tips), np.ascontiguousarray(tips), last, target)
+
+
 @njit(cache=True, nogil=True)
 def _closest_approaches(
     first: int,
@@ -128,3 +133,29 @@ def _bar_approaches(
             away = bar_distance(tips[b, t - 1], tips[b, t], ends[0], ends[1])
             if away < miss[b]:
                 miss[b], index[b] = away, t
+
+
+@njit(cache=True, nogil=True)
+def _approaches_in_space(
+    first: int,
+    end: int,
+    tips: np.ndarray,
+    last: np.ndarray,
+    target: np.ndarray,
+    miss: np.ndarray,
+    index: np.ndarray,
+) -> None:
+    for b in range(first, end):
+        for t in range(1, last[b] + 1):
+            square, along = 0.0, 0.0
+            for axis in range(3):
+                step = tips[b, t, axis] - tips[b, t - 1, axis]
+                square += step * step
+                along += step * (target[axis] - tips[b, t - 1, axis])
+            share = min(1.0, max(0.0, along / square)) if square > 0.0 else 0.0
+            away2 = 0.0
+            for axis in range(3):
+                before = tips[b, t - 1, axis]
+                away2 += (before + share * (tips[b, t, axis] - before) - target[axis]) ** 2
+            if away2 < miss[b] * miss[b]:
+                miss[b], index[b] = math.sqrt(away2), t

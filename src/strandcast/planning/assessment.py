@@ -13,12 +13,13 @@ from numba import njit
 from strandcast.planning.capsules import capsule_radii
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.simulated_misses import simulated_miss
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask
 from strandcast.threads import over_ranges
 
 ROUGH_STRIDE = 4  # samples between those that a search checks for bends and places; chosen
 # Points this near the hand along the string cannot be far from the last link.
 NEIGHBOURS = 2
+FREE_OF_HAND_M = 0.06  # the same in space, where segments are shorter; chosen
 # The tip must be visible this long before and after the closest approach. Chosen: ten frames at 500 Hz.
 VISIBLE_S = 0.02
 # No cord stretches more (chosen): a model that does says nothing about where the string will be.
@@ -64,14 +65,14 @@ class Room(NamedTuple):
     radius_m
         (S,) how near to the arm's capsules it may come [m].
     box
-        (2, 2) low and high of x and y that nothing should leave [m].
+        (2 or 3, 2) low and high of each coordinate that nothing should leave [m].
     """
 
     radius_m: np.ndarray
     box: np.ndarray
 
 
-def assess_rollouts(task: PlanningTask, rollouts: Rollouts, clearance_m: float = 0.0) -> Assessment:
+def assess_rollouts(task: AnyTask, rollouts: Rollouts, clearance_m: float = 0.0) -> Assessment:
     """Assess rollouts by the task's objective; the string may come as near to the links as `clearance_m`."""
     room = Room(capsule_radii(task.arm, clearance_m), task.box())
     stride = ROUGH_STRIDE if task.model.precision == "f32" else 1
@@ -90,9 +91,8 @@ def assess(
     count = len(rollouts.points_m)
     finite, facts = np.zeros(count, np.bool_), np.ones((5, count))
     facts[0], facts[4] = 0.0, 0.0
-    over_ranges(
-        count, lambda first, last: _check_all(first, last, rollouts, room, index, stride, finite, facts)
-    )
+    check = _check_all if rollouts.points_m.shape[3] == 2 else _check_all_in_space
+    over_ranges(count, lambda first, last: check(first, last, rollouts, room, index, stride, finite, facts))
     return Assessment(np.where(finite, miss[0], FAILED_M), np.where(finite, index, 0), *facts)
 
 
@@ -192,3 +192,96 @@ def _check_all(
             dx = points[b, k, -1, 0] + bias[b, k, 0] - points[b, k - 1, -1, 0] - bias[b, k - 1, 0]
             dy = points[b, k, -1, 1] + bias[b, k, 1] - points[b, k - 1, -1, 1] - bias[b, k - 1, 1]
             facts[4, b] = math.sqrt(dx * dx + dy * dy) / rollouts.step_s
+
+
+@njit(cache=True, nogil=True)
+def _check_all_in_space(
+    first: int,
+    last: int,
+    rollouts: Rollouts,
+    room: Room,
+    index: np.ndarray,
+    stride: int,
+    finite: np.ndarray,
+    facts: np.ndarray,
+) -> None:
+    """Do the same as `_check_all` in space, where no single camera's view hides the tip."""
+    points, bias = rollouts.points_m, rollouts.tip_bias_m
+    step = np.empty(3)
+    for b in range(first, last):
+        if not np.isfinite(points[b, rollouts.last[b]]).all():
+            continue
+        finite[b] = True
+        k = index[b]
+        facts[0, b], facts[1, b], facts[2, b] = _check_in_space(rollouts, b, room, k, stride)
+        facts[3, b] = 0.0
+        if k > 0:
+            step[:] = points[b, k, -1] + bias[b, k] - points[b, k - 1, -1] - bias[b, k - 1]
+            facts[4, b] = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) / rollouts.step_s
+
+
+@njit(cache=True)
+def _check_in_space(
+    rollouts: Rollouts, b: int, room: Room, hit: int, stride: int
+) -> tuple[float, float, float]:
+    """Return fold, outside and touch; see `_check`."""
+    points, spacing_m = rollouts.points_m[b], rollouts.spacing_m
+    capsules = rollouts.capsules_m[b // (len(rollouts.points_m) // len(rollouts.capsules_m))]
+    near = math.ceil(FREE_OF_HAND_M / spacing_m)
+    least, outside, touch = 1.0, 0.0, 0.0
+    place, along, before = np.empty(3), np.empty(3), np.empty(3)
+    for t in range(0, rollouts.last[b] + 1, stride):
+        for axis in range(3):
+            place[axis] = points[t, 0, axis]
+        outside = max(outside, _outside(place, room.box))
+        for i in range(1, points.shape[1]):
+            length = min(_direction(points[t, i - 1], points[t, i], along), STRETCHED * spacing_m)
+            if t <= hit and i > 1:
+                least = min(least, along[0] * before[0] + along[1] * before[1] + along[2] * before[2])
+            for axis in range(3):
+                before[axis] = along[axis]
+                place[axis] += length * along[axis]
+            outside = max(outside, _outside(place, room.box))
+            if t <= hit and i > near:
+                touch = max(touch, _depth_in_space(place, capsules[t], room.radius_m))
+    return 1.0 - least, outside, touch
+
+
+@njit(cache=True)
+def _outside(place: np.ndarray, box: np.ndarray) -> float:
+    """How far a place (3,) is outside a box (3, 2), below 0 inside."""
+    out = -math.inf
+    for axis in range(3):
+        out = max(out, box[axis, 0] - place[axis], place[axis] - box[axis, 1])
+    return out
+
+
+@njit(cache=True)
+def _direction(start: np.ndarray, end: np.ndarray, along: np.ndarray) -> float:
+    """Write the unit vector (3,) from start to end, and return their distance."""
+    for axis in range(3):
+        along[axis] = end[axis] - start[axis]
+    length = max(math.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2), 1e-300)
+    for axis in range(3):
+        along[axis] /= length
+    return length
+
+
+@njit(cache=True)
+def _depth_in_space(place: np.ndarray, capsules: np.ndarray, radius_m: np.ndarray) -> float:
+    """How deep a place (3,) is in capsules (S, 2, 3), 0 if in none."""
+    deepest = 0.0
+    for j in range(len(capsules)):
+        inside, square = 0.0, 1e-300
+        for axis in range(3):
+            step = capsules[j, 1, axis] - capsules[j, 0, axis]
+            inside += (place[axis] - capsules[j, 0, axis]) * step
+            square += step * step
+        share, away2 = min(1.0, max(0.0, inside / square)), 0.0
+        for axis in range(3):
+            start = capsules[j, 0, axis]
+            away2 += (place[axis] - start - share * (capsules[j, 1, axis] - start)) ** 2
+        within = radius_m[j] - deepest
+        if within > 0.0 and away2 < within * within:
+            deepest = radius_m[j] - math.sqrt(away2)
+    return deepest

@@ -7,8 +7,9 @@ import numpy as np
 from numba import njit
 
 from strandcast.arm.kinematics import PlanarChain, hand_pose
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm, Arm
 from strandcast.arm.settings import Clamp
+from strandcast.arm.spatial import SpatialArm, capsules_in_space, hand_path
 from strandcast.threads import over_ranges
 
 PLATE_RIM_M = 0.015  # of the plate beyond the markers' edge; chosen
@@ -40,14 +41,17 @@ def planar_arm(chain: PlanarChain, clamp: Clamp) -> PlanarArm:
     )
 
 
-def capsules(arm: Arm, q: np.ndarray) -> np.ndarray:
-    """Return both ends of each link, and of the plate between the outer markers: (..., S, 2, 2) [m].
+def capsules(arm: AnyArm, q: np.ndarray) -> np.ndarray:
+    """Return both ends of each link, and of the plate between the outer markers: (..., S, 2, 2 or 3) [m].
 
     Parameters
     ----------
     q
         (..., J) joint angles [rad].
     """
+    if isinstance(arm, SpatialArm):
+        return capsules_in_space(arm.chain, q)
+    assert isinstance(arm, Arm)
     along = [marker.place_m[0] for marker in arm.markers]
     plate = np.array([min(along), max(along)]) if along else np.zeros(0)
     rows, planar = np.ascontiguousarray(q, float).reshape(-1, q.shape[-1]), planar_arm(arm.chain, arm.clamp)
@@ -78,16 +82,16 @@ def _capsules(
             ends[k, joints, end, 1] = y + plate_m[end] * math.sin(angle)
 
 
-def capsule_radii(arm: Arm, clearance_m: float) -> np.ndarray:
+def capsule_radii(arm: AnyArm, clearance_m: float) -> np.ndarray:
     """Return (S,) how near to each capsule the string may come [m]."""
-    radii = np.full(len(arm.chain.lengths_m), clearance_m)
-    if not arm.markers:
+    radii = np.full(len(arm.joints), clearance_m)
+    if not isinstance(arm, Arm) or not arm.markers:
         return radii
     return np.append(radii, PLATE_RIM_M + max(abs(m.place_m[1]) + 0.5 * m.size_m for m in arm.markers))
 
 
 def start_violation_m(
-    arm: Arm, length_m: float, box: np.ndarray, clearance_m: float, q0: np.ndarray
+    arm: AnyArm, length_m: float, box: np.ndarray, clearance_m: float, q0: np.ndarray
 ) -> np.ndarray:
     """Return how deep the hanging string is in the capsules, or out of the box, in start postures.
 
@@ -98,7 +102,7 @@ def start_violation_m(
     length_m
         The string's free length [m].
     box
-        (2, 2) low and high of x and y [m].
+        (2 or 3, 2) low and high of each coordinate [m].
     clearance_m
         How near to the links it may hang [m].
     q0
@@ -108,9 +112,14 @@ def start_violation_m(
     -------
     (P,) [m], 0 where a start posture is allowed.
     """
-    hand = hand_pose(arm.chain, arm.clamp, q0).position_m
+    if isinstance(arm, SpatialArm):
+        hand = hand_path(arm.chain, q0)[:, :3]
+    else:
+        assert isinstance(arm, Arm)
+        hand = hand_pose(arm.chain, arm.clamp, q0).position_m
+    upwards = np.eye(hand.shape[1])[-1]
     down = np.append(np.arange(NEAR_HAND_M, length_m, HANGING_SPACING_M), LONGER * length_m)
-    hanging = hand[:, None] - down[:, None] * np.array([0.0, 1.0])
+    hanging = hand[:, None] - down[:, None] * upwards
     away = _distances(hanging, capsules(arm, q0))
     deep = np.maximum(capsule_radii(arm, clearance_m) - away, 0.0).max(axis=(1, 2))
     shown = np.concatenate([hand[:, None], hanging], axis=1)
@@ -119,7 +128,7 @@ def start_violation_m(
 
 
 def _distances(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return (P, D, S) distances of points (P, D, 2) to segments (P, S, 2, 2)."""
+    """Return (P, D, S) distances of points (P, D, 2 or 3) to segments (P, S, 2, 2 or 3)."""
     start, step = ends[:, None, :, 0], (ends[:, :, 1] - ends[:, :, 0])[:, None]
     from_start = points[:, :, None] - start
     share = (from_start * step).sum(axis=-1) / np.maximum((step**2).sum(axis=-1), 1e-300)

@@ -17,7 +17,7 @@ from strandcast.planning.cost import CLEARANCE_M, rollout_cost, start_cost
 from strandcast.planning.miss_calibration import MissDistribution, miss_distribution
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.search import SearchResult
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask, PlanningTask
 from strandcast.records.predicted import PredictedThrows
 
 # Paths of predicted throws that are kept, and the time between their places; chosen for less than 100 kB.
@@ -52,7 +52,7 @@ class PlannedMotion:
     hit_time_s, tip_speed_m_s, largest_bend_rad
         When and how fast the best string's tip comes nearest, and its largest bend until then.
     time_s, hand_m, tip_m
-        (T,), (T, 2), (T, 2) predicted paths until 0.3 s after the motion, with bias correction.
+        (T,), (T, 2 or 3), (T, 2 or 3) predicted paths until 0.3 s after the motion, with bias correction.
     peaks
         Largest speed, acceleration, jerk, torque of each joint, by name.
     room_m
@@ -102,7 +102,7 @@ class PlannedMotion:
 
 
 def describe(
-    task: PlanningTask,
+    task: AnyTask,
     strings: StringBatch,
     planner: str,
     found: SearchResult,
@@ -132,14 +132,14 @@ def describe(
     return PlannedMotion(
         planner=planner,
         kind=found.kind,
-        objective=task.objective.description,
+        objective=task.aim.description,
         curve=found.curve,
         motion=motion,
         strings=strings,
         miss_m=float(assessment.miss_m[0]),
         ensemble_miss_m=assessment.miss_m,
         throws=throws,
-        miss=miss_distribution(planner, found.kind, throws.miss_m),
+        miss=_calibrated(task, planner, found.kind, throws.miss_m),
         cost_m=float(rollout_cost(assessment, len(strings), task.step_s)[0]),
         hit_time_s=float(time_s[assessment.hit_index[0]]),
         tip_speed_m_s=float(assessment.tip_speed_m_s[0]),
@@ -155,6 +155,13 @@ def describe(
     )
 
 
+def _calibrated(
+    task: AnyTask, planner: str, kind: str, simulated_miss_m: np.ndarray
+) -> MissDistribution | None:
+    """Return the distribution of the miss where it was counted: for throws in the plane."""
+    return miss_distribution(planner, kind, simulated_miss_m) if isinstance(task, PlanningTask) else None
+
+
 def _throws(scattered: Rollouts, miss_m: np.ndarray) -> PredictedThrows:
     """Return all misses, and the tip's paths of some throws: evenly from the best to the worst."""
     best_first = np.argsort(miss_m, kind="stable")
@@ -165,7 +172,7 @@ def _throws(scattered: Rollouts, miss_m: np.ndarray) -> PredictedThrows:
     return PredictedThrows(miss_m, chosen, samples * scattered.step_s, tip_m)
 
 
-def prediction_flags(task: PlanningTask, curve: Curve, predicted: Assessment) -> list[str]:
+def prediction_flags(task: AnyTask, curve: Curve, predicted: Assessment) -> list[str]:
     """Return the faults of the best string's throw, and those that any string may have."""
     flags = _arm_flags(task, curve)
     if predicted.miss_m[0] > task.hit_radius_m:
@@ -193,10 +200,10 @@ def stopped_outside_m(task: PlanningTask, curve: Curve) -> float:
     return outside_m(task.arm, reach_of(task.arm, motion, task.hanging_m).swept_m)
 
 
-def _arm_flags(task: PlanningTask, curve: Curve) -> list[str]:
+def _arm_flags(task: AnyTask, curve: Curve) -> list[str]:
     """Return the flags for a motion that the player will refuse, and for torque limits without effect."""
     flags = []
-    out_m = stopped_outside_m(task, curve)
+    out_m = stopped_outside_m(task, curve) if isinstance(task, PlanningTask) else 0.0
     if out_m != 0.0:
         out = f"{1000 * out_m:.0f} mm out of the arm's workspace"
         flags.append(f"stopped at the worst instant, arm or string may be {out}")
@@ -204,13 +211,13 @@ def _arm_flags(task: PlanningTask, curve: Curve) -> list[str]:
     return flags if gap is None else [*flags, gap]
 
 
-def _room_m(task: PlanningTask, points_m: np.ndarray) -> float:
+def _room_m(task: AnyTask, points_m: np.ndarray) -> float:
     low, high = task.box().T
     room = np.minimum(points_m - low, high - points_m)
     return float(room.min()) if np.isfinite(room).all() else 0.0
 
 
-def _refuse_violations(task: PlanningTask, motion: JointTrajectory) -> None:
+def _refuse_violations(task: AnyTask, motion: JointTrajectory) -> None:
     found = violations(task.arm, motion)
     if found:
         raise StrandcastError(

@@ -8,6 +8,7 @@ import numpy as np
 
 from strandcast.arm.dynamics import NO_DYNAMICS, PlanarDynamics
 from strandcast.arm.joint_limits import Limits
+from strandcast.arm.spatial_dynamics import SpatialDynamics
 from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import (
     Curve,
@@ -53,7 +54,7 @@ class JointBounds(NamedTuple):
 
     limits: Limits
     step_s: float
-    dynamics: PlanarDynamics = NO_DYNAMICS
+    dynamics: PlanarDynamics | SpatialDynamics = NO_DYNAMICS
 
     def keeps(self, curve: Curve) -> bool:
         """Whether a motion keeps all the limits."""
@@ -175,7 +176,8 @@ def _at_rest(
 
 def _slowed(curves: Curves, bounds: JointBounds) -> Curves:
     """Slow down motions that ask for too much torque; drop those that still do."""
-    if not len(bounds.dynamics.links) or not len(curves):
+    unchecked = isinstance(bounds.dynamics, PlanarDynamics) and not len(bounds.dynamics.links)
+    if unchecked or not len(curves):
         return curves
     heights = curves.heights_rad_s.copy()
     for _ in range(SLOWING):

@@ -16,7 +16,7 @@ from strandcast.planning.paths import Curves, packed, paths_of, whole_durations
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_paths
 from strandcast.planning.scenarios import disturbed
 from strandcast.planning.search import SearchInputs, minimise
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask, SpatialTask
 from strandcast.progress import Progress
 
 # All numbers here are chosen; docs/explanation/throws.md has what the planner as a whole achieves with them.
@@ -42,7 +42,7 @@ ROUNDS = (Round(6, 0.5, 4, 0.5), Round(2, 0.27, 8, 0.35), Round(1, 0.23, 16, 0.2
 class Scenario(NamedTuple):
     """The task with its string model, and the strings to simulate a motion with."""
 
-    task: PlanningTask
+    task: AnyTask
     strings: StringBatch
 
 
@@ -130,9 +130,10 @@ def screen(given: SearchInputs) -> list[Curve]:
     return [drawn[k] for k in np.argsort(costs, kind="stable")]
 
 
-def scenarios_of(task: PlanningTask, strings: StringBatch, settings: PlanSettings) -> list[Scenario]:
+def scenarios_of(task: AnyTask, strings: StringBatch, settings: PlanSettings) -> list[Scenario]:
     """Return the strings as scenarios, every other one as a refined chain if wanted."""
-    if not settings.mesh_refinement or len(strings) < 2:
+    # In space a string has twice as many points from the beginning.
+    if isinstance(task, SpatialTask) or not settings.mesh_refinement or len(strings) < 2:
         return [Scenario(task, strings)]
     every = range(len(strings))
     return [
@@ -142,7 +143,7 @@ def scenarios_of(task: PlanningTask, strings: StringBatch, settings: PlanSetting
 
 
 def curve_costs(
-    task: PlanningTask, scenarios: list[Scenario], conditions: RolloutConditions, curves: Curves
+    task: AnyTask, scenarios: list[Scenario], conditions: RolloutConditions, curves: Curves
 ) -> np.ndarray:
     """Return (P,) the costs of motions [m]."""
     paths = paths_of(curves, task.step_s, AFTER_END_S, task.dynamics)

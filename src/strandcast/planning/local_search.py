@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from strandcast.arm.servo import respond
 from strandcast.config.plan import PlanSettings
@@ -16,7 +17,7 @@ from strandcast.planning.paths import JointPaths, paths_of_any
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, Rollouts, simulate_rollouts
 from strandcast.planning.scenarios import crossed, disturbed
 from strandcast.planning.search import minimise
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask
 from strandcast.progress import Progress
 
 # Scale of the heights; the search's standard deviation at its start, wider after a wide miss. Chosen.
@@ -37,7 +38,7 @@ class Neighbourhood:
 
 
 def neighbourhood(
-    task: PlanningTask,
+    task: AnyTask,
     strings: StringBatch,
     conditions: RolloutConditions,
     best: PastTrial,
@@ -61,13 +62,13 @@ def neighbourhood(
     return Neighbourhood(best.curve, strings, conditions, bias)
 
 
-def with_every_disturbance(task: PlanningTask, near: Neighbourhood, sizes: np.ndarray) -> Neighbourhood:
+def with_every_disturbance(task: AnyTask, near: Neighbourhood, sizes: np.ndarray) -> Neighbourhood:
     """Return it with every string under every disturbance; each keeps its string's bias correction."""
     strings = crossed(near.strings, len(task.arm.joints), sizes)
     return _with_strings(near, strings, np.arange(len(strings)) * len(near.strings) // len(strings))
 
 
-def disturbed_near(task: PlanningTask, near: Neighbourhood, count: int, sizes: np.ndarray) -> Neighbourhood:
+def disturbed_near(task: AnyTask, near: Neighbourhood, count: int, sizes: np.ndarray) -> Neighbourhood:
     """Return it with `count` strings, those given in turn, each with other disturbances."""
     strings = disturbed(near.strings, count, len(task.arm.joints), sizes)
     return _with_strings(near, strings, np.arange(len(strings)) % len(near.strings))
@@ -78,8 +79,8 @@ def _with_strings(near: Neighbourhood, strings: StringBatch, member: np.ndarray)
     return replace(near, strings=strings, bias=replace(near.bias, tip_m=near.bias.tip_m[:, member]))
 
 
-def settled(task: PlanningTask, strings: StringBatch, trial: PastTrial) -> np.ndarray | None:
-    """Return the shape (n, 2) with which a motion like a trial's starts [m]; None: it hangs as the model's.
+def settled(task: AnyTask, strings: StringBatch, trial: PastTrial) -> np.ndarray | None:
+    """Return the shape (n, 2 or 3) with which motions like a trial's start [m]; None: the model's own.
 
     How a string sways differs from throw to throw, so the trial's shape is turned about the hand to where it
     hangs at rest. The model's own shape is used where it is as near as the tracker can resolve.
@@ -91,16 +92,21 @@ def settled(task: PlanningTask, strings: StringBatch, trial: PastTrial) -> np.nd
     at_rest = simulate_rollouts(task, strings.first(1), RolloutConditions(), resting, np.array([1]))
     shape = at_rest.points_m[0, 0]
     rest, was = shape[1:] - shape[0], trial.start_m - shape[0]
-    turn = np.arctan2((was[:, 0] * rest[:, 1] - was[:, 1] * rest[:, 0]).sum(), (was * rest).sum())
-    cos, sin = np.cos(turn), np.sin(turn)
-    turned = was @ np.array([[cos, sin], [-sin, cos]])
+    turned = _turned_to(rest, was)
     off_m = float(np.sqrt(np.mean(((turned - rest) ** 2).sum(axis=1))))
     return None if off_m < SAME_SHAPE_M else np.asarray(turned + shape[0])
 
 
-def rollouts_near(
-    task: PlanningTask, near: Neighbourhood, paths: JointPaths, heights: np.ndarray
-) -> Rollouts:
+def _turned_to(rest: np.ndarray, was: np.ndarray) -> np.ndarray:
+    """Return points (n, 2 or 3), turned about the origin to where they are nearest to others."""
+    if was.shape[1] == 3:
+        return np.asarray(Rotation.align_vectors(rest, was)[0].apply(was))
+    turn = np.arctan2((was[:, 0] * rest[:, 1] - was[:, 1] * rest[:, 0]).sum(), (was * rest).sum())
+    cos, sin = np.cos(turn), np.sin(turn)
+    return np.asarray(was @ np.array([[cos, sin], [-sin, cos]]))
+
+
+def rollouts_near(task: AnyTask, near: Neighbourhood, paths: JointPaths, heights: np.ndarray) -> Rollouts:
     """Simulate P motions with every string, with bias correction of joints and tip.
 
     Parameters
@@ -119,7 +125,7 @@ def rollouts_near(
 
 
 def search_near(
-    task: PlanningTask, near: Neighbourhood, miss_m: float, settings: PlanSettings, rng: np.random.Generator
+    task: AnyTask, near: Neighbourhood, miss_m: float, settings: PlanSettings, rng: np.random.Generator
 ) -> tuple[Curve, int]:
     """Return the cheapest motion near the best trial, which missed by `miss_m`, and the number of rollouts.
 

@@ -26,9 +26,9 @@ class PastTrial:
     q_command_rad, q_rad
         (T, J) commanded and measured angles, evenly from the motion's start to 0.3 s after its end.
     frame_s, tip_m
-        (F,) times of the camera's frames on that clock, and (F, 2) the tracked tip, NaN where it was not [m].
+        (F,) times of the camera's frames on that clock, and (F, 2 or 3) the tracked tip, NaN if hidden [m].
     start_m
-        (n, 2) points 1…n just before the start, None if not all were tracked [m].
+        (n, 2 or 3) points 1…n just before the start, None if not all were tracked [m].
     sway_rad_s
         Rate at which the string turned about the hand then.
     miss_m
@@ -54,7 +54,7 @@ class Measured(NamedTuple):
     joint_time_s, q_rad
         (R,) times, also before the start, and (R, J) measured angles.
     frame_s, points_m
-        (F,) times of the camera's frames, and (F, n+1, 2) the track, NaN where a point was not tracked [m].
+        (F,) times of the camera's frames, and (F, n+1, 2 or 3) the track, NaN where a point is hidden [m].
     miss_m
         The measured miss.
     """
@@ -101,7 +101,7 @@ def resampled(time_s: np.ndarray, known_s: np.ndarray, values: np.ndarray) -> np
 
 
 def start_shape(frame_s: np.ndarray, points_m: np.ndarray) -> np.ndarray | None:
-    """Return the mean place (n, 2) of points 1…n just before the start, None if one was not tracked."""
+    """Return the mean place (n, 2 or 3) of points 1…n just before the start, None if one was not tracked."""
     before = (frame_s <= 0.0) & (frame_s >= -STILL_BEFORE_S)
     if not np.isfinite(points_m[before]).all(axis=2).any(axis=0).all():
         return None
@@ -111,8 +111,11 @@ def start_shape(frame_s: np.ndarray, points_m: np.ndarray) -> np.ndarray | None:
 def start_sway(frame_s: np.ndarray, points_m: np.ndarray) -> float:
     """Return the rate [rad/s] at which the string (F, n+1, 2) turns about the hand just before the start.
 
-    It is the rigid rotation that fits all points and frames best; 0 where none is tracked.
+    It is the rigid rotation that fits all points and frames best; 0 where none is tracked. In space it is not
+    one number, and 0.
     """
+    if points_m.shape[2] != 2:
+        return 0.0
     before = (frame_s <= 0.0) & (frame_s >= -SWAY_BEFORE_S)
     away = points_m[before, 1:] - points_m[before, :1]
     known = np.isfinite(away).all(axis=2)

@@ -11,6 +11,7 @@ from numba import njit
 
 from strandcast.arm.dynamics import NO_DYNAMICS, PlanarDynamics, chain_torques
 from strandcast.arm.joint_limits import Limits
+from strandcast.arm.spatial_dynamics import SpatialDynamics
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.planning.bezier import Curve, sample, whole_steps
 from strandcast.threads import over_ranges
@@ -20,6 +21,8 @@ WITHIN = 0.995
 # From rest into a curve that begins with an acceleration, the quintic through the first two points overshoots
 # it by this factor, at 0.355 of the step.
 ONSET = 1.374
+# In space, torques are checked every so many samples, and taken to be this much higher in between. Chosen.
+TORQUE_STRIDE, BETWEEN_SAMPLES = 4, 1.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +97,10 @@ class JointPaths:
 
 
 def paths_of(
-    curves: Curves, step_s: float, after_s: float = 0.0, dynamics: PlanarDynamics = NO_DYNAMICS
+    curves: Curves,
+    step_s: float,
+    after_s: float = 0.0,
+    dynamics: PlanarDynamics | SpatialDynamics = NO_DYNAMICS,
 ) -> JointPaths:
     """Sample motions every `step_s` until `after_s` after the longest one's end; they last whole steps."""
     steps = np.rint(curves.duration_s / step_s).astype(np.int64)
@@ -103,14 +109,20 @@ def paths_of(
     powers = np.ascontiguousarray(curves.heights_rad_s @ _to_powers(degree).T)
     motions, joints = powers.shape[:2]
     q, facts, effort = np.empty((motions, count, joints)), np.zeros((motions, 6, joints)), np.zeros(motions)
-    given = curves.q0_rad, powers, steps, step_s, dynamics.links, dynamics.gravity_m_s2
+    planar = NO_DYNAMICS if isinstance(dynamics, SpatialDynamics) else dynamics
+    given = curves.q0_rad, powers, steps, step_s, planar.links, planar.gravity_m_s2
     over_ranges(motions, lambda first, last: _sample(first, last, *given, q, facts, effort))
+    if isinstance(dynamics, SpatialDynamics):
+        facts[:, 5] = [_greatest_torque(sample(curves[p], step_s), dynamics) for p in range(motions)]
     low, high, speed, acceleration, jerk, torque = np.moveaxis(facts, 1, 0)
     return JointPaths(q, steps, low, high, speed, acceleration, jerk, torque, effort)
 
 
 def paths_of_any(
-    curves: Sequence[Curve], step_s: float, after_s: float = 0.0, dynamics: PlanarDynamics = NO_DYNAMICS
+    curves: Sequence[Curve],
+    step_s: float,
+    after_s: float = 0.0,
+    dynamics: PlanarDynamics | SpatialDynamics = NO_DYNAMICS,
 ) -> JointPaths:
     """Sample motions that may have a stop ramp; see `paths_of`."""
     if not any(curve.ramp_s for curve in curves):
@@ -143,7 +155,11 @@ def _onset_rad_s2(curve: Curve) -> np.ndarray:
     return np.asarray(np.abs(heights[:, 1] - heights[:, 0]) * (heights.shape[1] - 1) / curve.duration_s)
 
 
-def _greatest_torque(motion: JointTrajectory, dynamics: PlanarDynamics) -> np.ndarray:
+def _greatest_torque(motion: JointTrajectory, dynamics: PlanarDynamics | SpatialDynamics) -> np.ndarray:
+    if isinstance(dynamics, SpatialDynamics):
+        rows = slice(None, None, TORQUE_STRIDE)
+        found = dynamics.torques(motion.q_rad[rows], motion.qd_rad_s[rows], motion.qdd_rad_s2[rows])
+        return np.asarray(BETWEEN_SAMPLES * np.abs(found).max(axis=0))
     if not len(dynamics.links):
         return np.zeros(motion.q_rad.shape[1])
     found = chain_torques(

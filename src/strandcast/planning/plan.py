@@ -31,7 +31,7 @@ from strandcast.planning.rig_scatter import drawn_sizes
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_curves
 from strandcast.planning.scenarios import crossed
 from strandcast.planning.search import SearchInputs, SearchResult
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask, PlanningTask
 
 # Within this of a trial, rms over the control heights, nearly nine throws in ten passed within half a hit
 # radius of 20 mm of where they were predicted to (docs/explanation/throws.md, "How far a later motion may
@@ -49,7 +49,7 @@ HOPELESS = 10.0  # hit radii: so far off it is not bad luck of the search, and a
 
 
 def plan_first(
-    task: PlanningTask,
+    task: AnyTask,
     strings: StringBatch,
     settings: PlanSettings,
     rng: np.random.Generator,
@@ -84,7 +84,7 @@ def plan_first(
 
 
 def plan_next(
-    task: PlanningTask,
+    task: AnyTask,
     strings: StringBatch,
     past_trials: list[PastTrial],
     settings: PlanSettings,
@@ -138,7 +138,7 @@ def _sizes(settings: PlanSettings, sizes: np.ndarray | None) -> np.ndarray:
     return drawn_sizes(settings, []) if sizes is None else sizes
 
 
-def fitted_servo(task: PlanningTask, past_trials: list[PastTrial]) -> Servo:
+def fitted_servo(task: AnyTask, past_trials: list[PastTrial]) -> Servo:
     """Return the servo's response that explains the joints of all trials as long as the last one."""
     same = [trial for trial in past_trials if trial.q_rad.shape == past_trials[-1].q_rad.shape]
     time_s = np.arange(len(same[0].q_rad)) * task.step_s
@@ -233,14 +233,14 @@ def predicted(given: SearchInputs, found: SearchResult) -> PlannedMotion:
     return describe(task, given.strings, settings.planner, found, rollouts, scattered)
 
 
-def _stopped_inside(
-    task: PlanningTask, search: Callable[[PlanningTask], tuple[Curve, int]]
-) -> tuple[Curve, int]:
+def _stopped_inside(task: AnyTask, search: Callable[[AnyTask], tuple[Curve, int]]) -> tuple[Curve, int]:
     """Search; if a stop could take arm or string out of the arm's workspace, repeat with a price on that.
 
-    Most arms have the room, and the price takes time.
+    Most arms have the room, and the price takes time. In space there is no such price.
     """
     curve, simulations = search(task)
+    if not isinstance(task, PlanningTask):
+        return curve, simulations
     out_m = stopped_outside_m(task, curve)
     if out_m == 0.0:
         return curve, simulations

@@ -7,10 +7,10 @@ from strandcast.planning.bias_correction import tip_bias
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.rollouts import RolloutConditions, simulate_rollouts
 from strandcast.planning.simulated_misses import simulated_miss
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask
 
 
-def likely_miss_m(task: PlanningTask, strings: StringBatch, trial: PastTrial) -> float:
+def likely_miss_m(task: AnyTask, strings: StringBatch, trial: PastTrial) -> float:
     """Return the measured miss or, where there is none, that of the best string on the same joints.
 
     Where the tip was tracked, the bias correction takes the simulated path to the tracked one; in between,

@@ -6,16 +6,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.core.objectives import AimedPoint, Objective, SegmentObjective, ShapeObjective
+from strandcast.arm.load import AnyArm, Arm
+from strandcast.arm.spatial import SpatialArm
+from strandcast.core.objectives import (
+    AimedPoint,
+    Objective,
+    PointInSpace,
+    SegmentObjective,
+    ShapeObjective,
+)
 from strandcast.errors import StrandcastError
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask
 
 WHOLE_STRING = math.inf
 BAR_PLACES = 33  # of a bar, checked for reach; chosen, not sensitive
 
 
 class Goal(NamedTuple):
-    """One of the places alternatives_m (A, 2) must be reached by the point `along_m` from the hand [m]."""
+    """One of the places alternatives_m (A, 2 or 3) must be reached by the point `along_m` from the hand."""
 
     alternatives_m: np.ndarray
     along_m: float
@@ -25,6 +33,11 @@ class Goal(NamedTuple):
 def goals(objective: Objective) -> list[Goal]:
     """Return the places that must be within reach; none for a kind without a registered function."""
     return []
+
+
+@goals.register
+def _point_in_space_goals(objective: PointInSpace) -> list[Goal]:
+    return [Goal(np.array([objective.target_m]), WHOLE_STRING)]
 
 
 @goals.register
@@ -44,7 +57,7 @@ def _shape_goals(objective: ShapeObjective) -> list[Goal]:
     return [Goal(np.array([place.at_m]), place.along_m) for place in objective.places]
 
 
-def refuse_unreachable(task: PlanningTask) -> None:
+def refuse_unreachable(task: AnyTask) -> None:
     """Refuse a task that no throw can reach.
 
     Raises
@@ -56,25 +69,35 @@ def refuse_unreachable(task: PlanningTask) -> None:
         _refuse_goal(task, goal)
 
 
-def _refuse_goal(task: PlanningTask, goal: Goal) -> None:
-    chain, box = task.arm.chain, task.box()
+def _refuse_goal(task: AnyTask, goal: Goal) -> None:
+    box, (origin_m, arm_m) = task.box(), _reach(task.arm)
     along_m = min(goal.along_m, task.model.length_m)
-    reach_m = float(chain.lengths_m.sum() + np.hypot(*task.arm.clamp.offset_m) + along_m)
-    away_m = float(np.linalg.norm(goal.alternatives_m - chain.origin_m, axis=1).min())
+    reach_m = float(arm_m + along_m)
+    away_m = float(np.linalg.norm(goal.alternatives_m - origin_m, axis=1).min())
     if away_m > reach_m:
         raise StrandcastError(
             "SC-P002",
             f"the target is {away_m:.3f} m from the arm's first joint; arm and string reach {reach_m:.3f} m",
-            field=task.objective.target_field,
+            field=task.aim.target_field,
             cost=f"no throw comes nearer than {away_m - reach_m:.3f} m",
             fix="move the target, or use a longer string",
         )
     out = np.maximum(box[:, 0] - goal.alternatives_m, goal.alternatives_m - box[:, 1])
     out_m = float(out.max(axis=1).min())
     if out_m > 0.0:
+        sides = ", ".join(f"{axis} {side.tolist()}" for axis, side in zip("xyz", box, strict=False))
         raise StrandcastError(
             "SC-P003",
-            f"the target lies {out_m:.3f} m outside the workspace x {box[0].tolist()}, y {box[1].tolist()} m",
-            field=task.objective.target_field,
+            f"the target lies {out_m:.3f} m outside the workspace {sides} m",
+            field=task.aim.target_field,
             fix="move the target, or widen workspace_m",
         )
+
+
+def _reach(arm: AnyArm) -> tuple[np.ndarray, float]:
+    """Return the place of the arm's first joint, and how far from it the hand can be, stretched out [m]."""
+    if isinstance(arm, SpatialArm):
+        places_m = np.vstack([arm.chain.anchors_m, arm.chain.hand_m])
+        return places_m[0], float(np.linalg.norm(np.diff(places_m, axis=0), axis=1).sum())
+    assert isinstance(arm, Arm)
+    return arm.chain.origin_m, float(arm.chain.lengths_m.sum() + np.hypot(*arm.clamp.offset_m))

@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from strandcast.arm.load import AnyArm, Arm
 from strandcast.arm.servo import Servo, respond
+from strandcast.arm.spatial import SpatialArm, hand_poses_in_space
 from strandcast.core.strings import StringBatch
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.dynamics.batch import HandPath, StringStart
@@ -18,7 +20,7 @@ from strandcast.planning.approach import closest_approaches
 from strandcast.planning.bezier import Curve, sample
 from strandcast.planning.capsules import PlanarArm, capsules, planar_arm
 from strandcast.planning.paths import JointPaths
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask
 from strandcast.records.verdict import AFTER_MOTION_S
 from strandcast.threads import over_ranges
 
@@ -37,7 +39,7 @@ class RolloutConditions:
     servo
         Response of the joints, None where they follow exactly.
     start_m
-        (n, 2) where the string's points 1…n are at the start [m], None for hanging at rest.
+        (n, 2 or 3) where the string's points 1…n are at the start [m], None for hanging at rest.
     """
 
     servo: Servo | None = None
@@ -50,15 +52,15 @@ class Rollouts(NamedTuple):
     Attributes
     ----------
     points_m
-        (B, T, n+1, 2) hand and string [m], NaN from where a simulation failed.
+        (B, T, n+1, 2 or 3) hand and string [m], NaN from where a simulation failed.
     tip_bias_m
-        (B, T, 2) bias correction of the tip, zero if there is none [m].
+        (B, T, 2 or 3) bias correction of the tip, zero if there is none [m].
     last
         (B,) last sample of each rollout's window, which starts with its motion.
     step_s, spacing_m
         Time between samples; rest length of a segment.
     capsules_m
-        (P, T, S, 2, 2) ends of the arm's capsules [m].
+        (P, T, S, 2, 2 or 3) ends of the arm's capsules [m].
     """
 
     points_m: np.ndarray
@@ -111,7 +113,7 @@ def commands(motions: list[JointTrajectory], step_s: float) -> tuple[np.ndarray,
 
 
 def simulate_rollouts(
-    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, q: np.ndarray, last: np.ndarray
+    task: AnyTask, strings: StringBatch, conditions: RolloutConditions, q: np.ndarray, last: np.ndarray
 ) -> Rollouts:
     """Simulate joint paths with every string.
 
@@ -127,19 +129,26 @@ def simulate_rollouts(
     if not zeros.size:
         zeros = np.zeros((len(strings), q.shape[2]))
     longer_m = strings.disturbances.longer_m
-    arm = planar_arm(task.arm.chain, task.arm.clamp)
     q = np.ascontiguousarray(q)
-    poses = hand_poses(q, np.ascontiguousarray(zeros), np.ascontiguousarray(longer_m), arm)
+    poses = _poses(task.arm, q, np.ascontiguousarray(zeros), np.ascontiguousarray(longer_m))
     every = strings.take(np.tile(np.arange(len(strings)), len(q)))
     hand = HandPath(time_s, poses)
     points, _ = simulate_batch(task.model, every, hand, time_s, StringStart(conditions.start_m))
-    no_bias = np.zeros((len(points), points.shape[1], 2))
+    no_bias = np.zeros((*points.shape[:2], points.shape[3]))
     windows = np.repeat(last, len(points) // len(last))
     return Rollouts(points, no_bias, windows, task.step_s, task.model.spacing_m, capsules(task.arm, q))
 
 
+def _poses(arm: AnyArm, q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray) -> np.ndarray:
+    """Return the hand's poses (P * K, T, 3), or (P * K, T, 9) in space; see `hand_poses`."""
+    if isinstance(arm, SpatialArm):
+        return hand_poses_in_space(arm.chain, q, zero_rad, longer_m)
+    assert isinstance(arm, Arm)
+    return hand_poses(q, zero_rad, longer_m, planar_arm(arm.chain, arm.clamp))
+
+
 def rollouts_of_curves(
-    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, curves: list[Curve]
+    task: AnyTask, strings: StringBatch, conditions: RolloutConditions, curves: list[Curve]
 ) -> Rollouts:
     """Simulate motions, the servo's response included, with every string."""
     time_s, q, last = commands([sample(curve, task.step_s) for curve in curves], task.step_s)
@@ -149,7 +158,7 @@ def rollouts_of_curves(
 
 
 def rollouts_of_paths(
-    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, paths: JointPaths
+    task: AnyTask, strings: StringBatch, conditions: RolloutConditions, paths: JointPaths
 ) -> Rollouts:
     """Simulate motions side by side, sampled until the end of the miss's window, with every string."""
     time_s = np.arange(paths.q.shape[1]) * task.step_s

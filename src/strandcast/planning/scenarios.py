@@ -38,10 +38,25 @@ def _with_levels(strings: StringBatch, draw: np.ndarray, joints: int, sizes: np.
     """Return strings with the rows of the design in turn, each with the sizes of its `draw` (B,)."""
     signs = _signs(joints)
     signs = signs[np.arange(len(strings)) % len(signs)]
+    if strings.clamp_offset_rad.ndim > 1:
+        return _levels_in_space(strings, signs, sizes[draw % len(sizes)])
     repeats = [1] * (len(DISTURBING) - 1) + [joints]
     levels = np.repeat(sizes, repeats, axis=1)[draw % len(sizes)] * signs
     drawn = Disturbances(levels[:, 0], levels[:, 1], levels[:, 2:4], levels[:, 4:])
     return replace(strings, disturbances=drawn)
+
+
+def _levels_in_space(strings: StringBatch, signs: np.ndarray, sizes: np.ndarray) -> StringBatch:
+    """Return strings in space, turned in the clamp to the left and up, longer, and with joints' zeros off.
+
+    The columns of the design that are sway in the plane are the turn upwards, and none.
+    """
+    angle, longer, _, _, zero = sizes.T
+    turns = angle[:, None] * signs[:, [0, 2]]
+    none = np.zeros(len(strings))
+    still = np.zeros((len(strings), 2))
+    drawn = Disturbances(none, longer * signs[:, 1], still, zero[:, None] * signs[:, 4:])
+    return replace(strings, clamp_offset_rad=strings.clamp_offset_rad + turns, disturbances=drawn)
 
 
 def crossed(strings: StringBatch, joints: int, sizes: np.ndarray = TYPICAL_SIZES) -> StringBatch:

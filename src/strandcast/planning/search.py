@@ -11,7 +11,7 @@ from strandcast.core.disturbances import TYPICAL_SIZES
 from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve
 from strandcast.planning.rollouts import RolloutConditions
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask
 from strandcast.progress import Progress
 
 POPULATION = 16  # chosen
@@ -24,7 +24,7 @@ class SearchInputs:
     ``sizes`` (M, 5) are those of the disturbances, see `planning.scenarios.disturbed`.
     """
 
-    task: PlanningTask
+    task: AnyTask
     strings: StringBatch
     conditions: RolloutConditions
     settings: PlanSettings

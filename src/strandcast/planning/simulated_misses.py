@@ -13,12 +13,19 @@ from strandcast.core.objectives import (
     VELOCITY_S,
     AimedPoint,
     Objective,
+    PointInSpace,
     SegmentObjective,
     ShapeObjective,
     SwingObjective,
 )
 from strandcast.errors import StrandcastError
-from strandcast.planning.approach import approaches, bar_approaches, segment_distance, tip_approaches
+from strandcast.planning.approach import (
+    approaches,
+    approaches_in_space,
+    bar_approaches,
+    segment_distance,
+    tip_approaches,
+)
 from strandcast.planning.rollouts import Miss, Rollouts
 
 
@@ -46,6 +53,13 @@ def _point_miss(objective: AimedPoint, rollouts: Rollouts) -> Miss:
         tips = rollouts.tip_m()
         given = tips, rollouts.last, _passage(objective), rollouts.step_s
         miss = approaches(_velocity_approaches, len(tips), *given)
+    return miss
+
+
+@simulated_miss.register
+def _point_in_space_miss(objective: PointInSpace, rollouts: Rollouts) -> Miss:
+    """Return the least distance of the tip's path."""
+    miss: Miss = approaches_in_space(rollouts.tip_m(), rollouts.last, np.array(objective.target_m, float))
     return miss
 
 

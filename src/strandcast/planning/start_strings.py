@@ -4,12 +4,37 @@ import numpy as np
 
 from strandcast.config.experiment import Experiment
 from strandcast.core.strings import PARAMETERS, StringBatch
-from strandcast.dynamics.masses import MassLayout, point_masses
+from strandcast.dynamics.masses import MassLayout, free_end, point_masses
 from strandcast.dynamics.parameters import StringDraw, ensemble, minima, random_strings
 
 # Drag along a string over that across it: from a smooth cord's skin friction to a fluffy thread's; chosen.
 FIRST_DRAG_ALONG = (0.1, 0.7)
 FIRST_CURL_RAD_M = 3.0  # cords come off a reel: they may rest bent this much either way; chosen
+
+
+def start_strings_in_space(
+    count: int, length_m: float, layout: MassLayout, random: np.random.Generator
+) -> StringBatch:
+    """Return plausible strings in space, for a first motion.
+
+    Parameters
+    ----------
+    count
+        How many.
+    length_m, layout
+        Free length [m], and the weights on n points.
+    """
+    n = layout.shares.shape[1]
+    draw = ensemble(count, length_m, n, layout.count, random)
+    curl, turn = random.uniform(0.0, FIRST_CURL_RAD_M, count), random.uniform(0.0, 2.0 * np.pi, count)
+    low, high = FIRST_DRAG_ALONG
+    return StringBatch(
+        draw.parameters,
+        free_end(point_masses(layout, draw.weight_masses)),
+        curl[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]),
+        np.zeros((count, 2)),
+        drag_along=low * (high / low) ** random.random(count),
+    )
 
 
 def start_string_name(settings: Experiment) -> str:

@@ -50,11 +50,11 @@ EDGE_M = 0.10  # from the workspace's edge
 def wide_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
     """Return an experiment's settings with a string and a rig from the wide ranges."""
     random = np.random.default_rng([seed, 6])
-    density = _log_uniform(WIDE_DENSITY_KG_M, random)
-    diameter_m = math.sqrt(4.0 * density / (math.pi * _log_uniform(MATERIAL_KG_M3, random)))
-    bending_n_m2 = 9.81 * density * _log_uniform(BENDING_LENGTH_M, random) ** 3
+    density = log_uniform(WIDE_DENSITY_KG_M, random)
+    diameter_m = math.sqrt(4.0 * density / (math.pi * log_uniform(MATERIAL_KG_M3, random)))
+    bending_n_m2 = 9.81 * density * log_uniform(BENDING_LENGTH_M, random) ** 3
     usual = settings_of(common, seed)
-    weights = _weights(usual["string"]["length_m"], random, WIDE_WEIGHTS, WIDE_WEIGHT_KG)
+    weights = drawn_weights(usual["string"]["length_m"], random, WIDE_WEIGHTS, WIDE_WEIGHT_KG)
     scatter = drawn_scatter(random)
     return merged(
         usual,
@@ -80,13 +80,13 @@ def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
         common,
         {
             "seed": seed,
-            "string": {"length_m": length_m, "weights": _weights(length_m, random, WEIGHTS, WEIGHT_KG)},
+            "string": {"length_m": length_m, "weights": drawn_weights(length_m, random, WEIGHTS, WEIGHT_KG)},
             "target_m": _target(common["workspace_m"], ARM_M + OF_LENGTH * length_m, random),
             "lab": {
                 "string": {
-                    "linear_density_kg_m": _log_uniform(DENSITY_KG_M, random),
-                    "bending_stiffness_n_m2": _log_uniform(STIFFNESS_N_M2, random),
-                    "diameter_m": _log_uniform(DIAMETER_M, random),
+                    "linear_density_kg_m": log_uniform(DENSITY_KG_M, random),
+                    "bending_stiffness_n_m2": log_uniform(STIFFNESS_N_M2, random),
+                    "diameter_m": log_uniform(DIAMETER_M, random),
                     "curl_rad_m": float(random.uniform(-CURL_RAD_M, CURL_RAD_M)),
                 },
                 "servo": SERVOS[random.integers(len(SERVOS))],
@@ -95,14 +95,14 @@ def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
     )
 
 
-def _weights(
+def drawn_weights(
     length_m: float, random: np.random.Generator, most: int, mass_kg: tuple[float, float]
 ) -> list[dict[str, float]]:
     """Return up to `most` weights; only the lab knows their masses."""
     places_m = np.sort(random.uniform(FIRST_PLACE_M, length_m, random.integers(most + 1)))
     apart = np.diff(places_m, prepend=0.0) >= APART_M
     return [
-        {"place_m": round(float(place_m), 2), "mass_kg": _log_uniform(mass_kg, random)}
+        {"place_m": round(float(place_m), 2), "mass_kg": log_uniform(mass_kg, random)}
         for place_m in places_m[apart]
     ]
 
@@ -118,7 +118,8 @@ def _target(workspace_m: dict[str, list[float]], far_m: float, random: np.random
             return [round(float(x_m), 3), round(float(y_m), 3)]
 
 
-def _log_uniform(between: tuple[float, float], random: np.random.Generator) -> float:
+def log_uniform(between: tuple[float, float], random: np.random.Generator) -> float:
+    """Return a number that is uniform in its logarithm."""
     return float(np.exp(random.uniform(*np.log(between))))
 
 

@@ -1,0 +1,206 @@
+"""Torques of joints that move in space: fast, for searches."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+from numba import njit
+
+from strandcast.arm.link_masses import owners
+from strandcast.arm.spatial import SpatialArm, SpatialChain, turn_about, turned
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialDynamics:
+    """The J moving links, each with all that is fixed to it: held joints, payload; all joints at zero.
+
+    Attributes
+    ----------
+    chain
+        The joints' axes.
+    mass_kg, centre_m, inertia_kg_m2
+        (J,), (J, 3), (J, 3, 3) about the centre, in the frame of the URDF's root link.
+    viscous, armature, dry
+        (J,) of the joints: viscous friction [N m s/rad], motor inertia [kg m²], dry friction [N m].
+    gravity_m_s2
+        (3,).
+    """
+
+    chain: SpatialChain
+    mass_kg: np.ndarray
+    centre_m: np.ndarray
+    inertia_kg_m2: np.ndarray
+    viscous: np.ndarray
+    armature: np.ndarray
+    dry: np.ndarray
+    gravity_m_s2: np.ndarray
+
+    def torques(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+        """Return torques (T, J) [N m] for angles, speeds, accelerations (T, J).
+
+        Dry friction, whose direction is uncertain, is taken to oppose the motion.
+        """
+        needed = _torques(
+            q, qd, qdd, self.chain, self.mass_kg, self.centre_m, self.inertia_kg_m2, self.gravity_m_s2
+        )
+        needed += self.viscous * qd + self.armature * qdd
+        return np.asarray(needed + np.copysign(self.dry, needed))
+
+
+@lru_cache(maxsize=8)
+def spatial_dynamics_of(arm: SpatialArm) -> SpatialDynamics:
+    """Return the arm's links, lumped from its model with payload, the held joints at their angles."""
+    model = arm.model_with_payload()
+    data = mujoco.MjData(model)
+    data.qpos[:] = arm.coordinates(np.zeros(len(arm.joints)))
+    mujoco.mj_forward(model, data)
+    owner = owners(model, arm.joints)
+    mass, centre, inertia = [], [], []
+    for j in range(len(arm.joints)):
+        bodies = np.flatnonzero(owner == j)
+        own = model.body_mass[bodies]
+        turns = data.ximat[bodies].reshape(-1, 3, 3)
+        mass.append(own.sum())
+        centre.append(own @ data.xipos[bodies] / own.sum())
+        away = data.xipos[bodies] - centre[-1]
+        tensors = np.einsum("bik,bk,bjk->bij", turns, model.body_inertia[bodies], turns)
+        square = (away**2).sum(axis=1)[:, None, None] * np.eye(3) - away[:, :, None] * away[:, None, :]
+        inertia.append((tensors + own[:, None, None] * square).sum(axis=0))
+    dofs = [int(model.joint(name).dofadr[0]) for name in arm.joints]
+    return SpatialDynamics(
+        arm.chain,
+        np.array(mass),
+        np.array(centre),
+        np.array(inertia),
+        model.dof_damping[dofs],
+        model.dof_armature[dofs],
+        model.dof_frictionloss[dofs],
+        np.array(model.opt.gravity),
+    )
+
+
+@njit(cache=True)
+def _cross(a: np.ndarray, b: np.ndarray, r: int) -> float:
+    """Return component r of a vector product."""
+    i, k = (r + 1) % 3, (r + 2) % 3
+    component: float = a[i] * b[k] - a[k] * b[i]
+    return component
+
+
+@njit(cache=True)
+def _torques(
+    q: np.ndarray,
+    qd: np.ndarray,
+    qdd: np.ndarray,
+    chain: SpatialChain,
+    mass: np.ndarray,
+    centre: np.ndarray,
+    inertia: np.ndarray,
+    gravity: np.ndarray,
+) -> np.ndarray:
+    """Return torques (T, J) by recursive Newton-Euler (Luh, Walker and Paul, 1980), in the root's frame.
+
+    The outward pass gives the links' turn rates and the accelerations of their joints, gravity included; the
+    inward pass the force and the moment that each link needs from the one before.
+    """
+    count, joints = q.shape
+    torque = np.empty((count, joints))
+    axis, anchor = np.empty((joints, 3)), np.empty((joints, 3))
+    force, moment = np.empty((joints, 3)), np.empty((joints, 3))
+    for t in range(count):
+        _outward(q[t], qd[t], qdd[t], chain, mass, centre, inertia, gravity, axis, anchor, force, moment)
+        for j in range(joints - 1, -1, -1):
+            if j + 1 < joints:
+                for r in range(3):
+                    force[j, r] += force[j + 1, r]
+                _add_moment(anchor[j + 1], anchor[j], force[j + 1], moment[j])
+                for r in range(3):
+                    moment[j, r] += moment[j + 1, r]
+            torque[t, j] = axis[j, 0] * moment[j, 0] + axis[j, 1] * moment[j, 1] + axis[j, 2] * moment[j, 2]
+    return torque
+
+
+@njit(cache=True)
+def _outward(
+    q: np.ndarray,
+    qd: np.ndarray,
+    qdd: np.ndarray,
+    chain: SpatialChain,
+    mass: np.ndarray,
+    centre: np.ndarray,
+    inertia: np.ndarray,
+    gravity: np.ndarray,
+    axis: np.ndarray,
+    anchor: np.ndarray,
+    force: np.ndarray,
+    moment: np.ndarray,
+) -> None:
+    """Write axis, anchor, and the force and moment about the anchor that each link needs, (J, 3) each."""
+    turn, move = np.eye(3), np.zeros(3)
+    rate, change, pull = np.zeros(3), np.zeros(3), np.empty(3)
+    spun, place = np.empty(3), np.empty(3)
+    pull[:] = -gravity
+    for j in range(len(q)):
+        _write_place(turn, move, chain.anchors_m[j], anchor[j])
+        if j:
+            _accelerate(pull, rate, change, anchor[j - 1], anchor[j])
+        for r in range(3):
+            axis[j, r] = turned(turn, chain.axes[j], r)
+        for r in range(3):
+            spun[r] = _cross(rate, axis[j], r)
+        for r in range(3):
+            change[r] += qdd[j] * axis[j, r] + qd[j] * spun[r]
+            rate[r] += qd[j] * axis[j, r]
+        turn_about(chain.anchors_m[j], chain.axes[j], q[j], turn, move)
+        _write_place(turn, move, centre[j], place)
+        force[j] = pull
+        _accelerate(force[j], rate, change, anchor[j], place)
+        force[j] *= mass[j]
+        _needed_moment(turn, inertia[j], rate, change, moment[j])
+        _add_moment(place, anchor[j], force[j], moment[j])
+
+
+@njit(cache=True)
+def _write_place(turn: np.ndarray, move: np.ndarray, given: np.ndarray, place: np.ndarray) -> None:
+    """Write where a place (3,) of a link is."""
+    for r in range(3):
+        place[r] = turned(turn, given, r) + move[r]
+
+
+@njit(cache=True)
+def _add_moment(place: np.ndarray, about: np.ndarray, force: np.ndarray, moment: np.ndarray) -> None:
+    """Add the moment (3,) about a place of a force at another one."""
+    arm = place - about
+    for r in range(3):
+        moment[r] += _cross(arm, force, r)
+
+
+@njit(cache=True)
+def _accelerate(
+    pull: np.ndarray, rate: np.ndarray, change: np.ndarray, old: np.ndarray, new: np.ndarray
+) -> None:
+    """Take an acceleration (3,) from an old place of a body with a turn rate and its change to a new one."""
+    away = new - old
+    inside = rate[0] * away[0] + rate[1] * away[1] + rate[2] * away[2]
+    square = rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2
+    for r in range(3):
+        pull[r] += _cross(change, away, r) + rate[r] * inside - square * away[r]
+
+
+@njit(cache=True)
+def _needed_moment(
+    turn: np.ndarray, inertia: np.ndarray, rate: np.ndarray, change: np.ndarray, moment: np.ndarray
+) -> None:
+    """Write the moment (3,) about its centre of a body; its inertia (3, 3) is that at zero angles."""
+    own, spun, bent = np.empty(3), np.empty(3), np.empty(3)
+    for r in range(3):
+        own[r] = turn[0, r] * rate[0] + turn[1, r] * rate[1] + turn[2, r] * rate[2]
+        spun[r] = turn[0, r] * change[0] + turn[1, r] * change[1] + turn[2, r] * change[2]
+    whole = np.empty(3)
+    for r in range(3):
+        bent[r] = turned(inertia, own, r)
+    for r in range(3):
+        whole[r] = turned(inertia, spun, r) + _cross(own, bent, r)
+    for r in range(3):
+        moment[r] = turned(turn, whole, r)

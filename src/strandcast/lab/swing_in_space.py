@@ -1,0 +1,229 @@
+"""A throw in space: the string is a chain of rigid links with ball joints that resist bending and twist."""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from scipy.optimize import root
+from scipy.spatial.transform import Rotation
+
+from strandcast.arm.spatial import SpatialArm, clamp_axes
+from strandcast.core.trajectory import JointTrajectory
+from strandcast.errors import FAILED_TRIALS, StrandcastError
+from strandcast.lab.rig import (
+    LabRig,
+    StringLink,
+    dofs_of,
+    driven_arm,
+    held_dofs,
+    links_of,
+    weight_radius_m,
+)
+from strandcast.lab.servo import JointDrives, ServoSetPoints
+from strandcast.lab.strings import PhysicalString
+from strandcast.lab.swing import LabSwing, ServoLoop, swing_on
+from strandcast.lab.variation import ThrowVariation
+
+SPATIAL_LINK_M = 0.02  # chosen: coarser than in the plane, because thin links twist fast
+UPWARDS = np.array([0.0, 0.0, 1.0])
+UNBALANCED = 1e-6  # of the loads, of a string at rest; chosen
+RELAXED_S, RELAXING_PER_S = 2.0, 16.0  # of strings whose rest is not found at once; chosen
+
+
+class VariationInSpace(NamedTuple):
+    """A throw's deviations; those of the clamp and of the sway have a second direction, across the first."""
+
+    along: ThrowVariation
+    across: ThrowVariation
+
+
+def simulate_swing_in_space(
+    arm: SpatialArm,
+    servo: str,
+    string: PhysicalString,
+    curl_turn_rad: float,
+    variation: VariationInSpace,
+    command: JointTrajectory,
+) -> LabSwing:
+    """Simulate a throw in space.
+
+    Parameters
+    ----------
+    servo
+        Name of a preset.
+    string
+        The string, without pipes; the variation changes how it is held.
+    curl_turn_rad
+        Direction in which it is curled, about itself.
+    command
+        The motion, from rest to rest.
+
+    Raises
+    ------
+    StrandcastError
+        SC-L010 the string diverges even at the smallest step, or is nowhere at rest.
+    """
+    along, across = variation
+    hanging = string.shifted(along.grasp_length_m)
+
+    def make_rig(drive: JointDrives, step_s: float) -> LabRig:
+        return _build(arm, drive, hanging, curl_turn_rad, variation, step_s)
+
+    def begin(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> tuple[np.ndarray, np.ndarray]:
+        place, speed = _at_rest_in_space(rig, loop, points), np.zeros(rig.model.nv)
+        data = mujoco.MjData(rig.model)
+        data.qpos[:] = place
+        mujoco.mj_kinematics(rig.model, data)
+        # Turns in the world, about two horizontal axes, as the first link's own frame has them.
+        frame = data.body("string_0").xmat.reshape(3, 3)
+        first = rig.string_dofs[:3]
+        turn = np.zeros(rig.model.nv)
+        turn[first] = frame.T @ [along.sway_rad, across.sway_rad, 0.0]
+        speed[first] = frame.T @ [along.sway_rad_s, across.sway_rad_s, 0.0]
+        mujoco.mj_integratePos(rig.model, place, turn, 1.0)
+        return place, speed
+
+    return swing_on(arm, servo, along, command, make_rig, begin)
+
+
+def _build(
+    arm: SpatialArm,
+    drive: JointDrives,
+    string: PhysicalString,
+    curl_turn_rad: float,
+    variation: VariationInSpace,
+    dt_s: float,
+) -> LabRig:
+    spec = driven_arm(arm, drive, UPWARDS, dt_s)
+    links = links_of(string, SPATIAL_LINK_M)
+    _hang(spec.body(arm.clamp.link), arm, links, string, curl_turn_rad, variation)
+    model = spec.compile()
+    balls = [int(model.joint(f"ball_{k}").dofadr[0]) for k in range(len(links))]
+    return LabRig(
+        model=model,
+        arm_dofs=dofs_of(model, arm.joints),
+        held=held_dofs(model, arm),
+        string_dofs=np.concatenate([np.arange(first, first + 3) for first in balls]),
+        nodes=np.array([model.site(f"node_{k}").id for k in range(len(links) + 1)]),
+        places_m=np.array([0.0, *(link.to_m for link in links)]),
+        plane=np.eye(3),
+    )
+
+
+def _hang(
+    body: mujoco.MjsBody,
+    arm: SpatialArm,
+    links: list[StringLink],
+    string: PhysicalString,
+    curl_turn_rad: float,
+    variation: VariationInSpace,
+) -> None:
+    """Add the string's links to the hand's body, each a child of the one before, along their own x axes."""
+    along, across = variation
+    axes = clamp_axes(arm.clamp)
+    place = np.array(arm.clamp.offset_m) + [along.grasp_lateral_m, across.grasp_lateral_m] @ axes[1:]
+    held = Rotation.from_matrix(axes.T) * Rotation.from_rotvec(
+        [0.0, along.grasp_angle_rad, across.grasp_angle_rad]
+    )
+    curled = np.array([0.0, np.cos(curl_turn_rad), np.sin(curl_turn_rad)])
+    for k, link in enumerate(links):
+        length = link.to_m - link.from_m
+        # The clamp holds the direction, so half a link bends before the first joint.
+        reach = 0.5 * length if k == 0 else 0.5 * (length + links[k - 1].to_m - links[k - 1].from_m)
+        stiffness = string.bending_stiffness_n_m2 / reach
+        turn = Rotation.from_rotvec(string.curl_rad_m * reach * curled)
+        quat = (held * turn if k == 0 else turn).as_quat(scalar_first=True)
+        body = body.add_body(name=f"string_{k}", pos=place, quat=quat)
+        body.add_site(name=f"node_{k}")
+        body.add_joint(
+            name=f"ball_{k}",
+            type=mujoco.mjtJoint.mjJNT_BALL,
+            stiffness=[stiffness, 0, 0],
+            damping=[stiffness * string.damping_time_s, 0, 0],
+        )
+        _add_shapes(body, link, string, length)
+        place = np.array([length, 0.0, 0.0])
+    body.add_site(name=f"node_{len(links)}", pos=place)
+
+
+def _add_shapes(body: mujoco.MjsBody, link: StringLink, string: PhysicalString, length: float) -> None:
+    mass = string.linear_density_kg_m * length
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[0, 0, 0, length, 0, 0],
+        size=[string.diameter_m / 2, 0, 0],
+        mass=mass,
+        fluid_ellipsoid=1,
+    )
+    # A thin link would twist thousands of times a second, which no affordable step resolves and nothing
+    # excites: its inertia about itself is that across.
+    body.explicitinertial, body.mass = True, mass
+    body.ipos, body.inertia = [0.5 * length, 0.0, 0.0], [mass * length**2 / 12.0] * 3
+    if link.weight_kg > 0:
+        weight = body.add_body(pos=[length, 0.0, 0.0])
+        weight.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[weight_radius_m(link.weight_kg), 0, 0],
+            mass=link.weight_kg,
+            fluid_ellipsoid=1,
+        )
+
+
+def _at_rest_in_space(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> np.ndarray:
+    """Return the coordinates at which loops, weights and the bent string are in equilibrium."""
+    model = rig.model
+    data = mujoco.MjData(model)
+    free = np.concatenate([rig.arm_dofs, rig.string_dofs])
+    start = np.array(model.qpos0)
+    for dof, angle in rig.held.items():
+        start[dof] = angle
+    start[rig.arm_dofs] = points.q_rad[0]
+    data.qpos[:] = start
+    mujoco.mj_kinematics(model, data)
+    # The string hangs straight down from its first joint.
+    frame = data.body("string_0").xmat.reshape(3, 3)
+    down = Rotation.align_vectors([frame.T @ -UPWARDS], [[1.0, 0.0, 0.0]])[0]
+    first = int(model.joint("ball_0").qposadr[0])
+    start[first : first + 4] = down.as_quat(scalar_first=True)
+
+    def moved(turns: np.ndarray) -> np.ndarray:
+        place, every = start.copy(), np.zeros(model.nv)
+        every[free] = turns
+        mujoco.mj_integratePos(model, place, every, 1.0)
+        return place
+
+    def unbalanced(turns: np.ndarray) -> np.ndarray:
+        data.qpos[:] = moved(turns)
+        data.qvel[:] = 0.0
+        mujoco.mj_forward(model, data)
+        force = data.qfrc_passive - data.qfrc_bias
+        force[rig.arm_dofs] += loop.torque(points, 0, data.qpos[rig.arm_dofs], np.zeros(len(rig.arm_dofs)))
+        return np.asarray(force[free] / scale)
+
+    scale = np.ones(len(free))
+    scale = np.maximum(np.abs(unbalanced(np.full(len(free), 0.3))), 1e-9)
+    answer = root(unbalanced, np.zeros(len(free)), tol=1e-12)
+    if np.abs(answer.fun).max() > UNBALANCED:
+        start = _relaxed(rig, loop, points, start)
+        answer = root(unbalanced, np.zeros(len(free)), tol=1e-12)
+    if np.abs(answer.fun).max() > UNBALANCED:
+        raise StrandcastError(
+            "SC-L010",
+            "the virtual string is nowhere at rest",
+            field="lab.string",
+            fix="start the motion in another posture, or give the string less curl",
+            exit_code=FAILED_TRIALS,
+        )
+    return moved(answer.x)
+
+
+def _relaxed(rig: LabRig, loop: ServoLoop, points: ServoSetPoints, start: np.ndarray) -> np.ndarray:
+    """Return the coordinates after a while of damped motion from `start`."""
+    model, dofs = rig.model, rig.arm_dofs
+    data = mujoco.MjData(model)
+    data.qpos[:] = start
+    for _ in range(round(RELAXED_S / model.opt.timestep)):
+        data.qfrc_applied[dofs] = loop.torque(points, 0, data.qpos[dofs], data.qvel[dofs])
+        mujoco.mj_step(model, data)
+        data.qvel[:] *= 1.0 - RELAXING_PER_S * model.opt.timestep
+    return np.array(data.qpos)

@@ -1,0 +1,1 @@
+"""Throws in space: planned, thrown in the lab, fitted and planned again, on drawn strings."""

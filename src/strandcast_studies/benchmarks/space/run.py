@@ -1,0 +1,214 @@
+"""The loop in space: plan, throw in the lab, fit to the supplied track, plan again.
+
+    python -m strandcast_studies.benchmarks.space.run --seeds 7001-7020 --out results/bench-space.json
+
+Every seed has its own string, target, servo and throw-to-throw variation; even ones throw with six joints,
+odd ones with seven. Nothing but lengths, the places of weights, the joint log and the track leaves the lab.
+"""
+
+import json
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from strandcast.arm.spatial import hand_path
+from strandcast.config.estimate import EstimateSettings
+from strandcast.config.plan import PlanSettings
+from strandcast.core.strings import StringBatch
+from strandcast.dynamics.masses import mass_layout
+from strandcast.dynamics.model import StringModel
+from strandcast.estimation.cable_estimate import CableEstimate, PreviousCable, Rolls, estimate_cable
+from strandcast.estimation.cable_series import CableSeries
+from strandcast.estimation.cable_space import space_of_cable
+from strandcast.lab.driver import joint_log
+from strandcast.lab.swing import LabSwing
+from strandcast.lab.swing_in_space import VariationInSpace, simulate_swing_in_space
+from strandcast.lab.truth import true_miss
+from strandcast.lab.variation import LabClocks, draw_variation
+from strandcast.planning.describe import PlannedMotion
+from strandcast.planning.past_trials import PastTrial, resampled, start_shape
+from strandcast.planning.plan import plan_first, plan_next
+from strandcast.planning.rollouts import AFTER_END_S
+from strandcast.planning.start_strings import start_strings_in_space
+from strandcast.planning.task import SpatialTask
+from strandcast.scoring.closest_approach import closest_approach
+from strandcast_studies.benchmarks.loop.run import outcome, run_jobs, run_parser
+from strandcast_studies.benchmarks.loop.throw import FILMED_AFTER_S, FILMED_BEFORE_S, FRAME_RATE_HZ
+from strandcast_studies.benchmarks.space.drawn import SpaceCase, drawn_case
+from strandcast_studies.lab_capture import TrackerNoise, points_at, with_tracker_noise
+
+REPORTED_SEEDS = range(7001, 7021)
+POINTS, STEP_S = 14, 2e-3  # chosen: about the spacing of the points in the plane
+PLAN = PlanSettings(screening=800, evaluations=1800)  # chosen: some twenty seconds of one core
+ESTIMATE = EstimateSettings(evaluations=800, ensemble=8)
+HIT_RADIUS_M = 0.020
+JOINTS_SMOOTHED = 11  # samples of the joint log: its noise would shake the string; chosen
+FITTED_BEFORE_S, FITTED_AFTER_S = 0.08, 0.10  # the motion; chosen
+FASTEST_M_S = 40.0  # faster markers are errors; chosen above any tip's speed
+
+
+class SpaceTrial(NamedTuple):
+    """One throw, as the fit and the planner take it, and its true miss [m]."""
+
+    past: PastTrial
+    series: CableSeries
+    true_miss_m: float
+
+
+@dataclass(frozen=True)
+class SpaceOutcome:
+    """What is reported of one throw; misses in metres."""
+
+    trial: int
+    kind: str
+    miss_m: float
+    measured_miss_m: float | None
+    predicted_m: float
+    hit_probability: float
+    fit_E_m: float | None
+    tip_speed_m_s: float
+    simulations: int
+    flags: tuple[str, ...]
+
+
+def task_of_case(case: SpaceCase) -> SpatialTask:
+    """Return the planning task of a case."""
+    model = StringModel(case.string.length_m, POINTS, dt_s=STEP_S)
+    return SpatialTask(case.arm, model, case.target_m, HIT_RADIUS_M)
+
+
+def run_case(seed: int, trials: int) -> list[SpaceOutcome]:
+    """Throw until the string's tip hits, `trials` times at most."""
+    case = drawn_case(seed)
+    task, random = task_of_case(case), np.random.default_rng([seed, 8])
+    layout = mass_layout(case.string.length_m, POINTS, case.weight_places_m)
+    first = start_strings_in_space(PLAN.ensemble, case.string.length_m, layout, random)
+    plan = plan_first(task, first, PLAN, random)
+    thrown: list[SpaceTrial] = []
+    done: list[SpaceOutcome] = []
+    estimate: CableEstimate | None = None
+    while True:
+        thrown.append(
+            throw_in_space(case, plan, len(thrown) + 1, np.random.default_rng([seed, len(thrown), 9]))
+        )
+        done.append(_outcome(plan, thrown[-1], estimate))
+        if thrown[-1].true_miss_m <= HIT_RADIUS_M or len(thrown) == trials:
+            return done
+        estimate = estimated(case, thrown, estimate, random)
+        strings = _without_measurement(estimate.fit.members)
+        past = [trial.past for trial in thrown]
+        plan = plan_next(task, strings, past, PLAN, random, fit_E_m=estimate.fit.E_m)
+
+
+def throw_in_space(
+    case: SpaceCase, plan: PlannedMotion, trial: int, random: np.random.Generator
+) -> SpaceTrial:
+    """Throw a motion in the lab, and return what is measured of it."""
+    arm, joints, motion_s = case.arm, len(case.arm.joints), plan.motion.end_s
+    variation = VariationInSpace(*(draw_variation(random, joints, 1.0) for _ in range(2)))
+    command = plan.motion.resampled(1.0 / arm.log_rate_hz)
+    swing = simulate_swing_in_space(arm, case.servo, case.string, case.curl_turn_rad, variation, command)
+    log = joint_log(arm, swing, variation.along, LabClocks(-swing.time_s[0], 0.0, 0.0), motion_s, random)
+    log_s = log.time_s - log.time_s[0] + swing.time_s[0]
+    q_rad = savgol_filter(log.q_rad, JOINTS_SMOOTHED, 2, axis=0)
+    frame_s, points_m = _track(swing, motion_s, random)
+    time_s = np.arange(round((motion_s + AFTER_END_S) / plan_step_s(case)) + 1) * plan_step_s(case)
+    usual_s = 1.0 / FRAME_RATE_HZ
+    seen = (frame_s >= 0.0) & (frame_s <= motion_s + AFTER_END_S) & np.isfinite(points_m[:, -1]).all(axis=1)
+    found, _ = closest_approach(
+        frame_s[seen], points_m[seen, -1], case.target_m, usual_s, (0.0, motion_s + AFTER_END_S)
+    )
+    past = PastTrial(
+        trial=trial,
+        curve=plan.curve,
+        q_command_rad=resampled(time_s, plan.motion.time_s, plan.motion.q_rad),
+        q_rad=resampled(time_s, log_s, q_rad),
+        frame_s=frame_s,
+        tip_m=points_m[:, -1],
+        start_m=start_shape(frame_s, points_m[:, 1:]),
+        sway_rad_s=0.0,
+        miss_m=None if found is None else found.distance_m,
+    )
+    used = (frame_s >= -FITTED_BEFORE_S) & (frame_s <= motion_s + FITTED_AFTER_S)
+    pose = hand_path(arm.chain, resampled(frame_s[used], log_s, q_rad))
+    places = np.linspace(0.0, 1.0, POINTS + 1)[1:]
+    series = CableSeries(frame_s[used], pose, points_m[used, 1:], places, fastest_m_s=FASTEST_M_S)
+    return SpaceTrial(past, series, true_miss(swing, case.target_m, motion_s)[0])
+
+
+def plan_step_s(case: SpaceCase) -> float:
+    """Return the time between a motion's points [s]."""
+    return 1.0 / case.arm.log_rate_hz
+
+
+def _track(swing: LabSwing, motion_s: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (F,) [s] since the motion's start, and the mass points (F, n+1, 3) [m] with noise."""
+    time_s = np.arange(-FILMED_BEFORE_S, motion_s + FILMED_AFTER_S, 1.0 / FRAME_RATE_HZ)
+    points_m = points_at(swing, np.linspace(0.0, swing.places_m[-1], POINTS + 1), time_s)
+    noise = TrackerNoise()
+    time_s = time_s + noise.offset_s * random.standard_normal()
+    return time_s, with_tracker_noise(points_m, 1.0 / FRAME_RATE_HZ, noise, random)
+
+
+def estimated(
+    case: SpaceCase, thrown: list[SpaceTrial], before: CableEstimate | None, random: np.random.Generator
+) -> CableEstimate:
+    """Fit the string to all throws."""
+    model, space = space_of_cable(
+        case.string.length_m, False, points=POINTS, step_s=STEP_S, weight_places_m=case.weight_places_m
+    )
+    previous = None
+    if before is not None:
+        values = dict(zip(space.names, before.fit.member_unknowns[0].tolist(), strict=True))
+        previous = PreviousCable(values, before.roll)
+    series: list[Rolls] = [{"measured": trial.series} for trial in thrown]
+    return estimate_cable(series, model, space, ESTIMATE, random, previous)
+
+
+def _without_measurement(members: StringBatch) -> StringBatch:
+    """Return fitted strings as the planner takes them."""
+    return replace(members, free_masses=np.zeros((len(members), 0)))
+
+
+def _outcome(plan: PlannedMotion, trial: SpaceTrial, estimate: CableEstimate | None) -> SpaceOutcome:
+    return SpaceOutcome(
+        trial=trial.past.trial,
+        kind=plan.kind,
+        miss_m=trial.true_miss_m,
+        measured_miss_m=trial.past.miss_m,
+        predicted_m=plan.miss_m,
+        hit_probability=plan.hit_probability(HIT_RADIUS_M),
+        fit_E_m=None if estimate is None else estimate.fit.E_m,
+        tip_speed_m_s=plan.tip_speed_m_s,
+        simulations=plan.simulations,
+        flags=plan.flags,
+    )
+
+
+def _job(seed: int, trials: int) -> dict[str, Any]:
+    case = drawn_case(seed)
+    drawn = {
+        "seed": seed,
+        "arm": case.arm.name,
+        "servo": case.servo,
+        "length_m": case.string.length_m,
+        "linear_density_kg_m": case.string.linear_density_kg_m,
+        "weights": len(case.string.weights),
+        "target_m": case.target_m.tolist(),
+    }
+    return drawn | outcome(partial(run_case, seed, trials))
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the experiments; write each result as soon as it is known."""
+    parser = run_parser(__doc__, list(REPORTED_SEEDS), "results/bench-space.json", strings=False)
+    options = parser.parse_args(arguments)
+    jobs = [(seed, options.trials) for seed in options.seeds]
+    print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
+
+
+if __name__ == "__main__":
+    main()

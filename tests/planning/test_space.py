@@ -1,0 +1,173 @@
+"""Planning in space: a planar throw in an upright plane of any direction is the planar planner's throw."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from strandcast.arm.limits import violations
+from strandcast.arm.load import Arm
+from strandcast.arm.spatial import SpatialArm, SpatialChain, clamp_axes, load_spatial_arm
+from strandcast.config.plan import PlanSettings
+from strandcast.core.box import Box
+from strandcast.core.strings import StringBatch
+from strandcast.dynamics.batch import HandPath
+from strandcast.dynamics.masses import mass_layout
+from strandcast.dynamics.model import StringModel
+from strandcast.dynamics.simulate import simulate_batch
+from strandcast.errors import StrandcastError
+from strandcast.planning.approach import approaches_in_space
+from strandcast.planning.assessment import Assessment, assess_rollouts
+from strandcast.planning.bezier import Curve, rest_heights
+from strandcast.planning.capsules import start_violation_m
+from strandcast.planning.cost import CLEARANCE_M
+from strandcast.planning.plan import plan_first
+from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_curves
+from strandcast.planning.scenarios import disturbed
+from strandcast.planning.start_strings import start_strings_in_space
+from strandcast.planning.task import PlanningTask, SpatialTask
+
+pytestmark = pytest.mark.slow
+
+ABOUT_Z_RAD = 0.7
+TARGET_M = np.array([0.75, 0.05])
+SWING = np.array(
+    [[2.0, 4.0, 4.0, 3.0, 1.0, 0.0], [2.0, 3.0, 5.0, 5.0, 2.0, 0.0], [0.0, 3.0, 6.0, 6.0, 1.0, 0.0]]
+)
+THROW = Curve(np.array([0.3, -0.9, -0.5]), 0.5, rest_heights(SWING))
+
+
+def turned(chain: SpatialChain) -> SpatialChain:
+    """Return the chain turned about the vertical through the origin."""
+    turn = Rotation.from_rotvec([0.0, 0.0, ABOUT_Z_RAD])
+    return SpatialChain(*(turn.apply(part) for part in chain))
+
+
+@pytest.fixture(scope="module")
+def in_plane(arm: Arm, strings: StringBatch) -> Assessment:
+    box = Box(x_m=(-1.35, 1.35), y_m=(-1.00, 1.35))
+    task = PlanningTask(arm, StringModel(0.30, 10), TARGET_M, 0.02, box)
+    rollouts = rollouts_of_curves(task, strings, RolloutConditions(arm.servo), [THROW])
+    return assess_rollouts(task, rollouts, CLEARANCE_M)
+
+
+def in_space(arm: SpatialArm, strings: StringBatch, chain: SpatialChain | None = None) -> Assessment:
+    """Assess the same throw in the plane that is turned about the vertical; the box is turned with it."""
+    x, y = TARGET_M
+    target_m = np.array([x * np.cos(ABOUT_Z_RAD), x * np.sin(ABOUT_Z_RAD), y])
+    chain = turned(arm.chain) if chain is None else chain
+    task = SpatialTask(replace(arm, chain=chain), StringModel(0.30, 10), target_m, 0.02)
+    rollouts = rollouts_of_curves(task, strings, RolloutConditions(arm.servo), [THROW])
+    return assess_rollouts(task, rollouts, CLEARANCE_M)
+
+
+def test_a_planar_throw_in_a_turned_plane_misses_by_the_same(
+    planar_arm_in_space: SpatialArm, strings: StringBatch, in_plane: Assessment
+) -> None:
+    found = in_space(planar_arm_in_space, strings)
+    np.testing.assert_allclose(found.miss_m, in_plane.miss_m, atol=1e-4)
+    np.testing.assert_allclose(found.fold, in_plane.fold, atol=1e-3)
+    np.testing.assert_allclose(found.tip_speed_m_s, in_plane.tip_speed_m_s, rtol=1e-3)
+    np.testing.assert_array_equal(found.hit_index, in_plane.hit_index)
+    assert in_plane.hit_index.min() > 50  # in mid-swing
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        lambda c: c._replace(axes=c.axes * np.array([[1.0], [-1.0], [1.0]])),
+        lambda c: c._replace(axes=np.roll(c.axes, 1, axis=1)),
+        lambda c: c._replace(direction=np.cross(c.axes[0], c.direction)),
+        lambda c: c._replace(hand_m=c.hand_m + 0.02 * c.axes[0]),
+    ],
+    ids=["sense of a joint", "axes", "clamp's direction", "clamp's place"],
+)
+def test_a_wrong_chain_misses_by_something_else(
+    planar_arm_in_space: SpatialArm, strings: StringBatch, in_plane: Assessment, fault
+) -> None:
+    chain = fault(turned(planar_arm_in_space.chain))
+    away = np.abs(in_space(planar_arm_in_space, strings, chain).miss_m - in_plane.miss_m)
+    assert away.max() > 5e-4
+
+
+def test_the_path_between_samples_counts() -> None:
+    tips = np.array([[[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.2, 0.0]]])
+    miss, index = approaches_in_space(tips, np.array([2]), np.array([0.1, 0.0, 0.03]))
+    np.testing.assert_allclose([miss[0], index[0]], [0.03, 1])
+    miss, index = approaches_in_space(tips, np.array([1]), np.array([0.2, 0.2, 0.0]))
+    np.testing.assert_allclose([miss[0], index[0]], [0.2, 1])
+
+
+def test_a_string_that_hangs_through_the_arm_or_the_floor_cannot_start(
+    planar_arm_in_space: SpatialArm,
+) -> None:
+    box = planar_arm_in_space.workspace_m
+
+    def violation(q: list[float], box: np.ndarray = box) -> float:
+        return float(start_violation_m(planar_arm_in_space, 0.3, box, CLEARANCE_M, np.array([q]))[0])
+
+    assert violation([0.0, 0.0, 0.0]) == 0.0  # stretched out sideways
+    assert violation([np.pi / 2, 0.0, 0.0]) > 0.03  # upwards: over its own links
+    low = np.array([[-2.0, 2.0], [-2.0, 2.0], [-0.1, 2.0]])
+    np.testing.assert_allclose(violation([0.0, 0.0, 0.0], low), 0.315 - 0.1, atol=1e-9)
+
+
+def test_disturbances_in_space_turn_the_clamp_both_ways() -> None:
+    rng = np.random.default_rng(1)
+    strings = start_strings_in_space(2, 0.3, mass_layout(0.3, 10, []), rng)
+    sizes = np.array([[0.03, 0.002, 0.01, 0.05, 0.001]])
+    found = disturbed(strings, 32, 6, sizes)
+    turns = found.clamp_offset_rad - strings.clamp_offset_rad[np.arange(32) % 2]
+    np.testing.assert_allclose(np.abs(turns), 0.03)
+    np.testing.assert_allclose(turns.T @ turns, 32 * 0.03**2 * np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(np.abs(found.disturbances.longer_m), 0.002)
+    assert found.disturbances.joint_zero_rad.shape == (32, 6)
+
+
+def plan_on(task: SpatialTask, strings: StringBatch):
+    settings = PlanSettings(screening=96, evaluations=480, ensemble=2)
+    return plan_first(task, strings, settings, np.random.default_rng(3))
+
+
+def test_a_target_off_the_plane_is_planned_within_the_limits(project_root: Path) -> None:
+    arm = load_spatial_arm(project_root / "src/strandcast_studies/benchmarks/space/arms/ur5e-space.toml")
+    target_m = np.array([0.55, 0.75, 0.55])
+    task = SpatialTask(arm, StringModel(0.4, 10, dt_s=2e-3), target_m, 0.02)
+    layout = mass_layout(0.4, 10, [0.4])
+    strings = start_strings_in_space(2, 0.4, layout, np.random.default_rng(1))
+    plan = plan_on(task, strings)
+    assert violations(arm, plan.motion) == []
+    assert plan.miss_m < 0.06
+    np.testing.assert_allclose(np.linalg.norm(plan.tip_m - target_m, axis=1).min(), plan.miss_m, atol=0.01)
+    assert np.abs(plan.motion.qd_rad_s).max(axis=0).min() > 0.05  # all six joints move
+    # The same throw without the planner: MuJoCo's kinematics, and finer steps.
+    data, model = mujoco.MjData(arm.model()), replace(task.model, dt_s=1e-3)
+    hold = round(AFTER_END_S / task.step_s)
+    q = np.concatenate([plan.motion.q_rad, plan.motion.q_rad[-1:].repeat(hold, axis=0)])
+    poses = np.empty((len(q), 9))
+    for k in range(len(q)):
+        data.qpos[:] = arm.coordinates(q[k])
+        mujoco.mj_kinematics(arm.model(), data)
+        link = data.body("tool0")
+        frame = link.xmat.reshape(3, 3)
+        poses[k] = np.concatenate(
+            [link.xpos + frame @ arm.clamp.offset_m, *(clamp_axes(arm.clamp)[:2] @ frame.T)]
+        )
+    time_s = np.arange(len(q)) * task.step_s
+    commanded = rollouts_of_curves(task, strings, RolloutConditions(), [plan.curve])
+    points, _ = simulate_batch(model, strings, HandPath(time_s, poses), time_s)
+    np.testing.assert_allclose(commanded.points_m[:, :, 0], points[:, :, 0], atol=1e-6)
+    np.testing.assert_allclose(commanded.points_m[:, :, -1], points[:, :, -1], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("target_m", "words"), [([2.0, 0.0, 0.3], "reach"), ([0.1, 0.2, -0.75], "workspace")]
+)
+def test_a_target_out_of_reach_is_refused(project_root: Path, target_m: list[float], words: str) -> None:
+    arm = load_spatial_arm(project_root / "src/strandcast_studies/benchmarks/space/arms/ur5e-space.toml")
+    task = SpatialTask(arm, StringModel(0.4, 10), np.array(target_m), 0.02)
+    with pytest.raises(StrandcastError, match=words):
+        plan_on(task, start_strings_in_space(2, 0.4, mass_layout(0.4, 10, []), np.random.default_rng(1)))

@@ -1,0 +1,40 @@
+"""The benchmark in space: what is drawn, and one case from the first plan to the second throw."""
+
+import numpy as np
+import pytest
+
+from strandcast.arm.spatial import hand_path
+from strandcast.config.estimate import EstimateSettings
+from strandcast.config.plan import PlanSettings
+from strandcast_studies.benchmarks.space import run
+from strandcast_studies.benchmarks.space.drawn import LENGTH_M, OF_LENGTH, REACH_M, drawn_case
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_targets_are_beyond_the_hand_but_not_the_string(seed: int) -> None:
+    case = drawn_case(seed)
+    assert len(case.arm.joints) == (7 if seed % 2 else 6)
+    assert LENGTH_M[0] <= case.string.length_m <= LENGTH_M[1]
+    away_m = np.linalg.norm(case.target_m - case.arm.chain.anchors_m[1])
+    reach_m = REACH_M[case.arm.name]
+    assert reach_m < away_m < reach_m + OF_LENGTH * case.string.length_m
+    limits = case.arm.limits
+    low, high = np.maximum(limits.lower_rad, -np.pi), np.minimum(limits.upper_rad, np.pi)
+    q = np.random.default_rng(0).uniform(low, high, (20_000, len(low)))
+    hands_m = hand_path(case.arm.chain, q)[:, :3]
+    assert np.linalg.norm(hands_m - case.arm.chain.anchors_m[1], axis=1).max() <= reach_m + 5e-4
+
+
+@pytest.mark.slow
+def test_a_case_is_thrown_fitted_and_planned_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "PLAN", PlanSettings(screening=32, evaluations=64, ensemble=2))
+    monkeypatch.setattr(run, "ESTIMATE", EstimateSettings(evaluations=150, ensemble=2))
+    monkeypatch.setattr(run, "HIT_RADIUS_M", 1e-4)
+    first, second = run.run_case(12, 2)
+    assert (first.kind, first.fit_E_m) == ("first", None)
+    assert second.kind in ("refined", "replanned")
+    assert second.fit_E_m is not None
+    assert second.fit_E_m < 0.03
+    for throw in (first, second):
+        # The track's noise, and the frame rate.
+        np.testing.assert_allclose(throw.measured_miss_m, throw.miss_m, atol=0.01)
