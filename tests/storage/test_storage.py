@@ -67,9 +67,9 @@ def settings_of(project: Path, folder: Path) -> Path:
     return folder
 
 
-def snakemake(s3: LocalS3, root: Path, *arguments: str, prefix: str = PREFIX):
+def snakemake(s3: LocalS3, root: Path, *arguments: str, prefix: str = f"s3://lab/{PREFIX}"):
     """Run Snakemake with the profile for S3, one job at a time; return how it ended and what it asked for."""
-    line = ["--workflow-profile", "workflow/profiles/s3", "--default-storage-prefix", f"s3://lab/{prefix}"]
+    line = ["--workflow-profile", "workflow/profiles/s3", "--default-storage-prefix", prefix]
     before = len(s3.requests())
     run = subprocess.run(
         [sys.executable, "-m", "snakemake", *arguments, *line, "--cores", "1"],
@@ -92,10 +92,12 @@ def differences(s3: LocalS3, local: Path, folder: Path) -> list[str]:
     return sorted(name for name in here | there if here.get(name) != there.get(name))
 
 
-def test_a_prefix_without_raw_data_is_refused(s3, away):
-    run, _ = snakemake(s3, away, "--dry-run", prefix="elsewhere")
+@pytest.mark.parametrize("prefix", ["s3://lab/elsewhere", "s3://lab", "lab/projects"])
+def test_a_prefix_without_raw_data_is_refused(s3, away, prefix):
+    run, _ = snakemake(s3, away, "--dry-run", prefix=prefix)
     assert run.returncode == 3
-    assert "SC-W037 ERROR  no raw data are found in s3://lab/elsewhere/data" in run.stdout
+    assert "SC-W037 ERROR" in run.stdout
+    assert f"no raw data are found in {prefix}/data" in run.stdout
 
 
 def test_a_dry_run_lists_the_storage_once_and_retrieves_nothing(s3, away):

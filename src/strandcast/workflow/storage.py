@@ -67,23 +67,30 @@ def open_storage(workflow: Any) -> ProjectStorage | None:
         return None
     prefix = (workflow.storage_settings.default_storage_prefix or "").rstrip("/")
     page = provider.object(f"{prefix}/report.html")  # any file in the project's folder
+    if not page.is_valid_query():
+        raise _no_raw_data(prefix)
     folder, found = Path(page.local_path()).parent, IOCache(max_wait_time=0)
     workflow.async_run(page.inventory(found))
     sizes = {Path(path): size for path, size in found.size.items()}
     listed = {str(path.relative_to(folder)): size for path, size in sizes.items() if folder in path.parents}
     if not any(name.startswith(f"data{os.sep}") for name in listed):
-        raise StrandcastError(
-            "SC-W037",
-            f"no raw data are found in {prefix}/data",
-            cost="nothing was run",
-            fix="copy data/ there, or correct the prefix, the endpoint or the credentials",
-            exit_code=ENVIRONMENT,
-        )
+        raise _no_raw_data(prefix)
     _copy_settings(folder)
     listing = folder / f".listing-{os.getpid()}.json"
     write_listing(listing, listed)
     atexit.register(listing.unlink, missing_ok=True)
     return ProjectStorage(folder, found, page.get_inventory_parent())
+
+
+def _no_raw_data(prefix: str) -> StrandcastError:
+    return StrandcastError(
+        "SC-W037",
+        f"no raw data are found in {prefix}/data",
+        field="default-storage-prefix",
+        cost="nothing was run",
+        fix="copy data/ there, or correct the prefix (s3://BUCKET/PROJECT), the endpoint or the credentials",
+        exit_code=ENVIRONMENT,
+    )
 
 
 def is_setting(path: str) -> bool:
