@@ -226,13 +226,16 @@ def _add_bends(information: np.ndarray, pull: np.ndarray, points_m: np.ndarray, 
 
 
 def _filled(points: np.ndarray) -> np.ndarray:
-    """Return points (F, n+1, k) with gaps filled linearly along the string, constant beyond the last one."""
+    """Return points (F, n+1, k), gaps filled linearly along the string, straight on beyond the last."""
     filled = points.copy()
     each = np.arange(points.shape[1])
     for k in np.flatnonzero(~np.isfinite(points).all(axis=(1, 2))):
         row = filled[k]
-        known = np.isfinite(row).all(axis=-1)
-        if known.any():
-            between = [np.interp(each[~known], each[known], axis) for axis in row[known].T]
-            row[~known] = np.column_stack(between)
+        known = np.flatnonzero(np.isfinite(row).all(axis=-1))
+        if len(known) < 2:
+            continue
+        before = np.clip(np.searchsorted(known, each, side="right") - 1, 0, len(known) - 2)
+        first, second = known[before], known[before + 1]
+        share = ((each - first) / (second - first))[:, None]
+        filled[k] = row[first] + share * (row[second] - row[first])
     return filled

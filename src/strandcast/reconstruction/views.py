@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strandcast.errors import StrandcastError
-from strandcast.reconstruction.one_clock import clock_sigma_s, measured_pixels, pixels_at
+from strandcast.reconstruction.one_clock import PixelsAt, clock_sigma_s, measured_pixels, pixels_at
 from strandcast.reconstruction.rays import CameraRays, rays_of
 from strandcast.reconstruction.string_in_space import string_in_space
 from strandcast.reconstruction.triangulate import SpacePoints, triangulate
@@ -18,6 +18,7 @@ from strandcast.records.track import OCCLUDED, UNSURE, Track
 
 # As for a track in the plane: sigma per axis from which a place is unsure, and from which it is none.
 UNSURE_M, LOST_M = 0.003, 0.015
+LOOSE_SHARE = 1.0  # chosen: of the last spacing, standard deviation of an unsure tip along the string
 DISAGREE_SIGMA = 4.0  # chosen: of the ends' median reprojection error, from which the cameras do not fit
 
 
@@ -83,7 +84,7 @@ def reconstruct_in_space(views: list[StringView], length_m: float) -> SpaceRecon
         what = f"the cameras {', '.join(view.name for view in views)} filmed nothing at the same time"
         raise StrandcastError("SC-I047", what, fix="take trials of the same throw; check their alignments")
     rays = [
-        rays_of(each.points_px, each.covariance_px2, view.camera, each.clock_px)
+        rays_of(each.points_px, with_loose_tip(each), view.camera, each.clock_px)
         for each, view in zip(seen, views, strict=True)
     ]
     found = string_in_space(rays, length_m)
@@ -92,6 +93,19 @@ def reconstruct_in_space(views: list[StringView], length_m: float) -> SpaceRecon
     ends_px, ends_sigma = ends_agreement(rays, [view.camera for view in views])
     warnings = _warnings(views, track, ends_px, ends_sigma)
     return SpaceReconstruction(track, robot_s, ends_px, ends_sigma, warnings)
+
+
+def with_loose_tip(seen: PixelsAt) -> np.ndarray:
+    """Return covariances (F, n+1, 2, 2) in which an unsure tip may lie elsewhere along the string.
+
+    The tracker's chain keeps its length in the plane, so that it ends beyond a string that tilts out of it.
+    """
+    along_px = LOOSE_SHARE * (seen.points_px[:, -1] - seen.points_px[:, -2])
+    unsure = ((seen.flags[:, -1] & UNSURE) > 0) & np.isfinite(along_px).all(axis=-1)
+    along_px = np.where(unsure[:, None], along_px, 0.0)
+    covariance_px2 = seen.covariance_px2.copy()
+    covariance_px2[:, -1] += along_px[:, :, None] * along_px[:, None, :]
+    return covariance_px2
 
 
 def ends_agreement(rays: list[CameraRays], cameras: list[Camera]) -> tuple[float, float]:
