@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from strandcast.config.experiment import Experiment
@@ -20,7 +21,7 @@ class Context:
     file: Path
     folder: ExperimentFolder
 
-    @property
+    @cached_property  # the engine asks for every job
     def arm_file(self) -> Path:
         """Return the arm's file."""
         return find_arm(self.settings, self.file, self.folder.root)
