@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
+from strandcast.camera.stereo import StereoPose
 from strandcast.errors import StrandcastError
 from strandcast.reconstruction.one_clock import lagrange_weights, pixels_at
 from strandcast.reconstruction.rays import rays_of
@@ -267,3 +269,30 @@ def test_what_cannot_be_joined_is_refused(project):
     import_views.run(project, "space", 1, [("left", 1), ("right", 1)])
     with pytest.raises(StrandcastError, match="SC-I022"):
         import_views.run(project, "space", 1, [("left", 1), ("right", 1)])
+
+
+def test_boards_correct_a_camera_that_the_markers_misplace(project, monkeypatch):
+    moved = RIGHT.model_copy(update={"translation_m": [0.0, 0.006, 2.2]})
+    moved.write(ExperimentFolder(project, "right").camera("main"))
+    views = [("left", 1), ("right", 1)]
+    wrong = import_views.run(project, "space", 1, views)
+    assert any("do not fit each other" in text for text in wrong.warnings)
+    for name, count in (("left", 4), ("right", 3)):
+        folder = ExperimentFolder(project, name).data / "calibration"
+        folder.mkdir()
+        for k in range(count):
+            cv2.imwrite(str(folder / f"both-{k}.png"), np.full((8, 8), 10 * k + (name == "right"), np.uint8))
+    turn = np.array(RIGHT.rotation) @ np.array(LEFT.rotation).T
+    shift_m = np.array(RIGHT.translation_m) - turn @ np.array(LEFT.translation_m)
+
+    def boards_pose(photos, board, first, second):
+        assert [(int(one[0, 0]), int(other[0, 0])) for one, other in photos] == [(0, 1), (10, 11), (20, 21)]
+        return StereoPose(turn, shift_m, len(photos), 0.1)
+
+    monkeypatch.setattr(import_views, "stereo_pose", boards_pose)
+    right = import_views.run(project, "space", 1, views, True, "calibration/both-*.png")
+    assert not any("do not fit each other" in text for text in right.warnings)
+    [warning] = [text for text in right.warnings if "boards" in text]
+    assert "3 pairs" in warning
+    assert "moves by 6.0 mm" in warning
+    assert right.choices["ends_sigma"] < 1.5

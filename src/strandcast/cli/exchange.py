@@ -161,6 +161,13 @@ def import_views(
             "frames of the first."
         ),
     ],
+    boards: Annotated[
+        str | None,
+        typer.Option(
+            help="Photos of the lens board that both cameras took at once, under the same names in both "
+            "experiments, e.g. 'calibration/both-*.png': they place the second camera by the first."
+        ),
+    ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -174,7 +181,7 @@ def import_views(
         if not re.fullmatch(r".+:\d+", each):
             raise typer.BadParameter(f"--view {each} is not EXPERIMENT:TRIAL, e.g. left:1")
     views = [(name, int(number)) for name, _, number in (each.rpartition(":") for each in view)]
-    summary = stage.run(ROOT, experiment, trial, views, replace)
+    summary = stage.run(ROOT, experiment, trial, views, replace, boards)
     lines = [
         f"{summary.decoded_frames} frames, {summary.points} mass points in space, "
         f"{100 * summary.tracked_fraction:.0f} % located, median standard error "

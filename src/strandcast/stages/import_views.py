@@ -1,9 +1,12 @@
 """Import a throw that several cameras filmed, each in an experiment of its own, as a track in space."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from strandcast.camera.mapping import pixel_to_metre
+from strandcast.camera.stereo import stereo_pose
 from strandcast.errors import StrandcastError
 from strandcast.imports.motion_capture import one_clock, write_capture
 from strandcast.imports.space_checks import check_track_in_space
@@ -14,15 +17,22 @@ from strandcast.records.files import sha256_file
 from strandcast.records.folders import TrialFolder
 from strandcast.records.observations import read_observations
 from strandcast.records.track import SUPPLIED, Track, TrackSummary
+from strandcast.stages.calibrate import read_photos_of
 from strandcast.stages.context import context_of, refuse_replacing, refuse_target_in_space
 
 OBSERVATIONS = "observations.parquet"
+DISAGREE_M = 2e-3  # chosen: between the poses of boards and of the plane's markers, in the plane
 # The cameras' world has y up and z towards the camera; a string in space has z up.
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 def run(
-    root: Path, name: str, trial: int, views: list[tuple[str, int]], replace: bool = False
+    root: Path,
+    name: str,
+    trial: int,
+    views: list[tuple[str, int]],
+    overwrite: bool = False,
+    boards: str | None = None,
 ) -> TrackSummary:
     """Join the observations of trials of other experiments; `register_track` copies the track to the results.
 
@@ -32,18 +42,28 @@ def run(
         The experiment in space and its trial.
     views
         Experiment and trial of each camera; the track has the frames of the first.
+    boards
+        Pattern of photos of the lens board that all cameras took at once, under the same names in the folder
+        of each one's experiment. They place the other cameras by the first, instead of the plane's markers.
     """
     context = context_of(root, name)
     folder = context.folder.trial(trial)
-    refuse_replacing(folder.data / "track.json", replace)
+    refuse_replacing(folder.data / "track.json", overwrite)
     refuse_target_in_space(context, True)
     length_m = context.settings.string.length_m
-    found = reconstruct_in_space([_view(root, *view) for view in views], length_m)
+    seen = [_view(root, *view) for view in views]
+    warnings = []
+    if boards is not None:
+        for k in range(1, len(seen)):
+            seen[k], told = _placed_by_boards(root, seen[0], seen[k], boards)
+            warnings += told
+    found = reconstruct_in_space(seen, length_m)
     track = _z_up(found)
     summary = _summary(name, trial, length_m, found, track)
     for experiment, number in views:
         observations = context_of(root, experiment).folder.trial(number).results / OBSERVATIONS
         summary.choices[f"{experiment} trial {number}"] = sha256_file(observations)
+    summary.warnings += warnings
     hand_m = track.points_m[:, 0]
     known = np.isfinite(hand_m).all(axis=1)
     hand = {
@@ -76,6 +96,30 @@ def _view(root: Path, experiment: str, trial: int) -> StringView:
     record = Camera.read(context.folder.camera(camera))
     clock = Alignment.read(folder.results / "alignment.json")
     return StringView(experiment, observed[camera].string, record, clock)
+
+
+def _placed_by_boards(
+    root: Path, first: StringView, other: StringView, boards: str
+) -> tuple[StringView, list[str]]:
+    """Return the other view with the pose that the boards give it, and a warning if the markers disagree."""
+    contexts = [context_of(root, view.name) for view in (first, other)]
+    folders = [context.folder.data for context in contexts]
+    names = sorted(path.relative_to(folders[0]) for path in folders[0].glob(boards))
+    both = [name for name in names if (folders[1] / name).is_file()]
+    photos = [read_photos_of(c, [f / name for name in both]) for c, f in zip(contexts, folders, strict=True)]
+    pose = stereo_pose(
+        list(zip(*photos, strict=True)), contexts[0].settings.camera.board, first.camera, other.camera
+    )
+    camera = pose.placed(first.camera, other.camera)
+    seen_px = other.pixels.points_px
+    moved_m = pixel_to_metre(camera, seen_px) - pixel_to_metre(other.camera, seen_px)
+    median_m = float(np.nanmedian(np.linalg.norm(moved_m, axis=-1)))
+    if median_m < DISAGREE_M:
+        return replace(other, camera=camera), []
+    return replace(other, camera=camera), [
+        f"the boards ({pose.pairs} pairs, {pose.rms_px:.2f} px) place {other.name} so that the string moves "
+        f"by {1e3 * median_m:.1f} mm against the plane's markers: measure these again; the boards count"
+    ]
 
 
 def _z_up(found: SpaceReconstruction) -> Track:
