@@ -36,6 +36,7 @@ COMMON = {
 }
 TWO_ENDS = {"far_left_rad": (-0.8, 0.8), "far_up_rad": (-0.8, 0.8)}
 ONE_END = {"curl_left_rad": (-3.0, 3.0), "curl_up_rad": (-3.0, 3.0)}  # both ends held: hardly observable
+DRAG_ALONG_RANGE = (0.05, 1.0)  # drag along the string over that across it: fast strings show it
 OF_CLAMPS = ("clamp_", "far_", "curl_")  # unknowns of ends that hold the string in a direction
 UNITS = {"damping_s": "s"} | {name: "rad" for name in (*COMMON, *TWO_ENDS, *ONE_END) if name.endswith("_rad")}
 
@@ -89,6 +90,7 @@ class CableSpace(Space):
             far_offset_rad=pairs["far"],
             free_masses=free,
             length_change=value["length_change"],
+            drag_along=value.get("drag_along", none),
         )
 
 
@@ -100,6 +102,7 @@ def space_of_cable(
     points: int = POINTS,
     step_s: float = STEP_S,
     weight_places_m: Sequence[float] = (),
+    drag_along: bool = False,
 ) -> tuple[StringModel, CableSpace]:
     """Return the model of a cable of this nominal length [m], and the box of its unknowns.
 
@@ -115,12 +118,15 @@ def space_of_cable(
         Number n of points, and time step [s].
     weight_places_m
         Places of weights of unknown mass, from the first end [m].
+    drag_along
+        Whether drag along it is an unknown of its own: for thrown strings; otherwise it is that across it.
     """
     model = StringModel(length_m, points, reading="strain", dt_s=step_s)
     layout = mass_layout(length_m, points, list(weight_places_m))
     unknowns = COMMON | (TWO_ENDS if two_ends else ONE_END)
     if pinned:
         unknowns = {name: each for name, each in unknowns.items() if not name.startswith(OF_CLAMPS)}
+    unknowns |= {"drag_along": DRAG_ALONG_RANGE} if drag_along else {}
     unknowns |= {f"weight_{k + 1}": MASS_RANGE["wide"] for k in range(layout.count)}
     return model, CableSpace(
         tuple(unknowns),

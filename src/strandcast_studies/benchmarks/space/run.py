@@ -80,7 +80,7 @@ def task_of_case(case: SpaceCase) -> SpatialTask:
     return SpatialTask(case.arm, model, case.target_m, HIT_RADIUS_M)
 
 
-def run_case(seed: int, trials: int) -> list[SpaceOutcome]:
+def run_case(seed: int, trials: int, *, drag_along: bool = True) -> list[SpaceOutcome]:
     """Throw until the string's tip hits, `trials` times at most."""
     case = drawn_case(seed)
     task, random = task_of_case(case), np.random.default_rng([seed, 8])
@@ -97,7 +97,7 @@ def run_case(seed: int, trials: int) -> list[SpaceOutcome]:
         done.append(_outcome(plan, thrown[-1], estimate))
         if thrown[-1].true_miss_m <= HIT_RADIUS_M or len(thrown) == trials:
             return done
-        estimate = estimated(case, thrown, estimate, random)
+        estimate = estimated(case, thrown, estimate, random, drag_along=drag_along)
         strings = _without_measurement(estimate.fit.members)
         past = [trial.past for trial in thrown]
         plan = plan_next(task, strings, past, PLAN, random, fit_E_m=estimate.fit.E_m)
@@ -154,11 +154,21 @@ def _track(swing: LabSwing, motion_s: float, random: np.random.Generator) -> tup
 
 
 def estimated(
-    case: SpaceCase, thrown: list[SpaceTrial], before: CableEstimate | None, random: np.random.Generator
+    case: SpaceCase,
+    thrown: list[SpaceTrial],
+    before: CableEstimate | None,
+    random: np.random.Generator,
+    *,
+    drag_along: bool,
 ) -> CableEstimate:
     """Fit the string to all throws."""
     model, space = space_of_cable(
-        case.string.length_m, False, points=POINTS, step_s=STEP_S, weight_places_m=case.weight_places_m
+        case.string.length_m,
+        False,
+        points=POINTS,
+        step_s=STEP_S,
+        weight_places_m=case.weight_places_m,
+        drag_along=drag_along,
     )
     previous = None
     if before is not None:
@@ -188,7 +198,7 @@ def _outcome(plan: PlannedMotion, trial: SpaceTrial, estimate: CableEstimate | N
     )
 
 
-def _job(seed: int, trials: int) -> dict[str, Any]:
+def _job(seed: int, trials: int, drag_along: bool) -> dict[str, Any]:
     case = drawn_case(seed)
     drawn = {
         "seed": seed,
@@ -199,14 +209,15 @@ def _job(seed: int, trials: int) -> dict[str, Any]:
         "weights": len(case.string.weights),
         "target_m": case.target_m.tolist(),
     }
-    return drawn | outcome(partial(run_case, seed, trials))
+    return drawn | outcome(partial(run_case, seed, trials, drag_along=drag_along))
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the experiments; write each result as soon as it is known."""
     parser = run_parser(__doc__, list(REPORTED_SEEDS), "results/bench-space.json", strings=False)
+    parser.add_argument("--one-drag", action="store_true", help="fit one drag for all directions")
     options = parser.parse_args(arguments)
-    jobs = [(seed, options.trials) for seed in options.seeds]
+    jobs = [(seed, options.trials, not options.one_drag) for seed in options.seeds]
     print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
 
 
