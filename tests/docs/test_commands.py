@@ -35,6 +35,7 @@ RUN_BY = {  # the beginning of a command, and the test or script that runs it el
     "strandcast rig": "tests/stages/test_plan_stage.py",
     "strandcast verify": "tests/cli/test_cli.py",
     "strandcast export": "tests/exports",
+    "strandcast import views": "tests/reconstruction",
     "strandcast play": "tests/executor",
     "snakemake": "tests/workflow/test_loop.py",
     "make demo": "tests/regression",
