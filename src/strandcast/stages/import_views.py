@@ -55,8 +55,8 @@ def run(
     warnings = []
     if boards is not None:
         for k in range(1, len(seen)):
-            seen[k], told = _placed_by_boards(root, seen[0], seen[k], boards)
-            warnings += told
+            seen[k], doubts = _placed_by_boards(root, seen[0], seen[k], boards)
+            warnings += doubts
     found = reconstruct_in_space(seen, length_m)
     track = _z_up(found)
     summary = _summary(name, trial, length_m, found, track)
