@@ -44,9 +44,14 @@ class SpatialEquations:
     factor: np.ndarray | float = 1.0
     drag_along: float = 0.0
     gravity_m_s2: float = 9.81
+    friction: float = 0.0
+    stick_rad: float = 0.0
 
-    def accelerations(self, x, v, clamp, far=None):
-        """Accelerations of the free points (m, 3); x, v (n+1, 3) include the driven ends."""
+    def accelerations(self, x, v, clamp, far=None, held=None):
+        """Accelerations of the free points (m, 3); x, v (n+1, 3) include the driven ends.
+
+        `held` (J, 2): share of the full moment of friction at each joint.
+        """
         k_s, c_s, _, _, _, _, c1, c2, _, _ = self.parameters
         d, w = np.diff(x, axis=0), np.diff(v, axis=0)
         length, u = np.linalg.norm(d, axis=1), unit(d)
@@ -56,17 +61,21 @@ class SpatialEquations:
         if self.drag_along:
             t = unit(np.vstack([d[:1], d[:-1] + d[1:], d[-1:]]))
             air -= (1.0 - self.drag_along) * dot(air, t)[:, None] * t
-        force = self.bending(x, v, pull, clamp, far) - air
+        force = self.bending(x, v, pull, clamp, far, held) - air
         force[:-1] += tension
         force[1:] -= tension
         free = slice(1, len(x) if far is None else -1)
         a = force[free] / self.masses[: len(x[free]), None]
         return a - [0.0, 0.0, self.gravity_m_s2]
 
-    def bending(self, x, v, pull, clamp, far):
+    def bending(self, x, v, pull, clamp, far, held):
         """Forces (n+1, 3) of all joints: stiffness times an energy's gradient, damping times a rate's."""
-        energy, rate = self.derivatives(x, clamp, far)
+        energy, rate, bends = self.derivatives(x, clamp, far)
         force = np.zeros(x.size)
+        if held is not None:
+            factor = np.append(np.broadcast_to(self.factor, len(x) - 1), self.factor[0])
+            for own, share, gradient in zip(factor, held, bends, strict=False):
+                force -= own * self.friction * gradient[:-1] @ share
         for j, (gradient, turning) in enumerate(zip(energy, rate, strict=True)):
             now = turning[:-1].T @ v.ravel() + turning[-1]  # the last derivative is that of moving clamps
             half_square_rate = gradient[:-1] @ v.ravel() + gradient[-1]
@@ -87,11 +96,12 @@ class SpatialEquations:
         directions = [frame[:, 0], *np.moveaxis(u, 1, 0)]
         if far is not None:
             directions.append(-self.turning(far, count)[:, 0])
-        energy, rate = [], []
+        energy, rate, bends = [], [], []
         for j, (a, b) in enumerate(pairwise(directions)):
             across, cosine = np.cross(a, b), dot(a, b)
             sine = np.sqrt(dot(across, across) + 1e-300)
             bend = across * (2.0 * np.arctan(sine / (1.0 + cosine)) / sine)[:, None]
+            bends.append(np.stack([dot(bend, frame[:, k]).imag for k in (1, 2)], axis=1) / TICK)
             if 0 < j < len(x) - 1:
                 left, up = self.curl_rad_m
                 bend = bend - self.rest_m * (left * frame[:, 2] - up * frame[:, 1])
@@ -107,7 +117,13 @@ class SpatialEquations:
             )
             rate.append(spin_of(carried) - spin_of(frame))
             frame = carried
-        return energy, rate
+        return energy, rate, bends
+
+    def build_up(self, x, v, clamp, far, held):
+        """Rates (J, 2) of the shares `held`, which follow the bend over `stick_rad`."""
+        bends = np.array(self.derivatives(x, clamp, far)[2])
+        rate = np.einsum("jdk,d->jk", bends[:, :-1], v.ravel()) + bends[:, -1]
+        return (rate - held * np.linalg.norm(rate, axis=1)[:, None]) / self.stick_rad
 
     @staticmethod
     def turning(clamp, count):
@@ -140,13 +156,18 @@ def integrate(equations, clamp, start, times, start_velocity=None, far=None):
 
     def derivative(t, state):
         at, end = clamp(t), None if far is None else far(t)
-        y, w = state[: start.size].reshape(shape), state[start.size :].reshape(shape)
+        y, w = (each.reshape(shape) for each in np.split(state[: 2 * start.size], 2))
         x = np.vstack([at.place, y] if end is None else [at.place, y, end.place])
         v = np.vstack([at.velocity, w] if end is None else [at.velocity, w, end.velocity])
-        return np.r_[w.ravel(), equations.accelerations(x, v, at, end).ravel()]
+        if not equations.stick_rad:
+            return np.r_[w.ravel(), equations.accelerations(x, v, at, end).ravel()]
+        held = state[2 * start.size :].reshape(-1, 2)
+        a = equations.accelerations(x, v, at, end, held)
+        return np.r_[w.ravel(), a.ravel(), equations.build_up(x, v, at, end, held).ravel()]
 
     velocity = np.zeros(shape) if start_velocity is None else start_velocity
-    first = np.r_[start.ravel(), velocity.ravel()]
+    joints = len(start) + (0 if far is None else 2)
+    first = np.r_[start.ravel(), velocity.ravel(), np.zeros(2 * joints if equations.stick_rad else 0)]
     result = solve_ivp(
         derivative, times[[0, -1]], first, "DOP853", times, rtol=1e-8, atol=1e-10, max_step=4e-3
     )

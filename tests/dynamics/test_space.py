@@ -141,11 +141,3 @@ def test_what_exists_in_the_plane_only_is_refused():
     for pose in (flat, up):
         with pytest.raises(ValueError, match="only a second clamp has an offset"):
             simulate(MODEL, far, HandPath(TIME_S, pose), OUT_S)
-
-
-def test_friction_that_sticks_is_for_the_plane():
-    parameters, masses = batch_of(1)
-    with pytest.raises(ValueError, match="friction that sticks"):
-        simulate_batch(
-            MODEL, parameters, masses, TIME_S, POSE, OUT_S, bend_friction=0.1, friction_stick_rad_m=0.1
-        )

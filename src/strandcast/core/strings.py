@@ -27,7 +27,7 @@ PARAMETERS = tuple(UNITS)  # in the order of every array of parameters
 
 # Names of the numbers beside parameters and masses, as files and the unknowns of the fit use them.
 REST_CURL, CLAMP_OFFSET, PLAIN_MASS = "rest_curl_rad_m", "clamp_offset_rad", "plain_mass"
-FAR_OFFSET, LENGTH_CHANGE = "far_offset_rad", "length_change"
+FAR_OFFSET, LENGTH_CHANGE, REST_TORSION = "far_offset_rad", "length_change", "rest_torsion_rad_m"
 SIDES = ("left", "up")  # of a turn in space
 CAMERA_OFFSET = ("camera_offset_x_m", "camera_offset_y_m")
 STIFF_BEND, BEND_FRICTION, DRAG_ALONG = "stiff_bend_factor", "bend_friction", "drag_along"
@@ -85,6 +85,9 @@ class StringBatch:
         (B, 2) turn of the second clamp to its left and up [rad], of strings in space; zero if not given.
     length_change
         (B,) of the rest length, relative, of strings in space; zero if not given.
+    rest_torsion_rad_m
+        (B,) turn of the rest curl about the string, per length, from left to up [rad/m], of strings in
+        space: at rest the string is a helix; zero, the default: an arc.
     """
 
     parameters: np.ndarray
@@ -101,6 +104,7 @@ class StringBatch:
     disturbances: Disturbances = field(default_factory=lambda: Disturbances.none(0))
     far_offset_rad: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     length_change: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    rest_torsion_rad_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         for column in fields(self):
@@ -151,6 +155,7 @@ class StringBatch:
         if self.rest_curl_rad_m.ndim > 1:
             options |= _by_side(FAR_OFFSET, self.far_offset_rad) if self.far_offset_rad.any() else {}
             options[LENGTH_CHANGE] = self.length_change
+            options |= {REST_TORSION: self.rest_torsion_rad_m} if self.rest_torsion_rad_m.any() else {}
         if self.camera_offset_m.any():
             options |= dict(zip(CAMERA_OFFSET, self.camera_offset_m.T, strict=True))
         if self.bend_factor is not None:
@@ -205,6 +210,7 @@ class StringBatch:
             camera_offset_m=np.column_stack([options.get(name, none) for name in CAMERA_OFFSET]),
             far_offset_rad=np.column_stack([options.get(_side(FAR_OFFSET, side), none) for side in SIDES]),
             length_change=options.get(LENGTH_CHANGE, none),
+            rest_torsion_rad_m=options.get(REST_TORSION, none),
         )
 
 

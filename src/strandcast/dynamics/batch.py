@@ -136,7 +136,7 @@ def make_batch(
     if spatial:
         columns = SPATIAL_FIXED
         fixed = np.hstack([np.broadcast_to(fixed, (count, FIXED)), spatial_columns(strings, model.spacing_m)])
-    elif strings.length_change.any() or strings.rest_curl_rad_m.ndim > 1:
+    elif strings.length_change.any() or strings.rest_curl_rad_m.ndim > 1 or strings.rest_torsion_rad_m.any():
         raise ValueError("a string in the plane has one rest curl and the model's length")
     return Batch(
         model,

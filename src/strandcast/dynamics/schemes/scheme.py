@@ -51,7 +51,8 @@ class StringMotion(NamedTuple):
         velocities belong to the end of the step leaves `dv` at zero.
     stick
         2n rows: bend at the last step [rad] and share of its full moment of friction at joints 0…n-1, by
-        turns; None if no friction sticks: kernels are compiled for either.
+        turns; None if no friction sticks: kernels are compiled for either. In space see
+        `strandcast.dynamics.spatial.joints.sticking_friction_in_space`.
     """
 
     d: Any

@@ -88,19 +88,22 @@ class SpatialWorkspace(NamedTuple):
     hand_place: Array
 
 
-def spatial_workspace(spec: VectorSpec, n: int, own_rows: int) -> SpatialWorkspace:
-    """Return work arrays for strings of n points; `own_rows` of the clamps' path of each lane, or 0."""
+def spatial_workspace(spec: VectorSpec, n: int, own_rows: int, *, sticks: bool = False) -> SpatialWorkspace:
+    """Return work arrays for strings of n points.
+
+    `own_rows` of the clamps' path of each lane, or 0; `sticks`: with the state of friction that sticks.
+    """
     sizes = (
         *(SPATIAL_COEFFICIENTS, n, n, 3 * n, 3 * n + 3, 3 * n + 3),
-        *(SPATIAL_ROWS * (n + 1), 3 * n, RESULTS, 3, max(own_rows, 1)),
+        *(SPATIAL_ROWS * (n + 1), 3 * n, RESULTS, 3, max(own_rows, 1), 4 * (n + 1) * sticks),
     )
     flat = np.zeros(sum(sizes) * spec.width + _LINE, spec.dtype)
     first = (-flat.ctypes.data % _LINE) // flat.itemsize
     rows = flat[first : first + sum(sizes) * spec.width].reshape(-1, spec.width)
     parts = [rows[start:end] for start, end in pairwise(accumulate(sizes, initial=0))]
-    c, mass, factor, d, v, dv, scheme, place, results, shift, path = parts
+    c, mass, factor, d, v, dv, scheme, place, results, shift, path, stick = parts
     hand_place = np.empty((3, spec.width if own_rows else 1))
-    string, motion = StringArrays(n, c, mass, factor), StringMotion(d, v, dv)
+    string, motion = StringArrays(n, c, mass, factor), StringMotion(d, v, dv, stick if sticks else None)
     return SpatialWorkspace(string, motion, scheme, place, results, shift, path, hand_place)
 
 
@@ -216,6 +219,7 @@ def _of_step(settings: SpatialSettings, k: int) -> SpatialSettings:
         friction,
         settings.slender,
         settings.two_ends,
+        settings.helical,
     )
 
 

@@ -11,8 +11,18 @@ from typing import Any
 
 from numba import njit
 
-from strandcast.dynamics.elements import half_angle_ratio
-from strandcast.dynamics.simd import INLINED, inverse, inverse_root, maximum, minimum, select
+from strandcast.dynamics.elements import PER_STICK, STICKING, half_angle_ratio
+from strandcast.dynamics.simd import (
+    INLINED,
+    inverse,
+    inverse_root,
+    load,
+    maximum,
+    minimum,
+    select,
+    splat,
+    store,
+)
 from strandcast.dynamics.spatial.triples import (
     cross,
     diagonal_plus6,
@@ -94,6 +104,49 @@ def bend_from_rest(binormal: Any, ratio: Any, per_sine: Any, halfway: Any) -> An
     """
     along = (ratio - 1.0) * (per_sine * per_sine) * dot(halfway, binormal)
     return plus_scaled(scaled(ratio + along, binormal), -ratio, halfway)
+
+
+@njit(**INLINED)
+def sticking_friction_in_space(
+    spec: Any, c: Any, factor: Any, j: int, bend: Any, share: float, stick: Any
+) -> tuple[Any, Any, Any]:
+    """Moment of dry friction that sticks, see `strandcast.dynamics.elements`; advances its state.
+
+    The share of the full moment is a vector z in the string's transported frame, as the bend b is:
+    dz = (db - z |db|) / s, so that z is never longer than 1.
+
+    Parameters
+    ----------
+    factor, j
+        Multiplier of the moment; the joint.
+    bend
+        Two components of its bend in the string's frame [rad].
+    share
+        Below 1 at the first step, where friction is relaxed: z = 0.
+    stick
+        `StringMotion.stick`: two rows of the bend and two of z per joint.
+
+    Returns
+    -------
+    The moment's two components, and the largest derivative that it may have by the bend in the coming step.
+    """
+    r, zero = 4 * j, splat(spec, 0.0)
+    dx, dy = bend[0] - load(spec, stick, r), bend[1] - load(spec, stick, r + 1)
+    x, y = load(spec, stick, r + 2), load(spec, stick, r + 3)
+    if share < 1.0:
+        dx = dy = x = y = zero
+    length, per_length = size_of(spec, (dx, dy, zero))
+    size = length * load(spec, c, PER_STICK)
+    # exp(-size) to second order, by an approximant between 0 and 1.
+    kept = inverse(spec, 1.0 + size + 0.5 * size * size)
+    toward_x, toward_y = per_length * dx, per_length * dy
+    x, y = toward_x + (x - toward_x) * kept, toward_y + (y - toward_y) * kept
+    store(spec, stick, r, bend[0])
+    store(spec, stick, r + 1, bend[1])
+    store(spec, stick, r + 2, x)
+    store(spec, stick, r + 3, y)
+    full = factor * load(spec, c, STICKING)
+    return full * x, full * y, full * load(spec, c, PER_STICK) * (1.0 + size_of(spec, (x, y, zero))[0])
 
 
 @njit(**INLINED)

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from strandcast.dynamics.candidates import HANGING, SETTLED
-from strandcast.dynamics.elements import DRAG_ALONG, DRY, GRAVITY, HALF_WIDTH
+from strandcast.dynamics.elements import DRAG_ALONG, DRY, GRAVITY, HALF_WIDTH, STICK
 from strandcast.dynamics.model import READINGS
 from strandcast.dynamics.observe import RESULTS
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.spatial.clamps import CLAMP, POSE, drive_clamps
 from strandcast.dynamics.spatial.integrate import SpatialStrings, integrate_in_space, spatial_workspace
 from strandcast.dynamics.spatial.step import SpatialSettings
-from strandcast.dynamics.spatial.strings import spatial_coefficients, starts
+from strandcast.dynamics.spatial.strings import REST_TURN, spatial_coefficients, starts
 from strandcast.dynamics.vectors import VectorSpec
 from strandcast.threads import over_ranges
 
@@ -41,6 +41,7 @@ def pass_in_space(batch: Batch, finer: int, spec: VectorSpec) -> Array:
     if not len(kept):
         return kept
     step, steps, ends = model.dt_s / finer, batch.steps * finer, hand.pose.shape[2] // POSE
+    sticks = candidates.fixed[:, STICK] > 0.0
     settings = SpatialSettings(
         step=step,
         kick=step,
@@ -51,9 +52,10 @@ def pass_in_space(batch: Batch, finer: int, spec: VectorSpec) -> Array:
         gravity=float(candidates.fixed[0, GRAVITY]),
         reading=READINGS.index(model.reading),
         per_width=float(1.0 / candidates.fixed[0, HALF_WIDTH]),
-        has_friction=bool(candidates.fixed[:, DRY].max() > 0.0),
+        has_friction=bool(candidates.fixed[~sticks, DRY].any()),
         slender=bool(candidates.fixed[:, DRAG_ALONG].max() > 0.0),
         two_ends=ends > 1,
+        helical=bool(candidates.fixed[:, REST_TURN].any()),
     )
     d, v = starts(candidates, np.ascontiguousarray(hand.pose[:, 0]), start)
     columns = (candidates.masses, candidates.factor, candidates.shift_m)
@@ -66,7 +68,8 @@ def pass_in_space(batch: Batch, finer: int, spec: VectorSpec) -> Array:
     outputs = batch.outputs._replace(at=batch.outputs.at * finer)
 
     def run(first: int, last: int, spec: VectorSpec, steps: int, settle: bool) -> None:
-        work = spatial_workspace(spec, model.points, (steps + settle) * ends * CLAMP if own else 0)
+        own_rows = (steps + settle) * ends * CLAMP if own else 0
+        work = spatial_workspace(spec, model.points, own_rows, sticks=bool(sticks.any()) and not settle)
         integrate_in_space(
             first,
             last,

@@ -37,6 +37,7 @@ from strandcast.dynamics.spatial.joints import (
     relative_rate,
     side_by_side,
     size_of,
+    sticking_friction_in_space,
     transported,
 )
 from strandcast.dynamics.spatial.triples import (
@@ -72,10 +73,11 @@ from strandcast.dynamics.spatial.triples import (
     zero3,
 )
 
-# Coefficients after those of the plane: rest spacing [m]; direction of each clamp and rest bend [rad] in
-# the frame of the clamp's pose.
-L0, DIRECTION, REST, FAR_DIRECTION = 17, 18, 21, 24
-SPATIAL_COEFFICIENTS = 27
+# Coefficients after those of the plane: rest spacing [m]; direction of each clamp, rest bend [rad] and
+# a normal of the first clamp's direction in the frame of its pose; cosine and sine of the rest bend's turn
+# per segment.
+L0, DIRECTION, REST, FAR_DIRECTION, SIDE, TORSION = 17, 18, 21, 24, 27, 30
+SPATIAL_COEFFICIENTS = 32
 
 # Work rows per segment and the joint before it; what follows from them replaces them in the same rows.
 UNIT, PER_LENGTH, AXIAL, ACROSS, TURNING, PULL, MOMENT, WEIGHT, TORQUE, PER, AT_STEP = (
@@ -113,8 +115,9 @@ class SpatialSettings(NamedTuple):
         Gravity along -z [m/s^2].
     reading, per_width, has_friction
         See `strandcast.dynamics.schemes.scheme.StepSettings`.
-    slender, two_ends
-        Whether drag differs along and across the string; whether the last point is driven, too.
+    slender, two_ends, helical
+        Whether drag differs along and across the string; whether the last point is driven, too; whether the
+        rest bend turns along the string.
     """
 
     step: float
@@ -129,6 +132,7 @@ class SpatialSettings(NamedTuple):
     has_friction: bool
     slender: bool
     two_ends: bool
+    helical: bool
 
 
 class ClampMotion(NamedTuple):
@@ -167,7 +171,7 @@ def step_in_space(
     extent = _segments(spec, string, motion, clamp, work, settings)
     ahead = combined(clamp.frame, load3(spec, string.c, DIRECTION))
     behind = scaled(splat(spec, -1.0), combined(far.frame, load3(spec, string.c, FAR_DIRECTION)))
-    _joints(spec, string, clamp, far, ahead, behind, work, settings)
+    _joints(spec, string, clamp, far, ahead, behind, work, settings, motion.stick)
     _tensions(spec, string, ahead, behind, work, settings.two_ends)
     tip = _eliminate(spec, string, motion, clamp.dv, ahead, work, settings)
     _back(spec, string.n, motion, clamp, far.dv if settings.two_ends else tip, work, settings.step)
@@ -220,6 +224,7 @@ def _joints(
     behind: Any,
     work: Any,
     settings: SpatialSettings,
+    stick: Any,
 ) -> None:
     """Write moment, weight and torque about the string of every joint; joints 0 and n are the clamps.
 
@@ -235,6 +240,7 @@ def _joints(
     clamp_now = plus_scaled(clamp.rate, 0.5, clamp.change)
     now_a = across(ahead, clamp_now)
     spin, rest = dot(clamp_now, ahead), combined(clamp.frame, load3(spec, c, REST))
+    side = combined(clamp.frame, load3(spec, c, SIDE))
     pull = load(spec, work, PULL)
     if settings.two_ends:
         r = SPATIAL_ROWS * n
@@ -247,12 +253,16 @@ def _joints(
         now_b = load3(spec, work, r + AT_STEP)
         binormal, middle, per, ratio, per_sine = side_by_side(spec, a, b)
         halfway, rest = transported(b, middle, per, rest)
+        if settings.helical:
+            onward = scaled(load(spec, c, TORSION + 1), cross(b, rest))
+            rest = plus_scaled(onward, load(spec, c, TORSION), rest)
         now, more = relative_rate(middle, per, minus(now_b, now_a))
         rate, _ = relative_rate(middle, per, minus(rate_b, rate_a))
         ahead_of = minus(now, rate)
         turned, spin_here = minus(b, a), spin - 0.5 * more
         spin = spin - more
         rate = plus_scaled(rate, spin_here, turned)
+        upward = cross(a, side)
         a, rate_a, now_a = b, rate_b, now_b
         sideways = along = splat(spec, 0.0)
         if j == 0 or j == n:
@@ -288,13 +298,25 @@ def _joints(
         if settings.has_friction:
             rubbing = dry_friction(spec, c, own, size_of(spec, rate)[0])
             damping, slope = damping + rubbing, slope + rubbing
-        weight = held(k, settings, least) + maximum(settings.half * slope, -0.5 * least)
+        rubbed, tangent = zero3(spec), splat(spec, 0.0)
+        if stick is not None and settings.half > 0.0:
+            in_frame = ratio * dot(binormal, side), ratio * dot(binormal, upward)
+            share = settings.kick / settings.step
+            x, y, tangent = sticking_friction_in_space(spec, c, own, j, in_frame, share, stick)
+            constant, _ = transported(b, middle, per, plus_scaled(scaled(x, side), y, upward))
+            # Constant in the string's frame, it works on turns as the rest bend does.
+            rubbed = minus(scaled(ratio, binormal), bend_from_rest(binormal, ratio, per_sine, constant))
+            _, side = transported(b, middle, per, side)
+        weight = held(k + tangent, settings, least) + maximum(settings.half * slope, -0.5 * least)
         # Moment and torque are sums of stiffness, damping, and what the switch adds in its own directions.
         along, sideways = settings.kick * k + twice_half * along, twice_half * sideways
         damping, more = twice_half * damping, twice_half * more
         moment = plus_scaled(scaled(along, bend), damping + sideways, rate)
         torque = along * dot(bend, turned) + sideways * dot(rate, turned)
         torque = torque + damping * (dot(now, turned) + spin_here * dot(turned, turned))
+        if stick is not None:
+            moment = plus_scaled(moment, settings.kick, rubbed)
+            torque = torque + settings.kick * dot(rubbed, turned)
         store3(spec, work, r + MOMENT, plus_scaled(moment, -more, ahead_of))
         store(spec, work, r + WEIGHT, weight)
         store(spec, work, r + TORQUE, torque)

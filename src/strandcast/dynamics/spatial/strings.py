@@ -11,14 +11,23 @@ from strandcast.dynamics.elements import COEFFICIENTS, FIXED, GRAVITY, SPACING
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simd import CACHED
 from strandcast.dynamics.spatial.clamps import POSE
-from strandcast.dynamics.spatial.step import DIRECTION, FAR_DIRECTION, L0, REST, SPATIAL_COEFFICIENTS
+from strandcast.dynamics.spatial.step import (
+    DIRECTION,
+    FAR_DIRECTION,
+    L0,
+    REST,
+    SIDE,
+    SPATIAL_COEFFICIENTS,
+    TORSION,
+)
 
 assert L0 == COEFFICIENTS
 
 # Columns of a candidate in space after the plane's: relative change of the rest spacing; turns of both clamps
-# and rest bend per joint, each to the left and up in the frame of the clamp's pose [rad].
-LENGTHENED, CLAMP_TURNS, FAR_TURNS, REST_BENDS = FIXED, FIXED + 1, FIXED + 3, FIXED + 5
-SPATIAL_FIXED = FIXED + 7
+# and rest bend per joint, each to the left and up in the frame of the clamp's pose [rad];
+# the rest bend's own turn about the string per segment [rad].
+LENGTHENED, CLAMP_TURNS, FAR_TURNS, REST_BENDS, REST_TURN = (FIXED + k for k in (0, 1, 3, 5, 7))
+SPATIAL_FIXED = FIXED + 8
 
 
 def in_space(pose: Array) -> bool:
@@ -36,14 +45,13 @@ def spatial_columns(strings: StringBatch, spacing_m: float) -> Array:
     """
     if strings.disturbances.sway.any() or strings.disturbances.clamp_turn_rad.any():
         raise ValueError("disturbances of a throw are for strings in the plane")
-    if strings.friction_stick_rad_m.any():
-        raise ValueError("friction that sticks is for strings in the plane")
     return np.column_stack(
         [
             strings.length_change,
             _left_and_up(strings.clamp_offset_rad),
             _left_and_up(strings.far_offset_rad),
             _left_and_up(strings.rest_curl_rad_m) * spacing_m,
+            strings.rest_torsion_rad_m * spacing_m,
         ]
     )
 
@@ -84,6 +92,8 @@ def spatial_coefficients(candidates: Candidates, step: float) -> Array:
     to_left, upward = candidates.fixed[:, REST_BENDS : REST_BENDS + 2].T
     # A bend to the left turns about the upward axis, one upwards about the axis to the right.
     c[REST : REST + 3] = (to_left[:, None] * up - upward[:, None] * left).T
+    c[SIDE : SIDE + 3] = left.T
+    c[TORSION], c[TORSION + 1] = np.cos(fixed[REST_TURN]), np.sin(fixed[REST_TURN])
     c[FAR_DIRECTION : FAR_DIRECTION + 3] = _turned(candidates.fixed[:, FAR_TURNS : FAR_TURNS + 2])[0].T
     return c
 
