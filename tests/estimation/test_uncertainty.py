@@ -106,7 +106,9 @@ def test_profiles_and_deviations_of_a_throw():
     log.evaluate = lambda chi: np.full(len(chi), 1.01 * value)
     log(np.where(np.arange(len(best)) == tip, 1.0, best)[None])
     log.evaluate = objective.cost
-    assert uncertainty_of(objective, log, profiles=True).high[tip] == 1.0
+    extended = uncertainty_of(objective, log, profiles=True)
+    assert extended.high[tip] == 1.0
+    assert extended.open_high[tip]
     truth = objective.space.exponents(np.concatenate([TRUTH, [MASS]]))
     assert known.low[tip] - 0.005 < truth[tip] < known.high[tip] + 0.005
     assert known.high[tip] - known.low[tip] < 0.05

@@ -223,6 +223,18 @@ def test_views_that_do_not_belong_together_are_refused():
         reconstruct_in_space([left], LENGTH_M)
     with pytest.raises(StrandcastError, match="same time"):
         reconstruct_in_space([left, replace(right, clock=clock("right", offset_s=9.0))], LENGTH_M)
+    turned = right.camera.model_copy(update={"translation_m": [0.0, 0.0, -2.2]})
+    with pytest.raises(StrandcastError, match="in front of them"):
+        reconstruct_in_space([left, replace(right, camera=turned)], LENGTH_M)
+    few = [replace(each, pixels=first_points(each.pixels, 4)) for each in (left, right)]
+    with pytest.raises(StrandcastError, match="3 mass points"):
+        reconstruct_in_space(few, LENGTH_M)
+
+
+def first_points(seen, count):
+    """Only the hand and the first points of what a camera saw."""
+    found = {name: getattr(seen, name)[:, :count] for name in ("points_px", "covariance_px2", "flags")}
+    return replace(seen, **found)
 
 
 @pytest.fixture
@@ -261,7 +273,29 @@ def test_two_experiments_become_one_in_space(project):
     assert np.abs(hand["z_m"] - 0.25).max() < 2e-3  # the hand moves level
 
 
+def test_a_third_camera_may_see_less_of_the_throw():
+    points_m = even_points(string_nodes(TIME_S[:8]))
+    views = rays_with(0.3, (LEFT, RIGHT, camera_at(0.1)), points_m)
+    alone = string_in_space(views[:2], LENGTH_M)
+    views[2].rays[:3] = np.nan
+    views[2].rays[3, 1:] = np.nan  # the hand only
+    found = string_in_space(views, LENGTH_M)
+    assert rms_m(found.points_m - points_m) < 2e-3
+    np.testing.assert_allclose(found.points_m[:3], alone.points_m[:3], atol=1e-6)
+
+
 def test_what_cannot_be_joined_is_refused(project):
+    with pytest.raises(StrandcastError, match="are one camera"):
+        import_views.run(project, "space", 1, [("left", 1), ("left", 1)])
+    for pattern in ("", "/both-*.png", "none-*.png"):
+        with pytest.raises(StrandcastError, match="SC-C043.* is in both"):
+            import_views.run(project, "space", 1, [("left", 1), ("right", 1)], boards=pattern)
+    left = ExperimentFolder(project, "left").trial(1).results / "track.json"
+    summary = import_views.run(project, "space", 2, [("left", 1), ("right", 1)])
+    summary.model_copy(update={"experiment": "left", "trial": 1, "length_m": 1.03 * LENGTH_M}).write(left)
+    with pytest.raises(StrandcastError, match=f"SC-I047.*{1.03 * LENGTH_M:.4g} m in left"):
+        import_views.run(project, "space", 1, [("left", 1), ("right", 1)])
+    left.unlink()
     with pytest.raises(StrandcastError, match="SC-I048"):
         import_views.run(project, "space", 1, [("left", 1), ("right", 2)])
     with pytest.raises(StrandcastError, match="SC-I047"):

@@ -184,6 +184,7 @@ def _profiles(objective: FitObjective, log: EvaluationLog) -> tuple[Array, Array
     ends = [_ends(best[k], tried[k], rise[k]) for k in range(d)]
     low, high, open_low, open_high = (np.array(column) for column in zip(*ends, strict=True))
     least, greatest = near_range(log)
+    open_low, open_high = open_low | (least <= 0.0), open_high | (greatest >= 1.0)
     return np.minimum(low, least), np.maximum(high, greatest), open_low, open_high
 
 

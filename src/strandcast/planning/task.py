@@ -122,6 +122,8 @@ class SpatialTask(AnyTask):
     @property
     def aim(self) -> Objective:
         """The objective with the target."""
+        if len(self.target_m) != 3:
+            raise ValueError(f"target_m: {len(self.target_m)} coordinates; a target in space has x, y and z")
         x, y, z = map(float, self.target_m)
         return PointInSpace(target_m=(x, y, z))
 

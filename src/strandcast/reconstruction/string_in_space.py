@@ -133,7 +133,8 @@ def _fit(
 def _curves(view: CameraRays) -> Curves:
     """Return the curves through a camera's points; across gaps they are straight, and not measurements."""
     seen = np.isfinite(view.rays).all(axis=-1)
-    rays = _filled(view.rays)
+    seen &= seen.sum(axis=1, keepdims=True) >= 2  # through one point there is no curve
+    rays = np.nan_to_num(_filled(view.rays))
     spline = CubicSpline(np.arange(rays.shape[1]), rays, axis=1)
     fourth = np.pad(np.abs(np.diff(rays, n=4, axis=1)), ((0, 0), (2, 2), (0, 0)), mode="edge")
     rough = np.maximum(fourth[:, 1:], fourth[:, :-1])

@@ -19,6 +19,7 @@ from strandcast.records.track import OCCLUDED, UNSURE, Track
 # As for a track in the plane: sigma per axis from which a place is unsure, and from which it is none.
 UNSURE_M, LOST_M = 0.003, 0.015
 LOOSE_SHARE = 1.0  # chosen: of the last spacing, standard deviation of an unsure tip along the string
+FEWEST_POINTS = 4  # a spline's error is taken from fourth differences of the hand and these
 DISAGREE_SIGMA = 4.0  # chosen: of the ends' median reprojection error, from which the cameras do not fit
 
 
@@ -69,7 +70,8 @@ def reconstruct_in_space(views: list[StringView], length_m: float) -> SpaceRecon
     Raises
     ------
     StrandcastError
-        SC-I047 fewer than two cameras, different numbers of points, no common time.
+        SC-I047 fewer than two cameras, different numbers of points or too few, no common time, or rays that
+        do not meet in front of the cameras.
     """
     _refuse_unlike(views)
     first = views[0]
@@ -81,7 +83,7 @@ def reconstruct_in_space(views: list[StringView], length_m: float) -> SpaceRecon
         its_sigma_s = np.interp(robot_s, time_s, clock_sigma_s(view.clock, view.pixels.camera_time_s))
         seen.append(pixels_at(view.pixels, time_s, robot_s, np.hypot(own_sigma_s, its_sigma_s)))
     if not all(np.isfinite(each.points_px).any() for each in seen):
-        what = f"the cameras {', '.join(view.name for view in views)} filmed nothing at the same time"
+        what = f"the cameras {_names(views)} filmed nothing at the same time"
         raise StrandcastError("SC-I047", what, fix="take trials of the same throw; check their alignments")
     rays = [
         rays_of(each.points_px, with_loose_tip(each), view.camera, each.clock_px)
@@ -91,6 +93,12 @@ def reconstruct_in_space(views: list[StringView], length_m: float) -> SpaceRecon
     flags = np.bitwise_or.reduce([each.flags for each in seen], axis=0) & ~OCCLUDED
     track = _track(first.pixels, found, flags)
     ends_px, ends_sigma = ends_agreement(rays, [view.camera for view in views])
+    if not (np.isfinite(ends_px) and np.isfinite(track.points_m[:, 1:]).any()):
+        raise StrandcastError(
+            "SC-I047",
+            f"nothing that {_names(views)} saw is at one place in front of them",
+            fix="take trials of the same throw; check the places of the plane's markers and the alignments",
+        )
     warnings = _warnings(views, track, ends_px, ends_sigma)
     return SpaceReconstruction(track, robot_s, ends_px, ends_sigma, warnings)
 
@@ -138,8 +146,7 @@ def _track(pixels: StringPixels, found: SpacePoints, flags: np.ndarray) -> Track
 
 
 def _warnings(views: list[StringView], track: Track, ends_px: float, ends_sigma: float) -> list[str]:
-    names = " and ".join(view.name for view in views)
-    warnings = []
+    names, warnings = _names(views), []
     if ends_sigma > DISAGREE_SIGMA:
         warnings.append(
             f"the cameras {names} do not fit each other: hand and tip are reprojected with {ends_px:.2g} px, "
@@ -152,6 +159,10 @@ def _warnings(views: list[StringView], track: Track, ends_px: float, ends_sigma:
     return warnings
 
 
+def _names(views: list[StringView]) -> str:
+    return " and ".join(view.name for view in views)
+
+
 def _refuse_unlike(views: list[StringView]) -> None:
     counts = {view.pixels.points_px.shape[1] - 1 for view in views}
     if len(views) < 2 or len(counts) > 1:
@@ -161,3 +172,6 @@ def _refuse_unlike(views: list[StringView]) -> None:
         )
         fix = "film with two cameras, and set the same string.points for both"
         raise StrandcastError("SC-I047", what, fix=fix)
+    if min(counts) < FEWEST_POINTS:
+        what = f"{min(counts)} mass points do not show the shape of a string in space"
+        raise StrandcastError("SC-I047", what, fix=f"set string.points to {FEWEST_POINTS} or more, and track")

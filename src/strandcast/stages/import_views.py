@@ -21,6 +21,8 @@ from strandcast.stages.calibrate import read_photos_of
 from strandcast.stages.context import context_of, refuse_replacing, refuse_target_in_space
 
 OBSERVATIONS = "observations.parquet"
+LENGTHS_DIFFER = 0.02  # chosen: a length that is 5 % wrong moves points by 1 mm, one of 15 % by 50 mm
+LARGEST_RMS_PX = 1.0  # chosen: of a board's corners; still boards and good lenses have a few tenths
 DISAGREE_M = 2e-3  # chosen: between the poses of boards and of the plane's markers, in the plane
 # The cameras' world has y up and z towards the camera; a string in space has z up.
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -51,6 +53,12 @@ def run(
     refuse_replacing(folder.data / "track.json", overwrite)
     refuse_target_in_space(context, True)
     length_m = context.settings.string.length_m
+    cameras = [experiment for experiment, _ in views]
+    if len(set(cameras)) < len(cameras):
+        what = f"{' and '.join(cameras)} are one camera, and its trials are different throws"
+        raise StrandcastError("SC-I047", what, field="--view", fix="name each camera's own experiment once")
+    for view in views:
+        _refuse_another_length(root, *view, length_m)
     seen = [_view(root, *view) for view in views]
     warnings = []
     if boards is not None:
@@ -98,14 +106,37 @@ def _view(root: Path, experiment: str, trial: int) -> StringView:
     return StringView(experiment, observed[camera].string, record, clock)
 
 
+def _refuse_another_length(root: Path, experiment: str, trial: int, length_m: float) -> None:
+    """Refuse a length that is not that of the string that a camera tracked: the points would be wrong."""
+    path = context_of(root, experiment).folder.trial(trial).results / "track.json"
+    if not path.is_file():
+        return  # what is missing is reported next
+    its_m = TrackSummary.read(path).length_m
+    if abs(its_m - length_m) > LENGTHS_DIFFER * length_m:
+        raise StrandcastError(
+            "SC-I047",
+            f"the string is {length_m:g} m long, but from the hand on {its_m:.4g} m in {experiment}",
+            field="string.length_m",
+            fix=f"give the free length, without what the clamp holds: length_m: {its_m:.4g}",
+        )
+
+
 def _placed_by_boards(
     root: Path, first: StringView, other: StringView, boards: str
 ) -> tuple[StringView, list[str]]:
     """Return the other view with the pose that the boards give it, and a warning if the markers disagree."""
     contexts = [context_of(root, view.name) for view in (first, other)]
     folders = [context.folder.data for context in contexts]
-    names = sorted(path.relative_to(folders[0]) for path in folders[0].glob(boards))
+    usable = boards and not Path(boards).is_absolute()
+    names = sorted(path.relative_to(folders[0]) for path in folders[0].glob(boards)) if usable else []
     both = [name for name in names if (folders[1] / name).is_file()]
+    if not both:
+        raise StrandcastError(
+            "SC-C043",
+            f"no file {boards!r} is in both {folders[0]} and {folders[1]}",
+            field="--boards",
+            fix="give a pattern of names in these folders, e.g. 'calibration/both-*.png'",
+        )
     photos = [read_photos_of(c, [f / name for name in both]) for c, f in zip(contexts, folders, strict=True)]
     pose = stereo_pose(
         list(zip(*photos, strict=True)), contexts[0].settings.camera.board, first.camera, other.camera
@@ -114,12 +145,19 @@ def _placed_by_boards(
     seen_px = other.pixels.points_px
     moved_m = pixel_to_metre(camera, seen_px) - pixel_to_metre(other.camera, seen_px)
     median_m = float(np.nanmedian(np.linalg.norm(moved_m, axis=-1)))
-    if median_m < DISAGREE_M:
-        return replace(other, camera=camera), []
-    return replace(other, camera=camera), [
-        f"the boards ({pose.pairs} pairs, {pose.rms_px:.2f} px) place {other.name} so that the string moves "
-        f"by {1e3 * median_m:.1f} mm against the plane's markers: measure these again; the boards count"
-    ]
+    warnings = []
+    if pose.rms_px > LARGEST_RMS_PX:
+        warnings.append(
+            f"the boards' corners are {pose.rms_px:.2f} px (rms) off in {pose.pairs} pairs of photos for "
+            f"{other.name}: a board moved between two photos, or the lenses are wrong; take the photos again"
+        )
+    if median_m >= DISAGREE_M:
+        warnings.append(
+            f"the boards ({pose.pairs} pairs, {pose.rms_px:.2f} px) place {other.name} so that the string "
+            f"moves by {1e3 * median_m:.1f} mm against the plane's markers: measure these again; the boards "
+            "count"
+        )
+    return replace(other, camera=camera), warnings
 
 
 def _z_up(found: SpaceReconstruction) -> Track:

@@ -94,7 +94,7 @@ def _no_raw_data(prefix: str) -> StrandcastError:
 
 
 def is_setting(path: str) -> bool:
-    """Return whether a file stays where Snakemake runs: in config/, or beside an experiment.yaml."""
+    """Return whether a file stays where Snakemake runs: in config/, or with an experiment.yaml."""
     match Path(path).parts:
         case ("config", *_) | ("data", _, _):
             return True
@@ -102,9 +102,18 @@ def is_setting(path: str) -> bool:
 
 
 def _copy_settings(folder: Path) -> None:
-    """Copy the settings to the folder where stages run; other jobs may read them there meanwhile."""
-    for path in (path for pattern in SETTINGS for path in PROJECT.glob(pattern)):
+    """Let the folder where stages run have just these settings; other jobs may read them there meanwhile."""
+    settings = _settings_in(PROJECT)
+    for path in settings:
         copy = folder / path
-        if path.is_file() and not (copy.is_file() and filecmp.cmp(path, copy, shallow=False)):
+        if not (copy.is_file() and filecmp.cmp(path, copy, shallow=False)):
             with atomic_write(copy) as temporary:
                 shutil.copyfile(path, temporary)
+    for path in _settings_in(folder) - settings:
+        (folder / path).unlink(missing_ok=True)
+
+
+def _settings_in(folder: Path) -> set[Path]:
+    """Return the files in a project's folder that are settings, relative to it."""
+    found = (path for pattern in SETTINGS for path in folder.glob(pattern))
+    return {path.relative_to(folder) for path in found if path.is_file()}
