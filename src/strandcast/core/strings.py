@@ -111,8 +111,6 @@ class StringBatch:
             value = getattr(self, column.name)
             if isinstance(value, np.ndarray) and not len(value):
                 object.__setattr__(self, column.name, np.zeros((len(self), *value.shape[1:])))
-            elif isinstance(value, np.ndarray) and len(value) != len(self):
-                raise ValueError(f"{column.name}: {len(value)} strings, but {len(self)} in `parameters`")
         if not len(self.disturbances):
             object.__setattr__(self, "disturbances", Disturbances.none(len(self)))
 
