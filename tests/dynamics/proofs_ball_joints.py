@@ -17,7 +17,7 @@ CLAMP_OFFSET_RAD = np.array([0.2, -0.1])
 BENT_RAD = (0.0, 0.15, 0.1)  # of every joint at the start, about x, y and z of the link before it
 UNTIL_S, FRAMES, STEP_S = 0.4, 41, 1e-5
 HEAVY = 1e9  # mass and moments of inertia of the hand, which the chain must not slow down
-# Moment of inertia of a link about itself, of which the string has none: a thousandth of the lightest link's
+# A link's moment of inertia about itself, where a string has none: a thousandth of the lightest link's
 # across, and half of it, to extrapolate to none.
 AXIAL_INERTIA = (2e-6, 1e-6)
 

@@ -1,4 +1,4 @@
-"""An arm all of whose joints move in space: its file, and the pose in which its hand holds the string."""
+"""An arm with all joints moving in space: its file, and the pose in which its hand holds the string."""
 
 from __future__ import annotations
 

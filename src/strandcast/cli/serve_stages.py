@@ -44,7 +44,7 @@ OUTPUT_LOST = 120  # Python's exit code
 DIES_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
-class Request(NamedTuple):
+class StageRequest(NamedTuple):
     """A command: its arguments, environment and folder, and the client's standard streams."""
 
     arguments: list[str]
@@ -126,7 +126,7 @@ class StageServer:
             if connection.fileno() not in self.jobs:
                 connection.close()
 
-    def _can_run(self, request: Request) -> bool:
+    def _can_run(self, request: StageRequest) -> bool:
         """Return whether a fork runs a command as a process of its own would; import what it needs."""
         names = self.environment.keys() | request.environment.keys()
         same = request.folder == self.folder and all(
@@ -136,7 +136,7 @@ class StageServer:
         )
         return same and _imports(request.arguments[0])
 
-    def _fork(self, request: Request, connection: socket.socket) -> None:
+    def _fork(self, request: StageRequest, connection: socket.socket) -> None:
         server = os.getpid()
         signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)  # the fork must not take one for the server
         pid = os.fork()
@@ -196,7 +196,7 @@ def _as_environment(items: list[bytes]) -> dict[str, str]:
     return {name: value for name, _, value in pairs}
 
 
-def _receive(connection: socket.socket, streams: list[int]) -> Request | None:
+def _receive(connection: socket.socket, streams: list[int]) -> StageRequest | None:
     """Return a client's request; its standard streams are added to `streams`. None: not of this user.
 
     Raises
@@ -217,7 +217,7 @@ def _receive(connection: socket.socket, streams: list[int]) -> Request | None:
     arguments = [os.fsdecode(word) for word in words[: int(count)]]
     if len(data) < rest or len(streams) != 3 or not arguments:
         raise ValueError(words)
-    return Request(arguments, _as_environment(words[int(count) :]), os.fsdecode(folder), streams)
+    return StageRequest(arguments, _as_environment(words[int(count) :]), os.fsdecode(folder), streams)
 
 
 def _imports(command: str) -> bool:
@@ -233,7 +233,7 @@ def _imports(command: str) -> bool:
     return len(list(Path("/proc/self/task").iterdir())) == 1
 
 
-def _run(request: Request, become_job: Callable[[], None]) -> NoReturn:
+def _run(request: StageRequest, become_job: Callable[[], None]) -> NoReturn:
     """Run a command in this fork, and end it as Python ends."""
     code = 1
     try:

@@ -228,15 +228,7 @@ def at_rest(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> np.ndarray:
 
     Without feed-forward the arm sags a little below its set point; the string hangs, curled.
     """
-    model = rig.model
-    data = mujoco.MjData(model)
-    free = np.concatenate([rig.arm_dofs, rig.string_dofs])
-    start = np.zeros(model.nq)
-    for dof, angle in rig.held.items():
-        start[dof] = angle
-    start[rig.arm_dofs] = points.q_rad[0]
-    data.qpos[:] = start
-    mujoco.mj_kinematics(model, data)
+    data, start, free = arm_at_start(rig, points)
     first, second = rig.nodes_m(data)[:2]
     direction = np.arctan2(*(second - first)[::-1])
     turn = -0.5 * np.pi - direction
@@ -245,14 +237,31 @@ def at_rest(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> np.ndarray:
     def unbalanced(x: np.ndarray) -> Any:
         data.qpos[:] = start
         data.qpos[free] = x
-        data.qvel[:] = 0.0
-        mujoco.mj_forward(model, data)
-        force = data.qfrc_passive - data.qfrc_bias
-        force[rig.arm_dofs] += loop.torque(points, 0, data.qpos[rig.arm_dofs], np.zeros(len(rig.arm_dofs)))
-        return force[free] / scale
+        return force_at_rest(rig, loop, points, data)[free] / scale
 
     scale = 1.0
     scale = np.maximum(np.abs(unbalanced(start[free] + 0.3)), 1e-9)
     answer = root(unbalanced, start[free], tol=1e-12)
     start[free] = answer.x
     return start
+
+
+def arm_at_start(rig: LabRig, points: ServoSetPoints) -> tuple[mujoco.MjData, np.ndarray, np.ndarray]:
+    """Return a state with the arm at its first set points, its coordinates, and which dofs are free."""
+    data = mujoco.MjData(rig.model)
+    start = np.array(rig.model.qpos0)
+    for dof, angle in rig.held.items():
+        start[dof] = angle
+    start[rig.arm_dofs] = points.q_rad[0]
+    data.qpos[:] = start
+    mujoco.mj_kinematics(rig.model, data)
+    return data, start, np.concatenate([rig.arm_dofs, rig.string_dofs])
+
+
+def force_at_rest(rig: LabRig, loop: ServoLoop, points: ServoSetPoints, data: mujoco.MjData) -> np.ndarray:
+    """Return the forces that accelerate each degree of freedom of a state, which is given no speed."""
+    data.qvel[:] = 0.0
+    mujoco.mj_forward(rig.model, data)
+    force = data.qfrc_passive - data.qfrc_bias
+    force[rig.arm_dofs] += loop.torque(points, 0, data.qpos[rig.arm_dofs], np.zeros(len(rig.arm_dofs)))
+    return np.asarray(force)

@@ -21,7 +21,7 @@ from strandcast.lab.rig import (
 )
 from strandcast.lab.servo import JointDrives, ServoSetPoints
 from strandcast.lab.strings import PhysicalString
-from strandcast.lab.swing import LabSwing, ServoLoop, swing_on
+from strandcast.lab.swing import LabSwing, ServoLoop, arm_at_start, force_at_rest, swing_on
 from strandcast.lab.variation import ThrowVariation
 
 SPATIAL_LINK_M = 0.02  # chosen: coarser than in the plane, because thin links twist fast
@@ -172,14 +172,7 @@ def _add_shapes(body: mujoco.MjsBody, link: StringLink, string: PhysicalString, 
 def _at_rest_in_space(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> np.ndarray:
     """Return the coordinates at which loops, weights and the bent string are in equilibrium."""
     model = rig.model
-    data = mujoco.MjData(model)
-    free = np.concatenate([rig.arm_dofs, rig.string_dofs])
-    start = np.array(model.qpos0)
-    for dof, angle in rig.held.items():
-        start[dof] = angle
-    start[rig.arm_dofs] = points.q_rad[0]
-    data.qpos[:] = start
-    mujoco.mj_kinematics(model, data)
+    data, start, free = arm_at_start(rig, points)
     # The string hangs straight down from its first joint.
     frame = data.body("string_0").xmat.reshape(3, 3)
     down = Rotation.align_vectors([frame.T @ -UPWARDS], [[1.0, 0.0, 0.0]])[0]
@@ -194,11 +187,7 @@ def _at_rest_in_space(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> n
 
     def unbalanced(turns: np.ndarray) -> np.ndarray:
         data.qpos[:] = moved(turns)
-        data.qvel[:] = 0.0
-        mujoco.mj_forward(model, data)
-        force = data.qfrc_passive - data.qfrc_bias
-        force[rig.arm_dofs] += loop.torque(points, 0, data.qpos[rig.arm_dofs], np.zeros(len(rig.arm_dofs)))
-        return np.asarray(force[free] / scale)
+        return np.asarray(force_at_rest(rig, loop, points, data)[free] / scale)
 
     scale = np.ones(len(free))
     scale = np.maximum(np.abs(unbalanced(np.full(len(free), 0.3))), 1e-9)

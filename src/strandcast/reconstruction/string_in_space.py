@@ -41,7 +41,7 @@ FEWEST_SHARE = 0.5  # of the mass points that two cameras must see
 SPLINE_SHARE = 10.0 * 16.0 / 384.0
 
 
-class Curves(NamedTuple):
+class CurvesSeen(NamedTuple):
     """The curves of F strings in one camera, as cubic splines over the number of the mass point."""
 
     coefficients: np.ndarray  # (4, n, F, 2)
@@ -130,7 +130,7 @@ def _fit(
     return points_m, covariance, misfit
 
 
-def _curves(view: CameraRays) -> Curves:
+def _curves(view: CameraRays) -> CurvesSeen:
     """Return the curves through a camera's points; across gaps they are straight, and not measurements."""
     seen = np.isfinite(view.rays).all(axis=-1)
     seen &= seen.sum(axis=1, keepdims=True) >= 2  # through one point there is no curve
@@ -140,7 +140,7 @@ def _curves(view: CameraRays) -> Curves:
     rough = np.maximum(fourth[:, 1:], fourth[:, :-1])
     covariance = np.where(seen[..., None, None], view.covariance, np.eye(2))
     shared = np.where(seen[..., None], view.shared, 0.0)
-    return Curves(np.asarray(spline.c), seen, rough, covariance, shared)
+    return CurvesSeen(np.asarray(spline.c), seen, rough, covariance, shared)
 
 
 class CameraPull(NamedTuple):
@@ -157,7 +157,7 @@ class CameraPull(NamedTuple):
 def _add_view(
     information: np.ndarray,
     view: CameraRays,
-    curve: Curves,
+    curve: CurvesSeen,
     place: np.ndarray,
     points_m: np.ndarray,
     soft: float,

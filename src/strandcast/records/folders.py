@@ -164,8 +164,8 @@ def files_of_video(video: Path) -> list[Path]:
         return sorted(path for path in entries_of(video) if path.suffix.lower() in PICTURES)
     if video.suffix.lower() not in PHOTRON:
         return [video]
-    beside = (path for path in entries_of(video.parent) if path.stem == video.stem)
-    return sorted(path for path in beside if path.suffix.lower() in PHOTRON)
+    same_name = (path for path in entries_of(video.parent) if path.stem == video.stem)
+    return sorted(path for path in same_name if path.suffix.lower() in PHOTRON)
 
 
 def video_suffixes() -> tuple[str, ...]:
