@@ -1,11 +1,14 @@
 """Shared by all rules: the shell's environment, and the calls of `strandcast.workflow`."""
 
 import gc
+import inspect
 import os
 import shlex
 import sys
 from functools import partial, wraps
 from pathlib import Path
+
+from snakemake.persistence import PersistenceBase
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import WITHIN_WORKFLOW
@@ -28,6 +31,7 @@ def reported(function):
             sys.stderr.write(f"{error}\n")
             os._exit(error.exit_code)
 
+    call.__signature__ = inspect.signature(function)  # asked for at each call by Snakemake
     return call
 
 
@@ -64,6 +68,8 @@ def limit_no_rate():
 # Snakemake holds nearly all that it makes until it ends: to look for garbage less often (as Python does
 # after 700 objects) saves a tenth of a run in which nothing is to be done, and costs no memory.
 gc.set_threshold(100_000, 50, 50)
+# It would import pandas, 65 MB, to look for tables among the parameters, which are text and numbers.
+PersistenceBase._serialize_param_pandas = PersistenceBase._serialize_param_builtin
 use_command(stage_server.DIRECTLY)
 if workflow.subprocess_exec:  # a cluster's job, which does not call onstart
     start_server()

@@ -1,5 +1,6 @@
 """The benchmark of a batch: where CPU time went, stages that do nothing, a thousand trials extrapolated."""
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -48,6 +49,11 @@ def test_a_batch_of_stages_that_do_nothing_is_made_to_its_reports_once(tmp_path:
     assert row["first"]["stages_s"] == 0.0
     assert row["first"]["starts_s"] > 0.0 == row["no_op"]["starts_s"]
     assert row["overhead_share"] is None
+    look = [sys.executable, "-X", "importtime", "-m", "snakemake", "--dry-run", "--quiet"]
+    again = subprocess.run(look, cwd=tmp_path / "project", capture_output=True, text=True, check=True)
+    imported = {line.rpartition("|")[2].strip() for line in again.stderr.splitlines()}
+    assert "snakemake.dag" in imported
+    assert imported.isdisjoint({"pandas", "pyarrow", "scipy", "numba", "cv2"})
 
 
 def test_every_trial_has_a_video_of_its_own(tmp_path: Path) -> None:
