@@ -50,6 +50,7 @@ def strandcast(root: Path, *arguments: str) -> subprocess.CompletedProcess:
         (["ingest", "demo", "100"], 2, "make it first: strandcast lab-throw demo 100"),
         (["estimate", "demo", "1000000"], 2, "less than or equal to 999999"),
         (["run", "demo", "--jobs", "3", "--cores", "2"], 2, "3 jobs need at least 3 cores"),
+        (["run", "--report-only", "--profile", "slurm"], 2, "goes with no stage, profile or dry run"),
         (["run", "demo", "--until"], 2, "strandcast run: Option '--until' requires an argument"),
         (["rn"], 2, "Did you mean 'run'?"),
         (["estimate"], 2, "Missing argument 'EXPERIMENT'"),

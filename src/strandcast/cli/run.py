@@ -57,8 +57,8 @@ def run(
 
     if jobs is not None and cores is not None and jobs > cores:
         raise typer.BadParameter(f"{jobs} jobs need at least {jobs} cores", param_hint="--jobs")
-    if report_only and (dry_run or until is not None):
-        raise typer.BadParameter("goes with no other stage and no dry run", param_hint="--report-only")
+    if report_only and (dry_run or until is not None or profile != DEFAULT_PROFILE):
+        raise typer.BadParameter("goes with no stage, profile or dry run", param_hint="--report-only")
     options = RunOptions(cores, jobs, until, dry_run, report_only, profile)
     done = run_experiments(ROOT, experiments or [], options)
     if dry_run:

@@ -10,6 +10,7 @@ import filecmp
 import os
 import shutil
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any, NamedTuple
 
 from strandcast.errors import ENVIRONMENT, StrandcastError
@@ -76,8 +77,8 @@ def open_storage(workflow: Any) -> ProjectStorage | None:
     if not any(name.startswith(f"data{os.sep}") for name in listed):
         raise _no_raw_data(prefix)
     _copy_settings(folder)
-    listing = folder / f".listing-{os.getpid()}.json"
-    write_listing(listing, listed)
+    with NamedTemporaryFile(prefix="strandcast-listing-", suffix=".json", delete=False) as file:
+        write_listing(listing := Path(file.name), listed)
     atexit.register(listing.unlink, missing_ok=True)
     return ProjectStorage(folder, found, page.get_inventory_parent())
 
