@@ -13,7 +13,7 @@ from strandcast.arm.load import Arm
 from strandcast.arm.spatial import SpatialArm, SpatialChain, clamp_axes, load_spatial_arm
 from strandcast.config.plan import PlanSettings
 from strandcast.core.box import Box
-from strandcast.core.strings import StringBatch
+from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
@@ -125,6 +125,14 @@ def test_disturbances_in_space_turn_the_clamp_both_ways() -> None:
     np.testing.assert_allclose(turns.T @ turns, 32 * 0.03**2 * np.eye(2), atol=1e-12)
     np.testing.assert_allclose(np.abs(found.disturbances.longer_m), 0.002)
     assert found.disturbances.joint_zero_rad.shape == (32, 6)
+
+
+def test_first_strings_in_space_are_thread_to_rope() -> None:
+    layout = mass_layout(0.4, 10, [])
+    drawn = start_strings_in_space(400, 0.4, layout, np.random.default_rng(2))
+    per_mass = drawn.parameters[:, PARAMETERS.index("C_c2")]
+    # Drag over mass of 1 g/m at 100 kg/m3 (3.6 mm thick) that vibrates, and of 40 g/m at 1300 kg/m3 (6.3 mm).
+    np.testing.assert_allclose([per_mass.max(), per_mass.min()], [2.7 * 2.36, 0.103], rtol=0.3)
 
 
 def plan_on(task: SpatialTask, strings: StringBatch):

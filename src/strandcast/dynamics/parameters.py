@@ -102,6 +102,7 @@ def ensemble(
     rng: np.random.Generator,
     stiff: int = 0,
     thickness_m: float | None = None,
+    density_kg_m: tuple[float, float] = DENSITY_KG_M,
 ) -> StringDraw:
     """`k` physically plausible strings: the prior of a cord that was never thrown.
 
@@ -115,39 +116,44 @@ def ensemble(
         Number of weights, and of points of stiff sections; their free masses follow those of the weights.
     thickness_m
         Diameter, for drag; without it, that of a cord of the mass and a plausible material.
+    density_kg_m
+        Least and greatest mass per length.
 
     Notes
     -----
     Held as in a clamp. All coefficients per kilogram of one plain point.
     """
     spacing_m = length_m / n
-    density_kg_m = _log_uniform(rng, *DENSITY_KG_M, k)
-    diameter_m = np.sqrt(4.0 * density_kg_m / (np.pi * _log_uniform(rng, *MATERIAL_KG_M3, k)))
+    per_length_kg_m = log_uniform_array(rng, *density_kg_m, k)
+    diameter_m = np.sqrt(4.0 * per_length_kg_m / (np.pi * log_uniform_array(rng, *MATERIAL_KG_M3, k)))
     if thickness_m is not None:
         diameter_m[:] = thickness_m
-    bending = GRAVITY_M_S2 * _log_uniform(rng, *BENDING_LENGTH_M, k) ** 3 / spacing_m**2
-    damping = bending * _log_uniform(rng, 2e-3, 2e-2, k)
-    stretch = _log_uniform(rng, 5e6, 1e8, k)
+    bending = GRAVITY_M_S2 * log_uniform_array(rng, *BENDING_LENGTH_M, k) ** 3 / spacing_m**2
+    damping = bending * log_uniform_array(rng, 2e-3, 2e-2, k)
+    stretch = log_uniform_array(rng, 5e6, 1e8, k)
     parameters = np.column_stack(
         [
             stretch,
-            _log_uniform(rng, 5.0, 50.0, k),
+            log_uniform_array(rng, 5.0, 50.0, k),
             bending,
             damping,
             bending * rng.uniform(0.5, 1.0, k),
             damping * rng.uniform(0.5, 1.0, k),
-            _log_uniform(rng, 1e-3, 5e-2, k),
-            DRAG_KG_M3 * diameter_m / density_kg_m,
+            log_uniform_array(rng, 1e-3, 5e-2, k),
+            DRAG_KG_M3 * diameter_m / per_length_kg_m,
             2.0 * bending,
             2.0 * damping,
         ]
     )
     low, high = RANGES["wide"].T
-    clay_kg = _log_uniform(rng, *WEIGHT_KG, (k, weights))
-    pipe_kg = np.repeat(_log_uniform(rng, *PIPE_KG_M, (k, 1)) * spacing_m, stiff, axis=1)
-    masses = np.hstack([clay_kg, pipe_kg]) / (density_kg_m * spacing_m)[:, None]
+    clay_kg = log_uniform_array(rng, *WEIGHT_KG, (k, weights))
+    pipe_kg = np.repeat(log_uniform_array(rng, *PIPE_KG_M, (k, 1)) * spacing_m, stiff, axis=1)
+    masses = np.hstack([clay_kg, pipe_kg]) / (per_length_kg_m * spacing_m)[:, None]
     return StringDraw(np.clip(parameters, low, high), np.clip(masses, *MASS_RANGE["wide"]))
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float, size: int | tuple[int, int]) -> Array:
+def log_uniform_array(
+    rng: np.random.Generator, low: float, high: float, size: int | tuple[int, int]
+) -> Array:
+    """Return numbers from `low` to `high` that are uniform in their logarithm."""
     return np.asarray(low * (high / low) ** rng.random(size))

@@ -1,4 +1,7 @@
-"""Search for a motion from nothing: random screening, then CMA-ES over an ensemble of strings."""
+"""Search for a motion from nothing: random screening, then CMA-ES over an ensemble of strings.
+
+In space there are twice the unknowns, and descents take the place of CMA-ES.
+"""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -12,6 +15,7 @@ from strandcast.planning.bezier import Curve, rest_heights
 from strandcast.planning.cost import CLEARANCE_M, motion_costs, rollout_cost, start_cost
 from strandcast.planning.draw import CurvePrior, JointBounds, draw_first
 from strandcast.planning.mesh_refinement import refined_strings, refined_task
+from strandcast.planning.motion_descent import MotionResiduals, descend_motion, motion_residuals
 from strandcast.planning.paths import Curves, packed, paths_of, whole_durations
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_paths
 from strandcast.planning.scenarios import disturbed
@@ -28,15 +32,17 @@ HEIGHT_RAD_S, POSTURE_RAD, TIME_S = 1.5, 0.25, 0.06
 
 
 class Round(NamedTuple):
-    """A round of the search, from the best motions so far."""
+    """A round of the search, from the best motions so far; a descent has no spread."""
 
     searches: int
     share: float  # of the evaluations
     strings: int
-    spread: float
+    spread: float = 0.0
 
 
 ROUNDS = (Round(6, 0.5, 4, 0.5), Round(2, 0.27, 8, 0.35), Round(1, 0.23, 16, 0.2))
+# A descent from a random motion takes most of its way in two or three steps of some fifty simulations.
+ROUNDS_IN_SPACE = (Round(8, 0.45, 4), Round(3, 0.27, 8), Round(1, 0.28, 16))
 
 
 class Scenario(NamedTuple):
@@ -90,16 +96,26 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
     starts = [encoding.point(curve) for curve in found]
     optima: list[Optimum] = []
     progress, done = Progress("plan: search", total=settings.evaluations), 0
-    for searches, share, members, spread in ROUNDS:
-        scenarios = scenarios_of(task, ensemble.first(members), settings)
+    for searches, share, members, spread in ROUNDS_IN_SPACE if isinstance(task, SpatialTask) else ROUNDS:
+        strings = ensemble.first(members)
+        scenarios = scenarios_of(task, strings, settings)
         budget = int(share * settings.evaluations / searches)
 
         def value(points: np.ndarray, scenarios: list[Scenario] = scenarios) -> np.ndarray:
             return curve_costs(task, scenarios, given.conditions, encoding.curves(points))
 
+        def residuals(points: np.ndarray, strings: StringBatch = strings) -> MotionResiduals:
+            assert isinstance(task, SpatialTask)
+            return motion_residuals(task, strings, given.conditions, encoding.curves(points))
+
         optima = []
         for start in starts[:searches]:
-            point, cost_m, tried = minimise(value, start, spread, budget, given.rng, progress, done)
+            if isinstance(task, SpatialTask):
+                # The time, which is whole steps, stays.
+                point, cost_m, tried = descend_motion(residuals, start, len(start) - 1, budget)
+                progress(done + tried, f"best cost {1000 * cost_m:.1f} mm")
+            else:
+                point, cost_m, tried = minimise(value, start, spread, budget, given.rng, progress, done)
             optima.append(Optimum(point, cost_m))
             done += budget
             simulations += tried * min(members, len(ensemble))

@@ -83,9 +83,13 @@ class JointPaths:
 
     def excess(self, limits: Limits) -> np.ndarray:
         """Return (P,) by how much motions break the limits: summed over joints and kinds; 1 = the limit."""
+        return np.asarray(sum(np.maximum(part, 0.0).sum(axis=1) for part in self.excesses(limits)))
+
+    def excesses(self, limits: Limits) -> list[np.ndarray]:
+        """Return (P, J) of every kind of limit: by how much motions exceed it; 1 = the limit."""
         span = limits.upper_rad - limits.lower_rad
         room = np.where(np.isfinite(span), span, np.pi)
-        parts = [
+        return [
             (self.high - limits.upper_rad) / room,
             (limits.lower_rad - self.low) / room,
             self.speed / limits.velocity_rad_s - WITHIN,
@@ -93,7 +97,6 @@ class JointPaths:
             self.jerk / limits.jerk_rad_s3 - WITHIN,
             self.torque / limits.torque_n_m - WITHIN,
         ]
-        return np.asarray(sum(np.maximum(part, 0.0).sum(axis=1) for part in parts))
 
 
 def paths_of(

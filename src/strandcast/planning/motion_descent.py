@@ -1,0 +1,123 @@
+"""Gauss-Newton descent over motions of many joints, where CMA-ES would need more tries than there are.
+
+A motion of seven joints has some fifty unknowns, and the simulated tips say in which direction each of them
+moves the misses: a few derivatives lead further than a thousand random changes.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from strandcast.arm.joint_limits import Limits
+from strandcast.core.strings import StringBatch
+from strandcast.planning.assessment import assess_rollouts
+from strandcast.planning.cost import (
+    CLEARANCE_M,
+    LIMIT_COST_M,
+    OUTSIDE_COST,
+    TOUCH_COST,
+    motion_costs,
+    rollout_cost,
+    start_cost,
+)
+from strandcast.planning.paths import Curves, JointPaths, paths_of
+from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, Rollouts, rollouts_of_paths
+from strandcast.planning.simulated_misses import simulated_miss
+from strandcast.planning.task import SpatialTask
+
+# All chosen.
+STEP = 0.02  # of finite differences, in units of the search
+# Dampings tried at once, times the last one that was taken; relative to the mean curvature. Directions to
+# which no tip is sensitive must not be walked along, so all unknowns are damped the same.
+LADDER = 10.0 ** np.arange(-3.0, 3.0)
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 0.1, 1e-5, 1e3
+GAIN = 1e-3  # smallest relative improvement that counts
+ROOM = 0.02  # before a joint's limit, relative to it, where the descent begins to turn away
+
+
+class MotionResiduals(NamedTuple):
+    """Residuals (P, R) of P motions, with squares that add up to about their squared cost; costs (P,) [m]."""
+
+    parts_m: np.ndarray
+    cost_m: np.ndarray
+
+
+def motion_residuals(
+    task: SpatialTask, strings: StringBatch, conditions: RolloutConditions, curves: Curves
+) -> MotionResiduals:
+    """Simulate motions with every string, and return what there is to reduce.
+
+    The residuals are the offsets of the tips from the target, how far strings leave the workspace or come
+    into the arm, and how far joints go beyond their limits or come near them.
+    """
+    paths = paths_of(curves, task.step_s, AFTER_END_S, task.dynamics)
+    rollouts = rollouts_of_paths(task, strings, conditions, paths)
+    assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
+    cost_m = rollout_cost(assessment, len(strings), task.step_s)
+    cost_m = cost_m + motion_costs(task, paths) + start_cost(task, curves.q0_rad)
+    of_strings = np.column_stack(
+        [tip_offsets(task, rollouts), OUTSIDE_COST * assessment.outside_m, TOUCH_COST * assessment.touch_m]
+    )
+    over = LIMIT_COST_M * near_limits(paths, task.arm.limits)
+    parts_m = np.hstack([of_strings.reshape(len(paths.q), -1) / np.sqrt(len(strings)), over])
+    return MotionResiduals(np.nan_to_num(parts_m, nan=1.0), cost_m)
+
+
+def tip_offsets(task: SpatialTask, rollouts: Rollouts) -> np.ndarray:
+    """Return (B, 3) from the target to the nearest place of each tip's path, between the samples too [m]."""
+    after = np.clip(simulated_miss(task.aim, rollouts)[1], 1, rollouts.last)
+    tip_m, each = rollouts.tip_m(), np.arange(len(after))
+    start, way = tip_m[each, after - 1], tip_m[each, after] - tip_m[each, after - 1]
+    along = ((task.target_m - start) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12)
+    return np.asarray(start + np.clip(along, 0.0, 1.0)[:, None] * way - task.target_m)
+
+
+def near_limits(paths: JointPaths, limits: Limits) -> np.ndarray:
+    """Return (P, 6 J) how far joints are beyond `ROOM` before their limits, relative to these."""
+    return np.maximum(np.hstack(paths.excesses(limits)) + ROOM, 0.0)
+
+
+def descend_motion(
+    residuals: Callable[[np.ndarray], MotionResiduals], start: np.ndarray, free: int, evaluations: int
+) -> tuple[np.ndarray, float, int]:
+    """Reduce the cost of a motion by damped Gauss-Newton steps.
+
+    Parameters
+    ----------
+    residuals
+        Of points (P, d).
+    start
+        (d,) where to start.
+    free
+        Number of the unknowns to change, the first ones.
+    evaluations
+        How many points it may try, those for derivatives included.
+
+    Returns
+    -------
+    The best point, its cost [m], and how many points were tried.
+    """
+    point, (parts, (best_m,)) = start, residuals(start[None])
+    tried, damping = 1, FIRST_DAMPING
+    steps = STEP * np.eye(free, len(start))
+    while tried + free + len(LADDER) <= evaluations and damping <= MOST_DAMPING:
+        slopes = (residuals(point + steps).parts_m - parts).T / STEP
+        curvature, gradient = slopes.T @ slopes, slopes.T @ parts[0]
+        tried += free
+        improved = False
+        while not improved and tried + len(LADDER) <= evaluations and damping <= MOST_DAMPING:
+            dampings = damping * LADDER
+            damped = [curvature + one * np.trace(curvature) / free * np.eye(free) for one in dampings]
+            candidates = np.tile(point, (len(LADDER), 1))
+            candidates[:, :free] -= np.linalg.solve(np.array(damped), gradient[None, :, None])[..., 0]
+            found = residuals(candidates)
+            tried += len(LADDER)
+            k = int(np.argmin(found.cost_m))
+            improved = bool(found.cost_m[k] < (1.0 - GAIN) * best_m)
+            if improved:
+                point, parts, best_m = candidates[k], found.parts_m[k : k + 1], found.cost_m[k]
+                damping = max(float(dampings[k]), LEAST_DAMPING)
+            else:
+                damping *= MOST_DAMPING
+    return point, float(best_m), tried
