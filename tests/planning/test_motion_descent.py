@@ -107,4 +107,4 @@ def test_a_descent_finds_a_throw_near_the_best_of_some_random_ones(task: Spatial
     _, cost_m, tried = descend_motion(residuals, best, 42, 300)
     assert tried <= 300
     assert start_m > 0.10
-    assert cost_m < 0.03
+    assert cost_m < 0.2 * start_m

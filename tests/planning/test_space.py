@@ -131,8 +131,9 @@ def test_first_strings_in_space_are_thread_to_rope() -> None:
     layout = mass_layout(0.4, 10, [])
     drawn = start_strings_in_space(400, 0.4, layout, np.random.default_rng(2))
     per_mass = drawn.parameters[:, PARAMETERS.index("C_c2")]
-    # Drag over mass of 1 g/m at 100 kg/m3 (3.6 mm thick) that vibrates, and of 40 g/m at 1300 kg/m3 (6.3 mm).
-    np.testing.assert_allclose([per_mass.max(), per_mass.min()], [2.7 * 2.36, 0.103], rtol=0.3)
+    # Of a cylinder of 20 g/m at 1300 kg/m3, 4.4 mm thick: 0.146; of 1 g/m at 100 kg/m3, 3.6 mm thick: 2.36.
+    assert per_mass.min() < 0.146
+    assert 2.36 < per_mass.max() < 2.7 * 2.36
 
 
 def plan_on(task: SpatialTask, strings: StringBatch):
