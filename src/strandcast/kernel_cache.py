@@ -7,16 +7,15 @@ code depends on: the files with kernels and the modules from which they import c
 docstrings do not count, nor where the package lies (`strandcast.kernel_locator`).
 """
 
-import hashlib
 import os
 import stat
-import tempfile
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 from strandcast.kernel_seed import LEVELS, cpu_levels, plant, seed_name
-from strandcast.source_code import cache_folder, source_cache
+
+# What only the search for a folder needs is imported on use: most processes inherit NUMBA_CACHE_DIR.
 
 PACKAGE = Path(__file__).resolve().parent
 MARK = b"njit"
@@ -68,6 +67,10 @@ def _target() -> str:
 @cache
 def kernels_sha256() -> str:
     """Return the hash of the code that compiled kernels depend on."""
+    import hashlib
+
+    from strandcast.source_code import source_cache
+
     code = source_cache()
     kernels = {path for path in PACKAGE.rglob("*.py") if MARK in path.read_bytes()}
     constants = {file for path in kernels for file in _constants_of(code.code_of(path).imports)}
@@ -89,6 +92,10 @@ def _constants_of(imports: tuple[str, ...]) -> Iterator[Path]:
 
 def _writable_folder() -> Path | None:
     """Return this user's folder of kernels: in the home folder, or else among the temporary files."""
+    import tempfile
+
+    from strandcast.source_code import cache_folder
+
     folder = cache_folder()
     if folder is not None:
         return folder / "kernels"

@@ -4,15 +4,15 @@ A seed fits one version of Python, one level of processors (`cpu_level`), the co
 versions of the compiler. All else is compiled, for the same level: the machine code is the same.
 """
 
-import hashlib
 import json
 import sys
-import tempfile
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import version
 from itertools import takewhile
 from pathlib import Path
+
+# hashlib, tempfile and importlib.metadata are imported on use: every process of this package comes by here,
+# and most find their kernels.
 
 SEEDS = Path(__file__).with_name("shipped") / "kernels"
 MANIFEST = "manifest.json"
@@ -42,6 +42,8 @@ def seed_name(level: str) -> str:
 
 def plant(folder: Path, level: str, kernels_sha256: str) -> None:
     """Make the folder of compiled kernels from the seed, if there is one that fits and is undamaged."""
+    import tempfile
+
     seed = SEEDS / seed_name(level)
     if folder.exists() or not seed.is_dir():
         return
@@ -64,9 +66,13 @@ def plant(folder: Path, level: str, kernels_sha256: str) -> None:
 
 def made_from(kernels_sha256: str) -> dict[str, str]:
     """Return what a seed must have been made from to be used here."""
+    from importlib.metadata import version
+
     return {"kernels": kernels_sha256} | {name: version(name) for name in COMPILERS}
 
 
 def sha256(content: bytes) -> str:
     """Return the hash of a file's content."""
+    import hashlib
+
     return hashlib.sha256(content).hexdigest()

@@ -6,7 +6,7 @@ import pytest
 from strandcast.tracking.chain.bead_search import no_pins
 from strandcast.tracking.chain.constraints import NO_TIP, Anchors, Constraints, Pins, Stiffness, Tip
 from strandcast.tracking.chain.links import node_normals, per_axis, place_nodes
-from strandcast.tracking.chain.smoother import fit_headings
+from strandcast.tracking.chain.smoother import fit_headings, node_covariances
 
 LINK_M = 0.006
 LOOSE = Stiffness(change=0.5, bend=5.0, hidden=5.0, prior=50.0, clamp=50.0, root_m=1e-5)
@@ -109,7 +109,8 @@ def test_covariances_are_those_of_the_inverse_matrix():
     pins = Pins(np.array([0.1]), target[16:17], np.array([3e5]))
     seen = constraints(target, heading, weight, heading, Anchors(Tip(0.0, 1e6), pins))
     for _ in range(3):  # until a round changes nothing
-        root, heading, covariances = fit_headings(root, heading, LINK_M, seen, 5)
+        root, heading, recursion = fit_headings(root, heading, LINK_M, seen, 5)
+    covariances = node_covariances(heading, LINK_M, recursion)
     _, covariance = dense_fit(root, heading, seen)
     jacobian = np.zeros((2, 42))
     jacobian[:, :2] = np.eye(2)
@@ -132,10 +133,10 @@ def test_fit_recovers_a_bent_chain_from_detections_across_it():
         anchors = Anchors(Tip(slide, 1e8), NO_PINS)
         clamp = {"clamp_m": root, "clamp_rad": truth[0]}
         seen = constraints(target, heading, np.full(51, 1e8), start, anchors, LOOSE, **clamp)
-        root, heading, covariances = fit_headings(root, heading, LINK_M, seen, 3)
+        root, heading, recursion = fit_headings(root, heading, LINK_M, seen, 3)
     off = np.linalg.norm(place_nodes(root, heading, LINK_M) - target, axis=1)
     assert off.max() < 2e-4
-    assert np.isfinite(covariances).all()
+    assert np.isfinite(node_covariances(heading, LINK_M, recursion)).all()
 
 
 def test_a_hidden_middle_is_bridged_straight_and_less_certain():
@@ -144,8 +145,8 @@ def test_a_hidden_middle_is_bridged_straight_and_less_certain():
     weight = np.full(51, 1e7)
     weight[20:32] = 0.0
     seen = constraints(target, truth, weight, truth, Anchors(Tip(0.0, 1e7), NO_PINS))
-    _, _, covariances = fit_headings(np.zeros(2), truth, LINK_M, seen, 2)
-    sigma = per_axis(covariances)[5::5]
+    _, heading, recursion = fit_headings(np.zeros(2), truth, LINK_M, seen, 2)
+    sigma = per_axis(node_covariances(heading, LINK_M, recursion))[5::5]
     assert sigma[4] > 2 * sigma[2]
     assert sigma[4] > 2 * sigma[8]
 

@@ -1,18 +1,23 @@
 """The extension points: entries by name, built in, registered at run time, or of an installed package."""
 
-import difflib
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from strandcast.errors import ENVIRONMENT, StrandcastError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 Entry = TypeVar("Entry")
 
 
 def installed(group: str) -> dict[str, EntryPoint]:
     """Return the entry points of a group that the installed packages offer, in order of name."""
+    from importlib.metadata import entry_points  # on use: the process that decodes a video needs none
+
     return {point.name: point for point in sorted(entry_points(group=group), key=lambda point: point.name)}
 
 
@@ -88,6 +93,8 @@ class Registry(Generic[Entry]):
         """
         entry = self.find(name)
         if entry is None:
+            import difflib
+
             names = sorted(self)
             near = difflib.get_close_matches(name, names, n=1)
             raise StrandcastError(

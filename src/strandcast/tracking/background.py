@@ -40,13 +40,12 @@ def learn_background(pictures: list[np.ndarray], frames: int) -> tuple[np.ndarra
 
 def unlike_frames(thumbs: np.ndarray, count: int) -> np.ndarray:
     """Return indices of `count` pictures (N, h, w), each as different from those before it as possible."""
-    flat = thumbs.reshape(len(thumbs), -1).astype(np.float32)
-    chosen = [0]
-    nearest = np.abs(flat - flat[0]).mean(axis=1)
+    chosen: list[int] = []
+    nearest = np.full(len(thumbs), np.inf)
     while len(chosen) < count:
         new = int(np.argmax(nearest))
         chosen.append(new)
-        nearest = np.minimum(nearest, np.abs(flat - flat[new]).mean(axis=1))
+        nearest = np.minimum(nearest, [cv2.norm(thumb, thumbs[new], cv2.NORM_L1) for thumb in thumbs])
     return np.sort(np.asarray(chosen))
 
 

@@ -107,8 +107,9 @@ def length_warnings(clamp_fit: ClampFit, given_m: float) -> list[str]:
 def out_of_plane_warnings(frames: StringFrames, string: StringTrack, camera: Camera) -> list[str]:
     """Return a warning about a string that left the plane of motion, which one camera cannot see."""
     length_m = string.learned.clamp_fit.length_m
-    out = measure_out_of_plane(apparent_strings(frames, string.first.fits), length_m, camera)
-    if out is None or out.length_range_m < max(TILTED_M, TILTED_SHARE * length_m):
+    least_m = max(TILTED_M, TILTED_SHARE * length_m)
+    out = measure_out_of_plane(apparent_strings(frames, string.first.fits), length_m, camera, least_m)
+    if out is None:
         return []
     range_mm, depth_mm, error_mm = (1e3 * each_m for each_m in out)
     return [

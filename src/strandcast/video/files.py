@@ -1,13 +1,12 @@
 """The door for video files: regular files that a reader may open, and nothing else."""
 
-import difflib
-import hashlib
 import re
 from pathlib import Path
 
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.records.files import sha256_file
 from strandcast.records.folders import PICTURES, files_of_video
+
+# hashlib and difflib are imported on use: the process that decodes a video needs neither.
 
 
 def check_video_path(path: str | Path) -> Path:
@@ -40,6 +39,8 @@ def check_video_path(path: str | Path) -> Path:
 
 
 def _similar_names(file: Path) -> str:
+    import difflib
+
     names = sorted(entry.name for entry in file.parent.iterdir()) if file.parent.is_dir() else []
     similar = difflib.get_close_matches(file.name, names, n=3) or names[:3]
     if not similar:
@@ -64,6 +65,10 @@ def video_sha256(path: str | Path) -> tuple[str, int]:
 
     The hash of several files is that of the lines that ``sha256sum`` prints for them in alphabetical order.
     """
+    import hashlib
+
+    from strandcast.records.files import sha256_file
+
     files = files_of_video(Path(path))
     size = sum(file.stat().st_size for file in files)
     if len(files) == 1:

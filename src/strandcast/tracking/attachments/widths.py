@@ -8,7 +8,7 @@ be known; the background cancels.
 import numpy as np
 from numba import njit
 
-from strandcast.tracking.chain.search_window import SearchWindow, is_outside, levels_at
+from strandcast.tracking.chain.search_window import SearchWindow, add_levels, corner_levels, is_outside
 from strandcast.tracking.pixel_map import to_pixel
 
 PITCH_PX = 0.5  # between places along the string, and between samples across it
@@ -67,6 +67,9 @@ def widths_along(
     half = int(np.ceil(max(HALF_M / pitch_m, HALF_PX / PITCH_PX)))
     flank = int(FLANK_PX / PITCH_PX)
     samples = np.empty(2 * (half + flank) + 1)
+    u, v = np.empty(len(samples)), np.empty(len(samples))
+    now, behind = np.empty(len(samples)), np.empty(len(samples))
+    corners = corner_levels(window, len(samples))
     widths = np.full(len(places_m), np.nan)
     reach_px = (half + flank) * PITCH_PX + 1.0
     for k in range(len(places_m)):
@@ -79,15 +82,16 @@ def widths_along(
         if is_outside(window, u0, v0, reach_px):
             continue
         u1, v1 = to_pixel(x - pitch_m * along_y, y + pitch_m * along_x, plane)
-        good = True
         for w in range(len(samples)):
-            u, v = u0 + (w - half - flank) * (u1 - u0), v0 + (w - half - flank) * (v1 - v0)
-            now, behind = levels_at(window, u, v)
-            if abs(level - behind) < LEAST_SHARE * contrast:
-                good = False
-                break
-            samples[w] = (now - behind) / (level - behind)
-        if not good:
+            u[w], v[w] = u0 + (w - half - flank) * (u1 - u0), v0 + (w - half - flank) * (v1 - v0)
+            now[w] = behind[w] = 0.0
+        add_levels(window, u, v, 1.0, now, behind, corners)
+        least = np.inf
+        for w in range(len(samples)):
+            depth = level - behind[w]
+            least = min(least, abs(depth))
+            samples[w] = (now[w] - behind[w]) / depth if depth != 0 else 0.0
+        if least < LEAST_SHARE * contrast:
             continue
         left, right = samples[:flank].mean(), samples[-flank:].mean()
         if abs(left + right) < 2 * MOST_FLANK and abs(left - right) < MOST_TILT:

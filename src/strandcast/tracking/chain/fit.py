@@ -9,11 +9,11 @@ from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.bead_search import Beads, behind_bead, has_tip_pin, no_pins, pin_beads
 from strandcast.tracking.chain.constraints import NO_TIP, Anchors, Constraints, Stiffness
 from strandcast.tracking.chain.line_scores import blank_hand, rewards_near, score_across
-from strandcast.tracking.chain.links import node_normals, place_nodes, place_on
+from strandcast.tracking.chain.links import link_directions, nodes_along, normals_to, place_nodes, place_on
 from strandcast.tracking.chain.profiles import best_path, line_centre
 from strandcast.tracking.chain.reward import counted_once, mean_reward
 from strandcast.tracking.chain.search_window import SearchWindow, hidden_nodes
-from strandcast.tracking.chain.smoother import fit_headings
+from strandcast.tracking.chain.smoother import Recursion, fit_headings, node_covariances
 from strandcast.tracking.chain.tip import END_PX, ends_at_tip, locate_tip
 
 # All chosen on the drawn and lab videos of the tracking benchmark.
@@ -71,7 +71,9 @@ class ChainFit(NamedTuple):
 
     root: np.ndarray  # (2,)
     heading: np.ndarray  # (M,)
-    covariances: np.ndarray  # of the nodes, (M + 1, 2, 2)
+    along: np.ndarray  # directions of the links, (M, 2)
+    nodes: np.ndarray  # (M + 1, 2)
+    recursion: Recursion  # for the nodes' covariances
     reward: np.ndarray  # of the nodes, (M + 1,)
 
 
@@ -86,8 +88,8 @@ def fit_frame(
     """
     appearance, scale = string.appearance, window.plane.metre_per_pixel
     chain, (tip, pins) = fit_in_rounds(window, string, expected, reach_px, hold_tip)
-    nodes = place_nodes(chain.root, chain.heading, string.link_m)
-    hidden = hidden_nodes(window, nodes, node_normals(chain.heading), expected.half_px, appearance)
+    nodes = chain.nodes
+    hidden = hidden_nodes(window, nodes, normals_to(chain.along), expected.half_px, appearance)
     hidden &= chain.reward < CLEAR
     slide_m = tip.along_m if tip.weight > 0 else np.nan
     bead_found = np.isfinite(appearance.bead_level) and has_tip_pin(pins, string.beads)
@@ -110,7 +112,7 @@ def fit_frame(
         chain.heading,
         string.link_m,
         chain.reward,
-        chain.covariances,
+        node_covariances(chain.heading, string.link_m, chain.recursion),
         slide_m,
         value,
         open_share,
@@ -128,10 +130,11 @@ def fit_in_rounds(
     link_m, scale = string.link_m, window.plane.metre_per_pixel
     anchors = Anchors(NO_TIP, no_pins())
     root, heading, moved = expected.clamp_m, expected.start, np.inf
+    along = link_directions(heading)
+    nodes = nodes_along(root, along, link_m)
     # Compiled into every place that calls it, `sample_and_fit` is called at one.
     for turn in range(ROUNDS + 1):
         if turn > 0 and hold_tip:
-            nodes = place_nodes(root, heading, link_m)
             tip, pins = anchors.tip, pin_beads(window, nodes, heading, string.beads, expected.bead_m)
             if not np.isfinite(string.appearance.bead_level):
                 tip = locate_tip(window, nodes, heading, string.appearance)
@@ -139,9 +142,9 @@ def fit_in_rounds(
         if turn > 1 and moved < MOVED_PX * scale:
             break
         reach_px = reach_px if turn == 0 else NARROW_PX
-        chain = sample_and_fit(window, string, expected, root, heading, reach_px, anchors)
-        moved = largest_shift_m(root, heading, chain.root, chain.heading, link_m)
-        root, heading = chain.root, chain.heading
+        chain = sample_and_fit(window, string, expected, root, heading, along, nodes, reach_px, anchors)
+        moved = largest_shift_m(nodes, chain.nodes)
+        root, heading, along, nodes = chain.root, chain.heading, chain.along, chain.nodes
     return chain, anchors
 
 
@@ -152,11 +155,9 @@ def nearest_turn(angle_rad: float, reference_rad: float) -> float:
 
 
 @njit(cache=True, inline="always")
-def largest_shift_m(
-    root_before: np.ndarray, before: np.ndarray, root: np.ndarray, heading: np.ndarray, link_m: float
-) -> float:
-    """Return the largest distance of a node between two chains (m)."""
-    off = place_nodes(root, heading, link_m) - place_nodes(root_before, before, link_m)
+def largest_shift_m(before: np.ndarray, nodes: np.ndarray) -> float:
+    """Return the largest distance of a node between two chains (M + 1, 2) (m)."""
+    off = nodes - before
     return float(np.sqrt((off[:, 0] ** 2 + off[:, 1] ** 2).max()))
 
 
@@ -167,13 +168,18 @@ def sample_and_fit(
     expected: PredictedChain,
     root: np.ndarray,
     heading: np.ndarray,
+    along: np.ndarray,
+    nodes: np.ndarray,
     reach_px: float,
     anchors: Anchors,
 ) -> ChainFit:
-    """Take profiles across a chain with start (2,) and headings (M,), and fit it to them."""
+    """Take profiles across a chain, and fit it to them.
+
+    The chain is given by start (2,) and headings (M,), and by what follows from them: the directions of its
+    links (M, 2) and its nodes (M + 1, 2).
+    """
     link_m, scale = string.link_m, window.plane.metre_per_pixel
-    nodes = place_nodes(root, heading, link_m)
-    lines = score_across(window, nodes, node_normals(heading), expected.half_px, string.appearance, reach_px)
+    lines = score_across(window, nodes, normals_to(along), expected.half_px, string.appearance, reach_px)
     blank_hand(lines, window.hand_box)
     path = best_path(lines.score, PATH_STIFFNESS, max(1, int(0.8 * link_m / lines.pitch_m)))
     centre = line_centre(lines.score, path, lines.line_half)
@@ -192,5 +198,7 @@ def sample_and_fit(
     known = Constraints(
         target, lines.normals, weight, anchors, expected.prior, expected.clamp_m, clamp_rad, STIFFNESS
     )
-    root, heading, covariances = fit_headings(root, heading, link_m, known, 2)
-    return ChainFit(root, heading, covariances, rewards_near(lines, place_nodes(root, heading, link_m)))
+    root, heading, recursion = fit_headings(root, heading, link_m, known, 2)
+    along = link_directions(heading)
+    nodes = nodes_along(root, along, link_m)
+    return ChainFit(root, heading, along, nodes, recursion, rewards_near(lines, nodes))

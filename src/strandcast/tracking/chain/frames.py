@@ -1,6 +1,7 @@
 """The frames of a video as the string tracker reads them: search window, time, hand and clamp."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -37,16 +38,28 @@ class StringFrames:
 
     def clamp_m(self, index: int) -> np.ndarray:
         """Return where the string leaves the clamp in a frame, (2,)."""
-        return np.asarray(place(self.hand.pose[index], np.array([[0.0, self.lateral_offset_m]]))[0])
+        return self._clamps_m[index]
+
+    @cached_property
+    def _clamps_m(self) -> list[np.ndarray]:
+        clamp_m = np.array([[0.0, self.lateral_offset_m]])
+        return [place(self.hand.pose[index], clamp_m)[0] for index in range(len(self))]
+
+    @cached_property
+    def _boxes(self) -> list[HandBox | None]:
+        poses, extent_m = self.hand.pose.array(), self.hand_extent_m.tolist()
+        known = np.isfinite(poses).all(axis=1).tolist()
+        return [
+            HandBox(*pose, *extent_m) if k else None for pose, k in zip(poses.tolist(), known, strict=True)
+        ]
 
     def at(self, index: int) -> FrameInput | None:
         """Return a frame; None if its hand is unknown."""
-        crop, pose = self.crops.at(index), self.hand.pose[index].array()
-        if crop is None or not np.isfinite(pose).all():
+        crop, box = self.crops.at(index), self._boxes[index]
+        if crop is None or box is None:
             return None
-        box = HandBox(*pose.tolist(), *self.hand_extent_m.tolist())
         window = SearchWindow(*crop, self.background, self.crops.plane, box)
-        return FrameInput(window, float(self.time_s[index]), float(pose[2]), self.clamp_m(index))
+        return FrameInput(window, float(self.time_s[index]), box.angle_rad, self.clamp_m(index))
 
     def window(self, index: int) -> SearchWindow | None:
         """Return a frame's search window; None if its hand is unknown."""

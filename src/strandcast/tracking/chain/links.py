@@ -7,26 +7,48 @@ from numba import njit
 @njit(cache=True)
 def place_nodes(root: np.ndarray, heading: np.ndarray, link_m: float) -> np.ndarray:
     """Return the nodes (M+1, 2) of a chain that starts at `root` with link headings (M,)."""
-    nodes = np.empty((len(heading) + 1, 2))
-    nodes[0, 0], nodes[0, 1] = root[0], root[1]
+    nodes: np.ndarray = nodes_along(root, link_directions(heading), link_m)
+    return nodes
+
+
+@njit(cache=True)
+def link_directions(heading: np.ndarray) -> np.ndarray:
+    """Return the unit vectors (M, 2) of links with headings (M,)."""
+    along = np.empty((len(heading), 2))
     for j in range(len(heading)):
-        nodes[j + 1, 0] = nodes[j, 0] + link_m * np.cos(heading[j])
-        nodes[j + 1, 1] = nodes[j, 1] + link_m * np.sin(heading[j])
+        along[j, 0], along[j, 1] = np.cos(heading[j]), np.sin(heading[j])
+    return along
+
+
+@njit(cache=True)
+def nodes_along(root: np.ndarray, along: np.ndarray, link_m: float) -> np.ndarray:
+    """Return the nodes (M+1, 2) of a chain that starts at `root` with links of directions (M, 2)."""
+    nodes = np.empty((len(along) + 1, 2))
+    nodes[0, 0], nodes[0, 1] = root[0], root[1]
+    for j in range(len(along)):
+        nodes[j + 1, 0] = nodes[j, 0] + link_m * along[j, 0]
+        nodes[j + 1, 1] = nodes[j, 1] + link_m * along[j, 1]
     return nodes
 
 
 @njit(cache=True)
 def node_normals(heading: np.ndarray) -> np.ndarray:
     """Return unit normals (M+1, 2) at the nodes: the mean direction of the links that meet, turned +90°."""
-    count = len(heading)
+    normals: np.ndarray = normals_to(link_directions(heading))
+    return normals
+
+
+@njit(cache=True)
+def normals_to(along: np.ndarray) -> np.ndarray:
+    """Return the same as `node_normals`, of links with directions (M, 2)."""
+    count = len(along)
     normals = np.empty((count + 1, 2))
     for k in range(count + 1):
-        before = heading[max(k - 1, 0)]
-        after = heading[min(k, count - 1)]
-        cosine, sine = np.cos(before) + np.cos(after), np.sin(before) + np.sin(after)
+        before, after = max(k - 1, 0), min(k, count - 1)
+        cosine, sine = along[before, 0] + along[after, 0], along[before, 1] + along[after, 1]
         length = np.hypot(cosine, sine)
         if length < 1e-6:
-            cosine, sine, length = np.cos(before), np.sin(before), 1.0
+            cosine, sine, length = along[before, 0], along[before, 1], 1.0
         normals[k, 0], normals[k, 1] = -sine / length, cosine / length
     return normals
 

@@ -56,7 +56,9 @@ def apparent_strings(frames: StringFrames, fits: list[FrameFit | None]) -> Appar
     return ApparentStrings(np.array(nodes), np.array(paths), np.array(directions))
 
 
-def measure_out_of_plane(strings: ApparentStrings, length_m: float, camera: Camera) -> OutOfPlane | None:
+def measure_out_of_plane(
+    strings: ApparentStrings, length_m: float, camera: Camera, least_m: float = 0.0
+) -> OutOfPlane | None:
     """Return how far the string was out of the plane at least, as a string that tilts as a whole.
 
     Parameters
@@ -67,12 +69,14 @@ def measure_out_of_plane(strings: ApparentStrings, length_m: float, camera: Came
         The free length that the frames show together.
     camera
         The record of the camera.
+    least_m
+        Range of the apparent length from which it is measured.
 
     Returns
     -------
     OutOfPlane or None
-        None for fewer than 20 frames, or for a length that changes once and stays: the string has slipped
-        in its clamp.
+        None for fewer than 20 frames, for a smaller range, or for a length that changes once and stays: the
+        string has slipped in its clamp.
     """
     if len(strings.path_m) < LEAST_FRAMES:
         return None
@@ -83,6 +87,9 @@ def measure_out_of_plane(strings: ApparentStrings, length_m: float, camera: Came
     turned = np.column_stack([np.cos(strings.direction_rad), np.sin(strings.direction_rad)])
     turned -= turned.mean(axis=0)
     change_m = change_m - turned @ np.linalg.lstsq(turned, change_m, rcond=None)[0]
+    range_m = between_deciles(change_m)
+    if range_m < least_m:
+        return None
     eye_m = -np.array(camera.rotation).T @ np.array(camera.translation_m)
     height_m = eye_m[2] - camera.string_offset_m
     tilt_rad = least_tilt_rad(strings.nodes_m, change_m, length_m, eye_m[:2], height_m)
@@ -90,7 +97,7 @@ def measure_out_of_plane(strings: ApparentStrings, length_m: float, camera: Came
     off_axis_m = np.linalg.norm(strings.nodes_m[:, -1] - eye_m[:2], axis=1)
     error_m = off_axis_m * depth_m / height_m
     return OutOfPlane(
-        between_deciles(change_m),
+        range_m,
         float(np.percentile(depth_m, DECILES[1])),
         float(np.percentile(error_m, DECILES[1])),
     )

@@ -8,7 +8,7 @@ the difference alone shows both; in front of the moving arm, which has changed t
 import numpy as np
 from numba import njit
 
-from strandcast.tracking.chain.search_window import GAP_PX, SearchWindow, levels_at
+from strandcast.tracking.chain.search_window import GAP_PX, SearchWindow, add_levels, corner_levels
 from strandcast.tracking.pixel_map import to_pixel
 
 STEP_PX = 0.5  # chosen: spacing of samples across the string
@@ -41,6 +41,8 @@ def sample_across(
     level = np.zeros((count, width))
     difference = np.zeros((count, width))
     share = 1.0 / (2 * along + 1)
+    u, v = np.empty(width), np.empty(width)
+    corners = corner_levels(window, width)
     for k in range(count):
         u0, v0 = to_pixel(nodes[k, 0], nodes[k, 1], window.plane)
         if u0 < 0 or v0 < 0:
@@ -49,14 +51,13 @@ def sample_across(
             nodes[k, 0] + pitch_m * normals[k, 0], nodes[k, 1] + pitch_m * normals[k, 1], window.plane
         )
         du, dv = u1 - u0, v1 - v0
+        for a in range(-along, along + 1):
+            for w in range(width):
+                u[w] = u0 + (w - half) * du - a * dv
+                v[w] = v0 + (w - half) * dv + a * du
+            add_levels(window, u, v, share, level[k], difference[k], corners)
         for w in range(width):
-            u = u0 + (w - half) * du
-            v = v0 + (w - half) * dv
-            now = was = 0.0
-            for a in range(-along, along + 1):
-                one, other = levels_at(window, u - a * dv, v + a * du)
-                now += share * one
-                was += share * other
+            now, was = level[k, w], difference[k, w]
             level[k, w] = now if polarity >= 0 else -now
             difference[k, w] = changed_by(now - was, polarity)
     return level, difference
@@ -72,29 +73,36 @@ def line_score(level: np.ndarray, difference: np.ndarray, middle: np.ndarray, po
     count, width = level.shape
     gap, flank = int(GAP_PX / STEP_PX + 0.5), int(FLANK_PX / STEP_PX + 0.5)
     score = np.full((count, width), -1.0)
-    sum_level = np.zeros(width + 1)
-    sum_difference = np.zeros(width + 1)
+    either = polarity == 0
+    sums = np.zeros((2, width + 1))
     for k in range(count):
-        h = middle[k]
+        core = 2 * middle[k] + 1
+        reach = middle[k] + gap + flank
         for w in range(width):
-            sum_level[w + 1] = sum_level[w] + level[k, w]
-            sum_difference[w + 1] = sum_difference[w] + difference[k, w]
-        reach = h + gap + flank
-        for w in range(reach, width - reach):
-            a, b = w - h, w + h + 1
-            inner, outer = a - gap, b + gap
-            level_in = (sum_level[b] - sum_level[a]) / (b - a)
-            level_left = (sum_level[inner] - sum_level[inner - flank]) / flank
-            level_right = (sum_level[outer + flank] - sum_level[outer]) / flank
-            changed = (sum_difference[b] - sum_difference[a]) / (b - a)
-            changed_left = (sum_difference[inner] - sum_difference[inner - flank]) / flank
-            changed_right = (sum_difference[outer + flank] - sum_difference[outer]) / flank
+            sums[0, w + 1] = sums[0, w] + level[k, w]
+            sums[1, w + 1] = sums[1, w] + difference[k, w]
+        # Sums up to the edges of left flank, core and right flank, for one place after the other: as views,
+        # so that many places are scored at a time.
+        inner, outer = flank + gap, reach + middle[k] + 1 + gap
+        a, b, c, d, e, f = (
+            sums[:, 0:],
+            sums[:, flank:],
+            sums[:, inner:],
+            sums[:, inner + core :],
+            sums[:, outer:],
+            sums[:, outer + flank :],
+        )
+        place = score[k, reach:]
+        for w in range(width - 2 * reach):
+            level_left, changed_left = (b[0, w] - a[0, w]) / flank, (b[1, w] - a[1, w]) / flank
+            level_in, changed = (d[0, w] - c[0, w]) / core, (d[1, w] - c[1, w]) / core
+            level_right, changed_right = (f[0, w] - e[0, w]) / flank, (f[1, w] - e[1, w]) / flank
             against_background = changed - max(changed_left, changed_right)
             line = level_in - max(level_left, level_right)
-            if polarity == 0:
-                line = max(line, min(level_left, level_right) - level_in)
+            opposite = min(level_left, level_right) - level_in
+            line = max(line, opposite) if either else line
             in_picture = min(line, changed)
-            score[k, w] = max(against_background, in_picture)
+            place[w] = max(against_background, in_picture)
     return score
 
 
@@ -110,20 +118,21 @@ def best_path(score: np.ndarray, stiffness: float, largest_jump: int) -> np.ndar
     best = np.full(width + 2 * spare, -1e9)
     best[spare + width // 2] = 0.0
     origin = np.zeros((count, width), dtype=np.int64)
-    new = np.empty(width)
+    new, jumped = np.empty(width), np.empty(width)
     for k in range(1, count):
         for w in range(width):
-            new[w] = best[w + spare]
-            origin[k, w] = 0
+            new[w], jumped[w] = best[w + spare], 0.0
         for jump in range(-largest_jump, largest_jump + 1):
-            cost = stiffness * jump * jump
-            for w in range(width):
-                value = best[w + spare + jump] - cost
-                if value > new[w]:
-                    new[w] = value
-                    origin[k, w] = jump
+            cost, size = stiffness * jump * jump, float(jump)
+            before = best[spare + jump : spare + jump + width]
+            for w in range(width):  # without branches, and in one type: many places at a time
+                value = before[w] - cost
+                better = value > new[w]
+                new[w] = value if better else new[w]
+                jumped[w] = size if better else jumped[w]
         for w in range(width):
             best[w + spare] = new[w] + min(max(score[k, w], -0.2), 1.0)
+            origin[k, w] = int(jumped[w])
     path = np.empty(count, dtype=np.int64)
     path[count - 1] = np.argmax(best[spare : spare + width])
     for k in range(count - 1, 0, -1):

@@ -47,11 +47,59 @@ def levels_at(window: SearchWindow, u: float, v: float) -> tuple[float, float]:
     i, j = int(v), int(u)
     fv, fu = v - i, u - j
     w00, w01, w10, w11 = (1 - fv) * (1 - fu), (1 - fv) * fu, fv * (1 - fu), fv * fu
-    now = w00 * image[i, j] + w01 * image[i, j + 1] + w10 * image[i + 1, j] + w11 * image[i + 1, j + 1]
-    i, j = i + window.top, j + window.left
-    was = w00 * background[i, j] + w01 * background[i, j + 1]
-    was += w10 * background[i + 1, j] + w11 * background[i + 1, j + 1]
+    # Unsigned: numba checks signed indices for counts from the end.
+    one = np.uintp(1)
+    k, m = np.uintp(i), np.uintp(j)
+    now = w00 * image[k, m] + w01 * image[k, m + one] + w10 * image[k + one, m] + w11 * image[k + one, m + one]
+    k, m = np.uintp(i + window.top), np.uintp(j + window.left)
+    was = w00 * background[k, m] + w01 * background[k, m + one]
+    was += w10 * background[k + one, m] + w11 * background[k + one, m + one]
     return now, was
+
+
+@njit(cache=True)
+def corner_levels(window: SearchWindow, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return room (4, count) for the grey levels around places, in image and background."""
+    return np.empty((4, count), dtype=window.image.dtype), np.empty((4, count), dtype=window.background.dtype)
+
+
+@njit(cache=True)
+def add_levels(
+    window: SearchWindow,
+    u: np.ndarray,
+    v: np.ndarray,
+    share: float,
+    now: np.ndarray,
+    was: np.ndarray,
+    corners: tuple[np.ndarray, np.ndarray],
+) -> None:
+    """Add a share of the `levels_at` of many pixels (K,) to now and was (K,); u and v are used up.
+
+    Step by step, so that all but the reading of pixels takes many places at a time.
+    """
+    image, background, left, top = window.image, window.background, window.left, window.top
+    rows, columns = image.shape
+    of_image, of_background = corners
+    one = np.uintp(1)
+    for k in range(len(u)):
+        u[k] = min(max(u[k] - left, 0.0), columns - 1.001)
+        v[k] = min(max(v[k] - top, 0.0), rows - 1.001)
+    for k in range(len(u)):
+        i, j = int(v[k]), int(u[k])
+        a, b = np.uintp(i), np.uintp(j)
+        of_image[0, k], of_image[1, k] = image[a, b], image[a, b + one]
+        of_image[2, k], of_image[3, k] = image[a + one, b], image[a + one, b + one]
+        a, b = np.uintp(i + top), np.uintp(j + left)
+        of_background[0, k], of_background[1, k] = background[a, b], background[a, b + one]
+        of_background[2, k], of_background[3, k] = background[a + one, b], background[a + one, b + one]
+    for k in range(len(u)):
+        fv, fu = v[k] - np.int32(v[k]), u[k] - np.int32(u[k])
+        w00, w01, w10, w11 = (1 - fv) * (1 - fu), (1 - fv) * fu, fv * (1 - fu), fv * fu
+        level = w00 * of_image[0, k] + w01 * of_image[1, k] + w10 * of_image[2, k] + w11 * of_image[3, k]
+        behind = w00 * of_background[0, k] + w01 * of_background[1, k]
+        behind += w10 * of_background[2, k] + w11 * of_background[3, k]
+        now[k] += share * level
+        was[k] += share * behind
 
 
 @njit(cache=True)

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from strandcast.tracking.chain.constraints import Constraints, Pins
-from strandcast.tracking.chain.links import place_nodes
+from strandcast.tracking.chain.links import link_directions, nodes_along
 
 LARGEST_TURN_RAD = 0.7  # chosen: of a link in one round
 
@@ -36,28 +36,31 @@ class Recursion(NamedTuple):
 @njit(cache=True, inline="always")
 def fit_headings(
     root: np.ndarray, heading: np.ndarray, link_m: float, known: Constraints, rounds: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, Recursion]:
     """Fit a chain's start (2,) and headings (M,) to the constraints in Gauss-Newton rounds from first values.
 
-    Returns start, headings, and the nodes' covariances (M + 1, 2, 2) (m²).
+    Returns start, headings, and what `node_covariances` needs.
     """
     count = len(heading)
     root, heading = root.copy(), heading.copy()
-    along = np.array([np.cos(heading[-1]), np.sin(heading[-1])])
-    tip_target = place_nodes(root, heading, link_m)[-1] + known.anchors.tip.along_m * along
+    links = link_directions(heading)
+    along = links[-1].copy()
+    tip_target = nodes_along(root, links, link_m)[-1] + known.anchors.tip.along_m * along
     recursion = Recursion(np.empty((count, 4)), np.empty(count), np.empty(count), np.empty((4, 4)))
     for _ in range(rounds):
-        shift, step = _solve(root, heading, link_m, known, along, tip_target, recursion)
+        links = link_directions(heading)
+        shift, step = _solve(root, heading, links, link_m, known, along, tip_target, recursion)
         share = min(1.0, LARGEST_TURN_RAD / max(np.abs(step).max(), 1e-12))
         root += share * shift
         heading += share * step
-    return root, heading, _covariances(heading, link_m, recursion)
+    return root, heading, recursion
 
 
 @njit(cache=True, inline="always")
 def _solve(
     root: np.ndarray,
     heading: np.ndarray,
+    links: np.ndarray,
     link_m: float,
     known: Constraints,
     along: np.ndarray,
@@ -66,11 +69,11 @@ def _solve(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the Gauss-Newton steps of start (2,) and headings (M,); fills `recursion`.
 
-    The state at link j is (x and y of its end, its heading, its bend), as small changes; the change of the
-    bend from link to link is the control.
+    `links` (M, 2) are the directions of the headings. The state at link j is (x and y of its end, its heading,
+    its bend), as small changes; the change of the bend from link to link is the control.
     """
     count = len(heading)
-    nodes, pins, stiffness = place_nodes(root, heading, link_m), known.anchors.pins, known.stiffness
+    nodes, pins, stiffness = nodes_along(root, links, link_m), known.anchors.pins, known.stiffness
     per_change = 1.0 / stiffness.change**2
     per_prior = 1.0 / stiffness.prior**2
     ahead = CostToGo(np.zeros((4, 4)), np.zeros(4))
@@ -83,7 +86,7 @@ def _solve(
         for p in range(len(pins.place_m)):
             place_m = pins.place_m[p]
             if j == min(max(int(place_m / link_m), 0), count - 1):
-                _add_pin(ahead, nodes[k], heading[j], k * link_m - place_m, pins, p)
+                _add_pin(ahead, nodes[k], links[j], k * link_m - place_m, pins, p)
         cost[2, 2] += per_prior
         gradient[2] += per_prior * (heading[j] - known.prior[j])
         if j == 0:
@@ -93,20 +96,22 @@ def _solve(
         cost[3, 3] += per_bend
         gradient[3] += per_bend * bend
         bend_before = heading[j - 1] - heading[j - 2] if j > 1 else bend
-        _step_back(ahead, heading[j], link_m, per_change, bend - bend_before, j, recursion)
+        _step_back(ahead, links[j], link_m, per_change, bend - bend_before, j, recursion)
     # As a sine: a string that is flung back over the clamp is not turned around.
     cost[2, 2] += 1.0 / stiffness.clamp**2
     gradient[2] += np.sin(heading[0] - known.clamp_rad) / stiffness.clamp**2
     per_root = 1.0 / stiffness.root_m**2
     off_m = root - known.clamp_m
-    steps: tuple[np.ndarray, np.ndarray] = _step_forward(ahead, heading, link_m, per_root, off_m, recursion)
+    steps: tuple[np.ndarray, np.ndarray] = _step_forward(ahead, links, link_m, per_root, off_m, recursion)
     return steps
 
 
 @njit(cache=True)
-def _add_pin(ahead: CostToGo, node: np.ndarray, heading: float, before_m: float, pins: Pins, p: int) -> None:
+def _add_pin(
+    ahead: CostToGo, node: np.ndarray, along: np.ndarray, before_m: float, pins: Pins, p: int
+) -> None:
     """Add the cost of a place `before_m` before a link's end being off its pin."""
-    cosine, sine = np.cos(heading), np.sin(heading)
+    cosine, sine = along
     x, y = pins.point_m[p]
     off = np.array([node[0] - before_m * cosine - x, node[1] - before_m * sine - y])
     _add(ahead, (1.0, 0.0, before_m * sine), off, pins.weight[p])
@@ -130,7 +135,7 @@ def _add(ahead: CostToGo, row: tuple[float, float, float], off: np.ndarray, weig
 @njit(cache=True)
 def _step_back(
     ahead: CostToGo,
-    heading: float,
+    along: np.ndarray,
     link_m: float,
     per_change: float,
     change: float,
@@ -143,7 +148,7 @@ def _step_back(
     itself grows by the free part.
     """
     cost, gradient = ahead
-    qx, qy = -link_m * np.sin(heading), link_m * np.cos(heading)
+    qx, qy = -link_m * along[1], link_m * along[0]
     gx = qx * cost[0, 0] + qy * cost[0, 1] + cost[0, 2]
     gy = qx * cost[1, 0] + qy * cost[1, 1] + cost[1, 2]
     gt = qx * cost[2, 0] + qy * cost[2, 1] + cost[2, 2]
@@ -178,7 +183,7 @@ def _step_back(
 @njit(cache=True, inline="always")
 def _step_forward(
     ahead: CostToGo,
-    heading: np.ndarray,
+    links: np.ndarray,
     link_m: float,
     per_root: float,
     root_off: np.ndarray,
@@ -187,7 +192,7 @@ def _step_forward(
     """Return the changes of the start (2,) and of each heading (M,); fills `recursion.start`."""
     cost, gradient = ahead
     gains, offsets, start = recursion.gains, recursion.offsets, recursion.start
-    first = _first_link(heading[0], link_m)
+    first = _first_link(links[0], link_m)
     transposed = np.empty((4, 4))
     for a in range(4):
         for b in range(4):
@@ -205,28 +210,28 @@ def _step_forward(
     for a in range(4):
         for b in range(4):
             change[a] += start[a, b] * right[b]
-    step = np.empty(len(heading))
+    step = np.empty(len(links))
     turn, bend = change[2], change[3]
-    x = change[0] - link_m * np.sin(heading[0]) * turn
-    y = change[1] + link_m * np.cos(heading[0]) * turn
+    x = change[0] - link_m * links[0, 1] * turn
+    y = change[1] + link_m * links[0, 0] * turn
     step[0] = turn
-    for j in range(1, len(heading)):
+    for j in range(1, len(links)):
         free = gains[j, 0] * x + gains[j, 1] * y + gains[j, 2] * turn + gains[j, 3] * bend + offsets[j]
         bend += free
         turn += bend
-        x -= link_m * np.sin(heading[j]) * turn
-        y += link_m * np.cos(heading[j]) * turn
+        x -= link_m * links[j, 1] * turn
+        y += link_m * links[j, 0] * turn
         step[j] = turn
     return change[:2], step
 
 
 @njit(cache=True)
-def _first_link(heading: float, link_m: float) -> np.ndarray:
+def _first_link(along: np.ndarray, link_m: float) -> np.ndarray:
     """Return the matrix (4, 4) from (start x, start y, heading, bend) to the first link's state."""
     first = np.zeros((4, 4))
     for a in range(4):
         first[a, a] = 1.0
-    first[0, 2], first[1, 2] = -link_m * np.sin(heading), link_m * np.cos(heading)
+    first[0, 2], first[1, 2] = -link_m * along[1], link_m * along[0]
     return first
 
 
@@ -250,18 +255,18 @@ def _invert(work: np.ndarray, inverse: np.ndarray) -> None:
                     inverse[c, b] -= factor * inverse[a, b]
 
 
-@njit(cache=True, inline="always")
-def _covariances(heading: np.ndarray, link_m: float, recursion: Recursion) -> np.ndarray:
-    """Return the covariances of the nodes (M+1, 2, 2), from the gains of the last solution."""
-    gains, start = recursion.gains, recursion.start
+@njit(cache=True)
+def node_covariances(heading: np.ndarray, link_m: float, recursion: Recursion) -> np.ndarray:
+    """Return the covariances of the nodes (M+1, 2, 2) (m²), from the gains of the last solution."""
+    gains, start, links = recursion.gains, recursion.start, link_directions(heading)
     count = len(heading)
     nodes = np.zeros((count + 1, 2, 2))
     _copy_places(start, nodes, 0)
-    covariance = _propagated(_first_link(heading[0], link_m), start)
+    covariance = _propagated(_first_link(links[0], link_m), start)
     _copy_places(covariance, nodes, 1)
     carry = np.empty((4, 4))
     for j in range(1, count):
-        q = (-link_m * np.sin(heading[j]), link_m * np.cos(heading[j]), 1.0, 0.0)
+        q = (-link_m * links[j, 1], link_m * links[j, 0], 1.0, 0.0)
         for a in range(4):
             free = q[a] + (1.0 if a == 3 else 0.0)
             for b in range(4):

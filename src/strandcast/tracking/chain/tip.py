@@ -1,5 +1,7 @@
 """The string's visible end, or that of the bead at its tip, along the chain and beyond."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -20,12 +22,23 @@ MOST_CHANGED = 1.5  # clear lines; in front of a darker background, a bright str
 END_PX = 5.0  # largest distance from the chain's tip to the string's visible end
 LEAST_DEPTH = 0.45  # of the usual difference between string and background, below which no end is visible
 OUTSIDE_RUN = 4  # places without string that make an end
+BAND = 4  # samples to each side of the chain, within which the string is
+
+
+class FoundEnd(NamedTuple):
+    """The string's end along the chain and beyond its tip."""
+
+    end_m: float  # beyond the tip, negative before it; NaN if it was not found
+    last: int  # the last place of the walk on the string
+    threshold: float  # grey levels by which the image has changed there
+    places: np.ndarray  # of the walk, (K, 2)
+    normals: np.ndarray  # (K, 2)
 
 
 @njit(cache=True, inline="always")
 def locate_tip(window: SearchWindow, nodes: np.ndarray, heading: np.ndarray, appearance: Appearance) -> Tip:
     """Return how far the tip should move to the string's visible end."""
-    end_m = end_of_string(window, nodes, heading, appearance, TIP_REACH_M + appearance.tip_excess_m)[0]
+    end_m = end_beyond_tip(window, nodes, heading, appearance, TIP_REACH_M + appearance.tip_excess_m).end_m
     if not np.isfinite(end_m):
         return NO_TIP
     return Tip(end_m - appearance.tip_excess_m, 1.0 / (TIP_PX * window.plane.metre_per_pixel) ** 2)
@@ -34,7 +47,7 @@ def locate_tip(window: SearchWindow, nodes: np.ndarray, heading: np.ndarray, app
 @njit(cache=True, inline="always")
 def ends_at_tip(window: SearchWindow, nodes: np.ndarray, heading: np.ndarray, appearance: Appearance) -> bool:
     """Return whether the string, or the bead at its tip, visibly ends where the chain does."""
-    end_m = end_of_string(window, nodes, heading, appearance, TIP_REACH_M + appearance.tip_excess_m)[0]
+    end_m = end_beyond_tip(window, nodes, heading, appearance, TIP_REACH_M + appearance.tip_excess_m).end_m
     return bool(abs(end_m - appearance.tip_excess_m) < END_PX * window.plane.metre_per_pixel)
 
 
@@ -44,35 +57,53 @@ def end_of_string(
 ) -> tuple[float, float]:
     """Return how far beyond the tip the string ends (m, negative before it), and its half width (px).
 
+    As in `end_beyond_tip`; the width is the largest near the end.
+    """
+    end = end_beyond_tip(window, nodes, heading, appearance, reach_m)
+    if not np.isfinite(end.end_m):
+        return np.nan, np.nan
+    first = max(0, end.last - int(2 * WIDEST_PX / ALONG_PX))
+    places, normals = end.places[first : end.last + 1], end.normals[first : end.last + 1]
+    pitch_m, half = STEP_PX * window.plane.metre_per_pixel, int(np.ceil(WIDEST_PX / STEP_PX))
+    _, difference = sample_across(window, places, normals, pitch_m, half, 0, appearance.polarity)
+    widest = 0
+    for i in range(len(difference)):
+        widest = max(widest, (difference[i] > end.threshold).sum())
+    return end.end_m, 0.5 * widest * STEP_PX
+
+
+@njit(cache=True)
+def end_beyond_tip(
+    window: SearchWindow, nodes: np.ndarray, heading: np.ndarray, appearance: Appearance, reach_m: float
+) -> FoundEnd:
+    """Return where the string ends beyond the chain's tip.
+
     Walks along the chain's end and straight on until the image is the background again; NaN where that is not
-    within `reach_m` of the tip, or not clear. The width is the largest near the end.
+    within `reach_m` of the tip, or not clear.
     """
     contrast, scale = appearance.contrast, window.plane.metre_per_pixel
     pitch_m = ALONG_PX * scale
     places, normals, before = walk_past_tip(nodes, heading, reach_m, pitch_m)
-    half = int(np.ceil(WIDEST_PX / STEP_PX))
-    _, difference = sample_across(window, places, normals, STEP_PX * scale, half, 0, appearance.polarity)
-    changed = best_in_band(difference, half)
+    not_found = FoundEnd(np.nan, 0, np.nan, places, normals)
+    _, difference = sample_across(window, places, normals, STEP_PX * scale, BAND, 0, appearance.polarity)
+    changed = best_in_band(difference)
     clear = scale_to_background(window, places, changed, appearance)
     changed = np.minimum(changed, MOST_CHANGED * contrast)
     inside = np.median(changed[: max(3, before // 2)])
     if inside < LEAST_INSIDE * contrast:
-        return np.nan, np.nan
+        return not_found
     threshold = 0.5 * inside
     last = last_above(changed, threshold)
     if last < 1 or last >= len(changed) - OUTSIDE_RUN:
-        return np.nan, np.nan
+        return not_found
     u, v = to_pixel(places[last + 1, 0], places[last + 1, 1], window.plane)
     if is_outside(window, u, v, EDGE_PX):
-        return np.nan, np.nan  # it leaves the window instead of ending
+        return not_found  # it leaves the window instead of ending
     if not clear[last : last + 1 + OUTSIDE_RUN].all():
-        return np.nan, np.nan
+        return not_found
     fraction = (changed[last] - threshold) / max(changed[last] - changed[last + 1], 1e-9)
-    slide_m = (last + min(max(fraction, 0.0), 1.0) - before) * pitch_m
-    widest = 0
-    for i in range(max(0, last - int(2 * WIDEST_PX / ALONG_PX)), last + 1):
-        widest = max(widest, (difference[i] > threshold).sum())
-    return slide_m, 0.5 * widest * STEP_PX
+    end_m = (last + min(max(fraction, 0.0), 1.0) - before) * pitch_m
+    return FoundEnd(end_m, last, threshold, places, normals)
 
 
 @njit(cache=True)
@@ -97,11 +128,11 @@ def walk_past_tip(
 
 
 @njit(cache=True)
-def best_in_band(difference: np.ndarray, half: int) -> np.ndarray:
-    """Return each profile's largest mean of three neighbours near its middle: the chain may be off."""
+def best_in_band(difference: np.ndarray) -> np.ndarray:
+    """Return each profile's largest mean of three neighbours: the chain may be off."""
     best = np.zeros(len(difference))
     for i in range(len(difference)):
-        for w in range(half - 3, half + 4):
+        for w in range(1, difference.shape[1] - 1):
             value = (difference[i, w - 1] + difference[i, w] + difference[i, w + 1]) / 3.0
             best[i] = max(best[i], value)
     return best
