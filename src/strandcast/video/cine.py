@@ -4,11 +4,14 @@ Source: Vision Research, *Cine file format*: CINEFILEHEADER, SETUP and the tagge
 images; block 1002 holds one TIME64 (fraction in 2^-32 s, then seconds) per image.
 """
 
+from __future__ import annotations
+
 import struct
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np  # imported on use: the process that decodes other videos does without
 
 IMAGE_TIMES = 1002
 COUNT_AT, SETUP_AT = 0x14, 0x1C  # in the header: number of images; positions of setup and image table
@@ -17,6 +20,8 @@ LENGTH_AT, FLIPS_AT = 142, 756  # in the setup: its length; bFlipH, then bFlipV
 
 def cine_times_ns(path: str | Path) -> list[int] | None:
     """Return the time of each image [ns] from the first; None if the camera wrote none."""
+    import numpy as np
+
     with Path(path).open("rb") as file:
         try:
             stamps = _image_times(file)
@@ -44,6 +49,8 @@ def cine_flips(path: str | Path) -> list[str]:
 
 def _image_times(file: IO[bytes]) -> np.ndarray | None:
     """Return the TIME64 of all images, (N, 2) uint32, from their tagged block."""
+    import numpy as np
+
     count = _read(file, COUNT_AT, "<I")[0]
     setup, images = _read(file, SETUP_AT, "<II")
     place = setup + _read(file, setup + LENGTH_AT, "<H")[0]

@@ -7,13 +7,21 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import av
-import numpy as np
 
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.video.cine import cine_flips, cine_times_ns
 from strandcast.video.ffmpeg import OpenContainer, open_container, reason
 from strandcast.video.files import damaged
-from strandcast.video.grey import BLACK, LUMA_8BIT, WHITE, grey_converter, is_full_range, luma, upright
+from strandcast.video.grey import (
+    BLACK,
+    LUMA_8BIT,
+    WHITE,
+    grey_converter,
+    is_full_range,
+    luma,
+    plain_luma,
+    upright,
+)
 from strandcast.video.source import SQUARE_TOLERANCE, Contents, Source, VideoInfo
 
 LONGEST_SPAN = 2.0  # of a cine's time stamps, relative to their median step times the frames
@@ -129,6 +137,8 @@ def _promised_frames(container: av.container.InputContainer, stream: av.VideoStr
 
 def _with_camera_times(contents: Contents, path: str | Path) -> Contents:
     """Use the camera's own time stamps, which a cine contains beside its nominal rate; name its flips."""
+    import numpy as np  # here: the process that decodes other videos does without
+
     contents = replace(contents, camera_clock=True, notes=contents.notes + cine_flips(path))
     times = cine_times_ns(path)
     if times is None or len(times) != len(contents.ticks) or len(times) < 2:
@@ -189,7 +199,8 @@ def open_source(path: str | Path, threads: int, frames: int | None) -> Iterator[
             *(Path(path), context.width, context.height, context.name, name, max_level),
             pixel_aspect=_pixel_aspect(opened.stream),
         )
-        yield Source(info, _frames(opened, info, frames), to_grey, opened.messages)
+        as_it_is = plain_luma if is_full_range(name, int(context.color_range)) else Source.as_it_is
+        yield Source(info, _frames(opened, info, frames), to_grey, opened.messages, as_it_is)
 
 
 def _frames(

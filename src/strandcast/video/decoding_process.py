@@ -16,11 +16,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from strandcast.errors import StrandcastError
 from strandcast.video.registry import open_source, probe
-from strandcast.video.source import Grey, Source, VideoInfo, is_copy
+from strandcast.video.source import Source, VideoInfo, is_copy
 
 RING_BYTES = 64 << 20
 LEAST_SLOTS, MOST_SLOTS = 4, 12
@@ -138,7 +136,7 @@ def _decode_photos(flags: int, request: Request, descriptor: int, records: int) 
         _send(records, {"photo": None if grey is None else [grey.shape, grey.dtype.str]})
 
 
-def _ring(info: VideoInfo, descriptor: int, keep: int) -> list[Grey]:
+def _ring(info: VideoInfo, descriptor: int, keep: int) -> list[memoryview]:
     """Map the shared memory and return its slots, one page-aligned frame each."""
     each = slot_bytes(info)
     count = keep + min(max(RING_BYTES // each, LEAST_SLOTS), MOST_SLOTS)
@@ -148,20 +146,21 @@ def _ring(info: VideoInfo, descriptor: int, keep: int) -> list[Grey]:
 
 def slot_bytes(info: VideoInfo) -> int:
     """Return the size of a slot of the ring [bytes]: a frame, rounded up to whole pages."""
-    frame = info.width * info.height * info.dtype.itemsize
-    return -(-frame // mmap.PAGESIZE) * mmap.PAGESIZE
+    return -(-frame_bytes(info) // mmap.PAGESIZE) * mmap.PAGESIZE
 
 
-def slots_of(ring: mmap.mmap, info: VideoInfo, count: int) -> list[Grey]:
-    """Return the slots of a ring as grey images."""
-    pixels = info.width * info.height
-    return [
-        np.frombuffer(ring, info.dtype, pixels, slot * slot_bytes(info)).reshape(info.height, info.width)
-        for slot in range(count)
-    ]
+def frame_bytes(info: VideoInfo) -> int:
+    """Return the size of a grey image [bytes]."""
+    return info.width * info.height * info.pixel_bytes
 
 
-def _fill(source: Source, slots: list[Grey], cpu_s: int, records: int) -> None:
+def slots_of(ring: mmap.mmap, info: VideoInfo, count: int) -> list[memoryview]:
+    """Return the memory of a ring's frames."""
+    starts = (slot * slot_bytes(info) for slot in range(count))
+    return [memoryview(ring)[start : start + frame_bytes(info)] for start in starts]
+
+
+def _fill(source: Source, slots: list[memoryview], cpu_s: int, records: int) -> None:
     free, sent = len(slots), 0
     for index, (time_s, raw) in enumerate(source.raws):
         if free == 0:
@@ -169,8 +168,9 @@ def _fill(source: Source, slots: list[Grey], cpu_s: int, records: int) -> None:
             if free == 0:
                 raise BrokenPipeError
         free -= 1
-        grey = source.to_grey(raw, slots[index % len(slots)])
-        copy = index > 0 and is_copy(grey, slots[(index - 1) % len(slots)])
+        slot = slots[index % len(slots)]
+        source.write(raw, slot)
+        copy = index > 0 and is_copy(slot, slots[(index - 1) % len(slots)])
         messages = source.messages()[sent:]
         sent += len(messages)
         _send(records, [time_s, copy, messages])

@@ -1,10 +1,11 @@
-"""Grey images of the frames that FFmpeg decodes, over the full range of levels."""
+"""Grey images of the frames that FFmpeg decodes, over the full range of levels; numpy is imported on use."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
 import av
-import numpy as np
 
 from strandcast.errors import StrandcastError
 from strandcast.video.source import Grey, in_place
@@ -46,13 +47,22 @@ def is_full_range(pixel_format: str, color_range: int) -> bool:
 
 def luma(frame: av.VideoFrame, kind: str = "u1") -> Grey:
     """Return the first plane of a frame as a view of pixels of the given NumPy type."""
+    import numpy as np
+
     plane = frame.planes[0]
     pixels = np.frombuffer(plane, kind)
     return pixels.reshape(-1, plane.line_size // pixels.itemsize)[: frame.height, : frame.width]
 
 
+def plain_luma(frame: av.VideoFrame) -> memoryview | None:
+    """Return the first plane of an 8-bit frame, or None if there are gaps between its rows."""
+    plane = frame.planes[0]
+    whole = plane.line_size == frame.width
+    return memoryview(plane)[: frame.width * frame.height] if whole else None
+
+
 def _luma_16(frame: av.VideoFrame) -> Grey:
-    return luma(frame, ">u2" if frame.format.name.endswith("be") else "<u2").astype(np.uint16, copy=False)
+    return luma(frame, ">u2" if frame.format.name.endswith("be") else "<u2").astype("u2", copy=False)
 
 
 def expand(limited: Grey, out: Grey | None) -> Grey:
@@ -61,6 +71,7 @@ def expand(limited: Grey, out: Grey | None) -> Grey:
     No level comes near a half, so single precision rounds as exact arithmetic does.
     """
     import cv2  # here: most videos do without
+    import numpy as np
 
     gain = 255.0 / (WHITE - BLACK)
     return np.asarray(cv2.addWeighted(limited, gain, limited, 0.0, -BLACK * gain, out))

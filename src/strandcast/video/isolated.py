@@ -242,8 +242,9 @@ def decode_isolated(
             head = decoder.next()
             info = VideoInfo(**head["info"] | {"path": Path(path)})
             # The map outlives the file, and each image keeps a reference to it.
-            ring = mmap.mmap(shared.fileno(), 0)
-            yield Decoding(decoder, info, slots_of(ring, info, head["slots"]), keep, [])
+            slots = slots_of(mmap.mmap(shared.fileno(), 0), info, head["slots"])
+            greys = [np.frombuffer(slot, info.dtype).reshape(info.height, info.width) for slot in slots]
+            yield Decoding(decoder, info, greys, keep, [])
 
 
 def read_photos(

@@ -138,11 +138,12 @@ def open_video(
 
 
 def _compared(source: Source) -> Iterator[tuple[float, Grey, bool]]:
-    before: Grey | None = None
+    before: memoryview | None = None
     for time_s, raw in source.raws:
         grey = source.to_grey(raw, None)
-        yield time_s, grey, before is not None and is_copy(grey, before)
-        before = grey
+        now = np.ascontiguousarray(grey).data.cast("B")
+        yield time_s, grey, before is not None and is_copy(now, before)
+        before = now
 
 
 def _counted(

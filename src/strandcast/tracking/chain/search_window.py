@@ -49,11 +49,12 @@ def levels_at(window: SearchWindow, u: float, v: float) -> tuple[float, float]:
     w00, w01, w10, w11 = (1 - fv) * (1 - fu), (1 - fv) * fu, fv * (1 - fu), fv * fu
     # Unsigned: numba checks signed indices for counts from the end.
     one = np.uintp(1)
-    k, m = np.uintp(i), np.uintp(j)
-    now = w00 * image[k, m] + w01 * image[k, m + one] + w10 * image[k + one, m] + w11 * image[k + one, m + one]
-    k, m = np.uintp(i + window.top), np.uintp(j + window.left)
-    was = w00 * background[k, m] + w01 * background[k, m + one]
-    was += w10 * background[k + one, m] + w11 * background[k + one, m + one]
+    a, b = np.uintp(i), np.uintp(j)
+    now = w00 * image[a, b] + w01 * image[a, b + one]
+    now = now + w10 * image[a + one, b] + w11 * image[a + one, b + one]
+    a, b = np.uintp(i + window.top), np.uintp(j + window.left)
+    was = w00 * background[a, b] + w01 * background[a, b + one]
+    was += w10 * background[a + one, b] + w11 * background[a + one, b + one]
     return now, was
 
 

@@ -69,8 +69,8 @@ def _solve(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the Gauss-Newton steps of start (2,) and headings (M,); fills `recursion`.
 
-    `links` (M, 2) are the directions of the headings. The state at link j is (x and y of its end, its heading,
-    its bend), as small changes; the change of the bend from link to link is the control.
+    `links` (M, 2) are the directions of the headings. The state at link j is (x and y of its end, its
+    heading, its bend), as small changes; the change of the bend from link to link is the control.
     """
     count = len(heading)
     nodes, pins, stiffness = nodes_along(root, links, link_m), known.anchors.pins, known.stiffness
