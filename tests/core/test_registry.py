@@ -18,7 +18,7 @@ def numbers(monkeypatch: pytest.MonkeyPatch) -> Registry[float]:
         EntryPoint("broken", "no_such_package:e", "toys.numbers"),
     ]
     monkeypatch.setattr(
-        "strandcast.core.registry.entry_points", lambda group: points if group == "toys.numbers" else []
+        "importlib.metadata.entry_points", lambda group: points if group == "toys.numbers" else []
     )
     return Registry("number", "toys.numbers", "SC-E006", "toy.number", {"two": 2.0})
 

@@ -83,7 +83,7 @@ def test_an_installed_panel_is_on_the_page(results: Path, monkeypatch: pytest.Mo
         EntryPoint("trial.broken", "toy_panels:missing", PANELS.group),
     ]
     monkeypatch.setattr(
-        "strandcast.core.registry.entry_points", lambda group: points if group == PANELS.group else []
+        "importlib.metadata.entry_points", lambda group: points if group == PANELS.group else []
     )
     page = page_of(results)
     assert "The tip rises to 0." in page

@@ -53,7 +53,7 @@ def test_a_name_is_registered_once(own_registry):
 
 def test_an_installed_package_provides_a_tracker(own_registry, monkeypatch):
     point = EntryPoint("hanging", f"{__name__}:HANGING", TRACKERS.group)
-    monkeypatch.setattr("strandcast.core.registry.entry_points", lambda group: [point])
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [point])
     assert TRACKERS.get("hanging").track.__name__ == "hanging"
 
 
