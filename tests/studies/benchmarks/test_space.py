@@ -37,4 +37,5 @@ def test_a_case_is_thrown_fitted_and_planned_again(monkeypatch: pytest.MonkeyPat
     assert second.fit_E_m < 0.03
     for throw in (first, second):
         # The track's noise, and the frame rate.
-        np.testing.assert_allclose(throw.measured_miss_m, throw.miss_m, atol=0.01)
+        np.testing.assert_allclose(throw.miss_m, throw.true_miss_m, atol=0.01)
+        assert throw.plan_cpu_s > 0.0

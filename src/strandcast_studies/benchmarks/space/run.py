@@ -7,6 +7,7 @@ odd ones with seven. Nothing but lengths, the places of weights, the joint log a
 """
 
 import json
+import time
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -60,18 +61,22 @@ class SpaceTrial(NamedTuple):
 
 @dataclass(frozen=True)
 class SpaceOutcome:
-    """What is reported of one throw; misses in metres."""
+    """What is reported of one throw, by the names of `loop.run.LoopTrial`; lengths in metres, CPU in seconds."""
 
     trial: int
     kind: str
-    miss_m: float
-    measured_miss_m: float | None
+    miss_m: float | None
+    true_miss_m: float
     predicted_m: float
     hit_probability: float
+    simulated_hit_probability: float
+    miss_rms_m: float
     fit_E_m: float | None
     tip_speed_m_s: float
     simulations: int
     flags: tuple[str, ...]
+    plan_cpu_s: float
+    estimate_cpu_s: float
 
 
 def task_of_case(case: SpaceCase) -> SpatialTask:
@@ -86,18 +91,22 @@ def run_case(seed: int, trials: int, *, drag_along: bool = True) -> list[SpaceOu
     task, random = task_of_case(case), np.random.default_rng([seed, 8])
     layout = mass_layout(case.string.length_m, POINTS, case.weight_places_m)
     first = start_strings_in_space(PLAN.ensemble, case.string.length_m, layout, random)
+    begin_s = fitted_s = time.process_time()
     plan = plan_first(task, first, PLAN, random)
     thrown: list[SpaceTrial] = []
     done: list[SpaceOutcome] = []
     estimate: CableEstimate | None = None
     while True:
+        cpu_s = time.process_time() - fitted_s, fitted_s - begin_s
         thrown.append(
             throw_in_space(case, plan, len(thrown) + 1, np.random.default_rng([seed, len(thrown), 9]))
         )
-        done.append(_outcome(plan, thrown[-1], estimate))
+        done.append(_outcome(plan, thrown[-1], estimate, cpu_s))
         if thrown[-1].true_miss_m <= HIT_RADIUS_M or len(thrown) == trials:
             return done
+        begin_s = time.process_time()
         estimate = estimated(case, thrown, estimate, random, drag_along=drag_along)
+        fitted_s = time.process_time()
         strings = _without_measurement(estimate.fit.members)
         past = [trial.past for trial in thrown]
         plan = plan_next(task, strings, past, PLAN, random, fit_E_m=estimate.fit.E_m)
@@ -183,18 +192,24 @@ def _without_measurement(members: StringBatch) -> StringBatch:
     return replace(members, free_masses=np.zeros((len(members), 0)))
 
 
-def _outcome(plan: PlannedMotion, trial: SpaceTrial, estimate: CableEstimate | None) -> SpaceOutcome:
+def _outcome(
+    plan: PlannedMotion, trial: SpaceTrial, estimate: CableEstimate | None, cpu_s: tuple[float, float]
+) -> SpaceOutcome:
     return SpaceOutcome(
         trial=trial.past.trial,
         kind=plan.kind,
-        miss_m=trial.true_miss_m,
-        measured_miss_m=trial.past.miss_m,
+        miss_m=trial.past.miss_m,
+        true_miss_m=trial.true_miss_m,
         predicted_m=plan.miss_m,
         hit_probability=plan.hit_probability(HIT_RADIUS_M),
+        simulated_hit_probability=plan.simulated_hit_probability(HIT_RADIUS_M),
+        miss_rms_m=float(np.sqrt(np.mean(plan.throws.miss_m**2))),
         fit_E_m=None if estimate is None else estimate.fit.E_m,
         tip_speed_m_s=plan.tip_speed_m_s,
         simulations=plan.simulations,
         flags=plan.flags,
+        plan_cpu_s=cpu_s[0],
+        estimate_cpu_s=cpu_s[1],
     )
 
 
