@@ -35,7 +35,7 @@ def assessed(
 ) -> Assessment:
     rollouts = Rollouts(points[None], bias, np.array([last]), 0.002, spacing_m, capsules[None])
     miss = simulated_miss(AimedPoint(target_m=target), rollouts)
-    return assess(rollouts, miss, Room(np.array([0.02]), box))
+    return assess(rollouts, miss, Room(np.array([0.02]), box, (0, 1)))
 
 
 def moving_tip(tip: np.ndarray) -> np.ndarray:
