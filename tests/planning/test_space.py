@@ -150,6 +150,8 @@ def test_a_target_off_the_plane_is_planned_within_the_limits(project_root: Path)
     plan = plan_on(task, strings)
     assert violations(arm, plan.motion) == []
     assert plan.miss_m < 0.06
+    assert plan.hit_probability(0.02) == plan.simulated_hit_probability(0.02)
+    assert "not calibrated in space" in plan.flags[-1]
     np.testing.assert_allclose(np.linalg.norm(plan.tip_m - target_m, axis=1).min(), plan.miss_m, atol=0.01)
     assert np.abs(plan.motion.qd_rad_s).max(axis=0).min() > 0.05  # all six joints move
     # The same throw without the planner: MuJoCo's kinematics, and finer steps.

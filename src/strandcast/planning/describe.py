@@ -17,7 +17,7 @@ from strandcast.planning.cost import CLEARANCE_M, rollout_cost, start_cost
 from strandcast.planning.miss_calibration import MissDistribution, miss_distribution
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.search import SearchResult
-from strandcast.planning.task import AnyTask, PlanningTask
+from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
 from strandcast.records.predicted import PredictedThrows
 
 # Paths of predicted throws that are kept, and the time between their places; chosen for less than 100 kB.
@@ -187,6 +187,8 @@ def prediction_flags(task: AnyTask, curve: Curve, predicted: Assessment) -> list
             flags.append(words.format(math.ceil(1000 * depth_m.max())) + _how_many(depth_m > 0.0))
     if start_cost(task, curve.q0_rad[None])[0] > 0.0:
         flags.append("at the start the string hangs over the arm or out of the workspace")
+    if isinstance(task, SpatialTask):
+        flags.append("the probability of a hit is the share of simulated throws: not calibrated in space")
     return flags
 
 

@@ -61,7 +61,7 @@ class SpaceTrial(NamedTuple):
 
 @dataclass(frozen=True)
 class SpaceOutcome:
-    """What is reported of one throw, by the names of `loop.run.LoopTrial`; lengths in metres, CPU in seconds."""
+    """What is reported of one throw, named as in `LoopTrial`; lengths in metres, CPU times in seconds."""
 
     trial: int
     kind: str
