@@ -278,9 +278,8 @@ def helix_at_rest(options: Options) -> float:
     found = []
     for n in (20, 40):
         model = StringModel(length, n, gravity_m_s2=0.0, **options)
-        # Soft: the rest shape is sought in a time that stiff, light strings do not settle in.
         # Half a segment's bend lies before the first segment's middle.
-        p = parameters(k_s=1e3, k_h=0.005, k_sh=0.005, k_ph=0.01)
+        p = parameters(k_s=1e6, k_h=5.0, k_sh=5.0, k_ph=10.0)
         fixed = {"rest_curl_rad_m": 4.0 * CURL_RAD_M[None], "rest_torsion_rad_m": torsion}
         half = 0.5 * model.spacing_m * 4.0 * CURL_RAD_M
         points = start_shape(

@@ -46,6 +46,7 @@ class SpatialEquations:
     gravity_m_s2: float = 9.81
     friction: float = 0.0
     stick_rad: float = 0.0
+    torsion_rad_m: float = 0.0
 
     def accelerations(self, x, v, clamp, far=None, held=None):
         """Accelerations of the free points (m, 3); x, v (n+1, 3) include the driven ends.
@@ -103,7 +104,9 @@ class SpatialEquations:
             bend = across * (2.0 * np.arctan(sine / (1.0 + cosine)) / sine)[:, None]
             bends.append(np.stack([dot(bend, frame[:, k]).imag for k in (1, 2)], axis=1) / TICK)
             if 0 < j < len(x) - 1:
-                left, up = self.curl_rad_m
+                turned = j * self.rest_m * self.torsion_rad_m
+                left = np.cos(turned) * self.curl_rad_m[0] - np.sin(turned) * self.curl_rad_m[1]
+                up = np.sin(turned) * self.curl_rad_m[0] + np.cos(turned) * self.curl_rad_m[1]
                 bend = bend - self.rest_m * (left * frame[:, 2] - up * frame[:, 1])
             energy.append(0.5 * dot(bend, bend).imag / TICK)
             carried = np.stack(

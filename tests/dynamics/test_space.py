@@ -88,7 +88,7 @@ def test_a_longer_string_hangs_lower():
 def test_a_blow_up_is_reported():
     parameters, masses = batch_of(2)
     parameters[1, 0] = np.nan
-    points, status = simulate_batch(MODEL, parameters, masses, TIME_S, POSE, OUT_S)
+    points, status = simulate_batch(MODEL, parameters, masses, TIME_S, POSE, OUT_S, start_of(two_ends=False))
     assert list(status) == [OK, BLEW_UP]
     assert np.isfinite(points[0]).all()
     assert np.isnan(points[1, -1, -1]).all()

@@ -24,17 +24,19 @@ from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, VALUE
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.schemes.registry import SCHEMES
 from strandcast.dynamics.schemes.scheme import StepSettings
-from strandcast.dynamics.spatial.passes import pass_in_space
+from strandcast.dynamics.spatial.passes import NO_LENGTH_M, pass_in_space
 from strandcast.dynamics.spatial.strings import in_space
 from strandcast.dynamics.vectors import VectorSpec, register_bits
+from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.threads import over_ranges
 
-OK, BLEW_UP, OVERSTRETCHED, COLLAPSED = range(4)
+OK, BLEW_UP, OVERSTRETCHED, COLLAPSED, NO_REST_SHAPE = range(5)
 STATUS = {
     OK: "ok",
     BLEW_UP: "blew up",
     OVERSTRETCHED: "a segment longer than three rest lengths",
     COLLAPSED: "a segment shorter than 0.3 rest lengths",
+    NO_REST_SHAPE: "found no rest shape to start from",
 }
 LONGEST_SEGMENT, SHORTEST_SEGMENT = 3.0, 0.3  # rest lengths: beyond, the model is no string (chosen)
 
@@ -83,6 +85,11 @@ def simulate_batch(
         (B, F, n+1, 2) points 0…n [m], (B, F, n+1, 3) in space; NaN from a blow-up on.
     status
         (B,) keys of `STATUS`.
+
+    Raises
+    ------
+    StrandcastError
+        SC-E015 none of the strings has a rest shape to start from.
     """
     batch = make_batch(model, strings, hand, out_time_s, start)
     time_s, poses = batch.hand
@@ -93,6 +100,13 @@ def simulate_batch(
         places(time_s, pose, np.ascontiguousarray(out_time_s, dtype=float), place)
         out[b : b + 1 if len(poses) > 1 else None, :, 0] = place
     status = _run(batch.observing(out=out))[1]
+    if len(status) and (status == NO_REST_SHAPE).all():
+        raise StrandcastError(
+            "SC-E015",
+            f"no rest shape was found for any of {len(status)} strings: their motion cannot begin there",
+            fix="check the string's stiffness and rest curl, and that it reaches from clamp to clamp",
+            exit_code=FAILED_TRIALS,
+        )
     for b in map(int, np.flatnonzero(status == BLEW_UP)):
         out[b, np.isnan(out[b, :, -1, 0])] = np.nan
     return out, status
@@ -156,7 +170,10 @@ def _run(batch: Batch) -> tuple[Array, NDArray[np.int64]]:
     stiff |= in_space(batch.hand.pose) & (status == BLEW_UP)
     stiff &= SCHEMES.get(model.integrator).repeats_diverged
     finer = 2
-    while finer <= SMALLEST_STEP and (diverged := np.flatnonzero(stiff & (status != OK))).size:
+    while (
+        finer <= SMALLEST_STEP
+        and (diverged := np.flatnonzero(stiff & ~np.isin(status, (OK, NO_REST_SHAPE)))).size
+    ):
         again = batch.take(diverged)
         kept[diverged] = _pass(again, finer)
         status[diverged] = _status(model, kept[diverged])
@@ -211,4 +228,5 @@ def _status(model: StringModel, kept: Array) -> NDArray[np.int64]:
     status[shortest < SHORTEST_SEGMENT] = COLLAPSED
     status[longest > LONGEST_SEGMENT] = OVERSTRETCHED
     status[~(kept[:, LONGEST] < FAR_M)] = BLEW_UP
+    status[kept[:, SHORTEST] == NO_LENGTH_M] = NO_REST_SHAPE
     return status

@@ -87,7 +87,7 @@ def poses_in_plane(pose: Array, origin_m: Array, right: Array, up: Array) -> Arr
 
 
 @njit(**CACHED)
-def _orthonormal(pose: Array, frame: Array) -> None:
+def orthonormal(pose: Array, frame: Array) -> None:
     """Write direction, normal and their vector product (3, 3) of a pose (9,)."""
     length = math.sqrt(pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2)
     for c in range(3):
@@ -130,8 +130,8 @@ def _first_rate(pose: Array, slope: Array, rate: Array) -> None:
     moved = np.empty(POSE)
     for c in range(POSE):
         moved[c] = pose[c] + tick * slope[c]
-    _orthonormal(pose, before)
-    _orthonormal(moved, after)
+    orthonormal(pose, before)
+    orthonormal(moved, after)
     _turn_between(before, after, rate)
     for c in range(3):
         rate[c] /= tick
@@ -167,11 +167,11 @@ def drive_clamps(time_s: Array, pose: Array, h: float, steps: int, lane: int, ou
         before[:3] = slope[first : first + 3, 0]
         _first_rate(pose[0, own], np.ascontiguousarray(slope[own, 0]), before[3:])
         value[0] = pose[0]
-        _orthonormal(pose[0, own], now)
+        orthonormal(pose[0, own], now)
         knot: Any = np.int64(0)
         for k in range(steps):
             knot = interpolate(time_s, pose, slope, knot, min(time_s[0] + (k + 1) * h, time_s[-1]), value[1])
-            _orthonormal(value[1, own], after)
+            orthonormal(value[1, own], after)
             _turn_between(now, after, ahead[3:])
             r = (k * (columns // POSE) + end) * CLAMP
             for c in range(3):

@@ -42,14 +42,10 @@ from strandcast.dynamics.spatial.step import (
     SpatialSettings,
     step_in_space,
 )
-from strandcast.dynamics.spatial.triples import dot, load3, minus, plus, plus_scaled, scaled, store3, zero3
+from strandcast.dynamics.spatial.triples import dot, load3, minus, plus, plus_scaled, store3, zero3
 from strandcast.dynamics.vectors import VectorSpec
 
 _LINE = 64  # bytes of a cache line
-
-# Statics: linearly implicit steps from rest, each a damped Newton step, with step lengths between these [s].
-RELAXATIONS = 150
-FIRST_RELAXATION_S, LAST_RELAXATION_S = 0.01, 1.0
 
 
 class SpatialStrings(NamedTuple):
@@ -125,21 +121,19 @@ def _row3(spec: Any, path: Any, common: Any, own: bool, row: int) -> Any:
 
 
 @njit(**INLINED)
-def _clamp(spec: Any, path: Any, common: Any, own: bool, r: int, moves: bool) -> ClampMotion:
-    """Return the clamp with the rows from r on; at rest in its place if it does not move."""
+def _clamp(spec: Any, path: Any, common: Any, own: bool, r: int) -> ClampMotion:
+    """Return the clamp with the rows from r on."""
     frame = (
         _row3(spec, path, common, own, r + ALONG_CLAMP),
         _row3(spec, path, common, own, r + LEFT),
         _row3(spec, path, common, own, r + UP),
     )
-    speed, change = _row3(spec, path, common, own, r + SPEED), _row3(spec, path, common, own, r + CHANGE)
-    rate, turn_change = (
+    return ClampMotion(
+        _row3(spec, path, common, own, r + SPEED),
+        _row3(spec, path, common, own, r + CHANGE),
+        frame,
         _row3(spec, path, common, own, r + TURN_RATE),
         _row3(spec, path, common, own, r + TURN_CHANGE),
-    )
-    still = splat(spec, 1.0 if moves else 0.0)
-    return ClampMotion(
-        scaled(still, speed), scaled(still, change), frame, scaled(still, rate), scaled(still, turn_change)
     )
 
 
@@ -196,27 +190,18 @@ def _observe(
 
 @njit(**INLINED)
 def _of_step(settings: SpatialSettings, k: int) -> SpatialSettings:
-    """Return the settings of step k: the first kick is half as long, steps before 0 seek the rest shape."""
-    step, kick, floor, friction = settings.step, settings.step, 1.0, settings.has_friction
-    fine, coarse, half = kick * kick / 12.0, kick * kick / 4.0, 0.5 * kick
-    if k == 0:
-        kick *= 0.5
-        fine, coarse, half = kick * kick / 12.0, kick * kick / 4.0, 0.5 * kick
-    elif k < 0:
-        ripe = min(1.5 * (k + RELAXATIONS) / RELAXATIONS, 1.0)
-        step = FIRST_RELAXATION_S * (LAST_RELAXATION_S / FIRST_RELAXATION_S) ** ripe
-        kick, fine, coarse, half, floor, friction = step, step * step, step * step, 0.0, 0.0, False
+    """Return the settings of step k: the first kick is half as long."""
+    kick = 0.5 * settings.step if k == 0 else settings.step
     return SpatialSettings(
-        step,
+        settings.step,
         kick,
-        fine,
-        coarse,
-        half,
-        floor,
+        kick * kick / 12.0,
+        kick * kick / 4.0,
+        0.5 * kick,
         settings.gravity,
         settings.reading,
         settings.per_width,
-        friction,
+        settings.has_friction,
         settings.slender,
         settings.two_ends,
         settings.helical,
@@ -233,32 +218,18 @@ def _load_strings(
     shift: Any,
     results: Any,
 ) -> None:
-    """Fill all lanes from candidate `first` on, at rest and without results."""
+    """Fill all lanes from candidate `first` on, without results."""
     _copy_lanes(first, strings.c, string.c)
     _copy_lanes(first, strings.mass, string.mass)
     _copy_lanes(first, strings.factor, string.factor)
     _copy_lanes(first, strings.d, motion.d)
     _copy_lanes(first, strings.shift, shift)
-    _halt(spec, motion)
+    _copy_lanes(first, strings.v, motion.v)
+    for row in range(motion.dv.shape[0]):
+        store(spec, motion.dv, row, splat(spec, 0.0))
     store(spec, results, LONGEST, splat(spec, 0.0))
     store(spec, results, SHORTEST, splat(spec, ANY_LENGTH_M))
     store(spec, results, VALUE, splat(spec, 0.0))
-
-
-@njit(**INLINED)
-def _halt(spec: Any, motion: StringMotion) -> None:
-    """Set all velocities and their changes to zero."""
-    for row in range(motion.v.shape[0]):
-        store(spec, motion.v, row, splat(spec, 0.0))
-        store(spec, motion.dv, row, splat(spec, 0.0))
-
-
-@njit(**INLINED)
-def _keep_settled(first: int, d: Any, segments: Array, settled: bool) -> None:
-    """Copy the segments of settled strings."""
-    for lane in range(min(d.shape[1], segments.shape[1] - first) if settled else 0):
-        for row in range(d.shape[0]):
-            segments[row, first + lane] = d[row, lane]
 
 
 @njit(nogil=True, **CACHED)
@@ -272,7 +243,6 @@ def integrate_in_space(
     common: Any,
     steps: int,
     settings: SpatialSettings,
-    settle: bool,
     outputs: Outputs,
     kept: Array,
 ) -> None:
@@ -288,8 +258,6 @@ def integrate_in_space(
         A common path as `strandcast.dynamics.spatial.clamps.drive_clamps` gives it, else any array.
     steps, settings
         Number of steps, and those of a whole step.
-    settle
-        Whether to move the strings to rest before, and the segments of `strings` with them.
     strings, outputs, kept
         See there, and `strandcast.dynamics.integrate.integrate`.
     """
@@ -303,21 +271,14 @@ def integrate_in_space(
         _load_strings(spec, b, strings, string, motion, shift, results)
         if own:
             for lane in range(width):
-                drive_clamps(
-                    time_s, poses[min(b + lane, len(poses) - 1)], settings.step, max(steps, 1), lane, path
-                )
+                drive_clamps(time_s, poses[min(b + lane, len(poses) - 1)], settings.step, steps, lane, path)
         f: Any = np.int64(0)  # a literal would have `_observe` compiled twice
-        for k in range(-RELAXATIONS if settle else 0, steps):
-            if k == 0:
-                _copy_lanes(b, strings.v, motion.v)
-            row = max(k, 0) * ends * CLAMP
-            clamp = _clamp(spec, path, common, own, row, k >= 0)
-            far = _clamp(spec, path, common, own, row + (ends - 1) * CLAMP, k >= 0)
+        for k in range(steps):
+            row = k * ends * CLAMP
+            clamp = _clamp(spec, path, common, own, row)
+            far = _clamp(spec, path, common, own, row + (ends - 1) * CLAMP)
             now = _of_step(settings, k)
             longest, shortest = step_in_space(spec, string, motion, clamp, far, scheme_work, now)
-            if k < 0:
-                _halt(spec, motion)
-                continue
             store(spec, results, LONGEST, maximum(longest, load(spec, results, LONGEST)))
             store(spec, results, SHORTEST, minimum(shortest, load(spec, results, SHORTEST)))
             while f < len(at) and at[f] <= k + 1:
@@ -328,5 +289,4 @@ def integrate_in_space(
                 _observe(spec, k, f, now, motion, place, hand_place, outputs, shift, b, results)
                 f += 1
         keep_results(b, motion.d, results, kept)
-        _keep_settled(b, motion.d, strings.d, settle)
     flush_denormals(control)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,10 +9,11 @@ import numpy as np
 from strandcast.dynamics.candidates import HANGING, SETTLED
 from strandcast.dynamics.elements import DRAG_ALONG, DRY, GRAVITY, HALF_WIDTH, STICK
 from strandcast.dynamics.model import READINGS
-from strandcast.dynamics.observe import RESULTS
+from strandcast.dynamics.observe import RESULTS, SHORTEST
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.spatial.clamps import CLAMP, POSE, drive_clamps
 from strandcast.dynamics.spatial.integrate import SpatialStrings, integrate_in_space, spatial_workspace
+from strandcast.dynamics.spatial.rest_shape import rest_shapes
 from strandcast.dynamics.spatial.step import SpatialSettings
 from strandcast.dynamics.spatial.strings import REST_TURN, spatial_coefficients, starts
 from strandcast.dynamics.vectors import VectorSpec
@@ -21,6 +21,8 @@ from strandcast.threads import over_ranges
 
 if TYPE_CHECKING:
     from strandcast.dynamics.batch import Batch
+
+NO_LENGTH_M = -1.0  # the shortest segment of a string for which no rest shape was found
 
 
 def pass_in_space(batch: Batch, finer: int, spec: VectorSpec) -> Array:
@@ -48,7 +50,6 @@ def pass_in_space(batch: Batch, finer: int, spec: VectorSpec) -> Array:
         fine=0.0,
         coarse=0.0,
         half=0.0,
-        floor=1.0,
         gravity=float(candidates.fixed[0, GRAVITY]),
         reading=READINGS.index(model.reading),
         per_width=float(1.0 / candidates.fixed[0, HALF_WIDTH]),
@@ -57,46 +58,30 @@ def pass_in_space(batch: Batch, finer: int, spec: VectorSpec) -> Array:
         two_ends=ends > 1,
         helical=bool(candidates.fixed[:, REST_TURN].any()),
     )
-    d, v = starts(candidates, np.ascontiguousarray(hand.pose[:, 0]), start)
+    poses = np.ascontiguousarray(hand.pose[:, 0])
+    d, v = starts(candidates, poses, start)
     columns = (candidates.masses, candidates.factor, candidates.shift_m)
     mass, factor, shift = (np.ascontiguousarray(column.T) for column in columns)
     strings = SpatialStrings(spatial_coefficients(candidates, step), mass, factor, d, v, shift)
+    lost = np.zeros(len(kept), dtype=bool)
+    if start.mode in (HANGING, SETTLED):
+        over_ranges(
+            len(kept),
+            lambda first, last: rest_shapes(first, last, candidates, strings.c, poses, settings, d, lost),
+        )
     own = len(hand.pose) > 1
     common = np.empty((1 if own else steps * ends * CLAMP, 1))
     if not own:
         drive_clamps(hand.time_s, hand.pose[0], step, steps, 0, common)
     outputs = batch.outputs._replace(at=batch.outputs.at * finer)
 
-    def run(first: int, last: int, spec: VectorSpec, steps: int, settle: bool) -> None:
-        own_rows = (steps + settle) * ends * CLAMP if own else 0
-        work = spatial_workspace(spec, model.points, own_rows, sticks=bool(sticks.any()) and not settle)
+    def run(first: int, last: int) -> None:
+        own_rows = steps * ends * CLAMP if own else 0
+        work = spatial_workspace(spec, model.points, own_rows, sticks=bool(sticks.any()))
         integrate_in_space(
-            first,
-            last,
-            spec,
-            work,
-            strings,
-            (hand.time_s, hand.pose),
-            common,
-            steps,
-            settings,
-            settle,
-            outputs,
-            kept,
+            first, last, spec, work, strings, (hand.time_s, hand.pose), common, steps, settings, outputs, kept
         )
 
-    # The rest shape is sought in double precision: stretch is far stiffer than bending.
-    runs = [(spec, steps, False)]
-    if start.mode in (HANGING, SETTLED):
-        runs.insert(0, (double_of(spec), 0, True))
-    for chosen, count, settle in runs:
-        over_ranges(
-            -(-len(kept) // chosen.width),
-            partial(run, spec=chosen, steps=count, settle=settle),
-        )
+    over_ranges(-(-len(kept) // spec.width), run)
+    kept[lost, SHORTEST] = NO_LENGTH_M
     return kept
-
-
-def double_of(spec: VectorSpec) -> VectorSpec:
-    """Return vectors of double precision in the same registers."""
-    return VectorSpec(64, max(spec.width * spec.bits // 64, 1) if spec.width > 1 else 1)

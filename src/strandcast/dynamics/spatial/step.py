@@ -108,9 +108,7 @@ class SpatialSettings(NamedTuple):
     fine, coarse
         h^2 beta of elements, and of those too stiff for the step: see `schemes.lfcn.averaged`.
     half
-        Half of `kick`, 0 to leave out the dampers.
-    floor
-        Share of the plane's `FLOOR`, 0 in statics.
+        Half of `kick`.
     gravity
         Gravity along -z [m/s^2].
     reading, per_width, has_friction
@@ -125,7 +123,6 @@ class SpatialSettings(NamedTuple):
     fine: float
     coarse: float
     half: float
-    floor: float
     gravity: float
     reading: int
     per_width: float
@@ -191,7 +188,7 @@ def _segments(
     v, dv = clamp.v, clamp.dv
     n, c, _, _ = string
     k_s, c_s, l0 = load(spec, c, K_S), load(spec, c, C_S), load(spec, c, L0)
-    floor = (0.25 * settings.floor) * load(spec, c, FLOOR)
+    floor = 0.25 * load(spec, c, FLOOR)
     longest, shortest = splat(spec, 0.0), splat(spec, 1e9)
     for j in range(n):
         before, dv_before = v, dv
@@ -234,7 +231,7 @@ def _joints(
     """
     n, c, mass, factor = string
     l0 = load(spec, c, L0)
-    floor = (settings.floor / 16.0) * (l0 * l0) * load(spec, c, FLOOR)
+    floor = (l0 * l0 / 16.0) * load(spec, c, FLOOR)
     twice_half = 2.0 * settings.half
     a, rate_a = ahead, across(ahead, clamp.rate)
     clamp_now = plus_scaled(clamp.rate, 0.5, clamp.change)
@@ -299,7 +296,7 @@ def _joints(
             rubbing = dry_friction(spec, c, own, size_of(spec, rate)[0])
             damping, slope = damping + rubbing, slope + rubbing
         rubbed, tangent = zero3(spec), splat(spec, 0.0)
-        if stick is not None and settings.half > 0.0:
+        if stick is not None:
             in_frame = ratio * dot(binormal, side), ratio * dot(binormal, upward)
             share = settings.kick / settings.step
             x, y, tangent = sticking_friction_in_space(spec, c, own, j, in_frame, share, stick)
@@ -441,7 +438,7 @@ def _eliminate(
     """
     n, c, _, _ = string
     # In the row after the last joint weight and 1 / length are 0, as the workspace was made.
-    stiff = held(load(spec, c, K_S), settings, (0.25 * settings.floor) * load(spec, c, FLOOR))
+    stiff = held(load(spec, c, K_S), settings, 0.25 * load(spec, c, FLOOR))
     stretch = stiff + settings.half * load(spec, c, C_S)
     zero = splat(spec, 0.0)
     u, per_length = load3(spec, work, UNIT), load(spec, work, PER_LENGTH)
