@@ -19,6 +19,7 @@ from strandcast.tracking.tracker import StringHint
 SURVEYED = (6, 24)
 SHOWN = 4
 CLEAR_REWARD = 0.5  # chosen: reward from which a node counts as the first visible one
+THREADS = 2  # as many as there are directions
 ANCHORS = 4  # chosen: best detections tried as the start
 
 
@@ -34,14 +35,18 @@ def survey(
     """Return detections of the string in frames spread over the candidates (K,)."""
     links, _ = chain_of(string)
     found: dict[int, Detection | None] = {}
+
+    def detect(index: int) -> Detection | None:
+        frame = frames.at(index)
+        if frame is None:
+            return None
+        return detect_string(index, frame, links, string.length_m / links, string.thickness_m, polarity)
+
     for count in SURVEYED:
         spread = np.unique(np.linspace(0, len(candidates) - 1, count).astype(int))
-        for index in candidates[spread].tolist():
-            frame = frames.at(index) if index not in found else None
-            if frame is not None:
-                found[index] = detect_string(
-                    index, frame, links, string.length_m / links, string.thickness_m, polarity
-                )
+        new = [index for index in candidates[spread].tolist() if index not in found]
+        with ThreadPoolExecutor(THREADS) as pool:
+            found |= dict(zip(new, pool.map(detect, new), strict=True))
         detections = [one for index in sorted(found) if (one := found[index]) is not None]
         good = [one for one in detections if one.fit.value >= GOOD]
         if len(good) >= SHOWN and sum(np.isfinite(one.end_m) for one in good) >= SHOWN:
@@ -72,7 +77,7 @@ def track_bidirectional(
         return own.redetections
 
     # The kernels release the GIL; the two directions run in parallel and write to different frames.
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         ways = pool.map(one_way, (range(anchor + 1, count), range(anchor - 1, -1, -1)))
         tracker.redetections += sum(ways)
     retrack(frames, fits, anchor, tracker)

@@ -52,6 +52,11 @@ class HandFinder:
             marker: tabulate(camera, string_offset_m + shape.offset_m)
             for marker, shape in self.markers.items()
         }
+        self._corners_in_hand_m = {marker: corners_in_hand(shape) for marker, shape in self.markers.items()}
+        self._middles_m = {
+            marker: pixels.origin_m + 0.5 * pixels.step_m * np.array(pixels.uv.shape[1::-1])
+            for marker, pixels in self.maps.items()
+        }
         self.detector = marker_detector(dictionary)
         # Corners of all markers in the last two frames, detected or inferred.
         self._history: list[dict[int, np.ndarray]] = []
@@ -154,7 +159,7 @@ class HandFinder:
         if not corners_px:
             return None
         ids = sorted(corners_px)
-        model = np.concatenate([corners_in_hand(self.markers[marker]) for marker in ids])
+        model = np.concatenate([self._corners_in_hand_m[marker] for marker in ids])
         measured = np.concatenate([self.in_plane(corners_px[marker], marker) for marker in ids])
         pose, residual = fit_rigid(model, measured)
         scale = self.maps[ids[0]].metre_per_pixel
@@ -171,9 +176,7 @@ class HandFinder:
 
     def in_plane(self, corners_px: np.ndarray, marker: int) -> np.ndarray:
         """Return where pixels (K, 2) lie in a marker's own plane (m)."""
-        pixels = self.maps[marker]
-        middle = pixels.origin_m + 0.5 * pixels.step_m * np.array(pixels.uv.shape[1::-1])
-        return np.asarray(all_from_pixel(corners_px, middle, pixels))
+        return np.asarray(all_from_pixel(corners_px, self._middles_m[marker], self.maps[marker]))
 
     def marker_poses(self, marker: int, corners_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return poses (K, 3) and sigmas (K,) of a marker from its corners (K, 4, 2) in K frames."""
@@ -194,7 +197,7 @@ class HandFinder:
             if marker not in now:
                 offset_m = self.string_offset_m + shape.offset_m
                 now[marker] = metre_to_pixel(
-                    self.camera, place(detection.pose, corners_in_hand(shape)), offset_m
+                    self.camera, place(detection.pose, self._corners_in_hand_m[marker]), offset_m
                 )
         self._history = [*self._history[-1:], now]
 
