@@ -206,6 +206,27 @@ def test_memory_is_limited(tmp_path):
     assert "GiB of memory" in caught.value.what
 
 
+@pytest.mark.parametrize("width", [128, 130])  # without and with gaps between the decoder's rows
+def test_full_range_frames_are_those_of_this_process(tmp_path, width):
+    path = write(tmp_path / "v.avi", "mjpeg", "yuvj420p", (width, 96), 6)
+    with open_video(path, isolated=False) as here:
+        expected = [grey.copy() for _, _, grey in here]
+    with open_video(path) as video:
+        np.testing.assert_array_equal([grey.copy() for _, _, grey in video], expected)
+
+
+def test_the_decoding_process_starts_without_heavy_modules(tmp_path):
+    modules = "strandcast.video.decoding_process, strandcast.video.container, sys"
+    heavy = "{'numpy', 'cv2', 'numba', 'importlib.metadata'}"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import {modules}; print({heavy} & set(sys.modules))"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+    )
+    assert done.stdout.strip() == "set()", done.stderr
+
+
 def test_cpu_time_without_a_frame_is_limited(film, monkeypatch, tmp_path):
     endless = tmp_path / "endless.py"
     endless.write_text(
