@@ -126,6 +126,35 @@ def test_a_motion_that_a_stop_could_carry_out_of_the_workspace_is_searched_for_a
     assert plan.simulations >= 2 * first.simulations
 
 
+def test_a_rehearsal_shows_joints_that_are_not_as_the_arms_file_says(
+    task: PlanningTask, strings: StringBatch, first: PlannedMotion
+) -> None:
+    """No second-order response describes joints that ring."""
+
+    def joints(plan: PlannedMotion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        time_s, command, last = commands([plan.motion], task.step_s)
+        q = respond(TRUE_SERVO, time_s, command)
+        ringing = 0.15 * np.sin(12.0 * time_s)[:, None] * [1.0, -1.0, 1.0]
+        return time_s, q + ringing, last
+
+    def missed_m(plan: PlannedMotion) -> float:
+        _, q, last = joints(plan)
+        tips = simulate_rollouts(task, strings.first(1), RolloutConditions(), q, last).points_m[0, :, -1]
+        return closest_approach(np.ascontiguousarray(tips), int(last[0]), *task.target_m)[0]
+
+    time_s, q, _ = joints(first)
+    nothing_seen = Measured(time_s, q[0], np.zeros(0), np.zeros((0, 2, 2)), None)
+    played = past_trial(to_record(first, task, "test", 1, 0, {}), nothing_seen, task.step_s)
+    rng = np.random.default_rng(3)
+    plan = plan_first(task, strings, SMALL, rng, rehearsal=played)
+    assert plan.kind == "first"
+    assert missed_m(first) > 0.03
+    assert missed_m(plan) < 0.015
+    # Without control heights there is no motion to stay near, but its log still gives the servo's lag.
+    anew = plan_first(task, strings, SMALL, rng, rehearsal=replace(played, curve=None))
+    assert anew.simulations > plan.simulations
+
+
 def test_the_second_throw_hits_a_string_that_was_unknown(
     task: PlanningTask, strings: StringBatch, unknown: StringBatch, trial: PastTrial
 ) -> None:

@@ -27,11 +27,12 @@ from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK
 from strandcast.stages import plan as plan_stage
 from strandcast.stages.context import context_of
-from strandcast.stages.plan_inputs import first_inputs
+from strandcast.stages.plan_inputs import first_inputs, rehearsal_of
 from strandcast.stages.rig import rig_state
-from strandcast.stages.run import run_stage
-from strandcast_studies.benchmarks.loop.throw import LoopRig, throw
+from strandcast.stages.run import files_of, run_stage
+from strandcast_studies.benchmarks.loop.throw import LoopRig, rehearse, throw
 
+ARM = "config/arms/planar3.toml"
 SMALL = "plan: {screening: 16, evaluations: 100, ensemble: 2}\n"
 BAR = "objective: {kind: segment, ends_m: [[0.8, 0.25], [0.8, 0.45]]}\n"
 
@@ -75,6 +76,29 @@ def test_a_trial_that_a_real_arm_has_thrown_is_not_planned(root: Path, name: str
     with pytest.raises(StrandcastError, match="SC-R032"):
         planned(root, "thrown")
     assert not (root / "results").exists()
+
+
+def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None:
+    lab = "lab: {string: paper-1, servo: soft}\n"
+    write(root, "rehearsed", "target_m: [0.5, 0.5]\n" + lab + SMALL)
+    first = planned(root, "rehearsed")
+    rehearse(root, "rehearsed", LoopRig())
+    again = planned(root, "rehearsed")
+    assert again.bezier != first.bezier
+    assert again.start == first.start
+    assert list(again.provenance.planned_from) == ["rehearsal/run.json"]
+    record = root / "data/rehearsed/rehearsal/run.json"
+    assert record in files_of("plan", root, "rehearsed", 1).inputs("rehearsal_run")
+    assert not files_of("plan", root, "rehearsed", 2).inputs("rehearsal_run")
+    # The rows' noise of 0.5 mrad, third differences of 2 mrad, is gone.
+    played = rehearsal_of(files_of("plan", root, "rehearsed", 1), load_arm(root / ARM), 0.002)
+    assert played is not None
+    assert np.diff(played.q_rad, n=3, axis=0).std() < 1e-4
+
+    again.write(record.with_name("motion.json"))
+    with pytest.raises(StrandcastError, match="SC-P021") as caught:
+        planned(root, "rehearsed")
+    assert caught.value.file == str(record)
 
 
 def test_a_bar_is_planned_for_and_the_file_is_the_same_each_time(

@@ -145,6 +145,11 @@ def joint_path(time_s: np.ndarray, q_rad: np.ndarray, span_s: tuple[float, float
     return JointPath(spline, covariance, smoothed.smoother, encoder, jitter_s, speed, outlier)
 
 
+def without_row_noise(time_s: np.ndarray, q_rad: np.ndarray) -> np.ndarray:
+    """Return the joints (T, J) of a log on the smoothing splines; times (T,) rise strictly [s]."""
+    return joint_path(time_s, q_rad, (float(time_s[0]), float(time_s[-1]))).at(time_s)
+
+
 class _Smoothed(NamedTuple):
     """A smoothing: the map from rows to coefficients, and its effect on the rows' noise.
 

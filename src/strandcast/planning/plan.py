@@ -54,6 +54,7 @@ def plan_first(
     settings: PlanSettings,
     rng: np.random.Generator,
     sizes: np.ndarray | None = None,
+    rehearsal: PastTrial | None = None,
 ) -> PlannedMotion:
     """Plan a motion for a string that was never thrown.
 
@@ -69,6 +70,9 @@ def plan_first(
         Random numbers.
     sizes
         Of the disturbances, see `planning.scenarios.disturbed`; by default those of the settings.
+    rehearsal
+        A motion that the arm played without the string: how its joints follow is known from there, not from
+        the arm's file.
 
     Raises
     ------
@@ -76,11 +80,14 @@ def plan_first(
         The target is out of reach, or the arm's limits leave no motion.
     """
     refuse_unreachable(task)
-    conditions = RolloutConditions(task.arm.servo if settings.plans_with_servo else None)
+    servo = fitted_servo(task, [rehearsal]) if rehearsal else task.arm.servo
+    conditions = RolloutConditions(servo if settings.plans_with_servo else None)
     given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings, sizes))
-    return (
-        predicted(given, first_by_paper(given)) if settings.planner == "paper" else _globally(given, "first")
-    )
+    if settings.planner == "paper":
+        return predicted(given, first_by_paper(given))
+    if rehearsal and rehearsal.curve is not None and settings.plans_with_servo:
+        return _near_rehearsal(given, rehearsal)
+    return _globally(given, "first")
 
 
 def plan_next(
@@ -177,6 +184,19 @@ def _near_or_globally(given: SearchInputs, known: list[PastTrial], fit_E_m: floa
     again = _from_scratch(given, f"near trial {best.trial}'s motion the best hits with {likely:.0%}")
     simulations = near.simulations + again.simulations
     return replace(again if again.hit_probability(radius_m) > likely else near, simulations=simulations)
+
+
+def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
+    """Plan near a motion that was played without the string, with the joints' measured error there."""
+    task, settings = given.task, given.settings
+    near = neighbourhood(task, given.strings, given.conditions, rehearsal, [rehearsal], settings)
+    # Nothing is known of the string, so that every one is disturbed, as in a search from nothing.
+    scattered = disturbed_near(task, near, settings.ensemble, given.sizes)
+    miss_m = likely_miss_m(task, given.strings, rehearsal)
+    curve, simulations = _stopped_inside(
+        task, lambda task: search_near(task, scattered, miss_m, settings, given.rng)
+    )
+    return predicted_near(given, near, SearchResult("first", curve, simulations, []))
 
 
 def _from_scratch(given: SearchInputs, reason: str) -> PlannedMotion:

@@ -62,6 +62,11 @@ class ExperimentFolder:
         """Return the folder of results."""
         return self.root / "results" / self.name
 
+    @property
+    def rehearsal(self) -> Path:
+        """Return the folder of the motion that the arm played without the string."""
+        return self.data / "rehearsal"
+
     def camera(self, name: str) -> Path:
         """Return the record of a camera."""
         return self.results / "cameras" / f"{name}.json"

@@ -95,6 +95,16 @@ def logged(scope: Scope, name: str) -> Role:
     return lambda job: [path.with_name(name) for path in _raw_if_there(job, scope(job), "run.json")]
 
 
+def rehearsal(name: str) -> Role:
+    """Return the role of a file of the rehearsal; none if there was none, or a throw has shown the joints."""
+    return lambda job: _rehearsal(job, name)
+
+
+def _rehearsal(job: Job, name: str) -> list[Path]:
+    folder = job.context.folder.rehearsal
+    return [folder / name] if file_exists(folder / "run.json") and not past(job) else []
+
+
 def video(job: Job) -> list[Path]:
     """Return the files of the trial's video; the lab's is video.mp4."""
     return [job.folder.data / "video.mp4"] if job.is_lab else job.folder.video_files()

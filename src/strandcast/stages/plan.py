@@ -17,7 +17,6 @@ from strandcast.records.estimate import Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.predicted import PredictedThrows, write_predicted
 from strandcast.seeds import rng, seed_of
-from strandcast.stages.context import Context
 from strandcast.stages.files import past
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import Trial, hashes_of, read_trial
@@ -26,6 +25,7 @@ from strandcast.stages.plan_inputs import (
     next_inputs,
     past_trial_of,
     refuse_without_target,
+    rehearsal_of,
     seen_deviations,
     servo_of,
 )
@@ -60,7 +60,7 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
     random = rng(*seeded_by)
     trials = [read_trial(files, number) for number in past(job)]
     try:
-        task, plan, scatter = _next(files, arm, trials, random) if trials else _first(context, arm, random)
+        task, plan, scatter = _next(files, arm, trials, random) if trials else _first(files, arm, random)
     except StrandcastError as error:
         # An error that names no file is about a request in the experiment's file.
         error.file = error.file or str(context.file)
@@ -72,7 +72,9 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
         context.name,
         job.trial,
         seed_of(*seeded_by),
-        hashes_of(path for role in ("track", "estimate", "ensemble") for path in files.inputs(role)),
+        hashes_of(
+            path for role in ("track", "estimate", "ensemble", "rehearsal_run") for path in files.inputs(role)
+        ),
         None if parent is None else parent.content_sha256(),
         None if trials else start_string_name(settings),
         [one.to_record() for one in scatter] if settings.plan.disturbances == "learnt" else None,
@@ -100,11 +102,17 @@ def _refuse_thrown(job: Job) -> None:
 Plan = tuple[PlanningTask, PlannedMotion, list[LearntSize]]
 
 
-def _first(context: Context, arm: Arm, random: np.random.Generator) -> Plan:
-    """Plan for an ensemble of plausible strings, on a rig of which only the prior is known."""
+def _first(files: Files, arm: Arm, random: np.random.Generator) -> Plan:
+    """Plan for an ensemble of plausible strings, on a rig of which only the prior is known.
+
+    What a rehearsal shows of the joints is used.
+    """
+    context = files.job.context
     settings = context.settings.plan
     task, strings = first_inputs(context, arm, random)
-    return task, plan_first(task, strings, settings, random), learnt_sizes(settings, [])
+    rehearsal = rehearsal_of(files, arm, task.step_s)
+    plan = plan_first(task, strings, settings, random, rehearsal=rehearsal)
+    return task, plan, learnt_sizes(settings, [])
 
 
 def _next(files: Files, arm: Arm, trials: list[Trial], random: np.random.Generator) -> Plan:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from strandcast.alignment.joints import without_row_noise
 from strandcast.arm.load import Arm
 from strandcast.arm.servo import Servo
 from strandcast.config.experiment import Experiment
@@ -17,7 +18,10 @@ from strandcast.planning.rig_scatter import TrialDeviations
 from strandcast.planning.start_strings import start_strings
 from strandcast.planning.task import PlanningTask
 from strandcast.records.estimate import ServoFit
+from strandcast.records.joint_log import read_run
+from strandcast.records.motion import Motion
 from strandcast.stages.context import Context
+from strandcast.stages.job import Files
 from strandcast.stages.past_trials import Trial, read_members, string_model
 
 
@@ -88,6 +92,41 @@ def past_trial_of(trial: Trial, step_s: float) -> PastTrial:
     """Return a trial on its motion's own clock, joints every `step_s`."""
     assert trial.motion is not None
     return past_trial(trial.motion, measured_of(trial), step_s)
+
+
+def rehearsal_of(files: Files, arm: Arm, step_s: float) -> PastTrial | None:
+    """Return the motion that the arm played without the string, if it did.
+
+    Raises
+    ------
+    StrandcastError
+        SC-P021 the log is that of another motion or arm.
+    """
+    record = files.optional("rehearsal_run")
+    if record is None:
+        return None
+    run, log = read_run(record.parent)
+    motion = Motion.read(files.input("rehearsal_motion"))
+    if run.motion_sha256 != motion.content_sha256() or run.motion_start_s is None:
+        raise _no_rehearsal(record, "the log is not that of the motion beside it")
+    if tuple(motion.joint_names) != tuple(arm.joints) or not set(arm.joints) <= set(log.joint_names):
+        raise _no_rehearsal(record, f"its joints are not those of the arm: {', '.join(arm.joints)}")
+    columns = [log.joint_names.index(name) for name in arm.joints]
+    time_s, rows = np.unique(log.time_s - run.motion_start_s, return_index=True)
+    # The rows' noise would shake the simulated strings, with no track to tell what it does to them.
+    q_rad = without_row_noise(time_s, log.q_rad[rows][:, columns])
+    nothing_seen = np.zeros((0, 2, 2))
+    return past_trial(motion, Measured(time_s, q_rad, np.zeros(0), nothing_seen, None), step_s)
+
+
+def _no_rehearsal(record: Path, what: str) -> StrandcastError:
+    return StrandcastError(
+        "SC-P021",
+        what,
+        file=record,
+        cost="the planner would compensate an error that the joints do not have",
+        fix="play the planned motion again into this folder, or move the folder away",
+    )
 
 
 def measured_of(trial: Trial) -> Measured:

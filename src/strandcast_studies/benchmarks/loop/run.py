@@ -27,7 +27,7 @@ from strandcast.records.motion import Motion
 from strandcast.records.verdict import Verdict
 from strandcast.stages.context import context_of
 from strandcast.stages.run import run_stage
-from strandcast_studies.benchmarks.loop.throw import LoopRig, no_variation, throw, without_scatter
+from strandcast_studies.benchmarks.loop.throw import LoopRig, no_variation, rehearse, throw, without_scatter
 from strandcast_studies.hit_rates import hit_rates, misses_at
 from strandcast_studies.lab_capture import TrackerNoise
 from strandcast_studies.paper.cases import FILE, WHOLE, PaperCase, PaperPlan, load_plan, merged, settings_of
@@ -105,14 +105,22 @@ def run_case(
     return run_prepared(root, case.name, trials, RIGS[rig])
 
 
-def run_prepared(root: Path, name: str, trials: int, rig: LoopRig) -> list[LoopTrial]:
-    """Run `trials` throws of a prepared experiment, with estimates and plans in between."""
+def run_prepared(
+    root: Path, name: str, trials: int, rig: LoopRig, rehearsed: bool = False
+) -> list[LoopTrial]:
+    """Run `trials` throws of a prepared experiment, with estimates and plans in between.
+
+    If `rehearsed`, the first motion is played with an empty clamp, and planned again, before it is thrown.
+    """
     folder = context_of(root, name).folder
     thrown = []
     for number in range(1, trials + 1):
         results = folder.trial(number).results
         wall, cpu = time.perf_counter(), time.process_time()
         run_stage("plan", root, name, number)
+        if number == 1 and rehearsed:
+            rehearse(root, name, rig)
+            run_stage("plan", root, name, number)
         spent = time.process_time() - cpu, time.perf_counter() - wall
         true_m = throw(root, name, number, rig)
         run_stage("register_track", root, name, number)
