@@ -12,6 +12,7 @@ from strandcast.dynamics import simulate as simulation
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import NO_REST_SHAPE, OK
+from strandcast.dynamics.spatial.clamps import poses_in_plane
 from strandcast.errors import StrandcastError
 
 pytestmark = pytest.mark.slow
@@ -74,6 +75,20 @@ def test_no_force_is_left_at_rest(n, two_ends):
         # Over the force with which a bend of the whole string, or its weight, resists.
         resists = GRAVITY_M_S2 + 3.0 * rows[k, 2] * model.spacing_m / (n * LENGTH_M**2)
         assert np.abs(left_over).max() / resists < 1e-4, cases[k]
+
+
+@pytest.mark.parametrize("angle", [-1.57, 0.0, 0.8])
+def test_coils_rest_in_the_plane_as_in_space(angle):
+    """Coils have many segments that point upwards, whose weight works against the plane's first search."""
+    n, pose = 20, np.array([0.0, 0.0, angle])
+    in_plane = poses_in_plane(pose[None], np.zeros(3), np.eye(3)[0], np.eye(3)[2])[0]
+    for turn, (stiffness, density) in product((12.0, 20.0), ((1e-5, 1e-3), (1e-5, 5e-3), (1e-4, 40e-3))):
+        row, curl = parameters_of(stiffness, density, n), turn / LENGTH_M
+        model = StringModel(LENGTH_M, n)
+        flat = start_shape(model, row, np.ones(n), pose, rest_curl_rad_m=curl)
+        start = np.insert(flat[1:], 1, 0.0, axis=1)
+        spatial = start_shape(model, row, np.ones(n), in_plane, start, settle=True, rest_curl_rad_m=curl)
+        np.testing.assert_allclose(spatial[1:], start, atol=1e-6)
 
 
 def test_an_upright_string_falls_to_a_side():

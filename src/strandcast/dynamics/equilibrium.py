@@ -22,6 +22,8 @@ from strandcast.dynamics.simd import CACHED
 # Chosen.
 _MAX_ITERATIONS = 60
 _LARGEST_TURN_RAD = 0.5  # of one Newton step
+_COILED_RAD, _SETTLED_RAD = 1e-9, 1e-12  # steps of shapes that are sought on, and of those that are found
+_MAX_DESCENT = 400
 
 
 @njit(**CACHED)
@@ -56,7 +58,8 @@ def hanging(hand: Array, p: Array, m: Array, factor: Array, fixed: Array, readin
     """Points of the string at rest under gravity, clamped in the hand.
 
     Newton's method on the segments' angles; the Hessian is tridiagonal, and made positive by omitting the
-    gravity of segments that point upwards.
+    gravity of segments that point upwards. Where that does not end, as in coils with many of these, the
+    energy is made to fall with the exact Hessian. Points are NaN if no rest shape was found.
 
     Parameters
     ----------
@@ -93,8 +96,80 @@ def hanging(hand: Array, p: Array, m: Array, factor: Array, fixed: Array, readin
             angle[j] += shorter * step[j]
         if largest < 1e-13:
             break
+    if largest > _COILED_RAD:
+        _descend(angle, clamp, p, m, factor, fixed, reading, k)
     segment_lengths(angle, p, m, fixed[SPACING], fixed[GRAVITY], length)
     lay_out(hand, angle, length, x)
+
+
+@njit(**CACHED)
+def _energy(angle: Array, clamp: float, p: Array, m: Array, k: Array, fixed: Array) -> float:
+    """Return the energy [J/kg] of joints of stiffness k (n,) and of segments stretched by their load."""
+    total, weight = 0.0, 0.0
+    for j in range(len(m) - 1, -1, -1):
+        weight += m[j] * fixed[GRAVITY]
+        down = weight * math.sin(angle[j])
+        bend = angle[j] - (clamp if j == 0 else angle[j - 1] + fixed[BEND_AT_REST])
+        total += down * (fixed[SPACING] - 0.5 * down / p[0]) + 0.5 * k[j] * bend * bend
+    return total
+
+
+@njit(**CACHED)
+def _damped_step(
+    angle: Array, clamp: float, p: Array, m: Array, k: Array, fixed: Array, damping: float, step: Array
+) -> bool:
+    """Write Newton's step of the energy with the exact Hessian; False if that is not positive definite."""
+    n = len(m)
+    upper = np.empty(n)
+    below = 0.0
+    for j in range(n):
+        below += m[j] * fixed[GRAVITY]
+    scale = below * fixed[SPACING] * n
+    for j in range(n):
+        sine, cosine = math.sin(angle[j]), math.cos(angle[j])
+        length = fixed[SPACING] - below * sine / p[0]
+        bend = angle[j] - (clamp if j == 0 else angle[j - 1] + fixed[BEND_AT_REST])
+        next_k = k[j + 1] if j < n - 1 else 0.0
+        onward = next_k * (angle[j + 1] - angle[j] - fixed[BEND_AT_REST]) if j < n - 1 else 0.0
+        residual = onward - k[j] * bend - below * length * cosine
+        stiff = k[j] + next_k
+        diagonal = stiff - below * length * sine - (below * cosine) ** 2 / p[0] + damping * (stiff + scale)
+        if j > 0:
+            residual += k[j] * step[j - 1]
+            diagonal -= k[j] * upper[j - 1]
+        if not diagonal > 0.0:
+            return False
+        upper[j], step[j] = next_k / diagonal, residual / diagonal
+        below -= m[j] * fixed[GRAVITY]
+    for j in range(n - 2, -1, -1):
+        step[j] += upper[j] * step[j + 1]
+    return True
+
+
+@njit(**CACHED)
+def _descend(
+    angle: Array, clamp: float, p: Array, m: Array, factor: Array, fixed: Array, reading: int, k: Array
+) -> None:
+    """Move the angles (n,) to a minimum of the energy; NaN if none was found."""
+    n, damping = len(m), 1e-3
+    step, tried = np.empty(n), np.empty(n)
+    for _ in range(_MAX_DESCENT):
+        _stiffness_at_rest(angle, p, m, factor, fixed, reading, k)
+        energy, largest = _energy(angle, clamp, p, m, k, fixed), math.inf
+        while damping < 1e12:
+            if _damped_step(angle, clamp, p, m, k, fixed, damping, step):
+                largest = np.abs(step).max()
+                tried[:] = angle + min(1.0, _LARGEST_TURN_RAD / max(largest, 1e-300)) * step
+                if _energy(tried, clamp, p, m, k, fixed) <= energy + 1e-14 * n * abs(energy):
+                    break
+            damping = max(4.0 * damping, 1e-6)
+        if damping >= 1e12:
+            break
+        angle[:] = tried
+        if largest < _SETTLED_RAD and damping == 0.0:
+            return
+        damping = 0.1 * damping if damping > 1e-6 else 0.0
+    angle[:] = math.nan
 
 
 @njit(**CACHED)
