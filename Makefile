@@ -209,7 +209,7 @@ bench-drawn: $(VENV)/runtime.stamp  ## run the loop on sixty random strings, tar
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS)
 
 .PHONY: bench-space
-bench-space: $(VENV)/runtime.stamp  ## run the loop in space on twenty random strings, arms of six and seven joints: results/bench-space.json; 20 minutes of one core
+bench-space: $(VENV)/runtime.stamp  ## run the loop in space on twenty random strings, arms of six and seven joints: results/bench-space.json; 15 minutes of one core
 	@$(BIN)/python -m strandcast_studies.benchmarks.space.run --jobs $(JOBS)
 
 .PHONY: calibration

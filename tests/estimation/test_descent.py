@@ -13,6 +13,7 @@ from strandcast.estimation.descent import (
     descent_batch,
     normal_equations,
 )
+from strandcast.estimation.ensemble import WIDTH, near_samples
 from strandcast.estimation.fit_objective import EvaluationLog
 
 from .known_string import objective_of, observed_throw
@@ -90,3 +91,9 @@ def test_the_gradient_of_a_throw_includes_the_prior():
 def test_starts_differ_and_the_best_is_first():
     chi = np.array([[0.5, 0.5], [0.52, 0.5], [0.9, 0.5], [0.5, 0.1]])
     np.testing.assert_array_equal(apart(chi, np.array([2.0, 1.0, 3.0, np.inf]), 4), [1, 2])
+
+
+def test_samples_next_to_a_string_without_a_derivative_are_as_wide_as_allowed() -> None:
+    best = np.full(4, 0.5)
+    found = near_samples(best, 1e-3, np.full((4, 4), np.nan), 400, np.random.default_rng(1))
+    np.testing.assert_allclose(found.std(axis=0), WIDTH, rtol=0.2)

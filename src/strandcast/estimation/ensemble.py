@@ -18,7 +18,8 @@ def near_samples(best: Array, value: float, curvature: Array, count: int, rng: n
     """
     d = len(curvature)
     allowed = max((WORSE - 1.0) * value, FLOOR_M)
-    precision = curvature * d / (2.0 * allowed) + np.eye(d) / WIDTH**2
+    # Next to a string that cannot be simulated there is no derivative.
+    precision = np.nan_to_num(curvature) * d / (2.0 * allowed) + np.eye(d) / WIDTH**2
     values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
     root = np.asarray(vectors / np.sqrt(np.maximum(values, 1.0 / WIDTH**2)))
     return np.asarray(np.clip(best + rng.standard_normal((count, len(best))) @ root.T, 0.0, 1.0))

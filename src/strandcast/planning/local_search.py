@@ -12,18 +12,20 @@ from strandcast.planning.assessment import assess_rollouts
 from strandcast.planning.bezier import Curve
 from strandcast.planning.bias_correction import BiasCorrection, bias_correction, comparable
 from strandcast.planning.cost import CLEARANCE_M, motion_costs, rollout_cost
+from strandcast.planning.motion_descent import MotionResiduals, descend_motion, rollout_residuals
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.paths import JointPaths, paths_of_any
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, Rollouts, simulate_rollouts
 from strandcast.planning.scenarios import crossed, disturbed
 from strandcast.planning.search import minimise
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import AnyTask, SpatialTask
 from strandcast.progress import Progress
 
 # Scale of the heights; the search's standard deviation at its start, wider after a wide miss. Chosen.
 HEIGHT_RAD_S, SPREAD = 0.15, 0.7
 NEAR_M, WIDEST = 0.04, 4.0
 CHANGE_COST_M_S_RAD = 0.008  # price of changing the heights [m per rad/s rms]; chosen
+DESCENT_RAD_S = 1.5  # unit of the heights in a descent, as in the first search
 SAME_SHAPE_M = 0.003  # rms, between the shape at the start and the model's at rest; the tracker's accuracy
 
 
@@ -141,10 +143,21 @@ def search_near(
         heights[:, inner] += point.reshape(shape) * HEIGHT_RAD_S
         return replace(best, heights_rad_s=heights)
 
-    def value(points: np.ndarray) -> np.ndarray:
+    def thrown(points: np.ndarray) -> tuple[JointPaths, Rollouts]:
         curves = [curve(point) for point in points]
         paths = paths_of_any(curves, task.step_s, AFTER_END_S, task.dynamics)
-        rollouts = rollouts_near(task, near, paths, np.array([c.heights_rad_s for c in curves]))
+        return paths, rollouts_near(task, near, paths, np.array([c.heights_rad_s for c in curves]))
+
+    def residuals(units: np.ndarray) -> MotionResiduals:
+        assert isinstance(task, SpatialTask)
+        paths, rollouts = thrown(units * DESCENT_RAD_S / HEIGHT_RAD_S)
+        found = rollout_residuals(task, rollouts, paths, len(near.strings))
+        change = CHANGE_COST_M_S_RAD * DESCENT_RAD_S * units / np.sqrt(units.shape[1])
+        cost_m = found.cost_m + np.linalg.norm(change, axis=1)
+        return MotionResiduals(np.hstack([found.parts_m, change]), cost_m)
+
+    def value(points: np.ndarray) -> np.ndarray:
+        paths, rollouts = thrown(points)
         change = HEIGHT_RAD_S * np.sqrt(np.mean(points**2, axis=1))
         price = motion_costs(task, paths)
         assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
@@ -152,6 +165,10 @@ def search_near(
         return np.asarray(cost + price + CHANGE_COST_M_S_RAD * change)
 
     budget = 2 * settings.evaluations // 3
+    if isinstance(task, SpatialTask):
+        start = np.zeros(np.prod(shape))
+        units, _, tried = descend_motion(residuals, start, len(start), budget)
+        return curve(units * DESCENT_RAD_S / HEIGHT_RAD_S), tried * len(near.strings)
     progress = Progress("plan: search", total=budget)
     spread = SPREAD * float(np.clip(miss_m / NEAR_M, 1.0, WIDEST))
     point, _, tried = minimise(value, np.zeros(np.prod(shape)), spread, budget, rng, progress)

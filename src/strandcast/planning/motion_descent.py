@@ -53,14 +53,21 @@ def motion_residuals(
     """
     paths = paths_of(curves, task.step_s, AFTER_END_S, task.dynamics)
     rollouts = rollouts_of_paths(task, strings, conditions, paths)
+    found = rollout_residuals(task, rollouts, paths, len(strings))
+    return found._replace(cost_m=found.cost_m + start_cost(task, curves.q0_rad))
+
+
+def rollout_residuals(
+    task: SpatialTask, rollouts: Rollouts, paths: JointPaths, strings: int
+) -> MotionResiduals:
+    """Return the residuals of motions that were simulated with so many strings, start postures apart."""
     assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
-    cost_m = rollout_cost(assessment, len(strings), task.step_s)
-    cost_m = cost_m + motion_costs(task, paths) + start_cost(task, curves.q0_rad)
+    cost_m = rollout_cost(assessment, strings, task.step_s) + motion_costs(task, paths)
     of_strings = np.column_stack(
         [tip_offsets(task, rollouts), OUTSIDE_COST * assessment.outside_m, TOUCH_COST * assessment.touch_m]
     )
     over = LIMIT_COST_M * near_limits(paths, task.arm.limits)
-    parts_m = np.hstack([of_strings.reshape(len(paths.q), -1) / np.sqrt(len(strings)), over])
+    parts_m = np.hstack([of_strings.reshape(len(paths.q), -1) / np.sqrt(strings), over])
     return MotionResiduals(np.nan_to_num(parts_m, nan=1.0), cost_m)
 
 
