@@ -27,7 +27,14 @@ from strandcast.records.motion import Motion
 from strandcast.records.verdict import Verdict
 from strandcast.stages.context import context_of
 from strandcast.stages.run import run_stage
-from strandcast_studies.benchmarks.loop.throw import LoopRig, no_variation, rehearse, throw, without_scatter
+from strandcast_studies.benchmarks.loop.throw import (
+    LoopRig,
+    no_variation,
+    rehearse,
+    throw,
+    throw_filmed,
+    without_scatter,
+)
 from strandcast_studies.hit_rates import hit_rates, misses_at
 from strandcast_studies.lab_capture import TrackerNoise
 from strandcast_studies.paper.cases import FILE, WHOLE, PaperCase, PaperPlan, load_plan, merged, settings_of
@@ -106,11 +113,12 @@ def run_case(
 
 
 def run_prepared(
-    root: Path, name: str, trials: int, rig: LoopRig, rehearsed: bool = False
+    root: Path, name: str, trials: int, rig: LoopRig, *, rehearsed: bool = False, filmed: bool = False
 ) -> list[LoopTrial]:
     """Run `trials` throws of a prepared experiment, with estimates and plans in between.
 
-    If `rehearsed`, the first motion is played with an empty clamp, and planned again, before it is thrown.
+    If `rehearsed`, the first motion is played with an empty clamp, and planned again, before it is thrown. If
+    `filmed`, throws are tracked in their videos; else the tracks have the rig's noise.
     """
     folder = context_of(root, name).folder
     thrown = []
@@ -122,8 +130,11 @@ def run_prepared(
             rehearse(root, name, rig)
             run_stage("plan", root, name, number)
         spent = time.process_time() - cpu, time.perf_counter() - wall
-        true_m = throw(root, name, number, rig)
-        run_stage("register_track", root, name, number)
+        if filmed:
+            true_m = throw_filmed(root, name, number)
+        else:
+            true_m = throw(root, name, number, rig)
+            run_stage("register_track", root, name, number)
         run_stage("score", root, name, number)
         now = _trial(
             Motion.read(results / "motion.json"), Verdict.read(results / "verdict.json"), true_m, spent

@@ -18,11 +18,13 @@ from strandcast.lab.truth import true_miss
 from strandcast.lab.variation import LabClocks, ThrowVariation, draw_variation, scatter_of
 from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.joint_log import JointLog, Run, timing_of, write_joint_log
+from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.motion import Motion
-from strandcast.records.tables import write_table
+from strandcast.records.tables import read_facts, write_table
 from strandcast.records.track import SUPPLIED, TRACK, Track, TrackSummary
 from strandcast.seeds import rng
 from strandcast.stages.context import Context, context_of, free_length_m
+from strandcast.stages.run import run_stage
 from strandcast_studies.lab_capture import TrackerNoise, points_at, with_tracker_noise
 
 FRAME_RATE_HZ = 500.0
@@ -39,6 +41,17 @@ class LoopRig:
 
     noise: TrackerNoise = field(default_factory=TrackerNoise)
     vary: Callable[[ThrowVariation], ThrowVariation] = lambda drawn: drawn
+
+
+def throw_filmed(root: Path, name: str, trial: int) -> float:
+    """Throw and film a trial's motion and track it in the video; return the true miss [m]."""
+    if trial == 1:
+        run_stage("lab_calibrate", root, name)
+        run_stage("calibrate", root, name)
+    for stage in ("lab_throw", "ingest", "track", "reconstruct", "align"):
+        run_stage(stage, root, name, trial)
+    truth = context_of(root, name).folder.trial(trial).results / "lab_truth.parquet"
+    return float(read_facts(truth, LAB_TRUTH)["miss_m"])
 
 
 def throw(root: Path, name: str, trial: int, rig: LoopRig) -> float:
