@@ -38,6 +38,7 @@ from strandcast.planning.rollouts import (
     rollouts_of_paths,
     simulate_rollouts,
 )
+from strandcast.planning.search import SearchInputs
 from strandcast.planning.task import PlanningTask
 from strandcast.planning.write import to_record
 from strandcast.records.files import content_sha256
@@ -522,3 +523,47 @@ def test_a_later_motion_stays_near_the_one_that_it_changes(
     moved = [np.abs(plan.curve.heights_rad_s - first.curve.heights_rad_s).max() for plan in plans]
     assert [plan.kind for plan in plans] == ["refined", "refined"]
     assert moved[0] < 0.5 * moved[1]
+
+
+def test_a_later_motion_starts_where_the_joints_were_not_where_they_were_commanded(
+    task: PlanningTask, strings: StringBatch, trial: PastTrial
+) -> None:
+    """A soft servo sags. The string hung at rest as the model's does: its own shape is as good."""
+    sagged = trial.q_rad + np.array([0.02, -0.15, 0.05])
+    resting, last = np.tile(sagged[0], (1, 2, 1)), np.array([1])
+    at_rest = simulate_rollouts(task, strings.first(1), RolloutConditions(), resting, last).points_m[0, 0]
+    hung = replace(trial, q_rad=sagged, start_m=at_rest[1:])
+    assert local_search.settled(task, strings, hung) is None
+    bent_m = at_rest[1:] + np.linspace(0.0, 1.0, 10)[:, None] ** 2 * [0.02, 0.0]
+    start_m = local_search.settled(task, strings, replace(hung, start_m=bent_m))
+    assert start_m is not None
+    assert np.linalg.norm(start_m[0] - at_rest[0]) == pytest.approx(task.model.spacing_m, rel=0.02)
+
+
+def test_fitted_strings_that_diverge_on_a_past_trial_are_left_out(
+    task: PlanningTask,
+    strings: StringBatch,
+    first: PlannedMotion,
+    trial: PastTrial,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Negative damping makes a string diverge; where all strings do, all are kept."""
+    used: list[StringBatch] = []
+
+    def spy(given: SearchInputs, *_: object) -> PlannedMotion:
+        used.append(given.strings)
+        return first
+
+    monkeypatch.setattr(plan_module, "_near_or_globally", spy)
+    fed = strings.parameters.copy()
+    fed[:, [3, 5]] *= -10.0
+    one = strings.parameters.copy()
+    one[0] = fed[0]
+    flags = [
+        set(planned_next(task, replace(strings, parameters=parameters), trial).flags) - set(first.flags)
+        for parameters in (strings.parameters, one, fed)
+    ]
+    assert [len(each) for each in used] == [3, 2, 3]
+    np.testing.assert_array_equal(used[1].parameters, strings.parameters[1:])
+    left_out = "1 of 3 fitted strings left out: they diverge on the joints of a past trial"
+    assert flags == [set(), {left_out}, set()]

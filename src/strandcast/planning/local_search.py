@@ -89,8 +89,8 @@ def settled(task: AnyTask, strings: StringBatch, trial: PastTrial) -> np.ndarray
     """
     if trial.start_m is None:
         return None
-    assert trial.curve is not None
-    resting = np.tile(trial.curve.q0_rad, (1, 2, 1))
+    # Not the commanded posture: a soft servo sags from it.
+    resting = np.tile(trial.q_rad[0], (1, 2, 1))
     at_rest = simulate_rollouts(task, strings.first(1), RolloutConditions(), resting, np.array([1]))
     shape = at_rest.points_m[0, 0]
     rest, was = shape[1:] - shape[0], trial.start_m - shape[0]

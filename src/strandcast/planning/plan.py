@@ -25,7 +25,7 @@ from strandcast.planning.local_search import (
 from strandcast.planning.paper import first_by_paper, later_by_paper
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.paths import paths_of_any
-from strandcast.planning.ranking import likely_miss_m
+from strandcast.planning.ranking import likely_miss_m, stay_whole
 from strandcast.planning.reachability import refuse_unreachable
 from strandcast.planning.rig_scatter import drawn_sizes
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_curves
@@ -136,9 +136,25 @@ def plan_next(
     if settings.planner == "paper":
         found = later_by_paper(given, cast(Curve, known[-1].curve))
         plan = predicted(given, replace(found, parent_trial=known[-1].trial))
+        flags = _far_flags(plan.curve, known)
     else:
-        plan = _near_or_globally(given, known, fit_E_m or 0.0)
-    return replace(plan, flags=(*plan.flags, *_far_flags(plan.curve, known)))
+        simulated, flags = _without_diverging(given, past_trials)
+        plan = _near_or_globally(simulated, known, fit_E_m or 0.0)
+        flags = [*flags, *_far_flags(plan.curve, known)]
+    return replace(plan, flags=(*plan.flags, *flags))
+
+
+def _without_diverging(given: SearchInputs, trials: list[PastTrial]) -> tuple[SearchInputs, list[str]]:
+    """Leave out strings that diverge on the joints of a past trial, unless all do; return flags, too.
+
+    The real string stayed whole, so that such a string is wrong; its miss of a metre would rule the search.
+    """
+    whole = stay_whole(given.task.rough(), given.strings, trials)
+    if whole.all() or not whole.any():
+        return given, []
+    left_out = f"{(~whole).sum()} of {len(whole)} fitted strings left out"
+    strings = given.strings.take(np.flatnonzero(whole))
+    return replace(given, strings=strings), [f"{left_out}: they diverge on the joints of a past trial"]
 
 
 def _sizes(settings: PlanSettings, sizes: np.ndarray | None) -> np.ndarray:

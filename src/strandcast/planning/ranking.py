@@ -1,8 +1,9 @@
-"""How near past trials came, also those whose tip was hidden when it mattered."""
+"""How near past trials came, also those whose tip was hidden, and which strings can be thrown like them."""
 
 import numpy as np
 
 from strandcast.core.strings import StringBatch
+from strandcast.dynamics.simulate import LONGEST_SEGMENT
 from strandcast.planning.bias_correction import tip_bias
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.rollouts import RolloutConditions, simulate_rollouts
@@ -25,3 +26,16 @@ def likely_miss_m(task: AnyTask, strings: StringBatch, trial: PastTrial) -> floa
     if not np.isfinite(rollouts.points_m).all():
         return np.inf
     return float(simulated_miss(task.aim, rollouts.with_bias(bias_m))[0][0])
+
+
+def stay_whole(task: AnyTask, strings: StringBatch, trials: list[PastTrial]) -> np.ndarray:
+    """Return (K,) whether each string can be simulated on the joints of all trials without diverging."""
+    whole = np.ones(len(strings), dtype=bool)
+    for trial in trials:
+        last = np.array([len(trial.q_rad) - 1])
+        conditions = RolloutConditions(start_m=trial.start_m)
+        points_m = simulate_rollouts(task, strings, conditions, trial.q_rad[None], last).points_m
+        length_m = np.linalg.norm(np.diff(points_m, axis=2), axis=3)
+        # A comparison with NaN is false.
+        whole &= (length_m < LONGEST_SEGMENT * task.model.spacing_m).all(axis=(1, 2))
+    return whole
