@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import reference_space
@@ -110,6 +110,7 @@ CASES = (
     ("rate", True, 0.0, False),
     ("strain", False, 0.0, True),
     ("strain", True, 0.0, True),
+    ("rate", True, 0.2, True),
 )
 
 
@@ -168,7 +169,7 @@ def turned_space(options: Options) -> float:
     fixed["respace"] = False
     turn, origin = Rotation.from_rotvec([0.7, -1.9, 0.4]), np.array([0.4, -0.3, 0.2])
     apart = []
-    for clamps in ((first_clamp,), (first_clamp, second_clamp)):
+    for clamps, more in product(((first_clamp,), (first_clamp, second_clamp)), ({}, STICKING)):
         states = [[clamp(t) for t in TIME_S] for clamp in clamps]
         pose = np.hstack([[pose_of(at) for at in each] for each in states])
         turned = np.hstack(
@@ -180,8 +181,10 @@ def turned_space(options: Options) -> float:
         two_ends = len(clamps) == 2
         start = start_of(two_ends)
         fixed |= {"far_offset_rad": np.array([[0.1, 0.3]])} if two_ends else {}
-        plain, _ = simulate(model, STRING, MASSES, TIME_S, pose, OUT_S, start, **fixed)
-        other, _ = simulate(model, STRING, MASSES, TIME_S, turned, OUT_S, turn.apply(start) + origin, **fixed)
+        plain, _ = simulate(model, STRING, MASSES, TIME_S, pose, OUT_S, start, **fixed, **more)
+        other, _ = simulate(
+            model, STRING, MASSES, TIME_S, turned, OUT_S, turn.apply(start) + origin, **fixed, **more
+        )
         apart.append(other - (turn.apply(plain.reshape(-1, 3)) + origin).reshape(plain.shape))
     return 1e3 * largest(*apart)
 

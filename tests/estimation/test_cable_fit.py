@@ -95,6 +95,39 @@ def test_weights_of_unknown_mass_are_found():
     assert fit.values()["weight_1"] == pytest.approx(8.0, rel=0.15)
 
 
+def test_friction_that_sticks_is_found_and_predicts():
+    two_ends, truth = True, TRUTH | {"friction_turn_rad": 1.0, "stick_turn_rad": 0.1}
+    plain_model, plain_space = space_of_cable(LENGTH_M, two_ends)
+    model, space = space_of_cable(LENGTH_M, two_ends, friction_stick=True)
+    chi = space.exponents(np.array([truth[name] for name in space.names]))
+
+    def rubbed(phase: float) -> CableSeries:
+        bare = series(two_ends, phase)
+        return CableSeries(TIME_S, bare.pose, predicted(model, space, chi, bare), PLACES)
+
+    fitted, other = [rubbed(0.0), rubbed(1.3)], rubbed(2.9)
+    sticks = fit_cable(fitted, model, space)
+    assert sticks.values()["friction_turn_rad"] == pytest.approx(1.0, rel=0.3)
+    assert sticks.values()["bending_length"] == pytest.approx(TRUTH["bending_length"], rel=0.1)
+    assert missed_m(sticks, other) < 0.7 * missed_m(fit_cable(fitted, plain_model, plain_space), other)
+
+
+def test_ends_that_are_points_do_not_rub():
+    model, space = space_of_cable(LENGTH_M, True, pinned=True, friction_stick=True)
+    strings = space.strings(np.full(space.dimension, 0.5))
+    time_s, ends = np.array([0.0, 0.4]), np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
+
+    def tip(spun_rad: float):
+        turned = Rotation.from_rotvec([0.0, spun_rad, 0.0]).apply([0.0, 0.0, -1.0])
+        place = np.repeat(ends[:1], 2, axis=0)
+        first = clamp_poses(place, np.array([[0.0, 0.0, -1.0], turned]))
+        far = clamp_poses(place + ends[1], np.array([[0.0, 0.0, -1.0]] * 2))
+        points, _ = simulate_batch(model, strings, HandPath(time_s, np.hstack([first, far])), time_s)
+        return points[0, -1]
+
+    np.testing.assert_allclose(tip(1.0), tip(0.0), atol=1e-9)
+
+
 def test_vertices_that_jump_or_are_not_seen_do_not_count():
     clean = series(False, 0.0)
     vertices = clean.vertices_m.copy()

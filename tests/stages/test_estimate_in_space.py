@@ -110,6 +110,21 @@ def test_settings_of_the_plane_and_targets_are_refused(captured):
         file.write_text(text)
 
 
+def test_friction_that_sticks_is_fitted_on_request(tmp_path, project_root):
+    root = project(tmp_path, project_root, captures.LENGTH_M)
+    settings = root / "data" / "cable" / "experiment.yaml"
+    settings.write_text(settings.read_text().replace("120}", "120, friction_stick: true}"))
+    mapping = check_mapping(captures.mapping_data(two_ends=True), SpaceMapping)
+    named = captures.columns(0.2, seconds=0.6, two_ends=True)
+    import_track.run(root, "cable", 1, captures.write_csv(root / "c.csv", named), mapping)
+    run_trials(root, range(1, 2))
+    found = Estimate.read(result(root, 1, "estimate.json"))
+    assert len(found.parameters) == 11
+    assert {fit.name for fit in found.parameters} >= {"friction_turn_rad", "stick_turn_rad"}
+    assert set(found.string.options) >= {"bend_friction", "friction_stick_rad_m"}
+    assert found.string.options["bend_friction"] > 0.0
+
+
 def test_trials_that_are_driven_differently_are_refused(captured, tmp_path, project_root):
     root = project(tmp_path, project_root, captures.LENGTH_M)
     for trial, two_ends in ((1, True), (2, False)):

@@ -92,6 +92,9 @@ def fit_cable(
 ) -> CableFit:
     """Fit a cable to series: screening, then descents from the best that are apart from each other.
 
+    With friction that sticks, a cable without is fitted before, and one more descent starts from it: two
+    unknowns more make the search miss what it finds without them.
+
     Parameters
     ----------
     series
@@ -119,6 +122,10 @@ def fit_cable(
     starts = draw[apart(draw, values, DESCENTS)]
     if previous is not None:
         starts = np.vstack([starts, previous])
+    plain = space.without_friction()
+    if plain.dimension < space.dimension:
+        before = fit_cable(series, model, plain, evaluations=evaluations, seed=seed)
+        starts = np.vstack([starts, space.with_least_friction(plain, before.chi)])
     descents = descent_batch(starts, log(starts))
     done = descend(log, GaussNewtonModel(objective), descents, evaluations)
     log.converged = bool(done.done.all())

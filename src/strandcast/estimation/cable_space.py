@@ -6,7 +6,7 @@ All ranges scale with the string's length, and nothing is specific to a data set
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,9 +36,13 @@ COMMON = {
 }
 TWO_ENDS = {"far_left_rad": (-0.8, 0.8), "far_up_rad": (-0.8, 0.8)}
 ONE_END = {"curl_left_rad": (-3.0, 3.0), "curl_up_rad": (-3.0, 3.0)}  # both ends held: hardly observable
+# Friction that sticks, as turns over the length [rad]: what it holds against bending, and where it builds up.
+STICKS = {"friction_turn_rad": (0.01, 3.0), "stick_turn_rad": (0.005, 0.5)}
 DRAG_ALONG_RANGE = (0.05, 1.0)  # drag along the string over that across it: fast strings show it
 OF_CLAMPS = ("clamp_", "far_", "curl_")  # unknowns of ends that hold the string in a direction
-UNITS = {"damping_s": "s"} | {name: "rad" for name in (*COMMON, *TWO_ENDS, *ONE_END) if name.endswith("_rad")}
+UNITS = {"damping_s": "s"} | {
+    name: "rad" for name in (*COMMON, *TWO_ENDS, *ONE_END, *STICKS) if name.endswith("_rad")
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,18 @@ class CableSpace(Space):
     def parameter_units(self) -> dict[str, str]:
         """Names and units of the unknowns but for weights."""
         return {name: UNITS.get(name, "1") for name in self.names[: len(self.names) - self.layout.count]}
+
+    def without_friction(self) -> CableSpace:
+        """Return the same box without the unknowns of friction that sticks."""
+        kept = [name not in STICKS for name in self.names]
+        names = tuple(name for name in self.names if name not in STICKS)
+        return replace(self, names=names, bounds=self.bounds[kept], prior_sd=self.prior_sd[kept])
+
+    def with_least_friction(self, plain: CableSpace, chi: Array) -> Array:
+        """Return exponents (d,) of a cable of the box `plain`, with as little friction as this box allows."""
+        least = dict(zip(self.names, self.bounds[:, 0], strict=True))
+        known = least | dict(zip(plain.names, plain.values(chi), strict=True))
+        return self.exponents(np.array([known[name] for name in self.names]))
 
     def strings(self, chi: Array) -> StringBatch:
         """Candidate cables of exponents (B, d)."""
@@ -91,6 +107,8 @@ class CableSpace(Space):
             free_masses=free,
             length_change=value["length_change"],
             drag_along=value.get("drag_along", none),
+            bend_friction=bending * value.get("friction_turn_rad", none) * l0 / self.length_m,
+            friction_stick_rad_m=value.get("stick_turn_rad", none) / self.length_m,
         )
 
 
@@ -103,6 +121,7 @@ def space_of_cable(
     step_s: float = STEP_S,
     weight_places_m: Sequence[float] = (),
     drag_along: bool = False,
+    friction_stick: bool = False,
 ) -> tuple[StringModel, CableSpace]:
     """Return the model of a cable of this nominal length [m], and the box of its unknowns.
 
@@ -120,6 +139,8 @@ def space_of_cable(
         Places of weights of unknown mass, from the first end [m].
     drag_along
         Whether drag along it is an unknown of its own: for thrown strings; otherwise it is that across it.
+    friction_stick
+        Whether dry friction that sticks is fitted, with the bend over which it builds up.
     """
     model = StringModel(length_m, points, reading="strain", dt_s=step_s)
     layout = mass_layout(length_m, points, list(weight_places_m))
@@ -127,6 +148,7 @@ def space_of_cable(
     if pinned:
         unknowns = {name: each for name, each in unknowns.items() if not name.startswith(OF_CLAMPS)}
     unknowns |= {"drag_along": DRAG_ALONG_RANGE} if drag_along else {}
+    unknowns |= STICKS if friction_stick else {}
     unknowns |= {f"weight_{k + 1}": MASS_RANGE["wide"] for k in range(layout.count)}
     return model, CableSpace(
         tuple(unknowns),

@@ -20,7 +20,14 @@ from strandcast.stages.files import past, recent
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import hashes_of
 
-APPLY = {"trials", "evaluations", "ensemble", "profiles", "dt_s"}  # settings of the estimate, in space
+APPLY = {
+    "trials",
+    "evaluations",
+    "ensemble",
+    "profiles",
+    "dt_s",
+    "friction_stick",
+}  # settings of the estimate, in space
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +66,7 @@ def estimate_in_space(job: Job, files: Files) -> None:
         points=string.points or POINTS,
         step_s=settings.dt_s if "dt_s" in settings.model_fields_set else STEP_S,
         weight_places_m=[weight.place_m for weight in string.weights],
+        friction_stick=settings.friction_stick,
     )
     found = estimate_cable(
         [trial.series for trial in trials],

@@ -127,14 +127,32 @@ def cables_in(folder: Path) -> list[str]:
     return [name for name in names if (folder / f"{name}_train.npy").is_file()]
 
 
-def fitted_on(training: Array) -> tuple[FittedCable, float]:
+def fitted_on(training: Array, *, friction_stick: bool = False) -> tuple[FittedCable, float]:
     """Fit a cable to training sequences (S, F, n, 3) [m]; return the predictor and its CPU time [s]."""
     before = time.process_time()
     places, length_m = places_of(training.astype(float))
     sequences = [series_of(each, places) for each in training.astype(float)]
-    model, space = space_of_cable(length_m, True)
+    model, space = space_of_cable(length_m, True, friction_stick=friction_stick)
     roll, fit = fit_by_roll(sequences, lambda each: fit_cable(each, model, space))
     return FittedCable(fit, places, roll), time.process_time() - before
+
+
+def held_out(cable: str, training: Array) -> list[Figure]:
+    """Return errors on one half of the training sequences under the fit to the other, both ways.
+
+    The halves are every second sequence; with friction that sticks and without.
+    """
+    halves = {"even": training[::2], "odd": training[1::2]}
+    figures = []
+    for fitted, predicted in (("even", "odd"), ("odd", "even")):
+        for name, sticks in (("string", False), ("sticks", True)):
+            predict, _ = fitted_on(halves[fitted], friction_stick=sticks)
+            coordinate, distance = errors_m(predict, halves[predicted])
+            detail = {"distance_mm": 1e3 * distance, "fit_m": predict.fit.value_m}
+            note = f"fitted to every second training sequence ({fitted}), {predicted} ones predicted"
+            about = f"deform_dlo.held_out.{cable}.{fitted}_to_{predicted}.{name}"
+            figures.append(Figure(about, 1e3 * coordinate, "mm", None, note, detail))
+    return figures
 
 
 def measure(folder: Path) -> list[Figure]:
@@ -142,6 +160,13 @@ def measure(folder: Path) -> list[Figure]:
     figures = []
     for cable in cables_in(folder):
         training, sequences = (np.load(folder / f"{cable}_{part}.npy") for part in ("train", "eval"))
+        figures += held_out(cable, training)
+        sticking, _ = fitted_on(training, friction_stick=True)
+        coordinate, _ = errors_m(sticking, sequences)
+        note = "all vertices, driven ones counted as 0; fitted with friction that sticks"
+        about = {"unknowns": sticking.fit.values(), "fit_m": sticking.fit.value_m}
+        name = f"deform_dlo.coordinate.{cable}.sticks"
+        figures.append(Figure(name, 1e3 * coordinate, "mm", None, note, about))
         fitted, cpu_s = fitted_on(training)
         known = {"sequences": len(sequences), "seconds": FRAME_S * sequences.shape[1]}
         about_fit = {

@@ -29,7 +29,7 @@ from strandcast.dynamics.elements import (
     ramp,
 )
 from strandcast.dynamics.schemes.scheme import StringArrays, StringMotion
-from strandcast.dynamics.simd import INLINED, inverse_root, load, maximum, minimum, splat, store
+from strandcast.dynamics.simd import INLINED, inverse_root, load, maximum, minimum, select, splat, store
 from strandcast.dynamics.spatial.joints import (
     across,
     bend_from_rest,
@@ -263,12 +263,13 @@ def _joints(
         a, rate_a, now_a = b, rate_b, now_b
         sideways = along = splat(spec, 0.0)
         if j == 0 or j == n:
-            own = load(spec, factor, 0)
+            own, clamped = load(spec, factor, 0), load(spec, c, K_PH)
             bend = scaled(ratio, binormal)
-            k, damping = own * load(spec, c, K_PH), own * load(spec, c, C_PH)
+            k, damping = own * clamped, own * load(spec, c, C_PH)
+            rubs = select(clamped > 0.0, own, 0.0)  # a clamp without stiffness is a point
             slope, least = damping, 4.0 * floor
         else:
-            own = load(spec, factor, j)
+            own = rubs = load(spec, factor, j)
             bend = bend_from_rest(binormal, ratio, per_sine, halfway)
             before_pull, pull = pull, load(spec, work, r + PULL)
             size, per_size = size_of(spec, bend)
@@ -293,13 +294,13 @@ def _joints(
                 along = per_size * ((slope - damping) * ahead_by - sideways * growth)
         more = slope - damping
         if settings.has_friction:
-            rubbing = dry_friction(spec, c, own, size_of(spec, rate)[0])
+            rubbing = dry_friction(spec, c, rubs, size_of(spec, rate)[0])
             damping, slope = damping + rubbing, slope + rubbing
         rubbed, tangent = zero3(spec), splat(spec, 0.0)
         if stick is not None:
             in_frame = ratio * dot(binormal, side), ratio * dot(binormal, upward)
             share = settings.kick / settings.step
-            x, y, tangent = sticking_friction_in_space(spec, c, own, j, in_frame, share, stick)
+            x, y, tangent = sticking_friction_in_space(spec, c, rubs, j, in_frame, share, stick)
             constant, _ = transported(b, middle, per, plus_scaled(scaled(x, side), y, upward))
             # Constant in the string's frame, it works on turns as the rest bend does.
             rubbed = minus(scaled(ratio, binormal), bend_from_rest(binormal, ratio, per_sine, constant))
