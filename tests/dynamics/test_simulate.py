@@ -14,6 +14,7 @@ from strandcast.dynamics.parameters import minima
 from strandcast.dynamics.simulate import (
     BLEW_UP,
     COLLAPSED,
+    NO_REST_SHAPE,
     OK,
     OVERSTRETCHED,
     STATUS,
@@ -108,7 +109,7 @@ def test_failures_are_reported_as_a_status():
     ten = StringModel(0.3, 10)
     _, status = simulate(ten, minima().parameters[0], np.ones(10), TIME_S, POSE, OUT_S)
     assert status == OVERSTRETCHED
-    assert {OK, BLEW_UP, OVERSTRETCHED, COLLAPSED} == set(STATUS)
+    assert {OK, BLEW_UP, OVERSTRETCHED, COLLAPSED, NO_REST_SHAPE} == set(STATUS)
 
 
 @pytest.mark.slow
