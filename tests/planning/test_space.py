@@ -80,7 +80,7 @@ def test_a_planar_throw_in_a_turned_plane_misses_by_the_same(
     [
         lambda c: c._replace(axes=c.axes * np.array([[1.0], [-1.0], [1.0]])),
         lambda c: c._replace(axes=np.roll(c.axes, 1, axis=1)),
-        lambda c: c._replace(direction=np.cross(c.axes[0], c.direction)),
+        lambda c: c._replace(direction=np.cross(c.axes[0], c.direction), normal=c.direction),
         lambda c: c._replace(hand_m=c.hand_m + 0.02 * c.axes[0]),
     ],
     ids=["sense of a joint", "axes", "clamp's direction", "clamp's place"],
