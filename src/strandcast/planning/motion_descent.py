@@ -109,8 +109,8 @@ def descend_motion(
     tried, damping = 1, FIRST_DAMPING
     steps = STEP * np.eye(free, len(start))
     while tried + free + len(LADDER) <= evaluations and damping <= MOST_DAMPING:
-        slopes = (residuals(point + steps).parts_m - parts).T / STEP
-        curvature, gradient = slopes.T @ slopes, slopes.T @ parts[0]
+        jacobian = (residuals(point + steps).parts_m - parts).T / STEP
+        curvature, gradient = jacobian.T @ jacobian, jacobian.T @ parts[0]
         tried += free
         improved = False
         while not improved and tried + len(LADDER) <= evaluations and damping <= MOST_DAMPING:

@@ -113,7 +113,7 @@ def rehearsal_of(files: Files, arm: Arm, step_s: float) -> PastTrial | None:
         raise _no_rehearsal(record, f"its joints are not those of the arm: {', '.join(arm.joints)}")
     columns = [log.joint_names.index(name) for name in arm.joints]
     time_s, rows = np.unique(log.time_s - run.motion_start_s, return_index=True)
-    # The rows' noise would shake the simulated strings, with no track to tell what it does to them.
+    # The rows' noise would shake the simulated strings, and no track shows what it does to them.
     q_rad = without_row_noise(time_s, log.q_rad[rows][:, columns])
     nothing_seen = np.zeros((0, 2, 2))
     return past_trial(motion, Measured(time_s, q_rad, np.zeros(0), nothing_seen, None), step_s)
