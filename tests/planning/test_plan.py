@@ -152,8 +152,8 @@ def test_a_rehearsal_shows_joints_that_are_not_as_the_arms_file_says(
     assert missed_m(first) > 0.03
     assert missed_m(plan) < 0.015
     # Without control heights there is no motion to stay near, but its log still gives the servo's lag.
-    anew = plan_first(task, strings, SMALL, rng, rehearsal=replace(played, curve=None))
-    assert anew.simulations > plan.simulations
+    unrelated = plan_first(task, strings, SMALL, rng, rehearsal=replace(played, curve=None))
+    assert unrelated.simulations > plan.simulations
 
 
 def test_the_second_throw_hits_a_string_that_was_unknown(

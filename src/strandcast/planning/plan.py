@@ -25,7 +25,7 @@ from strandcast.planning.local_search import (
 from strandcast.planning.paper import first_by_paper, later_by_paper
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.paths import paths_of_any
-from strandcast.planning.ranking import likely_miss_m, stay_whole
+from strandcast.planning.ranking import likely_miss_m, stable_on_past_trials
 from strandcast.planning.reachability import refuse_unreachable
 from strandcast.planning.rig_scatter import drawn_sizes
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_curves
@@ -147,13 +147,13 @@ def plan_next(
 def _without_diverging(given: SearchInputs, trials: list[PastTrial]) -> tuple[SearchInputs, list[str]]:
     """Leave out strings that diverge on the joints of a past trial, unless all do; return flags, too.
 
-    The real string stayed whole, so that such a string is wrong; its miss of a metre would rule the search.
+    The real string was thrown on them, so that such a string is wrong; its miss of a metre would dominate.
     """
-    whole = stay_whole(given.task.rough(), given.strings, trials)
-    if whole.all() or not whole.any():
+    stable = stable_on_past_trials(given.task.rough(), given.strings, trials)
+    if stable.all() or not stable.any():
         return given, []
-    left_out = f"{(~whole).sum()} of {len(whole)} fitted strings left out"
-    strings = given.strings.take(np.flatnonzero(whole))
+    left_out = f"{(~stable).sum()} of {len(stable)} fitted strings left out"
+    strings = given.strings.take(np.flatnonzero(stable))
     return replace(given, strings=strings), [f"{left_out}: they diverge on the joints of a past trial"]
 
 

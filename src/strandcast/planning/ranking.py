@@ -1,4 +1,4 @@
-"""How near past trials came, also those whose tip was hidden, and which strings can be thrown like them."""
+"""How near past trials came, also those whose tip was hidden, and which strings stay stable on them."""
 
 import numpy as np
 
@@ -28,14 +28,14 @@ def likely_miss_m(task: AnyTask, strings: StringBatch, trial: PastTrial) -> floa
     return float(simulated_miss(task.aim, rollouts.with_bias(bias_m))[0][0])
 
 
-def stay_whole(task: AnyTask, strings: StringBatch, trials: list[PastTrial]) -> np.ndarray:
+def stable_on_past_trials(task: AnyTask, strings: StringBatch, trials: list[PastTrial]) -> np.ndarray:
     """Return (K,) whether each string can be simulated on the joints of all trials without diverging."""
-    whole = np.ones(len(strings), dtype=bool)
+    stable = np.ones(len(strings), dtype=bool)
     for trial in trials:
         last = np.array([len(trial.q_rad) - 1])
         conditions = RolloutConditions(start_m=trial.start_m)
         points_m = simulate_rollouts(task, strings, conditions, trial.q_rad[None], last).points_m
         length_m = np.linalg.norm(np.diff(points_m, axis=2), axis=3)
         # A comparison with NaN is false.
-        whole &= (length_m < LONGEST_SEGMENT * task.model.spacing_m).all(axis=(1, 2))
-    return whole
+        stable &= (length_m < LONGEST_SEGMENT * task.model.spacing_m).all(axis=(1, 2))
+    return stable

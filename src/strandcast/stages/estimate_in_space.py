@@ -20,14 +20,8 @@ from strandcast.stages.files import past, recent
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import hashes_of
 
-APPLY = {
-    "trials",
-    "evaluations",
-    "ensemble",
-    "profiles",
-    "dt_s",
-    "friction_stick",
-}  # settings of the estimate, in space
+# Settings of the estimate that apply in space.
+APPLY = {"trials", "evaluations", "ensemble", "profiles", "dt_s", "friction_stick"}
 
 
 @dataclass(frozen=True, eq=False)

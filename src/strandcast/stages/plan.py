@@ -103,7 +103,7 @@ Plan = tuple[PlanningTask, PlannedMotion, list[LearntSize]]
 
 
 def _first(files: Files, arm: Arm, random: np.random.Generator) -> Plan:
-    """Plan for an ensemble of plausible strings, on a rig of which only the prior is known.
+    """Plan for an ensemble of plausible strings, on a rig known only by its prior.
 
     What a rehearsal shows of the joints is used.
     """
