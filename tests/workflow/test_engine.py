@@ -5,12 +5,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
-
-from strandcast.errors import ENDING_SIGNALS
+from tests.workflow.ending_signals import take_signals
 
 # A stand-in for Snakemake with one job: a process of its own, in a shell.
 ENGINE = """
@@ -42,24 +41,13 @@ def alive(pid: int) -> bool:
     return state != "Z"
 
 
-def with_sighup(handling: signal.Handlers) -> Callable[[], None]:
-    """Return what a process starts with; the tests themselves may run under nohup, or in the background."""
-
-    def begin() -> None:
-        for number in ENDING_SIGNALS:
-            signal.signal(number, signal.SIG_DFL)
-        signal.signal(signal.SIGHUP, handling)
-
-    return begin
-
-
 def start(
     tmp_path: Path, engine: str = ENGINE, sighup: signal.Handlers = signal.SIG_DFL
 ) -> tuple[subprocess.Popen, int]:
     """Start a run; return it and the process of its job."""
     pids = tmp_path / "pids"
     line = [sys.executable, "-c", RUN, engine.format(pids=pids)]
-    run = subprocess.Popen(line, stderr=subprocess.PIPE, text=True, preexec_fn=with_sighup(sighup))
+    run = subprocess.Popen(line, stderr=subprocess.PIPE, text=True, preexec_fn=partial(take_signals, sighup))
     while not pids.is_file() or not pids.read_text().strip():
         assert run.poll() is None
         time.sleep(0.02)
@@ -90,7 +78,7 @@ def test_a_closed_terminal_ends_a_run_too(tmp_path):
         stdin=slave,
         stdout=slave,
         stderr=slave,
-        preexec_fn=with_sighup(signal.SIG_DFL),
+        preexec_fn=take_signals,
     )
     os.close(slave)
     while not pids.is_file() or not pids.read_text().strip():

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from tests.workflow.ending_signals import take_signals
 
 from strandcast.records.folders import WITHIN_WORKFLOW
 from strandcast.stages.declarations import STAGES
@@ -64,6 +65,7 @@ class Parent:
             stdout=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            preexec_fn=take_signals,
         )
         assert self.process.stdout is not None
         line = shlex.split(self.process.stdout.readline())
