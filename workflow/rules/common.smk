@@ -31,7 +31,8 @@ def reported(function):
             sys.stderr.write(f"{error}\n")
             os._exit(error.exit_code)
 
-    call.__signature__ = inspect.signature(function)  # asked for at each call by Snakemake
+    # Snakemake asks for it at each call.
+    call.__signature__ = inspect.signature(function)
     return call
 
 
