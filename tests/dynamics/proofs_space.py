@@ -104,6 +104,7 @@ def start_of(two_ends: bool) -> np.ndarray:
     return points
 
 
+# Reading, two ends, drag along the string, friction that sticks.
 CASES = (
     ("rate", False, 0.0, False),
     ("strain", False, 0.2, False),
@@ -112,13 +113,21 @@ CASES = (
     ("strain", True, 0.0, True),
     ("rate", True, 0.2, True),
 )
+DAMPING_OF_JOINTS = [3, 5, 9]  # columns of `parameters`
+
+
+def string_of(damped: float) -> np.ndarray:
+    """Return the parameters (10,) of `STRING` with `damped` times the damping in its joints."""
+    string = STRING.copy()
+    string[DAMPING_OF_JOINTS] *= damped
+    return string
 
 
 @cache
-def truth(reading: str, two_ends: bool, drag_along: float, sticks: bool) -> np.ndarray:
+def truth(reading: str, two_ends: bool, drag_along: float, sticks: bool, damped: float = 1.0) -> np.ndarray:
     """Free points by DOP853; a function of constants only, so that it can be cached."""
     equations = SpatialEquations(
-        STRING, MASSES, 0.04, reading, SWITCH[reading], CURL_RAD_M, np.array(FACTOR), drag_along
+        string_of(damped), MASSES, 0.04, reading, SWITCH[reading], CURL_RAD_M, np.array(FACTOR), drag_along
     )
     if sticks:
         full, stick = STICKING.values()
@@ -129,7 +138,9 @@ def truth(reading: str, two_ends: bool, drag_along: float, sticks: bool) -> np.n
     )
 
 
-def distance_m(options: Options, reading: str, two_ends: bool, drag_along: float, sticks: bool) -> float:
+def distance_m(
+    options: Options, reading: str, two_ends: bool, drag_along: float, sticks: bool, damped: float = 1.0
+) -> float:
     """Root mean square distance of the simulated free points from DOP853's."""
     model = StringModel(0.2, 5, reading=reading, switch_width=SWITCH[reading], **options)
     pose = np.array([pose_of(first_clamp(t)) for t in TIME_S])
@@ -138,9 +149,9 @@ def distance_m(options: Options, reading: str, two_ends: bool, drag_along: float
     fixed = {"rest_curl_rad_m": CURL_RAD_M[None], "drag_along": drag_along, "respace": False}
     fixed |= STICKING if sticks else {}
     simulated, _ = simulate(
-        model, STRING, MASSES, TIME_S, pose, OUT_S, start_of(two_ends), bend_factor=FACTOR, **fixed
+        model, string_of(damped), MASSES, TIME_S, pose, OUT_S, start_of(two_ends), bend_factor=FACTOR, **fixed
     )
-    expected = truth(reading, two_ends, drag_along, sticks)
+    expected = truth(reading, two_ends, drag_along, sticks, damped)
     return float(np.sqrt(((simulated[:, 1 : 1 + expected.shape[1]] - expected) ** 2).sum(-1).mean()))
 
 
@@ -149,6 +160,12 @@ def dop853_in_space(options: Options) -> float:
     """Independent equations under an independent integrator of order eight, one end driven and both."""
     assert np.ptp(truth(*CASES[0])[:, -1, 1]) > 0.05  # the tip leaves the plane
     return 1e3 * largest(np.array([distance_m(options, *case) for case in CASES]))
+
+
+@proof("mm", lfcn=0.05)
+def strong_damping_in_space(options: Options) -> float:
+    """DOP853 again, at four times the step: damping that a step's inertia does not hold is bounded."""
+    return 1e3 * distance_m({**options, "dt_s": 4 * options["dt_s"]}, "strain", True, 0.0, False, 10.0)
 
 
 @proof("orders", lfcn=0.25)

@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 from arrays import evaluate_batch, simulate_batch, start_shape
 from proofs_dynamics import MASSES, hand_path
-from proofs_space import OUT_S, STRING, TIME_S, first_clamp, pose_of, second_clamp, start_of
+from proofs_space import (
+    CURL_RAD_M,
+    FACTOR,
+    OUT_S,
+    STRING,
+    SWITCH,
+    TIME_S,
+    first_clamp,
+    pose_of,
+    second_clamp,
+    start_of,
+    string_of,
+)
 
 from strandcast.core.strings import StringBatch
 from strandcast.dynamics.batch import HandPath
@@ -83,6 +95,20 @@ def test_a_longer_string_hangs_lower():
         start_shape(MODEL, STRING, MASSES, pose, length_change=change)[-1, 2] for change in (0.0, 0.02)
     )
     assert longer - usual == pytest.approx(-0.004, rel=1e-6)
+
+
+def test_strong_damping_is_stable_at_large_steps():
+    coarse, fine = (
+        replace(MODEL, reading="strain", switch_width=SWITCH["strain"], dt_s=step) for step in (2e-3, 6.25e-5)
+    )
+    string = {"rest_curl_rad_m": CURL_RAD_M[None], "bend_factor": np.array([FACTOR]), "respace": False}
+    damped, start = string_of(30.0)[None], start_of(two_ends=True)
+    (large, status), (small, _) = (
+        simulate_batch(each, damped, MASSES[None], TIME_S, BOTH, OUT_S, start, **string)
+        for each in (coarse, fine)
+    )
+    assert (status == OK).all()
+    np.testing.assert_allclose(large, small, atol=5e-4)
 
 
 def test_a_blow_up_is_reported():

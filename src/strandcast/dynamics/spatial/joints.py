@@ -31,7 +31,6 @@ from strandcast.dynamics.spatial.triples import (
     plus,
     plus_scaled,
     scaled,
-    scaled6,
 )
 
 _NEAREST_FOLD = 1e-6  # 1 + cosine of a bend that is as good as a fold
@@ -150,15 +149,15 @@ def sticking_friction_in_space(
 
 
 @njit(**INLINED)
-def mixed_block(k: Any, a: Any, b: Any, cosine: Any, skewed: Any) -> Any:
+def mixed_block(k: Any, a: Any, b: Any, cosine: Any, normal: Any) -> Any:
     """Return the block between the velocities of a's segment (rows) and b's: a full matrix.
 
-    -k (cosine I - b a^T + skewed) of k, the weight over both lengths, and
-    `skewed` = (a x b) (a x b)^T / (2 (1 + cosine)). Each segment's own block is, with its own direction u and
-    length, weight / length^2 (I - u u^T - skewed).
+    -k (cosine I - b a^T) - normal, of k, the weight over both lengths, and `normal`, k times
+    (a x b) (a x b)^T / (2 (1 + cosine)) or another multiple. Each segment's own block is, with its own
+    direction u and length, weight / length^2 (I - u u^T) less its own multiple.
     """
     bx, by, bz = scaled(k, b)
-    xx, yy, zz, xy, xz, yz = scaled6(k, diagonal_plus6(cosine, skewed))
+    xx, yy, zz, xy, xz, yz = diagonal_plus6(k * cosine, normal)
     return (
         bx * a[0] - xx,
         bx * a[1] - xy,

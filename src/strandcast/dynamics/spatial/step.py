@@ -7,7 +7,11 @@ are G_i + G_(i+1) - H_i and -G_(i+1). It is assembled and eliminated (L D L^T) i
 
 Joints also exert moments about the string's own axis: where the string is bent away from its rest shape and
 damped or curled, a turn of its frame does work. They sum up from the free end, or from the second clamp,
-which lets the string turn about its axis.
+which lets the string turn about its axis. As they couple each joint with all before it, they stay out of the
+matrix and take extrapolated velocities, which is stable for as much damping as inertia can hold. The rest is
+bounded by terms of one joint each (`_spread`): the matrix takes these for the coming change of velocity, and
+the forces take them off for the last one. The bounds act normal to the plane of the joint's bend, so that a
+string that moves in a plane is not changed.
 """
 
 from typing import Any, NamedTuple
@@ -29,7 +33,17 @@ from strandcast.dynamics.elements import (
     ramp,
 )
 from strandcast.dynamics.schemes.scheme import StringArrays, StringMotion
-from strandcast.dynamics.simd import INLINED, inverse_root, load, maximum, minimum, select, splat, store
+from strandcast.dynamics.simd import (
+    INLINED,
+    inverse,
+    inverse_root,
+    load,
+    maximum,
+    minimum,
+    select,
+    splat,
+    store,
+)
 from strandcast.dynamics.spatial.joints import (
     across,
     bend_from_rest,
@@ -65,6 +79,7 @@ from strandcast.dynamics.spatial.triples import (
     plus_scaled,
     plus_scaled6,
     scaled,
+    scaled6,
     store3,
     times9,
     transposed_product6,
@@ -94,6 +109,11 @@ UNIT, PER_LENGTH, AXIAL, ACROSS, TURNING, PULL, MOMENT, WEIGHT, TORQUE, PER, AT_
     16,
 )
 TENSION = TURNING  # sum of forces along and across a segment, once the joints are known
+# Once the joints are known: damping of spins and what the spins before a joint add up to, times its weight on
+# them; 1 / sine of its bend; its last change of spin; bound of its bending out of its plane. Then the weights
+# of the joint's block normal to its plane: in both segments' own blocks, and between them.
+SPIN_DAMPING, PER_SINE, SPIN_CHANGE, OUT_OF_PLANE = AT_STEP, AT_STEP + 1, AT_STEP + 2, AT_STEP + 3
+NORMAL, NORMAL_BETWEEN = SPIN_DAMPING, PER_SINE
 NEXT, OVER_NEXT, CHANGED, LOWER = 0, 9, 18, 21
 SPATIAL_ROWS = 24
 
@@ -225,9 +245,9 @@ def _joints(
 ) -> None:
     """Write moment, weight and torque about the string of every joint; joints 0 and n are the clamps.
 
-    Spins and torques do not enter the matrix: they take the velocities of this step, extrapolated. The
-    matrix holds what the switch between h and sh adds to a damper as if it were the same in all directions;
-    `more`, `along` and `sideways` correct the moment for that.
+    Spins and torques take the velocities of this step, extrapolated. The matrix holds what the switch between
+    h and sh adds to a damper as if it were the same in all directions; `more`, `along` and `sideways` correct
+    the moment for that.
     """
     n, c, mass, factor = string
     l0 = load(spec, c, L0)
@@ -237,6 +257,7 @@ def _joints(
     clamp_now = plus_scaled(clamp.rate, 0.5, clamp.change)
     now_a = across(ahead, clamp_now)
     spin, rest = dot(clamp_now, ahead), combined(clamp.frame, load3(spec, c, REST))
+    reach = splat(spec, 0.0)
     side = combined(clamp.frame, load3(spec, c, SIDE))
     pull = load(spec, work, PULL)
     if settings.two_ends:
@@ -253,11 +274,11 @@ def _joints(
         if settings.helical:
             onward = scaled(load(spec, c, TORSION + 1), cross(b, rest))
             rest = plus_scaled(onward, load(spec, c, TORSION), rest)
-        now, more = relative_rate(middle, per, minus(now_b, now_a))
-        rate, _ = relative_rate(middle, per, minus(rate_b, rate_a))
+        now, own_spin = relative_rate(middle, per, minus(now_b, now_a))
+        rate, spin_before = relative_rate(middle, per, minus(rate_b, rate_a))
         ahead_of = minus(now, rate)
-        turned, spin_here = minus(b, a), spin - 0.5 * more
-        spin = spin - more
+        turned, spin_here = minus(b, a), spin - 0.5 * own_spin
+        spin = spin - own_spin
         rate = plus_scaled(rate, spin_here, turned)
         upward = cross(a, side)
         a, rate_a, now_a = b, rate_b, now_b
@@ -308,31 +329,55 @@ def _joints(
         weight = held(k + tangent, settings, least) + maximum(settings.half * slope, -0.5 * least)
         # Moment and torque are sums of stiffness, damping, and what the switch adds in its own directions.
         along, sideways = settings.kick * k + twice_half * along, twice_half * sideways
+        half_tangent = (0.5 * per_sine) * dot(binormal, binormal) * per
+        squared = dot(turned, turned)
+        out_of_plane = maximum(settings.half * damping - least, 0.0)
+        store(spec, work, r + SPIN_DAMPING, settings.half * damping * squared * (reach + half_tangent))
+        store(spec, work, r + PER_SINE, per_sine)
+        store(spec, work, r + SPIN_CHANGE, 2.0 * (own_spin - spin_before))
+        store(spec, work, r + OUT_OF_PLANE, out_of_plane)
+        reach = reach + 2.0 * half_tangent
         damping, more = twice_half * damping, twice_half * more
         moment = plus_scaled(scaled(along, bend), damping + sideways, rate)
         torque = along * dot(bend, turned) + sideways * dot(rate, turned)
-        torque = torque + damping * (dot(now, turned) + spin_here * dot(turned, turned))
+        torque = torque + damping * (dot(now, turned) + spin_here * squared)
         if stick is not None:
             moment = plus_scaled(moment, settings.kick, rubbed)
             torque = torque + settings.kick * dot(rubbed, turned)
+        moment = minus(moment, _out_of_plane(spec, 2.0 * out_of_plane, ahead_of, turned))
         store3(spec, work, r + MOMENT, plus_scaled(moment, -more, ahead_of))
         store(spec, work, r + WEIGHT, weight)
         store(spec, work, r + TORQUE, torque)
         store(spec, work, r + PER, per)
     driven = scaled(splat(spec, -1.0), across(ahead, clamp.change))
-    _drive(spec, work, 0, plus(ahead, load3(spec, work, UNIT)), driven)
+    _drive(spec, work, 0, ahead, load3(spec, work, UNIT), driven)
     if settings.two_ends:
-        middle = plus(load3(spec, work, SPATIAL_ROWS * (n - 1) + UNIT), behind)
-        _drive(spec, work, n, middle, across(behind, far.change))
+        _drive(
+            spec,
+            work,
+            n,
+            load3(spec, work, SPATIAL_ROWS * (n - 1) + UNIT),
+            behind,
+            across(behind, far.change),
+        )
 
 
 @njit(**INLINED)
-def _drive(spec: Any, work: Any, j: int, middle: Any, change: Any) -> None:
-    """Add what the clamp's change of turn rate contributes to the moment of its joint j."""
+def _drive(spec: Any, work: Any, j: int, a: Any, b: Any, change: Any) -> None:
+    """Add what the clamp's change of turn rate contributes to the moment of its joint j, between a and b."""
     r = SPATIAL_ROWS * j
-    driven = relative_rate(middle, load(spec, work, r + PER), change)[0]
-    moment = load3(spec, work, r + MOMENT)
-    store3(spec, work, r + MOMENT, plus_scaled(moment, load(spec, work, r + WEIGHT), driven))
+    driven, spin = relative_rate(plus(a, b), load(spec, work, r + PER), change)
+    store(spec, work, r + SPIN_CHANGE, load(spec, work, r + SPIN_CHANGE) - spin)
+    moment = plus_scaled(load3(spec, work, r + MOMENT), load(spec, work, r + WEIGHT), driven)
+    out_of_plane = load(spec, work, r + OUT_OF_PLANE)
+    store3(spec, work, r + MOMENT, plus(moment, _out_of_plane(spec, out_of_plane, driven, minus(b, a))))
+
+
+@njit(**INLINED)
+def _out_of_plane(spec: Any, weight: Any, rate: Any, turned: Any) -> Any:
+    """Return `weight` times the part of a relative turn rate that bends a joint out of its plane."""
+    share = weight * dot(rate, turned) * inverse(spec, maximum(dot(turned, turned), 1e-12))
+    return scaled(share, turned)
 
 
 @njit(**INLINED)
@@ -341,14 +386,18 @@ def _tensions(spec: Any, string: StringArrays, ahead: Any, behind: Any, work: An
 
     A torque about the string, summed up from its end, acts like a moment along a + b.
     """
-    n = string.n
-    torque = splat(spec, 0.0)
+    n, c = string.n, string.c
+    l0 = load(spec, c, L0)
+    floor = (l0 * l0 / 16.0) * load(spec, c, FLOOR)
+    torque = spins = splat(spec, 0.0)
     after = zero3(spec)
     b = load3(spec, work, SPATIAL_ROWS * (n - 1) + UNIT)
     if two_ends:
         middle, per = plus(b, behind), load(spec, work, SPATIAL_ROWS * n + PER)
         own = load(spec, work, SPATIAL_ROWS * n + TORQUE)
-        after = plus_scaled(load3(spec, work, SPATIAL_ROWS * n + MOMENT), (-0.5 * own) * per, middle)
+        held_back, spins = _spread(spec, work, SPATIAL_ROWS * n, spins, floor)
+        moment = load3(spec, work, SPATIAL_ROWS * n + MOMENT)
+        after = plus_scaled(moment, -((0.5 * own) * per + held_back), middle)
         torque = torque + own
     for j in range(n - 1, -1, -1):
         r = SPATIAL_ROWS * j
@@ -357,12 +406,33 @@ def _tensions(spec: Any, string: StringArrays, ahead: Any, behind: Any, work: An
             a = load3(spec, work, r - SPATIAL_ROWS + UNIT)
         middle, per = plus(a, b), load(spec, work, r + PER)
         own = load(spec, work, r + TORQUE)
-        moment = plus_scaled(load3(spec, work, r + MOMENT), -(torque + 0.5 * own) * per, middle)
+        held_back, spins = _spread(spec, work, r, spins, floor)
+        moment = load3(spec, work, r + MOMENT)
+        moment = plus_scaled(moment, -((torque + 0.5 * own) * per + held_back), middle)
         torque = torque + own
         shear = scaled(load(spec, work, r + PER_LENGTH), cross(minus(moment, after), b))
         store3(spec, work, r + TENSION, plus_scaled(shear, load(spec, work, r + AXIAL), b))
         after = moment
         b = a
+
+
+@njit(**INLINED)
+def _spread(spec: Any, work: Any, r: int, spins: Any, floor: Any) -> tuple[Any, Any]:
+    """Write the weights normal to a joint's plane; return what acts along a + b, and the joints' sum so far.
+
+    Joint j's spin is the sum of what the joints before it spin, s_i, and half of its own. By Cauchy and
+    Schwarz, for any p_i > 0, (sum s_i)^2 <= sum p_i sum s_i^2 / p_i: the damping of all spins is at most a
+    sum of terms of one joint each. With p_i the tangent of half the bend, a term's weight on velocities
+    normal to the joint's plane grows like the bend. `floor` is what inertia holds of it.
+    """
+    own, per_sine = load(spec, work, r + SPIN_DAMPING), load(spec, work, r + PER_SINE)
+    weight, per = load(spec, work, r + WEIGHT), load(spec, work, r + PER)
+    per_sine_per = per_sine * inverse(spec, per)
+    bound = maximum(spins + 0.5 * own - floor * per_sine_per, 0.0) * per_sine
+    turned = load(spec, work, r + OUT_OF_PLANE) * (per_sine_per * per_sine_per)
+    store(spec, work, r + NORMAL, weight - 2.0 * bound - turned)
+    store(spec, work, r + NORMAL_BETWEEN, weight - 2.0 * bound + turned)
+    return bound * load(spec, work, r + SPIN_CHANGE), spins + own
 
 
 @njit(**INLINED)
@@ -401,26 +471,28 @@ def _with_point(
 
 
 @njit(**INLINED)
-def _coupling(spec: Any, work: Any, j: int, u: Any, own: Any, skewed: Any, stretch: Any) -> Any:
-    """Return segment j's block H, joint j + 1's block G, and the next segment's u, `own` and `skewed`.
+def _coupling(spec: Any, work: Any, j: int, before: Any, stretch: Any) -> tuple[Any, Any, Any]:
+    """Return segment j's block H, joint j + 1's block G, and that joint as the next segment meets it.
 
-    `own` is the weight of the joint before a segment over the segment's length squared, `skewed` the block
-    that goes with it.
+    `before` is the joint before a segment: the segment's direction, the joint's weight over the segment's
+    length squared, its share of the segment's block that is normal to the joint's plane.
     """
+    u, own, normal = before
     r = SPATIAL_ROWS * j
     per_length = load(spec, work, r + PER_LENGTH)
     plain = load(spec, work, r + ACROSS) + own
     r += SPATIAL_ROWS
     u_next, per_length_next = load3(spec, work, r + UNIT), load(spec, work, r + PER_LENGTH)
-    weighted = load(spec, work, r + WEIGHT) * per_length
-    skewed_next = outer6(0.5 * load(spec, work, r + PER), cross(u, u_next))
-    own_here, k = weighted * per_length, weighted * per_length_next
-    plain = plain + own_here
-    segment = diagonal_plus6(plain, outer6(stretch - plain, u))
-    segment = plus_scaled6(plus_scaled6(segment, -own, skewed), -own_here, skewed_next)
-    after = mixed_block(k, u, u_next, dot(u, u_next), skewed_next)
-    own_next = load(spec, work, r + WEIGHT) * (per_length_next * per_length_next)
-    return segment, after, u_next, own_next, skewed_next
+    weight, across_plane = load(spec, work, r + WEIGHT), load(spec, work, r + NORMAL)
+    squared, mixed = per_length * per_length, per_length * per_length_next
+    squared_next = per_length_next * per_length_next
+    skewed = outer6(0.5 * load(spec, work, r + PER), cross(u, u_next))
+    plain = plain + weight * squared
+    segment = minus6(diagonal_plus6(plain, outer6(stretch - plain, u)), normal)
+    segment = plus_scaled6(segment, -(across_plane * squared), skewed)
+    skewed_mixed = scaled6(load(spec, work, r + NORMAL_BETWEEN) * mixed, skewed)
+    between = mixed_block(weight * mixed, u, u_next, dot(u, u_next), skewed_mixed)
+    return segment, between, (u_next, weight * squared_next, scaled6(across_plane * squared_next, skewed))
 
 
 @njit(**INLINED)
@@ -443,9 +515,10 @@ def _eliminate(
     stretch = stiff + settings.half * load(spec, c, C_S)
     zero = splat(spec, 0.0)
     u, per_length = load3(spec, work, UNIT), load(spec, work, PER_LENGTH)
-    own = load(spec, work, WEIGHT) * (per_length * per_length)
-    skewed = outer6(0.5 * load(spec, work, PER), cross(ahead, u))
-    segment, between, u, own, skewed = _coupling(spec, work, 0, u, own, skewed, stretch)
+    squared = per_length * per_length
+    normal = outer6((0.5 * squared) * load(spec, work, PER) * load(spec, work, NORMAL), cross(ahead, u))
+    before = u, load(spec, work, WEIGHT) * squared, normal
+    segment, between, before = _coupling(spec, work, 0, before, stretch)
     # Of the next point: its block, that between it and the one after, and the impulse; then of the one after.
     block = minus6(segment, twice_symmetric_part(between))
     force = scaled(splat(spec, -1.0), load3(spec, work, TENSION))
@@ -456,7 +529,7 @@ def _eliminate(
         r = SPATIAL_ROWS * j
         force = plus(force, load3(spec, work, r + TENSION))
         block, force = _with_point(spec, string, motion, j, block, force, settings)
-        segment, after, u, own, skewed = _coupling(spec, work, j, u, own, skewed, stretch)
+        segment, after, before = _coupling(spec, work, j, before, stretch)
         # L D L^T of the point's own block; what it leaves to the next two is in terms of L^-1 of its row.
         factors = factored6(spec, plus6(block, segment))
         to_next = forward9(factors, minus_full_of(segment, plus9(between, after)))
