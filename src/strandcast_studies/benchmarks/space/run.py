@@ -4,6 +4,7 @@
 
 Every seed has its own string, target, servo and throw-to-throw variation; even ones throw with six joints,
 odd ones with seven. Nothing but lengths, the places of weights, the joint log and the track leaves the lab.
+With ``--rehearsed`` the first motion is played with an empty clamp, and planned again, before it is thrown.
 """
 
 import json
@@ -37,7 +38,12 @@ from strandcast.planning.start_strings import start_strings_in_space
 from strandcast.planning.task import SpatialTask
 from strandcast.scoring.closest_approach import closest_approach
 from strandcast_studies.benchmarks.loop.run import outcome, run_jobs, run_parser
-from strandcast_studies.benchmarks.loop.throw import FILMED_AFTER_S, FILMED_BEFORE_S, FRAME_RATE_HZ
+from strandcast_studies.benchmarks.loop.throw import (
+    BARE_CLAMP,
+    FILMED_AFTER_S,
+    FILMED_BEFORE_S,
+    FRAME_RATE_HZ,
+)
 from strandcast_studies.benchmarks.space.drawn import SpaceCase, drawn_case
 from strandcast_studies.lab_capture import TrackerNoise, points_at, with_tracker_noise
 
@@ -57,6 +63,14 @@ class SpaceTrial(NamedTuple):
     past: PastTrial
     series: CableSeries
     true_miss_m: float
+
+
+class Played(NamedTuple):
+    """A motion that the lab played: its swing, and times and joints of the log (R,), (R, J) [s, rad]."""
+
+    swing: LabSwing
+    log_s: np.ndarray
+    q_rad: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -85,14 +99,20 @@ def task_of_case(case: SpaceCase) -> SpatialTask:
     return SpatialTask(case.arm, model, case.target_m, HIT_RADIUS_M)
 
 
-def run_case(seed: int, trials: int, *, drag_along: bool = True) -> list[SpaceOutcome]:
-    """Throw until the string's tip hits, `trials` times at most."""
+def run_case(
+    seed: int, trials: int, *, drag_along: bool = True, rehearsed: bool = False
+) -> list[SpaceOutcome]:
+    """Throw until the string's tip hits, `trials` times at most, after a rehearsal if `rehearsed`."""
     case = drawn_case(seed)
     task, random = task_of_case(case), np.random.default_rng([seed, 8])
     layout = mass_layout(case.string.length_m, POINTS, case.weight_places_m)
     first = start_strings_in_space(PLAN.ensemble, case.string.length_m, layout, random)
     begin_s = fitted_s = time.process_time()
     plan = plan_first(task, first, PLAN, random)
+    if rehearsed:
+        # Other random numbers, so that throws vary as they do without a rehearsal.
+        played = rehearse(case, plan, np.random.default_rng([seed, 10]))
+        plan = plan_first(task, first, PLAN, random, rehearsal=played)
     thrown: list[SpaceTrial] = []
     done: list[SpaceOutcome] = []
     estimate: CableEstimate | None = None
@@ -112,40 +132,73 @@ def run_case(seed: int, trials: int, *, drag_along: bool = True) -> list[SpaceOu
         plan = plan_next(task, strings, past, PLAN, random, fit_E_m=estimate.fit.E_m)
 
 
+def rehearse(case: SpaceCase, plan: PlannedMotion, random: np.random.Generator) -> PastTrial:
+    """Play a motion with an empty clamp; what is measured are the joints."""
+    along, across = _variation(case, random)
+    held_well = VariationInSpace(replace(along, grasp_length_m=0.0), across)
+    bare = replace(case, string=BARE_CLAMP, curl_turn_rad=0.0)
+    played = _played(bare, plan, held_well, random)
+    return _past(case, plan, 0, played, np.zeros(0), np.zeros((0, POINTS + 1, 3)))
+
+
 def throw_in_space(
     case: SpaceCase, plan: PlannedMotion, trial: int, random: np.random.Generator
 ) -> SpaceTrial:
     """Throw a motion in the lab, and return what is measured of it."""
-    arm, joints, motion_s = case.arm, len(case.arm.joints), plan.motion.end_s
-    variation = VariationInSpace(*(draw_variation(random, joints, 1.0) for _ in range(2)))
+    motion_s = plan.motion.end_s
+    played = _played(case, plan, _variation(case, random), random)
+    frame_s, points_m = _track(played.swing, motion_s, random)
+    past = _past(case, plan, trial, played, frame_s, points_m)
+    used = (frame_s >= -FITTED_BEFORE_S) & (frame_s <= motion_s + FITTED_AFTER_S)
+    pose = hand_path(case.arm.chain, resampled(frame_s[used], played.log_s, played.q_rad))
+    places = np.linspace(0.0, 1.0, POINTS + 1)[1:]
+    series = CableSeries(frame_s[used], pose, points_m[used, 1:], places, fastest_m_s=FASTEST_M_S)
+    return SpaceTrial(past, series, true_miss(played.swing, case.target_m, motion_s)[0])
+
+
+def _variation(case: SpaceCase, random: np.random.Generator) -> VariationInSpace:
+    return VariationInSpace(*(draw_variation(random, len(case.arm.joints), 1.0) for _ in range(2)))
+
+
+def _played(
+    case: SpaceCase, plan: PlannedMotion, variation: VariationInSpace, random: np.random.Generator
+) -> Played:
+    """Play a motion in the lab, and return the swing and the joint log on the motion's clock."""
+    arm, motion_s = case.arm, plan.motion.end_s
     command = plan.motion.resampled(1.0 / arm.log_rate_hz)
     swing = simulate_swing_in_space(arm, case.servo, case.string, case.curl_turn_rad, variation, command)
     log = joint_log(arm, swing, variation.along, LabClocks(-swing.time_s[0], 0.0, 0.0), motion_s, random)
     log_s = log.time_s - log.time_s[0] + swing.time_s[0]
-    q_rad = savgol_filter(log.q_rad, JOINTS_SMOOTHED, 2, axis=0)
-    frame_s, points_m = _track(swing, motion_s, random)
-    time_s = np.arange(round((motion_s + AFTER_END_S) / plan_step_s(case)) + 1) * plan_step_s(case)
-    usual_s = 1.0 / FRAME_RATE_HZ
-    seen = (frame_s >= 0.0) & (frame_s <= motion_s + AFTER_END_S) & np.isfinite(points_m[:, -1]).all(axis=1)
+    return Played(swing, log_s, savgol_filter(log.q_rad, JOINTS_SMOOTHED, 2, axis=0))
+
+
+def _past(
+    case: SpaceCase,
+    plan: PlannedMotion,
+    trial: int,
+    played: Played,
+    frame_s: np.ndarray,
+    points_m: np.ndarray,
+) -> PastTrial:
+    """Return what the planner takes of a motion that was played; `points_m` (F, n+1, 3) is its track."""
+    motion_s = plan.motion.end_s
+    until_s = motion_s + AFTER_END_S
+    time_s = np.arange(round(until_s / plan_step_s(case)) + 1) * plan_step_s(case)
+    seen = (frame_s >= 0.0) & (frame_s <= until_s) & np.isfinite(points_m[:, -1]).all(axis=1)
     found, _ = closest_approach(
-        frame_s[seen], points_m[seen, -1], case.target_m, usual_s, (0.0, motion_s + AFTER_END_S)
+        frame_s[seen], points_m[seen, -1], case.target_m, 1.0 / FRAME_RATE_HZ, (0.0, until_s)
     )
-    past = PastTrial(
+    return PastTrial(
         trial=trial,
         curve=plan.curve,
         q_command_rad=resampled(time_s, plan.motion.time_s, plan.motion.q_rad),
-        q_rad=resampled(time_s, log_s, q_rad),
+        q_rad=resampled(time_s, played.log_s, played.q_rad),
         frame_s=frame_s,
         tip_m=points_m[:, -1],
         start_m=start_shape(frame_s, points_m[:, 1:]),
         sway_rad_s=0.0,
         miss_m=None if found is None else found.distance_m,
     )
-    used = (frame_s >= -FITTED_BEFORE_S) & (frame_s <= motion_s + FITTED_AFTER_S)
-    pose = hand_path(arm.chain, resampled(frame_s[used], log_s, q_rad))
-    places = np.linspace(0.0, 1.0, POINTS + 1)[1:]
-    series = CableSeries(frame_s[used], pose, points_m[used, 1:], places, fastest_m_s=FASTEST_M_S)
-    return SpaceTrial(past, series, true_miss(swing, case.target_m, motion_s)[0])
 
 
 def plan_step_s(case: SpaceCase) -> float:
@@ -213,7 +266,7 @@ def _outcome(
     )
 
 
-def _job(seed: int, trials: int, drag_along: bool) -> dict[str, Any]:
+def _job(seed: int, trials: int, drag_along: bool, rehearsed: bool) -> dict[str, Any]:
     case = drawn_case(seed)
     drawn = {
         "seed": seed,
@@ -224,15 +277,16 @@ def _job(seed: int, trials: int, drag_along: bool) -> dict[str, Any]:
         "weights": len(case.string.weights),
         "target_m": case.target_m.tolist(),
     }
-    return drawn | outcome(partial(run_case, seed, trials, drag_along=drag_along))
+    return drawn | outcome(partial(run_case, seed, trials, drag_along=drag_along, rehearsed=rehearsed))
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the experiments; write each result as soon as it is known."""
     parser = run_parser(__doc__, list(REPORTED_SEEDS), "results/bench-space.json", strings=False)
     parser.add_argument("--one-drag", action="store_true", help="fit one drag for all directions")
+    parser.add_argument("--rehearsed", action="store_true", help="play the first motion without string first")
     options = parser.parse_args(arguments)
-    jobs = [(seed, options.trials, not options.one_drag) for seed in options.seeds]
+    jobs = [(seed, options.trials, not options.one_drag, options.rehearsed) for seed in options.seeds]
     print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
 
 
