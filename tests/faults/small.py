@@ -50,6 +50,7 @@ Job = tuple[str, tuple[int, ...]]  # stage and trials
 JOBS: tuple[Job, ...] = (
     ("lab_calibrate", ()),
     ("calibrate", ()),
+    ("lab_rehearse", ()),
     ("plan", (1,)),
     ("lab_throw", (1,)),
     ("ingest", (1,)),

@@ -30,7 +30,7 @@ from strandcast.stages.context import context_of
 from strandcast.stages.plan_inputs import first_inputs, rehearsal_of
 from strandcast.stages.rig import rig_state
 from strandcast.stages.run import files_of, run_stage
-from strandcast_studies.benchmarks.loop.throw import LoopRig, rehearse, throw
+from strandcast_studies.benchmarks.loop.throw import LoopRig, throw
 
 ARM = "config/arms/planar3.toml"
 SMALL = "plan: {screening: 16, evaluations: 100, ensemble: 2}\n"
@@ -81,8 +81,10 @@ def test_a_trial_that_a_real_arm_has_thrown_is_not_planned(root: Path, name: str
 def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None:
     lab = "lab: {string: paper-1, servo: soft}\n"
     write(root, "rehearsed", "target_m: [0.5, 0.5]\n" + lab + SMALL)
-    first = planned(root, "rehearsed")
-    rehearse(root, "rehearsed", LoopRig())
+    with pytest.raises(StrandcastError, match="make it first: strandcast lab-rehearse rehearsed"):
+        planned(root, "rehearsed")
+    run_stage("lab_rehearse", root, "rehearsed")
+    first = Motion.read(root / "data/rehearsed/rehearsal/motion.json")
     again = planned(root, "rehearsed")
     assert again.bezier != first.bezier
     assert again.start == first.start
@@ -189,7 +191,7 @@ def test_a_plan_that_cannot_be_made_names_file_field_and_fix(root: Path, text: s
 def test_what_a_throw_shows_of_the_rig_is_learnt_and_written(
     root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = "target_m: [0.5, 0.5]\nlab: {string: paper-1}\n"
+    text = "target_m: [0.5, 0.5]\nlab: {string: paper-1, rehearsal: false}\n"
     text += "estimate: {evaluations: 100, profiles: false}\n"
     write(root, "rig", text + SMALL.replace("}", ", disturbances: learnt}"))
     first = planned(root, "rig").provenance
@@ -245,8 +247,8 @@ def test_what_a_throw_shows_of_the_rig_is_learnt_and_written(
 
 @pytest.mark.slow
 def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(root: Path) -> None:
-    text = "target_m: [0.5, 0.5]\nlab: {string: paper-1}\nestimate: {evaluations: 100, profiles: false}\n"
-    write(root, "blind", text + SMALL)
+    text = "target_m: [0.5, 0.5]\nlab: {string: paper-1, rehearsal: false}\n"
+    write(root, "blind", text + "estimate: {evaluations: 100, profiles: false}\n" + SMALL)
     run_stage("plan", root, "blind", 1)
     throw(root, "blind", 1, LoopRig())
     track = root / "data/blind/trial-01/track.parquet"

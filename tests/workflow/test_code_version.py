@@ -62,4 +62,4 @@ def test_a_changed_setting_changes_only_the_stages_that_read_it(project_root):
     experiment = load_experiment(project_root / "config/experiments/demo.yaml")
     other = experiment.model_copy(update={"hit_radius_m": 0.01})
     changed = {stage for stage in STAGES if settings(experiment, stage) != settings(other, stage)}
-    assert changed == {"score", "plan", "report", "summary"}
+    assert changed == {"score", "lab_rehearse", "plan", "report", "summary"}

@@ -16,6 +16,7 @@ from strandcast.workflow import shards, targets
 LAB, RIG, MOCAP = "experiment=lab", "experiment=rig", "experiment=mocap"
 JOBS = {
     "lab_calibrate": [LAB],
+    "lab_rehearse": [LAB],
     "lab_throw": [f"{LAB},trial=01"],
     "calibrate": [f"{LAB},camera=main", f"{RIG},camera=main"],
     "ingest": [f"{LAB},trial=01", f"{RIG},trial=01"],

@@ -2,8 +2,10 @@
 
 REQUIRED INPUTS: results/<experiment>/trial-NN/{motion.json, predicted.parquet}
 OUTPUTS:         data/<experiment>/calibration/*,
+                 data/<experiment>/rehearsal/{motion.json, joints.csv, run.json},
                  data/<experiment>/trial-NN/{video.mp4, joints.csv, run.json, motion.json, predicted.parquet}
-STEPS:           lab_calibrate (calibration photos), lab_throw (play the motion, film it)
+STEPS:           lab_calibrate (calibration photos), lab_rehearse (plan the first motion, play it with an empty clamp),
+                 lab_throw (play the motion, film it)
 """
 
 
@@ -28,6 +30,30 @@ rule lab_calibrate:
         "{wildcards.experiment}: the lab photographs its calibration boards"
     shell:
         "strandcast lab-calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
+
+
+rule lab_rehearse:
+    input:
+        unpack(stage_inputs("lab_rehearse")),
+    output:
+        **kept(stage_outputs("lab_rehearse")),
+    log:
+        "results/{experiment}/logs/lab_rehearse.log",
+    wildcard_constraints:
+        experiment=LAB_EXPERIMENTS,
+    group:
+        shard_of("lab_rehearse")
+    threads: 2
+    resources:
+        mem_mb=memory_of("lab_rehearse"),
+        runtime=runtime_of("lab_rehearse"),
+    params:
+        settings=stage_settings("lab_rehearse"),
+        code=code_version("lab_rehearse"),
+    message:
+        "{wildcards.experiment}: the lab plays the first motion with an empty clamp"
+    shell:
+        "NUMBA_NUM_THREADS={threads} strandcast lab-rehearse {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
 
 
 rule lab_throw:

@@ -17,6 +17,7 @@ from strandcast.workflow.locks import lease
 
 EXPERIMENT_STAGES = {
     "lab_calibrate": "Photograph the calibration boards in the virtual lab.",
+    "lab_rehearse": "Plan the first motion and play it with an empty clamp in the virtual lab.",
     "calibrate": "Calibrate the lens and the plane of motion.",
 }
 TRIAL_STAGES = {
@@ -33,7 +34,7 @@ TRIAL_STAGES = {
     "plan": "Plan the motion of a trial from the trials before it.",
     "report": "Write the page of a trial.",
 }
-LAB_STAGES = ("lab-calibrate", "lab-throw")  # the commands of the virtual lab
+LAB_STAGES = ("lab-calibrate", "lab-rehearse", "lab-throw")  # the commands of the virtual lab
 
 
 def stage_commands() -> dict[str, tuple[Callable[..., None], str]]:

@@ -208,6 +208,16 @@ class Experiment(Section):
         return None if self.target_m is None else self.objective.aimed_at(self.target_m)
 
     @property
+    def lab_rehearses(self) -> bool:
+        """Whether the lab plays the first motion with an empty clamp before the first throw.
+
+        Only where it is planned for unknown strings on joints that follow as they do: the paper's method
+        knows no rehearsal.
+        """
+        asked = self.lab is not None and self.lab.rehearsal
+        return asked and self.start_string == "ensemble" and self.plan.plans_with_servo
+
+    @property
     def camera_name(self) -> str:
         """Return the name of the one camera; several are refused."""
         return only_camera(self.cameras)

@@ -108,6 +108,12 @@ class LabSettings(Section):
         LabCamera(),
         description="The lab's camera. Set it to your own camera's figures to see how well it would do.",
     )
+    rehearsal: bool = Field(
+        True,
+        description="Play the first motion with an empty clamp before the first throw, and plan it again "
+        "with the joints' measured error; not where `start_string` is given, or with the paper's planner. "
+        "Set it to false to see what it is worth.",
+    )
     led: bool = Field(
         False,
         description="An LED at the position of align.led, which the controller switches around the throw. "

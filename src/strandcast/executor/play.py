@@ -142,8 +142,10 @@ def _guarded(driver: Driver, when: str, cost: str, exit_code: int) -> Iterator[N
 
 def _keep_predicted(preflight: Preflight) -> None:
     """Keep what was expected of the throw; without it, only a figure of the page is missing."""
+    planned = preflight.motion_path.with_name("predicted.parquet")
+    if planned.parent == preflight.out_dir:  # where it belongs already
+        return
     with suppress(StrandcastError, OSError):
-        planned = preflight.motion_path.with_name("predicted.parquet")
         write_bytes(preflight.out_dir / planned.name, planned.read_bytes())
 
 

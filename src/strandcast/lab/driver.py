@@ -1,8 +1,8 @@
-"""The driver of the virtual arm, which also films the throw."""
+"""The drivers of the virtual arm: one also films the throw, one plays a rehearsal."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from strandcast.arm.load import AnyArm, Arm
 from strandcast.config.experiment import Experiment
 from strandcast.config.find import find_experiment
+from strandcast.config.lab import LabSettings
 from strandcast.config.load import load_experiment
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.executor.drivers.protocol import ArmState, Recording
@@ -18,7 +19,7 @@ from strandcast.lab.led import LedTimes, led_times
 from strandcast.lab.rig import SlipInClamp
 from strandcast.lab.scene import LabScene, make_scene
 from strandcast.lab.servo import CYCLE_S
-from strandcast.lab.strings import physical_string
+from strandcast.lab.strings import EMPTY_CLAMP, physical_string
 from strandcast.lab.swing import BEFORE_S, LabSwing, simulate_swing
 from strandcast.lab.truth import FilmedThrow, write_truth
 from strandcast.lab.variation import LabClocks, ThrowVariation, draw_clocks, draw_variation, scatter_of
@@ -38,12 +39,12 @@ SPEED_DIGITS = 4
 
 @dataclass(frozen=True)
 class LabThrow:
-    """A throw of an experiment, the file for its truth, and how the clamp slips if it does."""
+    """A throw of an experiment, the file for its truth if it is filmed, and the slip in the clamp, if any."""
 
     name: str
     experiment: Experiment
     trial: int
-    truth_path: Path
+    truth_path: Path | None = None
     slip: SlipInClamp | None = None
 
 
@@ -87,18 +88,15 @@ class LabDriver:
     def play(self, command: JointTrajectory, folder: Path) -> Recording:
         """Throw, film and write the truth; return the controller's log."""
         throw, arm, experiment = self._throw, self._arm, self._throw.experiment
-        assert experiment.lab is not None
-        lab = experiment.lab
-        scatter = scatter_of(throw.name, experiment.seed, lab)
-        variation = draw_variation(self._random("lab-throw"), len(arm.joints), lab.noise, scatter)
+        lab, variation = self._lab, self._variation()
         clocks = draw_clocks(self._random("lab-clocks"))
         string = physical_string(experiment)
-        swing = simulate_swing(arm, experiment.lab.servo, string, variation, command, slip=throw.slip)
+        swing = simulate_swing(arm, lab.servo, string, variation, command, slip=throw.slip)
         scene = self._scene or make_scene(experiment, throw.name, arm)
         actors = film_subject(swing, string.shifted(variation.grasp_length_m))
         start_s, motion_s = clocks.log_start_s + BEFORE_S, float(command.time_s[-1])
-        lamp = led_times(motion_s, self._random("lab-led")) if experiment.lab.led else None
-        camera = experiment.lab.camera
+        lamp = led_times(motion_s, self._random("lab-led")) if lab.led else None
+        camera = lab.camera
         count = int((clocks.camera_lead_s + motion_s + FILMED_AFTER_S) * camera.frame_rate_hz)
         camera_time_s = np.arange(count) / camera.frame_rate_hz
         robot_time_s = camera_time_s * (1.0 + clocks.drift) + start_s - clocks.camera_lead_s
@@ -107,22 +105,48 @@ class LabDriver:
         shown = progress(shots, "film", total=count)
         write_video(folder / VIDEO, shown, camera.width_px, camera.height_px, camera.frame_rate_hz)
         filmed = FilmedThrow(scene, swing, variation, clocks, robot_time_s, start_s, motion_s)
+        assert throw.truth_path is not None
         write_truth(throw.truth_path, filmed, np.array(experiment.target_m))
-        log = joint_log(arm, swing, variation, clocks, motion_s, self._random("lab-log"))
+        recording = self._recorded(swing, variation, clocks, motion_s)
+        events = [] if lamp is None else _switch_output(recording.log, lamp, start_s)
+        return replace(recording, sync_events=events, video={"file": VIDEO})
+
+    @property
+    def _lab(self) -> LabSettings:
+        assert self._throw.experiment.lab is not None
+        return self._throw.experiment.lab
+
+    def _variation(self) -> ThrowVariation:
+        scatter = scatter_of(self._throw.name, self._throw.experiment.seed, self._lab)
+        return draw_variation(self._random("lab-throw"), len(self._arm.joints), self._lab.noise, scatter)
+
+    def _recorded(
+        self, swing: LabSwing, variation: ThrowVariation, clocks: LabClocks, motion_s: float
+    ) -> Recording:
+        start_s = clocks.log_start_s + BEFORE_S
         return Recording(
-            log=log,
+            log=joint_log(self._arm, swing, variation, clocks, motion_s, self._random("lab-log")),
             status="ok",
             reason=None,
             motion_start_s=start_s,
             motion_end_s=start_s + motion_s,
             clock="virtual controller",
-            controller={"model": f"{arm.name} (virtual)", "servo": experiment.lab.servo},
-            sync_events=[] if lamp is None else _switch_output(log, lamp, start_s),
-            video={"file": VIDEO},
+            controller={"model": f"{self._arm.name} (virtual)", "servo": self._lab.servo},
         )
 
     def _random(self, what: str) -> np.random.Generator:
         return rng(self._throw.name, self._throw.experiment.seed, self._throw.trial, what)
+
+
+class LabRehearsal(LabDriver):
+    """The virtual arm with an empty clamp; nothing is filmed."""
+
+    def play(self, command: JointTrajectory, folder: Path) -> Recording:
+        """Play the motion; return the controller's log."""
+        variation = replace(self._variation(), grasp_length_m=0.0)
+        swing = simulate_swing(self._arm, self._lab.servo, EMPTY_CLAMP, variation, command)
+        clocks = draw_clocks(self._random("lab-clocks"))
+        return self._recorded(swing, variation, clocks, float(command.time_s[-1]))
 
 
 def _switch_output(log: JointLog, lamp: LedTimes, start_s: float) -> list[SyncEvent]:

@@ -64,6 +64,8 @@ PAPER_STRINGS = {
     "paper-7": PhysicalString(0.61, 0.006, 2.0e-6, 2.5, 0.0033, ((0.290, CLAY_KG),)),
 }
 TOLERANCE_M = 1e-6
+# The lab's arm always holds a string: 50 mm of thread, 0.05 g, stand for an empty clamp.
+EMPTY_CLAMP = PhysicalString(0.05, 1e-3, 1e-6, 0.0, 1e-3)
 
 
 def physical_string(experiment: Experiment) -> PhysicalString:

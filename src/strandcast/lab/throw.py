@@ -1,4 +1,4 @@
-"""The lab's two actions: photograph the calibration boards, and throw."""
+"""The lab's actions: photograph the calibration boards, rehearse, and throw."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +12,11 @@ from strandcast.core.trial_names import trial_name
 from strandcast.executor.play import play
 from strandcast.executor.preflight import run_preflight
 from strandcast.lab.calibration import write_lens_photos, write_plane_photo
-from strandcast.lab.driver import LabDriver, LabThrow
+from strandcast.lab.driver import LabDriver, LabRehearsal, LabThrow
 from strandcast.lab.scene import make_scene
 from strandcast.records.joint_log import Run
+
+REHEARSAL = 0  # in place of a trial's number, for its random numbers
 
 
 def photograph_boards(experiment: Experiment, name: str, arm: Arm, data_dir: str | Path) -> None:
@@ -59,7 +61,26 @@ def throw(
         Where to write lab_truth.parquet.
     """
     driver = LabDriver(LabThrow(name, experiment, trial, Path(truth_path)), arm)
-    folder = Path(data_dir) / trial_name(trial)
+    return _play(Path(motion_path), arm, driver, Path(data_dir) / trial_name(trial))
+
+
+def rehearse(experiment: Experiment, name: str, arm: Arm, motion_path: Path, folder: Path) -> Run:
+    """Play a motion on the virtual rig with an empty clamp.
+
+    Parameters
+    ----------
+    experiment, name, arm
+        As in `photograph_boards`.
+    motion_path
+        The planned motion.
+    folder
+        It gets motion.json, joints.csv and, last, run.json.
+    """
+    driver = LabRehearsal(LabThrow(name, experiment, REHEARSAL), arm)
+    return _play(motion_path, arm, driver, folder)
+
+
+def _play(motion_path: Path, arm: Arm, driver: LabDriver, folder: Path) -> Run:
     # Unlike a real throw, a virtual one can be repeated.
     (folder / "run.json").unlink(missing_ok=True)
     # A virtual arm can hurt nobody: it needs no workspace and no confirmation by a person.

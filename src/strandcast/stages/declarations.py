@@ -27,10 +27,15 @@ from strandcast.stages.job import Role, Stage
 RAW = "data/{experiment}/trial-{trial}/"
 TRIAL = "results/{experiment}/trial-{trial}/"
 EXPERIMENT = "results/{experiment}/"
+REHEARSAL = "data/{experiment}/rehearsal/"
 CAMERA = EXPERIMENT + "cameras/{camera}"
 _CALIBRATION = (
     *("scale", "lens_photos", "lens_video", "lens_file", "lens_name", "plane_photo", "board", "plane"),
     *("distortion", "string_offset_m", "string_offset_sd_m"),
+)
+_PLANNED = (
+    *("string", "plan", "seed", "start_string", "workspace_m", "target_m", "objective", "hit_radius_m"),
+    *("estimate.reading", "estimate.integrator", "estimate.dt_s", "estimate.joints"),
 )
 ALL_SETTINGS = tuple(Experiment.model_fields)  # the pages print all settings
 
@@ -60,6 +65,12 @@ _DECLARED = (
             *("cameras.*.board", "cameras.*.plane", "workspace_m", "string.length_m", "seed", "target_m"),
             *("lab.camera", "lab.led", "align.led.x_m", "align.led.y_m"),
         ),
+    ),
+    Stage(
+        "lab_rehearse",
+        inputs={"arm": files.arm},
+        outputs={role: f"{REHEARSAL}{name}" for role, name in files.REHEARSED_FILES.items()},
+        settings=(*_PLANNED, *(f"lab.{name}" for name in ("servo", "noise", "scatter"))),
     ),
     Stage(
         "lab_throw",
@@ -192,16 +203,11 @@ _DECLARED = (
             **_throws(past),
             "estimate": results(latest, "estimate.json"),
             "ensemble": results(latest, "ensemble.parquet"),
-            "rehearsal_motion": files.rehearsal("motion.json"),
-            "rehearsal_joints": files.rehearsal("joints.csv"),
-            "rehearsal_run": files.rehearsal("run.json"),
+            **{f"rehearsal_{role}": files.rehearsal(name) for role, name in files.REHEARSED_FILES.items()},
             "arm": files.arm,
         },
         outputs={"motion": TRIAL + "motion.json", "predicted": TRIAL + "predicted.parquet"},
-        settings=(
-            *("string", "plan", "seed", "start_string", "workspace_m", "target_m", "objective"),
-            *("hit_radius_m", "estimate.reading", "estimate.integrator", "estimate.dt_s", "estimate.joints"),
-        ),
+        settings=_PLANNED,
     ),
     Stage(
         "register_motion",

@@ -95,14 +95,18 @@ def logged(scope: Scope, name: str) -> Role:
     return lambda job: [path.with_name(name) for path in _raw_if_there(job, scope(job), "run.json")]
 
 
+REHEARSED_FILES = {"motion": "motion.json", "joints": "joints.csv", "run": "run.json"}
+
+
 def rehearsal(name: str) -> Role:
-    """Return the role of a file of the rehearsal; none if there was none, or a throw has shown the joints."""
+    """Return the role of a file of the rehearsal; none without one, or where a throw has shown the joints."""
     return lambda job: _rehearsal(job, name)
 
 
 def _rehearsal(job: Job, name: str) -> list[Path]:
     folder = job.context.folder.rehearsal
-    return [folder / name] if file_exists(folder / "run.json") and not past(job) else []
+    there = job.context.settings.lab_rehearses if job.is_lab else file_exists(folder / "run.json")
+    return [folder / name] if there and not past(job) else []
 
 
 def video(job: Job) -> list[Path]:

@@ -1,6 +1,8 @@
 """The next motion, made from the trials before it, and the throws that are expected of it."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from strandcast.records.estimate import Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.predicted import PredictedThrows, write_predicted
 from strandcast.seeds import rng, seed_of
+from strandcast.stages.context import Context
 from strandcast.stages.files import past
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import Trial, hashes_of, read_trial
@@ -52,19 +55,26 @@ def run(job: Job, files: Files) -> None:
     motion.write(files.output("motion"))
 
 
+def first_motion(context: Context, arm: Arm) -> Motion:
+    """Return the first motion as it is planned before anything was played."""
+    seeded_by = _seeded_by(context, 1)
+    random = rng(*seeded_by)
+    task, strings = first_inputs(context, arm, random)
+    with _about(context):
+        plan = plan_first(task, strings, context.settings.plan, random)
+    start = start_string_name(context.settings)
+    return to_record(plan, task, context.name, 1, seed_of(*seeded_by), {}, None, start)
+
+
 def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
     """Return the planned motion of one trial, and the throws that are expected of it."""
     refuse_without_target(job.context)
     context, arm = job.context, load_arm(files.input("arm"))
-    settings, seeded_by = context.settings, (context.name, context.settings.seed, job.trial, "plan")
+    settings, seeded_by = context.settings, _seeded_by(context, job.trial)
     random = rng(*seeded_by)
     trials = [read_trial(files, number) for number in past(job)]
-    try:
+    with _about(context):
         task, plan, scatter = _next(files, arm, trials, random) if trials else _first(files, arm, random)
-    except StrandcastError as error:
-        # An error that names no file is about a request in the experiment's file.
-        error.file = error.file or str(context.file)
-        raise
     parent = next((t.motion for t in trials if t.number == plan.parent_trial), None)
     motion = to_record(
         plan,
@@ -80,6 +90,20 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
         [one.to_record() for one in scatter] if settings.plan.disturbances == "learnt" else None,
     )
     return motion, plan.throws._replace(motion_sha256=motion.content_sha256())
+
+
+def _seeded_by(context: Context, trial: int) -> tuple[str, int, int, str]:
+    return context.name, context.settings.seed, trial, "plan"
+
+
+@contextmanager
+def _about(context: Context) -> Iterator[None]:
+    """Let an error that names no file be about a request in the experiment's file."""
+    try:
+        yield
+    except StrandcastError as error:
+        error.file = error.file or str(context.file)
+        raise
 
 
 def _refuse_thrown(job: Job) -> None:

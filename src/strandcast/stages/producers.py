@@ -35,7 +35,9 @@ def steps_of(context: Context, trial: int) -> list[Step]:
         calibrated = (
             [] if recorded and all(_is_supplied(context, each) for each in recorded) else ["calibrate"]
         )
-        return [Step(stage) for stage in (*(["lab_calibrate"] if is_lab else []), *calibrated, "summary")]
+        lab = ["lab_calibrate"] if is_lab else []
+        lab += ["lab_rehearse"] if context.settings.lab_rehearses else []
+        return [Step(stage) for stage in (*lab, *calibrated, "summary")]
     folder = context.folder.trial(trial)
     if is_lab:
         motion = ["plan", "lab_throw"]

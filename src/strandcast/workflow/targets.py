@@ -245,6 +245,8 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
 
 
 def _runs(stage: str, context: Context) -> bool:
+    if stage == "lab_rehearse":
+        return context.settings.lab_rehearses
     return context.settings.lab is not None or not stage.startswith("lab_")
 
 

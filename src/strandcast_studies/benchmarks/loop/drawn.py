@@ -5,15 +5,14 @@
 
 As `loop.run`, but every seed has its own string, target and servo; with ``--wide`` also strings from 1 to
 40 g/m, thin and thick, and rigs that repeat better or worse than the typical one, with or without heavy
-tails. With ``--rehearsed`` the first motion is played with an empty clamp, and planned again, before it is
-thrown; with ``--filmed`` throws are filmed and tracked in their videos. The planner
-knows only a string's length and the places of its weights.
+tails. The first motion is played with an empty clamp, and planned again, before it is thrown, but not with
+``--unrehearsed``; with ``--filmed`` throws are filmed and tracked in their videos. The planner knows only a
+string's length and the places of its weights.
 """
 
 import json
 import math
 import tempfile
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -126,13 +125,16 @@ def log_uniform(between: tuple[float, float], random: np.random.Generator) -> fl
     return float(np.exp(random.uniform(*np.log(between))))
 
 
-def _job(root: str, seed: int, trials: int, wide: bool, learnt: bool, **how: bool) -> dict[str, Any]:
+def _job(
+    root: str, seed: int, trials: int, wide: bool, learnt: bool, rehearsed: bool, filmed: bool
+) -> dict[str, Any]:
     settings = (wide_settings_of if wide else settings_of)(load_plan(PROJECT / FILE).common, seed)
+    settings = merged(settings, {"lab": {"rehearsal": rehearsed}})
     settings = merged(settings, {"plan": {"disturbances": "learnt"}}) if learnt else settings
     name = f"{'wide' if wide else 'drawn'}-{seed}"
     prepare(Path(root), name, settings)
     drawn = {key: settings[key] for key in ("seed", "string", "target_m", "lab")}
-    thrown = outcome(lambda: run_prepared(Path(root), name, trials, RIGS["usual"], **how))
+    thrown = outcome(lambda: run_prepared(Path(root), name, trials, RIGS["usual"], filmed=filmed))
     run = {"name": name} | drawn | thrown
     (Path(root) / "runs").mkdir(exist_ok=True)
     (Path(root) / "runs" / f"{name}.json").write_text(json.dumps(run, indent=1), encoding="utf-8")
@@ -144,15 +146,15 @@ def main(arguments: list[str] | None = None) -> None:
     parser = run_parser(__doc__, list(REPORTED_SEEDS), "results/bench-drawn.json", strings=False)
     parser.add_argument("--wide", action="store_true", help="draw from the wide ranges, and rigs too")
     parser.add_argument("--learnt", action="store_true", help="learn the rig's scatter (plan.disturbances)")
-    parser.add_argument("--rehearsed", action="store_true", help="play the first motion without string first")
+    parser.add_argument("--unrehearsed", action="store_true", help="throw without a rehearsal")
     parser.add_argument("--filmed", action="store_true", help="film and track every throw, a minute of CPU")
     parser.add_argument("--work", type=Path, default=None, help="keep the experiments' folders here")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="strandcast-drawn-") as folder:
         root = str(root_with_arms(options.work or Path(folder)))
-        jobs = [(root, seed, options.trials, options.wide, options.learnt) for seed in options.seeds]
-        job = partial(_job, rehearsed=options.rehearsed, filmed=options.filmed)
-        print(json.dumps(run_jobs(job, jobs, options.jobs, options.out), indent=1))
+        how = options.trials, options.wide, options.learnt, not options.unrehearsed, options.filmed
+        jobs = [(root, seed, *how) for seed in options.seeds]
+        print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,6 @@ from strandcast.stages.run import run_stage
 from strandcast_studies.benchmarks.loop.throw import (
     LoopRig,
     no_variation,
-    rehearse,
     throw,
     throw_filmed,
     without_scatter,
@@ -113,22 +112,21 @@ def run_case(
 
 
 def run_prepared(
-    root: Path, name: str, trials: int, rig: LoopRig, *, rehearsed: bool = False, filmed: bool = False
+    root: Path, name: str, trials: int, rig: LoopRig, *, filmed: bool = False
 ) -> list[LoopTrial]:
     """Run `trials` throws of a prepared experiment, with estimates and plans in between.
 
-    If `rehearsed`, the first motion is played with an empty clamp, and planned again, before it is thrown. If
-    `filmed`, throws are tracked in their videos; else the tracks have the rig's noise.
+    If `filmed`, throws are tracked in their videos; else the tracks have the rig's noise.
     """
-    folder = context_of(root, name).folder
+    context = context_of(root, name)
+    folder = context.folder
     thrown = []
     for number in range(1, trials + 1):
         results = folder.trial(number).results
         wall, cpu = time.perf_counter(), time.process_time()
+        if number == 1 and context.settings.lab_rehearses:
+            run_stage("lab_rehearse", root, name)
         run_stage("plan", root, name, number)
-        if number == 1 and rehearsed:
-            rehearse(root, name, rig)
-            run_stage("plan", root, name, number)
         spent = time.process_time() - cpu, time.perf_counter() - wall
         if filmed:
             true_m = throw_filmed(root, name, number)

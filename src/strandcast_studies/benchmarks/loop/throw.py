@@ -12,7 +12,7 @@ from strandcast.alignment.log_rows import log_rows_of
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm, load_arm
 from strandcast.lab.driver import joint_log
-from strandcast.lab.strings import PhysicalString, physical_string
+from strandcast.lab.strings import physical_string
 from strandcast.lab.swing import BEFORE_S, LabSwing, simulate_swing
 from strandcast.lab.truth import true_miss
 from strandcast.lab.variation import LabClocks, ThrowVariation, draw_variation, scatter_of
@@ -30,9 +30,6 @@ from strandcast_studies.lab_capture import TrackerNoise, points_at, with_tracker
 FRAME_RATE_HZ = 500.0
 FILMED_BEFORE_S, FILMED_AFTER_S = 0.22, 0.45  # the motion; chosen
 LOG_START_S = 1.0
-REHEARSAL = 0  # in place of a trial's number, for its random numbers
-# The lab's arm always holds a string: 50 mm of thread, 0.05 g, stand for an empty clamp.
-BARE_CLAMP = PhysicalString(0.05, 1e-3, 1e-6, 0.0, 1e-3)
 
 
 @dataclass(frozen=True)
@@ -57,67 +54,36 @@ def throw_filmed(root: Path, name: str, trial: int) -> float:
 def throw(root: Path, name: str, trial: int, rig: LoopRig) -> float:
     """Throw a trial's motion and write its raw folder with a supplied track; return the true miss [m]."""
     context = context_of(root, name)
-    arm, folder = load_arm(context.arm_file), context.folder.trial(trial).data
-    variation = rig.vary(_drawn(context, arm, trial))
-    thread = physical_string(context.settings)
-    log, swing, span_s = _played(context, arm, trial, folder, variation, thread)
-    _write_hand(folder, arm, log)
-    _write_track(context, arm, trial, swing, span_s, rig.noise)
-    return true_miss(swing, np.array(context.settings.target_m), span_s[1] - span_s[0])[0]
-
-
-def rehearse(root: Path, name: str, rig: LoopRig) -> None:
-    """Play the first trial's motion with an empty clamp and write the rehearsal's folder."""
-    context = context_of(root, name)
-    arm = load_arm(context.arm_file)
-    variation = replace(rig.vary(_drawn(context, arm, REHEARSAL)), grasp_length_m=0.0)
-    _played(context, arm, REHEARSAL, context.folder.rehearsal, variation, BARE_CLAMP)
-
-
-def _drawn(context: Context, arm: Arm, number: int) -> ThrowVariation:
-    settings, name = context.settings, context.name
+    settings, arm = context.settings, load_arm(context.arm_file)
     assert settings.lab is not None
-    return draw_variation(
-        rng(name, settings.seed, number, "lab-throw"),
+    folder = context.folder.trial(trial)
+    folder.data.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(folder.results / "motion.json", folder.data / "motion.json")
+    motion = Motion.read(folder.data / "motion.json")
+    drawn = draw_variation(
+        rng(name, settings.seed, trial, "lab-throw"),
         len(arm.joints),
         settings.lab.noise,
         scatter_of(name, settings.seed, settings.lab),
     )
-
-
-def _played(
-    context: Context, arm: Arm, number: int, folder: Path, variation: ThrowVariation, thread: PhysicalString
-) -> tuple[JointLog, LabSwing, tuple[float, float]]:
-    """Play a trial's motion, or the first one's in a rehearsal, and write it and its log into a folder.
-
-    Returns the log, the swing, and when the motion starts and ends [s].
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    planned = context.folder.trial(max(number, 1)).results / "motion.json"
-    shutil.copyfile(planned, folder / "motion.json")
-    motion = Motion.read(folder / "motion.json")
-    swing = swung(context, arm, motion, variation, thread)
+    variation = rig.vary(drawn)
+    swing = swung(context, arm, motion, variation)
     motion_s = motion.trajectory().end_s
-    clocks = LabClocks(LOG_START_S, 0.0, 0.0)
-    random = rng(context.name, context.settings.seed, number, "lab-log")
+    clocks, random = LabClocks(LOG_START_S, 0.0, 0.0), rng(name, settings.seed, trial, "lab-log")
     log = joint_log(arm, swing, variation, clocks, motion_s, random)
     span_s = (LOG_START_S + BEFORE_S, LOG_START_S + BEFORE_S + motion_s)
-    _write_log(folder, arm, motion, log, span_s)
-    return log, swing, span_s
+    _write_log(folder.data, arm, motion, log, span_s)
+    _write_hand(folder.data, arm, log)
+    _write_track(context, arm, trial, swing, span_s, rig.noise)
+    return true_miss(swing, np.array(settings.target_m), motion_s)[0]
 
 
-def swung(
-    context: Context,
-    arm: Arm,
-    motion: Motion,
-    variation: ThrowVariation,
-    thread: PhysicalString | None = None,
-) -> LabSwing:
-    """Return the lab's simulation of a played motion, by default with the experiment's string."""
+def swung(context: Context, arm: Arm, motion: Motion, variation: ThrowVariation) -> LabSwing:
+    """Return the lab's simulation of a played motion."""
     assert context.settings.lab is not None
     command = motion.trajectory().resampled(1.0 / arm.log_rate_hz)
-    string = thread or physical_string(context.settings)
-    return simulate_swing(arm, context.settings.lab.servo, string, variation, command)
+    thread = physical_string(context.settings)
+    return simulate_swing(arm, context.settings.lab.servo, thread, variation, command)
 
 
 def filmed_points(context: Context, swing: LabSwing, motion_s: float) -> tuple[np.ndarray, np.ndarray]:

@@ -26,6 +26,7 @@ from strandcast.estimation.cable_estimate import CableEstimate, PreviousCable, R
 from strandcast.estimation.cable_series import CableSeries
 from strandcast.estimation.cable_space import space_of_cable
 from strandcast.lab.driver import joint_log
+from strandcast.lab.strings import EMPTY_CLAMP
 from strandcast.lab.swing import LabSwing
 from strandcast.lab.swing_in_space import VariationInSpace, simulate_swing_in_space
 from strandcast.lab.truth import true_miss
@@ -38,12 +39,7 @@ from strandcast.planning.start_strings import start_strings_in_space
 from strandcast.planning.task import SpatialTask
 from strandcast.scoring.closest_approach import closest_approach
 from strandcast_studies.benchmarks.loop.run import outcome, run_jobs, run_parser
-from strandcast_studies.benchmarks.loop.throw import (
-    BARE_CLAMP,
-    FILMED_AFTER_S,
-    FILMED_BEFORE_S,
-    FRAME_RATE_HZ,
-)
+from strandcast_studies.benchmarks.loop.throw import FILMED_AFTER_S, FILMED_BEFORE_S, FRAME_RATE_HZ
 from strandcast_studies.benchmarks.space.drawn import SpaceCase, drawn_case
 from strandcast_studies.lab_capture import TrackerNoise, points_at, with_tracker_noise
 
@@ -136,7 +132,7 @@ def rehearse(case: SpaceCase, plan: PlannedMotion, random: np.random.Generator) 
     """Play a motion with an empty clamp; what is measured are the joints."""
     along, across = _variation(case, random)
     held_well = VariationInSpace(replace(along, grasp_length_m=0.0), across)
-    bare = replace(case, string=BARE_CLAMP, curl_turn_rad=0.0)
+    bare = replace(case, string=EMPTY_CLAMP, curl_turn_rad=0.0)
     played = _played(bare, plan, held_well, random)
     return _past(case, plan, 0, played, np.zeros(0), np.zeros((0, POINTS + 1, 3)))
 
