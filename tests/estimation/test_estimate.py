@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from strandcast.config.estimate import EstimateSettings, PaperSearch
-from strandcast.core.strings import REST_CURL, StringBatch
+from strandcast.core.strings import DRAG_ALONG, PARAMETERS, REST_CURL, StringBatch
 from strandcast.dynamics.parameters import RANGES
 from strandcast.errors import StrandcastError
 from strandcast.estimation.cross_validation import CHOSEN, REFITTED
@@ -68,6 +68,26 @@ def test_the_fit_reports_itself_correctly(fit):
     assert 1e-7 < fit.step_change_m < fit.E_m
     assert fit.convergence[0][-1] <= fit.evaluations
     assert fit.convergence[1][-1] == fit.member_values_m[0]
+
+
+def test_drag_along_the_string_is_fitted_where_it_explains_the_throw_better(fit):
+    assert not fit.best.drag_along.any()  # the known string has one drag for all directions
+    assert DRAG_ALONG not in fit.space.names
+    light = known_string()
+    light.parameters[:, PARAMETERS.index("C_c2")] = 3.0
+    pose = hand_path(1.0)
+    noise_m = NOISE_M * np.random.default_rng(3).standard_normal((len(TIME_S), 7, 2))
+    points_m = simulated(replace(light, drag_along=np.array([0.2])), pose) + noise_m
+    throw = Throw(TIME_S, points_m, TIME_S, pose, TIME_S < 0.55)
+    once, auto = (
+        estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(2))
+        for settings in (QUICK.model_copy(update={"drag_along": False}), QUICK)
+    )
+    assert auto.best.drag_along[0] == pytest.approx(0.2, abs=0.1)
+    assert auto.E_m < 0.9 * once.E_m
+    again = estimate([throw], MODEL, LAYOUT, QUICK, np.random.default_rng(2), previous=auto.members)
+    assert DRAG_ALONG in again.space.names
+    assert again.E_m < 1.02 * auto.E_m
 
 
 def test_guesses_without_a_model_are_as_far_off_as_the_string_is():

@@ -146,10 +146,11 @@ class EstimateSettings(Section):
         description="Fit dry friction that sticks, and the bend over which it builds up. Set it for cables "
         "that rest where friction holds them, or that are stiffer in small motions than in large ones.",
     )
-    drag_along: bool = Field(
-        False,
-        description="Let air drag be smaller along the string than across it, and fit the ratio. Set it for "
-        "light, thick strings; without it drag is the same in all directions, as in the paper's Table 1.",
+    drag_along: bool | Literal["auto"] = Field(
+        "auto",
+        description="Let air drag be smaller along the string than across it, and fit the ratio: always, "
+        "never (drag is the same in all directions, as in the paper's Table 1), or where it explains the "
+        "throws better (auto), as with light, thick strings. Use false to reproduce the paper.",
     )
     find_weights: Annotated[int, Field(ge=0, le=3)] = Field(
         0,

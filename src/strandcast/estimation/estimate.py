@@ -12,7 +12,7 @@ from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.estimation import cross_validation
 from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.estimation.descent import GaussNewtonModel
-from strandcast.estimation.ensemble import near_samples
+from strandcast.estimation.ensemble import distant_members, near_samples
 from strandcast.estimation.evaluation import evaluation_of_points
 from strandcast.estimation.fit import StringFit, fit_of
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
@@ -21,14 +21,15 @@ from strandcast.estimation.optimisers.optimiser import SearchProblem, SearchStar
 from strandcast.estimation.optimisers.registry import OPTIMISERS
 from strandcast.estimation.throws import prepare
 from strandcast.estimation.uncertainty import uncertainty_of
-from strandcast.estimation.unknowns import space_of, widened
+from strandcast.estimation.unknowns import space_of, widened, with_drag_along
 from strandcast.progress import Progress
 from strandcast.records.estimate import CARRIED, HANGING, UNDER_PREVIOUS
 
 # Chosen.
 NEAR_SAMPLES = 64
 CROSS_VALIDATION_SHARE = 0.08  # of the evaluations
-WIDER_PAYS = 0.98  # wider ranges are kept if the cost falls below this share
+PAYS = 0.98  # wider ranges, and one more unknown, are kept if the cost falls below this share
+DRAGS_ALONG = (1.0, 0.3)  # that strings fitted without it start with
 
 
 def estimate(
@@ -85,9 +86,15 @@ def estimate(
         settings.evaluation,
         overstretched_allowed=settings.ranges == "paper",
     )
-    objective, log = _search_in_wide_enough_ranges(
-        objective, settings, rng, SearchStart(previous, older + len(throws))
-    )
+    start = SearchStart(previous, older + len(throws))
+    if settings.drag_along != "auto":
+        objective, log = _search_in_wide_enough_ranges(objective, settings, rng, start)
+    elif previous is not None and previous.drag_along.any():
+        objective = replace(objective, space=with_drag_along(space))
+        objective, log = _search_in_wide_enough_ranges(objective, settings, rng, start)
+    else:
+        objective, log = _search_in_wide_enough_ranges(objective, settings, rng, start)
+        objective, log = _with_drag_along_if_it_pays(objective, log, settings, rng, start)
     _refuse_invalid(log)
     held_out = [] if previous is None else [_under_previous(objective, previous)]
     if settings.search == "paper":
@@ -120,10 +127,33 @@ def _search_in_wide_enough_ranges(
         wider = replace(objective, space=space)
         own_rng = rng.spawn(1)[0]  # what follows does not depend on a search that did not pay
         beyond = search(wider, settings, own_rng, replace(start, previous=None), _search_budget(settings))
-        if beyond.best()[1] > WIDER_PAYS * value:
+        if beyond.best()[1] > PAYS * value:
             break
         objective, log = wider, beyond
     return objective, log
+
+
+def _with_drag_along_if_it_pays(
+    objective: FitObjective,
+    log: EvaluationLog,
+    settings: EstimateSettings,
+    rng: np.random.Generator,
+    start: SearchStart,
+) -> tuple[FitObjective, EvaluationLog]:
+    """Search with the drag along the string as one more unknown, from the strings that were found without it.
+
+    A search from nothing with one more unknown finds what it found without it less surely.
+    """
+    chi, values = log.all()
+    if settings.search == "paper" or not np.isfinite(values).any():
+        return objective, log
+    found = objective.space.strings(chi[distant_members(chi, values, settings.ensemble)])
+    starts = found.take(np.tile(np.arange(len(found)), len(DRAGS_ALONG)))
+    starts = replace(starts, drag_along=np.repeat(DRAGS_ALONG, len(found)))
+    freer = replace(objective, space=with_drag_along(objective.space))
+    own_rng = rng.spawn(1)[0]  # what follows does not depend on a search that did not pay
+    beyond = search(freer, settings, own_rng, replace(start, previous=starts), _search_budget(settings))
+    return (freer, beyond) if beyond.best()[1] < PAYS * log.best()[1] else (objective, log)
 
 
 def search(

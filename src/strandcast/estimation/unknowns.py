@@ -85,7 +85,7 @@ def space_of(
     by_name = {
         BEND_FRICTION: (settings.bend_friction or settings.friction_stick, FRICTION_RANGE),
         FRICTION_STICK: (settings.friction_stick, STICK_RANGE_RAD_M),
-        DRAG_ALONG: (settings.drag_along, DRAG_ALONG_RANGE),
+        DRAG_ALONG: (settings.drag_along is True, DRAG_ALONG_RANGE),
     }
     options |= {name: bounds for name, (wanted, bounds) in by_name.items() if wanted}
     for k in range(settings.find_weights):
@@ -95,6 +95,12 @@ def space_of(
     bounds = np.vstack([bounds_of(settings.ranges), *[mass_range] * layout.count, *options.values()])
     prior_sd = np.array([sd.get(name, np.inf) for name in names])
     return Space(names, bounds, layout, prior_sd, length_m / layout.shares.shape[1])
+
+
+def with_drag_along(space: Space) -> Space:
+    """Return the box with the drag along the string as one more unknown."""
+    names, bounds = (*space.names, DRAG_ALONG), np.vstack([space.bounds, DRAG_ALONG_RANGE])
+    return replace(space, names=names, bounds=bounds, prior_sd=np.append(space.prior_sd, np.inf))
 
 
 def widened(space: Space, chi: Array) -> Space | None:
