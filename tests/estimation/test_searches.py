@@ -10,6 +10,7 @@ from strandcast.config.estimate import THOROUGH_EVALUATIONS, EstimateSettings, P
 from strandcast.errors import StrandcastError
 from strandcast.estimation.ensemble import distant_members
 from strandcast.estimation.estimate import search
+from strandcast.estimation.fit import disagreement
 from strandcast.estimation.fit_objective import EvaluationLog, simulate_throw
 from strandcast.estimation.optimisers.cma_es import minimise_by_cma_es
 from strandcast.estimation.optimisers.evolution import evolve
@@ -121,15 +122,32 @@ def test_a_thorough_search_explains_a_throw_as_well_as_the_string_that_made_it()
     noisy = made + NOISE_M * np.random.default_rng(6).standard_normal(made.shape)
     objective = replace(objective, throws=(replace(observed, points_m=noisy),))
 
-    def relative_cost(name: str, evaluations: int) -> float:
+    def searched(name: str, evaluations: int) -> EvaluationLog:
         settings = EstimateSettings(search=name)
-        random, start = np.random.default_rng(1), SearchStart(None, 1)
-        return float(
-            search(objective, settings, random, start, evaluations).best()[1] / objective.cost(truth)[0]
-        )
+        return search(objective, settings, np.random.default_rng(1), SearchStart(None, 1), evaluations)
 
-    assert relative_cost("thorough", 60000) < 1.005
-    assert relative_cost("descent", 4000) > 1.02  # else this throw is too easy
+    true_cost = objective.cost(truth)[0]
+    thorough, descent = searched("thorough", 60000), searched("descent", 4000)
+    assert thorough.best()[1] / true_cost < 1.005
+    assert descent.best()[1] / true_cost > 1.02  # else this throw is too easy
+    assert len(thorough.ends) == 8
+    assert not disagreement(thorough)
+    assert not descent.ends
+
+
+def test_independent_searches_that_end_in_different_strings_are_a_warning():
+    log = EvaluationLog(bowl)
+    log(GOAL[None] + [[0.05, 0.0, 0.0]])
+    best = log.best()[1]
+    for ends, warned in (
+        ([], None),
+        ([1.0, 1.01, 3.0, 4.0], None),
+        ([1.0, 1.05, 3.0, 4.0], "the 4 independent searches disagree: 1 of them"),
+        ([1.03, 1.05, 3.0, 4.0], "the 4 independent searches disagree: none of them"),
+    ):
+        log.ends = [best * end for end in ends]
+        found = disagreement(log)
+        assert [text[: len(warned or "")] for text in found] == ([warned] if warned else [])
 
 
 def test_a_thorough_search_simulates_more_unless_told_how_many():

@@ -9,7 +9,7 @@ from strandcast.config.experiment import Experiment
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.lab.strings import PAPER_STRINGS, physical_string
-from strandcast.lab.throw import throw
+from strandcast.lab.throw import rehearse, throw
 from strandcast.lab.truth import LAB_TRUTH
 from strandcast.records.files import sha256_file
 from strandcast.records.joint_log import read_run
@@ -51,6 +51,22 @@ def test_the_log_is_noisy_and_the_string_hangs_on_the_hand(thrown: Thrown) -> No
     hand = hand_pose(thrown.arm.chain, thrown.arm.clamp, commanded).position_m
     assert np.median(np.linalg.norm(clamp - hand, axis=1)) < 0.004
     assert 0.0 < facts["miss_m"] < 1.0
+
+
+def test_a_rehearsal_shows_the_joints_and_nothing_of_the_string(thrown: Thrown, tmp_path: Path) -> None:
+    joints = []
+    for string in ("paper-1", "paper-3"):
+        experiment = make_experiment(string=string, servo="soft")
+        folder = tmp_path / string
+        rehearse(experiment, "lab-test", thrown.arm, thrown.motion, folder)
+        assert {path.name for path in folder.iterdir()} == {"joints.csv", "run.json", "motion.json"}
+        run, log = read_run(folder)
+        assert run.complete
+        assert run.motion_sha256 == Motion.read(thrown.motion).content_sha256()
+        joints.append((folder / "joints.csv").read_bytes())
+    assert joints[0] == joints[1]
+    off_rad = np.abs(log.q_rad - log.q_cmd_rad)[np.isfinite(log.since_start_s)]
+    assert off_rad.max() > 0.05  # soft joints lag and sag
 
 
 def test_repeating_a_throw_gives_the_same_bytes(thrown: Thrown, tmp_path: Path) -> None:

@@ -182,6 +182,13 @@ def test_the_methods_name_the_fault_with_its_numbers(good, too_short):
     assert f"corrected to {rate_hz / 1.01:.1f} ±" in corrected
 
 
+def test_the_methods_mention_a_rehearsal(good):
+    motion = good.pieces["motion"]
+    assert "empty clamp" not in methods(good)
+    kind = motion.provenance.model_copy(update={"kind": "rehearsed"})
+    assert "played with an empty clamp" in methods(with_record(good, "motion", provenance=kind))
+
+
 @pytest.mark.parametrize(("beyond_m", "word"), [(-0.001, "HIT?"), (0.001, "MISS?"), (-0.005, "HIT")])
 def test_a_miss_near_the_hit_radius_gets_a_question_mark(good, beyond_m, word):
     radius_m = good.pieces["verdict"].hit_radius_m

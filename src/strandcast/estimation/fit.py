@@ -17,6 +17,9 @@ from strandcast.estimation.throws import PreparedThrow
 from strandcast.estimation.uncertainty import Uncertainty
 from strandcast.estimation.unknowns import STIFFNESSES, WIDENED, WIDENED_BY, bounds_of
 
+# Independent searches agree if at least two end this near to the best cost. In an exact world they did where
+# the true string was found, and not where it was missed (docs/explanation/claims.md).
+AGREE, FEWEST_ENDS = 1.02, 2
 PHYSICAL_BOUNDS = (DRAG_ALONG,)  # no string is beyond them
 
 
@@ -179,6 +182,18 @@ def _step_change(model: StringModel, throw: PreparedThrow, best: StringBatch, fi
     return float(moved.mean())
 
 
+def disagreement(log: EvaluationLog) -> list[str]:
+    """Return a warning if independent searches ended in strings that do not explain the throws as well."""
+    near = sum(end <= AGREE * log.best()[1] for end in log.ends)
+    if len(log.ends) < FEWEST_ENDS or near >= FEWEST_ENDS:
+        return []
+    return [
+        f"the {len(log.ends)} independent searches disagree: {near or 'none'} of them came within "
+        f"{100 * (AGREE - 1):.0f} % of the best cost, so that a better string may exist; do not read its "
+        "parameters: raise estimate.evaluations, or throw another motion"
+    ]
+
+
 def _warnings(
     space: Space,
     chi: Array,
@@ -204,6 +219,7 @@ def _warnings(
         warnings.append(f"{int(np.isnan(points).sum())} of {len(points)} points were never measured")
     if log.rejected() > 0.5 * log.count:
         warnings.append(f"{log.rejected()} of {log.count} candidates were invalid")
+    warnings += disagreement(log)
     if not step_change_m < evaluation_of_points(points):
         warnings.append(
             f"half the step moves the fitted string by {1e3 * step_change_m:.1f} mm: choose a smaller "

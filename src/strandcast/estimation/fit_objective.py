@@ -162,6 +162,8 @@ class EvaluationLog:
         Strings simulated so far, those for derivatives included.
     converged
         Whether the search ended because nothing improved any more.
+    ends
+        Costs at which independent searches ended, if there were several.
     found
         The best candidate (d,) so far, and its E.
     """
@@ -173,6 +175,7 @@ class EvaluationLog:
     at: list[Array] = field(default_factory=list)
     count: int = 0
     converged: bool = False
+    ends: list[float] = field(default_factory=list)
     found: tuple[Array, float] | None = None
 
     def __call__(self, chi: Array) -> Array:

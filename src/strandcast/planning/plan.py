@@ -212,7 +212,7 @@ def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
     curve, simulations = _stopped_inside(
         task, lambda task: search_near(task, scattered, miss_m, settings, given.rng)
     )
-    return predicted_near(given, near, SearchResult("first", curve, simulations, []))
+    return predicted_near(given, near, SearchResult("rehearsed", curve, simulations, []))
 
 
 def _from_scratch(given: SearchInputs, reason: str) -> PlannedMotion:

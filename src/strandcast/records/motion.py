@@ -141,7 +141,7 @@ class Provenance(OmitsUnset):
     """How the motion was planned, and from which files."""
 
     planner: str
-    kind: str  # "first", "refined" or "replanned"
+    kind: str  # "first", "rehearsed", "refined" or "replanned"
     seed: int
     planned_from: dict[str, str]  # file -> hash of its content
     parent_motion_sha256: str | None

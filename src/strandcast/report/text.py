@@ -207,8 +207,18 @@ def _fit(estimate: Estimate) -> str:
     )
 
 
+def _planning(motion: Motion) -> str:
+    if motion.provenance is None or motion.provenance.kind != "rehearsed":
+        return ""
+    return (
+        "Before the first throw, the planned motion was played with an empty clamp, and planned again with "
+        "the joints' measured error."
+    )
+
+
 # Sentence of the methods paragraph by the result that it describes.
 SENTENCES: dict[str, Callable[[Any], str]] = {
+    "motion": _planning,
     "manifest": _recording,
     "camera": _camera,
     "track_summary": _tracking,
