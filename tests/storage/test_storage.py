@@ -30,7 +30,7 @@ ELSEWHERE = (
 def local(tmp_path_factory) -> Path:
     """Return a project with two recorded throws and their results, made from files on disk."""
     root = make_project(tmp_path_factory.mktemp("local") / "project")
-    jobs: list[list[object]] = [["lab_calibrate", NAME], ["calibrate", NAME]]
+    jobs: list[list[object]] = [["lab_calibrate", NAME], ["calibrate", NAME], ["lab_rehearse", NAME]]
     jobs += [[stage, NAME, 1] for stage in ("plan", "lab_throw", "ingest", "track", "reconstruct", "align")]
     jobs += [["estimate", NAME, 1], ["plan", NAME, 2], ["lab_throw", NAME, 2]]
     run_stages(root, jobs)
