@@ -25,7 +25,7 @@ from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import BLEW_UP, OK
 from strandcast.dynamics.simulate import simulate_batch as simulate
-from strandcast.dynamics.spatial.clamps import clamp_poses, level_clamp_poses, poses_in_plane
+from strandcast.dynamics.spatial.clamps import clamp_poses, hanging_clamp_poses, poses_in_plane
 
 pytestmark = pytest.mark.slow
 
@@ -125,15 +125,22 @@ def test_normals_are_transported_without_roll():
     direction = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
     pose = clamp_poses(np.zeros((200, 3)), 3.0 * direction)
     np.testing.assert_allclose(pose[:, 8], pose[0, 8], atol=1e-12)  # the vertical part of the normal
-    tilted = direction + np.array([0.0, 0.0, 0.5])
-    level = level_clamp_poses(np.zeros((200, 3)), tilted)
-    np.testing.assert_allclose(level[:, 8], 0.0, atol=1e-12)
-    np.testing.assert_allclose((level[:, 3:6] * level[:, 6:9]).sum(axis=1), 0.0, atol=1e-12)
-    with pytest.raises(ValueError, match="no level normal"):
-        level_clamp_poses(np.zeros((1, 3)), np.array([[0.0, 0.0, -2.0]]))
 
 
-@pytest.mark.parametrize("poses", [clamp_poses, level_clamp_poses])
+def test_a_hanging_roll_depends_on_the_direction_alone():
+    turn = np.linspace(0.0, 2.0 * np.pi, 200)
+    around = np.column_stack([np.cos(turn), np.sin(turn), np.full_like(turn, -0.5)])
+    pose = hanging_clamp_poses(np.zeros((200, 3)), 3.0 * around)
+    np.testing.assert_allclose(pose[-1], pose[0], atol=1e-12)
+    np.testing.assert_allclose((pose[:, 3:6] * pose[:, 6:9]).sum(axis=1), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(pose[:, 6:9], axis=1), 1.0)
+    # The least turn from downwards to the y axis is about the x axis.
+    np.testing.assert_allclose(hanging_clamp_poses(np.zeros((1, 3)), np.eye(3)[1:2])[0, 6:9], np.eye(3)[0])
+    with pytest.raises(ValueError, match="straight up"):
+        hanging_clamp_poses(np.zeros((1, 3)), np.array([[0.0, 0.0, 2.0]]))
+
+
+@pytest.mark.parametrize("poses", [clamp_poses, hanging_clamp_poses])
 @pytest.mark.parametrize("size", [0.0, np.nan, np.inf])
 def test_a_direction_without_a_length_is_refused(poses, size):
     direction = np.array([[1.0, 0.0, 0.0], [size, 0.0, 0.0]])

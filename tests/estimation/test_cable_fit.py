@@ -161,18 +161,36 @@ def test_the_start_velocity_is_smoothed_over_a_few_frames():
     assert np.sqrt(np.mean(off[:-1] ** 2)) < 0.03
 
 
-def test_an_end_that_points_down_is_not_level_and_a_point_has_no_direction():
+def test_an_end_that_points_up_does_not_hang_and_a_point_has_no_direction():
     place = np.cumsum(np.full((50, 3), 1e-3), axis=0)
-    time_s, down = TIME_S[:50], np.broadcast_to([0.0, 0.0, -1.0], (50, 3))
+    time_s, up = TIME_S[:50], np.broadcast_to([0.0, 0.0, 1.0], (50, 3))
     seen = place[:, None] - [0.0, 0.0, 0.5]
-    aside = np.broadcast_to([0.5, 0.0, -1.0], (50, 3))
+    aside = np.broadcast_to([0.5, 0.0, 1.0], (50, 3))
 
     def rolls(*direction):
         return series_between(time_s, [DrivenEnd(place, *direction)], seen, np.ones(1))
 
-    assert list(rolls(down)) == ["transported"]
-    assert list(rolls(aside)) == ["transported", "level"]
-    begins_down = np.concatenate([down[:10], aside[10:]])
-    assert list(rolls(begins_down)) == ["transported"]
-    assert list(rolls(aside, down)) == ["measured"]
+    assert list(rolls(up)) == ["transported"]
+    assert list(rolls(-up)) == ["transported", "hanging"]
+    begins_up = np.concatenate([up[:10], aside[10:]])
+    assert list(rolls(begins_up)) == ["transported"]
+    assert list(rolls(aside, up)) == ["measured"]
     assert rolls()["measured"].pinned
+
+
+@pytest.mark.parametrize("wrong", [slice(0, None), slice(60, 100), slice(0, 30)], ids=str)
+def test_markers_of_a_body_that_were_taken_for_each_other_are_put_in_order(wrong):
+    moving = series(True, 0.0)
+    # The string leaves the inner one of two markers, 25 mm apart.
+    inner, away = moving.pose[:, 9:12], 0.025 * moving.pose[:, 12:15]
+    exchanged = np.zeros((len(TIME_S), 1), dtype=bool)
+    exchanged[wrong] = True
+    far = DrivenEnd(np.where(exchanged, inner - away, inner), np.where(exchanged, -away, away))
+    near = DrivenEnd(moving.pose[:, :3], moving.pose[:, 3:6])
+    seen = moving.vertices_m.copy()
+    seen[12:] = np.nan  # a prediction has no more
+
+    def pose(end):
+        return series_between(TIME_S, [near, end], seen, PLACES)["transported"].pose
+
+    np.testing.assert_allclose(pose(far), pose(DrivenEnd(inner, away)), atol=1e-12)

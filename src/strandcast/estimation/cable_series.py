@@ -12,7 +12,7 @@ from scipy.signal import medfilt, savgol_filter
 
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
 from strandcast.dynamics.parameters import GRAVITY_M_S2, Array
-from strandcast.dynamics.spatial.clamps import POSE, clamp_poses, level_clamp_poses
+from strandcast.dynamics.spatial.clamps import POSE, clamp_poses, hanging_clamp_poses
 from strandcast.estimation.throws import PreparedThrow
 
 # All chosen.
@@ -23,12 +23,13 @@ FEWEST_FRAMES = 3  # of a start, also of slow cameras
 STILL_M_S = 0.01  # velocities of a start are not known better
 SLOW = 0.05  # of the speed of a fall over its length: there, a string nearly has its rest shape
 FEWEST = 4  # known places of a shape, the driven ends included; through fewer, the ends' directions help
-LEAST_ASIDE, VERTICAL = 0.1, 1e-5  # sines of angles to the vertical
+UPWARDS = 0.995  # cosine of the angle to straight up: near there, a hanging roll spins
+TOO_LONG = 1.1  # of the way along the string to a marker: the marker's distance is never as long
 CLEAR_OF_ENDS = 1e-6  # of the length: a marker nearer to a driven end is that end
 
 Roll = Callable[[Array, Array], Array]
 # How a driven end turns about its own axis where that was not measured, as fits better.
-ROLLS: Mapping[str, Roll] = {"transported": clamp_poses, "level": level_clamp_poses}
+ROLLS: Mapping[str, Roll] = {"transported": clamp_poses, "hanging": hanging_clamp_poses}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +71,42 @@ class DrivenEnd:
             ),
         )
 
-    def can_be_level(self) -> bool:
-        """Whether it usually points far enough from up and down to stay level, and never exactly there."""
+    def in_order(self, vertices_m: Array, places: Array) -> DrivenEnd:
+        """Return the path with its two markers in order where they were taken for each other.
+
+        The order changes wherever the direction is reversed from one frame to the next. It is wrong at first
+        if the string would have to be longer than it is to reach its nearest marker.
+
+        Parameters
+        ----------
+        vertices_m, places
+            (F, m, 3) markers of the string [m] and (m,) their distances from this end over its length,
+            the nearest first.
+        """
+        if self.direction is None or self.normal is not None or len(places) < 2:
+            return self
+        kept = (self.direction[1:] * self.direction[:-1]).sum(axis=1) >= 0.0
+        order = np.cumprod(np.r_[1.0, np.where(kept, 1.0, -1.0)])
+        seen = np.flatnonzero(~np.isnan(vertices_m[:, :2, 0]).any(axis=1) & (order == 1.0))[:FEWEST_FRAMES]
+        if len(seen):
+            apart_m = np.linalg.norm(np.diff(vertices_m[seen], axis=1), axis=2) / np.diff(places)
+            longest_m = TOO_LONG * float(np.nanmedian(apart_m)) * places[0]
+            reach_m, behind_m = (
+                float(np.median(np.linalg.norm(vertices_m[seen, 0] - place_m[seen], axis=1)))
+                for place_m in (self.place_m, self.place_m - self.direction)
+            )
+            order = -order if reach_m > longest_m >= behind_m else order
+        exchanged = (order < 0.0)[:, None]
+        return DrivenEnd(
+            np.where(exchanged, self.place_m - self.direction, self.place_m),
+            np.where(exchanged, -self.direction, self.direction),
+        )
+
+    def can_hang(self) -> bool:
+        """Whether it never points straight up, where no least turn leads from downwards."""
         if self.direction is None or self.normal is not None:
             return True
-        aside = np.hypot(self.direction[:, 0], self.direction[:, 1])
-        sine = aside / np.linalg.norm(self.direction, axis=1)
-        return bool(np.median(sine) > LEAST_ASIDE and sine.min() > VERTICAL)
+        return bool((self.direction[:, 2] <= UPWARDS * np.linalg.norm(self.direction, axis=1)).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,11 +242,14 @@ def series_between(
     vertices_m, places
         See `CableSeries`.
     """
-    calm = [end.smoothed(time_s) for end in ends]
+    calm = [
+        end.in_order(vertices_m[:, order], np.abs(places[order] - at)).smoothed(time_s)
+        for end, order, at in zip(ends, _from_each_end(places), (0.0, 1.0), strict=False)
+    ]
     free_to_roll = any(end.direction is not None and end.normal is None for end in ends)
-    rolls = ["transported", "level"] if free_to_roll else ["measured"]
-    if not all(end.can_be_level() for end in calm):
-        rolls.remove("level")
+    rolls = list(ROLLS) if free_to_roll else ["measured"]
+    if free_to_roll and not all(end.can_hang() for end in calm):
+        rolls.remove("hanging")
     return {
         roll: CableSeries(
             time_s,
@@ -227,6 +260,13 @@ def series_between(
         )
         for roll in rolls
     }
+
+
+def _from_each_end(places: Array) -> tuple[np.ndarray, np.ndarray]:
+    """Return the markers that are not at an end, in order from the first end and from the far one."""
+    inner = np.flatnonzero((places > CLEAR_OF_ENDS) & (places < 1.0 - CLEAR_OF_ENDS))
+    order = inner[np.argsort(places[inner])]
+    return order, order[::-1]
 
 
 def smoothed(time_s: Array, path: Array) -> Array:

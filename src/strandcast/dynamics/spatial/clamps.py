@@ -10,7 +10,6 @@ from strandcast.dynamics.hand import interpolate, slopes
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simd import CACHED
 
-_VERTICAL = 1e-6  # sine of the angle to the vertical
 _REVERSED = 1e-9  # 1 + cosine of a turn: within 0.003 degrees of a half turn, its axis is not known (chosen)
 POSE = 9  # columns of one clamp's pose: place, direction, normal
 
@@ -61,22 +60,23 @@ def _of_length_one(direction: Array) -> Array:
     return np.asarray(direction / length)
 
 
-def level_clamp_poses(place_m: Array, direction: Array) -> Array:
-    """Return the same as `clamp_poses` of a clamp that does not roll against the vertical.
+def hanging_clamp_poses(place_m: Array, direction: Array) -> Array:
+    """Return the same as `clamp_poses` of a clamp that turns as little as its direction needs from downwards.
 
-    The normals are horizontal.
+    The roll then depends on the direction alone, as that of a wrist that does not twist, and is the same in
+    all recordings.
 
     Raises
     ------
     ValueError
-        For a direction that has no length or is not finite, or that is vertical.
+        For a direction that has no length or is not finite, or that is straight up.
     """
-    along = _of_length_one(direction)
-    normal = np.cross([0.0, 0.0, 1.0], along)
-    size = np.linalg.norm(normal, axis=1, keepdims=True)
-    if (size < _VERTICAL).any():
-        raise ValueError("a clamp that points up or down has no level normal")
-    return np.hstack([place_m, along, normal / size])
+    along, down = _of_length_one(direction), np.array([0.0, 0.0, -1.0])
+    turned = 1.0 + along @ down
+    if (turned < _REVERSED).any():
+        raise ValueError("no least turn leads a clamp from downwards to straight up")
+    normal = [1.0, 0.0, 0.0] - (along[:, :1] / turned[:, None]) * (along + down)
+    return np.hstack([place_m, along, normal])
 
 
 def poses_in_plane(pose: Array, origin_m: Array, right: Array, up: Array) -> Array:
