@@ -1,5 +1,7 @@
 """A cable in space is fitted to series of its motion and predicts another one; held at one end or both."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -11,6 +13,7 @@ from strandcast.dynamics.spatial.clamps import clamp_poses
 from strandcast.estimation.cable_fit import fit_cable, predicted
 from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
 from strandcast.estimation.cable_space import space_of_cable
+from strandcast.estimation.fit_objective import simulate_throw
 
 pytestmark = pytest.mark.slow
 
@@ -29,6 +32,7 @@ TRUTH = {
     "far_up_rad": 0.1,
     "curl_left_rad": 0.6,
     "curl_up_rad": -0.4,
+    "taper": 0.0,
 }
 
 
@@ -86,6 +90,25 @@ def test_few_markers_off_the_mass_points_are_enough_from_rest(places):
     assert missed_m(fit, eased(series(False, 2.9, places))) < 6e-3
 
 
+def test_taper_and_the_place_of_the_only_marker_are_found():
+    model, space = space_of_cable(LENGTH_M, False, marker_shift=True)
+    truth = TRUTH | {"taper": 1.2, "marker_shift": -0.05}
+    chi = space.exponents(np.array([truth[name] for name in space.names]))
+
+    def seen(phase: float, places) -> CableSeries:
+        bare = eased(series(False, phase, places))
+        return replace(bare, vertices_m=predicted(model, space, chi, bare))
+
+    fit = fit_cable([seen(0.0, [1.0]), seen(1.3, [1.0])], model, space)
+    assert fit.values()["taper"] == pytest.approx(1.2, abs=0.5)
+    assert fit.values()["marker_shift"] == pytest.approx(-0.05, abs=0.02)
+    assert missed_m(fit, seen(2.9, [1.0])) < 5e-3
+    # A marker declared farther back by the shift is in the same place.
+    there, declared = replace(fit.space.strings(chi), marker_shift=np.zeros(1)), seen(2.9, [0.95])
+    markers = simulate_throw(model, declared.prepared(0, 200, model.points), there)[0][0, :, 1:]
+    np.testing.assert_allclose(markers, seen(2.9, [1.0]).vertices_m, atol=1e-9)
+
+
 def test_weights_of_unknown_mass_are_found():
     model, space = space_of_cable(LENGTH_M, False, weight_places_m=[LENGTH_M])
     truth = space.exponents(np.array([TRUTH.get(name, 8.0) for name in space.names]))
@@ -138,6 +161,17 @@ def test_vertices_that_jump_or_are_not_seen_do_not_count():
     expected[39:42, 5] = False
     expected[60:70, 3] = False
     np.testing.assert_array_equal(reliable, expected)
+
+
+def test_a_marker_of_a_fast_string_does_not_jump():
+    speed_m_s = np.interp(TIME_S, [0.2, 0.3, 0.6, 0.7], [0.0, 9.0, 9.0, 0.0])
+    path = np.cumsum(0.01 * speed_m_s)[:, None, None] * np.ones(3) / np.sqrt(3.0)
+    still = clamp_poses(np.zeros_like(path[:, 0]), np.ones_like(path[:, 0]))
+    assert CableSeries(TIME_S, still, path, np.ones(1)).reliable().all()
+    path[50] += 0.1
+    np.testing.assert_array_equal(
+        np.flatnonzero(~CableSeries(TIME_S, still, path, np.ones(1)).reliable()), [49, 50, 51]
+    )
 
 
 def test_a_prediction_reads_the_start_only():

@@ -72,3 +72,14 @@ def test_summary_and_table_name_the_fit(captured: Path) -> None:
     assert lines[2].startswith(f"  trial 2: fitted to E = {fitted_mm[1]:.1f} mm; ")
     assert lines[2].endswith(" mm predicted from the trials before")
     assert write_campaign(captured)[0].captured == 1
+
+
+def test_a_setting_of_space_is_refused_in_the_plane(captured: Path) -> None:
+    file = captured / "data" / "swung" / "experiment.yaml"
+    text = file.read_text()
+    try:
+        file.write_text(text.replace("{evaluations", "{marker_shift: true, evaluations"))
+        with pytest.raises(StrandcastError, match=r"SC-E008.*marker_shift"):
+            run_stage("estimate", captured, "swung", 1)
+    finally:
+        file.write_text(text)

@@ -146,6 +146,11 @@ class EstimateSettings(Section):
         description="Fit dry friction that sticks, and the bend over which it builds up. Set it for cables "
         "that rest where friction holds them, or that are stiffer in small motions than in large ones.",
     )
+    marker_shift: bool = Field(
+        False,
+        description="In space, fit by how much all markers are farther along the string than declared. Set "
+        "it for few markers where the place of the last one, or the free length, is not known well.",
+    )
     drag_along: bool | Literal["auto"] = Field(
         "auto",
         description="Let air drag be smaller along the string than across it, and fit the ratio: always, "

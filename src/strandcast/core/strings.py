@@ -32,6 +32,7 @@ SIDES = ("left", "up")  # of a turn in space
 CAMERA_OFFSET = ("camera_offset_x_m", "camera_offset_y_m")
 STIFF_BEND, BEND_FRICTION, DRAG_ALONG = "stiff_bend_factor", "bend_friction", "drag_along"
 FRICTION_STICK = "friction_stick_rad_m"
+TAPER, MARKER_SHIFT = "taper", "marker_shift"
 FOUND_WEIGHT = "found_"
 
 
@@ -88,6 +89,12 @@ class StringBatch:
     rest_torsion_rad_m
         (B,) turn of the rest curl about the string, per length, from left to up [rad/m], of strings in
         space: at rest the string is a helix; zero, the default: an arc.
+    taper
+        (B,) logarithm of the ratio of bending at the last joint to that at the hand, which changes
+        exponentially between them; zero if not given.
+    marker_shift
+        (B,) by which all markers are farther along the string than declared, over its length, where they lie
+        between mass points; zero if not given.
     """
 
     parameters: np.ndarray
@@ -105,6 +112,8 @@ class StringBatch:
     far_offset_rad: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     length_change: np.ndarray = field(default_factory=lambda: np.zeros(0))
     rest_torsion_rad_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    taper: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    marker_shift: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         for column in fields(self):
@@ -138,8 +147,12 @@ class StringBatch:
         return replace(self, disturbances=replace(self.disturbances, **columns))
 
     def bend_factors(self) -> np.ndarray:
-        """Return `bend_factor`, or ones where it is None: (B, n)."""
-        return np.ones_like(self.masses, dtype=float) if self.bend_factor is None else self.bend_factor
+        """Return the multiplier of bending at every joint, of `bend_factor` and `taper`: (B, n)."""
+        factor = np.ones_like(self.masses, dtype=float) if self.bend_factor is None else self.bend_factor
+        if not self.taper.any():
+            return factor
+        along = np.linspace(-0.5, 0.5, factor.shape[1])
+        return np.asarray(factor * np.exp(self.taper[:, None] * along))
 
     def thrown_clamp_offset_rad(self) -> np.ndarray:
         """Return the clamp's offset and its disturbance together: (B,)."""
@@ -164,6 +177,8 @@ class StringBatch:
             options[FRICTION_STICK] = self.friction_stick_rad_m
         if self.drag_along.any():
             options[DRAG_ALONG] = self.drag_along
+        options |= {TAPER: self.taper} if self.taper.any() else {}
+        options |= {MARKER_SHIFT: self.marker_shift} if self.marker_shift.any() else {}
         for k in range(self.found_weights.shape[1]):
             options[found_place(k + 1)], options[found_mass(k + 1)] = self.found_weights[:, k].T
         return options
@@ -209,6 +224,8 @@ class StringBatch:
             far_offset_rad=np.column_stack([options.get(_side(FAR_OFFSET, side), none) for side in SIDES]),
             length_change=options.get(LENGTH_CHANGE, none),
             rest_torsion_rad_m=options.get(REST_TORSION, none),
+            taper=options.get(TAPER, none),
+            marker_shift=options.get(MARKER_SHIFT, none),
         )
 
 

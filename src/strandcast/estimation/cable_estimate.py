@@ -126,7 +126,7 @@ def estimate_cable(
         under = series[-1].get(previous.roll, trials[-1]).prepared(0, len(newest.time_s), model.points)
         strings = space.strings(before)
         predicted_string_m = simulate_batch(model, strings, under.hand, under.time_s, under.start)[0][0]
-        predicted_m = under.as_measured(predicted_string_m)
+        predicted_m = under.as_measured(predicted_string_m[None], strings.marker_shift)[0]
         held_out = [*_under_previous(whole, under, predicted_m), *held_out]
     best, value = log.best()
     _, curvature = GaussNewtonModel(objective)(best[None])

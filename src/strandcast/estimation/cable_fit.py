@@ -6,22 +6,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.stats import qmc
 
-from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import Array
-from strandcast.dynamics.simulate import simulate_batch
 from strandcast.estimation.cable_series import CableSeries
 from strandcast.estimation.cable_space import CableSpace
 from strandcast.estimation.descent import GaussNewtonModel, apart, descend, descent_batch
-from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
+from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.throws import PreparedThrow
 
 # All chosen.
 SCREENED, DESCENTS, EVALUATIONS, SEED = 64, 3, 500, 1
-WINDOWS, WINDOW_S = 20, 2.0  # of motion that are fitted, at most
+WINDOWS, WINDOW_S = 10, 4.0  # of motion that are fitted, at most
 OVERLAP = 2.0  # times that each instant is in a window, at most, on average
 LONGEST_WINDOWS = 8  # of series whose shape is not seen: from their beginning, the same time in all
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
@@ -74,10 +71,9 @@ class CableFit:
 
 def predicted(model: StringModel, space: CableSpace, chi: Array, series: CableSeries) -> Array:
     """Return all markers (F, m, 3) [m] of a series under one string, open loop from its start."""
-    hand, start = HandPath(series.time_s, series.pose), series.start(0, model.points)
-    points, _ = simulate_batch(model, space.strings(chi), hand, series.time_s, start)
-    along = np.linspace(0.0, 1.0, model.points + 1)
-    return np.asarray(CubicSpline(along, points[0], axis=1)(series.places))
+    whole = series.prepared(0, len(series.time_s), model.points)
+    markers, _ = simulate_throw(model, whole, space.strings(chi))
+    return np.asarray(markers[0, :, 1:])
 
 
 def fit_cable(

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import medfilt, savgol_filter
 
+from strandcast.core.jumps import GLITCH_M_S, jumps
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
 from strandcast.dynamics.parameters import GRAVITY_M_S2, Array
 from strandcast.dynamics.spatial.clamps import POSE, clamp_poses, hanging_clamp_poses
@@ -17,7 +18,6 @@ from strandcast.estimation.throws import PreparedThrow
 
 # All chosen.
 SMOOTHING_S = 0.07  # of the driven ends: their markers' noise would shake the string
-GLITCH_M_S = 5.0  # faster jumps of a marker are errors of measurement
 START_S = 0.08  # around a start, from which its shape and velocity are taken
 FEWEST_FRAMES = 3  # of a start, also of slow cameras
 STILL_M_S = 0.01  # velocities of a start are not known better
@@ -124,7 +124,7 @@ class CableSeries:
     pinned
         Whether the ends are points, which hold the string in no direction.
     fastest_m_s
-        Markers that move faster jumped.
+        See `strandcast.core.jumps`.
     """
 
     time_s: Array
@@ -145,9 +145,8 @@ class CableSeries:
 
     def reliable(self) -> np.ndarray:
         """(F, m) whether a marker is seen, and did not jump on its way there or from there."""
-        jump = np.linalg.norm(np.diff(self.vertices_m, axis=0), axis=2) / np.diff(self.time_s)[:, None]
         seen = ~np.isnan(self.vertices_m[..., 0])
-        calm = ~(jump > self.fastest_m_s)
+        calm = ~jumps(self.time_s, self.vertices_m, self.fastest_m_s)
         return np.asarray(seen & np.vstack([calm[:1], calm[1:] & calm[:-1], calm[-1:]]))
 
     def shape_is_seen(self) -> bool:
@@ -170,7 +169,7 @@ class CableSeries:
             weight.astype(float),
             HandPath(self.time_s[kept], self.pose[kept]),
             self.start(first, points),
-            CubicSpline(np.linspace(0.0, 1.0, points + 1), np.eye(points + 1))(self.places),
+            self.places,
         )
 
     def start(self, frame: int, points: int) -> StringStart:

@@ -38,6 +38,9 @@ TWO_ENDS = {"far_left_rad": (-0.8, 0.8), "far_up_rad": (-0.8, 0.8)}
 ONE_END = {"curl_left_rad": (-3.0, 3.0), "curl_up_rad": (-3.0, 3.0)}  # both ends held: hardly observable
 # Friction that sticks, as turns over the length [rad]: what it holds against bending, and where it builds up.
 STICKS = {"friction_turn_rad": (0.01, 3.0), "stick_turn_rad": (0.005, 0.5)}
+# Held at one end: logarithm of the stiffness at the tip over that at this end.
+TAPER_RANGE = (-3.0, 3.0)
+MARKER_SHIFT_RANGE = (-0.1, 0.1)  # of markers along the string, over its length
 DRAG_ALONG_RANGE = (0.05, 1.0)  # drag along the string over that across it: fast strings show it
 OF_CLAMPS = ("clamp_", "far_", "curl_")  # unknowns of ends that hold the string in a direction
 UNITS = {"damping_s": "s"} | {
@@ -104,6 +107,8 @@ class CableSpace(Space):
             rest_curl_rad_m=pairs["curl"] / self.length_m,
             clamp_offset_rad=pairs["clamp"],
             far_offset_rad=pairs["far"],
+            taper=value.get("taper", none),
+            marker_shift=value.get("marker_shift", none),
             free_masses=free,
             length_change=value["length_change"],
             drag_along=value.get("drag_along", none),
@@ -122,6 +127,8 @@ def space_of_cable(
     weight_places_m: Sequence[float] = (),
     drag_along: bool = False,
     friction_stick: bool = False,
+    taper: bool | None = None,
+    marker_shift: bool = False,
 ) -> tuple[StringModel, CableSpace]:
     """Return the model of a cable of this nominal length [m], and the box of its unknowns.
 
@@ -141,6 +148,10 @@ def space_of_cable(
         Whether drag along it is an unknown of its own: for thrown strings; otherwise it is that across it.
     friction_stick
         Whether dry friction that sticks is fitted, with the bend over which it builds up.
+    taper
+        Whether bending stiffness may grow or fall along it; None: where one end holds it in a direction.
+    marker_shift
+        Whether all markers may be farther along it than declared, or less far.
     """
     model = StringModel(length_m, points, reading="strain", dt_s=step_s)
     layout = mass_layout(length_m, points, list(weight_places_m))
@@ -149,6 +160,8 @@ def space_of_cable(
         unknowns = {name: each for name, each in unknowns.items() if not name.startswith(OF_CLAMPS)}
     unknowns |= {"drag_along": DRAG_ALONG_RANGE} if drag_along else {}
     unknowns |= STICKS if friction_stick else {}
+    unknowns |= {"taper": TAPER_RANGE} if taper or (taper is None and not two_ends and not pinned) else {}
+    unknowns |= {"marker_shift": MARKER_SHIFT_RANGE} if marker_shift else {}
     unknowns |= {f"weight_{k + 1}": MASS_RANGE["wide"] for k in range(layout.count)}
     return model, CableSpace(
         tuple(unknowns),

@@ -52,7 +52,7 @@ class FitObjective:
 
     def value(self, throw: PreparedThrow, strings: StringBatch, w: float | None = None) -> Array:
         """E of strings on one throw: (B,) [m], infinite where invalid."""
-        if throw.observed is not None:
+        if throw.places is not None:
             result, status = self._compare_markers(throw, strings, self.w if w is None else w)
             return self._valid(result, status)
         result, status = evaluate_batch(
@@ -140,7 +140,7 @@ def simulate_throw(
 ) -> tuple[Array, NDArray[np.int64]]:
     """Simulate candidate strings on one throw, as it was measured: (B, G, n+1, 2 or 3) [m], (B,) status."""
     points, status = simulate_batch(model, strings, throw.hand, throw.time_s, throw.start)
-    points = throw.as_measured(points)
+    points = throw.as_measured(points, strings.marker_shift)
     if strings.camera_offset_m.any():
         points = points + strings.camera_offset_m[:, None, None]
     return points, status

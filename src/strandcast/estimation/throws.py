@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
 from strandcast.errors import FAILED_TRIALS, StrandcastError
@@ -26,9 +27,9 @@ class PreparedThrow:
         The hand's path from the start on.
     start
         Observed shape and velocity at the start, or hanging at rest.
-    observed
-        (m, n+1) shares of the simulated points in each measured one, which are m then: for markers between
-        mass points. None: the mass points themselves were measured.
+    places
+        (m,) of the measured points along the string, 0 to 1, where they lie between mass points. None: the
+        mass points themselves were measured.
     """
 
     frames: np.ndarray
@@ -37,13 +38,20 @@ class PreparedThrow:
     weight: Array
     hand: HandPath
     start: StringStart = HANGING_AT_REST
-    observed: Array | None = None
+    places: Array | None = None
 
-    def as_measured(self, points: Array) -> Array:
-        """Return the hand and the measured points (..., m+1, c) of simulated points (..., n+1, c)."""
-        if self.observed is None:
+    def as_measured(self, points: Array, shift: Array | None = None) -> Array:
+        """Return the hand and the measured points (..., m+1, c) of simulated points (..., n+1, c).
+
+        With `shift` (B,) of the measured points along the string, the simulated ones are (B, G, n+1, c).
+        """
+        if self.places is None:
             return points
-        markers = np.moveaxis(np.tensordot(points, self.observed, axes=(-2, 1)), -1, -2)
+        shares = CubicSpline(np.linspace(0.0, 1.0, points.shape[-2]), np.eye(points.shape[-2]))
+        if shift is None or not shift.any():
+            markers = np.moveaxis(np.tensordot(points, shares(self.places), axes=(-2, 1)), -1, -2)
+        else:
+            markers = shares(self.places + shift[:, None])[:, None] @ points
         return np.concatenate([points[..., :1, :], markers], axis=-2)
 
     def until(self, share: float) -> PreparedThrow:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from strandcast.core.jumps import GLITCH_M_S, jumps
 from strandcast.imports.clock import clock_problem
 from strandcast.imports.track_checks import (
     LONG_MEDIAN,
@@ -21,7 +22,6 @@ from strandcast.records.track import TRACK, Track, TrackSummary, read_track
 
 # All chosen.
 LONG_GAP_S = 0.1  # of a driven end; its path is interpolated
-JUMP_M_S = 5.0  # faster markers are errors, which do not enter E
 SAME_M = 1e-6  # two markers nearer than this in all frames are one
 BACKWARDS_DEG, ALONG_DEG = 120.0, 60.0
 NEAR_END = 0.1  # of the length: there, a string still has the end's direction
@@ -130,13 +130,12 @@ def _at(time_s: np.ndarray, known_s: np.ndarray, path: np.ndarray) -> np.ndarray
 
 
 def _check_jumps(track: Track) -> list[str]:
-    step_m = np.linalg.norm(np.diff(track.points_m[:, 1:], axis=0), axis=2)
-    jumps = step_m > JUMP_M_S * np.diff(track.camera_time_s)[:, None]
-    if not jumps.any():
+    found = jumps(track.camera_time_s, track.points_m[:, 1:])
+    if not found.any():
         return []
-    row, point = np.argwhere(jumps)[0]
+    row, point = np.argwhere(found)[0]
     return [
-        f"markers jump faster than {JUMP_M_S:g} m/s {jumps.sum()} times, first point {point + 1} in frame "
+        f"markers jump by more than {GLITCH_M_S:g} m/s {found.sum()} times, first point {point + 1} in frame "
         f"{track.frame[row + 1]}: these frames of a marker do not enter E"
     ]
 

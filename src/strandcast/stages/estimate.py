@@ -41,6 +41,14 @@ def run(job: Job, files: Files) -> None:
     if is_in_space(read_arrow(files.input("track", job.trial), TRACK).column_names):
         estimate_in_space(job, files)
         return
+    if settings.marker_shift:
+        raise StrandcastError(
+            "SC-E008",
+            "estimate.marker_shift does not apply to a string in the plane",
+            file=context.file,
+            field="estimate.marker_shift",
+            fix="leave it out",
+        )
     arm = load_arm(files.input("arm"))
     model, layout = string_model(context, arm)
     trials = [read_trial(files, number) for number in recent(job)]

@@ -21,7 +21,7 @@ from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import hashes_of
 
 # Settings of the estimate that apply in space.
-APPLY = {"trials", "evaluations", "ensemble", "profiles", "dt_s", "friction_stick"}
+APPLY = {"trials", "evaluations", "ensemble", "profiles", "dt_s", "friction_stick", "marker_shift"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +61,7 @@ def estimate_in_space(job: Job, files: Files) -> None:
         step_s=settings.dt_s if "dt_s" in settings.model_fields_set else STEP_S,
         weight_places_m=[weight.place_m for weight in string.weights],
         friction_stick=settings.friction_stick,
+        marker_shift=settings.marker_shift,
     )
     found = estimate_cable(
         [trial.series for trial in trials],

@@ -10,14 +10,10 @@ from typing import Protocol
 
 import numpy as np
 
+from strandcast.core.jumps import GLITCH_M_S
 from strandcast.dynamics.parameters import Array
 from strandcast.estimation.cable_fit import CableFit, fit_by_roll, fit_cable
-from strandcast.estimation.cable_series import (
-    GLITCH_M_S,
-    CableSeries,
-    DrivenEnd,
-    series_between,
-)
+from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
 from strandcast.estimation.cable_space import space_of_cable
 from strandcast_studies.evidence.figure import Figure
 

@@ -227,6 +227,7 @@ def estimated(
         step_s=STEP_S,
         weight_places_m=case.weight_places_m,
         drag_along=drag_along,
+        taper=False,
     )
     previous = None
     if before is not None:
