@@ -163,6 +163,19 @@ def test_vertices_that_jump_or_are_not_seen_do_not_count():
     np.testing.assert_array_equal(reliable, expected)
 
 
+def test_a_moving_start_of_few_markers_has_the_length_of_the_string():
+    moving = series(False, 0.0, [1.0]).part(40, 150)
+    model, space = space_of_cable(LENGTH_M, False)
+    chi = space.exponents(np.array([TRUTH[name] for name in space.names]))
+    start = moving.start(0, model.points)
+    assert not start.settle
+    hand = HandPath(moving.time_s, moving.pose)
+    points, _ = simulate_batch(model, space.strings(chi), hand, moving.time_s, start)
+    length_m = np.linalg.norm(np.diff(points[0], axis=1), axis=2).sum(axis=1)
+    expected_m = LENGTH_M * (1.0 + TRUTH["length_change"])
+    np.testing.assert_allclose(length_m, expected_m, rtol=0.02)
+
+
 def test_a_marker_of_a_fast_string_does_not_jump():
     speed_m_s = np.interp(TIME_S, [0.2, 0.3, 0.6, 0.7], [0.0, 9.0, 9.0, 0.0])
     path = np.cumsum(0.01 * speed_m_s)[:, None, None] * np.ones(3) / np.sqrt(3.0)

@@ -176,7 +176,8 @@ class CableSeries:
         """Return shape and velocity (n = `points`) in a frame, by least squares over the frames around it.
 
         A spline through the markers that are seen and the driven ends. Through few of them, it begins in the
-        direction of the ends; if the string hardly moves, each candidate's own rest shape is sought.
+        direction of the ends, and only its directions count; if the string hardly moves, each candidate's own
+        rest shape is sought.
         """
         frames = max(round(START_S / float(np.median(np.diff(self.time_s)))) + 1, FEWEST_FRAMES)
         near = np.sort(np.argsort(np.abs(self.time_s - self.time_s[frame]), kind="stable")[:frames])
@@ -204,7 +205,7 @@ class CableSeries:
         reach_m = np.linalg.norm(np.diff(values, axis=0), axis=1).sum()
         fastest = np.linalg.norm(rates, axis=1).max()
         settle = bool(few and fastest <= SLOW * np.sqrt(GRAVITY_M_S2 * reach_m))
-        return StringStart(shape, velocity * (fastest > STILL_M_S), respace=False, settle=settle)
+        return StringStart(shape, velocity * (fastest > STILL_M_S), respace=few, settle=settle)
 
     def _between_the_ends(self) -> np.ndarray:
         """(m,) which markers are not at a driven end."""
