@@ -13,7 +13,7 @@ from strandcast.planning.miss_calibration import (
     MissDistribution,
     miss_distribution,
 )
-from strandcast_studies.benchmarks.loop.calibration import CountedThrow, fit, main, reliability
+from strandcast_studies.benchmarks.loop.calibration import CountedThrow, fit, main, merged, reliability
 
 
 def throws(count, seed, gain=2.0):
@@ -43,6 +43,19 @@ def test_a_kind_with_few_throws_takes_those_of_a_similar_one():
     assert made.kinds["first"].throws == 100
     assert made.kinds["replanned"].throws == 105
     assert set(fit(few, "a test").kinds) == set()
+
+
+def test_counts_in_space_leave_the_plane_as_it_was_and_the_other_way_round():
+    in_plane = fit(throws(100, 1), "the plane")
+    thrown = [throw._replace(kind="first in space") for throw in throws(60, 2, gain=5.0)]
+    in_space = fit(thrown, "space")
+    both = merged(in_plane, in_space, space=True)
+    assert both.kinds == in_plane.kinds | in_space.kinds
+    assert (both.made_from, both.made_from_in_space) == ("the plane", "space")
+    again = merged(both, fit(throws(80, 3), "the plane again"), space=False)
+    assert (again.made_from, again.made_from_in_space) == ("the plane again", "space")
+    assert again.kinds["first"].throws == 80
+    assert again.kinds["first in space"] == both.kinds["first in space"]
 
 
 def test_probability_and_quantile_are_inverse_and_reach_into_the_tails():
@@ -84,3 +97,10 @@ def test_the_script_reads_results_of_the_loop(tmp_path, capsys):
     assert "60 throws of runs" in made.made_from
     main(["check", str(tmp_path / "runs.json"), "--out", str(tmp_path / "made.json")])
     assert '"brier"' in capsys.readouterr().out
+    # The same throws in space, half of them before a rehearsal.
+    run = {"unrehearsed": run["trials"][:30], "trials": run["trials"][30:]}
+    (tmp_path / "space.json").write_text(json.dumps({"runs": [run]}))
+    main(["fit", str(tmp_path / "space.json"), "--space", "--out", str(tmp_path / "made.json")])
+    made = MissCalibration.model_validate_json((tmp_path / "made.json").read_text())
+    assert made.kinds["first in space"] == made.kinds["first"]
+    assert made.made_from_in_space == "60 throws of space"

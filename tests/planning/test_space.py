@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from strandcast.arm.limits import violations
 from strandcast.arm.load import Arm
+from strandcast.arm.servo import respond
 from strandcast.arm.spatial import SpatialArm, SpatialChain, clamp_axes, load_spatial_arm
 from strandcast.config.plan import PlanSettings
 from strandcast.core.box import Box
@@ -19,13 +20,24 @@ from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.errors import StrandcastError
+from strandcast.planning import miss_calibration
+from strandcast.planning import plan as plan_module
 from strandcast.planning.approach import approaches_in_space
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, rest_heights
 from strandcast.planning.capsules import start_violation_m
 from strandcast.planning.cost import CLEARANCE_M
-from strandcast.planning.plan import plan_first
-from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_curves
+from strandcast.planning.describe import PlannedMotion
+from strandcast.planning.miss_calibration import MissCalibration
+from strandcast.planning.past_trials import PastTrial
+from strandcast.planning.plan import REPLAN_FROM_MISS_M, plan_first, plan_next
+from strandcast.planning.rollouts import (
+    AFTER_END_S,
+    RolloutConditions,
+    commands,
+    rollouts_of_curves,
+    simulate_rollouts,
+)
 from strandcast.planning.scenarios import disturbed
 from strandcast.planning.start_strings import start_strings_in_space
 from strandcast.planning.task import PlanningTask, SpatialTask
@@ -136,22 +148,43 @@ def test_first_strings_in_space_are_thread_to_rope() -> None:
     assert 2.36 < per_mass.max() < 2.7 * 2.36
 
 
-def plan_on(task: SpatialTask, strings: StringBatch):
-    settings = PlanSettings(screening=96, evaluations=480, ensemble=2)
-    return plan_first(task, strings, settings, np.random.default_rng(3))
+SMALL = PlanSettings(screening=96, evaluations=480, ensemble=2)
 
 
-def test_a_target_off_the_plane_is_planned_within_the_limits(project_root: Path) -> None:
+def plan_on(task: SpatialTask, strings: StringBatch) -> PlannedMotion:
+    return plan_first(task, strings, SMALL, np.random.default_rng(3))
+
+
+@pytest.fixture(scope="module")
+def ur5e(project_root: Path) -> SpatialTask:
     arm = load_spatial_arm(project_root / "src/strandcast_studies/benchmarks/space/arms/ur5e-space.toml")
-    target_m = np.array([0.55, 0.75, 0.55])
-    task = SpatialTask(arm, StringModel(0.4, 10, dt_s=2e-3), target_m, 0.02)
-    layout = mass_layout(0.4, 10, [0.4])
-    strings = start_strings_in_space(2, 0.4, layout, np.random.default_rng(1))
-    plan = plan_on(task, strings)
+    return SpatialTask(arm, StringModel(0.4, 10, dt_s=2e-3), np.array([0.55, 0.75, 0.55]), 0.02)
+
+
+@pytest.fixture(scope="module")
+def first_strings() -> StringBatch:
+    return start_strings_in_space(2, 0.4, mass_layout(0.4, 10, [0.4]), np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def first(ur5e: SpatialTask, first_strings: StringBatch) -> PlannedMotion:
+    return plan_on(ur5e, first_strings)
+
+
+def followed(task: SpatialTask, plan: PlannedMotion, gain: float) -> PastTrial:
+    """Return a motion played by joints that follow with a gain beyond the arm's file; no string is seen."""
+    time_s, command, _ = commands([plan.motion], task.step_s)
+    answer = respond(replace(task.arm.servo, gain=gain * task.arm.servo.gain), time_s, command[0])
+    nothing = np.zeros(0), np.zeros((0, 3)), None
+    return PastTrial(0, plan.curve, command[0], answer, *nothing, 0.0, None)
+
+
+def test_a_target_off_the_plane_is_planned_within_the_limits(
+    ur5e: SpatialTask, first_strings: StringBatch, first: PlannedMotion
+) -> None:
+    task, strings, plan, arm, target_m = ur5e, first_strings, first, ur5e.arm, ur5e.target_m
     assert violations(arm, plan.motion) == []
     assert plan.miss_m < 0.06
-    assert plan.hit_probability(0.02) == plan.simulated_hit_probability(0.02)
-    assert "not calibrated in space" in plan.flags[-1]
     np.testing.assert_allclose(np.linalg.norm(plan.tip_m - target_m, axis=1).min(), plan.miss_m, atol=0.01)
     assert np.abs(plan.motion.qd_rad_s).max(axis=0).min() > 0.05  # all six joints move
     # The same throw without the planner: MuJoCo's kinematics, and finer steps.
@@ -174,11 +207,67 @@ def test_a_target_off_the_plane_is_planned_within_the_limits(project_root: Path)
     np.testing.assert_allclose(commanded.points_m[:, :, -1], points[:, :, -1], atol=0.01)
 
 
+@pytest.mark.parametrize(("probability", "attempts"), [(0.95, 1), (0.8, 3)])
+def test_a_search_in_space_is_repeated_until_the_simulation_is_almost_sure_of_a_hit(
+    ur5e: SpatialTask,
+    first_strings: StringBatch,
+    first: PlannedMotion,
+    monkeypatch: pytest.MonkeyPatch,
+    probability: float,
+    attempts: int,
+) -> None:
+    miss_m = 2.0 * ur5e.hit_radius_m * (np.arange(100) >= 100 * probability)
+    found = replace(first, throws=first.throws._replace(miss_m=miss_m), cost_m=0.03)
+    monkeypatch.setattr(plan_module, "search_globally", lambda _: (first.curve, 100))
+    monkeypatch.setattr(
+        plan_module, "predicted", lambda _, result: replace(found, simulations=result.simulations)
+    )
+    assert plan_on(ur5e, first_strings).simulations == 100 * attempts
+
+
+def test_a_rehearsal_shows_how_far_the_joints_go_and_what_is_not_counted_is_flagged(
+    ur5e: SpatialTask, first_strings: StringBatch, first: PlannedMotion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nothing = MissCalibration(made_from="a test", kinds={})
+    monkeypatch.setattr(miss_calibration, "calibration", lambda: nothing)
+    played = followed(ur5e, first, 0.9)
+    plan = plan_first(ur5e, first_strings, SMALL, np.random.default_rng(4), rehearsal=played)
+
+    def missed_m(motion: PlannedMotion) -> float:
+        q = followed(ur5e, motion, 0.9).q_rad[None]
+        rollouts = simulate_rollouts(ur5e, first_strings, RolloutConditions(), q, np.array([q.shape[1] - 1]))
+        return float(np.sqrt(np.mean(assess_rollouts(ur5e, rollouts).miss_m ** 2)))
+
+    assert missed_m(first) > 0.05
+    assert missed_m(plan) < 0.5 * missed_m(first)
+    assert plan.kind == "rehearsed"
+    assert "rehearsed motions in space were not counted" in plan.flags[-1]
+    assert plan.hit_probability(0.02) == plan.simulated_hit_probability(0.02)
+
+
+def test_after_a_bad_fit_and_a_far_miss_the_motion_stays_near_what_was_thrown(
+    ur5e: SpatialTask, first_strings: StringBatch, first: PlannedMotion
+) -> None:
+    """The bias corrects the tip there; the plane's planner would trust the fitted strings elsewhere."""
+    task = replace(ur5e, hit_radius_m=0.06)
+    played = followed(task, first, 1.0)
+    last = np.array([len(played.q_rad) - 1])
+    tips = simulate_rollouts(task, first_strings.first(1), RolloutConditions(), played.q_rad[None], last)
+    time_s = np.arange(len(played.q_rad)) * task.step_s
+    tip_m = tips.points_m[0, :, -1] + np.array([0.0, 0.0, 0.08])
+    away_m = approaches_in_space(tip_m[None], last, task.target_m)[0][0]
+    trial = replace(played, trial=1, frame_s=time_s, tip_m=tip_m, miss_m=float(away_m))
+    random = np.random.default_rng(5)
+    plan = plan_next(task, first_strings, [trial], SMALL, random, task.arm.servo, fit_E_m=0.02)
+    assert away_m > REPLAN_FROM_MISS_M
+    assert (plan.kind, plan.parent_trial) == ("refined", 1)
+    assert plan.miss_m < 0.5 * away_m
+
+
 @pytest.mark.parametrize(
     ("target_m", "words"), [([2.0, 0.0, 0.3], "reach"), ([0.1, 0.2, -0.75], "workspace")]
 )
-def test_a_target_out_of_reach_is_refused(project_root: Path, target_m: list[float], words: str) -> None:
-    arm = load_spatial_arm(project_root / "src/strandcast_studies/benchmarks/space/arms/ur5e-space.toml")
-    task = SpatialTask(arm, StringModel(0.4, 10), np.array(target_m), 0.02)
+def test_a_target_out_of_reach_is_refused(ur5e: SpatialTask, target_m: list[float], words: str) -> None:
+    task = replace(ur5e, target_m=np.array(target_m))
     with pytest.raises(StrandcastError, match=words):
         plan_on(task, start_strings_in_space(2, 0.4, mass_layout(0.4, 10, []), np.random.default_rng(1)))

@@ -14,7 +14,7 @@ from strandcast.errors import StrandcastError
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, sample
 from strandcast.planning.cost import CLEARANCE_M, rollout_cost, start_cost
-from strandcast.planning.miss_calibration import MissDistribution, miss_distribution
+from strandcast.planning.miss_calibration import IN_SPACE, MissDistribution, miss_distribution
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.search import SearchResult
 from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
@@ -32,7 +32,8 @@ class PlannedMotion:
     Attributes
     ----------
     planner, kind
-        ``ensemble`` or ``paper``; ``first``, ``refined`` (near a past motion), ``replanned`` (from scratch).
+        ``ensemble`` or ``paper``; ``first``, ``refined`` (near a past motion), ``replanned`` (from scratch),
+        and in space ``rehearsed`` (near a first one that was played without the string).
     curve, motion
         The velocity curves, and the motion's points.
     strings
@@ -127,6 +128,12 @@ def describe(
     _refuse_violations(task, motion)
     assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
     throws = _throws(scattered, assess_rollouts(task.rough(), scattered).miss_m)
+    miss = _calibrated(task, planner, found.kind, throws.miss_m)
+    flags = [*found.flags, *prediction_flags(task, found.curve, assessment)]
+    if miss is None and isinstance(task, SpatialTask):
+        flags.append(
+            f"the probability of a hit is not calibrated: {found.kind} motions in space were not counted"
+        )
     count = rollouts.last[0] + 1
     path, time_s = rollouts.points_m[0, :count], np.arange(count) * task.step_s
     return PlannedMotion(
@@ -139,7 +146,7 @@ def describe(
         miss_m=float(assessment.miss_m[0]),
         ensemble_miss_m=assessment.miss_m,
         throws=throws,
-        miss=_calibrated(task, planner, found.kind, throws.miss_m),
+        miss=miss,
         cost_m=float(rollout_cost(assessment, len(strings), task.step_s)[0]),
         hit_time_s=float(time_s[assessment.hit_index[0]]),
         tip_speed_m_s=float(assessment.tip_speed_m_s[0]),
@@ -151,15 +158,16 @@ def describe(
         room_m=_room_m(task, path),
         parent_trial=found.parent_trial,
         simulations=found.simulations,
-        flags=(*found.flags, *prediction_flags(task, found.curve, assessment)),
+        flags=tuple(flags),
     )
 
 
 def _calibrated(
     task: AnyTask, planner: str, kind: str, simulated_miss_m: np.ndarray
 ) -> MissDistribution | None:
-    """Return the distribution of the miss where it was counted: for throws in the plane."""
-    return miss_distribution(planner, kind, simulated_miss_m) if isinstance(task, PlanningTask) else None
+    """Return the distribution of the miss, None where such motions were not counted."""
+    counted = f"{kind}{IN_SPACE}" if isinstance(task, SpatialTask) else kind
+    return miss_distribution(planner, counted, simulated_miss_m)
 
 
 def _throws(scattered: Rollouts, miss_m: np.ndarray) -> PredictedThrows:
@@ -187,8 +195,6 @@ def prediction_flags(task: AnyTask, curve: Curve, predicted: Assessment) -> list
             flags.append(words.format(math.ceil(1000 * depth_m.max())) + _how_many(depth_m > 0.0))
     if start_cost(task, curve.q0_rad[None])[0] > 0.0:
         flags.append("at the start the string hangs over the arm or out of the workspace")
-    if isinstance(task, SpatialTask):
-        flags.append("the probability of a hit is the share of simulated throws: not calibrated in space")
     return flags
 
 

@@ -3,7 +3,8 @@
 The simulated misses of a motion come from strings and disturbances that the planner thinks of; the real
 string, the rig and the model differ in other ways too, and the search chooses the motion that looks best. How
 much larger misses really are was counted: `miss_calibration.json`, made by
-`strandcast_studies.benchmarks.loop.calibration` from drawn strings, targets and rigs, kind of motion by kind.
+`strandcast_studies.benchmarks.loop.calibration` from drawn strings, targets and rigs, kind of motion by kind,
+in the plane and in space.
 
 The miss is s r with s = floor + gain * rms of the simulated misses, and r distributed as it was seen.
 """
@@ -18,6 +19,7 @@ from strandcast.records.record import Part
 
 FILE = Path(__file__).with_name("miss_calibration.json")
 COUNTED = "ensemble"  # the planner of the throws that were counted
+IN_SPACE = " in space"  # after the kinds of motions in space
 LEVELS = tuple(np.round(np.arange(0.05, 0.951, 0.05), 2).tolist())  # shares whose ratios are kept
 # Above the last level the ratio's tail is a power law: the exponent of Student's t with four degrees of
 # freedom; below the first it falls linearly to zero, as distances in a plane at most do.
@@ -44,9 +46,10 @@ class KindCalibration(Part):
 
 
 class MissCalibration(Part):
-    """Calibration by kind of motion; ``made_from`` says from which experiments."""
+    """Calibration by kind of motion; ``made_from`` says from which experiments in the plane and in space."""
 
     made_from: str
+    made_from_in_space: str = ""
     kinds: dict[str, KindCalibration]
 
 
@@ -76,7 +79,8 @@ def miss_distribution(planner: str, kind: str, simulated_miss_m: np.ndarray) -> 
     Parameters
     ----------
     planner, kind
-        ``ensemble`` or ``paper``, which was not counted; ``first``, ``refined`` or ``replanned``.
+        ``ensemble`` or ``paper``, which was not counted; ``first``, ``refined`` or ``replanned``; in space,
+        with `IN_SPACE`, also ``rehearsed``.
     simulated_miss_m
         Misses simulated with strings and disturbances [m].
     """

@@ -31,18 +31,18 @@ from strandcast.planning.rig_scatter import drawn_sizes
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_curves
 from strandcast.planning.scenarios import crossed
 from strandcast.planning.search import SearchInputs, SearchResult
-from strandcast.planning.task import AnyTask, PlanningTask
+from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
 
 # Within this of a trial, rms over the control heights, nearly nine throws in ten passed within half a hit
 # radius of 20 mm of where they were predicted to (docs/explanation/throws.md, "How far a later motion may
 # go").
 TESTED_RAD_S = 0.5
-# A later motion is searched for globally if both the fit's E and the least miss so far are above these. A fit
-# above 8 mm is the best warning of a miss; 20 mm is the default hit radius.
+# A later motion in the plane is searched for globally if both the fit's E and the least miss so far are above
+# these. A fit above 8 mm is the best warning of a miss; 20 mm is the default hit radius.
 REPLAN_FROM_E_M = 0.008
 REPLAN_FROM_MISS_M = 0.020
-# Probabilities of a hit below which a later motion is compared with others near it, and any is searched for
-# again from nothing; chosen.
+# Probabilities of a hit below which a later motion is compared with others near it, or a search in space is
+# repeated, and below which any motion is searched for again from nothing; chosen.
 LIKELY, FAIR = 0.9, 0.6
 MOST_ATTEMPTS = 3  # of a search from nothing; chosen: each takes as long as the first
 HOPELESS = 10.0  # hit radii: so far off it is not bad luck of the search, and another attempt finds the same
@@ -172,34 +172,49 @@ def fitted_servo(task: AnyTask, past_trials: list[PastTrial]) -> Servo:
 def _globally(given: SearchInputs, kind: str, *flags: str) -> PlannedMotion:
     """Plan with the strings as if nothing had been thrown; search again where a hit is not likely."""
     radius_m = given.task.hit_radius_m
+    # The search in space more often ends far from the best motion, and the simulated share is too high.
+    enough = LIKELY if isinstance(given.task, SpatialTask) else FAIR
     plans: list[PlannedMotion] = []
     while len(plans) < MOST_ATTEMPTS:
         curve, simulations = _stopped_inside(
             given.task, lambda task: search_globally(replace(given, task=task))
         )
         plans.append(predicted(given, SearchResult(kind, curve, simulations, list(flags))))
-        if plans[-1].hit_probability(radius_m) >= FAIR or plans[-1].cost_m > HOPELESS * radius_m:
+        if _likelihood(given.task, plans[-1]) >= enough or plans[-1].cost_m > HOPELESS * radius_m:
             break
-    likeliest = max(plans, key=lambda plan: plan.hit_probability(radius_m))
+    likeliest = max(plans, key=lambda plan: _likelihood(given.task, plan))
     return replace(likeliest, simulations=sum(plan.simulations for plan in plans))
+
+
+def _likelihood(task: AnyTask, plan: PlannedMotion) -> float:
+    """Return the probability of a hit by which motions are compared.
+
+    In space it is the simulation's: the search then is the same with and without a calibration, so that one
+    search's misses calibrate the next.
+    """
+    if isinstance(task, SpatialTask):
+        return plan.simulated_hit_probability(task.hit_radius_m)
+    return plan.hit_probability(task.hit_radius_m)
 
 
 def _near_or_globally(given: SearchInputs, known: list[PastTrial], fit_E_m: float) -> PlannedMotion:
     """Plan near the best trial, or globally where no good throw can be found there."""
     if not known:
         return _from_scratch(given, "no past trial has a motion with control heights")
-    misses = [likely_miss_m(given.task, given.strings, trial) for trial in known]
+    task = given.task
+    misses = [likely_miss_m(task, given.strings, trial) for trial in known]
     best, least_m = known[int(np.argmin(misses))], min(misses)
-    if least_m > REPLAN_FROM_MISS_M and fit_E_m > REPLAN_FROM_E_M:
+    # In space the bias corrects the tip near a thrown motion even after a bad fit; elsewhere nothing does.
+    bad_fit = isinstance(task, PlanningTask) and fit_E_m > REPLAN_FROM_E_M
+    if bad_fit and least_m > REPLAN_FROM_MISS_M:
         return _from_scratch(given, f"the fit leaves {1000 * fit_E_m:.1f} mm and no throw came near")
     near = _near(given, best, least_m, known)
-    radius_m = given.task.hit_radius_m
-    likely = near.hit_probability(radius_m)
+    likely = _likelihood(task, near)
     if likely >= FAIR:
         return near
     again = _from_scratch(given, f"near trial {best.trial}'s motion the best hits with {likely:.0%}")
     simulations = near.simulations + again.simulations
-    return replace(again if again.hit_probability(radius_m) > likely else near, simulations=simulations)
+    return replace(again if _likelihood(task, again) > likely else near, simulations=simulations)
 
 
 def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
@@ -240,13 +255,13 @@ def _near(given: SearchInputs, best: PastTrial, miss_m: float, known: list[PastT
         return predicted_near(given, near, result)
 
     plan = found(near)
-    if plan.hit_probability(task.hit_radius_m) >= LIKELY:
+    if _likelihood(task, plan) >= LIKELY:
         return plan
     others = [
         found(disturbed_near(task, near, settings.ensemble, given.sizes)),
         described(near.best, 0, f"repeats trial {best.trial}'s motion: no change was found likelier to hit"),
     ]
-    likeliest = max([plan, *others], key=lambda other: other.hit_probability(task.hit_radius_m))
+    likeliest = max([plan, *others], key=lambda other: _likelihood(task, other))
     return replace(likeliest, simulations=plan.simulations + others[0].simulations)
 
 

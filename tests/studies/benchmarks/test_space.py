@@ -29,13 +29,22 @@ def test_targets_are_beyond_the_hand_but_not_the_string(seed: int) -> None:
 def test_a_case_is_thrown_fitted_and_planned_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "PLAN", PlanSettings(screening=32, evaluations=64, ensemble=2))
     monkeypatch.setattr(run, "ESTIMATE", EstimateSettings(evaluations=150, ensemble=2))
-    monkeypatch.setattr(run, "HIT_RADIUS_M", 1e-4)
-    first, second = run.run_case(12, 2)
-    assert (first.kind, first.fit_E_m) == ("first", None)
+    monkeypatch.setattr(run, "HIT_RADIUS_M", 10.0)
+    before, first, second = run.run_case(12, 2, rehearsed=True, every=True)  # also after a hit
+    assert (before.kind, before.trial, before.fit_E_m) == ("first", 0, None)
+    assert (first.kind, first.trial, first.fit_E_m) == ("rehearsed", 1, None)
     assert second.kind in ("refined", "replanned")
     assert second.fit_E_m is not None
     assert second.fit_E_m < 0.03
-    for throw in (first, second):
+    for throw in (before, first, second):
         # The track's noise, and the frame rate.
         np.testing.assert_allclose(throw.miss_m, throw.true_miss_m, atol=0.01)
         assert throw.plan_cpu_s > 0.0
+
+
+@pytest.mark.slow
+def test_a_case_ends_with_a_hit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "PLAN", PlanSettings(screening=32, evaluations=64, ensemble=2))
+    monkeypatch.setattr(run, "HIT_RADIUS_M", 10.0)
+    (only,) = run.run_case(12, 2)
+    assert only.trial == 1

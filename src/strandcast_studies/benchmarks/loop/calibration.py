@@ -3,9 +3,10 @@
     python -m strandcast_studies.benchmarks.loop.calibration fit results/bench-wide.json
     python -m strandcast_studies.benchmarks.loop.calibration check results/bench-drawn.json
 
-Runs come from `loop.drawn`. ``fit`` takes experiments that nothing else was tuned on; ``check`` prints, for
-experiments that ``fit`` has not seen, which share of throws stayed below the stated quantiles, the stated
-hit probability against the share that hit, and Brier and log loss, calibrated and as simulated.
+Runs come from `loop.drawn`, or with ``--space`` from `space.run`; ``fit`` changes the kinds of these only. It
+takes experiments that nothing else was tuned on; ``check`` prints, for experiments that ``fit`` has not
+seen, which share of throws stayed below the stated quantiles, the stated hit probability against the share
+that hit, and Brier and log loss, calibrated and as simulated.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from scipy.optimize import minimize
 from strandcast.core.shares import wilson
 from strandcast.planning.miss_calibration import (
     FILE,
+    IN_SPACE,
     LEVELS,
     KindCalibration,
     MissCalibration,
@@ -27,7 +29,8 @@ from strandcast.planning.miss_calibration import (
 )
 
 FEWEST = 30  # throws of a kind: fewer do not tell nineteen quantiles
-SIMILAR = {"replanned": "first"}  # kinds that are searched for in the same way may be counted together
+# Kinds that are searched for in the same way may be counted together.
+SIMILAR = {"replanned": "first", f"replanned{IN_SPACE}": f"first{IN_SPACE}"}
 SHARES, BIN = (0.5, 0.9), 0.1
 
 
@@ -41,13 +44,19 @@ class CountedThrow(NamedTuple):
     miss_m: float
 
 
-def throws_of(files: list[Path]) -> list[CountedThrow]:
-    """Return the throws of all runs that did not fail."""
+def throws_of(files: list[Path], suffix: str = "") -> list[CountedThrow]:
+    """Return all throws of runs that did not fail, those before a rehearsal too, with kinds + `suffix`."""
     runs = [run for file in files for run in json.loads(file.read_text(encoding="utf-8"))["runs"]]
     return [
-        CountedThrow(t["kind"], t["trial"], t["miss_rms_m"], t["simulated_hit_probability"], t["true_miss_m"])
+        CountedThrow(
+            t["kind"] + suffix,
+            t["trial"],
+            t["miss_rms_m"],
+            t["simulated_hit_probability"],
+            t["true_miss_m"],
+        )
         for run in runs
-        for t in run["trials"]
+        for t in [*run.get("unrehearsed", []), *run["trials"]]
     ]
 
 
@@ -90,6 +99,13 @@ def fit(throws: list[CountedThrow], made_from: str) -> MissCalibration:
             rms, miss = (np.array([getattr(t, name) for t in counted]) for name in ("rms_m", "miss_m"))
             kinds[kind] = kind_calibration(rms, miss)
     return MissCalibration(made_from=made_from, kinds=dict(sorted(kinds.items())))
+
+
+def merged(before: MissCalibration, made: MissCalibration, space: bool) -> MissCalibration:
+    """Return the calibration `before`, with its kinds in space, or those in the plane, as `made`."""
+    kept = {name: kind for name, kind in before.kinds.items() if name.endswith(IN_SPACE) != space}
+    changed = {"made_from_in_space" if space else "made_from": made.made_from}
+    return before.model_copy(update=changed | {"kinds": dict(sorted((kept | made.kinds).items()))})
 
 
 def stated(throw: CountedThrow, calibration: MissCalibration) -> MissDistribution:
@@ -138,14 +154,18 @@ def main(arguments: list[str] | None = None) -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("what", choices=("fit", "check"))
-    parser.add_argument("files", nargs="+", type=Path, help="results of loop.drawn")
+    parser.add_argument("files", nargs="+", type=Path, help="results of loop.drawn or space.run")
+    parser.add_argument("--space", action="store_true", help="the results are those of space.run")
     parser.add_argument("--radius", type=float, default=0.020, help="hit radius [m]")
     parser.add_argument("--out", type=Path, default=FILE, help="where fit writes the calibration")
     options = parser.parse_args(arguments)
-    throws = throws_of(options.files)
+    throws = throws_of(options.files, IN_SPACE if options.space else "")
     if options.what == "fit":
         names = ", ".join(sorted(file.stem for file in options.files))
         made = fit(throws, f"{len(throws)} throws of {names}")
+        if options.out.exists():
+            before = MissCalibration.model_validate_json(options.out.read_text(encoding="utf-8"))
+            made = merged(before, made, options.space)
         options.out.write_text(made.model_dump_json(indent=1) + "\n", encoding="utf-8")
     else:
         made = MissCalibration.model_validate_json(options.out.read_text(encoding="utf-8"))
