@@ -209,14 +209,16 @@ bench-drawn: $(VENV)/runtime.stamp  ## run the loop on sixty random strings, tar
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS)
 
 .PHONY: bench-space
-bench-space: $(VENV)/runtime.stamp  ## run the loop in space on twenty random strings, arms of six and seven joints: results/bench-space.json; 15 minutes of one core
-	@$(BIN)/python -m strandcast_studies.benchmarks.space.run --jobs $(JOBS)
+bench-space: $(VENV)/runtime.stamp  ## run the loop in space on twenty random strings, arms of six and seven joints, with rehearsals: results/bench-space.json; 12 minutes of one core
+	@$(BIN)/python -m strandcast_studies.benchmarks.space.run --rehearsed --jobs $(JOBS)
 
 .PHONY: calibration
 calibration: $(VENV)/runtime.stamp  ## count how far throws of drawn strings and rigs miss, for the stated probabilities; hours
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS) --seeds 4001-4060 --out results/calibration-usual.json
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS) --wide --seeds 5001-5060 --out results/calibration-wide.json
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.calibration fit results/calibration-usual.json results/calibration-wide.json
+	@$(BIN)/python -m strandcast_studies.benchmarks.space.run --rehearsed --every --trials 2 --jobs $(JOBS) --seeds 8001-8027 --out results/calibration-space.json
+	@$(BIN)/python -m strandcast_studies.benchmarks.loop.calibration fit --space results/calibration-space.json
 
 .PHONY: bench-batch
 bench-batch: $(VENV)/runtime.stamp  ## measure the overhead of a batch over its stages' own work: results/bench-batch.json; SIZE=2x3; ten minutes of CPU

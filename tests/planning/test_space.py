@@ -28,7 +28,7 @@ from strandcast.planning.bezier import Curve, rest_heights
 from strandcast.planning.capsules import start_violation_m
 from strandcast.planning.cost import CLEARANCE_M
 from strandcast.planning.describe import PlannedMotion
-from strandcast.planning.miss_calibration import MissCalibration
+from strandcast.planning.miss_calibration import MissCalibration, miss_distribution
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.plan import REPLAN_FROM_MISS_M, plan_first, plan_next
 from strandcast.planning.rollouts import (
@@ -223,6 +223,16 @@ def test_a_search_in_space_is_repeated_until_the_simulation_is_almost_sure_of_a_
         plan_module, "predicted", lambda _, result: replace(found, simulations=result.simulations)
     )
     assert plan_on(ur5e, first_strings).simulations == 100 * attempts
+
+
+def test_first_motions_in_space_have_a_calibration_of_their_own(first: PlannedMotion) -> None:
+    in_space, in_plane = (
+        miss_distribution("ensemble", kind, first.throws.miss_m) for kind in ("first in space", "first")
+    )
+    assert in_space is not None
+    assert in_plane is not None
+    assert in_space.within(0.05) == first.hit_probability(0.05) != in_plane.within(0.05)
+    assert not any("not counted" in flag for flag in first.flags)
 
 
 def test_a_rehearsal_shows_how_far_the_joints_go_and_what_is_not_counted_is_flagged(
