@@ -13,7 +13,14 @@ from strandcast.planning.miss_calibration import (
     MissDistribution,
     miss_distribution,
 )
-from strandcast_studies.benchmarks.loop.calibration import CountedThrow, fit, main, merged, reliability
+from strandcast_studies.benchmarks.loop.calibration import (
+    CountedThrow,
+    fit,
+    held_out,
+    main,
+    reliability,
+    stated,
+)
 
 
 def throws(count, seed, gain=2.0):
@@ -27,7 +34,7 @@ def throws(count, seed, gain=2.0):
 
 def test_stated_shares_hold_for_other_throws():
     made = fit(throws(300, 1), "a test")
-    seen = reliability(throws(2000, 2), made, 0.02)
+    seen = reliability([(throw, stated(throw, made)) for throw in throws(2000, 2)], 0.02)
     assert seen["below_p50"]["share"] == pytest.approx(0.5, abs=0.07)
     assert seen["below_p90"]["share"] == pytest.approx(0.9, abs=0.05)
     calibrated, simulated = seen["calibrated"], seen["simulated"]
@@ -45,17 +52,16 @@ def test_a_kind_with_few_throws_takes_those_of_a_similar_one():
     assert set(fit(few, "a test").kinds) == set()
 
 
-def test_counts_in_space_leave_the_plane_as_it_was_and_the_other_way_round():
-    in_plane = fit(throws(100, 1), "the plane")
-    thrown = [throw._replace(kind="first in space") for throw in throws(60, 2, gain=5.0)]
-    in_space = fit(thrown, "space")
-    both = merged(in_plane, in_space, space=True)
-    assert both.kinds == in_plane.kinds | in_space.kinds
-    assert (both.made_from, both.made_from_in_space) == ("the plane", "space")
-    again = merged(both, fit(throws(80, 3), "the plane again"), space=False)
-    assert (again.made_from, again.made_from_in_space) == ("the plane again", "space")
-    assert again.kinds["first"].throws == 80
-    assert again.kinds["first in space"] == both.kinds["first in space"]
+def test_experiments_are_held_out_as_a_whole():
+    runs = [[throw] for throw in throws(60, 1)]
+    missed = [throw._replace(miss_m=10.0) for throw in throws(40, 2)]
+    said = held_out([*runs, missed])
+    assert len(said) == 100
+    largest_m = max(run[0].miss_m for run in runs)
+    stated_m = [miss.quantile_m(0.95) for throw, miss in said if throw.miss_m == 10.0]
+    assert max(stated_m) < 3 * largest_m  # nothing of its own throws is in what is stated of them
+    rare = [throw._replace(kind="refined") for throw in throws(5, 3)]
+    assert len(held_out([*runs, rare])) == 60
 
 
 def test_probability_and_quantile_are_inverse_and_reach_into_the_tails():
@@ -67,12 +73,12 @@ def test_probability_and_quantile_are_inverse_and_reach_into_the_tails():
 
 
 def test_only_motions_like_those_counted_are_calibrated(monkeypatch):
-    known = KindCalibration(throws=40, floor_m=0.001, gain=2.0, ratios=list(LEVELS))
-    only = MissCalibration(made_from="a test", kinds={"first": known})
+    known = KindCalibration(made_from="a test", throws=40, floor_m=0.001, gain=2.0, ratios=list(LEVELS))
+    only = MissCalibration(kinds={"first": known})
     monkeypatch.setattr(miss_calibration, "calibration", lambda: only)
     simulated_m = np.array([0.003, 0.004])
-    stated = miss_distribution("ensemble", "first", simulated_m)
-    assert stated.quantile_m(0.5) == pytest.approx(0.5 * (0.001 + 2.0 * np.sqrt(12.5e-6)))
+    said = miss_distribution("ensemble", "first", simulated_m)
+    assert said.quantile_m(0.5) == pytest.approx(0.5 * (0.001 + 2.0 * np.sqrt(12.5e-6)))
     assert miss_distribution("ensemble", "refined", simulated_m) is None
     assert miss_distribution("paper", "first", simulated_m) is None
 
@@ -94,13 +100,14 @@ def test_the_script_reads_results_of_the_loop(tmp_path, capsys):
     main(["fit", str(tmp_path / "runs.json"), "--out", str(tmp_path / "made.json")])
     made = MissCalibration.model_validate_json((tmp_path / "made.json").read_text())
     assert made.kinds["first"].throws == 60
-    assert "60 throws of runs" in made.made_from
-    main(["check", str(tmp_path / "runs.json"), "--out", str(tmp_path / "made.json")])
-    assert '"brier"' in capsys.readouterr().out
+    assert made.kinds["first"].made_from == "runs"
+    for what in ("check", "held-out"):
+        main([what, str(tmp_path / "runs.json"), "--out", str(tmp_path / "made.json")])
+        assert ('"brier"' in capsys.readouterr().out) is (what == "check")  # there is no other run
     # The same throws in space, half of them before a rehearsal.
     run = {"unrehearsed": run["trials"][:30], "trials": run["trials"][30:]}
     (tmp_path / "space.json").write_text(json.dumps({"runs": [run]}))
     main(["fit", str(tmp_path / "space.json"), "--space", "--out", str(tmp_path / "made.json")])
-    made = MissCalibration.model_validate_json((tmp_path / "made.json").read_text())
-    assert made.kinds["first in space"] == made.kinds["first"]
-    assert made.made_from_in_space == "60 throws of space"
+    known = MissCalibration.model_validate_json((tmp_path / "made.json").read_text()).kinds
+    assert known["first"] == made.kinds["first"]  # the plane's stay as they were
+    assert known["first in space"] == made.kinds["first"].model_copy(update={"made_from": "space"})

@@ -32,8 +32,8 @@ class PlannedMotion:
     Attributes
     ----------
     planner, kind
-        ``ensemble`` or ``paper``; ``first``, ``refined`` (near a past motion), ``replanned`` (from scratch),
-        and in space ``rehearsed`` (near a first one that was played without the string).
+        ``ensemble`` or ``paper``; ``first``, ``rehearsed`` (near a first one that was played without the
+        string), ``refined`` (near a past motion), ``replanned`` (from scratch).
     curve, motion
         The velocity curves, and the motion's points.
     strings

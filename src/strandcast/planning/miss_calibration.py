@@ -31,6 +31,8 @@ class KindCalibration(Part):
 
     Attributes
     ----------
+    made_from
+        The runs whose throws were counted.
     throws
         How many were counted.
     floor_m, gain
@@ -39,6 +41,7 @@ class KindCalibration(Part):
         Quantiles of miss / s at `LEVELS`.
     """
 
+    made_from: str
     throws: int
     floor_m: float
     gain: float
@@ -46,10 +49,8 @@ class KindCalibration(Part):
 
 
 class MissCalibration(Part):
-    """Calibration by kind of motion; ``made_from`` says from which experiments in the plane and in space."""
+    """Calibration by kind of motion."""
 
-    made_from: str
-    made_from_in_space: str = ""
     kinds: dict[str, KindCalibration]
 
 
@@ -79,8 +80,8 @@ def miss_distribution(planner: str, kind: str, simulated_miss_m: np.ndarray) -> 
     Parameters
     ----------
     planner, kind
-        ``ensemble`` or ``paper``, which was not counted; ``first``, ``refined`` or ``replanned``; in space,
-        with `IN_SPACE`, also ``rehearsed``.
+        ``ensemble`` or ``paper``, which was not counted; ``first``, ``rehearsed``, ``refined`` or
+        ``replanned``, in space with `IN_SPACE`.
     simulated_miss_m
         Misses simulated with strings and disturbances [m].
     """

@@ -2,11 +2,13 @@
 
     python -m strandcast_studies.benchmarks.loop.calibration fit results/bench-wide.json
     python -m strandcast_studies.benchmarks.loop.calibration check results/bench-drawn.json
+    python -m strandcast_studies.benchmarks.loop.calibration held-out results/bench-wide.json
 
 Runs come from `loop.drawn`, or with ``--space`` from `space.run`; ``fit`` changes the kinds of these only. It
 takes experiments that nothing else was tuned on; ``check`` prints, for experiments that ``fit`` has not
 seen, which share of throws stayed below the stated quantiles, the stated hit probability against the share
-that hit, and Brier and log loss, calibrated and as simulated.
+that hit, and Brier and log loss, calibrated and as simulated. ``held-out`` prints the same with every
+experiment stated by a calibration on the others.
 """
 
 import argparse
@@ -44,29 +46,36 @@ class CountedThrow(NamedTuple):
     miss_m: float
 
 
-def throws_of(files: list[Path], suffix: str = "") -> list[CountedThrow]:
-    """Return all throws of runs that did not fail, those before a rehearsal too, with kinds + `suffix`."""
+StatedThrow = tuple[CountedThrow, MissDistribution]
+
+
+def throws_of(files: list[Path], suffix: str = "") -> list[list[CountedThrow]]:
+    """Return the throws of each run, that before a rehearsal too, with kinds + `suffix`."""
     runs = [run for file in files for run in json.loads(file.read_text(encoding="utf-8"))["runs"]]
     return [
-        CountedThrow(
-            t["kind"] + suffix,
-            t["trial"],
-            t["miss_rms_m"],
-            t["simulated_hit_probability"],
-            t["true_miss_m"],
-        )
+        [
+            CountedThrow(
+                t["kind"] + suffix,
+                t["trial"],
+                t["miss_rms_m"],
+                t["simulated_hit_probability"],
+                t["true_miss_m"],
+            )
+            for t in [*run.get("unrehearsed", []), *run["trials"]]
+        ]
         for run in runs
-        for t in [*run.get("unrehearsed", []), *run["trials"]]
     ]
 
 
-def kind_calibration(rms_m: np.ndarray, miss_m: np.ndarray) -> KindCalibration:
+def kind_calibration(rms_m: np.ndarray, miss_m: np.ndarray, made_from: str = "") -> KindCalibration:
     """Return the floor and gain with the least spread of log(miss / s), and the quantiles of miss / s.
 
     Parameters
     ----------
     rms_m, miss_m
         (N,) rms of the simulated misses, and the misses [m].
+    made_from
+        The runs.
     """
     log_miss = np.log(np.maximum(miss_m, 1e-4))
 
@@ -83,7 +92,11 @@ def kind_calibration(rms_m: np.ndarray, miss_m: np.ndarray) -> KindCalibration:
     at = np.clip(np.array(LEVELS) * (len(ratio) + 1) / len(ratio), 0.0, 1.0)
     ratios = np.maximum.accumulate(np.quantile(ratio / middle, at))
     return KindCalibration(
-        throws=len(ratio), floor_m=middle * floor_m, gain=middle, ratios=np.round(ratios, 4).tolist()
+        made_from=made_from,
+        throws=len(ratio),
+        floor_m=middle * floor_m,
+        gain=middle,
+        ratios=np.round(ratios, 4).tolist(),
     )
 
 
@@ -97,15 +110,17 @@ def fit(throws: list[CountedThrow], made_from: str) -> MissCalibration:
         counted = mine if len(mine) >= FEWEST else mine + by_kind.get(SIMILAR.get(kind, ""), [])
         if len(counted) >= FEWEST:
             rms, miss = (np.array([getattr(t, name) for t in counted]) for name in ("rms_m", "miss_m"))
-            kinds[kind] = kind_calibration(rms, miss)
-    return MissCalibration(made_from=made_from, kinds=dict(sorted(kinds.items())))
+            kinds[kind] = kind_calibration(rms, miss, made_from)
+    return MissCalibration(kinds=dict(sorted(kinds.items())))
 
 
-def merged(before: MissCalibration, made: MissCalibration, space: bool) -> MissCalibration:
-    """Return the calibration `before`, with its kinds in space, or those in the plane, as `made`."""
-    kept = {name: kind for name, kind in before.kinds.items() if name.endswith(IN_SPACE) != space}
-    changed = {"made_from_in_space" if space else "made_from": made.made_from}
-    return before.model_copy(update=changed | {"kinds": dict(sorted((kept | made.kinds).items()))})
+def held_out(runs: list[list[CountedThrow]]) -> list[StatedThrow]:
+    """Return the throws with what a calibration on all other runs states, of the kinds counted there."""
+    said = []
+    for k, run in enumerate(runs):
+        others = fit([throw for one in runs[:k] + runs[k + 1 :] for throw in one], "")
+        said += [(throw, stated(throw, others)) for throw in run if throw.kind in others.kinds]
+    return said
 
 
 def stated(throw: CountedThrow, calibration: MissCalibration) -> MissDistribution:
@@ -114,10 +129,9 @@ def stated(throw: CountedThrow, calibration: MissCalibration) -> MissDistributio
     return MissDistribution((known.floor_m + known.gain * throw.rms_m) * np.array(known.ratios))
 
 
-def reliability(throws: list[CountedThrow], calibration: MissCalibration, radius_m: float) -> dict[str, Any]:
+def reliability(pairs: list[StatedThrow], radius_m: float) -> dict[str, Any]:
     """Return how often stated quantiles and probabilities held."""
-    throws = [throw for throw in throws if throw.kind in calibration.kinds]
-    said = [stated(throw, calibration) for throw in throws]
+    throws, said = [throw for throw, _ in pairs], [one for _, one in pairs]
     miss = np.array([throw.miss_m for throw in throws])
     hit = miss <= radius_m
     answer: dict[str, Any] = {"throws": len(throws), "hits": int(hit.sum())}
@@ -149,29 +163,33 @@ def _share(held: np.ndarray) -> dict[str, float]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Fit or check."""
+    """Fit, check or hold out."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=("fit", "check"))
+    parser.add_argument("what", choices=("fit", "check", "held-out"))
     parser.add_argument("files", nargs="+", type=Path, help="results of loop.drawn or space.run")
     parser.add_argument("--space", action="store_true", help="the results are those of space.run")
     parser.add_argument("--radius", type=float, default=0.020, help="hit radius [m]")
     parser.add_argument("--out", type=Path, default=FILE, help="where fit writes the calibration")
     options = parser.parse_args(arguments)
-    throws = throws_of(options.files, IN_SPACE if options.space else "")
+    runs = throws_of(options.files, IN_SPACE if options.space else "")
+    throws = [throw for run in runs for throw in run]
+    before = MissCalibration(kinds={})
+    if options.out.exists():
+        before = MissCalibration.model_validate_json(options.out.read_text(encoding="utf-8"))
     if options.what == "fit":
-        names = ", ".join(sorted(file.stem for file in options.files))
-        made = fit(throws, f"{len(throws)} throws of {names}")
-        if options.out.exists():
-            before = MissCalibration.model_validate_json(options.out.read_text(encoding="utf-8"))
-            made = merged(before, made, options.space)
+        made = fit(throws, ", ".join(sorted(file.stem for file in options.files)))
+        made = MissCalibration(kinds=dict(sorted((before.kinds | made.kinds).items())))
         options.out.write_text(made.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        return
+    if options.what == "held-out":
+        said = held_out(runs)
     else:
-        made = MissCalibration.model_validate_json(options.out.read_text(encoding="utf-8"))
-    for trial in sorted({throw.trial for throw in throws}):
-        mine = [throw for throw in throws if throw.trial == trial]
-        print(f"trial {trial}:", json.dumps(reliability(mine, made, options.radius), indent=1))
+        said = [(throw, stated(throw, before)) for throw in throws if throw.kind in before.kinds]
+    for trial in sorted({throw.trial for throw, _ in said}):
+        mine = [pair for pair in said if pair[0].trial == trial]
+        print(f"trial {trial}:", json.dumps(reliability(mine, options.radius), indent=1))
 
 
 if __name__ == "__main__":

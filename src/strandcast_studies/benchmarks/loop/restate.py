@@ -21,7 +21,7 @@ from strandcast.lab.variation import scatter_of
 from strandcast.planning.local_search import neighbourhood
 from strandcast.planning.miss_calibration import MissCalibration, calibration
 from strandcast.planning.past_trials import curve_of
-from strandcast.planning.plan import predicted, predicted_near
+from strandcast.planning.plan import fitted_servo, predicted, predicted_near
 from strandcast.planning.rig_scatter import drawn_sizes
 from strandcast.planning.rollouts import RolloutConditions
 from strandcast.planning.search import SearchInputs, SearchResult
@@ -31,7 +31,14 @@ from strandcast.seeds import rng
 from strandcast.stages.files import past
 from strandcast.stages.job import Files
 from strandcast.stages.past_trials import read_trial
-from strandcast.stages.plan_inputs import first_inputs, next_inputs, past_trial_of, seen_deviations, servo_of
+from strandcast.stages.plan_inputs import (
+    first_inputs,
+    next_inputs,
+    past_trial_of,
+    rehearsal_of,
+    seen_deviations,
+    servo_of,
+)
 from strandcast.stages.run import files_of
 from strandcast_studies.benchmarks.loop.calibration import (
     SHARES,
@@ -66,6 +73,11 @@ def statements(root: Path, name: str, trial: int) -> dict[str, Statement]:
     if not trials:
         task, strings = first_inputs(context, arm, random)
         servo, seen, near = task.arm.servo, [], None
+        rehearsal = rehearsal_of(files, arm, task.step_s)
+        if rehearsal:
+            servo = fitted_servo(task, [rehearsal])
+            conditions = RolloutConditions(servo)
+            near = neighbourhood(task, strings, conditions, rehearsal, [rehearsal], settings)
     else:
         task, strings = next_inputs(context, arm, files.input("ensemble"))
         fitted = servo_of(Estimate.read(files.input("estimate")).servo)
@@ -182,7 +194,7 @@ def _of_others(run: str, throw: CountedThrow, counted: list[tuple[str, CountedTh
     """Return the calibration by the throws of a throw's kind in all other runs."""
     others = [one for other, one in counted if other != run and one.kind == throw.kind]
     rms_m, miss_m = (np.array([getattr(one, name) for one in others]) for name in ("rms_m", "miss_m"))
-    return MissCalibration(made_from="", kinds={throw.kind: kind_calibration(rms_m, miss_m)})
+    return MissCalibration(kinds={throw.kind: kind_calibration(rms_m, miss_m)})
 
 
 def main(arguments: list[str] | None = None) -> None:
