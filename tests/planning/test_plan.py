@@ -148,7 +148,7 @@ def test_a_rehearsal_shows_joints_that_are_not_as_the_arms_file_says(
     played = past_trial(to_record(first, task, "test", 1, 0, {}), nothing_seen, task.step_s)
     rng = np.random.default_rng(3)
     plan = plan_first(task, strings, SMALL, rng, rehearsal=played)
-    assert plan.kind == "first"
+    assert plan.kind == "rehearsed"
     assert missed_m(first) > 0.03
     assert missed_m(plan) < 0.015
     # Without control heights there is no motion to stay near, but its log still gives the servo's lag.
