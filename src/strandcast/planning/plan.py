@@ -210,7 +210,8 @@ def _near_or_globally(given: SearchInputs, known: list[PastTrial], fit_E_m: floa
         return _from_scratch(given, f"the fit leaves {1000 * fit_E_m:.1f} mm and no throw came near")
     near = _near(given, best, least_m, known)
     likely = _likelihood(task, near)
-    if likely >= FAIR:
+    # A motion that has hit is a better bet than one found with strings that do not explain why.
+    if likely >= FAIR or least_m <= task.hit_radius_m:
         return near
     again = _from_scratch(given, f"near trial {best.trial}'s motion the best hits with {likely:.0%}")
     simulations = near.simulations + again.simulations
