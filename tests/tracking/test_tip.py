@@ -21,14 +21,14 @@ def seen(scene, image, background, box=NO_HAND) -> SearchWindow:
     return SearchWindow(pair[0], 0, 0, pair[1], tabulate(scene.flat_camera(), 0.0), box)
 
 
-def drawn(scene, end_m, ball_px=0.0, arm=False):
+def drawn(scene, end_m, ball_px=0.0, arm=False, bare_m=0.0):
     background = np.full((scene.HEIGHT, scene.WIDTH), 180.0, np.float32)
     image = background.copy()
     if arm:
         scene.draw_line(image, scene.to_pixels(np.array([[0.02, -0.3], [0.02, 0.1]])), 12.0, 120.0)
     scene.draw_line(image, scene.to_pixels(np.array([[0.0, 0.1], [0.0, end_m]])), 2.0, 60.0)
     if ball_px:
-        centre = scene.to_pixels(np.array([0.0, end_m]))
+        centre = scene.to_pixels(np.array([0.0, end_m + bare_m]))
         cv2.circle(
             image, np.rint(centre * 16).astype(int).tolist(), int(ball_px * 16), 60.0, -1, cv2.LINE_AA, 4
         )
@@ -47,6 +47,15 @@ def test_end_is_found_along_the_string(scene, beyond_m):
     round_end_m = 1.0 * window.plane.metre_per_pixel  # half of the drawn line's width
     assert end_m == pytest.approx(beyond_m + round_end_m, abs=0.0007)
     assert half_px == pytest.approx(1.0, abs=0.6)
+
+
+@pytest.mark.parametrize(("bare_m", "half_px"), [(0.0, 6.0), (0.005, 6.0), (0.014, 1.0), (0.020, 1.0)])
+def test_a_bead_with_bare_string_beyond_it_is_not_at_the_tip(scene, bare_m, half_px):
+    # A bead of 9 mm: its edge is before the string's end from 9 mm on.
+    window = seen(scene, *drawn(scene, -0.1, ball_px=6.0, bare_m=bare_m))
+    end_m, found_px = end_of_string(window, *straight(), DARK, 0.03)
+    assert found_px == pytest.approx(half_px, abs=0.8)
+    assert end_m == pytest.approx(max(0.0, 0.009 - bare_m), abs=0.002)
 
 
 def test_a_string_that_goes_on_has_no_end(scene):

@@ -20,6 +20,8 @@ LEAST_INSIDE = 0.4  # of a clear line, that the string must reach before its end
 EDGE_PX = 4.0  # from the window's edge, within which no end is accepted
 MOST_CHANGED = 1.5  # clear lines; in front of a darker background, a bright string changes more
 END_PX = 5.0  # largest distance from the chain's tip to the string's visible end
+# Distance of its centre from the end, in its own radii and pixels, up to which a bead reaches to the end.
+REACHES, REACHES_PX = 1.2, 1.0
 LEAST_DEPTH = 0.45  # of the usual difference between string and background, below which no end is visible
 OUTSIDE_RUN = 4  # places without string that make an end
 BAND = 4  # samples to each side of the chain, within which the string is
@@ -57,7 +59,8 @@ def end_of_string(
 ) -> tuple[float, float]:
     """Return how far beyond the tip the string ends (m, negative before it), and its half width (px).
 
-    As in `end_beyond_tip`; the width is the largest near the end.
+    As in `end_beyond_tip`; the width is the largest near the end, or that of the bare string beyond a bead
+    that does not reach to the end.
     """
     end = end_beyond_tip(window, nodes, heading, appearance, reach_m)
     if not np.isfinite(end.end_m):
@@ -66,10 +69,14 @@ def end_of_string(
     places, normals = end.places[first : end.last + 1], end.normals[first : end.last + 1]
     pitch_m, half = STEP_PX * window.plane.metre_per_pixel, int(np.ceil(WIDEST_PX / STEP_PX))
     _, difference = sample_across(window, places, normals, pitch_m, half, 0, appearance.polarity)
-    widest = 0
+    half_px = np.empty(len(difference))
     for i in range(len(difference)):
-        widest = max(widest, (difference[i] > end.threshold).sum())
-    return end.end_m, 0.5 * widest * STEP_PX
+        half_px[i] = 0.5 * STEP_PX * (difference[i] > end.threshold).sum()
+    widest = half_px.max()
+    centre = np.median(np.flatnonzero(half_px == widest))
+    reach_px = REACHES * widest + REACHES_PX
+    bare = int(centre + reach_px / ALONG_PX)
+    return end.end_m, widest if bare >= len(half_px) else half_px[bare:].max()
 
 
 @njit(cache=True)
