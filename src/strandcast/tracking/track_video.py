@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from strandcast.config.track import TrackSettings
-from strandcast.tracking.attachments.declared_vs_detected import declaration_conflicts
+from strandcast.tracking.attachments.declared_vs_detected import declaration_conflicts, hidden_tip_warnings
 from strandcast.tracking.chain.acceleration_gate import gate_accelerations
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.point_uncertainty import FramePoints
@@ -74,7 +74,9 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
             frame_picture(k, sampled, samples.pictures, crops, background.picture) for k in instants.tolist()
         ]
     target = None if given.target_m is None else locate_target(background.picture, camera, given.target_m)
-    tip = TipPath(time_s, points_m[:, -1], flags[:, -1] == 0, string.first.appearance.tip_excess_m)
+    appearance = string.first.appearance
+    tip = TipPath(time_s, points_m[:, -1], flags[:, -1] == 0, appearance.tip_excess_m)
+    weights_m = [weight.place_m for weight in given.string.weights]
     led, led_warnings = (None, []) if led_monitor is None else led_monitor.found(time_s, given.exposure_s)
     return Tracked(
         camera_time_s=time_s,
@@ -99,9 +101,12 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
             *length_warnings(string.learned.clamp_fit, given.free_length_m),
             *out_of_plane_warnings(frames, string, camera),
             *decoded.warnings,
+            *hidden_tip_warnings(
+                appearance.tip_excess_m if appearance.has_bead else 0.0, weights_m, given.free_length_m
+            ),
             *declaration_conflicts(
                 string.learned.attachments,
-                [weight.place_m for weight in given.string.weights],
+                weights_m,
                 [(section.from_m, section.to_m) for section in given.string.stiff_sections],
                 given.free_length_m,
             ),
