@@ -6,8 +6,11 @@ much larger misses really are was counted: `miss_calibration.json`, made by
 `strandcast_studies.benchmarks.loop.calibration` from drawn strings, targets and rigs, kind of motion by kind,
 in the plane and in space.
 
-The miss is s r with s = floor + gain * rms of the simulated misses, and r distributed as it was seen.
+The miss is s r with s = floor + gain * rms of the simulated misses, and r distributed as it was seen. Motions
+with more than `COUNTED_M` were hardly counted: beyond, s grows as what is simulated.
 """
+
+from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
@@ -21,6 +24,7 @@ FILE = Path(__file__).with_name("miss_calibration.json")
 COUNTED = "ensemble"  # the planner of the throws that were counted
 IN_SPACE = " in space"  # after the kinds of motions in space
 LEVELS = tuple(np.round(np.arange(0.05, 0.951, 0.05), 2).tolist())  # shares whose ratios are kept
+COUNTED_M = 0.02  # rms of simulated misses; chosen: the usual hit radius
 # Above the last level the ratio's tail is a power law: the exponent of Student's t with four degrees of
 # freedom; below the first it falls linearly to zero, as distances in a plane at most do.
 TAIL_EXPONENT = 4.0
@@ -46,6 +50,12 @@ class KindCalibration(Part):
     floor_m: float
     gain: float
     ratios: list[float]
+
+    def distribution(self, rms_m: float) -> MissDistribution:
+        """Return the distribution of the miss of a motion, by the rms of its simulated misses [m]."""
+        beyond_m = max(rms_m - COUNTED_M, 0.0)
+        scale_m = self.floor_m + self.gain * (rms_m - beyond_m) + beyond_m
+        return MissDistribution(scale_m * np.array(self.ratios))
 
 
 class MissCalibration(Part):
@@ -88,8 +98,7 @@ def miss_distribution(planner: str, kind: str, simulated_miss_m: np.ndarray) -> 
     known = calibration().kinds.get(kind)
     if known is None or planner != COUNTED:
         return None
-    scale_m = known.floor_m + known.gain * float(np.sqrt(np.mean(simulated_miss_m**2)))
-    return MissDistribution(scale_m * np.array(known.ratios))
+    return known.distribution(float(np.sqrt(np.mean(simulated_miss_m**2))))
 
 
 @cache

@@ -125,8 +125,7 @@ def held_out(runs: list[list[CountedThrow]]) -> list[StatedThrow]:
 
 def stated(throw: CountedThrow, calibration: MissCalibration) -> MissDistribution:
     """Return the calibrated distribution of a throw's miss."""
-    known = calibration.kinds[throw.kind]
-    return MissDistribution((known.floor_m + known.gain * throw.rms_m) * np.array(known.ratios))
+    return calibration.kinds[throw.kind].distribution(throw.rms_m)
 
 
 def reliability(pairs: list[StatedThrow], radius_m: float) -> dict[str, Any]:
