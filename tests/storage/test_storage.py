@@ -36,6 +36,7 @@ def local(tmp_path_factory) -> Path:
     run_stages(root, jobs)
     shutil.rmtree(root / "results")
     (root / "data" / NAME).rename(root / "data" / "rig")
+    shutil.rmtree(root / "data" / "rig" / "rehearsal")
     (root / "data" / "rig" / "experiment.yaml").write_text(REAL)
     (root / "config" / "experiments" / f"{NAME}.yaml").unlink()
     for file in root.glob("data/rig/trial-*/predicted.parquet"):
