@@ -103,6 +103,17 @@ def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None
     assert caught.value.file == str(record)
 
 
+def test_the_lab_does_not_replace_the_rehearsal_of_a_real_arm(root: Path) -> None:
+    write(root, "real", "target_m: [0.5, 0.5]\n" + SMALL)
+    folder = root / "data/real/rehearsal"
+    folder.mkdir()
+    for name in ("motion.json", "run.json"):
+        (folder / name).write_text("recorded")
+    with pytest.raises(StrandcastError, match="SC-L001"):
+        run_stage("lab_rehearse", root, "real")
+    assert [(folder / name).read_text() for name in ("motion.json", "run.json")] == ["recorded"] * 2
+
+
 def test_a_bar_is_planned_for_and_the_file_is_the_same_each_time(
     root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -215,7 +215,8 @@ class Experiment(Section):
         knows no rehearsal.
         """
         asked = self.lab is not None and self.lab.rehearsal
-        return asked and self.start_string == "ensemble" and self.plan.plans_with_servo
+        ours = self.plan.planner != "paper" and self.plan.plans_with_servo
+        return asked and self.start_string == "ensemble" and ours
 
     @property
     def camera_name(self) -> str:

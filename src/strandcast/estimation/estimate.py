@@ -89,7 +89,7 @@ def estimate(
     start = SearchStart(previous, older + len(throws))
     if settings.drag_along != "auto":
         objective, log = _search_in_wide_enough_ranges(objective, settings, rng, start)
-    elif previous is not None and previous.drag_along.any():
+    elif settings.search != "paper" and previous is not None and previous.drag_along.any():
         objective = replace(objective, space=with_drag_along(space))
         objective, log = _search_in_wide_enough_ranges(objective, settings, rng, start)
     else:

@@ -81,6 +81,7 @@ def rehearse(experiment: Experiment, name: str, arm: Arm, motion_path: Path, fol
 
 
 def _play(motion_path: Path, arm: Arm, driver: LabDriver, folder: Path) -> Run:
+    driver.connect()  # refuses an experiment without a virtual rig before anything is removed
     # Unlike a real throw, a virtual one can be repeated.
     (folder / "run.json").unlink(missing_ok=True)
     # A virtual arm can hurt nobody: it needs no workspace and no confirmation by a person.

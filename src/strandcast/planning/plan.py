@@ -211,7 +211,8 @@ def _near_or_globally(given: SearchInputs, known: list[PastTrial], fit_E_m: floa
     near = _near(given, best, least_m, known)
     likely = _likelihood(task, near)
     # A motion that has hit is a better bet than one found with strings that do not explain why.
-    if likely >= FAIR or least_m <= task.hit_radius_m:
+    has_hit = best.miss_m is not None and best.miss_m <= task.hit_radius_m
+    if likely >= FAIR or has_hit:
         return near
     again = _from_scratch(given, f"near trial {best.trial}'s motion the best hits with {likely:.0%}")
     simulations = near.simulations + again.simulations
