@@ -30,6 +30,7 @@ from strandcast.stages.context import context_of
 from strandcast.stages.plan_inputs import first_inputs, rehearsal_of
 from strandcast.stages.rig import rig_state
 from strandcast.stages.run import files_of, run_stage
+from strandcast.workflow.verify import verify
 from strandcast_studies.benchmarks.loop.throw import LoopRig, throw
 
 ARM = "config/arms/planar3.toml"
@@ -97,7 +98,10 @@ def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None
     assert played is not None
     assert np.diff(played.q_rad, n=3, axis=0).std() < 1e-4
 
+    assert verify(root, "rehearsed", raw=True) == []
     again.write(record.with_name("motion.json"))
+    wrong = {found.state: found.file for found in verify(root, "rehearsed", raw=True)}
+    assert Path(wrong["misplaced"]) == record.with_name("motion.json")
     with pytest.raises(StrandcastError, match="SC-P021") as caught:
         planned(root, "rehearsed")
     assert caught.value.file == str(record)

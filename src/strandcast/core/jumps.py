@@ -5,7 +5,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 # Chosen.
 GLITCH_M_S = 5.0  # beyond the velocity around: fast strings move, they do not jump
-AROUND = 5  # intervals from one frame to the next, whose median is the velocity around
+AROUND = 5  # intervals from one frame to the next; their median is the velocity around
 
 
 def jumps(time_s: np.ndarray, points_m: np.ndarray, fastest_m_s: float = GLITCH_M_S) -> np.ndarray:

@@ -153,7 +153,12 @@ def _with_drag_along_if_it_pays(
     freer = replace(objective, space=with_drag_along(objective.space))
     own_rng = rng.spawn(1)[0]  # what follows does not depend on a search that did not pay
     beyond = search(freer, settings, own_rng, replace(start, previous=starts), _search_budget(settings))
-    return (freer, beyond) if beyond.best()[1] < PAYS * log.best()[1] else (objective, log)
+    gain = beyond.best()[1] / log.best()[1]
+    if gain >= PAYS:
+        return objective, log
+    # Whether independent searches agree shows in those without it: only one of the others began with theirs.
+    beyond.ends = [gain * end for end in log.ends]
+    return freer, beyond
 
 
 def search(

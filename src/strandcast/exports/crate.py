@@ -136,7 +136,7 @@ def export_crate(
 def _stage_runs(experiment: ExperimentView) -> list[_StageRun]:
     """Return the stages that made the files of an experiment, in the order of the loop."""
     folder = experiment.context.folder
-    places = [folder.results, folder.results / "cameras"]
+    places = [folder.results, folder.results / "cameras", folder.rehearsal]
     places += [place for t in experiment.trials.values() for place in (t.folder.data, t.folder.results)]
     runs: dict[tuple[str, int], _StageRun] = {}
     for path in sorted(path for place in places for path in place.glob("*.*")):

@@ -36,7 +36,7 @@ class KindCalibration(Part):
     Attributes
     ----------
     made_from
-        The runs whose throws were counted.
+        The runs with the throws that were counted.
     throws
         How many were counted.
     floor_m, gain

@@ -37,7 +37,8 @@ def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
     lineages: list[Lineage] = []
     findings = [finding for place in places for finding in _verify_results(place, lineages)]
     findings += _missing(root, lineages)
-    for trial in trials:
+    rehearsal = TrialFolder(folder.rehearsal, folder.results / folder.rehearsal.name, 0)
+    for trial in (rehearsal, *trials):
         findings += _verify_raw_records(trial)
         findings += _verify_raw_bytes(trial) if raw else []
     return sorted(findings, key=lambda finding: ORDER.index(finding.state))

@@ -64,7 +64,7 @@ class SpaceTrial(NamedTuple):
     true_miss_m: float
 
 
-class Played(NamedTuple):
+class PlayedSwing(NamedTuple):
     """A motion that the lab played: its swing, and times and joints of the log (R,), (R, J) [s, rad]."""
 
     swing: LabSwing
@@ -178,21 +178,21 @@ def _variation(case: SpaceCase, random: np.random.Generator) -> VariationInSpace
 
 def _played(
     case: SpaceCase, plan: PlannedMotion, variation: VariationInSpace, random: np.random.Generator
-) -> Played:
+) -> PlayedSwing:
     """Play a motion in the lab, and return the swing and the joint log on the motion's clock."""
     arm, motion_s = case.arm, plan.motion.end_s
     command = plan.motion.resampled(1.0 / arm.log_rate_hz)
     swing = simulate_swing_in_space(arm, case.servo, case.string, case.curl_turn_rad, variation, command)
     log = joint_log(arm, swing, variation.along, LabClocks(-swing.time_s[0], 0.0, 0.0), motion_s, random)
     log_s = log.time_s - log.time_s[0] + swing.time_s[0]
-    return Played(swing, log_s, savgol_filter(log.q_rad, JOINTS_SMOOTHED, 2, axis=0))
+    return PlayedSwing(swing, log_s, savgol_filter(log.q_rad, JOINTS_SMOOTHED, 2, axis=0))
 
 
 def _past(
     case: SpaceCase,
     plan: PlannedMotion,
     trial: int,
-    played: Played,
+    played: PlayedSwing,
     frame_s: np.ndarray,
     points_m: np.ndarray,
 ) -> PastTrial:
