@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from strandcast.arm.load import Arm, load_arm
-from strandcast.arm.servo import respond
+from strandcast.arm.yielding_joints import follow
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
 from strandcast.planning.rollouts import RolloutConditions, commands, simulate_rollouts
@@ -221,7 +221,7 @@ class FittedString:
         trajectory = played.trajectory().resampled(task.step_s)
         time_s, q_rad, last = commands([trajectory], task.step_s)
         conditions = RolloutConditions(servo_of(self.record.servo))
-        followed = q_rad if conditions.servo is None else respond(conditions.servo, time_s, q_rad)
+        followed = q_rad if conditions.servo is None else follow(conditions.servo, time_s, q_rad)
         points_m = simulate_rollouts(task, strings, conditions, followed, last).points_m
         member, sample, point = (index.ravel() for index in np.indices(points_m.shape[:3]))
         columns = (member, time_s[sample], point, *points_m.reshape(-1, 2).T)

@@ -76,7 +76,7 @@ def _respond(
             before = 0.0
             answer[b, 0, j] = start
             for k in range(1, samples):
-                now = gain * (_sample(commands, b, j, k - delays[j]) - start)
+                now = gain * (command_at(commands, b, j, k - delays[j]) - start)
                 x, v = (
                     decay[0, 0] * x + decay[0, 1] * v + force[0, 0] * before + force[0, 1] * now,
                     decay[1, 0] * x + decay[1, 1] * v + force[1, 0] * before + force[1, 1] * now,
@@ -87,7 +87,7 @@ def _respond(
 
 
 @njit(cache=True)
-def _sample(commands: np.ndarray, b: int, j: int, place: float) -> float:
+def command_at(commands: np.ndarray, b: int, j: int, place: float) -> float:
     """Command of a joint at a fractional index, the first one before the first sample."""
     last = commands.shape[1] - 1
     k = min(max(int(place), 0), last)

@@ -41,7 +41,7 @@ class SpatialDynamics:
 
         Dry friction, whose direction is uncertain, is taken to oppose the motion.
         """
-        needed = _torques(
+        needed = newton_euler(
             q, qd, qdd, self.chain, self.mass_kg, self.centre_m, self.inertia_kg_m2, self.gravity_m_s2
         )
         needed += self.viscous * qd + self.armature * qdd
@@ -89,7 +89,7 @@ def _cross(a: np.ndarray, b: np.ndarray, r: int) -> float:
 
 
 @njit(cache=True)
-def _torques(
+def newton_euler(
     q: np.ndarray,
     qd: np.ndarray,
     qdd: np.ndarray,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.arm.servo import Servo, respond
+from strandcast.arm.yielding_joints import JointResponse, follow
 from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve
 from strandcast.planning.past_trials import PastTrial, resampled
@@ -80,7 +80,7 @@ def distance_rad_s(curve: Curve, trials: list[PastTrial]) -> float:
 
 
 def bias_correction(
-    task: AnyTask, strings: StringBatch, servo: Servo | None, trials: list[PastTrial]
+    task: AnyTask, strings: StringBatch, servo: JointResponse | None, trials: list[PastTrial]
 ) -> BiasCorrection:
     """Simulate past trials as they were, and return the simulation's errors."""
     time_s = np.arange(len(trials[0].q_rad)) * task.step_s
@@ -98,8 +98,8 @@ def bias_correction(
     )
 
 
-def _response(servo: Servo | None, time_s: np.ndarray, q_command_rad: np.ndarray) -> np.ndarray:
-    return q_command_rad if servo is None else respond(servo, time_s, q_command_rad)
+def _response(servo: JointResponse | None, time_s: np.ndarray, q_command_rad: np.ndarray) -> np.ndarray:
+    return q_command_rad if servo is None else follow(servo, time_s, q_command_rad)
 
 
 def tip_bias(trial: PastTrial, tips_m: np.ndarray, step_s: float) -> np.ndarray:

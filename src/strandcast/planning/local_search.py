@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from strandcast.arm.servo import respond
+from strandcast.arm.yielding_joints import follow
 from strandcast.config.plan import PlanSettings
 from strandcast.core.strings import StringBatch
 from strandcast.planning.assessment import assess_rollouts
@@ -118,7 +118,7 @@ def rollouts_near(task: AnyTask, near: Neighbourhood, paths: JointPaths, heights
     """
     time_s = np.arange(paths.q.shape[1]) * task.step_s
     servo = near.conditions.servo
-    q = paths.q if servo is None else respond(servo, time_s, paths.q)
+    q = paths.q if servo is None else follow(servo, time_s, paths.q)
     q = q + np.einsum("pn,ntj->ptj", near.bias.weights(heights), near.bias.joints_rad)
     last = paths.last + round(AFTER_END_S / task.step_s)
     rollouts = simulate_rollouts(task, near.strings, near.conditions, q, last)

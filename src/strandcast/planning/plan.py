@@ -6,7 +6,9 @@ from typing import cast
 
 import numpy as np
 
-from strandcast.arm.servo import Servo, identify
+from strandcast.arm.servo import identify
+from strandcast.arm.spatial_dynamics import spatial_dynamics_of
+from strandcast.arm.yielding_joints import JointResponse, YieldingJoints, identify_yielding
 from strandcast.config.plan import PlanSettings
 from strandcast.core.strings import StringBatch
 from strandcast.errors import StrandcastError
@@ -45,6 +47,10 @@ REPLAN_FROM_MISS_M = 0.020
 # repeated, and below which any motion is searched for again from nothing; chosen.
 LIKELY, FAIR = 0.9, 0.6
 MOST_ATTEMPTS = 3  # of a search from nothing; chosen: each takes as long as the first
+# What the servo's response leaves of a joint's angle above which joints are taken to yield, where that
+# leaves less than half, and up to which yielding joints are known far from a played motion, too; chosen: a
+# milliradian moves the hand by a millimetre.
+YIELDS_RAD, KNOWN_RAD = 1e-3, 2e-3
 HOPELESS = 10.0  # hit radii: so far off it is not bad luck of the search, and another attempt finds the same
 
 
@@ -96,7 +102,7 @@ def plan_next(
     past_trials: list[PastTrial],
     settings: PlanSettings,
     rng: np.random.Generator,
-    servo: Servo | None = None,
+    servo: JointResponse | None = None,
     fit_E_m: float | None = None,
     sizes: np.ndarray | None = None,
 ) -> PlannedMotion:
@@ -161,12 +167,19 @@ def _sizes(settings: PlanSettings, sizes: np.ndarray | None) -> np.ndarray:
     return drawn_sizes(settings, []) if sizes is None else sizes
 
 
-def fitted_servo(task: AnyTask, past_trials: list[PastTrial]) -> Servo:
-    """Return the servo's response that explains the joints of all trials as long as the last one."""
+def fitted_servo(task: AnyTask, past_trials: list[PastTrial]) -> JointResponse:
+    """Return the joints' response that explains those of all trials as long as the last one.
+
+    In space, joints that a servo's response does not describe are taken to yield to the arm's torques.
+    """
     same = [trial for trial in past_trials if trial.q_rad.shape == past_trials[-1].q_rad.shape]
     time_s = np.arange(len(same[0].q_rad)) * task.step_s
-    q = np.array([trial.q_rad for trial in same])
-    return identify(time_s, np.array([trial.q_command_rad for trial in same]), q, task.arm.servo)[0]
+    commands, q = np.array([trial.q_command_rad for trial in same]), np.array([trial.q_rad for trial in same])
+    servo, left_rad = identify(time_s, commands, q, task.arm.servo)
+    if isinstance(task, PlanningTask) or left_rad.max() < YIELDS_RAD:
+        return servo
+    yielding, still_left_rad = identify_yielding(time_s, commands, q, spatial_dynamics_of(task.arm))
+    return yielding if still_left_rad.max() < 0.5 * left_rad.max() else servo
 
 
 def _globally(given: SearchInputs, kind: str, *flags: str) -> PlannedMotion:
@@ -229,7 +242,15 @@ def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
     curve, simulations = _stopped_inside(
         task, lambda task: search_near(task, scattered, miss_m, settings, given.rng)
     )
-    return predicted_near(given, near, SearchResult("rehearsed", curve, simulations, []))
+    plan = predicted_near(given, near, SearchResult("rehearsed", curve, simulations, []))
+    left_rad = np.sqrt(np.mean(near.bias.joints_rad**2, axis=(0, 1))).max()
+    if not isinstance(given.conditions.servo, YieldingJoints) or left_rad > KNOWN_RAD:
+        return plan
+    # The first search did not know how these joints move, and other motions may suit them better.
+    again = _globally(given, "rehearsed")
+    simulations = plan.simulations + again.simulations
+    better = min(plan, again, key=lambda one: float(np.mean(one.throws.miss_m**2)))
+    return replace(better, simulations=simulations)
 
 
 def _from_scratch(given: SearchInputs, reason: str) -> PlannedMotion:

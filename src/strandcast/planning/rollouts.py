@@ -10,8 +10,8 @@ import numpy as np
 from numba import njit
 
 from strandcast.arm.load import AnyArm, Arm
-from strandcast.arm.servo import Servo, respond
 from strandcast.arm.spatial import SpatialArm, hand_poses_in_space
+from strandcast.arm.yielding_joints import JointResponse, follow
 from strandcast.core.strings import StringBatch
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.dynamics.batch import HandPath, StringStart
@@ -42,7 +42,7 @@ class RolloutConditions:
         (n, 2 or 3) where the string's points 1…n are at the start [m], None for hanging at rest.
     """
 
-    servo: Servo | None = None
+    servo: JointResponse | None = None
     start_m: np.ndarray | None = None
 
 
@@ -153,7 +153,7 @@ def rollouts_of_curves(
     """Simulate motions, the servo's response included, with every string."""
     time_s, q, last = commands([sample(curve, task.step_s) for curve in curves], task.step_s)
     if conditions.servo is not None:
-        q = respond(conditions.servo, time_s, q)
+        q = follow(conditions.servo, time_s, q)
     return simulate_rollouts(task, strings, conditions, q, last)
 
 
@@ -162,7 +162,7 @@ def rollouts_of_paths(
 ) -> Rollouts:
     """Simulate motions side by side, sampled until the end of the miss's window, with every string."""
     time_s = np.arange(paths.q.shape[1]) * task.step_s
-    q = paths.q if conditions.servo is None else respond(conditions.servo, time_s, paths.q)
+    q = paths.q if conditions.servo is None else follow(conditions.servo, time_s, paths.q)
     return simulate_rollouts(task, strings, conditions, q, paths.last + round(AFTER_END_S / task.step_s))
 
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from strandcast.arm.load import load_arm
+from strandcast.arm.yielding_joints import JointResponse
 from strandcast.core.disturbances import DISTURBING
 from strandcast.lab.variation import scatter_of
 from strandcast.planning.local_search import neighbourhood
@@ -72,7 +73,8 @@ def statements(root: Path, name: str, trial: int) -> dict[str, Statement]:
     trials = [read_trial(files, number) for number in past(files.job)]
     if not trials:
         task, strings = first_inputs(context, arm, random)
-        servo, seen, near = task.arm.servo, [], None
+        servo: JointResponse = task.arm.servo
+        seen, near = [], None
         rehearsal = rehearsal_of(files, arm, task.step_s)
         if rehearsal:
             servo = fitted_servo(task, [rehearsal])
