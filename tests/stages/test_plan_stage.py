@@ -27,7 +27,8 @@ from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK
 from strandcast.stages import plan as plan_stage
 from strandcast.stages.context import context_of
-from strandcast.stages.plan_inputs import first_inputs, rehearsal_of
+from strandcast.stages.past_trials import read_trial
+from strandcast.stages.plan_inputs import first_inputs, measured_of, rehearsal_of
 from strandcast.stages.rig import rig_state
 from strandcast.stages.run import files_of, run_stage
 from strandcast.workflow.verify import verify
@@ -274,6 +275,14 @@ def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(root: Path) ->
     write_table(track, TRACK, columns, {"source": "test"})
     for stage in ("register_track", "score", "estimate"):
         run_stage(stage, root, "blind", 1)
+    # Neither fit nor planner see the noise of the log's rows, second differences of 1.2 mrad.
+    trial = read_trial(files_of("estimate", root, "blind", 1), 1)
+    for rows, raw_rows in (
+        (trial.hand_pose[:, 2], trial.log.q_rad.sum(axis=1)),
+        (measured_of(trial).q_rad, trial.log.q_rad),
+    ):
+        assert np.diff(raw_rows, n=2, axis=0).std() > 1e-3
+        assert np.diff(rows, n=2, axis=0).std() < 2e-4
     fitted = Estimate.read(root / "results/blind/trial-01/estimate.json")
     assert (fitted.tip_error_m, fitted.E_points_m[-1]) == (None, None)
     run_stage("plan", root, "blind", 2)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from strandcast.alignment.joints import without_row_noise
 from strandcast.arm.load import Arm
 from strandcast.arm.servo_response import Response, identify_response
 from strandcast.core.strings import PARAMETERS, StringBatch
@@ -65,6 +66,8 @@ def read_trial(files: Files, number: int) -> Trial:
     if settings.aim is not None:
         shortfall, _ = tracked_shortfall(track, alignment, settings.aim, summary.length_m)
     played, run = files.optional("motion", number), files.optional("run", number)
+    log = read_run(run.parent)[1] if run else None
+    pose = hand.array()
     return Trial(
         number,
         summary,
@@ -74,9 +77,10 @@ def read_trial(files: Files, number: int) -> Trial:
         shortfall,
         alignment.robot_time_s(track.camera_time_s),
         hand_time_s,
-        hand.array(),
+        # The rows' noise would shake the simulated strings.
+        without_row_noise(hand_time_s, pose) if log else pose,
         Motion.read(played) if played else None,
-        read_run(run.parent)[1] if run else None,
+        log,
     )
 
 

@@ -137,7 +137,8 @@ def measured_of(trial: Trial) -> Measured:
         time_s, q_rad = motion.trajectory().time_s, motion.trajectory().q_rad
     else:
         columns = [log.joint_names.index(name) for name in motion.joint_names]
-        time_s, q_rad = log.time_s - start_s, log.q_rad[:, columns]
+        time_s, rows = np.unique(log.time_s - start_s, return_index=True)
+        q_rad = without_row_noise(time_s, log.q_rad[rows][:, columns])
     miss_m = None if trial.shortfall is None else trial.shortfall.miss_m
     return Measured(time_s, q_rad, trial.frame_time_s - start_s, trial.track.detected_m(), miss_m)
 
