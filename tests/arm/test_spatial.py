@@ -51,6 +51,18 @@ def test_torques_in_space_are_mujocos(arm: SpatialArm) -> None:
         np.testing.assert_allclose(found, torques(one, q, qd, qdd), rtol=1e-9, atol=1e-9)
 
 
+def test_the_mass_matrix_is_mujocos(arm: SpatialArm) -> None:
+    model = arm.model_with_payload()
+    data, full = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    dofs = [int(model.joint(name).dofadr[0]) for name in arm.joints]
+    for q in postures(arm, 20):
+        data.qpos[:] = arm.coordinates(q)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, full)
+        found = spatial_dynamics_of(arm).mass_matrix(q)
+        np.testing.assert_allclose(found, full[np.ix_(dofs, dofs)], atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -9,7 +9,7 @@ import pytest
 from strandcast.arm.servo import identify
 from strandcast.arm.spatial import SpatialArm, hand_path, load_spatial_arm
 from strandcast.arm.spatial_dynamics import spatial_dynamics_of
-from strandcast.arm.yielding_joints import YieldingJoints, follow, identify_yielding, mass_matrix_of
+from strandcast.arm.yielding_joints import YieldingJoints, follow, identify_yielding
 
 ARM = Path("src/strandcast_studies/benchmarks/space/arms/fr3-space.toml")
 STEP_S, CYCLE_S, DELAY_S, SETTLED_S = 2e-3, 5e-4, 4e-3, 8.0
@@ -34,12 +34,12 @@ def command(seed: int, amplitude_rad: float) -> np.ndarray:
 
 def loops(arm: SpatialArm, share: float) -> YieldingJoints:
     """Loops of one frequency with the arm at zero."""
-    still = spatial_dynamics_of(arm), np.zeros(len(arm.joints))
-    inertia = np.diag(mass_matrix_of(*still)) + ARMATURE_KG_M2
+    dynamics = spatial_dynamics_of(arm)
+    inertia = np.diag(dynamics.mass_matrix(np.zeros(len(arm.joints)))) + ARMATURE_KG_M2
     stiffness = inertia * FREQUENCY_RAD_S**2
     damping = 2.0 * DAMPING_RATIO * inertia * FREQUENCY_RAD_S
     rest = [np.full(len(inertia), value) for value in (ARMATURE_KG_M2, share, DELAY_S)]
-    return YieldingJoints(still[0], np.array([stiffness, damping, *rest]))
+    return YieldingJoints(dynamics, np.array([stiffness, damping, *rest]))
 
 
 def on_springs(arm: SpatialArm, commands: np.ndarray, share: float = 1.0) -> np.ndarray:

@@ -47,6 +47,11 @@ class SpatialDynamics:
         needed += self.viscous * qd + self.armature * qdd
         return np.asarray(needed + np.copysign(self.dry, needed))
 
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """Return (J, J) [kg m²] of the links at angles (J,), without motors."""
+        links = self.chain, self.mass_kg, self.centre_m, self.inertia_kg_m2
+        return np.asarray(mass_matrix(np.asarray(q, float), *links))
+
 
 @lru_cache(maxsize=8)
 def spatial_dynamics_of(arm: SpatialArm) -> SpatialDynamics:
@@ -81,7 +86,7 @@ def spatial_dynamics_of(arm: SpatialArm) -> SpatialDynamics:
 
 
 @njit(cache=True)
-def _cross(a: np.ndarray, b: np.ndarray, r: int) -> float:
+def cross_part(a: np.ndarray, b: np.ndarray, r: int) -> float:
     """Return component r of a vector product."""
     i, k = (r + 1) % 3, (r + 2) % 3
     component: float = a[i] * b[k] - a[k] * b[i]
@@ -148,7 +153,7 @@ def _outward(
         for r in range(3):
             axis[j, r] = turned(turn, chain.axes[j], r)
         for r in range(3):
-            spun[r] = _cross(rate, axis[j], r)
+            spun[r] = cross_part(rate, axis[j], r)
         for r in range(3):
             change[r] += qdd[j] * axis[j, r] + qd[j] * spun[r]
             rate[r] += qd[j] * axis[j, r]
@@ -173,7 +178,7 @@ def _add_moment(place: np.ndarray, about: np.ndarray, force: np.ndarray, moment:
     """Add the moment (3,) about a place of a force at another one."""
     arm = place - about
     for r in range(3):
-        moment[r] += _cross(arm, force, r)
+        moment[r] += cross_part(arm, force, r)
 
 
 @njit(cache=True)
@@ -185,7 +190,7 @@ def _accelerate(
     inside = rate[0] * away[0] + rate[1] * away[1] + rate[2] * away[2]
     square = rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2
     for r in range(3):
-        pull[r] += _cross(change, away, r) + rate[r] * inside - square * away[r]
+        pull[r] += cross_part(change, away, r) + rate[r] * inside - square * away[r]
 
 
 @njit(cache=True)
@@ -201,6 +206,68 @@ def _needed_moment(
     for r in range(3):
         bent[r] = turned(inertia, own, r)
     for r in range(3):
-        whole[r] = turned(inertia, spun, r) + _cross(own, bent, r)
+        whole[r] = turned(inertia, spun, r) + cross_part(own, bent, r)
     for r in range(3):
         moment[r] = turned(turn, whole, r)
+
+
+@njit(cache=True, nogil=True)
+def mass_matrix(
+    q: np.ndarray, chain: SpatialChain, mass: np.ndarray, centre: np.ndarray, inertia: np.ndarray
+) -> np.ndarray:
+    """Return (J, J): the momenta of all that each joint carries, about every joint before it.
+
+    That is the composite-rigid-body method (Walker and Orin, 1982), about the root's origin.
+    """
+    joints = len(q)
+    anchor, axis = np.empty((joints, 3)), np.empty((joints, 3))
+    carried, first, second = mass.copy(), np.empty((joints, 3)), np.empty((joints, 3, 3))
+    turn, move = np.eye(3), np.zeros(3)
+    for j in range(joints):
+        _write_place(turn, move, chain.anchors_m[j], anchor[j])
+        for r in range(3):
+            axis[j, r] = turned(turn, chain.axes[j], r)
+        turn_about(chain.anchors_m[j], chain.axes[j], q[j], turn, move)
+        _write_place(turn, move, centre[j], first[j])
+        _write_second_moment(turn, inertia[j], mass[j], first[j], second[j])
+        for r in range(3):
+            first[j, r] *= mass[j]
+    answer = np.empty((joints, joints))
+    about, linear, angular = np.empty(3), np.empty(3), np.empty(3)
+    for j in range(joints - 1, -1, -1):
+        for r in range(3):
+            about[r] = cross_part(axis[j], anchor[j], r)
+        for r in range(3):
+            linear[r] = cross_part(axis[j], first[j], r) - carried[j] * about[r]
+            angular[r] = turned(second[j], axis[j], r) - cross_part(first[j], about, r)
+        for i in range(j + 1):
+            answer[i, j] = answer[j, i] = _about_axis(axis[i], anchor[i], linear, angular)
+        if j > 0:
+            carried[j - 1] += carried[j]
+            first[j - 1] += first[j]
+            second[j - 1] += second[j]
+    return answer
+
+
+@njit(cache=True)
+def _write_second_moment(
+    turn: np.ndarray, inertia: np.ndarray, mass: float, place: np.ndarray, second: np.ndarray
+) -> None:
+    """Write the inertia (3, 3) about the root's origin of a body there; its own is given at zero angles."""
+    spun = np.empty(3)
+    square = mass * (place[0] ** 2 + place[1] ** 2 + place[2] ** 2)
+    for r in range(3):
+        for c in range(3):
+            spun[c] = turn[r, 0] * inertia[0, c] + turn[r, 1] * inertia[1, c] + turn[r, 2] * inertia[2, c]
+        for c in range(3):
+            second[r, c] = turned(turn, spun, c) - mass * place[r] * place[c]
+        second[r, r] += square
+
+
+@njit(cache=True)
+def _about_axis(axis: np.ndarray, anchor: np.ndarray, linear: np.ndarray, angular: np.ndarray) -> float:
+    """Return the angular momentum about an axis through an anchor, from both momenta at the origin."""
+    total = 0.0
+    for r in range(3):
+        total += axis[r] * (angular[r] - cross_part(anchor, linear, r))
+    return total

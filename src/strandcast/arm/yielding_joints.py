@@ -12,12 +12,12 @@ from scipy.optimize import least_squares
 
 from strandcast.arm.servo import Servo, command_at, respond
 from strandcast.arm.spatial import SpatialChain
-from strandcast.arm.spatial_dynamics import SpatialDynamics, newton_euler
+from strandcast.arm.spatial_dynamics import SpatialDynamics, mass_matrix, newton_euler
 from strandcast.threads import over_ranges
 
-# Longest step of the simulation, and after how many steps the mass matrix is evaluated again; chosen: on
-# joints that yield by 0.7 rad the error is half a milliradian (rms), with half of both a third.
-STEP_S, MASS_EVERY = 4e-3, 2
+# Longest step of the simulation; chosen: on joints that yield by 0.7 rad the error is a third of a
+# milliradian (rms).
+STEP_S = 4e-3
 SETTLING = 50  # iterations until gravity and springs balance; chosen
 # The search's starts: natural frequencies of all loops [rad/s], and whether their dampers take the command's
 # speed or act against all motion; damping ratio, motor inertia over the link's, and delay [s]. Chosen.
@@ -75,7 +75,7 @@ def identify_yielding(
     -------
     The joints, and (J,) the rms of their residual without a constant offset [rad].
     """
-    inertia = np.diag(mass_matrix_of(dynamics, q_command[0, 0]))
+    inertia = np.diag(dynamics.mass_matrix(q_command[0, 0]))
     count = q.shape[0] * q.shape[1]
     scale_rad = ANGLE_RAD * np.sqrt(SHARED_SAMPLES)
 
@@ -141,23 +141,6 @@ def _simulated(
     return answer
 
 
-def mass_matrix_of(dynamics: SpatialDynamics, q: np.ndarray) -> np.ndarray:
-    """Return the mass matrix (J, J) of the links at angles (J,), without motors."""
-    links = dynamics.chain, dynamics.mass_kg, dynamics.centre_m, dynamics.inertia_kg_m2
-    return np.asarray(mass_matrix(np.asarray(q, float), *links))
-
-
-@njit(cache=True, nogil=True)
-def mass_matrix(
-    q: np.ndarray, chain: SpatialChain, mass: np.ndarray, centre: np.ndarray, inertia: np.ndarray
-) -> np.ndarray:
-    """Return (J, J): column by column the torques that accelerate one joint."""
-    joints = len(q)
-    still = np.zeros((joints, joints))
-    every = still + q
-    return newton_euler(every, still, np.eye(joints), chain, mass, centre, inertia, np.zeros(3))
-
-
 @njit(cache=True, nogil=True)
 def _simulate(
     first: int,
@@ -176,14 +159,14 @@ def _simulate(
 ) -> None:
     """Fill the angles `answer` (P, T, J) of the motions `first` to `last`, by the trapezoidal rule.
 
-    What the links need themselves is evaluated at the step's extrapolated middle, the mass matrix in the
-    middle of `MASS_EVERY` steps: the scheme is of second order without iterations.
+    Mass matrix and the links' own torques are evaluated at the step's extrapolated middle: the scheme is of
+    second order without iterations.
     """
     _, count, joints = commands.shape
     h = stride * every_s
     q, v, none = np.empty((1, joints)), np.empty((1, joints)), np.zeros((1, joints))
     push, change = np.empty(joints), np.empty(joints)
-    middle_q, middle_v, inverse = np.empty_like(q), np.empty_like(q), np.empty((joints, joints))
+    middle_q, middle_v = np.empty_like(q), np.empty_like(q)
     for p in range(first, last):
         stiffness, damping, motor, share, delay_s = loops[min(p, len(loops) - 1)]
         q[0], v[0], change[:] = commands[p, 0], 0.0, 0.0
@@ -191,15 +174,13 @@ def _simulate(
             needed = newton_euler(q, none, none, chain, mass, centre, inertia, gravity)
             q[0] = commands[p, 0] - needed[0] / stiffness
         answer[p, 0] = q[0]
-        for step, k in enumerate(range(0, count - 1, stride)):
-            if step % MASS_EVERY == 0:
-                whole = mass_matrix(q[0] + 0.5 * MASS_EVERY * h * v[0], chain, mass, centre, inertia)
-                for j in range(joints):
-                    brake = damping[j] + own[0, j]
-                    whole[j, j] += motor[j] + own[1, j] + 0.5 * h * brake + 0.25 * h * h * stiffness[j]
-                inverse[:] = np.linalg.inv(whole)
+        for k in range(0, count - 1, stride):
             for j in range(joints):
                 middle_q[0, j], middle_v[0, j] = q[0, j] + 0.5 * h * v[0, j], v[0, j] + 0.5 * change[j]
+            whole = mass_matrix(middle_q[0], chain, mass, centre, inertia)
+            for j in range(joints):
+                brake = damping[j] + own[0, j]
+                whole[j, j] += motor[j] + own[1, j] + 0.5 * h * brake + 0.25 * h * h * stiffness[j]
             needed = newton_euler(middle_q, middle_v, none, chain, mass, centre, inertia, gravity)
             for j in range(joints):
                 before = command_at(commands, p, j, k - delay_s[j] / every_s)
@@ -207,8 +188,8 @@ def _simulate(
                 off = 0.5 * (before + after) - q[0, j] - 0.5 * h * v[0, j]
                 rate = share[j] * (after - before) / h - v[0, j]
                 push[j] = stiffness[j] * off + damping[j] * rate - own[0, j] * v[0, j] - needed[0, j]
+            change[:] = h * np.linalg.solve(whole, push)
             for j in range(joints):
-                change[j] = h * np.dot(inverse[j], push)
                 for t in range(1, min(stride, count - 1 - k) + 1):
                     s = t / stride
                     answer[p, k + t, j] = q[0, j] + s * h * (v[0, j] + 0.5 * s * change[j])

@@ -51,6 +51,7 @@ MOST_ATTEMPTS = 3  # of a search from nothing; chosen: each takes as long as the
 # leaves less than half, and up to which yielding joints are known far from a played motion, too; chosen: a
 # milliradian moves the hand by a millimetre.
 YIELDS_RAD, KNOWN_RAD = 1e-3, 2e-3
+FAR_PROMISE = 0.5  # of a rehearsed motion's rms miss: less is expected of a motion that was not; chosen
 HOPELESS = 10.0  # hit radii: so far off it is not bad luck of the search, and another attempt finds the same
 
 
@@ -249,8 +250,8 @@ def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
     # The first search did not know how these joints move, and other motions may suit them better.
     again = _globally(given, "rehearsed")
     simulations = plan.simulations + again.simulations
-    better = min(plan, again, key=lambda one: float(np.mean(one.throws.miss_m**2)))
-    return replace(better, simulations=simulations)
+    near_m, far_m = (float(np.sqrt(np.mean(one.throws.miss_m**2))) for one in (plan, again))
+    return replace(again if far_m < FAR_PROMISE * near_m else plan, simulations=simulations)
 
 
 def _from_scratch(given: SearchInputs, reason: str) -> PlannedMotion:
