@@ -36,7 +36,7 @@ def test_every_setting_says_what_it_does_and_one_with_a_default_when_to_change_i
     [
         ("hit_radius_m", "0 < x ≤ 0.5", "m"),
         ("string.points", "2 ≤ n ≤ 100", ""),
-        ("target_m", "2 × (-10 ≤ x ≤ 10)", "m"),
+        ("target_m", "2 to 3 × (-10 ≤ x ≤ 10)", "m"),
         ("plan.paper.altered_rad_s", "0 < x ≤ 10", "rad/s"),
         ("estimate.paper.beta", "0 < x < 1", ""),
         ("track.polarity", "`auto`, `bright`, `dark`", ""),

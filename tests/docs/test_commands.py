@@ -36,6 +36,7 @@ RUN_BY = {  # the beginning of a command, and the test or script that runs it el
     "strandcast verify": "tests/cli/test_cli.py",
     "strandcast export": "tests/exports",
     "strandcast import views": "tests/reconstruction",
+    "strandcast plan": "tests/stages/test_throw_in_space.py",
     "strandcast play": "tests/executor",
     "snakemake": "tests/workflow/test_loop.py",
     "make demo": "tests/regression",

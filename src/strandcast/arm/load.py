@@ -1,6 +1,7 @@
 """An arm from its TOML file and its URDF, checked as a whole."""
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,7 +16,7 @@ from pydantic_core import ErrorDetails
 from strandcast.arm.checks import Problem, geometry_problems, name_problems, number_problems
 from strandcast.arm.extract import extract_chain
 from strandcast.arm.joint_limits import Limits, Stop
-from strandcast.arm.kinematics import PlanarChain, link_angles
+from strandcast.arm.kinematics import PlanarChain, hand_pose, link_angles
 from strandcast.arm.servo import Servo
 from strandcast.arm.settings import AnyArmKeys, AnyClamp, ArmKeys, Clamp, Payload
 from strandcast.arm.urdf import JointLimit, coordinates, read_joint_limits, read_model
@@ -33,7 +34,7 @@ FileKeys = TypeVar("FileKeys", bound=AnyArmKeys)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AnyArm:
+class AnyArm(ABC):
     """An arm, without how it moves: see `Arm` and `strandcast.arm.spatial.SpatialArm`.
 
     Attributes
@@ -76,6 +77,15 @@ class AnyArm:
     log_rate_hz: float
     driver: str
     driver_settings: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    @abstractmethod
+    def box_m(self) -> np.ndarray:
+        """The workspace: (2 or 3, 2) low and high of each coordinate [m]."""
+
+    @abstractmethod
+    def hand_m(self, q: np.ndarray) -> np.ndarray:
+        """Return where the string leaves the hand, (..., 2 or 3) [m], at joint angles (..., J) [rad]."""
 
     def model(self) -> mujoco.MjModel:
         """Return MuJoCo's model of the URDF, compiled once per process."""
@@ -121,6 +131,15 @@ class Arm(AnyArm):
     marker_dictionary: str
     workspace: Box
 
+    @property
+    def box_m(self) -> np.ndarray:
+        """The workspace: (2, 2) low and high of x and y [m]."""
+        return np.array([self.workspace.x_m, self.workspace.y_m])
+
+    def hand_m(self, q: np.ndarray) -> np.ndarray:
+        """Return where the string leaves the hand, (..., 2) [m], at joint angles (..., J) [rad]."""
+        return hand_pose(self.chain, self.clamp, q).position_m
+
 
 @lru_cache(maxsize=8)
 def _model(
@@ -130,8 +149,20 @@ def _model(
 
 
 def load_arm(path: str | Path) -> Arm:
-    """Read an arm's TOML file and its URDF; the error reports every problem with field, value and fix."""
+    """Read the TOML file of an arm that throws in a plane, and its URDF.
+
+    The error reports every problem with field, value and fix; SC-F207: the arm throws in space.
+    """
     path = Path(path)
+    if throws_in_space(path):
+        raise StrandcastError(
+            "SC-F207",
+            "the arm throws in space, and this needs one that throws in a plane",
+            file=path,
+            field="throw",
+            fix="docs/how-to/throw-in-space.md has what works in space; for the plane, give the file "
+            "throw.plane_x and throw.plane_y as config/arms/planar3.toml does",
+        )
     keys = read_keys(path, ArmKeys)
     plane = _plane(keys)
     values, model = read_urdf(path, keys, lambda model: geometry_problems(keys, model, plane))
@@ -144,6 +175,18 @@ def load_arm(path: str | Path) -> Arm:
         marker_dictionary=keys.markers.dictionary,
         workspace=Box.unchecked(keys.workspace.x_m, keys.workspace.y_m),
     )
+
+
+def throws_in_space(path: Path) -> bool:
+    """Return whether an arm's file has keys of an arm in space: a direction of the clamp, or heights.
+
+    A file that cannot be read has none; loading it reports what is wrong.
+    """
+    try:
+        keys = load_toml(read_bounded(path))
+        return "direction" in keys["clamp"] or "z_m" in keys["workspace"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def read_urdf(

@@ -5,8 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm
 from strandcast.arm.stop import SoftStop
 from strandcast.core.trajectory import JointTrajectory
 
@@ -23,7 +22,7 @@ class Reach:
     Attributes
     ----------
     hand_m
-        (2, 2) least and greatest x and y of the hand on its path [m].
+        (2 or 3, 2) least and greatest coordinates of the hand on its path [m].
     swept_m
         The same for the hand and the string, wherever the arm is stopped.
     stop_rad
@@ -38,7 +37,7 @@ class Reach:
     beyond_rad: np.ndarray
 
 
-def reach_of(arm: Arm, motion: JointTrajectory, hanging_m: float) -> Reach:
+def reach_of(arm: AnyArm, motion: JointTrajectory, hanging_m: float) -> Reach:
     """Return the region that a densely sampled motion sweeps.
 
     The string may be anywhere within `hanging_m` from the hand. A joint may come to rest anywhere between its
@@ -53,7 +52,7 @@ def reach_of(arm: Arm, motion: JointTrajectory, hanging_m: float) -> Reach:
     soft = SoftStop(arm.stop.acceleration_rad_s2, arm.stop.jerk_rad_s3).resting_place(q, qd, qdd) - q
     hard = arm.stop.distance_rad * qd / arm.limits.velocity_rad_s
     low, high = np.minimum(np.minimum(soft, hard), 0.0), np.maximum(np.maximum(soft, hard), 0.0)
-    hand = _box(hand_pose(arm.chain, arm.clamp, q).position_m)
+    hand = _box(arm.hand_m(q))
     swept = _box(_resting_hands(arm, q, low, high))
     beyond = np.maximum((q + high) - arm.limits.upper_rad, arm.limits.lower_rad - (q + low)).max(axis=0)
     return Reach(
@@ -64,7 +63,7 @@ def reach_of(arm: Arm, motion: JointTrajectory, hanging_m: float) -> Reach:
     )
 
 
-def roughly_outside_m(arm: Arm, q: np.ndarray, step_s: float, hanging_m: float) -> np.ndarray:
+def roughly_outside_m(arm: AnyArm, q: np.ndarray, step_s: float, hanging_m: float) -> np.ndarray:
     """Return (P,) how far outside the arm's workspace P motions may end if stopped, for a search [m].
 
     It takes a quarter of `reach_of`'s time and is an upper bound, except for stops that swing back.
@@ -87,25 +86,25 @@ def roughly_outside_m(arm: Arm, q: np.ndarray, step_s: float, hanging_m: float) 
     hard = arm.stop.distance_rad * np.abs(qd) / arm.limits.velocity_rad_s
     further = np.sign(qd) * np.maximum(soft, hard)
     hands = _resting_hands(arm, q, np.minimum(further, 0.0), np.maximum(further, 0.0))
-    workspace = np.array([arm.workspace.x_m, arm.workspace.y_m])
+    workspace = arm.box_m
     beyond = np.maximum(workspace[:, 0] - hands, hands - workspace[:, 1]) + hanging_m
     return np.asarray(np.maximum(beyond.max(axis=(1, 2, 3)), 0.0))
 
 
-def _resting_hands(arm: Arm, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _resting_hands(arm: AnyArm, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return resting positions (..., W, 2) of the hand, its joints (..., J) turning by low to high."""
     shares = (0.0, 0.5, 1.0) if len(arm.joints) <= FEW_JOINTS else (0.0, 1.0)
     corners = np.array(list(product(shares, repeat=len(arm.joints))))
     rest = (q + low)[..., None, :] + corners * (high - low)[..., None, :]
-    return hand_pose(arm.chain, arm.clamp, rest).position_m
+    return arm.hand_m(rest)
 
 
-def outside_m(arm: Arm, box_m: np.ndarray) -> float:
-    """Return how far a box (2, 2) extends beyond the arm's workspace, zero if nowhere [m]."""
-    workspace = np.array([arm.workspace.x_m, arm.workspace.y_m])
+def outside_m(arm: AnyArm, box_m: np.ndarray) -> float:
+    """Return how far a box (2 or 3, 2) extends beyond the arm's workspace, zero if nowhere [m]."""
+    workspace = arm.box_m
     return float(max(0.0, (workspace[:, 0] - box_m[:, 0]).max(), (box_m[:, 1] - workspace[:, 1]).max()))
 
 
 def _box(points: np.ndarray) -> np.ndarray:
-    flat = points.reshape(-1, 2)
+    flat = points.reshape(-1, points.shape[-1])
     return np.stack([flat.min(axis=0), flat.max(axis=0)], axis=1)

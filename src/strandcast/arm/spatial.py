@@ -13,7 +13,7 @@ from numba import njit
 
 from strandcast.arm.checks import Problem
 from strandcast.arm.extract import joints_out_of_order
-from strandcast.arm.load import AnyArm, read_keys, read_urdf
+from strandcast.arm.load import AnyArm, Arm, load_arm, read_keys, read_urdf, throws_in_space
 from strandcast.arm.settings import SpatialArmKeys, SpatialClamp
 from strandcast.arm.urdf import coordinates
 from strandcast.threads import over_ranges
@@ -56,6 +56,21 @@ class SpatialArm(AnyArm):
     clamp: SpatialClamp
     chain: SpatialChain
     workspace_m: np.ndarray
+
+    @property
+    def box_m(self) -> np.ndarray:
+        """The workspace: (3, 2) low and high of x, y and z [m]."""
+        return self.workspace_m
+
+    def hand_m(self, q: np.ndarray) -> np.ndarray:
+        """Return where the string leaves the hand, (..., 3) [m], at joint angles (..., J) [rad]."""
+        q = np.asarray(q, float)
+        return hand_path(self.chain, q.reshape(-1, q.shape[-1]))[:, :3].reshape(*q.shape[:-1], 3)
+
+
+def load_any_arm(path: str | Path) -> Arm | SpatialArm:
+    """Read the file of an arm that throws in a plane or in space, as its keys say, and its URDF."""
+    return load_spatial_arm(path) if throws_in_space(Path(path)) else load_arm(path)
 
 
 def load_spatial_arm(path: str | Path) -> SpatialArm:

@@ -73,8 +73,12 @@ def import_track(
         str | None, typer.Option(help="Column of the time; t by default, but for C3D, which has a rate.")
     ] = None,
     hand: Annotated[
-        str, typer.Option(help="Columns of the hand: X,Y or X,Y,ANGLE; in space X,Y,Z, or NAME.")
-    ] = "x,y,angle",
+        str | None,
+        typer.Option(
+            help="Columns of the hand: X,Y or X,Y,ANGLE, x,y,angle by default; in space X,Y,Z, or NAME. Of "
+            "an arm's throw in space: any place on the hand."
+        ),
+    ] = None,
     marker: Annotated[
         list[str] | None,
         typer.Option(
@@ -106,6 +110,13 @@ def import_track(
         str | None, typer.Option(help="In space: the body that drives the string's other end, as --hand.")
     ] = None,
     far_behind: Annotated[str | None, typer.Option(help="… and a point behind it, as --behind.")] = None,
+    offset: Annotated[
+        float | None,
+        typer.Option(
+            help="Of an arm's throw in space, without --hand: what to add to the capture's time for that of "
+            "the joint log [s]; the capture is then in the frame of the arm's base."
+        ),
+    ] = None,
     columns: Annotated[
         Path | None,
         typer.Option(help="TOML or YAML file that gives all this instead; docs/how-to/capture-in-space.md."),
@@ -142,8 +153,8 @@ def import_track(
         )
     else:
         turned = {"angle_sign": angle_sign, "angle_offset_rad": angle_offset}
-        mapping = capture_mapping_of(time or "t", hand, marker or [], **turned)
-    summary = stage.run(ROOT, experiment, trial, capture, mapping, replace)
+        mapping = capture_mapping_of(time or "t", hand or "x,y,angle", marker or [], **turned)
+    summary = stage.run(ROOT, experiment, trial, capture, mapping, replace, offset)
     what = "markers in space" if isinstance(mapping, SpaceMapping) else "mass points"
     lines = [f"{summary.decoded_frames} samples, {summary.points} {what}"]
     lines += [f"warning: {warning}" for warning in summary.warnings]

@@ -62,10 +62,11 @@ class Experiment(Section):
         "planar3",
         description="A name in config/arms, or the path of an arm's file. Set it for every real arm.",
     )
-    target_m: tuple[Position, Position] | None = Field(
+    target_m: Annotated[tuple[Position, ...], Field(min_length=2, max_length=3)] | None = Field(
         None,
-        description="The target in the world frame: x to the right and y up from the arm's base. Leave "
-        "it out for motion that was only captured: the string is fitted, and nothing is scored or planned.",
+        description="The target in the world frame: x to the right and y up from the arm's base, or x, y "
+        "and z up for an arm that throws in space. Leave it out for motion that was only captured: the "
+        "string is fitted, and nothing is scored or planned.",
     )
     objective: AnyObjective = Field(
         PointObjective(),
@@ -161,6 +162,26 @@ class Experiment(Section):
         return self
 
     @model_validator(mode="after")
+    def _what_works_in_the_plane_only_has_a_target_there(self) -> Experiment:
+        if not self.aims_in_space:
+            return self
+        given = {
+            "lab": ("the lab throws", self.lab is not None),
+            "objective": ("this objective is defined", self.objective != PointObjective()),
+            "workspace_m": ("this box lies", self.workspace_m is not None),
+            "start_string": (f"start_string {self.start_string!r} is made", self.start_string != "ensemble"),
+            "plan": (
+                "the paper's planner and `disturbances: learnt` work",
+                self.plan.planner == "paper" or self.plan.disturbances == "learnt",
+            ),
+        }
+        for field, (what, is_given) in given.items():
+            if is_given:
+                fix = "leave it out, or give a target with x and y"
+                raise Conflict(f"{what} in the plane, and the target has x, y and z", field, fix)
+        return self
+
+    @model_validator(mode="after")
     def _target_in_workspace(self) -> Experiment:
         box = self.workspace_m
         if box is not None and self.target_m is not None:
@@ -201,6 +222,11 @@ class Experiment(Section):
         if self.lab is not None and self.lab.led and (self.align.led is None or self.align.led.x_m is None):
             raise Conflict("lab.led needs the LED's position", "lab", "add align.led: {x_m: …, y_m: …}")
         return self
+
+    @property
+    def aims_in_space(self) -> bool:
+        """Whether the target has three coordinates."""
+        return self.target_m is not None and len(self.target_m) == 3
 
     @property
     def aim(self) -> Objective | None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from inspect import cleandoc
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
+from annotated_types import MaxLen, MinLen
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
@@ -107,6 +108,8 @@ def _values(annotation: Any, metadata: tuple[Any, ...] = ()) -> list[str]:
         return [value for part in parts if part is not type(None) for value in _values(part, metadata)]
     if origin is Literal:
         return [", ".join(f"`{json.dumps(value).strip(chr(34))}`" for value in parts)]
+    if origin is tuple and parts[-1] is ...:
+        return [f"{_lengths(metadata)} × ({' or '.join(_values(parts[0]))})"]
     if origin is tuple:
         inner = [" or ".join(_values(part)) for part in parts]
         return [f"{len(inner)} × ({inner[0]})" if len(set(inner)) == 1 else f"[{', '.join(inner)}]"]
@@ -116,6 +119,12 @@ def _values(annotation: Any, metadata: tuple[Any, ...] = ()) -> list[str]:
     if origin is list or (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
         return []
     return [_scalar(annotation, metadata)]
+
+
+def _lengths(metadata: tuple[Any, ...]) -> str:
+    """Return how many values a list may have."""
+    bounds = {type(each): each for each in _flat(metadata)}
+    return f"{bounds[MinLen].min_length} to {bounds[MaxLen].max_length}"
 
 
 def _flat(metadata: tuple[Any, ...]) -> Iterator[Any]:

@@ -67,7 +67,7 @@ class Objective(Section):
         """
         return None
 
-    def aimed_at(self, target_m: tuple[float, float]) -> Objective:
+    def aimed_at(self, target_m: tuple[float, ...]) -> Objective:
         """Return the objective together with the experiment's target, if it needs that."""
         return self
 
@@ -122,10 +122,12 @@ class PointObjective(Objective):
         """None: the experiment's target."""
         return None
 
-    def aimed_at(self, target_m: tuple[float, float]) -> AimedPoint:
-        """Return the objective with its target."""
-        x, y = target_m
-        return AimedPoint(**self.model_dump() | {"target_m": (float(x), float(y))})
+    def aimed_at(self, target_m: tuple[float, ...]) -> Objective:
+        """Return the objective with its target, in the plane or in space."""
+        place = tuple(map(float, target_m))
+        if len(place) == 3:
+            return PointInSpace(target_m=place)
+        return AimedPoint(**self.model_dump() | {"target_m": place})
 
 
 class AimedPoint(PointObjective):
@@ -135,12 +137,16 @@ class AimedPoint(PointObjective):
 
 
 class PointInSpace(Objective):
-    """The tip hits a target in space, for the planner."""
+    """The tip hits a target in space, for planner and scorer."""
 
     kind: Literal["point"] = "point"
     target_m: XYZ
 
     target_field: ClassVar[str] = "target_m"
+
+    @property
+    def refinement(self) -> None:
+        """None: the target is the whole objective."""
 
 
 class SegmentObjective(Objective):

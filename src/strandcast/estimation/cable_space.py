@@ -18,6 +18,7 @@ from strandcast.estimation.space import Space
 
 # All chosen.
 POINTS, STEP_S = 20, 2e-3
+THROWN_POINTS = 14  # of a thrown string: about their spacing in the plane
 STRAIN = 1e-3  # by the string's own weight: it does not visibly stretch
 STRETCH_DAMPING = 0.1  # of the critical damping of one segment
 AIR_LINEAR = 1e-6  # drag is quadratic
@@ -115,6 +116,21 @@ class CableSpace(Space):
             bend_friction=bending * value.get("friction_turn_rad", none) * l0 / self.length_m,
             friction_stick_rad_m=value.get("stick_turn_rad", none) / self.length_m,
         )
+
+
+def space_of_throw(
+    length_m: float, points: int, step_s: float = STEP_S, weight_places_m: Sequence[float] = ()
+) -> tuple[StringModel, CableSpace]:
+    """Return the model of a string that an arm throws, and the box of its unknowns; see `space_of_cable`."""
+    return space_of_cable(
+        length_m,
+        False,
+        points=points,
+        step_s=step_s,
+        weight_places_m=weight_places_m,
+        drag_along=True,
+        taper=False,
+    )
 
 
 def space_of_cable(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.arm.limits import violations
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm
 from strandcast.arm.reach import Reach, outside_m, reach_of
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import StrandcastError
@@ -27,7 +27,7 @@ SETTLING_S = 3.0
 POLL_S = 0.02
 
 
-def check_motion(path: Path, motion: Motion, arm: Arm) -> JointTrajectory:
+def check_motion(path: Path, motion: Motion, arm: AnyArm) -> JointTrajectory:
     """Return the motion as the checks sample it; refuse one that the arm cannot play from rest to rest.
 
     Raises
@@ -59,7 +59,7 @@ def check_motion(path: Path, motion: Motion, arm: Arm) -> JointTrajectory:
     return dense
 
 
-def check_limits(path: Path, what: str, arm: Arm, motion: JointTrajectory) -> None:
+def check_limits(path: Path, what: str, arm: AnyArm, motion: JointTrajectory) -> None:
     """Refuse a motion that exceeds the arm's limits (SC-X004)."""
     if found := violations(arm, motion):
         raise _refusal(
@@ -71,7 +71,7 @@ def check_limits(path: Path, what: str, arm: Arm, motion: JointTrajectory) -> No
         )
 
 
-def _check_arm(path: Path, motion: Motion, arm: Arm) -> None:
+def _check_arm(path: Path, motion: Motion, arm: AnyArm) -> None:
     robot = motion.robot
     if robot.file_sha256 != arm.sha256 or robot.urdf_sha256 != arm.urdf_sha256:
         raise _refusal(
@@ -88,31 +88,35 @@ def _check_arm(path: Path, motion: Motion, arm: Arm) -> None:
         )
 
 
-def check_reach(path: Path, arm: Arm, motion: JointTrajectory, hanging_m: float) -> Reach:
+def check_reach(path: Path, arm: AnyArm, motion: JointTrajectory, hanging_m: float) -> Reach:
     """Return the region that a motion sweeps, stopped at any instant, if it is in the workspace (SC-X008)."""
     reach = reach_of(arm, motion, hanging_m)
     outside = outside_m(arm, reach.swept_m)
     if outside > 0.0:
-        (x_low, x_high), (y_low, y_high) = reach.swept_m
         raise _refusal(
             "SC-X008",
             path,
             "points",
-            f"the hand with {hanging_m:.2f} m hanging sweeps x {x_low:.2f} to {x_high:.2f}, "
-            f"y {y_low:.2f} to {y_high:.2f} m, if stopped at the worst instant: {outside:.2f} m "
-            "outside the workspace",
+            f"the hand with {hanging_m:.2f} m hanging sweeps {box_words(reach.swept_m)}, if stopped at the "
+            f"worst instant: {outside:.2f} m outside the workspace",
             "plan with a smaller workspace_m in the experiment, or widen the arm's",
         )
     return reach
 
 
-def check_state(path: Path, arm: Arm, state: ArmState) -> None:
+def box_words(box_m: np.ndarray) -> str:
+    """Return a box (2 or 3, 2) [m] in words."""
+    sides = [f"{axis} {low:.2f} to {high:.2f}" for axis, (low, high) in zip("xyz", box_m, strict=False)]
+    return f"{', '.join(sides)} m"
+
+
+def check_state(path: Path, arm: AnyArm, state: ArmState) -> None:
     """Refuse an arm whose present state does not allow it to play (SC-X005)."""
     for what, fix in _state_problems(arm, state):
         raise _refusal("SC-X005", path, None, f"the arm cannot play: {what}", fix)
 
 
-def _state_problems(arm: Arm, state: ArmState) -> Iterator[tuple[str, str]]:
+def _state_problems(arm: AnyArm, state: ArmState) -> Iterator[tuple[str, str]]:
     if state.fault is not None:
         yield state.fault, "clear this fault first"
     if abs(state.speed_scaling - 1.0) > FULL_SPEED_TOLERANCE:
@@ -133,7 +137,7 @@ def _state_problems(arm: Arm, state: ArmState) -> Iterator[tuple[str, str]]:
         )
 
 
-def check_start(path: Path, motion: Motion, arm: Arm, state: ArmState) -> None:
+def check_start(path: Path, motion: Motion, arm: AnyArm, state: ArmState) -> None:
     """Refuse an arm that is not at the motion's start (SC-X006), or that still moves (SC-X007)."""
     speed = float(np.abs(state.qd_rad_s).max())
     if not speed <= arm.start_velocity_rad_s:
@@ -157,7 +161,7 @@ def check_start(path: Path, motion: Motion, arm: Arm, state: ArmState) -> None:
         )
 
 
-def await_start(path: Path, motion: Motion, arm: Arm, driver: Driver, clock: Clock) -> None:
+def await_start(path: Path, motion: Motion, arm: AnyArm, driver: Driver, clock: Clock) -> None:
     """Wait until the arm has been at rest at the motion's start for 0.3 s, and its clock has advanced.
 
     The refusals are those of `check_state` and `check_start`; SC-X005 also if the clock does not advance.

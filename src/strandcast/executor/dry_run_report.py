@@ -3,7 +3,8 @@
 import numpy as np
 
 from strandcast.arm.link_masses import massless_joints, torque_gap
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm
+from strandcast.executor.checks import box_words
 from strandcast.executor.preflight import Preflight
 from strandcast.executor.streaming.safety_monitor import GAP_TICKS
 
@@ -38,9 +39,9 @@ def dry_run_report(preflight: Preflight) -> list[str]:
             f"  peak {word} [{unit}] (share of the limit): {', '.join(of) if known else 'not known'}"
         )
     lines += [
-        f"  hand: {_box(reach.hand_m)}",
-        f"  hand with {options.hanging_m:.2f} m of string, if stopped at any instant: {_box(reach.swept_m)}; "
-        f"workspace {_box(np.array([arm.workspace.x_m, arm.workspace.y_m]))}",
+        f"  hand: {box_words(reach.hand_m)}",
+        f"  hand with {options.hanging_m:.2f} m of string, if stopped at any instant: "
+        f"{box_words(reach.swept_m)}; workspace {box_words(arm.box_m)}",
         f"  a stop turns the joints further by up to {', '.join(f'{x:.2f}' for x in reach.stop_rad)} rad",
     ]
     return lines + _warnings(preflight)
@@ -48,11 +49,6 @@ def dry_run_report(preflight: Preflight) -> list[str]:
 
 def _share(peak: float, limit: float) -> str:
     return f"{peak:.3g} ({100 * peak / limit:.0f} %)" if np.isfinite(limit) else f"{peak:.3g} (no limit)"
-
-
-def _box(box: np.ndarray) -> str:
-    (x_low, x_high), (y_low, y_high) = box
-    return f"x {x_low:.2f} to {x_high:.2f}, y {y_low:.2f} to {y_high:.2f} m"
 
 
 def _warnings(preflight: Preflight) -> list[str]:
@@ -76,7 +72,7 @@ def _warnings(preflight: Preflight) -> list[str]:
     return lines
 
 
-def unchecked_limits(arm: Arm) -> list[str]:
+def unchecked_limits(arm: AnyArm) -> list[str]:
     """Return warnings about limits that are not checked because the arm's files do not give them."""
     lines = []
     gap = torque_gap(arm)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.arm.limits import peaks
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm
 from strandcast.arm.reach import Reach
 from strandcast.errors import REFUSED, StrandcastError
 from strandcast.executor.checks import check_motion, check_reach
@@ -65,7 +65,7 @@ class Preflight:
 
     motion_path: Path
     out_dir: Path
-    arm: Arm
+    arm: AnyArm
     options: PlayOptions
     motion: Motion
     peaks: dict[str, np.ndarray]
@@ -80,7 +80,7 @@ class Preflight:
 
 def run_preflight(
     motion_path: str | Path,
-    arm: Arm,
+    arm: AnyArm,
     driver: Driver,
     out_dir: str | Path,
     options: PlayOptions | None = None,

@@ -11,6 +11,7 @@ from strandcast.imports.motion_capture import one_clock, times_of, write_capture
 from strandcast.imports.space_checks import check_directions, check_track_in_space, refuse_same_markers
 from strandcast.imports.space_mapping import DrivenBody, SpaceMapping, columns_of
 from strandcast.imports.table import NumberTable
+from strandcast.imports.throw_in_space import ThrownBy, place_capture, placement_warnings
 from strandcast.records.alignment import EndPath, end_columns
 from strandcast.records.files import sha256_file
 from strandcast.records.record import refusal
@@ -18,6 +19,7 @@ from strandcast.records.track import SUPPLIED, Track, TrackSummary
 
 OF_LENGTH_ONE = 0.02  # by which a quaternion's length may differ; chosen: files round to three digits
 FEWEST_ROWS = 3
+FROM_TIP = 0.02  # of the length: the last marker of a throw is this near to the tip; chosen
 
 
 def import_capture_in_space(
@@ -28,6 +30,8 @@ def import_capture_in_space(
     experiment: str,
     trial: int,
     length_m: float,
+    thrown: ThrownBy | None = None,
+    offset_s: float | None = None,
 ) -> TrackSummary:
     """Write track.parquet, track.json, hand.parquet and alignment.json into a trial's folder.
 
@@ -46,6 +50,9 @@ def import_capture_in_space(
         Experiment and trial of the records.
     length_m
         The string's free length.
+    thrown, offset_s
+        An arm that throws the string: its hand is the driven end. A body that is tracked on it gives the
+        capture's place and clock, otherwise `offset_s` does; see `place_capture`.
 
     Raises
     ------
@@ -55,16 +62,27 @@ def import_capture_in_space(
     table = read_capture(path)
     time_s = _times(table, mapping)
     _refuse_other_unit(table, mapping)
-    ends = [_end(table, mapping, body, name) for name, body in _named(mapping)]
     markers = sorted(mapping.markers, key=lambda marker: marker.place_m)
     points_m = np.stack([_position(table, mapping, marker.position) for marker in markers], axis=1)
     names = [", ".join(columns_of(marker.position)) for marker in markers]
     _refuse_misplaced([marker.place_m for marker in markers], length_m)
     refuse_same_markers(points_m, names, table.path)
+    warnings = list(table.notes)
+    if thrown is None:
+        ends = [_end(table, mapping, body, name) for name, body in _named(mapping)]
+        seen, end_s, alignment = ends, time_s, one_clock(experiment, trial, time_s)
+    else:
+        _refuse_no_tip(markers[-1].place_m, length_m, table.path)
+        body = None if mapping.hand is None else _position(table, mapping, mapping.hand.position)
+        place = place_capture(thrown, time_s, body, offset_s, table.path)
+        points_m, warnings = place.placed(points_m), warnings + placement_warnings(place)
+        alignment = place.alignment(experiment, trial, len(time_s), thrown.motion_s)
+        at_frames = thrown.at(alignment.robot_time_s(time_s))
+        ends, end_s, seen = [thrown.end()], thrown.time_s, [EndPath(*np.hsplit(at_frames, 3))]
     track = Track(
         np.arange(len(time_s)),
         time_s,
-        np.concatenate([ends[0].place_m[:, None], points_m], axis=1),
+        np.concatenate([seen[0].place_m[:, None], points_m], axis=1),
         np.full((len(time_s), 1 + len(markers)), mapping.sigma_m),
         np.full((len(time_s), 1 + len(markers)), SUPPLIED, np.int32),
     )
@@ -80,7 +98,7 @@ def import_capture_in_space(
         expected_frames=len(time_s),
         tracked_fraction=float(detected.mean()),
         tip_fraction=float(detected[:, -1].mean()),
-        marker_fraction=float(np.isfinite(ends[0].place_m).all(axis=1).mean()),
+        marker_fraction=float(np.isfinite(seen[0].place_m).all(axis=1).mean()),
         median_sigma_m=mapping.sigma_m,
         choices={
             "file": Path(path).name,
@@ -90,22 +108,34 @@ def import_capture_in_space(
             "length_unit": mapping.length_unit,
         }
         | {f"point_{k}_place_m": marker.place_m for k, marker in enumerate(markers, start=1)},
-        warnings=list(table.notes),
+        warnings=warnings,
     )
     known = np.all(
         [np.isfinite(path).all(axis=1) for end in ends for path in end if path is not None], axis=0
     )
-    hand = {"source": np.full(int(known.sum()), "measured", dtype=object), "robot_time_s": time_s[known]}
+    hand = {"source": np.full(int(known.sum()), "measured", dtype=object), "robot_time_s": end_s[known]}
     hand |= {name: column[known] for name, column in end_columns(ends).items()}
-    alignment = one_clock(experiment, trial, time_s)
     summary.warnings += check_track_in_space(track, hand, alignment, summary, table.path)
-    summary.warnings += check_directions(track, ends, summary, table.path)
+    if thrown is None:  # a throw may bend the string sharply at the clamp
+        summary.warnings += check_directions(track, ends, summary, table.path)
     write_capture(Path(folder), track, hand, alignment, summary)
     return summary
 
 
 def _named(mapping: SpaceMapping) -> list[tuple[str, DrivenBody]]:
+    if mapping.hand is None:
+        what, fix = "no body that holds the string is named", "name it: --hand, or hand in a mapping"
+        raise StrandcastError("SC-I036", what, field="hand", fix=fix)
     return list(zip(("hand", "far"), mapping.bodies(), strict=False))
+
+
+def _refuse_no_tip(place_m: float, length_m: float, file: Path) -> None:
+    if place_m < (1.0 - FROM_TIP) * length_m:
+        what = f"the last marker is {place_m:g} m from the hand, and the tip {length_m:g} m"
+        fix = (
+            "put a marker on the tip, whose miss is measured; check string.length_m and what the clamp covers"
+        )
+        raise refusal("SC-I055", file, "markers", what, fix)
 
 
 def _times(table: NumberTable, mapping: SpaceMapping) -> np.ndarray:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm
 from strandcast.errors import StrandcastError
 from strandcast.imports.clock import clock_problem
 from strandcast.imports.coverage import coverage_warnings, refuse_partial_motion, timing_warnings
@@ -39,7 +39,7 @@ class Played:
     """The motion that was played, and the arm that played it."""
 
     motion: Motion
-    arm: Arm
+    arm: AnyArm
 
 
 @dataclass(frozen=True)

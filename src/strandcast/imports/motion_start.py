@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm
 from strandcast.arm.servo import respond
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import JointLog
@@ -15,7 +15,7 @@ COARSE_S = 0.005
 TAIL_S = 0.1  # the joints arrive after their command
 
 
-def motion_times(log: JointLog, motion: Motion, arm: Arm, file: str | None = None) -> tuple[float, float]:
+def motion_times(log: JointLog, motion: Motion, arm: AnyArm, file: str | None = None) -> tuple[float, float]:
     """Return the motion's start and end on the log's clock [s].
 
     Commanded joints are compared with the trajectory itself; in a log without them, the measured joints are

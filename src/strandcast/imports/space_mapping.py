@@ -83,7 +83,9 @@ class SpaceMapping(Mapping):
     time: str | None = Field(None, description="Column of the time; not needed in a C3D file.")
     time_unit: TimeUnit | None = Field(None, description="With `time`.")
     rate_hz: float | None = Field(None, gt=0, le=1e6, description="Rows per second, where no column is.")
-    hand: DrivenBody
+    hand: DrivenBody | None = Field(
+        None, description="The body that holds the string; of an arm's throw, any place on its hand."
+    )
     far: DrivenBody | None = Field(None, description="The body at the string's other end, if it is driven.")
     markers: list[SpaceMarker] = Field(min_length=1)
     sigma_m: float = Field(1e-3, gt=0, le=0.1, description="Standard error of a marker's coordinate.")
@@ -94,14 +96,16 @@ class SpaceMapping(Mapping):
             raise ValueError("time and time_unit go together: s, ms, us or ns")
         if self.time is not None and self.rate_hz is not None:
             raise ValueError("give time and time_unit, or rate_hz, not both")
-        bodies = [self.hand] if self.far is None else [self.hand, self.far]
+        bodies = self.bodies()
+        if self.far is not None and self.hand is None:
+            raise ValueError("far is the second body: give hand, too")
         if len({body.behind is None and body.quaternion is None for body in bodies}) > 1:
             raise ValueError("hand and far both need a direction, or both are only a point")
         return self
 
     def bodies(self) -> list[DrivenBody]:
         """Return the driven bodies, that at the string's beginning first."""
-        return [self.hand] if self.far is None else [self.hand, self.far]
+        return [body for body in (self.hand, self.far) if body is not None]
 
     def unit_m(self) -> float:
         """Return the file's unit of length [m]."""
@@ -124,19 +128,19 @@ def columns_of(names: list[str]) -> list[str]:
     return [f"{names[0]}.{axis}" for axis in "xyz"] if len(names) == 1 else names
 
 
-def space_mapping_of(hand: str, markers: list[str], **more: Any) -> SpaceMapping:
+def space_mapping_of(hand: str | None, markers: list[str], **more: Any) -> SpaceMapping:
     """Return a mapping from command-line arguments.
 
     Parameters
     ----------
     hand
-        Columns ``X,Y,Z``, or ``NAME``.
+        Columns ``X,Y,Z``, or ``NAME``; None: no body is tracked.
     markers
         One ``PLACE:X,Y,Z`` or ``PLACE:NAME`` each.
     more
         Further fields of `SpaceMapping`; of ``behind``, ``far`` and ``far_behind``, the columns as in `hand`.
     """
-    bodies = {"hand": {"position": _names(hand)}}
+    bodies: dict[str, dict[str, list[str]]] = {} if hand is None else {"hand": {"position": _names(hand)}}
     if more.get("far"):
         bodies["far"] = {"position": _names(more["far"])}
     for body, option in (("hand", "behind"), ("far", "far_behind")):

@@ -17,7 +17,7 @@ from strandcast.planning.cost import CLEARANCE_M, rollout_cost, start_cost
 from strandcast.planning.miss_calibration import IN_SPACE, MissDistribution, miss_distribution
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.search import SearchResult
-from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
+from strandcast.planning.task import AnyTask, SpatialTask
 from strandcast.records.predicted import PredictedThrows
 
 # Paths of predicted throws that are kept, and the time between their places; chosen for less than 100 kB.
@@ -202,7 +202,7 @@ def _how_many(strings: np.ndarray) -> str:
     return "" if strings.all() else f", with {strings.sum()} of {len(strings)} strings"
 
 
-def stopped_outside_m(task: PlanningTask, curve: Curve) -> float:
+def stopped_outside_m(task: AnyTask, curve: Curve) -> float:
     """Return how far out of the arm's workspace arm or string may be if stopped at the worst instant [m]."""
     motion = sample(curve, task.step_s)
     return outside_m(task.arm, reach_of(task.arm, motion, task.hanging_m).swept_m)
@@ -211,7 +211,7 @@ def stopped_outside_m(task: PlanningTask, curve: Curve) -> float:
 def _arm_flags(task: AnyTask, curve: Curve) -> list[str]:
     """Return the flags for a motion that the player will refuse, and for torque limits without effect."""
     flags = []
-    out_m = stopped_outside_m(task, curve) if isinstance(task, PlanningTask) else 0.0
+    out_m = stopped_outside_m(task, curve)
     if out_m != 0.0:
         out = f"{1000 * out_m:.0f} mm out of the arm's workspace"
         flags.append(f"stopped at the worst instant, arm or string may be {out}")

@@ -7,7 +7,7 @@ import numpy as np
 from strandcast.arm.joint_limits import Limits
 from strandcast.core.strings import StringBatch
 from strandcast.planning.describe import PlannedMotion
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask
 from strandcast.records.motion import (
     Bezier,
     Motion,
@@ -23,7 +23,7 @@ from strandcast.records.motion import (
 
 def to_record(
     plan: PlannedMotion,
-    task: PlanningTask,
+    task: AnyTask,
     experiment: str,
     trial: int,
     seed: int,
@@ -119,7 +119,7 @@ def _prediction(plan: PlannedMotion, hit_radius_m: float, limits: Limits) -> Pre
             for column in fields(limits)
         },
         workspace_room_m=plan.room_m,
-        peak_tip_speed_m_s=float(np.hypot(*np.gradient(plan.tip_m, plan.time_s, axis=0).T).max()),
+        peak_tip_speed_m_s=float(np.hypot.reduce(np.gradient(plan.tip_m, plan.time_s, axis=0), axis=1).max()),
         time_s=plan.time_s.tolist(),
         hand_m=plan.hand_m.tolist(),
         tip_m=plan.tip_m.tolist(),

@@ -137,6 +137,17 @@ def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, Pose]:
     return rows["robot_time_s"][mine], Pose(position_m, rows["angle_rad"][mine])
 
 
+def read_hand_in_space(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return the path of an arm's hand in space: robot times (T,), place, direction and normal (T, 9)."""
+    rows = read_table(path, HAND)
+    ends = ends_of(rows)
+    parts = [part for end in ends for part in end if part is not None]
+    if len(ends) != 1 or len(parts) != len(EndPath._fields):
+        what = "the columns are not those of one end with its direction and normal"
+        raise refusal("SC-R014", path, "normal_x", what, "import the track of the throw again")
+    return rows["robot_time_s"], np.hstack(parts)
+
+
 def end_columns(ends: Sequence[EndPath]) -> dict[str, np.ndarray]:
     """Return the columns of hand.parquet for the driven ends of a string in space, one or two."""
     columns: dict[str, np.ndarray] = {}

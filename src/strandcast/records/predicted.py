@@ -15,6 +15,7 @@ from strandcast.records.tables import (
     scattered,
     write_table,
 )
+from strandcast.records.track import AXES
 
 # One row per stored path and time. Facts stored beside the table: the miss of every throw, the motion's hash.
 PREDICTED_THROWS = TableSpec(
@@ -25,6 +26,7 @@ PREDICTED_THROWS = TableSpec(
         "x_m": Column("f8", "m"),
         "y_m": Column("f8", "m"),
     },
+    optional={"z_m": Column("f8", "m")},  # of throws in space
 )
 PLACE_DIGITS = 4  # 0.1 mm: less than a camera measures
 
@@ -41,7 +43,7 @@ class PredictedThrows(NamedTuple):
     time_s
         (T,) time from the motion's start [s].
     tip_m
-        (M, T, 2) paths of their tips, NaN from where a simulation failed [m].
+        (M, T, 2 or 3) paths of their tips, NaN from where a simulation failed [m].
     motion_sha256
         Content hash of the motion.
     """
@@ -59,13 +61,9 @@ UNPREDICTED = PredictedThrows(np.zeros(0), np.zeros(0, np.int64), np.zeros(0), n
 def write_predicted(path: str | Path, throws: PredictedThrows) -> None:
     """Write predicted throws, places rounded to 0.1 mm."""
     row, sample = np.indices(throws.tip_m.shape[:2]).reshape(2, -1)
-    x_y_m = np.round(throws.tip_m, PLACE_DIGITS).reshape(-1, 2)
-    columns = {
-        "throw": throws.throw[row],
-        "time_s": throws.time_s[sample],
-        "x_m": x_y_m[:, 0],
-        "y_m": x_y_m[:, 1],
-    }
+    places_m = np.moveaxis(np.round(throws.tip_m, PLACE_DIGITS), 2, 0)
+    columns = {"throw": throws.throw[row], "time_s": throws.time_s[sample]}
+    columns |= {name: place_m.ravel() for name, place_m in zip(AXES, places_m, strict=False)}
     write_table(
         path,
         PREDICTED_THROWS,
@@ -80,8 +78,8 @@ def read_predicted(path: str | Path) -> PredictedThrows:
     with fitting(path):
         throw, row = np.unique(rows["throw"], return_inverse=True)
         time_s, sample = np.unique(rows["time_s"], return_inverse=True)
-        x_y_m = np.column_stack([rows["x_m"], rows["y_m"]])
-        tip_m = scattered((len(throw), len(time_s), 2), (row, sample), x_y_m)
+        places_m = np.column_stack([rows[name] for name in AXES if name in rows])
+        tip_m = scattered((len(throw), len(time_s), places_m.shape[1]), (row, sample), places_m)
         miss_m = np.array(facts["miss_m"], dtype=float).reshape(-1)
         miss_m[throw]  # every path has its miss
         return PredictedThrows(miss_m, throw.astype(np.int64), time_s, tip_m, str(facts["motion_sha256"]))

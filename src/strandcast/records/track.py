@@ -170,6 +170,17 @@ class Track:
         """Return the points (F, n+1, 2 or 3), NaN where they were not detected."""
         return np.where(self.detected()[..., None], self.points_m, np.nan)
 
+    def rows(self, used: np.ndarray) -> "Track":
+        """Return the frames of a mask (F,)."""
+        return Track(
+            self.frame[used],
+            self.camera_time_s[used],
+            self.points_m[used],
+            self.sigma_m[used],
+            self.flags[used],
+            None if self.covariance_m2 is None else self.covariance_m2[used],
+        )
+
     def columns(self) -> dict[str, np.ndarray]:
         """Return the rows of track.parquet: one per frame and point that has a place."""
         frame, point = np.nonzero(np.isfinite(self.points_m).all(axis=2))

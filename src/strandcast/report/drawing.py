@@ -124,9 +124,14 @@ def marks(marker: str, size: float, **style: Any) -> dict[str, Any]:
     return {"linestyle": "none", "marker": marker, "markersize": size} | style
 
 
-def equal_axes(axes: Any) -> None:
-    """Label axes with the plane's coordinates, at one scale for both."""
-    axes.set(xlabel="x [m]", ylabel="y [m]")
+def views(dimensions: int) -> tuple[list[int], ...]:
+    """Return the coordinates that each view shows: the plane; or in space from two sides, z upwards."""
+    return ([0, 1],) if dimensions == 2 else ([0, 2], [1, 2])
+
+
+def equal_axes(axes: Any, seen: Sequence[int] = (0, 1)) -> None:
+    """Label axes with the coordinates of a view (see `views`), at one scale for both."""
+    axes.set(xlabel=f"{'xyz'[seen[0]]} [m]", ylabel=f"{'xyz'[seen[1]]} [m]")
     axes.set_aspect("equal", adjustable="datalim")
 
 

@@ -96,6 +96,8 @@ def _key_figures(results: TrialResults) -> list[KeyFigure]:
         for name, source, text_of, anchor in (KEY_FIGURES if results.aimed() else CAPTURE_FIGURES)
         if results.aimed() or source not in results.not_made()
     ]
+    if results.in_space():  # the throw is drawn from two sides
+        figures = [figure._replace(anchor=IN_SPACE.get(figure.anchor, figure.anchor)) for figure in figures]
     if results.get("estimate") is not None:
         after = next(k for k, figure in enumerate(figures) if figure.anchor == "tracking")
         figures.insert(after, KeyFigure("E and both distances are over", fit_window(results), "fit"))
@@ -110,6 +112,7 @@ def _log_sha(manifest: Manifest) -> str:
     return UNKNOWN if manifest.joint_log is None else manifest.joint_log.sha256[:16] + "…"
 
 
+IN_SPACE = {"strobe": "views"}  # anchor of a panel in the plane -> of the one in space
 # Quantity, the result that gives it, its text, and the anchor of its evidence.
 KEY_FIGURES: tuple[tuple[str, str, Callable[[Any], str], str], ...] = (
     ("miss", "verdict", lambda v: millimetres(v.miss_m, v.miss_sigma_m), "strobe"),

@@ -30,9 +30,9 @@ def closest_approach(
     Parameters
     ----------
     time_s, tip_m
-        (F,) rising, (F, 2): the tracked samples within the window, at least two.
+        (F,) rising, (F, 2 or 3): the tracked samples within the window, at least two.
     target_m
-        (2,), or (2, 2): both ends of a bar.
+        (2,), or (3,) in space, or (2, 2): both ends of a bar.
     usual_step_s
         Spacing of the frames.
     window_s
@@ -64,7 +64,7 @@ def closest_approach(
 
 
 def segment_approaches(path_m: np.ndarray, target_m: np.ndarray) -> list[Approach]:
-    """Return the closest approach of each segment of a path (F, 2) to a target (2,) or bar (2, 2)."""
+    """Return the closest approach of each segment of a path to a target or a bar; see `closest_approach`."""
     step = np.diff(path_m, axis=0)
     ends = np.atleast_2d(target_m)
     if len(ends) == 1:
@@ -97,7 +97,7 @@ def _crossings(path_m: np.ndarray, step: np.ndarray, ends: np.ndarray) -> np.nda
 
 
 def _nearest_of_bar(places: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return the places of a bar, or the target, that are nearest to other places (..., 2)."""
+    """Return the places of a bar, or the target, that are nearest to other places (..., 2 or 3)."""
     along = ends[-1] - ends[0]
     square = max(float(along @ along), 1e-300)
     return np.asarray(ends[0] + np.clip((places - ends[0]) @ along / square, 0.0, 1.0)[..., None] * along)
@@ -121,7 +121,7 @@ def _gap_distance_m(time_s: np.ndarray, tip_m: np.ndarray, target_m: np.ndarray,
 
 def _speed(time_s: np.ndarray, tip_m: np.ndarray, first: int, last: int) -> np.ndarray:
     if last == first:
-        return np.zeros(2)
+        return np.zeros_like(tip_m[0])
     return np.asarray((tip_m[last] - tip_m[first]) / (time_s[last] - time_s[first]))
 
 

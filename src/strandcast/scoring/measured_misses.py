@@ -11,6 +11,7 @@ from strandcast.core.objectives import (
     VELOCITY_S,
     AimedPoint,
     Objective,
+    PointInSpace,
     SegmentObjective,
     ShapeObjective,
     SwingObjective,
@@ -32,7 +33,7 @@ class TrackedThrow(NamedTuple):
     time_s
         (F,) of the frames, robot time.
     points_m, sigma_m
-        (F, n+1, 2), NaN where a point was not tracked, and (F, n+1).
+        (F, n+1, 2 or 3), NaN where a point was not tracked, and (F, n+1).
     length_m
         From the hand to the tip, along the string.
     step_s
@@ -91,6 +92,11 @@ def measured_shortfall(objective: Objective, throw: TrackedThrow) -> Measured:
 def _point_shortfall(objective: AimedPoint, throw: TrackedThrow) -> Measured:
     if objective.has_velocity:
         return least(throw, *passage_series(objective, throw))
+    return nearest(throw, np.asarray(objective.target_m, float))
+
+
+@measured_shortfall.register
+def _point_in_space_shortfall(objective: PointInSpace, throw: TrackedThrow) -> Measured:
     return nearest(throw, np.asarray(objective.target_m, float))
 
 
@@ -176,7 +182,7 @@ def _across_gaps(
 
 
 def nearest(throw: TrackedThrow, target_m: np.ndarray) -> Measured:
-    """Return the tip's closest approach to a place (2,) or bar (2, 2), between the frames too."""
+    """Return the tip's closest approach to a place (2 or 3,) or bar (2, 2), between the frames too."""
     rows = np.flatnonzero(np.isfinite(throw.points_m[:, -1]).all(axis=1))
     tip_m = throw.points_m[rows, -1]
     found, reason = closest_approach(throw.time_s[rows], tip_m, target_m, throw.step_s, throw.window_s)

@@ -30,7 +30,7 @@ class Aim(NamedTuple):
     experiment: str
     trial: int
     objective: Objective
-    target_m: tuple[float, float]
+    target_m: tuple[float, ...]
     hit_radius_m: float
 
 

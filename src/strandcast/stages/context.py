@@ -60,15 +60,18 @@ def refuse_replacing(path: Path, replace: bool) -> None:
         )
 
 
-def refuse_target_in_space(context: Context, in_space: bool) -> None:
-    """Refuse a track in space for an experiment that aims at a target in the plane."""
-    if in_space and context.settings.target_m is not None:
+def refuse_other_target(context: Context, in_space: bool) -> None:
+    """Refuse a track in space for an experiment that aims at a target in the plane, and the reverse."""
+    settings = context.settings
+    if settings.target_m is not None and settings.aims_in_space != in_space:
+        track, target = ("space", "a plane") if in_space else ("a plane", "space")
         raise StrandcastError(
             "SC-I046",
-            "the track is in space, and the target in a plane",
+            f"the track is in {track}, and the target in {target}",
             file=context.file,
             field="target_m",
-            fix="leave target_m out: captures in space are fitted and predicted, and nothing is planned",
+            fix="give the target x, y and z in space, x and y in a plane; or leave it out: then captures are "
+            "fitted and predicted, and nothing is planned",
         )
 
 

@@ -4,24 +4,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.errors import StrandcastError
 from strandcast.estimation.cable_estimate import PreviousCable, Rolls, estimate_cable
-from strandcast.estimation.cable_series import DrivenEnd, series_between
+from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
 from strandcast.estimation.cable_space import POINTS, STEP_S, CableSpace, space_of_cable
 from strandcast.records.alignment import HAND, Alignment, ends_of
 from strandcast.records.estimate import ENSEMBLE, SIMULATED
 from strandcast.records.tables import read_facts, read_table, write_table
 from strandcast.records.track import Track, TrackSummary, read_track
 from strandcast.seeds import rng
+from strandcast.stages.arms import arm_of
 from strandcast.stages.context import Context
 from strandcast.stages.estimate_record import ensemble_table, estimate_record, points_table
 from strandcast.stages.files import past, recent
 from strandcast.stages.job import Files, Job
-from strandcast.stages.past_trials import hashes_of
+from strandcast.stages.past_trials import hashes_of, read_trial, thrown_cable
 
-# Settings of the estimate that apply in space.
-APPLY = {"trials", "evaluations", "ensemble", "profiles", "dt_s", "friction_stick", "marker_shift"}
+# Settings of the estimate that apply in space: to every string, to captures alone, to throws alone.
+APPLY = {"trials", "evaluations", "ensemble", "profiles", "dt_s"}
+TO_CAPTURES, TO_THROWS = {"friction_stick", "marker_shift"}, {"contact_radius_m"}
+# Of a throw; chosen.
+FITTED_BEFORE_S, FITTED_AFTER_S = 0.08, 0.10  # around the motion
+FASTEST_M_S = 40.0  # faster markers are errors: no tip is as fast
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,29 +46,15 @@ class TrialInSpace:
 
 def estimate_in_space(job: Job, files: Files) -> None:
     """Estimate the string after one trial: from the recent ones, starting from the estimate before."""
-    context, string = job.context, job.context.settings.string
+    context = job.context
     _refuse_settings_of_the_plane(context)
-    trials = [_read_trial(files, number) for number in recent(job)]
-    columns, pinned = trials[-1].kind()
-    for trial in trials:
-        if trial.kind() != (columns, pinned):
-            raise StrandcastError(
-                "SC-E009",
-                f"trials {trial.number} and {trials[-1].number} have other driven ends",
-                file=files.input("hand", trial.number),
-                fix="make an experiment for each way in which the string was driven",
-            )
     settings = context.settings.estimate
-    model, space = space_of_cable(
-        string.length_m,
-        columns > POSE,
-        pinned=pinned,
-        points=string.points or POINTS,
-        step_s=settings.dt_s if "dt_s" in settings.model_fields_set else STEP_S,
-        weight_places_m=[weight.place_m for weight in string.weights],
-        friction_stick=settings.friction_stick,
-        marker_shift=settings.marker_shift,
-    )
+    if context.settings.aims_in_space:
+        trials = [_read_throw(files, number) for number in recent(job)]
+        model, space = thrown_cable(context, arm_of(context))
+    else:
+        trials = [_read_capture(files, number) for number in recent(job)]
+        model, space = _captured_cable(files, trials)
     found = estimate_cable(
         [trial.series for trial in trials],
         model,
@@ -88,16 +80,42 @@ def estimate_in_space(job: Job, files: Files) -> None:
     record.write(files.output("estimate"))
 
 
+def _captured_cable(files: Files, trials: list[TrialInSpace]) -> tuple[StringModel, CableSpace]:
+    """Return the model of a captured string, and the box of its unknowns; refuse trials of unlike ends."""
+    string, settings = files.job.context.settings.string, files.job.context.settings.estimate
+    columns, pinned = trials[-1].kind()
+    for trial in trials:
+        if trial.kind() != (columns, pinned):
+            raise StrandcastError(
+                "SC-E009",
+                f"trials {trial.number} and {trials[-1].number} have other driven ends",
+                file=files.input("hand", trial.number),
+                fix="make an experiment for each way in which the string was driven",
+            )
+    return space_of_cable(
+        string.length_m,
+        columns > POSE,
+        pinned=pinned,
+        points=string.points or POINTS,
+        step_s=settings.dt_s if "dt_s" in settings.model_fields_set else STEP_S,
+        weight_places_m=[weight.place_m for weight in string.weights],
+        friction_stick=settings.friction_stick,
+        marker_shift=settings.marker_shift,
+    )
+
+
 def _refuse_settings_of_the_plane(context: Context) -> None:
-    wrong = [f"estimate.{name}" for name in sorted(context.settings.estimate.model_fields_set - APPLY)]
+    thrown = context.settings.aims_in_space
+    apply = APPLY | (TO_THROWS if thrown else TO_CAPTURES)
+    wrong = [f"estimate.{name}" for name in sorted(context.settings.estimate.model_fields_set - apply)]
     wrong += ["string.stiff_sections"] if context.settings.string.stiff_sections else []
     if wrong:
         raise StrandcastError(
             "SC-E008",
-            f"{wrong[0]} does not apply to a string in space",
+            f"{wrong[0]} does not apply to {'a throw' if thrown else 'a string'} in space",
             file=context.file,
             field=wrong[0],
-            fix=f"leave it out; of estimate, {', '.join(sorted(APPLY))} apply",
+            fix=f"leave it out; of estimate, {', '.join(sorted(apply))} apply",
         )
 
 
@@ -105,7 +123,23 @@ def _hand(files: Files, number: int) -> dict[str, np.ndarray]:
     return read_table(files.input("hand", number), HAND)
 
 
-def _read_trial(files: Files, number: int) -> TrialInSpace:
+def _read_throw(files: Files, number: int) -> TrialInSpace:
+    """Read an arm's throw: the frames around its motion, until the tip may have touched the target."""
+    trial, settings = read_trial(files, number), files.job.context.settings.estimate
+    until_s, nearest = trial.alignment.motion_end_s + FITTED_AFTER_S, trial.shortfall
+    if nearest and settings.contact_radius_m is not None and nearest.miss_m <= settings.contact_radius_m:
+        until_s = min(until_s, nearest.time_s)
+    time_s, known_s = trial.frame_time_s, trial.hand_time_s
+    used = time_s >= max(trial.alignment.motion_start_s - FITTED_BEFORE_S, known_s[0])
+    used &= time_s <= min(until_s, known_s[-1])
+    pose = np.column_stack([np.interp(time_s[used], known_s, column) for column in trial.hand_pose.T])
+    places = trial.summary.places_m()[1:] / trial.summary.length_m
+    points_m = trial.track.detected_m()[used, 1:]
+    series = CableSeries(time_s[used], pose, points_m, places, fastest_m_s=FASTEST_M_S)
+    return TrialInSpace(number, trial.track.rows(used), {"measured": series})
+
+
+def _read_capture(files: Files, number: int) -> TrialInSpace:
     """Read a trial's results; the driven ends are interpolated at its frames."""
     summary = TrackSummary.read(files.input("summary", number))
     track = read_track(files.input("track", number), summary.points)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from strandcast.arm.load import load_arm
+from strandcast.arm.spatial import load_any_arm
 from strandcast.errors import StrandcastError
 from strandcast.imports.joints import IMPORTED, Played, Reading, import_joints
 from strandcast.records.joint_log import Run
@@ -22,7 +22,7 @@ def run(
     """Import a log; a motion.json in the trial's folder is the played motion."""
     context = context_of(root, name)
     folder = context.folder.trial(trial)
-    arm = load_arm(context.arm_file)
+    arm = load_any_arm(context.arm_file)
     motion, record = folder.data / "motion.json", folder.data / "run.json"
     if record.is_file() and not Run.read(record).driver.startswith(IMPORTED):  # the only copy of that run
         raise StrandcastError(

@@ -2,13 +2,28 @@
 
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 from strandcast.arm.load import load_arm
+from strandcast.arm.spatial import SpatialArm, hand_path
+from strandcast.errors import StrandcastError
 from strandcast.imports.capture_in_space import import_capture_in_space
 from strandcast.imports.mapping import CaptureMapping
 from strandcast.imports.motion_capture import import_capture
 from strandcast.imports.space_mapping import SpaceMapping
+from strandcast.imports.throw_in_space import ThrownBy
+from strandcast.records.joint_log import read_run
+from strandcast.records.record import refusal
 from strandcast.records.track import TrackSummary
-from strandcast.stages.context import context_of, free_length_m, refuse_replacing, refuse_target_in_space
+from strandcast.stages.arms import arm_of
+from strandcast.stages.context import (
+    Context,
+    context_of,
+    free_length_m,
+    refuse_other_target,
+    refuse_replacing,
+)
+from strandcast.stages.past_trials import smooth_joints
 
 
 def run(
@@ -18,25 +33,74 @@ def run(
     capture: Path,
     mapping: CaptureMapping | SpaceMapping,
     replace: bool = False,
+    offset_s: float | None = None,
 ) -> TrackSummary:
-    """Import a capture; `register_track` copies it to the results."""
+    """Import a capture; `register_track` copies it to the results.
+
+    `offset_s` is the robot's time less the capture's, of a throw in space.
+    """
     context = context_of(root, name)
     string, folder = context.settings.string, context.folder.trial(trial)
     refuse_replacing(folder.data / "track.json", replace)
-    if isinstance(mapping, SpaceMapping):
-        refuse_target_in_space(context, True)
-        return import_capture_in_space(
-            capture, folder.data, mapping, experiment=name, trial=trial, length_m=string.length_m
+    refuse_other_target(context, isinstance(mapping, SpaceMapping))
+    if offset_s is not None and not context.settings.aims_in_space:
+        raise StrandcastError(
+            "SC-I056",
+            "the offset of the clocks is given, and no target in space",
+            file=context.file,
+            field="offset",
+            fix="leave --offset out: without a target in space, the capture's clock is the only one",
         )
-    arm = load_arm(context.arm_file)
-    return import_capture(
-        capture,
-        folder.data,
-        mapping,
-        experiment=name,
-        trial=trial,
-        length_m=free_length_m(context, arm.clamp.clamped_length_m),
-        points=string.n,
-        arm=arm,
-        aimed=context.settings.target_m is not None,
+    if not isinstance(mapping, SpaceMapping):
+        arm = load_arm(context.arm_file)
+        return import_capture(
+            capture,
+            folder.data,
+            mapping,
+            experiment=name,
+            trial=trial,
+            length_m=free_length_m(context, arm.clamp.clamped_length_m),
+            points=string.n,
+            arm=arm,
+            aimed=context.settings.target_m is not None,
+        )
+    length_m, thrown = string.length_m, None
+    with threadpool_limits(1):  # as the stages: the last digits must not depend on the number of cores
+        if context.settings.aims_in_space:
+            length_m, thrown = _thrown(context, folder.data)
+        return import_capture_in_space(
+            capture,
+            folder.data,
+            mapping,
+            experiment=name,
+            trial=trial,
+            length_m=length_m,
+            thrown=thrown,
+            offset_s=offset_s,
+        )
+
+
+def _thrown(context: Context, folder: Path) -> tuple[float, ThrownBy]:
+    """Return the free length of a thrown string [m], and the hand's path by the joint log."""
+    arm = arm_of(context)
+    assert isinstance(arm, SpatialArm)
+    record = folder / "run.json"
+    fix = (
+        f"play the motion into this folder, or import its log first: strandcast import joints {context.name}"
     )
+    if not record.is_file():
+        what = "the arm's hand drives the string of a throw in space, and the trial has no joint log"
+        raise refusal("SC-I056", record, None, what, fix)
+    played, log = read_run(folder)
+    if played.motion_start_s is None or played.motion_end_s is None:
+        what = "is not known: the log has no commands, and the motion was not beside it"
+        raise refusal(
+            "SC-I056", record, "motion_start_s", what, "put motion.json there and import the log again"
+        )
+    if missing := [name for name in arm.joints if name not in log.joint_names]:
+        what = f"the log has no {', '.join(missing)}, which the arm's file moves"
+        raise refusal("SC-I056", record, "joint_names", what, fix)
+    time_s, q_rad = smooth_joints(log, arm.joints)
+    poses = hand_path(arm.chain, q_rad)
+    motion_s = played.motion_start_s, played.motion_end_s
+    return free_length_m(context, arm.clamp.clamped_length_m), ThrownBy(time_s, poses, motion_s)

@@ -18,7 +18,7 @@ from strandcast.records.folders import TrialFolder
 from strandcast.records.observations import read_observations
 from strandcast.records.track import SUPPLIED, Track, TrackSummary
 from strandcast.stages.calibrate import read_photos_of
-from strandcast.stages.context import context_of, refuse_replacing, refuse_target_in_space
+from strandcast.stages.context import context_of, refuse_other_target, refuse_replacing
 
 OBSERVATIONS = "observations.parquet"
 LENGTHS_DIFFER = 0.02  # chosen: a length that is 5 % wrong moves points by 1 mm, one of 15 % by 50 mm
@@ -51,7 +51,15 @@ def run(
     context = context_of(root, name)
     folder = context.folder.trial(trial)
     refuse_replacing(folder.data / "track.json", overwrite)
-    refuse_target_in_space(context, True)
+    refuse_other_target(context, True)
+    if context.settings.aims_in_space:
+        raise StrandcastError(
+            "SC-I046",
+            "cameras do not see in which direction an arm's hand holds the string",
+            file=context.file,
+            field="target_m",
+            fix="measure throws in space by motion capture: strandcast import track",
+        )
     length_m = context.settings.string.length_m
     cameras = [experiment for experiment, _ in views]
     if len(set(cameras)) < len(cameras):

@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.alignment.joints import without_row_noise
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm, Arm
 from strandcast.arm.servo_response import Response, identify_response
+from strandcast.arm.spatial import SpatialArm
 from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import MassLayout, mass_layout
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.schemes.registry import SCHEMES
-from strandcast.records.alignment import Alignment, read_hand
+from strandcast.estimation.cable_space import STEP_S, THROWN_POINTS, CableSpace, space_of_throw
+from strandcast.records.alignment import Alignment, read_hand, read_hand_in_space
 from strandcast.records.content_hash import result_sha256
 from strandcast.records.estimate import ENSEMBLE
 from strandcast.records.joint_log import JointLog, read_run
@@ -40,6 +42,8 @@ class Trial:
         the hit radius.
     motion, log
         None if they were not recorded.
+    hand_pose
+        (T, 3) x, y and angle; in space (T, 9) place, direction and normal.
     """
 
     number: int
@@ -58,16 +62,21 @@ class Trial:
 def read_trial(files: Files, number: int) -> Trial:
     """Read one trial's results, and the motion and log beside its raw files if they exist."""
     settings = files.job.context.settings
-    track = read_track(files.input("track", number), settings.string.n)
-    alignment = Alignment.read(files.input("alignment", number))
-    hand_time_s, hand = read_hand(files.input("hand", number), settings.estimate.joints)
     summary = TrackSummary.read(files.input("summary", number))
+    points = summary.points if settings.aims_in_space else settings.string.n
+    track = read_track(files.input("track", number), points)
+    alignment = Alignment.read(files.input("alignment", number))
+    played, run = files.optional("motion", number), files.optional("run", number)
+    log = read_run(run.parent)[1] if run else None
+    if settings.aims_in_space:  # without the rows' noise since its import
+        hand_time_s, hand_pose = read_hand_in_space(files.input("hand", number))
+    else:
+        hand_time_s, hand = read_hand(files.input("hand", number), settings.estimate.joints)
+        # The rows' noise would shake the simulated strings.
+        hand_pose = without_row_noise(hand_time_s, hand.array()) if log else hand.array()
     shortfall = None
     if settings.aim is not None:
         shortfall, _ = tracked_shortfall(track, alignment, settings.aim, summary.length_m)
-    played, run = files.optional("motion", number), files.optional("run", number)
-    log = read_run(run.parent)[1] if run else None
-    pose = hand.array()
     return Trial(
         number,
         summary,
@@ -77,11 +86,20 @@ def read_trial(files: Files, number: int) -> Trial:
         shortfall,
         alignment.robot_time_s(track.camera_time_s),
         hand_time_s,
-        # The rows' noise would shake the simulated strings.
-        without_row_noise(hand_time_s, pose) if log else pose,
+        hand_pose,
         Motion.read(played) if played else None,
         log,
     )
+
+
+def smooth_joints(log: JointLog, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return strictly rising times (R,) [s] and angles (R, J) [rad] of a log without its rows' noise.
+
+    The noise would shake simulated strings, and no track shows what it does to them.
+    """
+    columns = [log.joint_names.index(name) for name in joints]
+    time_s, rows = np.unique(log.time_s, return_index=True)
+    return time_s, without_row_noise(time_s, log.q_rad[rows][:, columns])
 
 
 def hashes_of(results: Iterable[Path]) -> dict[str, str]:
@@ -107,13 +125,28 @@ def read_members(path: Path, layout: MassLayout) -> StringBatch:
     )
 
 
+def thrown_cable(context: Context, arm: AnyArm) -> tuple[StringModel, CableSpace]:
+    """Return the model of a string that is thrown in space, without its clamped length, and its unknowns."""
+    string, estimate = context.settings.string, context.settings.estimate
+    length_m = free_length_m(context, arm.clamp.clamped_length_m)
+    return space_of_throw(
+        length_m,
+        string.points or THROWN_POINTS,
+        estimate.dt_s if "dt_s" in estimate.model_fields_set else STEP_S,
+        [min(weight.place_m, length_m) for weight in string.weights],
+    )
+
+
 def string_model(
-    context: Context, arm: Arm, weights_m: Sequence[float] | None = None
+    context: Context, arm: AnyArm, weights_m: Sequence[float] | None = None
 ) -> tuple[StringModel, MassLayout]:
     """Return the model of the experiment's string, without its clamped length, and its mass layout.
 
     `weights_m` are places of weights [m] from the clamp to use instead of the declared ones.
     """
+    if isinstance(arm, SpatialArm):
+        model, space = thrown_cable(context, arm)
+        return model, space.layout
     string, estimate = context.settings.string, context.settings.estimate
     length_m = free_length_m(context, arm.clamp.clamped_length_m)
     SCHEMES.get(estimate.integrator, context.file)

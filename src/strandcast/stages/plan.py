@@ -6,19 +6,21 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import Arm
+from strandcast.arm.spatial import SpatialArm
 from strandcast.errors import StrandcastError
 from strandcast.planning.describe import PlannedMotion
 from strandcast.planning.plan import plan_first, plan_next
 from strandcast.planning.rig_scatter import LearntSize, drawn_sizes, learnt_sizes
 from strandcast.planning.start_strings import start_string_name
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask
 from strandcast.planning.write import to_record
 from strandcast.progress import print_line
 from strandcast.records.estimate import Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.predicted import PredictedThrows, write_predicted
 from strandcast.seeds import rng, seed_of
+from strandcast.stages.arms import arm_of
 from strandcast.stages.context import Context
 from strandcast.stages.files import past
 from strandcast.stages.job import Files, Job
@@ -69,7 +71,7 @@ def first_motion(context: Context, arm: Arm) -> Motion:
 def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
     """Return the planned motion of one trial, and the throws that are expected of it."""
     refuse_without_target(job.context)
-    context, arm = job.context, load_arm(files.input("arm"))
+    context, arm = job.context, arm_of(job.context)
     settings, seeded_by = context.settings, _seeded_by(context, job.trial)
     random = rng(*seeded_by)
     trials = [read_trial(files, number) for number in past(job)]
@@ -123,10 +125,10 @@ def _refuse_thrown(job: Job) -> None:
         )
 
 
-Plan = tuple[PlanningTask, PlannedMotion, list[LearntSize]]
+Plan = tuple[AnyTask, PlannedMotion, list[LearntSize]]
 
 
-def _first(files: Files, arm: Arm, random: np.random.Generator) -> Plan:
+def _first(files: Files, arm: Arm | SpatialArm, random: np.random.Generator) -> Plan:
     """Plan for an ensemble of plausible strings, on a rig known only by its prior.
 
     What a rehearsal shows of the joints is used.
@@ -139,12 +141,12 @@ def _first(files: Files, arm: Arm, random: np.random.Generator) -> Plan:
     return task, plan, learnt_sizes(settings, [])
 
 
-def _next(files: Files, arm: Arm, trials: list[Trial], random: np.random.Generator) -> Plan:
+def _next(files: Files, arm: Arm | SpatialArm, trials: list[Trial], random: np.random.Generator) -> Plan:
     """Plan with the strings fitted after the newest trial, and with all trials that were played."""
     context, settings = files.job.context, files.job.context.settings.plan
     task, strings = next_inputs(context, arm, files.input("ensemble"))
     estimate = Estimate.read(files.input("estimate"))
-    played = [past_trial_of(trial, task.step_s) for trial in trials if trial.motion is not None]
+    played = [past_trial_of(trial, task) for trial in trials if trial.motion is not None]
     servo = servo_of(estimate.servo)
     learns = settings.disturbances == "learnt"
     seen = seen_deviations(task, strings, trials, servo) if learns else []

@@ -1,12 +1,14 @@
 """Inputs of the planner: the task, the strings, the past trials."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from strandcast.alignment.joints import without_row_noise
 from strandcast.arm.load import Arm
 from strandcast.arm.servo import Servo
+from strandcast.arm.spatial import SpatialArm
 from strandcast.config.experiment import Experiment
 from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import MassLayout
@@ -15,40 +17,51 @@ from strandcast.errors import StrandcastError
 from strandcast.planning.deviations import trial_deviations
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial
 from strandcast.planning.rig_scatter import TrialDeviations
-from strandcast.planning.start_strings import start_strings
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.start_strings import start_strings, start_strings_in_space
+from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
 from strandcast.records.estimate import ServoFit
 from strandcast.records.joint_log import read_run
 from strandcast.records.motion import Motion
+from strandcast.records.track import AXES
 from strandcast.stages.context import Context
 from strandcast.stages.job import Files
-from strandcast.stages.past_trials import Trial, read_members, string_model
+from strandcast.stages.past_trials import Trial, read_members, smooth_joints, string_model
+
+AnyOfTwo = Arm | SpatialArm
+FEWEST_PLACES = 4  # of a shape, the hand's included; chosen: through fewer, the model's own is as good
 
 
-def first_inputs(context: Context, arm: Arm, random: np.random.Generator) -> tuple[PlanningTask, StringBatch]:
+def first_inputs(context: Context, arm: AnyOfTwo, random: np.random.Generator) -> tuple[AnyTask, StringBatch]:
     """Return the task and plausible strings, for the first motion."""
     model, layout = string_model(context, arm)
-    strings = start_strings(context.settings, model.length_m, layout, random)
-    return _task(context.settings, arm, model), strings
+    settings = context.settings
+    if isinstance(arm, SpatialArm):
+        strings = start_strings_in_space(settings.plan.ensemble, model.length_m, layout, random)
+    else:
+        strings = start_strings(settings, model.length_m, layout, random)
+    return _task(settings, arm, model), strings
 
 
-def task_of(context: Context, arm: Arm) -> PlanningTask:
+def task_of(context: Context, arm: AnyOfTwo) -> AnyTask:
     """Return the task alone, to check whether its target can be reached."""
     return _task(context.settings, arm, string_model(context, arm)[0])
 
 
-def next_inputs(context: Context, arm: Arm, ensemble: Path) -> tuple[PlanningTask, StringBatch]:
+def next_inputs(context: Context, arm: AnyOfTwo, ensemble: Path) -> tuple[AnyTask, StringBatch]:
     """Return the task and the strings fitted to past trials, for a later motion."""
     model, layout = string_model(context, arm)
     return _task(context.settings, arm, model), fitted_strings(ensemble, layout)
 
 
-def _task(settings: Experiment, arm: Arm, model: StringModel) -> PlanningTask:
+def _task(settings: Experiment, arm: AnyOfTwo, model: StringModel) -> AnyTask:
     # Without a target, motions are simulated but not planned: see `refuse_without_target`.
+    target_m = np.full(len(arm.box_m), np.nan) if settings.target_m is None else np.array(settings.target_m)
+    if isinstance(arm, SpatialArm):
+        return SpatialTask(arm, model, target_m, settings.hit_radius_m)
     return PlanningTask(
         arm,
         model,
-        np.full(2, np.nan) if settings.target_m is None else np.array(settings.target_m),
+        target_m,
         settings.hit_radius_m,
         arm.workspace if settings.workspace_m is None else settings.workspace_m,
         settings.objective,
@@ -69,7 +82,8 @@ def refuse_without_target(context: Context) -> None:
             "the experiment has no target, so that no motion can be planned",
             file=context.file,
             field="target_m",
-            fix="add target_m: [x, y]; to fit a recording, import it: strandcast import track --help",
+            fix="add target_m: [x, y], or [x, y, z] for an arm in space; to fit a recording, import it: "
+            "strandcast import track --help",
         )
 
 
@@ -88,13 +102,29 @@ def fitted_strings(path: Path, layout: MassLayout) -> StringBatch:
     )
 
 
-def past_trial_of(trial: Trial, step_s: float) -> PastTrial:
-    """Return a trial on its motion's own clock, joints every `step_s`."""
+def past_trial_of(trial: Trial, task: AnyTask) -> PastTrial:
+    """Return a trial on its motion's own clock, joints as often as the task's."""
     assert trial.motion is not None
-    return past_trial(trial.motion, measured_of(trial), step_s)
+    past = past_trial(trial.motion, measured_of(trial), task.step_s)
+    if not isinstance(task, SpatialTask):
+        return past
+    # The track has markers, wherever they are on the string.
+    places = trial.summary.places_m() / trial.summary.length_m
+    hand_m = task.arm.hand_m(past.q_rad[0])
+    return replace(past, start_m=shape_through(hand_m, past.start_m, places, task.model.points))
 
 
-def rehearsal_of(files: Files, arm: Arm, step_s: float) -> PastTrial | None:
+def shape_through(
+    hand_m: np.ndarray, markers_m: np.ndarray | None, places: np.ndarray, points: int
+) -> np.ndarray | None:
+    """Return mass points (n, 3) on a spline through hand (3,) and markers (m, 3); None through too few."""
+    if markers_m is None or len(places) < FEWEST_PLACES:
+        return None
+    spline = CubicSpline(places, np.vstack([hand_m, markers_m]))
+    return np.asarray(spline(np.linspace(0.0, 1.0, points + 1)[1:]))
+
+
+def rehearsal_of(files: Files, arm: AnyOfTwo, step_s: float) -> PastTrial | None:
     """Return the motion that the arm played without the string, if it did.
 
     Raises
@@ -111,12 +141,11 @@ def rehearsal_of(files: Files, arm: Arm, step_s: float) -> PastTrial | None:
         raise _no_rehearsal(record, "the log is not that of the motion beside it")
     if tuple(motion.joint_names) != tuple(arm.joints) or not set(arm.joints) <= set(log.joint_names):
         raise _no_rehearsal(record, f"its joints are not those of the arm: {', '.join(arm.joints)}")
-    columns = [log.joint_names.index(name) for name in arm.joints]
-    time_s, rows = np.unique(log.time_s - run.motion_start_s, return_index=True)
-    # The rows' noise would shake the simulated strings, and no track shows what it does to them.
-    q_rad = without_row_noise(time_s, log.q_rad[rows][:, columns])
-    nothing_seen = np.zeros((0, 2, 2))
-    return past_trial(motion, Measured(time_s, q_rad, np.zeros(0), nothing_seen, None), step_s)
+    time_s, q_rad = smooth_joints(log, arm.joints)
+    nothing_seen = np.zeros((0, 2, len(arm.box_m)))
+    return past_trial(
+        motion, Measured(time_s - run.motion_start_s, q_rad, np.zeros(0), nothing_seen, None), step_s
+    )
 
 
 def _no_rehearsal(record: Path, what: str) -> StrandcastError:
@@ -135,6 +164,9 @@ def measured_of(trial: Trial) -> Measured:
     assert motion is not None
     if log is None:  # a supplied track: the joints are taken to have followed the commands
         time_s, q_rad = motion.trajectory().time_s, motion.trajectory().q_rad
+    elif trial.track.points_m.shape[2] == len(AXES):
+        time_s, q_rad = smooth_joints(log, motion.joint_names)
+        time_s = time_s - start_s
     else:
         columns = [log.joint_names.index(name) for name in motion.joint_names]
         time_s, rows = np.unique(log.time_s - start_s, return_index=True)
@@ -148,14 +180,19 @@ def _deviations_of(
 ) -> TrialDeviations:
     length_m, error_m = (trial.summary.choices.get(name) for name in ("length_m", "length_sigma_m"))
     known = (length_m, error_m) if isinstance(length_m, float) and isinstance(error_m, float) else None
-    past = past_trial_of(trial, task.step_s)
+    past = past_trial_of(trial, task)
     return trial_deviations(task, best, past, measured_of(trial), servo if trial.log else None, known)
 
 
 def seen_deviations(
-    task: PlanningTask, strings: StringBatch, trials: list[Trial], servo: Servo | None
+    task: AnyTask, strings: StringBatch, trials: list[Trial], servo: Servo | None
 ) -> list[TrialDeviations]:
-    """Return what the trials that were played from a motion show of the rig; the best string comes first."""
+    """Return what the trials that were played from a motion show of the rig; the best string comes first.
+
+    In space nothing of it is known: the settings refuse to learn it there.
+    """
+    if not isinstance(task, PlanningTask):
+        return []
     played = [trial for trial in trials if trial.motion is not None]
     return [_deviations_of(task, strings.first(1), trial, servo) for trial in played]
 

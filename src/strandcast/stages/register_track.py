@@ -6,7 +6,7 @@ from strandcast.imports.track_checks import check_length, check_supplied
 from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.tables import read_arrow, write_arrow
 from strandcast.records.track import TRACK, TrackSummary, is_in_space
-from strandcast.stages.context import refuse_target_in_space
+from strandcast.stages.context import refuse_other_target
 from strandcast.stages.job import Files, Job
 
 
@@ -16,7 +16,7 @@ def run(job: Job, files: Files) -> None:
     summary, declared = TrackSummary.read(files.input("summary")), job.context.settings.string.n
     track = read_arrow(files.input("track"), TRACK)
     in_space = is_in_space(track.column_names)
-    refuse_target_in_space(job.context, in_space)
+    refuse_other_target(job.context, in_space)
     if summary.points != declared and not in_space:
         raise StrandcastError(
             "SC-I020",

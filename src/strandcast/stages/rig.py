@@ -67,7 +67,7 @@ def rig_state(context: Context) -> RigState:
         [trial.number for trial in trials],
         settings.disturbances,
         [one.to_record() for one in learnt_sizes(settings, seen)],
-        repeats([past_trial_of(trial, task.step_s) for trial in trials]),
+        repeats([past_trial_of(trial, task) for trial in trials]),
     )
 
 

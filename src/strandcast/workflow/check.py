@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from strandcast.config.find import overlooked_experiments
 from strandcast.core.trial_names import TRIAL_NAMES, trial_number
@@ -14,6 +15,9 @@ from strandcast.stages import files
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.job import Job
 from strandcast.workflow.locks import refuse_if_held
+
+if TYPE_CHECKING:
+    from strandcast.arm.load import Arm
 
 MOST_NAMED = 5  # missing trials in a message
 RAW_RECORDS = ("motion.json", "run.json")
@@ -105,27 +109,24 @@ def _check_all(root: Path, name: str, found: Checked) -> None:
     found.attempt(_check_arm, context, found)
     _compare_radii(context, found)
     if context.settings.lab is None:
-        found.attempt(_check_photos, context, found)
+        if not context.settings.aims_in_space:
+            found.attempt(_check_photos, context, found)
         _check_folders(context, found)
 
 
 def _check_arm(context: Context, found: Checked) -> None:
     from strandcast.arm.link_masses import torque_gap
-    from strandcast.arm.load import load_arm
+    from strandcast.arm.load import Arm
     from strandcast.planning.reachability import refuse_unreachable
+    from strandcast.stages.arms import arm_of
     from strandcast.stages.plan_inputs import task_of
 
-    arm, settings = load_arm(context.arm_file), context.settings
+    arm, settings = arm_of(context), context.settings
     string = settings.string
-    found.facts.append(f"string of {string.length_m:g} m as {string.n} points, arm {arm.name}")
-    plane = settings.camera.plane
-    shared = {m.id for m in arm.markers} & {m.id for m in plane.markers}
-    if shared and arm.marker_dictionary == plane.dictionary:
-        what = f"the hand's markers have the ids {sorted(shared)} too"
-        fix = "give the plane's markers other ids"
-        found.errors.append(
-            StrandcastError("SC-F006", what, file=context.file, field="camera.plane.markers", fix=fix)
-        )
+    task = task_of(context, arm)
+    found.facts.append(f"string of {string.length_m:g} m as {task.model.points} points, arm {arm.name}")
+    if isinstance(arm, Arm):
+        _check_marker_ids(context, arm, found)
     gap = torque_gap(arm)
     if gap is not None:
         found.facts.append(f"warning: {gap}")
@@ -133,10 +134,21 @@ def _check_arm(context: Context, found: Checked) -> None:
         found.facts.append("no target: recordings are fitted; nothing is scored or planned")
         return
     try:
-        refuse_unreachable(task_of(context, arm))
+        refuse_unreachable(task)
     except StrandcastError as error:
         error.file = str(context.file)
         raise
+
+
+def _check_marker_ids(context: Context, arm: "Arm", found: Checked) -> None:
+    plane = context.settings.camera.plane
+    shared = {m.id for m in arm.markers} & {m.id for m in plane.markers}
+    if shared and arm.marker_dictionary == plane.dictionary:
+        what = f"the hand's markers have the ids {sorted(shared)} too"
+        fix = "give the plane's markers other ids"
+        found.errors.append(
+            StrandcastError("SC-F006", what, file=context.file, field="camera.plane.markers", fix=fix)
+        )
 
 
 def _compare_radii(context: Context, found: Checked) -> None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm
 from strandcast.executor.checks import check_motion, check_reach
 from strandcast.executor.joint_mapping import ControllerJoints
 from strandcast.executor.preflight import HASH_DIGITS, read_motion, slowed
@@ -27,7 +27,7 @@ class Handover:
     """
 
     motion: Motion
-    arm: Arm
+    arm: AnyArm
     planned_sha256: str
     time_scale: float
 
@@ -61,7 +61,7 @@ class Handover:
         ]
 
 
-def prepare(path: Path, arm: Arm, hanging_m: float, time_scale: float = 1.0) -> Handover:
+def prepare(path: Path, arm: AnyArm, hanging_m: float, time_scale: float = 1.0) -> Handover:
     """Read a motion and check it as in a dry run (`strandcast.executor.preflight`), with the same errors.
 
     Parameters

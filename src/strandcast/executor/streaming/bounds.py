@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm
+from strandcast.arm.load import AnyArm
 
 OVERSHOOT = 1.1  # chosen: measured speed over the limit (less margins)
 
@@ -37,13 +36,13 @@ class SafetyBounds:
     outside: Callable[[np.ndarray], bool] | None = None
 
 
-def safety_bounds(arm: Arm) -> SafetyBounds:
+def safety_bounds(arm: AnyArm) -> SafetyBounds:
     """Return the bounds from an arm's file: servo lag, limits, stop and workspace."""
-    box = arm.workspace
+    low, high = arm.box_m.T
 
     def outside(q: np.ndarray) -> bool:
-        x, y = hand_pose(arm.chain, arm.clamp, q).position_m
-        return not (box.x_m[0] <= x <= box.x_m[1] and box.y_m[0] <= y <= box.y_m[1])
+        hand_m = arm.hand_m(q)
+        return not ((low <= hand_m) & (hand_m <= high)).all()
 
     return SafetyBounds(
         lag_s=arm.servo.lag_s,

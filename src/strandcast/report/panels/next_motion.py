@@ -1,6 +1,7 @@
 """The next motion, for approval before the arm moves: curves, limits, predicted path and misses."""
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,10 @@ def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
     axes.set_xlabel("time [ms]")
     draw.legend_below(figure, axes)
     if motion.predicted is not None:
-        _draw_prediction(figure.add_subplot(expected[0]), motion, facts)
+        views = draw.views(len(motion.target_m))
+        cells = expected[0].subgridspec(len(views), 1, hspace=0.35)
+        for k, seen in enumerate(views):
+            _draw_prediction(figure.add_subplot(cells[k]), motion, facts, seen)
         _draw_misses(figure.add_subplot(expected[1]), motion)
     finding = with_caveat(page.caveat, _finding(motion))
     return PanelContent(
@@ -93,21 +97,22 @@ def _draw_joint(
     axes.set_title(f"{motion.joint_names[joint]}: velocity", fontsize=8.5)
 
 
-def _draw_prediction(axes: Any, motion: Motion, facts: Facts) -> None:
+def _draw_prediction(axes: Any, motion: Motion, facts: Facts, seen: list[int]) -> None:
     predicted = motion.predicted
     assert predicted is not None
-    hand_m, tip_m = np.array(predicted.hand_m).reshape(-1, 2), np.array(predicted.tip_m).reshape(-1, 2)
+    paths = [np.array(path).reshape(-1, len(motion.target_m)) for path in (predicted.hand_m, predicted.tip_m)]
+    hand_m, tip_m = (path_m[:, seen] for path_m in paths)
     axes.plot(*hand_m.T, **draw.TRUE, label="hand")
     axes.plot(*tip_m.T, **draw.FITTED, label="tip, predicted")
-    draw_aims(axes, motion, facts)
-    draw.equal_axes(axes)
+    draw_aims(axes, motion, facts, seen)
+    draw.equal_axes(axes, seen)
     axes.set_title("predicted throw", fontsize=8.5)
     axes.legend(loc="best", fontsize=7.5)
 
 
-def draw_aims(axes: Any, motion: Motion, facts: Facts) -> None:
-    """Draw the places that a motion aims at, each with the hit radius."""
-    aims_m = [tuple(motion.target_m)] if facts.aims_m is None else facts.aims_m
+def draw_aims(axes: Any, motion: Motion, facts: Facts, seen: Sequence[int] = (0, 1)) -> None:
+    """Draw the places that a motion aims at in a view, each with the hit radius."""
+    aims_m = [tuple(motion.target_m[k] for k in seen)] if facts.aims_m is None else facts.aims_m
     for x_m, y_m in aims_m:
         draw.ring(axes, (x_m, y_m), facts.hit_radius_m, width=1.5)
     if aims_m:

@@ -102,11 +102,16 @@ def next_throw(page: TrialPageData) -> PanelContent:
     )
     half_m = _half_width_m(throws, radius_m)
     tip_m = throws.tip_m[:, throws.time_s <= until_s]
-    _draw_fan(path_axes, throws, tip_m)
-    _draw_fan(near_axes, throws, _near(tip_m, motion.target_m, half_m))
-    _frame_target(near_axes, motion.target_m, half_m)
-    for axes in (path_axes, near_axes):
-        draw_aims(axes, motion, page.facts)
+    if tip_m.shape[2] == 2:
+        _draw_fan(path_axes, throws, tip_m)
+        _draw_fan(near_axes, throws, _near(tip_m, motion.target_m, half_m))
+        _frame_target(near_axes, motion.target_m, half_m)
+        for axes in (path_axes, near_axes):
+            draw_aims(axes, motion, page.facts)
+    else:
+        for axes, seen in zip((path_axes, near_axes), draw.views(3), strict=True):
+            _draw_fan(axes, throws, tip_m[..., seen], seen)
+            draw_aims(axes, motion, page.facts, seen)
     _draw_misses(miss_axes, throws, radius_m)
     draw.legend_below(figure, path_axes)
     hits, median_m = float(np.mean(throws.miss_m <= radius_m)), float(np.median(throws.miss_m))
@@ -147,12 +152,12 @@ def _quantile(values: Array, share: float) -> Array:
     return found
 
 
-def _draw_fan(axes: Any, throws: PredictedThrows, tip_m: Array) -> None:
+def _draw_fan(axes: Any, throws: PredictedThrows, tip_m: Array, seen: Sequence[int] = (0, 1)) -> None:
     count, every = len(throws.throw), len(throws.miss_m)
     label = f"predicted: {every} throws" if count == every else f"predicted: {count} of {every} throws"
     for k, path_m in enumerate(tip_m):
         axes.plot(*path_m.T, **ONE_THROW, label=None if k else label)
-    draw.equal_axes(axes)
+    draw.equal_axes(axes, seen)
 
 
 def _half_width_m(throws: PredictedThrows, least_m: float) -> float:

@@ -54,6 +54,16 @@ def _captured_in_plane(page: ExperimentPageData) -> bool:
     return not page.aimed and _tracks_in_plane(page)
 
 
+def _aimed_in_plane(page: ExperimentPageData) -> bool:
+    """Return whether the experiment has a target, and no track in space."""
+    return page.aimed and _tracks_in_plane(page)
+
+
+def _aimed_or_in_plane(page: ExperimentPageData) -> bool:
+    """Return whether the experiment has a target, or no track in space."""
+    return page.aimed or _tracks_in_plane(page)
+
+
 def _tracks_in_plane(page: ExperimentPageData) -> bool:
     """Return whether no trial's track is in space."""
     return not any(results.in_space() for results in page.trials.values())
@@ -140,7 +150,8 @@ TRIAL_PANELS = [
         two_views,
         needs=("track", "alignment"),
         caption="Left: seen along y; right: seen along x. Thin blue: the path of the last marker. Rings: the "
-        "measured markers at some instants; dashed: the fitted string; squares: the driven ends.",
+        "measured markers at some instants; dashed: the fitted string; squares: the driven ends. Of a throw, "
+        "large ring: the target; diamond: the closest approach.",
         good="the dashed string runs through the rings in both views.",
         bad="it misses them in one view only (an axis, a clamp’s direction), or more towards the tip "
         "(stiffness, air).",
@@ -348,7 +359,7 @@ EXPERIMENT_PANELS = [
         "Hand paths, first throw and hit",
         hand_paths,
         caption="Squares: where the motion starts. Grey: the trials between.",
-        shown=_is_aimed,
+        shown=_aimed_in_plane,
     ),
     Panel(
         "hand-paths",
@@ -361,8 +372,8 @@ EXPERIMENT_PANELS = [
         "tips",
         "Tip paths",
         tip_paths,
-        caption="From the motion’s start until 0.3 s after its end.",
-        shown=_tracks_in_plane,
+        caption="From the motion’s start until 0.3 s after its end; in space from two sides.",
+        shown=_aimed_or_in_plane,
     ),
     Panel(
         "strings",

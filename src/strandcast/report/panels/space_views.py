@@ -7,6 +7,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
 from strandcast.report.measures import matched, strobe_rows
 from strandcast.report.numbers import millimetres
@@ -30,7 +31,10 @@ def two_views(page: TrialPageData) -> PanelContent:
     track, throws = results.need("track"), results.get("simulated") or {}
     rows = strobe_rows(results, INSTANTS)
     string = throws.get("string")
-    low, high = (reduce(track.points_m.reshape(-1, 3), axis=0) for reduce in (np.nanmin, np.nanmax))
+    verdict = results.get("verdict")
+    aims_m = [verdict.target_m] if verdict is not None and verdict.target_m is not None else []
+    every_m = np.vstack([track.points_m.reshape(-1, 3), *aims_m])
+    low, high = (reduce(every_m, axis=0) for reduce in (np.nanmin, np.nanmax))
     reach_m = 0.53 * float((high - low).max())
     figure = draw.new_figure(10.0, 5.6, left=0.07, top=0.97, bottom=0.18, wspace=0.1)
     shown = figure.subplots(1, 2, sharey=True)
@@ -43,6 +47,7 @@ def two_views(page: TrialPageData) -> PanelContent:
         for end_m in _ends(results, rows):
             axes.plot(*end_m[:, seen].T, **draw.marks("s", 4.5, color=draw.HAND))
         axes.plot([], [], **draw.marks("s", 4.5, color=draw.HAND), label="driven end")
+        _draw_aim(axes, verdict, seen)
         middle = 0.5 * (low[across] + high[across])
         axes.set(xlabel=label, xlim=(middle - reach_m, middle + reach_m), aspect="equal")
     shown[0].set_ylim(0.5 * (low[2] + high[2]) - reach_m, 0.5 * (low[2] + high[2]) + reach_m)
@@ -85,6 +90,18 @@ def turnable(page: TrialPageData) -> PanelContent:
     seconds = since_s[-1] - since_s[0]
     finding = f"{len(rows)} of {len(track.frame)} frames over {seconds:.1f} s."
     return PanelContent(finding, Markup(markup), sources=["track.parquet", "simulated.parquet"])
+
+
+def _draw_aim(axes: Any, verdict: Verdict | None, seen: list[int]) -> None:
+    """Draw the target and the closest approach of a throw that aimed in space."""
+    if verdict is None or verdict.target_m is None:
+        return
+    target_m = [verdict.target()[k] for k in seen]
+    draw.ring(axes, target_m, verdict.hit_radius_m)
+    axes.plot(*target_m, **draw.marks("+", 10, color=draw.TARGET), label="target")
+    if verdict.closest_m is not None:
+        nearest_m = [verdict.closest_m[k] for k in seen]
+        axes.plot(*nearest_m, **draw.marks("D", 6, color=draw.MEASURED["color"]), label="closest approach")
 
 
 def _draw_instant(axes: Any, markers_m: Array, string_m: Array | None, named: bool) -> None:

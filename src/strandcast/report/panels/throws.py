@@ -12,6 +12,7 @@ from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import ExperimentPageData
 from strandcast.report.results import FILES, HandPoses, TrialResults
 
+Views = list[tuple[Any, list[int]]]  # axes, and the coordinates that they show
 STYLES: tuple[dict[str, Any], ...] = (
     draw.PLANNED,
     draw.TRUE,
@@ -42,7 +43,7 @@ def hand_paths(page: ExperimentPageData) -> PanelContent:
             *path.pose[:, :2].T, **style, label=f"trial {trial} ({what}): {lengths[trial] * 1e3:.0f} mm"
         )
         axes.plot(*path.pose[0, :2], **draw.marks("s", 5, color=style["color"]))
-    _finish(axes, summary)
+    _finish([(axes, [0, 1])], summary)
     finding = f"The hand of trial {first} travelled {millimetres(lengths[first], digits=0)}"
     if last != first:
         change = lengths[last] / lengths[first] - 1
@@ -72,7 +73,7 @@ def tip_paths(page: ExperimentPageData) -> PanelContent:
     """Return the measured tip paths of all counted trials, the hit in bold."""
     summary, trials = page.summary, page.trials
     figure = draw.new_figure(8.4, 5.6, top=0.97, bottom=0.17)
-    axes = figure.add_subplot()
+    views = _views(figure, page)
     shown: list[int] = []
     missing: list[str] = []
     for line in summary.trials:
@@ -85,11 +86,12 @@ def tip_paths(page: ExperimentPageData) -> PanelContent:
             continue
         style, name = _style(summary, line.trial)
         label = f"{name}: {millimetres(line.miss_m)}" if page.aimed and name.startswith("trial") else name
-        axes.plot(*tip_m.T, **style, label=label)
+        for axes, seen in views:
+            axes.plot(*tip_m[:, seen].T, **style, label=label)
         shown.append(line.trial)
     if not shown:
         raise StrandcastError("SC-H063", "no counted trial has a track", fix="track the trials")
-    _finish(axes, summary)
+    _finish(views, summary)
     finding = f"Tip paths of {len(shown)} trial{'s' if page.aimed or len(shown) > 1 else ''}"
     if page.aimed:
         finding += (
@@ -111,7 +113,7 @@ def closest_strings(page: ExperimentPageData) -> PanelContent:
     """Return the measured strings of all counted trials at their closest approach, over each other."""
     summary, trials = page.summary, page.trials
     figure = draw.new_figure(8.4, 4.8, top=0.97, bottom=0.2)
-    axes = figure.add_subplot()
+    views = _views(figure, page)
     shown: list[int] = []
     for line in summary.trials:
         results = trials.get(line.trial)
@@ -120,11 +122,12 @@ def closest_strings(page: ExperimentPageData) -> PanelContent:
             continue
         style, name = _style(summary, line.trial)
         string_m = results.need("track").points_m[row]
-        axes.plot(*string_m.T, **(style | {"marker": "o", "markersize": 2.6}), label=name)
+        for axes, seen in views:
+            axes.plot(*string_m[:, seen].T, **(style | {"marker": "o", "markersize": 2.6}), label=name)
         shown.append(line.trial)
     if not shown:
         raise StrandcastError("SC-H063", "no counted trial has a closest approach", fix="track the trials")
-    _finish(axes, summary)
+    _finish(views, summary)
     finding = (
         f"The strings of {len(shown)} trial{'s' * (len(shown) > 1)} at the closest approach of their tips."
     )
@@ -148,10 +151,18 @@ def _style(summary: ExperimentSummary, trial: int) -> tuple[dict[str, Any], str]
     return AMONG_OTHERS, "other trials"
 
 
-def _finish(axes: Any, summary: ExperimentSummary) -> None:
-    if summary.target_m is not None:
-        draw.ring(axes, summary.target_m, summary.hit_radius_m)
-        axes.plot(*summary.target_m, **draw.marks("+", 10, color=draw.TARGET), label="target")
-        axes.plot(0, 0, **draw.marks("o", 5, color=draw.FITTED["color"]), label="arm’s base")
-    draw.equal_axes(axes)
-    draw.legend_below(axes.figure)
+def _views(figure: Any, page: ExperimentPageData) -> Views:
+    """Return the figure's axes, each with the coordinates that it shows."""
+    seen = draw.views(3 if any(results.in_space() for results in page.trials.values()) else 2)
+    return [(figure.add_subplot(1, len(seen), k + 1), each) for k, each in enumerate(seen)]
+
+
+def _finish(views: Views, summary: ExperimentSummary) -> None:
+    for axes, seen in views:
+        if summary.target_m is not None:
+            place_m = [summary.target_m[k] for k in seen]
+            draw.ring(axes, place_m, summary.hit_radius_m)
+            axes.plot(*place_m, **draw.marks("+", 10, color=draw.TARGET), label="target")
+            axes.plot(0, 0, **draw.marks("o", 5, color=draw.FITTED["color"]), label="arm’s base")
+        draw.equal_axes(axes, seen)
+    draw.legend_below(views[0][0].figure, views[0][0])

@@ -25,7 +25,7 @@ from strandcast.planning.bezier import Curve, sample
 from strandcast.planning.past_trials import PastTrial, curve_of, resampled, start_shape
 from strandcast.planning.plan import plan_next
 from strandcast.planning.rollouts import AFTER_END_S
-from strandcast.planning.task import PlanningTask
+from strandcast.planning.task import AnyTask
 from strandcast.records.motion import Motion
 from strandcast.seeds import rng
 from strandcast.stages.context import Context
@@ -73,7 +73,7 @@ def _play(
 
 
 def corrected(
-    context: Context, arm: Arm, task: PlanningTask, strings: StringBatch, first: Curve
+    context: Context, arm: Arm, task: AnyTask, strings: StringBatch, first: Curve
 ) -> tuple[Curve, float]:
     """Return the motion corrected with the lab's physics, and its miss without scatter [m]."""
     random = rng(context.name, context.settings.seed, 2, "oracle")

@@ -84,7 +84,7 @@ def statements(root: Path, name: str, trial: int) -> dict[str, Statement]:
         task, strings = next_inputs(context, arm, files.input("ensemble"))
         fitted = servo_of(Estimate.read(files.input("estimate")).servo)
         seen = seen_deviations(task, strings, trials, fitted)
-        known = [past_trial_of(one, task.step_s) for one in trials]
+        known = [past_trial_of(one, task) for one in trials]
         servo = fitted or task.arm.servo
         best = known[_parent(files, motion)] if found.kind == "refined" else None
         conditions = RolloutConditions(servo)

@@ -28,6 +28,7 @@ ARMS = Path(__file__).with_name("arms")
 # How far the hand of each arm gets from the place of its second joint, stretched out [m].
 REACH_M = {"ur5e-space": 0.984, "fr3-space": 0.874}
 LENGTH_M = (0.25, 0.50)
+MARKERS = 14
 assert LENGTH_M[0] > FIRST_PLACE_M
 
 
@@ -45,6 +46,14 @@ class SpaceCase:
     def weight_places_m(self) -> list[float]:
         """Places of the weights, from the hand: with the length, all that the planner knows of a string."""
         return [place_m for place_m, _ in self.string.weights]
+
+    def whole_length_m(self) -> float:
+        """Return the string's length with what the clamp covers [m]."""
+        return self.string.length_m + self.arm.clamp.clamped_length_m
+
+    def marker_places_m(self) -> np.ndarray:
+        """Return the places of the markers of a capture, the last on the tip [m]."""
+        return np.linspace(0.0, self.string.length_m, MARKERS + 1)[1:]
 
 
 def drawn_case(seed: int) -> SpaceCase:

@@ -1,0 +1,30 @@
+"""The arm of an experiment, which throws where its target is: in a plane or in space."""
+
+from strandcast.arm.load import Arm
+from strandcast.arm.spatial import SpatialArm, load_any_arm
+from strandcast.errors import StrandcastError
+from strandcast.stages.context import Context
+
+COORDINATES = {2: "x and y", 3: "x, y and z"}
+
+
+def arm_of(context: Context) -> Arm | SpatialArm:
+    """Read the experiment's arm.
+
+    Raises
+    ------
+    StrandcastError
+        SC-F014 the target has other coordinates than the arm throws in.
+    """
+    arm, target_m = load_any_arm(context.arm_file), context.settings.target_m
+    if target_m is not None and len(target_m) != len(arm.box_m):
+        where = "space" if isinstance(arm, SpatialArm) else "a plane"
+        wanted = COORDINATES[len(arm.box_m)]
+        raise StrandcastError(
+            "SC-F014",
+            f"the target has {COORDINATES[len(target_m)]}, and the arm {arm.name!r} throws in {where}",
+            file=context.file,
+            field="target_m",
+            fix=f"give the target {wanted}, or another arm",
+        )
+    return arm
