@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import Arm
+from strandcast.arm.spatial import SpatialArm, load_any_arm
 from strandcast.arm.yielding_joints import follow
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
@@ -24,6 +25,7 @@ from strandcast.records.folders import TrialFolder, trial_folders
 from strandcast.records.load import load
 from strandcast.records.motion import Motion
 from strandcast.records.record import Record
+from strandcast.records.track import AXES
 from strandcast.records.verdict import Verdict
 from strandcast.stages import plan, score
 from strandcast.stages.context import Context, context_of
@@ -34,7 +36,7 @@ from strandcast.stages.plan_inputs import next_inputs, servo_of
 if TYPE_CHECKING:
     import pandas as pd
 
-SIMULATED_UNITS = {"member": "1", "time_s": "s", "point": "1", "x_m": "m", "y_m": "m"}
+SIMULATED_UNITS = {"member": "1", "time_s": "s", "point": "1"} | dict.fromkeys(AXES, "m")
 
 
 class Project:
@@ -81,9 +83,9 @@ class ExperimentView:
         return self.context.settings
 
     @property
-    def arm(self) -> Arm:
+    def arm(self) -> Arm | SpatialArm:
         """The arm: limits, kinematics (`arm.chain`), clamp, servo."""
-        return load_arm(self.context.arm_file)
+        return load_any_arm(self.context.arm_file)
 
     @property
     def trials(self) -> dict[int, TrialView]:
@@ -209,13 +211,13 @@ class FittedString:
         -------
         pandas.DataFrame
             Columns member, time_s (since the motion's start, until 0.3 s after its end) [s], point (0: the
-            hand), x_m, y_m [m]; NaN from where a simulation diverged.
+            hand), x_m, y_m, in space z_m [m]; NaN from where a simulation diverged.
         """
         import pandas as pd
 
         played = motion if isinstance(motion, Motion) else Motion.read(motion)
         task, fitted = next_inputs(
-            self.context, load_arm(self.context.arm_file), self._file("ensemble.parquet")
+            self.context, load_any_arm(self.context.arm_file), self._file("ensemble.parquet")
         )
         strings = fitted.first(members)
         trajectory = played.trajectory().resampled(task.step_s)
@@ -224,9 +226,9 @@ class FittedString:
         followed = q_rad if conditions.servo is None else follow(conditions.servo, time_s, q_rad)
         points_m = simulate_rollouts(task, strings, conditions, followed, last).points_m
         member, sample, point = (index.ravel() for index in np.indices(points_m.shape[:3]))
-        columns = (member, time_s[sample], point, *points_m.reshape(-1, 2).T)
-        frame = pd.DataFrame(dict(zip(SIMULATED_UNITS, columns, strict=True)))
-        frame.attrs = {"units": dict(SIMULATED_UNITS)}
+        columns = (member, time_s[sample], point, *points_m.reshape(-1, points_m.shape[-1]).T)
+        frame = pd.DataFrame(dict(zip(SIMULATED_UNITS, columns, strict=False)))
+        frame.attrs = {"units": dict(list(SIMULATED_UNITS.items())[: len(columns)])}
         return frame
 
     def plan(self, **settings: Any) -> Motion:

@@ -150,6 +150,24 @@ def captured(root: Path) -> tuple[SpaceCase, Path]:
     return case, write_capture(rig, root / "capture.csv")
 
 
+def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None:
+    case = case_in(root, "rehearsed")
+    run_stage("plan", root, "rehearsed", 1)
+    path = root / "results/rehearsed/trial-01/motion.json"
+    first = Motion.read(path)
+    rig = SpaceRig(case, np.random.default_rng(4), empty=True)
+    play_motion(rig, case, path, root / "data/rehearsed/rehearsal")
+    run_stage("plan", root, "rehearsed", 1)
+    again = Motion.read(path)
+    assert again.provenance is not None
+    assert (again.provenance.kind, list(again.provenance.planned_from)) == (
+        "rehearsed",
+        ["rehearsal/run.json"],
+    )
+    assert again.start == first.start
+    assert again.bezier != first.bezier
+
+
 def mapping_of(case: SpaceCase, hand: bool = True) -> SpaceMapping:
     markers = [{"place_m": m, "position": [f"m{k}"]} for k, m in enumerate(case.marker_places_m(), start=1)]
     given = {"up": "y", "length_unit": "mm", "time": "t", "time_unit": "s", "markers": markers}
@@ -168,7 +186,7 @@ def test_the_joint_log_is_the_driven_end_of_an_imported_track(
     assert (alignment.motion_start_s, alignment.motion_end_s) == (run.motion_start_s, run.motion_end_s)
     time_s, pose = read_hand_in_space(folder / "hand.parquet")
     np.testing.assert_array_equal(time_s, log.time_s)
-    np.testing.assert_allclose(pose, hand_path(case.arm.chain, log.q_rad), atol=3e-3)
+    np.testing.assert_allclose(pose, hand_path(case.arm.chain, log.q_rad), atol=8e-3)
     # The markers are in the arm's frame.
     summary = TrackSummary.read(folder / "track.json")
     track = read_track(folder / "track.parquet", summary.points)
