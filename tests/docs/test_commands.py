@@ -35,6 +35,7 @@ RUN_BY = {  # the beginning of a command, and the test or script that runs it el
     "strandcast rig": "tests/stages/test_plan_stage.py",
     "strandcast verify": "tests/cli/test_cli.py",
     "strandcast export": "tests/exports",
+    "strandcast import track cast": "tests/stages/test_throw_in_space.py",
     "strandcast import views": "tests/reconstruction",
     "strandcast plan": "tests/stages/test_throw_in_space.py",
     "strandcast play": "tests/executor",

@@ -25,7 +25,7 @@ from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
 from strandcast.estimation.cable_estimate import CableEstimate, PreviousCable, Rolls, estimate_cable
 from strandcast.estimation.cable_series import CableSeries
-from strandcast.estimation.cable_space import space_of_cable
+from strandcast.estimation.cable_space import STEP_S, THROWN_POINTS, space_of_cable
 from strandcast.lab.driver import joint_log
 from strandcast.lab.strings import EMPTY_CLAMP
 from strandcast.lab.swing import LabSwing
@@ -39,21 +39,20 @@ from strandcast.planning.rollouts import AFTER_END_S
 from strandcast.planning.start_strings import start_strings_in_space
 from strandcast.planning.task import SpatialTask
 from strandcast.scoring.closest_approach import closest_approach
+from strandcast.stages.estimate_in_space import FASTEST_M_S, FITTED_AFTER_S, FITTED_BEFORE_S
 from strandcast_studies.benchmarks.loop.run import outcome, run_jobs, run_parser
 from strandcast_studies.benchmarks.loop.throw import FILMED_AFTER_S, FILMED_BEFORE_S, FRAME_RATE_HZ
 from strandcast_studies.benchmarks.space.drawn import SpaceCase, drawn_case
 from strandcast_studies.lab_capture import TrackerNoise, points_at, with_tracker_noise
 
 REPORTED_SEEDS = range(7001, 7021)
-POINTS, STEP_S = 14, 2e-3  # chosen: about the spacing of the points in the plane
+POINTS = THROWN_POINTS
 # Chosen: some twenty seconds of one core. These arms are slower than those of the plane, and on tuning seeds
 # motions of up to 1.3 s hit targets that shorter ones miss.
 PLAN = PlanSettings(screening=800, evaluations=1800, duration_s=(0.4, 1.3))
 ESTIMATE = EstimateSettings(evaluations=800, ensemble=8)
 HIT_RADIUS_M = 0.020
 JOINTS_SMOOTHED = 11  # samples of the joint log: its noise would shake the string; chosen
-FITTED_BEFORE_S, FITTED_AFTER_S = 0.08, 0.10  # the motion; chosen
-FASTEST_M_S = 40.0  # faster markers are errors; chosen above any tip's speed
 
 
 class SpaceTrial(NamedTuple):
