@@ -61,7 +61,7 @@ def test_only_places_aimed_at_are_marked(
 ) -> None:
     axes = Figure().add_subplot()
     motion = Motion.read(results / "trial-02" / "motion.json")
-    _draw_prediction(axes, motion, Facts(aims_m=aims_m))
+    _draw_prediction(axes, motion, Facts(aims_m=aims_m), [0, 1])
     assert len(axes.patches) == marks
     labels = [line.get_label() for line in axes.lines]
     assert labels.count("target") == min(marks, 1)

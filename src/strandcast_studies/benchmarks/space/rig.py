@@ -108,8 +108,9 @@ class SpaceRig:
 
 def play_motion(rig: SpaceRig, case: SpaceCase, motion: Path, folder: Path) -> float:
     """Play a planned motion into a trial's folder as `strandcast play` does; return its length [s]."""
-    options = PlayOptions(hanging_m=case.whole_length_m(), move_to_start=True)
+    options = PlayOptions(hanging_m=case.whole_length_m())
     preflight = run_preflight(motion, case.arm, rig, folder, options)
+    rig.move_to_start(preflight.motion.trajectory().q_rad[0])
     play(preflight, rig, preflight.short_hash)
     return preflight.motion.trajectory().end_s
 
