@@ -194,6 +194,8 @@ def test_the_joint_log_is_the_driven_end_of_an_imported_track(
     tip_m = np.column_stack([rows["m14x"], -rows["m14z"], rows["m14y"]])[track.frame] / 1e3
     off_m = track.points_m[:, -1] - CAPTURE_AXES.inv().apply(tip_m - CAPTURE_ORIGIN_M)
     assert np.nanmax(np.linalg.norm(off_m, axis=1)) < 4e-3
+    assert alignment.residual_rms_m is not None
+    assert summary.median_sigma_m == pytest.approx(np.hypot(1e-3, alignment.residual_rms_m))
 
 
 def test_a_capture_in_the_arms_frame_needs_the_clocks_offset_alone(

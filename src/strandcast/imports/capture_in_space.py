@@ -67,7 +67,7 @@ def import_capture_in_space(
     names = [", ".join(columns_of(marker.position)) for marker in markers]
     _refuse_misplaced([marker.place_m for marker in markers], length_m)
     refuse_same_markers(points_m, names, table.path)
-    warnings = list(table.notes)
+    warnings, sigma_m = list(table.notes), mapping.sigma_m
     if thrown is None:
         ends = [_end(table, mapping, body, name) for name, body in _named(mapping)]
         seen, end_s, alignment = ends, time_s, one_clock(experiment, trial, time_s)
@@ -76,6 +76,7 @@ def import_capture_in_space(
         body = None if mapping.hand is None else _position(table, mapping, mapping.hand.position)
         place = place_capture(thrown, time_s, body, offset_s, table.path)
         points_m, warnings = place.placed(points_m), warnings + placement_warnings(place)
+        sigma_m = float(np.hypot(sigma_m, place.rms_m or 0.0))  # as uncertain as the tracked hand
         alignment = place.alignment(experiment, trial, len(time_s), thrown.motion_s)
         at_frames = thrown.at(alignment.robot_time_s(time_s))
         ends, end_s, seen = [thrown.end()], thrown.time_s, [EndPath(*np.hsplit(at_frames, 3))]
@@ -83,7 +84,7 @@ def import_capture_in_space(
         np.arange(len(time_s)),
         time_s,
         np.concatenate([seen[0].place_m[:, None], points_m], axis=1),
-        np.full((len(time_s), 1 + len(markers)), mapping.sigma_m),
+        np.full((len(time_s), 1 + len(markers)), sigma_m),
         np.full((len(time_s), 1 + len(markers)), SUPPLIED, np.int32),
     )
     detected = np.isfinite(points_m).all(axis=2)
@@ -99,7 +100,7 @@ def import_capture_in_space(
         tracked_fraction=float(detected.mean()),
         tip_fraction=float(detected[:, -1].mean()),
         marker_fraction=float(np.isfinite(seen[0].place_m).all(axis=1).mean()),
-        median_sigma_m=mapping.sigma_m,
+        median_sigma_m=sigma_m,
         choices={
             "file": Path(path).name,
             "sha256": sha256_file(path),
