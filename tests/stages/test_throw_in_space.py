@@ -2,8 +2,6 @@
 
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -25,14 +23,13 @@ from strandcast.records.track import TrackSummary, read_track
 from strandcast.records.verdict import Verdict
 from strandcast.stages import import_track
 from strandcast.stages.run import run_stage
-from strandcast.workflow.project import make_project
+from strandcast_studies.benchmarks.space.by_files import make_experiment, strandcast, throw_by_files
 from strandcast_studies.benchmarks.space.drawn import SpaceCase, drawn_case
 from strandcast_studies.benchmarks.space.rig import (
     CAPTURE_AXES,
     CAPTURE_CLOCK_S,
     CAPTURE_ORIGIN_M,
     SpaceRig,
-    capture_options,
     play_motion,
     write_capture,
 )
@@ -40,12 +37,14 @@ from strandcast_studies.benchmarks.space.rig import (
 from ..executor.test_play import PerfectArm
 
 ARMS = "src/strandcast_studies/benchmarks/space/arms"
+BUDGET = """\
+plan: {screening: 200, evaluations: 240, ensemble: 4, duration_s: [0.5, 1.0]}
+estimate: {evaluations: 300, ensemble: 4}
+"""
 YAML = """\
 string: {{length_m: 0.41}}
 arm: {arm}
 target_m: {target}
-plan: {{screening: 200, evaluations: 240, ensemble: 4, duration_s: [0.5, 1.0]}}
-estimate: {{evaluations: 300, ensemble: 4}}
 """
 
 
@@ -62,7 +61,7 @@ def write(
 ) -> Path:
     file = root / "data" / name / "experiment.yaml"
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(YAML.format(arm=arm, target=target) + more)
+    file.write_text(YAML.format(arm=arm, target=target) + BUDGET + more)
     return file
 
 
@@ -127,7 +126,7 @@ def test_what_needs_an_arm_in_the_plane_refuses_one_in_space(root: Path) -> None
 def case_in(root: Path, name: str) -> SpaceCase:
     """Return a case whose arm's file is the project's, and write its experiment."""
     case = drawn_case(7002)
-    text = YAML.format(arm=case.arm.name, target=case.target_m.tolist())
+    text = YAML.format(arm=case.arm.name, target=case.target_m.tolist()) + BUDGET
     file = root / "data" / name / "experiment.yaml"
     file.parent.mkdir(parents=True)
     file.write_text(text.replace("length_m: 0.41", f"length_m: {case.whole_length_m():g}"))
@@ -230,32 +229,20 @@ def test_a_throw_without_its_log_or_its_tip_is_refused(root: Path, captured: tup
 
 
 @pytest.mark.slow
-def test_two_throws_by_commands_alone(tmp_path: Path, project_root: Path) -> None:
-    root = tmp_path / "lab"
-    make_project(root)
-    shutil.copytree(project_root / ARMS, root / "config/arms", dirs_exist_ok=True)
-    case = case_in(root, "cast")
-
-    def strandcast(*words: str) -> str:
-        line = [sys.executable, "-m", "strandcast", *words]
-        done = subprocess.run(line, cwd=root, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    assert "nothing is wrong" in strandcast("check", "cast")
-    strandcast("plan", "cast", "1")
-    results, true_m = root / "results/cast", []
+def test_two_throws_by_commands_alone(tmp_path: Path) -> None:
+    root, case, true_m = tmp_path / "lab", drawn_case(7002), []
+    make_experiment(root, case, BUDGET)
+    assert "nothing is wrong" in strandcast(root, "check", "cast")
+    strandcast(root, "plan", "cast", "1")
+    results = root / "results/cast"
     for trial in (1, 2):
-        rig, miss_m = thrown(root, "cast", case, trial)
-        true_m.append(miss_m)
-        file = write_capture(rig, root / f"capture-{trial}.csv")
-        strandcast("import", "track", "cast", str(trial), str(file), *capture_options(case))
-        said = strandcast("run", "cast")
+        done = throw_by_files(root, case, trial, np.random.default_rng(trial))
+        true_m.append(done.true_miss_m)
         # The capture places the tip to some millimetres, by the joints' zeros of 0.7 mrad.
+        assert done.miss_m == pytest.approx(done.true_miss_m, abs=6e-3)
         found = Verdict.read(results / f"trial-{trial:02d}" / "verdict.json")
-        assert found.miss_m == pytest.approx(miss_m, abs=6e-3)
-        assert f"trial {trial}: {'HIT ' if found.hit else 'miss'}" in said
-        assert f"trial-{trial + 1:02d}/motion.json" in said
+        assert f"trial {trial}: {'HIT ' if found.hit else 'miss'}" in done.said
+        assert f"trial-{trial + 1:02d}/motion.json" in done.said
     estimates = [Estimate.read(results / f"trial-{trial:02d}" / "estimate.json") for trial in (1, 2)]
     assert [each.points for each in estimates] == [14, 14]
     assert [each.E_m for each in estimates] == pytest.approx([0.0, 0.0], abs=0.02)
