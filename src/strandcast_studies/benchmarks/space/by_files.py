@@ -2,8 +2,8 @@
 
     python -m strandcast_studies.benchmarks.space.by_files FOLDER --seeds 7002-7004,7006
 
-makes a project of each seed in FOLDER, and prints the misses of its throws. The cases, the scatter of throws and
-the budget are those of `run`; the random numbers of searches are others.
+makes a project of each seed in FOLDER, and prints the misses of its throws. The cases, the scatter of
+throws and the budget are those of `run`; the random numbers of searches are others.
 """
 
 import argparse
