@@ -92,13 +92,15 @@ def read_trial(files: Files, number: int) -> Trial:
     )
 
 
-def smooth_joints(log: JointLog, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Return strictly rising times (R,) [s] and angles (R, J) [rad] of a log without its rows' noise.
+def smooth_joints(
+    log: JointLog, joints: Sequence[str], start_s: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return rising times (R,) since `start_s` [s], and angles (R, J) [rad] of a log without its rows' noise.
 
     The noise would shake simulated strings, and no track shows what it does to them.
     """
     columns = [log.joint_names.index(name) for name in joints]
-    time_s, rows = np.unique(log.time_s, return_index=True)
+    time_s, rows = np.unique(log.time_s - start_s, return_index=True)
     return time_s, without_row_noise(time_s, log.q_rad[rows][:, columns])
 
 

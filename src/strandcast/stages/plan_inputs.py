@@ -22,7 +22,6 @@ from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
 from strandcast.records.estimate import ServoFit
 from strandcast.records.joint_log import read_run
 from strandcast.records.motion import Motion
-from strandcast.records.track import AXES
 from strandcast.stages.context import Context
 from strandcast.stages.job import Files
 from strandcast.stages.past_trials import Trial, read_members, smooth_joints, string_model
@@ -141,11 +140,9 @@ def rehearsal_of(files: Files, arm: AnyOfTwo, step_s: float) -> PastTrial | None
         raise _no_rehearsal(record, "the log is not that of the motion beside it")
     if tuple(motion.joint_names) != tuple(arm.joints) or not set(arm.joints) <= set(log.joint_names):
         raise _no_rehearsal(record, f"its joints are not those of the arm: {', '.join(arm.joints)}")
-    time_s, q_rad = smooth_joints(log, arm.joints)
+    time_s, q_rad = smooth_joints(log, arm.joints, run.motion_start_s)
     nothing_seen = np.zeros((0, 2, len(arm.box_m)))
-    return past_trial(
-        motion, Measured(time_s - run.motion_start_s, q_rad, np.zeros(0), nothing_seen, None), step_s
-    )
+    return past_trial(motion, Measured(time_s, q_rad, np.zeros(0), nothing_seen, None), step_s)
 
 
 def _no_rehearsal(record: Path, what: str) -> StrandcastError:
@@ -164,13 +161,8 @@ def measured_of(trial: Trial) -> Measured:
     assert motion is not None
     if log is None:  # a supplied track: the joints are taken to have followed the commands
         time_s, q_rad = motion.trajectory().time_s, motion.trajectory().q_rad
-    elif trial.track.points_m.shape[2] == len(AXES):
-        time_s, q_rad = smooth_joints(log, motion.joint_names)
-        time_s = time_s - start_s
     else:
-        columns = [log.joint_names.index(name) for name in motion.joint_names]
-        time_s, rows = np.unique(log.time_s - start_s, return_index=True)
-        q_rad = without_row_noise(time_s, log.q_rad[rows][:, columns])
+        time_s, q_rad = smooth_joints(log, motion.joint_names, start_s)
     miss_m = None if trial.shortfall is None else trial.shortfall.miss_m
     return Measured(time_s, q_rad, trial.frame_time_s - start_s, trial.track.detected_m(), miss_m)
 
