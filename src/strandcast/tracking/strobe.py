@@ -71,7 +71,7 @@ def frame_picture(
 def moving_frames(hand_m: np.ndarray, after_share: float = AFTER_SHARE) -> tuple[int, int]:
     """Return the first and the last frame of the hand's motion (F, 2), or of the video if it is still.
 
-    The last one lies after the motion's end by a share of its duration.
+    The last one lies after the motion's end by a share of its duration, as far as there are frames.
     """
     known = np.flatnonzero(np.isfinite(hand_m).all(axis=1))
     if not len(known):
@@ -80,7 +80,8 @@ def moving_frames(hand_m: np.ndarray, after_share: float = AFTER_SHARE) -> tuple
     coming = known[np.linalg.norm(hand_m[known] - hand_m[known[-1]], axis=1) > MOVED_M]
     if not len(left) or not len(coming):
         return 0, len(hand_m) - 1
-    return int(left[0]), int(coming[-1] + after_share * (coming[-1] - left[0]))
+    after = int(coming[-1] + after_share * (coming[-1] - left[0]))
+    return int(left[0]), min(after, len(hand_m) - 1)
 
 
 def strobe_picture(
