@@ -8,7 +8,6 @@ names say nothing, so that a page shows what the page of a real throw would show
 
 import argparse
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -23,6 +22,7 @@ from strandcast.arm.load import Arm, load_arm
 from strandcast.config.experiment import Experiment
 from strandcast.config.load import load_experiment
 from strandcast.core.box import Box
+from strandcast.core.trial_names import trial_name
 from strandcast.executor.play import play
 from strandcast.executor.preflight import run_preflight
 from strandcast.lab.driver import LabDriver, LabThrow
@@ -74,8 +74,8 @@ class BadThrow:
         Sections of experiment.yaml that differ from SETTINGS.
     truth
         Sections of the experiment as the rig really is, which differ from what is declared.
-    urdf
-        (pattern, replacement) that turns the declared arm's URDF into that of the real arm.
+    urdf, toml
+        (pattern, replacement) that turns the declared arm's URDF, or its file, into that of the real arm.
     slip
         How the string slips in the clamp.
     post
@@ -86,6 +86,7 @@ class BadThrow:
     declared: Mapping[str, Any] = field(default_factory=dict)
     truth: Mapping[str, Any] = field(default_factory=dict)
     urdf: tuple[str, str] | None = None
+    toml: tuple[str, str] | None = None
     slip: SlipInClamp | None = None
     post: Box | None = None
 
@@ -140,22 +141,24 @@ def _good(number: int) -> BadThrow:
 CASES |= {f"throw-{10 + number}": _good(number) for number in range(2, 8)}
 
 
-def make_bad_throws(root: Path, names: list[str], cores: int) -> None:
-    """Make the project and, in it, each case's experiment with one throw."""
+def make_bad_throws(root: Path, cases: Mapping[str, BadThrow], cores: int, trials: int = 1) -> None:
+    """Make the project and, in it, each case's experiment with its throws."""
     if not (root / "Snakefile").exists():
         make_project(root)
-    for name in names:
-        case = CASES[name]
+    for name, case in cases.items():
         folder = root / "data" / name
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / "experiment.yaml").open("w") as file:
             YAML().dump({**SETTINGS, **case.declared}, file)
-        if not (folder / "trial-01" / "run.json").exists():
+        for trial in range(1, trials + 1):
+            if (folder / trial_name(trial) / "run.json").exists():
+                continue
             rig = real_experiment(load_experiment(folder / "experiment.yaml"), case)
             arm = real_arm(root, case, name)
-            photograph_boards(rig, name, arm, folder)
+            if trial == 1:
+                photograph_boards(rig, name, arm, folder)
             strandcast_run(root, name, cores)  # plans the motion
-            throw(root, name, case, rig, arm)
+            throw(root, name, trial, case, rig, arm)
         strandcast_run(root, name, cores)
 
 
@@ -169,27 +172,30 @@ def real_experiment(declared: Experiment, case: BadThrow) -> Experiment:
 def real_arm(root: Path, case: BadThrow, name: str) -> Arm:
     """Return the arm as it really is; its files are outside config/, which nothing else reads."""
     source = root / "config" / "arms" / f"{ARM}.toml"
-    if case.urdf is None:
+    if case.urdf is None and case.toml is None:
         return load_arm(source)
     folder = root / "rig" / name
     folder.mkdir(parents=True, exist_ok=True)
-    pattern, by = case.urdf
-    urdf, count = re.subn(pattern, by, source.with_suffix(".urdf").read_text(), flags=re.DOTALL)
-    if count != 1:
-        raise ValueError(f"{name}: the pattern occurs {count} times in the URDF")
-    (folder / f"{ARM}.urdf").write_text(urdf)
-    return load_arm(shutil.copy(source, folder))
+    for file, change in ((source.with_suffix(".urdf"), case.urdf), (source, case.toml)):
+        text, count = file.read_text(), 1
+        if change is not None:
+            text, count = re.subn(*change, text, flags=re.DOTALL)
+        if count != 1:
+            raise ValueError(f"{name}: the pattern occurs {count} times in {file.name}")
+        (folder / file.name).write_text(text)
+    return load_arm(folder / source.name)
 
 
-def throw(root: Path, name: str, case: BadThrow, rig: Experiment, arm: Arm) -> None:
+def throw(root: Path, name: str, trial: int, case: BadThrow, rig: Experiment, arm: Arm) -> None:
     """Play the planned motion on the rig with its fault, and film it."""
-    planned = root / "results" / name / "trial-01" / "motion.json"
+    planned = root / "results" / name / trial_name(trial) / "motion.json"
     declared = load_arm(root / "config" / "arms" / f"{ARM}.toml")
     scene = make_scene(rig, name, arm)
     if case.post is not None:
         scene = with_post(scene, case.post)
-    driver = LabDriver(LabThrow(name, rig, 1, root / "rig" / f"{name}-truth.parquet", case.slip), arm, scene)
-    out = root / "data" / name / "trial-01"
+    truth = root / "rig" / f"{name}-{trial}-truth.parquet"
+    driver = LabDriver(LabThrow(name, rig, trial, truth, case.slip), arm, scene)
+    out = root / "data" / name / trial_name(trial)
     preflight = run_preflight(planned, replace(declared, workspace=UNBOUNDED), driver, out)
     driver.move_to_start(preflight.motion.trajectory().q_rad[0])
     play(preflight, driver, preflight.short_hash)
@@ -218,8 +224,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--root", type=Path, default=Path("results/bad-throws"))
     parser.add_argument("--cores", type=int, default=2)
     given = parser.parse_args(arguments)
-    make_bad_throws(given.root, given.cases or list(CASES), given.cores)
-    for name in given.cases or CASES:
+    names = given.cases or list(CASES)
+    make_bad_throws(given.root, {name: CASES[name] for name in names}, given.cores)
+    for name in names:
         print(f"{given.root}/results/{name}/trial-01/report.html: {CASES[name].cause}")
 
 

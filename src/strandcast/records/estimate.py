@@ -125,6 +125,36 @@ class HeldOutError(Part):
     E_m: float
 
 
+class RigOffset(Part):
+    """One number of the arm's file: its deviation from the file, the same in all trials [m or rad].
+
+    `hand_m` is the farthest that it moves the hand, `learnt` the share of its variance that the trials took.
+    `state` is wrong, possible (something is wrong, and the motions do not tell what), or right.
+    """
+
+    name: str
+    unit: str
+    value: float
+    sd: float
+    hand_m: float
+    learnt: float
+    wrong_probability: float | None = None  # that it is not right to within half a millimetre or milliradian
+    state: str
+    says: str
+    fix: str
+
+
+class RigOffsets(Part):
+    """What the trials show of the arm's file: what it states wrongly, in the same way in all trials."""
+
+    trials: list[int]
+    right_probability: float  # that no number is wrong
+    together_m: float  # the farthest that all deviations together move the hand
+    zero_scatter_rad: float  # standard deviation of a joint's zero from trial to trial
+    numbers: list[RigOffset]
+    warnings: list[str] = []
+
+
 def _with_uncertainty(content: dict[str, Any]) -> dict[str, Any]:
     """Return content of version 2: `knowledge` is called `uncertainty`."""
     return {"uncertainty" if name == "knowledge" else name: value for name, value in content.items()}
@@ -171,6 +201,7 @@ class Estimate(Record):
     converged: bool | None = None  # whether the search stopped improving before its evaluations ran out
     uncertainty: ParameterUncertainty | None = None
     servo: ServoFit | None
+    rig_offsets: RigOffsets | None = None  # from two trials with a joint log on
     planned_from: dict[str, str]  # files read -> content hash
     warnings: list[str]
 

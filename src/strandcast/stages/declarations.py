@@ -189,6 +189,7 @@ _DECLARED = (
             **_throws(recent),
             "previous": results(latest, "ensemble.parquet"),
             "arm": files.arm,
+            "cameras": files.filming,
         },
         outputs={
             "estimate": TRIAL + "estimate.json",

@@ -27,6 +27,7 @@ from strandcast.stages.past_trials import (
     servo_of,
     string_model,
 )
+from strandcast.stages.rig_offsets import rig_offsets_of
 from strandcast.stages.seen_weights import seen_weights_warnings
 
 # All chosen.
@@ -80,6 +81,8 @@ def run(job: Job, files: Files) -> None:
     record = estimate_record(context, model, layout, [t.number for t in trials], fit, servo, hashes_of(read))
     seen = TrackSummary.read(files.input("summary", job.trial)).weights
     record.warnings += seen_weights_warnings(context, arm, throws, fit.E_m, seen, random)
+    record.rig_offsets = rig_offsets_of(arm, trials, files.inputs("cameras"), record)
+    record.warnings += [] if record.rig_offsets is None else record.rig_offsets.warnings
     write_table(files.output("ensemble"), ENSEMBLE, ensemble_table(fit.members, fit.member_values_m))
     write_table(files.output("simulated"), SIMULATED, simulated_table(fit, trials[-1]))
     record.write(files.output("estimate"))

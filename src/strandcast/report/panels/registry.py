@@ -22,6 +22,7 @@ from strandcast.report.panels.predictions import predictions
 from strandcast.report.panels.progress import evaluations, misses
 from strandcast.report.panels.quality import quality
 from strandcast.report.panels.rig import rig
+from strandcast.report.panels.rig_offsets import compares_arm, rig_offsets
 from strandcast.report.panels.rig_scatter import learns_scatter, rig_scatter
 from strandcast.report.panels.space_views import turnable, two_views
 from strandcast.report.panels.strobe import strobe
@@ -391,6 +392,19 @@ EXPERIMENT_PANELS = [
         shown=_is_aimed,
     ),
     replace(NEXT_MOTION, shown=_is_aimed),
+    Panel(
+        "arm-file",
+        "The arm’s file against the video",
+        rig_offsets,
+        caption="What the arm’s file states wrongly, in the same way in every trial: the hand that the "
+        "camera sees against the hand by the joint log. ± one standard deviation, which holds the zeros’ "
+        "scatter from trial to trial, the place of the camera’s plane and what these motions cannot tell "
+        "apart. At the hand: the farthest that it moves the hand in these motions (of the string: the "
+        "string). Learnt: the share of the variance before any trial that the trials removed.",
+        good="no deviation is three standard deviations from zero and worth more than 1 mm.",
+        bad="a number marked wrong: correct it in the file, and plan again.",
+        shown=compares_arm,
+    ),
     Panel(
         "scatter",
         "Scatter of the rig",

@@ -1,0 +1,188 @@
+"""Deviations from an arm's file as a record: each number in words, and what to change in which file."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from strandcast.arm.load import Arm
+from strandcast.planning.rig_offsets import CLAMP_M, SURE_SD, WORTH_M, OffsetFit
+from strandcast.planning.rig_scatter import SizePrior, prior_of, size_posterior
+from strandcast.records.estimate import RigOffset, RigOffsets
+
+# Chosen: grasps of one clamp differ by this much across and in direction, one standard deviation, two rigs in
+# three within the factor, as in plan.scatter.
+ASIDE, TURNED = SizePrior(1e-3, 2.0), SizePrior(0.035, 2.0)
+DIRECTION_RAD = 0.1  # chosen: prior of the clamp's direction, mounted by eye
+
+
+class StringInClamp(NamedTuple):
+    """How the string leaves the hand, by trial: to the left of the markers' hand (N,) [m], standard errors.
+
+    `direction_rad` is the fitted turn in the clamp and its standard deviation, None if it was not fitted, and
+    `point_m` the distance along the string over which it counts.
+    """
+
+    left_m: np.ndarray
+    error_m: np.ndarray
+    direction_rad: tuple[float, float] | None
+    point_m: float
+
+
+def rig_offsets_record(
+    arm: Arm, trials: Sequence[int], fit: OffsetFit, string: StringInClamp | None = None
+) -> RigOffsets:
+    """Return the deviations as a record, with a warning for each number that is wrong."""
+    # Of a number that is not surely wrong, the words say how far off it is if it is.
+    told = np.where(fit.wrong[:, None], np.column_stack([fit.value, fit.sd]), fit.if_wrong)
+    numbers = [
+        RigOffset(
+            name=name,
+            unit="rad" if angle else "m",
+            value=float(fit.value[k]),
+            sd=float(fit.sd[k]),
+            hand_m=float(fit.hand_m[k]),
+            learnt=float(np.clip(fit.learnt[k], 0.0, 1.0)),
+            wrong_probability=float(fit.probability[k]),
+            state="wrong" if fit.wrong[k] else "possible" if fit.possible[k] else "right",
+            says=says.format(size=_size(*told[k], angle=angle)),
+            fix=fix,
+        )
+        for k, (name, angle, says, fix) in enumerate(_words(arm, told[:, 0]))
+    ]
+    numbers += [] if string is None else _of_string(arm, string)
+    warnings = [
+        f"{one.says}, which moves the hand by up to {1e3 * one.hand_m:.1f} mm: {one.fix}"
+        for one in numbers
+        if one.state == "wrong"
+    ]
+    return RigOffsets(
+        trials=list(trials),
+        right_probability=float(fit.probability[-1]),
+        together_m=fit.together_m,
+        zero_scatter_rad=fit.zero_scatter_rad,
+        numbers=numbers,
+        warnings=warnings + _undecided(arm, fit),
+    )
+
+
+def _size(value: float, sd: float, *, angle: bool) -> str:
+    return f"{1e3 * abs(value):.1f} ± {1e3 * sd:.1f} {'mrad' if angle else 'mm'}"
+
+
+def _words(arm: Arm, value: np.ndarray) -> Iterator[tuple[str, bool, str, str]]:
+    """Yield of each number its name, whether it is an angle, what is wrong with it, and the fix."""
+    joints, toml, urdf = arm.joints, arm.path.name, arm.urdf_path.name
+    links, clamp, zeros = np.split(value, [len(joints) - 1, len(joints) + 1])
+    for k, off_m in enumerate(links):
+        length_m, ends = arm.chain.lengths_m[k], f"{joints[k]} to {joints[k + 1]}"
+        yield (
+            f"link {k + 1}",
+            False,
+            f"link {k + 1} is {{size}} {'longer' if off_m > 0 else 'shorter'} than the arm's file says",
+            f"measure it from {ends}; in {urdf} these are {1e3 * length_m:.1f} mm apart (<origin>), by the "
+            f"video {1e3 * (length_m + off_m):.1f} mm",
+        )
+    sides = (("farther out than", "nearer than"), ("to the left of", "to the right of"))
+    for k, (name, off_m, side) in enumerate(zip(("along", "across"), clamp, sides, strict=True)):
+        stated_m = arm.clamp.offset_m[k]
+        now = f"{stated_m:.4f}, by the video {stated_m + off_m:.4f}"
+        other = f", or the last link in {urdf}" if k == 0 else ""
+        yield (
+            f"clamp, {name}",
+            False,
+            f"the clamp is {{size}} {side[0] if off_m > 0 else side[1]} where the arm's file has it",
+            f"measure it; clamp.offset_m[{k}] in {toml} is {now} (if the ruler confirms it: place_m of "
+            f"markers.hand{other})",
+        )
+    for k, off_rad in enumerate(zeros):
+        plane = ", or the markers of the plane are turned by that angle" if k == 0 else ""
+        yield (
+            f"zero of {joints[k]}",
+            True,
+            f"{joints[k]} reads {{size}} too {'little' if off_rad > 0 else 'much'}",
+            f"calibrate its zero, or turn its <origin> in {urdf} by {1e3 * off_rad:+.1f} mrad about its axis"
+            f"{plane}",
+        )
+
+
+def _undecided(arm: Arm, fit: OffsetFit) -> list[str]:
+    """Return the warning of a wrong file where the motions do not tell which number it is."""
+    possible = fit.possible
+    if not possible.any():
+        return []
+    order = [k for k in np.argsort(-fit.probability[:-1]) if possible[k]]
+    words = list(_words(arm, fit.if_wrong[:, 0]))
+    either = [words[k][2].format(size=_size(*fit.if_wrong[k], angle=words[k][1])) for k in order]
+    return [
+        f"the arm's file puts the hand up to {1e3 * fit.together_m:.1f} mm from where it is, in the same way "
+        f"in all trials, and these motions cannot tell which number is wrong: {', or '.join(either)}; "
+        "measure one of them, or throw a motion that turns the joints more"
+    ]
+
+
+def _of_string(arm: Arm, string: StringInClamp) -> list[RigOffset]:
+    """Return how the string leaves the hand, as far as it was seen."""
+    toml, known = arm.path.name, np.isfinite(string.left_m) & np.isfinite(string.error_m)
+    found = []
+    if known.sum() > 1:
+        left_m, error_m = string.left_m[known], string.error_m[known]
+        scatter_m = size_posterior(ASIDE, left_m[:, None], error_m[:, None], about_mean=True).rms
+        mean_sd_m = np.sqrt((scatter_m**2 + float(np.mean(error_m**2))) / known.sum())
+        value_m, sd_m = _shrunk(float(left_m.mean()), float(mean_sd_m), CLAMP_M)
+        stated_m = arm.clamp.offset_m[1]
+        side = "left" if value_m > 0 else "right"
+        found.append(
+            _number(
+                "string, across",
+                "m",
+                (value_m, sd_m, CLAMP_M),
+                abs(value_m),
+                f"the string leaves the hand {_size(value_m, sd_m, angle=False)} to the {side} of where its "
+                "markers put the clamp",
+                f"measure it; clamp.offset_m[1] in {toml} is {stated_m:.4f}, by the video "
+                f"{stated_m + value_m:.4f}; then add {-1e3 * value_m:+.1f} mm to place_m of markers.hand, "
+                "across",
+            )
+        )
+    if string.direction_rad is not None and known.sum() > 1:
+        turn_rad, error_rad = string.direction_rad
+        error_rad = float(np.hypot(error_rad, prior_of(TURNED).rms / np.sqrt(known.sum())))
+        value, sd = _shrunk(turn_rad, error_rad, DIRECTION_RAD)
+        stated = arm.clamp.angle_rad
+        found.append(
+            _number(
+                "string, direction",
+                "rad",
+                (value, sd, DIRECTION_RAD),
+                abs(value) * string.point_m,
+                f"the string leaves the hand turned by {_size(value, sd, angle=True)} "
+                f"{'counter-clockwise' if value > 0 else 'clockwise'} from the arm's file",
+                f"measure it; clamp.angle_rad in {toml} is {stated:.3f}, by the fit {stated + value:.3f}",
+            )
+        )
+    return found
+
+
+def _shrunk(value: float, error: float, prior_sd: float) -> tuple[float, float]:
+    """Return the mean and standard deviation of a normal number with a prior about zero."""
+    share = prior_sd**2 / (prior_sd**2 + error**2)
+    return share * value, float(np.sqrt(share)) * error
+
+
+def _number(
+    name: str, unit: str, known: tuple[float, float, float], hand_m: float, says: str, fix: str
+) -> RigOffset:
+    """Return a number of value, standard deviation and prior's standard deviation, `hand_m` at the string."""
+    value, sd, prior_sd = known
+    return RigOffset(
+        name=name,
+        unit=unit,
+        value=value,
+        sd=sd,
+        hand_m=hand_m,
+        learnt=1.0 - (sd / prior_sd) ** 2,
+        state="wrong" if abs(value) > SURE_SD * sd and hand_m > WORTH_M else "right",
+        says=says,
+        fix=fix,
+    )

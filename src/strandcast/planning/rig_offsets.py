@@ -1,0 +1,292 @@
+"""What an arm's file states wrongly, the same in every trial: links, the clamp's place, the joints' zeros.
+
+The tracked hand of all trials is compared with the hand by the joint log and the arm's file. Each number of
+the file is either right, to within what a careful lab leaves, or, seldom, wrong by much more; at most
+`MOST_WRONG` are. The camera's plane may lie beside the arm's, turned and stretched, and each trial has zeros
+and a clock of its own. How much zeros scatter is not known: its prior is a grid, as in
+`planning.rig_scatter`. The estimate averages over which numbers are wrong and over the scatter: numbers that
+the motions cannot tell apart have large standard deviations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from strandcast.arm.kinematics import hand_pose
+from strandcast.arm.load import Arm
+from strandcast.core.disturbances import JOINT_ZERO_RAD
+from strandcast.planning.hand_noise import noise_root, whitened
+from strandcast.planning.rig_scatter import GRID
+
+LEAST_TRIALS = 2  # one trial's own zeros cannot be told from wrong ones
+LEAST_FRAMES = 50  # of a trial that counts; chosen, a tenth of a second
+MOST_FRAMES = 300  # of a trial that are read, evenly; neighbours share their errors, more teach nothing
+# Standard deviations of a link, the clamp's place and a zero, chosen. Right: what a calibrated arm leaves.
+# Wrong: a ruler between axes that housings hide, or the file of a sister model; a clamp mounted by hand; a
+# joint that was zeroed by eye against a mark (0.6 degrees).
+RIGHT_M, RIGHT_RAD = 5e-4, 5e-4
+LINK_M, CLAMP_M, ZERO_RAD = 5e-3, 5e-3, 1e-2
+WRONG_SHARE = 0.1  # of the numbers of an arm's file; chosen
+MOST_WRONG = 2  # three wrong numbers are told from two by no few throws; chosen
+# Of the camera's plane in the arm's frame: markers placed by ruler and levelled, to 1 mm and 1 mm in 1 m. The
+# calibration's standard error comes on top.
+SHIFT_M, TURN_RAD, STRETCH = 1e-3, 1e-3, 1e-3
+REACH_M = 0.5  # chosen: the distance over which an error of the calibration turns or stretches the plane
+CLOCK_S = 1e-3  # of a trial's offset; ten times the alignment's usual error: a wrong arm displaces the offset
+SCATTER_FACTOR = (
+    2.0  # two rigs in three have zeros within this factor of `JOINT_ZERO_RAD`; as in plan.scatter
+)
+STEP = 1e-5  # of derivatives, in m and rad
+SIZES = GRID[::8]  # enough for an average
+ROUNDS = 3  # of Gauss-Newton; wrong by 10 mm and 35 mrad, the third changes nothing
+SURE_SD, WORTH_M = 3.0, 1e-3  # a wrong number: this far from the file, and worth this much at the hand
+SURE = 0.997  # the probability of `SURE_SD`
+POSSIBLE = 0.1  # least probability at which a number is named among others; chosen
+
+
+class HandSeen(NamedTuple):
+    """One trial: the tracked hand (F, 2) [m] at times (F,) [s], the log's joints then (F, J) [rad]."""
+
+    trial: int
+    time_s: np.ndarray
+    hand_m: np.ndarray
+    q_rad: np.ndarray
+
+
+class OffsetFit(NamedTuple):
+    """Deviations from the arm's file: links but the last, the clamp along and across, zeros (p = 2 J + 1).
+
+    A positive one is a longer link, a clamp farther along or to the left, a joint that reads too little.
+
+    Attributes
+    ----------
+    value, covariance
+        (p,) and (p, p) of the estimate [m or rad].
+    prior_sd
+        (p,) before the trials.
+    probability
+        (p,) that the number is wrong; the last, (p + 1)-th, that none is.
+    if_wrong
+        (p, 2) value and standard deviation if this number is wrong.
+    moves_m
+        (F, 2, p) moves of the hand per unit in all frames of all trials.
+    zero_scatter_rad
+        Standard deviation of a joint's zero from trial to trial, rms over what is known of it.
+    """
+
+    value: np.ndarray
+    covariance: np.ndarray
+    prior_sd: np.ndarray
+    probability: np.ndarray
+    if_wrong: np.ndarray
+    moves_m: np.ndarray
+    zero_scatter_rad: float
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Standard deviations (p,) of the estimate."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def learnt(self) -> np.ndarray:
+        """Shares (p,) of the prior's variance that the trials have removed."""
+        return np.asarray(1.0 - np.diag(self.covariance) / self.prior_sd**2)
+
+    @property
+    def hand_m(self) -> np.ndarray:
+        """Farthest (p,) that each deviation moves the hand [m]."""
+        return np.asarray(np.linalg.norm(self.moves_m * self.value, axis=1).max(axis=0))
+
+    @property
+    def together_m(self) -> float:
+        """Farthest that all deviations together move the hand [m]."""
+        return float(np.linalg.norm(self.moves_m @ self.value, axis=1).max())
+
+    @property
+    def wrong(self) -> np.ndarray:
+        """Which (p,) are surely not as the file says, and worth something at the hand."""
+        return np.asarray((np.abs(self.value) > SURE_SD * self.sd) & (self.hand_m > WORTH_M))
+
+    @property
+    def possible(self) -> np.ndarray:
+        """Which (p,) may be wrong, where something surely is and none of them surely; else none."""
+        unknown = 1.0 - self.probability[-1] > SURE and self.together_m > WORTH_M and not self.wrong.any()
+        return np.asarray((self.probability[:-1] > POSSIBLE) & unknown)
+
+
+def fit_offsets(arm: Arm, seen: Sequence[HandSeen], plane_sd_m: float) -> OffsetFit | None:
+    """Fit the deviations from the arm's file to all trials; None for fewer than `LEAST_TRIALS`.
+
+    `plane_sd_m` is the standard error of a point in the camera's plane, from its calibration.
+    """
+    seen = [_thinned(one) for one in seen if len(one.time_s) >= LEAST_FRAMES]
+    if len(seen) < LEAST_TRIALS:
+        return None
+    turn, stretch = (np.hypot(sd, plane_sd_m / REACH_M) for sd in (TURN_RAD, STRETCH))
+    plane_sd = np.array([*[np.hypot(SHIFT_M, plane_sd_m)] * 2, turn, *[stretch] * 3])
+    value = np.zeros(2 * len(arm.joints) + 1)
+    roots = [_noise(arm, one) for one in seen]
+    for _ in range(ROUNDS):
+        trials = [_normal_equations(arm, one, value, root) for one, root in zip(seen, roots, strict=True)]
+        found = _posterior(trials, plane_sd, len(arm.joints))
+        value = found.value
+    return found._replace(moves_m=np.concatenate([_moves(arm, one.q_rad, value) for one in seen]))
+
+
+def _thinned(seen: HandSeen) -> HandSeen:
+    """Return a trial with every so many of its frames, at most `MOST_FRAMES`."""
+    every = slice(None, None, -(-len(seen.time_s) // MOST_FRAMES))
+    return HandSeen(seen.trial, seen.time_s[every], seen.hand_m[every], seen.q_rad[every])
+
+
+def _hand_m(arm: Arm, q_rad: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Return the hand (F, 2) [m] of an arm that deviates from its file by `value` (p,)."""
+    joints = len(arm.joints)
+    links, clamp, zeros = np.split(value, [joints - 1, joints + 1])
+    chain = replace(arm.chain, lengths_m=arm.chain.lengths_m + np.append(links, 0.0))
+    along, across = np.array(arm.clamp.offset_m) + clamp
+    held = arm.clamp.model_copy(update={"offset_m": (along, across)})
+    return np.asarray(hand_pose(chain, held, q_rad + zeros).position_m)
+
+
+def _moves(arm: Arm, q_rad: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Return the derivatives (F, 2, p) of the hand by the deviations."""
+    steps = STEP * np.eye(len(value))
+    slopes = [_hand_m(arm, q_rad, value + step) - _hand_m(arm, q_rad, value - step) for step in steps]
+    return np.stack(slopes, axis=2) / (2.0 * STEP)
+
+
+class _NormalEquations(NamedTuple):
+    """A trial's least squares over its noise: by what all trials share (x) and by its own unknowns (u).
+
+    Its own are the joints' zeros and the clock.
+    """
+
+    xx: np.ndarray
+    xu: np.ndarray
+    uu: np.ndarray
+    x: np.ndarray
+    u: np.ndarray
+
+
+def _normal_equations(arm: Arm, seen: HandSeen, value: np.ndarray, root: np.ndarray) -> _NormalEquations:
+    """Return the equations of one trial, linear about `value`, over its noise."""
+    off_m, common, own = _linear(arm, seen, value)
+    both, off = whitened(root, np.concatenate([common, own], axis=2)), whitened(root, off_m[:, :, None])[:, 0]
+    square, target, n = both.T @ both, both.T @ off, common.shape[2]
+    return _NormalEquations(square[:n, :n], square[:n, n:], square[n:, n:], target[:n], target[n:])
+
+
+def _noise(arm: Arm, seen: HandSeen) -> np.ndarray:
+    """Return the root (F, F) of the noise's covariance: what all unknowns together leave."""
+    off_m, common, own = _linear(arm, seen, np.zeros(2 * len(arm.joints) + 1))
+    return noise_root(off_m, np.concatenate([common, own[:, :, -1:]], axis=2), seen.time_s)
+
+
+def _linear(arm: Arm, seen: HandSeen, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return deviations (F, 2), and how they move with common unknowns and the trial's own, about `value`."""
+    there_m, moves = _hand_m(arm, seen.q_rad, value), _moves(arm, seen.q_rad, value)
+    speed_m_s = np.gradient(there_m, seen.time_s, axis=0)
+    own = np.concatenate([moves[:, :, -len(arm.joints) :], speed_m_s[:, :, None]], axis=2)
+    return seen.hand_m - there_m + moves @ value, np.concatenate([moves, _plane_moves(there_m)], axis=2), own
+
+
+def _plane_moves(place_m: np.ndarray) -> np.ndarray:
+    """Return how the plane's shift (2), turn, stretch along x and y, and shear move places: (F, 2, 6)."""
+    x, y = place_m.T
+    one, none = np.ones_like(x), np.zeros_like(x)
+    return np.stack(
+        [np.stack([one, none, -y, x, none, y], axis=1), np.stack([none, one, x, none, y, x], axis=1)], axis=1
+    )
+
+
+def _posterior(trials: Sequence[_NormalEquations], plane_sd: np.ndarray, joints: int) -> OffsetFit:
+    """Return the estimate, averaged over which numbers are wrong and over the zeros' scatter."""
+    sets = _Sets.of(joints)
+    count = sets.wrong.shape[1]
+    prior_sd = np.hstack([sets.prior_sd, np.tile(plane_sd, (len(sets.wrong), 1))])
+    sizes_rad = JOINT_ZERO_RAD * np.exp(np.log(SCATTER_FACTOR) * SIZES)
+    given = [_given(_pooled(trials, size_rad, joints), prior_sd, count) for size_rad in sizes_rad]
+    log = np.array([one.log for one in given]) + np.log(sets.probability) - 0.5 * SIZES[:, None] ** 2
+    weight = np.exp(log - log.max())
+    weight /= weight.sum()
+    mean, covariance = np.array([one.mean for one in given]), np.array([one.covariance for one in given])
+    each = [_mixed(weight * wrong, mean, covariance) for wrong in sets.wrong.T]
+    return OffsetFit(
+        *_mixed(weight, mean, covariance),
+        prior_sd=np.sqrt(sets.probability @ sets.prior_sd**2),
+        probability=weight.sum(axis=0) @ np.column_stack([sets.wrong, ~sets.wrong.any(axis=1)]),
+        if_wrong=np.array([(value[k], np.sqrt(square[k, k])) for k, (value, square) in enumerate(each)]),
+        moves_m=np.zeros((0, 2, count)),
+        zero_scatter_rad=float(np.sqrt(weight.sum(axis=1) @ sizes_rad**2)),
+    )
+
+
+class _Sets(NamedTuple):
+    """The sets of numbers that may be wrong: which (H, p), standard deviations (H, p), probabilities (H,)."""
+
+    wrong: np.ndarray
+    prior_sd: np.ndarray
+    probability: np.ndarray
+
+    @classmethod
+    def of(cls, joints: int) -> _Sets:
+        """Return the sets of at most `MOST_WRONG` numbers."""
+        wrong_sd = np.array([*[LINK_M] * (joints - 1), *[CLAMP_M] * 2, *[ZERO_RAD] * joints])
+        right_sd = np.array([*[RIGHT_M] * (joints + 1), *[RIGHT_RAD] * joints])
+        numbers = range(len(wrong_sd))
+        sets = [some for k in range(MOST_WRONG + 1) for some in combinations(numbers, k)]
+        wrong = np.array([np.isin(numbers, some) for some in sets])
+        probability = np.prod(np.where(wrong, WRONG_SHARE, 1.0 - WRONG_SHARE), axis=1)
+        return cls(wrong, np.where(wrong, wrong_sd, right_sd), probability / probability.sum())
+
+
+class _Pooled(NamedTuple):
+    """All trials' equations in what they share, and the logarithm of what its own unknowns add to each."""
+
+    square: np.ndarray
+    target: np.ndarray
+    log: float
+
+
+def _pooled(trials: Sequence[_NormalEquations], size_rad: float, joints: int) -> _Pooled:
+    """Return all trials' equations without their own unknowns, zeros of this scatter and clocks."""
+    own = np.diag([*[size_rad**-2] * joints, CLOCK_S**-2])
+    square, target, log = np.zeros_like(trials[0].xx), np.zeros_like(trials[0].x), 0.0
+    for one in trials:
+        inner = one.uu + own
+        back = np.linalg.solve(inner, np.column_stack([one.xu.T, one.u]))
+        square += one.xx - one.xu @ back[:, :-1]
+        target += one.x - one.xu @ back[:, -1]
+        log += 0.5 * (one.u @ back[:, -1] - np.linalg.slogdet(inner)[1] + np.linalg.slogdet(own)[1])
+    return _Pooled(square, target, float(log))
+
+
+class _Given(NamedTuple):
+    """Estimates given which numbers are wrong: (H, p), (H, p, p), and their log evidence (H,)."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    log: np.ndarray
+
+
+def _given(pooled: _Pooled, prior_sd: np.ndarray, count: int) -> _Given:
+    """Return the estimates of the first `count` unknowns for each row of priors (H, p + 6)."""
+    square = pooled.square + prior_sd[:, :, None] ** -2 * np.eye(prior_sd.shape[1])
+    covariance = np.linalg.inv(square)
+    mean = covariance @ pooled.target
+    log = 0.5 * (mean @ pooled.target - np.linalg.slogdet(square)[1]) - np.log(prior_sd).sum(axis=1)
+    return _Given(mean[:, :count], covariance[:, :count, :count], pooled.log + log)
+
+
+def _mixed(weight: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and covariance over all cases (S, H), weighted."""
+    share = weight / max(float(weight.sum()), 1e-300)
+    middle = np.einsum("sh,shi->i", share, mean)
+    apart = mean - middle
+    return middle, np.einsum("sh,shij->ij", share, covariance + apart[..., :, None] * apart[..., None, :])
