@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from strandcast.alignment.joints import joint_path
 from strandcast.arm.load import Arm
 from strandcast.core.strings import CLAMP_OFFSET
-from strandcast.planning.past_trials import resampled
 from strandcast.planning.rig_offset_words import StringInClamp, rig_offsets_record
-from strandcast.planning.rig_offsets import HandSeen, fit_offsets
+from strandcast.planning.rig_offsets import LEAST_FRAMES, HandSeen, fit_offsets
 from strandcast.records.camera import Camera
 from strandcast.records.estimate import Estimate, RigOffsets
 from strandcast.stages.past_trials import Trial
@@ -38,15 +38,18 @@ def rig_offsets_of(
 
 
 def _hand_seen(arm: Arm, trial: Trial) -> HandSeen:
-    """Return the tracked hand of a trial, and the joints by its log then."""
+    """Return the tracked hand of a trial, and the joints by its log then, without the rows' noise."""
     log = trial.log
     assert log is not None
     hand_m = trial.track.detected_m()[:, 0]
     known = np.isfinite(hand_m).all(axis=1)
     known &= (trial.frame_time_s >= log.time_s[0]) & (trial.frame_time_s <= log.time_s[-1])
-    time_s = trial.frame_time_s[known]
-    columns = [log.joint_names.index(name) for name in arm.joints]
-    return HandSeen(trial.number, time_s, hand_m[known], resampled(time_s, log.time_s, log.q_rad[:, columns]))
+    time_s, columns = trial.frame_time_s[known], [log.joint_names.index(name) for name in arm.joints]
+    log_s, rows = np.unique(log.time_s, return_index=True)
+    if len(time_s) < LEAST_FRAMES:
+        return HandSeen(trial.number, time_s, hand_m[known], np.zeros((len(time_s), len(columns))))
+    path = joint_path(log_s, log.q_rad[rows][:, columns], (float(time_s[0]), float(time_s[-1])))
+    return HandSeen(trial.number, time_s, hand_m[known], path.at(time_s))
 
 
 def _plane_sd_m(camera: Path) -> float:
