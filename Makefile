@@ -238,6 +238,10 @@ error-budget: $(VENV)/runtime.stamp  ## split the misses of bench-loop by cause:
 bad-throws: $(VENV)/runtime.stamp  ## throw in the lab with a slipping clamp, a hidden tip, a wrong clock, arm or length: results/bad-throws; half an hour
 	@$(BIN)/python -m strandcast_studies.bad_throws --cores $(CORES)
 
+.PHONY: misstated-rigs
+misstated-rigs: $(VENV)/runtime.stamp  ## throw in the lab with arms that their files describe wrongly by millimetres: results/misstated-rigs; half an hour
+	@$(BIN)/python -m strandcast_studies.misstated_rigs --cores $(CORES)
+
 .PHONY: real
 real: $(VENV)/studies.stamp  ## predict real, measured motion, as JSON; data: STRANDCAST_REAL_DATA=folder
 	@$(BIN)/python -m strandcast_studies.evidence.run

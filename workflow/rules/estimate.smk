@@ -1,7 +1,8 @@
 """The string parameters, fitted to the newest throws.
 
 REQUIRED INPUTS: track, alignment and hand of the newest trials, as many as estimate.trials says, and the motions that
-                 were played; the previous estimate, from which the search starts (eq. 3's best exponents)
+                 were played; the previous estimate, from which the search starts (eq. 3's best exponents); the
+                 cameras, whose error in the plane bounds what is said of the arm's file
 OUTPUTS:         results/<experiment>/trial-NN/{estimate.json, ensemble.parquet, simulated.parquet}
 """
 
