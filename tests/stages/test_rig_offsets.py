@@ -33,10 +33,13 @@ def trial(arm: Arm, number: int, longer_m: float, *, logged: bool = True) -> Any
     hand_m = hand.position_m + longer_m * np.column_stack([np.cos(link_rad), np.sin(link_rad)])
     hand_m = hand_m + 1e-4 * random.standard_normal(hand_m.shape)
     hand_m[300:310] = np.nan  # not seen
+    time_s[450] = time_s[449]  # a frame twice
     noisy = q_rad + 3e-4 * random.standard_normal(q_rad.shape)
     rows = np.append(np.arange(600), 599)  # the last one twice
     log = SimpleNamespace(
-        time_s=time_s[rows] + 5.0, q_rad=noisy[rows][:, ::-1], joint_names=list(arm.joints[::-1])
+        time_s=np.arange(600)[rows] * STEP_S + 5.0,
+        q_rad=noisy[rows][:, ::-1],
+        joint_names=list(arm.joints[::-1]),
     )
     return SimpleNamespace(
         number=number,
@@ -69,9 +72,14 @@ def test_an_arm_as_its_file_says_passes(arm: Arm) -> None:
     assert found.right_probability > 0.7
 
 
-def test_trials_without_a_log_do_not_count(arm: Arm) -> None:
+def test_trials_without_a_log_or_a_tracked_hand_do_not_count(arm: Arm) -> None:
     trials = [trial(arm, 1, 0.0), trial(arm, 2, 0.0, logged=False)]
     assert rig_offsets_of(arm, trials, [], None) is None
+    unseen = trial(arm, 4, 0.0)
+    unseen.track = SimpleNamespace(detected_m=lambda: np.full((600, 2, 2), np.nan))
+    slow = trial(arm, 5, 0.0)
+    slow.log.time_s, slow.log.q_rad = slow.log.time_s[::40], slow.log.q_rad[::40]
+    assert rig_offsets_of(arm, [trials[0], unseen, slow], [], None) is None
     both = rig_offsets_of(arm, [*trials, trial(arm, 3, 0.0)], [], None)
     assert both is not None
     assert both.trials == [1, 3]

@@ -32,14 +32,14 @@ MOST_FRAMES = 300  # of a trial that are read, evenly; neighbours share their er
 RIGHT_M, RIGHT_RAD = 5e-4, 5e-4
 LINK_M, CLAMP_M, ZERO_RAD = 5e-3, 5e-3, 1e-2
 WRONG_SHARE = 0.1  # of the numbers of an arm's file; chosen
-MOST_WRONG = 2  # three wrong numbers are told from two by no few throws; chosen
+MOST_WRONG = 2  # few throws cannot tell three wrong numbers from two; chosen
 # Of the camera's plane in the arm's frame: markers placed by ruler and levelled, to 1 mm and 1 mm in 1 m. The
 # calibration's standard error comes on top.
 SHIFT_M, TURN_RAD, STRETCH = 1e-3, 1e-3, 1e-3
 REACH_M = 0.5  # chosen: the distance over which an error of the calibration turns or stretches the plane
 CLOCK_S = 1e-3  # of a trial's offset; ten times the alignment's usual error: a wrong arm displaces the offset
 SCATTER_FACTOR = (
-    2.0  # two rigs in three have zeros within this factor of `JOINT_ZERO_RAD`; as in plan.scatter
+    2.0  # two rigs in three have zeros within this factor of `JOINT_ZERO_RAD`, as in plan.scatter
 )
 STEP = 1e-5  # of derivatives, in m and rad
 SIZES = GRID[::8]  # enough for an average

@@ -24,7 +24,8 @@ def rig_offsets_of(
 
     `estimate` holds the string that was fitted to them, if one was.
     """
-    seen = {trial.number: _hand_seen(arm, trial) for trial in trials if trial.log is not None}
+    found = {trial.number: _hand_seen(arm, trial) for trial in trials if trial.log is not None}
+    seen = {number: hand for number, hand in found.items() if hand is not None}
     fit = fit_offsets(arm, list(seen.values()), max(map(_plane_sd_m, cameras), default=0.0))
     if fit is None:
         return None
@@ -37,17 +38,21 @@ def rig_offsets_of(
     return rig_offsets_record(arm, list(seen), fit, StringInClamp(left_m, error_m, turn, point_m))
 
 
-def _hand_seen(arm: Arm, trial: Trial) -> HandSeen:
-    """Return the tracked hand of a trial, and the joints by its log then, without the rows' noise."""
+def _hand_seen(arm: Arm, trial: Trial) -> HandSeen | None:
+    """Return the tracked hand of a trial, and the joints by its log then, without the rows' noise.
+
+    None if too few frames or rows are there.
+    """
     log = trial.log
     assert log is not None
     hand_m = trial.track.detected_m()[:, 0]
     known = np.isfinite(hand_m).all(axis=1)
     known &= (trial.frame_time_s >= log.time_s[0]) & (trial.frame_time_s <= log.time_s[-1])
+    known &= np.diff(trial.frame_time_s, prepend=-np.inf) > 0.0
     time_s, columns = trial.frame_time_s[known], [log.joint_names.index(name) for name in arm.joints]
     log_s, rows = np.unique(log.time_s, return_index=True)
-    if len(time_s) < LEAST_FRAMES:
-        return HandSeen(trial.number, time_s, hand_m[known], np.zeros((len(time_s), len(columns))))
+    if len(time_s) < LEAST_FRAMES or ((log_s >= time_s[0]) & (log_s <= time_s[-1])).sum() < LEAST_FRAMES:
+        return None
     path = joint_path(log_s, log.q_rad[rows][:, columns], (float(time_s[0]), float(time_s[-1])))
     return HandSeen(trial.number, time_s, hand_m[known], path.at(time_s))
 
