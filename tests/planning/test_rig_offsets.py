@@ -211,5 +211,7 @@ def test_where_the_string_leaves_the_hand_is_compared_too(arm: Arm) -> None:
     # Three grasps differ by 3 degrees each.
     assert direction.state == "right"
     np.testing.assert_allclose(direction.sd, 0.032, atol=2e-3)
+    poorly = StringInClamp(left_m, np.full(3, 2e-3), None, 0.03)  # alike in all trials
+    assert described(arm, poorly).numbers[-1].state == "right"
     unseen = StringInClamp(np.full(2, np.nan), np.full(2, np.nan), None, 0.03)
     assert [one.name for one in described(arm, unseen).numbers] == NAMES

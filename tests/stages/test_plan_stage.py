@@ -248,6 +248,8 @@ def test_what_a_throw_shows_of_the_rig_is_learnt_and_written(
     assert re.search(r"its rate +mrad/s +40 ×÷ 2 +-?[3-9]\d\d\.\d +\d+ +\d+ to \d+ +1 trial\n", printed)
     assert re.search(r"turn in the clamp +mrad +35 ×÷ 2 +– +as expected", printed)
     assert "warning: sway_rad_s: trial 1 is" in printed
+    assert state.offsets is None
+    assert "What the arm's file states wrongly is estimated from two trials with a joint log on." in printed
     as_json = subprocess.run([*line, "--json"], cwd=root, capture_output=True, text=True, check=True).stdout
     assert json.loads(as_json)["scatter"] == [json.loads(one.model_dump_json()) for one in learnt.scatter]
     # It is planned with: had nothing been seen, throws would be predicted to scatter less.

@@ -128,7 +128,8 @@ def _of_string(arm: Arm, string: StringInClamp) -> list[RigOffset]:
     if known.sum() > 1:
         left_m, error_m = string.left_m[known], string.error_m[known]
         scatter_m = size_posterior(ASIDE, left_m[:, None], error_m[:, None], about_mean=True).rms
-        mean_sd_m = np.sqrt((scatter_m**2 + float(np.mean(error_m**2))) / known.sum())
+        # The tracker's errors are alike where motions are: more trials do not average them out.
+        mean_sd_m = np.sqrt(scatter_m**2 / known.sum() + float(np.mean(error_m**2)))
         value_m, sd_m = _shrunk(float(left_m.mean()), float(mean_sd_m), CLAMP_M)
         stated_m = arm.clamp.offset_m[1]
         side = "left" if value_m > 0 else "right"
