@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from strandcast.arm.load import load_arm
 from strandcast.errors import StrandcastError
@@ -51,6 +52,7 @@ class RigState(NamedTuple):
     repeats: list[Repeat]
 
 
+@threadpool_limits.wrap(limits=1)  # as the stages: the last digits must not depend on the number of cores
 def rig_state(context: Context) -> RigState:
     """Return what an experiment's trials show of its rig.
 
