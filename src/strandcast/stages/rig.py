@@ -52,7 +52,6 @@ class RigState(NamedTuple):
     repeats: list[Repeat]
 
 
-@threadpool_limits.wrap(limits=1)  # as the stages: the last digits must not depend on the number of cores
 def rig_state(context: Context) -> RigState:
     """Return what an experiment's trials show of its rig.
 
@@ -61,6 +60,11 @@ def rig_state(context: Context) -> RigState:
     StrandcastError
         SC-W030 no trial has a fitted string yet.
     """
+    with threadpool_limits(1):  # as the stages: the last digits must not depend on the number of cores
+        return _rig_state(context)
+
+
+def _rig_state(context: Context) -> RigState:
     settings = context.settings.plan
     last = _newest_fit(context)
     files = Files(STAGES["plan"], Job(context, last + 1))

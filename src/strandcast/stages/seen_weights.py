@@ -42,10 +42,13 @@ def seen_weights_warnings(
     new_m = [weight.place_m for weight in (*(weight for _, weight in displaced), *undeclared)]
     moved_m = [place for place in declared_m if place not in [former for former, _ in displaced]] + new_m
     settings = context.settings.estimate.model_copy(update={"profiles": False})
-    E_m, places_m = min(
-        (estimate(throws, *string_model(context, arm, places_m), settings, random).E_m, places_m)
-        for places_m in sorted({tuple(sorted(declared_m + new_m)), tuple(sorted(moved_m))})
-    )
+    found = {
+        places_m: estimate(throws, *string_model(context, arm, places_m), settings, random).E_m
+        for places_m in sorted({tuple(sorted(moved_m)), tuple(sorted(declared_m + new_m))}, key=len)
+    }
+    fewest, most = min(found, key=len), max(found, key=len)
+    places_m = most if found[most] < PAYS * found[fewest] else fewest
+    E_m = found[places_m]
     better = E_m < PAYS * declared_E_m
     return [
         f"string.weights: the tracker saw a weight {_mm(new_m)} from the clamp, where none is declared; the "
