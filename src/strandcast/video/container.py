@@ -33,7 +33,7 @@ def probe(path: str | Path) -> Contents:
     """Return the contents of a video file from its packets and its first frame."""
     with open_container(path) as opened:
         container, stream = opened.container, opened.stream
-        packets = _packets(container, stream)
+        packets, first = _packets(container, stream)
         context = stream.codec_context
         exact = int(stream.frames)
         contents = Contents(
@@ -52,6 +52,7 @@ def probe(path: str | Path) -> Contents:
         # Phones that export slow motion at 30 frames/s write the true rate here.
         rate = container.metadata.get("com.android.capture.fps")
         aspect = _pixel_aspect(stream)
+        notes = [] if first is None else _notes_on_first_frame(first, int(context.color_range), path)
     if rate:
         contents.notes.append(f"its header says that it was filmed at {_number(rate)} frames/s")
     if abs(aspect - 1.0) > SQUARE_TOLERANCE:
@@ -59,7 +60,7 @@ def probe(path: str | Path) -> Contents:
             f"its pixels are not square, {aspect:.4g} times as wide as high: calibrate with pictures of the "
             "same pixels"
         )
-    contents.notes.extend(_notes_on_first_frame(path))
+    contents.notes.extend(notes)
     return _with_camera_times(contents, path) if contents.container == "cine" else contents
 
 
@@ -99,17 +100,28 @@ class Packets:
             self.positions.append(packet.pos)
 
 
-def _packets(container: av.container.InputContainer, stream: av.VideoStream) -> Packets:
+def _packets(
+    container: av.container.InputContainer, stream: av.VideoStream
+) -> tuple[Packets, av.VideoFrame | None]:
+    """Return the packets of a stream, and its first frame; None if that cannot be decoded."""
     packets = Packets()
+    frames: list[av.VideoFrame] = []
+    decodes = True
     try:
         for packet in container.demux(stream):
             if packet.size:
                 packets.add(packet)
+            if decodes and not frames:
+                try:
+                    frames = stream.decode(packet)
+                except av.FFmpegError as error:
+                    reason(error)
+                    decodes = False  # decoding will report it
             if packets.breaks_off:
                 break
     except av.FFmpegError as error:
         packets.breaks_off = reason(error)
-    return packets
+    return packets, frames[0] if frames else None
 
 
 def _avi_index_ticks(stream: av.VideoStream, packets: Packets) -> list[int] | None:
@@ -154,27 +166,18 @@ def _with_camera_times(contents: Contents, path: str | Path) -> Contents:
     return replace(contents, ticks=times, time_base_s=1e-9)
 
 
-def _notes_on_first_frame(path: str | Path) -> list[str]:
+def _notes_on_first_frame(frame: av.VideoFrame, color_range: int, path: str | Path) -> list[str]:
     notes = []
-    with open_container(path) as opened:
-        try:
-            frame = next(opened.container.decode(opened.stream))
-        except StopIteration:
-            return []
-        except av.FFmpegError as error:
-            reason(error)
-            return []  # decoding will report it
-        if frame.rotation:
-            notes.append(f"its header requests a rotation by {frame.rotation} degrees, which is not applied")
-        limited = not is_full_range(frame.format.name, int(opened.stream.codec_context.color_range))
-        if frame.format.name in LUMA_8BIT and limited:
-            plane = luma(upright(frame, Path(path)))
-            beyond = float(((plane < BLACK) | (plane > WHITE)).mean())
-            if beyond > BEYOND_SHARE:
-                notes.append(
-                    f"{100 * beyond:.0f} % of its pixels are beyond the limited range that its header states "
-                    f"({BLACK} to {WHITE}): they are clipped"
-                )
+    if frame.rotation:
+        notes.append(f"its header requests a rotation by {frame.rotation} degrees, which is not applied")
+    if frame.format.name in LUMA_8BIT and not is_full_range(frame.format.name, color_range):
+        plane = luma(upright(frame, Path(path)))
+        beyond = float(((plane < BLACK) | (plane > WHITE)).mean())
+        if beyond > BEYOND_SHARE:
+            notes.append(
+                f"{100 * beyond:.0f} % of its pixels are beyond the limited range that its header states "
+                f"({BLACK} to {WHITE}): they are clipped"
+            )
     return notes
 
 

@@ -1,6 +1,7 @@
 """Measure a string's appearance in one frame, along a chain that was fitted to it."""
 
 import numpy as np
+from numba import njit
 
 from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.fit import FrameFit
@@ -45,16 +46,21 @@ def measure_appearance(window: SearchWindow, fit: FrameFit, known: Appearance) -
     return known._replace(half_m=half_m, contrast=contrast, polarity=polarity, level=float(np.median(shown)))
 
 
+@njit(cache=True)
 def width_at_half(profile: np.ndarray, middle: int) -> float:
     """Return the width (in samples) of the peak near `middle` at half its height above the median."""
     above = profile - np.median(profile)
     peak = middle - 2 + int(np.argmax(above[middle - 2 : middle + 3]))
     level = 0.5 * above[peak]
     width = 0.0
-    for side in (above[peak::-1], above[peak:]):
-        under = int(np.argmax(side < level))
-        width += under - (level - side[under]) / max(side[under - 1] - side[under], 1e-9) if under else 0.0
-    return float(width)
+    for step in (-1, 1):
+        under = peak
+        while 0 <= under < len(above) and above[under] >= level:
+            under += step
+        if under != peak and 0 <= under < len(above):
+            steep = max(above[under - step] - above[under], 1e-9)
+            width += abs(under - peak) - (level - above[under]) / steep
+    return width
 
 
 def levels_on(window: SearchWindow, places_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
