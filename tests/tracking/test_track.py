@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError
-from strandcast.tracking.chain.point_uncertainty import in_long_gap
+from strandcast.tracking.chain.point_uncertainty import hidden_reach_m
 from strandcast.tracking.scene_checks import exposure_warnings
 from strandcast.video.ingest import inspect_video
 
@@ -115,10 +115,14 @@ def test_an_assumed_exposure_is_named_where_the_string_is_fast():
     assert exposure_warnings(np.full_like(points, np.nan), time_s, 0.8e-3, 2e-3) == []
 
 
-def test_hidden_runs_are_given_up_only_when_long():
-    seen = np.array([True, False, False, True, False, False, False, False, True, False])
-    np.testing.assert_array_equal(in_long_gap(seen, 3), [0, 0, 0, 0, 1, 1, 1, 1, 0, 0])
-    np.testing.assert_array_equal(in_long_gap(np.array([True, False, False]), 3), [0, 1, 1])
+def test_a_hidden_place_is_within_reach_of_the_visible_string():
+    root, taut = np.zeros(2), np.column_stack([np.arange(1.0, 7.0), np.zeros(6)])
+    seen = np.array([True, False, False, False, True, False])
+    np.testing.assert_allclose(hidden_reach_m(taut, root, seen, 1.0), [0, 0, 0, 0, 0, 1], atol=1e-7)
+    slack = np.where(np.arange(6)[:, None] >= 4, taut - [2.0, 0.0], taut)  # 4 of string over a distance of 2
+    np.testing.assert_allclose(hidden_reach_m(slack, root, seen, 1.0), [0, 1, 3**0.5, 1, 0, 1], atol=1e-7)
+    hidden_start = np.array([False, False, True, True, True, True])
+    np.testing.assert_allclose(hidden_reach_m(taut, root, hidden_start, 1.0)[:2], 0.0, atol=1e-7)
 
 
 def test_the_hint_is_the_string_beyond_the_clamp(scene, filmed):

@@ -7,6 +7,7 @@ import numpy as np
 from strandcast.config.track import TrackSettings
 from strandcast.tracking.attachments.declared_vs_detected import declaration_conflicts, hidden_tip_warnings
 from strandcast.tracking.chain.acceleration_gate import gate_accelerations
+from strandcast.tracking.chain.bridge import bridge_points
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.point_uncertainty import FramePoints
 from strandcast.tracking.chain.string_track import StringTrack, track_string
@@ -123,7 +124,7 @@ def assemble_points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return places (F, n + 1, 2), sigma and flags (F, n + 1) of hand (0) and string.
 
-    Places with implausible acceleration are flagged.
+    Places with implausible acceleration are flagged, short gaps bridged.
     """
     places = np.full((len(results), count + 1, 2), np.nan)
     sigma = np.full((len(results), count + 1), np.nan)
@@ -132,7 +133,11 @@ def assemble_points(
     for index, one in enumerate(results):
         if one is not None:
             places[index, 1:], sigma[index, 1:], flags[index, 1:] = one.points_m, one.sigma_m, one.flags
-    return places, *gate_accelerations(places, sigma, flags, float(np.median(np.diff(time_s))))
+    sigma, flags = gate_accelerations(places, sigma, flags, float(np.median(np.diff(time_s))))
+    bridged = bridge_points(time_s, places[:, 1:], sigma[:, 1:], flags[:, 1:])
+    for all_points, string in zip((places, sigma, flags), bridged, strict=True):
+        all_points[:, 1:] = string
+    return places, sigma, flags
 
 
 def choices(

@@ -19,12 +19,13 @@ UNSURE_M = 0.003  # sigma from which a place is unsure
 FOLD_RAD = 0.7  # of a fold: bend from a link to the next but one
 FOLD_REACH_M = 0.06
 LOST_M = 0.015  # sigma from which a place is not a measurement
-LONGEST_HIDDEN_M = 0.07  # of string whose course between visible ends is interpolated
+HIDDEN_REACH_M = 0.035  # of a hidden place from the visible string, up to which it is interpolated
 # The fit's weights are those of a stiff smoother. The share of its own sigma that remains where the string is
 # visible and held by its tip, and the floor for errors that no fit shows (map, lens, edges), were measured on
 # lab videos.
 VISIBLE_SIGMA_SHARE = 0.2
 LEAST_SIGMA_PX = 0.05
+HIDDEN_SHARE = 0.3  # chosen: standard deviation of a hidden place, in its largest distance
 DOUBLED = 4  # nodes along another part of the chain: it may be folded onto itself
 SLIPPED_M = 0.0065  # of the chain's start off the clamp: the chain is too long or too short by a piece
 
@@ -58,6 +59,8 @@ def frame_points(
     sigma = point_sigmas(
         fit, per_point, visible >= VISIBLE_SHARE, window.plane.metre_per_pixel, length_sigma_m
     )
+    reach_m = hidden_reach_m(points, fit.root, visible >= VISIBLE_SHARE, per_point * fit.link_m)
+    sigma = np.hypot(sigma, HIDDEN_SHARE * reach_m)
     tip_off = not abs(fit.tip_slide_m) <= TIP_SLIDE_PX * window.plane.metre_per_pixel
     slip_m = float(np.hypot(*(fit.root - clamp_m)))
     doubtful = near_fold(fit, per_point)
@@ -68,9 +71,7 @@ def frame_points(
     flags[doubtful] |= UNSURE
     sigma[doubtful] = np.maximum(sigma[doubtful], UNSURE_M)
     flags[sigma > UNSURE_M] |= UNSURE
-    lost = (sigma > LOST_M) | in_long_gap(
-        visible >= VISIBLE_SHARE, LONGEST_HIDDEN_M / (per_point * fit.link_m)
-    )
+    lost = (sigma > LOST_M) | (reach_m > HIDDEN_REACH_M)
     lost |= outside(points, window)
     points[lost] = np.nan
     sigma[lost] = np.nan
@@ -115,21 +116,37 @@ def near_fold(fit: FrameFit, per_point: int) -> np.ndarray:
     return near
 
 
-def in_long_gap(visible: np.ndarray, longest: float) -> np.ndarray:
-    """Return which points (n,) lie in a run of more than `longest` hidden ones, or of over one at the end.
+@njit(cache=True)
+def hidden_reach_m(
+    points_m: np.ndarray, root_m: np.ndarray, visible: np.ndarray, spacing_m: float
+) -> np.ndarray:
+    """Return how far hidden points (n,) may be from the visible string; 0 for visible ones.
 
-    Before the first point is the hand, which counts as visible.
+    A hidden point is no farther from a visible one than the string between them is long. Between two visible
+    ones, the chain's start counting as one, it is in a lens, whose half width is the bound: a taut string is
+    straight, however long the hidden part.
     """
-    lost = np.zeros(len(visible), dtype=bool)
-    start = 0
-    for k in range(len(visible) + 1):
-        if k < len(visible) and not visible[k]:
+    count = len(points_m)
+    reach_m = np.zeros(count)
+    first = -1
+    for k in range(count):
+        if visible[k]:
+            first = k
             continue
-        run = k - start
-        if run > (longest if k < len(visible) else 1):
-            lost[start:k] = True
-        start = k + 1
-    return lost
+        last = k + 1
+        while last < count and not visible[last]:
+            last += 1
+        before_m = (k - first) * spacing_m
+        reach_m[k] = before_m
+        if last < count:
+            after_m = (last - k) * spacing_m
+            start = root_m if first < 0 else points_m[first]
+            chord_m = np.hypot(points_m[last, 0] - start[0], points_m[last, 1] - start[1])
+            along_m = (chord_m**2 + before_m**2 - after_m**2) / (2.0 * max(chord_m, 1e-9))
+            reach_m[k] = min(before_m, after_m)
+            if 0.0 <= along_m <= chord_m:  # otherwise the lens is wider than it is there
+                reach_m[k] = min(reach_m[k], np.sqrt(max(before_m**2 - along_m**2, 0.0)))
+    return reach_m
 
 
 @njit(cache=True)
