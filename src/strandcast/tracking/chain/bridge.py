@@ -10,6 +10,7 @@ from strandcast.tracking.chain.point_uncertainty import UNSURE_M
 LONGEST_BRIDGE = 10  # frames
 LONGEST_SPAN = LONGEST_BRIDGE + 6  # from the first to the last of the four frames that the bridge is based on
 CURVED_SHARE = 0.3  # error of the bridge over its distance from the straight line
+LEAST_SIGMA_M = 0.0005  # of the bridge, where it is straight
 CONTRADICTS = 2.0  # in sigmas of the bridge, from which an uncertain place is replaced
 
 
@@ -30,8 +31,8 @@ def bridge_points(
     middle_s = time_s[four[:, 1:3]]
     share = (time_s[frame] - middle_s[:, 0]) / (middle_s[:, 1] - middle_s[:, 0])
     line_m = known_m[:, 1] + share[:, None] * (known_m[:, 2] - known_m[:, 1])
-    curved_m = CURVED_SHARE * np.linalg.norm(bridge_m - line_m, axis=1)
-    bridge_sigma_m = np.hypot(sigma_m[four, point[:, None]].max(axis=1), curved_m)
+    own_m = np.hypot(LEAST_SIGMA_M, CURVED_SHARE * np.linalg.norm(bridge_m - line_m, axis=1))
+    bridge_sigma_m = np.hypot(own_m, sigma_m[four, point[:, None]].max(axis=1))
     off_m = np.linalg.norm(points_m[frame, point] - bridge_m, axis=1)
     used = (bridge_sigma_m < UNSURE_M) & ~(off_m < CONTRADICTS * bridge_sigma_m)
     at = frame[used], point[used]
