@@ -251,7 +251,10 @@ def test_what_a_throw_shows_of_the_rig_is_learnt_and_written(
     assert state.offsets is None
     assert "What the arm's file states wrongly is estimated from two trials with a joint log on." in printed
     as_json = subprocess.run([*line, "--json"], cwd=root, capture_output=True, text=True, check=True).stdout
-    assert json.loads(as_json)["scatter"] == [json.loads(one.model_dump_json()) for one in learnt.scatter]
+    # Another process may have another linear algebra, and the last digits of smoothed joints differ.
+    assert [(one["quantity"], one["median"], one["high"]) for one in json.loads(as_json)["scatter"]] == [
+        (one.quantity, pytest.approx(one.median), pytest.approx(one.high)) for one in learnt.scatter
+    ]
     # It is planned with: had nothing been seen, throws would be predicted to scatter less.
     monkeypatch.setattr(plan_stage, "seen_deviations", lambda *given: [])
     write(root, "rig", text + SMALL.replace("}", ", disturbances: learnt}"))
