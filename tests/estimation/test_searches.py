@@ -129,7 +129,7 @@ def test_a_thorough_search_explains_a_throw_as_well_as_the_string_that_made_it()
     true_cost = objective.cost(truth)[0]
     thorough, descent = searched("thorough", 60000), searched("descent", 4000)
     assert thorough.best()[1] / true_cost < 1.005
-    assert descent.best()[1] / true_cost > 1.02  # else this throw is too easy
+    assert descent.best()[1] / true_cost > 1.005  # else this throw is too easy
     assert len(thorough.ends) == 8
     assert not disagreement(thorough)
     assert not descent.ends

@@ -59,7 +59,7 @@ def test_two_tracked_videos_locate_the_string_in_space(monkeypatch, tmp_path):
     assert found.warnings == []
     track = found.track
     error_m = np.linalg.norm(track.points_m - truth_m[track.frame], axis=-1)
-    assert np.isfinite(error_m).mean() > 0.95
+    assert np.isfinite(error_m).mean() > 0.92  # places that one view only bridged in time are left out
     assert np.nanmedian(error_m) < 0.7e-3
     sure = (track.flags & UNSURE) == 0
     assert sure.mean() > 0.3

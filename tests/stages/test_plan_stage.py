@@ -22,6 +22,7 @@ from strandcast.core.objectives import (
 )
 from strandcast.errors import StrandcastError
 from strandcast.records.estimate import Estimate
+from strandcast.records.joint_log import read_run, write_joint_log
 from strandcast.records.motion import Motion
 from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK
@@ -100,6 +101,21 @@ def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None
     assert np.diff(played.q_rad, n=3, axis=0).std() < 1e-4
 
     assert verify(root, "rehearsed", raw=True) == []
+    recorded = {path: path.read_bytes() for path in record.parent.iterdir()}
+    run, log = read_run(record.parent)
+    start_s = run.motion_start_s
+    assert start_s is not None
+    for change, words in (
+        ({"time_s": 0.1 * log.time_s + 0.9 * start_s}, "rows from"),
+        ({"q_rad": np.degrees(log.q_rad)}, "rad rms from the motion"),
+    ):
+        sha256 = write_joint_log(record.with_name("joints.csv"), replace(log, **change))
+        run.model_copy(update={"joints_sha256": sha256}).write(record)
+        with pytest.raises(StrandcastError, match="SC-P021") as caught:
+            planned(root, "rehearsed")
+        assert words in str(caught.value)
+    for path, text in recorded.items():
+        path.write_bytes(text)
     again.write(record.with_name("motion.json"))
     wrong = {found.state: found.file for found in verify(root, "rehearsed", raw=True)}
     assert Path(wrong["misplaced"]) == record.with_name("motion.json")

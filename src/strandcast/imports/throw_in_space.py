@@ -114,7 +114,8 @@ def place_capture(
             f"the tracked hand stays {1e3 * found.rms_m:.0f} mm rms from the arm's, wherever the arm stands"
         )
         fix = (
-            "capture and joint log must be of one throw, and the body fixed to the link that holds the string"
+            "capture and joint log must be of one throw, the body fixed to the link that holds the string; "
+            "check length_unit"
         )
         raise refusal("SC-I054", file, "hand", what, fix)
     return found
@@ -125,13 +126,15 @@ def placement_warnings(found: Placement) -> list[str]:
     if found.rms_m is None or found.rms_m < DOUBT_M:
         return []
     return [
-        f"the tracked hand stays {1e3 * found.rms_m:.1f} mm rms from the arm's: a loose marker, a link's "
-        "length or a joint's zero in the arm's file, or a drifting clock"
+        f"the tracked hand stays {1e3 * found.rms_m:.1f} mm rms from the arm's: the capture of another "
+        "throw, a loose marker, a link's length or a joint's zero in the arm's file, or a drifting clock"
     ]
 
 
 def _not_tracked(file: Path, what: str) -> Exception:
-    return refusal("SC-I054", file, "hand", what, "capture the whole motion, with the hand in view")
+    return refusal(
+        "SC-I054", file, "hand", what, "capture the whole motion, with the hand in view; check time_unit"
+    )
 
 
 def _coarse_offset_s(thrown: ThrownBy, time_s: np.ndarray, hand_m: np.ndarray, file: Path) -> float:

@@ -6,6 +6,7 @@ from typing import cast
 
 import numpy as np
 
+from strandcast.arm.link_masses import massless_joints
 from strandcast.arm.servo import identify
 from strandcast.arm.spatial_dynamics import spatial_dynamics_of
 from strandcast.arm.yielding_joints import JointResponse, YieldingJoints, identify_yielding
@@ -177,7 +178,7 @@ def fitted_servo(task: AnyTask, past_trials: list[PastTrial]) -> JointResponse:
     time_s = np.arange(len(same[0].q_rad)) * task.step_s
     commands, q = np.array([trial.q_command_rad for trial in same]), np.array([trial.q_rad for trial in same])
     servo, left_rad = identify(time_s, commands, q, task.arm.servo)
-    if isinstance(task, PlanningTask) or left_rad.max() < YIELDS_RAD:
+    if isinstance(task, PlanningTask) or left_rad.max() < YIELDS_RAD or massless_joints(task.arm):
         return servo
     yielding, still_left_rad = identify_yielding(time_s, commands, q, spatial_dynamics_of(task.arm))
     return yielding if still_left_rad.max() < 0.5 * left_rad.max() else servo

@@ -15,7 +15,7 @@ from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
 from strandcast.planning.deviations import trial_deviations
-from strandcast.planning.past_trials import Measured, PastTrial, past_trial
+from strandcast.planning.past_trials import Measured, PastTrial, past_trial, resampled
 from strandcast.planning.rig_scatter import TrialDeviations
 from strandcast.planning.start_strings import start_strings, start_strings_in_space
 from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
@@ -27,6 +27,9 @@ from strandcast.stages.job import Files
 from strandcast.stages.past_trials import Trial, read_members, smooth_joints, string_model
 
 AnyOfTwo = Arm | SpatialArm
+# Of a rehearsal's log during the motion: fewer rows do not show how joints follow; soft joints stay within
+# some tenths of a radian of the motion, those in degrees or of another order do not. Chosen.
+FEWEST_ROWS, FARTHEST_RAD = 20, 0.5
 FEWEST_PLACES = 4  # of a shape, the hand's included; chosen: through fewer, the model's own is as good
 
 
@@ -129,10 +132,13 @@ def rehearsal_of(files: Files, arm: AnyOfTwo, step_s: float) -> PastTrial | None
     Raises
     ------
     StrandcastError
-        SC-P021 the log is that of another motion or arm.
+        SC-P021 the log is that of another motion or arm, or not whole.
     """
     record = files.optional("rehearsal_run")
     if record is None:
+        folder = files.job.context.folder.rehearsal
+        if not files.job.is_lab and (folder / "joints.csv").is_file():
+            raise _no_rehearsal(folder / "run.json", "is missing beside joints.csv")
         return None
     run, log = read_run(record.parent)
     motion = Motion.read(files.input("rehearsal_motion"))
@@ -141,6 +147,15 @@ def rehearsal_of(files: Files, arm: AnyOfTwo, step_s: float) -> PastTrial | None
     if tuple(motion.joint_names) != tuple(arm.joints) or not set(arm.joints) <= set(log.joint_names):
         raise _no_rehearsal(record, f"its joints are not those of the arm: {', '.join(arm.joints)}")
     time_s, q_rad = smooth_joints(log, arm.joints, run.motion_start_s)
+    planned = motion.trajectory()
+    during = (time_s >= 0.0) & (time_s <= planned.end_s)
+    if during.sum() < FEWEST_ROWS or time_s[0] > 0.0 or time_s[-1] < planned.end_s:
+        span = f"{during.sum()} rows from {time_s[0]:.2f} to {time_s[-1]:.2f} s"
+        raise _no_rehearsal(record, f"the log has {span} of a motion from 0 to {planned.end_s:.2f} s")
+    off_rad = q_rad[during] - resampled(time_s[during], planned.time_s, planned.q_rad)
+    rms_rad = float(np.sqrt(np.mean(off_rad**2)))
+    if rms_rad > FARTHEST_RAD:
+        raise _no_rehearsal(record, f"the logged joints are {rms_rad:.1f} rad rms from the motion beside it")
     nothing_seen = np.zeros((0, 2, len(arm.box_m)))
     return past_trial(motion, Measured(time_s, q_rad, np.zeros(0), nothing_seen, None), step_s)
 

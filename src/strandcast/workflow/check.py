@@ -263,7 +263,7 @@ def _problems_of_video(trial: TrialFolder) -> Iterator[StrandcastError]:
             yield error
     elif not trial.videos():
         like = [path for path in trial.raw_files() if path.suffix.lower() in video_suffixes()]
-        fix = "copy the recording there as video.mp4 (or .avi, .mkv, .mov …)"
+        fix = "copy the recording there as video.mp4 (or .avi, .mkv, .mov …), or `strandcast import track`"
         if len(like) == 1:
             fix = _rename(like[0], trial.data / f"video{like[0].suffix.lower()}")
         yield _wrong("the trial has raw files, but no video", trial.data, fix)
