@@ -84,6 +84,8 @@ def test_an_import_that_fails_leaves_the_one_before_it(bench: Bench) -> None:
     assert read_run(bench.trial)[0] == run
     bench.log.write_text(whole)
     assert bench.take(replace=True) == run
+    (bench.trial / "alignment.json").touch()
+    assert "import it again" in bench.take(replace=True).warnings[-1]
 
 
 def test_a_run_that_was_played_is_not_written_over(bench: Bench) -> None:

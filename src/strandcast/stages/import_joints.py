@@ -9,6 +9,11 @@ from strandcast.records.joint_log import Run
 from strandcast.records.motion import Motion
 from strandcast.stages.context import context_of, refuse_replacing
 
+ALIGNED_BEFORE = (
+    "the capture beside the log was aligned with the one before: import it again, "
+    "`strandcast import track` with --replace"
+)
+
 
 def run(
     root: Path,
@@ -32,10 +37,15 @@ def run(
             fix="import as another trial, or move joints.csv and run.json away first",
         )
     refuse_replacing(record, replace)
-    return import_joints(
+    aligned_before = record.is_file() and (folder.data / "alignment.json").is_file()
+    found = import_joints(
         log,
         folder.data,
         reading,
         namings=[joints] if joints else [list(arm.joints), list(arm.all_joints)],
         played=Played(Motion.read(motion), arm) if motion.is_file() else None,
     )
+    if aligned_before:
+        found = found.model_copy(update={"warnings": [*found.warnings, ALIGNED_BEFORE]})
+        found.write(record)
+    return found
