@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from strandcast.camera.stereo import StereoPose
+from strandcast.core.interpolation import lagrange_weights
 from strandcast.errors import StrandcastError
-from strandcast.reconstruction.one_clock import lagrange_weights, pixels_at
+from strandcast.reconstruction.one_clock import pixels_at
 from strandcast.reconstruction.rays import rays_of
 from strandcast.reconstruction.string_in_space import string_in_space
 from strandcast.reconstruction.triangulate import INCONSISTENT, ONE_CAMERA, PARALLEL, triangulate

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from strandcast.core.interpolation import lagrange_weights
 from strandcast.records.alignment import Alignment
 from strandcast.records.observations import StringPixels
 from strandcast.records.track import OCCLUDED, PREDICTED
@@ -71,16 +72,6 @@ def pixels_at(
     flags = np.bitwise_or.reduce(own.flags[nearest], axis=1)
     points_px = np.where(within[:, None, None], points_px, np.nan)
     return PixelsAt(points_px, covariance_px2, speed_px_s * sigma_s[:, None, None], flags)
-
-
-def lagrange_weights(time_s: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Return the weights (G, k) of samples at times (G, k) in the polynomial through them at times (G,)."""
-    count = time_s.shape[1]
-    weights = np.ones_like(time_s)
-    for k in range(count):
-        for other in set(range(count)) - {k}:
-            weights[:, k] *= (wanted_s - time_s[:, other]) / (time_s[:, k] - time_s[:, other])
-    return weights
 
 
 def clock_sigma_s(alignment: Alignment, camera_time_s: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from strandcast.reconstruction.one_clock import lagrange_weights
+from strandcast.core.interpolation import lagrange_weights
 from strandcast.records.track import PREDICTED
 from strandcast.tracking.chain.point_uncertainty import UNSURE_M
 
