@@ -60,7 +60,7 @@ def test_a_body_that_is_loose_is_warned_of_and_one_elsewhere_refused(thrown: Thr
     time_s, body_m = captured(thrown)
     swings = np.sin(40.0 * time_s)[:, None] * [0.0, 0.0, 1.0]
     [warning] = placement_warnings(place_capture(thrown, time_s, body_m + 0.008 * swings, None, FILE))
-    assert "mm rms from the arm's: a loose marker" in warning
+    assert "mm rms from the arm's: the capture of another throw, a loose marker" in warning
     with pytest.raises(StrandcastError, match=r"SC-I054.*hand.*mm rms from the arm's, wherever"):
         place_capture(thrown, time_s, body_m + 0.08 * swings, None, FILE)
 
