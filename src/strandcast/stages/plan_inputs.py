@@ -29,7 +29,7 @@ from strandcast.stages.past_trials import Trial, read_members, smooth_joints, st
 AnyOfTwo = Arm | SpatialArm
 # Of a rehearsal's log during the motion: fewer rows do not show how joints follow; soft joints stay within
 # some tenths of a radian of the motion, those in degrees or of another order do not. Chosen.
-FEWEST_ROWS, FARTHEST_RAD = 20, 0.5
+FEWEST_ROWS, MISSING_S, FARTHEST_RAD = 20, 0.02, 0.5
 FEWEST_PLACES = 4  # of a shape, the hand's included; chosen: through fewer, the model's own is as good
 
 
@@ -149,7 +149,7 @@ def rehearsal_of(files: Files, arm: AnyOfTwo, step_s: float) -> PastTrial | None
     time_s, q_rad = smooth_joints(log, arm.joints, run.motion_start_s)
     planned = motion.trajectory()
     during = (time_s >= 0.0) & (time_s <= planned.end_s)
-    if during.sum() < FEWEST_ROWS or time_s[0] > 0.0 or time_s[-1] < planned.end_s:
+    if during.sum() < FEWEST_ROWS or time_s[0] > MISSING_S or time_s[-1] < planned.end_s - MISSING_S:
         span = f"{during.sum()} rows from {time_s[0]:.2f} to {time_s[-1]:.2f} s"
         raise _no_rehearsal(record, f"the log has {span} of a motion from 0 to {planned.end_s:.2f} s")
     off_rad = q_rad[during] - resampled(time_s[during], planned.time_s, planned.q_rad)
