@@ -248,7 +248,7 @@ def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
     left_rad = np.sqrt(np.mean(near.bias.joints_rad**2, axis=(0, 1))).max()
     if not isinstance(given.conditions.servo, YieldingJoints) or left_rad > KNOWN_RAD:
         return plan
-    # The first search did not know how these joints move, and other motions may suit them better.
+    # The first search assumed that these joints follow; other motions may suit them better.
     again = _globally(given, "rehearsed")
     simulations = plan.simulations + again.simulations
     near_m, far_m = (float(np.sqrt(np.mean(one.throws.miss_m**2))) for one in (plan, again))

@@ -34,7 +34,7 @@ def rig_offsets_record(
 ) -> RigOffsets:
     """Return the deviations as a record, with a warning for each number that is wrong."""
     # Of a number that is not surely wrong, the words say how far off it is if it is.
-    told = np.where(fit.wrong[:, None], np.column_stack([fit.value, fit.sd]), fit.if_wrong)
+    stated = np.where(fit.wrong[:, None], np.column_stack([fit.value, fit.sd]), fit.if_wrong)
     numbers = [
         RigOffset(
             name=name,
@@ -45,10 +45,10 @@ def rig_offsets_record(
             learnt=float(np.clip(fit.learnt[k], 0.0, 1.0)),
             wrong_probability=float(fit.probability[k]),
             state="wrong" if fit.wrong[k] else "possible" if fit.possible[k] else "right",
-            says=says.format(size=_size(*told[k], angle=angle)),
+            says=says.format(size=_size(*stated[k], angle=angle)),
             fix=fix,
         )
-        for k, (name, angle, says, fix) in enumerate(_words(arm, told[:, 0]))
+        for k, (name, angle, says, fix) in enumerate(_words(arm, stated[:, 0]))
     ]
     numbers += [] if string is None else _of_string(arm, string)
     warnings = [

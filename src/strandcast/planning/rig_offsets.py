@@ -23,7 +23,7 @@ from strandcast.core.disturbances import JOINT_ZERO_RAD
 from strandcast.planning.hand_noise import noise_root, whitened
 from strandcast.planning.rig_scatter import GRID
 
-LEAST_TRIALS = 2  # one trial's own zeros cannot be told from wrong ones
+LEAST_TRIALS = 2  # one trial's own zeros look the same as wrong ones
 LEAST_FRAMES = 50  # of a trial that counts; chosen, a tenth of a second
 MOST_FRAMES = 300  # of a trial that are read, evenly; neighbours share their errors, more teach nothing
 # Standard deviations of a link, the clamp's place and a zero, chosen. Right: what a calibrated arm leaves.

@@ -28,7 +28,7 @@ estimate: {evaluations: 800, ensemble: 8}
 """
 
 
-class Throw(NamedTuple):
+class ThrowByFiles(NamedTuple):
     """One throw: its true miss and the one that was scored [m], and what `strandcast run` printed."""
 
     true_miss_m: float
@@ -59,7 +59,7 @@ def strandcast(root: Path, *words: str) -> str:
     return done.stdout
 
 
-def throw_by_files(root: Path, case: SpaceCase, trial: int, random: np.random.Generator) -> Throw:
+def throw_by_files(root: Path, case: SpaceCase, trial: int, random: np.random.Generator) -> ThrowByFiles:
     """Play a trial's planned motion, import its capture, and run the experiment: it plans the next one."""
     folder = f"trial-{trial:02d}"
     rig, results = SpaceRig(case, random), root / "results" / NAME / folder
@@ -68,7 +68,7 @@ def throw_by_files(root: Path, case: SpaceCase, trial: int, random: np.random.Ge
     strandcast(root, "import", "track", NAME, str(trial), str(capture), *capture_options(case))
     said = strandcast(root, "run", NAME)
     verdict = json.loads((results / "verdict.json").read_text(encoding="utf-8"))
-    return Throw(rig.true_miss_m(motion_s), verdict["miss_m"], said)
+    return ThrowByFiles(rig.true_miss_m(motion_s), verdict["miss_m"], said)
 
 
 def run_seed(root: Path, seed: int, trials: int) -> list[float]:
