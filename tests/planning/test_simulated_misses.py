@@ -253,7 +253,7 @@ def test_later_motions_come_nearer_for_every_kind(
     # No miss was measured: the planner estimates it from the tracked tip.
     assert abs(likely_miss_m(goal, strings, trial) - missed(objective, truth)) < 0.03
     settings = PlanSettings(screening=64, evaluations=1440, ensemble=4, disturbances=0.3)
-    second = plan_next(goal, strings, [trial], settings, np.random.default_rng(2), task.arm.servo)
+    second = plan_next(goal, strings, [trial], settings, np.random.default_rng(2))
     assert second.kind == "refined"
     again_m = missed(objective, really(task, unknown, second.curve, 2)[1])
     assert missed(objective, truth) > 0.03

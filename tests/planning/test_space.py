@@ -268,7 +268,7 @@ def test_after_a_bad_fit_and_a_far_miss_the_motion_stays_near_what_was_thrown(
     away_m = approaches_in_space(tip_m[None], last, task.target_m)[0][0]
     trial = replace(played, trial=1, frame_s=time_s, tip_m=tip_m, miss_m=float(away_m))
     random = np.random.default_rng(5)
-    plan = plan_next(task, first_strings, [trial], SMALL, random, task.arm.servo, fit_E_m=0.02)
+    plan = plan_next(task, first_strings, [trial], SMALL, random, fit_E_m=0.02)
     assert away_m > REPLAN_FROM_MISS_M
     assert (plan.kind, plan.parent_trial) == ("refined", 1)
     assert plan.miss_m < 0.5 * away_m

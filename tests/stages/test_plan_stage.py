@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from strandcast.arm.load import load_arm
+from strandcast.arm.servo import Servo, respond
+from strandcast.arm.yielding_joints import YieldingJoints
 from strandcast.core.objectives import (
     AimedPoint,
     Objective,
@@ -21,6 +23,7 @@ from strandcast.core.objectives import (
     SwingObjective,
 )
 from strandcast.errors import StrandcastError
+from strandcast.planning.plan import fitted_servo
 from strandcast.records.estimate import Estimate
 from strandcast.records.joint_log import read_run, write_joint_log
 from strandcast.records.motion import Motion
@@ -99,6 +102,13 @@ def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None
     played = rehearsal_of(files_of("plan", root, "rehearsed", 1), load_arm(root / ARM), 0.002)
     assert played is not None
     assert np.diff(played.q_rad, n=3, axis=0).std() < 1e-4
+    # A soft loop without feed-forward yields to the arm's torques, in other motions by other amounts.
+    task, _ = first_inputs(context_of(root, "rehearsed"), load_arm(root / ARM), np.random.default_rng(1))
+    assert isinstance(fitted_servo(task, [played]), YieldingJoints)
+    on_command = replace(
+        played, q_rad=respond(task.arm.servo, 0.002 * np.arange(len(played.q_rad)), played.q_command_rad)
+    )
+    assert isinstance(fitted_servo(task, [on_command]), Servo)
 
     assert verify(root, "rehearsed", raw=True) == []
     recorded = {path: path.read_bytes() for path in record.parent.iterdir()}

@@ -1,14 +1,29 @@
-"""Torques of joints that move in space: fast, for searches."""
+"""Torques and inertia of joints with axes in any direction: fast, for searches."""
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numba import njit
 
 from strandcast.arm.link_masses import owners
-from strandcast.arm.spatial import SpatialArm, SpatialChain, turn_about, turned
+from strandcast.arm.load import AnyArm
+from strandcast.arm.spatial import turn_about, turned
+
+
+class JointAxes(NamedTuple):
+    """The moving joints at zero, in the frame of the URDF's root link.
+
+    Attributes
+    ----------
+    anchors_m, directions
+        (J, 3) a place on each joint's axis [m], and its unit vector, in the sense of a positive angle.
+    """
+
+    anchors_m: np.ndarray
+    directions: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,8 +32,8 @@ class SpatialDynamics:
 
     Attributes
     ----------
-    chain
-        The joints' axes.
+    axes
+        Of the joints.
     mass_kg, centre_m, inertia_kg_m2
         (J,), (J, 3), (J, 3, 3) about the centre, in the frame of the URDF's root link.
     viscous, armature, dry
@@ -27,7 +42,7 @@ class SpatialDynamics:
         (3,).
     """
 
-    chain: SpatialChain
+    axes: JointAxes
     mass_kg: np.ndarray
     centre_m: np.ndarray
     inertia_kg_m2: np.ndarray
@@ -42,19 +57,19 @@ class SpatialDynamics:
         Dry friction, whose direction is uncertain, is taken to oppose the motion.
         """
         needed = newton_euler(
-            q, qd, qdd, self.chain, self.mass_kg, self.centre_m, self.inertia_kg_m2, self.gravity_m_s2
+            q, qd, qdd, self.axes, self.mass_kg, self.centre_m, self.inertia_kg_m2, self.gravity_m_s2
         )
         needed += self.viscous * qd + self.armature * qdd
         return np.asarray(needed + np.copysign(self.dry, needed))
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return (J, J) [kg m²] of the links at angles (J,), without motors."""
-        links = self.chain, self.mass_kg, self.centre_m, self.inertia_kg_m2
+        links = self.axes, self.mass_kg, self.centre_m, self.inertia_kg_m2
         return np.asarray(mass_matrix(np.asarray(q, float), *links))
 
 
 @lru_cache(maxsize=8)
-def spatial_dynamics_of(arm: SpatialArm) -> SpatialDynamics:
+def spatial_dynamics_of(arm: AnyArm) -> SpatialDynamics:
     """Return the arm's links, lumped from its model with payload, the held joints at their angles."""
     model = arm.model_with_payload()
     data = mujoco.MjData(model)
@@ -73,8 +88,9 @@ def spatial_dynamics_of(arm: SpatialArm) -> SpatialDynamics:
         square = (away**2).sum(axis=1)[:, None, None] * np.eye(3) - away[:, :, None] * away[:, None, :]
         inertia.append((tensors + own[:, None, None] * square).sum(axis=0))
     dofs = [int(model.joint(name).dofadr[0]) for name in arm.joints]
+    joints = [data.joint(name) for name in arm.joints]
     return SpatialDynamics(
-        arm.chain,
+        JointAxes(np.array([joint.xanchor for joint in joints]), np.array([joint.xaxis for joint in joints])),
         np.array(mass),
         np.array(centre),
         np.array(inertia),
@@ -98,7 +114,7 @@ def newton_euler(
     q: np.ndarray,
     qd: np.ndarray,
     qdd: np.ndarray,
-    chain: SpatialChain,
+    axes: JointAxes,
     mass: np.ndarray,
     centre: np.ndarray,
     inertia: np.ndarray,
@@ -114,7 +130,7 @@ def newton_euler(
     axis, anchor = np.empty((joints, 3)), np.empty((joints, 3))
     force, moment = np.empty((joints, 3)), np.empty((joints, 3))
     for t in range(count):
-        _outward(q[t], qd[t], qdd[t], chain, mass, centre, inertia, gravity, axis, anchor, force, moment)
+        _outward(q[t], qd[t], qdd[t], axes, mass, centre, inertia, gravity, axis, anchor, force, moment)
         for j in range(joints - 1, -1, -1):
             if j + 1 < joints:
                 for r in range(3):
@@ -131,7 +147,7 @@ def _outward(
     q: np.ndarray,
     qd: np.ndarray,
     qdd: np.ndarray,
-    chain: SpatialChain,
+    axes: JointAxes,
     mass: np.ndarray,
     centre: np.ndarray,
     inertia: np.ndarray,
@@ -147,17 +163,17 @@ def _outward(
     spun, place = np.empty(3), np.empty(3)
     pull[:] = -gravity
     for j in range(len(q)):
-        _write_place(turn, move, chain.anchors_m[j], anchor[j])
+        _write_place(turn, move, axes.anchors_m[j], anchor[j])
         if j:
             _accelerate(pull, rate, change, anchor[j - 1], anchor[j])
         for r in range(3):
-            axis[j, r] = turned(turn, chain.axes[j], r)
+            axis[j, r] = turned(turn, axes.directions[j], r)
         for r in range(3):
             spun[r] = cross_part(rate, axis[j], r)
         for r in range(3):
             change[r] += qdd[j] * axis[j, r] + qd[j] * spun[r]
             rate[r] += qd[j] * axis[j, r]
-        turn_about(chain.anchors_m[j], chain.axes[j], q[j], turn, move)
+        turn_about(axes.anchors_m[j], axes.directions[j], q[j], turn, move)
         _write_place(turn, move, centre[j], place)
         force[j] = pull
         _accelerate(force[j], rate, change, anchor[j], place)
@@ -213,7 +229,7 @@ def _needed_moment(
 
 @njit(cache=True, nogil=True)
 def mass_matrix(
-    q: np.ndarray, chain: SpatialChain, mass: np.ndarray, centre: np.ndarray, inertia: np.ndarray
+    q: np.ndarray, axes: JointAxes, mass: np.ndarray, centre: np.ndarray, inertia: np.ndarray
 ) -> np.ndarray:
     """Return (J, J): the momenta of all that each joint carries, about every joint before it.
 
@@ -224,10 +240,10 @@ def mass_matrix(
     carried, first, second = mass.copy(), np.empty((joints, 3)), np.empty((joints, 3, 3))
     turn, move = np.eye(3), np.zeros(3)
     for j in range(joints):
-        _write_place(turn, move, chain.anchors_m[j], anchor[j])
+        _write_place(turn, move, axes.anchors_m[j], anchor[j])
         for r in range(3):
-            axis[j, r] = turned(turn, chain.axes[j], r)
-        turn_about(chain.anchors_m[j], chain.axes[j], q[j], turn, move)
+            axis[j, r] = turned(turn, axes.directions[j], r)
+        turn_about(axes.anchors_m[j], axes.directions[j], q[j], turn, move)
         _write_place(turn, move, centre[j], first[j])
         _write_second_moment(turn, inertia[j], mass[j], first[j], second[j])
         for r in range(3):

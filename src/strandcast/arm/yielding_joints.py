@@ -11,8 +11,7 @@ from numba import njit
 from scipy.optimize import least_squares
 
 from strandcast.arm.servo import Servo, command_at, respond
-from strandcast.arm.spatial import SpatialChain
-from strandcast.arm.spatial_dynamics import SpatialDynamics, mass_matrix, newton_euler
+from strandcast.arm.spatial_dynamics import JointAxes, SpatialDynamics, mass_matrix, newton_euler
 from strandcast.threads import over_ranges
 
 # Longest step of the simulation; chosen: on joints that yield by 0.7 rad the error is a third of a
@@ -135,7 +134,7 @@ def _simulated(
     over_ranges(
         len(commands),
         lambda first, last: _simulate(
-            first, last, commands, every_s, stride, loops, dynamics.chain, *links, own, answer
+            first, last, commands, every_s, stride, loops, dynamics.axes, *links, own, answer
         ),
     )
     return answer
@@ -149,7 +148,7 @@ def _simulate(
     every_s: float,
     stride: int,
     loops: np.ndarray,
-    chain: SpatialChain,
+    axes: JointAxes,
     mass: np.ndarray,
     centre: np.ndarray,
     inertia: np.ndarray,
@@ -171,17 +170,17 @@ def _simulate(
         stiffness, damping, motor, share, delay_s = loops[min(p, len(loops) - 1)]
         q[0], v[0], change[:] = commands[p, 0], 0.0, 0.0
         for _ in range(SETTLING):
-            needed = newton_euler(q, none, none, chain, mass, centre, inertia, gravity)
+            needed = newton_euler(q, none, none, axes, mass, centre, inertia, gravity)
             q[0] = commands[p, 0] - needed[0] / stiffness
         answer[p, 0] = q[0]
         for k in range(0, count - 1, stride):
             for j in range(joints):
                 middle_q[0, j], middle_v[0, j] = q[0, j] + 0.5 * h * v[0, j], v[0, j] + 0.5 * change[j]
-            whole = mass_matrix(middle_q[0], chain, mass, centre, inertia)
+            whole = mass_matrix(middle_q[0], axes, mass, centre, inertia)
             for j in range(joints):
                 brake = damping[j] + own[0, j]
                 whole[j, j] += motor[j] + own[1, j] + 0.5 * h * brake + 0.25 * h * h * stiffness[j]
-            needed = newton_euler(middle_q, middle_v, none, chain, mass, centre, inertia, gravity)
+            needed = newton_euler(middle_q, middle_v, none, axes, mass, centre, inertia, gravity)
             for j in range(joints):
                 before = command_at(commands, p, j, k - delay_s[j] / every_s)
                 after = command_at(commands, p, j, k + stride - delay_s[j] / every_s)

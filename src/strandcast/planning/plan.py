@@ -104,7 +104,6 @@ def plan_next(
     past_trials: list[PastTrial],
     settings: PlanSettings,
     rng: np.random.Generator,
-    servo: JointResponse | None = None,
     fit_E_m: float | None = None,
     sizes: np.ndarray | None = None,
 ) -> PlannedMotion:
@@ -118,8 +117,6 @@ def plan_next(
         The fitted strings, the best first.
     past_trials
         The trials so far, in order.
-    servo
-        The servo's response; identified from the past trials' joints if not given.
     fit_E_m
         E of the newest trial after the fit, the best warning of a miss.
 
@@ -138,7 +135,7 @@ def plan_next(
             fix="throw a motion that `strandcast plan` made, or list the trials under `excluded`: then the "
             "next motion is planned as a first one",
         )
-    servo = servo or (fitted_servo(task, past_trials) if past_trials else task.arm.servo)
+    servo = fitted_servo(task, past_trials) if past_trials else task.arm.servo
     conditions = RolloutConditions(servo if settings.plans_with_servo else None)
     given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings, sizes))
     if settings.planner == "paper":
@@ -172,13 +169,13 @@ def _sizes(settings: PlanSettings, sizes: np.ndarray | None) -> np.ndarray:
 def fitted_servo(task: AnyTask, past_trials: list[PastTrial]) -> JointResponse:
     """Return the joints' response that explains those of all trials as long as the last one.
 
-    In space, joints that a servo's response does not describe are taken to yield to the arm's torques.
+    Joints that a servo's response does not describe are taken to yield to the arm's torques.
     """
     same = [trial for trial in past_trials if trial.q_rad.shape == past_trials[-1].q_rad.shape]
     time_s = np.arange(len(same[0].q_rad)) * task.step_s
     commands, q = np.array([trial.q_command_rad for trial in same]), np.array([trial.q_rad for trial in same])
     servo, left_rad = identify(time_s, commands, q, task.arm.servo)
-    if isinstance(task, PlanningTask) or left_rad.max() < YIELDS_RAD or massless_joints(task.arm):
+    if left_rad.max() < YIELDS_RAD or massless_joints(task.arm):
         return servo
     yielding, still_left_rad = identify_yielding(time_s, commands, q, spatial_dynamics_of(task.arm))
     return yielding if still_left_rad.max() < 0.5 * left_rad.max() else servo

@@ -147,9 +147,8 @@ def _next(files: Files, arm: Arm | SpatialArm, trials: list[Trial], random: np.r
     task, strings = next_inputs(context, arm, files.input("ensemble"))
     estimate = Estimate.read(files.input("estimate"))
     played = [past_trial_of(trial, task) for trial in trials if trial.motion is not None]
-    servo = servo_of(estimate.servo)
     learns = settings.disturbances == "learnt"
-    seen = seen_deviations(task, strings, trials, servo) if learns else []
+    seen = seen_deviations(task, strings, trials, servo_of(estimate.servo)) if learns else []
     sizes = drawn_sizes(settings, seen)
-    plan = plan_next(task, strings, played, settings, random, servo, estimate.E_m, sizes)
+    plan = plan_next(task, strings, played, settings, random, estimate.E_m, sizes)
     return task, plan, learnt_sizes(settings, seen)

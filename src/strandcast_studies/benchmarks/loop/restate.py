@@ -85,7 +85,7 @@ def statements(root: Path, name: str, trial: int) -> dict[str, Statement]:
         fitted = servo_of(Estimate.read(files.input("estimate")).servo)
         seen = seen_deviations(task, strings, trials, fitted)
         known = [past_trial_of(one, task) for one in trials]
-        servo = fitted or task.arm.servo
+        servo = fitted_servo(task, known)
         best = known[_parent(files, motion)] if found.kind == "refined" else None
         conditions = RolloutConditions(servo)
         near = None if best is None else neighbourhood(task, strings, conditions, best, known, settings)
