@@ -297,13 +297,22 @@ def test_a_motion_unlikely_to_hit_gives_way_to_one_that_has_hit(
 
 
 def test_a_target_out_of_reach_of_small_changes_is_planned_from_scratch(
-    task: PlanningTask, strings: StringBatch, unknown: StringBatch, first: PlannedMotion
+    task: PlanningTask,
+    strings: StringBatch,
+    unknown: StringBatch,
+    first: PlannedMotion,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     away = replace(task, target_m=np.array([0.75, -0.10]))
-    plan = planned_next(away, strings, thrown_for_real(away, unknown, first, 1), 0.002, screening=96)
+    thrown = thrown_for_real(away, unknown, first, 1)
+    plan = planned_next(away, strings, thrown, 0.002, screening=96)
     assert plan.kind == "replanned"
-    assert "planned from scratch: near trial 1's motion the best hits with" in plan.flags[0]
+    assert "planned from scratch: near trial 1's motion the best misses by" in plan.flags[0]
     assert plan.miss_m < 0.05
+    # Not even a likely hit near the trial is preferred to half the miss, if the fit is good.
+    monkeypatch.setattr(plan_module, "_likelihood", lambda task, plan: 0.95)
+    assert planned_next(away, strings, thrown, 0.002, screening=96).kind == "replanned"
+    assert planned_next(away, strings, thrown, 0.006).kind == "refined"
 
 
 def test_the_papers_planner_by_name(task: PlanningTask, strings: StringBatch, unknown: StringBatch) -> None:

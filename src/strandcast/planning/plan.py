@@ -44,6 +44,9 @@ TESTED_RAD_S = 0.5
 # these. A fit above 8 mm is the best warning of a miss; 20 mm is the default hit radius.
 REPLAN_FROM_E_M = 0.008
 REPLAN_FROM_MISS_M = 0.020
+# After a miss, a later motion is also compared with one searched for from nothing if the best near the trials
+# misses by more than this share of the hit radius (rms) and the fit's E is at most this; chosen.
+NEAR_ENOUGH, TRUSTED_E_M = 0.25, 0.005
 # Probabilities of a hit below which a later motion is compared with others near it, or a search in space is
 # repeated, and below which any motion is searched for again from nothing; chosen.
 LIKELY, FAIR = 0.9, 0.6
@@ -52,7 +55,7 @@ MOST_ATTEMPTS = 3  # of a search from nothing; chosen: each takes as long as the
 # leaves less than half, and up to which yielding joints are known far from a played motion, too; chosen: a
 # milliradian moves the hand by a millimetre.
 YIELDS_RAD, KNOWN_RAD = 1e-3, 2e-3
-FAR_PROMISE = 0.5  # of a rehearsed motion's rms miss: less is expected of a motion that was not; chosen
+FAR_PROMISE = 0.5  # of the rms miss near a motion that was played: a motion far off must promise less; chosen
 HOPELESS = 10.0  # hit radii: so far off it is not bad luck of the search, and another attempt finds the same
 
 
@@ -221,14 +224,22 @@ def _near_or_globally(given: SearchInputs, known: list[PastTrial], fit_E_m: floa
     if bad_fit and least_m > REPLAN_FROM_MISS_M:
         return _from_scratch(given, f"the fit leaves {1000 * fit_E_m:.1f} mm and no throw came near")
     near = _near(given, best, least_m, known)
-    likely = _likelihood(task, near)
     # A motion that has hit is a better bet than one found with strings that do not explain why.
-    has_hit = best.miss_m is not None and best.miss_m <= task.hit_radius_m
-    if likely >= FAIR or has_hit:
+    if best.miss_m is not None and best.miss_m <= task.hit_radius_m:
         return near
-    again = _from_scratch(given, f"near trial {best.trial}'s motion the best hits with {likely:.0%}")
-    simulations = near.simulations + again.simulations
-    return replace(again if _likelihood(task, again) > likely else near, simulations=simulations)
+    likely, rms_m = _likelihood(task, near), _rms_m(near)
+    promising = fit_E_m <= TRUSTED_E_M and rms_m > NEAR_ENOUGH * task.hit_radius_m
+    if likely >= FAIR and not promising:
+        return near
+    reason = f"near trial {best.trial}'s motion the best misses by {1000 * rms_m:.1f} mm (rms)"
+    again = _from_scratch(given, reason)
+    better = _likelihood(task, again) > likely or (promising and _rms_m(again) < FAR_PROMISE * rms_m)
+    return replace(again if better else near, simulations=near.simulations + again.simulations)
+
+
+def _rms_m(plan: PlannedMotion) -> float:
+    """Return the rms of a plan's simulated misses [m]."""
+    return float(np.sqrt(np.mean(plan.throws.miss_m**2)))
 
 
 def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
@@ -248,8 +259,8 @@ def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
     # The first search assumed that these joints follow; other motions may suit them better.
     again = _globally(given, "rehearsed")
     simulations = plan.simulations + again.simulations
-    near_m, far_m = (float(np.sqrt(np.mean(one.throws.miss_m**2))) for one in (plan, again))
-    return replace(again if far_m < FAR_PROMISE * near_m else plan, simulations=simulations)
+    better = _rms_m(again) < FAR_PROMISE * _rms_m(plan)
+    return replace(again if better else plan, simulations=simulations)
 
 
 def _from_scratch(given: SearchInputs, reason: str) -> PlannedMotion:
