@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from strandcast.tracking.chain.appearance import Appearance
-from strandcast.tracking.chain.detection import Detection, learn_appearance
+from strandcast.tracking.chain.detection import Detection, learn_appearance, visible_length
 from strandcast.tracking.chain.fit import FrameFit
 from strandcast.tracking.chain.measure import level_at, levels_on, width_at_half
 from strandcast.tracking.chain.search_window import HandBox, SearchWindow
@@ -63,3 +63,18 @@ def test_places_outside_the_window_are_left_out():
     assert (shown.tolist(), behind.tolist()) == ([90.0], [70.0])
     assert level_at(window, np.array(inside)) == 90.0
     assert all(np.isnan(level_at(window, np.array(place))) for place in outside)
+
+
+@pytest.mark.parametrize(
+    ("ends_mm", "found_mm"),
+    [
+        ((2.0, 3.0, 1.0, 2.0), 500.0),  # the visible end is half a width beyond the tip's mass point
+        ((16.0, 23.0, -3.0), 495.0),  # two ends on lines of the background, which do not agree
+        ((62.0, 61.0, 63.0, 62.0, 3.0), 560.0),  # a length that was declared wrongly
+        ((2.0, np.nan, 30.0), 500.0),  # too few
+    ],
+)
+def test_the_length_is_one_with_which_most_ends_agree(ends_mm: tuple[float, ...], found_mm: float) -> None:
+    seen = [detection(1e-3 * end) for end in ends_mm]
+    appearance = seen[0].appearance._replace(tip_excess_m=0.002)
+    assert 1e3 * visible_length(seen, appearance, 0.5) == pytest.approx(found_mm, abs=1.0)

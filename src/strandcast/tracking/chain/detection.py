@@ -18,7 +18,8 @@ NOISE_TIMES = 5.0  # a line this many times the noise is taken for the string wh
 LEAST_HALF_PX = 0.6  # of the string's visible half width
 FIRST_REACH_M = 0.03  # from the tip to the visible end: a bead's radius,
 FIRST_REACH_SHARE = 0.15  # and an error of the length, relative
-LENGTH_SPREAD = 0.02  # of the length, within which half of the detections' ends must agree
+ENDS_AGREE_M = 0.003  # ends within about this agree
+LENGTH_SHARE = 0.04  # ends farther off than this share of the given length, which may be wrong, count less
 FOUND = 0.35  # mean reward of a path that is the string
 BEAD_TIMES = 1.6  # wider than this, in the string's own widths plus a pixel, is a bead at the tip
 BEAD_FRAMES, BEAD_SHARE = 3, 0.6  # frames, and share of those with a clear end, that must show a bead there
@@ -117,15 +118,15 @@ def learn_appearance(detections: list[Detection], pixel_m: float) -> Appearance:
 
 
 def visible_length(detections: list[Detection], appearance: Appearance, given_m: float) -> float:
-    """Return the string's length from the detections' ends, or the given one where they disagree.
+    """Return the length with which most of the detections' ends agree, the given one counted in.
 
     A rough value, so that the chain has about the right length from the start; all frames together show it
-    better.
+    better. Where the background resembles the string, some ends are found far off the others.
     """
     good = [one for one in detections if one.fit.value >= GOOD and np.isfinite(one.end_m)]
     if len(good) < BEAD_FRAMES:
         return given_m
-    beyond_m = np.array([one.end_m for one in good]) - appearance.tip_excess_m
-    middle_m = float(np.median(beyond_m))
-    spread_m = float(np.median(np.abs(beyond_m - middle_m)))
-    return given_m + middle_m if spread_m < LENGTH_SPREAD * given_m else given_m
+    lengths_m = np.array([given_m + one.end_m - appearance.tip_excess_m for one in good])
+    alike = np.exp(-0.5 * ((lengths_m[:, None] - lengths_m) / ENDS_AGREE_M) ** 2)
+    likely = 1.0 / np.hypot(1.0, (lengths_m - given_m) / (LENGTH_SHARE * given_m))
+    return float(np.average(lengths_m, weights=alike[np.argmax(alike.sum(axis=1) * likely)]))
