@@ -73,15 +73,17 @@ def test_probability_and_quantile_are_inverse_and_reach_into_the_tails():
 
 
 def test_only_motions_like_those_counted_are_calibrated(monkeypatch):
-    known = KindCalibration(made_from="a test", throws=40, floor_m=0.001, gain=2.0, ratios=list(LEVELS))
+    known = KindCalibration(
+        made_from="a test", throws=40, floor_m=0.001, gain=0.5, counted_m=0.02, ratios=list(LEVELS)
+    )
     only = MissCalibration(kinds={"first": known})
     monkeypatch.setattr(miss_calibration, "calibration", lambda: only)
     simulated_m = np.array([0.003, 0.004])
     said = miss_distribution("ensemble", "first", simulated_m)
-    assert said.quantile_m(0.5) == pytest.approx(0.5 * (0.001 + 2.0 * np.sqrt(12.5e-6)))
+    assert said.quantile_m(0.5) == pytest.approx(0.5 * (0.001 + 0.5 * np.sqrt(12.5e-6)))
     # Beyond what was counted, misses grow as simulated.
     far = miss_distribution("ensemble", "first", np.array([0.05]))
-    assert far.quantile_m(0.5) == pytest.approx(0.5 * (0.001 + 2.0 * 0.02 + 0.03))
+    assert far.quantile_m(0.5) == pytest.approx(0.5 * (0.001 + 0.5 * 0.02 + 0.03))
     assert miss_distribution("ensemble", "refined", simulated_m) is None
     assert miss_distribution("paper", "first", simulated_m) is None
 

@@ -6,8 +6,8 @@ much larger misses really are was counted: `miss_calibration.json`, made by
 `strandcast_studies.benchmarks.loop.calibration` from drawn strings, targets and rigs, kind of motion by kind,
 in the plane and in space.
 
-The miss is s r with s = floor + gain * rms of the simulated misses, and r distributed as it was seen. Motions
-with more than `COUNTED_M` were hardly counted: beyond, s grows as what is simulated.
+The miss is s r with s = floor + gain * rms of the simulated misses, and r distributed as it was seen. Beyond the
+rms that nine in ten counted motions stay below, s grows at least as the rms.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ FILE = Path(__file__).with_name("miss_calibration.json")
 COUNTED = "ensemble"  # the planner of the throws that were counted
 IN_SPACE = " in space"  # after the kinds of motions in space
 LEVELS = tuple(np.round(np.arange(0.05, 0.951, 0.05), 2).tolist())  # shares whose ratios are kept
-COUNTED_M = 0.02  # rms of simulated misses; chosen: the usual hit radius
 # Above the last level the ratio's tail is a power law: the exponent of Student's t with four degrees of
 # freedom; below the first it falls linearly to zero, as distances in a plane at most do.
 TAIL_EXPONENT = 4.0
@@ -41,6 +40,8 @@ class KindCalibration(Part):
         How many were counted.
     floor_m, gain
         s = floor + gain * rms of the simulated misses [m].
+    counted_m
+        The rms that nine in ten of the counted motions stay below [m].
     ratios
         Quantiles of miss / s at `LEVELS`.
     """
@@ -49,12 +50,13 @@ class KindCalibration(Part):
     throws: int
     floor_m: float
     gain: float
+    counted_m: float
     ratios: list[float]
 
     def distribution(self, rms_m: float) -> MissDistribution:
         """Return the distribution of the miss of a motion, by the rms of its simulated misses [m]."""
-        beyond_m = max(rms_m - COUNTED_M, 0.0)
-        scale_m = self.floor_m + self.gain * (rms_m - beyond_m) + beyond_m
+        beyond_m = max(rms_m - self.counted_m, 0.0)
+        scale_m = self.floor_m + self.gain * rms_m + max(1.0 - self.gain, 0.0) * beyond_m
         return MissDistribution(scale_m * np.array(self.ratios))
 
 

@@ -33,6 +33,7 @@ from strandcast.planning.miss_calibration import (
 FEWEST = 19  # throws of a kind: of fewer, the next throw's miss exceeds all with more than 5 %
 # Kinds that are searched for in the same way may be counted together.
 SIMILAR = {"replanned": "first", f"replanned{IN_SPACE}": f"first{IN_SPACE}"}
+COUNTED = 0.9  # share of the counted motions; chosen: the few beyond it do not say how misses grow
 SHARES, BIN = (0.5, 0.9), 0.1
 
 
@@ -96,6 +97,7 @@ def kind_calibration(rms_m: np.ndarray, miss_m: np.ndarray, made_from: str = "")
         throws=len(ratio),
         floor_m=middle * floor_m,
         gain=middle,
+        counted_m=float(np.quantile(rms_m, COUNTED)),
         ratios=np.round(ratios, 4).tolist(),
     )
 
