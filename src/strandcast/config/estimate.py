@@ -110,6 +110,12 @@ class EstimateSettings(Section):
         description="Shape of the string at the start of the simulation: as observed, or hanging at rest. "
         "Use hanging if the first frames do not show the string well and it hung still.",
     )
+    free_end: bool = Field(
+        True,
+        description="Give the last point half the mass of the others: it carries half of one segment, not of "
+        "two. Set it to false for the paper's model, in which all plain points are alike and fitted weights "
+        "are too heavy.",
+    )
     rest_curl: bool = Field(
         True,
         description="Fit a constant rest curvature; real cables keep one. Set it to false only for a "

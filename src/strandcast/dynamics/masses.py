@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from strandcast.dynamics.parameters import Array
 
 Reading = Literal["added", "own"]
+FREE_END = 0.5  # see `MassLayout.tip`
 
 
 @dataclass(frozen=True)
@@ -30,12 +31,21 @@ class MassLayout:
         which allows a weighted point lighter than the plain ones, as in the paper's Table 4.
     stiff
         Number of free masses, the last ones, that belong to stiff sections.
+    tip
+        Mass of the last point, if plain, relative to the others': 0.5 at a free end, because it carries half
+        of one segment, not of two; 1 in the paper.
     """
 
     shares: Array
     places_m: Array
     reading: Reading = "added"
     stiff: int = 0
+    tip: float = FREE_END
+
+    @property
+    def plain(self) -> Array:
+        """(n,) relative masses of the points without free masses."""
+        return plain_masses(self.shares.shape[1], self.tip)
 
     @property
     def count(self) -> int:
@@ -48,12 +58,18 @@ class MassLayout:
         return np.concatenate([[False], touched[:-1]])
 
 
+def plain_masses(n: int, tip: float = FREE_END) -> Array:
+    """Return the relative masses (n,) of a string's points; see `MassLayout`."""
+    return np.append(np.ones(n - 1), tip)
+
+
 def mass_layout(
     length_m: float,
     n: int,
     weight_places_m: list[float],
     stiff_sections_m: list[tuple[float, float]] | None = None,
     reading: Reading = "added",
+    tip: float = FREE_END,
 ) -> MassLayout:
     """Lay the free masses out over the points.
 
@@ -66,7 +82,7 @@ def mass_layout(
     stiff_sections_m
         (from_m, to_m) of each stiff section; every point it touches has a free mass, the nearest point if it
         touches none.
-    reading
+    reading, tip
         See `MassLayout`.
     """
     spacing_m = length_m / n
@@ -77,7 +93,8 @@ def mass_layout(
             rows.append(_split(float(point), n))
             places.append(point * spacing_m)
     stiff = len(rows) - len(weight_places_m)
-    return MassLayout(np.array(rows).reshape(len(rows), n), np.array(places, dtype=float), reading, stiff)
+    shares = np.array(rows).reshape(len(rows), n)
+    return MassLayout(shares, np.array(places, dtype=float), reading, stiff, tip)
 
 
 def point_masses(layout: MassLayout, free: Array, plain: Array | float = 1.0) -> Array:
@@ -96,7 +113,7 @@ def point_masses(layout: MassLayout, free: Array, plain: Array | float = 1.0) ->
     -------
     (..., n) relative masses of points 1…n.
     """
-    common = np.asarray(plain, dtype=float)[..., None]
+    common = np.asarray(plain, dtype=float)[..., None] * layout.plain
     carried = np.asarray(free, dtype=float) @ layout.shares
     if layout.reading == "own":
         return np.asarray(common * (1.0 - layout.shares.sum(axis=0).clip(max=1.0)) + carried)
@@ -118,10 +135,3 @@ def _split(position: float, n: int) -> Array:
     if n > 1:
         share[low] = place - low
     return share
-
-
-def free_end(masses: Array) -> Array:
-    """Return masses (B, n) with a free end: each point carries half of both its segments, the last of one."""
-    answer = masses.copy()
-    answer[:, -1] -= 0.5
-    return answer

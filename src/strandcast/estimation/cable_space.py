@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strandcast.core.strings import PARAMETERS, StringBatch
-from strandcast.dynamics.masses import free_end, mass_layout, point_masses
+from strandcast.dynamics.masses import mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import GRAVITY_M_S2, MASS_RANGE, Array
 from strandcast.estimation.space import Space
@@ -104,7 +104,7 @@ class CableSpace(Space):
         }
         return StringBatch(
             np.column_stack([np.broadcast_to(columns[name], count) for name in PARAMETERS]),
-            free_end(point_masses(self.layout, free)),
+            point_masses(self.layout, free),
             rest_curl_rad_m=pairs["curl"] / self.length_m,
             clamp_offset_rad=pairs["clamp"],
             far_offset_rad=pairs["far"],

@@ -87,7 +87,8 @@ class Space:
     def chi_of(self, strings: StringBatch) -> Array:
         """Exponents (B, d) of given strings, clipped into the box."""
         bare = self.layout.shares.sum(axis=0) == 0.0
-        plain = strings.masses[:, bare].min(axis=1) if bare.any() else np.ones(len(strings))
+        relative = strings.masses / self.layout.plain
+        plain = relative[:, bare].min(axis=1) if bare.any() else np.ones(len(strings))
         known = strings.options() | {PLAIN_MASS: plain}
         middle = self.values(np.full(self.dimension, 0.5))
         columns = [strings.parameters, strings.free_masses]

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from strandcast.core.strings import PARAMETERS, StringBatch
+from strandcast.dynamics.masses import plain_masses
 from strandcast.planning.task import Task
 
 # Per unit of a plain point's mass, bending stiffness grows with the square of the number of points; drag does
@@ -24,11 +25,13 @@ def refined_task(task: Task, factor: int = 2) -> Task:
 def refined_strings(strings: StringBatch, factor: int = 2) -> StringBatch:
     """Return the same strings as chains of `factor` times as many points.
 
-    Masses beyond that of a plain point keep their places; bending stiffness and density are the same.
+    Masses beyond those of plain points with a free end keep their places; bending stiffness and density are
+    the same.
     """
     between = np.array([1.0 if name in UNCHANGED else factor**2 for name in PARAMETERS])
-    masses = np.ones((len(strings), factor * strings.masses.shape[1]))
-    masses[:, factor - 1 :: factor] += factor * (strings.masses - 1.0)
+    count = strings.masses.shape[1]
+    masses = np.tile(plain_masses(factor * count), (len(strings), 1))
+    masses[:, factor - 1 :: factor] += factor * (strings.masses - plain_masses(count))
     return replace(
         strings,
         parameters=strings.parameters * between,

@@ -6,8 +6,8 @@ much larger misses really are was counted: `miss_calibration.json`, made by
 `strandcast_studies.benchmarks.loop.calibration` from drawn strings, targets and rigs, kind of motion by kind,
 in the plane and in space.
 
-The miss is s r with s = floor + gain * rms of the simulated misses, and r distributed as it was seen. Beyond the
-rms that nine in ten counted motions stay below, s grows at least as the rms.
+The miss is s r with s = floor + gain * rms of the simulated misses, and r distributed as it was seen. Beyond
+the rms that nine in ten counted motions stay below, s grows at least as the rms.
 """
 
 from __future__ import annotations

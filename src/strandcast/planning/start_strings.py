@@ -4,7 +4,7 @@ import numpy as np
 
 from strandcast.config.experiment import Experiment
 from strandcast.core.strings import PARAMETERS, StringBatch
-from strandcast.dynamics.masses import MassLayout, free_end, point_masses
+from strandcast.dynamics.masses import MassLayout, point_masses
 from strandcast.dynamics.parameters import StringDraw, ensemble, log_uniform_array, minima, random_strings
 
 # Drag along a string over that across it: from a smooth cord's skin friction to a fluffy thread's; chosen.
@@ -38,7 +38,7 @@ def start_strings_in_space(
     draw.parameters[:, PARAMETERS.index("C_c2")] *= log_uniform_array(random, *DRAG_OF_CYLINDERS, count)
     return StringBatch(
         draw.parameters,
-        free_end(point_masses(layout, draw.weight_masses)),
+        point_masses(layout, draw.weight_masses),
         curl[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]),
         np.zeros((count, 2)),
         drag_along=log_uniform_array(random, *FIRST_DRAG_ALONG, count),

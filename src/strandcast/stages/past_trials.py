@@ -11,7 +11,7 @@ from strandcast.arm.load import AnyArm, Arm
 from strandcast.arm.servo_response import Response, identify_response
 from strandcast.arm.spatial import SpatialArm
 from strandcast.core.strings import PARAMETERS, StringBatch
-from strandcast.dynamics.masses import MassLayout, mass_layout
+from strandcast.dynamics.masses import FREE_END, MassLayout, mass_layout
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.schemes.registry import SCHEMES
 from strandcast.estimation.cable_space import STEP_S, THROWN_POINTS, CableSpace, space_of_throw
@@ -159,6 +159,7 @@ def string_model(
         string.n,
         [min(place_m, length_m) for place_m in places_m],
         [(section.from_m, min(section.to_m, length_m)) for section in string.stiff_sections],
+        tip=FREE_END if estimate.free_end else 1.0,
     )
     return model, layout
 

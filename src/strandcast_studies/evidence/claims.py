@@ -17,7 +17,7 @@ import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import STIFF_BEND, StringBatch
-from strandcast.dynamics.masses import MassLayout
+from strandcast.dynamics.masses import FREE_END, MassLayout
 from strandcast.estimation.estimate import estimate
 from strandcast.estimation.evaluation import evaluation_value
 from strandcast.estimation.fit import StringFit
@@ -48,7 +48,13 @@ SAME_STRING = ("paper-1", "paper-4")
 
 HOW = {
     "paper": OURS.model_copy(
-        update={"search": "paper", "ranges": "paper", "evaluation": "hand", "rest_curl": False}
+        update={
+            "search": "paper",
+            "ranges": "paper",
+            "evaluation": "hand",
+            "rest_curl": False,
+            "free_end": False,
+        }
     ),
     "papers_search": OURS.model_copy(update={"search": "paper"}),
     "papers_ranges": OURS.model_copy(update={"ranges": "paper"}),
@@ -90,8 +96,9 @@ def fitted(
 ) -> StringFit:
     """Estimate the string from some of its throws, equally weighted."""
     throws, random = [one.throws[k] for k in motions], np.random.default_rng(seed)
+    layout = replace(layout or one.layout, tip=FREE_END if settings.free_end else 1.0)
     plain_mass = fits_plain_mass(settings)
-    return estimate(throws, one.model, layout or one.layout, settings, random, plain_mass=plain_mass)
+    return estimate(throws, one.model, layout, settings, random, plain_mass=plain_mass)
 
 
 def fits_plain_mass(settings: EstimateSettings) -> bool:
@@ -141,7 +148,8 @@ def weight_rows(one: Specimen, seed: int) -> list[Row]:
         low, high = (fit.space.values(end)[at] for end in (fit.uncertainty.low, fit.uncertainty.high))
         covered = (low <= one.true_weights()) & (one.true_weights() <= high)
         # The paper fits the plain points' mass too; only ratios to it are identifiable.
-        plain = fit.best.masses[0].min() if fits_plain_mass(settings) else 1.0
+        relative = fit.best.masses[0] / fit.space.layout.plain
+        plain = relative.min() if fits_plain_mass(settings) else 1.0
         rows.append(
             {
                 "how": how,
