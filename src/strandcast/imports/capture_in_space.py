@@ -74,7 +74,7 @@ def import_capture_in_space(
     else:
         _refuse_no_tip(markers[-1].place_m, length_m, table.path)
         body = None if mapping.hand is None else _position(table, mapping, mapping.hand.position)
-        place = place_capture(thrown, time_s, body, offset_s, table.path)
+        place = place_capture(thrown, time_s, body, points_m[:, -1], offset_s, table.path)
         points_m, warnings = place.placed(points_m), warnings + placement_warnings(place)
         sigma_m = float(np.hypot(sigma_m, place.rms_m or 0.0))  # as uncertain as the tracked hand
         alignment = place.alignment(experiment, trial, len(time_s), thrown.motion_s)

@@ -6,19 +6,33 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.linalg import block_diag
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
 from strandcast.records.alignment import Alignment, EndPath
 from strandcast.records.record import refusal
 
 # All chosen.
-AROUND_S = 0.3  # before and after the motion, in which the tracked hand is compared with the arm's
+# The tracked hand is compared with the arm's from so long before the motion, with turns of the hand that the
+# motion lacks, to so long after it; clocks drift.
+BEFORE_S, AFTER_S = 30.0, 0.3
 STEP_S = 4e-3  # of the search for the clock's offset
 FEWEST = 30  # frames in which the hand is tracked
 ON_HAND_M = 0.1  # the tracked place is about this near to where the string leaves
 SCALE_M = 1e-3  # of residuals
-DOUBT_M, WRONG_M = 3e-3, 20e-3  # rms of the tracked hand from the arm's
+SHARED_S = 0.016  # time for which a tracker's errors last
+CLEARLY_BETTER = 0.99  # of the cost: another minimum, not the same one
+TURN_RAD = np.pi  # of the capture before anything is known
+DOUBT_M, WRONG_M = 3e-3, 20e-3  # rms of the tracked hand from the arm's; error of the string's place
+PLACED = (
+    "the hand's turns hardly show where the tracked body is on it: hand and tip are placed to {:.0f} mm only "
+    "(one standard error)"
+)
+MORE_TURNS = (
+    "turn the hand slowly about other axes before the throw, within 30 s, in capture and joint log alike, or "
+    "give --offset for a capture in the arm's frame"
+)
 
 
 class ThrownBy(NamedTuple):
@@ -40,7 +54,8 @@ class ThrownBy(NamedTuple):
 class Placement(NamedTuple):
     """From a capture to the arm: x to turn x + shift [m], and what is added to its times [s].
 
-    `offset_se_s` and `rms_m`, of the tracked hand from the arm's, are None where these were given.
+    None where turn, shift and offset were given: `offset_se_s`; `rms_m`, of the tracked hand from the arm's;
+    `string_se_m`, the standard error of hand and tip during the motion.
     """
 
     turn: np.ndarray
@@ -48,6 +63,7 @@ class Placement(NamedTuple):
     offset_s: float
     offset_se_s: float | None = None
     rms_m: float | None = None
+    string_se_m: float | None = None
 
     def placed(self, points_m: np.ndarray) -> np.ndarray:
         """Return points (..., 3) of the capture in the arm's frame."""
@@ -72,7 +88,12 @@ class Placement(NamedTuple):
 
 
 def place_capture(
-    thrown: ThrownBy, time_s: np.ndarray, hand_m: np.ndarray | None, offset_s: float | None, file: Path
+    thrown: ThrownBy,
+    time_s: np.ndarray,
+    hand_m: np.ndarray | None,
+    tip_m: np.ndarray,
+    offset_s: float | None,
+    file: Path,
 ) -> Placement:
     """Return clock and place of a capture: as given, or from a tracked place on the hand.
 
@@ -81,8 +102,8 @@ def place_capture(
 
     Parameters
     ----------
-    time_s, hand_m
-        (F,) times of the capture [s], and (F, 3) the tracked place, NaN where not seen [m].
+    time_s, hand_m, tip_m
+        (F,) times of the capture [s], (F, 3) the tracked place and the string's tip, NaN where not seen [m].
     offset_s
         Robot time less the capture's; then the capture is in the arm's frame.
 
@@ -90,7 +111,7 @@ def place_capture(
     ------
     StrandcastError
         SC-I054 neither is given, or both; the hand was not tracked during the motion, or does not move as the
-        arm's.
+        arm's. SC-I057 the hand's turns do not show where the tracked place is on it.
     """
     if (hand_m is None) == (offset_s is None):
         what = (
@@ -103,11 +124,16 @@ def place_capture(
         return Placement(np.eye(3), np.zeros(3), offset_s)
     seen = np.isfinite(hand_m).all(axis=1)
     coarse_s = _coarse_offset_s(thrown, time_s[seen], hand_m[seen], file)
-    near = seen & (time_s + coarse_s >= max(thrown.motion_s[0] - AROUND_S, thrown.time_s[0]))
-    near &= time_s + coarse_s <= min(thrown.motion_s[1] + AROUND_S, thrown.time_s[-1])
+    near = seen & (time_s + coarse_s >= max(thrown.motion_s[0] - BEFORE_S, thrown.time_s[0]))
+    near &= time_s + coarse_s <= min(thrown.motion_s[1] + AFTER_S, thrown.time_s[-1])
     if near.sum() < FEWEST:
         raise _not_tracked(file, f"the hand is seen in {near.sum()} frames of the motion")
-    found = _fitted(thrown, time_s[near], hand_m[near], coarse_s)
+    found, covariance = _fitted(thrown, time_s[near], hand_m[near], coarse_s)
+    robot_s = time_s + found.offset_s
+    during = (robot_s >= thrown.motion_s[0]) & (robot_s <= thrown.motion_s[1])
+    middle_m = found.placed(hand_m[near].mean(axis=0))
+    ends_m = (thrown.at(robot_s[during])[:, :3], found.placed(tip_m[during]))
+    string_se_m = max(standard_error_m(end_m - middle_m, covariance) for end_m in ends_m)
     assert found.rms_m is not None
     if found.rms_m > WRONG_M:
         what = (
@@ -118,17 +144,22 @@ def place_capture(
             "check length_unit"
         )
         raise refusal("SC-I054", file, "hand", what, fix)
-    return found
+    if string_se_m > WRONG_M:
+        raise refusal("SC-I057", file, "hand", PLACED.format(1e3 * string_se_m), MORE_TURNS)
+    return found._replace(string_se_m=string_se_m)
 
 
 def placement_warnings(found: Placement) -> list[str]:
-    """Return the warning that the tracked hand is hardly where the arm's is."""
-    if found.rms_m is None or found.rms_m < DOUBT_M:
-        return []
-    return [
-        f"the tracked hand stays {1e3 * found.rms_m:.1f} mm rms from the arm's: the capture of another "
-        "throw, a loose marker, a link's length or a joint's zero in the arm's file, or a drifting clock"
-    ]
+    """Return warnings that the tracked hand is not where the arm's is, or hardly places the string."""
+    warnings = []
+    if found.rms_m is not None and found.rms_m >= DOUBT_M:
+        warnings.append(
+            f"the tracked hand stays {1e3 * found.rms_m:.1f} mm rms from the arm's: the capture of another "
+            "throw, a loose marker, a link's length or a joint's zero in the arm's file, or a drifting clock"
+        )
+    if found.string_se_m is not None and found.string_se_m >= DOUBT_M:
+        warnings.append(f"{PLACED.format(1e3 * found.string_se_m)}: {MORE_TURNS}")
+    return warnings
 
 
 def _not_tracked(file: Path, what: str) -> Exception:
@@ -158,30 +189,65 @@ def _speed(time_s: np.ndarray, place_m: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(np.gradient(place_m, time_s, axis=0), axis=1))
 
 
-def _fitted(thrown: ThrownBy, time_s: np.ndarray, hand_m: np.ndarray, coarse_s: float) -> Placement:
-    """Fit the offset, the capture's turn and shift, and the tracked place in the hand's axes."""
+def _fitted(
+    thrown: ThrownBy, time_s: np.ndarray, hand_m: np.ndarray, coarse_s: float
+) -> tuple[Placement, np.ndarray]:
+    """Fit the offset, the capture's turn and shift, and the tracked place in the hand's axes.
+
+    Returns
+    -------
+    The placement, and the covariance (6, 6) of a turn about the middle of the placed hand, and of the shift.
+    """
     centre_m = hand_m.mean(axis=0)
     arm_m = thrown.at(time_s + coarse_s)[:, :3]
     turn = Rotation.align_vectors(arm_m - arm_m.mean(axis=0), hand_m - centre_m)[0]
-
-    def apart(unknowns: np.ndarray) -> np.ndarray:
-        turned = (turn * Rotation.from_rotvec(unknowns[:3])).apply(hand_m - centre_m)
-        place_m, along, normal = np.hsplit(thrown.at(time_s + unknowns[9]), 3)
-        axes = np.stack([along, normal, np.cross(along, normal)], axis=2)
-        off_m = turned + unknowns[3:6] - place_m - axes @ unknowns[6:9]
-        return np.concatenate([off_m.ravel() / SCALE_M, unknowns[6:9] / ON_HAND_M])
-
     begin = np.concatenate([np.zeros(3), arm_m.mean(axis=0), np.zeros(3), [coarse_s]])
-    scales = [0.1] * 3 + [0.1] * 3 + [ON_HAND_M] * 3 + [STEP_S]
-    fit = least_squares(apart, begin, x_scale=scales, loss="soft_l1", f_scale=3.0)
-    off = apart(fit.x)[:-3]
-    slopes = np.asarray(fit.jac)
-    covariance = np.linalg.pinv(slopes.T @ slopes) * np.mean(off**2)
-    turned = (turn * Rotation.from_rotvec(fit.x[:3])).as_matrix()
-    return Placement(
+    fit = _fit(thrown, time_s, hand_m - centre_m, turn, begin)
+    # Half a turn about a path that hardly bends is a minimum of its own.
+    along = np.linalg.svd(hand_m - centre_m, full_matrices=False)[2][0]
+    half = turn * Rotation.from_rotvec(np.pi * along)
+    other = _fit(thrown, time_s, hand_m - centre_m, half, begin)
+    if other.cost < CLEARLY_BETTER * fit.cost:
+        fit, turn = other, half
+    turn *= Rotation.from_rotvec(fit.x[:3])
+    off = fit.fun[:-3]
+    # The slopes at no further turn, because small turns add up.
+    slopes = _fit(thrown, time_s, hand_m - centre_m, turn, np.append(np.zeros(3), fit.x[3:])).jac[:-3]
+    shared = max(SHARED_S / float(np.median(np.diff(time_s))), 1.0)
+    before = np.repeat([1.0 / TURN_RAD, 0.0, 1.0 / ON_HAND_M, 0.0], [3, 3, 3, 1]) ** 2
+    covariance = np.linalg.inv(slopes.T @ slopes / (shared * np.mean(off**2)) + np.diag(before))
+    turned = turn.as_matrix()
+    placement = Placement(
         turned,
         fit.x[3:6] - turned @ centre_m,
         float(fit.x[9]),
         float(np.sqrt(covariance[9, 9])),
         float(SCALE_M * np.sqrt(3.0 * np.mean(off**2))),
     )
+    to_arm = block_diag(turned, np.eye(3))
+    return placement, to_arm @ covariance[:6, :6] @ to_arm.T
+
+
+def _fit(
+    thrown: ThrownBy, time_s: np.ndarray, hand_m: np.ndarray, turn: Rotation, begin: np.ndarray
+) -> OptimizeResult:
+    """Fit a further turn (3) and shift (3) of the hand, its place in the hand's axes (3), and the offset."""
+
+    def apart(unknowns: np.ndarray) -> np.ndarray:
+        turned = (turn * Rotation.from_rotvec(unknowns[:3])).apply(hand_m)
+        place_m, along, normal = np.hsplit(thrown.at(time_s + unknowns[9]), 3)
+        axes = np.stack([along, normal, np.cross(along, normal)], axis=2)
+        off_m = turned + unknowns[3:6] - place_m - axes @ unknowns[6:9]
+        return np.concatenate([off_m.ravel() / SCALE_M, unknowns[6:9] / ON_HAND_M])
+
+    scales = [0.1] * 3 + [0.1] * 3 + [ON_HAND_M] * 3 + [STEP_S]
+    return least_squares(apart, begin, x_scale=scales, loss="soft_l1", f_scale=3.0)
+
+
+def standard_error_m(lever_m: np.ndarray, covariance: np.ndarray) -> float:
+    """Return the rms standard error of places (N, 3), relative to what turns (3) and shifts (3) refer to."""
+    lever_m = lever_m[np.isfinite(lever_m).all(axis=1)]
+    turns = np.cross(np.eye(3), lever_m[:, None])
+    slopes = np.concatenate([turns, np.broadcast_to(np.eye(3), turns.shape)], axis=1)
+    variances = np.einsum("nki,kl,nli->n", slopes, covariance, slopes)
+    return float(np.sqrt(variances.sum() / max(len(variances), 1)))
