@@ -99,7 +99,8 @@ def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None
     assert record in files_of("plan", root, "rehearsed", 1).inputs("rehearsal_run")
     assert not files_of("plan", root, "rehearsed", 2).inputs("rehearsal_run")
     # The rows' noise of 0.5 mrad, third differences of 2 mrad, is gone.
-    played = rehearsal_of(files_of("plan", root, "rehearsed", 1), load_arm(root / ARM), 0.002)
+    task, _ = first_inputs(context_of(root, "rehearsed"), load_arm(root / ARM), np.random.default_rng(1))
+    played = rehearsal_of(files_of("plan", root, "rehearsed", 1), task)
     assert played is not None
     assert np.diff(played.q_rad, n=3, axis=0).std() < 1e-4
     # A soft loop without feed-forward yields to the arm's torques, in other motions by other amounts.
@@ -126,6 +127,28 @@ def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None
         assert words in str(caught.value)
     for path, text in recorded.items():
         path.write_bytes(text)
+    files = files_of("plan", root, "rehearsed", 1)
+    assert (
+        rehearsal_of(files, replace(task, target_m=np.array([0.5, 0.5 + 0.9 * task.hit_radius_m])))
+        is not None
+    )
+    for other, field, words in (
+        (
+            {"target_m": np.array([0.7, 0.5])},
+            "target_m",
+            r"target \[0.5, 0.5\], and the experiment's is \[0.7, 0.5\]",
+        ),
+        (
+            {"arm": replace(task.arm, urdf_sha256="0")},
+            "robot",
+            "the arm is now planar3, or its URDF has changed",
+        ),
+        ({"arm": replace(task.arm, name="other")}, "robot", "planned for planar3; the arm is now other"),
+    ):
+        with pytest.raises(StrandcastError, match=f"SC-P021.*{words}") as caught:
+            rehearsal_of(files, replace(task, **other))
+        assert (caught.value.file, caught.value.field) == (str(record.with_name("motion.json")), field)
+        assert "move the folder away, plan, and rehearse" in str(caught.value)
     again.write(record.with_name("motion.json"))
     wrong = {found.state: found.file for found in verify(root, "rehearsed", raw=True)}
     assert Path(wrong["misplaced"]) == record.with_name("motion.json")

@@ -136,7 +136,7 @@ def _first(files: Files, arm: Arm | SpatialArm, random: np.random.Generator) -> 
     context = files.job.context
     settings = context.settings.plan
     task, strings = first_inputs(context, arm, random)
-    rehearsal = rehearsal_of(files, arm, task.step_s)
+    rehearsal = rehearsal_of(files, task)
     plan = plan_first(task, strings, settings, random, rehearsal=rehearsal)
     return task, plan, learnt_sizes(settings, [])
 

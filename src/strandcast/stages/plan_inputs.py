@@ -30,6 +30,7 @@ AnyOfTwo = Arm | SpatialArm
 # Of a rehearsal's log during the motion: fewer rows do not show how joints follow; soft joints stay within
 # some tenths of a radian of the motion, those in degrees or of another order do not. Chosen.
 FEWEST_ROWS, MISSING_S, FARTHEST_RAD = 20, 0.02, 0.5
+PLAY_AGAIN = "play the planned motion again into this folder, or move the folder away"
 FEWEST_PLACES = 4  # of a shape, the hand's included; chosen: through fewer, the model's own is as good
 
 
@@ -126,13 +127,13 @@ def shape_through(
     return np.asarray(spline(np.linspace(0.0, 1.0, points + 1)[1:]))
 
 
-def rehearsal_of(files: Files, arm: AnyOfTwo, step_s: float) -> PastTrial | None:
+def rehearsal_of(files: Files, task: AnyTask) -> PastTrial | None:
     """Return the motion that the arm played without the string, if it did.
 
     Raises
     ------
     StrandcastError
-        SC-P021 the log is that of another motion or arm, or not whole.
+        SC-P021 the log is that of another motion, arm or target, or not whole.
     """
     record = files.optional("rehearsal_run")
     if record is None:
@@ -141,11 +142,12 @@ def rehearsal_of(files: Files, arm: AnyOfTwo, step_s: float) -> PastTrial | None
             raise _no_rehearsal(folder / "run.json", "is missing beside joints.csv")
         return None
     run, log = read_run(record.parent)
-    motion = Motion.read(files.input("rehearsal_motion"))
+    arm, motion = task.arm, Motion.read(files.input("rehearsal_motion"))
     if run.motion_sha256 != motion.content_sha256() or run.motion_start_s is None:
         raise _no_rehearsal(record, "the log is not that of the motion beside it")
     if tuple(motion.joint_names) != tuple(arm.joints) or not set(arm.joints) <= set(log.joint_names):
         raise _no_rehearsal(record, f"its joints are not those of the arm: {', '.join(arm.joints)}")
+    _refuse_rehearsal_for_another(record.with_name("motion.json"), motion, task)
     time_s, q_rad = smooth_joints(log, arm.joints, run.motion_start_s)
     planned = motion.trajectory()
     during = (time_s >= 0.0) & (time_s <= planned.end_s)
@@ -157,17 +159,24 @@ def rehearsal_of(files: Files, arm: AnyOfTwo, step_s: float) -> PastTrial | None
     if rms_rad > FARTHEST_RAD:
         raise _no_rehearsal(record, f"the logged joints are {rms_rad:.1f} rad rms from the motion beside it")
     nothing_seen = np.zeros((0, 2, len(arm.box_m)))
-    return past_trial(motion, Measured(time_s, q_rad, np.zeros(0), nothing_seen, None), step_s)
+    return past_trial(motion, Measured(time_s, q_rad, np.zeros(0), nothing_seen, None), task.step_s)
 
 
-def _no_rehearsal(record: Path, what: str) -> StrandcastError:
-    return StrandcastError(
-        "SC-P021",
-        what,
-        file=record,
-        cost="the planner would compensate an error that the joints do not have",
-        fix="play the planned motion again into this folder, or move the folder away",
-    )
+def _refuse_rehearsal_for_another(file: Path, motion: Motion, task: AnyTask) -> None:
+    """Refuse a motion for another target, beyond the hit radius, or for another arm."""
+    fix = "move the folder away, plan, and rehearse the new motion if you like"
+    if (motion.robot.name, motion.robot.urdf_sha256) != (task.arm.name, task.arm.urdf_sha256):
+        what = f"was planned for {motion.robot.name}; the arm is now {task.arm.name}, or its URDF has changed"
+        raise _no_rehearsal(file, what, "robot", fix)
+    its_m, target_m = np.array(motion.target_m), task.target_m
+    if its_m.shape != target_m.shape or np.linalg.norm(its_m - target_m) > task.hit_radius_m:
+        what = f"was planned for the target {motion.target_m}, and the experiment's is {target_m.tolist()}"
+        raise _no_rehearsal(file, what, "target_m", fix)
+
+
+def _no_rehearsal(file: Path, what: str, field: str | None = None, fix: str = PLAY_AGAIN) -> StrandcastError:
+    cost = "the planner would compensate an error that the joints do not have"
+    return StrandcastError("SC-P021", what, file=file, field=field, cost=cost, fix=fix)
 
 
 def measured_of(trial: Trial) -> Measured:

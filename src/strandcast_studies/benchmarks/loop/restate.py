@@ -75,7 +75,7 @@ def statements(root: Path, name: str, trial: int) -> dict[str, Statement]:
         task, strings = first_inputs(context, arm, random)
         servo: JointResponse = task.arm.servo
         seen, near = [], None
-        rehearsal = rehearsal_of(files, arm, task.step_s)
+        rehearsal = rehearsal_of(files, task)
         if rehearsal:
             servo = fitted_servo(task, [rehearsal])
             conditions = RolloutConditions(servo)
