@@ -19,10 +19,15 @@ from strandcast.records.estimate import Estimate
 from strandcast.records.joint_log import read_run
 from strandcast.records.motion import Motion
 from strandcast.records.predicted import read_predicted
+from strandcast.records.summary import ExperimentSummary
 from strandcast.records.track import TrackSummary, read_track
 from strandcast.records.verdict import Verdict
 from strandcast.stages import import_track
+from strandcast.stages.files import SUPPLIED_FILES
 from strandcast.stages.run import run_stage
+from strandcast.workflow.check import check_experiment
+from strandcast.workflow.runner import table
+from strandcast.workflow.status import status_of
 from strandcast_studies.benchmarks.space.by_files import make_experiment, strandcast, throw_by_files
 from strandcast_studies.benchmarks.space.drawn import SpaceCase, drawn_case
 from strandcast_studies.benchmarks.space.rig import (
@@ -226,6 +231,28 @@ def test_a_throw_without_its_log_or_its_tip_is_refused(root: Path, captured: tup
     fewer = mapping.model_copy(update={"markers": mapping.markers[:-2]})
     with pytest.raises(StrandcastError, match="SC-I055"):
         import_track.run(root, "cast", 1, file, fewer, replace=True)
+
+
+def test_what_a_throw_without_its_capture_needs_is_named(
+    root: Path, captured: tuple[SpaceCase, Path], tmp_path: Path
+) -> None:
+    project = Path(shutil.copytree(root, tmp_path / "project"))
+    for name in SUPPLIED_FILES.values():
+        (project / "data/cast/trial-01" / name).unlink(missing_ok=True)
+    command = "strandcast import track cast 1 CAPTURE --up AXIS"
+    [error] = check_experiment(project, "cast").errors
+    assert (error.code, Path(str(error.file)).name) == ("SC-W033", "trial-01")
+    assert command in str(error)
+    state = status_of(project, "cast")
+    assert [stage.stage for stage in state.trials[0].stages] == ["summary"]
+    assert command in state.next_steps[0]
+    assert not any("nothing is to be done" in step for step in state.next_steps)
+    run_stage("summary", project, "cast", trials=[])
+    summary = ExperimentSummary.read(project / "results/cast/summary.json")
+    assert any(
+        line.startswith(f"  next:   import the capture of trial 1: {command}")
+        for line in table(project, summary)
+    )
 
 
 @pytest.mark.slow

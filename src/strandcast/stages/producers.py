@@ -32,9 +32,8 @@ def steps_of(context: Context, trial: int) -> list[Step]:
     is_lab = context.settings.lab is not None
     if not trial:
         recorded = [] if is_lab else context.folder.recorded_trials()
-        calibrated = (
-            [] if recorded and all(_is_supplied(context, each) for each in recorded) else ["calibrate"]
-        )
+        supplied = recorded and all(_is_supplied(context, each) for each in recorded)
+        calibrated = [] if supplied or context.settings.aims_in_space else ["calibrate"]
         lab = ["lab_calibrate"] if is_lab else []
         lab += ["lab_rehearse"] if context.settings.lab_rehearses else []
         return [Step(stage) for stage in (*lab, *calibrated, "summary")]
@@ -64,6 +63,19 @@ def producers(context: Context, trials: Iterable[int]) -> dict[Path, Step]:
         for paths in STAGES[step.stage].output_files(Job(context, step.trial)).values()
         for path in paths
     }
+
+
+def recording_advice(context: Context, trial: int) -> str:
+    """Return how a trial that was thrown gets its recording: a video, or in space a capture."""
+    if context.settings.aims_in_space:
+        return f"import the capture of trial {trial}: {capture_command(context, trial)}"
+    return f"copy the video of trial {trial} to {context.folder.trial(trial).data}/video.*"
+
+
+def capture_command(context: Context, trial: int) -> str:
+    """Return the command that imports the capture of a throw in space."""
+    axes = "--up AXIS --length-unit UNIT --time-unit UNIT --hand BODY --marker PLACE:NAME …"
+    return f"strandcast import track {shlex.quote(context.name)} {trial} CAPTURE {axes}"
 
 
 def play_command(context: Context, trial: int) -> str:

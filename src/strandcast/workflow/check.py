@@ -14,6 +14,7 @@ from strandcast.records.record import read_json
 from strandcast.stages import files
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.job import Job
+from strandcast.stages.producers import capture_command
 from strandcast.workflow.locks import refuse_if_held
 
 if TYPE_CHECKING:
@@ -233,19 +234,22 @@ def _check_folders(context: Context, found: Checked) -> None:
             found.attempt(read_json, path)
     for number in numbers:
         excluded = context.settings.excluded_reason(number) is not None
-        problems = list(_problems_of_trial(folder.trial(number)))
+        problems = list(_problems_of_trial(context, folder.trial(number)))
         (found.warnings if excluded else found.errors).extend(problems)
     found.facts.append(f"trials with raw files: {', '.join(map(str, numbers)) or 'none'}")
 
 
-def _problems_of_trial(trial: TrialFolder) -> Iterator[StrandcastError]:
+def _problems_of_trial(context: Context, trial: TrialFolder) -> Iterator[StrandcastError]:
     there = {path.name: path for path in trial.raw_files()}
     for name, path in there.items():
         right = name.lower()
         if right in RAW_NAMES and right not in there:
             yield _wrong(f"is not read: its name must be {right}", path, _rename(path, trial.data / right))
     supplied = [name for name in files.SUPPLIED_FILES.values() if name in there]
-    if not supplied:
+    if not supplied and context.settings.aims_in_space:
+        fix = f"import it: {capture_command(context, trial.number)} (docs/how-to/throw-in-space.md)"
+        yield _wrong("the trial was thrown, and its capture has not been imported", trial.data, fix)
+    elif not supplied:
         yield from _problems_of_video(trial)
     needed = {name: supplied[0] for name in files.SUPPLIED_FILES.values() if supplied}
     needed |= {other: one for one, other in LOG_FILES if one in there}

@@ -13,6 +13,8 @@ from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.folders import ExperimentFolder, is_project, trial_folders, video_suffixes
 from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.report.campaign import CampaignTally
+from strandcast.stages.context import context_of
+from strandcast.stages.producers import recording_advice
 from strandcast.stages.run import run_stage
 from strandcast.workflow.campaign import write_campaign
 from strandcast.workflow.check import runnable
@@ -206,8 +208,12 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
             f"  no recording yet; import one: strandcast import track {summary.experiment} 1 FILE.csv"
         )
     if summary.next_motion_sha256 is not None:
-        following = trial_name(summary.trials[-1].trial + 1 if summary.trials else 1)
-        lines.append(f"  next:   {page.parent / following / 'motion.json'}")
+        number = summary.trials[-1].trial + 1 if summary.trials else 1
+        following = ExperimentFolder(root, summary.experiment).trial(number)
+        step = str(following.results / "motion.json")
+        if following.raw_files():  # it was thrown
+            step = recording_advice(context_of(root, summary.experiment), number)
+        lines.append(f"  next:   {step}")
     lines.append(f"  report: {page}")
     return [*lines, *(f"  film:   {film}" for film in films(root, summary.experiment))]
 

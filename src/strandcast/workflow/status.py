@@ -14,7 +14,7 @@ from strandcast.records.lineage import relative_to
 from strandcast.records.record import read_json
 from strandcast.records.verdict import Verdict
 from strandcast.stages.context import Context, context_of
-from strandcast.stages.producers import Step, play_command, steps_of
+from strandcast.stages.producers import Step, play_command, recording_advice, steps_of
 from strandcast.workflow.locks import living_owner
 from strandcast.workflow.remake import StepState, log_of, tasks_of
 from strandcast.workflow.verify import Finding, verify
@@ -219,7 +219,7 @@ def _next_steps(context: Context, trials: list[TrialStatus], damaged: list[Findi
         return
     filmless = [trial.trial for trial in trials if trial.trial and _is_filmless(context, trial)]
     for number in filmless:
-        yield f"# copy the video of trial {number} to {context.folder.trial(number).data}/video.*"
+        yield f"# {recording_advice(context, number)}"
     failed = [(number, stage) for number, stage in found if stage.state == "failed"]
     if failed:
         number, stage = failed[0]
@@ -237,7 +237,7 @@ def _next_steps(context: Context, trials: list[TrialStatus], damaged: list[Findi
         if motion.is_file() and not context.folder.trial(following).raw_files():
             yield play_command(context, following)
             return
-    if not unmade:
+    if not unmade and not filmless:
         yield f"# nothing is to be done; the page is {context.folder.results / 'report.html'}"
 
 
