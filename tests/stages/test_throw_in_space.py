@@ -13,7 +13,7 @@ from strandcast.errors import StrandcastError
 from strandcast.executor.dry_run_report import dry_run_report
 from strandcast.executor.preflight import PlayOptions, run_preflight
 from strandcast.imports.mapping import check_mapping
-from strandcast.imports.space_mapping import SpaceMapping
+from strandcast.imports.space_mapping import SpaceMapping, space_mapping_of
 from strandcast.records.alignment import Alignment, read_hand_in_space
 from strandcast.records.estimate import Estimate
 from strandcast.records.joint_log import read_run
@@ -231,6 +231,26 @@ def test_a_throw_without_its_log_or_its_tip_is_refused(root: Path, captured: tup
     fewer = mapping.model_copy(update={"markers": mapping.markers[:-2]})
     with pytest.raises(StrandcastError, match="SC-I055"):
         import_track.run(root, "cast", 1, file, fewer, replace=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        ({"far": "m1"}, "far"),
+        ({"behind": "m1"}, "hand.behind"),
+        ({"behind": "m1", "far": "m2", "far_behind": "m3"}, "far and hand.behind"),
+    ],
+)
+def test_a_second_end_or_a_direction_of_a_throw_is_refused(
+    root: Path, captured: tuple[SpaceCase, Path], options: dict[str, str], field: str
+) -> None:
+    case, file = captured
+    markers = [f"{place_m}:m{k}" for k, place_m in enumerate(case.marker_places_m(), start=1)]
+    given = {"up": "y", "length_unit": "mm", "time": "t", "time_unit": "s"}
+    mapping = space_mapping_of("hand", markers, **given, **options)
+    with pytest.raises(StrandcastError, match=rf"(?s)SC-I058.*leave {field} out") as caught:
+        import_track.run(root, "cast", 1, file, mapping, replace=True)
+    assert caught.value.file == str(file)
 
 
 def test_what_a_throw_without_its_capture_needs_is_named(

@@ -73,6 +73,7 @@ def import_capture_in_space(
         seen, end_s, alignment = ends, time_s, one_clock(experiment, trial, time_s)
     else:
         _refuse_no_tip(markers[-1].place_m, length_m, table.path)
+        _refuse_other_ends(mapping, table.path)
         body = None if mapping.hand is None else _position(table, mapping, mapping.hand.position)
         place = place_capture(thrown, time_s, body, points_m[:, -1], offset_s, table.path)
         points_m, warnings = place.placed(points_m), warnings + placement_warnings(place)
@@ -137,6 +138,20 @@ def _refuse_no_tip(place_m: float, length_m: float, file: Path) -> None:
             "put a marker on the tip, whose miss is measured; check string.length_m and what the clamp covers"
         )
         raise refusal("SC-I055", file, "markers", what, fix)
+
+
+def _refuse_other_ends(mapping: SpaceMapping, file: Path) -> None:
+    """Refuse what a throw would not use: the joint log gives the hand's direction, and the tip is free."""
+    hand = mapping.hand
+    given = {
+        "far": mapping.far,
+        "hand.behind": hand and hand.behind,
+        "hand.quaternion": hand and hand.quaternion,
+    }
+    if wrong := [field for field, value in given.items() if value]:
+        what = "the arm's hand alone drives the string of a throw, in the direction that the joint log gives"
+        fix = f"leave {' and '.join(wrong)} out; --hand takes any one place on the arm's hand"
+        raise refusal("SC-I058", file, wrong[0], what, fix)
 
 
 def _times(table: NumberTable, mapping: SpaceMapping) -> np.ndarray:
