@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from strandcast.arm.load import Arm, load_arm
+from strandcast.cli.exchange import trial_or_rehearsal
 from strandcast.errors import StrandcastError
 from strandcast.imports.joints import Reading
 from strandcast.imports.mapping import JointMapping
@@ -14,6 +16,9 @@ from strandcast.planning.bezier import Curve, rest_heights, sample
 from strandcast.records.joint_log import Run, read_run
 from strandcast.records.motion import Motion, Robot, StartPosture, points_of
 from strandcast.stages import import_joints
+from strandcast.stages.context import context_of
+from strandcast.stages.plan_inputs import first_inputs, rehearsal_of
+from strandcast.stages.run import files_of
 
 READING = Reading(mapping=JointMapping(time="t", q=["a", "b", "c"], q_cmd=["ca", "cb", "cc"]))
 SETTINGS = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\narm: planar3\n"
@@ -27,8 +32,8 @@ class Bench:
     trial: Path
     log: Path
 
-    def take(self, replace: bool = False) -> Run:
-        return import_joints.run(self.root, "thrown", 1, self.log, READING, [], replace)
+    def take(self, replace: bool = False, trial: int | None = 1) -> Run:
+        return import_joints.run(self.root, "thrown", trial, self.log, READING, [], replace)
 
     def cut(self, from_s: float, to_s: float) -> None:
         head, *rows = self.log.read_text().splitlines()
@@ -129,3 +134,32 @@ def test_a_run_that_was_slowed_down_is_no_throw(bench: Bench) -> None:
     bench.take().model_copy(update={"time_scale": 4.0}).write(bench.trial / "run.json")
     with pytest.raises(StrandcastError, match="4 times slower than planned"):
         read_run(bench.trial)
+
+
+def test_the_log_of_a_rehearsal_is_planned_with(bench: Bench) -> None:
+    with pytest.raises(
+        StrandcastError, match=r"(?s)SC-I059.*cp .*results/thrown/trial-01/motion.json"
+    ) as caught:
+        bench.take(trial=None)
+    folder = bench.trial.with_name("rehearsal")
+    assert caught.value.file == str(folder / "motion.json")
+    folder.mkdir()
+    (bench.trial / "motion.json").rename(folder / "motion.json")
+    bench.trial.rmdir()
+    run = bench.take(trial=None)
+    assert run.motion_start_s == pytest.approx(1.0, abs=1e-3)
+    with pytest.raises(StrandcastError, match="SC-I022"):
+        bench.take(trial=None)
+    arm = load_arm(bench.root / "config/arms/planar3.toml")
+    task, _ = first_inputs(context_of(bench.root, "thrown"), arm, np.random.default_rng(1))
+    rehearsed = rehearsal_of(files_of("plan", bench.root, "thrown", 1), task)
+    assert rehearsed is not None
+    planned = Motion.read(folder / "motion.json").trajectory()
+    np.testing.assert_allclose(rehearsed.q_rad[0], planned.q_rad[0], atol=1e-3)
+
+
+def test_a_trial_is_a_number_or_the_rehearsal() -> None:
+    assert [trial_or_rehearsal(word) for word in ("rehearsal", "12")] == ["rehearsal", "12"]
+    for word in ("0", "one", "-1", "²", "rehearsals"):
+        with pytest.raises(typer.BadParameter):
+            trial_or_rehearsal(word)

@@ -6,12 +6,33 @@ from typing import Annotated, Any
 
 import typer
 
-from strandcast.cli.common import ROOT, AsJson, ExperimentName, TrialNumber, show
+from strandcast.cli.common import ROOT, AsJson, ExperimentName, TrialNumber, complete_trial, show
+from strandcast.core.trial_names import LAST_TRIAL
+
+REHEARSAL = "rehearsal"
+
+
+def trial_or_rehearsal(argument: str) -> str:
+    """Return the argument where it is a trial's number, or the word rehearsal."""
+    number = int(argument) if argument.isascii() and argument.isdecimal() else 0
+    if argument == REHEARSAL or 1 <= number <= LAST_TRIAL:
+        return argument
+    raise typer.BadParameter(
+        f"{argument!r} is neither a trial's number, from 1 to {LAST_TRIAL}, nor {REHEARSAL!r}"
+    )
 
 
 def import_joints(
     experiment: ExperimentName,
-    trial: TrialNumber,
+    trial: Annotated[
+        str,
+        typer.Argument(
+            metavar="TRIAL",
+            help="The trial's number, or rehearsal: the motion played without the string.",
+            parser=trial_or_rehearsal,
+            autocompletion=complete_trial,
+        ),
+    ],
     log: Annotated[Path, typer.Argument(metavar="LOG", help="The robot's CSV, or a ROS bag.")],
     dialect: Annotated[str, typer.Option(help="auto, libfranka, ur_rtde or ur.")] = "auto",
     columns: Annotated[
@@ -33,7 +54,7 @@ def import_joints(
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Import a joint log as joints.csv and run.json of a trial."""
+    """Import a joint log as joints.csv and run.json of a trial, or of the rehearsal (TRIAL: rehearsal)."""
     from strandcast.imports.joints import Reading
     from strandcast.imports.mapping import JointMapping, load_mapping
     from strandcast.imports.ros_bags import BagChoice
@@ -42,7 +63,8 @@ def import_joints(
     mapping = None if columns is None else load_mapping(columns, JointMapping)
     bag = BagChoice(topic, "receive" if receive else "header")
     reading = Reading(dialect, mapping, bag, degrees, sync_output)
-    run = stage.run(ROOT, experiment, trial, log, reading, joint or [], replace)
+    number = None if trial == REHEARSAL else int(trial)
+    run = stage.run(ROOT, experiment, number, log, reading, joint or [], replace)
     timing = run.timing
     lines = [
         f"{run.rows} rows at {timing.rate_hz:.1f} Hz, {len(timing.gaps)} gaps, {timing.duplicates} duplicates"
@@ -60,7 +82,7 @@ def import_joints(
         "lost": lost,
     }
     found |= {"duplicates": timing.duplicates, "warnings": run.warnings}
-    show(as_json, {"experiment": experiment, "trial": trial} | found, lines)
+    show(as_json, {"experiment": experiment, "trial": number or REHEARSAL} | found, lines)
 
 
 def import_track(

@@ -1,5 +1,6 @@
-"""Import a robot's own log into a trial's folder: joints.csv and run.json."""
+"""Import a robot's own log into the folder of a trial or of the rehearsal: joints.csv and run.json."""
 
+import shlex
 from pathlib import Path
 
 from strandcast.arm.spatial import load_any_arm
@@ -18,17 +19,25 @@ ALIGNED_BEFORE = (
 def run(
     root: Path,
     name: str,
-    trial: int,
+    trial: int | None,
     log: Path,
     reading: Reading,
     joints: list[str],
     replace: bool = False,
 ) -> Run:
-    """Import a log; a motion.json in the trial's folder is the played motion."""
+    """Import a log, of a trial or else of the rehearsal; a motion.json in its folder is the played motion."""
     context = context_of(root, name)
-    folder = context.folder.trial(trial)
+    folder = context.folder.rehearsal if trial is None else context.folder.trial(trial).data
     arm = load_any_arm(context.arm_file)
-    motion, record = folder.data / "motion.json", folder.data / "run.json"
+    motion, record = folder / "motion.json", folder / "run.json"
+    if trial is None and not motion.is_file():
+        planned = context.folder.trial(1).results / "motion.json"
+        raise StrandcastError(
+            "SC-I059",
+            "is missing: a rehearsal shows how the joints follow the motion that was played",
+            file=motion,
+            fix=f"copy it there before planning again: {shlex.join(['cp', str(planned), str(motion)])}",
+        )
     if record.is_file() and not Run.read(record).driver.startswith(IMPORTED):  # the only copy of that run
         raise StrandcastError(
             "SC-I023",
@@ -37,10 +46,10 @@ def run(
             fix="import as another trial, or move joints.csv and run.json away first",
         )
     refuse_replacing(record, replace)
-    aligned_before = record.is_file() and (folder.data / "alignment.json").is_file()
+    aligned_before = record.is_file() and (folder / "alignment.json").is_file()
     found = import_joints(
         log,
-        folder.data,
+        folder,
         reading,
         namings=[joints] if joints else [list(arm.joints), list(arm.all_joints)],
         played=Played(Motion.read(motion), arm) if motion.is_file() else None,
