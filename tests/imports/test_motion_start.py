@@ -1,6 +1,6 @@
 """The start of a played motion is found on the log's clock, from commands or from the joints alone."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -21,10 +21,10 @@ def arm(project_root):
     return load_arm(project_root / "config" / "arms" / "planar3.toml")
 
 
-def swing(arm) -> Motion:
+def swing(arm, travel=(0.7, 0.9, 0.8)) -> Motion:
     time_s = np.arange(201) * 0.002
     share = (time_s / 0.4)[:, None]
-    q = np.array([0.3, -0.6, -0.5]) + np.array([0.7, 0.9, 0.8]) * share**3 * (10 - 15 * share + 6 * share**2)
+    q = np.array([0.3, -0.6, -0.5]) + np.array(travel) * share**3 * (10 - 15 * share + 6 * share**2)
     qd = np.gradient(q, time_s, axis=0)
     return Motion(
         experiment="e",
@@ -79,6 +79,29 @@ def test_the_log_of_another_throw_is_refused(arm):
     log.q_rad[:, 1] *= -1
     with pytest.raises(StrandcastError, match="SC-I031"):
         motion_times(log, motion, arm)
+
+
+def lagging(log: JointLog) -> JointLog:
+    """Return the log of joints that come later, by 12 to 30 ms, and rest up to 8 mrad off."""
+    later = [
+        np.interp(log.time_s - s, log.time_s, q)
+        for s, q in zip((0.012, 0.02, 0.03), log.q_rad.T, strict=True)
+    ]
+    return replace(log, q_rad=np.column_stack(later) + np.array([0.003, -0.008, 0.005]))
+
+
+@pytest.mark.parametrize("commanded", [True, False])
+def test_the_log_of_a_similar_motion_of_the_experiment_is_refused(arm, commanded):
+    planned, other = swing(arm), swing(arm, (0.75, 0.82, 0.85))
+    alike = swing(arm, (0.7001, 0.9, 0.8))
+    log = lagging(log_of(arm, other, commanded))
+    assert motion_times(log, planned, arm)[0] == pytest.approx(START_S, abs=0.03)  # without a word
+    with pytest.raises(StrandcastError, match=r"SC-I060.*of trial-02.*mrad rms from that") as caught:
+        motion_times(log, planned, arm, "log.csv", {"trial-02": other, "trial-03": alike})
+    assert (caught.value.file, caught.value.field) == ("log.csv", "motion.json")
+    # The motion's own log is accepted, however the joints lag, and beside whatever it resembles.
+    own = lagging(log_of(arm, planned, commanded))
+    assert motion_times(own, planned, arm, None, {"trial-02": other, "trial-03": alike})
 
 
 @pytest.mark.parametrize("commanded", [True, False])

@@ -41,8 +41,8 @@ class Bench:
         self.log.write_text("\n".join([head, *kept]) + "\n")
 
 
-def played(arm: Arm) -> Motion:
-    heights = rest_heights(np.array([[3.0, 2.0, -1.0], [2.0, 4.0, 1.0], [-2.0, 3.0, 5.0]]))
+def played(arm: Arm, speed: float = 1.0) -> Motion:
+    heights = speed * rest_heights(np.array([[3.0, 2.0, -1.0], [2.0, 4.0, 1.0], [-2.0, 3.0, 5.0]]))
     points = sample(Curve(np.array([0.4, -0.5, 0.3]), 0.5, heights), 1.0 / arm.log_rate_hz)
     return Motion(
         experiment="thrown",
@@ -163,3 +163,19 @@ def test_a_trial_is_a_number_or_the_rehearsal() -> None:
     for word in ("0", "one", "-1", "²", "rehearsals"):
         with pytest.raises(typer.BadParameter):
             trial_or_rehearsal(word)
+
+
+def test_the_log_of_another_trial_is_refused(bench: Bench) -> None:
+    arm = load_arm(bench.root / "config/arms/planar3.toml")
+    other = bench.root / "results/thrown/trial-02/motion.json"
+    other.parent.mkdir(parents=True)
+    played(arm).model_copy(update={"trial": 2}).write(other)
+    played(arm, 0.97).write(bench.trial / "motion.json")
+    (other.parent.with_name("trial-03")).mkdir()
+    (other.parent.with_name("trial-03") / "motion.json").write_text("damaged")
+    with pytest.raises(
+        StrandcastError, match="SC-I060.*the log is that of .*results/thrown/trial-02/motion.json"
+    ):
+        bench.take()
+    other.unlink()
+    bench.take()  # nothing else is known

@@ -1,6 +1,6 @@
 """Import a joint log, a CSV with known or named columns or a ROS bag, as joints.csv and run.json."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -36,10 +36,11 @@ IMPORTED = "import: "  # start of an imported run's driver name
 
 @dataclass(frozen=True)
 class Played:
-    """The motion that was played, and the arm that played it."""
+    """The motion that was played, its arm, and by path the motions that may have been played instead."""
 
     motion: Motion
     arm: AnyArm
+    others: Mapping[str, Motion] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,10 @@ def import_joints(
     """
     source = _source(Path(path), reading or Reading(), namings)
     time_s, log = _log_of(source, reading.sync_output if reading else None)
-    times = _command_span(log) if played is None else motion_times(log, played.motion, played.arm, str(path))
+    if played is None:
+        times = _command_span(log)
+    else:
+        times = motion_times(log, played.motion, played.arm, str(path), played.others)
     warnings = [*source.notes, *timing_warnings(time_s)]
     if times is not None:
         inside = (log.time_s >= times[0]) & (log.time_s <= times[1])

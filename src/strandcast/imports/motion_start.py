@@ -1,5 +1,8 @@
 """Start of a played motion on the log's clock: its trajectory is matched with the logged joints."""
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 import numpy as np
 from scipy.optimize import minimize_scalar
 
@@ -13,19 +16,42 @@ from strandcast.records.motion import Motion
 LARGEST_RMS_RAD = 0.1
 COARSE_S = 0.005
 TAIL_S = 0.1  # the joints arrive after their command
+# A log is another motion's if that one leaves less than this share of the rms; not below this rms.
+CLEARLY_LESS, ALIKE_RAD = 0.5, 1e-3
 
 
-def motion_times(log: JointLog, motion: Motion, arm: AnyArm, file: str | None = None) -> tuple[float, float]:
+class Match(NamedTuple):
+    """Where a motion fits a log best: its start and end on the log's clock [s].
+
+    `rms_rad` is how far the joints are off, `left_rad` without what a constant offset and a lag of each joint
+    explain; `is_whole` says whether the log has all of the motion.
+    """
+
+    start_s: float
+    end_s: float
+    rms_rad: float
+    left_rad: float
+    is_whole: bool
+
+
+def motion_times(
+    log: JointLog,
+    motion: Motion,
+    arm: AnyArm,
+    file: str | None = None,
+    others: Mapping[str, Motion] | None = None,
+) -> tuple[float, float]:
     """Return the motion's start and end on the log's clock [s].
 
     Commanded joints are compared with the trajectory itself; in a log without them, the measured joints are
-    compared with the response of the arm's nominal servo to it.
+    compared with the response of the arm's nominal servo to it. `others` are motions that may have been
+    played instead, by the path of their files.
 
     Raises
     ------
     StrandcastError
         SC-I030 a joint of the motion is missing in the log; SC-I031 no part of the log looks like the motion;
-        SC-I034 the motion's times do not rise.
+        SC-I034 the motion's times do not rise; SC-I060 another motion fits the log clearly better.
     """
     missing = [name for name in motion.joint_names if name not in log.joint_names]
     if missing:
@@ -36,20 +62,58 @@ def motion_times(log: JointLog, motion: Motion, arm: AnyArm, file: str | None = 
             field="joints",
             fix="name the log's joints with --joint, from the base on",
         )
-    columns = [log.joint_names.index(name) for name in motion.joint_names]
-    step_s = 1.0 / arm.log_rate_hz
-    planned = motion.trajectory()
-    back = np.flatnonzero(np.diff(planned.time_s) <= 0)
+    _refuse_falling_times(motion, file)
+    found = _match(log, motion, arm)
+    if not found.rms_rad <= LARGEST_RMS_RAD:  # NaN too: numbers too large to compare
+        raise StrandcastError(
+            "SC-I031",
+            f"no part of the log looks like motion.json: the joints are {found.rms_rad:.2f} rad off at best",
+            file=file,
+            cost="clock and fit would belong to another throw",
+            fix="put the motion that was played beside the raw files, and check the joints' order and units",
+        )
+    if found.left_rad > ALIKE_RAD:
+        same = {path: each for path, each in (others or {}).items() if each.joint_names == motion.joint_names}
+        matches = {path: _match(log, each, arm) for path, each in same.items()}
+        left_rad = {path: match.left_rad for path, match in matches.items() if match.is_whole}
+        _refuse_another_motion(found.left_rad, left_rad, file)
+    return found.start_s, found.end_s
+
+
+def _refuse_falling_times(motion: Motion, file: str | None) -> None:
+    time_s = motion.trajectory().time_s
+    back = np.flatnonzero(np.diff(time_s) <= 0)
     if len(back):
         k = int(back[0])
         raise StrandcastError(
             "SC-I034",
-            f"point {k + 1} of motion.json is at {planned.time_s[k + 1]:g} s, after {planned.time_s[k]:g} s "
+            f"point {k + 1} of motion.json is at {time_s[k + 1]:g} s, after {time_s[k]:g} s "
             f"({len(back)} such points)",
             file=file,
             field="points",
             fix="put the motion that was played beside the raw files",
         )
+
+
+def _refuse_another_motion(its_rad: float, left_rad: Mapping[str, float], file: str | None) -> None:
+    other = min(left_rad, key=lambda path: left_rad[path], default=None)
+    if other is not None and left_rad[other] < CLEARLY_LESS * its_rad:
+        raise StrandcastError(
+            "SC-I060",
+            f"the log is that of {other}: it stays {1e3 * left_rad[other]:.1f} mrad rms from that motion, "
+            f"and {1e3 * its_rad:.1f} from the motion.json beside the raw files",
+            file=file,
+            field="motion.json",
+            cost="clock, fit and next motion would belong to another throw",
+            fix="import the log of this throw, or put the motion that was played beside the raw files",
+        )
+
+
+def _match(log: JointLog, motion: Motion, arm: AnyArm) -> Match:
+    """Return where a motion fits best, whether or not it was played."""
+    columns = [log.joint_names.index(name) for name in motion.joint_names]
+    step_s = 1.0 / arm.log_rate_hz
+    planned = motion.trajectory()
     time_s = np.arange(round((planned.end_s + TAIL_S) / step_s) + 1) * step_s
     command = np.stack([np.interp(time_s, planned.time_s, joint) for joint in planned.q_rad.T], axis=1)
     commanded = np.isfinite(log.q_cmd_rad[:, columns]).all(axis=1)
@@ -63,10 +127,15 @@ def motion_times(log: JointLog, motion: Motion, arm: AnyArm, file: str | None = 
         )
     logged_s, logged = log.time_s[rows], values[rows][:, columns]
 
-    def rms_rad(start_s: float) -> float:
+    def off(start_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return by how much the joints are off (T, J), and where the log has rows (T,)."""
         shifted = np.stack([np.interp(start_s + time_s, logged_s, joint) for joint in logged.T], axis=1)
         known = (start_s + time_s >= logged_s[0] - step_s) & (start_s + time_s <= logged_s[-1] + step_s)
-        return float(np.sqrt(((shifted - expected)[known] ** 2).mean())) if known.any() else np.inf
+        return shifted - expected, known
+
+    def rms_rad(start_s: float) -> float:
+        off_rad, known = off(start_s)
+        return float(np.sqrt((off_rad[known] ** 2).mean())) if known.any() else np.inf
 
     # Starts at which the log misses a part of the motion are included, so that this can be reported.
     half_s = 0.5 * planned.end_s
@@ -79,13 +148,19 @@ def motion_times(log: JointLog, motion: Motion, arm: AnyArm, file: str | None = 
         method="bounded",
         options={"xatol": 1e-6},
     )
-    if not found.fun <= LARGEST_RMS_RAD:  # NaN too: numbers too large to compare
-        raise StrandcastError(
-            "SC-I031",
-            f"no part of the log looks like motion.json: the joints are {found.fun:.2f} rad off at best",
-            file=file,
-            cost="clock and fit would belong to another throw",
-            fix="put the motion that was played beside the raw files, and check the joints' order and units",
-        )
     start_s = best + float(found.x)
-    return start_s, start_s + planned.end_s
+    off_rad, known = off(start_s)
+    left_rad = _unexplained_rad(off_rad, expected, known)
+    is_whole = bool(known[time_s <= planned.end_s].all())
+    return Match(start_s, start_s + planned.end_s, float(found.fun), left_rad, is_whole)
+
+
+def _unexplained_rad(off_rad: np.ndarray, expected_rad: np.ndarray, known: np.ndarray) -> float:
+    """Return the rms of (T, J) without each joint's offset and shares of its velocity and acceleration."""
+    velocity = np.gradient(expected_rad, axis=0)
+    terms = np.stack([np.ones_like(velocity), velocity, np.gradient(velocity, axis=0)], axis=2)[known]
+    left = [
+        off - columns @ np.linalg.lstsq(columns, off, rcond=None)[0]
+        for columns, off in zip(terms.transpose(1, 0, 2), off_rad[known].T, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.square(left))))

@@ -1,14 +1,16 @@
 """Import a robot's own log into the folder of a trial or of the rehearsal: joints.csv and run.json."""
 
 import shlex
+from contextlib import suppress
 from pathlib import Path
 
+from strandcast.arm.load import AnyArm
 from strandcast.arm.spatial import load_any_arm
 from strandcast.errors import StrandcastError
 from strandcast.imports.joints import IMPORTED, Played, Reading, import_joints
 from strandcast.records.joint_log import Run
 from strandcast.records.motion import Motion
-from strandcast.stages.context import context_of, refuse_replacing
+from strandcast.stages.context import Context, context_of, refuse_replacing
 
 ALIGNED_BEFORE = (
     "the capture beside the log was aligned with the one before: import it again, "
@@ -52,9 +54,20 @@ def run(
         folder,
         reading,
         namings=[joints] if joints else [list(arm.joints), list(arm.all_joints)],
-        played=Played(Motion.read(motion), arm) if motion.is_file() else None,
+        played=_played(context, motion, arm) if motion.is_file() else None,
     )
     if aligned_before:
         found = found.model_copy(update={"warnings": [*found.warnings, ALIGNED_BEFORE]})
         found.write(record)
     return found
+
+
+def _played(context: Context, file: Path, arm: AnyArm) -> Played:
+    """Return the motion of a file, with the experiment's other motions, planned or played."""
+    motion = Motion.read(file)
+    by_hash = {motion.content_sha256(): (str(file), motion)}
+    for path in (*context.folder.data.glob("*/motion.json"), *context.folder.results.glob("*/motion.json")):
+        with suppress(StrandcastError):  # what is wrong with it concerns another trial
+            other = Motion.read(path)
+            by_hash.setdefault(other.content_sha256(), (str(path), other))
+    return Played(motion, arm, dict(list(by_hash.values())[1:]))
