@@ -79,8 +79,9 @@ def test_wrong_units_are_refused_with_the_distance_that_shows_them(tmp_path):
 
 def test_a_marker_that_is_never_detected_leaves_nothing_behind(tmp_path):
     empty = "ms,hx,hy,deg,mx,my,ex,ey\n" + "".join(f"{10 * k},0,900,0,0,700,,\n" for k in range(3))
-    with pytest.raises(StrandcastError, match="SC-I021"):
+    with pytest.raises(StrandcastError, match="SC-I021") as caught:
         capture(tmp_path, mapping_of(), empty)
+    assert caught.value.file is not None
     assert not (tmp_path / "out").exists()
 
 
@@ -95,7 +96,7 @@ def test_a_mapping_file_says_the_same_as_options(tmp_path):
 
 
 def test_what_cannot_be_is_refused(tmp_path):
-    with pytest.raises(StrandcastError, match=r"beyond the string's 0\.4 m"):
+    with pytest.raises(StrandcastError, match=r"\.csv: markers: a marker at 2.* beyond the string's 0\.4 m"):
         capture(tmp_path, capture_mapping_of("ms", "hx,hy", ["2:mx,my"]))
     with pytest.raises(StrandcastError, match=r"points \[2, 2\] of 4"):
         capture(tmp_path, capture_mapping_of("ms", "hx,hy", ["0.2:mx,my", "0.21:ex,ey"]))

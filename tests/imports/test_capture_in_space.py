@@ -1,5 +1,8 @@
 """Captures in space: units, axes, poses and points are converted; what does not fit is named."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -102,6 +105,32 @@ def test_a_file_of_columns_in_space_is_recognised(tmp_path):
     assert {error.field for error in caught.value.problems} == {"up", "length_unit"}
 
 
+def test_a_wrong_option_is_named_with_what_was_given():
+    with pytest.raises(StrandcastErrors) as caught:
+        space_mapping_of("h", ["far:m1"], up="q", time="t", time_unit="s")
+    said = "\n".join(str(error) for error in caught.value.problems)
+    for words in (
+        r"up: Input .*, not 'q'\n.*--up",
+        r"length_unit: .*\n.*--length-unit",
+        r"not 'far'\n.*--marker",
+    ):
+        assert re.search(words, said), words
+    with pytest.raises(StrandcastErrors, match="ERROR  time and time_unit go together"):
+        space_mapping_of("h", ["0.2:m1"], up="z", length_unit="m", time="t")
+
+
+def test_a_wrong_entry_of_a_file_is_named_with_the_keys_only_where_they_help(tmp_path):
+    path = tmp_path / "columns.toml"
+    path.write_text('hand = {position = ["a"], back = ["b"]}\nmarker = 3\nup = "z"\nlength_unit = "mile"\n')
+    with pytest.raises(StrandcastErrors) as caught:
+        load_capture_mapping(path)
+    fixes = {error.field: error.fix for error in caught.value.problems}
+    assert all(error.file == str(path) for error in caught.value.problems)
+    assert fixes["hand.back"] == fixes["length_unit"] == "correct it in this file"
+    assert fixes["marker"] == fixes["markers"]
+    assert fixes["markers"].startswith("the keys are up, ")
+
+
 def broken(named, **changes):
     return named | {name: change(named[name].copy()) for name, change in changes.items()}
 
@@ -121,6 +150,17 @@ REFUSED = {
     "quaternion not of length one": ("SC-I037", {"hand_qw": lambda q: 2.0 * q}, {}),
     "no driven end": ("SC-I036", {"hand.x": emptied}, {}),
     "marker never seen": ("SC-I021", {"m2.y": emptied}, {}),
+    "marker beyond the string": (
+        "SC-I013",
+        {},
+        {"markers": [{"place_m": 0.3, "position": ["m1"]}, {"place_m": 0.9, "position": ["m2"]}]},
+    ),
+    "two markers at one place": (
+        "SC-I039",
+        {},
+        {"markers": [{"place_m": 0.3, "position": ["m1"]}, {"place_m": 0.3, "position": ["m2"]}]},
+    ),
+    "no time": ("SC-I011", {}, {"time": None, "time_unit": None}),
     "unknown column": ("SC-I004", {}, {"time": "seconds"}),
 }
 
@@ -130,8 +170,9 @@ def test_what_does_not_fit_is_refused_and_nothing_is_written(tmp_path, named, wh
     code, changes, data = REFUSED[what]
     with pytest.raises(StrandcastError) as caught:
         imported(tmp_path, broken(named, **changes), captures.mapping_data(**data))
-    assert caught.value.code == code
-    assert caught.value.fix
+    error = caught.value
+    assert error.code == code
+    assert (Path(str(error.file)).name, bool(error.field), bool(error.fix)) == ("capture.csv", True, True)
     assert not (tmp_path / "out").exists()
 
 

@@ -221,12 +221,18 @@ def test_a_capture_in_the_arms_frame_needs_the_clocks_offset_alone(
     assert Alignment.read(root / "data/cast/trial-01/alignment.json").offset_s == CAPTURE_CLOCK_S
     with pytest.raises(StrandcastError, match=r"SC-I054.*neither"):
         import_track.run(root, "cast", 1, own, mapping, replace=True)
+    file = root / "data/hung/experiment.yaml"
+    file.parent.mkdir()
+    file.write_text("string: {length_m: 0.41}\n")
+    with pytest.raises(StrandcastError, match=r"SC-I061.*offset") as caught:
+        import_track.run(root, "hung", 1, own, mapping, offset_s=CAPTURE_CLOCK_S)
+    assert caught.value.file == str(file)
 
 
 def test_a_throw_without_its_log_or_its_tip_is_refused(root: Path, captured: tuple[SpaceCase, Path]) -> None:
     case, file = captured
     mapping = mapping_of(case)
-    with pytest.raises(StrandcastError, match="SC-I056.*joint log"):
+    with pytest.raises(StrandcastError, match=r"(?s)SC-I056.*joint log.*import joints cast 2 LOG"):
         import_track.run(root, "cast", 2, file, mapping)
     fewer = mapping.model_copy(update={"markers": mapping.markers[:-2]})
     with pytest.raises(StrandcastError, match="SC-I055"):

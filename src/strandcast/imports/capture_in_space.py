@@ -7,7 +7,7 @@ import numpy as np
 
 from strandcast.errors import StrandcastError
 from strandcast.imports.capture_table import read_capture
-from strandcast.imports.motion_capture import one_clock, times_of, write_capture
+from strandcast.imports.motion_capture import BEYOND, UNSEEN, one_clock, times_of, write_capture
 from strandcast.imports.space_checks import check_directions, check_track_in_space, refuse_same_markers
 from strandcast.imports.space_mapping import DrivenBody, SpaceMapping, columns_of
 from strandcast.imports.table import NumberTable
@@ -65,7 +65,7 @@ def import_capture_in_space(
     markers = sorted(mapping.markers, key=lambda marker: marker.place_m)
     points_m = np.stack([_position(table, mapping, marker.position) for marker in markers], axis=1)
     names = [", ".join(columns_of(marker.position)) for marker in markers]
-    _refuse_misplaced([marker.place_m for marker in markers], length_m)
+    _refuse_misplaced([marker.place_m for marker in markers], names, length_m, table.path)
     refuse_same_markers(points_m, names, table.path)
     warnings, sigma_m = list(table.notes), mapping.sigma_m
     if thrown is None:
@@ -89,7 +89,7 @@ def import_capture_in_space(
         np.full((len(time_s), 1 + len(markers)), SUPPLIED, np.int32),
     )
     detected = np.isfinite(points_m).all(axis=2)
-    _refuse_unseen(detected, names)
+    _refuse_unseen(detected, names, table.path)
     summary = TrackSummary(
         experiment=experiment,
         trial=trial,
@@ -159,7 +159,7 @@ def _times(table: NumberTable, mapping: SpaceMapping) -> np.ndarray:
         return times_of(table, mapping.time, mapping.time_unit)
     rate_hz = mapping.rate_hz or table.rate_hz
     if rate_hz is None:
-        what = "the mapping has no column of the time and no rate"
+        what = "the mapping has no column of the time, and neither it nor the file has a rate"
         raise refusal("SC-I011", table.path, "time", what, "give time and time_unit, or rate_hz")
     if table.rate_hz is not None and abs(rate_hz / table.rate_hz - 1.0) > 1e-3:
         what = f"is {rate_hz:g}, the file says {table.rate_hz:g}"
@@ -228,30 +228,34 @@ def _aside(direction: np.ndarray) -> np.ndarray:
     return np.asarray(across / np.linalg.norm(across))
 
 
-def _refuse_misplaced(places_m: list[float], length_m: float) -> None:
+def _refuse_misplaced(places_m: list[float], names: list[str], length_m: float, file: Path) -> None:
     if places_m[-1] > length_m * 1.001:
         raise StrandcastError(
             "SC-I013",
-            f"a marker at {places_m[-1]} m lies beyond the string's {length_m} m",
-            field="place_m",
-            fix="give places from the first driven end along the string, in metres; check string.length_m",
+            f"a marker at {places_m[-1]} m lies beyond the string's {length_m:g} m",
+            file=file,
+            field="markers",
+            fix=BEYOND,
         )
-    twice = [place for place, after in pairwise(places_m) if place == after]
+    twice = [k for k, (place, after) in enumerate(pairwise(places_m)) if place == after]
     if twice:
+        k = twice[0]
         raise StrandcastError(
             "SC-I039",
-            f"two markers have the place {twice[0]:g} m",
+            f"two markers have the place {places_m[k]:g} m: {names[k]} and {names[k + 1]}",
+            file=file,
             field="markers",
             fix="give each marker its own place along the string",
         )
 
 
-def _refuse_unseen(detected: np.ndarray, names: list[str]) -> None:
+def _refuse_unseen(detected: np.ndarray, names: list[str], file: Path) -> None:
     never = ~detected.any(axis=0)
     if never.any():
         raise StrandcastError(
             "SC-I021",
             f"a marker is never detected: {names[int(np.argmax(never))]} are empty",
+            file=file,
             field="markers",
-            fix="leave it out, or name its columns",
+            fix=UNSEEN,
         )

@@ -68,6 +68,8 @@ class CaptureMapping(Mapping):
     motion_end_s: float | None = None
 
 
+# Options of other names than the fields that they give.
+OPTIONS = {"rate_hz": "--rate", "markers": "--marker", "angle_offset_rad": "--angle-offset"}
 Kind = TypeVar("Kind", bound=Mapping)
 
 
@@ -100,19 +102,23 @@ def check_mapping(data: Any, kind: type[Kind], path: Path | None = None) -> Kind
     try:
         return kind.model_validate(data)
     except ValidationError as error:
-        known = ", ".join(kind.model_fields)
-        raise StrandcastErrors(
-            [
-                StrandcastError(
-                    "SC-I011",
-                    problem["msg"],
-                    file=path,
-                    field=".".join(str(part) for part in problem["loc"]),
-                    fix=f"the keys are {known}",
-                )
-                for problem in error.errors()
-            ]
-        ) from None
+        raise StrandcastErrors([_invalid(dict(each), kind, path) for each in error.errors()]) from None
+
+
+def _invalid(problem: dict[str, Any], kind: type[Mapping], path: Path | None) -> StrandcastError:
+    """Return the error for one invalid entry, of a file or of the options."""
+    place = [str(part) for part in problem["loc"]]
+    is_name = problem["type"] in ("missing", "extra_forbidden")
+    given = "" if is_name or isinstance(problem["input"], dict | list) else f", not {problem['input']!r}"
+    if path is None:
+        option = OPTIONS.get(place[0], f"--{place[0]}".replace("_", "-")) if place else "the options"
+        fix = f"give {option} as in strandcast import track --help"
+    elif is_name and len(place) == 1:
+        fix = f"the keys are {', '.join(kind.model_fields)}"
+    else:
+        fix = "correct it in this file"
+    what = problem["msg"].removeprefix("Value error, ") + given
+    return StrandcastError("SC-I011", what, file=path, field=".".join(place) or None, fix=fix)
 
 
 def capture_mapping_of(time: str, hand: str, markers: list[str], **more: Any) -> CaptureMapping:

@@ -18,6 +18,11 @@ from strandcast.records.tables import write_table
 from strandcast.records.track import SUPPLIED, TRACK, Track, TrackSummary
 
 BEYOND_REACH, FAR_OFF = 1.1, 10.0  # of the arm's reach: an origin elsewhere, and a wrong unit
+BEYOND = (
+    "give places in metres along the string, from where it leaves the clamp or the body; or correct "
+    "string.length_m in experiment.yaml"
+)
+UNSEEN = "leave it out, or name the columns that it has in this file"
 OFF_POINT_M = 0.002  # chosen: more shows in the fit
 
 
@@ -62,9 +67,9 @@ def import_capture(
     table = read_capture(path)
     time_s = times_of(table, mapping.time, mapping.time_unit)
     hand = _hand(table, mapping, time_s)
-    index, warnings = points_of_markers(mapping, length_m, points)
+    index, warnings = points_of_markers(mapping, length_m, points, table.path)
     track = _track(table, mapping, time_s, hand, index, points)
-    _refuse_unseen(track, index, mapping)
+    _refuse_unseen(track, index, mapping, table.path)
     if mapping.hand_angle is None and mapping.angle_offset_rad == 0.0:
         warnings.append(
             "no column gives the hand's angle, so the string always leaves the hand along x: "
@@ -111,7 +116,9 @@ def write_capture(
     summary.write(folder / "track.json")
 
 
-def points_of_markers(mapping: CaptureMapping, length_m: float, points: int) -> tuple[list[int], list[str]]:
+def points_of_markers(
+    mapping: CaptureMapping, length_m: float, points: int, file: Path
+) -> tuple[list[int], list[str]]:
     """Return the mass point of each marker, and warnings where one lies between points.
 
     Raises
@@ -125,9 +132,10 @@ def points_of_markers(mapping: CaptureMapping, length_m: float, points: int) -> 
         if marker.place_m > length_m * 1.001:
             raise StrandcastError(
                 "SC-I013",
-                f"a marker at {marker.place_m} m lies beyond the string's {length_m} m",
-                field="place_m",
-                fix="give places from the clamp along the string, in metres",
+                f"a marker at {marker.place_m} m lies beyond the string's {length_m:g} m",
+                file=file,
+                field="markers",
+                fix=BEYOND,
             )
         nearest = max(1, round(marker.place_m / spacing_m))
         index.append(nearest if marker.point is None else marker.point)
@@ -136,6 +144,7 @@ def points_of_markers(mapping: CaptureMapping, length_m: float, points: int) -> 
         raise StrandcastError(
             "SC-I014",
             f"the markers fall on points {index} of {points}",
+            file=file,
             field="markers",
             fix="each marker needs a point of its own: use more points, or name them",
         )
@@ -238,14 +247,15 @@ def _hand_columns(time_s: np.ndarray, hand: Pose) -> dict[str, np.ndarray]:
     }
 
 
-def _refuse_unseen(track: Track, index: list[int], mapping: CaptureMapping) -> None:
+def _refuse_unseen(track: Track, index: list[int], mapping: CaptureMapping, file: Path) -> None:
     for point, marker in zip(index, mapping.markers, strict=True):
         if np.isnan(track.points_m[:, point]).any(axis=1).all():
             raise StrandcastError(
                 "SC-I021",
                 f"the marker at {marker.place_m:g} m is never detected: {marker.x} and {marker.y} are empty",
+                file=file,
                 field="markers",
-                fix="leave it out, or name its columns",
+                fix=UNSEEN,
             )
 
 

@@ -122,7 +122,7 @@ def refuse_same_markers(points_m: np.ndarray, names: list[str], file: Path) -> N
             apart_m = apart_m[np.isfinite(apart_m)]
             if len(apart_m) and apart_m.max() < SAME_M:
                 what = f"{names[other]} and {names[k]} are the same marker in all {len(apart_m)} rows"
-                raise refusal("SC-I039", file, "markers", what, "name each marker once")
+                raise refusal("SC-I039", file, "markers", what, "name each marker once, with its own columns")
 
 
 def _at(time_s: np.ndarray, known_s: np.ndarray, path: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ def run(
     refuse_other_target(context, isinstance(mapping, SpaceMapping))
     if offset_s is not None and not context.settings.aims_in_space:
         raise StrandcastError(
-            "SC-I056",
+            "SC-I061",
             "the offset of the clocks is given, and no target in space",
             file=context.file,
             field="offset",
@@ -67,7 +67,7 @@ def run(
     length_m, thrown = string.length_m, None
     with threadpool_limits(1):  # as the stages: the last digits must not depend on the number of cores
         if context.settings.aims_in_space:
-            length_m, thrown = _thrown(context, folder.data)
+            length_m, thrown = _thrown(context, trial)
         return import_capture_in_space(
             capture,
             folder.data,
@@ -80,25 +80,24 @@ def run(
         )
 
 
-def _thrown(context: Context, folder: Path) -> tuple[float, ThrownBy]:
+def _thrown(context: Context, trial: int) -> tuple[float, ThrownBy]:
     """Return the free length of a thrown string [m], and the hand's path by the joint log."""
     arm = arm_of(context)
     assert isinstance(arm, SpatialArm)
-    record = folder / "run.json"
-    fix = (
-        f"play the motion into this folder, or import its log first: strandcast import joints {context.name}"
-    )
+    folder = context.folder.trial(trial).data
+    record, command = folder / "run.json", f"strandcast import joints {context.name} {trial} LOG"
     if not record.is_file():
         what = "the arm's hand drives the string of a throw in space, and the trial has no joint log"
+        fix = f"play the motion into this folder, or import its log first: {command}"
         raise refusal("SC-I056", record, None, what, fix)
     played, log = read_run(folder)
     if played.motion_start_s is None or played.motion_end_s is None:
         what = "is not known: the log has no commands, and the motion was not beside it"
-        raise refusal(
-            "SC-I056", record, "motion_start_s", what, "put motion.json there and import the log again"
-        )
+        fix = f"put the motion.json that was played there, and import the log again: {command} --replace"
+        raise refusal("SC-I056", record, "motion_start_s", what, fix)
     if missing := [name for name in arm.joints if name not in log.joint_names]:
         what = f"the log has no {', '.join(missing)}, which the arm's file moves"
+        fix = f"name its joints, from the base on: {command} --replace --joint NAME …"
         raise refusal("SC-I056", record, "joint_names", what, fix)
     time_s, q_rad = smooth_joints(log, arm.joints)
     poses = hand_path(arm.chain, q_rad)
