@@ -12,7 +12,7 @@ from strandcast.estimation.measured import Throw
 from strandcast.estimation.throws import prepare
 from strandcast.estimation.unknowns import WIDENED, space_of
 
-MODEL = StringModel(length_m=0.24, points=6, dt_s=2e-3)
+MODEL = StringModel(length_m=0.24, points=6)
 LAYOUT = mass_layout(0.24, 6, [0.2])
 TRUTH = np.array([2e7, 20.0, 0.8, 0.01, 0.5, 0.005, 0.01, 0.2, 2.0, 0.02])
 MASS = 60.0

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strandcast.core.strings import PLAIN_MASS, UNITS, StringBatch, count_found_weights
+from strandcast.core.strings import DRAG_ALONG, PLAIN_MASS, UNITS, StringBatch, count_found_weights
 from strandcast.dynamics.masses import MassLayout, point_masses
 from strandcast.dynamics.parameters import to_exponent
 from strandcast.estimation.evaluation import Array
@@ -89,7 +89,7 @@ class Space:
         bare = self.layout.shares.sum(axis=0) == 0.0
         relative = strings.masses / self.layout.plain
         plain = relative[:, bare].min(axis=1) if bare.any() else np.ones(len(strings))
-        known = strings.options() | {PLAIN_MASS: plain}
+        known = {DRAG_ALONG: np.ones(len(strings))} | strings.options() | {PLAIN_MASS: plain}
         middle = self.values(np.full(self.dimension, 0.5))
         columns = [strings.parameters, strings.free_masses]
         for k in range(10 + self.layout.count, self.dimension):
