@@ -2,6 +2,8 @@
 
 python -m strandcast_studies.benchmarks.loop.drawn --work results/drawn
 python -m strandcast_studies.benchmarks.loop.weights results/drawn --trial 2
+
+Masses are relative to the string's per length, as in `estimate.json`.
 """
 
 import argparse
@@ -17,7 +19,7 @@ WITHIN = (0.1, 0.2)  # of the true weight
 
 
 def weight_ratios(root: Path, name: str, trial: int) -> list[float]:
-    """Return fitted over true mass of each weight, both relative to the string's mass per length."""
+    """Return fitted over true mass of each weight."""
     context = context_of(root, name)
     lab, folder = context.settings.lab, context.folder.trial(trial).results
     assert lab is not None
@@ -25,8 +27,9 @@ def weight_ratios(root: Path, name: str, trial: int) -> list[float]:
     fit = Estimate.read(folder / "estimate.json")
     assert fit.length_m is not None
     plain_kg = lab.string.linear_density_kg_m * fit.length_m / context.settings.string.n
-    thrown = [weight.mass_kg for weight in context.settings.string.weights]
-    return [found.value * plain_kg / mass_kg for found, mass_kg in zip(fit.weights, thrown, strict=True)]
+    fitted_kg = plain_kg * np.array([weight.value for weight in fit.weights])
+    thrown_kg = np.array([weight.mass_kg for weight in context.settings.string.weights], float)
+    return list(fitted_kg / thrown_kg)
 
 
 def main(arguments: list[str] | None = None) -> None:
