@@ -193,6 +193,8 @@ def flush_denormals(typing: Any, control: Any) -> Any:
         if not _X86:
             return args[0]
         place = cgutils.alloca_once(builder, ir.IntType(32))
+        # The kernel's whole stack is then aligned: vectors that it holds there do not straddle cache lines.
+        place.align = 64
         pointer = builder.bitcast(place, ir.IntType(8).as_pointer())
         takes_pointer = ir.FunctionType(ir.VoidType(), [pointer.type])
         builder.call(
