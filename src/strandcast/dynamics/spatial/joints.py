@@ -37,12 +37,12 @@ _NEAREST_FOLD = 1e-6  # 1 + cosine of a bend that is as good as a fold
 
 
 @njit(**INLINED)
-def side_by_side(spec: Any, a: Any, b: Any) -> tuple[Any, Any, Any, Any, Any]:
+def side_by_side(spec: Any, a: Any, b: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
     """Return what a joint needs of the unit vectors before and after it.
 
     Returns
     -------
-    a x b, a + b, 1 / (1 + cosine), the angle between them over its sine, 1 / sine.
+    a x b, a + b, 1 / (1 + cosine), the angle between them over its sine, 1 / sine, 1 / tangent of half of it.
     """
     binormal, cosine = cross(a, b), dot(a, b)
     per_sine = inverse_root(spec, maximum(dot(binormal, binormal), 1e-12))
@@ -58,6 +58,7 @@ def side_by_side(spec: Any, a: Any, b: Any) -> tuple[Any, Any, Any, Any, Any]:
         select(behind, folded, per),
         select(behind, math.pi * per_sine - ratio, ratio),
         per_sine,
+        per_sine * maximum(1.0 + cosine, _NEAREST_FOLD),
     )
 
 

@@ -3,7 +3,10 @@
 See `strandcast.dynamics.schemes.lfcn`. The matrix couples points up to two apart in blocks of three by three:
 in differences of velocities it is a segment's and its two joints' own block H, and a block G of each joint
 between its two segments. Point i's own block is mass + H_(i-1) + H_i - G_i - G_i^T, those to the next points
-are G_i + G_(i+1) - H_i and -G_(i+1). It is assembled and eliminated (L D L^T) in one loop from the clamp on.
+are G_i + G_(i+1) - H_i and -G_(i+1). It is eliminated point by point from the clamp on (L D L^T).
+
+A step is seven loops over the points, each short and with little to wait for: processors look ahead by a few
+hundred instructions only, and longer loops keep too many values for their registers.
 
 Joints also exert moments about the string's own axis: where the string is bent away from its rest shape and
 damped or curled, a turn of its frame does work. They sum up from the free end, or from the second clamp,
@@ -35,7 +38,6 @@ from strandcast.dynamics.elements import (
 from strandcast.dynamics.schemes.scheme import StringArrays, StringMotion
 from strandcast.dynamics.simd import (
     INLINED,
-    inverse,
     inverse_root,
     load,
     maximum,
@@ -94,28 +96,33 @@ from strandcast.dynamics.spatial.triples import (
 L0, DIRECTION, REST, FAR_DIRECTION, SIDE, TORSION = 17, 18, 21, 24, 27, 30
 SPATIAL_COEFFICIENTS = 32
 
-# Work rows per segment and the joint before it; what follows from them replaces them in the same rows.
-UNIT, PER_LENGTH, AXIAL, ACROSS, TURNING, PULL, MOMENT, WEIGHT, TORQUE, PER, AT_STEP = (
+# Work rows of segment j, of the joint before it, and of point j. First the elements: AHEAD is half the last
+# change of a segment's turn rate, REACH what tangents of half the bends add up to. What follows from them
+# replaces what is no longer needed.
+UNIT, PER_LENGTH, ACROSS, PER, TURNING, AHEAD, PULL, BEND, AXIAL, PER_SINE, PER_TANGENT, REACH, RATIO = (
     0,
     3,
     4,
     5,
     6,
     9,
-    10,
+    12,
     13,
-    14,
-    15,
     16,
+    17,
+    18,
+    19,
+    20,
 )
-TENSION = TURNING  # sum of forces along and across a segment, once the joints are known
-# Once the joints are known: damping of spins and what the spins before a joint add up to, times its weight on
-# them; 1 / sine of its bend; its last change of spin; bound of its bending out of its plane. Then the weights
-# of the joint's block normal to its plane: in both segments' own blocks, and between them.
-SPIN_DAMPING, PER_SINE, SPIN_CHANGE, OUT_OF_PLANE = AT_STEP, AT_STEP + 1, AT_STEP + 2, AT_STEP + 3
-NORMAL, NORMAL_BETWEEN = SPIN_DAMPING, PER_SINE
-NEXT, OVER_NEXT, CHANGED, LOWER = 0, 9, 18, 21
-SPATIAL_ROWS = 24
+# SPIN_CHANGE is a joint's last change of spin, OUT_OF_PLANE the bound of its bending out of its plane,
+# SPIN_DAMPING the damping of spins times REACH.
+WEIGHT, TORQUE, SPIN_CHANGE, OUT_OF_PLANE, MOMENT, SPIN_DAMPING = 6, 7, 8, 9, BEND, REACH
+# Weights of a joint's block normal to its plane: in both segments' own blocks, and between them.
+NORMAL, NORMAL_BETWEEN = TORQUE, SPIN_CHANGE
+# Blocks to the next two points, impulse and own block; from these, what `_back` takes.
+TO_NEXT, TO_AFTER, IMPULSE, OWN = 0, 9, 18, 21
+NEXT, OVER_NEXT, CHANGED, LOWER = TO_NEXT, TO_AFTER, IMPULSE, OWN
+SPATIAL_ROWS = 27
 
 
 class SpatialSettings(NamedTuple):
@@ -188,9 +195,11 @@ def step_in_space(
     extent = _segments(spec, string, motion, clamp, work, settings)
     ahead = combined(clamp.frame, load3(spec, string.c, DIRECTION))
     behind = scaled(splat(spec, -1.0), combined(far.frame, load3(spec, string.c, FAR_DIRECTION)))
+    _bends(spec, string, clamp, ahead, behind, work, settings, motion.stick)
     _joints(spec, string, clamp, far, ahead, behind, work, settings, motion.stick)
-    _tensions(spec, string, ahead, behind, work, settings.two_ends)
-    tip = _eliminate(spec, string, motion, clamp.dv, ahead, work, settings)
+    _impulses(spec, string, motion, ahead, behind, work, settings)
+    _assemble(spec, string, ahead, work, settings)
+    tip = _eliminate(spec, string.n, clamp.dv, work)
     _back(spec, string.n, motion, clamp, far.dv if settings.two_ends else tip, work, settings.step)
     return extent
 
@@ -225,10 +234,50 @@ def _segments(
         store(spec, work, r + AXIAL, settings.kick * (pull + c_s * dot(w, u)))
         store(spec, work, r + ACROSS, held(maximum(pull, 0.0) * per_length, settings, floor))
         store3(spec, work, r + TURNING, scaled(per_length, cross(u, w)))
-        w = plus_scaled(w, 0.5, minus(dv, dv_before))
-        store3(spec, work, r + AT_STEP, scaled(per_length, cross(u, w)))
+        store3(spec, work, r + AHEAD, scaled(0.5 * per_length, cross(u, minus(dv, dv_before))))
         store(spec, work, r + PULL, pull)
     return longest, shortest
+
+
+@njit(**INLINED)
+def _bends(
+    spec: Any,
+    string: StringArrays,
+    clamp: ClampMotion,
+    ahead: Any,
+    behind: Any,
+    work: Any,
+    settings: SpatialSettings,
+    stick: Any,
+) -> None:
+    """Write the bend from rest and the angle's functions of every joint; joints 0 and n are the clamps."""
+    n, c, _, _ = string
+    a, rest = ahead, combined(clamp.frame, load3(spec, c, REST))
+    reach = splat(spec, 0.0)
+    if settings.two_ends:
+        store3(spec, work, SPATIAL_ROWS * n + UNIT, behind)
+    for j in range(n + 1 if settings.two_ends else n):
+        r = SPATIAL_ROWS * j
+        b = load3(spec, work, r + UNIT)
+        binormal, middle, per, ratio, per_sine, per_tangent = side_by_side(spec, a, b)
+        halfway, rest = transported(b, middle, per, rest)
+        if settings.helical:
+            onward = scaled(load(spec, c, TORSION + 1), cross(b, rest))
+            rest = plus_scaled(onward, load(spec, c, TORSION), rest)
+        if j == 0 or j == n:
+            bend = scaled(ratio, binormal)
+        else:
+            bend = bend_from_rest(binormal, ratio, per_sine, halfway)
+        half_tangent = (0.5 * per_sine) * dot(binormal, binormal) * per
+        store3(spec, work, r + BEND, bend)
+        store(spec, work, r + PER, per)
+        store(spec, work, r + PER_SINE, per_sine)
+        store(spec, work, r + PER_TANGENT, per_tangent)
+        store(spec, work, r + REACH, reach + half_tangent)
+        if stick is not None:
+            store(spec, work, r + RATIO, ratio)
+        reach = reach + 2.0 * half_tangent
+        a = b
 
 
 @njit(**INLINED)
@@ -243,7 +292,7 @@ def _joints(
     settings: SpatialSettings,
     stick: Any,
 ) -> None:
-    """Write moment, weight and torque about the string of every joint; joints 0 and n are the clamps.
+    """Write moment, weight and torque about the string of every joint.
 
     Spins and torques take the velocities of this step, extrapolated. The matrix holds what the switch between
     h and sh adds to a damper as if it were the same in all directions; `more`, `along` and `sideways` correct
@@ -253,45 +302,34 @@ def _joints(
     l0 = load(spec, c, L0)
     floor = (l0 * l0 / 16.0) * load(spec, c, FLOOR)
     twice_half = 2.0 * settings.half
-    a, rate_a = ahead, across(ahead, clamp.rate)
+    a, rate_a, more_a = ahead, across(ahead, clamp.rate), scaled(0.5, across(ahead, clamp.change))
     clamp_now = plus_scaled(clamp.rate, 0.5, clamp.change)
-    now_a = across(ahead, clamp_now)
-    spin, rest = dot(clamp_now, ahead), combined(clamp.frame, load3(spec, c, REST))
-    reach = splat(spec, 0.0)
+    spin = dot(clamp_now, ahead)
     side = combined(clamp.frame, load3(spec, c, SIDE))
     pull = load(spec, work, PULL)
     if settings.two_ends:
         r = SPATIAL_ROWS * n
-        store3(spec, work, r + UNIT, behind)
         store3(spec, work, r + TURNING, across(behind, far.rate))
-        store3(spec, work, r + AT_STEP, across(behind, plus_scaled(far.rate, 0.5, far.change)))
+        store3(spec, work, r + AHEAD, scaled(0.5, across(behind, far.change)))
     for j in range(n + 1 if settings.two_ends else n):
         r = SPATIAL_ROWS * j
         b, rate_b = load3(spec, work, r + UNIT), load3(spec, work, r + TURNING)
-        now_b = load3(spec, work, r + AT_STEP)
-        binormal, middle, per, ratio, per_sine = side_by_side(spec, a, b)
-        halfway, rest = transported(b, middle, per, rest)
-        if settings.helical:
-            onward = scaled(load(spec, c, TORSION + 1), cross(b, rest))
-            rest = plus_scaled(onward, load(spec, c, TORSION), rest)
-        now, own_spin = relative_rate(middle, per, minus(now_b, now_a))
-        rate, spin_before = relative_rate(middle, per, minus(rate_b, rate_a))
-        ahead_of = minus(now, rate)
-        turned, spin_here = minus(b, a), spin - 0.5 * own_spin
+        more_b, bend = load3(spec, work, r + AHEAD), load3(spec, work, r + BEND)
+        per = load(spec, work, r + PER)
+        middle, turned = plus(a, b), minus(b, a)
+        ahead_of, spin_more = relative_rate(middle, per, minus(more_b, more_a))
+        rate, own_spin = relative_rate(middle, per, minus(rate_b, rate_a))
+        own_spin = own_spin + spin_more
+        rate = plus_scaled(rate, spin - 0.5 * own_spin, turned)
         spin = spin - own_spin
-        rate = plus_scaled(rate, spin_here, turned)
-        upward = cross(a, side)
-        a, rate_a, now_a = b, rate_b, now_b
         sideways = along = splat(spec, 0.0)
         if j == 0 or j == n:
             own, clamped = load(spec, factor, 0), load(spec, c, K_PH)
-            bend = scaled(ratio, binormal)
             k, damping = own * clamped, own * load(spec, c, C_PH)
             rubs = select(clamped > 0.0, own, 0.0)  # a clamp without stiffness is a point
             slope, least = damping, 4.0 * floor
         else:
             own = rubs = load(spec, factor, j)
-            bend = bend_from_rest(binormal, ratio, per_sine, halfway)
             before_pull, pull = pull, load(spec, work, r + PULL)
             size, per_size = size_of(spec, bend)
             growth = dot(bend, rate) * per_size
@@ -319,36 +357,37 @@ def _joints(
             damping, slope = damping + rubbing, slope + rubbing
         rubbed, tangent = zero3(spec), splat(spec, 0.0)
         if stick is not None:
+            binormal, ratio = cross(a, b), load(spec, work, r + RATIO)
+            upward = cross(a, side)
             in_frame = ratio * dot(binormal, side), ratio * dot(binormal, upward)
             share = settings.kick / settings.step
             x, y, tangent = sticking_friction_in_space(spec, c, rubs, j, in_frame, share, stick)
             constant, _ = transported(b, middle, per, plus_scaled(scaled(x, side), y, upward))
             # Constant in the string's frame, it works on turns as the rest bend does.
-            rubbed = minus(scaled(ratio, binormal), bend_from_rest(binormal, ratio, per_sine, constant))
+            held_back = bend_from_rest(binormal, ratio, load(spec, work, r + PER_SINE), constant)
+            rubbed = minus(scaled(ratio, binormal), held_back)
             _, side = transported(b, middle, per, side)
         weight = held(k + tangent, settings, least) + maximum(settings.half * slope, -0.5 * least)
         # Moment and torque are sums of stiffness, damping, and what the switch adds in its own directions.
         along, sideways = settings.kick * k + twice_half * along, twice_half * sideways
-        half_tangent = (0.5 * per_sine) * dot(binormal, binormal) * per
-        squared = dot(turned, turned)
         out_of_plane = maximum(settings.half * damping - least, 0.0)
-        store(spec, work, r + SPIN_DAMPING, settings.half * damping * squared * (reach + half_tangent))
-        store(spec, work, r + PER_SINE, per_sine)
-        store(spec, work, r + SPIN_CHANGE, 2.0 * (own_spin - spin_before))
-        store(spec, work, r + OUT_OF_PLANE, out_of_plane)
-        reach = reach + 2.0 * half_tangent
+        spin_damping = settings.half * damping * dot(turned, turned) * load(spec, work, r + REACH)
         damping, more = twice_half * damping, twice_half * more
-        moment = plus_scaled(scaled(along, bend), damping + sideways, rate)
-        torque = along * dot(bend, turned) + sideways * dot(rate, turned)
-        torque = torque + damping * (dot(now, turned) + spin_here * squared)
+        with_rate, ahead_turned = damping + sideways, dot(ahead_of, turned)
+        moment = plus_scaled(scaled(along, bend), with_rate, rate)
+        torque = along * dot(bend, turned) + with_rate * dot(rate, turned) + damping * ahead_turned
         if stick is not None:
             moment = plus_scaled(moment, settings.kick, rubbed)
             torque = torque + settings.kick * dot(rubbed, turned)
-        moment = minus(moment, _out_of_plane(spec, 2.0 * out_of_plane, ahead_of, turned))
+        outward = 2.0 * out_of_plane * _per_turned(spec, work, r) * ahead_turned
+        moment = plus_scaled(moment, -outward, turned)
         store3(spec, work, r + MOMENT, plus_scaled(moment, -more, ahead_of))
         store(spec, work, r + WEIGHT, weight)
         store(spec, work, r + TORQUE, torque)
-        store(spec, work, r + PER, per)
+        store(spec, work, r + SPIN_CHANGE, 2.0 * spin_more)
+        store(spec, work, r + OUT_OF_PLANE, out_of_plane)
+        store(spec, work, r + SPIN_DAMPING, spin_damping)
+        a, rate_a, more_a = b, rate_b, more_b
     driven = scaled(splat(spec, -1.0), across(ahead, clamp.change))
     _drive(spec, work, 0, ahead, load3(spec, work, UNIT), driven)
     if settings.two_ends:
@@ -365,34 +404,42 @@ def _joints(
 @njit(**INLINED)
 def _drive(spec: Any, work: Any, j: int, a: Any, b: Any, change: Any) -> None:
     """Add what the clamp's change of turn rate contributes to the moment of its joint j, between a and b."""
-    r = SPATIAL_ROWS * j
+    r, turned = SPATIAL_ROWS * j, minus(b, a)
     driven, spin = relative_rate(plus(a, b), load(spec, work, r + PER), change)
     store(spec, work, r + SPIN_CHANGE, load(spec, work, r + SPIN_CHANGE) - spin)
     moment = plus_scaled(load3(spec, work, r + MOMENT), load(spec, work, r + WEIGHT), driven)
-    out_of_plane = load(spec, work, r + OUT_OF_PLANE)
-    store3(spec, work, r + MOMENT, plus(moment, _out_of_plane(spec, out_of_plane, driven, minus(b, a))))
+    outward = load(spec, work, r + OUT_OF_PLANE) * _per_turned(spec, work, r) * dot(driven, turned)
+    store3(spec, work, r + MOMENT, plus_scaled(moment, outward, turned))
 
 
 @njit(**INLINED)
-def _out_of_plane(spec: Any, weight: Any, rate: Any, turned: Any) -> Any:
-    """Return `weight` times the part of a relative turn rate that bends a joint out of its plane."""
-    share = weight * dot(rate, turned) * inverse(spec, maximum(dot(turned, turned), 1e-12))
-    return scaled(share, turned)
+def _per_turned(spec: Any, work: Any, r: int) -> Any:
+    """Return 1 / |b - a|^2 of a joint: along b - a a relative turn bends it out of its plane."""
+    return (0.5 * load(spec, work, r + PER_SINE)) * load(spec, work, r + PER_TANGENT)
 
 
 @njit(**INLINED)
-def _tensions(spec: Any, string: StringArrays, ahead: Any, behind: Any, work: Any, two_ends: bool) -> None:
-    """Write the impulse with which every segment pulls at its first point, and pushes at its second.
+def _impulses(
+    spec: Any,
+    string: StringArrays,
+    motion: StringMotion,
+    ahead: Any,
+    behind: Any,
+    work: Any,
+    settings: SpatialSettings,
+) -> None:
+    """Write every point's impulse, and its own inertia and drag.
 
-    A torque about the string, summed up from its end, acts like a moment along a + b.
+    A segment pulls at its first point and pushes at its second. A torque about the string, summed up from its
+    end, acts like a moment along a + b.
     """
     n, c = string.n, string.c
     l0 = load(spec, c, L0)
     floor = (l0 * l0 / 16.0) * load(spec, c, FLOOR)
     torque = spins = splat(spec, 0.0)
-    after = zero3(spec)
+    after = pull = zero3(spec)
     b = load3(spec, work, SPATIAL_ROWS * (n - 1) + UNIT)
-    if two_ends:
+    if settings.two_ends:
         middle, per = plus(b, behind), load(spec, work, SPATIAL_ROWS * n + PER)
         own = load(spec, work, SPATIAL_ROWS * n + TORQUE)
         held_back, spins = _spread(spec, work, SPATIAL_ROWS * n, spins, floor)
@@ -411,41 +458,19 @@ def _tensions(spec: Any, string: StringArrays, ahead: Any, behind: Any, work: An
         moment = plus_scaled(moment, -((torque + 0.5 * own) * per + held_back), middle)
         torque = torque + own
         shear = scaled(load(spec, work, r + PER_LENGTH), cross(minus(moment, after), b))
-        store3(spec, work, r + TENSION, plus_scaled(shear, load(spec, work, r + AXIAL), b))
+        push, pull = pull, plus_scaled(shear, load(spec, work, r + AXIAL), b)
+        inertia, impulse = _point(spec, string, motion, j + 1, settings)
+        store3(spec, work, r + SPATIAL_ROWS + IMPULSE, plus(impulse, minus(push, pull)))
+        _store6(spec, work, r + SPATIAL_ROWS + OWN, inertia)
         after = moment
         b = a
 
 
 @njit(**INLINED)
-def _spread(spec: Any, work: Any, r: int, spins: Any, floor: Any) -> tuple[Any, Any]:
-    """Write the weights normal to a joint's plane; return what acts along a + b, and the joints' sum so far.
-
-    Joint j's spin is the sum of what the joints before it spin, s_i, and half of its own. By Cauchy and
-    Schwarz, for any p_i > 0, (sum s_i)^2 <= sum p_i sum s_i^2 / p_i: the damping of all spins is at most a
-    sum of terms of one joint each. With p_i the tangent of half the bend, a term's weight on velocities
-    normal to the joint's plane grows like the bend. `floor` is what inertia holds of it.
-    """
-    own, per_sine = load(spec, work, r + SPIN_DAMPING), load(spec, work, r + PER_SINE)
-    weight, per = load(spec, work, r + WEIGHT), load(spec, work, r + PER)
-    per_sine_per = per_sine * inverse(spec, per)
-    bound = maximum(spins + 0.5 * own - floor * per_sine_per, 0.0) * per_sine
-    turned = load(spec, work, r + OUT_OF_PLANE) * (per_sine_per * per_sine_per)
-    store(spec, work, r + NORMAL, weight - 2.0 * bound - turned)
-    store(spec, work, r + NORMAL_BETWEEN, weight - 2.0 * bound + turned)
-    return bound * load(spec, work, r + SPIN_CHANGE), spins + own
-
-
-@njit(**INLINED)
-def _with_point(
-    spec: Any,
-    string: StringArrays,
-    motion: StringMotion,
-    i: int,
-    block: Any,
-    force: Any,
-    settings: SpatialSettings,
+def _point(
+    spec: Any, string: StringArrays, motion: StringMotion, i: int, settings: SpatialSettings
 ) -> tuple[Any, Any]:
-    """Add point i's inertia and drag to a symmetric block, and its impulse by drag and weight to `force`."""
+    """Return point i's own inertia and drag as a symmetric block, and its impulse by drag and weight."""
     n, c, mass, _ = string
     v, own = load3(spec, motion.v, 3 * i), load(spec, mass, i - 1)
     per_speed, slope = drag(c, spec, dot(v, v))
@@ -460,96 +485,116 @@ def _with_point(
         w = plus_scaled(v, -less * dot(v, t), t)
         # Half the derivative of per_speed w by v, symmetric: v w^T + w v^T = 2 x x^T - 2 y y^T of half of
         # their sum and difference.
-        block = plus6(block, outer6(slope, scaled(0.5, plus(v, w))))
+        block = outer6(slope, scaled(0.5, plus(v, w)))
         block = plus6(block, outer6(-slope, scaled(0.5, minus(v, w))))
         block = plus6(block, outer6(-less * per_speed, t))
     else:
-        block = plus6(block, outer6(slope, v))
-    force = plus_scaled(force, -drag_share, w)
+        block = outer6(slope, v)
+    force = scaled(-drag_share, w)
     down = settings.kick * settings.gravity * own
     return diagonal_plus6(own + per_speed, block), (force[0], force[1], force[2] - down)
 
 
 @njit(**INLINED)
-def _coupling(spec: Any, work: Any, j: int, before: Any, stretch: Any) -> tuple[Any, Any, Any]:
-    """Return segment j's block H, joint j + 1's block G, and that joint as the next segment meets it.
+def _spread(spec: Any, work: Any, r: int, spins: Any, floor: Any) -> tuple[Any, Any]:
+    """Write the weights normal to a joint's plane; return what acts along a + b, and the joints' sum so far.
 
-    `before` is the joint before a segment: the segment's direction, the joint's weight over the segment's
-    length squared, its share of the segment's block that is normal to the joint's plane.
+    Joint j's spin is the sum of what the joints before it spin, s_i, and half of its own. By Cauchy and
+    Schwarz, for any p_i > 0, (sum s_i)^2 <= sum p_i sum s_i^2 / p_i: the damping of all spins is at most a
+    sum of terms of one joint each. With p_i the tangent of half the bend, a term's weight on velocities
+    normal to the joint's plane grows like the bend. `floor` is what inertia holds of it.
     """
-    u, own, normal = before
-    r = SPATIAL_ROWS * j
-    per_length = load(spec, work, r + PER_LENGTH)
-    plain = load(spec, work, r + ACROSS) + own
-    r += SPATIAL_ROWS
-    u_next, per_length_next = load3(spec, work, r + UNIT), load(spec, work, r + PER_LENGTH)
-    weight, across_plane = load(spec, work, r + WEIGHT), load(spec, work, r + NORMAL)
-    squared, mixed = per_length * per_length, per_length * per_length_next
-    squared_next = per_length_next * per_length_next
-    skewed = outer6(0.5 * load(spec, work, r + PER), cross(u, u_next))
-    plain = plain + weight * squared
-    segment = minus6(diagonal_plus6(plain, outer6(stretch - plain, u)), normal)
-    segment = plus_scaled6(segment, -(across_plane * squared), skewed)
-    skewed_mixed = scaled6(load(spec, work, r + NORMAL_BETWEEN) * mixed, skewed)
-    between = mixed_block(weight * mixed, u, u_next, dot(u, u_next), skewed_mixed)
-    return segment, between, (u_next, weight * squared_next, scaled6(across_plane * squared_next, skewed))
+    own, per_tangent = load(spec, work, r + SPIN_DAMPING), load(spec, work, r + PER_TANGENT)
+    bound = maximum(spins + 0.5 * own - floor * per_tangent, 0.0) * load(spec, work, r + PER_SINE)
+    weight, change = load(spec, work, r + WEIGHT) - 2.0 * bound, load(spec, work, r + SPIN_CHANGE)
+    turned = load(spec, work, r + OUT_OF_PLANE) * (per_tangent * per_tangent)
+    store(spec, work, r + NORMAL, weight - turned)
+    store(spec, work, r + NORMAL_BETWEEN, weight + turned)
+    return bound * change, spins + own
 
 
 @njit(**INLINED)
-def _eliminate(
-    spec: Any,
-    string: StringArrays,
-    motion: StringMotion,
-    known: Any,
-    ahead: Any,
-    work: Any,
-    settings: SpatialSettings,
-) -> Any:
-    """Assemble and eliminate point by point, point 0's change being known; return the last point's change.
+def _assemble(spec: Any, string: StringArrays, ahead: Any, work: Any, settings: SpatialSettings) -> None:
+    """Write every point's block, and those to the next two points."""
+    # In the row after the last joint weight and 1 / length are 0, as the workspace was made.
+    n, c, zero = string.n, string.c, splat(spec, 0.0)
+    stretch = held(load(spec, c, K_S), settings, 0.25 * load(spec, c, FLOOR))
+    stretch = stretch + settings.half * load(spec, c, C_S)
+    u, per_length, weight = load3(spec, work, UNIT), load(spec, work, PER_LENGTH), load(spec, work, WEIGHT)
+    normal, skew = load(spec, work, NORMAL), outer6(0.5 * load(spec, work, PER), cross(ahead, u))
+    before = zero, zero, zero, zero, zero, zero, zero, zero, zero
+    segment_before = zero, zero, zero, zero, zero, zero
+    for j in range(n):
+        r = SPATIAL_ROWS * (j + 1)
+        u_next, per_length_next = load3(spec, work, r + UNIT), load(spec, work, r + PER_LENGTH)
+        weight_next, between = load(spec, work, r + WEIGHT), load(spec, work, r + NORMAL_BETWEEN)
+        skew_next = outer6(0.5 * load(spec, work, r + PER), cross(u, u_next))
+        squared, mixed = per_length * per_length, per_length * per_length_next
+        normal, normal_before = load(spec, work, r + NORMAL), normal
+        r -= SPATIAL_ROWS
+        plain = load(spec, work, r + ACROSS) + (weight + weight_next) * squared
+        segment = diagonal_plus6(plain, outer6(stretch - plain, u))
+        segment = plus_scaled6(segment, -(normal_before * squared), skew)
+        segment = plus_scaled6(segment, -(normal * squared), skew_next)
+        skew_mixed = scaled6(between * mixed, skew_next)
+        after = mixed_block(weight_next * mixed, u, u_next, dot(u, u_next), skew_mixed)
+        own = plus6(_load6(spec, work, r + OWN), plus6(segment_before, segment))
+        _store6(spec, work, r + OWN, minus6(own, twice_symmetric_part(before)))
+        _store9(spec, work, r + TO_NEXT, minus_full_of(segment, plus9(before, after)))
+        _store9(spec, work, r + TO_AFTER, after)
+        u, per_length, weight, skew = u_next, per_length_next, weight_next, skew_next
+        before, segment_before = after, segment
+    r = SPATIAL_ROWS * n
+    _store6(spec, work, r + OWN, plus6(_load6(spec, work, r + OWN), segment_before))
+
+
+@njit(**INLINED)
+def _eliminate(spec: Any, n: int, known: Any, work: Any) -> Any:
+    """Eliminate point by point, point 0's change being known; return the last point's change.
 
     The rows of point i are left with its change if the next two did not change, and with how these enter.
     """
-    n, c, _, _ = string
-    # In the row after the last joint weight and 1 / length are 0, as the workspace was made.
-    stiff = held(load(spec, c, K_S), settings, 0.25 * load(spec, c, FLOOR))
-    stretch = stiff + settings.half * load(spec, c, C_S)
-    zero = splat(spec, 0.0)
-    u, per_length = load3(spec, work, UNIT), load(spec, work, PER_LENGTH)
-    squared = per_length * per_length
-    normal = outer6((0.5 * squared) * load(spec, work, PER) * load(spec, work, NORMAL), cross(ahead, u))
-    before = u, load(spec, work, WEIGHT) * squared, normal
-    segment, between, before = _coupling(spec, work, 0, before, stretch)
-    # Of the next point: its block, that between it and the one after, and the impulse; then of the one after.
-    block = minus6(segment, twice_symmetric_part(between))
-    force = scaled(splat(spec, -1.0), load3(spec, work, TENSION))
-    force = minus_transposed_times9(force, minus_full_of(segment, between), known)
+    zero, r = splat(spec, 0.0), SPATIAL_ROWS
+    to_next, between = _load9(spec, work, TO_NEXT), _load9(spec, work, TO_AFTER)
+    # Of the next point: its block, that to the one after, and the impulse; then what comes to the one after.
+    block, impulse = _load6(spec, work, r + OWN), load3(spec, work, r + IMPULSE)
+    impulse = minus_transposed_times9(impulse, to_next, known)
+    to_next = _load9(spec, work, r + TO_NEXT)
     left_after = zero, zero, zero, zero, zero, zero
-    force_after = transposed_times9(between, known)
+    impulse_after = transposed_times9(between, known)
     for j in range(1, n):
-        r = SPATIAL_ROWS * j
-        force = plus(force, load3(spec, work, r + TENSION))
-        block, force = _with_point(spec, string, motion, j, block, force, settings)
-        segment, after, before = _coupling(spec, work, j, before, stretch)
+        r = SPATIAL_ROWS * (j + 1)
         # L D L^T of the point's own block; what it leaves to the next two is in terms of L^-1 of its row.
-        factors = factored6(spec, plus6(block, segment))
-        to_next = forward9(factors, minus_full_of(segment, plus9(between, after)))
-        to_after = forward9(factors, after)
-        total = forward3(factors, force)
-        next_share, after_share = divided9(factors, to_next), divided9(factors, to_after)
-        block = minus6(minus6(segment, twice_symmetric_part(after)), left_after)
-        block = minus_product6(block, to_next, next_share)
-        between = plus_product(after, to_next, after_share)
-        left_after = transposed_product6(to_after, after_share)
-        force = minus_transposed_times9(minus(force_after, load3(spec, work, r + TENSION)), next_share, total)
-        force_after = transposed_times9(after_share, total)
-        _store9(spec, work, r + NEXT, next_share)
-        _store9(spec, work, r + OVER_NEXT, after_share)
+        factors = factored6(spec, block)
+        nearer = forward9(factors, to_next)
+        farther = forward9(factors, _load9(spec, work, r - SPATIAL_ROWS + TO_AFTER))
+        total = forward3(factors, impulse)
+        share, farther_share = divided9(factors, nearer), divided9(factors, farther)
+        block = minus_product6(minus6(_load6(spec, work, r + OWN), left_after), nearer, share)
+        to_next = plus_product(_load9(spec, work, r + TO_NEXT), nearer, farther_share)
+        left_after = transposed_product6(farther, farther_share)
+        impulse = plus(load3(spec, work, r + IMPULSE), impulse_after)
+        impulse = minus_transposed_times9(impulse, share, total)
+        impulse_after = transposed_times9(farther_share, total)
+        r -= SPATIAL_ROWS
+        _store9(spec, work, r + NEXT, share)
+        _store9(spec, work, r + OVER_NEXT, farther_share)
         store3(spec, work, r + CHANGED, divided3(factors, total))
         store3(spec, work, r + LOWER, factors[3:6])
-    block, force = _with_point(spec, string, motion, n, block, force, settings)
     factors = factored6(spec, block)
-    total = forward3(factors, force)
+    total = forward3(factors, impulse)
     return backward3(factors[3:6], divided3(factors, total))
+
+
+@njit(**INLINED)
+def _store6(spec: Any, array: Any, row: int, a: Any) -> None:
+    store3(spec, array, row, a[0:3])
+    store3(spec, array, row + 3, a[3:6])
+
+
+@njit(**INLINED)
+def _load6(spec: Any, array: Any, row: int) -> Any:
+    return (*load3(spec, array, row), *load3(spec, array, row + 3))
 
 
 @njit(**INLINED)

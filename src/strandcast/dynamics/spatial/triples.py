@@ -174,11 +174,11 @@ def transposed_product6(a: Any, b: Any) -> Any:
 def factored6(spec: Any, a: Any) -> Any:
     """Return D^-1 and the unit lower triangle's xy, xz and yz of a symmetric matrix L D L^T."""
     xx, yy, zz, xy, xz, yz = a
-    per_x = inverse(spec, xx)
-    l_xy, l_xz = per_x * xy, per_x * xz
-    per_y, yz = inverse(spec, yy - l_xy * xy), yz - l_xy * xz
-    l_yz = per_y * yz
-    return per_x, per_y, inverse(spec, zz - l_xz * xz - l_yz * yz), l_xy, l_xz, l_yz
+    # D is xx, y / xx and rest / (xx y): none of the three divisions waits for another.
+    y, z, mixed = xx * yy - xy * xy, xx * zz - xz * xz, xx * yz - xy * xz
+    rest = y * z - mixed * mixed
+    per_x, per_y, per_rest = inverse(spec, xx), inverse(spec, y), inverse(spec, rest)
+    return per_x, per_y * xx, per_rest * (xx * y), per_x * xy, per_x * xz, per_y * mixed
 
 
 @njit(**INLINED)
