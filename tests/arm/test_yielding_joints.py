@@ -33,18 +33,18 @@ def command(arm: AnyArm, seed: int, amplitude_rad: float) -> np.ndarray:
     return np.asarray(start + (ways @ shape).T)
 
 
-def loops(arm: AnyArm, share: float) -> YieldingJoints:
+def loops(arm: AnyArm, share: float, carried: float = 0.0) -> YieldingJoints:
     """Loops of one frequency with the arm at zero."""
     dynamics = spatial_dynamics_of(arm)
     inertia = np.diag(dynamics.mass_matrix(np.zeros(len(arm.joints)))) + ARMATURE_KG_M2
     stiffness = inertia * FREQUENCY_RAD_S**2
     damping = 2.0 * DAMPING_RATIO * inertia * FREQUENCY_RAD_S
     rest = [np.full(len(inertia), value) for value in (ARMATURE_KG_M2, share, DELAY_S)]
-    return YieldingJoints(dynamics, np.array([stiffness, damping, *rest]))
+    return YieldingJoints(dynamics, np.array([stiffness, damping, *rest]), carried)
 
 
-def on_springs(arm: AnyArm, commands: np.ndarray, share: float = 1.0) -> np.ndarray:
-    """The joints (T, J) of the arm in MuJoCo, on springs and dampers."""
+def on_springs(arm: AnyArm, commands: np.ndarray, share: float = 1.0, carried: float = 0.0) -> np.ndarray:
+    """The joints (T, J) of the arm in MuJoCo, on springs and dampers, a share of gravity carried."""
     stiffness, damping, armature, _, _ = loops(arm, share).loops
     model, data = arm.model_with_payload(), mujoco.MjData(arm.model_with_payload())
     model.opt.timestep = CYCLE_S
@@ -56,32 +56,36 @@ def on_springs(arm: AnyArm, commands: np.ndarray, share: float = 1.0) -> np.ndar
     delayed = np.stack([np.interp(time_s - DELAY_S, TIME_S, c) for c in commands.T], axis=1)
     rate = np.gradient(delayed, CYCLE_S, axis=0)
     data.qpos[:] = arm.coordinates(commands[0])
+    still = mujoco.MjData(model)
     answer = np.empty_like(delayed)
     for k in range(len(time_s)):
         mujoco.mj_forward(model, data)
         answer[k] = data.qpos[dofs]
         off, speed = delayed[k] - data.qpos[dofs], share * rate[k] - data.qvel[dofs]
-        data.qfrc_applied[dofs] = stiffness * off + damping * speed
+        still.qpos[:] = data.qpos
+        mujoco.mj_forward(model, still)
+        data.qfrc_applied[dofs] = stiffness * off + damping * speed + carried * still.qfrc_bias[dofs]
         data.qfrc_applied[held] = data.qfrc_bias[held]
         mujoco.mj_step(model, data)
     return np.asarray(answer[time_s > -0.5 * CYCLE_S][:: round(STEP_S / CYCLE_S)])
 
 
-@pytest.mark.parametrize("share", [0.0, 1.0])
-def test_they_move_as_mujocos(arm: AnyArm, share: float) -> None:
+@pytest.mark.parametrize(("share", "carried"), [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+def test_they_move_as_mujocos(arm: AnyArm, share: float, carried: float) -> None:
     swing = command(arm, 1, 1.0)
-    expected = on_springs(arm, swing, share)
-    found = follow(loops(arm, share), TIME_S, swing)
+    expected = on_springs(arm, swing, share, carried)
+    found = follow(loops(arm, share, carried), TIME_S, swing)
     yielded_rad = np.abs(expected - swing).max(axis=0)
     assert (yielded_rad > 0.01).all()
     assert np.sqrt(np.mean((found - expected) ** 2)) < 5e-4
 
 
-def test_a_log_tells_how_they_follow_another_motion(arm: AnyArm) -> None:
+@pytest.mark.parametrize("carried", [0.0, 1.0])
+def test_a_log_tells_how_they_follow_another_motion(arm: AnyArm, carried: float) -> None:
     played, other = command(arm, 1, 1.0), command(arm, 1, 1.0) + command(arm, 2, 0.3) - command(arm, 2, 0.0)
     noise = ENCODER_RAD * np.random.default_rng(3).standard_normal(played.shape)
-    seen = on_springs(arm, played) + noise
-    truth = arm.hand_m(on_springs(arm, other))
+    seen = on_springs(arm, played, carried=carried) + noise
+    truth = arm.hand_m(on_springs(arm, other, carried=carried))
     yielding, left_rad = identify_yielding(TIME_S, played[None], seen[None], spatial_dynamics_of(arm))
     servo, _ = identify(TIME_S, played[None], seen[None], arm.servo)
     assert left_rad.max() < 3.0 * ENCODER_RAD

@@ -1,10 +1,14 @@
 """Joints held to their command by springs and dampers, which yield to the torques that the arm needs.
 
 A loop without feed-forward of the arm's dynamics lets gravity and inertia move its joints off the command,
-by other amounts in every motion; the second-order response of `arm.servo` cannot tell how.
+by other amounts in every motion; the second-order response of `arm.servo` cannot tell how. Many controllers
+carry gravity alone, such as a Franka's joint impedance.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -18,16 +22,18 @@ from strandcast.threads import over_ranges
 # milliradian (rms).
 STEP_S = 4e-3
 SETTLING = 50  # iterations until gravity and springs balance; chosen
-# The search's starts: natural frequencies of all loops [rad/s], and whether their dampers take the command's
-# speed or act against all motion; damping ratio, motor inertia over the link's, and delay [s]. Chosen.
-FREQUENCIES_RAD_S = (8.0, 16.0, 32.0, 64.0)
+# The search's starts: natural frequencies of all loops [rad/s], whether their dampers take the command's
+# speed or act against all motion, and carried shares of gravity; damping ratio, motor inertia over the
+# link's, and delay [s]. Chosen.
+FREQUENCIES_RAD_S, SHARES, CARRIED = (8.0, 16.0, 32.0, 64.0), (0.0, 1.0), (0.05, 0.95)
 START_DAMPING_RATIO, START_ARMATURE, START_DELAY_S = 0.9, 0.3, 4e-3
-# Standard deviations about that start, of logarithms, shares and delays [s], and of a measured angle [rad],
-# with neighbouring samples sharing their error. Chosen.
-SPREAD = np.array([1.5, 1.0, 1.0, 0.5, 0.02])
+# Standard deviations about that start, of logarithms, shares and delays [s], of the carried share of gravity,
+# and of a measured angle [rad], with neighbouring samples sharing their error. Chosen.
+SPREAD, CARRIED_SPREAD = np.array([1.5, 1.0, 1.0, 0.5, 0.02]), 0.5
 ANGLE_RAD, SHARED_SAMPLES = 5e-4, 10
-CHANGE = 1e-3 * SPREAD  # of finite differences
+CHANGE = 1e-3  # of finite differences, in these standard deviations
 CONVERGED = 1e-3  # relative changes of cost and unknowns; chosen
+FOUND_RAD = 1e-3  # rms of every joint, above which a search from another frequency is tried; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +46,13 @@ class YieldingJoints:
         The arm's.
     loops
         (5, J) stiffness [N m/rad], damping [N m s/rad], motor inertia [kg m²], share, delay [s].
+    carried
+        Share of gravity that the controller feeds forward.
     """
 
     dynamics: SpatialDynamics
     loops: np.ndarray
+    carried: float = 0.0
 
 
 # How joints follow a command.
@@ -55,7 +64,8 @@ def follow(joints: JointResponse, time_s: np.ndarray, q_command: np.ndarray) -> 
     if isinstance(joints, Servo):
         return respond(joints, time_s, q_command)
     commands = np.ascontiguousarray(q_command, float).reshape(-1, *np.shape(q_command)[-2:])
-    return _simulated(joints.dynamics, joints.loops[None], time_s, commands).reshape(np.shape(q_command))
+    given = joints.dynamics, joints.loops[None], np.array([joints.carried])
+    return _simulated(*given, time_s, commands).reshape(np.shape(q_command))
 
 
 def identify_yielding(
@@ -79,53 +89,72 @@ def identify_yielding(
     scale_rad = ANGLE_RAD * np.sqrt(SHARED_SAMPLES)
 
     def off(points: np.ndarray) -> np.ndarray:
-        """Return residuals (P, B, T, J) of unknowns (P, 5 J)."""
-        loops = np.repeat(_loops(points.reshape(len(points), 5, -1)), len(q), axis=0)
-        found = _simulated(dynamics, loops, time_s, np.tile(q_command, (len(points), 1, 1)))
+        """Return residuals (P, B, T, J) of unknowns (P, 5 J + 1)."""
+        loops, carried = _loops(points)
+        given = np.repeat(loops, len(q), axis=0), np.repeat(carried, len(q))
+        found = _simulated(dynamics, *given, time_s, np.tile(q_command, (len(points), 1, 1)))
         away = found.reshape(len(points), *q.shape) - q
         return np.asarray(away - away.mean(axis=2, keepdims=True))
 
-    def residuals(point: np.ndarray) -> np.ndarray:
+    def residuals(point: np.ndarray, start: np.ndarray) -> np.ndarray:
         return np.append(off(point[None]).ravel() / scale_rad, (point - start) / spread)
 
-    def slopes(point: np.ndarray) -> np.ndarray:
-        changes = np.diag(np.repeat(CHANGE, len(inertia)))
+    def slopes(point: np.ndarray, _: np.ndarray) -> np.ndarray:
+        changes = np.diag(CHANGE * spread)
         away = off(np.vstack([point + changes, point[None]])).reshape(len(point) + 1, -1)
         moved = (away[:-1] - away[-1]) / np.diag(changes)[:, None]
         return np.vstack([moved.T / scale_rad, np.diag(1.0 / spread)])
 
-    starts = np.array([_start(inertia, w, share) for w in FREQUENCIES_RAD_S for share in (0.0, 1.0)])
-    spread = np.repeat(SPREAD, len(inertia))
-    start = starts[int(np.argmin((off(starts) ** 2).sum(axis=(1, 2, 3))))]
-    low = np.where(np.arange(len(start)) < 3 * len(inertia), -np.inf, 0.0)
-    high = np.where(np.arange(len(start)) < 4 * len(inertia), np.inf, 0.2)
-    high[3 * len(inertia) : 4 * len(inertia)] = 1.5
-    begin = np.clip(start, low + 1e-6, high - 1e-6)
-    fit = least_squares(
-        residuals, begin, slopes, bounds=(low, high), x_scale=spread, ftol=CONVERGED, xtol=CONVERGED
-    )
-    left = off(fit.x[None])[0].reshape(count, -1)
-    loops = _loops(fit.x.reshape(1, 5, -1))[0]
-    return YieldingJoints(dynamics, loops), np.sqrt(np.mean(left**2, axis=0))
+    spread = np.append(np.repeat(SPREAD, len(inertia)), CARRIED_SPREAD)
+    low = np.append(np.repeat([-np.inf, -np.inf, -np.inf, 0.0, 0.0], len(inertia)), 0.0)
+    high = np.append(np.repeat([np.inf, np.inf, np.inf, 1.5, 0.2], len(inertia)), 1.0)
+    how: dict[str, Any] = {"bounds": (low, high), "x_scale": spread, "ftol": CONVERGED, "xtol": CONVERGED}
+    found: list[tuple[np.ndarray, np.ndarray]] = []
+    for start in _starts(inertia, off):
+        begin = np.clip(start, low + 1e-6, high - 1e-6)
+        fit = least_squares(residuals, begin, slopes, args=(start,), **how)
+        left_rad = np.sqrt(np.mean(off(fit.x[None])[0].reshape(count, -1) ** 2, axis=0))
+        found.append((fit.x, left_rad))
+        if left_rad.max() < FOUND_RAD:
+            break
+    point, left_rad = min(found, key=lambda one: float((one[1] ** 2).sum()))
+    loops, carried = _loops(point[None])
+    return YieldingJoints(dynamics, loops[0], float(carried[0])), left_rad
 
 
-def _start(inertia: np.ndarray, frequency_rad_s: float, share: float) -> np.ndarray:
-    """Return unknowns (5 J,): logarithms of stiffness, damping and motor inertia; share; delay."""
+def _starts(inertia: np.ndarray, off: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Return the best start of each frequency, the best first: (S, 5 J + 1)."""
+    ways = [list(product([w], SHARES, CARRIED)) for w in FREQUENCIES_RAD_S]
+    starts = np.array([[_start(inertia, *way) for way in same] for same in ways])
+    errors = (off(starts.reshape(-1, starts.shape[-1])) ** 2).sum(axis=(1, 2, 3)).reshape(starts.shape[:2])
+    best = starts[np.arange(len(starts)), np.argmin(errors, axis=1)]
+    return np.asarray(best[np.argsort(errors.min(axis=1))])
+
+
+def _start(inertia: np.ndarray, frequency_rad_s: float, share: float, carried: float) -> np.ndarray:
+    """Return unknowns (5 J + 1,): logarithms of stiffness, damping, motor inertia; share; delay; carried."""
     whole = (1.0 + START_ARMATURE) * inertia
     stiffness = whole * frequency_rad_s**2
     damping = 2.0 * START_DAMPING_RATIO * whole * frequency_rad_s
     rest = np.repeat([share, START_DELAY_S], len(inertia))
-    return np.concatenate([np.log(stiffness), np.log(damping), np.log(START_ARMATURE * inertia), rest])
+    logarithms = np.log(np.concatenate([stiffness, damping, START_ARMATURE * inertia]))
+    return np.concatenate([logarithms, rest, [carried]])
 
 
-def _loops(unknowns: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.exp(unknowns[:, :3]), unknowns[:, 3:]], axis=1)
+def _loops(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return loops (P, 5, J) and carried shares of gravity (P,) of unknowns (P, 5 J + 1)."""
+    rows = points[:, :-1].reshape(len(points), 5, -1)
+    return np.concatenate([np.exp(rows[:, :3]), rows[:, 3:]], axis=1), points[:, -1]
 
 
 def _simulated(
-    dynamics: SpatialDynamics, loops: np.ndarray, time_s: np.ndarray, commands: np.ndarray
+    dynamics: SpatialDynamics,
+    loops: np.ndarray,
+    carried: np.ndarray,
+    time_s: np.ndarray,
+    commands: np.ndarray,
 ) -> np.ndarray:
-    """Return angles (P, T, J) for loops (P or 1, 5, J) and commands (P, T, J)."""
+    """Return angles (P, T, J) for loops (P or 1, 5, J), carried shares (P or 1,) and commands (P, T, J)."""
     every_s = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
     stride = max(1, int(STEP_S / every_s))
     answer = np.empty(commands.shape)
@@ -134,7 +163,7 @@ def _simulated(
     over_ranges(
         len(commands),
         lambda first, last: _simulate(
-            first, last, commands, every_s, stride, loops, dynamics.axes, *links, own, answer
+            first, last, commands, every_s, stride, loops, carried, dynamics.axes, *links, own, answer
         ),
     )
     return answer
@@ -148,11 +177,12 @@ def _simulate(
     every_s: float,
     stride: int,
     loops: np.ndarray,
+    carried: np.ndarray,
     axes: JointAxes,
     mass: np.ndarray,
     centre: np.ndarray,
     inertia: np.ndarray,
-    gravity: np.ndarray,
+    whole_gravity: np.ndarray,
     own: np.ndarray,
     answer: np.ndarray,
 ) -> None:
@@ -168,6 +198,7 @@ def _simulate(
     middle_q, middle_v = np.empty_like(q), np.empty_like(q)
     for p in range(first, last):
         stiffness, damping, motor, share, delay_s = loops[min(p, len(loops) - 1)]
+        gravity = (1.0 - carried[min(p, len(carried) - 1)]) * whole_gravity
         q[0], v[0], change[:] = commands[p, 0], 0.0, 0.0
         for _ in range(SETTLING):
             needed = newton_euler(q, none, none, axes, mass, centre, inertia, gravity)
