@@ -118,15 +118,19 @@ def learn_appearance(detections: list[Detection], pixel_m: float) -> Appearance:
 
 
 def visible_length(detections: list[Detection], appearance: Appearance, given_m: float) -> float:
-    """Return the length with which most of the detections' ends agree, the given one counted in.
+    """Return the string's length from the detections' ends.
 
     A rough value, so that the chain has about the right length from the start; all frames together show it
-    better. Where the background resembles the string, some ends are found far off the others.
+    better. Where the background resembles the string, ends disagree: then the length with which most of them
+    agree, the given one counted in.
     """
     good = [one for one in detections if one.fit.value >= GOOD and np.isfinite(one.end_m)]
     if len(good) < BEAD_FRAMES:
         return given_m
     lengths_m = np.array([given_m + one.end_m - appearance.tip_excess_m for one in good])
+    middle_m = float(np.median(lengths_m))
+    if np.median(np.abs(lengths_m - middle_m)) < ENDS_AGREE_M:
+        return middle_m
     alike = np.exp(-0.5 * ((lengths_m[:, None] - lengths_m) / ENDS_AGREE_M) ** 2)
     likely = 1.0 / np.hypot(1.0, (lengths_m - given_m) / (LENGTH_SHARE * given_m))
     return float(np.average(lengths_m, weights=alike[np.argmax(alike.sum(axis=1) * likely)]))
