@@ -1,5 +1,7 @@
 """The plausible strings for a first motion."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from strandcast.config.experiment import Experiment
@@ -74,5 +76,5 @@ def start_strings(
         ]
         draw = StringDraw(np.array([given]), minima(layout.count).weight_masses)
     else:
-        draw = minima(layout.count)
+        draw, layout = minima(layout.count), replace(layout, tip=1.0)  # the paper's plain points are alike
     return StringBatch(draw.parameters, point_masses(layout, draw.weight_masses))
