@@ -1,5 +1,6 @@
 """Yielding joints move as MuJoCo's on springs and dampers, and are found from a log of theirs."""
 
+from copy import copy
 from pathlib import Path
 
 import mujoco
@@ -46,7 +47,8 @@ def loops(arm: AnyArm, share: float, carried: float = 0.0) -> YieldingJoints:
 def on_springs(arm: AnyArm, commands: np.ndarray, share: float = 1.0, carried: float = 0.0) -> np.ndarray:
     """The joints (T, J) of the arm in MuJoCo, on springs and dampers, a share of gravity carried."""
     stiffness, damping, armature, _, _ = loops(arm, share).loops
-    model, data = arm.model_with_payload(), mujoco.MjData(arm.model_with_payload())
+    model = copy(arm.model_with_payload())  # the arm's own is shared
+    data = mujoco.MjData(model)
     model.opt.timestep = CYCLE_S
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     dofs = [int(model.joint(name).dofadr[0]) for name in arm.joints]
