@@ -198,7 +198,9 @@ class FittedString:
         return cast("pd.DataFrame", load(self._file("ensemble.parquet")))
 
     def simulate(self, motion: Motion | str | Path, members: int = 1) -> pd.DataFrame:
-        """Return the string's path during a motion, from rest, with the fitted response of the servos.
+        """Return the string's path during a motion, from rest, with the servos' response in estimate.json.
+
+        The planner describes joints that yield to the arm's torques better (`arm.yielding_joints`).
 
         Parameters
         ----------

@@ -25,10 +25,10 @@ def eased(time_s: np.ndarray, start_s: float | np.ndarray, end_s: float) -> np.n
     return np.asarray(share**3 * (10.0 - 15.0 * share + 6.0 * share**2))
 
 
-def moved(root: Path, travel_rad: list[float], wrist_turns: bool = False) -> ThrownBy:
+def moved(root: Path, travel_rad: list[float], wrist_turns: bool = False, rest_s: float = 0.0) -> ThrownBy:
     """Return a motion from rest to rest in a log of 500 Hz; joints set off one after the other."""
     arm = load_spatial_arm(root / ARM)
-    time_s = np.arange(0.0 if wrist_turns else 10.5, 12.4, 0.002)
+    time_s = np.arange(0.0 if wrist_turns else 10.5 - rest_s, 12.4, 0.002)
     q = np.tile([0.2, -1.2, 1.0, -0.5, 0.4, 0.1], (len(time_s), 1))
     q += eased(time_s[:, None], START_S + np.array(RISING), END_S) * travel_rad
     if wrist_turns:
@@ -53,6 +53,18 @@ def captured(thrown: ThrownBy) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     body = TURN.inv().apply(body - SHIFT_M) + np.random.default_rng(5).normal(0.0, 3e-4, body.shape)
     body[40:44] = np.nan
     return time_s - OFFSET_S, body, TURN.inv().apply(place_m + 0.4 * along - SHIFT_M)
+
+
+@pytest.mark.parametrize("rest_s", [0.0, 30.0])
+def test_the_capture_of_another_throw_is_refused_however_long_the_arm_rested(
+    project_root: Path, rest_s: float
+) -> None:
+    played, other = (
+        moved(project_root, travel, rest_s=rest_s)
+        for travel in (TRAVEL_RAD, [0.9, -0.6, 0.8, -0.7, 1.0, 0.4])
+    )
+    with pytest.raises(StrandcastError, match="SC-I05[47]"):
+        place_capture(played, *captured(other), None, FILE)
 
 
 def test_clock_and_place_are_found_wherever_arm_and_body_are(thrown: ThrownBy) -> None:

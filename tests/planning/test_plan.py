@@ -313,6 +313,10 @@ def test_a_target_out_of_reach_of_small_changes_is_planned_from_scratch(
     monkeypatch.setattr(plan_module, "_likelihood", lambda task, plan: 0.95)
     assert planned_next(away, strings, thrown, 0.002, screening=96).kind == "replanned"
     assert planned_next(away, strings, thrown, 0.006).kind == "refined"
+    assert planned_next(away, strings, thrown).kind == "refined"  # it is not known whether the fit is good
+    monkeypatch.setattr(plan_module, "FAR_PROMISE", 0.0)
+    monkeypatch.setattr(plan_module, "_likelihood", lambda task, plan: {"refined": 0.9}.get(plan.kind, 1.0))
+    assert planned_next(away, strings, thrown, 0.002, screening=96).kind == "refined"
 
 
 def test_the_papers_planner_by_name(task: PlanningTask, strings: StringBatch, unknown: StringBatch) -> None:

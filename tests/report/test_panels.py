@@ -5,15 +5,18 @@ import sys
 from html import unescape
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+from typing import cast
 
 import pytest
 from markupsafe import Markup
 
 from strandcast.core.trial_names import trial_name
+from strandcast.records.estimate import Estimate
 from strandcast.report.drawing import Drawing, new_figure
 from strandcast.report.experiment_page import experiment_page
 from strandcast.report.facts import Facts
+from strandcast.report.panels import parameters
 from strandcast.report.panels.content import Panel, PanelContent, Table, make_section
 from strandcast.report.panels.page_data import ExperimentPageData, TrialPageData
 from strandcast.report.panels.progress import spaced_ticks
@@ -148,3 +151,16 @@ def test_a_panel_without_drawing_has_tables_only() -> None:
     panel = Panel("plain", "Plain", lambda page: PanelContent("Nothing to draw."))
     section = make_section(panel, None)
     assert (section.content.finding, section.markup, section.problem) == ("Nothing to draw.", Markup(), None)
+
+
+@pytest.mark.parametrize(
+    ("masses", "said"),
+    [
+        ([1.0, 1.0, 1.0], "All points weigh the same."),
+        ([1.0, 1.0, 0.5], "All points weigh the same, the free end half as much."),
+        ([1.0, 7.0, 0.5], "The heaviest point is m2 = 7 at 200 mm; the experiment names no weight."),
+    ],
+)
+def test_the_page_says_which_point_is_heaviest(masses: list[float], said: str) -> None:
+    estimate = SimpleNamespace(string=SimpleNamespace(masses=masses), length_m=0.3, points=3)
+    assert parameters._masses_finding(cast(Estimate, estimate), []) == said

@@ -110,6 +110,9 @@ def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None
         played, q_rad=respond(task.arm.servo, 0.002 * np.arange(len(played.q_rad)), played.q_command_rad)
     )
     assert isinstance(fitted_servo(task, [on_command]), Servo)
+    unseen = replace(played, q_rad=played.q_command_rad, logged=False)
+    assert fitted_servo(task, [unseen]) is task.arm.servo
+    assert isinstance(fitted_servo(task, [played, unseen]), YieldingJoints)
 
     assert verify(root, "rehearsed", raw=True) == []
     recorded = {path: path.read_bytes() for path in record.parent.iterdir()}

@@ -1,7 +1,7 @@
 """Joints held to their command by springs and dampers, which yield to the torques that the arm needs.
 
 A loop without feed-forward of the arm's dynamics lets gravity and inertia move its joints off the command,
-by other amounts in every motion; the second-order response of `arm.servo` cannot tell how. Many controllers
+by other amounts in every motion; the second-order response of `arm.servo` cannot predict it. Many controllers
 carry gravity alone, such as a Franka's joint impedance.
 """
 

@@ -114,7 +114,7 @@ class EstimateSettings(Section):
         True,
         description="Give the last point half the mass of the others: it carries half of one segment, not of "
         "two. Set it to false for the paper's model, in which all plain points are alike and fitted weights "
-        "are too heavy.",
+        "are too heavy. In space the end is always free.",
     )
     rest_curl: bool = Field(
         True,

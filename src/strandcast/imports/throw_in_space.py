@@ -14,9 +14,9 @@ from strandcast.records.alignment import Alignment, EndPath
 from strandcast.records.record import refusal
 
 # All chosen.
-# The tracked hand is compared with the arm's from so long before the motion, with turns of the hand that the
-# motion lacks, to so long after it; clocks drift.
-BEFORE_S, AFTER_S = 30.0, 0.3
+# The tracked hand is compared with the arm's around the motion, and from so long before it, while the clocks
+# hardly drift, where it moves [m/s, rad/s]: it may turn there as it does not in the motion.
+AROUND_S, BEFORE_S, STILL = 0.3, 30.0, 0.05
 STEP_S = 4e-3  # of the search for the clock's offset
 FEWEST = 30  # frames in which the hand is tracked
 ON_HAND_M = 0.1  # the tracked place is about this near to where the string leaves
@@ -124,11 +124,15 @@ def place_capture(
         return Placement(np.eye(3), np.zeros(3), offset_s)
     seen = np.isfinite(hand_m).all(axis=1)
     coarse_s = _coarse_offset_s(thrown, time_s[seen], hand_m[seen], file)
-    near = seen & (time_s + coarse_s >= max(thrown.motion_s[0] - BEFORE_S, thrown.time_s[0]))
-    near &= time_s + coarse_s <= min(thrown.motion_s[1] + AFTER_S, thrown.time_s[-1])
-    if near.sum() < FEWEST:
-        raise _not_tracked(file, f"the hand is seen in {near.sum()} frames of the motion")
-    found, covariance = _fitted(thrown, time_s[near], hand_m[near], coarse_s)
+    at_s = time_s + coarse_s
+    logged = seen & (at_s >= thrown.time_s[0]) & (at_s <= thrown.time_s[-1])
+    around = logged & (at_s >= thrown.motion_s[0] - AROUND_S) & (at_s <= thrown.motion_s[1] + AROUND_S)
+    # Frames in which the hand stands still show nothing new, and would hide an error during the motion.
+    before = logged & (at_s < thrown.motion_s[0]) & (at_s >= thrown.motion_s[0] - BEFORE_S)
+    near = around | (before & (_speed(at_s, thrown.at(at_s)) > STILL))
+    if around.sum() < FEWEST:
+        raise _not_tracked(file, f"the hand is seen in {around.sum()} frames of the motion")
+    found, covariance = _fitted(thrown, time_s[near], hand_m[near], coarse_s, around[near])
     robot_s = time_s + found.offset_s
     during = (robot_s >= thrown.motion_s[0]) & (robot_s <= thrown.motion_s[1])
     middle_m = found.placed(hand_m[near].mean(axis=0))
@@ -145,7 +149,10 @@ def place_capture(
         )
         raise refusal("SC-I054", file, "hand", what, fix)
     if string_se_m > WRONG_M:
-        raise refusal("SC-I057", file, "hand", PLACED.format(1e3 * string_se_m), MORE_TURNS)
+        what = PLACED.format(1e3 * string_se_m)
+        if found.rms_m >= DOUBT_M:
+            what += f"; and the hand stays {1e3 * found.rms_m:.0f} mm rms from the arm's, as in another throw"
+        raise refusal("SC-I057", file, "hand", what, MORE_TURNS)
     return found._replace(string_se_m=string_se_m)
 
 
@@ -190,9 +197,11 @@ def _speed(time_s: np.ndarray, place_m: np.ndarray) -> np.ndarray:
 
 
 def _fitted(
-    thrown: ThrownBy, time_s: np.ndarray, hand_m: np.ndarray, coarse_s: float
+    thrown: ThrownBy, time_s: np.ndarray, hand_m: np.ndarray, coarse_s: float, counted: np.ndarray
 ) -> tuple[Placement, np.ndarray]:
     """Fit the offset, the capture's turn and shift, and the tracked place in the hand's axes.
+
+    The residual is that of the `counted` frames (F,).
 
     Returns
     -------
@@ -210,7 +219,7 @@ def _fitted(
     if other.cost < CLEARLY_BETTER * fit.cost:
         fit, turn = other, half
     turn *= Rotation.from_rotvec(fit.x[:3])
-    off = fit.fun[:-3]
+    off = fit.fun[:-3].reshape(-1, 3)[counted]
     # The slopes at no further turn, because small turns add up.
     slopes = _fit(thrown, time_s, hand_m - centre_m, turn, np.append(np.zeros(3), fit.x[3:])).jac[:-3]
     shared = max(SHARED_S / float(np.median(np.diff(time_s))), 1.0)

@@ -33,6 +33,8 @@ class PastTrial:
         Rate at which the string turned about the hand then.
     miss_m
         Measured miss, None where the tip was not tracked at the closest approach.
+    logged
+        Whether there is a joint log; without one, the joints are taken to have followed the command.
     """
 
     trial: int
@@ -44,6 +46,7 @@ class PastTrial:
     start_m: np.ndarray | None
     sway_rad_s: float
     miss_m: float | None
+    logged: bool = True
 
 
 class Measured(NamedTuple):
@@ -57,6 +60,8 @@ class Measured(NamedTuple):
         (F,) times of the camera's frames, and (F, n+1, 2 or 3) the track, NaN where a point is hidden [m].
     miss_m
         The measured miss.
+    logged
+        See `PastTrial`.
     """
 
     joint_time_s: np.ndarray
@@ -64,6 +69,7 @@ class Measured(NamedTuple):
     frame_s: np.ndarray
     points_m: np.ndarray
     miss_m: float | None
+    logged: bool = True
 
 
 def curve_of(motion: Motion) -> Curve | None:
@@ -92,6 +98,7 @@ def past_trial(motion: Motion, measured: Measured, step_s: float) -> PastTrial:
         start_m=start_shape(measured.frame_s, measured.points_m[:, 1:]),
         sway_rad_s=start_sway(measured.frame_s, measured.points_m),
         miss_m=measured.miss_m,
+        logged=measured.logged,
     )
 
 

@@ -91,8 +91,7 @@ def plan_first(
         The target is out of reach, or the arm's limits leave no motion.
     """
     refuse_unreachable(task)
-    servo = fitted_servo(task, [rehearsal]) if rehearsal else task.arm.servo
-    conditions = RolloutConditions(servo if settings.plans_with_servo else None)
+    conditions = _conditions(task, settings, [rehearsal] if rehearsal else [])
     given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings, sizes))
     if settings.planner == "paper":
         return predicted(given, first_by_paper(given))
@@ -121,7 +120,7 @@ def plan_next(
     past_trials
         The trials so far, in order.
     fit_E_m
-        E of the newest trial after the fit, the best warning of a miss.
+        E of the newest trial after the fit, by which strings are trusted far from the trials; None: unknown.
 
     Raises
     ------
@@ -138,8 +137,7 @@ def plan_next(
             fix="throw a motion that `strandcast plan` made, or list the trials under `excluded`: then the "
             "next motion is planned as a first one",
         )
-    servo = fitted_servo(task, past_trials) if past_trials else task.arm.servo
-    conditions = RolloutConditions(servo if settings.plans_with_servo else None)
+    conditions = _conditions(task, settings, past_trials)
     given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings, sizes))
     if settings.planner == "paper":
         found = later_by_paper(given, cast(Curve, known[-1].curve))
@@ -147,7 +145,7 @@ def plan_next(
         flags = _far_flags(plan.curve, known)
     else:
         simulated, flags = _without_diverging(given, past_trials)
-        plan = _near_or_globally(simulated, known, fit_E_m or 0.0)
+        plan = _near_or_globally(simulated, known, np.nan if fit_E_m is None else fit_E_m)
         flags = [*flags, *_far_flags(plan.curve, known)]
     return replace(plan, flags=(*plan.flags, *flags))
 
@@ -169,12 +167,20 @@ def _sizes(settings: PlanSettings, sizes: np.ndarray | None) -> np.ndarray:
     return drawn_sizes(settings, []) if sizes is None else sizes
 
 
-def fitted_servo(task: AnyTask, past_trials: list[PastTrial]) -> JointResponse:
-    """Return the joints' response that explains those of all trials as long as the last one.
+def _conditions(task: AnyTask, settings: PlanSettings, past_trials: list[PastTrial]) -> RolloutConditions:
+    return RolloutConditions(fitted_servo(task, past_trials) if settings.plans_with_servo else None)
 
-    Joints that a servo's response does not describe are taken to yield to the arm's torques.
+
+def fitted_servo(task: AnyTask, past_trials: list[PastTrial]) -> JointResponse:
+    """Return the joints' response that explains the logs of all trials as long as the last one.
+
+    Joints that a servo's response does not describe are taken to yield to the arm's torques. Without a log
+    it is the arm's nominal response.
     """
-    same = [trial for trial in past_trials if trial.q_rad.shape == past_trials[-1].q_rad.shape]
+    logged = [trial for trial in past_trials if trial.logged]
+    if not logged:
+        return task.arm.servo
+    same = [trial for trial in logged if trial.q_rad.shape == logged[-1].q_rad.shape]
     time_s = np.arange(len(same[0].q_rad)) * task.step_s
     commands, q = np.array([trial.q_command_rad for trial in same]), np.array([trial.q_rad for trial in same])
     servo, left_rad = identify(time_s, commands, q, task.arm.servo)
@@ -233,7 +239,8 @@ def _near_or_globally(given: SearchInputs, known: list[PastTrial], fit_E_m: floa
         return near
     reason = f"near trial {best.trial}'s motion the best misses by {1000 * rms_m:.1f} mm (rms)"
     again = _from_scratch(given, reason)
-    better = _likelihood(task, again) > likely or (promising and _rms_m(again) < FAR_PROMISE * rms_m)
+    better = likely < FAIR and _likelihood(task, again) > likely
+    better |= promising and _rms_m(again) < FAR_PROMISE * rms_m
     return replace(again if better else near, simulations=near.simulations + again.simulations)
 
 

@@ -66,7 +66,8 @@ def _played(context: Context, file: Path, arm: AnyArm) -> Played:
     """Return the motion of a file, with the experiment's other motions, planned or played."""
     motion = Motion.read(file)
     by_hash = {motion.content_sha256(): (str(file), motion)}
-    for path in (*context.folder.data.glob("*/motion.json"), *context.folder.results.glob("*/motion.json")):
+    folders = context.folder.data, context.folder.results
+    for path in (path for folder in folders for path in sorted(folder.glob("*/motion.json"))):
         with suppress(StrandcastError):  # what is wrong with it concerns another trial
             other = Motion.read(path)
             by_hash.setdefault(other.content_sha256(), (str(path), other))

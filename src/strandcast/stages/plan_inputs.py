@@ -165,8 +165,11 @@ def rehearsal_of(files: Files, task: AnyTask) -> PastTrial | None:
 def _refuse_rehearsal_for_another(file: Path, motion: Motion, task: AnyTask) -> None:
     """Refuse a motion for another target, beyond the hit radius, or for another arm."""
     fix = "move the folder away, plan, and rehearse the new motion if you like"
-    if (motion.robot.name, motion.robot.urdf_sha256) != (task.arm.name, task.arm.urdf_sha256):
-        what = f"was planned for {motion.robot.name}; the arm is now {task.arm.name}, or its URDF has changed"
+    if motion.robot.name != task.arm.name:
+        what = f"was planned for {motion.robot.name}, and the arm is {task.arm.name}"
+        raise _no_rehearsal(file, what, "robot", fix)
+    if motion.robot.urdf_sha256 != task.arm.urdf_sha256:
+        what = f"was planned for {task.arm.name} with another URDF than {task.arm.urdf_path.name}"
         raise _no_rehearsal(file, what, "robot", fix)
     its_m, target_m = np.array(motion.target_m), task.target_m
     if its_m.shape != target_m.shape or np.linalg.norm(its_m - target_m) > task.hit_radius_m:
@@ -188,7 +191,8 @@ def measured_of(trial: Trial) -> Measured:
     else:
         time_s, q_rad = smooth_joints(log, motion.joint_names, start_s)
     miss_m = None if trial.shortfall is None else trial.shortfall.miss_m
-    return Measured(time_s, q_rad, trial.frame_time_s - start_s, trial.track.detected_m(), miss_m)
+    frame_s = trial.frame_time_s - start_s
+    return Measured(time_s, q_rad, frame_s, trial.track.detected_m(), miss_m, log is not None)
 
 
 def _deviations_of(

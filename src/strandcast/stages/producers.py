@@ -74,7 +74,7 @@ def recording_advice(context: Context, trial: int) -> str:
 
 def capture_command(context: Context, trial: int) -> str:
     """Return the command that imports the capture of a throw in space."""
-    axes = "--up AXIS --length-unit UNIT --time-unit UNIT --hand BODY --marker PLACE:NAME …"
+    axes = "--up AXIS --length-unit UNIT --hand BODY --marker PLACE:NAME …"
     return f"strandcast import track {shlex.quote(context.name)} {trial} CAPTURE {axes}"
 
 

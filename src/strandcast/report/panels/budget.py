@@ -20,7 +20,7 @@ BETTER = {
     "plan": "the planned motion passes the target at this distance: more plan.evaluations, or a target "
     "farther from the limits",
     "arm and start": "hand or string moved otherwise than predicted: let the string hang still, check "
-    "payload and servo; the next plan uses the servo response fitted here",
+    "payload and servo; the next plan uses the joints' response to this throw",
     "string": "the estimate of this throw has removed it: the next throw is planned with the new string",
     "unexplained": "no string of the model moves like this one: check tracking and alignment, or add what is "
     "missing (a weight's place, a stiff section, bend friction)",

@@ -189,8 +189,10 @@ def _draw_masses(axes: Any, estimate: Estimate, facts: Facts) -> None:
 
 def _masses_finding(estimate: Estimate, weight_places_m: list[float]) -> str:
     masses = np.array(estimate.string.masses)
-    if masses.max() <= masses.min() * (1 + 1e-9):
-        return "All points weigh the same."
+    if np.ptp(masses[:-1]) <= 1e-9 * masses[0] and masses[-1] <= masses[0] * (1 + 1e-9):
+        return "All points weigh the same" + (
+            ", the free end half as much." if masses[-1] < masses[0] else "."
+        )
     heaviest = int(np.argmax(masses))
     place_mm = (heaviest + 1) * estimate.length_m / estimate.points * 1e3
     finding = (

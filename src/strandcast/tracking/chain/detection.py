@@ -131,6 +131,7 @@ def visible_length(detections: list[Detection], appearance: Appearance, given_m:
     middle_m = float(np.median(lengths_m))
     if np.median(np.abs(lengths_m - middle_m)) < ENDS_AGREE_M:
         return middle_m
+    lengths_m = np.append(lengths_m, given_m)
     alike = np.exp(-0.5 * ((lengths_m[:, None] - lengths_m) / ENDS_AGREE_M) ** 2)
     likely = 1.0 / np.hypot(1.0, (lengths_m - given_m) / (LENGTH_SHARE * given_m))
     return float(np.average(lengths_m, weights=alike[np.argmax(alike.sum(axis=1) * likely)]))

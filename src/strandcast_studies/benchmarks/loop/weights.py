@@ -1,4 +1,4 @@
-"""How far fitted weights are from those that the lab threw, in runs of `loop.drawn` whose folders were kept.
+"""How far fitted weights are from those that the lab threw, in runs of `loop.drawn` with ``--work``.
 
 python -m strandcast_studies.benchmarks.loop.drawn --work results/drawn
 python -m strandcast_studies.benchmarks.loop.weights results/drawn --trial 2
