@@ -69,9 +69,9 @@ def test_places_outside_the_window_are_left_out():
     ("ends_mm", "found_mm"),
     [
         ((2.0, 3.0, 1.0, 2.0), 500.0),  # the visible end is half a width beyond the tip's mass point
-        ((16.0, 23.0, -3.0), 499.0),  # two ends on lines of the background, which do not agree
+        ((16.0, 23.0, -3.0), 500.0),  # two ends on lines of the background, which do not agree
         ((12.0, 12.5, 40.0, 70.0, -30.0, -60.0), 510.2),  # two that agree
-        ((62.0, 92.0, 132.0), 500.0),  # none that agrees with another or the given length
+        ((62.0, 92.0, 132.0), 500.0),  # nor do these
         ((62.0, 61.0, 63.0, 62.0, 3.0), 560.0),  # a length that was declared wrongly
         ((2.0, np.nan, 30.0), 500.0),  # too few
     ],

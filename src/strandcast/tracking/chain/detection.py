@@ -19,6 +19,7 @@ LEAST_HALF_PX = 0.6  # of the string's visible half width
 FIRST_REACH_M = 0.03  # from the tip to the visible end: a bead's radius,
 FIRST_REACH_SHARE = 0.15  # and an error of the length, relative
 ENDS_AGREE_M = 0.003  # ends within about this agree
+ALONE = 1.5  # an end alone counts as 1, two in the same place as 2
 LENGTH_SHARE = 0.04  # ends farther off than this share of the given length, which may be wrong, count less
 FOUND = 0.35  # mean reward of a path that is the string
 BEAD_TIMES = 1.6  # wider than this, in the string's own widths plus a pixel, is a bead at the tip
@@ -122,7 +123,7 @@ def visible_length(detections: list[Detection], appearance: Appearance, given_m:
 
     A rough value, so that the chain has about the right length from the start; all frames together show it
     better. Where the background resembles the string, ends disagree: then the length with which most of them
-    agree, the given one counted in.
+    agree, nearer to the given one rather than farther, or the given one if no two agree.
     """
     good = [one for one in detections if one.fit.value >= GOOD and np.isfinite(one.end_m)]
     if len(good) < BEAD_FRAMES:
@@ -131,7 +132,7 @@ def visible_length(detections: list[Detection], appearance: Appearance, given_m:
     middle_m = float(np.median(lengths_m))
     if np.median(np.abs(lengths_m - middle_m)) < ENDS_AGREE_M:
         return middle_m
-    lengths_m = np.append(lengths_m, given_m)
     alike = np.exp(-0.5 * ((lengths_m[:, None] - lengths_m) / ENDS_AGREE_M) ** 2)
     likely = 1.0 / np.hypot(1.0, (lengths_m - given_m) / (LENGTH_SHARE * given_m))
-    return float(np.average(lengths_m, weights=alike[np.argmax(alike.sum(axis=1) * likely)]))
+    best = int(np.argmax(alike.sum(axis=1) * likely))
+    return float(np.average(lengths_m, weights=alike[best])) if alike[best].sum() > ALONE else given_m
