@@ -257,6 +257,11 @@ def test_a_second_end_or_a_direction_of_a_throw_is_refused(
     with pytest.raises(StrandcastError, match=rf"(?s)SC-I058.*leave {field} out") as caught:
         import_track.run(root, "cast", 1, file, mapping, replace=True)
     assert caught.value.file == str(file)
+    alone = space_mapping_of("hand", markers, **given)
+    assert alone.hand is not None
+    turned = alone.hand.model_copy(update={"quaternion": ["qx", "qy", "qz", "qw"], "leaves": [0.0, 0.0, 1.0]})
+    with pytest.raises(StrandcastError, match=r"(?s)SC-I058.*leave hand\.quaternion out"):
+        import_track.run(root, "cast", 1, file, alone.model_copy(update={"hand": turned}), replace=True)
 
 
 def test_what_a_throw_without_its_capture_needs_is_named(
