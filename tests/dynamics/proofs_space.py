@@ -73,9 +73,9 @@ def swung(t: float, phase: float, away: float) -> ClampState:
     )
     size, axis = 0.8 * np.sin(s * t), np.array([2.0 * away, 2.0, -2.0]) / 3.0
     direction = np.array([away, 0.3, -1.0])
-    frame = np.stack([direction, np.cross(direction, [0.0, 1.0, 0.0]), np.zeros(3)])
+    frame = np.stack([direction, reference_space.cross(direction, np.array([0.0, 1.0, 0.0])), np.zeros(3)])
     frame[:2] /= np.linalg.norm(frame[:2], axis=1)[:, None]
-    frame[2] = np.cross(frame[0], frame[1])
+    frame[2] = reference_space.cross(frame[0], frame[1])
     return ClampState(
         place, velocity, Rotation.from_rotvec(size * axis).apply(frame), 0.8 * s * np.cos(s * t) * axis
     )

@@ -12,6 +12,7 @@ from reference import smooth
 from scipy.integrate import solve_ivp
 
 TICK = 1e-30
+NEXT, LAST = [1, 2, 0], [2, 0, 1]  # coordinates, each shifted by one and by two
 
 
 class ClampState(NamedTuple):
@@ -25,6 +26,11 @@ class ClampState(NamedTuple):
 
 def dot(a, b):
     return (a * b).sum(-1)
+
+
+def cross(a, b):
+    """The cross product; of small arrays, `numpy.cross` takes several times as long."""
+    return a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
 
 
 def unit(d):
@@ -94,30 +100,24 @@ class SpatialEquations:
         moved[: x.size] += 1j * TICK * np.eye(x.size)
         u = unit(np.diff(moved.reshape(count, *x.shape), axis=1))
         frame = self.turning(clamp, count)
-        directions = [frame[:, 0], *np.moveaxis(u, 1, 0)]
+        directions = [frame[:, 0], *u.swapaxes(0, 1)]
         if far is not None:
             directions.append(-self.turning(far, count)[:, 0])
         energy, rate, bends = [], [], []
         for j, (a, b) in enumerate(pairwise(directions)):
-            across, cosine = np.cross(a, b), dot(a, b)
+            across, cosine = cross(a, b), dot(a, b)
             sine = np.sqrt(dot(across, across) + 1e-300)
             bend = across * (2.0 * np.arctan(sine / (1.0 + cosine)) / sine)[:, None]
-            bends.append(np.stack([dot(bend, frame[:, k]).imag for k in (1, 2)], axis=1) / TICK)
+            bends.append(dot(bend[:, None], frame[:, 1:]).imag / TICK)
             if 0 < j < len(x) - 1:
                 turned = j * self.rest_m * self.torsion_rad_m
                 left = np.cos(turned) * self.curl_rad_m[0] - np.sin(turned) * self.curl_rad_m[1]
                 up = np.sin(turned) * self.curl_rad_m[0] + np.cos(turned) * self.curl_rad_m[1]
                 bend = bend - self.rest_m * (left * frame[:, 2] - up * frame[:, 1])
             energy.append(0.5 * dot(bend, bend).imag / TICK)
-            carried = np.stack(
-                [
-                    cosine[:, None] * e
-                    + np.cross(across, e)
-                    + across * (dot(across, e) / (1.0 + cosine))[:, None]
-                    for e in np.moveaxis(frame, 1, 0)
-                ],
-                axis=1,
-            )
+            axis = across[:, None]
+            along = dot(axis, frame) / (1.0 + cosine)[:, None]
+            carried = cosine[:, None, None] * frame + cross(axis, frame) + axis * along[..., None]
             rate.append(spin_of(carried) - spin_of(frame))
             frame = carried
         return energy, rate, bends
@@ -132,7 +132,7 @@ class SpatialEquations:
     def turning(clamp, count):
         """The clamp's frame (count, 3, 3), turned on only in the last derivative."""
         frame = np.broadcast_to(clamp.frame.astype(complex), (count, 3, 3)).copy()
-        frame[-1] += 1j * TICK * np.cross(clamp.rate, clamp.frame)
+        frame[-1] += 1j * TICK * cross(clamp.rate, clamp.frame)
         return frame
 
     def stiffness(self, j, n, half_square_rate, pull):
@@ -150,7 +150,7 @@ class SpatialEquations:
 
 def spin_of(frame):
     """Turn rates (D, 3) of frames (D, 3, 3) with their derivatives in the imaginary parts."""
-    return 0.5 * np.cross(frame.real, frame.imag / TICK).sum(axis=1)
+    return 0.5 * cross(frame.real, frame.imag / TICK).sum(axis=1)
 
 
 def integrate(equations, clamp, start, times, start_velocity=None, far=None):
