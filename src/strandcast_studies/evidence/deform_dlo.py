@@ -151,38 +151,48 @@ def held_out(cable: str, training: Array) -> list[Figure]:
     return figures
 
 
+def sticking(cable: str, training: Array, sequences: Array) -> Figure:
+    """Return the error on evaluation sequences of the string fitted with friction that sticks."""
+    fitted, _ = fitted_on(training, friction_stick=True)
+    coordinate, _ = errors_m(fitted, sequences)
+    note = "all vertices, driven ones counted as 0; fitted with friction that sticks"
+    about = {"unknowns": fitted.fit.values(), "fit_m": fitted.fit.value_m}
+    return Figure(f"deform_dlo.coordinate.{cable}.sticks", 1e3 * coordinate, "mm", None, note, about)
+
+
+def predicted(cable: str, training: Array, sequences: Array) -> list[Figure]:
+    """Return errors on evaluation sequences of the fitted string and of predictors without physics."""
+    fitted, cpu_s = fitted_on(training)
+    known = {"sequences": len(sequences), "seconds": FRAME_S * sequences.shape[1]}
+    about_fit = {
+        "cpu_s": cpu_s,
+        "unknowns": fitted.fit.values(),
+        "fit_m": fitted.fit.value_m,
+        "roll": fitted.roll,
+    }
+    figures = []
+    for name, predict in {"string": fitted, **TRIVIAL}.items():
+        own, detail = name == "string", known | (about_fit if name == "string" else {})
+        coordinate, distance = errors_m(predict, sequences)
+        figures += [
+            Figure(
+                f"deform_dlo.coordinate.{cable}.{name}",
+                1e3 * coordinate,
+                "mm",
+                PUBLISHED_MM if own else None,
+                "all vertices, driven ones counted as 0; " + ("fitted" if own else "without physics"),
+                detail,
+            ),
+            Figure(f"deform_dlo.distance.{cable}.{name}", 1e3 * distance, "mm", note="free vertices"),
+        ]
+    return figures
+
+
 def measure(folder: Path) -> list[Figure]:
-    """Return the figures of the fitted string and of predictors without physics, on evaluation sequences."""
+    """Return the figures of all cables of a folder."""
     figures = []
     for cable in cables_in(folder):
         training, sequences = (np.load(folder / f"{cable}_{part}.npy") for part in ("train", "eval"))
         figures += held_out(cable, training)
-        sticking, _ = fitted_on(training, friction_stick=True)
-        coordinate, _ = errors_m(sticking, sequences)
-        note = "all vertices, driven ones counted as 0; fitted with friction that sticks"
-        about = {"unknowns": sticking.fit.values(), "fit_m": sticking.fit.value_m}
-        name = f"deform_dlo.coordinate.{cable}.sticks"
-        figures.append(Figure(name, 1e3 * coordinate, "mm", None, note, about))
-        fitted, cpu_s = fitted_on(training)
-        known = {"sequences": len(sequences), "seconds": FRAME_S * sequences.shape[1]}
-        about_fit = {
-            "cpu_s": cpu_s,
-            "unknowns": fitted.fit.values(),
-            "fit_m": fitted.fit.value_m,
-            "roll": fitted.roll,
-        }
-        for name, predict in {"string": fitted, **TRIVIAL}.items():
-            own, detail = name == "string", known | (about_fit if name == "string" else {})
-            coordinate, distance = errors_m(predict, sequences)
-            figures += [
-                Figure(
-                    f"deform_dlo.coordinate.{cable}.{name}",
-                    1e3 * coordinate,
-                    "mm",
-                    PUBLISHED_MM if own else None,
-                    "all vertices, driven ones counted as 0; " + ("fitted" if own else "without physics"),
-                    detail,
-                ),
-                Figure(f"deform_dlo.distance.{cable}.{name}", 1e3 * distance, "mm", note="free vertices"),
-            ]
+        figures += [sticking(cable, training, sequences), *predicted(cable, training, sequences)]
     return figures
