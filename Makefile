@@ -132,7 +132,7 @@ paper-quick: $(VENV)/runtime.stamp  ## the same with three strings, one seed, sm
 
 .PHONY: test
 test: $(VENV)/dev.stamp  ## run all tests on CORES=2; COVERAGE=1 prints their coverage
-	@$(BIN)/pytest --numprocesses $(CORES) --dist loadfile $(if $(COVERAGE),--cov)
+	@$(BIN)/pytest --numprocesses $(CORES) --dist loadfile --no-loadscope-reorder $(if $(COVERAGE),--cov)
 
 .PHONY: test-fast
 test-fast: $(VENV)/dev.stamp  ## run the tests for daily work: under 90 s, without the slow ones and the browser's
@@ -149,7 +149,7 @@ faults-nightly: $(VENV)/dev.stamp fuzz  ## `make fuzz`, kill runs and stages, an
 
 .PHONY: test-drivers
 test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run the drivers' tests, against a Franka controller and a simulated UR
-	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/executor/drivers tests/exports
+	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/executor/drivers tests/exports/test_recordings.py
 
 .PHONY: test-slurm
 test-slurm: $(SLURM)/slurm.stamp $(VENV)/dev.stamp  ## run 20 experiments through a Slurm of two nodes on this machine, where it is installed
