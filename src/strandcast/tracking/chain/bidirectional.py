@@ -1,4 +1,4 @@
-"""The first pass: track the string both ways from its clearest frame, then retrack weak stretches."""
+"""The first pass: track the string both ways from its clearest frame."""
 
 import itertools
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from strandcast.tracking.chain.detection import Detection, detect_string
 from strandcast.tracking.chain.fit import FrameFit
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.motion import ChainState
-from strandcast.tracking.chain.tracker import BETTER, GOOD, LINK_M, WORSE, ChainTracker
+from strandcast.tracking.chain.tracker import GOOD, LINK_M, ChainTracker
 from strandcast.tracking.tracker import StringHint
 
 # Frames in which the string is detected without its neighbours: the larger number only where the smaller one
@@ -56,8 +56,10 @@ def survey(
 
 def track_bidirectional(
     frames: StringFrames, detections: list[Detection], tracker: ChainTracker
-) -> list[FrameFit | None]:
-    """Track the string both ways from the best detection; returns the fit per frame, None where not found.
+) -> tuple[int, list[FrameFit | None]]:
+    """Track the string both ways from the best detection.
+
+    Returns that frame, and the fit per frame, None where the string was not found.
 
     The tracker knows the string's appearance and length, and counts its redetections.
     """
@@ -69,7 +71,7 @@ def track_bidirectional(
 
     def one_way(order: range) -> int:
         own = tracker.copy()
-        own.restart(states_at(frames, fits, [anchor]))
+        own.restart([ChainState(float(frames.time_s[anchor]), fit.root, fit.heading)])
         for index in order:
             frame = frames.at(index)
             fits[index] = own.step(frame) if frame is not None else None
@@ -80,8 +82,7 @@ def track_bidirectional(
     with ThreadPoolExecutor(THREADS) as pool:
         ways = pool.map(one_way, (range(anchor + 1, count), range(anchor - 1, -1, -1)))
         tracker.redetections += sum(ways)
-    retrack(frames, fits, anchor, tracker)
-    return fits
+    return anchor, fits
 
 
 def best_anchor(
@@ -95,36 +96,6 @@ def best_anchor(
         assert frame is not None
         tried.append((detection.frame, tracker.fit(frame, detection.fit.heading)))
     return max(tried, key=lambda one: one[1].value * one[1].open_share)
-
-
-def retrack(frames: StringFrames, fits: list[FrameFit | None], anchor: int, tracker: ChainTracker) -> None:
-    """Track weak stretches from their far end, in place, and keep the better fits."""
-    values = np.array([np.nan if fit is None else fit.value for fit in fits])
-    bar = max(GOOD, float(np.nanmedian(values)) - WORSE)
-    weak = np.array([fit is None or fit.value < bar or fit.end_is_off for fit in fits])
-    for first, last in runs(weak):
-        after = first > anchor
-        known = last + 1 if after else first - 1
-        beyond = known + 1 if after else known - 1
-        if not (0 <= known < len(fits)):
-            continue
-        tracker.restart(states_at(frames, fits, [beyond, known]))
-        for index in range(last, first - 1, -1) if after else range(first, last + 1):
-            frame = frames.at(index)
-            fit = tracker.step(frame) if frame is not None else None
-            old = fits[index]
-            if fit is not None and (old is None or fit.value > old.value + BETTER):
-                fits[index] = fit
-
-
-def states_at(frames: StringFrames, fits: list[FrameFit | None], indices: list[int]) -> list[ChainState]:
-    """Return the chain at the given frames, without those in which it was not found."""
-    states = []
-    for index in indices:
-        fit = fits[index] if 0 <= index < len(fits) else None
-        if fit is not None:
-            states.append(ChainState(float(frames.time_s[index]), fit.root, fit.heading))
-    return states
 
 
 def clear_paths(
@@ -146,10 +117,3 @@ def clamp_paths(frames: StringFrames, fits: list[FrameFit | None]) -> tuple[np.n
     """Return path lengths and directions (K,) as `fit_clamp` takes them, from frames that show the tip."""
     both = np.array([path for _, _, *path in clear_paths(frames, fits)]).reshape(-1, 2)
     return both[:, 0], both[:, 1]
-
-
-def runs(mask: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yield first and last index of each run of true values (F,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    for first, end in edges.reshape(-1, 2).tolist():
-        yield first, end - 1

@@ -1,4 +1,4 @@
-"""The frames of a video as the string tracker reads them: search window, time, hand and clamp."""
+"""The frames of a video as the string tracker reads them: search window, time, hand, clamp and beads."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,12 +13,17 @@ from strandcast.tracking.hand.rigid import place
 
 @dataclass(frozen=True, eq=False)
 class FrameInput:
-    """One frame: search window, time, the hand's direction, where the string leaves the clamp (2,) [m]."""
+    """One frame: search window, time, the hand's direction, clamp and beads.
+
+    The string leaves the clamp at `clamp_m` (2,). Its beads are at `bead_m` (B, 2), NaN where one was not
+    found; None before they are known.
+    """
 
     window: SearchWindow
     time_s: float
     hand_rad: float
     clamp_m: np.ndarray
+    bead_m: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +36,7 @@ class StringFrames:
     time_s: np.ndarray  # (F,)
     hand_extent_m: np.ndarray  # low x, low y, high x, high y of the hand in its own frame, (4,)
     lateral_offset_m: float = 0.0  # where the string leaves the clamp, to the left of its middle
+    beads_m: np.ndarray | None = None  # where the string's beads are, (F, B, 2); None before they are known
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -59,7 +65,8 @@ class StringFrames:
         if crop is None or box is None:
             return None
         window = SearchWindow(*crop, self.background, self.crops.plane, box)
-        return FrameInput(window, float(self.time_s[index]), box.angle_rad, self.clamp_m(index))
+        bead_m = None if self.beads_m is None else self.beads_m[index]
+        return FrameInput(window, float(self.time_s[index]), box.angle_rad, self.clamp_m(index), bead_m)
 
     def window(self, index: int) -> SearchWindow | None:
         """Return a frame's search window; None if its hand is unknown."""

@@ -20,8 +20,6 @@ from strandcast.tracking.pixel_map import to_pixel
 
 # All chosen on the drawn and lab videos of the tracking benchmark.
 BEAMS = 60  # paths kept at a time
-STRIDE = 2  # links by which a path grows at a time
-TURNS_RAD = np.array([0.0, 0.15, -0.15, 0.32, -0.32, 0.55, -0.55, 0.85, -0.85])
 TURN_COST = 0.35  # in clear lines, for a turn of 0.7 rad
 FAN = 33  # directions in which the string may leave the clamp
 CLAMP_COST = 0.06  # for leaving the clamp one radian off its direction
@@ -38,6 +36,18 @@ class Guide(NamedTuple):
 
     nodes: np.ndarray
     weight: float
+
+
+class Stride(NamedTuple):
+    """How a path grows at a time: by how many links, and by which turns (rad)."""
+
+    links: int
+    turns_rad: np.ndarray
+
+
+# Short strides follow loops of 3 cm, but also more of what is not the string.
+LONG = Stride(2, np.array([0.0, 0.15, -0.15, 0.32, -0.32, 0.55, -0.55, 0.85, -0.85]))
+SHORT = Stride(1, np.array([0.0, 0.15, -0.15, 0.32, -0.32, 0.55, -0.55, 0.85, -0.85, 1.2, -1.2]))
 
 
 class CandidatePaths(NamedTuple):
@@ -138,6 +148,7 @@ def trace_string(
     clamp_rad: float,
     link_m: float,
     links: int,
+    stride: Stride,
     guide: Guide,
 ) -> tuple[np.ndarray, float]:
     """Trace the string by beam search from the clamp at `root` (2,).
@@ -146,28 +157,28 @@ def trace_string(
     """
     metre_per_pixel = window.plane.metre_per_pixel
     half_px = appearance.half_m / metre_per_pixel
-    strides = (links + STRIDE - 1) // STRIDE
-    stride_m = STRIDE * link_m
+    strides = (links + stride.links - 1) // stride.links
+    stride_m = stride.links * link_m
     paths = start_paths(root, clamp_rad, strides)
     kept = min(FAN, BEAMS)
-    turns = len(TURNS_RAD)
+    turns = len(stride.turns_rad)
     cells = np.empty(TABLE, dtype=np.int64)
     candidates = np.empty((BEAMS * turns, 4))
     for k in range(strides):
-        guided = guide.nodes[min((k + 1) * STRIDE, links)]
+        guided = guide.nodes[min((k + 1) * stride.links, links)]
         for b in range(kept):
             for t in range(turns):
-                angle = paths.angle[k, b] + TURNS_RAD[t]
+                angle = paths.angle[k, b] + stride.turns_rad[t]
                 x = paths.x[k, b] + stride_m * np.cos(angle)
                 y = paths.y[k, b] + stride_m * np.sin(angle)
                 reward = reward_at(window, x, y, angle, half_px, appearance)
                 off = (x - guided[0]) ** 2 + (y - guided[1]) ** 2
-                cost = TURN_COST * (TURNS_RAD[t] / 0.7) ** 2 + min(guide.weight * off, 0.5)
+                cost = TURN_COST * (stride.turns_rad[t] / 0.7) ** 2 + min(guide.weight * off, 0.5)
                 one = candidates[b * turns + t]
                 one[0], one[1], one[2], one[3] = x, y, angle, paths.value[k, b] + reward - cost
         cells[:] = -1
-        kept = keep_best(paths, k, candidates[: kept * turns], cells, metre_per_pixel)
-    best: tuple[np.ndarray, float] = best_headings(paths, kept, links)
+        kept = keep_best(paths, k, candidates[: kept * turns], turns, cells, metre_per_pixel)
+    best: tuple[np.ndarray, float] = best_headings(paths, kept, links, stride.links)
     return best
 
 
@@ -187,9 +198,17 @@ def start_paths(root: np.ndarray, clamp_rad: float, strides: int) -> CandidatePa
 
 @njit(cache=True, inline="always")
 def keep_best(
-    paths: CandidatePaths, k: int, candidates: np.ndarray, cells: np.ndarray, metre_per_pixel: float
+    paths: CandidatePaths,
+    k: int,
+    candidates: np.ndarray,
+    turns: int,
+    cells: np.ndarray,
+    metre_per_pixel: float,
 ) -> int:
-    """Keep the best candidates (x, y, angle, value) (C, 4) as level k + 1; returns how many."""
+    """Keep the best candidates (x, y, angle, value) (C, 4) as level k + 1; returns how many.
+
+    Each beam of level k has `turns` candidates.
+    """
     near_m = 3.0 * metre_per_pixel
     kept = 0
     for c in np.argsort(-candidates[:, 3], kind="mergesort"):
@@ -198,7 +217,7 @@ def keep_best(
             continue
         paths.x[k + 1, kept], paths.y[k + 1, kept], paths.angle[k + 1, kept] = x, y, angle
         paths.value[k + 1, kept] = value
-        paths.parent[k + 1, kept] = c // len(TURNS_RAD)
+        paths.parent[k + 1, kept] = c // turns
         if retraces(paths, k, kept, near_m):
             paths.value[k + 1, kept] -= RETRACE_COST
         kept += 1
@@ -208,14 +227,14 @@ def keep_best(
 
 
 @njit(cache=True)
-def best_headings(paths: CandidatePaths, kept: int, links: int) -> tuple[np.ndarray, float]:
+def best_headings(paths: CandidatePaths, kept: int, links: int, stride: int) -> tuple[np.ndarray, float]:
     """Return the headings (links,) of the best of the kept paths, and its mean reward per stride."""
     strides = len(paths.x) - 1
     heading = np.empty(links)
     best = int(np.argmax(paths.value[strides, :kept]))
     b = best
     for k in range(strides, 0, -1):
-        for j in range((k - 1) * STRIDE, min(k * STRIDE, links)):
+        for j in range((k - 1) * stride, min(k * stride, links)):
             heading[j] = paths.angle[k, b]
         b = paths.parent[k, b]
     return heading, paths.value[strides, best] / strides

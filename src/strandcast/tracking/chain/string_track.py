@@ -17,7 +17,7 @@ from strandcast.tracking.chain.fit import ChainModel, FrameFit
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.links import place_on
 from strandcast.tracking.chain.measure import level_at
-from strandcast.tracking.chain.point_uncertainty import FramePoints
+from strandcast.tracking.chain.point_uncertainty import FramePoints, frame_points
 from strandcast.tracking.chain.refine import refine
 from strandcast.tracking.chain.tracker import ChainTracker
 from strandcast.tracking.tracker import StringHint
@@ -35,6 +35,7 @@ class FirstPass:
     length_m: float  # from the clamp to the tip; a rough value from single frames
     links: int
     links_per_point: int
+    anchor: int  # the frame from which the string was tracked both ways
     fits: list[FrameFit | None]  # per frame; None where the string was not found
     redetections: int  # successful searches where a fit was poor
 
@@ -65,9 +66,23 @@ def track_string(
     learned = learn_from_all_frames(frames, first)
     string = ChainModel(learned.clamp_fit.length_m / first.links, first.appearance, learned.beads)
     aligned = replace(frames, lateral_offset_m=learned.clamp_fit.lateral_offset_m)
-    sigma_m = learned.clamp_fit.length_sigma_m
-    points = refine(aligned, first.fits, string, first.links_per_point, sigma_m, exposure_s)
-    return StringTrack(first, learned, points)
+    fits = refine(aligned, first.fits, first.anchor, string, exposure_s)
+    return StringTrack(first, learned, mass_points(aligned, fits, first.links_per_point, learned.clamp_fit))
+
+
+def mass_points(
+    frames: StringFrames, fits: list[FrameFit | None], links_per_point: int, clamp_fit: ClampFit
+) -> list[FramePoints | None]:
+    """Return the mass points of each frame; None where the string was not found."""
+    sigma_m = clamp_fit.length_sigma_m
+    points: list[FramePoints | None] = []
+    for index, fit in enumerate(fits):
+        window = frames.window(index)
+        if fit is None or window is None:
+            points.append(None)
+        else:
+            points.append(frame_points(fit, links_per_point, window, frames.clamp_m(index), sigma_m))
+    return points
 
 
 def first_pass(
@@ -91,8 +106,8 @@ def first_pass(
     length_m = visible_length(detections, appearance, hint.length_m)
     string = ChainModel(length_m / links, appearance, beads_of(tip_bead(appearance, length_m)))
     tracker = ChainTracker(links, string, exposure_s)
-    fits = track_bidirectional(frames, detections, tracker)
-    return FirstPass(appearance, length_m, links, links_per_point, fits, tracker.redetections)
+    anchor, fits = track_bidirectional(frames, detections, tracker)
+    return FirstPass(appearance, length_m, links, links_per_point, anchor, fits, tracker.redetections)
 
 
 def learn_from_all_frames(frames: StringFrames, first: FirstPass) -> Learned:

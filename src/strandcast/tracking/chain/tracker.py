@@ -9,7 +9,7 @@ from strandcast.tracking.chain.fit import NARROW_PX, WIDE_PX, ChainModel, FrameF
 from strandcast.tracking.chain.frames import FrameInput
 from strandcast.tracking.chain.links import place_nodes
 from strandcast.tracking.chain.motion import ChainState, extrapolate, moving_half_px, still_half_px
-from strandcast.tracking.chain.search import Guide, trace_string
+from strandcast.tracking.chain.search import LONG, Guide, Stride, trace_string
 
 # All chosen on the drawn and lab videos of the tracking benchmark.
 LINK_M = 0.006  # longest link of the tracker's chain
@@ -29,10 +29,11 @@ GUIDE_WEIGHT = 0.1 / 0.05**2  # cost (1/m²) of a squared distance from the expe
 class ChainTracker:
     """Tracks the string from frame to frame, forwards or backwards; remembers the last two states."""
 
-    def __init__(self, links: int, string: ChainModel, exposure_s: float) -> None:
+    def __init__(self, links: int, string: ChainModel, exposure_s: float, stride: Stride = LONG) -> None:
         self.links = links
         self.string = string
         self.exposure_s = exposure_s
+        self.stride = stride  # of searches
         self.redetections = 0
         self._states: list[ChainState] = []
         self._usual_value = GOOD
@@ -41,16 +42,19 @@ class ChainTracker:
 
     def copy(self) -> ChainTracker:
         """Return a tracker of the same string that remembers no states."""
-        return ChainTracker(self.links, self.string, self.exposure_s)
+        return ChainTracker(self.links, self.string, self.exposure_s, self.stride)
 
     def restart(self, states: list[ChainState]) -> None:
         """Continue from other states, the newest last."""
         self._states = states[-2:]
         self._lost = self._tries = 0
 
-    def step(self, frame: FrameInput) -> FrameFit | None:
-        """Process the next frame; returns the fit, or None where the string is not found."""
-        fit = self._next(frame)
+    def step(self, frame: FrameInput, *, search: bool = True) -> FrameFit | None:
+        """Process the next frame; returns the fit, or None where the string is not found.
+
+        Without `search`, the string is only looked for near the last states.
+        """
+        fit = self._next(frame, search)
         if fit is None or fit.value < ENOUGH:
             self._lost += 1
             self._states = self._states[-1:] if self._lost < STALE_FRAMES else []
@@ -65,10 +69,10 @@ class ChainTracker:
         half_px = still_half_px(self.string.appearance, self.links, frame.window)
         return self._fit(frame, heading, heading, half_px, WIDE_PX)
 
-    def _next(self, frame: FrameInput) -> FrameFit | None:
+    def _next(self, frame: FrameInput, search: bool) -> FrameFit | None:
         """Fit from the prediction; if that is poor, from other starts, and keep the best."""
         if not self._states:
-            return self._redetect(frame, None, None)
+            return self._redetect(frame, None, None) if search else None
         last = self._states[-1]
         expected = self._predict(frame.time_s)
         half_px = moving_half_px(self.string, frame, last, expected, self.exposure_s)
@@ -82,13 +86,15 @@ class ChainTracker:
                 self._tries = 0
                 return best
         assert best is not None
-        return best if best.value >= good else self._redetect(frame, expected, best)
+        return self._redetect(frame, expected, best) if search and best.value < good else best
 
     def _fit(
         self, frame: FrameInput, start: np.ndarray, prior: np.ndarray, half_px: np.ndarray, reach_px: float
     ) -> FrameFit:
-        no_places = np.full((len(self.string.beads.place_m), 2), np.nan)
-        expected = PredictedChain(frame.clamp_m, start, prior, half_px, no_places)
+        bead_m = frame.bead_m
+        if bead_m is None:
+            bead_m = np.full((len(self.string.beads.place_m), 2), np.nan)
+        expected = PredictedChain(frame.clamp_m, start, prior, half_px, bead_m)
         fit: FrameFit = fit_frame(frame.window, self.string, expected, reach_px, True)
         return fit
 
@@ -116,7 +122,9 @@ class ChainTracker:
 
     def _search(self, frame: FrameInput, guide: np.ndarray | None) -> FrameFit | None:
         """Find the string from the clamp on, near the headings `guide` if given."""
-        heading, value = find_string(frame, guide, self.links, self.string.link_m, self.string.appearance)
+        heading, value = find_string(
+            frame, guide, self.links, self.string.link_m, self.string.appearance, self.stride
+        )
         if value < LEAST_PATH_REWARD:
             return None
         if self._states:
@@ -126,7 +134,12 @@ class ChainTracker:
 
 
 def find_string(
-    frame: FrameInput, guide: np.ndarray | None, links: int, link_m: float, appearance: Appearance
+    frame: FrameInput,
+    guide: np.ndarray | None,
+    links: int,
+    link_m: float,
+    appearance: Appearance,
+    stride: Stride = LONG,
 ) -> tuple[np.ndarray, float]:
     """Find the string from the clamp on; returns headings (links,) and the path's mean reward."""
     if guide is None:
@@ -134,6 +147,6 @@ def find_string(
     else:
         near = Guide(place_nodes(frame.clamp_m, guide, link_m), GUIDE_WEIGHT)
     found: tuple[np.ndarray, float] = trace_string(
-        frame.window, appearance, frame.clamp_m, frame.hand_rad, link_m, links, near
+        frame.window, appearance, frame.clamp_m, frame.hand_rad, link_m, links, stride, near
     )
     return found
