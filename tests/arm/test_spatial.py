@@ -13,7 +13,7 @@ from strandcast.arm.spatial import SpatialArm, capsules_in_space, clamp_axes, ha
 from strandcast.arm.spatial_dynamics import spatial_dynamics_of
 from strandcast.errors import StrandcastError
 
-ARMS = Path("src/strandcast_studies/benchmarks/space/arms")
+ARMS = Path("config/arms")
 
 
 @pytest.fixture(params=["ur5e-space", "fr3-space"])

@@ -13,7 +13,7 @@ from strandcast.arm.spatial import load_any_arm
 from strandcast.arm.spatial_dynamics import spatial_dynamics_of
 from strandcast.arm.yielding_joints import YieldingJoints, follow, identify_yielding
 
-ARMS = ("src/strandcast_studies/benchmarks/space/arms/fr3-space.toml", "config/arms/planar3.toml")
+ARMS = ("config/arms/fr3-space.toml", "config/arms/planar3.toml")
 STEP_S, CYCLE_S, DELAY_S, SETTLED_S = 2e-3, 5e-4, 4e-3, 8.0
 FREQUENCY_RAD_S, DAMPING_RATIO, ARMATURE_KG_M2 = 25.0, 0.9, 0.05
 TIME_S = np.arange(0.0, 1.0 + 0.5 * STEP_S, STEP_S)

@@ -10,7 +10,7 @@ from strandcast.arm.spatial import hand_path, load_spatial_arm
 from strandcast.errors import StrandcastError
 from strandcast.imports.throw_in_space import ThrownBy, place_capture, placement_warnings, standard_error_m
 
-ARM = "src/strandcast_studies/benchmarks/space/arms/ur5e-space.toml"
+ARM = "config/arms/ur5e-space.toml"
 START_S, END_S = 11.0, 11.8
 TURN, SHIFT_M, OFFSET_S = Rotation.from_euler("xyz", [0.3, -0.2, 2.0]), np.array([0.4, -1.2, 0.3]), 7.3
 BODY_M = [0.02, -0.04, 0.03]  # in the hand's axes

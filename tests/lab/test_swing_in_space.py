@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 STRING = PhysicalString(0.30, 0.006, 3e-6, 0.0, 0.003, ((0.21, 0.008),))
 STILL = Curve(np.zeros(6), 0.1, rest_heights(np.zeros((6, 3))))
-UR5E = Path("src/strandcast_studies/benchmarks/space/arms/ur5e-space.toml")
+UR5E = Path("config/arms/ur5e-space.toml")
 
 
 def nominal(joints: int) -> VariationInSpace:

@@ -64,7 +64,7 @@ def test_a_descent_from_the_minimum_stops_there() -> None:
 
 @pytest.fixture(scope="module")
 def task(project_root: Path) -> SpatialTask:
-    arm = load_spatial_arm(project_root / "src/strandcast_studies/benchmarks/space/arms/ur5e-space.toml")
+    arm = load_spatial_arm(project_root / "config/arms/ur5e-space.toml")
     return SpatialTask(arm, StringModel(0.4, 10, dt_s=2e-3), np.array([0.55, 0.75, 0.55]), 0.02).rough()
 
 

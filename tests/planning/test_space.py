@@ -157,7 +157,7 @@ def plan_on(task: SpatialTask, strings: StringBatch) -> PlannedMotion:
 
 @pytest.fixture(scope="module")
 def ur5e(project_root: Path) -> SpatialTask:
-    arm = load_spatial_arm(project_root / "src/strandcast_studies/benchmarks/space/arms/ur5e-space.toml")
+    arm = load_spatial_arm(project_root / "config/arms/ur5e-space.toml")
     return SpatialTask(arm, StringModel(0.4, 10, dt_s=2e-3), np.array([0.55, 0.75, 0.55]), 0.02)
 
 

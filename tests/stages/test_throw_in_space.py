@@ -41,7 +41,7 @@ from strandcast_studies.benchmarks.space.rig import (
 
 from ..executor.test_play import PerfectArm
 
-ARMS = "src/strandcast_studies/benchmarks/space/arms"
+ARMS = "config/arms"
 BUDGET = """\
 plan: {screening: 200, evaluations: 240, ensemble: 4, duration_s: [0.5, 1.0]}
 estimate: {evaluations: 300, ensemble: 4}
@@ -56,7 +56,7 @@ target_m: {target}
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Path:
     root = tmp_path_factory.mktemp("space")
-    for arms in ("config/arms", ARMS):
+    for arms in (ARMS,):
         shutil.copytree(project_root / arms, root / "config/arms", dirs_exist_ok=True)
     return root
 

@@ -24,7 +24,7 @@ from strandcast_studies.benchmarks.loop.drawn import (
     log_uniform,
 )
 
-ARMS = Path(__file__).with_name("arms")
+ARMS = Path(__file__).parents[4] / "config" / "arms"
 # How far the hand of each arm gets from the place of its second joint, stretched out [m].
 REACH_M = {"ur5e-space": 0.984, "fr3-space": 0.874}
 LENGTH_M = (0.25, 0.50)
