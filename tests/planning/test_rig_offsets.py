@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from strandcast.arm.load import Arm
+from strandcast.lab.tracked_points import TrackerNoise, with_tracker_noise
 from strandcast.planning import rig_offsets
 from strandcast.planning.bezier import Curve, rest_heights, sample
 from strandcast.planning.rig_offset_words import StringInClamp, rig_offsets_record
 from strandcast.planning.rig_offsets import HandSeen, OffsetFit, fit_offsets
 from strandcast.records.estimate import RigOffsets
-from strandcast_studies.lab_capture import TrackerNoise, with_tracker_noise
 
 NAMES = ["link 1", "link 2", "clamp, along", "clamp, across", *(f"zero of joint_{k}" for k in (1, 2, 3))]
 STEP_S = 0.002

@@ -21,13 +21,13 @@ from strandcast.estimation.measured import Throw
 from strandcast.estimation.throws import prepare
 from strandcast.lab.strings import PhysicalString
 from strandcast.lab.swing import simulate_swing
+from strandcast.lab.tracked_points import points_at
 from strandcast.lab.variation import draw_variation
 from strandcast.planning.bezier import sample
 from strandcast.planning.global_search import screen
 from strandcast.planning.rollouts import RolloutConditions
 from strandcast.planning.search import SearchInputs
 from strandcast.planning.task import PlanningTask
-from strandcast_studies.lab_capture import points_at
 
 ARM_FILE = Path(__file__).resolve().parents[3] / "config" / "arms" / "planar3.toml"
 SPACING_M = 0.03

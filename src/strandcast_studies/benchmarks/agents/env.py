@@ -15,6 +15,7 @@ from strandcast.core.trajectory import JointTrajectory
 from strandcast.lab.driver import joint_log
 from strandcast.lab.strings import physical_string
 from strandcast.lab.swing import BEFORE_S, LabSwing, simulate_swing
+from strandcast.lab.tracked_points import TrackerNoise, points_at, with_tracker_noise
 from strandcast.lab.truth import MISS_AFTER_S, true_miss
 from strandcast.lab.variation import LabClocks, ThrowVariation, draw_variation, scatter_of
 from strandcast.planning.capsules import start_violation_m
@@ -24,7 +25,6 @@ from strandcast.seeds import rng
 from strandcast_studies.benchmarks.agents.actions import KINDS, LONGEST_S, RATE_HZ, within_limits
 from strandcast_studies.benchmarks.agents.tasks import arm_of, task_of
 from strandcast_studies.benchmarks.loop.throw import FRAME_RATE_HZ
-from strandcast_studies.lab_capture import TrackerNoise, points_at, with_tracker_noise
 
 POINTS = 10  # tracked points of the string, without the hand
 FRAMES = round((LONGEST_S + MISS_AFTER_S) * RATE_HZ) + 1

@@ -22,6 +22,7 @@ from typing import Any, cast
 
 from ruamel.yaml import YAML
 
+from strandcast.lab.tracked_points import TrackerNoise
 from strandcast.records.estimate import Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.verdict import Verdict
@@ -35,7 +36,6 @@ from strandcast_studies.benchmarks.loop.throw import (
     without_scatter,
 )
 from strandcast_studies.hit_rates import hit_rates, misses_at
-from strandcast_studies.lab_capture import TrackerNoise
 from strandcast_studies.paper.cases import FILE, WHOLE, PaperCase, PaperPlan, load_plan, merged, settings_of
 
 PROJECT = Path(__file__).resolve().parents[4]

@@ -14,6 +14,7 @@ from strandcast.arm.load import Arm, load_arm
 from strandcast.lab.driver import joint_log
 from strandcast.lab.strings import physical_string
 from strandcast.lab.swing import BEFORE_S, LabSwing, simulate_swing
+from strandcast.lab.tracked_points import TrackerNoise, points_at, with_tracker_noise
 from strandcast.lab.truth import true_miss
 from strandcast.lab.variation import LabClocks, ThrowVariation, draw_variation, scatter_of
 from strandcast.records.alignment import HAND, Alignment
@@ -25,7 +26,6 @@ from strandcast.records.track import SUPPLIED, TRACK, Track, TrackSummary
 from strandcast.seeds import rng
 from strandcast.stages.context import Context, context_of, free_length_m
 from strandcast.stages.run import run_stage
-from strandcast_studies.lab_capture import TrackerNoise, points_at, with_tracker_noise
 
 FRAME_RATE_HZ = 500.0
 FILMED_BEFORE_S, FILMED_AFTER_S = 0.22, 0.45  # the motion; chosen

@@ -15,11 +15,11 @@ from strandcast.lab.driver import joint_log
 from strandcast.lab.strings import EMPTY_CLAMP
 from strandcast.lab.swing import BEFORE_S, LabSwing
 from strandcast.lab.swing_in_space import VariationInSpace, simulate_swing_in_space
+from strandcast.lab.tracked_points import TrackerNoise, points_at, with_tracker_noise
 from strandcast.lab.truth import true_miss
 from strandcast.lab.variation import LabClocks, draw_variation
 from strandcast_studies.benchmarks.loop.throw import FILMED_AFTER_S, FILMED_BEFORE_S, FRAME_RATE_HZ
 from strandcast_studies.benchmarks.space.drawn import SpaceCase
-from strandcast_studies.lab_capture import TrackerNoise, points_at, with_tracker_noise
 
 # The capture knows neither where the arm stands nor its clock.
 CAPTURE_AXES, CAPTURE_ORIGIN_M = Rotation.from_euler("xyz", [0.02, -0.03, 2.1]), np.array([1.7, -0.6, 0.4])

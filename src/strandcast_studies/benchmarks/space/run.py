@@ -30,6 +30,7 @@ from strandcast.lab.driver import joint_log
 from strandcast.lab.strings import EMPTY_CLAMP
 from strandcast.lab.swing import LabSwing
 from strandcast.lab.swing_in_space import VariationInSpace, simulate_swing_in_space
+from strandcast.lab.tracked_points import TrackerNoise, points_at, with_tracker_noise
 from strandcast.lab.truth import true_miss
 from strandcast.lab.variation import LabClocks, draw_variation
 from strandcast.planning.describe import PlannedMotion
@@ -43,7 +44,6 @@ from strandcast.stages.estimate_in_space import FASTEST_M_S, FITTED_AFTER_S, FIT
 from strandcast_studies.benchmarks.loop.run import outcome, run_jobs, run_parser
 from strandcast_studies.benchmarks.loop.throw import FILMED_AFTER_S, FILMED_BEFORE_S, FRAME_RATE_HZ
 from strandcast_studies.benchmarks.space.drawn import SpaceCase, drawn_case
-from strandcast_studies.lab_capture import TrackerNoise, points_at, with_tracker_noise
 
 REPORTED_SEEDS = range(7001, 7021)
 POINTS = THROWN_POINTS

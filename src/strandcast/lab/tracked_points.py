@@ -1,4 +1,4 @@
-"""The lab's throws as measured by motion capture: mass points with a tracker's noise, without video."""
+"""The lab's throws as a tracker measures them: points of the string with its noise, without video."""
 
 from dataclasses import dataclass
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from strandcast.lab.swing import LabSwing
-from strandcast_studies.lab_capture import TrackerNoise, points_at, with_tracker_noise
+from strandcast.lab.tracked_points import TrackerNoise, points_at, with_tracker_noise
 
 NOTHING = np.zeros((3, 1))
 
