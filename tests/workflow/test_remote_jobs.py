@@ -12,22 +12,24 @@ from tests.faults.small import SETTINGS, environment
 from strandcast.stages.files import SUPPLIED_FILES
 from strandcast.workflow import shards, targets
 
-# The jobs of each rule: in the lab, of a recorded throw, of a track that was measured elsewhere.
-LAB, RIG, MOCAP = "experiment=lab", "experiment=rig", "experiment=mocap"
+# The jobs of each rule: in the lab, in space too, of a recorded throw, of a track measured elsewhere.
+LAB, SPACE, RIG, MOCAP = "experiment=lab", "experiment=space", "experiment=rig", "experiment=mocap"
+IN_SPACE = "string: {length_m: 0.4}\narm: ur5e-space\ntarget_m: [0.6, 0.7, 0.6]\nlab: {servo: pd}\n"
 JOBS = {
     "lab_calibrate": [LAB],
-    "lab_rehearse": [LAB],
+    "lab_rehearse": [LAB, SPACE],
     "lab_throw": [f"{LAB},trial=01"],
+    "lab_capture": [f"{SPACE},trial=01"],
     "calibrate": [f"{LAB},camera=main", f"{RIG},camera=main"],
     "ingest": [f"{LAB},trial=01", f"{RIG},trial=01"],
     "track": [f"{LAB},trial=01", f"{RIG},trial=01"],
     "reconstruct": [f"{LAB},trial=01", f"{RIG},trial=01"],
     "clip": [f"{LAB},trial=01", f"{RIG},trial=01"],
     "align": [f"{LAB},trial=01", f"{RIG},trial=01"],
-    "register_track": [f"{MOCAP},trial=01"],
+    "register_track": [f"{MOCAP},trial=01", f"{SPACE},trial=02"],
     "register_motion": [f"{RIG},trial=01", f"{MOCAP},trial=01"],
     "score": [f"{RIG},trial=01", f"{MOCAP},trial=01"],
-    "score_lab": [f"{LAB},trial=01"],
+    "score_lab": [f"{LAB},trial=01", f"{SPACE},trial=01"],
     "estimate": [f"{LAB},trial=01", f"{RIG},trial=01", f"{MOCAP},trial=01"],
     "plan": [f"{LAB},trial=01", f"{RIG},trial=02", f"{MOCAP},trial=02"],
     "report_trial": [f"{LAB},trial=01", f"{RIG},trial=01", f"{MOCAP},trial=01"],
@@ -56,13 +58,15 @@ def root(tmp_path_factory, project_root) -> Path:
     shutil.copytree(project_root / "config" / "arms", root / "config" / "arms")
     recordings = {
         "lab": (),
+        "space": (),
         "rig": ("video.mp4", "joints.csv", "run.json", "motion.json"),
         "mocap": (*SUPPLIED_FILES.values(), "motion.json"),
     }
     for name, files in recordings.items():
         folder = root / "data" / name / "trial-01"
         folder.mkdir(parents=True)
-        text = SETTINGS if name == "lab" else SETTINGS[: SETTINGS.index("lab:")]
+        texts = {"lab": SETTINGS, "space": IN_SPACE}
+        text = texts.get(name, SETTINGS[: SETTINGS.index("lab:")])
         (folder.parent / "experiment.yaml").write_text(text)
         for file in files:
             (folder / file).touch()

@@ -196,6 +196,8 @@ def labels_of(pattern, content):
 
 EXPERIMENTS = targets.default_experiments()
 LAB_EXPERIMENTS = targets.names_pattern(targets.lab_experiments())
+FILMED_IN_LAB = targets.names_pattern(targets.lab_experiments(captures=False))
+CAPTURED_IN_LAB = targets.names_pattern(targets.lab_experiments(captures=True))
 RECORDED_EXPERIMENTS = targets.other_names_pattern(targets.lab_experiments())
 SUPPLIED, PLAYED = targets.supplied_trials(), targets.played_trials()
 THROWN = targets.thrown_trials()

@@ -3,9 +3,10 @@
 REQUIRED INPUTS: results/<experiment>/trial-NN/{motion.json, predicted.parquet}
 OUTPUTS:         data/<experiment>/calibration/*,
                  data/<experiment>/rehearsal/{motion.json, joints.csv, run.json},
-                 data/<experiment>/trial-NN/{video.mp4, joints.csv, run.json, motion.json, predicted.parquet}
+                 data/<experiment>/trial-NN/{video.mp4, joints.csv, run.json, motion.json, predicted.parquet};
+                 in space capture.csv and {track.parquet, track.json, alignment.json, hand.parquet} for the video
 STEPS:           lab_calibrate (calibration photos), lab_rehearse (plan the first motion, play it with an empty clamp),
-                 lab_throw (play the motion, film it)
+                 lab_throw (play the motion, film it), in space lab_capture (play it, capture it, import the capture)
 """
 
 
@@ -17,7 +18,7 @@ rule lab_calibrate:
     log:
         "results/{experiment}/logs/lab_calibrate.log",
     wildcard_constraints:
-        experiment=LAB_EXPERIMENTS,
+        experiment=FILMED_IN_LAB,
     group:
         shard_of("lab_calibrate")
     resources:
@@ -64,7 +65,7 @@ rule lab_throw:
     log:
         "results/{experiment}/trial-{trial}/logs/lab_throw.log",
     wildcard_constraints:
-        experiment=LAB_EXPERIMENTS,
+        experiment=FILMED_IN_LAB,
     group:
         shard_of("lab_throw")
     resources:
@@ -77,3 +78,26 @@ rule lab_throw:
         "{wildcards.experiment} trial {wildcards.trial}: the lab plays the motion and films the throw"
     shell:
         "strandcast lab-throw {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+
+
+rule lab_capture:
+    input:
+        unpack(stage_inputs("lab_capture")),
+    output:
+        **kept(stage_outputs("lab_capture")),
+    log:
+        "results/{experiment}/trial-{trial}/logs/lab_capture.log",
+    wildcard_constraints:
+        experiment=CAPTURED_IN_LAB,
+    group:
+        shard_of("lab_capture")
+    resources:
+        mem_mb=memory_of("lab_capture"),
+        runtime=runtime_of("lab_capture"),
+    params:
+        settings=stage_settings("lab_capture"),
+        code=code_version("lab_capture"),
+    message:
+        "{wildcards.experiment} trial {wildcards.trial}: the lab plays the motion and captures the throw"
+    shell:
+        "strandcast lab-capture {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

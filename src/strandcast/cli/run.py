@@ -103,7 +103,7 @@ def planned_lines(jobs: "list[StageRun]") -> Iterator[str]:
         for job in jobs:
             if (job.experiment, job.trial or 0) == (experiment, trial):
                 yield f"  {job.stage.replace('_', '-'):15} {job.reason}"
-    if any(job.stage == "lab_throw" for job in jobs):
+    if any(job.stage in ("lab_throw", "lab_capture") for job in jobs):
         yield "the verdicts of the lab's throws decide what follows: estimates, reports, further trials"
 
 

@@ -22,6 +22,7 @@ EXPERIMENT_STAGES = {
 }
 TRIAL_STAGES = {
     "lab_throw": "Play a planned motion in the virtual lab and film the throw.",
+    "lab_capture": "Play a planned motion in the virtual lab in space and capture the throw.",
     "ingest": "Hash and check the raw files of a trial.",
     "track": "Track the string of a trial as mass points.",
     "reconstruct": "Reconstruct the track of a trial in metres from its detections.",
@@ -34,7 +35,7 @@ TRIAL_STAGES = {
     "plan": "Plan the motion of a trial from the trials before it.",
     "report": "Write the page of a trial.",
 }
-LAB_STAGES = ("lab-calibrate", "lab-rehearse", "lab-throw")  # the commands of the virtual lab
+LAB_STAGES = ("lab-calibrate", "lab-rehearse", "lab-throw", "lab-capture")  # the commands of the virtual lab
 
 
 def stage_commands() -> dict[str, tuple[Callable[..., None], str]]:

@@ -166,7 +166,6 @@ class Experiment(Section):
         if not self.aims_in_space:
             return self
         given = {
-            "lab": ("the lab throws", self.lab is not None),
             "objective": ("this objective is defined", self.objective != PointObjective()),
             "workspace_m": ("this box lies", self.workspace_m is not None),
             "start_string": (f"start_string {self.start_string!r} is made", self.start_string != "ensemble"),
@@ -179,6 +178,17 @@ class Experiment(Section):
             if is_given:
                 fix = "leave it out, or give a target with x and y"
                 raise Conflict(f"{what} in the plane, and the target has x, y and z", field, fix)
+        return self
+
+    @model_validator(mode="after")
+    def _lab_films_in_the_plane_only(self) -> Experiment:
+        given = {"camera", "led"} & (self.lab.model_fields_set if self.lab is not None else set())
+        if self.aims_in_space and given:
+            raise Conflict(
+                "it is for the lab's video, and a throw in space is measured by motion capture",
+                f"lab.{min(given)}",
+                "leave it out, or give a target with x and y",
+            )
         return self
 
     @model_validator(mode="after")
@@ -232,6 +242,11 @@ class Experiment(Section):
     def aim(self) -> Objective | None:
         """The objective of every throw, with the target; None without one."""
         return None if self.target_m is None else self.objective.aimed_at(self.target_m)
+
+    @property
+    def lab_captures(self) -> bool:
+        """Whether the lab throws in space, where motion capture takes the place of its camera."""
+        return self.lab is not None and self.aims_in_space
 
     @property
     def lab_rehearses(self) -> bool:

@@ -106,7 +106,8 @@ class LabSettings(Section):
     )
     camera: LabCamera = Field(
         LabCamera(),
-        description="The lab's camera. Set it to your own camera's figures to see how well it would do.",
+        description="The lab's camera; in space, motion capture takes its place. Set it to your own camera's "
+        "figures to see how well it would do.",
     )
     rehearsal: bool = Field(
         True,
@@ -116,6 +117,6 @@ class LabSettings(Section):
     )
     led: bool = Field(
         False,
-        description="An LED at the position of align.led, which the controller switches around the throw. "
-        "Set it to try the LED's alignment.",
+        description="An LED at the position of align.led, which the controller switches around the throw; "
+        "not in space. Set it to try the LED's alignment.",
     )

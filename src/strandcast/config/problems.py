@@ -38,11 +38,13 @@ def _place(node: Any, detail: ErrorDetails) -> tuple[str, ...]:
     """Return the position of an error in the file: pydantic's location without union branches."""
     place = []
     conflict = _conflict(detail)
-    for part in _as_written(node, detail["loc"] if conflict is None else (*detail["loc"], conflict.field)):
+    fields = () if conflict is None else tuple(conflict.field.split("."))
+    absent = detail["loc"][-1:] if detail["type"] == "missing" else fields
+    for part in _as_written(node, (*detail["loc"], *fields)):
         child = _child(node, part)
         if child is not None:
             node = child
-        elif part != (detail["loc"][-1] if detail["type"] == "missing" else conflict and conflict.field):
+        elif part not in absent:
             continue
         place.append(str(part))
     return tuple(place)

@@ -327,7 +327,7 @@ def _description(experiment: ExperimentView, left_out: dict[str, Path]) -> str:
     if page.is_file():
         parts.append(f"Start with {_name_of(experiment, page)}.")
     if experiment.settings.lab is not None:
-        parts.append("Simulated data: the virtual lab of strandcast threw and filmed the string.")
+        parts.append("Simulated data: the virtual lab of strandcast threw and recorded the string.")
     if left_out:
         parts.append(f"Raw video files left out, with their SHA-256: {len(left_out)}.")
     return " ".join(parts)

@@ -40,6 +40,16 @@ class PhysicalString:
     pipes: tuple[tuple[float, float, float], ...] = ()
     damping_time_s: float = DAMPING_TIME_S
 
+    def clamped(self, length_m: float) -> PhysicalString:
+        """Return the string with `length_m` of it in the clamp; places count from where it comes out."""
+        free_m = self.length_m - length_m
+        return replace(
+            self,
+            length_m=free_m,
+            weights=tuple((min(place, free_m), mass) for place, mass in self.weights),
+            pipes=tuple((start, min(end, free_m), mass) for start, end, mass in self.pipes),
+        )
+
     def shifted(self, more_m: float) -> PhysicalString:
         """Return the string with `more_m` more free length below the clamp."""
         return replace(
@@ -69,13 +79,26 @@ EMPTY_CLAMP = PhysicalString(0.05, 1e-3, 1e-6, 0.0, 1e-3)
 
 
 def physical_string(experiment: Experiment) -> PhysicalString:
-    """Return the string of a lab experiment.
+    """Return the string of a lab experiment, with what the clamp covers.
 
     Raises
     ------
     StrandcastError
-        SC-L001 not a lab experiment, SC-L003 the string's length differs from the experiment's.
+        SC-L001 not a lab experiment, SC-L003 the string's length differs from the experiment's, SC-L007 it
+        has pipes in space.
     """
+    string = _physical_string(experiment)
+    if string.pipes and experiment.aims_in_space:
+        raise StrandcastError(
+            "SC-L007",
+            "the string has stiff sections, and the lab's strings in space have none",
+            field="lab.string",
+            fix="leave string.stiff_sections out, and name a string without pipes (not paper-5, paper-6)",
+        )
+    return string
+
+
+def _physical_string(experiment: Experiment) -> PhysicalString:
     if experiment.lab is None:
         raise StrandcastError(
             "SC-L001",

@@ -1,6 +1,7 @@
 """A throw in space: the string is a chain of rigid links with ball joints that resist bending and twist."""
 
-from typing import NamedTuple
+from dataclasses import asdict
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -35,6 +36,11 @@ class VariationInSpace(NamedTuple):
 
     along: ThrowVariation
     across: ThrowVariation
+
+    def facts(self) -> dict[str, Any]:
+        """Return the deviations by name."""
+        second = ("grasp_lateral_m", "grasp_angle_rad", "sway_rad", "sway_rad_s")
+        return asdict(self.along) | {f"across_{name}": getattr(self.across, name) for name in second}
 
 
 def simulate_swing_in_space(

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.arm.load import Arm
+from strandcast.arm.spatial import SpatialArm
 from strandcast.config.experiment import Experiment
 from strandcast.core.box import Box
 from strandcast.core.trial_names import trial_name
 from strandcast.executor.play import play
 from strandcast.executor.preflight import run_preflight
 from strandcast.lab.calibration import write_lens_photos, write_plane_photo
-from strandcast.lab.driver import LabDriver, LabRehearsal, LabThrow
+from strandcast.lab.driver import AnyOfTwo, LabArm, LabRehearsal, LabThrow, driver_of
 from strandcast.lab.scene import make_scene
 from strandcast.records.joint_log import Run
 
@@ -39,13 +40,13 @@ def photograph_boards(experiment: Experiment, name: str, arm: Arm, data_dir: str
 def throw(
     experiment: Experiment,
     name: str,
-    arm: Arm,
+    arm: AnyOfTwo,
     trial: int,
     motion_path: str | Path,
     data_dir: str | Path,
     truth_path: str | Path,
 ) -> Run:
-    """Play a motion on the virtual rig and film it.
+    """Play a motion on the virtual rig, and film it or, in space, capture it.
 
     Parameters
     ----------
@@ -56,15 +57,16 @@ def throw(
     motion_path
         The planned motion.
     data_dir
-        ``data/<name>``; ``trial-NN/`` in it gets video.mp4, motion.json, joints.csv and, last, run.json.
+        ``data/<name>``; ``trial-NN/`` in it gets video.mp4 or capture.csv, motion.json, joints.csv and, last,
+        run.json.
     truth_path
         Where to write lab_truth.parquet.
     """
-    driver = LabDriver(LabThrow(name, experiment, trial, Path(truth_path)), arm)
+    driver = driver_of(LabThrow(name, experiment, trial, Path(truth_path)), arm)
     return _play(Path(motion_path), arm, driver, Path(data_dir) / trial_name(trial))
 
 
-def rehearse(experiment: Experiment, name: str, arm: Arm, motion_path: Path, folder: Path) -> Run:
+def rehearse(experiment: Experiment, name: str, arm: AnyOfTwo, motion_path: Path, folder: Path) -> Run:
     """Play a motion on the virtual rig with an empty clamp.
 
     Parameters
@@ -80,12 +82,18 @@ def rehearse(experiment: Experiment, name: str, arm: Arm, motion_path: Path, fol
     return _play(motion_path, arm, driver, folder)
 
 
-def _play(motion_path: Path, arm: Arm, driver: LabDriver, folder: Path) -> Run:
+def _play(motion_path: Path, arm: AnyOfTwo, driver: LabArm, folder: Path) -> Run:
     driver.connect()  # refuses an experiment without a virtual rig before anything is removed
     # Unlike a real throw, a virtual one can be repeated.
     (folder / "run.json").unlink(missing_ok=True)
     # A virtual arm can hurt nobody: it needs no workspace and no confirmation by a person.
-    unbounded = Box.unchecked((-np.inf, np.inf), (-np.inf, np.inf))
-    preflight = run_preflight(motion_path, replace(arm, workspace=unbounded), driver, folder)
+    preflight = run_preflight(motion_path, _unbounded(arm), driver, folder)
     driver.move_to_start(preflight.motion.trajectory().q_rad[0])
     return play(preflight, driver, preflight.short_hash)
+
+
+def _unbounded(arm: AnyOfTwo) -> AnyOfTwo:
+    anywhere = (-np.inf, np.inf)
+    if isinstance(arm, SpatialArm):
+        return replace(arm, workspace_m=np.array([anywhere] * 3))
+    return replace(arm, workspace=Box.unchecked(anywhere, anywhere))

@@ -13,4 +13,5 @@ LAB_TRUTH = TableSpec(
         "x_m": Column("f8", "m"),
         "y_m": Column("f8", "m"),
     },
+    optional={"z_m": Column("f8", "m")},
 )

@@ -53,7 +53,7 @@ class HandPoses(NamedTuple):
 
 
 class TrueString(NamedTuple):
-    """The lab's string: frame (F,), true robot_time_s (F,), place_m (P,), points_m (F, P, 2)."""
+    """The lab's string: frame (F,), true robot_time_s (F,), place_m (P,), points_m (F, P, 2 or 3)."""
 
     frame: NDArray[np.int32]
     robot_time_s: Array
@@ -252,6 +252,6 @@ def _read_lab_truth(path: Path) -> TrueString:
     rows = read_table(path, LAB_TRUTH)
     frame, first, row = np.unique(rows["frame"], return_index=True, return_inverse=True)
     place_m, column = np.unique(rows["place_m"], return_inverse=True)
-    x_y_m = np.column_stack([rows["x_m"], rows["y_m"]])
-    points_m = scattered((len(frame), len(place_m), 2), (row, column), x_y_m)
+    nodes_m = np.column_stack([rows[name] for name in AXES if name in rows])
+    points_m = scattered((len(frame), len(place_m), nodes_m.shape[1]), (row, column), nodes_m)
     return TrueString(frame, rows["robot_time_s"][first], place_m, points_m, read_facts(path, LAB_TRUTH))

@@ -95,6 +95,24 @@ _DECLARED = (
         ),
     ),
     Stage(
+        "lab_capture",
+        inputs={
+            "motion": results(this, "motion.json"),
+            "predicted": results(this, "predicted.parquet"),
+            "arm": files.arm,
+        },
+        outputs={
+            "capture": RAW + "capture.csv",
+            "joints": RAW + "joints.csv",
+            "run": RAW + "run.json",
+            "motion": RAW + "motion.json",
+            "predicted": RAW + "predicted.parquet",
+            **{role: RAW + name for role, name in SUPPLIED_FILES.items()},
+            "truth": TRIAL + "lab_truth.parquet",
+        },
+        settings=("string", "seed", "lab", "target_m"),
+    ),
+    Stage(
         "ingest",
         inputs={
             "video": files.ingested,

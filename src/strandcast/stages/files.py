@@ -190,8 +190,9 @@ SUPPLIED_FILES = {
 
 
 def supplied(job: Job, trial: int) -> bool:
-    """Return whether a trial's track was measured elsewhere and supplied beside its raw files."""
-    return file_exists(job.context.folder.trial(trial).data / "track.parquet")
+    """Return whether a trial's track was measured elsewhere and supplied, or will be by the lab in space."""
+    captured, data = job.context.settings.lab_captures, job.context.folder.trial(trial).data
+    return captured or all(file_exists(data / name) for name in SUPPLIED_FILES.values())
 
 
 def _results(job: Job, trials: list[int], *names: str) -> list[Path]:

@@ -1,9 +1,9 @@
 """Rehearse in the lab: plan the first motion, and play it with an empty clamp."""
 
-from strandcast.arm.load import load_arm
 from strandcast.lab.strings import physical_string
 from strandcast.lab.throw import rehearse
 from strandcast.records.files import remove_temporary_files
+from strandcast.stages.arms import arm_of
 from strandcast.stages.job import Files, Job
 from strandcast.stages.plan import first_motion
 
@@ -11,7 +11,7 @@ from strandcast.stages.plan import first_motion
 def run(job: Job, files: Files) -> None:
     """Write the rehearsal's motion and joint log."""
     physical_string(job.context.settings)  # a real arm's rehearsal must not be replaced
-    context, arm, path = job.context, load_arm(files.input("arm")), files.output("motion")
+    context, arm, path = job.context, arm_of(job.context), files.output("motion")
     remove_temporary_files(path.parent)
     first_motion(context, arm).write(path)
     rehearse(context.settings, context.name, arm, path, path.parent)

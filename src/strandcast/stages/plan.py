@@ -57,7 +57,7 @@ def run(job: Job, files: Files) -> None:
     motion.write(files.output("motion"))
 
 
-def first_motion(context: Context, arm: Arm) -> Motion:
+def first_motion(context: Context, arm: Arm | SpatialArm) -> Motion:
     """Return the first motion as it is planned before anything was played."""
     seeded_by = _seeded_by(context, 1)
     random = rng(*seeded_by)

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from strandcast.records.listing import file_exists
+from strandcast.stages import files
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.files import SUPPLIED_FILES
 from strandcast.stages.job import Job
 
 
@@ -29,29 +29,29 @@ class Step(NamedTuple):
 
 def steps_of(context: Context, trial: int) -> list[Step]:
     """Return the stages of a trial, in the order in which they run; trial 0: those of the experiment."""
-    is_lab = context.settings.lab is not None
+    is_lab, captures = context.settings.lab is not None, context.settings.lab_captures
     if not trial:
         recorded = [] if is_lab else context.folder.recorded_trials()
-        supplied = recorded and all(_is_supplied(context, each) for each in recorded)
+        supplied = recorded and all(files.supplied(Job(context), each) for each in recorded)
         calibrated = [] if supplied or context.settings.aims_in_space else ["calibrate"]
-        lab = ["lab_calibrate"] if is_lab else []
+        lab = ["lab_calibrate"] if is_lab and not captures else []
         lab += ["lab_rehearse"] if context.settings.lab_rehearses else []
         return [Step(stage) for stage in (*lab, *calibrated, "summary")]
     folder = context.folder.trial(trial)
     if is_lab:
-        motion = ["plan", "lab_throw"]
+        motion = ["plan", lab_throw(context)]
     elif file_exists(folder.data / "motion.json"):
         motion = ["register_motion"]
     else:
         motion = [] if folder.raw_files() or context.settings.target_m is None else ["plan"]
     by_camera = ["ingest", "track", "reconstruct", "clip", "align"]
-    measured = ["register_track"] if _is_supplied(context, trial) else by_camera
+    measured = ["register_track"] if files.supplied(Job(context), trial) else by_camera
     return [Step(stage, trial) for stage in (*motion, *measured, "score", "estimate", "report")]
 
 
-def _is_supplied(context: Context, trial: int) -> bool:
-    data = context.folder.trial(trial).data
-    return all(file_exists(data / name) for name in SUPPLIED_FILES.values())
+def lab_throw(context: Context) -> str:
+    """Return the stage that throws in the lab."""
+    return "lab_capture" if context.settings.lab_captures else "lab_throw"
 
 
 def producers(context: Context, trials: Iterable[int]) -> dict[Path, Step]:
@@ -81,8 +81,8 @@ def capture_command(context: Context, trial: int) -> str:
 def play_command(context: Context, trial: int) -> str:
     """Return the command that throws a planned motion, on the arm or in the lab."""
     if context.settings.lab is not None:
-        return Step("lab_throw", trial).command(context.name)
+        return Step(lab_throw(context), trial).command(context.name)
     folder = context.folder.trial(trial)
     motion, arm = folder.results / "motion.json", context.arm_file
-    files = [str(motion), "--arm", str(arm), "--out", str(folder.data)]
-    return shlex.join(["strandcast", "play", *files])
+    options = [str(motion), "--arm", str(arm), "--out", str(folder.data)]
+    return shlex.join(["strandcast", "play", *options])

@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 
 from strandcast.config.find import NAME
-from strandcast.core.trial_names import TRIAL_DIGITS, trial_digits, trial_name, trial_number
+from strandcast.core.trial_names import PREFIX, TRIAL_DIGITS, trial_digits, trial_name
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import ExperimentFolder, trial_folders
 from strandcast.records.listing import file_exists
@@ -53,9 +53,13 @@ def default_experiments(root: Path = ROOT) -> list[str]:
     return own_experiments(root) or [DEMO]
 
 
-def lab_experiments(root: Path = ROOT) -> list[str]:
-    """Return the experiments that the lab throws; an invalid one is reported when it is asked for."""
-    return [name for name in known_experiments(root) if _is_lab(root, name)]
+def lab_experiments(root: Path = ROOT, *, captures: bool | None = None) -> list[str]:
+    """Return the experiments that the lab throws; an invalid one is reported when it is asked for.
+
+    With `captures`, only those that it captures in space, or only those that it films.
+    """
+    lab = [name for name in known_experiments(root) if _is_lab(root, name)]
+    return [name for name in lab if captures in (None, experiment(name, root).settings.lab_captures)]
 
 
 def real_experiments(root: Path = ROOT) -> list[str]:
@@ -99,8 +103,12 @@ def with_files(*names: str, experiments: Iterable[str], root: Path = ROOT) -> di
 
 
 def supplied_trials(root: Path = ROOT) -> dict[str, list[str]]:
-    """Return the trials whose track and alignment were measured elsewhere, by experiment."""
-    return with_files(*files.SUPPLIED_FILES.values(), experiments=known_experiments(root), root=root)
+    """Return the trials whose track and alignment were measured elsewhere, by experiment.
+
+    Of the lab's captures, that is a pattern of them all: they can be named before they exist.
+    """
+    there = with_files(*files.SUPPLIED_FILES.values(), experiments=known_experiments(root), root=root)
+    return there | {name: [f"{PREFIX}(?:{TRIAL_DIGITS})"] for name in lab_experiments(root, captures=True)}
 
 
 def played_trials(root: Path = ROOT) -> dict[str, list[str]]:
@@ -223,14 +231,14 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
             field="--until",
             fix=(f"did you mean {near[0]}?" if near else f"one of {', '.join(known)}").replace("_", "-"),
         )
-    supplied = {trial_number(trial) for trial in supplied_trials(root).get(name, [])}
     trials = _trials_so_far(name, root)
     if stage == "plan":
         trials = [max(trials, default=0) + 1]  # the next motion
     found: list[str] = []
     for trial in trials or [0]:
-        made_by = "register_track" if trial in supplied and stage in WITH_CAMERA else stage
-        outputs = STAGES[made_by].output_files(Job(context, trial, tuple(trials)))
+        job = Job(context, trial, tuple(trials))
+        made_by = "register_track" if stage in WITH_CAMERA and files.supplied(job, trial) else stage
+        outputs = STAGES[made_by].output_files(job)
         if not trials and any(trial_name(0) in path.parts for paths in outputs.values() for path in paths):
             raise StrandcastError(
                 "SC-W021",
@@ -247,7 +255,9 @@ def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[s
 def _runs(stage: str, context: Context) -> bool:
     if stage == "lab_rehearse":
         return context.settings.lab_rehearses
-    return context.settings.lab is not None or not stage.startswith("lab_")
+    if stage in ("lab_calibrate", "lab_throw", "lab_capture") and context.settings.lab is not None:
+        return (stage == "lab_capture") == context.settings.lab_captures
+    return not stage.startswith("lab_")
 
 
 def _trials_so_far(name: str, root: Path) -> list[int]:

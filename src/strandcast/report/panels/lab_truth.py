@@ -23,8 +23,9 @@ COMPARED = ("miss_m", "offset_s", "drift")  # facts beside a measurement
 def lab_truth(page: TrialPageData) -> PanelContent:
     """Return the tracker's error by point and in time, the true miss and the true offset.
 
-    Point i is compared with the true string at i/n of its true free length: a grasp that clamped less of the
-    string made it longer, and the tip is its end, wherever the settings say that the end is.
+    Point i of a video is compared with the true string at i/n of its true free length: a grasp that clamped
+    less of the string made it longer, and the tip is its end, wherever the settings say that the end is. A
+    marker is as far from the end as it was put there.
     """
     results = page.results
     truth: TrueString = results.need("lab_truth")
@@ -32,6 +33,8 @@ def lab_truth(page: TrialPageData) -> PanelContent:
     alignment, verdict = results.need("alignment"), results.need("verdict")
     mine, theirs = np.intersect1d(track.frame, truth.frame, return_indices=True)[1:]
     places_m = np.linspace(0.0, truth.place_m[-1], summary.points + 1)
+    if results.supplied():
+        places_m = summary.places_m() + truth.place_m[-1] - summary.length_m
     error_m = np.linalg.norm(track.points_m[mine] - at_places(truth, places_m)[theirs], axis=2)
     camera_s = track.camera_time_s[mine]
     start_s = alignment.motion_start_s

@@ -28,7 +28,6 @@ ARMS = Path(__file__).parents[4] / "config" / "arms"
 # How far the hand of each arm gets from the place of its second joint, stretched out [m].
 REACH_M = {"ur5e-space": 0.984, "fr3-space": 0.874}
 LENGTH_M = (0.25, 0.50)
-MARKERS = 14
 assert LENGTH_M[0] > FIRST_PLACE_M
 
 
@@ -50,10 +49,6 @@ class SpaceCase:
     def whole_length_m(self) -> float:
         """Return the string's length with what the clamp covers [m]."""
         return self.string.length_m + self.arm.clamp.clamped_length_m
-
-    def marker_places_m(self) -> np.ndarray:
-        """Return the places of the markers of a capture, the last on the tip [m]."""
-        return np.linspace(0.0, self.string.length_m, MARKERS + 1)[1:]
 
 
 def drawn_case(seed: int) -> SpaceCase:
