@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,15 @@ def test_strings_by_name_and_by_value() -> None:
     assert physical_string(make_experiment(string="paper-2")) == PAPER_STRINGS["paper-2"]
     own = physical_string(make_experiment(string={"linear_density_kg_m": 0.004}))
     assert (own.length_m, own.linear_density_kg_m, own.weights) == (0.3, 0.004, ())
+
+
+def test_a_clamp_shortens_the_string_from_its_beginning() -> None:
+    """Places count from where the string leaves the clamp; a weight on the tip stays there."""
+    whole = PAPER_STRINGS["paper-5"]
+    string = replace(whole, weights=((0.170, 0.01), (0.510, 0.02))).clamped(0.01)
+    assert string.length_m == pytest.approx(0.50)
+    assert string.weights == ((0.170, 0.01), (pytest.approx(0.50), 0.02))
+    assert string.pipes == whole.pipes
 
 
 def test_a_string_that_does_not_fit_is_refused() -> None:

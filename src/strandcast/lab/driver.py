@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -69,7 +70,7 @@ def lab_driver(arm: AnyOfTwo, motion: Motion) -> LabArm:
 
 def driver_of(throw: LabThrow, arm: AnyOfTwo) -> LabArm:
     """Return the virtual rig of a throw: with a camera, or in space with motion capture."""
-    return LabCaptured(throw, arm) if isinstance(arm, SpatialArm) else LabDriver(throw, arm)
+    return LabDriverInSpace(throw, arm) if isinstance(arm, SpatialArm) else LabDriver(throw, arm)
 
 
 class LabArm:
@@ -143,6 +144,11 @@ class LabArm:
             controller={"model": f"{self._arm.name} (virtual)", "servo": self._lab.servo},
         )
 
+    def _write_truth(self, recorded: RecordedThrow, more: dict[str, Any]) -> None:
+        throw = self._throw
+        assert throw.truth_path is not None
+        write_truth(throw.truth_path, recorded, np.array(throw.experiment.target_m), more)
+
     def _random(self, what: str) -> np.random.Generator:
         return rng(self._throw.name, self._throw.experiment.seed, self._throw.trial, what)
 
@@ -176,20 +182,18 @@ class LabDriver(LabArm):
         shown = progress(shots, "film", total=len(since_s))
         write_video(folder / VIDEO, shown, camera.width_px, camera.height_px, camera.frame_rate_hz)
         filmed = RecordedThrow(swing, asdict(variation.along), clocks, robot_time_s, start_s, motion_s)
-        assert throw.truth_path is not None
-        target_m = np.array(experiment.target_m)
-        write_truth(throw.truth_path, filmed, target_m, film_facts(scene, filmed))
+        self._write_truth(filmed, film_facts(scene, filmed))
         recording = self._recorded(swing, variation.along, clocks, motion_s)
         events = [] if lamp is None else _switch_output(recording.log, lamp, start_s)
         return replace(recording, sync_events=events, video={"file": VIDEO})
 
 
-class LabCaptured(LabArm):
+class LabDriverInSpace(LabArm):
     """The virtual rig of one throw in space: motion capture of markers on the string and on the hand."""
 
     def play(self, command: JointTrajectory, folder: Path) -> Recording:
         """Throw, capture and write the truth; return the controller's log."""
-        throw, arm = self._throw, self._arm
+        arm = self._arm
         assert isinstance(arm, SpatialArm)
         variation, clocks = self._variation(), draw_clocks(self._random("lab-clocks"))
         string = self._string()
@@ -201,8 +205,7 @@ class LabCaptured(LabArm):
         since_s, random = robot_time_s - start_s, self._random("lab-sensor")
         write_capture(folder / CAPTURE, captured(rig, arm.chain, swing, places_m, since_s, random))
         recorded = RecordedThrow(swing, variation.facts(), clocks, robot_time_s, start_s, motion_s)
-        assert throw.truth_path is not None
-        write_truth(throw.truth_path, recorded, np.array(throw.experiment.target_m), rig.facts())
+        self._write_truth(recorded, rig.facts())
         return self._recorded(swing, variation.along, clocks, motion_s)
 
 

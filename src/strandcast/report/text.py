@@ -180,6 +180,12 @@ def _camera(camera: Camera) -> str:
 
 
 def _tracking(summary: TrackSummary) -> str:
+    if "point_1_place_m" in summary.choices:
+        return (
+            f"{summary.points} markers on the string of {summary.length_m * 1e3:.0f} mm were captured; "
+            f"{summary.tracked_fraction * 100:.1f} % of their positions were measured (median σ "
+            f"{summary.median_sigma_m * 1e3:.2f} mm)."
+        )
     return (
         f"The string of {summary.length_m * 1e3:.0f} mm was represented by {summary.points} mass points; "
         f"{summary.tracked_fraction * 100:.1f} % of them were detected without a flag (median σ "
@@ -191,14 +197,17 @@ def _clocks(alignment: Alignment) -> str:
     if alignment.offset_se_s is None:
         return ""
     error_ms = alignment.offset_se_s * 1e3
-    return f"Camera and robot clocks were aligned by the hand's path to ± {error_ms:.2f} ms (standard error)."
+    whose = "Capture" if alignment.source == "supplied" else "Camera"
+    return (
+        f"{whose} and robot clocks were aligned by the hand's path to ± {error_ms:.2f} ms (standard error)."
+    )
 
 
 def _fit(estimate: Estimate) -> str:
     change = estimate.step_change_m
     halved = "" if change is None else f" (halved, the string moves by {significant(1e3 * change)} mm)"
     return (
-        "String parameters and relative masses were estimated from trials "
+        f"String parameters and relative masses ({estimate.points} mass points) were estimated from trials "
         f"{', '.join(map(str, estimate.trials_used))} by {estimate.search} ({estimate.evaluations} "
         f"simulations, ranges “{estimate.ranges}”, reading “{estimate.reading}”, integrator "
         f"{estimate.integrator} with {estimate.dt_s * 1e3:g} ms steps{halved}, "
