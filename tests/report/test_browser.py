@@ -60,10 +60,10 @@ def open_page(browser: str, page: Path, out: Path, *more: str) -> str:
     return done.stderr
 
 
-@pytest.fixture
-def page(results: Path, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def page(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the page of a trial."""
-    path = tmp_path / "report.html"
+    path = tmp_path_factory.mktemp("pages") / "report.html"
     next_motion = results / "trial-04" / "motion.json"
     write_text(path, trial_page(results / "trial-03", trial=3, experiment="swing", next_motion=next_motion))
     return path
@@ -97,8 +97,8 @@ def light_and_dark(page: Path, folder: Path, browser: str) -> None:
     assert dark.std() > 20
 
 
-@pytest.fixture
-def pages(page: Path, results: Path, tmp_path: Path) -> list[Path]:
+@pytest.fixture(scope="module")
+def pages(page: Path, results: Path) -> list[Path]:
     """Return the pages of a trial, an experiment with an excluded trial, a comparison and a campaign."""
     trials = {trial: results / trial_name(trial) for trial in (1, 2, 3)}
     summary = summarise(
@@ -116,8 +116,8 @@ def pages(page: Path, results: Path, tmp_path: Path) -> list[Path]:
         "campaign": campaign_page(campaign_in_memory(7)),
     }
     for name, text in made.items():
-        write_text(tmp_path / f"{name}.html", text)
-    return [page, *(tmp_path / f"{name}.html" for name in made)]
+        write_text(page.with_name(f"{name}.html"), text)
+    return [page, *(page.with_name(f"{name}.html") for name in made)]
 
 
 @pytest.mark.slow
