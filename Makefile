@@ -149,7 +149,8 @@ faults-nightly: $(VENV)/dev.stamp fuzz  ## `make fuzz`, kill runs and stages, an
 
 .PHONY: test-drivers
 test-drivers: $(DRIVERS)/drivers.stamp $(FRANKA_SIM)/franka-sim.stamp  ## run the drivers' tests, against a Franka controller and a simulated UR
-	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest tests/executor/drivers tests/exports/test_recordings.py
+	@STRANDCAST_FRANKA_SIM="$(CURDIR)/$(FRANKA_SIM)/bin/python" $(DRIVERS)/bin/python -m pytest --numprocesses $(CORES) --dist loadfile \
+	  tests/executor/drivers tests/exports/test_recordings.py
 
 .PHONY: test-slurm
 test-slurm: $(SLURM)/slurm.stamp $(VENV)/dev.stamp  ## run 20 experiments through a Slurm of two nodes on this machine, where it is installed
