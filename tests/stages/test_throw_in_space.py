@@ -124,6 +124,14 @@ def test_what_needs_an_arm_in_the_plane_refuses_one_in_space(root: Path) -> None
         load_arm(root / "config/arms/ur5e-space.toml")
 
 
+def test_the_labs_experiment_of_the_how_to_is_right(root: Path, project_root: Path) -> None:
+    page = (project_root / "docs/how-to/throw-in-space.md").read_text()
+    settings = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)[0]
+    assert "lab:" in settings
+    write(root, "shown").write_text(settings)
+    assert check_experiment(root, "shown").errors == []
+
+
 @pytest.mark.parametrize("setting", ["camera: {frame_rate_hz: 200}", "led: true"])
 def test_what_the_labs_video_needs_is_refused_with_a_target_in_space(root: Path, setting: str) -> None:
     file = write(root, "filmed", f"lab: {{{setting}}}\n")
