@@ -10,6 +10,7 @@ from strandcast.arm.spatial import SpatialArm
 from strandcast.config.experiment import Experiment
 from strandcast.core.box import Box
 from strandcast.core.trial_names import trial_name
+from strandcast.errors import StrandcastError
 from strandcast.executor.play import play
 from strandcast.executor.preflight import run_preflight
 from strandcast.lab.calibration import write_lens_photos, write_plane_photo
@@ -82,8 +83,32 @@ def rehearse(experiment: Experiment, name: str, arm: AnyOfTwo, motion_path: Path
     return _play(motion_path, arm, driver, folder)
 
 
+def refuse_real_run(folder: Path) -> None:
+    """Refuse to replace the raw files of a run that the lab did not make.
+
+    Raises
+    ------
+    StrandcastError
+        SC-L008 `folder` holds the run of a real arm, or an imported one.
+    """
+    record = folder / "run.json"
+    try:
+        driver = Run.read(record).driver
+    except StrandcastError:  # there is none, or it is damaged: the lab makes it again
+        return
+    if driver != LabArm.name:
+        raise StrandcastError(
+            "SC-L008",
+            f"this run was not made by the lab, but by {driver!r}",
+            file=record,
+            cost="the lab would replace its raw files",
+            fix="take `lab` out of experiment.yaml; for the lab, copy it to a new folder in data/",
+        )
+
+
 def _play(motion_path: Path, arm: AnyOfTwo, driver: LabArm, folder: Path) -> Run:
     driver.connect()  # refuses an experiment without a virtual rig before anything is removed
+    refuse_real_run(folder)
     # Unlike a real throw, a virtual one can be repeated.
     (folder / "run.json").unlink(missing_ok=True)
     # A virtual arm can hurt nobody: it needs no workspace and no confirmation by a person.

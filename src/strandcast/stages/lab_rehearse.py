@@ -1,7 +1,7 @@
 """Rehearse in the lab: plan the first motion, and play it with an empty clamp."""
 
 from strandcast.lab.strings import physical_string
-from strandcast.lab.throw import rehearse
+from strandcast.lab.throw import refuse_real_run, rehearse
 from strandcast.records.files import remove_temporary_files
 from strandcast.stages.arms import arm_of
 from strandcast.stages.job import Files, Job
@@ -10,8 +10,9 @@ from strandcast.stages.plan import first_motion
 
 def run(job: Job, files: Files) -> None:
     """Write the rehearsal's motion and joint log."""
-    physical_string(job.context.settings)  # a real arm's rehearsal must not be replaced
     context, arm, path = job.context, arm_of(job.context), files.output("motion")
+    physical_string(context.settings)
+    refuse_real_run(path.parent)
     remove_temporary_files(path.parent)
     first_motion(context, arm).write(path)
     rehearse(context.settings, context.name, arm, path, path.parent)
