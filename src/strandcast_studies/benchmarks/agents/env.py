@@ -103,7 +103,7 @@ class ThrowEnv(gymnasium.Env):
             scatter = scatter_of(self._task.name, self._task.experiment.seed, self._lab)
             given = len(self._arm.joints), self._lab.noise, scatter
             variation = draw_variation(self._random("lab-throw"), *given)
-            string = physical_string(self._task.experiment)
+            string = physical_string(self._task.experiment).clamped(self._arm.clamp.clamped_length_m)
             swing = simulate_swing(self._arm, self._lab.servo, string, variation, motion)
             miss_m = true_miss(swing, self._target_m, motion.end_s)[0]
             self._watch(observation, swing, variation, motion.end_s)

@@ -68,7 +68,8 @@ def _play(
 ) -> tuple[Any, float]:
     settings = context.settings
     assert settings.lab is not None
-    swing = simulate_swing(arm, settings.lab.servo, physical_string(settings), variation, motion)
+    string = physical_string(settings).clamped(arm.clamp.clamped_length_m)
+    swing = simulate_swing(arm, settings.lab.servo, string, variation, motion)
     return swing, true_miss(swing, np.array(settings.target_m), float(motion.time_s[-1]))[0]
 
 

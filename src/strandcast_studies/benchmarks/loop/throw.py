@@ -82,7 +82,7 @@ def swung(context: Context, arm: Arm, motion: Motion, variation: ThrowVariation)
     """Return the lab's simulation of a played motion."""
     assert context.settings.lab is not None
     command = motion.trajectory().resampled(1.0 / arm.log_rate_hz)
-    thread = physical_string(context.settings)
+    thread = physical_string(context.settings).clamped(arm.clamp.clamped_length_m)
     return simulate_swing(arm, context.settings.lab.servo, thread, variation, command)
 
 
