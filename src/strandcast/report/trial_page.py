@@ -94,7 +94,7 @@ def _key_figures(results: TrialResults) -> list[KeyFigure]:
     figures = [
         KeyFigure(name, UNKNOWN if (record := results.get(source)) is None else text_of(record), anchor)
         for name, source, text_of, anchor in (KEY_FIGURES if results.aimed() else CAPTURE_FIGURES)
-        if results.aimed() or source not in results.not_made()
+        if source not in results.not_made()
     ]
     if results.in_space():  # the throw is drawn from two sides
         figures = [figure._replace(anchor=IN_SPACE.get(figure.anchor, figure.anchor)) for figure in figures]
@@ -124,7 +124,7 @@ KEY_FIGURES: tuple[tuple[str, str, Callable[[Any], str], str], ...] = (
     ("mean distance of the tip, fit", "estimate", lambda e: _fine(e.tip_error_m), "fit"),
     ("points tracked", "track_summary", lambda t: percent(t.tracked_fraction), "tracking"),
     (
-        "frames decoded / expected",
+        "frames / expected",
         "track_summary",
         lambda t: f"{t.decoded_frames} / {t.expected_frames}",
         "checks",

@@ -92,7 +92,7 @@ def tip_paths(page: ExperimentPageData) -> PanelContent:
     if not shown:
         raise StrandcastError("SC-H063", "no counted trial has a track", fix="track the trials")
     _finish(views, summary)
-    finding = f"Tip paths of {len(shown)} trial{'s' if page.aimed or len(shown) > 1 else ''}"
+    finding = f"Tip paths of {len(shown)} trial{'' if len(shown) == 1 else 's'}"
     if page.aimed:
         finding += (
             f"; trial {summary.hit_trial}, the hit, is bold"
