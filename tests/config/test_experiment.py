@@ -47,6 +47,7 @@ def test_only_what_aims_needs_a_target(tmp_path):
     for aims, who in (("lab: {}\n", "the lab"), ("objective: {kind: swing, height_m: 1}\n", "the objective")):
         (missing,) = problems(tmp_path, GOOD.replace("target_m: [0.5, 0.5]\n", aims))
         assert (missing.field, missing.what) == ("target_m", f"{who} needs a target")
+        assert "[x, y, z]" in str(missing.fix)
 
 
 def test_camera_is_short_for_the_camera_main(tmp_path):

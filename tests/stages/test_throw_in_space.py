@@ -149,6 +149,30 @@ def test_a_string_with_pipes_is_refused_in_space(root: Path) -> None:
     )
     with pytest.raises(StrandcastError, match=r"(?s)SC-L007.*lab\.string.*not paper-5, paper-6"):
         run_stage("lab_rehearse", root, "pipe")
+    [error] = check_experiment(root, "pipe").errors
+    assert (error.code, error.file) == ("SC-L007", str(root / "data/pipe/experiment.yaml"))
+
+
+def test_settings_of_the_plane_for_the_fit_are_refused_before_the_throw(root: Path) -> None:
+    file = write(root, "fitted", LAB)
+    file.write_text(file.read_text().replace("ensemble: 4}\nlab", "stiff_bend: true, search: paper}\nlab"))
+    [error] = check_experiment(root, "fitted").errors
+    assert (error.code, error.file, error.field) == ("SC-E008", str(file), "estimate.search")
+    assert "estimate.search, estimate.stiff_bend do not apply to a throw in space" in str(error)
+
+
+def test_the_lab_does_not_replace_the_files_of_a_real_arm(root: Path, captured: Path, tmp_path: Path) -> None:
+    project = Path(shutil.copytree(root, tmp_path / "project"))
+    folder = project / "data/cast/trial-01"
+    run, _ = read_run(folder)
+    run.model_copy(update={"driver": "ur"}).write(folder / "run.json")
+    shutil.copytree(folder, project / "data/cast/rehearsal")
+    write(project, "cast", LAB)
+    before = {path: path.read_bytes() for path in (project / "data/cast").glob("*/*")}
+    for stage, trial in (("lab_capture", 1), ("lab_rehearse", 0)):
+        with pytest.raises(StrandcastError, match=r"(?s)SC-L008.*'ur'.*take `lab` out"):
+            run_stage(stage, project, "cast", trial)
+    assert {path: path.read_bytes() for path in (project / "data/cast").glob("*/*")} == before
 
 
 def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None:

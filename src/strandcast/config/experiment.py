@@ -157,7 +157,7 @@ class Experiment(Section):
             raise Conflict(
                 f"{'the lab' if self.lab is not None else 'the objective'} needs a target",
                 "target_m",
-                "add target_m: [x, y]",
+                "add target_m: [x, y], or [x, y, z] for an arm in space",
             )
         return self
 

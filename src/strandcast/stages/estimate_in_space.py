@@ -47,7 +47,7 @@ class TrialInSpace:
 def estimate_in_space(job: Job, files: Files) -> None:
     """Estimate the string after one trial: from the recent ones, starting from the estimate before."""
     context = job.context
-    _refuse_settings_of_the_plane(context)
+    refuse_settings_of_the_plane(context)
     settings = context.settings.estimate
     if context.settings.aims_in_space:
         trials = [_read_throw(files, number) for number in recent(job)]
@@ -104,7 +104,8 @@ def _captured_cable(files: Files, trials: list[TrialInSpace]) -> tuple[StringMod
     )
 
 
-def _refuse_settings_of_the_plane(context: Context) -> None:
+def refuse_settings_of_the_plane(context: Context) -> None:
+    """Refuse settings of fits in the plane (SC-E008), for a throw in space or a captured string."""
     thrown = context.settings.aims_in_space
     apply = APPLY | (TO_THROWS if thrown else TO_CAPTURES)
     wrong = [f"estimate.{name}" for name in sorted(context.settings.estimate.model_fields_set - apply)]
@@ -112,7 +113,8 @@ def _refuse_settings_of_the_plane(context: Context) -> None:
     if wrong:
         raise StrandcastError(
             "SC-E008",
-            f"{wrong[0]} does not apply to {'a throw' if thrown else 'a string'} in space",
+            f"{', '.join(wrong)} {'does' if len(wrong) == 1 else 'do'} not apply to "
+            f"{'a throw' if thrown else 'a string'} in space",
             file=context.file,
             field=wrong[0],
             fix=f"leave it out; of estimate, {', '.join(sorted(apply))} apply",

@@ -108,6 +108,7 @@ def check_experiment(root: Path, name: str) -> Checked:
 def _check_all(root: Path, name: str, found: Checked) -> None:
     context = context_of(root, name)
     found.attempt(_check_arm, context, found)
+    found.attempt(_check_string, context)
     _compare_radii(context, found)
     if context.settings.lab is None:
         if not context.settings.aims_in_space:
@@ -139,6 +140,21 @@ def _check_arm(context: Context, found: Checked) -> None:
     except StrandcastError as error:
         error.file = str(context.file)
         raise
+
+
+def _check_string(context: Context) -> None:
+    """Check the lab's string, and the settings of a throw in space before it is thrown."""
+    from strandcast.lab.strings import physical_string
+    from strandcast.stages.estimate_in_space import refuse_settings_of_the_plane
+
+    if context.settings.aims_in_space:
+        refuse_settings_of_the_plane(context)
+    if context.settings.lab is not None:
+        try:
+            physical_string(context.settings)
+        except StrandcastError as error:
+            error.file = str(context.file)
+            raise
 
 
 def _check_marker_ids(context: Context, arm: "Arm", found: Checked) -> None:
