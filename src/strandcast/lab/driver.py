@@ -15,7 +15,7 @@ from strandcast.config.find import find_experiment
 from strandcast.config.lab import LabSettings
 from strandcast.config.load import load_experiment
 from strandcast.core.trajectory import JointTrajectory
-from strandcast.executor.drivers.protocol import ArmState, Recording
+from strandcast.executor.drivers.protocol import ArmState, Driver, Recording
 from strandcast.lab.capture import (
     CAPTURE,
     CAPTURE_RATE_HZ,
@@ -60,7 +60,7 @@ class LabThrow:
     slip: SlipInClamp | None = None
 
 
-def lab_driver(arm: AnyOfTwo, motion: Motion) -> LabArm:
+def lab_driver(arm: AnyOfTwo, motion: Motion) -> Driver:
     """Return the virtual rig of a motion's experiment (see `strandcast.executor.drivers.registry`)."""
     root = project_root()
     experiment = load_experiment(find_experiment(motion.experiment, root))
@@ -68,7 +68,7 @@ def lab_driver(arm: AnyOfTwo, motion: Motion) -> LabArm:
     return driver_of(LabThrow(motion.experiment, experiment, motion.trial, truth), arm)
 
 
-def driver_of(throw: LabThrow, arm: AnyOfTwo) -> LabArm:
+def driver_of(throw: LabThrow, arm: AnyOfTwo) -> Driver:
     """Return the virtual rig of a throw: with a camera, or in space with motion capture."""
     return LabDriverInSpace(throw, arm) if isinstance(arm, SpatialArm) else LabDriver(throw, arm)
 
@@ -100,10 +100,6 @@ class LabArm:
 
     def stop(self) -> None:
         """Do nothing: the virtual arm is at rest between throws."""
-
-    def play(self, command: JointTrajectory, folder: Path) -> Recording:
-        """Play the motion; return the controller's log."""
-        raise NotImplementedError
 
     @property
     def _lab(self) -> LabSettings:

@@ -11,6 +11,7 @@ from strandcast.config.experiment import Experiment
 from strandcast.core.box import Box
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
+from strandcast.executor.drivers.protocol import Driver
 from strandcast.executor.play import play
 from strandcast.executor.preflight import run_preflight
 from strandcast.lab.calibration import write_lens_photos, write_plane_photo
@@ -106,7 +107,7 @@ def refuse_real_run(folder: Path) -> None:
         )
 
 
-def _play(motion_path: Path, arm: AnyOfTwo, driver: LabArm, folder: Path) -> Run:
+def _play(motion_path: Path, arm: AnyOfTwo, driver: Driver, folder: Path) -> Run:
     driver.connect()  # refuses an experiment without a virtual rig before anything is removed
     refuse_real_run(folder)
     # Unlike a real throw, a virtual one can be repeated.
