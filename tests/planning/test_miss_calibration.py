@@ -84,6 +84,11 @@ def test_only_motions_like_those_counted_are_calibrated(monkeypatch):
     # Beyond what was counted, misses grow as simulated.
     far = miss_distribution("ensemble", "first", np.array([0.05]))
     assert far.quantile_m(0.5) == pytest.approx(0.5 * (0.001 + 0.5 * 0.02 + 0.03))
+    # A few failed simulations say nothing about the others; many do.
+    few = miss_distribution("ensemble", "first", np.append(np.repeat(simulated_m, 20), 1.0))
+    assert few.quantile_m(0.5) == pytest.approx(said.quantile_m(0.5))
+    many = miss_distribution("ensemble", "first", np.append(np.repeat(simulated_m, 2), 1.0))
+    assert many.quantile_m(0.5) > 0.1
     assert miss_distribution("ensemble", "refined", simulated_m) is None
     assert miss_distribution("paper", "first", simulated_m) is None
 

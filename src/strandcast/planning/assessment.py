@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from strandcast.planning.capsules import capsule_radii
+from strandcast.planning.miss_calibration import FAILED_M
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.simulated_misses import simulated_miss
 from strandcast.planning.task import AnyTask
@@ -24,7 +25,6 @@ FREE_OF_HAND_M = 0.06  # the same in space, where segments are shorter; chosen
 VISIBLE_S = 0.02
 # No cord stretches more (chosen): a model that does says nothing about where the string will be.
 STRETCHED = 1.1
-FAILED_M = 1.0  # miss, outside, touch and hidden of a rollout whose simulation failed
 
 
 class Assessment(NamedTuple):

@@ -21,6 +21,8 @@ import numpy as np
 from strandcast.records.record import Part
 
 FILE = Path(__file__).with_name("miss_calibration.json")
+FAILED_M = 1.0  # miss of a simulation that failed
+FEW_FAIL = 0.05  # share of failed simulations that does not change what is stated; chosen
 COUNTED = "ensemble"  # the planner of the throws that were counted
 IN_SPACE = " in space"  # after the kinds of motions in space
 LEVELS = tuple(np.round(np.arange(0.05, 0.951, 0.05), 2).tolist())  # shares whose ratios are kept
@@ -100,7 +102,17 @@ def miss_distribution(planner: str, kind: str, simulated_miss_m: np.ndarray) -> 
     known = calibration().kinds.get(kind)
     if known is None or planner != COUNTED:
         return None
-    return known.distribution(float(np.sqrt(np.mean(simulated_miss_m**2))))
+    return known.distribution(rms_of(simulated_miss_m))
+
+
+def rms_of(simulated_miss_m: np.ndarray) -> float:
+    """Return the rms of simulated misses [m], without simulations that failed if these are few.
+
+    Each counts as a miss of `FAILED_M`, so that three of 192 would make 125 mm of 5 mm.
+    """
+    failed = simulated_miss_m >= FAILED_M
+    counted_m = simulated_miss_m[~failed] if failed.mean() <= FEW_FAIL else simulated_miss_m
+    return float(np.sqrt(np.mean(counted_m**2)))
 
 
 @cache
