@@ -21,7 +21,7 @@ import numpy as np
 from strandcast.records.record import Part
 
 FILE = Path(__file__).with_name("miss_calibration.json")
-FAILED_M = 1.0  # miss of a simulation that failed
+FAILED_M = 1.0  # miss of a simulation that failed (see `assessment.assess`)
 FEW_FAIL = 0.05  # share of failed simulations that does not change what is stated; chosen
 COUNTED = "ensemble"  # the planner of the throws that were counted
 IN_SPACE = " in space"  # after the kinds of motions in space

@@ -25,6 +25,7 @@ from strandcast.planning.local_search import (
     search_near,
     with_every_disturbance,
 )
+from strandcast.planning.miss_calibration import rms_of
 from strandcast.planning.paper import first_by_paper, later_by_paper
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.paths import paths_of_any
@@ -246,7 +247,7 @@ def _near_or_globally(given: SearchInputs, known: list[PastTrial], fit_E_m: floa
 
 def _rms_m(plan: PlannedMotion) -> float:
     """Return the rms of a plan's simulated misses [m]."""
-    return float(np.sqrt(np.mean(plan.throws.miss_m**2)))
+    return rms_of(plan.throws.miss_m)
 
 
 def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:

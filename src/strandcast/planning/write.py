@@ -7,6 +7,7 @@ import numpy as np
 from strandcast.arm.joint_limits import Limits
 from strandcast.core.strings import StringBatch
 from strandcast.planning.describe import PlannedMotion
+from strandcast.planning.miss_calibration import rms_of
 from strandcast.planning.task import AnyTask
 from strandcast.records.motion import (
     Bezier,
@@ -105,7 +106,7 @@ def _prediction(plan: PlannedMotion, hit_radius_m: float, limits: Limits) -> Pre
         calibrated=plan.miss is not None,
         disturbed_throws=len(plan.throws.miss_m),
         simulated_hit_probability=plan.simulated_hit_probability(hit_radius_m),
-        miss_rms_m=float(np.sqrt(np.mean(plan.throws.miss_m**2))),
+        miss_rms_m=rms_of(plan.throws.miss_m),
         hit_time_s=plan.hit_time_s,
         largest_bend_rad=plan.largest_bend_rad,
         peak_speed_rad_s=plan.peaks["velocity_rad_s"].tolist(),

@@ -20,7 +20,7 @@ from strandcast.arm.yielding_joints import JointResponse
 from strandcast.core.disturbances import DISTURBING
 from strandcast.lab.variation import scatter_of
 from strandcast.planning.local_search import neighbourhood
-from strandcast.planning.miss_calibration import MissCalibration, calibration
+from strandcast.planning.miss_calibration import MissCalibration, calibration, rms_of
 from strandcast.planning.past_trials import curve_of
 from strandcast.planning.plan import fitted_servo, predicted, predicted_near
 from strandcast.planning.rig_scatter import drawn_sizes
@@ -100,7 +100,7 @@ def statements(root: Path, name: str, trial: int) -> dict[str, Statement]:
     for variant, rows in sizes.items():
         given = SearchInputs(task, strings, RolloutConditions(servo), settings, random, rows)
         plan = predicted(given, found) if near is None else predicted_near(given, near, found)
-        rms_m = float(np.sqrt(np.mean(plan.throws.miss_m**2)))
+        rms_m = rms_of(plan.throws.miss_m)
         answer[variant] = Statement(rms_m, plan.simulated_hit_probability(task.hit_radius_m))
     return answer
 

@@ -34,6 +34,7 @@ from strandcast.lab.tracked_points import TrackerNoise, points_at, with_tracker_
 from strandcast.lab.truth import true_miss
 from strandcast.lab.variation import LabClocks, draw_variation
 from strandcast.planning.describe import PlannedMotion
+from strandcast.planning.miss_calibration import rms_of
 from strandcast.planning.past_trials import PastTrial, resampled, start_shape
 from strandcast.planning.plan import plan_first, plan_next
 from strandcast.planning.rollouts import AFTER_END_S
@@ -272,7 +273,7 @@ def _outcome(
         predicted_m=plan.miss_m,
         hit_probability=plan.hit_probability(HIT_RADIUS_M),
         simulated_hit_probability=plan.simulated_hit_probability(HIT_RADIUS_M),
-        miss_rms_m=float(np.sqrt(np.mean(plan.throws.miss_m**2))),
+        miss_rms_m=rms_of(plan.throws.miss_m),
         fit_E_m=None if estimate is None else estimate.fit.E_m,
         tip_speed_m_s=plan.tip_speed_m_s,
         simulations=plan.simulations,
