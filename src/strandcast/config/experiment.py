@@ -181,12 +181,14 @@ class Experiment(Section):
         return self
 
     @model_validator(mode="after")
-    def _lab_films_in_the_plane_only(self) -> Experiment:
-        given = {"camera", "led"} & (self.lab.model_fields_set if self.lab is not None else set())
+    def _only_throws_in_the_plane_are_filmed(self) -> Experiment:
+        of_lab = set() if self.lab is None else {f"lab.{name}" for name in self.lab.model_fields_set}
+        filmed = {"align", "cameras", "lab.camera", "lab.led", "track"}
+        given = sorted(filmed & (self.model_fields_set | of_lab))
         if self.aims_in_space and given:
             raise Conflict(
-                "it is for the lab's video, and a throw in space is measured by motion capture",
-                f"lab.{min(given)}",
+                "it is for videos, and a throw in space is measured by motion capture",
+                given[0],
                 "leave it out, or give a target with x and y",
             )
         return self

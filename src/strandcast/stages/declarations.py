@@ -187,7 +187,7 @@ _DECLARED = (
     ),
     Stage(
         "register_track",
-        inputs={role: raw(name) for role, name in SUPPLIED_FILES.items()},
+        inputs={"capture": files.lab_capture, **{role: raw(name) for role, name in SUPPLIED_FILES.items()}},
         outputs={role: TRIAL + name for role, name in SUPPLIED_FILES.items()},
         settings=("string.length_m", "string.points"),
     ),

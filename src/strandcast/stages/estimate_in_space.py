@@ -117,7 +117,7 @@ def refuse_settings_of_the_plane(context: Context) -> None:
             f"{'a throw' if thrown else 'a string'} in space",
             file=context.file,
             field=wrong[0],
-            fix=f"leave it out; of estimate, {', '.join(sorted(apply))} apply",
+            fix=f"leave {'it' if len(wrong) == 1 else 'them'} out; of estimate, {', '.join(sorted(apply))} apply",
         )
 
 

@@ -195,6 +195,11 @@ def supplied(job: Job, trial: int) -> bool:
     return captured or all(file_exists(data / name) for name in SUPPLIED_FILES.values())
 
 
+def lab_capture(job: Job) -> list[Path]:
+    """Return the lab's capture in space: without it, the track that was imported from it has no source."""
+    return [job.folder.data / "capture.csv"] if job.context.settings.lab_captures else []
+
+
 def _results(job: Job, trials: list[int], *names: str) -> list[Path]:
     return [job.context.folder.trial(number).results / name for number in trials for name in names]
 
