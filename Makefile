@@ -248,7 +248,7 @@ real: $(VENV)/studies.stamp  ## predict real, measured motion, as JSON; data: ST
 	@$(BIN)/python -m strandcast_studies.evidence.run
 
 .PHONY: claims
-claims: $(VENV)/runtime.stamp  ## test the paper's claims on masses and motions in the lab, as JSON; about ten minutes
+claims: $(VENV)/runtime.stamp  ## test the paper's claims on masses and motions in the lab, as JSON; five minutes
 	@$(BIN)/python -m strandcast_studies.evidence.claims --jobs $(CORES)
 
 .PHONY: check
