@@ -40,7 +40,9 @@ class VariationInSpace(NamedTuple):
     def facts(self) -> dict[str, Any]:
         """Return the deviations by name."""
         second = ("grasp_lateral_m", "grasp_angle_rad", "sway_rad", "sway_rad_s")
-        return asdict(self.along) | {f"across_{name}": getattr(self.across, name) for name in second}
+        return asdict(self.along) | {
+            f"second_direction_{name}": getattr(self.across, name) for name in second
+        }
 
 
 def simulate_swing_in_space(

@@ -205,10 +205,11 @@ def _clocks(alignment: Alignment) -> str:
 
 def _fit(estimate: Estimate) -> str:
     change = estimate.step_change_m
+    trials = "trial" if len(estimate.trials_used) == 1 else "trials"
     halved = "" if change is None else f" (halved, the string moves by {significant(1e3 * change)} mm)"
     return (
-        f"String parameters and relative masses ({estimate.points} mass points) were estimated from trials "
-        f"{', '.join(map(str, estimate.trials_used))} by {estimate.search} ({estimate.evaluations} "
+        f"String parameters and relative masses ({estimate.points} mass points) were estimated from "
+        f"{trials} {', '.join(map(str, estimate.trials_used))} by {estimate.search} ({estimate.evaluations} "
         f"simulations, ranges “{estimate.ranges}”, reading “{estimate.reading}”, integrator "
         f"{estimate.integrator} with {estimate.dt_s * 1e3:g} ms steps{halved}, "
         f"start shape {estimate.start_shape}, evaluation in the {estimate.evaluation} frame, "

@@ -111,13 +111,13 @@ def refuse_settings_of_the_plane(context: Context) -> None:
     wrong = [f"estimate.{name}" for name in sorted(context.settings.estimate.model_fields_set - apply)]
     wrong += ["string.stiff_sections"] if context.settings.string.stiff_sections else []
     if wrong:
+        does, it = ("does", "it") if len(wrong) == 1 else ("do", "them")
         raise StrandcastError(
             "SC-E008",
-            f"{', '.join(wrong)} {'does' if len(wrong) == 1 else 'do'} not apply to "
-            f"{'a throw' if thrown else 'a string'} in space",
+            f"{', '.join(wrong)} {does} not apply to {'a throw' if thrown else 'a string'} in space",
             file=context.file,
             field=wrong[0],
-            fix=f"leave {'it' if len(wrong) == 1 else 'them'} out; of estimate, {', '.join(sorted(apply))} apply",
+            fix=f"leave {it} out; of estimate, {', '.join(sorted(apply))} apply",
         )
 
 

@@ -31,7 +31,7 @@ from strandcast_studies.evidence.lab_throws import TRACKED_M, specimen
 SEEDS = (1, 2)
 FIRST = SearchStart(None, 1)
 INSIDE = (0.02, 0.98)  # exponents of the true strings: none sits at a bound
-NEIGHBOURS, NEIGHBOURS_APART = 200, 1e-5  # chosen: strings this far away, of ranges of 1, in random directions
+NEIGHBOURS, APART = 200, 1e-5  # chosen: strings this far away, of ranges of 1, in random directions
 
 
 def cases() -> Iterator[tuple[str, FitObjective, np.ndarray]]:
@@ -60,7 +60,7 @@ def neighbours_cost(objective: FitObjective, truth: np.ndarray) -> float:
     """Return the median cost of strings that differ from the true one (1, d) by what nobody could measure."""
     away = np.random.default_rng(1).standard_normal((NEIGHBOURS, truth.shape[1]))
     away /= np.linalg.norm(away, axis=1, keepdims=True)
-    return float(np.median(objective.cost(truth + NEIGHBOURS_APART * away)))
+    return float(np.median(objective.cost(truth + APART * away)))
 
 
 def main() -> None:

@@ -46,6 +46,8 @@ def tracking(page: TrialPageData) -> PanelContent:
             f" Measured length {millimetres(float(np.median(length_m[whole])))} (median), "
             f"the string's is {millimetres(summary.length_m)}."
         )
+    # A capture names the places of its markers; nothing is looked for on the string.
+    detected = [] if results.supplied() else [detected_table(summary, results.aimed())]
     return PanelContent(
         finding,
         Drawing(
@@ -53,7 +55,7 @@ def tracking(page: TrialPageData) -> PanelContent:
             f"Tracking quality, point by frame. {finding}",
             frame_axes=(sigma_axes, length_axes),
         ),
-        [_lost_table(track), detected_table(summary, results.aimed()), _choice_table(summary)],
+        [_lost_table(track), *detected, _choice_table(summary)],
         ["track.parquet", "track.json"],
     )
 
