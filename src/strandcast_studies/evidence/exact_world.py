@@ -84,8 +84,8 @@ def main() -> None:
             ratios[name].append(float(log.best()[1] / true_cost))
             known = uncertainty_of(objective, log, profiles=True)
             held[name].append(float(((known.low <= truth[0]) & (truth[0] <= known.high)).mean()))
-        found = {name: round(values[-1], 4) for name, values in ratios.items()}
-        print(case, found | {"neighbours": round(roughness[-1], 4)}, flush=True)
+        shown = {name: round(values[-1], 4) for name, values in ratios.items()}
+        print(case, shown | {"neighbours": round(roughness[-1], 4)}, flush=True)
     for name in names:
         found = np.array(ratios[name])
         summary = {
