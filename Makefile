@@ -215,11 +215,12 @@ bench-space: $(VENV)/runtime.stamp  ## run the loop in space on twenty random st
 
 .PHONY: calibration
 calibration: $(VENV)/runtime.stamp  ## count how far throws of drawn strings and rigs miss, for the stated probabilities; hours
-	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS) --unrehearsed --seeds 4001-4060 --out results/calibration-first.json
-	@$(BIN)/python -m strandcast_studies.benchmarks.loop.calibration fit results/calibration-first.json
+	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS) --unrehearsed --seeds 4001-4036 --out results/calibration-unrehearsed.json
+	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS) --unrehearsed --wide --seeds 5001-5024 --out results/calibration-unrehearsed-wide.json
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS) --seeds 41001-41024,42001-42030 --out results/calibration-usual.json
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.drawn --jobs $(JOBS) --wide --seeds 43001-43030 --out results/calibration-wide.json
-	@$(BIN)/python -m strandcast_studies.benchmarks.loop.calibration fit results/calibration-usual.json results/calibration-wide.json
+	@$(BIN)/python -m strandcast_studies.benchmarks.loop.calibration fit results/calibration-usual.json results/calibration-wide.json \
+	  results/calibration-unrehearsed.json results/calibration-unrehearsed-wide.json
 	@$(BIN)/python -m strandcast_studies.benchmarks.space.run --rehearsed --every --trials 2 --jobs $(JOBS) --seeds 8001-8027 --out results/calibration-space.json
 	@$(BIN)/python -m strandcast_studies.benchmarks.loop.calibration fit --space results/calibration-space.json
 

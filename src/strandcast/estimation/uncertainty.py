@@ -15,9 +15,9 @@ from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
 from strandcast.estimation.space import DEVIATION_COSTS_M, Space
 
 FLAT = np.sqrt(1.0 / 12.0)  # standard deviation of a uniform distribution over the range of an exponent
-# Relative rise of E within which a string explains the throw as well. With 4 % the intervals of 14 of 15
-# weights hold the mass that the lab threw, with 2 % of 11 (docs/explanation/claims.md).
-RISE = 0.04
+# Relative rise of E within which a string explains the throw as well. With 10 % the intervals of 48 of 56
+# weights hold the mass that the lab threw, with 4 % of 40 (docs/explanation/claims.md).
+RISE = 0.10
 REACHES = np.array([-2.5, -1.0, -0.5, 0.5, 1.0, 2.5])  # in widths expected from the parabola
 PROFILE_ROUNDS = 2
 RIGID = 1e6  # precision that fixes a direction
