@@ -9,7 +9,7 @@ from strandcast.core.section import Section
 from strandcast.core.strings import PARAMETERS
 
 PluginName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")]
-# Chosen: with these, 11 of 12 true strings were found (docs/explanation/claims.md); a third found 8.
+# Chosen: a third found fewer of the true strings, twice as many hardly more (docs/explanation/claims.md).
 THOROUGH_EVALUATIONS = 180_000
 # Chosen: with the default weights, the trials before these have under 2 % of the weight of all.
 RECENT_TRIALS = 8
@@ -191,7 +191,7 @@ class EstimateSettings(Section):
     )
     profiles: bool = Field(
         True,
-        description="Find how far each number may move while E rises by 2 %, all others fitted again. Set "
+        description="Find how far each number may move while E rises by 10 %, all others fitted again. Set "
         "it to false to save time if you do not read the parameters.",
     )
     paper: PaperSearch = Field(PaperSearch(), description="Settings of `search: paper`.")
