@@ -93,7 +93,7 @@ def main() -> None:
             "throws": len(found),
             "within_0.3_percent": int((found < 1.003).sum()),
             "within_1_percent": int((found < 1.01).sum()),
-            "within_1_percent_of_neighbours": int((found < 1.01 * np.array(roughness)).sum()),
+            "within_1_percent_of_neighbours": int((found < 1.01 * np.maximum(roughness, 1.0)).sum()),
             "worst": round(float(found.max()), 3),
             "median_cpu_s": round(float(np.median(cpu_s[name])), 1),
             "intervals_hold_the_truth": round(float(np.mean(held[name])), 3),

@@ -46,8 +46,8 @@ def tracking(page: TrialPageData) -> PanelContent:
             f" Measured length {millimetres(float(np.median(length_m[whole])))} (median), "
             f"the string's is {millimetres(summary.length_m)}."
         )
-    # A capture names the places of its markers; nothing is looked for on the string.
-    detected = [] if results.supplied() else [detected_table(summary, results.aimed())]
+    found = detected_table(summary, results.aimed())
+    detected = [found] if found.rows or not results.supplied() else []  # in captures nothing is looked for
     return PanelContent(
         finding,
         Drawing(
