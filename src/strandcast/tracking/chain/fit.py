@@ -129,22 +129,26 @@ def fit_in_rounds(
     """Return the chain after rounds of profiles and fits, and its anchors."""
     link_m, scale = string.link_m, window.plane.metre_per_pixel
     anchors = Anchors(NO_TIP, no_pins())
-    root, heading, moved = expected.clamp_m, expected.start, np.inf
+    root, heading = expected.clamp_m, expected.start
     along = link_directions(heading)
     nodes = nodes_along(root, along, link_m)
-    # Compiled into every place that calls it, `sample_and_fit` is called at one.
-    for turn in range(ROUNDS + 1):
-        if turn > 0 and hold_tip:
+    turn = 0
+    # One call of `sample_and_fit`: it is compiled into every place that calls it. `chain` is bound on every path,
+    # as numba requires from Python 3.12 on.
+    while True:
+        chain = sample_and_fit(window, string, expected, root, heading, along, nodes, reach_px, anchors)
+        moved = largest_shift_m(nodes, chain.nodes)
+        root, heading, along, nodes = chain.root, chain.heading, chain.along, chain.nodes
+        if turn == ROUNDS:
+            break
+        turn, reach_px = turn + 1, NARROW_PX
+        if hold_tip:
             tip, pins = anchors.tip, pin_beads(window, nodes, heading, string.beads, expected.bead_m)
             if not np.isfinite(string.appearance.bead_level):
                 tip = locate_tip(window, nodes, heading, string.appearance)
             anchors = Anchors(tip, pins)
         if turn > 1 and moved < MOVED_PX * scale:
             break
-        reach_px = reach_px if turn == 0 else NARROW_PX
-        chain = sample_and_fit(window, string, expected, root, heading, along, nodes, reach_px, anchors)
-        moved = largest_shift_m(nodes, chain.nodes)
-        root, heading, along, nodes = chain.root, chain.heading, chain.along, chain.nodes
     return chain, anchors
 
 
