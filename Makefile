@@ -130,13 +130,16 @@ paper: $(VENV)/runtime.stamp  ## reproduce the paper: seven strings, its method 
 paper-quick: $(VENV)/runtime.stamp  ## the same with three strings, one seed, smaller searches: results/paper-quick/report.html
 	@$(BIN)/python -m strandcast_studies.paper run --quick --cores $(JOBS)
 
-.PHONY: test
-test: $(VENV)/dev.stamp  ## run all tests on CORES=2; COVERAGE=1 prints their coverage
-	@$(BIN)/pytest --numprocesses $(CORES) --dist loadfile --no-loadscope-reorder $(if $(COVERAGE),--cov)
+# $(call pytest,TESTS) runs them on CORES processes; COVERAGE=1 prints their coverage.
+pytest = $(BIN)/pytest --numprocesses $(CORES) --dist loadfile --no-loadscope-reorder $(if $(COVERAGE),--cov) $(1)
 
-.PHONY: test-fast
-test-fast: $(VENV)/dev.stamp  ## run the tests for daily work: under 90 s, without the slow ones and the browser's
-	@$(BIN)/pytest --numprocesses $(CORES) --dist loadfile -m "not slow and not browser"
+.PHONY: test
+test: $(VENV)/dev.stamp  ## run the tests on CORES=2; COVERAGE=1 prints their coverage
+	@$(call pytest,-m "not thorough")
+
+.PHONY: test-all
+test-all: $(VENV)/dev.stamp  ## run also the tests of rare paths: every command of the documents, all proofs, kills; 40 minutes
+	@$(call pytest)
 
 .PHONY: faults
 faults: $(VENV)/dev.stamp  ## inject the 95 faults of tests/faults/table.toml and print what came of each; ROWS="1 2": only these

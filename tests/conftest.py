@@ -1,10 +1,14 @@
-"""Fixtures that all tests share."""
+"""Fixtures that all tests share, and what a run of the tests says at its end."""
 
 import os
 import shutil
+from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
+from filelock import FileLock
+from tests.faults.small import make_whole
 
 from strandcast.arm.load import clamp_frame, load_arm
 from strandcast.arm.spatial import SpatialArm, load_spatial_arm
@@ -15,10 +19,63 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parent.parent
 
 
+LEFT_OUT = "left out"  # how many tests a worker has not run, in what it sends
+# Whole files that take long: first, so that no worker waits long for another at the end.
+LONG = ("workflow", "stages", "report", "estimation", "planning", "tracking")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run files with slow tests first: the quick ones at the end let no worker wait long for another."""
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    """Run long files first."""
+    items.sort(key=lambda item: item.path.parent.name not in LONG)
+
+
+class LeftOut:
+    """Counts the tests that are left out, in this process or in the workers, and reports them."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self.config, self.count = config, 0
+
+    def pytest_deselected(self, items: list[pytest.Item]) -> None:
+        self.count += sum(item.get_closest_marker("thorough") is not None for item in items)
+
+    def pytest_sessionfinish(self) -> None:
+        if hasattr(self.config, "workeroutput"):
+            self.config.workeroutput[LEFT_OUT] = self.count
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        self.count = max(self.count, getattr(node, "workeroutput", {}).get(LEFT_OUT, 0))
+
+    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
+        """Say in a line each why tests were skipped, and what was left out."""
+        reasons = Counter(report.longrepr[2] for report in terminalreporter.stats.get("skipped", ()))
+        for reason, count in reasons.most_common():
+            terminalreporter.line(f"{count} skipped: {reason.removeprefix('Skipped: ')}")
+        if self.count:
+            terminalreporter.line(
+                f"{self.count} left out: `make test-all` adds every command of the documents, all proofs, "
+                "kills, refused calls, notebooks and long searches; about 40 minutes"
+            )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Add the report of what was left out."""
+    config.pluginmanager.register(LeftOut(config))
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a project with the small lab experiment, run to its end once for all workers; change copies."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent  # the workers'
+    root, done = folder / "finished", folder / "finished.done"
+    with FileLock(folder / "finished.lock"):
+        if not done.exists():
+            shutil.rmtree(root, ignore_errors=True)
+            make_whole(root)
+            done.touch()
+    return root
 
 
 @pytest.fixture(scope="session")

@@ -29,7 +29,6 @@ def seeds(tmp_path_factory) -> Path:
 
 
 @needs_level
-@pytest.mark.slow
 def test_an_installed_wheel_with_a_seed_compiles_nothing(tmp_path, project_root, seeds):
     sources = tmp_path / "sources"
     for name in ("src", "workflow", "config"):
@@ -76,7 +75,6 @@ def test_an_installed_wheel_with_a_seed_compiles_nothing(tmp_path, project_root,
 
 
 @needs_level
-@pytest.mark.slow
 def test_only_a_seed_that_fits_and_is_whole_is_planted(tmp_path, monkeypatch, seeds):
     level = cpu_levels()[-1]
     seed = tmp_path / "seeds" / kernel_seed.seed_name(level)

@@ -9,8 +9,6 @@ from strandcast.errors import StrandcastError
 from strandcast_studies.evidence.clock_trials import Faults, Recipe
 from strandcast_studies.evidence.clocks import HALF_BLIND, WORN, coverage
 
-pytestmark = pytest.mark.slow
-
 START = np.array([0.5, 0.2, 0.1])
 
 

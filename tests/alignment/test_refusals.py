@@ -41,7 +41,6 @@ def test_the_throw_itself_is_good(good, fit):
     assert fit(good).warnings == []
 
 
-@pytest.mark.slow
 def test_the_log_of_another_trial(good, throw, refusal):
     for other in (6, 7):
         found = refusal(good, log=throw(other).log)
@@ -73,7 +72,6 @@ def test_the_sign_of_a_joint(good, refusal, joint):
     assert (found.code, found.field) == ("SC-A014", f"joint_{joint + 1}")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("longer_m", "words"),
     [

@@ -33,7 +33,6 @@ def unity(servo: Servo) -> Servo:
     return Servo(servo.delay_s, servo.natural_frequency_rad_s, servo.damping_ratio, np.ones(2))
 
 
-@pytest.mark.slow
 def test_planted_numbers_lie_within_their_deviations() -> None:
     """Over ten draws of the noise: errors in units of the stated deviation vary by about one."""
     command, true = commands(2), unity(TRUE)

@@ -123,7 +123,6 @@ def truth_of(camera: Camera, lens, looking) -> Camera:
     return camera.model_copy(update=pose)
 
 
-@pytest.mark.slow
 def test_a_video_of_the_board_gives_lens_plane_and_picture(root, frames, lens, looking):
     folder, results = root / "data" / "own", root / "results" / "own"
     film(folder / "calibration" / "board.avi", frames)
@@ -158,7 +157,6 @@ def test_a_video_of_the_board_gives_lens_plane_and_picture(root, frames, lens, l
     assert "data:image/webp;base64," in content.drawing
 
 
-@pytest.mark.slow
 def test_photos_are_read_as_the_sensor_has_them(root, board_seen):
     """A phone stores a rotation tag; a rotated picture would not fit the lens."""
     folder = root / "data" / "own" / "calibration"

@@ -12,8 +12,6 @@ from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Lens
 
-pytestmark = pytest.mark.slow
-
 BOARD = Board(squares_x=7, squares_y=5, square_m=0.035, marker_m=0.026, dictionary="DICT_5X5_100")
 PUBLISHED = Board(squares_x=5, squares_y=7, square_m=0.04, marker_m=0.02, dictionary="DICT_6X6_250")
 VIEWS = [

@@ -49,7 +49,6 @@ def truth(lens, looking) -> Camera:
     )
 
 
-@pytest.mark.slow
 def test_the_plane_is_mapped_to_a_tenth_of_a_millimetre(photo, lens, truth):
     found = plane_from_markers(photo, lens, MARKERS, DICTIONARY)
     x, y = np.meshgrid(np.linspace(-0.6, 0.6, 9), np.linspace(-0.3, 0.35, 7))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from tests.forked import run_module
 
 from strandcast.cli.commands_page import commands_page
 from strandcast.cli.main import CARE, DAILY, EXCHANGE, LAB, SET_UP, app
@@ -17,7 +18,6 @@ from strandcast.cli.main import STAGES as SINGLE
 from strandcast.cli.stages import stage_commands
 from strandcast.stages.declarations import STAGES
 
-pytestmark = pytest.mark.slow
 GROUPS = {DAILY, SET_UP, CARE, SINGLE, LAB, EXCHANGE}
 
 
@@ -27,9 +27,8 @@ def root(tmp_path, project_root) -> Path:
     return tmp_path
 
 
-def strandcast(root: Path, *arguments: str) -> subprocess.CompletedProcess:
-    line = [sys.executable, "-m", "strandcast", *arguments]
-    return subprocess.run(line, cwd=root, capture_output=True, text=True, check=False, env=dict(os.environ))
+def strandcast(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return run_module(root, "strandcast", *arguments)
 
 
 @pytest.mark.parametrize(
@@ -141,9 +140,7 @@ def completed(root: Path, words: str) -> list[str]:
         "COMP_WORDS": words,
         "COMP_CWORD": str(words.count(" ")),
     }
-    line = [sys.executable, "-m", "strandcast"]
-    run = subprocess.run(line, cwd=root, capture_output=True, text=True, check=True, env=os.environ | asked)
-    return run.stdout.split()
+    return run_module(root, "strandcast", environment=os.environ | asked).stdout.split()
 
 
 def test_names_and_trials_are_completed(root):

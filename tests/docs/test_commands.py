@@ -51,7 +51,7 @@ plan: {screening: 16, evaluations: 16, ensemble: 1, mesh_refinement: false}
 """
 CAPTURE = """\
 import strandcast
-trial = strandcast.open("small")["demo"].trials[1]
+trial = strandcast.open(ROOT)["small"].trials[1]
 wide = trial.track.pivot(index="camera_time_s", columns="point", values=["x_m", "y_m"])
 wide.columns = [f"m{point}_{name[0]}" for name, point in wide.columns]
 wide = wide.rename(columns={"m0_x": "hand_x", "m0_y": "hand_y"}).reset_index(names="t")
@@ -158,14 +158,14 @@ def walk(tmp_path):
 
 
 @pytest.fixture
-def lab(tmp_path, project) -> Path:
+def lab(tmp_path, finished) -> Path:
     folder = tmp_path / "lab"
     make_project(folder)
-    shutil.copytree(project, folder, dirs_exist_ok=True)
+    shutil.copytree(finished, folder, dirs_exist_ok=True)
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_ur5e_is_brought_to_its_dry_run(walk, tmp_path):
     out = walk(
         "bring-a-ur5e", tmp_path, {"cp config/examples": f"echo '{QUICK}' >> data/cord/experiment.yaml"}
@@ -175,13 +175,13 @@ def test_a_ur5e_is_brought_to_its_dry_run(walk, tmp_path):
     assert "dry run: nothing was sent" in out
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_string_is_fitted_to_a_csv(walk, tmp_path, lab):
     page = (ROOT / "docs/how-to/motion-capture.md").read_text()
     (lab / "data/mocap").mkdir()
     (settings,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     (lab / "data/mocap/experiment.yaml").write_text(settings + QUICK)
-    code = CAPTURE.replace('"small"', repr(str(lab)))
+    code = CAPTURE.replace("ROOT", repr(str(lab)))
     subprocess.run([sys.executable, "-c", code], cwd=lab, check=True)
     out = walk("motion-capture", lab, {})
     assert "10 mass points" in out
@@ -190,7 +190,7 @@ def test_a_string_is_fitted_to_a_csv(walk, tmp_path, lab):
     assert (lab / "results/mocap/report.html").is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_cable_in_space_is_fitted(walk, tmp_path):
     folder = tmp_path / "lab"
     make_project(folder)
@@ -207,11 +207,11 @@ def test_a_cable_in_space_is_fitted(walk, tmp_path):
     assert (folder / "results/cable/trial-01/report.html").is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_throw_is_excluded_and_included_again(walk, lab):
-    settings = lab / "config/experiments/demo.yaml"
+    settings = lab / "config/experiments/small.yaml"
     before = settings.read_text()
-    (lab / "data/demo/experiment.yaml").write_text(before)
-    out = walk("throw-again", lab, {}, cord="demo", **{"demo 2": "demo 1"})
+    (lab / "data/small/experiment.yaml").write_text(before)
+    out = walk("throw-again", lab, {}, cord="small", **{"small 2": "small 1"})
     assert "estimate" in out
-    assert (lab / "data/demo/experiment.yaml").read_text() == before
+    assert (lab / "data/small/experiment.yaml").read_text() == before

@@ -3,12 +3,11 @@
 import pytest
 from planted_faults import FAULTS, Fault, catches, errors_with, planted
 
-pytestmark = pytest.mark.slow
-
 BY_NAME = {each.name: each for each in FAULTS}
 
 
 # Each copy is compiled again, most of a minute: one fault here, all of them by ``planted_faults.py``.
+@pytest.mark.thorough
 def test_fault_is_caught():
     found = errors_with(BY_NAME["first kick a full step"], ["dop853", "fall_through_air", "hangs_stretched"])
     assert catches("dop853", found["dop853"])

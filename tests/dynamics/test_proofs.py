@@ -3,8 +3,6 @@
 import pytest
 from proofs import PROOFS, VARIANTS
 
-pytestmark = pytest.mark.slow
-
 CASES = [(name, variant) for name, proof in PROOFS.items() for variant in proof.tolerance]
 
 

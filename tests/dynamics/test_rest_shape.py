@@ -15,8 +15,6 @@ from strandcast.dynamics.simulate import NO_REST_SHAPE, OK
 from strandcast.dynamics.spatial.clamps import poses_in_plane
 from strandcast.errors import StrandcastError
 
-pytestmark = pytest.mark.slow
-
 LENGTH_M, GRAVITY_M_S2 = 0.5, 9.81
 STIFFNESS = (1e-5, 1e-3, 1e-1)  # N m^2
 DENSITY = (1e-3, 40e-3)  # kg/m

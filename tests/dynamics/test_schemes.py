@@ -42,7 +42,6 @@ def toy(file):
     return scheme
 
 
-@pytest.mark.slow
 def test_a_scheme_of_another_package_is_an_integrator_by_name(toy):
     model = StringModel(0.3, 6, integrator=toy.name)
     points, status = simulate_batch(model, PARAMETERS, np.ones((11, 6)), TIME_S, POSE, TIME_S)

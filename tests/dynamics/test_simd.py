@@ -10,8 +10,6 @@ from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import minima, random_strings
 from strandcast.dynamics.simulate import BLEW_UP, OK, vector_spec
 
-pytestmark = pytest.mark.slow
-
 MODEL = StringModel(0.4, 7)
 TIME_S = np.linspace(0.0, 0.5, 126)
 TURN = np.sin(2 * np.pi * 1.5 * TIME_S) * np.minimum(TIME_S / 0.2, 1.0) ** 3

@@ -112,7 +112,6 @@ def test_failures_are_reported_as_a_status():
     assert {OK, BLEW_UP, OVERSTRETCHED, COLLAPSED, NO_REST_SHAPE} == set(STATUS)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["f64", "f32"])
 @pytest.mark.parametrize("integrator", ["lfcn", "semi_implicit"])
 def test_impossible_lengths_are_reported_as_a_status(integrator, precision):

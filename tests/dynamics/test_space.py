@@ -27,8 +27,6 @@ from strandcast.dynamics.simulate import BLEW_UP, OK
 from strandcast.dynamics.simulate import simulate_batch as simulate
 from strandcast.dynamics.spatial.clamps import clamp_poses, hanging_clamp_poses, poses_in_plane
 
-pytestmark = pytest.mark.slow
-
 MODEL = StringModel(0.2, 5)
 POSE = np.array([pose_of(first_clamp(t)) for t in TIME_S])
 BOTH = np.hstack([POSE, [pose_of(second_clamp(t)) for t in TIME_S]])

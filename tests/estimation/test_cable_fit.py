@@ -15,8 +15,6 @@ from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_be
 from strandcast.estimation.cable_space import space_of_cable
 from strandcast.estimation.fit_objective import simulate_throw
 
-pytestmark = pytest.mark.slow
-
 LENGTH_M = 0.8
 TIME_S = np.arange(0.0, 1.5, 0.01)
 PLACES = np.linspace(0.0, 1.0, 11)

@@ -217,7 +217,7 @@ def test_ranges_are_widened_for_a_stiff_string():
     assert any(warning.startswith("the weights' masses are not known: ") for warning in kept.warnings)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_thorough_search_finds_the_mass_on_a_stiff_string():
     throw = observed_throw(1.0, stiffer=40.0)
     settings = EstimateSettings(search="thorough", profiles=False)

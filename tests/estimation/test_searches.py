@@ -112,7 +112,6 @@ def test_every_search_beats_chance_within_its_budget(name, evaluations, by_chanc
     assert max(log.best()[1] for log in logs) < by_chance
 
 
-@pytest.mark.slow
 def test_a_thorough_search_explains_a_throw_as_well_as_the_string_that_made_it():
     throw = specimen(PAPER_STRINGS["paper-1"], [(0.75, 0.30)], np.random.default_rng(2))
     objective = objective_of(throw.throws, EstimateSettings(), throw.layout, throw.model)

@@ -50,7 +50,6 @@ def test_the_lock_holds_the_extra_and_no_workflow(project_root):
     assert not packages & {"snakemake", "opencv-python-headless", "matplotlib", "av", "pandas", "pyarrow"}
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("toy_arm")  # the lab's own driver films with OpenCV
 @pytest.mark.parametrize(
     ("command", "says"),
@@ -77,7 +76,6 @@ def test_the_player_runs_with_the_locked_packages_alone(tmp_path, project_root, 
     assert says in done.stdout
 
 
-@pytest.mark.slow
 def test_what_the_player_cannot_do_is_one_message(tmp_path, project_root):
     make_project(tmp_path / "lab")
     line = [sys.executable, "-c", WITH_THESE_ALONE, ",".join(locked(project_root)), "run", "demo"]

@@ -47,7 +47,6 @@ class Mirror:
         pass
 
 
-@pytest.mark.slow
 def test_a_motion_is_streamed_at_its_own_speed() -> None:
     arm = load_arm(ROOT / "config" / "arms" / "planar3.toml")
     command = make_motion(arm, by=0.4).trajectory().resampled(0.002)

@@ -25,7 +25,7 @@ def test_the_page_of_the_interface_runs_as_printed(project, project_root, monkey
 
 
 def test_plan_returns_the_bytes_of_the_stage(project, trial) -> None:
-    planned = Motion.read(project / "results" / "demo" / "trial-02" / "motion.json")
+    planned = Motion.read(project / "results" / "small" / "trial-02" / "motion.json")
     assert trial.estimate.plan().content_sha256() == planned.content_sha256()
     assert trial.estimate.plan(target_m=(0.6, 0.4)).target_m == [0.6, 0.4]
 
@@ -38,10 +38,10 @@ def test_score_is_the_stages_and_follows_the_target(trial) -> None:
 
 
 def test_simulate_repeats_the_planners_prediction(project, trial) -> None:
-    motion = Motion.read(project / "results" / "demo" / "trial-02" / "motion.json")
+    motion = Motion.read(project / "results" / "small" / "trial-02" / "motion.json")
     path = trial.estimate.simulate(motion)
     hand = path[path["point"] == 0].set_index("time_s")[["x_m", "y_m"]]
-    arm, trajectory = strandcast.open(project)["demo"].arm, motion.trajectory()
+    arm, trajectory = strandcast.open(project)["small"].arm, motion.trajectory()
     commanded = hand_pose(arm.chain, arm.clamp, trajectory.q_rad).position_m
     predicted = np.array(motion.predicted.hand_m)[: len(commanded)]
     simulated = hand.to_numpy()[: len(commanded)]
@@ -60,11 +60,11 @@ def test_tables_have_units_and_the_track_its_points(trial) -> None:
 
 def test_what_is_not_there_is_refused(project, tmp_path) -> None:
     opened = strandcast.open(project)
-    assert list(opened) == ["demo"]
+    assert list(opened) == ["small"]
     for code, ask in (
         ("SC-R033", lambda: strandcast.open(tmp_path)),
         ("SC-F001", lambda: opened["dmeo"]),
-        ("SC-R011", lambda: opened["demo"].trials[2].track),
+        ("SC-R011", lambda: opened["small"].trials[2].track),
     ):
         with pytest.raises(StrandcastError) as refused:
             ask()

@@ -21,7 +21,7 @@ from strandcast.stages.run import run_stage
 from strandcast.workflow.verify import refuse_changed_files
 from strandcast.workflow.verify_crate import verify_crate
 
-VIDEO, TRACK = "data/demo/trial-01/video.mp4", "results/demo/trial-01/track.parquet"
+VIDEO, TRACK = "data/small/trial-01/video.mp4", "results/small/trial-01/track.parquet"
 DAY = date(2026, 3, 14)
 
 
@@ -32,8 +32,8 @@ def library():
 
 @pytest.fixture(scope="module")
 def made(library, project, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("crate") / "demo"
-    export_crate(strandcast.open(project)["demo"], folder, published=DAY, licence="CC-BY-4.0")
+    folder = tmp_path_factory.mktemp("crate") / "small"
+    export_crate(strandcast.open(project)["small"], folder, published=DAY, licence="CC-BY-4.0")
     return folder
 
 
@@ -54,14 +54,14 @@ def test_rocrate_reads_all_files_with_their_hashes(library, made, project) -> No
     read = library.ROCrate(made)
     files = {entity.id: entity for entity in read.data_entities}
     assert set(files) == files_in(made) - {METADATA}
-    raw = files_in(project / "data" / "demo")
-    results = files_in(project / "results" / "demo")
+    raw = files_in(project / "data" / "small")
+    results = files_in(project / "results" / "small")
     assert len(raw) > 15
     assert len(results) > 15
-    assert {f"data/demo/{name}" for name in raw} | {f"results/demo/{name}" for name in results} | {
+    assert {f"data/small/{name}" for name in raw} | {f"results/small/{name}" for name in results} | {
         "config/arms/planar3.toml",
         "config/arms/planar3.urdf",
-        "config/experiments/demo.yaml",
+        "config/experiments/small.yaml",
     } == set(files)
     for name, entity in files.items():
         assert entity["sha256"] == sha256_file(project / name) == sha256_file(made / name)
@@ -79,9 +79,9 @@ def test_stages_are_actions_with_inputs_software_and_outputs(library, made) -> N
     assert {"#calibrate", "#lab_throw-01", "#ingest-01", "#estimate-01", "#plan-02"} <= set(actions)
     ids = {name: {each.id for each in actions["#track-01"][name]} for name in ("object", "result")}
     assert ids["result"] == {
-        f"results/demo/trial-01/{name}" for name in ("observations.parquet", "strobe.webp", "track.json")
+        f"results/small/trial-01/{name}" for name in ("observations.parquet", "strobe.webp", "track.json")
     }
-    assert {VIDEO, "config/experiments/demo.yaml", "results/demo/cameras/main.json"} < ids["object"]
+    assert {VIDEO, "config/experiments/small.yaml", "results/small/cameras/main.json"} < ids["object"]
     assert VIDEO in {each.id for each in actions["#lab_throw-01"]["result"]}
     # Every result was made by exactly one stage.
     made_by = [each.id for action in actions.values() for each in action["result"]]
@@ -93,12 +93,11 @@ def test_stages_are_actions_with_inputs_software_and_outputs(library, made) -> N
     assert libraries["python"] == ".".join(map(str, sys.version_info[:3]))
 
 
-@pytest.mark.slow
 def test_no_stage_works_on_what_was_made_from_its_results(library, project, tmp_path) -> None:
     root = Path(shutil.copytree(project, tmp_path / "project"))
     for stage in ("lab_throw", "ingest"):  # each trial's `ingest` looks at the other's manifest
-        run_stage(stage, root, "demo", 2)
-    export_crate(strandcast.open(root)["demo"], tmp_path / "crate")
+        run_stage(stage, root, "small", 2)
+    export_crate(strandcast.open(root)["small"], tmp_path / "crate")
     actions = library.ROCrate(tmp_path / "crate").get_by_type("CreateAction")
     maker = {each.id: action.id for action in actions for each in action["result"]}
     before = {
@@ -115,7 +114,7 @@ def test_parameters_have_units_and_intervals_and_the_verdict_is_there(library, m
         found = values[f"{fit.name}, fitted after trial 1"]
         assert (found["value"], found["unitText"]) == (fit.value, fit.unit)
         assert (found["minValue"], found["maxValue"]) == (fit.ensemble_low, fit.ensemble_high)
-        assert found["subjectOf"].id == "results/demo/trial-01/estimate.json"
+        assert found["subjectOf"].id == "results/small/trial-01/estimate.json"
     assert values["hit, trial 1"]["value"] is trial.verdict.hit
     assert values["miss, trial 1"]["value"] == trial.verdict.miss_m
     assert values["miss, trial 1"]["unitText"] == "m"
@@ -125,7 +124,7 @@ def test_the_same_results_give_the_same_bytes(made, project, tmp_path) -> None:
     code = (
         "import sys, pathlib, strandcast\n"
         "from strandcast.exports.crate import export_crate\n"
-        "export_crate(strandcast.open(sys.argv[1])['demo'], pathlib.Path(sys.argv[2]))"
+        "export_crate(strandcast.open(sys.argv[1])['small'], pathlib.Path(sys.argv[2]))"
     )
     for number in "12":
         environment = os.environ | {"PYTHONHASHSEED": number}
@@ -138,7 +137,7 @@ def test_the_same_results_give_the_same_bytes(made, project, tmp_path) -> None:
 
 
 def test_a_crate_without_video_keeps_its_hash(library, project, tmp_path) -> None:
-    export_crate(strandcast.open(project)["demo"], tmp_path / "small", without_video=True)
+    export_crate(strandcast.open(project)["small"], tmp_path / "small", without_video=True)
     assert VIDEO not in files_in(tmp_path / "small")
     read = library.ROCrate(tmp_path / "small")
     entity = read.get(f"#{VIDEO}")
@@ -153,12 +152,12 @@ def test_a_crate_without_video_keeps_its_hash(library, project, tmp_path) -> Non
 
 def test_a_flipped_byte_a_removed_and_an_added_file_are_named(crate) -> None:
     flip(crate / TRACK)
-    (crate / "results/demo/trial-01/verdict.json").unlink()
-    (crate / "results/demo/notes.txt").write_text("mine")
+    (crate / "results/small/trial-01/verdict.json").unlink()
+    (crate / "results/small/notes.txt").write_text("mine")
     expected = [
         ("damaged", TRACK),
-        ("missing", "results/demo/trial-01/verdict.json"),
-        ("extra", "results/demo/notes.txt"),
+        ("missing", "results/small/trial-01/verdict.json"),
+        ("extra", "results/small/notes.txt"),
     ]
     assert states(crate) == expected
     zipped = pack(crate, crate.with_suffix(".zip"))
@@ -253,17 +252,17 @@ def test_metadata_that_cannot_be_read_is_refused(tmp_path, text) -> None:
 
 def test_what_cannot_be_exported_is_refused(library, project, tmp_path, monkeypatch) -> None:
     root = Path(shutil.copytree(project, tmp_path / "project"))
-    experiment = strandcast.open(root)["demo"]
+    experiment = strandcast.open(root)["small"]
     (tmp_path / "used").mkdir()
     (tmp_path / "used" / "note").touch()
     with pytest.raises(StrandcastError, match="SC-I050"):
         export_crate(experiment, tmp_path / "used")
     flip(root / VIDEO)
     with pytest.raises(StrandcastError, match="SC-I053") as refused:
-        refuse_changed_files(root, "demo")
+        refuse_changed_files(root, "small")
     assert VIDEO in refused.value.message()
     shutil.rmtree(root / "results")
-    shutil.rmtree(root / "data" / "demo" / "trial-01")
+    shutil.rmtree(root / "data" / "small" / "trial-01")
     with pytest.raises(StrandcastError, match="SC-I052"):
         export_crate(experiment, tmp_path / "out.zip")
     monkeypatch.setitem(sys.modules, "rocrate.rocrate", None)

@@ -18,8 +18,8 @@ from strandcast.exports.mjcf_error import play
 def exported(project, tmp_path_factory):
     import strandcast
 
-    out = tmp_path_factory.mktemp("mjcf") / "demo.xml"
-    return export_mjcf(strandcast.open(project)["demo"].trials[1], out, total_kg=0.02)
+    out = tmp_path_factory.mktemp("mjcf") / "small.xml"
+    return export_mjcf(strandcast.open(project)["small"].trials[1], out, total_kg=0.02)
 
 
 def at_key(exported, name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -9,7 +9,8 @@ from nbclient import NotebookClient
 
 from strandcast.workflow.project import make_project
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
+
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "docs" / "notebooks"
 
 
@@ -22,6 +23,8 @@ def run(name: str, project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("PYTHONPATH", str(NOTEBOOKS.parents[1] / "src"))
     notebook = nbformat.read(NOTEBOOKS / name, as_version=4)
     assert all(cell.outputs == [] for cell in notebook.cells if cell.cell_type == "code"), "strip the outputs"
+    for cell in notebook.cells:
+        cell.source = cell.source.replace('"demo"', '"small"')
     client = NotebookClient(notebook, timeout=None, resources={"metadata": {"path": str(folder)}})
     client.execute()
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]

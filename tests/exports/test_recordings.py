@@ -48,7 +48,7 @@ def test_csv_holds_the_tables_and_both_clocks(trial, tmp_path) -> None:
 
 
 def test_dataset_is_one_of_lerobot_with_both_clocks(project, throw, tmp_path) -> None:
-    frames = export_dataset(strandcast.open(project)["demo"], tmp_path / "set")
+    frames = export_dataset(strandcast.open(project)["small"], tmp_path / "set")
     info = json.loads((tmp_path / "set" / "meta" / "info.json").read_text())
     episode = pq.read_table(
         tmp_path / "set" / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
@@ -80,14 +80,14 @@ def test_dataset_is_one_of_lerobot_with_both_clocks(project, throw, tmp_path) ->
         pictures = sum(1 for _ in film.decode(video=0))
     assert episode[f"{video}/to_timestamp"] <= pictures / info["fps"] + 1e-9
     with pytest.raises(StrandcastError, match="SC-I050"):
-        export_dataset(strandcast.open(project)["demo"], tmp_path / "set")
+        export_dataset(strandcast.open(project)["small"], tmp_path / "set")
 
 
 def test_rerun_reads_the_dataset(project, tmp_path) -> None:
     pytest.importorskip("rerun", reason=f"rerun {OPTIONAL}")
     from rerun.experimental import LeRobotReader
 
-    export_dataset(strandcast.open(project)["demo"], tmp_path / "set")
+    export_dataset(strandcast.open(project)["small"], tmp_path / "set")
     reader = LeRobotReader(tmp_path / "set")
     assert (reader.version, reader.episodes()) == ("v3", [0])
     assert len(list(reader.stream(0).to_chunks())) > 5
@@ -96,8 +96,8 @@ def test_rerun_reads_the_dataset(project, tmp_path) -> None:
 def test_lerobot_reads_rows_and_pictures_of_the_dataset(project, throw, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     reader = pytest.importorskip("lerobot.datasets.lerobot_dataset", reason="lerobot (8 GB) is not installed")
-    frames = export_dataset(strandcast.open(project)["demo"], tmp_path / "set")
-    dataset = reader.LeRobotDataset("lab/demo", root=tmp_path / "set", video_backend="pyav")
+    frames = export_dataset(strandcast.open(project)["small"], tmp_path / "set")
+    dataset = reader.LeRobotDataset("lab/small", root=tmp_path / "set", video_backend="pyav")
     assert (len(dataset), dataset.num_episodes) == (frames, 1)
     tracked = int(throw.frame[-1] - throw.frame[0])
     row = dataset[tracked]

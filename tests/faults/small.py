@@ -20,6 +20,7 @@ SETTINGS = """\
 title: A small throw
 string: {length_m: 0.30, weights: [{place_m: 0.30}]}
 target_m: [0.50, 0.50]
+hit_radius_m: 0.02
 max_trials: 1
 seed: 3
 workspace_m: {x_m: [-0.75, 1.25], y_m: [-0.32, 0.80]}
@@ -36,6 +37,8 @@ lab:
   noise: 0.5
   camera: {width_px: 640, height_px: 360, frame_rate_hz: 100}
 """
+WATCH = PROJECT / "tests" / "workflow" / "watch"  # notes the files that stages open in a list
+OPENED = "opened.txt"
 REAL = SETTINGS[: SETTINGS.index("lab:")]  # of an experiment with recordings of the small one
 # Runs stages one after the other in one process: [stage, experiment, trial, trials of a summary].
 STAGES = """
@@ -106,10 +109,13 @@ def result_hashes(root: Path) -> dict[str, str]:
 
 
 def make_whole(root: Path) -> None:
-    """Make a project and run its experiment to the end."""
+    """Make a project and run its experiment to the end; the files that its stages open are listed."""
     make_project(root)
     line = [sys.executable, "-m", "strandcast", "run", NAME, "--cores", "2"]
-    subprocess.run(line, cwd=root, env=environment(), check=True, capture_output=True)
+    watched = f"{WATCH}{os.pathsep}{PROJECT / 'src'}"
+    variables = environment(PYTHONPATH=watched, STRANDCAST_OPENED_FILES=str(root / OPENED))
+    done = subprocess.run(line, cwd=root, env=variables, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-4000:]
 
 
 def outputs(root: Path, stage: str, trials: tuple[int, ...]) -> list[Path]:

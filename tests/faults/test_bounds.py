@@ -28,7 +28,6 @@ njit(lambda a, k: a[k])(np.zeros(4), 10)
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(
     "STRANDCAST_BOUNDS" not in os.environ, reason="compiles all kernels again: set STRANDCAST_BOUNDS"
 )

@@ -7,8 +7,6 @@ import pytest
 
 from .conftest import Trial, write_film
 
-pytestmark = pytest.mark.slow
-
 
 def without_rows(log: Path) -> None:
     log.write_text(log.read_text().split("\n", 1)[0] + "\n")

@@ -17,8 +17,6 @@ from strandcast.workflow.verify import verify
 
 from .conftest import Trial, cut, damage, flipped, noisy, removed, write_film, zeroed
 
-pytestmark = pytest.mark.slow
-
 PREFIX = "{missing_policy: use_prefix}"
 
 

@@ -15,8 +15,6 @@ from strandcast.video.reader import open_video
 
 from .conftest import Trial, cut, damage, noisy, write_film
 
-pytestmark = pytest.mark.slow
-
 
 def refusal(path, **arguments) -> StrandcastError:
     with pytest.raises(StrandcastError) as caught, open_video(path, **arguments) as video:

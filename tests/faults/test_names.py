@@ -4,13 +4,13 @@ import os
 import pickle
 import shutil
 import subprocess
-import sys
 import unicodedata
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.forked import run_module
 
 import strandcast
 from strandcast.arm.load import load_arm
@@ -49,8 +49,7 @@ def add_experiment(root: Path, name: str) -> None:
 
 
 def run_in(root: Path, *command: str) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", *command]
-    done = subprocess.run(line, cwd=root, capture_output=True, text=True, check=False, env=dict(os.environ))
+    done = run_module(root, *command)
     assert "Traceback" not in done.stderr, done.stderr
     return done
 
@@ -63,7 +62,6 @@ def test_rows77_and_79_an_experiment_of_another_name_is_refused(root: Path, name
     assert find_experiment("demo", root) == root / "data/demo/experiment.yaml"
 
 
-@pytest.mark.slow
 def test_row77_no_command_is_run(root: Path) -> None:
     name = "$(touch run) `touch run`; touch run"
     add_experiment(root, name)

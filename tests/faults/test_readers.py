@@ -17,7 +17,7 @@ from . import fuzzing
 from .fuzzing import HEADS, Reader, fuzz
 from .readers import readers, written
 
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::UserWarning")]  # of the decoders
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # of the decoders
 CASES = int(os.environ.get("STRANDCAST_FUZZ_CASES", "300"))
 
 

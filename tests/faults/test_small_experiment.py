@@ -17,7 +17,7 @@ from strandcast.kernels_ahead import SIGNATURES
 
 from .small import JOBS, NAME, PROJECT, arguments, environment, hashes, make_project, make_whole
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
 
 # Kernels of BLAS for an old processor, and more threads than there are cores.
 HOSTILE = {

@@ -11,7 +11,6 @@ from strandcast.video.reader import open_video
 from .conftest import SIZE, Trial, noisy, write_film
 
 
-@pytest.mark.slow
 def test_row18_a_rotation_tag_is_reported_and_not_applied(trial: Trial):
     write_film(trial.folder / "video.mp4", rotation=90)
     found = trial.outcome()
@@ -20,7 +19,6 @@ def test_row18_a_rotation_tag_is_reported_and_not_applied(trial: Trial):
     assert found.frames[0].shape == SIZE[::-1]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("size", [SIZE[::-1], (320, 240)])
 def test_rows18_and_20_pictures_of_another_size_than_the_calibrations_are_refused(trial: Trial, size):
     path = write_film(trial.folder / "video.mp4")
@@ -33,7 +31,6 @@ def test_rows18_and_20_pictures_of_another_size_than_the_calibrations_are_refuse
     assert "calibrate" in (caught.value.fix or "")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("pixels", "bits"), [("gray10le", 10), ("gray12le", 12), ("gray16le", 16)])
 def test_row19_deep_pixels_are_kept(trial: Trial, pixels, bits):
     pictures = [picture >> (16 - bits) for picture in noisy(5, kind=np.uint16)]
@@ -65,7 +62,6 @@ def test_row21_levels_are_the_same_whatever_the_range(trial: Trial):
     assert np.abs(pictures[2].astype(int) - ramp).max() <= 1
 
 
-@pytest.mark.slow
 def test_row21_a_range_that_the_levels_do_not_keep_to_is_reported(trial: Trial):
     rng = np.random.default_rng(0)
     dark = [rng.integers(0, 60, SIZE[::-1]).astype(np.uint8) for _ in range(10)]

@@ -16,8 +16,6 @@ from strandcast.video.ingest import camera_times
 
 from .conftest import RATE, Trial, noisy, write_film
 
-pytestmark = pytest.mark.slow
-
 TRUE_RATE = f"{{frame_rate_hz: {RATE}}}"
 
 

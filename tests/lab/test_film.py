@@ -53,7 +53,6 @@ def _offsets_px(drawn: np.ndarray, line: np.ndarray) -> list[float]:
     return offsets
 
 
-@pytest.mark.slow
 def test_hand_markers_are_detected_where_they_are(thrown: Thrown) -> None:
     scene = make_scene(thrown.experiment, "lab-test", thrown.arm)
     truth = read_facts(thrown.truth, LAB_TRUTH)["hand_markers"]

@@ -62,7 +62,6 @@ def test_a_scene_without_the_led_is_unchanged(arm: Arm) -> None:
     assert dark.led is None
 
 
-@pytest.mark.slow
 def test_a_throw_switches_the_led_by_the_true_clocks(arm: Arm, tmp_path: Path) -> None:
     experiment, command = with_led(), swing_command()
     driver = LabDriver(LabThrow("lab-test", experiment, 1, tmp_path / "truth.parquet"), arm)

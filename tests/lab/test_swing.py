@@ -15,8 +15,6 @@ from strandcast.lab.variation import ThrowVariation, draw_variation
 
 from .conftest import swing_command
 
-pytestmark = pytest.mark.slow
-
 QUIET = draw_variation(np.random.default_rng(0), 3, 0.0)
 
 

@@ -15,8 +15,6 @@ from strandcast.lab.swing_in_space import VariationInSpace, simulate_swing_in_sp
 from strandcast.lab.variation import draw_variation
 from strandcast.planning.bezier import Curve, rest_heights, sample
 
-pytestmark = pytest.mark.slow
-
 STRING = PhysicalString(0.30, 0.006, 3e-6, 0.0, 0.003, ((0.21, 0.008),))
 STILL = Curve(np.zeros(6), 0.1, rest_heights(np.zeros((6, 3))))
 UR5E = Path("config/arms/ur5e-space.toml")

@@ -19,8 +19,6 @@ from strandcast.records.tables import read_facts, read_table
 
 from .conftest import Thrown, make_experiment, swing_command, write_motion
 
-pytestmark = pytest.mark.slow
-
 SMALL = {"width_px": 400, "height_px": 320, "frame_rate_hz": 100.0}
 
 

@@ -92,7 +92,6 @@ def test_joints_turn_away_before_their_limits(task: SpatialTask) -> None:
     np.testing.assert_allclose(found[1].max(), 0.99 - 0.995 + 0.02)
 
 
-@pytest.mark.slow
 def test_a_descent_finds_a_throw_near_the_best_of_some_random_ones(task: SpatialTask) -> None:
     rng = np.random.default_rng(1)
     strings = start_strings_in_space(2, 0.4, mass_layout(0.4, 10, [0.4]), rng)

@@ -88,7 +88,6 @@ def test_a_kind_is_found_among_the_installed_packages(
         measured_shortfall(Anywhere(kind="anywhere"), throw)
 
 
-@pytest.mark.slow
 def test_it_is_planned_for_and_scored(toy: type[Objective], task: PlanningTask, strings: StringBatch) -> None:
     objective = toy(kind="middle-hits", from_hand_m=0.15, at_m=(0.6, 0.2))
     settings = PlanSettings(

@@ -46,8 +46,6 @@ from strandcast.records.motion import Motion
 from strandcast.records.record import HEAD
 from strandcast.threads import threads
 
-pytestmark = pytest.mark.slow
-
 LAYOUT = mass_layout(0.30, 10, [0.30])
 SMALL = PlanSettings(screening=64, evaluations=480, ensemble=3, mesh_refinement=False)
 TRUE_SERVO = Servo(np.full(3, 0.012), np.full(3, 30.0), np.array([0.7, 0.8, 0.9]), np.full(3, 0.97))

@@ -32,8 +32,6 @@ from strandcast.planning.rollouts import (
 from strandcast.planning.simulated_misses import simulated_miss, velocities
 from strandcast.planning.task import PlanningTask
 
-pytestmark = pytest.mark.slow
-
 STEP_S = 0.002
 
 

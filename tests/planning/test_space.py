@@ -42,8 +42,6 @@ from strandcast.planning.scenarios import disturbed
 from strandcast.planning.start_strings import start_strings_in_space
 from strandcast.planning.task import PlanningTask, SpatialTask
 
-pytestmark = pytest.mark.slow
-
 ABOUT_Z_RAD = 0.7
 TARGET_M = np.array([0.75, 0.05])
 SWING = np.array(

@@ -1,7 +1,6 @@
 """A string that sways out of the plane, filmed and tracked by two cameras: pictures to places in space."""
 
 import numpy as np
-import pytest
 
 from strandcast.camera.mapping import metre_to_pixel
 from strandcast.reconstruction.rays import rays_of
@@ -13,8 +12,6 @@ from strandcast.tracking.observe import observe
 
 from ..tracking import scene
 from .two_views import camera_at, clock, even_points, pixels
-
-pytestmark = pytest.mark.slow
 
 LENGTH_M, POINTS = 0.3, 10
 SWAY_RAD, SWAY_HZ = 0.5, 3.0

@@ -37,8 +37,6 @@ from .two_views import (
     string_view,
 )
 
-pytestmark = pytest.mark.slow
-
 TIME_S = np.arange(0.0, 1.2, 0.008)
 
 

@@ -72,7 +72,6 @@ def any_record():
     return st.sampled_from(RECORDS).flatmap(parts)
 
 
-@pytest.mark.slow
 @given(record=any_record())
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 def test_round_trip(tmp_path_factory, record: Record):

@@ -23,7 +23,6 @@ from strandcast.report.trial_page import trial_page
 
 from .campaigns import campaign_in_memory
 
-pytestmark = pytest.mark.browser
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 QUIET = [
     "--headless",
@@ -69,12 +68,10 @@ def page(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.slow
 def test_the_page_in_light_and_dark(page: Path, tmp_path: Path, browser: str) -> None:
     light_and_dark(page, tmp_path, browser)
 
 
-@pytest.mark.slow
 def test_the_page_is_complete_on_paper(page: Path, tmp_path: Path, browser: str) -> None:
     paper = tmp_path / "paper.pdf"
     open_page(browser, page, paper, f"--print-to-pdf={paper}", "--no-pdf-header-footer")
@@ -120,7 +117,6 @@ def pages(page: Path, results: Path) -> list[Path]:
     return [page, *(page.with_name(f"{name}.html") for name in made)]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scheme", [1, 0], ids=["light", "dark"])
 @pytest.mark.parametrize("width_px", [1400, 768, 390])
 def test_axe_finds_no_violation(
@@ -130,7 +126,6 @@ def test_axe_finds_no_violation(
     assert found == {each.stem: [] for each in pages}
 
 
-@pytest.mark.slow
 def test_axe_would_find_one(page: Path, tmp_path: Path, browser: str) -> None:
     worse = tmp_path / "worse.html"
     write_text(

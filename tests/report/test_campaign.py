@@ -19,7 +19,6 @@ from strandcast.workflow.campaign import campaign_of, write_campaign
 from .campaigns import campaign_in_memory, name_of, summary_of, write_summaries
 from .test_pages import Tags
 
-pytestmark = pytest.mark.slow
 MOST_BYTES = 2_000_000
 
 

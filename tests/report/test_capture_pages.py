@@ -19,7 +19,6 @@ from strandcast.scoring.score import without_target
 
 from .campaigns import summary_of
 
-pytestmark = pytest.mark.slow
 FALSE_WORDS = re.compile(r"\b(target|miss|missed|hit|hits|next motion|closest)\b", re.IGNORECASE)
 # What a page may say: that there is no target, the name of the setting, and the title of the paper.
 ALLOWED = re.compile(r"NO TARGET|without a target|target_m|“Casting Manipulation[^”]*”", re.IGNORECASE)

@@ -19,8 +19,6 @@ from strandcast.report.comparison import (
 )
 from strandcast.report.comparison_page import change, comparison_lines, comparison_page
 
-pytestmark = pytest.mark.slow
-
 
 def trials(
     results: Path, numbers: tuple[int, ...] = (1, 2, 3), seconds: float = 10.0

@@ -32,8 +32,6 @@ from strandcast.report.results import TrueString, read_results
 from strandcast.report.summary import summarise
 from strandcast.report.trial_page import trial_page
 
-pytestmark = pytest.mark.slow
-
 EVIL = "<script>alert('x')</script> $\\frac{1}$ & co"
 VOID = {"meta", "br", "img", "input", "link", "hr"}
 FACTS = Facts(

@@ -57,7 +57,6 @@ def page_of(results: Path) -> str:
     return trial_page(results / "trial-03", trial=3, experiment="swing")
 
 
-@pytest.mark.slow
 def test_a_registered_panel_is_on_the_page(results: Path) -> None:
     PANELS.register("trial.tip-height", TOY)
     page = page_of(results)
@@ -118,7 +117,6 @@ def test_declared_panels_have_unique_names_and_need_known_results(kind) -> None:
     assert {name for panel in panels for name in panel.needs} <= set(FILES)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("removed", sorted(set(FILES) - {"ensemble"}))
 def test_a_panel_is_a_box_just_if_a_result_that_it_needs_is_missing(
     results: Path, tmp_path: Path, removed: str

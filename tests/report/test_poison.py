@@ -27,8 +27,6 @@ from strandcast.report.trial_page import trial_page
 from .test_browser import QUIET
 from .test_browser import browser as browser
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
-
 RUN = "document.title='RUN'"
 POISON = (
     f"<script>{RUN}</script>\"'><img src=http://127.0.0.1:9/a onerror={RUN}><svg onload={RUN}>"

@@ -8,8 +8,6 @@ from strandcast.records.summary import ExperimentSummary
 from strandcast.records.verdict import Verdict
 from strandcast.report.summary import summarise
 
-pytestmark = pytest.mark.slow
-
 GIVEN = {"string_length_m": 0.3, "target_m": [0.606, 0.674], "hit_radius_m": 0.02}
 
 

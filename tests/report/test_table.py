@@ -13,8 +13,6 @@ from .campaigns import campaign_in_memory
 from .chromium import Page, chromium
 from .test_browser import browser as browser
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
-
 COLUMN = "[...document.querySelectorAll('.sortable tbody tr')].map((row) => row.cells[%d].textContent)"
 HEAD = "document.querySelectorAll('.sortable th')[%d]"
 MISS = 4

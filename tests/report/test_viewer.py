@@ -22,8 +22,6 @@ from .chromium import Page, chromium
 from .conftest import CLIP_PX, NUMBER_BITS, NUMBER_PX, N
 from .test_browser import browser as browser
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
-
 LAST = 499
 FLAGGED = [(40, 42), (120, 127), (300, 300)]  # the first and the last are set here
 DATA = "document.querySelector('.viewer').dataset"

@@ -21,7 +21,6 @@ from strandcast.stages.files import SUPPLIED_FILES
 from strandcast.workflow import slurm
 
 pytestmark = [
-    pytest.mark.slow,
     pytest.mark.skipif(slurm_cluster.missing() is not None, reason=str(slurm_cluster.missing())),
 ]
 pytest.importorskip(slurm.PLUGIN, reason="the plugin for Slurm is not installed: make slurm")

@@ -19,8 +19,6 @@ from strandcast.stages.run import run_stage
 
 from ..imports import space_captures as captures
 
-pytestmark = pytest.mark.slow
-
 STAGES = ("register_track", "score", "estimate", "report")
 YAML = "string: {{length_m: {length}}}\nestimate: {{evaluations: 120}}\n"
 

@@ -255,7 +255,6 @@ def test_a_plan_that_cannot_be_made_names_file_field_and_fix(root: Path, text: s
     assert words in str(caught.value)
 
 
-@pytest.mark.slow
 def test_what_a_throw_shows_of_the_rig_is_learnt_and_written(
     root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -318,7 +317,6 @@ def test_what_a_throw_shows_of_the_rig_is_learnt_and_written(
     assert wide.miss_rms_m > 1.01 * prior.miss_rms_m
 
 
-@pytest.mark.slow
 def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(root: Path) -> None:
     text = "target_m: [0.5, 0.5]\nlab: {string: paper-1, rehearsal: false}\n"
     write(root, "blind", text + "estimate: {evaluations: 100, profiles: false}\n" + SMALL)

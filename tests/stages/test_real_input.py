@@ -14,8 +14,6 @@ from strandcast.records.track import read_track
 from strandcast.stages import import_joints, import_track
 from strandcast.stages.run import run_stage
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture
 def root(tmp_path, project_root) -> Path:

@@ -11,11 +11,10 @@ from tests.faults.small import NAME, REAL, environment, make_project, result_has
 
 from strandcast.records.files import sha256_file
 
-pytestmark = pytest.mark.slow
 pytest.importorskip("snakemake_storage_plugin_s3", reason="the plugin for S3 is not installed: make storage")
 pytest.importorskip("moto", reason="there is no local S3 server: make storage")
 
-from tests.storage.s3 import LocalS3  # noqa: E402  # needs both
+from tests.storage.s3 import LocalS3  # needs both
 
 PREFIX = "projects/rope"
 # What an executor without shared files passes to Snakemake on the other computer, which reads no profile.

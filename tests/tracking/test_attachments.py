@@ -80,7 +80,6 @@ def detect(scene, nodes, seed=0, noise=3.0, slide_px=0.0, passes_every=0, **draw
     return detect_attachments(picture, tracked, np.ones(nodes.shape[:2]), CORD, CORD - WALL)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "blur_px"), [(0, 0.6), (1, 1.6)])
 def test_a_weight_and_a_pipe_are_detected_at_their_places(scene, seed, blur_px):
     found = detect(scene, chains(scene, pipe=PIPE_M), seed, blur_px=blur_px, weight=WEIGHT_M, pipe=PIPE_M)

@@ -6,7 +6,6 @@ import pytest
 from strandcast.tracking.background import Samples, learn_background, pixel_median
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("dtype", "count"), [(np.uint8, 7), (np.uint8, 10), (np.uint16, 5)])
 def test_median_is_numpys_lower_one(dtype, count):
     stack = np.random.default_rng(0).integers(0, np.iinfo(dtype).max + 1, (count, 13, 17)).astype(dtype)

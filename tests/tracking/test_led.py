@@ -10,8 +10,6 @@ from strandcast.tracking.events.led import LedMonitor
 from strandcast.video.ingest import camera_times, inspect_video
 from strandcast.video.reader import open_video
 
-pytestmark = pytest.mark.slow
-
 WIDTH, HEIGHT = 96, 64
 BOX = (30, 20, 46, 36)
 MIDDLE, RADIUS = (37.5, 27.5), 4.0

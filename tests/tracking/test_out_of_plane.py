@@ -5,8 +5,6 @@ import pytest
 
 from strandcast.tracking.chain.out_of_plane import ApparentStrings, least_tilt_rad, measure_out_of_plane
 
-pytestmark = pytest.mark.slow
-
 SWAY_HZ = 3.0
 
 

@@ -19,8 +19,6 @@ from strandcast.tracking.result import Tracked
 from strandcast.video.ingest import inspect_video
 from strandcast.video.source import VideoInfo
 
-pytestmark = pytest.mark.slow
-
 
 def periods_s(time_s: np.ndarray, x_m: np.ndarray) -> np.ndarray:
     """Times between upward crossings of the mean."""

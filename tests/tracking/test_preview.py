@@ -15,8 +15,6 @@ from strandcast.tracking.preview.sampled import sample_video
 from strandcast.tracking.tracker import StringHint
 from strandcast.video.ingest import camera_times, inspect_video
 
-pytestmark = pytest.mark.slow
-
 LENGTH_M, NOISE = 0.3, 2.5
 
 

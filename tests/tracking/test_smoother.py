@@ -80,7 +80,6 @@ def test_nodes_of_a_quarter_circle():
     np.testing.assert_allclose(np.linalg.norm(np.diff(nodes, axis=0), axis=1), 1.0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [USUAL, LOOSE])
 def test_recursion_equals_the_dense_solution(stiffness):
     rng = np.random.default_rng(5)

@@ -6,7 +6,6 @@ import pytest
 from strandcast.core.hand_marker import HandMarker
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("given_m", [0.27, 0.33])
 def test_a_declared_length_off_by_a_tenth_is_corrected_and_reported(scene, filmed, given_m):
     path, _, curves = filmed
@@ -19,7 +18,6 @@ def test_a_declared_length_off_by_a_tenth_is_corrected_and_reported(scene, filme
     assert np.nanmedian(off[sure]) < 1e-3
 
 
-@pytest.mark.slow
 def test_markers_that_contradict_the_arms_file_are_reported(scene, filmed):
     smaller = HandMarker(7, 0.9 * scene.MARKER_M, scene.MARKER_PLACE_M)
     with pytest.raises(Exception, match="not of the sizes"):

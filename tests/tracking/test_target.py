@@ -71,7 +71,6 @@ def test_a_square_sticker_and_a_marker_are_targets_too(scene):
     assert np.allclose(seen.offset_m, [0.004, 0.0], atol=0.0006)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_located_where_there_is_no_target(scene, seed):
     picture, camera = sensed(wall(scene, seed)), scene.flat_camera()

@@ -60,14 +60,12 @@ def test_strobe_shows_the_throw(tracked, scene):
     assert 1000 < coloured.sum() < 0.1 * coloured.size
 
 
-@pytest.mark.slow
 def test_tracking_twice_gives_the_same(tracked, scene, filmed):
     again = scene.track(filmed[0])
     np.testing.assert_array_equal(again.points_m, tracked.points_m)
     np.testing.assert_array_equal(again.sigma_m, tracked.sigma_m)
 
 
-@pytest.mark.slow
 def test_a_bead_at_the_tip_is_detected_and_tracked(scene, tmp_path):
     _, curves = scene.film(tmp_path / "v.mkv", frames=70, tip_radius_px=6.0)
     tracked = scene.track(tmp_path / "v.mkv")
@@ -82,7 +80,6 @@ def refusal(scene, path, **changes) -> StrandcastError:
     return caught.value
 
 
-@pytest.mark.slow
 def test_a_wrong_count_is_refused(scene, filmed):
     facts = inspect_video(filmed[0])
     more = facts.model_copy(

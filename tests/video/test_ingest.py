@@ -119,7 +119,6 @@ def test_sound_alone_is_refused(tmp_path):
     assert refusal(tmp_path / "v.mp4").code == "SC-V006"
 
 
-@pytest.mark.slow
 def test_a_cut_file_is_refused(tmp_path):
     write(tmp_path / "index-last.mp4", range(60))
     write(tmp_path / "index-first.mp4", range(60), faststart=True)

@@ -66,7 +66,6 @@ def open_files() -> int:
     return psutil.Process().num_fds()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("codec", "pixels", "suffix"),
     [
@@ -152,7 +151,6 @@ def test_an_interrupt_from_the_keyboard_reaches_this_process_only(film):
         assert sum(1 for _ in frames) == COUNT - 1
 
 
-@pytest.mark.slow
 def test_the_decoder_ends_if_its_parent_is_killed(film):
     """A killed process cannot clean up: the decoder notices the closed pipe."""
     program = (

@@ -94,7 +94,6 @@ def test_a_photron_header_in_xml_may_not_expand_to_more(tmp_path, frames):
     assert caught.value.code == "SC-V015"
 
 
-@pytest.mark.slow
 def test_real_photron_video(real_data):
     """README: 15 frames, 384 x 384, 30000 frames/s, 12 bits packed."""
     header = real_data / "highspeed_native" / "ball_12bit.cihx"

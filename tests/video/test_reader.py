@@ -75,7 +75,6 @@ def test_times_are_the_containers_not_the_nominal_rates(tmp_path):
     np.testing.assert_allclose([time_s for _, time_s, _ in frames], np.array(stamps) / 1000, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_damage_is_reported(tmp_path):
     rng = np.random.default_rng(0)
     noisy = [rng.integers(0, 255, (240, 320)).astype(np.uint8) for _ in range(30)]

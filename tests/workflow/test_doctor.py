@@ -87,7 +87,6 @@ def test_a_check_that_fails_does_not_hide_the_others(monkeypatch, tmp_path):
     assert states(doctor.diagnose(tmp_path)) == {"broken": "problem", "python": "ok"}
 
 
-@pytest.mark.slow
 def test_the_command_ends_with_3_if_there_is_a_problem(tmp_path):
     line = [sys.executable, "-m", "strandcast", "doctor", "--json"]
     package, module = doctor.DRIVERS["ur"]

@@ -91,7 +91,6 @@ def test_a_killed_owner_on_this_host_is_recognised_at_once(tmp_path):
     assert not list((tmp_path / "results/demo").iterdir())
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
 def test_a_killed_owner_whose_parent_does_not_know_is_recognised(tmp_path):
     first = holder(tmp_path)
@@ -102,7 +101,6 @@ def test_a_killed_owner_whose_parent_does_not_know_is_recognised(tmp_path):
     end(first)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("content", ["", "filelock"])
 @pytest.mark.parametrize("owner_known", [True, False])
 def test_a_lease_whose_owner_was_killed_while_it_wrote_its_name_is_taken_over(tmp_path, content, owner_known):
@@ -114,7 +112,6 @@ def test_a_lease_whose_owner_was_killed_while_it_wrote_its_name_is_taken_over(tm
         assert locks.owner_of(tmp_path, "demo").pid == os.getpid()
 
 
-@pytest.mark.slow
 def test_a_killed_owner_on_another_host_is_recognised_by_its_lease(tmp_path, capsys):
     end(holder(tmp_path, *other_host()))
     held = locks.take(tmp_path, "demo")
@@ -122,7 +119,6 @@ def test_a_killed_owner_on_another_host_is_recognised_by_its_lease(tmp_path, cap
     held.release()
 
 
-@pytest.mark.slow
 def test_a_living_owner_on_another_host_is_waited_for_and_never_robbed(tmp_path):
     first = holder(tmp_path, *other_host())
     began = time.monotonic()

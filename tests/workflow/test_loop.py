@@ -5,14 +5,14 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from tests.faults.small import JOBS
+from tests.faults.small import JOBS, NAME, OPENED, REAL, SETTINGS, WATCH, environment, make_project
+from tests.forked import run_module
 
 from strandcast.core.trial_names import trial_name
 from strandcast.records.motion import Motion
@@ -25,35 +25,8 @@ from strandcast.workflow import locks
 from strandcast.workflow.status import status_of
 from strandcast.workflow.verify import verify
 
-pytestmark = pytest.mark.slow
-
-TINY = """\
-title: A small throw
-string: {length_m: 0.30, weights: [{place_m: 0.30}]}
-target_m: [0.50, 0.50]
-hit_radius_m: 0.02
-max_trials: 1
-seed: 3
-workspace_m: {x_m: [-0.75, 1.25], y_m: [-0.32, 0.80]}
-camera:
-  plane:
-    markers:
-      - {id: 0, x_m: -0.65, y_m: 0.70}
-      - {id: 2, x_m: 1.15, y_m: 0.70}
-      - {id: 3, x_m: -0.65, y_m: -0.22}
-      - {id: 5, x_m: 1.15, y_m: -0.22}
-estimate: {evaluations: 400, ensemble: 3}
-plan: {screening: 64, evaluations: 160, ensemble: 2}
-lab:
-  noise: 0.5
-  camera: {frame_rate_hz: 250}
-"""
-
-
-RIG = TINY[: TINY.index("lab:")]
 RULES = {"report": "report_trial", "summary": "report_experiment"}  # stage -> rule of another name
-WATCH = Path(__file__).with_name("watch")
-OPENED, FORKED = "opened.txt", "."
+FORKED = "."
 NOT_SUMMARISED = ("observations.parquet", "markers.parquet")  # read by stages, not by the pages
 ESTIMATE_READS = ("alignment.json", "track.json")
 
@@ -71,42 +44,32 @@ def inputs_of(path: Path) -> list[str]:
 
 def undeclared(root: Path, experiment: str) -> set[str]:
     """Return the files under data/, results/ and config/ that stages opened without having declared them."""
-    found = set()
+    opened: dict[str, set[str]] = {}
     for line in set((root / OPENED).read_text().splitlines()):
         command, path = line.split("\t")
-        if path == FORKED:
-            continue
-        stage, name, *trials = command.split()
         written_now = ".tmp." in path or (root / path).is_dir()  # flushed to disk by the atomic writer
-        if name == experiment and path.startswith(("data/", "results/", "config/")) and not written_now:
-            numbers = [int(number) for number in trials]
-            trial = 0 if stage == "summary" else sum(numbers)
-            files = files_of(stage.replace("-", "_"), root, experiment, trial, numbers)
-            known = {file.resolve() for file in files.known()}
-            # Reading a result checks that its own inputs are still the same.
-            known |= {(root / name).resolve() for file in files.known() for name in inputs_of(file)}
-            if (root / path).resolve() not in known:
-                found.add(f"{stage}: {path}")
+        if path.startswith(("data/", "results/", "config/")) and not written_now:
+            opened.setdefault(command, set()).add(path)
+    found = set()
+    for command, paths in opened.items():
+        stage, name, *trials = command.split()
+        if stage == "run" or name != experiment:
+            continue
+        numbers = [int(number) for number in trials]
+        trial = 0 if stage == "summary" else sum(numbers)
+        files = files_of(stage.replace("-", "_"), root, experiment, trial, numbers)
+        known = {file.resolve() for file in files.known()}
+        # Reading a result checks that its own inputs are still the same.
+        known |= {(root / name).resolve() for file in files.known() for name in inputs_of(file)}
+        found |= {f"{stage}: {path}" for path in paths if (root / path).resolve() not in known}
     return found
 
 
-def project(folder: Path, source: Path) -> Path:
-    """Return a project's root with the tiny experiment alone."""
-    shutil.copy(source / "Snakefile", folder)
-    shutil.copytree(source / "workflow", folder / "workflow")
-    shutil.copytree(source / "config" / "arms", folder / "config" / "arms")
-    (folder / "config" / "experiments").mkdir()
-    (folder / "config" / "experiments" / "tiny.yaml").write_text(TINY)
-    return folder
-
-
-def snakemake(root: Path, *arguments: str) -> subprocess.CompletedProcess:
-    line = [sys.executable, "-m", "snakemake", *arguments, "--cores", "2"]
-    line += ["--workflow-profile", "workflow/profiles/default"]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("SNAKEMAKE")}
-    environment["PYTHONPATH"] = os.pathsep.join([str(WATCH), environment.get("PYTHONPATH", "")])
-    environment["STRANDCAST_OPENED_FILES"] = str(root / OPENED)
-    return subprocess.run(line, cwd=root, capture_output=True, text=True, check=False, env=environment)
+def snakemake(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    line = ["snakemake", *arguments, "--cores", "2", "--workflow-profile", "workflow/profiles/default"]
+    watched = f"{WATCH}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    variables = environment(PYTHONPATH=watched, STRANDCAST_OPENED_FILES=str(root / OPENED))
+    return run_module(root, *line, environment=variables)
 
 
 def jobs(run: subprocess.CompletedProcess) -> set[str]:
@@ -117,45 +80,43 @@ def jobs(run: subprocess.CompletedProcess) -> set[str]:
 
 def dry(root: Path, edit: tuple[str, str] = ("", "")) -> set[str]:
     """Return the rules that would run again after an edit of the experiment's file; the edit is undone."""
-    path = root / "config" / "experiments" / "tiny.yaml"
-    assert edit[0] in TINY
-    path.write_text(TINY.replace(*edit) if edit[0] else TINY)
-    run = snakemake(root, "results/tiny/report.html", "--dry-run")
-    path.write_text(TINY)
+    path = root / "config" / "experiments" / "small.yaml"
+    assert edit[0] in SETTINGS
+    path.write_text(SETTINGS.replace(*edit) if edit[0] else SETTINGS)
+    run = snakemake(root, "results/small/report.html", "--dry-run")
+    path.write_text(SETTINGS)
     assert run.returncode == 0, run.stderr
     return jobs(run)
 
 
 @pytest.fixture(scope="module")
-def thrown(tmp_path_factory, project_root) -> Path:
-    root = project(tmp_path_factory.mktemp("thrown"), project_root)
-    run = snakemake(root, "results/tiny/report.html")
-    assert run.returncode == 0, run.stderr[-4000:]
-    return root
+def thrown(finished, tmp_path_factory) -> Path:
+    """Return a copy of the finished project, which tests change and restore."""
+    return Path(shutil.copytree(finished, tmp_path_factory.mktemp("thrown") / "project"))
 
 
 def test_every_stage_writes_its_files(thrown):
-    trial = thrown / "results" / "tiny" / "trial-01"
+    trial = thrown / "results" / NAME / "trial-01"
     wanted = ["motion.json", "manifest.json", "observations.parquet", "track.json", "strobe.webp"]
     wanted += ["track.parquet", "markers.parquet", "alignment.json", "hand.parquet", "verdict.json"]
     wanted += ["estimate.json", "ensemble.parquet"]
     wanted += ["simulated.parquet", "lab_truth.parquet", "report.html"]
     assert [name for name in wanted if not (trial / name).stat().st_size] == []
-    assert (thrown / "results/tiny/trial-02/motion.json").is_file()
+    assert (thrown / "results/small/trial-02/motion.json").is_file()
 
 
 def test_a_project_may_lie_in_a_folder_of_any_name(thrown, tmp_path):
     """What a shell or a pattern would take apart is quoted everywhere; letters are composed and not."""
     name = "$(touch run) `touch run`; touch run & 'a\" \\ é e\u0301 {x} %s *\n#"
     root = Path(shutil.copytree(thrown, tmp_path / name))
-    wanted = [f"results/tiny/trial-01/{file}" for file in ("verdict.json", "report.html")]
+    wanted = [f"results/small/trial-01/{file}" for file in ("verdict.json", "report.html")]
     before = [(root / file).read_bytes() for file in wanted]
     for file in wanted:
         (root / file).unlink()
     run = snakemake(root, *wanted)
     assert run.returncode == 0, run.stderr[-3000:]
     assert [(root / file).read_bytes() for file in wanted] == before
-    assert verify(root, "tiny") == []
+    assert verify(root, NAME) == []
     assert list(tmp_path.rglob("run")) == []
 
 
@@ -168,29 +129,29 @@ def copied(thrown, tmp_path) -> Path:
 
 
 def test_verify_finds_nothing_in_sound_files(copied):
-    assert verify(copied, "tiny") == []
+    assert verify(copied, NAME) == []
 
 
 def test_verify_names_every_file_that_results_were_made_from_and_that_is_gone(copied):
     used = [
         copied / "config" / "arms" / "planar3.urdf",
-        copied / "data" / "tiny" / "trial-01" / "joints.csv",
+        copied / "data" / NAME / "trial-01" / "joints.csv",
     ]
-    used += (copied / "results" / "tiny" / "trial-01").glob("*.parquet")
+    used += (copied / "results" / NAME / "trial-01").glob("*.parquet")
     for path in used:
         if path.name in ("lab_truth.parquet", "simulated.parquet"):
             continue
         whole = path.read_bytes()
         path.unlink()
-        found = {(finding.file.name, finding.state) for finding in verify(copied, "tiny", raw=False)}
+        found = {(finding.file.name, finding.state) for finding in verify(copied, NAME, raw=False)}
         assert (path.name, "missing") in found
         path.write_bytes(whole)
     assert len(used) >= 7
-    assert verify(copied, "tiny") == []
+    assert verify(copied, NAME) == []
 
 
 def test_verify_names_every_result_that_belongs_to_another_trial(copied):
-    folder = copied / "results" / "tiny"
+    folder = copied / "results" / NAME
     names = [
         path.name for path in (folder / "trial-01").iterdir() if path.suffix in (".json", ".parquet", ".html")
     ]
@@ -200,28 +161,28 @@ def test_verify_names_every_result_that_belongs_to_another_trial(copied):
         shutil.copytree(
             folder / "trial-01", folder / "trial-03", ignore=lambda _, found, keep=name: {*found} - {keep}
         )
-        (finding,) = [
-            each for each in verify(copied, "tiny", raw=False) if each.file.parent.name == "trial-03"
-        ]
+        (finding,) = [each for each in verify(copied, NAME, raw=False) if each.file.parent.name == "trial-03"]
         assert (finding.file.name, finding.state) == (name, "misplaced")
-        assert finding.what == "is of tiny trial 1, but lies in the folder of tiny trial 3"
+        assert finding.what == "is of small trial 1, but lies in the folder of small trial 3"
         shutil.rmtree(folder / "trial-03")
 
 
+@pytest.mark.thorough
 def test_verify_finds_every_file_that_was_emptied_or_cut(copied):
-    for path in (path for path in (copied / "results" / "tiny").rglob("*.*") if path.is_file()):
+    for path in (path for path in (copied / "results" / NAME).rglob("*.*") if path.is_file()):
         if path.parent.name == "logs":
             continue
         whole = path.read_bytes()
         for size in (0, len(whole) // 2):
             path.write_bytes(whole[:size])
-            assert path in {finding.file for finding in verify(copied, "tiny", raw=False)}, (path.name, size)
+            assert path in {finding.file for finding in verify(copied, NAME, raw=False)}, (path.name, size)
         path.write_bytes(whole)
-    assert verify(copied, "tiny") == []
+    assert verify(copied, NAME) == []
 
 
+@pytest.mark.thorough
 def test_verify_finds_a_changed_byte_in_every_file(copied):
-    places = ("data/tiny/trial-01", "results/tiny/trial-01", "results/tiny/cameras")
+    places = ("data/small/trial-01", "results/small/trial-01", "results/small/cameras")
     paths = [path for place in places for path in (copied / place).iterdir() if path.is_file()]
     assert {path.suffix for path in paths} == {".json", ".parquet", ".html", ".webp", ".csv", ".mp4"}
     content = {path: table_sha256(path) for path in paths if path.suffix == ".parquet"}
@@ -229,7 +190,7 @@ def test_verify_finds_a_changed_byte_in_every_file(copied):
     for path in paths:
         whole, at = path.read_bytes(), path.stat().st_size * 7 // 8  # beyond the versions in a record's head
         path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-        if not verify(copied, "tiny"):
+        if not verify(copied, NAME):
             # Some bytes of a table's footer have no meaning: the same numbers are read.
             silent += [] if path.suffix == ".parquet" and table_sha256(path) == content[path] else [path.name]
         path.write_bytes(whole)
@@ -240,23 +201,23 @@ def test_verify_finds_a_changed_byte_in_every_file(copied):
 def twice(thrown, tmp_path_factory) -> Path:
     """Return a copy of the project after a second trial."""
     root = Path(shutil.copytree(thrown, tmp_path_factory.mktemp("twice") / "project"))
-    settings = TINY.replace("max_trials: 1", "max_trials: 2\nmin_trials: 2")
-    (root / "config" / "experiments" / "tiny.yaml").write_text(settings)
-    line = [sys.executable, "-m", "strandcast", "run", "tiny"]
-    run = subprocess.run(line, cwd=root, capture_output=True, text=True, check=False, env=dict(os.environ))
+    settings = SETTINGS.replace("max_trials: 1", "max_trials: 2\nmin_trials: 2")
+    (root / "config" / "experiments" / "small.yaml").write_text(settings)
+    run = run_module(root, "strandcast", "run", NAME)
     assert run.returncode == 0, run.stderr[-4000:]
     return root
 
 
+@pytest.mark.thorough
 def test_raised_trials_are_thrown(thrown, twice):
-    first, second = (ExperimentSummary.read(root / "results/tiny/summary.json") for root in (thrown, twice))
+    first, second = (ExperimentSummary.read(root / "results/small/summary.json") for root in (thrown, twice))
     assert [trial.trial for trial in second.trials] == [1, 2]
     assert second.trials[0] == first.trials[0]
 
 
 def pairs(root: Path, top: str) -> list[tuple[Path, Path]]:
     """Return the files of the first trial, each with the file of the same name of the second."""
-    first, second = (root / top / "tiny" / name for name in ("trial-01", "trial-02"))
+    first, second = (root / top / NAME / name for name in ("trial-01", "trial-02"))
     return [(path, second / path.name) for path in sorted(first.iterdir()) if path.is_file()]
 
 
@@ -280,17 +241,18 @@ def exchanged(*both: tuple[Path, Path]) -> Iterator[None]:
 
 def faulty(root: Path) -> set[Path]:
     """Return the files that `verify` finds fault with."""
-    return {finding.file for finding in verify(root, "tiny")}
+    return {finding.file for finding in verify(root, NAME)}
 
 
 def verdicts(root: Path) -> tuple[str, list[bool | None], set[str]]:
     """Return the experiment's verdict, those of its trials, and the files that could not be read."""
-    trials = {k: root / "results" / "tiny" / f"trial-0{k}" for k in (1, 2)}
+    trials = {k: root / "results" / NAME / f"trial-0{k}" for k in (1, 2)}
     given = {"string_length_m": 0.3, "target_m": [0.5, 0.5], "hit_radius_m": 0.02}
-    found = summarise("tiny", trials, **given, next_motion=trials[2].with_name("trial-03") / "motion.json")
+    found = summarise(NAME, trials, **given, next_motion=trials[2].with_name("trial-03") / "motion.json")
     return found.verdict, [trial.hit for trial in found.trials], set(found.all_unread())
 
 
+@pytest.mark.thorough
 def test_exchanged_raw_files_of_two_trials_are_named(twice):
     both = pairs(twice, "data")
     names = {"video.mp4", "joints.csv", "run.json", "motion.json", "predicted.parquet"}
@@ -303,6 +265,7 @@ def test_exchanged_raw_files_of_two_trials_are_named(twice):
     assert faulty(twice) == set()
 
 
+@pytest.mark.thorough
 def test_exchanged_results_of_two_trials_are_named_and_change_no_verdict(twice):
     sound, both = verdicts(twice), pairs(twice, "results")
     assert len(both) >= 15
@@ -319,12 +282,12 @@ def test_exchanged_results_of_two_trials_are_named_and_change_no_verdict(twice):
 
 def test_every_job_of_a_run_is_a_fork_of_one_process(thrown):
     lines = (line.split("\t") for line in (thrown / OPENED).read_text().splitlines())
-    forked = {command.split()[0] for command, what in lines if what == FORKED}
+    forked = {command.split()[0] for command, what in lines if what == FORKED} - {"run"}
     assert forked == {stage.replace("_", "-") for stage, _ in JOBS}
 
 
 def test_a_run_writes_what_its_jobs_took(thrown):
-    places = {path.stem: path for path in (thrown / "results" / "tiny").rglob("logs/*.jsonl")}
+    places = {path.stem: path for path in (thrown / "results" / NAME).rglob("logs/*.jsonl")}
     assert places.keys() == {stage for stage, _ in JOBS}
     track = json.loads(places["track"].read_text())
     assert 0.0 < track["cpu_time"] < 100 * track["s"]
@@ -333,18 +296,18 @@ def test_a_run_writes_what_its_jobs_took(thrown):
 
 def test_a_stage_opens_only_the_files_that_it_declares(thrown):
     opened = (thrown / OPENED).read_text()
-    assert {f"estimate tiny 01\tresults/tiny/trial-01/{name}" for name in ESTIMATE_READS} <= set(
+    assert {f"estimate small 01\tresults/small/trial-01/{name}" for name in ESTIMATE_READS} <= set(
         opened.splitlines()
     )
-    assert undeclared(thrown, "tiny") == set()
+    assert undeclared(thrown, NAME) == set()
 
 
 def test_the_summary_contains_the_results(thrown):
-    summary = ExperimentSummary.read(thrown / "results" / "tiny" / "summary.json")
+    summary = ExperimentSummary.read(thrown / "results" / NAME / "summary.json")
     assert summary.target_m == [0.5, 0.5]
     assert summary.hit_radius_m == 0.02
     (trial,) = summary.trials
-    truth = json.loads((thrown / "results/tiny/trial-01/alignment.json").read_text())
+    truth = json.loads((thrown / "results/small/trial-01/alignment.json").read_text())
     assert trial.alignment_offset_s == truth["offset_s"]
     assert trial.tracked_fraction > 0.5
     assert 0 < trial.E_m < 0.03
@@ -355,7 +318,7 @@ def test_nothing_runs_again_without_a_change(thrown):
 
 
 def test_a_changed_setting_runs_only_what_depends_on_it(thrown):
-    search = dry(thrown, ("evaluations: 400", "evaluations: 500"))
+    search = dry(thrown, ("evaluations: 100", "evaluations: 150"))
     assert search == {"estimate", "plan", "report_trial", "report_experiment"}
     clocks = dry(thrown, ("plan:", "align: {drift_prior: 1.0e-4}\nplan:"))
     assert {"align", "score_lab"} <= clocks
@@ -364,31 +327,30 @@ def test_a_changed_setting_runs_only_what_depends_on_it(thrown):
     assert title == {"report_trial", "report_experiment"}
 
 
-def run_tiny(root: Path, *arguments: str) -> tuple[int, dict]:
-    line = [sys.executable, "-m", "strandcast", "run", "tiny", "--json", *arguments]
-    run = subprocess.run(line, cwd=root, capture_output=True, text=True, check=False)
+def run_small(root: Path, *arguments: str) -> tuple[int, dict]:
+    run = run_module(root, "strandcast", "run", NAME, "--json", *arguments)
     return run.returncode, json.loads(run.stdout)
 
 
 def test_a_dry_run_lists_what_would_run_and_why(thrown):
-    path = thrown / "config" / "experiments" / "tiny.yaml"
-    path.write_text(TINY.replace("ensemble: 3", "ensemble: 4"))
-    code, printed = run_tiny(thrown, "--dry-run")
-    path.write_text(TINY)
+    path = thrown / "config" / "experiments" / "small.yaml"
+    path.write_text(SETTINGS.replace("ensemble: 2", "ensemble: 3"))
+    code, printed = run_small(thrown, "--dry-run")
+    path.write_text(SETTINGS)
     assert code == 0
     reasons = {job["stage"]: job["reason"] for job in printed["jobs"]}
     assert set(reasons) == {"estimate", "plan", "report", "summary"}
-    assert reasons["estimate"] == "settings changed: estimate.ensemble (3 → 4)"
+    assert reasons["estimate"] == "settings changed: estimate.ensemble (2 → 3)"
     assert reasons["plan"].startswith("is made again: ensemble.parquet, estimate.json")
-    assert run_tiny(thrown, "--dry-run")[1]["jobs"] == []
+    assert run_small(thrown, "--dry-run")[1]["jobs"] == []
 
 
 def test_a_run_until_a_stage_makes_no_more_than_that(thrown):
-    results = thrown / "results" / "tiny"
+    results = thrown / "results" / NAME
     shutil.copytree(results, thrown / "kept")
     for file in ("trial-01/alignment.json", "trial-01/report.html", "report.html"):
         (results / file).unlink()
-    code, printed = run_tiny(thrown, "--until", "align", "--jobs", "1")
+    code, printed = run_small(thrown, "--until", "align", "--jobs", "1")
     made = (results / "trial-01/alignment.json").is_file(), (results / "report.html").is_file()
     shutil.rmtree(results)
     shutil.move(thrown / "kept", results)
@@ -397,23 +359,23 @@ def test_a_run_until_a_stage_makes_no_more_than_that(thrown):
 
 
 def test_one_stage_of_one_trial_can_be_requested(thrown):
-    verdict = thrown / "results" / "tiny" / "trial-01" / "verdict.json"
+    verdict = thrown / "results" / NAME / "trial-01" / "verdict.json"
     before = verdict.read_bytes()
     verdict.unlink()
-    run = snakemake(thrown, "results/tiny/trial-01/verdict.json")
+    run = snakemake(thrown, "results/small/trial-01/verdict.json")
     assert run.returncode == 0, run.stderr
     assert verdict.read_bytes() == before
 
 
 def test_an_excluded_trial_shows_its_reason(thrown):
-    path = thrown / "config" / "experiments" / "tiny.yaml"
-    path.write_text(TINY + "excluded: [{trial: 1, reason: the string <slipped>}]\n")
-    run = snakemake(thrown, "results/tiny/report.html")
-    path.write_text(TINY)
+    path = thrown / "config" / "experiments" / "small.yaml"
+    path.write_text(SETTINGS + "excluded: [{trial: 1, reason: the string <slipped>}]\n")
+    run = snakemake(thrown, "results/small/report.html")
+    path.write_text(SETTINGS)
     assert run.returncode == 0, run.stderr
-    assert "the string &lt;slipped&gt;" in (thrown / "results/tiny/report.html").read_text()
-    assert "the string &lt;slipped&gt;" in (thrown / "results/tiny/trial-01/report.html").read_text()
-    summary = ExperimentSummary.read(thrown / "results" / "tiny" / "summary.json")
+    assert "the string &lt;slipped&gt;" in (thrown / "results/small/report.html").read_text()
+    assert "the string &lt;slipped&gt;" in (thrown / "results/small/trial-01/report.html").read_text()
+    summary = ExperimentSummary.read(thrown / "results" / NAME / "summary.json")
     assert summary.trials[0].excluded == "the string <slipped>"
     assert summary.hit_trial is None
 
@@ -422,8 +384,8 @@ def test_an_excluded_trial_shows_its_reason(thrown):
 def rig(thrown, tmp_path_factory) -> Path:
     """Return a project in which the lab's throw is a recording of a real rig."""
     root = Path(shutil.copytree(thrown, tmp_path_factory.mktemp("rig") / "project"))
-    shutil.copytree(root / "data" / "tiny", root / "data" / "rig")
-    (root / "data" / "rig" / "experiment.yaml").write_text(RIG)
+    shutil.copytree(root / "data" / NAME, root / "data" / "rig")
+    (root / "data" / "rig" / "experiment.yaml").write_text(REAL)
     run = snakemake(root, "results/rig/report.html")
     assert run.returncode == 0, run.stderr[-3000:]
     return root
@@ -433,6 +395,7 @@ def test_recordings_of_a_real_rig_give_a_report_and_the_next_motion(rig):
     results = rig / "results" / "rig"
     assert len(ExperimentSummary.read(results / "summary.json").trials) == 1
     assert (results / "trial-02" / "motion.json").is_file()
+    assert f"estimate rig 01\t{results.relative_to(rig)}/trial-01/track.parquet" in (rig / OPENED).read_text()
     assert undeclared(rig, "rig") == set()
     # A motion that was played is not planned again.
     played = Motion.read(rig / "data" / "rig" / "trial-01" / "motion.json")
@@ -450,8 +413,8 @@ AFTER_TRACK = AFTER_ALIGN | {"track", "reconstruct", "clip"}
     [
         ("A small throw", "Another title", {"report_trial", "report_experiment"}),
         ("hit_radius_m: 0.02", "hit_radius_m: 0.03", AFTER_PLAN | {"score"}),
-        ("screening: 64", "screening: 65", AFTER_PLAN),
-        ("evaluations: 400", "evaluations: 500", AFTER_ESTIMATE),
+        ("screening: 16", "screening: 17", AFTER_PLAN),
+        ("evaluations: 100", "evaluations: 150", AFTER_ESTIMATE),
         ("seed: 3", "seed: 4", AFTER_ESTIMATE),
         ("seed: 3", "seed: 3\nobjective: {kind: swing, height_m: 0.6}", AFTER_ESTIMATE | {"score"}),
         ("seed: 3", "seed: 3\nalign: {drift_prior: 1.0e-4}", AFTER_ALIGN),
@@ -464,7 +427,7 @@ def test_a_changed_setting_of_a_recorded_experiment_reruns_what_depends_on_it(
     rig: Path, tmp_path: Path, before: str, after: str, rules: set[str]
 ) -> None:
     root = Path(shutil.copytree(rig, tmp_path / "project"))
-    assert before in RIG
+    assert before in REAL
     edited(before, after)(root)
     run = snakemake(root, "results/rig/report.html", "--dry-run")
     assert run.returncode == 0, run.stderr
@@ -472,7 +435,7 @@ def test_a_changed_setting_of_a_recorded_experiment_reruns_what_depends_on_it(
 
 
 def edited(*change: str):
-    return lambda root: (root / "data/rig/experiment.yaml").write_text(RIG.replace(*change))
+    return lambda root: (root / "data/rig/experiment.yaml").write_text(REAL.replace(*change))
 
 
 def removed(*names: str):
@@ -488,8 +451,8 @@ def lengthened(name: str):
     [
         (lambda root: None, {}),
         (
-            edited("evaluations: 400", "evaluations: 500"),
-            {("estimate", 1): "estimate.evaluations: 400 → 500", ("plan", 2): "after estimate of trial 1"},
+            edited("evaluations: 100", "evaluations: 150"),
+            {("estimate", 1): "estimate.evaluations: 100 → 150", ("plan", 2): "after estimate of trial 1"},
         ),
         (
             edited("seed: 3", "seed: 3\nexcluded: [{trial: 1, reason: bad}]"),
@@ -560,15 +523,14 @@ def test_the_pages_are_rendered_again_without_any_stage(rig, tmp_path):
     pages[1].unlink()
     (root / "data/fresh").mkdir()
     shutil.copy(root / "data/rig/experiment.yaml", root / "data/fresh")
-    line = [sys.executable, "-m", "strandcast", "run", "--report-only", "--json"]
-    run = subprocess.run(line, cwd=root, capture_output=True, text=True, check=False)
+    run = run_module(root, "strandcast", "run", "--report-only", "--json")
     assert run.returncode == 0, run.stderr
     assert [page.read_bytes() for page in pages] == [content for content, _ in before]
     assert pages[0].stat().st_mtime_ns == before[0][1]  # nothing has happened to it
     assert "fresh has no page yet" in run.stderr
     assert not (root / "results/fresh/report.html").exists()  # Snakemake would take it for a finished one
     campaign = json.loads(run.stdout)["campaign"]
-    assert (campaign["done"], campaign["failed"], campaign["left"]) == (2, 0, 0)  # with that of tiny
+    assert (campaign["done"], campaign["failed"], campaign["left"]) == (2, 0, 0)  # with that of small
     assert "rig/trial-01/report.html" in (root / campaign["page"]).read_text()
 
 
@@ -612,8 +574,7 @@ def test_after_the_last_trial_was_excluded_the_next_motion_is_planned(rig, tmp_p
     root = Path(shutil.copytree(rig, tmp_path / "project"))
     before = Motion.read(root / "results/rig/trial-02/motion.json")
     assert before.provenance.start_string is None  # planned with the fitted string
-    exclusion = [sys.executable, "-m", "strandcast", "exclude", "rig", "1", "--reason", "bad"]
-    subprocess.run(exclusion, cwd=root, check=True, capture_output=True)
+    assert run_module(root, "strandcast", "exclude", "rig", "1", "--reason", "bad").returncode == 0
     run = snakemake(root, "results/rig/report.html")
     assert run.returncode == 0, run.stderr[-3000:]
     following = Motion.read(root / "results/rig/trial-02/motion.json")
@@ -622,11 +583,11 @@ def test_after_the_last_trial_was_excluded_the_next_motion_is_planned(rig, tmp_p
     assert summary.next_motion_sha256 == following.content_sha256()
 
 
-def test_trials_beyond_99_are_targets(tmp_path, project_root):
-    root, numbers = project(tmp_path, project_root), [1, 2, 99, 100, 101]
+def test_trials_beyond_99_are_targets(tmp_path):
+    root, numbers = make_project(tmp_path), [1, 2, 99, 100, 101]
     (root / "data" / "many").mkdir(parents=True)
     between = ", ".join(f"{{trial: {number}, reason: none}}" for number in range(3, 99))
-    (root / "data" / "many" / "experiment.yaml").write_text(f"{RIG}excluded: [{between}]\n")
+    (root / "data" / "many" / "experiment.yaml").write_text(f"{REAL}excluded: [{between}]\n")
     for number in reversed(numbers):
         folder = root / "data" / "many" / trial_name(number)
         folder.mkdir()
@@ -641,26 +602,26 @@ def test_trials_beyond_99_are_targets(tmp_path, project_root):
     assert snakemake(root, "results/many/trial-0100/motion.json", "--dry-run").returncode == 1
 
 
-def test_an_invalid_setting_is_reported_before_any_job_starts(tmp_path, project_root):
-    root = project(tmp_path, project_root)
-    path = root / "config" / "experiments" / "tiny.yaml"
-    path.write_text(TINY.replace("length_m: 0.30,", "length_m: 300,").replace("seed:", "sede:"))
-    run = snakemake(root, "results/tiny/report.html")
+def test_an_invalid_setting_is_reported_before_any_job_starts(tmp_path):
+    root = make_project(tmp_path)
+    path = root / "config" / "experiments" / "small.yaml"
+    path.write_text(SETTINGS.replace("length_m: 0.30,", "length_m: 300,").replace("seed:", "sede:"))
+    run = snakemake(root, "results/small/report.html")
     assert run.returncode == 2
-    assert "tiny.yaml:2: string.length_m" in run.stderr
+    assert "small.yaml:2: string.length_m" in run.stderr
     assert "did you mean 'seed'?" in run.stderr
     assert "Traceback" not in run.stderr
     assert not (root / "results").exists() or not list((root / "results").rglob("*.json"))
 
 
 def test_a_failed_stage_names_stage_file_and_fix(thrown):
-    video = thrown / "data" / "tiny" / "trial-01" / "video.mp4"
+    video = thrown / "data" / NAME / "trial-01" / "video.mp4"
     whole = video.read_bytes()
     video.write_bytes(whole[: len(whole) // 2])
-    run = snakemake(thrown, "results/tiny/trial-01/manifest.json", "--forcerun", "ingest")
+    run = snakemake(thrown, "results/small/trial-01/manifest.json", "--forcerun", "ingest")
     video.write_bytes(whole)
     assert run.returncode == 1
     assert "video.mp4" in run.stderr
     assert "Fix:" in run.stderr
     assert "Error in rule ingest" in run.stderr
-    assert snakemake(thrown, "results/tiny/report.html").returncode == 0
+    assert snakemake(thrown, "results/small/report.html").returncode == 0

@@ -3,11 +3,11 @@
 import os
 import shutil
 import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
 import pytest
+from tests.forked import run_module
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import WITHIN_WORKFLOW, project_root
@@ -38,8 +38,7 @@ rule mine:
 
 def run(folder: Path, *line: str) -> subprocess.CompletedProcess:
     outside = {name: value for name, value in os.environ.items() if name != WITHIN_WORKFLOW}
-    call = [sys.executable, "-m", *line]
-    return subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False, env=outside)
+    return run_module(folder, *line, environment=outside)
 
 
 @pytest.fixture
@@ -92,7 +91,6 @@ def test_a_foreign_workflow_is_a_project_too(tmp_path, monkeypatch):
     assert project_root() == Path("../..")
 
 
-@pytest.mark.slow
 def test_commands_work_in_sub_folders_where_the_users_paths_count(lab):
     done = run(lab / "data", "strandcast", "boards", "demo", "--out", "boards")
     assert done.returncode == 0, done.stderr
@@ -103,14 +101,12 @@ def test_commands_work_in_sub_folders_where_the_users_paths_count(lab):
     assert (lab / "results" / "demo" / "boards" / "lens-board.pdf").is_file()
 
 
-@pytest.mark.slow
 def test_the_projects_snakefile_is_the_installed_workflow(lab):
     done = run(lab, "snakemake", "--dry-run", "--cores", "1")
     assert done.returncode == 0, done.stderr
     assert "report_experiment" in done.stderr + done.stdout
 
 
-@pytest.mark.slow
 def test_another_workflow_takes_ours_as_a_module(lab):
     (lab / "Snakefile").write_text(FOREIGN)
     plan = run(lab, "snakemake", "--dry-run", "--cores", "1")
@@ -121,7 +117,6 @@ def test_another_workflow_takes_ours_as_a_module(lab):
     assert (lab / "data" / "demo" / "calibration" / "plane.png").is_file()
 
 
-@pytest.mark.slow
 def test_the_wheel_holds_the_workflow_and_the_configuration(tmp_path, project_root):
     options = ["--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(tmp_path)]
     built = run(project_root, "pip", "wheel", *options, ".")

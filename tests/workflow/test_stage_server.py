@@ -159,7 +159,6 @@ def test_threads_are_those_of_the_job(parent):
     assert found == ["1\n", "2\n", "1\n"]
 
 
-@pytest.mark.slow
 def test_the_server_has_one_thread_and_every_stage_imported(parent):
     for stage in STAGES:
         shown = f"import sys; print('strandcast.stages.{stage}' in sys.modules, 'wave' in sys.modules)"

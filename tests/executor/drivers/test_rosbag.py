@@ -292,7 +292,6 @@ def test_the_motions_start_is_found_in_a_bag(tmp_path, project_root):
     assert np.isfinite(log.since_start_s).sum() == pytest.approx(200, abs=1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_damaged_bag_is_refused_or_read(tmp_path, kind):
     from ...faults.fuzzing import fuzz

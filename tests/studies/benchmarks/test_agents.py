@@ -53,14 +53,12 @@ def assert_same(one: Observation, other: Observation) -> None:
         np.testing.assert_array_equal(one[name], other[name], err_msg=name)
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*render.*", "ignore:.*no spec.*")
 @pytest.mark.parametrize("action", KINDS)
 def test_the_librarys_checker_finds_nothing(action: str) -> None:
     check_env(gymnasium.make(ID, action=action).unwrapped)
 
 
-@pytest.mark.slow
 def test_masses_show_only_in_throws() -> None:
     task = next(task for task in (task_of(0, seed) for seed in range(20)) if task.experiment.string.weights)
     env = ThrowEnv()
@@ -74,7 +72,6 @@ def test_masses_show_only_in_throws() -> None:
     assert np.abs(after["points_m"] - other_after["points_m"]).max() > 0.01
 
 
-@pytest.mark.slow
 def test_a_seed_determines_the_episode_and_each_throw_scatters() -> None:
     env = ThrowEnv(1, stop_at_hit=False)
     runs = []
@@ -89,7 +86,6 @@ def test_a_seed_determines_the_episode_and_each_throw_scatters() -> None:
     assert np.linalg.norm(first - runs[2][1]["closest_m"]) > 1e-4
 
 
-@pytest.mark.slow
 def test_a_throw_is_the_loops_and_is_seen_with_a_trackers_noise(tmp_path: Path) -> None:
     name, settings = named_settings(3, 11)
     root = root_with_arms(tmp_path)
@@ -106,7 +102,6 @@ def test_a_throw_is_the_loops_and_is_seen_with_a_trackers_noise(tmp_path: Path) 
     assert observation["joints_rad"][0] == pytest.approx(curve.q0_rad, abs=0.02)
 
 
-@pytest.mark.slow
 def test_what_leaves_the_picture_is_not_seen() -> None:
     task = task_of(1, 7)
     env = ThrowEnv()
@@ -180,7 +175,6 @@ def test_a_string_that_would_hang_over_the_arm_is_refused() -> None:
     assert observation["seen"].sum() == 0
 
 
-@pytest.mark.slow
 def test_an_episode_ends_at_a_hit_or_after_its_throws() -> None:
     task = task_of(1, 1)
     easy = Task(task.name, task.experiment.model_copy(update={"hit_radius_m": 1.5}))
@@ -191,7 +185,6 @@ def test_an_episode_ends_at_a_hit_or_after_its_throws() -> None:
         assert [env.step(action)[2] for _ in ends] == ends
 
 
-@pytest.mark.slow
 def test_environments_side_by_side_throw_as_one_alone() -> None:
     several = gymnasium.make_vec(
         ID, num_envs=2, vectorization_mode="async", vector_kwargs={"context": "spawn"}, string=2
@@ -266,7 +259,6 @@ class Recorder:
         return self.action
 
 
-@pytest.mark.slow
 def test_an_agent_of_ones_own_is_thrown_and_only_its_last_throws_count(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

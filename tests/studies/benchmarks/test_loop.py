@@ -12,8 +12,6 @@ from strandcast_studies.benchmarks.loop import run as loop
 from strandcast_studies.paper.cases import PaperCase
 from strandcast_studies.paper.records import BudgetThrow
 
-pytestmark = pytest.mark.slow
-
 CASE = PaperCase("paper", 11, 1, 1, "default")
 SMALL = {"plan": {"screening": 96, "evaluations": 240, "ensemble": 4}, "estimate": {"evaluations": 800}}
 

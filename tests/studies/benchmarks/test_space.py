@@ -25,7 +25,6 @@ def test_targets_are_beyond_the_hand_but_not_the_string(seed: int) -> None:
     assert np.linalg.norm(hands_m - case.arm.chain.anchors_m[1], axis=1).max() <= reach_m + 5e-4
 
 
-@pytest.mark.slow
 def test_a_case_is_thrown_fitted_and_planned_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "PLAN", PlanSettings(screening=32, evaluations=64, ensemble=2))
     monkeypatch.setattr(run, "ESTIMATE", EstimateSettings(evaluations=150, ensemble=2))
@@ -42,7 +41,6 @@ def test_a_case_is_thrown_fitted_and_planned_again(monkeypatch: pytest.MonkeyPat
         assert throw.plan_cpu_s > 0.0
 
 
-@pytest.mark.slow
 def test_a_case_ends_with_a_hit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "PLAN", PlanSettings(screening=32, evaluations=64, ensemble=2))
     monkeypatch.setattr(run, "HIT_RADIUS_M", 10.0)

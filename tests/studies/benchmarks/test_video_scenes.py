@@ -27,8 +27,6 @@ from strandcast_studies.benchmarks.video.scenes import (
 from strandcast_studies.benchmarks.video.speed import CODECS, decode_bare, encode
 from strandcast_studies.benchmarks.video.truth import Truth
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory):

@@ -40,7 +40,6 @@ def predicted(real_data: Path, cable: str) -> dict[str, Figure]:
     return {f.name.removeprefix(start): f for f in deform_dlo.predicted(cable, training, evaluation)}
 
 
-@pytest.mark.slow
 def test_fitted_string_on_real_data(real_data):
     first, second = (predicted(real_data, cable) for cable in ("DLO1", "DLO4"))
     assert first["carried_by_the_ends"].value == pytest.approx(33.1, abs=0.2)
@@ -50,7 +49,6 @@ def test_fitted_string_on_real_data(real_data):
     assert len(second["string"].detail["unknowns"]) <= 10
 
 
-@pytest.mark.slow
 def test_each_half_is_predicted_from_the_other_and_friction_that_sticks_fits_too(real_data, tmp_path):
     """On a second of four sequences of a cable: fits take a tenth of the time that they take on all."""
     for part in ("train", "eval"):

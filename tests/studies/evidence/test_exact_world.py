@@ -6,8 +6,6 @@ import pytest
 from strandcast_studies.evidence.exact_world import cases
 from strandcast_studies.evidence.lab_throws import TRACKED_M
 
-pytestmark = pytest.mark.slow
-
 
 def test_the_true_string_leaves_nothing_but_the_noise():
     name, objective, truth = next(cases())

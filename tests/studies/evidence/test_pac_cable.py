@@ -30,7 +30,6 @@ def test_a_free_swing_predicts_the_driven_series(real_data, cable, percent, stif
     assert stiffness[0] < np.exp(found["log_stiffness"]) < stiffness[1]  # the authors': 0.118 and 0.101
 
 
-@pytest.mark.slow
 def test_friction_that_sticks_lets_both_motions_ask_for_the_same_stiffness(real_data):
     """The driven series of the short, light cable bends it so little that its friction hardly slips."""
     folder, cable = real_data / "pac_cable", "black_short_unweighted"

@@ -4,8 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from strandcast.records.files import write_text
 from strandcast_studies.paper.report.page import paper_page
 
@@ -13,17 +11,13 @@ from ...report.test_browser import browser as browser
 from ...report.test_browser import light_and_dark
 from ...report.test_poison import POISON, check_inert, poisoned
 
-pytestmark = pytest.mark.browser
 
-
-@pytest.mark.slow
 def test_the_papers_page_in_light_and_dark(paper: Any, tmp_path: Path, browser: str) -> None:
     page = tmp_path / "report.html"
     write_text(page, paper_page(*paper))
     light_and_dark(page, tmp_path, browser)
 
 
-@pytest.mark.slow
 def test_poison_is_shown_and_not_run(paper: Any, tmp_path: Path, browser: str) -> None:
     summary, folders, facts = paper
     summary = poisoned(summary, everything=False)

@@ -16,8 +16,6 @@ from strandcast_studies.paper.report.page import paper_page
 from strandcast_studies.paper.report.runs import RunResults, to_show
 from strandcast_studies.paper.report.summary import chosen, misses_of, summarise_paper
 
-pytestmark = pytest.mark.slow
-
 SECTIONS = {
     *("trials", "rates", "misses", "strings", "targets", "masses", "parameters", "transfer", "warning"),
     *("budget", "readings", "times", "runs", "provenance"),

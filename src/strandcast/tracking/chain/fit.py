@@ -133,8 +133,8 @@ def fit_in_rounds(
     along = link_directions(heading)
     nodes = nodes_along(root, along, link_m)
     turn = 0
-    # One call of `sample_and_fit`: it is compiled into every place that calls it. `chain` is bound on every path,
-    # as numba requires from Python 3.12 on.
+    # One call of `sample_and_fit`, which is compiled into every place that calls it. `chain` is bound on all
+    # paths, as numba requires from Python 3.12 on.
     while True:
         chain = sample_and_fit(window, string, expected, root, heading, along, nodes, reach_px, anchors)
         moved = largest_shift_m(nodes, chain.nodes)
