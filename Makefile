@@ -39,6 +39,9 @@ $(VENV)/build.stamp: requirements/build.lock | $(BIN)/python
 
 $(VENV)/runtime.stamp: requirements/runtime.lock pyproject.toml $(VENV)/build.stamp
 	@echo "set-up: installing the pinned packages, once"
+	@# All distributions of OpenCV share one folder: an older environment may hold another, or a half-removed one.
+	@$(BIN)/uv pip uninstall --quiet --python $(BIN)/python opencv-python opencv-python-headless opencv-contrib-python \
+	  opencv-contrib-python-headless 2>/dev/null
 	@$(call install,$(VENV),-r $<)
 	@$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@

@@ -15,8 +15,9 @@ LIBRARIES = (
     "mujoco-core",
     "numba",
     "numpy",
-    "opencv-python-headless",
+    "opencv-contrib-python-headless",
     "pyarrow",
+    "scikit-image",
     "scipy",
 )
 

@@ -83,7 +83,7 @@ def filmed(case: VideoCase, truth: Truth) -> FilmedVideo:
 
 def machine() -> dict[str, str]:
     """Return the processor, the number of cores and the versions."""
-    packages = ("strandcast", "numba", "numpy", "opencv-python-headless", "av", "scikit-image")
+    packages = ("strandcast", "numba", "numpy", "opencv-contrib-python-headless", "av", "scikit-image")
     return {
         "processor": platform.processor() or platform.machine(),
         "cores": str(os.cpu_count()),
