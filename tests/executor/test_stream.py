@@ -11,6 +11,7 @@ import pytest
 
 from strandcast.arm.load import Arm, load_arm
 from strandcast.errors import ABORTED, LOG_INCOMPLETE, REFUSED, STOPPED_BY_CONTROLLER, StrandcastError
+from strandcast.executor.dry_run_report import dry_run_report
 from strandcast.executor.play import play
 from strandcast.executor.preflight import PlayOptions, run_preflight
 from strandcast.executor.streaming.bounds import safety_bounds
@@ -385,12 +386,28 @@ def test_four_times_slower_is_the_same_path(arm: Arm, tmp_path: Path) -> None:
     np.testing.assert_allclose(q, START[2] + 0.8 * s**3 * (10 - 15 * s + 6 * s**2), atol=1e-6)
 
 
+def test_a_dry_run_reports_a_host_that_is_late(arm: Arm, tmp_path: Path) -> None:
+    driver = streamed(arm)
+    make_motion(arm, 0.8).write(tmp_path / "planned.json")
+    for late_s, refused in ((0.0, False), (0.0015, True)):
+        driver.clock.late = dict.fromkeys(np.arange(0.0, 2.0, 0.1).tolist(), late_s)
+        driver.clock.origin_ns = driver.clock.ns
+        preflight = run_preflight(
+            tmp_path / "planned.json", arm, driver, tmp_path / "run", clock=driver.clock
+        )
+        report = "\n".join(dry_run_report(preflight))
+        assert (preflight.refused_live is not None) == refused
+        assert ("p99 is 1.53 ms late, allowed 0.50 ms" in report) == refused
+        assert ("a live run would be refused now (SC-X018); allow real-time scheduling" in report) == refused
+
+
 def test_a_host_that_is_late_is_refused(arm: Arm, tmp_path: Path) -> None:
     driver = streamed(arm)
     driver.clock.late = dict.fromkeys(np.arange(0.0, 2.0, 0.1).tolist(), 0.0015)
     with pytest.raises(StrandcastError, match=r"SC-X018.*1.5") as caught:
         throw(arm, driver, tmp_path)
     assert caught.value.exit_code == REFUSED
+    assert driver.controller.sent == []
     driver.clock.late = dict.fromkeys(np.arange(0.0, 2.0, 0.1).tolist(), 0.0015)
     driver.clock.origin_ns = driver.clock.ns
     assert throw(arm, driver, tmp_path, soft_realtime=True).complete

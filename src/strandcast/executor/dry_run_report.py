@@ -60,7 +60,12 @@ def _warnings(preflight: Preflight) -> list[str]:
             f"{late.max_ms:.2f} ms (max), {late.missed} of {late.cycles + late.missed} set points missed; "
             f"{late.scheduling}; more than {GAP_TICKS} missed in a row would stop the arm"
         )
-        if late.degraded:
+        if preflight.refused_live is not None:
+            lines.append(
+                f"warning: {preflight.refused_live.what}: a live run would be refused now "
+                f"({preflight.refused_live.code}); {preflight.refused_live.fix}"
+            )
+        elif late.degraded:
             lines.append("warning: timing degraded; the run will be marked as such")
     lines += unchecked_limits(arm)
     if reach.beyond_rad.any():

@@ -58,6 +58,8 @@ def play(preflight: Preflight, driver: Driver, confirmed: str, clock: Clock | No
             cost=NOTHING_SENT,
             fix=f"read the dry run's report, then confirm with {preflight.short_hash}",
         )
+    if preflight.refused_live is not None:
+        raise preflight.refused_live
     check_folder(preflight.out_dir)
     clock = clock or HostClock()
     size_bytes = _log_bytes(preflight, driver.rate_hz)

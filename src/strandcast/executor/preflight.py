@@ -47,7 +47,7 @@ class PlayOptions:
 
 @dataclass(frozen=True, eq=False)
 class Preflight:
-    """A motion that has passed every check that needs no arm.
+    """A motion that has passed every check that needs no arm; of the host's timing, what was measured.
 
     Attributes
     ----------
@@ -61,6 +61,8 @@ class Preflight:
         The region that the arm and the string sweep.
     jitter
         The host's timing; None for a driver that does not stream.
+    refused_live
+        Why a live run is refused at this moment, though the motion is right; None: it is not.
     """
 
     motion_path: Path
@@ -71,6 +73,7 @@ class Preflight:
     peaks: dict[str, np.ndarray]
     reach: Reach
     jitter: StreamingJitter | None
+    refused_live: StrandcastError | None
 
     @property
     def short_hash(self) -> str:
@@ -87,6 +90,8 @@ def run_preflight(
     clock: Clock | None = None,
 ) -> Preflight:
     """Check a motion without connecting to the arm; refuse it (exit code 2) with the reason and the fix.
+
+    A host too late to stream is no reason against the motion: `play` refuses it, a dry run reports it.
 
     Parameters
     ----------
@@ -105,8 +110,8 @@ def run_preflight(
     check_clock(motion_path)
     dense = check_motion(motion_path, motion, arm)
     reach = check_reach(motion_path, arm, dense, options.hanging_m)
-    jitter = _timing(driver, options, clock) if driver.streams else None
-    return Preflight(motion_path, out_dir, arm, options, motion, peaks(arm, dense), reach, jitter)
+    jitter, late = _timing(driver, options, clock) if driver.streams else (None, None)
+    return Preflight(motion_path, out_dir, arm, options, motion, peaks(arm, dense), reach, jitter, late)
 
 
 def read_motion(path: str | Path) -> Motion:
@@ -144,14 +149,17 @@ def times_ns(motion: Motion) -> np.ndarray:
     return np.array([p.time_from_start.sec * 10**9 + p.time_from_start.nanosec for p in motion.points])
 
 
-def _timing(driver: Driver, options: PlayOptions, clock: Clock | None) -> StreamingJitter:
+def _timing(
+    driver: Driver, options: PlayOptions, clock: Clock | None
+) -> tuple[StreamingJitter, StrandcastError | None]:
+    """Return the host's timing, and why it is not good enough to stream to an arm, or None."""
     jitter, problem = check_timing(driver.rate_hz, clock)
-    if problem and not options.soft_realtime:
-        raise StrandcastError(
-            "SC-X018",
-            f"the host cannot stream set points at {driver.rate_hz:.0f} Hz: {problem} ({jitter.scheduling})",
-            cost=NOTHING_SENT,
-            fix="allow real-time scheduling (docs/reference/executor.md), stop other programs, "
-            "or accept the risk with --accept-soft-realtime",
-        )
-    return jitter
+    if problem is None or options.soft_realtime:
+        return jitter, None
+    return jitter, StrandcastError(
+        "SC-X018",
+        f"the host cannot stream set points at {driver.rate_hz:.0f} Hz: {problem} ({jitter.scheduling})",
+        cost=NOTHING_SENT,
+        fix="allow real-time scheduling (docs/reference/executor.md), stop other programs, "
+        "or accept the risk with --accept-soft-realtime",
+    )

@@ -79,6 +79,8 @@ def _hanging_m(path: Path, motion: Motion, driver: Driver) -> float:
 
 
 def _typed(preflight: Preflight) -> str:
+    if preflight.refused_live is not None:  # before anybody is asked for anything
+        raise preflight.refused_live
     if not sys.stdin.isatty():
         raise StrandcastError(
             "SC-X019",
