@@ -78,7 +78,8 @@ def test_a_damaged_cache_of_parsed_files_is_ignored(tmp_path, project_root):
 
 
 def test_the_users_own_cache_is_respected(tmp_path):
-    assert cache_of(tmp_path, NUMBA_CACHE_DIR="/elsewhere") == "/elsewhere"
+    elsewhere = str(tmp_path / "elsewhere")
+    assert cache_of(tmp_path, NUMBA_CACHE_DIR=elsewhere) == elsewhere
 
 
 def test_without_a_home_one_folder_of_this_users_own_is_used(tmp_path):

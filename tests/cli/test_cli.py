@@ -12,9 +12,9 @@ import pytest
 import typer
 from tests.forked import run_module
 
+from strandcast.cli.app import CARE, DAILY, EXCHANGE, LAB, SET_UP, app
+from strandcast.cli.app import STAGES as SINGLE
 from strandcast.cli.commands_page import commands_page
-from strandcast.cli.main import CARE, DAILY, EXCHANGE, LAB, SET_UP, app
-from strandcast.cli.main import STAGES as SINGLE
 from strandcast.cli.stages import stage_commands
 from strandcast.stages.declarations import STAGES
 

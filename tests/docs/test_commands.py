@@ -12,7 +12,7 @@ import pytest
 import typer
 from snakemake.cli import get_argument_parser
 
-from strandcast.cli.main import app
+from strandcast.cli.app import app
 from strandcast.workflow.project import make_project
 
 from ..imports import space_captures

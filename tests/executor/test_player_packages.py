@@ -20,13 +20,23 @@ __all__ = ["toy_arm"]
 # Import nothing but this package, Python's own modules and those of the distributions that are given.
 WITH_THESE_ALONE = """
 import re, runpy, sys
-from importlib.metadata import packages_distributions
+from importlib.metadata import Distribution, PackageNotFoundError, packages_distributions
 
-allowed = set(sys.argv.pop(1).split(","))
+def plain(name):
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+allowed = {*sys.argv.pop(1).split(","), "strandcast", "toy-arm"}
 refused = {
-    module for module, names in packages_distributions().items()
-    if not {re.sub(r"[-_.]+", "-", name).lower() for name in names} & {*allowed, "strandcast", "toy-arm"}
+    module for module, names in packages_distributions().items() if not set(map(plain, names)) & allowed
 }
+listed = Distribution.from_name
+
+def from_name(name):
+    if plain(name) not in allowed:
+        raise PackageNotFoundError(name)
+    return listed(name)
+
+Distribution.from_name = from_name
 
 class Refuse:
     def find_spec(self, name, path=None, target=None):

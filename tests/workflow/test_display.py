@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 
 import pytest
+from tests.host_needs import needs_terminals
 
 from strandcast.workflow.display import clock, printable
 from strandcast.workflow.events import MARK
@@ -56,6 +57,7 @@ def in_pipe(*lines: str | dict) -> str:
 
 def in_terminal(line: list[str], until: Callable[[str], bool] = lambda _: False) -> tuple[str, int]:
     """Run a command in a terminal, pressing Ctrl-C once `until` is true; return what it wrote, its status."""
+    needs_terminals()
     pid, terminal = pty.fork()
     if pid == 0:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell ignores it for jobs in the background

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from tests.host_needs import needs_terminals
 from tests.workflow.ending_signals import take_signals
 
 # A stand-in for Snakemake with one job: a process of its own, in a shell.
@@ -67,6 +68,7 @@ def test_every_way_to_end_a_run_ends_its_jobs_and_says_so(tmp_path, number):
 
 
 def test_a_closed_terminal_ends_a_run_too(tmp_path):
+    needs_terminals()
     master, slave = os.openpty()
     line = "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
     line += "os.execv(sys.argv[1], sys.argv[1:])"

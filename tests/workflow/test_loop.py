@@ -1,5 +1,6 @@
 """The whole workflow on a small lab experiment: results, reruns, settings, exclusions."""
 
+import errno
 import json
 import os
 import re
@@ -22,6 +23,7 @@ from strandcast.report.summary import summarise
 from strandcast.stages.files import SUPPLIED_FILES
 from strandcast.stages.run import files_of
 from strandcast.workflow import locks
+from strandcast.workflow.pages import render_pages
 from strandcast.workflow.status import status_of
 from strandcast.workflow.verify import verify
 
@@ -516,7 +518,7 @@ def test_snakemakes_own_report_holds_pages_numbers_and_figures(rig, tmp_path, mo
     assert not re.search(r"<(script|link|img)[^>]*(src|href)=.http", page)
 
 
-def test_the_pages_are_rendered_again_without_any_stage(rig, tmp_path):
+def test_the_pages_are_rendered_again_without_any_stage(rig, tmp_path, monkeypatch, capsys):
     root = Path(shutil.copytree(rig, tmp_path / "project"))
     pages = [root / "results" / "rig" / name for name in ("report.html", "trial-01/report.html")]
     before = [(page.read_bytes(), page.stat().st_mtime_ns) for page in pages]
@@ -532,6 +534,15 @@ def test_the_pages_are_rendered_again_without_any_stage(rig, tmp_path):
     campaign = json.loads(run.stdout)["campaign"]
     assert (campaign["done"], campaign["failed"], campaign["left"]) == (2, 0, 0)  # with that of small
     assert "rig/trial-01/report.html" in (root / campaign["page"]).read_text()
+    pages[1].unlink()
+
+    def refuse(*given: object, **more: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("strandcast.workflow.pages.ProcessPoolExecutor", refuse)
+    assert render_pages(root, ["rig"], 2) == []
+    assert [page.read_bytes() for page in pages] == [content for content, _ in before]
+    assert "pages are rendered on one core: /dev/shm: Permission denied" in capsys.readouterr().err
 
 
 def test_a_missing_result_that_no_run_makes_is_made_by_the_command_that_status_names(rig, tmp_path):

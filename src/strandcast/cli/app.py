@@ -1,15 +1,11 @@
-"""The command line: a thin layer over the functions that the rules call.
+"""The commands: a thin layer over the functions that the rules call.
 
 Commands import what they need when they run: `strandcast score` must not load OpenCV.
 """
 
-import logging
-import os
-import signal
 import sys
 from collections.abc import Callable
-from types import FrameType
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.exceptions import TyperException
@@ -17,7 +13,6 @@ from typer.exceptions import TyperException
 from strandcast import __version__
 from strandcast.cli.campaign import campaign
 from strandcast.cli.checks import boards, check, preview, schema
-from strandcast.cli.common import show_problem
 from strandcast.cli.compare import compare
 from strandcast.cli.doctor import doctor
 from strandcast.cli.exchange import export_motion, import_joints, import_track, import_views
@@ -30,7 +25,7 @@ from strandcast.cli.rig import rig
 from strandcast.cli.run import RESUMING, run
 from strandcast.cli.stages import LAB_STAGES, stage_commands, summary
 from strandcast.cli.status import status
-from strandcast.errors import ENDING_SIGNALS, Ended, StrandcastError
+from strandcast.errors import StrandcastError
 
 app = typer.Typer(
     name="strandcast",
@@ -42,54 +37,12 @@ app = typer.Typer(
 )
 
 
-def main() -> None:
-    """Run a command of strandcast."""
-    guarded(lambda: sys.exit(app(prog_name="strandcast", standalone_mode=False)))
-
-
-def configure_logging() -> None:
-    """Send log messages of the level in STRANDCAST_LOG (default: warning) and above to standard error."""
-    level = logging.getLevelNamesMapping().get(os.environ.get("STRANDCAST_LOG", "").upper(), logging.WARNING)
-    logging.addLevelName(logging.WARNING, "warning")
-    logging.basicConfig(level=level, format="%(levelname)s: %(message)s")
-
-
-def guarded(command: Callable[[], Any]) -> None:
-    """Run a command; report a user's error as one message and an exit code, never as a traceback."""
-    configure_logging()
-    for number in ENDING_SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:  # ignored by nohup, or as a job in the background
-            signal.signal(number, _end)
+def run_command() -> NoReturn:
+    """Run the command of the command line, and end as it ends."""
     try:
-        command()
+        sys.exit(app(prog_name="strandcast", standalone_mode=False))
     except TyperException as error:
-        _end_with(_wrong_usage(error))
-    except StrandcastError as error:
-        _end_with(error)
-    except Exception as error:
-        from strandcast.cli.host_problems import problem_of
-
-        problem = problem_of(error)
-        if problem is None:
-            raise
-        _end_with(problem)
-    except Ended as ended:
-        try:
-            print(f"stopped by {ended}: {ended.kept}", file=sys.stderr, flush=True)
-        except OSError:  # the terminal is closed; Python would try again at its exit, and end with 120
-            _write_nowhere()
-        sys.exit(ended.exit_code)
-
-
-def _write_nowhere() -> None:
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (sys.stdout, sys.stderr):
-        os.dup2(nowhere, stream.fileno())
-
-
-def _end_with(problem: StrandcastError) -> None:
-    show_problem(problem)
-    sys.exit(problem.exit_code)
+        raise _wrong_usage(error) from error
 
 
 def _wrong_usage(error: TyperException) -> StrandcastError:
@@ -113,10 +66,6 @@ def _named_command() -> str:
             break
         names.append(word)
     return " ".join(names)
-
-
-def _end(number: int, frame: FrameType | None) -> None:
-    raise Ended(number)
 
 
 @app.callback(invoke_without_command=True)

@@ -5,7 +5,7 @@ from typing import Any
 
 import typer
 
-from strandcast.cli.main import app
+from strandcast.cli.app import app
 
 HEAD = """# Commands
 

@@ -1,7 +1,6 @@
-"""What several commands share: arguments and their completion, and how results and problems are printed."""
+"""What several commands share: arguments and their completion, and how results are printed."""
 
 import json
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +8,6 @@ from typing import Annotated, Any
 import typer
 
 from strandcast.core.trial_names import LAST_TRIAL
-from strandcast.errors import StrandcastError
 from strandcast.records.folders import project_root, trial_folders
 
 ROOT = project_root()
@@ -69,15 +67,6 @@ def show(as_json: bool, data: dict[str, Any], lines: Iterable[str]) -> None:
     else:
         for line in lines:
             print(line)
-
-
-def show_problem(problem: StrandcastError) -> None:
-    """Print a problem: as one JSON object if the command line asks for JSON, which may be wrong in itself."""
-    words = sys.argv[1:]
-    if "--json" in words[: words.index("--") if "--" in words else len(words)]:
-        show(True, problem.to_json(), ())
-    else:
-        print(problem, file=sys.stderr, flush=True)
 
 
 def _plain(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Errors of the operating system and of exhausted memory, in the form of all other messages."""
+"""Errors of the operating system, of exhausted memory and of broken packages, in the form of all messages."""
 
 import errno
 import os
@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from strandcast.errors import ENVIRONMENT, StrandcastError
+from strandcast.packages import broken_package
 from strandcast.records.files import NO_ROOM, free_bytes, in_bytes
 
 # How libraries report exhausted memory, if not by a MemoryError.
@@ -16,7 +17,7 @@ SMALL_BYTES = 1 << 30
 
 
 def problem_of(error: Exception) -> StrandcastError | None:
-    """Return an error of the host as one of ours; None for any other error."""
+    """Return an error of the host or of a broken package as one of ours; None for any other error."""
     text = f"{error}".splitlines()[0] if str(error) else type(error).__name__
     if _is_memory(error, text):
         return _too_little_memory(text)
@@ -34,6 +35,11 @@ def problem_of(error: Exception) -> StrandcastError | None:
             fix="set TMPDIR or NUMBA_CACHE_DIR to a folder that can be written",
             exit_code=ENVIRONMENT,
         )
+    if isinstance(error, OSError):
+        return _refused(error)
+    broken = broken_package(error)
+    if broken is not None:
+        return _too_little_memory(text) if _is_memory(ImportError(), broken.what) else broken
     if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith("strandcast"):
         return StrandcastError(
             "SC-W012",
@@ -41,7 +47,7 @@ def problem_of(error: Exception) -> StrandcastError | None:
             fix="install all packages: pip install strandcast",
             exit_code=ENVIRONMENT,
         )
-    return _refused(error) if isinstance(error, OSError) else None
+    return None
 
 
 def _is_memory(error: Exception, text: str) -> bool:

@@ -223,7 +223,7 @@ def _receive(connection: socket.socket, streams: list[int]) -> StageRequest | No
 def _imports(command: str) -> bool:
     """Import what a command needs; return whether this process is still fit to be forked."""
     stage = command.replace("-", "_")
-    modules = ["strandcast.cli.main", *([f"strandcast.stages.{stage}"] if stage in STAGES else [])]
+    modules = ["strandcast.cli.app", *([f"strandcast.stages.{stage}"] if stage in STAGES else [])]
     for module in modules:
         if module not in sys.modules:
             with suppress(Exception):  # the fork meets the same error, and reports it

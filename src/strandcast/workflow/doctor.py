@@ -7,15 +7,25 @@ import os
 import platform
 import re
 import resource
-import shutil
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 from strandcast.kernel_cache import PACKAGE
+from strandcast.packages import (
+    OPENCV,
+    fault_of,
+    install,
+    installed_version,
+    is_own_opencv,
+    other_opencvs,
+    reinstall,
+    requirement_name,
+)
 from strandcast.records.files import existing_folder, free_bytes, in_bytes
 from strandcast.records.folders import is_project
 from strandcast.workflow.host import LEAST_FREE_BYTES
@@ -23,7 +33,6 @@ from strandcast.workflow.host import LEAST_FREE_BYTES
 PYTHONS = ((3, 11), (3, 14))  # the first that works, and the first that is not tested
 NEED_BYTES = 1 << 30  # memory of the largest stage
 ROOMY_BYTES = 3 << 30  # memory of the largest stage and the others that run beside it
-SHARED_BYTES = 64 << 20  # frames pass from the decoding process through /dev/shm
 TIME_ERROR = 5  # of adjtimex: no time server sets this clock
 TIMEX_BYTES = 512  # more than any struct timex
 DRIVERS = {"ur": ("ur_rtde", "rtde_control"), "franka": ("pylibfranka", "pylibfranka")}
@@ -62,12 +71,17 @@ def _python(root: Path) -> Iterator[Diagnosis]:
 
 
 def _packages(root: Path) -> Iterator[Diagnosis]:
-    names = [re.split(r"[^\w.-]", each)[0] for each in _requirements()]
-    versions = {name: _version(name) for name in names}
+    required = {requirement_name(each): each for each in _requirements()}
+    versions = {name: installed_version(name) for name in required}
     missing = [name for name, version in versions.items() if version is None]
     if missing:
-        fix = "install strandcast again: uv tool install --force strandcast (in a clone: make demo)"
+        fix = install(required[name] for name in missing)
         yield Diagnosis("packages", "problem", f"missing: {', '.join(missing)}", fix)
+    faults = {name: fault_of(name) for name in required if name not in missing}
+    broken = {name: fault for name, fault in faults.items() if fault is not None}
+    for name, fault in broken.items():
+        what = f"{name} {versions[name]} does not work: {fault.why}"
+        yield Diagnosis("packages", "problem", what, fault.fix)
     pinned: dict[str, set[str]] = {}  # a package may have several versions, for several Pythons
     for name, version in re.findall(r"^([\w.-]+)==([^\s;\\]+)", _lock(), re.MULTILINE):
         pinned.setdefault(name, set()).add(version)
@@ -79,9 +93,19 @@ def _packages(root: Path) -> Iterator[Diagnosis]:
     if other:
         fix = "results differ in their last digits; make demo installs the pinned versions"
         yield Diagnosis("packages", "note", f"not as pinned: {', '.join(other)}", fix)
-    if not missing and not other:
-        what = "as pinned" if pinned else "no list of pinned versions here"
-        yield Diagnosis("packages", "ok", f"{len(versions)} required packages are installed, {what}")
+    if not missing and not broken:
+        what = "no list of pinned versions here" if not pinned else "as pinned" if not other else "see above"
+        work = ", ".join(f"{name} {version}" for name, version in versions.items())
+        yield Diagnosis("packages", "ok", f"{len(versions)} required packages work, {what}: {work}")
+
+
+def _opencv(root: Path) -> Iterator[Diagnosis]:
+    others = " and ".join(f"{name} {installed_version(name)}" for name in other_opencvs())
+    if others and installed_version(OPENCV) is not None and fault_of(OPENCV) is None:
+        last = OPENCV if is_own_opencv() else "another of them"
+        what = f"{others}: installed beside {OPENCV}, in one folder, cv2; {last} was installed last"
+        fix = f"remove one, and the other no longer works; leave one: {reinstall(OPENCV)}"
+        yield Diagnosis("packages, OpenCV", "note", what, fix)
 
 
 def _requirements() -> list[str]:
@@ -95,13 +119,6 @@ def _lock() -> str:
     """Return the list of pinned versions, which a clone holds."""
     path = PACKAGE.parents[1] / "requirements" / "runtime.lock"
     return path.read_text(encoding="utf-8") if path.is_file() else ""
-
-
-def _version(package: str) -> str | None:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def _codecs(root: Path) -> Iterator[Diagnosis]:
@@ -167,14 +184,14 @@ def _disk(root: Path) -> Iterator[Diagnosis]:
 
 
 def _shared_memory(root: Path) -> Iterator[Diagnosis]:
-    place = Path("/dev/shm")
-    if not place.is_dir():
-        yield Diagnosis("shared memory", "note", "there is no /dev/shm on this system")
-    elif not os.access(place, os.W_OK) or shutil.disk_usage(place).free < SHARED_BYTES:
-        fix = "mount /dev/shm writable with 64 MB or more (docker run --shm-size=256m)"
-        yield Diagnosis("shared memory", "problem", "/dev/shm is full or cannot be written", fix)
+    """Make a lock of several processes; only pages that are rendered again side by side need one."""
+    try:
+        get_context("fork").Lock()  # of the ways to start processes, the one that leaves nothing behind
+    except OSError as error:
+        fix = "run --report-only uses one core; to use several, mount /dev/shm writable (docker: --shm-size)"
+        yield Diagnosis("shared memory", "note", f"closed: /dev/shm: {error.strerror}", fix)
     else:
-        yield Diagnosis("shared memory", "ok", f"{in_bytes(shutil.disk_usage(place).free)} free at {place}")
+        yield Diagnosis("shared memory", "ok", "processes can share locks")
 
 
 def _clock(root: Path) -> Iterator[Diagnosis]:
@@ -229,7 +246,7 @@ def _is_kept(path: Path) -> bool:
 
 def _drivers(root: Path) -> Iterator[Diagnosis]:
     for extra, (package, module) in DRIVERS.items():
-        version = _version(package)
+        version = installed_version(package)
         if version is None:
             fix = f"to move such an arm: pip install 'strandcast[{extra}]'"
             yield Diagnosis(f"driver {extra}", "note", f"{package} is not installed", fix)
@@ -272,6 +289,7 @@ def _project(root: Path) -> Iterator[Diagnosis]:
 CHECKS: tuple[Callable[[Path], Iterator[Diagnosis]], ...] = (
     _python,
     _packages,
+    _opencv,
     _codecs,
     _cores,
     _memory,

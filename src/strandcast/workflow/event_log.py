@@ -19,6 +19,7 @@ from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.registry import LoggerPluginRegistry
 
 from strandcast.errors import shortened
+from strandcast.packages import broken_package
 from strandcast.workflow.events import MARK, in_words
 
 POLL_S = 0.5  # chosen
@@ -103,8 +104,15 @@ def _end_without(parent: int) -> None:
 
 
 def main() -> None:
-    """Run Snakemake."""
-    from snakemake.cli import main as snakemake
+    """Run Snakemake; if it is broken, end with one message."""
+    try:
+        from snakemake.cli import main as snakemake
+    except Exception as error:
+        problem = broken_package(error)
+        if problem is None:
+            raise
+        print(problem, file=sys.stderr, flush=True)
+        sys.exit(problem.exit_code)
 
     LoggerPluginRegistry().register_plugin("snakemake_logger_plugin_strandcast", sys.modules[__name__])
     end_with_parent()

@@ -3,7 +3,7 @@
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from multiprocessing import get_context
@@ -33,6 +33,9 @@ class PageProblem(NamedTuple):
     text: str
 
 
+Mapping = Callable[[Callable[[PageJob], PageProblem | None], list[PageJob]], Iterator[PageProblem | None]]
+
+
 def render_pages(root: Path, names: list[str], cores: int) -> list[PageProblem]:
     """Render the pages of trials, then those of experiments, on some cores; return what is wrong with them.
 
@@ -47,22 +50,34 @@ def render_pages(root: Path, names: list[str], cores: int) -> list[PageProblem]:
     with ExitStack() as stack:
         for name in names:
             stack.enter_context(lease(root, name))
+        mapped = stack.enter_context(_mapping_on(cores))
+        problems = _rendered(mapped, trials)
+        return [*problems, *_rendered(mapped, [PageJob(root, name) for name in names])]
+
+
+@contextmanager
+def _mapping_on(cores: int) -> Iterator[Mapping]:
+    """Yield what maps pages to their problems on some cores; on one, where processes can share no locks."""
+    try:
         # New processes, not copies of this one: threads of libraries do not survive a fork.
         pool = ProcessPoolExecutor(cores, get_context("spawn"), initializer=_leave_signals)
-        try:
-            problems = _rendered(pool, trials)
-            return [*problems, *_rendered(pool, [PageJob(root, name) for name in names])]
-        finally:
-            pool.shutdown(cancel_futures=True)
+    except OSError as error:  # of the semaphores, which are in /dev/shm
+        print(f"pages are rendered on one core: /dev/shm: {error.strerror}", file=sys.stderr, flush=True)
+        yield map
+        return
+    try:
+        yield pool.map
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _leave_signals() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one ends it
 
 
-def _rendered(pool: ProcessPoolExecutor, jobs: list[PageJob]) -> list[PageProblem]:
+def _rendered(mapped: Mapping, jobs: list[PageJob]) -> list[PageProblem]:
     problems: list[PageProblem] = []
-    for done, problem in enumerate(pool.map(render_page, jobs), 1):
+    for done, problem in enumerate(mapped(render_page, jobs), 1):
         problems += [problem] if problem is not None else []
         if done % 50 == 0 or done == len(jobs):
             what = "pages of trials" if jobs[0].trial else "pages of experiments"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from strandcast.cli.main import app
+from strandcast.cli.app import app
 from strandcast.errors import REFUSED, StrandcastError
 from strandcast.executor.handover.export import ExportForm
 from strandcast.executor.handover.handover import prepare

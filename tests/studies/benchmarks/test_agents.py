@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
+from tests.host_needs import needs_shared_locks
 
 from strandcast.arm.dynamics import chain_torques, dynamics_of
 from strandcast.core.trajectory import JointTrajectory
@@ -186,6 +187,7 @@ def test_an_episode_ends_at_a_hit_or_after_its_throws() -> None:
 
 
 def test_environments_side_by_side_throw_as_one_alone() -> None:
+    needs_shared_locks()
     several = gymnasium.make_vec(
         ID, num_envs=2, vectorization_mode="async", vector_kwargs={"context": "spawn"}, string=2
     )
