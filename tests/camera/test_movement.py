@@ -1,5 +1,6 @@
 """Detection in real video files that the camera was bumped after the photo of the plane."""
 
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -121,6 +122,19 @@ def test_a_displaced_marker_is_named_and_not_taken_for_camera_movement(camera, t
     assert moved.displacement_px < 0.1
     [warning] = check_movement([(0, moved)])
     assert "marker 2 has moved" in warning
+
+
+@pytest.mark.parametrize("own", [(0, 1), (1, 2), (2, 4), (0, 3)])
+def test_two_displaced_markers_of_five_are_named(camera, take, paint_markers, own):
+    steps_m = dict(zip(own, [(6e-3, -3e-3), (2e-3, 5e-3)], strict=True))
+    shifted = [
+        replace(m, x_m=m.x_m + dx, y_m=m.y_m + dy)
+        for m in MARKERS
+        for dx, dy in [steps_m.get(m.marker, (0.0, 0.0))]
+    ]
+    moved = find_movement(camera, take(texture=paint_markers(shifted, DICTIONARY)[0]))
+    assert tuple(moved.own_movement_px) == own
+    assert moved.displacement_px < 0.15
 
 
 def test_an_occluded_marker_does_not_affect_the_others(camera, take):

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from skimage.measure import ransac
+from skimage.transform import SimilarityTransform
 
 from strandcast.camera.find_markers import refine_corners
 from strandcast.camera.markers import detect_markers, eight_bit, marker_cells, marker_detector
@@ -18,6 +20,8 @@ MARGIN_SIDES = 1.0  # chosen: search margin around a marker's former place, in s
 MARKER_SIGMA_PX = 0.03  # chosen: lower bound of the error of a marker's centre
 RIGID_PX = 0.7  # chosen: largest rms of corner displacements about their mean; above, the marker is occluded
 OWN_MOVEMENT_PX = 0.5  # chosen: deviation from the others' movement above which a marker itself moved
+PERSPECTIVE_SHARE = 0.05  # chosen: of the movement, by which it differs between corners of the picture
+PAIRS = 100  # chosen: of markers, tried in turn; more than the 28 of 8 markers
 
 
 @dataclass(frozen=True)
@@ -76,15 +80,12 @@ def find_movement(camera: Camera, grey: np.ndarray) -> CameraMovement | None:
     ids = sorted(marker for marker in detected if _is_rigid(detected[marker] - known[marker]))
     if len(ids) < 2:
         return None
-    before = np.array([known[marker].mean(axis=0) for marker in ids])
-    after = np.array([detected[marker].mean(axis=0) for marker in ids])
-    kept = _moving_together(before, after)
-    return _movement(camera, ids, before, after, kept)
+    return _movement(camera, ids, *(np.array([at[k].mean(axis=0) for k in ids]) for at in (known, detected)))
 
 
 def _is_rigid(steps_px: np.ndarray) -> bool:
     mean_px = steps_px.mean(axis=0)
-    return bool(rms(steps_px - mean_px) < RIGID_PX + 0.05 * np.linalg.norm(mean_px))
+    return bool(rms(steps_px - mean_px) < RIGID_PX + PERSPECTIVE_SHARE * np.linalg.norm(mean_px))
 
 
 def _detect_near(known: dict[int, np.ndarray], dictionary: str, grey: np.ndarray) -> dict[int, np.ndarray]:
@@ -108,65 +109,27 @@ def _detect_near(known: dict[int, np.ndarray], dictionary: str, grey: np.ndarray
     }
 
 
-def _moving_together(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Return which markers (K,) moved with most of the others, as under camera movement."""
-    kept = np.ones(len(before), bool)
-    while kept.sum() > 2:
-        # Each left out in turn: a marker that itself moved would distort the fit.
-        deviations = [(int(k), _deviation(before, after, kept, int(k))) for k in np.flatnonzero(kept)]
-        worst, off = max(deviations, key=lambda pair: pair[1])
-        if off < OWN_MOVEMENT_PX:
-            break
-        kept[worst] = False
-    return kept
+def _movement(camera: Camera, ids: list[int], before: np.ndarray, after: np.ndarray) -> CameraMovement:
+    """Fit shift, rotation and zoom to the centres (K, 2) of the largest group of markers that moved as one.
 
-
-def _deviation(before: np.ndarray, after: np.ndarray, kept: np.ndarray, left_out: int) -> float:
-    others = kept & (np.arange(len(kept)) != left_out)
-    numbers = _fit(before[others], after[others])[0]
-    middle = before[others].mean(axis=0)
-    predicted = _displacement(before[[left_out]] - middle, numbers)
-    return float(np.linalg.norm(after[left_out] - before[left_out] - predicted))
-
-
-def _design(about_px: np.ndarray) -> np.ndarray:
-    """Return the design matrix (2K, 4) of displacements (K, 2) by shift u, shift v, rotation and zoom."""
-    ones, zeros = np.ones(len(about_px)), np.zeros(len(about_px))
-    u, v = about_px.T
-    return np.stack([np.stack([ones, zeros, -v, u], -1), np.stack([zeros, ones, u, v], -1)], 1).reshape(-1, 4)
-
-
-def _displacement(about_px: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    return np.asarray(_design(about_px) @ numbers).reshape(-1, 2)
-
-
-def _fit(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return shift, rotation and zoom (4,) of a small movement, and their covariance."""
-    design = _design(before - before.mean(axis=0))
-    steps = (after - before).ravel()
-    numbers = np.linalg.lstsq(design, steps, rcond=None)[0]
-    off = steps - design @ numbers
-    variance = max((off**2).sum() / max(len(steps) - 4, 1), 2.0 * MARKER_SIGMA_PX**2)
-    return numbers, np.linalg.pinv(design.T @ design) * variance
-
-
-def _movement(
-    camera: Camera, ids: list[int], before: np.ndarray, after: np.ndarray, kept: np.ndarray
-) -> CameraMovement:
-    numbers, covariance = _fit(before[kept], after[kept])
-    about = before - before[kept].mean(axis=0)
-    steps = _displacement(about, numbers)
-    design = _design(about[kept])
-    sigma_px = float(np.sqrt(np.trace(design @ covariance @ design.T) / kept.sum()))
-    displacement_px = rms(steps[kept])
-    off = np.linalg.norm(after - before - steps, axis=1)
+    Markers outside that group moved by themselves: they would distort a fit to all.
+    """
+    moved_px = float(np.median(np.linalg.norm(after - before, axis=1)))
+    apart_px = OWN_MOVEMENT_PX + PERSPECTIVE_SHARE * moved_px
+    model, kept = ransac((before, after), SimilarityTransform, 2, apart_px, max_trials=PAIRS, rng=0)
+    off = model.residuals(before, after)
+    steps = model(before)[kept] - before[kept]
+    # Four numbers are fitted to two coordinates of each marker.
+    square = (off[kept] ** 2).sum() / max(2 * kept.sum() - 4, 1)
+    variance = max(float(square), 2.0 * MARKER_SIGMA_PX**2)
+    displacement_px, (shift_u, shift_v) = rms(steps), steps.mean(axis=0)
     return CameraMovement(
         displacement_px,
         displacement_px * camera.scale_m_per_px,
-        sigma_px,
-        (float(numbers[0]), float(numbers[1])),
-        float(numbers[2]),
-        float(1.0 + numbers[3]),
+        float(np.sqrt(4.0 * variance / kept.sum())),
+        (float(shift_u), float(shift_v)),
+        float(model.rotation),
+        float(model.scale),
         [marker for marker, good in zip(ids, kept, strict=True) if good],
         {ids[k]: float(off[k]) for k in np.flatnonzero(~kept)},
     )
