@@ -125,6 +125,10 @@ def test_noise_does_not_add_passages_and_less_than_a_period_is_not_checked():
     check_period(time_s[short], angle[short], 7.0, "v.mkv")
 
 
+def test_places_on_a_line_determine_no_radius():
+    assert fit_arc(np.array([[3.0, 1.0], [8.0, 2.0], [3.0, 1.0]])).radius_sigma_px == np.inf
+
+
 def test_arc_of_exact_points():
     angle = np.linspace(1.2, 1.9, 40)
     places = np.column_stack([30 + 500 * np.cos(angle), -200 + 500 * np.sin(angle)])

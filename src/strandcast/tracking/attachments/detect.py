@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import label
+from scipy.ndimage import find_objects, label
 
 from strandcast.records.track import DetectedSection, DetectedWeight
 from strandcast.tracking.attachments.width_profile import (
@@ -174,8 +174,7 @@ def find_steps(scan: WidthScan) -> list[tuple[int, int]]:
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    parts, count = label(mask)
-    return [(int(np.argmax(parts == k)), int(np.flatnonzero(parts == k)[-1])) for k in range(1, count + 1)]
+    return [(part.start, part.stop - 1) for (part,) in find_objects(label(mask)[0])]
 
 
 def _weight(scan: WidthScan, bump: tuple[int, int]) -> DetectedWeight | None:

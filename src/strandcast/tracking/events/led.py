@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from skimage.filters import threshold_otsu
 
 from strandcast.camera.mapping import metre_per_pixel, metre_to_pixel
 from strandcast.config.align import LedSettings
@@ -118,16 +119,12 @@ class Levels:
 
 
 def levels_of(light: np.ndarray, white: float) -> Levels | None:
-    """Return the two levels of a brightness (F,), None if it has only one; split after Otsu (1979)."""
-    count = len(light)
-    if count < 2 * HOLD_FRAMES:
+    """Return the two levels of a brightness (F,), None if it has only one."""
+    values, counts = np.unique(light, return_counts=True)
+    if len(light) < 2 * HOLD_FRAMES or len(values) < 2:
         return None
-    ranked = np.sort(light)
-    below = np.arange(1, count)
-    sums = np.cumsum(ranked)
-    apart = (sums[-1] - sums[:-1]) / (count - below) - sums[:-1] / below
-    split = int(np.argmax(below * (count - below) * apart**2)) + 1
-    dark, lit = float(np.median(ranked[:split])), float(np.median(ranked[split:]))
+    split = threshold_otsu(hist=(counts, values))  # exact; a histogram of 256 bins splits elsewhere
+    dark, lit = float(np.median(light[light <= split])), float(np.median(light[light > split]))
     # Steps from frame to frame are noise, except for the few at the LED's edges.
     noise = 1.4826 * float(np.median(np.abs(np.diff(light)))) / math.sqrt(2.0)
     least = max(LEAST_CONTRAST * white, LEAST_TIMES_NOISE * noise)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from skimage.measure import CircleModel
 
 from strandcast.camera.mapping import metre_per_pixel, metre_to_pixel, pixel_to_metre
 from strandcast.camera.markers import detect_markers, eight_bit, marker_detector
@@ -184,29 +185,19 @@ def ray_outline(smooth: np.ndarray, middle_px: np.ndarray, radius_px: float, lea
         if met.mean() < CLOSED:
             return None
         edge = middle + reach[steep, None] * RAY_DIRECTIONS
-        found = fit_circle(edge[met])
-        off = np.abs(np.hypot(*(edge - found[:2]).T) - found[2])
+        off = np.abs(CircleModel.from_estimate(edge[met]).residuals(edge))
         kept = met & (off < max(OUTLIER_PX, 2.5 * 1.48 * float(np.median(off[met]))))
         if kept.mean() < CLOSED:
             return None
-        found = fit_circle(edge[kept])
-        middle, radius = found[:2], float(found[2])
+        circle = CircleModel.from_estimate(edge[kept])
+        middle, radius = circle.center, float(circle.radius)
         if not 0.5 * radius_px < radius < 2.0 * radius_px:
             return None
-    rms = float(np.sqrt(((np.hypot(*(edge[kept] - middle).T) - radius) ** 2).mean()))
+    rms = float(np.sqrt((circle.residuals(edge[kept]) ** 2).mean()))
     if rms > max(ROUND * radius, ROUND_PX):
         return None
     contrast = float(np.median((sign * slope).max(axis=0)[kept]))
     return Outline(middle, radius, rms, float(kept.mean()), contrast)
-
-
-def fit_circle(points: np.ndarray) -> np.ndarray:
-    """Return middle and radius (3,) of the circle through points (K, 2), by Kåsa's linear fit."""
-    about = points - points.mean(axis=0)
-    design = np.column_stack([2 * about, np.ones(len(about))])
-    x, y, square = np.linalg.lstsq(design, (about**2).sum(axis=1), rcond=None)[0]
-    middle = points.mean(axis=0) + np.array([x, y])
-    return np.array([*middle, np.sqrt(max(square + x * x + y * y, 1e-9))])
 
 
 def _only_one(outlines: list[Outline]) -> Outline | None:

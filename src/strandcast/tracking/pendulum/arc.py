@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
+from skimage.measure import CircleModel
 
 from strandcast.camera.flat import flat_camera
 from strandcast.errors import StrandcastError
@@ -34,17 +35,14 @@ def fit_arc(places_px: np.ndarray) -> Arc:
     known_px = places_px[np.isfinite(places_px).all(axis=1)]
     middle = known_px.mean(axis=0)
     about = known_px - middle
-    # Kåsa's linear fit starts the geometric one.
-    design = np.column_stack([2 * about, np.ones(len(about))])
-    answer = np.linalg.lstsq(design, (about**2).sum(axis=1), rcond=None)[0]
-    radius = np.sqrt(max(answer[2] + answer[0] ** 2 + answer[1] ** 2, 1.0))
+    start = CircleModel.from_estimate(about)  # linear: it starts the geometric fit
+    if not start:  # fewer than three places, or all on a line
+        return Arc(middle, np.nan, np.inf, 0.0, 0.0)
 
     def off_circle(circle: np.ndarray) -> np.ndarray:
         return np.asarray(np.hypot(about[:, 0] - circle[0], about[:, 1] - circle[1]) - circle[2])
 
-    fit = least_squares(
-        off_circle, [answer[0], answer[1], radius], loss="soft_l1", f_scale=0.5, x_scale="jac"
-    )
+    fit = least_squares(off_circle, [*start.center, start.radius], loss="soft_l1", f_scale=0.5, x_scale="jac")
     rms = float(np.sqrt((fit.fun**2).mean()))
     slopes = np.asarray(fit.jac)
     covariance = np.linalg.pinv(slopes.T @ slopes) * rms**2
