@@ -80,7 +80,9 @@ def find_movement(camera: Camera, grey: np.ndarray) -> CameraMovement | None:
     ids = sorted(marker for marker in detected if _is_rigid(detected[marker] - known[marker]))
     if len(ids) < 2:
         return None
-    return _movement(camera, ids, *(np.array([at[k].mean(axis=0) for k in ids]) for at in (known, detected)))
+    return fit_movement(
+        camera, ids, *(np.array([at[k].mean(axis=0) for k in ids]) for at in (known, detected))
+    )
 
 
 def _is_rigid(steps_px: np.ndarray) -> bool:
@@ -109,7 +111,7 @@ def _detect_near(known: dict[int, np.ndarray], dictionary: str, grey: np.ndarray
     }
 
 
-def _movement(camera: Camera, ids: list[int], before: np.ndarray, after: np.ndarray) -> CameraMovement:
+def fit_movement(camera: Camera, ids: list[int], before: np.ndarray, after: np.ndarray) -> CameraMovement:
     """Fit shift, rotation and zoom to the centres (K, 2) of the largest group of markers that moved as one.
 
     Markers outside that group moved by themselves: they would distort a fit to all.
@@ -157,16 +159,21 @@ def check_movement(
     if not sure:
         return warnings
     frame, most = max(sure, key=lambda pair: pair[1].displacement_px)
-    what = (
-        f"the camera has moved since the photo of the plane: {most.displacement_px:.2f} ± "
-        f"{most.sigma_px:.2f} px at frame {frame} ({most.shift_px[0]:+.2f}, {most.shift_px[1]:+.2f} px, "
-        f"rotation {np.degrees(most.rotation_rad):+.3f} degrees, zoom {most.zoom - 1.0:+.3%})"
-    )
-    cost = f"{most.displacement_m * 1e3:.1f} mm at the string"
+    what, cost = movement_text(frame, most, "the photo of the plane")
     if most.displacement_px > ERROR_PX:
         fix = "photograph the plane again from the camera's present position, or exclude the trial"
         raise StrandcastError("SC-C040", what, file=file, line=frame, cost=cost, fix=fix)
     return warnings + ([f"{what}: {cost}"] if most.displacement_px > WARNING_PX else [])
+
+
+def movement_text(frame: int, moved: CameraMovement, since: str) -> tuple[str, str]:
+    """Return the words for a movement of the camera since an earlier picture, and its cost."""
+    return (
+        f"the camera has moved since {since}: {moved.displacement_px:.2f} ± "
+        f"{moved.sigma_px:.2f} px at frame {frame} ({moved.shift_px[0]:+.2f}, {moved.shift_px[1]:+.2f} px, "
+        f"rotation {np.degrees(moved.rotation_rad):+.3f} degrees, zoom {moved.zoom - 1.0:+.3%})",
+        f"{moved.displacement_m * 1e3:.1f} mm at the string",
+    )
 
 
 def _marker_warnings(movements: Sequence[tuple[int, CameraMovement]]) -> list[str]:

@@ -7,10 +7,11 @@ import numpy as np
 
 from strandcast.camera.markers import eight_bit
 from strandcast.camera.movement import check_movement, find_movement
+from strandcast.camera.shift import shift_warnings
 from strandcast.camera.tilt import check_plane_tilt, fit_plane_tilt
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
-from strandcast.tracking.background import Samples
+from strandcast.tracking.background import Samples, pixel_median
 from strandcast.tracking.chain.clamp_fit import LEAST_FRAMES, ClampFit
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.out_of_plane import apparent_strings, measure_out_of_plane
@@ -41,12 +42,18 @@ def check_hand(hands: Sequence[HandDetection | None], finder: HandFinder, video:
 
 
 def calibration_warnings(
-    camera: Camera, finder: HandFinder, hands: Sequence[HandDetection | None], samples: Samples, video: Path
+    camera: Camera,
+    finder: HandFinder,
+    hands: Sequence[HandDetection | None],
+    samples: Samples,
+    empty: np.ndarray | None,
+    video: Path,
 ) -> list[str]:
-    """Return warnings about a camera that moved or a hand out of plane; refuse large deviations."""
-    chosen = np.unique(np.linspace(0, len(samples.pictures) - 1, MOVED_FRAMES).astype(int)).tolist()
-    compared = [(samples.indices[k], find_movement(camera, eight_bit(samples.pictures[k]))) for k in chosen]
-    warnings = check_movement([(index, moved) for index, moved in compared if moved is not None], video)
+    """Return warnings about a camera that moved or a hand out of plane; refuse large deviations.
+
+    `empty` is the picture of the empty scene, if the experiment gives one.
+    """
+    warnings = _movement_warnings(camera, samples, empty, video)
     for marker, shape in finder.markers.items():
         corners = [hand.corners_px[marker] for hand in hands if hand and marker in hand.corners_px]
         if corners:
@@ -54,6 +61,22 @@ def calibration_warnings(
             tilt = fit_plane_tilt(camera, np.stack(corners), shape.size_m, offset_m)
             warnings += check_plane_tilt(tilt, video) if tilt is not None else []
     return warnings
+
+
+def _movement_warnings(camera: Camera, samples: Samples, empty: np.ndarray | None, video: Path) -> list[str]:
+    chosen = np.unique(np.linspace(0, len(samples.pictures) - 1, MOVED_FRAMES).astype(int)).tolist()
+    compared = [(samples.indices[k], find_movement(camera, eight_bit(samples.pictures[k]))) for k in chosen]
+    by_markers = [(index, moved) for index, moved in compared if moved is not None]
+    warnings = check_movement(by_markers, video)
+    if empty is None and by_markers:
+        return warnings
+    quarter = max(len(samples.pictures) // 4, 1)
+    before, since = pixel_median(samples.pictures[:quarter]), f"frame {samples.indices[0]}"
+    if empty is not None:
+        before = empty
+        since = "the picture of the empty scene (take it again, or leave track.background_picture out)"
+    after = pixel_median(samples.pictures[-quarter:])
+    return warnings + shift_warnings(camera, before, after, samples.indices[-quarter], since)
 
 
 def confidence_warnings(points_m: np.ndarray, flags: np.ndarray) -> list[str]:

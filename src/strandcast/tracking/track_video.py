@@ -96,7 +96,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         warnings=(
             *(target_warnings(target) if given.target_m is not None else ()),
             *led_warnings,
-            *calibration_warnings(camera, finder, decoded.hands, samples, given.video),
+            *calibration_warnings(camera, finder, decoded.hands, samples, given.background, given.video),
             *finder.contradictions(),
             *confidence_warnings(points_m, flags),
             *length_warnings(string.learned.clamp_fit, given.free_length_m),
