@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 SOURCES = Path(__file__).resolve().parents[1] / "src"
 LOADED = (
     *("numpy", "pandas", "cv2", "scipy.optimize", "scipy.stats", "snakemake.cli"),
-    *("strandcast.cli.main", "strandcast.workflow.check"),
+    *("strandcast.cli.app", "strandcast.workflow.check"),
 )
 
 
