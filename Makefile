@@ -144,6 +144,10 @@ test: $(VENV)/dev.stamp  ## run the tests on CORES=2; COVERAGE=1 prints their co
 test-all: $(VENV)/dev.stamp  ## run also the tests of rare paths: every command of the documents, all proofs, kills; 40 minutes
 	@$(call pytest)
 
+.PHONY: test-widths
+test-widths: $(VENV)/dev.stamp  ## run the tests of numbers as on other processors; hours; WIDTHS="bits=0 blas=Haswell" TESTS=tests/estimation: only these
+	@$(BIN)/python -m tests.widths $(if $(WIDTHS),--only "$(WIDTHS)") $(if $(TESTS),--tests "$(TESTS)") --numprocesses $(CORES) --dist loadfile
+
 .PHONY: faults
 faults: $(VENV)/dev.stamp  ## inject the 95 faults of tests/faults/table.toml and print what came of each; ROWS="1 2": only these
 	@$(BIN)/python -m tests.faults.table --numprocesses $(CORES) --dist loadfile $(if $(ROWS),--rows $(ROWS))

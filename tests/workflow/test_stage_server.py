@@ -1,6 +1,7 @@
 """A command that a fork of the stage server runs behaves as a process of its own, and nothing of it stays."""
 
 import os
+import platform
 import shlex
 import signal
 import subprocess
@@ -47,6 +48,8 @@ time.sleep(0.3)
 sys.exit(10 * len(signals) + sum(set(signals)))
 """
 WAIT = "import time; print('ready', flush=True); time.sleep(600)"
+KERNELS = """from threadpoolctl import threadpool_info
+print(*{info["architecture"] for info in threadpool_info() if info["internal_api"] == "openblas"})"""
 REFUSED = 2  # by strandcast itself, which has no such command
 
 
@@ -125,6 +128,25 @@ def gone(process: psutil.Process) -> bool:
             return True
         time.sleep(0.02)
     return False
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the kernels are those of x86-64")
+@pytest.mark.parametrize("own", ["Nehalem", None])
+def test_only_a_variable_of_strandcasts_own_chooses_the_kernels_of_openblas(tmp_path, monkeypatch, own):
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")  # for processors from before x86-64-v2
+    monkeypatch.delenv("STRANDCAST_OPENBLAS_CORETYPE", raising=False)
+    if own:
+        monkeypatch.setenv("STRANDCAST_OPENBLAS_CORETYPE", own)
+    parent = Parent(tmp_path)
+    try:
+        code, of_job, errors = parent.run(f"import scipy.linalg; {KERNELS}", "estimate")
+    finally:
+        parent.end()
+    assert code == 0, errors
+    line = [sys.executable, "-c", f"import strandcast.cli.main, scipy.linalg; {KERNELS}"]
+    of_command = subprocess.run(line, capture_output=True, text=True, check=True).stdout
+    assert of_job == of_command
+    assert of_job == "Nehalem\n" if own else of_job not in ("Prescott\n", "Katmai\n", "\n")
 
 
 def test_a_fork_prints_reads_and_ends_as_a_process_of_its_own(parent):

@@ -19,6 +19,7 @@ from strandcast.dynamics.vectors import (
     SimdVector,
     VectorSpecType,
     broadcast,
+    register_bits,
     vector_of,
     vector_type_of,
 )
@@ -140,8 +141,8 @@ def _rough_inverse(typing: Any, a: Any) -> Any:
 
 
 def _divides(a: Any) -> bool:
-    """Whether there is no estimate for such a type."""
-    return not (isinstance(a, SimdVector) and a.width * a.bits == 512)
+    """Whether there is no estimate for such a type: only AVX-512 has one."""
+    return not (isinstance(a, SimdVector) and a.width * a.bits == 512 == register_bits())
 
 
 def inverse_root(spec: Any, a: Any) -> Any:

@@ -44,9 +44,9 @@ class VectorSpec:
 
 
 def register_bits() -> int:
-    """Size of the vector registers of the processors that numba compiles for."""
-    if config.CPU_NAME == "x86-64-v3":  # this one may have more
-        return 256
+    """Size of the vector registers of the processors that numba compiles for; this one may have more."""
+    if config.CPU_FEATURES == "":  # then the name says all: a level of x86-64, or any processor
+        return {"x86-64-v4": 512, "x86-64-v3": 256}.get(config.CPU_NAME, 128)
     features = get_host_cpu_features()
     return 512 if features.get("avx512f") else 256 if features.get("avx") else 128
 

@@ -6,4 +6,7 @@ A rule in the top-level folder workflow/ or a command calls one of them.
 import os
 
 # Kernels of another processor give other last digits. OpenBLAS chooses them when numpy is loaded: so before.
+# A variable of our own chooses others for the jobs of an experiment, too (`make test-widths`).
 os.environ.pop("OPENBLAS_CORETYPE", None)
+if "STRANDCAST_OPENBLAS_CORETYPE" in os.environ:
+    os.environ["OPENBLAS_CORETYPE"] = os.environ["STRANDCAST_OPENBLAS_CORETYPE"]
