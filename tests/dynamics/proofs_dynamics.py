@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from arrays import simulate
 from proof import DOWN, GRAVITY_M_S2, Options, along, cycle_s, largest, parameters, proof, steps, still
+from scipy.linalg import eigh
 from scipy.special import ellipk, jn_zeros
 
 from strandcast.dynamics.masses import mass_layout, point_masses
@@ -77,8 +78,8 @@ def weight_at_any_point(options: Options) -> float:
         masses = point_masses(layout, np.array([upper, tip]), light)
         a, b = place * model.spacing_m, (n - place) * model.spacing_m
         pull = GRAVITY_M_S2 * np.array([(upper + tip) / a, tip / b])
-        stiffness = np.array([[pull.sum(), -pull[1]], [-pull[1], pull[1]]]) / [[upper], [tip]]
-        squares, shapes = np.linalg.eig(stiffness)
+        stiffness = np.array([[pull.sum(), -pull[1]], [-pull[1], pull[1]]])
+        squares, shapes = eigh(stiffness, np.diag([upper, tip]))
         for square, shape in zip(squares, shapes.T, strict=True):
             bent = np.interp(model.places_m()[1:], [0.0, a, a + b], [0.0, *shape])
             start = sideways(bent, model.places_m()[1:], 1e-4)
@@ -106,9 +107,7 @@ def fast_periods(options: Options) -> float:
     heavy, light, k_s = 10.0, 0.02, 1e6
     pull = GRAVITY_M_S2 * np.array([heavy + light, heavy])
     pull = pull / (l0 + pull / k_s)
-    squares, shapes = np.linalg.eig(
-        np.array([[pull.sum(), -pull[1]], [-pull[1], pull[1]]]) / [[light], [heavy]]
-    )
+    squares, shapes = eigh(np.array([[pull.sum(), -pull[1]], [-pull[1], pull[1]]]), np.diag([light, heavy]))
     fast = np.argmax(squares)
     cases = (
         (one, parameters(k_s=w2), np.ones(1), np.array([[0.0, -l0 - 1e-4]]), 1, period),

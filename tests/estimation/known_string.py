@@ -31,7 +31,8 @@ def hand_path(strength):
 def known_string(stiffer=1.0):
     """Return the string, or one that bends less and swings down as fast."""
     parameters = TRUTH * np.where(np.isin(PARAMETERS, WIDENED), stiffer, 1.0)
-    return StringBatch(parameters[None], point_masses(LAYOUT, np.array([[MASS]])))
+    masses = np.array([[MASS]])
+    return StringBatch(parameters[None], point_masses(LAYOUT, masses), free_masses=masses)
 
 
 def simulated(string, pose):

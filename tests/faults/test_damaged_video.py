@@ -202,7 +202,8 @@ def test_row67_a_video_replaced_by_an_older_one_of_its_size_is_found(trial: Tria
 def test_row9_without_a_hash_the_decoder_reports_flipped_bits(trial: Trial, make, name, words):
     damage(make(trial.folder / name), flipped(0.3, 0.9))
     found = trial.outcome()
-    assert words in found.printed
+    # A picture that one version of FFmpeg shows with a report, another version refuses.
+    assert words in found.printed or found.refused("SC-V008").exit_code == INTEGRITY
 
 
 def test_row26_sound_alone_is_refused(trial: Trial):
