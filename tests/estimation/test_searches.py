@@ -1,7 +1,6 @@
 """The searches on functions whose minimum is known, and on a throw at an equal budget."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,18 +10,15 @@ from strandcast.errors import StrandcastError
 from strandcast.estimation.ensemble import distant_members
 from strandcast.estimation.estimate import search
 from strandcast.estimation.fit import disagreement
-from strandcast.estimation.fit_objective import EvaluationLog, simulate_throw
+from strandcast.estimation.fit_objective import EvaluationLog
 from strandcast.estimation.optimisers.cma_es import minimise_by_cma_es
 from strandcast.estimation.optimisers.evolution import evolve
 from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.optimisers.paper import shrinking_search
 from strandcast.estimation.optimisers.registry import OPTIMISERS
 from strandcast.estimation.optimisers.starts import latin_hypercube
-from strandcast.estimation.unknowns import prior_exponents
-from strandcast.lab.strings import PAPER_STRINGS
-from strandcast_studies.evidence.lab_throws import specimen
 
-from .known_string import NOISE_M, objective_of, observed_throw
+from .known_string import objective_of, observed_throw
 
 GOAL = np.array([0.3, 0.8, 0.55])
 
