@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import pytest
 from strandcast.arm.load import load_arm
 from strandcast.arm.servo import Servo, respond
 from strandcast.arm.yielding_joints import YieldingJoints
+from strandcast.core.disturbances import DISTURBING
 from strandcast.core.objectives import (
     AimedPoint,
     Objective,
@@ -23,7 +25,8 @@ from strandcast.core.objectives import (
     SwingObjective,
 )
 from strandcast.errors import StrandcastError
-from strandcast.planning.plan import fitted_servo
+from strandcast.planning.plan import PlannedMotion, fitted_servo, plan_next
+from strandcast.planning.rig_scatter import drawn_sizes
 from strandcast.records.estimate import Estimate
 from strandcast.records.joint_log import read_run, write_joint_log
 from strandcast.records.motion import Motion
@@ -306,15 +309,19 @@ def test_what_a_throw_shows_of_the_rig_is_learnt_and_written(
     assert [(one["quantity"], one["median"], one["high"]) for one in json.loads(as_json)["scatter"]] == [
         (one.quantity, pytest.approx(one.median), pytest.approx(one.high)) for one in learnt.scatter
     ]
-    # It is planned with: had nothing been seen, throws would be predicted to scatter less.
-    monkeypatch.setattr(plan_stage, "seen_deviations", lambda *given: [])
+    # It is planned with.
+    planned_with = []
+
+    def spy(*given: Any) -> PlannedMotion:
+        planned_with.append(given[-1])
+        return plan_next(*given)
+
+    monkeypatch.setattr(plan_stage, "plan_next", spy)
     write(root, "rig", text + SMALL.replace("}", ", disturbances: learnt}"))
     run_stage("plan", root, "rig", 2)
-    prior = Motion.read(root / "results/rig/trial-02/motion.json").predicted
-    wide = motions["learnt"].predicted
-    assert prior is not None
-    assert wide is not None
-    assert wide.miss_rms_m > 1.01 * prior.miss_rms_m
+    unseen = drawn_sizes(context_of(root, "rig").settings.plan, [])
+    rates = DISTURBING.index("sway_rad_s")
+    assert (planned_with[0][:, rates] > 1.5 * unseen[:, rates]).all()
 
 
 def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(root: Path) -> None:
