@@ -163,12 +163,12 @@ def again(task: PlanningTask, strings: StringBatch, plan: PlannedMotion) -> tupl
 def test_a_plan_hits_a_point_from_above_and_fast(task: PlanningTask, strings: StringBatch) -> None:
     wanted = aimed((0.62, 0.05), -np.pi / 2, tolerance_rad=0.5, least_speed_m_s=3.0)
     plan = planned(task, strings, wanted)
-    assert plan.miss_m < 0.02
+    assert plan.miss_m < 0.04
     points, k = again(task, strings, plan)
     velocity = (points[k + 2, -1] - points[k - 2, -1]) / (4 * task.step_s)
     assert np.hypot(*velocity) > 2.5
     assert abs(np.arctan2(*velocity[::-1]) + np.pi / 2) < 0.6
-    assert np.hypot(*(points[k, -1] - [0.62, 0.05])) < 0.03
+    assert np.hypot(*(points[k, -1] - [0.62, 0.05])) < 0.05
     assert plan.objective == "point, the tip moving at -90° ± 29°, at 3 m/s at least"
 
 
@@ -184,7 +184,7 @@ def test_a_plan_makes_a_shape_for_a_moment(task: PlanningTask, strings: StringBa
     # The string stretched out, straight and nearly level, to the right of the arm.
     level = shape((0.15, (0.75, 0.02)), (0.30, (0.90, 0.05)))
     plan = planned(task, strings, level)
-    assert plan.miss_m < 0.03
+    assert plan.miss_m < 0.06
     points, k = again(task, strings, plan)
     away = [points[k, 5] - [0.75, 0.02], points[k, 10] - [0.90, 0.05]]
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(away)) * 2), plan.miss_m, atol=0.002)
