@@ -47,7 +47,6 @@ def test_every_required_package_works_here():
     assert broken_package(AttributeError("of our own")) is None
 
 
-@pytest.mark.slow
 def test_an_emptied_folder_is_found_by_doctor(tmp_path):
     run = run_without(tmp_path, "cv2", "doctor", "--json")
     assert run.returncode == 3, run.stderr
@@ -57,7 +56,6 @@ def test_an_emptied_folder_is_found_by_doctor(tmp_path):
     assert found["fix"].endswith(f" --force-reinstall --no-deps {OPENCV}=={version}")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("emptied", "package", "command"),
     [("cv2", OPENCV, "boards demo"), ("typer", "typer", "--version")],

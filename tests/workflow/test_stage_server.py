@@ -130,7 +130,6 @@ def gone(process: psutil.Process) -> bool:
     return False
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="the kernels are those of x86-64")
 @pytest.mark.parametrize("own", ["Nehalem", None])
 def test_only_a_variable_of_strandcasts_own_chooses_the_kernels_of_openblas(tmp_path, monkeypatch, own):
