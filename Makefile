@@ -144,6 +144,13 @@ test: $(VENV)/dev.stamp  ## run the tests on CORES=2; COVERAGE=1 prints their co
 test-all: $(VENV)/dev.stamp  ## run also the tests of rare paths: every command of the documents, all proofs, kills; 40 minutes
 	@$(call pytest)
 
+# Those that reach every kernel; numba refuses other code on other versions of Python.
+KERNEL_TESTS := tests/dynamics/test_simulate.py
+
+.PHONY: test-kernels
+test-kernels: $(VENV)/dev.stamp  ## compile every kernel by a few tests; VENV=.venv-3.13 PYTHON=python3.13: with another Python
+	@$(BIN)/python -m pytest -p tests.kernels -m "not thorough" $(KERNEL_TESTS)
+
 .PHONY: test-widths
 test-widths: $(VENV)/dev.stamp  ## run the tests of numbers as on other processors; hours; WIDTHS="bits=0 blas=Haswell" TESTS=tests/estimation: only these
 	@$(BIN)/python -m tests.widths $(if $(WIDTHS),--only "$(WIDTHS)") $(if $(TESTS),--tests "$(TESTS)") --numprocesses $(CORES) --dist loadfile
@@ -297,5 +304,5 @@ lock: $(VENV)/build.stamp  ## pin pyproject.toml and requirements/*.in again
 
 .PHONY: clean
 clean:  ## remove the environment and caches; data and results stay
-	@rm -rf $(VENV) $(DRIVERS) $(FRANKA_SIM) $(SLURM) $(STORAGE) $(AUDIT) $(DOCS) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@rm -rf $(VENV) .venv-3.1[0-9] $(DRIVERS) $(FRANKA_SIM) $(SLURM) $(STORAGE) $(AUDIT) $(DOCS) .snakemake .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

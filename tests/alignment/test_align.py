@@ -13,7 +13,12 @@ START = np.array([0.5, 0.2, 0.1])
 
 
 @pytest.mark.parametrize(
-    ("recipe", "trials"), [(Recipe(), 20), (Recipe(faults=WORN), 10), (Recipe(faults=HALF_BLIND), 10)]
+    ("recipe", "trials"),
+    [
+        pytest.param(Recipe(), 20, marks=pytest.mark.thorough),
+        (Recipe(faults=WORN), 10),
+        pytest.param(Recipe(faults=HALF_BLIND), 10, marks=pytest.mark.thorough),
+    ],
 )
 def test_the_standard_error_is_honest(arm, recipe, trials):
     """The small version of `python -m strandcast_studies.evidence.clocks`; other seeds than its own."""

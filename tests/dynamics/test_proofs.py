@@ -3,7 +3,12 @@
 import pytest
 from proofs import PROOFS, VARIANTS
 
-CASES = [(name, variant) for name, proof in PROOFS.items() for variant in proof.tolerance]
+LONG = ("dop853_in_space", "strong_damping_in_space")  # against integrators of small steps
+CASES = [
+    pytest.param(*(name, variant), marks=pytest.mark.thorough if variant != "lfcn" or name in LONG else ())
+    for name, proof in PROOFS.items()
+    for variant in proof.tolerance
+]
 
 
 @pytest.mark.parametrize(("name", "variant"), CASES)

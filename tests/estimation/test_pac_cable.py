@@ -51,7 +51,9 @@ def fitted_and_predicted(folder, cable, seed=1, **options):
     return fit, tip_error(distances(prepared.points_m, predicted[0])), swing, prepared, length_m
 
 
-@pytest.mark.parametrize("cable", ["black_weighted", "black_short_weighted"])
+@pytest.mark.parametrize(
+    "cable", ["black_weighted", pytest.param("black_short_weighted", marks=pytest.mark.thorough)]
+)
 def test_free_swing_predicts_the_driven_series(real_data, cable, record_property):
     """Two markers fit several strings; of three searches, the one with the best fit is used to predict."""
     tries = [fitted_and_predicted(real_data / "pac_cable", cable, seed) for seed in (1, 2, 3)]
@@ -68,6 +70,7 @@ def test_free_swing_predicts_the_driven_series(real_data, cable, record_property
     assert error_m < 0.65 * rigid_m
 
 
+@pytest.mark.thorough
 def test_dry_friction_explains_the_swing_of_a_bare_cable(real_data):
     """The swing stops instead of fading; the effect on the driven series depends on the fitted string."""
     folder = real_data / "pac_cable"
