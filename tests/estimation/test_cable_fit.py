@@ -116,6 +116,7 @@ def test_weights_of_unknown_mass_are_found():
     assert fit.values()["weight_1"] == pytest.approx(8.0, rel=0.15)
 
 
+@pytest.mark.thorough
 def test_friction_that_sticks_is_found_and_predicts():
     two_ends, truth = True, TRUTH | {"friction_turn_rad": 1.0, "stick_turn_rad": 0.1}
     plain_model, plain_space = space_of_cable(LENGTH_M, two_ends)

@@ -320,6 +320,7 @@ def test_a_motion_unlikely_to_hit_gives_way_to_one_that_has_hit(
     assert "repeats trial 1's motion: no change was found likelier to hit" in plan.flags
 
 
+@pytest.mark.thorough
 def test_a_target_out_of_reach_of_small_changes_is_planned_from_scratch(
     task: PlanningTask,
     strings: StringBatch,

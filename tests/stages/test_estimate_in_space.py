@@ -108,6 +108,7 @@ def test_settings_of_the_plane_and_targets_are_refused(captured):
         file.write_text(text)
 
 
+@pytest.mark.thorough
 def test_friction_that_sticks_is_fitted_on_request(tmp_path, project_root):
     root = project(tmp_path, project_root, captures.LENGTH_M)
     settings = root / "data" / "cable" / "experiment.yaml"
@@ -136,6 +137,7 @@ def test_trials_that_are_driven_differently_are_refused(captured, tmp_path, proj
         run_stage("estimate", root, "cable", 2)
 
 
+@pytest.mark.thorough
 def test_a_real_cable_is_predicted(real_data, tmp_path, project_root):
     """Two sequences of a cable between two robots, each end given by two points, y up in millimetres."""
     sequences = np.load(real_data / "deform_dlo" / "DLO4_train.npy")[:2].astype(float)

@@ -258,6 +258,7 @@ def test_a_plan_that_cannot_be_made_names_file_field_and_fix(root: Path, text: s
     assert words in str(caught.value)
 
 
+@pytest.mark.thorough
 def test_what_a_throw_shows_of_the_rig_is_learnt_and_written(
     root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -28,6 +28,7 @@ def experiment(root: Path, name: str, text: str) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_the_pendulum_video_gives_its_period(root, real_data):
     folder = experiment(
         root,
@@ -51,6 +52,7 @@ def test_the_pendulum_video_gives_its_period(root, real_data):
     assert np.polyfit(count, crossing, 1)[0] == pytest.approx(1.600, abs=0.005)
 
 
+@pytest.mark.thorough
 def test_a_cable_fitted_on_its_free_swing_predicts_the_driven_one(root, real_data):
     experiment(
         root,
