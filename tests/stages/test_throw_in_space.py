@@ -337,6 +337,7 @@ def test_what_a_throw_without_its_capture_needs_is_named(root: Path, captured: P
     )
 
 
+@pytest.mark.thorough
 def test_the_lab_throws_in_space_until_it_hits_by_commands_alone(tmp_path: Path) -> None:
     root, results = tmp_path / "lab", tmp_path / "lab/results/cast"
     make_experiment(root, drawn_case(7002), BUDGET + "min_trials: 2\nmax_trials: 3\n")

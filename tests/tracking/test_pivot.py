@@ -99,7 +99,10 @@ def test_a_lens_for_the_videos_pixels_is_accepted(scene):
     check_pixel_aspect(replace(info, pixel_aspect=496 / 495), scene.flat_camera(), info.path)
 
 
-@pytest.mark.parametrize(("length_m", "rate_hz", "fits"), [(0.3, 60.0, "0.70"), (0.7, 120.0, "0.5 times")])
+@pytest.mark.parametrize(
+    ("length_m", "rate_hz", "fits"),
+    [pytest.param(0.3, 60.0, "0.70", marks=pytest.mark.thorough), (0.7, 120.0, "0.5 times")],
+)
 def test_a_period_that_contradicts_the_length_is_refused(scene, tmp_path, length_m, rate_hz, fits):
     swing_film(scene, tmp_path / "v.mkv", 0.2)
     facts = inspect_video(tmp_path / "v.mkv", rate_hz)
@@ -138,6 +141,7 @@ def test_arc_of_exact_points():
     assert arc.radius_px == pytest.approx(500, abs=1e-4)
 
 
+@pytest.mark.thorough
 def test_period_of_a_real_pendulum(scene, real_data):
     path = real_data / "string_pendulum" / "rope_pendulum_0.62m_60fps.mp4"
     facts = inspect_video(path)

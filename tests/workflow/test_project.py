@@ -107,6 +107,7 @@ def test_the_projects_snakefile_is_the_installed_workflow(lab):
     assert "report_experiment" in done.stderr + done.stdout
 
 
+@pytest.mark.thorough
 def test_another_workflow_takes_ours_as_a_module(lab):
     (lab / "Snakefile").write_text(FOREIGN)
     plan = run(lab, "snakemake", "--dry-run", "--cores", "1")
