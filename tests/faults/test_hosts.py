@@ -132,11 +132,11 @@ def test_row81_a_decoder_without_memory_says_so(tmp_path: Path) -> None:
 
     def limits() -> None:
         keep_hard_limits()
-        resource.setrlimit(resource.RLIMIT_AS, (300_000_000, 300_000_000))
+        resource.setrlimit(resource.RLIMIT_AS, (700_000_000, 700_000_000))
 
     found = run_python(OPEN.format(str(film)), limits=limits, OPENBLAS_NUM_THREADS="1")
     assert (
-        f"SC-V035 ERROR  {film}: its decoder may need 2.0 GiB of memory, but `ulimit -v` allows 0.28" in found
+        f"SC-V035 ERROR  {film}: its decoder may need 2.0 GiB of memory, but `ulimit -v` allows 0.65" in found
     )
 
 

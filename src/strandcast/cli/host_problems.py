@@ -12,7 +12,7 @@ from strandcast.records.files import NO_ROOM, free_bytes, in_bytes
 
 # How libraries report exhausted memory, if not by a MemoryError.
 NO_MEMORY = ("failed to map segment", "annot allocate memory", "nsufficient memory", "out of memory")
-# Below this, libraries fail to load, each in its own words: 0.6 GiB of address space measured for `track`.
+# Below this, libraries fail to load, each in its own words: 0.9 GiB of address space measured for `track`.
 SMALL_BYTES = 1 << 30
 
 
