@@ -24,6 +24,8 @@ from strandcast_studies.benchmarks.agents.tasks import Task, arm_of, named_setti
 from strandcast_studies.benchmarks.loop.oracle import missed_m
 from strandcast_studies.benchmarks.loop.run import prepare, root_with_arms
 
+pytestmark = pytest.mark.thorough
+
 ID = "strandcast_studies.benchmarks.agents:strandcast/Throw-v0"
 ARM = arm_of("planar3")
 STEP_S = 1.0 / ARM.log_rate_hz

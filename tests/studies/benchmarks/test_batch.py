@@ -15,6 +15,7 @@ from strandcast_studies.benchmarks.batch.run import Size, against_targets, extra
 BURN = "import time\nend = time.process_time() + {seconds}\nwhile time.process_time() < end: pass\n"
 
 
+@pytest.mark.thorough
 def test_cpu_time_is_split_into_work_imports_and_the_engine(tmp_path: Path) -> None:
     (tmp_path / "heavy.py").write_text(BURN.format(seconds=0.6))
     (tmp_path / "part.py").write_text(
@@ -33,6 +34,7 @@ def test_cpu_time_is_split_into_work_imports_and_the_engine(tmp_path: Path) -> N
     assert spent.total_s == pytest.approx(spent.stages_s + spent.imports_s + spent.starts_s + spent.engine_s)
 
 
+@pytest.mark.thorough
 def test_a_batch_of_stages_that_do_nothing_is_made_to_its_reports_once(tmp_path: Path) -> None:
     make_project(tmp_path / "project")
     record_empty(tmp_path / "project", 2, 1)

@@ -38,6 +38,7 @@ def test_a_run_throws_fits_and_improves(thrown: tuple[Path, list[loop.LoopTrial]
     assert second.true_miss_m < 0.02
 
 
+@pytest.mark.thorough
 def test_oracle_and_distance_follow_a_run(
     thrown: tuple[Path, list[loop.LoopTrial]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -53,6 +54,7 @@ def test_oracle_and_distance_follow_a_run(
     assert far["distance_rad_s"] == 1.0
 
 
+@pytest.mark.thorough
 def test_the_budget_reuses_the_first_motion_and_switches_causes_off(
     thrown: tuple[Path, list[loop.LoopTrial]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -25,6 +25,7 @@ def test_targets_are_beyond_the_hand_but_not_the_string(seed: int) -> None:
     assert np.linalg.norm(hands_m - case.arm.chain.anchors_m[1], axis=1).max() <= reach_m + 5e-4
 
 
+@pytest.mark.thorough
 def test_a_case_is_thrown_fitted_and_planned_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "PLAN", PlanSettings(screening=32, evaluations=64, ensemble=2))
     monkeypatch.setattr(run, "ESTIMATE", EstimateSettings(evaluations=150, ensemble=2))

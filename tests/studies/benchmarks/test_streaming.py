@@ -8,6 +8,7 @@ import pytest
 from strandcast_studies.benchmarks import streaming
 
 
+@pytest.mark.thorough
 def test_the_benchmark_reports_every_loop(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(streaming, "RATES_HZ", (125.0,))
     monkeypatch.setattr(sys, "argv", ["streaming", "--seconds", "0.4", "--out", str(tmp_path / "late.json")])

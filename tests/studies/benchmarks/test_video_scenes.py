@@ -146,6 +146,7 @@ def test_speed_is_measured_on_the_frames_as_they_are(codec, frames, tmp_path):
     assert np.abs(off).mean() < 3.0
 
 
+@pytest.mark.thorough
 def test_the_whole_benchmark_runs(folder, work, tmp_path, monkeypatch):
     monkeypatch.setattr(video, "CODECS", CODECS[1:])
     out = tmp_path / "bench-video.json"

@@ -40,6 +40,7 @@ def predicted(real_data: Path, cable: str) -> dict[str, Figure]:
     return {f.name.removeprefix(start): f for f in deform_dlo.predicted(cable, training, evaluation)}
 
 
+@pytest.mark.thorough
 def test_fitted_string_on_real_data(real_data):
     first, second = (predicted(real_data, cable) for cable in ("DLO1", "DLO4"))
     assert first["carried_by_the_ends"].value == pytest.approx(33.1, abs=0.2)

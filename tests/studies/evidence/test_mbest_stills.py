@@ -37,6 +37,7 @@ def test_a_wrong_order_is_a_fault(name):
     assert stills.order_faults(through(expected.way_px, expected.crossings_px + 40.0), expected)
 
 
+@pytest.mark.thorough
 def test_the_cable_is_ordered_as_labelled_and_lies_on_the_mask(real_data):
     figures = {figure.name: figure for figure in stills.measure(real_data / "mbest_s1")}
     for name in ("orders_wrong", "orders_wrong_from_picture", "outside_mask", "from_medial_axis"):
