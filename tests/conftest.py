@@ -3,12 +3,14 @@
 import os
 import shutil
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from filelock import FileLock
 from tests.faults.small import make_whole
+from tests.report.chromium import Browser, chromium
 
 from strandcast.arm.load import clamp_frame, load_arm
 from strandcast.arm.spatial import SpatialArm, load_spatial_arm
@@ -76,6 +78,13 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
             make_whole(root)
             done.touch()
     return root
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """Return the one browser of this worker; tests open pages of their own."""
+    with chromium(tmp_path_factory.mktemp("browser")) as running:
+        yield running
 
 
 @pytest.fixture(scope="session")
