@@ -1,5 +1,6 @@
 """A project with one small lab experiment, run through once."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,8 @@ from strandcast.api import TrialView
 
 
 @pytest.fixture(scope="session")
-def project(finished) -> Path:
-    return finished
+def project(finished, tmp_path_factory) -> Path:
+    return Path(shutil.copytree(finished, tmp_path_factory.mktemp("project") / "mylab"))
 
 
 @pytest.fixture

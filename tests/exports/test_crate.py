@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import stat
 import subprocess
@@ -55,7 +56,7 @@ def test_rocrate_reads_all_files_with_their_hashes(library, made, project) -> No
     files = {entity.id: entity for entity in read.data_entities}
     assert set(files) == files_in(made) - {METADATA}
     raw = files_in(project / "data" / "small")
-    results = files_in(project / "results" / "small")
+    results = {name for name in files_in(project / "results" / "small") if "logs/" not in name}
     assert len(raw) > 15
     assert len(results) > 15
     assert {f"data/small/{name}" for name in raw} | {f"results/small/{name}" for name in results} | {
@@ -166,7 +167,8 @@ def test_a_flipped_byte_a_removed_and_an_added_file_are_named(crate) -> None:
 
 def test_a_changed_number_in_the_metadata_is_found(crate) -> None:
     text = (crate / METADATA).read_text()
-    changed = text.replace('"value": false', '"value": true')  # the verdict: a miss
+    verdict = re.search(r'"value": (true|false)', text)  # whether the tip hit
+    changed = text.replace(verdict[0], '"value": null')
     assert changed != text
     (crate / METADATA).write_text(changed)
     assert states(crate) == [("damaged", METADATA)]

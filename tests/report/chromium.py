@@ -156,7 +156,10 @@ class Page:
         """Return the addresses that the page asked for; what its policy refused was not asked for."""
         failed = self._reported("Network.loadingFailed")
         refused = {event["requestId"] for event in failed if event.get("blockedReason") == "csp"}
-        sent = {event["requestId"]: event["request"]["url"] for event in self._reported("Network.requestWillBeSent")}
+        sent = {
+            event["requestId"]: event["request"]["url"]
+            for event in self._reported("Network.requestWillBeSent")
+        }
         sockets = {event["url"] for event in self._reported("Network.webSocketCreated")}
         return sockets | {url for request, url in sent.items() if request not in refused}
 
