@@ -140,9 +140,12 @@ pytest = $(BIN)/pytest --numprocesses $(CORES) --dist loadfile --no-loadscope-re
 test: $(VENV)/dev.stamp  ## run the tests on CORES=2; COVERAGE=1 prints their coverage
 	@$(call pytest,-m "not thorough")
 
+.PHONY: test-rare
+test-rare: $(VENV)/dev.stamp  ## run the tests of rare paths: every command of the documents, all proofs, kills, long searches
+	@$(call pytest,-m thorough)
+
 .PHONY: test-all
-test-all: $(VENV)/dev.stamp  ## run also the tests of rare paths: every command of the documents, all proofs, kills; 40 minutes
-	@$(call pytest)
+test-all: test test-rare  ## run all tests: half an hour
 
 # Those that reach every kernel; numba refuses other code on other versions of Python.
 KERNEL_TESTS := tests/dynamics/test_simulate.py

@@ -56,7 +56,7 @@ class LeftOut:
         if self.count:
             terminalreporter.line(
                 f"{self.count} left out: `make test-all` adds every command of the documents, all proofs, "
-                "kills, refused calls, notebooks and long searches; about 40 minutes"
+                "kills, refused calls, notebooks and long searches; half an hour on two cores"
             )
 
 
