@@ -147,8 +147,12 @@ test-rare: $(VENV)/dev.stamp  ## run the tests of rare paths: every command of t
 .PHONY: test-all
 test-all: test test-rare  ## run all tests: half an hour
 
-# Those that reach every kernel; numba refuses other code on other versions of Python.
-KERNEL_TESTS := tests/dynamics/test_simulate.py
+# One experiment from film to plan, and the tests that reach every kernel.
+KERNEL_TESTS := tests/workflow/test_loop.py::test_every_stage_writes_its_files tests/arm tests/camera/test_marker_sides.py \
+  $(addprefix tests/dynamics/test_,schemes.py simulate.py space.py) tests/estimation/test_descent.py tests/lab/test_film.py \
+  $(addprefix tests/planning/test_,assessment.py bezier.py draw.py motion_descent.py new_objective.py simulated_misses.py space.py) \
+  tests/stages/test_fitted_string.py \
+  $(addprefix tests/tracking/test_,attachments.py background.py detection.py hand.py led.py smoother.py tip.py)
 
 .PHONY: test-kernels
 test-kernels: $(VENV)/dev.stamp  ## compile every kernel by a few tests; VENV=.venv-3.13 PYTHON=python3.13: with another Python
