@@ -73,8 +73,9 @@ def write_summaries(root: Path, count: int = 50) -> None:
         summary_of(position).write(root / "results" / name_of(position) / "summary.json")
 
 
-def campaign_in_memory(count: int = 12) -> Campaign:
-    experiments = [CampaignExperiment(name_of(position), summary_of(position)) for position in range(count)]
+def campaign_in_memory(count: int = 12, throws: int = 20) -> Campaign:
+    names = {position: name_of(position) for position in range(count)}
+    experiments = [CampaignExperiment(name, summary_of(position, throws)) for position, name in names.items()]
     waiting = (WaitingTrial(21), WaitingTrial(22, "track: SC-V005 the file is cut off"))
     experiments.append(CampaignExperiment(name_of(count), summary_of(count, 2), waiting=waiting))
     experiments.append(CampaignExperiment("unread", None, "summary.json: was changed; delete it"))

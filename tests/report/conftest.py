@@ -3,6 +3,7 @@
 import base64
 import io
 import shutil
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -58,6 +59,7 @@ STROBE = "0 107 138 159 176 187 210 232 271 354"
 SWINGS_RAD = {1: 2.0, 2: 2.2, 3: 2.5}
 
 
+@cache
 def throw(swing_rad: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return times (T,), hand pose (T, 3) and points (T, N + 1, 2) of a string swung over a shoulder."""
     dt_s = 1e-3

@@ -21,7 +21,8 @@ from strandcast.report.trial_page import trial_page
 from .campaigns import campaign_in_memory
 from .chromium import Browser, Page
 
-VIOLATIONS = """axe.run().then(found =>
+# Within a figure axe compares the colour of text that CSS inherits, not the fill that SVG paints it with.
+VIOLATIONS = """axe.run({exclude: [["svg[role=img] > *"]]}).then(found =>
     found.violations.map(v => [v.id, v.nodes.length, v.nodes[0].html.slice(0, 200)].join(" ")))"""
 
 
@@ -105,7 +106,7 @@ def pages(page: Path, results: Path) -> list[Path]:
     made = {
         "experiment": experiment_page(summary, trials),
         "comparison": comparison_page(compare(("old", "new"), records, records)),
-        "campaign": campaign_page(campaign_in_memory(7)),
+        "campaign": campaign_page(campaign_in_memory(7, throws=6)),
     }
     for name, text in made.items():
         write_text(page.with_name(f"{name}.html"), text)
@@ -123,8 +124,8 @@ def test_axe_finds_no_violation_at_a_middle_width(pages: list[Path], browser: Br
         assert (each.stem, violations(each, browser, {"light": 768})) == (each.stem, set())
 
 
-def test_axe_would_find_one(page: Path, tmp_path: Path, browser: Browser) -> None:
-    changed = worse(page, tmp_path, {"--muted: #555c64": "--muted: #b5bcc4", 'lang="en"': ""})
+def test_axe_would_find_one(pages: list[Path], tmp_path: Path, browser: Browser) -> None:
+    changed = worse(pages[2], tmp_path, {"--muted: #555c64": "--muted: #b5bcc4", 'lang="en"': ""})
     found = {each.split()[0] for each in violations(changed, browser, {"light": 1400})}
     assert found >= {"color-contrast", "html-has-lang"}
 

@@ -10,8 +10,7 @@ from strandcast.records.files import write_text
 from strandcast.report.campaign_page import campaign_page
 
 from .campaigns import campaign_in_memory
-from .chromium import Page, chromium
-from .test_browser import browser as browser
+from .chromium import Browser, Page
 
 COLUMN = "[...document.querySelectorAll('.sortable tbody tr')].map((row) => row.cells[%d].textContent)"
 HEAD = "document.querySelectorAll('.sortable th')[%d]"
@@ -20,11 +19,17 @@ REMARK = 15
 ROWS = 12 * 20 + 2
 
 
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the page of a campaign."""
+    path = tmp_path_factory.mktemp("campaign") / "report.html"
+    write_text(path, campaign_page(campaign_in_memory()))
+    return path
+
+
 @pytest.fixture
-def page(browser: str, tmp_path: Path) -> Iterator[Page]:
-    write_text(tmp_path / "report.html", campaign_page(campaign_in_memory()))
-    with chromium(browser, tmp_path / "profile") as opened:
-        opened.open(tmp_path / "report.html")
+def page(browser: Browser, table: Path) -> Iterator[Page]:
+    with browser.page(table) as opened:
         yield opened
 
 

@@ -18,9 +18,8 @@ from strandcast.report.panels.viewer import clip_px, film_of, flagged_runs
 from strandcast.report.results import read_results
 from strandcast.report.trial_page import trial_page
 
-from .chromium import Page, chromium
+from .chromium import Browser, Page
 from .conftest import CLIP_PX, NUMBER_BITS, NUMBER_PX, N
-from .test_browser import browser as browser
 
 LAST = 499
 FLAGGED = [(40, 42), (120, 127), (300, 300)]  # the first and the last are set here
@@ -40,8 +39,8 @@ def folder(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def page(folder: Path, browser: str, tmp_path: Path) -> Iterator[Page]:
-    with chromium(browser, tmp_path / "profile") as opened:
+def page(browser: Browser) -> Iterator[Page]:
+    with browser.page() as opened:
         yield opened
 
 
@@ -207,18 +206,17 @@ def test_without_scripts_the_film_strip_stands_alone(page: Page, folder: Path) -
 
 
 def test_nothing_moves_unasked(page: Page, folder: Path) -> None:
-    page.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+    page.prefer("reduced-motion", "reduce")
     page.open(folder / "report.html")
     page.wait(f"{DATA}.shown")
     assert page.value("document.querySelector('video').paused && !document.querySelector('video').autoplay")
     assert page.value("document.getAnimations().length") == 0
 
 
-@pytest.mark.parametrize("width", [1400, 390])
-def test_the_page_is_never_wider_than_its_window(page: Page, folder: Path, width: int) -> None:
-    page.open(folder / "report.html", width)
-    page.wait(f"{DATA}.shown")
-    assert page.value("document.documentElement.scrollWidth") == width
+def test_the_page_is_never_wider_than_its_window(film: Page) -> None:
+    for width in (1400, 390):
+        film.resize(width)
+        assert film.value("document.documentElement.scrollWidth") == width
 
 
 def test_a_film_that_cannot_be_played_says_so(page: Page, folder: Path, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import csv
 import hashlib
 import io
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -24,6 +25,19 @@ def render(
 
     `script` is the template of the one script that its policy lets run, if the page has one.
     """
+    environment = _environment(package)
+    code = page_script(script)
+    return environment.get_template(template).render(
+        script=Markup(code),
+        script_hash=base64.b64encode(hashlib.sha256(code.encode()).digest()).decode(),
+        style=Markup(environment.get_template("style.css.jinja").render()),
+        **values,
+    )
+
+
+@cache
+def _environment(package: str) -> Environment:
+    """Return the templates of a package and of the report, compiled once a process."""
     environment = Environment(
         loader=ChoiceLoader([PackageLoader(package), PackageLoader("strandcast.report")]),
         autoescape=True,
@@ -38,11 +52,7 @@ def render(
     environment.filters["trial_name"] = trial_name
     environment.filters["typeset"] = typeset
     environment.filters["csv_link"] = csv_link
-    code = page_script(script)
-    environment.globals["script"] = Markup(code)
-    environment.globals["script_hash"] = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
-    environment.globals["style"] = Markup(environment.get_template("style.css.jinja").render())
-    return environment.get_template(template).render(**values)
+    return environment
 
 
 def csv_link(rows: Iterable[Iterable[object]], heads: Iterable[str], name: str) -> Markup:

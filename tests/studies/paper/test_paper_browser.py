@@ -7,18 +7,18 @@ from typing import Any
 from strandcast.records.files import write_text
 from strandcast_studies.paper.report.page import paper_page
 
-from ...report.test_browser import browser as browser
+from ...report.chromium import Browser
 from ...report.test_browser import light_and_dark
 from ...report.test_poison import POISON, check_inert, poisoned
 
 
-def test_the_papers_page_in_light_and_dark(paper: Any, tmp_path: Path, browser: str) -> None:
+def test_the_papers_page_in_light_and_dark(paper: Any, tmp_path: Path, browser: Browser) -> None:
     page = tmp_path / "report.html"
     write_text(page, paper_page(*paper))
-    light_and_dark(page, tmp_path, browser)
+    light_and_dark(page, browser)
 
 
-def test_poison_is_shown_and_not_run(paper: Any, tmp_path: Path, browser: str) -> None:
+def test_poison_is_shown_and_not_run(paper: Any, tmp_path: Path, browser: Browser) -> None:
     summary, folders, facts = paper
     summary = poisoned(summary, everything=False)
     settings = {method: {POISON: POISON} for method in facts.settings}
