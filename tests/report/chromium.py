@@ -136,11 +136,11 @@ class Page:
         if selector is None:
             return base64.b64decode(self.send("Page.captureScreenshot")["data"])
         box = self.value(
-            f"(({{x, y, width, height}}) => ({{x: x + scrollX, y: y + scrollY, width, height}}))"
-            f"(document.querySelector({json.dumps(selector)}).getBoundingClientRect())"
+            f"(e => {{ e.scrollIntoView({{block: 'nearest'}}); const {{x, y, width, height}} = "
+            "e.getBoundingClientRect(); return {x: x + scrollX, y: y + scrollY, width, height}; })"
+            f"(document.querySelector({json.dumps(selector)}))"
         )
-        clip = box | {"scale": 1}
-        shot = self.send("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
+        shot = self.send("Page.captureScreenshot", clip=box | {"scale": 1})
         return base64.b64decode(shot["data"])
 
     def printed(self) -> bytes:
