@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from markupsafe import Markup
 from PIL import Image, ImageDraw
 
 from strandcast.core.trial_names import trial_name
@@ -42,6 +43,7 @@ from strandcast.records.tables import write_table
 from strandcast.records.track import TRACK, Track, TrackSummary
 from strandcast.records.verdict import Verdict
 from strandcast.report.measures import path_distance_m
+from strandcast.report.panels import content
 from strandcast.video.small import small_video
 
 N = 10
@@ -518,3 +520,10 @@ def fast_results(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     folder = Path(shutil.copytree(results, tmp_path_factory.mktemp("fast") / "swing"))
     build_trial(folder / "trial-03", "swing", 3, 10 * FRAME_RATE_HZ)
     return folder
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the drawings of pages empty, for a test of their words: half of a page's time goes there."""
+    empty = Markup('<svg role="img" aria-label="{}"></svg>')
+    monkeypatch.setattr(content, "to_svg", lambda drawn, name: empty.format(drawn.alt))

@@ -54,6 +54,7 @@ def slipped_by(results: TrialResults, length_m: float) -> TrialResults:
     return with_points(results, change)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_good_throws_are_accused_of_nothing(results):
     for trial in ("trial-01", "trial-02", "trial-03"):
         assert probable_causes(read_results(results / trial)) == []
@@ -197,6 +198,7 @@ def test_a_miss_near_the_hit_radius_gets_a_question_mark(good, beyond_m, word):
     assert verdict_badge(near.get("verdict"), None, uncertain=uncertain_verdict(near)).word == word
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_missing_optional_file_leaves_a_figure_out_without_alarm(results, tmp_path):
     folder = Path(shutil.copytree(results, tmp_path / "swing")) / "trial-03"
     (folder / "predicted.parquet").unlink(missing_ok=True)

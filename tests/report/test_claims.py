@@ -227,8 +227,13 @@ def test_names_and_units_are_typeset() -> None:
     assert quantity("bead_at_tip", True) == ("bead at tip", "yes")
 
 
-def test_no_raw_key_or_unit_is_on_a_page(results: Path) -> None:
-    page = trial_page(results / "trial-03", trial=3, experiment="swing")
+@pytest.fixture(scope="module")
+def page(results: Path) -> str:
+    """Return the page of a trial."""
+    return trial_page(results / "trial-03", trial=3, experiment="swing")
+
+
+def test_no_raw_key_or_unit_is_on_a_page(page: str) -> None:
     text = re.sub(r"<[^>]*>", " ", page[page.index("<main") : page.index('id="provenance"')])
     assert not re.search(r"\b(rest_curl|clamp_offset|grasp_m|threshold_grey|k_s|C_c2)\b|s2/m2", text)
     assert "In the paper" not in text
@@ -302,8 +307,7 @@ def test_the_outcome_gives_the_miss_and_the_prediction(results: Path, tmp_path: 
     assert "too near to its edge to be certain" in outcome(read_results(folder))
 
 
-def test_every_table_is_a_csv_within_the_page(results: Path) -> None:
-    page = trial_page(results / "trial-03", trial=3, experiment="swing")
+def test_every_table_is_a_csv_within_the_page(page: str) -> None:
     links = re.findall(r'download="([^"]*)" href="data:text/csv;charset=utf-8,([^"]*)"', page)
     assert len(links) == page.count("<thead>")
     text = dict(links)["checks.csv"]

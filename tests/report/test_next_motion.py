@@ -67,6 +67,7 @@ def test_only_places_aimed_at_are_marked(
     assert labels.count("target") == min(marks, 1)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_page_says_from_where_the_miss_is_measured(results: Path, tmp_path: Path) -> None:
     folder = tmp_path / "it"
     shutil.copytree(results, folder)

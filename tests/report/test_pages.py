@@ -42,6 +42,7 @@ FACTS = Facts(
     play_command="strandcast play results/swing/trial-04/motion.json",
     settings={"string": {"length_m": 0.3}, "seed": 1},
 )
+EVIL_FACTS = Facts(title=EVIL, excluded={3: EVIL}, play_command=EVIL, settings={EVIL: EVIL})
 
 
 class Tags(HTMLParser):
@@ -104,6 +105,7 @@ def copy_of(results: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(results, tmp_path / "swing"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_header_leads_to_the_neighbours(results: Path) -> None:
     header = page_of(results, neighbours=(2, 4)).partition("</header>")[0]
     links = re.findall(r'<a href="([^"]*)">([^<]*)</a>', header)
@@ -172,6 +174,7 @@ def test_lab_truth_stands_beside_the_measurement(page: str) -> None:
     assert float(rms_mm[1]) == pytest.approx(0.7 * np.sqrt(2), rel=0.03)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_no_truth_no_section(results: Path, tmp_path: Path) -> None:
     folder = copy_of(results, tmp_path)
     (folder / "trial-03" / "lab_truth.parquet").unlink()
@@ -182,11 +185,11 @@ def test_same_results_same_bytes(page: str, results: Path) -> None:
     assert page_of(results) == page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_text_is_text(results: Path, tmp_path: Path) -> None:
     folder = copy_of(results, tmp_path)
     made_by(folder / "trial-03" / "verdict.json", {EVIL: EVIL})
-    facts = Facts(title=EVIL, excluded={3: EVIL}, play_command=EVIL, settings={EVIL: EVIL})
-    page = page_of(folder, experiment=EVIL, facts=facts)
+    page = page_of(folder, experiment=EVIL, facts=EVIL_FACTS)
     assert page.count("<script") == 1  # the viewer's
     text = Tags(page).text
     assert text.count(EVIL) >= 7
@@ -198,10 +201,12 @@ def made_by(path: Path, versions: dict[str, str]) -> None:
     path.write_text(json.dumps(json.loads(path.read_text()) | {"made_by": versions}))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_shows_the_versions_of_the_results(results: Path, tmp_path: Path) -> None:
     folder = copy_of(results, tmp_path)
-    assert f"numpy {np.__version__}" in Tags(page_of(folder)).text
-    assert "different sets of versions" not in page_of(folder)
+    text = Tags(page_of(folder)).text
+    assert f"numpy {np.__version__}" in text
+    assert "different sets of versions" not in text
     made_by(folder / "trial-03" / "estimate.json", {"strandcast": "0.1.9", "numpy": "1.2.3"})
     made_by(folder / "cameras" / "main.json", {})
     text = Tags(page_of(folder)).text
@@ -224,6 +229,7 @@ def test_the_summary_lists_the_versions_of_every_file(results: Path, tmp_path: P
     assert (other.versions, other.files) == ({"numpy": "1.2.3"}, ["trial-03/estimate.json"])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_missing_result_is_a_box_with_the_reason(results: Path, tmp_path: Path) -> None:
     folder = copy_of(results, tmp_path)
     damaged = folder / "trial-03" / "hand.parquet"
@@ -251,6 +257,7 @@ def test_an_empty_folder_still_gives_a_page(tmp_path: Path) -> None:
     assert "16 of 17 figures could not be made" in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_bug_in_a_panel_does_not_lose_the_page(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(page: TrialPageData) -> PanelContent:
         raise ZeroDivisionError("on purpose")
@@ -263,6 +270,7 @@ def test_a_bug_in_a_panel_does_not_lose_the_page(results: Path, monkeypatch: pyt
     assert "1 of 18 figures could not be made" in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_undetected_tip_is_reported(results: Path, tmp_path: Path) -> None:
     folder = copy_of(results, tmp_path)
     path = folder / "trial-03" / "verdict.json"
@@ -338,8 +346,13 @@ def experiment_of(results: Path, facts: Facts = FACTS) -> str:
     return experiment_page(summary, trials, next_motion=next_motion, facts=facts)
 
 
-def test_the_experiments_page(results: Path) -> None:
-    page = experiment_of(results)
+@pytest.fixture(scope="module")
+def experiments_page(results: Path) -> str:
+    return experiment_of(results)
+
+
+def test_the_experiments_page(experiments_page: str, results: Path) -> None:
+    page = experiments_page
     assert experiment_of(results) == page
     tags = Tags(page)
     assert "could not be made" not in page
@@ -354,6 +367,7 @@ def test_the_experiments_page(results: Path) -> None:
     assert len(page.encode()) < 3_000_000
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_experiments_page_without_any_result(results: Path, tmp_path: Path) -> None:
     folder = copy_of(results, tmp_path)
     for file in (folder / "trial-01").iterdir():
@@ -371,6 +385,7 @@ def test_ten_times_the_frames_make_no_larger_page(page: str, fast_results: Path)
     assert len(fast) < 1.5 * len(page)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_lists_what_a_fit_was_made_from_by_trial(results: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(results, tmp_path / "swing")) / "trial-02"
     names = [f"{trial_name(trial)}/track.parquet" for trial in (1, 2, 99, 100, 101)]
@@ -380,6 +395,8 @@ def test_the_page_lists_what_a_fit_was_made_from_by_trial(results: Path, tmp_pat
     assert re.findall(r"estimated from ([^<]*parquet)", page_of(folder.parent, 2)) == names
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("undrawn")
 def test_an_experiment_of_no_trial_one_or_many(results: Path, tmp_path: Path) -> None:
     given = {"string_length_m": 0.3, "target_m": [0.6, 0.7], "hit_radius_m": 0.02}
     counts = {
@@ -412,8 +429,8 @@ def test_an_experiment_of_no_trial_one_or_many(results: Path, tmp_path: Path) ->
     assert "not hit the target in 3 trials, 3 of them excluded" in Tags(experiment_of(results, facts)).text
 
 
-def test_links_lead_to_files_that_are_there(page: str, results: Path) -> None:
-    for text, folder in ((page, results / "trial-03"), (experiment_of(results), results)):
+def test_links_lead_to_files_that_are_there(page: str, experiments_page: str, results: Path) -> None:
+    for text, folder in ((page, results / "trial-03"), (experiments_page, results)):
         links = {
             r
             for r in Tags(text).references
@@ -423,6 +440,7 @@ def test_links_lead_to_files_that_are_there(page: str, results: Path) -> None:
         assert [link for link in links - {"summary.json"} if not (folder / link).is_file()] == []
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_page_does_not_depend_on_where_it_lies(results: Path, tmp_path: Path) -> None:
     pages = []
     for name in ("here", "there"):
@@ -435,6 +453,7 @@ def test_a_page_does_not_depend_on_where_it_lies(results: Path, tmp_path: Path) 
     assert str(tmp_path) not in pages[0]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_frames_without_any_point_are_gaps(results: Path, tmp_path: Path) -> None:
     folder = copy_of(results, tmp_path) / "trial-03"
     rows = read_table(folder / "track.parquet", TRACK)
@@ -447,10 +466,13 @@ def test_frames_without_any_point_are_gaps(results: Path, tmp_path: Path) -> Non
     assert "200 259 60" in Tags(page_of(folder.parent)).text
 
 
-def test_a_picture_with_unknown_instants_shows_the_paths_of_the_tip(results: Path, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("undrawn")
+def test_a_picture_with_unknown_instants_shows_the_paths_of_the_tip(
+    page: str, results: Path, tmp_path: Path
+) -> None:
     folder = copy_of(results, tmp_path)
     path = folder / "trial-03" / "track.json"
-    assert section_of(page_of(folder), "picture").count('class="model"') == 10
+    assert section_of(page, "picture").count('class="model"') == 10
     TrackSummary.read(path).model_copy(update={"choices": {}}).write(path)
     picture = section_of(page_of(folder), "picture")
     assert picture.count('class="model"') == picture.count('class="track"') == 1
@@ -469,7 +491,7 @@ def test_text_within_figures_is_text(results: Path, tmp_path: Path) -> None:
     write_predicted(beside, read_predicted(beside)._replace(motion_sha256=motion.content_sha256()))
     path = folder / "trial-03" / "estimate.json"
     Estimate.read(path).model_copy(update={"search": EVIL}).write(path)
-    page = page_of(folder)
+    page = page_of(folder, experiment=EVIL, facts=EVIL_FACTS)
     assert "could not be made" not in page
     assert page.count("<script") == 1  # the viewer's
     assert f"{EVIL}: velocity" in Tags(page).text

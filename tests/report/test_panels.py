@@ -25,6 +25,8 @@ from strandcast.report.results import FILES, read_results
 from strandcast.report.summary import summarise
 from strandcast.report.trial_page import trial_page
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def tip_height(page: TrialPageData) -> PanelContent:
     """Return the greatest height of the tip, as a curve and as a number."""

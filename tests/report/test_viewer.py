@@ -100,7 +100,7 @@ def test_keys_step_and_jump_to_the_frame_that_is_shown(film: Page, folder: Path)
 
 
 def test_any_frame_is_found_from_any_other(film: Page) -> None:
-    for frame in np.random.default_rng(4).integers(0, LAST + 1, 25).tolist():
+    for frame in np.random.default_rng(4).integers(0, LAST + 1, 15).tolist():
         film.value(
             f"(s => {{ s.value = {frame}; s.dispatchEvent(new Event('input', {{bubbles: true}})); }})"
             "(document.querySelector('[data-part=scrubber]'))"
