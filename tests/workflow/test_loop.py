@@ -518,17 +518,21 @@ def test_snakemakes_own_report_holds_pages_numbers_and_figures(rig, tmp_path, mo
     assert not re.search(r"<(script|link|img)[^>]*(src|href)=.http", page)
 
 
+def lines_of(pages: list[Path]) -> list[bytes]:
+    return [line for page in pages for line in page.read_bytes().splitlines()]
+
+
 def test_the_pages_are_rendered_again_without_any_stage(rig, tmp_path, monkeypatch, capsys):
     root = Path(shutil.copytree(rig, tmp_path / "project"))
     pages = [root / "results" / "rig" / name for name in ("report.html", "trial-01/report.html")]
-    before = [(page.read_bytes(), page.stat().st_mtime_ns) for page in pages]
+    before, made_ns = lines_of(pages), pages[0].stat().st_mtime_ns
     pages[1].unlink()
     (root / "data/fresh").mkdir()
     shutil.copy(root / "data/rig/experiment.yaml", root / "data/fresh")
     run = run_module(root, "strandcast", "run", "--report-only", "--json")
     assert run.returncode == 0, run.stderr
-    assert [page.read_bytes() for page in pages] == [content for content, _ in before]
-    assert pages[0].stat().st_mtime_ns == before[0][1]  # nothing has happened to it
+    assert lines_of(pages) == before
+    assert pages[0].stat().st_mtime_ns == made_ns  # nothing has happened to it
     assert "fresh has no page yet" in run.stderr
     assert not (root / "results/fresh/report.html").exists()  # Snakemake would take it for a finished one
     campaign = json.loads(run.stdout)["campaign"]
@@ -542,7 +546,7 @@ def test_the_pages_are_rendered_again_without_any_stage(rig, tmp_path, monkeypat
     monkeypatch.setattr("strandcast.workflow.pages.ProcessPoolExecutor", refuse)
     monkeypatch.chdir(root)  # pages name the results as the command does
     assert render_pages(Path(), ["rig"], 2) == []
-    assert [page.read_bytes() for page in pages] == [content for content, _ in before]
+    assert lines_of(pages) == before
     assert "pages are rendered on one core: /dev/shm: Permission denied" in capsys.readouterr().err
 
 
