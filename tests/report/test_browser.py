@@ -21,7 +21,7 @@ from strandcast.report.trial_page import trial_page
 from .campaigns import campaign_in_memory
 from .chromium import Browser, Page
 
-# A reader gets a figure's alternative text, and axe knows the colour that CSS gives SVG text, not the fill.
+# Readers are given a figure's alternative text, and axe knows the CSS colour of text in SVG, not its fill.
 EMPTY_FIGURES = "document.querySelectorAll('svg[role=img]').forEach(figure => figure.replaceChildren())"
 VIOLATIONS = """axe.run().then(found =>
     found.violations.map(v => [v.id, v.nodes.length, v.nodes[0].html.slice(0, 200)].join(" ")))"""
