@@ -92,12 +92,14 @@ def test_what_is_wrong_is_named_with_its_size(arm: Arm, numbers: dict[str, float
         assert not fit.possible.any()
 
 
+@pytest.mark.thorough
 def test_an_arm_as_its_file_says_is_never_accused(arm: Arm) -> None:
     fits = [fitted(arm, off_by(), 100 + seed, 2 + seed % 3) for seed in range(40)]
     assert not any(fit.wrong.any() or fit.possible.any() for fit in fits)
     assert np.median([fit.probability[-1] for fit in fits]) > 0.7
 
 
+@pytest.mark.thorough
 def test_stated_standard_deviations_are_those_of_the_errors(arm: Arm) -> None:
     true = off_by(link_2=0.006)
     fits = [fitted(arm, true, 200 + seed, 2) for seed in range(40)]
@@ -130,6 +132,7 @@ def test_one_trial_or_a_short_look_is_not_enough(arm: Arm) -> None:
     assert fit_offsets(arm, [trials[0], short], PLANE_SD_M) is None
 
 
+@pytest.mark.thorough
 def test_zeros_that_scatter_noise_that_lasts_and_a_poor_plane_widen_the_errors(arm: Arm) -> None:
     true = off_by()
 

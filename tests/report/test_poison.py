@@ -93,7 +93,11 @@ def poison_folder(folder: Path, everything: bool) -> None:
         record.write(path)
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["texts", "everything"])
+@pytest.fixture(
+    scope="module",
+    params=[False, pytest.param(True, marks=pytest.mark.thorough)],
+    ids=["texts", "everything"],
+)
 def pages(
     request: pytest.FixtureRequest, results: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, str]:

@@ -347,6 +347,7 @@ def test_a_dry_run_lists_what_would_run_and_why(thrown):
     assert run_small(thrown, "--dry-run")[1]["jobs"] == []
 
 
+@pytest.mark.thorough
 def test_a_run_until_a_stage_makes_no_more_than_that(thrown):
     results = thrown / "results" / NAME
     shutil.copytree(results, thrown / "kept")
@@ -494,6 +495,7 @@ def test_status_agrees_with_what_snakemake_would_run(rig, tmp_path, monkeypatch,
     assert (status.next_steps[0] == "strandcast run rig") == bool(jobs(run))
 
 
+@pytest.mark.thorough
 def test_snakemakes_own_report_holds_pages_numbers_and_figures(rig, tmp_path, monkeypatch):
     root = Path(shutil.copytree(rig, tmp_path / "project"))
     assert snakemake(root, "results/report.html").returncode == 0

@@ -77,6 +77,7 @@ def root(tmp_path_factory, project_root) -> Path:
     return root
 
 
+@pytest.mark.thorough
 def test_every_rule_is_a_job_that_another_computer_can_run(root):
     rules = "".join(path.read_text() for path in (root / "workflow" / "rules").glob("*.smk"))
     assert set(re.findall(r"^(?:rule|checkpoint) (\w+):", rules, re.MULTILINE)) == {*JOBS, "report_campaign"}
