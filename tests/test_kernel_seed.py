@@ -58,7 +58,9 @@ def test_an_installed_wheel_with_a_seed_compiles_nothing(tmp_path, project_root,
 
     def hits_and_misses(home: str) -> str:
         clean = {
-            name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "PYTHON"))
+            name: value
+            for name, value in os.environ.items()
+            if not name.startswith(("NUMBA_", "PYTHON", "XDG_"))
         }
         (tmp_path / home).mkdir()
         environment = clean | {"HOME": str(tmp_path / home)}
