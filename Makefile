@@ -141,8 +141,8 @@ test: $(VENV)/dev.stamp  ## run the tests on CORES=2; COVERAGE=1 prints their co
 	@$(call pytest,-m "not thorough")
 
 .PHONY: test-rare
-test-rare: $(VENV)/dev.stamp  ## run the tests of rare paths: every command of the documents, all proofs, kills, long searches
-	@$(call pytest,-m thorough)
+test-rare: $(VENV)/dev.stamp  ## run the tests of rare paths: commands of the documents, all proofs, kills, long searches; TESTS=tests/docs: only these
+	@$(call pytest,-m thorough $(TESTS))
 
 .PHONY: test-all
 test-all: test test-rare  ## run all tests: half an hour
