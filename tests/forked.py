@@ -13,7 +13,8 @@ import subprocess
 import sys
 import tempfile
 import traceback
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
@@ -56,26 +57,31 @@ def _serve() -> None:
         import_module(module)
     for line in sys.stdin:
         request = json.loads(line)
-        pid = os.fork() or _run(request)
+        pid = os.fork() or run_and_exit(partial(_run, request))
         print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
 
 
-def _run(request: dict[str, Any]) -> NoReturn:
+def _run(request: dict[str, Any]) -> None:
+    for number, path in enumerate((os.devnull, request["out"], request["err"])):
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+        os.dup2(file, number)
+        os.close(file)
+    os.chdir(request["folder"])
+    os.environ.clear()
+    os.environ.update(request["environment"])
+    module, *arguments = request["line"]
+    sys.argv = [module, *arguments]
+    sys.path[0] = request["folder"]  # as `python -m` has it
+    for name in [name for name in sys.modules if name.startswith("strandcast.cli")]:
+        del sys.modules[name]  # the command line looks for the project when it is imported
+    runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+def run_and_exit(command: Callable[[], None]) -> NoReturn:
+    """Run a command in a fork, and end the fork as a process of its own would."""
     code = 1
     try:
-        for number, path in enumerate((os.devnull, request["out"], request["err"])):
-            file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
-            os.dup2(file, number)
-            os.close(file)
-        os.chdir(request["folder"])
-        os.environ.clear()
-        os.environ.update(request["environment"])
-        module, *arguments = request["line"]
-        sys.argv = [module, *arguments]
-        sys.path[0] = request["folder"]  # as `python -m` has it
-        for name in [name for name in sys.modules if name.startswith("strandcast.cli")]:
-            del sys.modules[name]  # the command line looks for the project when it is imported
-        runpy.run_module(module, run_name="__main__", alter_sys=True)
+        command()
         code = 0
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1

@@ -6,9 +6,10 @@ import os
 import shutil
 import subprocess
 import sys
-import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
+
+from tests.forked import run_and_exit
 
 from strandcast.records.files import sha256_file
 from strandcast.stages.run import files_of
@@ -138,8 +139,8 @@ def fork_job(
     importlib.import_module(f"strandcast.stages.{stage}")
     if pid := os.fork():
         return pid
-    code = 1
-    try:
+
+    def job() -> None:
         os.setsid()
         os.chdir(root)
         sys.argv = ["strandcast", *arguments(stage, trials)]
@@ -148,14 +149,8 @@ def fork_job(
             os.dup2(file.fileno(), 2)
         first()
         main()
-    except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+
+    run_and_exit(job)
 
 
 def hashes(root: Path) -> dict[str, str]:
