@@ -524,6 +524,7 @@ def lines_of(pages: list[Path]) -> list[bytes]:
     return [line for page in pages for line in page.read_bytes().splitlines()]
 
 
+@pytest.mark.thorough
 def test_the_pages_are_rendered_again_without_any_stage(rig, tmp_path, monkeypatch, capsys):
     root = Path(shutil.copytree(rig, tmp_path / "project"))
     pages = [root / "results" / "rig" / name for name in ("report.html", "trial-01/report.html")]
