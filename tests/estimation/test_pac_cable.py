@@ -62,7 +62,7 @@ def test_free_swing_predicts_the_driven_series(real_data, cable, record_property
     """
     tries = [fitted_and_predicted(real_data / "pac_cable", cable, seed) for seed in (1, 2, 3)]
     _, _, swing, prepared, length_m = tries[0]
-    error_m = np.median([found[1] for found in tries])
+    error_m = float(np.median([found[1] for found in tries]))
     reach = prepared.points_m[:, -1] - prepared.points_m[:, 0]
     still = swing.points_m[-15:, -1] - swing.points_m[-15:, 0]
     rigid_m = np.linalg.norm(reach - still.mean(axis=0), axis=1).mean()
