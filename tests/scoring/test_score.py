@@ -131,6 +131,14 @@ def test_the_edge_of_a_gap_is_not_taken_for_the_closest_approach():
     assert verdict(track, target=(0.05, 0.1)).miss_m is None
 
 
+@pytest.mark.parametrize("order", [1, -1], ids=["before the gap", "after the gap"])
+def test_the_nearest_frame_at_the_edge_of_a_gap_is_not_taken_for_the_closest_approach(order):
+    """The tip is far away at the other edge: a cubic through both edges comes no nearer."""
+    track = fly_by(keep=np.abs(np.arange(200) - 99.5) > 10)
+    track.points_m[:, 2, 0] = np.where(track.frame < 100, 0.001 * (track.frame - 89), 0.5)[::order]
+    assert verdict(track).miss_m is None
+
+
 def test_a_predicted_tip_is_not_a_tracked_one():
     track = fly_by()
     track.flags[98:104, -1] = PREDICTED
