@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from strandcast.report import numbers
-from strandcast.report.measures import arc_length_m, equal_instants, path_distance_m, rms
+from strandcast.report.measures import arc_length_m, equal_instants, path_distance_m, rms, with_gaps
 
 
 def test_arc_length_bridges_gaps() -> None:
@@ -37,6 +37,11 @@ def test_distance_is_to_segments_not_to_samples() -> None:
 def test_rms_leaves_out_unknown_values() -> None:
     assert rms(np.array([3.0, np.nan, 4.0])) == pytest.approx(np.sqrt(12.5))
     assert np.isnan(rms(np.array([np.nan])))
+
+
+def test_a_line_breaks_where_samples_are_missing() -> None:
+    gapped = with_gaps(np.array([0.0, 1.0, 2.0, 5.0, 6.0]), np.arange(5.0))
+    np.testing.assert_equal(gapped, [[0.0, 1.0, 2.0, np.nan, 5.0, 6.0], [0.0, 1.0, 2.0, np.nan, 3.0, 4.0]])
 
 
 @pytest.mark.parametrize(
