@@ -96,6 +96,14 @@ def test_what_stands_out_is_named_with_the_reason(page: str, project: Path) -> N
     assert "2 of 999 throws have a quantity of the rig beyond its limit." in text
 
 
+@pytest.mark.parametrize("drift", [5e-4, -5e-4])
+def test_a_clock_that_drifts_either_way_stands_out(drift: float) -> None:
+    summary = summary_of(40, 3)
+    summary.trials[1].clock_drift = drift
+    [found] = Campaign([CampaignExperiment("a", summary)]).outliers()
+    assert (found.trial, found.severity) == (2, pytest.approx(5.0))
+
+
 def test_the_tally_counts_what_is_done_failed_and_left() -> None:
     tally = campaign_in_memory().tally()
     assert (tally.done, tally.excluded, tally.failed, tally.left) == (241, 1, 2, 1)
