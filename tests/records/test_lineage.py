@@ -1,6 +1,7 @@
 """Lineage: a file of another trial, or of inputs that have changed, is refused with both names."""
 
 import json
+import os
 import shutil
 
 import numpy as np
@@ -9,7 +10,14 @@ import pytest
 
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import HAND
-from strandcast.records.lineage import Place, check_picture, made_by_stage, note_picture, place_of
+from strandcast.records.lineage import (
+    Place,
+    check_picture,
+    content_sha256_of,
+    made_by_stage,
+    note_picture,
+    place_of,
+)
 from strandcast.records.page import check_page, write_page
 from strandcast.records.tables import read_table, write_table
 from strandcast.records.verdict import Verdict
@@ -101,6 +109,15 @@ def test_a_result_of_changed_inputs_is_refused_and_one_made_again_fits(demo):
     assert Verdict.read(folder / "verdict.json").hit
     (folder / "hand.parquet").unlink()  # a result may be kept without what it was made from
     assert Verdict.read(folder / "verdict.json").hit
+
+
+def test_a_file_rewritten_in_the_same_size_is_hashed_again(tmp_path):
+    path, hashes = tmp_path / "joints.csv", []
+    for time_s, text in enumerate(("0.1", "0.2")):
+        path.write_text(text)
+        os.utime(path, (time_s, time_s))
+        hashes.append(content_sha256_of(path))
+    assert hashes[0] != hashes[1]
 
 
 def test_raw_files_may_be_copied_to_another_experiment_but_not_to_another_trial(demo):
