@@ -44,11 +44,13 @@ def test_the_description_of_a_setting_does_not_count_and_its_default_does(versio
     assert version_of("score", "config/experiment.py", "    0.02,", "    0.03,") != before
 
 
-def test_an_edit_in_another_room_does_not_count(version_of):
+def test_an_edit_in_another_room_does_not_count_and_one_of_a_pages_template_does(version_of):
     before = version_of("score")
     after = version_of("score", "camera/mapping.py", "def ", "_CHANGED = 1\n\n\ndef ")
     assert after == before
-    assert version_of("calibrate") != before
+    report = version_of("report")
+    assert report != before
+    assert version_of("report", "report/templates/trial.html.jinja", "<", "\n<") != report
 
 
 def test_every_stage_lists_settings_that_exist(project_root):
