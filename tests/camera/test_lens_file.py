@@ -160,6 +160,7 @@ def test_a_lens_is_read_as_its_program_wrote_it(tmp_path, text, suffix, name) ->
         ("SC-C051", KALIBR, None),
         ("SC-C051", KALIBR, "cam7"),
         ("SC-C052", KALIBR, "cam1"),
+        ("SC-C052", KALIBR.replace("pinhole", "omni"), "cam0"),
         ("SC-C052", ROS.replace("plumb_bob", "equidistant"), None),
         ("SC-C053", ROS.replace("image_width: 1280\n", ""), None),
         ("SC-C053", ROS.replace("1201.5", ".nan"), None),
