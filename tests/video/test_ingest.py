@@ -12,16 +12,16 @@ from strandcast.video.checks import slow_rate_warning, warnings_of
 from strandcast.video.ingest import camera_times, inspect_video
 
 
-def write(path, stamps, faststart=False, codec="libx264"):
+def write(path, stamps, faststart=False, codec="libx264", base_s=Fraction(1, 500)):
     rng = np.random.default_rng(1)
     with av.open(str(path), "w", options={"movflags": "faststart"} if faststart else {}) as container:
         stream = container.add_stream(codec, rate=500)
         stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
-        stream.codec_context.time_base = Fraction(1, 500)
+        stream.codec_context.time_base = base_s
         for stamp in stamps:
             picture = av.VideoFrame.from_ndarray(rng.integers(0, 255, (120, 160)).astype(np.uint8), "gray")
             picture = picture.reformat(format="yuv420p")
-            picture.pts, picture.time_base = stamp, Fraction(1, 500)
+            picture.pts, picture.time_base = stamp, base_s
             container.mux(stream.encode(picture))
         container.mux(stream.encode())
 
@@ -53,6 +53,12 @@ def test_dropped_frames_are_gaps_and_do_not_change_the_rate(tmp_path):
     assert facts.gaps[0].duration_s == pytest.approx(4 / 500)
     assert facts.frame_rate_hz == pytest.approx(500.0, rel=1e-6)
     assert camera_times(facts)[20] == pytest.approx(23 / 500)
+
+
+def test_coarse_time_stamps_give_the_exact_rate(tmp_path):
+    stamps = [round(16384 * k / 500) for k in range(126)]  # 32 or 33 steps apart: 496 or 512 frames/s
+    write(tmp_path / "v.mp4", stamps, codec="mpeg4", base_s=Fraction(1, 16384))
+    assert inspect_video(tmp_path / "v.mp4", isolated=False).frame_rate_hz == pytest.approx(500.0, abs=0.1)
 
 
 def test_the_experiments_rate_wins_over_a_slow_motion_export(tmp_path):
