@@ -13,7 +13,7 @@ from strandcast.camera.marker_pose import marker_pose
 from strandcast.camera.markers import detect_markers, marker_detector
 from strandcast.camera.plane import PlaneGeometry, board_markers, plane_from_markers
 from strandcast.camera.plane_error import grid_over, place_sd_m, plane_error
-from strandcast.camera.pose import PlacedMarker, fit_pose, posed, project
+from strandcast.camera.pose import PlacedMarker, PoseFit, fit_pose, posed, project
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera, Lens
@@ -356,6 +356,16 @@ def test_the_residuals_give_the_positions_standard_deviation(lens, looking):
             corners = project(moved_m, rotation, shift, lens) + random.normal(0, 0.05, (5, 4, 2))
             found.append(place_sd_m(fit_pose(world_m, corners, lens), 1.9 / 1095))
         assert np.sqrt(np.mean(np.square(found))) == pytest.approx(wanted_m, rel=0.2, abs=1e-4)
+
+
+def test_the_corners_noise_is_not_taken_for_scatter_of_the_positions():
+    """Noise of 0.5 px per corner leaves 0.25 px in the mean of a marker's four."""
+    noise_px = 0.5 * np.sqrt(0.75) * np.array([1.0, -1.0, 1.0, -1.0])  # three degrees of freedom of four
+    residuals_px = np.zeros((5, 4, 2)) + noise_px[:, None] + np.array([0.5, 0.0])
+    fit = PoseFit(*[np.empty(0)] * 4, residuals_px, 0.0)
+    assert fit.corner_sigma_px() == pytest.approx(0.5)
+    # Five centres 0.5 px off, four degrees of freedom: 5 · 0.5² / 4 - 0.25² = 0.5².
+    assert place_sd_m(fit, 0.002) == pytest.approx(0.001)
 
 
 def test_a_weak_lens_gives_a_warning_with_the_error_at_the_string(photo, lens):
