@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from strandcast.errors import ENVIRONMENT, StrandcastError, StrandcastErrors
+from strandcast.imports.coverage import coverage_warnings
 from strandcast.imports.joints import Reading, import_joints
 from strandcast.imports.mapping import JointMapping, load_mapping
 from strandcast.records.joint_log import AFTER_DUPLICATE, SYNC_HIGH, read_run
@@ -251,6 +252,13 @@ def moving_log(tmp_path, rows):
     # The command moves from 1.00 to 1.50 s, a row every 10 ms.
     text = "t,a,b,ca,cb\n" + "".join(f"{0.01 * k:.2f},0,0,{min(max(k, 100), 150)},0\n" for k in rows)
     return log_file(tmp_path, text)
+
+
+@pytest.mark.parametrize("first", [97, 147], ids=["start", "end"])
+def test_a_gap_over_the_motions_start_or_end_is_one_of_the_motion(first):
+    time_s = 0.01 * np.delete(np.arange(300), np.arange(first, first + 7))
+    [warning] = coverage_warnings(time_s, 1.0, 1.5)
+    assert "the log misses 80 ms of the motion itself" in warning
 
 
 def test_a_long_gap_within_the_motion_is_refused(tmp_path):
