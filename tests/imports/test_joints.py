@@ -261,6 +261,18 @@ def test_a_gap_over_the_motions_start_or_end_is_one_of_the_motion(first):
     assert "the log misses 80 ms of the motion itself" in warning
 
 
+def test_an_import_that_breaks_off_leaves_no_run_json(tmp_path, monkeypatch):
+    def full(path, log):
+        raise OSError("no space left on device")
+
+    path = log_file(tmp_path, "t,a,b\n0,0,0\n0.01,1,0\n")
+    import_joints(path, tmp_path, READING)
+    monkeypatch.setattr("strandcast.imports.joints.write_joint_log", full)
+    with pytest.raises(OSError, match="no space"):
+        import_joints(path, tmp_path, READING)
+    assert not (tmp_path / "run.json").exists()
+
+
 def test_a_long_gap_within_the_motion_is_refused(tmp_path):
     with pytest.raises(StrandcastError, match="SC-I035 .* misses 110 ms within the motion"):
         import_joints(moving_log(tmp_path, [*range(120), *range(130, 300)]), tmp_path / "out", MOVING)
