@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.limits import peaks, torques, violations
+from strandcast.arm.limits import differences, peaks, torques, violations
 from strandcast.arm.load import Arm, load_arm
 from strandcast.arm.settings import Payload
 from strandcast.core.trajectory import JointTrajectory
@@ -38,8 +38,8 @@ def test_a_payload_adds_torque_to_every_joint(arm: Arm) -> None:
 
 
 def test_each_kind_is_found_with_joint_time_and_value(arm: Arm) -> None:
+    assert violations(arm, still([0.5, 0.0, 0.0], 5)) == []
     motion = still([0.5, 0.0, 0.0], 5)
-    assert violations(arm, motion) == []
     motion.q_rad[:, 1] = 2.39
     motion.qd_rad_s[3, 2] = -9.6
     motion.qdd_rad_s2[2, 0] = 96.0
@@ -51,11 +51,19 @@ def test_each_kind_is_found_with_joint_time_and_value(arm: Arm) -> None:
     assert "joint_1: acceleration 96 rad/s² at 0.004 s, limit 95 rad/s²" in map(str, found.values())
 
 
-def test_speed_is_also_computed_from_the_positions(arm: Arm) -> None:
+def test_demands_are_also_computed_from_the_positions() -> None:
     motion = still([0.5, 0.0, 0.0])
-    motion.q_rad[1, 0] += 0.002 * 9.7
-    kinds = {violation.kind for violation in violations(arm, motion)}
-    assert kinds == {"velocity"}
+    motion.q_rad[1:, 0] += 1e-4
+    (_, speed), (when, acceleration), (_, jerk) = differences(motion)
+    np.testing.assert_allclose(np.abs(speed).max(axis=0), [1e-4 / 2e-3, 0.0, 0.0])
+    np.testing.assert_allclose(acceleration[np.argsort(when), 0], [0, 1e-4 / 2e-3**2, -1e-4 / 2e-3**2, 0, 0])
+    np.testing.assert_allclose(np.abs(jerk).max(axis=0), [2e-4 / 2e-3**3, 0.0, 0.0])
+
+
+def test_the_way_between_the_points_counts(arm: Arm) -> None:
+    motion = still([0.5, 0.0, 0.0])
+    motion.qd_rad_s[1] = 0.1  # the arm turns there and back between three points that are the same
+    assert {v.kind for v in violations(arm, motion)} == {"acceleration"}
 
 
 def test_a_lower_position_is_reported_as_the_angle(arm: Arm) -> None:

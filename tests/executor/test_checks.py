@@ -119,6 +119,13 @@ def test_only_the_right_hash_moves_the_arm(arm: Arm, tmp_path: Path) -> None:
     assert driver.stopped == 0
 
 
+def test_what_was_checked_is_played(arm: Arm, tmp_path: Path) -> None:
+    driver = PerfectArm()
+    preflight = preflight_of(arm, tmp_path, driver)
+    play(preflight, driver, preflight.short_hash, VirtualClock())
+    assert driver.played == [preflight.command]
+
+
 def test_hand_and_string_must_stay_in_the_workspace(arm: Arm, tmp_path: Path) -> None:
     assert preflight_of(arm, tmp_path).reach.hand_m[0, 1] < 0.8
     narrow = dataclasses.replace(arm, workspace=Box(x_m=(-0.8, 0.8), y_m=(-0.8, 0.8)))

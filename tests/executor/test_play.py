@@ -15,8 +15,9 @@ from strandcast.executor.drivers.protocol import ArmState, Driver, Recording
 from strandcast.executor.play import play as play_checked
 from strandcast.executor.preflight import PlayOptions, run_preflight
 from strandcast.records.joint_log import JointLog, Run, read_run
-from strandcast.records.motion import Motion, Robot, StartPosture, points_of
+from strandcast.records.motion import Motion
 
+from .motions import swing
 from .virtual import VirtualClock
 
 ROOT = Path(__file__).parents[2]
@@ -94,26 +95,7 @@ def motion(arm: Arm) -> Motion:
 
 
 def make_motion(arm: Arm, by: float = 0.8, duration_s: float = 0.5) -> Motion:
-    ns = np.arange(round(duration_s / 0.002) + 1) * 2_000_000
-    s = (ns * 1e-9 / duration_s)[:, None]
-    ones = np.ones(3)
-    return Motion(
-        experiment="x",
-        trial=1,
-        target_m=[0.5, 0.5],
-        robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
-        joint_names=list(arm.joints),
-        start=StartPosture(positions_rad=START.tolist(), tolerance_rad=[0.01] * 3),
-        bezier=None,
-        points=points_of(
-            ns,
-            START + by * s**3 * (10 - 15 * s + 6 * s**2) * ones,
-            by * 30 * s**2 * (1 - s) ** 2 / duration_s * ones,
-            by * 60 * s * (1 - s) * (1 - 2 * s) / duration_s**2 * ones,
-        ),
-        predicted=None,
-        provenance=None,
-    )
+    return swing(arm, START, by, duration_s)
 
 
 def play(path: Path, arm: Arm, driver: Driver, out_dir: Path, **options: object) -> Run:
@@ -175,9 +157,24 @@ def backwards(motion: Motion) -> None:
     motion.points[3].time_from_start.nanosec = 1
 
 
+def in_degrees(motion: Motion) -> None:
+    motion.units = motion.units | {"angle": "deg"}
+
+
+def wide_tolerance(motion: Motion) -> None:
+    motion.start.tolerance_rad[2] = 10.0
+
+
+def other_start(motion: Motion) -> None:
+    motion.start.positions_rad[0] += 0.001
+
+
 @pytest.mark.parametrize(
     ("spoil", "code"),
     [
+        (in_degrees, "SC-R005.*units.*deg"),
+        (wide_tolerance, r"SC-X002.*start\.tolerance_rad"),
+        (other_start, r"SC-X002.*start\.positions_rad"),
         (other_arm, "SC-X001"),
         (other_joints, "SC-X001"),
         (not_at_rest, "SC-X003"),

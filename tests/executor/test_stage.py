@@ -74,7 +74,7 @@ def test_a_live_run_without_a_keyboard_is_refused(
 
 def test_a_real_arm_needs_the_length_that_hangs_from_it(driver: PerfectArm) -> None:
     driver.address = "192.0.2.7"
-    with pytest.raises(StrandcastError, match=r"SC-X009.*no experiment 'x'"):
+    with pytest.raises(StrandcastError, match=r"SC-X009.*no experiment 'e'"):
         play([])
     said: list[str] = []
     play(said, hanging_m=0.3)

@@ -40,27 +40,50 @@ UNITS = {
 def violations(arm: AnyArm, motion: JointTrajectory) -> list[Violation]:
     """Return where a motion exceeds the arm's limits less their margins; empty if nowhere.
 
-    Speed is checked as given and by the differences of the positions, jerk by those of the accelerations.
+    Both count that a controller may make of the samples: their differences, whatever speeds and accelerations
+    are stated with them, and the quintic between them.
     """
-    time_s, q, qd, qdd = motion.time_s, motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2
-    step = np.diff(time_s)[:, None]
-    middle = 0.5 * (time_s[1:] + time_s[:-1])
-    limits = arm.limits
+    time_s, limits, finer = motion.time_s, arm.limits, motion.finer()
+    at_s, q, qdd = finer.time_s, finer.q_rad, finer.qdd_rad_s2
+    middle_s = 0.5 * (time_s[1:] + time_s[:-1])
+    jerk = np.diff(motion.qdd_rad_s2, axis=0) / np.diff(time_s)[:, None]
     checks = [
-        ("upper position", time_s, q, limits.upper_rad),
-        ("lower position", time_s, -q, -limits.lower_rad),
-        ("velocity", time_s, np.abs(qd), limits.velocity_rad_s),
-        ("velocity", middle, np.abs(np.diff(q, axis=0) / step), limits.velocity_rad_s),
-        ("acceleration", time_s, np.abs(qdd), limits.acceleration_rad_s2),
-        ("jerk", middle, np.abs(np.diff(qdd, axis=0) / step), limits.jerk_rad_s3),
+        ("upper position", at_s, q, limits.upper_rad),
+        ("lower position", at_s, -q, -limits.lower_rad),
+        ("velocity", at_s, np.abs(finer.qd_rad_s), limits.velocity_rad_s),
+        ("acceleration", at_s, np.abs(qdd), limits.acceleration_rad_s2),
+        ("jerk", middle_s, np.abs(jerk), limits.jerk_rad_s3),
     ]
+    derivatives = [(kind, limit) for kind, _, _, limit in checks[2:]]
+    for (kind, limit), (when, value) in zip(derivatives, differences(motion), strict=True):
+        checks.append((kind, when, np.abs(value), limit))
     if np.isfinite(limits.torque_n_m).any():
-        checks.append(("torque", time_s, np.abs(torques(arm, q, qd, qdd)), limits.torque_n_m))
+        torque = torques(arm, motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2)
+        checks.append(("torque", time_s, np.abs(torque), limits.torque_n_m))
     found: dict[tuple[str, str], Violation] = {}
     for kind, when, value, limit in checks:
         for violation in _beyond(arm.joints, kind, when, value, limit):
             found.setdefault((violation.joint, kind), violation)
     return list(found.values())
+
+
+def differences(motion: JointTrajectory) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return times (K,) and (K, J) speeds, accelerations and jerks, by differences of the angles alone.
+
+    Before the first sample and after the last the arm is held, for as long as the step there.
+    """
+    first_s, last_s = np.diff(motion.time_s)[[0, -1]]
+    before_s, after_s = (
+        motion.time_s[0] - first_s * np.array([2, 1]),
+        motion.end_s + last_s * np.array([1, 2]),
+    )
+    time_s = np.concatenate([before_s, motion.time_s, after_s])
+    values = np.pad(motion.q_rad, ((2, 2), (0, 0)), mode="edge")
+    found = []
+    for order in (1, 2, 3):
+        values = np.diff(values, axis=0) * order / (time_s[order:] - time_s[:-order])[:, None]
+        found.append((0.5 * (time_s[order:] + time_s[:-order]), values))
+    return found
 
 
 def _beyond(

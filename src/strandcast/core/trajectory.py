@@ -55,6 +55,11 @@ class JointTrajectory:
             time_s = np.append(time_s, self.end_s)
         return self.at(time_s)
 
+    def finer(self) -> JointTrajectory:
+        """Return the trajectory at its samples and at three instants between each two."""
+        between = self.time_s[:-1, None] + self._step_s[:, None] * np.arange(4) / 4
+        return self.at(np.append(between, self.end_s))
+
     @cached_property
     def _step_s(self) -> np.ndarray:
         return np.diff(self.time_s)

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from strandcast.arm.limits import violations
 from strandcast.arm.load import AnyArm
@@ -19,7 +20,9 @@ from strandcast.records.motion import Motion
 CHECK_STEP_S = 0.001  # finer than any controller's cycle but Franka's, which has the same
 REST_RAD_S = 1e-6
 REST_RAD_S2 = 1e-3
-SPEED_MISMATCH_RAD_S = 0.05
+MISMATCH_RAD_S = 0.05
+MISMATCH_RAD_S2 = 1.0
+SAME_RAD = 1e-6
 FULL_SPEED_TOLERANCE = 0.001
 PAYLOAD_TOLERANCE_KG = 0.05
 STILL_S = 0.3  # arms still creep 0.2 s after they report the end of a motion (ros-industrial/motoman #324)
@@ -30,10 +33,12 @@ POLL_S = 0.02
 def check_motion(path: Path, motion: Motion, arm: AnyArm) -> JointTrajectory:
     """Return the motion as the checks sample it; refuse one that the arm cannot play from rest to rest.
 
+    Limits are held against the file's points and against samples of the quintic between them.
+
     Raises
     ------
     StrandcastError
-        SC-X001 another arm, SC-X002 times or numbers, SC-X003 not at rest, SC-X004 limits.
+        SC-X001 another arm, SC-X002 times, numbers or start, SC-X003 not at rest, SC-X004 limits.
     """
     _check_arm(path, motion, arm)
     played = motion.trajectory()
@@ -51,12 +56,61 @@ def check_motion(path: Path, motion: Motion, arm: AnyArm) -> JointTrajectory:
             "the motion does not start and end at rest",
             "plan it with a stop ramp: the arm must be at rest at the end",
         )
+    _check_start_posture(path, motion, arm)
     dense = played.resampled(CHECK_STEP_S)
-    mismatch = np.abs(np.gradient(dense.q_rad, dense.time_s, axis=0) - dense.qd_rad_s).max()
-    if mismatch > SPEED_MISMATCH_RAD_S:
-        raise _refusal("SC-X002", path, "points", f"speeds and positions disagree by {mismatch:.3g} rad/s")
+    check_limits(path, "the motion", arm, played)
     check_limits(path, "the motion", arm, dense)
+    _check_stated(path, played)
     return dense
+
+
+def check_set_points(path: Path, motion: Motion, arm: AnyArm, rate_hz: float) -> JointTrajectory:
+    """Return what is sent of a checked motion at a rate; refuse it beyond the arm's limits (SC-X004)."""
+    command = motion.trajectory().resampled(1.0 / rate_hz)
+    check_limits(path, f"the set points at {rate_hz:g} Hz", arm, command)
+    return command
+
+
+def _check_start_posture(path: Path, motion: Motion, arm: AnyArm) -> None:
+    start, first = motion.start, motion.points[0].positions
+    sizes = len(start.positions_rad), len(start.tolerance_rad)
+    if sizes != (len(first), len(first)):
+        raise _refusal("SC-X002", path, "start", "does not have one number per joint")
+    away = np.abs(np.subtract(start.positions_rad, first)).max()
+    if not away <= SAME_RAD:
+        raise _refusal(
+            "SC-X002", path, "start.positions_rad", f"differ from the first point by {away:.3g} rad"
+        )
+    if not (np.array(start.tolerance_rad) <= arm.start_tolerance_rad).all():
+        allowed = ", ".join(f"{x:g}" for x in arm.start_tolerance_rad)
+        raise _refusal(
+            "SC-X002", path, "start.tolerance_rad", f"is wider than the arm's start.position_rad, {allowed}"
+        )
+
+
+def _check_stated(path: Path, played: JointTrajectory) -> None:
+    """Refuse speeds and accelerations other than those of the positions.
+
+    Differences over the neighbours of a sample are off by less than they vary around it.
+    """
+    step_s = np.diff(played.time_s)[:, None]
+    slope = np.diff(played.q_rad, axis=0) / step_s
+    both_s = step_s[1:] + step_s[:-1]
+    speed = (step_s[:-1] * slope[1:] + step_s[1:] * slope[:-1]) / both_s
+    bend = 2.0 * np.diff(slope, axis=0) / both_s
+    for what, unit, stated, found, varying, allowed in (
+        ("speeds", "rad/s", played.qd_rad_s, speed, _spread(slope, 4)[1:], MISMATCH_RAD_S),
+        ("accelerations", "rad/s²", played.qdd_rad_s2, bend, _spread(bend, 3), MISMATCH_RAD_S2),
+    ):
+        off = np.abs(stated[1:-1] - found)
+        if (off > varying + allowed).any():
+            most = off[off > varying + allowed].max()
+            raise _refusal("SC-X002", path, "points", f"{what} and positions disagree by {most:.3g} {unit}")
+
+
+def _spread(values: np.ndarray, count: int) -> np.ndarray:
+    """Return by how much values (T, J) differ among `count` neighbours."""
+    return np.asarray(maximum_filter1d(values, count, axis=0) - minimum_filter1d(values, count, axis=0))
 
 
 def check_limits(path: Path, what: str, arm: AnyArm, motion: JointTrajectory) -> None:

@@ -71,8 +71,7 @@ def play(preflight: Preflight, driver: Driver, confirmed: str, clock: Clock | No
         # `stream` handles the first Ctrl-C; a second one must not lose the log.
         with held_off() if driver.streams else nullcontext():
             with _guarded(driver, "and returned no log", "the trial cannot be used", LOG_INCOMPLETE):
-                command = preflight.motion.trajectory().resampled(1.0 / driver.rate_hz)
-                recording = driver.play(command, preflight.out_dir)
+                recording = driver.play(preflight.command, preflight.out_dir)
             reserve.close()  # its space is free for the log
             run = _keep(preflight, driver, recording)
     if not run.complete:

@@ -8,8 +8,9 @@ import numpy as np
 from strandcast.arm.limits import peaks
 from strandcast.arm.load import AnyArm
 from strandcast.arm.reach import Reach
+from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import REFUSED, StrandcastError
-from strandcast.executor.checks import check_motion, check_reach
+from strandcast.executor.checks import check_motion, check_reach, check_set_points
 from strandcast.executor.drivers.protocol import Driver
 from strandcast.executor.locks import NOTHING_SENT, check_clock, check_folder
 from strandcast.executor.streaming.clock import Clock
@@ -55,6 +56,8 @@ class Preflight:
         As given.
     motion
         As it will be played: slowed by the time scale.
+    command
+        Its set points at the driver's rate: what was checked is what is sent.
     peaks
         (J,) each: peak speed, acceleration, jerk and torque.
     reach
@@ -70,6 +73,7 @@ class Preflight:
     arm: AnyArm
     options: PlayOptions
     motion: Motion
+    command: JointTrajectory
     peaks: dict[str, np.ndarray]
     reach: Reach
     jitter: StreamingJitter | None
@@ -109,9 +113,11 @@ def run_preflight(
     motion = slowed(read_motion(motion_path), options.time_scale)
     check_clock(motion_path)
     dense = check_motion(motion_path, motion, arm)
+    command = check_set_points(motion_path, motion, arm, driver.rate_hz)
     reach = check_reach(motion_path, arm, dense, options.hanging_m)
     jitter, late = _timing(driver, options, clock) if driver.streams else (None, None)
-    return Preflight(motion_path, out_dir, arm, options, motion, peaks(arm, dense), reach, jitter, late)
+    most = peaks(arm, dense)
+    return Preflight(motion_path, out_dir, arm, options, motion, command, most, reach, jitter, late)
 
 
 def read_motion(path: str | Path) -> Motion:

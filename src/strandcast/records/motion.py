@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
 from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.core.trajectory import JointTrajectory
@@ -170,6 +170,13 @@ class Motion(Record):
     points: list[TrajectoryPoint]
     predicted: Prediction | None
     provenance: Provenance | None
+
+    @field_validator("units")
+    @classmethod
+    def _known(cls, units: dict[str, str]) -> dict[str, str]:
+        if units != UNITS:
+            raise ValueError(f"{units} are not those of every motion, {UNITS}")
+        return units
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

@@ -30,8 +30,9 @@ from strandcast.executor.drivers.protocol import Recording
 from strandcast.executor.play import play
 from strandcast.executor.preflight import PlayOptions, run_preflight
 from strandcast.records.joint_log import JointLog, Run, read_joint_log, read_run
-from strandcast.records.motion import Motion, Robot, StartPosture, points_of
+from strandcast.records.motion import Motion
 
+from .. import motions
 from .franka_sim import Server, served
 
 pytest.importorskip("pylibfranka", reason="vendor package; make test-drivers")
@@ -80,18 +81,7 @@ def motion_of(arm: Arm, heights: np.ndarray = BACK) -> Motion:
     curve = BPoly(heights.T[:, None, :], [0.0, DURATION_S])
     place, acceleration = curve.antiderivative(), curve.derivative()
     t = time_ns * 1e-9
-    return Motion(
-        experiment="live",
-        trial=1,
-        target_m=[1.0, 1.0],
-        robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
-        joint_names=list(arm.joints),
-        start=StartPosture(positions_rad=START.tolist(), tolerance_rad=arm.start_tolerance_rad.tolist()),
-        bezier=None,
-        points=points_of(time_ns, START + place(t), curve(t), acceleration(t)),
-        predicted=None,
-        provenance=None,
-    )
+    return motions.motion_of(arm, time_ns, START + place(t), curve(t), acceleration(t))
 
 
 def command_of(arm: Arm) -> JointTrajectory:

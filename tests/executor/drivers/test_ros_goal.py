@@ -9,7 +9,8 @@ from strandcast.arm.load import load_arm
 from strandcast.executor.handover.export import ExportForm, export_motion
 from strandcast.executor.handover.handover import prepare
 from strandcast.executor.preflight import times_ns
-from strandcast.records.motion import Motion, Robot, StartPosture, points_of
+
+from ..motions import swing
 
 pytest.importorskip("rosbags", reason="rosbags is not installed: make test-drivers")
 
@@ -73,26 +74,7 @@ def value_of(store, node, desc, data):
 @pytest.mark.parametrize("kind", ["ros", "ros1"])
 def test_the_goal_survives_the_wire_bit_for_bit(tmp_path, project_root, kind):
     arm = load_arm(project_root / "config" / "arms" / "planar3.toml")
-    ns = np.arange(251) * 2_000_000
-    s = (ns * 1e-9 / 0.5)[:, None]
-    way = np.array([0.7, 0.9, 1e-5])
-    motion = Motion(
-        experiment="e",
-        trial=1,
-        target_m=[0.5, 0.5],
-        robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
-        joint_names=list(arm.joints),
-        start=StartPosture(positions_rad=[0.4, -0.6, -0.3], tolerance_rad=[0.01] * 3),
-        bezier=None,
-        points=points_of(
-            ns,
-            np.array([0.4, -0.6, -0.3]) + way * s**3 * (10 - 15 * s + 6 * s**2),
-            way * 30 * s**2 * (1 - s) ** 2 / 0.5,
-            way * 60 * s * (1 - s) * (1 - 2 * s) / 0.25,
-        ),
-        predicted=None,
-        provenance=None,
-    )
+    motion = swing(arm, np.array([0.4, -0.6, -0.3]), np.array([0.7, 0.9, 1e-5]), 0.5)
     motion.write(tmp_path / "motion.json")
     export_motion(prepare(tmp_path / "motion.json", arm, 0.3), ExportForm(kind), tmp_path / "goal.json")
     store = store_of(kind == "ros1")

@@ -36,8 +36,8 @@ from strandcast.executor.drivers.ur_sender import MESSAGE, OUTPUT, SERVO, STOP, 
 from strandcast.executor.play import play
 from strandcast.executor.preflight import PlayOptions, run_preflight
 from strandcast.records.joint_log import JointLog, Run, read_joint_log, read_run
-from strandcast.records.motion import Motion, Robot, StartPosture, points_of
 
+from ..motions import swing
 from .rtde_standin import Setting, StandIn
 
 pytest.importorskip("rtde_control", reason="vendor package ur_rtde; make test-drivers")
@@ -106,7 +106,7 @@ def bench(tmp_path: Path) -> Iterator[Make]:
         folder.mkdir()
         rate_hz = 125 if setting.get("version") == CB3["version"] else 500
         arm = arm_at(folder, {"host": host, "rate_hz": rate_hz, "watchdog_hz": 5} | (settings or {}), payload)
-        motion_of(arm).write(folder / "planned.json")
+        swing(arm, START, WAY, DURATION_S).write(folder / "planned.json")
         standing = [*arm.held.values()]
         q = [standing[0], *(START + away), standing[1], standing[2]]
         standins.append(StandIn(Setting(host=host, q_rad=q, **setting)))
@@ -125,28 +125,6 @@ def arm_at(folder: Path, settings: dict[str, Any], payload: str) -> Arm:
     text = text[: text.index("[driver]")] + f'{payload}\n[driver]\nname = "ur"\n[driver.settings]\n{lines}\n'
     (folder / "arm.toml").write_text(text)
     return load_arm(folder / "arm.toml")
-
-
-def motion_of(arm: Arm) -> Motion:
-    ns = np.arange(round(DURATION_S / 0.002) + 1) * 2_000_000
-    s = (ns * 1e-9 / DURATION_S)[:, None]
-    return Motion(
-        experiment="x",
-        trial=1,
-        target_m=[0.5, 0.5],
-        robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
-        joint_names=list(arm.joints),
-        start=StartPosture(positions_rad=START.tolist(), tolerance_rad=[0.01] * 3),
-        bezier=None,
-        points=points_of(
-            ns,
-            START + WAY * s**3 * (10 - 15 * s + 6 * s**2),
-            WAY * 30 * s**2 * (1 - s) ** 2 / DURATION_S,
-            WAY * 60 * s * (1 - s) * (1 - 2 * s) / DURATION_S**2,
-        ),
-        predicted=None,
-        provenance=None,
-    )
 
 
 def played(bench: Bench) -> tuple[Run, JointLog]:

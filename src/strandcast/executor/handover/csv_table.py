@@ -22,7 +22,7 @@ def table_text(handover: Handover, rate_hz: float | None = None) -> str:
         ns, played = times_ns(motion), motion.trajectory()
         rows = np.hstack([played.q_rad, played.qd_rad_s, played.qdd_rad_s2])
     else:
-        command = motion.trajectory().resampled(1.0 / rate_hz)
+        command = handover.command(rate_hz)
         ns = np.rint(command.time_s * 1e9).astype(np.int64)
         rows = np.hstack([command.q_rad, command.qd_rad_s, command.qdd_rad_s2])
         _refuse_coarse(motion, ns, rows, rate_hz)

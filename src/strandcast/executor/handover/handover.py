@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from strandcast.arm.load import AnyArm
-from strandcast.executor.checks import check_motion, check_reach
+from strandcast.core.trajectory import JointTrajectory
+from strandcast.executor.checks import check_motion, check_reach, check_set_points
 from strandcast.executor.joint_mapping import ControllerJoints
 from strandcast.executor.preflight import HASH_DIGITS, read_motion, slowed
 from strandcast.records.motion import Motion
@@ -16,6 +17,8 @@ class Handover:
 
     Attributes
     ----------
+    path
+        The planned motion's file.
     motion
         Slowed by `time_scale`; a slowed motion is another motion, with its own hash.
     arm
@@ -26,6 +29,7 @@ class Handover:
         How many times slower than planned; 1 is a throw.
     """
 
+    path: Path
     motion: Motion
     arm: AnyArm
     planned_sha256: str
@@ -45,6 +49,10 @@ class Handover:
     def short_hash(self) -> str:
         """The hash's first digits, as `strandcast play` shows them."""
         return self.sha256[:HASH_DIGITS]
+
+    def command(self, rate_hz: float) -> JointTrajectory:
+        """Return the set points at a rate, within the arm's limits (SC-X004)."""
+        return check_set_points(self.path, self.motion, self.arm, rate_hz)
 
     def about(self) -> list[str]:
         """Return the file's header lines, in ASCII."""
@@ -75,4 +83,4 @@ def prepare(path: Path, arm: AnyArm, hanging_m: float, time_scale: float = 1.0) 
     check_motion(path, planned, arm)
     motion = slowed(planned, time_scale)
     check_reach(path, arm, check_motion(path, motion, arm), hanging_m)
-    return Handover(motion, arm, planned.content_sha256(), time_scale)
+    return Handover(path, motion, arm, planned.content_sha256(), time_scale)

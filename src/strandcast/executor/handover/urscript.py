@@ -101,7 +101,7 @@ def program_text(handover: Handover, rate_hz: float | None = None, sync_output: 
     rate_hz = rate_hz or settings["rate_hz"]
     sync_output = settings["sync_output"] if sync_output is None else sync_output
     _refuse(handover, rate_hz, sync_output)
-    rows = motion.trajectory().resampled(1.0 / rate_hz).q_rad
+    rows = handover.command(rate_hz).q_rad
     joints = handover.joints
     lists = [f"sc_q{joint}" for joint in joints.moving_index]
     tables, calls = [], []
