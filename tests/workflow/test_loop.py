@@ -12,7 +12,17 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from tests.faults.small import JOBS, NAME, OPENED, REAL, SETTINGS, WATCH, environment, make_project
+from tests.faults.small import (
+    JOBS,
+    NAME,
+    OPENED,
+    REAL,
+    SETTINGS,
+    WATCH,
+    environment,
+    make_project,
+    result_hashes,
+)
 from tests.forked import run_module
 
 from strandcast.core.trial_names import trial_name
@@ -20,14 +30,17 @@ from strandcast.records.motion import Motion
 from strandcast.records.summary import ExperimentSummary
 from strandcast.records.tables import table_sha256
 from strandcast.report.summary import summarise
+from strandcast.stages.context import context_of
 from strandcast.stages.files import SUPPLIED_FILES
 from strandcast.stages.run import files_of
 from strandcast.workflow import locks
 from strandcast.workflow.pages import render_pages
-from strandcast.workflow.status import status_of
+from strandcast.workflow.remake import lost_results, tasks_of
+from strandcast.workflow.status import known_trials, status_of
 from strandcast.workflow.verify import verify
 
 RULES = {"report": "report_trial", "summary": "report_experiment"}  # stage -> rule of another name
+RIG_TRIAL = "results/rig/trial-01"
 FORKED = "."
 NOT_SUMMARISED = ("observations.parquet", "markers.parquet")  # read by stages, not by the pages
 ESTIMATE_READS = ("alignment.json", "track.json")
@@ -405,16 +418,16 @@ def test_recordings_of_a_real_rig_give_a_report_and_the_next_motion(rig):
     assert Motion.read(results / "trial-01" / "motion.json") == played
 
 
-AFTER_PLAN = {"plan", "report_trial", "report_experiment"}
+AFTER_PLAN = {"plan", "report", "summary"}
 AFTER_ESTIMATE = AFTER_PLAN | {"estimate"}
 AFTER_ALIGN = AFTER_ESTIMATE | {"align", "score"}
 AFTER_TRACK = AFTER_ALIGN | {"track", "reconstruct", "clip"}
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "rules"),
+    ("before", "after", "stages"),
     [
-        ("A small throw", "Another title", {"report_trial", "report_experiment"}),
+        ("A small throw", "Another title", {"report", "summary"}),
         ("hit_radius_m: 0.02", "hit_radius_m: 0.03", AFTER_PLAN | {"score"}),
         ("screening: 16", "screening: 17", AFTER_PLAN),
         ("evaluations: 100", "evaluations: 150", AFTER_ESTIMATE),
@@ -427,14 +440,14 @@ AFTER_TRACK = AFTER_ALIGN | {"track", "reconstruct", "clip"}
     ],
 )
 def test_a_changed_setting_of_a_recorded_experiment_reruns_what_depends_on_it(
-    rig: Path, tmp_path: Path, before: str, after: str, rules: set[str]
+    rig: Path, tmp_path: Path, before: str, after: str, stages: set[str]
 ) -> None:
     root = Path(shutil.copytree(rig, tmp_path / "project"))
     assert before in REAL
     edited(before, after)(root)
-    run = snakemake(root, "results/rig/report.html", "--dry-run")
-    assert run.returncode == 0, run.stderr
-    assert jobs(run) == rules
+    assert {
+        step.stage for step, task in tasks_of(context_of(root, "rig"), [1], {}).items() if task.runs
+    } == stages
 
 
 def edited(*change: str):
@@ -471,23 +484,30 @@ def lengthened(name: str):
         (lengthened("data/rig/trial-01/joints.csv"), {("ingest", 1): "data/rig/trial-01/joints.csv changed"}),
         (lambda root: (root / "config/arms/planar3.toml").touch(), {}),
         (removed("report.html"), {("summary", 0): "results/rig/report.html is missing"}),
-        (removed("trial-01/estimate.json"), {}),
+        (removed("trial-01/estimate.json"), {("estimate", 1): f"{RIG_TRIAL}/estimate.json is missing"}),
+        (removed("trial-01/strobe.webp"), {("track", 1): f"{RIG_TRIAL}/strobe.webp is missing"}),
+        (removed("trial-02/motion.json"), {("plan", 2): "results/rig/trial-02/motion.json is missing"}),
+        (
+            lambda root: shutil.rmtree(root / RIG_TRIAL),
+            {("report", 1): f"{RIG_TRIAL}/report.html is missing", ("summary", 0): "after report of trial 1"},
+        ),
         (
             lambda root: (removed("trial-01/track.parquet")(root), edited("0.02", "0.03")(root)),
             {
                 ("score", 1): "hit_radius_m: 0.02 → 0.03",
-                ("reconstruct", 1): "results/rig/trial-01/track.parquet is missing",
+                ("reconstruct", 1): f"{RIG_TRIAL}/track.parquet is missing",
             },
         ),
     ],
 )
-def test_status_agrees_with_what_snakemake_would_run(rig, tmp_path, monkeypatch, change, why):
+def test_status_agrees_with_what_a_run_does(rig, tmp_path, monkeypatch, change, why):
     root = Path(shutil.copytree(rig, tmp_path / "project"))
     change(root)
-    run = snakemake(root, "results/rig/report.html", "--dry-run")
-    assert run.returncode == 0, run.stderr
     monkeypatch.chdir(root)
-    status = status_of(Path(), "rig")
+    status, context = status_of(Path(), "rig"), context_of(Path(), "rig")
+    lost = lost_results(context, known_trials(context)[0])
+    run = snakemake(root, "results/rig/report.html", *lost, "--dry-run")
+    assert run.returncode == 0, run.stderr
     stages = {(stage.stage, each.trial): stage for each in status.trials for stage in each.stages}
     assert {RULES.get(name, name) for (name, _), stage in stages.items() if stage.runs} == jobs(run)
     for step, reason in why.items():
@@ -553,12 +573,12 @@ def test_the_pages_are_rendered_again_without_any_stage(rig, tmp_path, monkeypat
     assert "pages are rendered on one core: /dev/shm: Permission denied" in capsys.readouterr().err
 
 
-def test_a_missing_result_that_no_run_makes_is_made_by_the_command_that_status_names(rig, tmp_path):
+def test_a_run_makes_all_missing_results_again(rig, tmp_path):
     root = Path(shutil.copytree(rig, tmp_path / "project"))
-    removed("trial-01/estimate.json")(root)
-    status = status_of(root, "rig")
-    assert [s.stage for s in status.trials[1].stages if s.state == "missing"] == ["estimate"]
-    assert status.next_steps == ["strandcast estimate rig 1"]
+    before = result_hashes(root)
+    removed("trial-01/report.html")(root)  # nothing is made from it
+    assert run_module(root, "strandcast", "run", "rig").returncode == 0
+    assert result_hashes(root) == before
 
 
 def test_status_waits_for_a_run_that_lives(rig, tmp_path):

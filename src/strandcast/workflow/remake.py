@@ -2,8 +2,8 @@
 
 Snakemake notes with each output the parameters, the inputs and their hashes (.snakemake/metadata). A step
 runs again if an output that was asked for is missing, if an input is newer than an output and differs from
-what was noted, or if parameters or the list of inputs changed; so does all that depends on it. A result that
-is missing, but that nothing else needs, is not made again.
+what was noted, or if parameters or the list of inputs changed; so does all that depends on it. A run asks for
+every result that leads to the page of an experiment.
 """
 
 import ast
@@ -69,6 +69,31 @@ def tasks_of(context: Context, trials: list[int], forced: Mapping[str, str]) -> 
     forced
         Files that are made again in any case, relative to the project, and why.
     """
+    found, makers = _leading_to_page(context, trials)
+    needs = {step: {makers[name] for name in task.inputs if name in makers} for step, task in found.items()}
+    ordered = {step: found[step] for step in TopologicalSorter(needs).static_order()}
+    _decide(context.folder.root, ordered, needs, forced)
+    return ordered
+
+
+def lost_results(context: Context, trials: list[int]) -> list[str]:
+    """Return results that must be asked for, so that all that are missing on the way to the page are made.
+
+    A missing result that another missing one is made from is made on the way.
+    """
+    found, _ = _leading_to_page(context, trials)
+    lost = {step: _lost(context.folder.root, task) for step, task in found.items() if task.problem is None}
+    made_anyway = {name for step, names in lost.items() if names for name in found[step].inputs}
+    return [name for names in lost.values() if made_anyway.isdisjoint(names) for name in names]
+
+
+def _lost(root: Path, task: StepState) -> list[str]:
+    """Return the results of a task that are missing; raw files are nobody's to restore but their owner's."""
+    return [name for name in task.outputs if name.startswith("results/") and not (root / name).exists()]
+
+
+def _leading_to_page(context: Context, trials: list[int]) -> tuple[dict[Step, StepState], dict[str, Step]]:
+    """Return the steps that lead to the page of an experiment, and which step makes which file."""
     following = max(trials, default=0) + 1
     known = producers(context, range(1, following + 1))
     makers = {relative_to(context.folder.root, path): step for path, step in known.items()}
@@ -79,10 +104,7 @@ def tasks_of(context: Context, trials: list[int], forced: Mapping[str, str]) -> 
         if step not in found:
             found[step] = _task(context, step, trials)
             waiting.extend(makers[name] for name in found[step].inputs if name in makers)
-    needs = {step: {makers[name] for name in task.inputs if name in makers} for step, task in found.items()}
-    ordered = {step: found[step] for step in TopologicalSorter(needs).static_order()}
-    _decide(context.folder.root, ordered, needs, forced)
-    return ordered
+    return found, makers
 
 
 def _task(context: Context, step: Step, trials: list[int]) -> StepState:
@@ -152,8 +174,8 @@ def _own_reasons(root: Path, task: StepState, oldest_s: float | None) -> Iterato
     """Yield why a task would run again if no other did."""
     if task.problem is not None:
         return
-    if task.step == TARGET and not (root / task.outputs[0]).exists():
-        yield f"{task.outputs[0]} is missing"
+    if lost := _lost(root, task):
+        yield f"{lost[0]} is missing"
         return
     notes = [_note(root, name) for name in task.outputs]
     newer = [name for name in task.inputs if oldest_s and _is_changed(root, name, oldest_s, notes)]

@@ -24,8 +24,10 @@ from strandcast.workflow.events import RunState, StageRun, past_durations
 from strandcast.workflow.host import check_host
 from strandcast.workflow.pages import render_pages
 from strandcast.workflow.project import DEFAULT_PROFILE, executor_of, profile
+from strandcast.workflow.remake import lost_results
 from strandcast.workflow.slurm import SLURM, require_slurm, status_options
-from strandcast.workflow.targets import default_experiments, is_to_be_continued, targets_of
+from strandcast.workflow.status import known_trials
+from strandcast.workflow.targets import default_experiments, experiment, is_to_be_continued, targets_of
 from strandcast.workflow.verify import Finding, verify
 
 LEAST_CORES = 2
@@ -68,9 +70,11 @@ def command(
     experiments: list[str],
     options: RunOptions,
     outdated: Iterable[Path] = (),
+    lost: Iterable[str] = (),
 ) -> list[str]:
-    """Return the Snakemake command line that makes experiments, and outdated results again."""
-    targets = [target for name in experiments for target in targets_of(name, options.until, root)]
+    """Return the Snakemake command line that makes experiments, and outdated and lost results again."""
+    made = [target for name in experiments for target in targets_of(name, options.until, root)]
+    targets = dict.fromkeys([*made, *lost])
     again = [path.as_posix() for path in outdated]
     folder = profile(root, options.profile)
     executor = executor_of(root / folder)
@@ -127,7 +131,9 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
         # Snakemake does not ask for a trial that it does not know of yet if the page is there.
         pages = [(name, ExperimentFolder(root, name).results / "report.html") for name in sound]
         outdated += [page for name, page in pages if page.is_file() and is_to_be_continued(name, root)]
-        line = command(root, sound, options, (path.relative_to(root) for path in outdated))
+        known = [experiment(name, root) for name in sound if options.until is None]
+        lost = [result for each in known for result in lost_results(each, known_trials(each)[0])]
+        line = command(root, sound, options, (path.relative_to(root) for path in outdated), lost)
         display = Display(state) if options.dry_run else display_for(state)
         here = executor is None and not options.dry_run
         with compiling_ahead(options.local_cores() if here else 0, display):
