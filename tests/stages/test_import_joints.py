@@ -13,8 +13,11 @@ from strandcast.errors import StrandcastError
 from strandcast.imports.joints import Reading
 from strandcast.imports.mapping import JointMapping
 from strandcast.planning.bezier import Curve, rest_heights, sample
+from strandcast.records.folders import ExperimentFolder
 from strandcast.records.joint_log import Run, read_run
+from strandcast.records.kept_motions import keep_motion
 from strandcast.records.motion import Motion, Robot, StartPosture, points_of
+from strandcast.records.predicted import UNPREDICTED
 from strandcast.stages import import_joints
 from strandcast.stages.context import context_of
 from strandcast.stages.plan_inputs import first_inputs, rehearsal_of
@@ -137,9 +140,7 @@ def test_a_run_that_was_slowed_down_is_no_throw(bench: Bench) -> None:
 
 
 def test_the_log_of_a_rehearsal_is_planned_with(bench: Bench) -> None:
-    with pytest.raises(
-        StrandcastError, match=r"(?s)SC-I059.*cp .*results/thrown/trial-01/motion.json"
-    ) as caught:
+    with pytest.raises(StrandcastError, match=r"(?s)SC-I059.*put the motion that was played there") as caught:
         bench.take(trial=None)
     folder = bench.trial.with_name("rehearsal")
     assert caught.value.file == str(folder / "motion.json")
@@ -179,3 +180,30 @@ def test_the_log_of_another_trial_is_refused(bench: Bench) -> None:
         bench.take()
     other.unlink()
     bench.take()  # nothing else is known
+
+
+def test_the_motion_that_was_played_is_found_among_those_that_were_planned(bench: Bench) -> None:
+    folder, file = ExperimentFolder(bench.root, "thrown"), bench.trial / "motion.json"
+    first, later = Motion.read(file), played(load_arm(bench.root / "config/arms/planar3.toml"), 0.97)
+    keep_motion(folder, first, UNPREDICTED)
+    keep_motion(folder, later)
+    later.write(folder.trial(1).results / "motion.json")  # planned in its place
+    for beside in (None, later, first):
+        file.unlink(missing_ok=True)
+        if beside is not None:
+            beside.write(file)
+        run = bench.take(replace=True)
+        assert run.motion_sha256 == Motion.read(file).content_sha256() == first.content_sha256()
+        assert ("/motions/" in " ".join(run.warnings)) == (beside is not first)
+        assert (bench.trial / "predicted.parquet").is_file()
+    own = played(load_arm(bench.root / "config/arms/planar3.toml"), 0.96)
+    own.write(file)  # kept nowhere else
+    with pytest.raises(StrandcastError, match="SC-I060.*the log is that of .*/motions/"):
+        bench.take(replace=True)
+    assert Motion.read(file) == own
+
+
+def test_commands_that_are_not_those_of_the_motion_are_refused(bench: Bench) -> None:
+    played(load_arm(bench.root / "config/arms/planar3.toml"), 0.90).write(bench.trial / "motion.json")
+    with pytest.raises(StrandcastError, match="SC-I031.*which no lag of commands explains"):
+        bench.take()

@@ -12,11 +12,12 @@ from strandcast.imports.clock import clock_problem
 from strandcast.imports.coverage import coverage_warnings, refuse_partial_motion, timing_warnings
 from strandcast.imports.dialects import recognise
 from strandcast.imports.mapping import ANGLE_UNITS, TIME_UNITS, JointMapping
-from strandcast.imports.motion_start import motion_times
+from strandcast.imports.motion_start import motion_times, played_plan
 from strandcast.imports.ros_bags import BagChoice, is_bag, read_bag, sha256_bag
 from strandcast.imports.table import NumberTable, read_numbers
 from strandcast.records.files import sha256_file
 from strandcast.records.joint_log import AFTER_DUPLICATE, SYNC_HIGH, JointLog, Run, timing_of, write_joint_log
+from strandcast.records.kept_motions import take_motion
 from strandcast.records.motion import Motion
 from strandcast.records.record import refusal
 
@@ -36,10 +37,23 @@ IMPORTED = "import: "  # start of an imported run's driver name
 
 @dataclass(frozen=True)
 class Played:
-    """The motion that was played, its arm, and by path the motions that may have been played instead."""
+    """What was played on an arm.
 
-    motion: Motion
+    Attributes
+    ----------
+    motion
+        The motion beside the raw files, if there is one.
+    arm
+        The arm.
+    plans
+        The motions that were planned for this throw, by path: if the log is that of one of them, that counts.
+    others
+        The experiment's other motions by path, which it should not be.
+    """
+
+    motion: Motion | None
     arm: AnyArm
+    plans: Mapping[Path, Motion] = field(default_factory=dict)
     others: Mapping[str, Motion] = field(default_factory=dict)
 
 
@@ -102,7 +116,7 @@ def import_joints(
         Names that the joints may have, base to hand. For a CSV the first list with as many names as the log
         has joints is used, by default ``joint_1`` …; a bag has its own names (`imports.ros_bags.read_bag`).
     played
-        Motion and arm, if known. By default the motion lasts while the commanded joints move.
+        Arm and motion, if known. Without a motion it lasts while the commanded joints move.
 
     Raises
     ------
@@ -112,30 +126,38 @@ def import_joints(
     """
     source = _source(Path(path), reading or Reading(), namings)
     time_s, log = _log_of(source, reading.sync_output if reading else None)
-    if played is None:
+    motion, taken = None if played is None else played.motion, None
+    if played is not None:
+        taken = played_plan(log, motion, played.plans, played.arm)
+        motion = motion if taken is None else played.plans[taken]
+    if played is None or motion is None:
         times = _command_span(log)
     else:
-        times = motion_times(log, played.motion, played.arm, str(path), played.others)
+        times = motion_times(log, motion, played.arm, str(path), played.others)
     warnings = [*source.notes, *timing_warnings(time_s)]
+    if taken:
+        warnings.append(f"the log is that of {taken}, which is now the motion.json beside it")
     if times is not None:
         inside = (log.time_s >= times[0]) & (log.time_s <= times[1])
         log.since_start_s[inside] = log.time_s[inside] - times[0]
         refuse_partial_motion(log.time_s, *times, str(path))
         warnings += coverage_warnings(log.time_s, *times)
-    if played is None:
+    if motion is None:
         warnings.append(NO_MOTION)
     timing = timing_of(time_s, source.columns.rate_hz)
     folder = Path(folder)
     # run.json marks an import as complete: it must not lie beside half of another one.
     (folder / "run.json").unlink(missing_ok=True)
+    if taken:
+        take_motion(taken, folder)
     run = Run(
         complete=True,
         status="imported",
         reason=None,
         joints_sha256=write_joint_log(folder / "joints.csv", log),
         rows=len(log.time_s),
-        motion_sha256=None if played is None else played.motion.content_sha256(),
-        arm_sha256=None if played is None else played.arm.sha256,
+        motion_sha256=None if motion is None else motion.content_sha256(),
+        arm_sha256=None if motion is None or played is None else played.arm.sha256,
         driver=f"{IMPORTED}{source.name}",
         controller={"file": Path(path).name, "sha256": source.sha256},
         joint_names=log.joint_names,

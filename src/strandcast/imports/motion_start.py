@@ -1,6 +1,7 @@
 """Start of a played motion on the log's clock: its trajectory is matched with the logged joints."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from strandcast.records.motion import Motion
 
 # Chosen; not sensitive.
 LARGEST_RMS_RAD = 0.1
+LARGEST_LEFT_RAD = 0.01  # of commanded joints, unless a lag explains most of the rms
 COARSE_S = 0.005
 TAIL_S = 0.1  # the joints arrive after their command
 # A log is another motion's if that one leaves less than this share of the rms; not below this rms.
@@ -65,19 +67,55 @@ def motion_times(
     _refuse_falling_times(motion, file)
     found = _match(log, motion, arm)
     if not found.rms_rad <= LARGEST_RMS_RAD:  # NaN too: numbers too large to compare
-        raise StrandcastError(
-            "SC-I031",
-            f"no part of the log looks like motion.json: the joints are {found.rms_rad:.2f} rad off at best",
-            file=file,
-            cost="clock and fit would belong to another throw",
-            fix="put the motion that was played beside the raw files, and check the joints' order and units",
-        )
+        raise _unlike(f"{found.rms_rad:.2f} rad off at best", file)
     if found.left_rad > ALIKE_RAD:
         same = {path: each for path, each in (others or {}).items() if each.joint_names == motion.joint_names}
         matches = {path: _match(log, each, arm) for path, each in same.items()}
         left_rad = {path: match.left_rad for path, match in matches.items() if match.is_whole}
         _refuse_another_motion(found.left_rad, left_rad, file)
+    most_rad = max(LARGEST_LEFT_RAD, CLEARLY_LESS * found.rms_rad)
+    if found.left_rad > most_rad and _commanded(log, motion.joint_names).any():
+        raise _unlike(f"{found.left_rad:.3f} rad off, which no lag of commands explains", file)
     return found.start_s, found.end_s
+
+
+def _unlike(what: str, file: str | None) -> StrandcastError:
+    return StrandcastError(
+        "SC-I031",
+        f"no part of the log looks like motion.json: the joints are {what}",
+        file=file,
+        cost="clock and fit would belong to another throw",
+        fix="put the motion that was played beside the raw files, and check the joints' order and units",
+    )
+
+
+def played_plan(
+    log: JointLog, beside: Motion | None, plans: Mapping[Path, Motion], arm: AnyArm
+) -> Path | None:
+    """Return which of the motions planned for a throw was played, if the log's commands say so.
+
+    None: the log has no commands, they are those of the motion `beside` it or of no plan, or that motion is
+    not among the plans, so that it must not be replaced.
+    """
+    hashes = {each.content_sha256(): path for path, each in plans.items()}
+    if beside is not None and beside.content_sha256() not in hashes:
+        return None
+    left_rad = {}
+    for path in hashes.values():
+        columns = [name for name in plans[path].joint_names if name in log.joint_names]
+        if columns == plans[path].joint_names and _commanded(log, columns).any():
+            found = _match(log, plans[path], arm)
+            if found.is_whole and found.left_rad <= ALIKE_RAD:
+                left_rad[path] = found.left_rad
+    best = min(left_rad, key=lambda path: left_rad[path], default=None)
+    same = best is not None and beside is not None and plans[best].content_sha256() == beside.content_sha256()
+    return None if same else best
+
+
+def _commanded(log: JointLog, names: list[str]) -> np.ndarray:
+    """Return (T,) in which rows of a log all of some joints have a command."""
+    columns = [log.joint_names.index(name) for name in names]
+    return np.asarray(np.isfinite(log.q_cmd_rad[:, columns]).all(axis=1))
 
 
 def _refuse_falling_times(motion: Motion, file: str | None) -> None:
@@ -116,7 +154,7 @@ def _match(log: JointLog, motion: Motion, arm: AnyArm) -> Match:
     planned = motion.trajectory()
     time_s = np.arange(round((planned.end_s + TAIL_S) / step_s) + 1) * step_s
     command = np.stack([np.interp(time_s, planned.time_s, joint) for joint in planned.q_rad.T], axis=1)
-    commanded = np.isfinite(log.q_cmd_rad[:, columns]).all(axis=1)
+    commanded = _commanded(log, motion.joint_names)
     if commanded.any():
         rows, values, expected = commanded, log.q_cmd_rad, command
     else:
@@ -150,17 +188,30 @@ def _match(log: JointLog, motion: Motion, arm: AnyArm) -> Match:
     )
     start_s = best + float(found.x)
     off_rad, known = off(start_s)
-    left_rad = _unexplained_rad(off_rad, expected, known)
+    left_rad = _unexplained_rad(off_rad, expected, known, bool(commanded.any()))
     is_whole = bool(known[time_s <= planned.end_s].all())
     return Match(start_s, start_s + planned.end_s, float(found.fun), left_rad, is_whole)
 
 
-def _unexplained_rad(off_rad: np.ndarray, expected_rad: np.ndarray, known: np.ndarray) -> float:
-    """Return the rms of (T, J) without each joint's offset and shares of its velocity and acceleration."""
+def _unexplained_rad(
+    off_rad: np.ndarray, expected_rad: np.ndarray, known: np.ndarray, commanded: bool
+) -> float:
+    """Return the rms of (T, J) without shares of each joint's velocity and acceleration, as of a lag.
+
+    A controller has one lag for all commands; measured joints have one each, and an offset.
+    """
     velocity = np.gradient(expected_rad, axis=0)
-    terms = np.stack([np.ones_like(velocity), velocity, np.gradient(velocity, axis=0)], axis=2)[known]
-    left = [
-        off - columns @ np.linalg.lstsq(columns, off, rcond=None)[0]
-        for columns, off in zip(terms.transpose(1, 0, 2), off_rad[known].T, strict=True)
-    ]
+    terms = np.stack([velocity, np.gradient(velocity, axis=0), np.ones_like(velocity)], axis=2)[known]
+    if commanded:
+        left = [_without(terms[:, :, :2].reshape(-1, 2), off_rad[known].ravel())]
+    else:
+        left = [
+            _without(columns, off)
+            for columns, off in zip(terms.transpose(1, 0, 2), off_rad[known].T, strict=True)
+        ]
     return float(np.sqrt(np.mean(np.square(left))))
+
+
+def _without(terms: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return values (N,) less what terms (N, K) explain of them."""
+    return np.asarray(values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0])

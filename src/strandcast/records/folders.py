@@ -67,6 +67,11 @@ class ExperimentFolder:
         """Return the folder of the motion that the arm played without the string."""
         return self.data / "rehearsal"
 
+    @property
+    def motions(self) -> Path:
+        """Return the folder of the motions that were planned or exported, each under its hash."""
+        return self.results / "motions"
+
     def camera(self, name: str) -> Path:
         """Return the record of a camera."""
         return self.results / "cameras" / f"{name}.json"

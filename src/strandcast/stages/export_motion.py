@@ -10,6 +10,8 @@ from strandcast.errors import StrandcastError
 from strandcast.executor.handover.export import ExportForm, export_motion
 from strandcast.executor.handover.handover import Handover, prepare
 from strandcast.executor.preflight import read_motion
+from strandcast.records.folders import ExperimentFolder
+from strandcast.records.kept_motions import keep_motion
 
 
 def run(
@@ -33,6 +35,8 @@ def run(
     arm = load_any_arm(arm_file)
     handover = prepare(motion, arm, hanging_m, time_scale)
     export_motion(handover, form, out)
+    if ExperimentFolder(root, planned.experiment).results.is_dir():
+        keep_motion(ExperimentFolder(root, planned.experiment), planned)
     return handover
 
 

@@ -1,6 +1,5 @@
 """Import a robot's own log into the folder of a trial or of the rehearsal: joints.csv and run.json."""
 
-import shlex
 from contextlib import suppress
 from pathlib import Path
 
@@ -9,6 +8,7 @@ from strandcast.arm.spatial import load_any_arm
 from strandcast.errors import StrandcastError
 from strandcast.imports.joints import IMPORTED, Played, Reading, import_joints
 from strandcast.records.joint_log import Run
+from strandcast.records.kept_motions import kept_motions
 from strandcast.records.motion import Motion
 from strandcast.stages.context import Context, context_of, refuse_replacing
 
@@ -32,13 +32,13 @@ def run(
     folder = context.folder.rehearsal if trial is None else context.folder.trial(trial).data
     arm = load_any_arm(context.arm_file)
     motion, record = folder / "motion.json", folder / "run.json"
-    if trial is None and not motion.is_file():
-        planned = context.folder.trial(1).results / "motion.json"
+    plans = kept_motions(context.folder, trial or 1)
+    if trial is None and not motion.is_file() and not plans:
         raise StrandcastError(
             "SC-I059",
             "is missing: a rehearsal shows how the joints follow the motion that was played",
             file=motion,
-            fix=f"copy it there before planning again: {shlex.join(['cp', str(planned), str(motion)])}",
+            fix="put the motion that was played there",
         )
     if record.is_file() and not Run.read(record).driver.startswith(IMPORTED):  # the only copy of that run
         raise StrandcastError(
@@ -54,7 +54,7 @@ def run(
         folder,
         reading,
         namings=[joints] if joints else [list(arm.joints), list(arm.all_joints)],
-        played=_played(context, motion, arm) if motion.is_file() else None,
+        played=_played(context, motion, plans, arm) if plans or motion.is_file() else None,
     )
     if aligned_before:
         found = found.model_copy(update={"warnings": [*found.warnings, ALIGNED_BEFORE]})
@@ -62,13 +62,16 @@ def run(
     return found
 
 
-def _played(context: Context, file: Path, arm: AnyArm) -> Played:
-    """Return the motion of a file, with the experiment's other motions, planned or played."""
-    motion = Motion.read(file)
-    by_hash = {motion.content_sha256(): (str(file), motion)}
+def _played(context: Context, file: Path, plans: dict[Path, Motion], arm: AnyArm) -> Played:
+    """Return the motion of a file if it is there, with the experiment's other motions, planned or played."""
+    motion = Motion.read(file) if file.is_file() else None
+    seen = set() if motion is None else {motion.content_sha256()}
+    others = {}
     folders = context.folder.data, context.folder.results
-    for path in (path for folder in folders for path in sorted(folder.glob("*/motion.json"))):
+    for path in [*plans, *(path for folder in folders for path in sorted(folder.glob("*/motion.json")))]:
         with suppress(StrandcastError):  # what is wrong with it concerns another trial
             other = Motion.read(path)
-            by_hash.setdefault(other.content_sha256(), (str(path), other))
-    return Played(motion, arm, dict(list(by_hash.values())[1:]))
+            if other.content_sha256() not in seen:
+                seen.add(other.content_sha256())
+                others[str(path)] = other
+    return Played(motion, arm, plans, others)

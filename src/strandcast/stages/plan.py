@@ -17,6 +17,7 @@ from strandcast.planning.task import AnyTask
 from strandcast.planning.write import to_record
 from strandcast.progress import print_line
 from strandcast.records.estimate import Estimate
+from strandcast.records.kept_motions import keep_motion
 from strandcast.records.motion import Motion
 from strandcast.records.predicted import PredictedThrows, write_predicted
 from strandcast.seeds import rng, seed_of
@@ -53,6 +54,8 @@ def run(job: Job, files: Files) -> None:
     print_line(f"plan: {motion.provenance.simulations} throws simulated in {taken_s:.1f} s")
     for flag in motion.provenance.flags:
         print_line(f"plan: {flag}")
+    if not job.is_lab:  # the lab has played it before another can be planned
+        keep_motion(job.context.folder, motion, throws)
     write_predicted(files.output("predicted"), throws)
     motion.write(files.output("motion"))
 

@@ -33,7 +33,8 @@ def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
     """Return what is wrong with an experiment's files; with `raw`, videos and joint logs are hashed too."""
     folder = ExperimentFolder(root, experiment)
     trials = [folder.trial(number) for number in _numbers(folder)]
-    places = [folder.results, folder.results / "cameras", *(trial.results for trial in trials)]
+    kept = sorted(folder.motions.glob("*"))
+    places = [folder.results, folder.results / "cameras", *kept, *(trial.results for trial in trials)]
     lineages: list[Lineage] = []
     findings = [finding for place in places for finding in _verify_results(place, lineages)]
     findings += _missing(root, lineages)
