@@ -102,7 +102,9 @@ print(sum(kernel.stats.cache_hits.values()), sum(kernel.stats.cache_misses.value
 """
 
 
-@pytest.mark.parametrize("own", [{}, {"NUMBA_CACHE_DIR": "kernels"}])
+@pytest.mark.parametrize(
+    "own", [{}, pytest.param({"NUMBA_CACHE_DIR": "kernels"}, marks=pytest.mark.thorough)]
+)
 def test_a_clone_elsewhere_with_other_comments_runs_the_same_machine_code(tmp_path, project_root, own):
     kept = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CACHE")}
     clean = {name: value for name, value in kept.items() if name not in SETTINGS} | own

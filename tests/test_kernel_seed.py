@@ -28,6 +28,7 @@ def seeds(tmp_path_factory) -> Path:
     return out
 
 
+@pytest.mark.thorough
 @needs_level
 def test_an_installed_wheel_with_a_seed_compiles_nothing(tmp_path, project_root, seeds):
     sources = tmp_path / "sources"

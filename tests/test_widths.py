@@ -12,6 +12,7 @@ def test_plain_numbers():
 """
 
 
+@pytest.mark.thorough
 def test_a_failure_in_one_variant_is_in_the_table(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     (tmp_path / "test_bits.py").write_text(TEST)

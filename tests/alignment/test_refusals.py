@@ -75,7 +75,10 @@ def test_the_sign_of_a_joint(good, refusal, joint):
     ("longer_m", "words"),
     [
         ([0.05, 0, 0], "the link after joint_1 is 350 mm by the file, and 300 mm by the video"),
-        ([0, -0.02, 0], "the link after joint_2 is 230 mm by the file, and 250 mm by the video"),
+        pytest.param(
+            *([0, -0.02, 0], "the link after joint_2 is 230 mm by the file, and 250 mm by the video"),
+            marks=pytest.mark.thorough,
+        ),
         ([0, 0, 0.04], "along"),
     ],
 )

@@ -82,7 +82,7 @@ def test_they_move_as_mujocos(arm: AnyArm, share: float, carried: float) -> None
     assert np.sqrt(np.mean((found - expected) ** 2)) < 5e-4
 
 
-@pytest.mark.parametrize("carried", [0.0, 1.0])
+@pytest.mark.parametrize("carried", [pytest.param(0.0, marks=pytest.mark.thorough), 1.0])
 def test_a_log_tells_how_they_follow_another_motion(arm: AnyArm, carried: float) -> None:
     played, other = command(arm, 1, 1.0), command(arm, 1, 1.0) + command(arm, 2, 0.3) - command(arm, 2, 0.0)
     noise = ENCODER_RAD * np.random.default_rng(3).standard_normal(played.shape)

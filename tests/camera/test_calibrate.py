@@ -123,6 +123,7 @@ def truth_of(camera: Camera, lens, looking) -> Camera:
     return camera.model_copy(update=pose)
 
 
+@pytest.mark.thorough
 def test_a_video_of_the_board_gives_lens_plane_and_picture(root, frames, lens, looking):
     folder, results = root / "data" / "own", root / "results" / "own"
     film(folder / "calibration" / "board.avi", frames)

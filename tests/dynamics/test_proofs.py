@@ -3,7 +3,7 @@
 import pytest
 from proofs import PROOFS, VARIANTS
 
-LONG = ("dop853_in_space", "strong_damping_in_space")  # against integrators of small steps
+LONG = ("dop853_in_space", "order_in_space", "strong_damping_in_space")  # against integrators of small steps
 CASES = [
     pytest.param(*(name, variant), marks=pytest.mark.thorough if variant != "lfcn" or name in LONG else ())
     for name, proof in PROOFS.items()

@@ -40,7 +40,7 @@ def positions(model, drawn, pose=POSE):
     return points
 
 
-@pytest.mark.parametrize("bits", ["256", "0"])
+@pytest.mark.parametrize("bits", [pytest.param("256", marks=pytest.mark.thorough), "0"])
 def test_every_register_width_gives_the_same_strings(monkeypatch, drawn, bits):
     here = positions(MODEL, drawn)
     monkeypatch.setenv("STRANDCAST_REGISTER_BITS", bits)
@@ -148,6 +148,7 @@ def test_friction_that_sticks_needs_no_smaller_steps():
     assert np.abs(leaning_cable(1e-3, 0.05) - leaning_cable(2.5e-4, 0.05)).max() < 1e-4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("bits", ["256", "0"])
 def test_every_register_width_gives_the_same_friction(monkeypatch, bits):
     here = leaning_cable(1e-3, 0.1)

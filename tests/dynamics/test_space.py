@@ -68,6 +68,7 @@ def test_values_are_the_distances():
     assert values[0] == pytest.approx(0.03 * weight.sum())
 
 
+@pytest.mark.thorough
 def test_any_register_gives_the_same_strings(monkeypatch):
     parameters, masses = batch_of(3)
     wide, _ = simulate_batch(MODEL, parameters, masses, TIME_S, BOTH, OUT_S)

@@ -24,6 +24,7 @@ def test_the_page_of_the_interface_runs_as_printed(project, project_root, monkey
     assert set(names["spread"].index.get_level_values("point")) == set(range(11))
 
 
+@pytest.mark.thorough
 def test_plan_returns_the_bytes_of_the_stage(project, trial) -> None:
     planned = Motion.read(project / "results" / "small" / "trial-02" / "motion.json")
     assert trial.estimate.plan().content_sha256() == planned.content_sha256()

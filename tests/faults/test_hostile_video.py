@@ -23,6 +23,7 @@ def refusal(path, **arguments) -> StrandcastError:
     return caught.value
 
 
+@pytest.mark.thorough
 def test_row22_a_decode_bomb_is_refused_before_it_is_decoded(trial: Trial):
     path = trial.folder / "video.mkv"
     with av.open(str(path), "w") as container:

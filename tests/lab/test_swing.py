@@ -28,7 +28,7 @@ def throw(arm: Arm, name: str, step_s: float = STEP_S, variation: ThrowVariation
     return simulate_swing(arm, "servoj", PAPER_STRINGS[name], variation, swing_command(), step_s)
 
 
-@pytest.mark.parametrize("name", ["paper-4", "paper-5"])
+@pytest.mark.parametrize("name", ["paper-4", pytest.param("paper-5", marks=pytest.mark.thorough)])
 def test_string_keeps_its_length_and_the_step_does_not_matter(arm: Arm, name: str) -> None:
     swing = throw(arm, name)
     lengths = np.linalg.norm(np.diff(swing.nodes_m, axis=1), axis=2)

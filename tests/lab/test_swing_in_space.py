@@ -41,6 +41,7 @@ def test_a_curled_string_at_rest_stays_and_hangs(project_root: Path, q0: list[fl
     np.testing.assert_allclose(hand_path(arm.chain, swing.q_rad)[:, :3], swing.nodes_m[:, 0], atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_sway_has_two_directions(project_root: Path) -> None:
     calm = nominal(6)
     q0 = [0.3, -1.2, 1.5, -1.0, -1.57, 0.2]

@@ -180,6 +180,7 @@ def test_a_rehearsal_shows_joints_that_are_not_as_the_arms_file_says(
     assert unrelated.simulations > plan.simulations
 
 
+@pytest.mark.thorough
 def test_the_second_throw_hits_a_string_that_was_unknown(
     task: PlanningTask, strings: StringBatch, unknown: StringBatch, trial: PastTrial
 ) -> None:
@@ -256,6 +257,7 @@ def test_planning_gives_the_same_bytes_on_one_core_or_two(
     assert written[0] != written[1]
 
 
+@pytest.mark.thorough
 def test_a_bad_fit_and_a_far_miss_lead_to_a_plan_from_scratch(
     task: PlanningTask, strings: StringBatch, first: PlannedMotion, trial: PastTrial
 ) -> None:

@@ -1,6 +1,7 @@
 """A string that sways out of the plane, filmed and tracked by two cameras: pictures to places in space."""
 
 import numpy as np
+import pytest
 
 from strandcast.camera.mapping import metre_to_pixel
 from strandcast.reconstruction.rays import rays_of
@@ -47,6 +48,7 @@ def tracked(name, camera, monkeypatch, folder, seed):
     return StringView(name, seen.string, camera, clock(name)), curves_m
 
 
+@pytest.mark.thorough
 def test_two_tracked_videos_locate_the_string_in_space(monkeypatch, tmp_path):
     left, curves_m = tracked("left", camera_from(-0.35), monkeypatch, tmp_path, 3)
     right, _ = tracked("right", camera_from(0.35, 0.1), monkeypatch, tmp_path, 4)

@@ -14,7 +14,7 @@ from strandcast.records.camera import Camera
 from strandcast.records.estimate import Estimate
 from strandcast.records.joint_log import Run
 from strandcast.records.manifest import Manifest
-from strandcast.records.motion import Motion, TrajectoryPoint
+from strandcast.records.motion import UNITS, Motion, TrajectoryPoint
 from strandcast.records.record import Part, Record, content_of
 from strandcast.records.summary import ExperimentSummary
 from strandcast.records.track import TrackSummary
@@ -64,7 +64,11 @@ def values(annotation):
 def parts(kind):
     fields = {name: values(field.annotation) for name, field in kind.model_fields.items()}
     if kind is Motion:  # its points must be a trajectory of its joints
-        fields |= {"joint_names": st.just(["a", "b"]), "points": st.lists(POINTS, min_size=2, max_size=3)}
+        fields |= {
+            "joint_names": st.just(["a", "b"]),
+            "units": st.just(UNITS),
+            "points": st.lists(POINTS, min_size=2, max_size=3),
+        }
     return st.builds(lambda **given: kind.model_validate(given), **fields)
 
 

@@ -41,6 +41,7 @@ def rows_of(page: str) -> list[list[str]]:
     return [[unescape(re.sub(r"<[^>]*>", "", cell)) for cell in row] for row in cells]
 
 
+@pytest.mark.thorough
 def test_a_thousand_trials_are_one_small_page_without_network(page: str, project: Path) -> None:
     tags = Tags(page)
     assert len(page.encode()) < MOST_BYTES

@@ -378,6 +378,7 @@ def test_the_experiments_page_without_any_result(results: Path, tmp_path: Path) 
     assert "UNKNOWN" in text  # the hit at trial 3 need not be the first
 
 
+@pytest.mark.thorough
 def test_ten_times_the_frames_make_no_larger_page(page: str, fast_results: Path) -> None:
     assert len(read_results(fast_results / "trial-03").need("track").frame) > 4900
     fast = page_of(fast_results)

@@ -80,7 +80,7 @@ def test_nodes_of_a_quarter_circle():
     np.testing.assert_allclose(np.linalg.norm(np.diff(nodes, axis=0), axis=1), 1.0)
 
 
-@pytest.mark.parametrize("stiffness", [USUAL, LOOSE])
+@pytest.mark.parametrize("stiffness", [pytest.param(USUAL, marks=pytest.mark.thorough), LOOSE])
 def test_recursion_equals_the_dense_solution(stiffness):
     rng = np.random.default_rng(5)
     root, heading = np.array([0.1, 0.2]), wave(40, 0.8) + rng.normal(0, 0.02, 40)

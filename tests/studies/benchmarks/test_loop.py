@@ -28,6 +28,7 @@ def thrown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[loop.Lo
         loop.VARIANTS["default"] = before
 
 
+@pytest.mark.thorough
 def test_a_run_throws_fits_and_improves(thrown: tuple[Path, list[loop.LoopTrial]]) -> None:
     first, second = thrown[1]
     assert (first.kind, first.trial, second.trial) == ("first", 1, 2)

@@ -42,6 +42,7 @@ def test_a_case_is_thrown_fitted_and_planned_again(monkeypatch: pytest.MonkeyPat
         assert throw.plan_cpu_s > 0.0
 
 
+@pytest.mark.thorough
 def test_a_case_ends_with_a_hit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "PLAN", PlanSettings(screening=32, evaluations=64, ensemble=2))
     monkeypatch.setattr(run, "HIT_RADIUS_M", 10.0)

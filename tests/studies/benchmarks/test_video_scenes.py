@@ -56,6 +56,7 @@ def test_the_design_is_balanced_and_separate_from_tuning():
     assert not seeds & {case.seed for case in video_cases.tuning()}
 
 
+@pytest.mark.thorough
 def test_the_video_shows_the_string_where_the_truth_says(folder, frames):
     truth = Truth.read(folder)
     places = np.arange(0.03, float(truth.arrays.length_m) - 0.03, 0.01)
@@ -118,6 +119,7 @@ def test_bends_are_unwrapped_past_half_a_turn():
     assert sharpest_bend(nodes[:10]) == pytest.approx(turn[9])
 
 
+@pytest.mark.thorough
 def test_strings_may_be_dark():
     case = video_cases.quick()[0]
     bright = shoot(case, load_arm(ARM_FILE))

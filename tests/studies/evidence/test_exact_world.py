@@ -7,6 +7,7 @@ from strandcast_studies.evidence.exact_world import cases
 from strandcast_studies.evidence.lab_throws import TRACKED_M
 
 
+@pytest.mark.thorough
 def test_the_true_string_leaves_nothing_but_the_noise():
     name, objective, truth = next(cases())
     assert name == "paper-1.1.1"

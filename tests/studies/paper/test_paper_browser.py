@@ -4,6 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from strandcast.records.files import write_text
 from strandcast_studies.paper.report.page import paper_page
 
@@ -12,6 +14,7 @@ from ...report.test_browser import light_and_dark
 from ...report.test_poison import POISON, check_inert, poisoned
 
 
+@pytest.mark.thorough
 def test_the_papers_page_in_light_and_dark(paper: Any, tmp_path: Path, browser: Browser) -> None:
     page = tmp_path / "report.html"
     write_text(page, paper_page(*paper))

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from strandcast_studies.paper.cases import FILE
 from strandcast_studies.paper.records import PaperSummary
 
@@ -19,6 +21,7 @@ def strandcast(root: Path, *words: str) -> subprocess.CompletedProcess:
     return subprocess.run(line, cwd=root, capture_output=True, text=True, check=False, env=environment)
 
 
+@pytest.mark.thorough
 def test_a_failed_run_is_shown_with_its_reason(tmp_path, project_root):
     shutil.copy(project_root / "Snakefile", tmp_path)
     shutil.copytree(project_root / "workflow", tmp_path / "workflow")
