@@ -382,6 +382,7 @@ def test_one_stage_of_one_trial_can_be_requested(thrown):
     assert verdict.read_bytes() == before
 
 
+@pytest.mark.thorough
 def test_an_excluded_trial_shows_its_reason(thrown):
     path = thrown / "config" / "experiments" / "small.yaml"
     path.write_text(SETTINGS + "excluded: [{trial: 1, reason: the string <slipped>}]\n")
