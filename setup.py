@@ -1,4 +1,4 @@
-"""Put workflow/ and config/ into the wheel; an editable installation finds them in the clone."""
+"""Put workflow/, config/ and docs/ into the wheel; an editable installation finds them in the clone."""
 
 import shutil
 from pathlib import Path
@@ -17,7 +17,7 @@ class BuildWithWorkflow(build_py):
         super().run()
         if not self.editable_mode:
             shipped = Path(self.build_lib, "strandcast", "shipped")
-            for name in ("workflow", "config"):
+            for name in ("workflow", "config", "docs"):
                 shutil.copytree(name, shipped / name)
             if Path("build", "kernels").is_dir():  # made by `make wheel`
                 shutil.copytree(Path("build", "kernels"), shipped / "kernels")

@@ -52,6 +52,8 @@ def strandcast(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         (["run", "--report-only", "--profile", "slurm"], 2, "goes with no stage, profile or dry run"),
         (["run", "demo", "--until"], 2, "strandcast run: Option '--until' requires an argument"),
         (["rn"], 2, "Did you mean 'run'?"),
+        (["explain", "nonsense"], 2, "`strandcast docs errors`"),
+        (["docs", "how-to/instal"], 2, "did you mean how-to/install?"),
         (["estimate"], 2, "Missing argument 'EXPERIMENT'"),
         (["check", "demo", "--jsn"], 2, "No such option: --jsn"),
     ],
@@ -200,3 +202,13 @@ def test_a_stage_imports_only_what_it_needs(stage, forbidden):
     code = f"import sys, strandcast.stages.{stage}; print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert set(run.stdout.split()) & forbidden == set()
+
+
+def test_the_manual_comes_along(root):
+    listed = strandcast(root, "docs")
+    assert "tutorial " in listed.stdout
+    page = strandcast(root, "docs", "docs/how-to/install.md")  # as messages name it
+    assert page.stdout.startswith("# Install\n")
+    assert strandcast(root, "explain", "sc-a013").stdout.startswith(
+        "SC-A013: The angles of the joint log are in"
+    )

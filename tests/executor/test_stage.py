@@ -72,6 +72,18 @@ def test_a_live_run_without_a_keyboard_is_refused(
     assert not driver.played
 
 
+def test_an_arm_may_be_given_by_its_name(driver: PerfectArm, project_root: Path) -> None:
+    (Path("config")).symlink_to(project_root / "config")
+    Path("Snakefile").touch()
+    said: list[str] = []
+    stage.run(
+        Path("motion.json"), Path("planar3"), Path("run"), PlayOptions(), None, False, None, said.append
+    )
+    assert "on planar3" in said[0]
+    with pytest.raises(StrandcastError, match="planar4"):
+        stage.run(Path("motion.json"), Path("planar4"), Path("run"), PlayOptions(), None, False, None)
+
+
 def test_a_real_arm_needs_the_length_that_hangs_from_it(driver: PerfectArm) -> None:
     driver.address = "192.0.2.7"
     with pytest.raises(StrandcastError, match=r"SC-X009.*no experiment 'e'"):

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from strandcast.core.objectives import (
 from strandcast.errors import StrandcastError
 from strandcast.planning.plan import PlannedMotion, fitted_servo, plan_next
 from strandcast.planning.rig_scatter import drawn_sizes
+from strandcast.progress import Progress
 from strandcast.records.estimate import Estimate
 from strandcast.records.joint_log import read_run, write_joint_log
 from strandcast.records.motion import Motion
@@ -64,12 +66,29 @@ def planned(root: Path, name: str) -> Motion:
     return Motion.read(root / "results" / name / "trial-01" / "motion.json")
 
 
-def test_flags_of_a_plan_are_logged(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plan_says_what_it_expects_and_how_to_throw_it(
+    root: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("strandcast.planning.global_search.Progress", partial(Progress, interval_s=0.0))
     write(root, "hopeless", "target_m: [0.5, 0.5]\nhit_radius_m: 0.000001\n" + SMALL)
-    flags = planned(root, "hopeless").provenance.flags
+    motion = planned(root, "hopeless")
+    flags, expected = motion.provenance.flags, motion.predicted
     assert any("not expected to hit" in flag for flag in flags)
     said = capsys.readouterr().err
     assert all(f"plan: {flag}\n" in said for flag in flags)
+    assert (
+        f"plan: {100 * expected.hit_probability:.0f} % likely to hit, within 0 mm of the target; miss p10"
+        in said
+    )
+    kind, joint, share = max(expected.limits_used(), key=lambda used: used[2])
+    assert f"plan: nearest to a limit: joint_{joint + 1} uses {100 * share:.0f} % of its {kind}\n" in said
+    assert "plan: throw it: strandcast play " in said
+    # Within one round of a search the best cost never rises.
+    costs: dict[str, list[float]] = {}
+    for what, cost in re.findall(r"plan: (search \d of \d, \d+ strings): .*best cost ([\d.]+) mm", said):
+        costs.setdefault(what, []).append(float(cost))
+    assert "search 3 of 3, 16 strings" in costs
+    assert all(found == sorted(found, reverse=True) for found in costs.values())
 
 
 @pytest.mark.parametrize("name", ["video.mp4", "cam.avi", "joints.csv", "motion.json"])

@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from tests.faults.small import REAL
 
 from strandcast.config.find import experiment_named, find_experiment
 from strandcast.errors import StrandcastError
@@ -68,6 +69,24 @@ def test_an_emptied_record_beside_the_raw_files_is_reported(root: Path) -> None:
     write(root, "data/rig/trial-01/motion.json")
     write(root, "data/rig/trial-01/video.mp4")
     assert ("SC-R001", "trial-01/motion.json") in errors(root)
+
+
+def test_recordings_that_a_stage_would_refuse_are_reported(root: Path, finished: Path) -> None:
+    """A missing joint log was found by `align`, after the whole film had been tracked."""
+    shutil.copytree(finished / "data/small", root / "data/rig", dirs_exist_ok=True)
+    write(root, "data/rig/experiment.yaml", REAL)
+    assert errors(root) == set()
+    trial = root / "data/rig/trial-01"
+    text, film = (trial / "motion.json").read_text(), (trial / "video.mp4").read_bytes()
+    (trial / "motion.json").write_text(text.replace('"trial": 1', '"trial": 2'))
+    (trial / "video.mp4").write_bytes(film[: len(film) // 2])
+    for name in ("joints.csv", "run.json"):
+        (trial / name).unlink()
+    assert errors(root) == {
+        ("SC-R004", "trial-01/motion.json"),
+        ("SC-V005", "trial-01/video.mp4"),
+        ("SC-W033", "trial-01"),
+    }
 
 
 def test_a_missing_trial_between_others_is_refused_with_the_line_that_excludes_it(root: Path) -> None:

@@ -19,6 +19,7 @@ from strandcast.cli.exchange import export_motion, import_joints, import_track, 
 from strandcast.cli.exclusions import exclude, include
 from strandcast.cli.exports import EXPORTS
 from strandcast.cli.integrity import unlock, verify
+from strandcast.cli.manual import docs, explain
 from strandcast.cli.new import new
 from strandcast.cli.play import EXIT_CODES, play
 from strandcast.cli.rig import rig
@@ -93,7 +94,7 @@ STAGES, LAB, EXCHANGE = "Single stages", "Virtual lab", "Data exchange"
 
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     DAILY: (new, check, status, run, play, exclude, include),
-    SET_UP: (doctor, schema, boards, preview),
+    SET_UP: (doctor, docs, explain, schema, boards, preview),
     CARE: (compare, rig, verify, unlock),
     STAGES: (summary, campaign),
 }

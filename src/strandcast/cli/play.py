@@ -16,7 +16,7 @@ EXIT_CODES = (
 
 def play(
     motion: Annotated[Path, typer.Argument(metavar="MOTION", help="The motion.json to play.")],
-    arm: Annotated[Path, typer.Option(help="The arm's file.")],
+    arm: Annotated[Path, typer.Option(help="The arm's file, or its name in config/arms.")],
     out: Annotated[Path, typer.Option(help="The trial's folder of raw files.")],
     live: Annotated[
         bool, typer.Option("--live", help="Move the arm after the motion's short hash is typed.")

@@ -105,6 +105,12 @@ def _misspelt(file: Path) -> Path | None:
     return next((path for path in there if path.name.lower() in names and path != file), None)
 
 
+def named_arm(name: Path, root: Path) -> Path:
+    """Return the arm's file of a command line: a path, or the name of an arm in config/arms."""
+    known = root / "config" / "arms" / f"{name}.toml"
+    return known if not name.exists() and known.is_file() else name
+
+
 def find_arm(experiment: Experiment, experiment_file: Path, root: Path) -> Path:
     """Return the arm's file: a name in config/arms, or a path relative to the experiment's file.
 

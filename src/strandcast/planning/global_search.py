@@ -4,6 +4,7 @@ In space there are twice the unknowns, and descents take the place of CMA-ES.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -94,12 +95,17 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
     found = screen(replace(given, task=task, strings=ensemble.first(SCREENED_WITH)))
     simulations = settings.screening * min(SCREENED_WITH, len(ensemble))
     starts = [encoding.point(curve) for curve in found]
-    optima: list[Optimum] = []
-    progress, done = Progress("plan: search", total=settings.evaluations), 0
-    for searches, share, members, spread in ROUNDS_IN_SPACE if isinstance(task, SpatialTask) else ROUNDS:
+    optima: list[Optimum]
+    rounds = ROUNDS_IN_SPACE if isinstance(task, SpatialTask) else ROUNDS
+    for number, (searches, share, members, spread) in enumerate(rounds, 1):
         strings = ensemble.first(members)
         scenarios = scenarios_of(task, strings, settings)
         budget = int(share * settings.evaluations / searches)
+        # A cost over more strings is another one: each round has lines of its own.
+        progress = Progress(f"plan: search {number} of {len(rounds)}, {members} strings", searches * budget)
+        optima = []
+
+        report = partial(_report, progress, optima, budget)
 
         def value(points: np.ndarray, scenarios: list[Scenario] = scenarios) -> np.ndarray:
             return curve_costs(task, scenarios, given.conditions, encoding.curves(points))
@@ -108,19 +114,23 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
             assert isinstance(task, SpatialTask)
             return motion_residuals(task, strings, given.conditions, encoding.curves(points))
 
-        optima = []
         for start in starts[:searches]:
             if isinstance(task, SpatialTask):
                 # The time, which is whole steps, stays.
                 point, cost_m, tried = descend_motion(residuals, start, len(start) - 1, budget)
-                progress(done + tried, f"best cost {1000 * cost_m:.1f} mm")
+                report(tried, cost_m)
             else:
-                point, cost_m, tried = minimise(value, start, spread, budget, given.rng, progress, done)
+                point, cost_m, tried = minimise(value, start, spread, budget, given.rng, report)
             optima.append(Optimum(point, cost_m))
-            done += budget
             simulations += tried * min(members, len(ensemble))
         starts = _best_first(optima)
     return encoding.curves(starts[0][None])[0], simulations
+
+
+def _report(progress: Progress, before: list[Optimum], budget: int, tried: int, cost_m: float) -> None:
+    """Print how far a round is, with the least cost in it."""
+    least_m = min([cost_m, *(optimum.cost_m for optimum in before)])
+    progress(len(before) * budget + tried, f"best cost {1000 * least_m:.1f} mm")
 
 
 def _best_first(optima: list[Optimum]) -> list[np.ndarray]:

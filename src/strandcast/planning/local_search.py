@@ -169,7 +169,11 @@ def search_near(
         start = np.zeros(np.prod(shape))
         units, _, tried = descend_motion(residuals, start, len(start), budget)
         return curve(units * DESCENT_RAD_S / HEIGHT_RAD_S), tried * len(near.strings)
-    progress = Progress("plan: search", total=budget)
+    progress = Progress("plan: search near a trial", total=budget)
     spread = SPREAD * float(np.clip(miss_m / NEAR_M, 1.0, WIDEST))
-    point, _, tried = minimise(value, np.zeros(np.prod(shape)), spread, budget, rng, progress)
+
+    def report(tried: int, cost_m: float) -> None:
+        progress(tried, f"best cost {1000 * cost_m:.1f} mm")
+
+    point, _, tried = minimise(value, np.zeros(np.prod(shape)), spread, budget, rng, report)
     return curve(point), tried * len(near.strings)

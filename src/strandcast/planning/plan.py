@@ -36,6 +36,7 @@ from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollout
 from strandcast.planning.scenarios import crossed
 from strandcast.planning.search import SearchInputs, SearchResult
 from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
+from strandcast.progress import print_line
 
 # Within this of a trial, rms over the control heights, nearly nine throws in ten passed within half a hit
 # radius of 20 mm of where they were predicted to (docs/explanation/throws.md, "How far a later motion may
@@ -198,6 +199,9 @@ def _globally(given: SearchInputs, kind: str, *flags: str) -> PlannedMotion:
     enough = LIKELY if isinstance(given.task, SpatialTask) else FAIR
     plans: list[PlannedMotion] = []
     while len(plans) < MOST_ATTEMPTS:
+        if plans:
+            likely = f"{100 * _likelihood(given.task, plans[-1]):.0f} %"
+            print_line(f"plan: {likely} likely to hit, {100 * enough:.0f} % wanted: another search begins")
         curve, simulations = _stopped_inside(
             given.task, lambda task: search_globally(replace(given, task=task))
         )
@@ -272,6 +276,7 @@ def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
 
 
 def _from_scratch(given: SearchInputs, reason: str) -> PlannedMotion:
+    print_line(f"plan: a search from scratch begins: {reason}")
     return _globally(given, "replanned", f"planned from scratch: {reason}")
 
 

@@ -12,7 +12,6 @@ from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve
 from strandcast.planning.rollouts import RolloutConditions
 from strandcast.planning.task import AnyTask
-from strandcast.progress import Progress
 
 POPULATION = 16  # chosen
 
@@ -49,8 +48,7 @@ def minimise(
     spread: float,
     evaluations: int,
     rng: np.random.Generator,
-    progress: Progress,
-    done_before: int = 0,
+    report: Callable[[int, float], None],
 ) -> tuple[np.ndarray, float, int]:
     """Minimise a function of whole populations.
 
@@ -62,8 +60,8 @@ def minimise(
         (d,) where the search starts, and its standard deviation, the same for all coordinates.
     evaluations
         How many points it may try.
-    progress, done_before
-        Where to report progress, and how many evaluations were reported before.
+    report
+        Receives how many points were tried, and the least value so far.
 
     Returns
     -------
@@ -79,5 +77,5 @@ def minimise(
         done += POPULATION
         if values.min() < best_value:
             best, best_value = points[int(np.argmin(values))], float(values.min())
-        progress(done_before + done, f"best cost {1000 * best_value:.1f} mm")
+        report(done, best_value)
     return best, best_value, done

@@ -166,7 +166,11 @@ def check_lineage(
     elsewhere = (lineage.experiment, lineage.trial) != (place.experiment, place.trial)
     if elsewhere and (lineage.experiment == place.experiment or not place.raw):
         what = f"is of {_named(lineage.experiment, lineage.trial)}, but lies in the folder of {place}"
-        raise _refusal(MISPLACED, path, what, "put back this trial's own file")
+        fix = "put back this trial's own file"
+        if lineage.experiment != place.experiment:
+            again = f"delete results/{place.experiment}, and strandcast run {place.experiment}"
+            fix += f"; if {lineage.experiment} was renamed, its results are made again: {again}"
+        raise _refusal(MISPLACED, path, what, fix)
     changed = [] if place.raw or not inputs else changed_inputs(place.root, lineage)
     if changed:
         what = f"was made from another {changed[0]} than the one that is there"

@@ -116,6 +116,20 @@ class Prediction(OmitsUnset):
     hand_m: list[list[float]]
     tip_m: list[list[float]]
 
+    def limits_used(self) -> list[tuple[str, int, float]]:
+        """Return for each kind of limit which joint uses the largest share of it, and that share."""
+        found = []
+        for kind, peaks, name in (
+            ("speed", self.peak_speed_rad_s, "velocity_rad_s"),
+            ("acceleration", self.peak_acceleration_rad_s2, "acceleration_rad_s2"),
+            ("jerk", self.peak_jerk_rad_s3, "jerk_rad_s3"),
+            ("torque", self.peak_torque_n_m, "torque_n_m"),
+        ):
+            pairs = enumerate(zip(peaks, self.limits.get(name, []), strict=False))
+            used = [(peak / most, joint) for joint, (peak, most) in pairs if most]
+            found += [(kind, joint, share) for share, joint in [max(used, default=(0.0, -1))] if joint >= 0]
+        return found
+
 
 class RigScatter(Part):
     """How much throws differ in one quantity: its standard deviation, before any throw and as learnt.

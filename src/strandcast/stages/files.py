@@ -6,6 +6,7 @@ A role is a function that returns the files of one kind for a job, e.g.
 
 from collections.abc import Callable
 from functools import lru_cache
+from glob import escape
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -142,6 +143,7 @@ def _urdf_in(arm_toml: str) -> Any:
     return load_toml(arm_toml)["urdf"]
 
 
+PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp")
 LAB_PHOTOS = tuple(f"calibration/lens-{number:02d}.png" for number in range(1, 13))
 
 
@@ -154,13 +156,23 @@ def lens(job: Job) -> list[Path]:
         return [folder / given]
     if job.is_lab:
         return [folder / name for name in LAB_PHOTOS]
-    return files_matching(folder, camera.lens_photos)
+    return files_matching(folder, camera.lens_photos) or _other_photos(folder, camera.lens_photos)
 
 
 def plane(job: Job) -> list[Path]:
     """Return the photo of the plane of motion; none with ``camera.scale: arc``."""
-    camera = job.context.settings.camera
-    return [] if camera.scale == "arc" else [job.context.folder.data / camera.plane_photo]
+    camera, folder = job.context.settings.camera, job.context.folder.data
+    if camera.scale == "arc":
+        return []
+    photo = folder / camera.plane_photo
+    others = [] if job.is_lab or file_exists(photo) else _other_photos(folder, escape(camera.plane_photo))
+    return (others or [photo])[:1]
+
+
+def _other_photos(folder: Path, pattern: str) -> list[Path]:
+    """Return photos whose names fit but for the kind of picture: cameras write lens-01.JPG."""
+    found = files_matching(folder, str(Path(pattern).with_suffix(".*")))
+    return [path for path in found if path.suffix.lower() in PHOTO_SUFFIXES]
 
 
 def pendulum(job: Job) -> list[Path]:

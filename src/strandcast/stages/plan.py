@@ -1,5 +1,6 @@
 """The next motion, made from the trials before it, and the throws that are expected of it."""
 
+import shlex
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -35,6 +36,7 @@ from strandcast.stages.plan_inputs import (
     seen_deviations,
     servo_of,
 )
+from strandcast.stages.producers import play_command
 
 
 def run(job: Job, files: Files) -> None:
@@ -52,12 +54,29 @@ def run(job: Job, files: Files) -> None:
     # How long it took is not part of the result, which is the same every time.
     taken_s = time.monotonic() - began_s
     print_line(f"plan: {motion.provenance.simulations} throws simulated in {taken_s:.1f} s")
-    for flag in motion.provenance.flags:
-        print_line(f"plan: {flag}")
+    for line in (*motion.provenance.flags, *_answer(job, files, motion)):
+        print_line(f"plan: {line}")
     if not job.is_lab:  # the lab has played it before another can be planned
         keep_motion(job.context.folder, motion, throws)
     write_predicted(files.output("predicted"), throws)
     motion.write(files.output("motion"))
+
+
+def _answer(job: Job, files: Files, motion: Motion) -> Iterator[str]:
+    """Yield what is expected of a motion, what limits it, and on a real arm how to throw it."""
+    expected, radius_m = motion.predicted, job.context.settings.hit_radius_m
+    assert expected is not None
+    misses = ", ".join(f"{name} {1000 * miss_m:.1f} mm" for name, miss_m in expected.miss_quantiles_m.items())
+    within = f"within {1000 * radius_m:.0f} mm of the target"
+    yield f"{100 * expected.hit_probability:.0f} % likely to hit, {within}; miss {misses}"
+    most = max(expected.limits_used(), key=lambda used: used[2], default=None)
+    if most is not None:
+        kind, joint, share = most
+        yield f"nearest to a limit: {motion.joint_names[joint]} uses {100 * share:.0f} % of its {kind}"
+    if not job.is_lab:
+        motion_file = shlex.quote(str(files.output("motion")))
+        yield f"throw it: {play_command(job.context, job.trial)}"
+        yield f"without a driver: strandcast export motion {motion_file} --as ros --out FILE"
 
 
 def first_motion(context: Context, arm: Arm | SpatialArm) -> Motion:

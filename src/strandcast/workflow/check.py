@@ -10,7 +10,7 @@ from strandcast.config.find import overlooked_experiments
 from strandcast.core.trial_names import TRIAL_NAMES, trial_number
 from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.records.folders import TrialFolder, video_suffixes
-from strandcast.records.record import read_json
+from strandcast.records.verified import READERS
 from strandcast.stages import files
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.job import Job
@@ -247,7 +247,7 @@ def _check_folders(context: Context, found: Checked) -> None:
             )
     for path in (folder.trial(number).data / name for number in numbers for name in RAW_RECORDS):
         if path.is_file():
-            found.attempt(read_json, path)
+            found.attempt(READERS[".json"], path)
     for number in numbers:
         excluded = context.settings.excluded_reason(number) is not None
         problems = list(_problems_of_trial(context, folder.trial(number)))
@@ -266,7 +266,11 @@ def _problems_of_trial(context: Context, trial: TrialFolder) -> Iterator[Strandc
         fix = f"import it: {capture_command(context, trial.number)} (docs/how-to/throw-in-space.md)"
         yield _wrong("the trial was thrown, and its capture has not been imported", trial.data, fix)
     elif not supplied:
-        yield from _problems_of_video(trial)
+        yield from _problems_of_video(context, trial)
+        if trial.videos() and not {*map(str.lower, there)} & {*LOG_FILES[0]}:
+            importing = f"strandcast import joints {shlex.quote(context.name)} {trial.number} LOG"
+            fix = f"copy joints.csv and run.json from the arm's computer, or import a log: {importing}"
+            yield _wrong("the trial has a video, but no joint log", trial.data, fix)
     needed = {name: supplied[0] for name in files.SUPPLIED_FILES.values() if supplied}
     needed |= {other: one for one, other in LOG_FILES if one in there}
     for name, beside in needed.items():
@@ -275,7 +279,7 @@ def _problems_of_trial(context: Context, trial: TrialFolder) -> Iterator[Strandc
             yield _wrong(f"is missing beside {beside}", trial.data / name, fix)
 
 
-def _problems_of_video(trial: TrialFolder) -> Iterator[StrandcastError]:
+def _problems_of_video(context: Context, trial: TrialFolder) -> Iterator[StrandcastError]:
     if len(trial.videos()) > 1:
         try:
             trial.video()
@@ -287,6 +291,14 @@ def _problems_of_video(trial: TrialFolder) -> Iterator[StrandcastError]:
         if len(like) == 1:
             fix = _rename(like[0], trial.data / f"video{like[0].suffix.lower()}")
         yield _wrong("the trial has raw files, but no video", trial.data, fix)
+    elif not (trial.results / "manifest.json").is_file():  # `ingest` has not seen it yet
+        from strandcast.video.ingest import inspect_video
+
+        camera = context.settings.camera
+        try:
+            inspect_video(trial.video(), camera.frame_rate_hz, camera.missing_policy)
+        except StrandcastError as error:
+            yield error
 
 
 def _wrong(what: str, file: Path, fix: str) -> StrandcastError:

@@ -206,17 +206,9 @@ def _disturbed(predicted: Prediction) -> list[list[str]]:
 
 def _limits(predicted: Prediction) -> list[list[str]]:
     """Return the largest use of each limit by a joint, and the least distance to the workspace's edge."""
-    rows = []
-    for words, peaks, name in (
-        ("speed", predicted.peak_speed_rad_s, "velocity_rad_s"),
-        ("acceleration", predicted.peak_acceleration_rad_s2, "acceleration_rad_s2"),
-        ("jerk", predicted.peak_jerk_rad_s3, "jerk_rad_s3"),
-        ("torque", predicted.peak_torque_n_m, "torque_n_m"),
-    ):
-        given = predicted.limits.get(name, [])
-        used = [peak / most for peak, most in zip(peaks, given, strict=False) if most]
-        if used:
-            rows.append([f"most of a joint's {words} limit used", percent(max(used))])
+    rows = [
+        [f"most of a joint's {kind} limit used", percent(share)] for kind, _, share in predicted.limits_used()
+    ]
     if predicted.workspace_room_m is not None:
         rows.append(["least room to the workspace's edge", millimetres(predicted.workspace_room_m, digits=0)])
     return rows

@@ -1,0 +1,58 @@
+"""The installed manual: its pages, and what each error code means."""
+
+import difflib
+from typing import Annotated
+
+import typer
+
+from strandcast.cli.common import AsJson, show
+from strandcast.errors import StrandcastError
+
+
+def explain(
+    code: Annotated[str, typer.Argument(metavar="CODE", help="As a message begins with, e.g. SC-A013.")],
+    as_json: AsJson = False,
+) -> None:
+    """Print what an error code means, and what to do."""
+    from strandcast.errors.registry import read_codes
+
+    _, codes = read_codes()
+    name = f"SC-{code.upper().removeprefix('SC-')}"
+    if name not in codes:
+        raise _unknown(f"there is no error code {code!r}", name, [*codes])
+    found = codes[name]
+    lines = [f"{found.code}: {found.title}", "", found.cause, "", f"Fix: {found.fix}"]
+    show(as_json, found._asdict(), lines)
+
+
+def docs(
+    page: Annotated[
+        str | None,
+        typer.Argument(metavar="PAGE", help="E.g. tutorial, or how-to/install.  [default: list all]"),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Print a page of the manual of this version, or list all pages."""
+    from strandcast.workflow.project import shipped
+
+    folder = shipped() / "docs"
+    pages = {
+        path.relative_to(folder).with_suffix("").as_posix(): path.read_text(encoding="utf-8")
+        for path in sorted(folder.rglob("*.md"))
+    }
+    if page is None:
+        titles = {name: text.partition("\n")[0].lstrip("# ") for name, text in pages.items()}
+        lines = [f"The manual is in {folder}. Print a page, or the docs/… of a message: strandcast docs PAGE"]
+        lines += [f"  {name:44} {title}" for name, title in titles.items()]
+        show(as_json, {"folder": str(folder), "pages": titles}, lines)
+        return
+    wanted = page.removeprefix("docs/").removesuffix(".md")
+    if wanted not in pages:
+        raise _unknown(f"the manual has no page {page!r}", wanted, [*pages])
+    show(as_json, {"page": wanted, "text": pages[wanted]}, [pages[wanted]])
+
+
+def _unknown(what: str, wanted: str, known: list[str]) -> StrandcastError:
+    near = difflib.get_close_matches(wanted, known, n=1, cutoff=0.4)
+    fix = f"did you mean {near[0]}?" if near else "`strandcast docs errors` and `strandcast docs` list all"
+    return StrandcastError("SC-W039", what, fix=fix)
