@@ -52,7 +52,7 @@ def strandcast(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         (["run", "--report-only", "--profile", "slurm"], 2, "goes with no stage, profile or dry run"),
         (["run", "demo", "--until"], 2, "strandcast run: Option '--until' requires an argument"),
         (["rn"], 2, "Did you mean 'run'?"),
-        (["explain", "nonsense"], 2, "`strandcast docs errors`"),
+        (["explain", "42"], 2, "`strandcast docs errors`"),
         (["docs", "how-to/instal"], 2, "did you mean how-to/install?"),
         (["estimate"], 2, "Missing argument 'EXPERIMENT'"),
         (["check", "demo", "--jsn"], 2, "No such option: --jsn"),

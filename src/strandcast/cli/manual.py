@@ -19,7 +19,9 @@ def explain(
     _, codes = read_codes()
     name = f"SC-{code.upper().removeprefix('SC-')}"
     if name not in codes:
-        raise _unknown(f"there is no error code {code!r}", name, [*codes])
+        raise StrandcastError(
+            "SC-W039", f"there is no error code {code!r}", fix="`strandcast docs errors` lists all"
+        )
     found = codes[name]
     lines = [f"{found.code}: {found.title}", "", found.cause, "", f"Fix: {found.fix}"]
     show(as_json, found._asdict(), lines)
@@ -48,11 +50,7 @@ def docs(
         return
     wanted = page.removeprefix("docs/").removesuffix(".md")
     if wanted not in pages:
-        raise _unknown(f"the manual has no page {page!r}", wanted, [*pages])
+        near = difflib.get_close_matches(wanted, pages, n=1)
+        fix = f"did you mean {near[0]}?" if near else "`strandcast docs` lists the pages"
+        raise StrandcastError("SC-W039", f"the manual has no page {page!r}", fix=fix)
     show(as_json, {"page": wanted, "text": pages[wanted]}, [pages[wanted]])
-
-
-def _unknown(what: str, wanted: str, known: list[str]) -> StrandcastError:
-    near = difflib.get_close_matches(wanted, known, n=1, cutoff=0.4)
-    fix = f"did you mean {near[0]}?" if near else "`strandcast docs errors` and `strandcast docs` list all"
-    return StrandcastError("SC-W039", what, fix=fix)
