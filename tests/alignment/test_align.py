@@ -57,6 +57,7 @@ def test_a_good_rig_makes_a_small_standard_error(throw, fit, error_s):
     assert found.warnings == []
 
 
+@pytest.mark.thorough
 def test_correlated_errors_increase_the_standard_error(throw, fit):
     def mean_se(**errors) -> float:
         kind = Faults(white_px=(0.1, 0.1), pixel_px=0.0, **errors)

@@ -158,6 +158,7 @@ def test_a_video_of_the_board_gives_lens_plane_and_picture(root, frames, lens, l
     assert "data:image/webp;base64," in content.drawing
 
 
+@pytest.mark.thorough
 def test_photos_are_read_as_the_sensor_has_them(root, board_seen):
     """A phone stores a rotation tag; a rotated picture would not fit the lens."""
     folder = root / "data" / "own" / "calibration"

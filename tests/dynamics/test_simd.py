@@ -40,7 +40,8 @@ def positions(model, drawn, pose=POSE):
     return points
 
 
-@pytest.mark.parametrize("bits", [pytest.param("256", marks=pytest.mark.thorough), "0"])
+@pytest.mark.thorough
+@pytest.mark.parametrize("bits", ["256", "0"])
 def test_every_register_width_gives_the_same_strings(monkeypatch, drawn, bits):
     here = positions(MODEL, drawn)
     monkeypatch.setenv("STRANDCAST_REGISTER_BITS", bits)

@@ -121,6 +121,7 @@ def test_parameters_have_units_and_intervals_and_the_verdict_is_there(library, m
     assert values["miss, trial 1"]["unitText"] == "m"
 
 
+@pytest.mark.thorough
 def test_the_same_results_give_the_same_bytes(made, project, tmp_path) -> None:
     code = (
         "import sys, pathlib, strandcast\n"

@@ -22,7 +22,9 @@ def swayed(scene, monkeypatch, largest_rad):
     monkeypatch.setattr(scene, "swing", swing)
 
 
-@pytest.mark.parametrize("largest_rad", [0.0, pytest.param(0.1, marks=pytest.mark.thorough), 0.2])
+@pytest.mark.parametrize(
+    "largest_rad", [*(pytest.param(x, marks=pytest.mark.thorough) for x in (0.0, 0.1)), 0.2]
+)
 def test_sway_is_warned_of_with_its_cost(scene, monkeypatch, tmp_path, largest_rad):
     swayed(scene, monkeypatch, largest_rad)
     scene.film(tmp_path / "sway.mkv")

@@ -194,6 +194,7 @@ def root(scene, filmed, seen, project_root, tmp_path):
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_the_command_writes_a_picture_and_prints_its_findings(scene, root):
     lines = run(root, "small", 1)
     assert any("no calibration" in line for line in lines)

@@ -5,19 +5,25 @@ When settings change, another motion is planned in place of one that may be on t
 
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from strandcast.errors import StrandcastError
+from strandcast.records.files import write_bytes
 from strandcast.records.folders import ExperimentFolder
 from strandcast.records.motion import Motion
-from strandcast.records.predicted import PredictedThrows, read_predicted, write_predicted
+
+if TYPE_CHECKING:
+    from strandcast.records.predicted import PredictedThrows
 
 HASH_DIGITS = 16  # enough to tell the motions of one experiment apart
 
 
-def keep_motion(folder: ExperimentFolder, motion: Motion, throws: PredictedThrows | None = None) -> None:
+def keep_motion(folder: ExperimentFolder, motion: Motion, throws: "PredictedThrows | None" = None) -> None:
     """Keep a motion, and the throws that are expected of it."""
     place = folder.motions / motion.content_sha256()[:HASH_DIGITS]
     if throws is not None:
+        from strandcast.records.predicted import write_predicted  # the player has no library for tables
+
         write_predicted(place / "predicted.parquet", throws)
     motion.write(place / "motion.json")
 
@@ -38,5 +44,5 @@ def take_motion(path: Path, folder: Path) -> None:
     predicted = path.with_name("predicted.parquet")
     (folder / predicted.name).unlink(missing_ok=True)
     if predicted.is_file():
-        write_predicted(folder / predicted.name, read_predicted(predicted))
+        write_bytes(folder / predicted.name, predicted.read_bytes())
     Motion.read(path).write(folder / path.name)

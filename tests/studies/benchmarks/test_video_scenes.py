@@ -79,6 +79,7 @@ def test_the_video_shows_the_string_where_the_truth_says(folder, frames):
     assert np.median(np.abs(offset)) < 0.25
 
 
+@pytest.mark.thorough
 def test_contrast_over_noise_is_that_of_the_picture(folder, frames):
     case, facts = read_case(folder)
     truth = Truth.read(folder)

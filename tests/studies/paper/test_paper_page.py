@@ -106,6 +106,7 @@ def test_nothing_comes_from_outside(page):
     assert {link[1:] for link in links if link.startswith("#")} <= set(ids)
 
 
+@pytest.mark.thorough
 def test_the_same_results_give_the_same_bytes(page, paper):
     assert paper_page(*paper) == page
 
