@@ -25,6 +25,7 @@ from strandcast.records.folders import TrialFolder, trial_folders
 from strandcast.records.load import load
 from strandcast.records.motion import Motion
 from strandcast.records.record import Record
+from strandcast.records.summary import ExperimentSummary
 from strandcast.records.track import AXES
 from strandcast.records.verdict import Verdict
 from strandcast.stages import plan, score
@@ -66,6 +67,14 @@ class Project:
         return f"Project({str(self.root)!r}: {', '.join(self) or 'no experiments'})"
 
 
+class Trials(dict[int, "TrialView"]):
+    """The trials of an experiment by number."""
+
+    def __missing__(self, number: int) -> TrialView:
+        numbers = ", ".join(map(str, self)) or "none"
+        raise KeyError(f"there is no trial {number}; there are files of: {numbers}")
+
+
 @dataclass(frozen=True)
 class ExperimentView:
     """One experiment: its settings, its arm, its trials."""
@@ -88,11 +97,19 @@ class ExperimentView:
         return load_any_arm(self.context.arm_file)
 
     @property
-    def trials(self) -> dict[int, TrialView]:
+    def trials(self) -> Trials:
         """The trials that have files, by number, counted from 1."""
         folder = self.context.folder
         numbers = sorted({*trial_folders(folder.data), *trial_folders(folder.results)})
-        return {number: TrialView(self.context, number) for number in numbers}
+        return Trials({number: TrialView(self.context, number) for number in numbers})
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """The trials of the last run as rows: miss, fit, clocks, the rig's health; units are in the names."""
+        import pandas as pd
+
+        summary = ExperimentSummary.read(self.context.folder.results / "summary.json")
+        return pd.DataFrame([trial.model_dump() for trial in summary.trials])
 
     def trial(self, number: int) -> TrialView:
         """Return one trial, whether it has files or not: what is not there is refused when it is read."""

@@ -60,6 +60,14 @@ def test_tables_have_units_and_the_track_its_points(trial) -> None:
     assert trial.joints.attrs["units"]["controller_time_s"] == "s"
 
 
+def test_trials_are_rows_of_a_table(project) -> None:
+    opened = strandcast.open(project)["small"]
+    assert opened.table.trial.tolist() == [1]
+    assert opened.table.miss_m[0] == opened.trials[1].verdict.miss_m
+    with pytest.raises(KeyError, match="there is no trial 9; there are files of: 1, 2"):
+        opened.trials[9]
+
+
 def test_what_is_not_there_is_refused(project, tmp_path) -> None:
     opened = strandcast.open(project)
     assert list(opened) == ["small"]

@@ -64,4 +64,11 @@ def test_significant_digits(value: float | None, text: str) -> None:
 def test_a_result_carries_unit_and_uncertainty() -> None:
     assert numbers.millimetres(0.0123, 0.0009) == "12.3\u00a0±\u00a00.9\u00a0mm"
     assert numbers.milliseconds(-0.5) == "−500.00\u00a0ms"
+    assert numbers.milliseconds(18233.99199, 2e-4) == "18233.99199\u00a0±\u00a00.00020\u00a0s"
+    assert [numbers.signed(text) for text in ("-0 %", "-0.00", "-0.05", "-10")] == [
+        "0 %",
+        "0.00",
+        "−0.05",
+        "−10",
+    ]
     assert numbers.percent(None) == "–"

@@ -4,7 +4,7 @@ from typing import Any
 
 from strandcast.report.comparison import LOG_UNIT, Comparison, Row, Tally, Value
 from strandcast.report.drawing import GREY, INK, MEASURED, Drawing, new_figure
-from strandcast.report.numbers import HARD, UNKNOWN, millimetres, milliseconds, scaled, signed
+from strandcast.report.numbers import HARD, UNKNOWN, counted, millimetres, milliseconds, scaled, signed
 from strandcast.report.pages import render
 from strandcast.report.panels.content import Panel, PanelContent, Table, make_sections
 from strandcast.report.typeset import symbol, unit
@@ -195,7 +195,8 @@ def _misses(comparison: Comparison) -> PanelContent:
     axes.set_yticks([row.trial for row in rows])
     axes.set_ylim(max(row.trial for row in rows) + 0.6, min(row.trial for row in rows) - 0.6)
     shift = sum(row.difference.value or 0.0 for row in rows) / len(rows)
-    finding = f"The miss changes by {signed(f'{1e3 * shift:+.1f}')} mm on average over {len(rows)} trials."
+    change, over = signed(f"{1e3 * shift:+.1f}"), counted(len(rows), "trial")
+    finding = f"The miss changes by {change} mm on average over {over}."
     return PanelContent(finding, drawing=Drawing(figure, f"Misses of both results by trial. {finding}"))
 
 

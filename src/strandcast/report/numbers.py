@@ -1,15 +1,18 @@
 """Numbers as text: with a unit and an uncertainty, a dash for unknown values."""
 
 import math
+import re
 
 UNKNOWN = "–"
 MINUS = "−"
+MINUS_ZERO = re.compile(r"-(0(?:\.0*)?(?![\d.]))")
 HARD = "\u00a0"  # a no-break space
+LONG_S = 10.0
 
 
 def signed(text: str) -> str:
-    """Return a number's text with a true minus sign."""
-    return text.replace("-", MINUS)
+    """Return a number's text with a true minus sign; none before a zero."""
+    return MINUS_ZERO.sub(r"\1", text).replace("-", MINUS)
 
 
 def scaled(value: float | None, scale: float, digits: int, unit: str, sigma: float | None = None) -> str:
@@ -17,7 +20,7 @@ def scaled(value: float | None, scale: float, digits: int, unit: str, sigma: flo
     if value is None or not math.isfinite(value):
         return UNKNOWN
     text = f"{value * scale:.{digits}f}"
-    text = signed(text if float(text) else text.lstrip("-"))
+    text = signed(text)
     if sigma is not None and math.isfinite(sigma):
         text += f"{HARD}±{HARD}{sigma * scale:.{digits}f}"
     return f"{text}{HARD}{unit}"
@@ -29,7 +32,9 @@ def millimetres(value_m: float | None, sigma_m: float | None = None, digits: int
 
 
 def milliseconds(value_s: float | None, sigma_s: float | None = None, digits: int = 2) -> str:
-    """Return a time in milliseconds."""
+    """Return a time in milliseconds; a long one, e.g. between clocks with other origins, in seconds."""
+    if value_s is not None and abs(value_s) >= LONG_S:
+        return scaled(value_s, 1.0, digits + 3, "s", sigma_s)
     return scaled(value_s, 1e3, digits, "ms", sigma_s)
 
 
