@@ -207,8 +207,8 @@ def test_a_stage_imports_only_what_it_needs(stage, forbidden):
 def test_the_manual_comes_along(root):
     listed = strandcast(root, "docs")
     assert "tutorial " in listed.stdout
-    page = strandcast(root, "docs", "docs/how-to/install.md")  # as messages name it
+    page = strandcast(root, "docs", "docs/how-to/install.md#install")  # as messages name it
     assert page.stdout.startswith("# Install\n")
-    assert strandcast(root, "explain", "sc-a013").stdout.startswith(
+    assert strandcast(root, "explain", "SC-A013 ERROR").stdout.startswith(
         "SC-A013: The angles of the joint log are in"
     )

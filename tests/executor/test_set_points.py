@@ -216,6 +216,18 @@ def refused(count: int, seed: int) -> list[str]:
     return [code for code in codes if code is not None]
 
 
+@pytest.mark.parametrize("points", [2, 3, 4, 6, 10, 100])
+@pytest.mark.parametrize("duration_s", [1.0, 1.00001, 1.00000001])
+def test_a_good_motion_of_few_points_or_an_odd_duration_is_accepted(points: int, duration_s: float) -> None:
+    arm, s = load_arm(ARMS / "fr3-example.toml"), np.linspace(0.0, 1.0, points)[:, None]
+    way = np.array([0.3, 0.0, -0.2])
+    q = way * s**3 * (10 - 15 * s + 6 * s**2) + arm.limits.lower_rad + 0.5
+    qd = way * 30 * s**2 * (1 - s) ** 2 / duration_s
+    qd[-1] = 5e-7  # at rest, as far as a file says so
+    qdd = way * 60 * s * (1 - s) * (1 - 2 * s) / duration_s**2
+    assert refusal(arm, (s[:, 0] * duration_s, q, qd, qdd)) is None
+
+
 def test_no_planned_motion_is_refused() -> None:
     assert refused(10, 3) == []
 

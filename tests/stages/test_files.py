@@ -49,6 +49,18 @@ def test_an_arm_that_the_disk_refuses_is_not_taken_for_one_without_urdf(files, p
         files("plan", 1).inputs("arm")
 
 
+def test_photos_count_whatever_the_kind_of_picture(files, tmp_path):
+    folder = tmp_path / "data/rig/calibration"
+    folder.mkdir()
+    assert files("calibrate", 0).inputs("plane") == [folder / "plane.png"]
+    for name in ("lens-02.JPG", "lens-01.jpeg", "lens-01.TIF", "lens-03.txt", "plane.JPG"):
+        (folder / name).touch()
+    found = [path.name for role in ("lens", "plane") for path in files("calibrate", 0).inputs(role)]
+    assert found == ["lens-01.TIF", "lens-02.JPG", "plane.JPG"]
+    (folder / "lens-04.png").touch()  # as declared
+    assert files("calibrate", 0).inputs("lens") == [folder / "lens-04.png"]
+
+
 def test_an_undeclared_role_is_an_error(files):
     with pytest.raises(KeyError, match="verdict"):
         files("reconstruct", 1).input("verdict")

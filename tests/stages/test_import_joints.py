@@ -17,7 +17,7 @@ from strandcast.records.folders import ExperimentFolder
 from strandcast.records.joint_log import Run, read_run
 from strandcast.records.kept_motions import keep_motion
 from strandcast.records.motion import Motion, Robot, StartPosture, points_of
-from strandcast.records.predicted import UNPREDICTED
+from strandcast.records.predicted import UNPREDICTED, write_predicted
 from strandcast.stages import import_joints
 from strandcast.stages.context import context_of
 from strandcast.stages.plan_inputs import first_inputs, rehearsal_of
@@ -140,7 +140,7 @@ def test_a_run_that_was_slowed_down_is_no_throw(bench: Bench) -> None:
 
 
 def test_the_log_of_a_rehearsal_is_planned_with(bench: Bench) -> None:
-    with pytest.raises(StrandcastError, match=r"(?s)SC-I059.*put the motion that was played there") as caught:
+    with pytest.raises(StrandcastError, match=r"(?s)SC-I059.*cp MOTION .*rehearsal/motion.json") as caught:
         bench.take(trial=None)
     folder = bench.trial.with_name("rehearsal")
     assert caught.value.file == str(folder / "motion.json")
@@ -185,8 +185,9 @@ def test_the_log_of_another_trial_is_refused(bench: Bench) -> None:
 def test_the_motion_that_was_played_is_found_among_those_that_were_planned(bench: Bench) -> None:
     folder, file = ExperimentFolder(bench.root, "thrown"), bench.trial / "motion.json"
     first, later = Motion.read(file), played(load_arm(bench.root / "config/arms/planar3.toml"), 0.97)
-    keep_motion(folder, first, UNPREDICTED)
-    keep_motion(folder, later)
+    write_predicted(bench.root / "expected.parquet", UNPREDICTED)
+    keep_motion(folder, first, bench.root / "expected.parquet")
+    keep_motion(folder, later, bench.root / "none")
     later.write(folder.trial(1).results / "motion.json")  # planned in its place
     for beside in (None, later, first):
         file.unlink(missing_ok=True)
@@ -196,6 +197,11 @@ def test_the_motion_that_was_played_is_found_among_those_that_were_planned(bench
         assert run.motion_sha256 == Motion.read(file).content_sha256() == first.content_sha256()
         assert ("/motions/" in " ".join(run.warnings)) == (beside is not first)
         assert (bench.trial / "predicted.parquet").is_file()
+    # The same points with another expectation are the same motion: what lies there stays.
+    again = first.model_copy(update={"target_m": [0.5, 0.51]})
+    keep_motion(folder, again, bench.root / "none")
+    again.write(file)
+    assert bench.take(replace=True).motion_sha256 == again.content_sha256()
     own = played(load_arm(bench.root / "config/arms/planar3.toml"), 0.96)
     own.write(file)  # kept nowhere else
     with pytest.raises(StrandcastError, match="SC-I060.*the log is that of .*/motions/"):

@@ -30,7 +30,9 @@ from strandcast.planning.plan import PlannedMotion, fitted_servo, plan_next
 from strandcast.planning.rig_scatter import drawn_sizes
 from strandcast.progress import Progress
 from strandcast.records.estimate import Estimate
+from strandcast.records.folders import ExperimentFolder
 from strandcast.records.joint_log import read_run, write_joint_log
+from strandcast.records.kept_motions import kept_motions
 from strandcast.records.motion import Motion
 from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK
@@ -83,6 +85,12 @@ def test_a_plan_says_what_it_expects_and_how_to_throw_it(
     kind, joint, share = max(expected.limits_used(), key=lambda used: used[2])
     assert f"plan: nearest to a limit: joint_{joint + 1} uses {100 * share:.0f} % of its {kind}\n" in said
     assert "plan: throw it: strandcast play " in said
+    # A kept motion stays what it is, whatever becomes of what it was planned from.
+    with (root / ARM).open("a") as file:
+        file.write("# another comment\n")
+    again = {each.file.parent.name for each in verify(root, "hopeless")}
+    assert again == {"trial-01"}
+    assert len(kept_motions(ExperimentFolder(root, "hopeless"), 1)) == 2
     # Within one round of a search the best cost never rises.
     costs: dict[str, list[float]] = {}
     for what, cost in re.findall(r"plan: (search \d of \d, \d+ strings): .*best cost ([\d.]+) mm", said):

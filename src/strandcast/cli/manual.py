@@ -1,6 +1,7 @@
 """The installed manual: its pages, and what each error code means."""
 
 import difflib
+import re
 from typing import Annotated
 
 import typer
@@ -17,7 +18,7 @@ def explain(
     from strandcast.errors.registry import read_codes
 
     _, codes = read_codes()
-    name = f"SC-{code.upper().removeprefix('SC-')}"
+    name = next(iter(re.findall(r"SC-[A-Z]\d{3}", f"SC-{code} {code}".upper())), "")
     if name not in codes:
         raise StrandcastError(
             "SC-W039", f"there is no error code {code!r}", fix="`strandcast docs errors` lists all"
@@ -48,7 +49,7 @@ def docs(
         lines += [f"  {name:44} {title}" for name, title in titles.items()]
         show(as_json, {"folder": str(folder), "pages": titles}, lines)
         return
-    wanted = page.removeprefix("docs/").removesuffix(".md")
+    wanted = page.partition("#")[0].removeprefix("docs/").removesuffix(".md")
     if wanted not in pages:
         near = difflib.get_close_matches(wanted, pages, n=1)
         fix = f"did you mean {near[0]}?" if near else "`strandcast docs` lists the pages"

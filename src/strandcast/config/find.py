@@ -108,7 +108,7 @@ def _misspelt(file: Path) -> Path | None:
 def named_arm(name: Path, root: Path) -> Path:
     """Return the arm's file of a command line: a path, or the name of an arm in config/arms."""
     known = root / "config" / "arms" / f"{name}.toml"
-    return known if not name.exists() and known.is_file() else name
+    return known if not name.is_file() and known.is_file() else name
 
 
 def find_arm(experiment: Experiment, experiment_file: Path, root: Path) -> Path:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from strandcast.arm.limits import violations
+from strandcast.arm.limits import differences, violations
 from strandcast.arm.load import AnyArm
 from strandcast.arm.reach import Reach, outside_m, reach_of
 from strandcast.core.trajectory import JointTrajectory
@@ -57,7 +57,7 @@ def check_motion(path: Path, motion: Motion, arm: AnyArm) -> JointTrajectory:
             "plan it with a stop ramp: the arm must be at rest at the end",
         )
     _check_start_posture(path, motion, arm)
-    dense = played.resampled(CHECK_STEP_S)
+    dense = _by_cycles(played, CHECK_STEP_S)
     check_limits(path, "the motion", arm, played)
     check_limits(path, "the motion", arm, dense)
     _check_stated(path, played)
@@ -66,9 +66,14 @@ def check_motion(path: Path, motion: Motion, arm: AnyArm) -> JointTrajectory:
 
 def check_set_points(path: Path, motion: Motion, arm: AnyArm, rate_hz: float) -> JointTrajectory:
     """Return what is sent of a checked motion at a rate; refuse it beyond the arm's limits (SC-X004)."""
-    command = motion.trajectory().resampled(1.0 / rate_hz)
-    check_limits(path, f"the set points at {rate_hz:g} Hz", arm, command)
-    return command
+    played = motion.trajectory()
+    check_limits(path, f"the set points at {rate_hz:g} Hz", arm, _by_cycles(played, 1.0 / rate_hz))
+    return played.resampled(1.0 / rate_hz)
+
+
+def _by_cycles(played: JointTrajectory, step_s: float) -> JointTrajectory:
+    """Return the motion at each cycle of a controller, the last one at its end or after it."""
+    return played.at(np.arange(np.ceil(played.end_s / step_s - 1e-6) + 1) * step_s)
 
 
 def _check_start_posture(path: Path, motion: Motion, arm: AnyArm) -> None:
@@ -93,19 +98,19 @@ def _check_stated(path: Path, played: JointTrajectory) -> None:
 
     Differences over the neighbours of a sample are off by less than they vary around it.
     """
-    step_s = np.diff(played.time_s)[:, None]
-    slope = np.diff(played.q_rad, axis=0) / step_s
-    both_s = step_s[1:] + step_s[:-1]
-    speed = (step_s[:-1] * slope[1:] + step_s[1:] * slope[:-1]) / both_s
-    bend = 2.0 * np.diff(slope, axis=0) / both_s
+    (_, slope), (_, bend), _ = differences(played)  # from two steps before the first sample on
+    step_s = np.pad(np.diff(played.time_s), 2, mode="edge")[:, None]
+    before_s, after_s = step_s[1:-2], step_s[2:-1]
+    speed = (before_s * slope[2:-1] + after_s * slope[1:-2]) / (before_s + after_s)
     for what, unit, stated, found, varying, allowed in (
-        ("speeds", "rad/s", played.qd_rad_s, speed, _spread(slope, 4)[1:], MISMATCH_RAD_S),
-        ("accelerations", "rad/s²", played.qdd_rad_s2, bend, _spread(bend, 3), MISMATCH_RAD_S2),
+        ("speeds", "rad/s", played.qd_rad_s, speed, _spread(slope, 4)[2:-1], MISMATCH_RAD_S),
+        ("accelerations", "rad/s²", played.qdd_rad_s2, bend[1:-1], _spread(bend, 3)[1:-1], MISMATCH_RAD_S2),
     ):
-        off = np.abs(stated[1:-1] - found)
+        off = np.abs(stated - found)
         if (off > varying + allowed).any():
             most = off[off > varying + allowed].max()
-            raise _refusal("SC-X002", path, "points", f"{what} and positions disagree by {most:.3g} {unit}")
+            what += f" and positions disagree by {most:.3g} {unit}"
+            raise _refusal("SC-X002", path, "points", what, f"give the {what.split()[0]} of the positions")
 
 
 def _spread(values: np.ndarray, count: int) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Import a joint log, a CSV with known or named columns or a ROS bag, as joints.csv and run.json."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,10 +50,13 @@ class Played:
         The motions that were planned for this throw, by path: if the log is that of one of them, that counts.
     others
         The experiment's other motions by path, which it should not be.
+    is_rehearsal
+        The log is of no use without its motion.
     """
 
     motion: Motion | None
     arm: AnyArm
+    is_rehearsal: bool = False
     plans: Mapping[Path, Motion] = field(default_factory=dict)
     others: Mapping[str, Motion] = field(default_factory=dict)
 
@@ -130,6 +134,8 @@ def import_joints(
     if played is not None:
         taken = played_plan(log, motion, played.plans, played.arm)
         motion = motion if taken is None else played.plans[taken]
+    if played is not None and played.is_rehearsal and motion is None:
+        raise _rehearsal_of_no_motion(Path(folder), played.plans)
     if played is None or motion is None:
         times = _command_span(log)
     else:
@@ -171,6 +177,16 @@ def import_joints(
     )
     run.write(folder / "run.json")
     return run
+
+
+def _rehearsal_of_no_motion(folder: Path, plans: Mapping[Path, Motion]) -> StrandcastError:
+    motion, planned = folder / "motion.json", next(iter(plans), Path("MOTION"))
+    return StrandcastError(
+        "SC-I059",
+        "is missing, and the log does not say which motion was played",
+        file=motion,
+        fix=f"copy it there before planning again: {shlex.join(['cp', str(planned), str(motion)])}",
+    )
 
 
 def _source(path: Path, reading: Reading, namings: Sequence[list[str]]) -> _Source:

@@ -25,8 +25,8 @@ CLEARLY_LESS, ALIKE_RAD = 0.5, 1e-3
 class Match(NamedTuple):
     """Where a motion fits a log best: its start and end on the log's clock [s].
 
-    `rms_rad` is how far the joints are off, `left_rad` without what a constant offset and a lag of each joint
-    explain; `is_whole` says whether the log has all of the motion.
+    `rms_rad` is how far the joints are off, `left_rad` without what a lag explains, of measured joints a lag
+    and a constant offset of each; `is_whole` says whether the log has all of the motion.
     """
 
     start_s: float
@@ -73,8 +73,7 @@ def motion_times(
         matches = {path: _match(log, each, arm) for path, each in same.items()}
         left_rad = {path: match.left_rad for path, match in matches.items() if match.is_whole}
         _refuse_another_motion(found.left_rad, left_rad, file)
-    most_rad = max(LARGEST_LEFT_RAD, CLEARLY_LESS * found.rms_rad)
-    if found.left_rad > most_rad and _commanded(log, motion.joint_names).any():
+    if not _is_like(found) and _commanded(log, motion.joint_names).any():
         raise _unlike(f"{found.left_rad:.3f} rad off, which no lag of commands explains", file)
     return found.start_s, found.end_s
 
@@ -94,22 +93,43 @@ def played_plan(
 ) -> Path | None:
     """Return which of the motions planned for a throw was played, if the log's commands say so.
 
-    None: the log has no commands, they are those of the motion `beside` it or of no plan, or that motion is
-    not among the plans, so that it must not be replaced.
+    None: the log has no commands; they are those of the motion `beside` it, or clearly those of no plan; or
+    that motion is not among the plans, so that it must not be replaced.
     """
-    hashes = {each.content_sha256(): path for path, each in plans.items()}
+    hashes = {each.content_sha256() for each in plans.values()}
     if beside is not None and beside.content_sha256() not in hashes:
         return None
-    left_rad = {}
-    for path in hashes.values():
-        columns = [name for name in plans[path].joint_names if name in log.joint_names]
-        if columns == plans[path].joint_names and _commanded(log, columns).any():
-            found = _match(log, plans[path], arm)
-            if found.is_whole and found.left_rad <= ALIKE_RAD:
-                left_rad[path] = found.left_rad
-    best = min(left_rad, key=lambda path: left_rad[path], default=None)
-    same = best is not None and beside is not None and plans[best].content_sha256() == beside.content_sha256()
-    return None if same else best
+    moving = {path: each for path, each in plans.items() if {*each.joint_names} <= {*log.joint_names}}
+    if not any(_commanded(log, each.joint_names).any() for each in moving.values()):
+        return None
+    if beside is not None and _left_rad(log, beside, arm) <= ALIKE_RAD:
+        return None
+    # Plans that differ in what is expected of them alone are one motion: the first of them.
+    distinct = {each.trajectory().q_rad.tobytes(): path for path, each in reversed(moving.items())}
+    left_rad = {path: _left_rad(log, moving[path], arm) for path in distinct.values()}
+    best, *others = sorted(left_rad, key=lambda path: left_rad[path])
+    clear = all(left_rad[best] < CLEARLY_LESS * left_rad[other] for other in others)
+    same = (
+        beside is not None
+        and moving[best].trajectory().q_rad.tobytes() == beside.trajectory().q_rad.tobytes()
+    )
+    if same or not (left_rad[best] <= ALIKE_RAD or (clear and np.isfinite(left_rad[best]))):
+        return None
+    return best
+
+
+def _left_rad(log: JointLog, motion: Motion, arm: AnyArm) -> float:
+    """Return how far commanded joints are from a motion but for a lag; infinity if they are not its own."""
+    if len(motion.points) < 2 or (np.diff(motion.trajectory().time_s) <= 0).any():
+        return np.inf
+    found = _match(log, motion, arm)
+    return found.left_rad if found.is_whole and _is_like(found) else np.inf
+
+
+def _is_like(found: Match) -> bool:
+    """Return whether commanded joints may be those of a motion."""
+    most_rad = max(LARGEST_LEFT_RAD, CLEARLY_LESS * found.rms_rad)
+    return found.rms_rad <= LARGEST_RMS_RAD and found.left_rad <= most_rad
 
 
 def _commanded(log: JointLog, names: list[str]) -> np.ndarray:

@@ -18,6 +18,7 @@ from strandcast.core.trial_names import trial_number
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.files import content_sha256, sha256_file
 
+KEPT_MOTIONS = "motions"  # the folder of `kept_motions`
 MISPLACED, OUTDATED = "SC-R006", "SC-R007"
 HASHES_KEPT = 4096  # paths; a process reads far fewer
 FIX = "restore the file, or delete it and make it again"
@@ -127,12 +128,16 @@ def check_picture(path: Path, lineage: Lineage | None) -> None:
 
 
 def place_of(path: str | Path) -> Place | None:
-    """Return where a file lies in a project: data or results, an experiment, perhaps a trial."""
+    """Return where a file lies in a project: data or results, an experiment, perhaps a trial.
+
+    A kept motion lies nowhere: whatever it was planned from may have changed.
+    """
     parents = Path(os.path.normpath(Path(path).absolute())).parents  # not "trial-01/../cameras"
     for experiment, trial in zip(parents, [None, *parents], strict=False):
         raw = experiment.parent.name == "data"
         number = trial_number(trial.name) if trial is not None else 0
-        if (raw and number) or experiment.parent.name == "results":
+        kept = trial is not None and trial.name == KEPT_MOTIONS
+        if (raw and number) or (experiment.parent.name == "results" and not kept):
             return Place(experiment.parent.parent, experiment.name, number, raw)
     return None
 
@@ -168,8 +173,8 @@ def check_lineage(
         what = f"is of {_named(lineage.experiment, lineage.trial)}, but lies in the folder of {place}"
         fix = "put back this trial's own file"
         if lineage.experiment != place.experiment:
-            again = f"delete results/{place.experiment}, and strandcast run {place.experiment}"
-            fix += f"; if {lineage.experiment} was renamed, its results are made again: {again}"
+            folder = f"results/{place.experiment}"
+            fix += f"; if {lineage.experiment} was renamed, delete {folder} but for its motions/, and run it again"
         raise _refusal(MISPLACED, path, what, fix)
     changed = [] if place.raw or not inputs else changed_inputs(place.root, lineage)
     if changed:

@@ -5,7 +5,7 @@ import re
 
 UNKNOWN = "–"
 MINUS = "−"
-MINUS_ZERO = re.compile(r"-(0(?:\.0*)?(?![\d.]))")
+MINUS_ZERO = re.compile(r"(?<![\w.])-(0(?:\.0*)?(?![\d.]))")
 HARD = "\u00a0"  # a no-break space
 LONG_S = 10.0
 

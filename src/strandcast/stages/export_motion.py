@@ -36,7 +36,9 @@ def run(
     handover = prepare(motion, arm, hanging_m, time_scale)
     export_motion(handover, form, out)
     if ExperimentFolder(root, planned.experiment).results.is_dir():
-        keep_motion(ExperimentFolder(root, planned.experiment), planned)
+        keep_motion(
+            ExperimentFolder(root, planned.experiment), planned, motion.with_name("predicted.parquet")
+        )
     return handover
 
 

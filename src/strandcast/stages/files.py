@@ -156,7 +156,8 @@ def lens(job: Job) -> list[Path]:
         return [folder / given]
     if job.is_lab:
         return [folder / name for name in LAB_PHOTOS]
-    return files_matching(folder, camera.lens_photos) or _other_photos(folder, camera.lens_photos)
+    others = [path for path in _other_photos(folder, camera.lens_photos) if path not in plane(job)]
+    return files_matching(folder, camera.lens_photos) or others
 
 
 def plane(job: Job) -> list[Path]:
@@ -170,9 +171,10 @@ def plane(job: Job) -> list[Path]:
 
 
 def _other_photos(folder: Path, pattern: str) -> list[Path]:
-    """Return photos whose names fit but for the kind of picture: cameras write lens-01.JPG."""
+    """Return photos whose names fit but for the kind of picture, one a name: cameras write lens-01.JPG."""
     found = files_matching(folder, str(Path(pattern).with_suffix(".*")))
-    return [path for path in found if path.suffix.lower() in PHOTO_SUFFIXES]
+    by_name = {path.stem: path for path in reversed(found) if path.suffix.lower() in PHOTO_SUFFIXES}
+    return sorted(by_name.values())
 
 
 def pendulum(job: Job) -> list[Path]:

@@ -27,19 +27,12 @@ def run(
     joints: list[str],
     replace: bool = False,
 ) -> Run:
-    """Import a log, of a trial or else of the rehearsal; a motion.json in its folder is the played motion."""
+    """Import a log, of a trial or else of the rehearsal, with the motion that was played."""
     context = context_of(root, name)
     folder = context.folder.rehearsal if trial is None else context.folder.trial(trial).data
     arm = load_any_arm(context.arm_file)
     motion, record = folder / "motion.json", folder / "run.json"
     plans = kept_motions(context.folder, trial or 1)
-    if trial is None and not motion.is_file() and not plans:
-        raise StrandcastError(
-            "SC-I059",
-            "is missing: a rehearsal shows how the joints follow the motion that was played",
-            file=motion,
-            fix="put the motion that was played there",
-        )
     if record.is_file() and not Run.read(record).driver.startswith(IMPORTED):  # the only copy of that run
         raise StrandcastError(
             "SC-I023",
@@ -54,7 +47,7 @@ def run(
         folder,
         reading,
         namings=[joints] if joints else [list(arm.joints), list(arm.all_joints)],
-        played=_played(context, motion, plans, arm) if plans or motion.is_file() else None,
+        played=_played(context, motion, plans, arm, trial is None),
     )
     if aligned_before:
         found = found.model_copy(update={"warnings": [*found.warnings, ALIGNED_BEFORE]})
@@ -62,7 +55,9 @@ def run(
     return found
 
 
-def _played(context: Context, file: Path, plans: dict[Path, Motion], arm: AnyArm) -> Played:
+def _played(
+    context: Context, file: Path, plans: dict[Path, Motion], arm: AnyArm, is_rehearsal: bool
+) -> Played:
     """Return the motion of a file if it is there, with the experiment's other motions, planned or played."""
     motion = Motion.read(file) if file.is_file() else None
     seen = set() if motion is None else {motion.content_sha256()}
@@ -74,4 +69,4 @@ def _played(context: Context, file: Path, plans: dict[Path, Motion], arm: AnyArm
             if other.content_sha256() not in seen:
                 seen.add(other.content_sha256())
                 others[str(path)] = other
-    return Played(motion, arm, plans, others)
+    return Played(motion, arm, is_rehearsal, plans, others)

@@ -56,10 +56,10 @@ def run(job: Job, files: Files) -> None:
     print_line(f"plan: {motion.provenance.simulations} throws simulated in {taken_s:.1f} s")
     for line in (*motion.provenance.flags, *_answer(job, files, motion)):
         print_line(f"plan: {line}")
-    if not job.is_lab:  # the lab has played it before another can be planned
-        keep_motion(job.context.folder, motion, throws)
     write_predicted(files.output("predicted"), throws)
     motion.write(files.output("motion"))
+    if not job.is_lab:  # the lab has played it before another can be planned
+        keep_motion(job.context.folder, motion, files.output("predicted"))
 
 
 def _answer(job: Job, files: Files, motion: Motion) -> Iterator[str]:
