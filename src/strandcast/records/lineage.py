@@ -174,7 +174,9 @@ def check_lineage(
         fix = "put back this trial's own file"
         if lineage.experiment != place.experiment:
             folder = f"results/{place.experiment}"
-            fix += f"; if {lineage.experiment} was renamed, delete {folder} but for its motions/, and run it again"
+            fix += (
+                f"; if {lineage.experiment} was renamed, delete {folder} but for motions/, and run it again"
+            )
         raise _refusal(MISPLACED, path, what, fix)
     changed = [] if place.raw or not inputs else changed_inputs(place.root, lineage)
     if changed:
