@@ -168,7 +168,9 @@ def test_shares_leave_out_what_is_unknown_and_keep_what_stopped() -> None:
         lines = summary_of(30, len(outcomes)).trials
         lines = [line.model_copy(update={"hit": hit}) for line, hit in zip(lines, outcomes, strict=True)]
         experiments.append(CampaignExperiment(name, summary_of(30, 1).model_copy(update={"trials": lines})))
-    shares = Campaign(experiments).hit_shares()
+    not_thrown = CampaignExperiment("e", summary_of(30, 1).model_copy(update={"trials": []}))
+    shares = Campaign([*experiments, not_thrown]).hit_shares()
+    assert sum(Campaign([*experiments, not_thrown]).tally().experiments.values()) == 4
     assert [(s.hits, s.known, s.unknown) for s in shares] == [(0, 3, 1), (1, 2, 2), (1, 2, 2)]
 
 

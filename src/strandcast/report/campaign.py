@@ -57,6 +57,11 @@ class CampaignExperiment:
         return [line for line in self.trials if line.excluded is None]
 
     @property
+    def begun(self) -> bool:
+        """Return whether anything was thrown, as far as it can be read."""
+        return bool(self.trials or self.waiting) or self.summary is None
+
+    @property
     def hit_radius_m(self) -> float:
         """Return the radius of a hit; 0 without a summary, which has no trials either."""
         return 0.0 if self.summary is None else self.summary.hit_radius_m
@@ -210,7 +215,7 @@ class Campaign:
         lines = [each.line for each in trials]
         thrown = [line for line in lines if line.excluded is None]
         waiting = [trial for each in self.experiments for trial in each.waiting]
-        verdicts = [each.verdict for each in self.experiments]
+        verdicts = [each.verdict for each in self.experiments if each.begun]
         failed = sum(each.line.excluded is None and each.is_unknown for each in trials)
         return CampaignTally(
             scored=len(thrown) - failed,
@@ -235,7 +240,7 @@ class Campaign:
         """
         shares = []
         for throw in range(1, self.most_throws() + 1):
-            outcomes = [each.has_hit_by(throw) for each in self.experiments if each.aimed]
+            outcomes = [each.has_hit_by(throw) for each in self.experiments if each.aimed and each.begun]
             hits, known = outcomes.count(True), len(outcomes) - outcomes.count(None)
             shares.append(HitShare(throw, hits, known, outcomes.count(None), *wilson(hits, known)))
         return shares
