@@ -103,9 +103,9 @@ def run_stages(root: Path, jobs: list[list[object]]) -> None:
 
 
 def result_hashes(root: Path) -> dict[str, str]:
-    """Return the hashes of all results by their places, but not of logs and hidden files."""
+    """Return the hashes of all results by their places, but not of logs, kept motions and hidden files."""
     files = [path.relative_to(root) for path in (root / "results").rglob("*") if path.is_file()]
-    wanted = [path for path in files if "logs" not in path.parts and not path.name.startswith(".")]
+    wanted = [path for path in files if not {"logs", "motions"} & {*path.parts} and path.name[0] != "."]
     return {path.as_posix(): sha256_file(root / path) for path in wanted if path.parent.name != "results"}
 
 
