@@ -305,6 +305,10 @@ def test_the_outcome_gives_the_miss_and_the_prediction(results: Path, tmp_path: 
     near = verdict.model_copy(update={"miss_m": 0.0195})
     near.write(folder / "verdict.json")
     assert "too near to its edge to be certain" in outcome(read_results(folder))
+    motion.model_copy(update={"target_m": [0.1, 0.2]}).write(folder / "motion.json")
+    text = outcome(read_results(folder)).replace("\u00a0", " ")
+    assert text.endswith("it did not aim at the one from which the miss is measured.")
+    assert "Predicted" not in text
 
 
 def test_every_table_is_a_csv_within_the_page(page: str) -> None:

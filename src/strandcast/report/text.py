@@ -85,7 +85,7 @@ def outcome(results: TrialResults) -> str:
     text += f": {millimetres(abs(beyond_m))} {'outside' if beyond_m > 0 else 'inside'} the hit radius"
     if uncertain_verdict(results):
         text += ", too near to its edge to be certain"
-    return f"{text}. {_as_predicted(results, verdict.miss_m)}".strip()
+    return f"{text}. {_as_predicted(results, verdict, verdict.miss_m)}".strip()
 
 
 def _as_fitted(results: TrialResults) -> str:
@@ -95,9 +95,12 @@ def _as_fitted(results: TrialResults) -> str:
     return f"A capture without a target: {capture_finding(results.need('estimate'), fit_window(results))}"
 
 
-def _as_predicted(results: TrialResults, miss_m: float) -> str:
+def _as_predicted(results: TrialResults, verdict: Verdict, miss_m: float) -> str:
     """Return in words the misses that were predicted before the throw, beside the measured one."""
     motion: Motion | None = results.get("motion")
+    if motion is not None and verdict.target_m is not None and motion.target_m != verdict.target_m:
+        aimed = f"for the target at {place(motion.target_m)}"
+        return f"The motion was planned {aimed}: it did not aim at the one from which the miss is measured."
     known = {} if motion is None or motion.predicted is None else motion.predicted.miss_quantiles_m
     if "p10" not in known or "p90" not in known:
         return ""
