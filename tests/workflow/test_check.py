@@ -8,7 +8,7 @@ from tests.faults.small import REAL
 
 from strandcast.config.find import experiment_named, find_experiment
 from strandcast.errors import StrandcastError
-from strandcast.workflow.check import check_experiment, runnable
+from strandcast.workflow.check import check_experiment, runnable, unlogged_trials
 
 SETTINGS = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
 
@@ -82,6 +82,8 @@ def test_recordings_that_a_stage_would_refuse_are_reported(root: Path, finished:
     (trial / "video.mp4").write_bytes(film[: len(film) // 2])
     for name in ("joints.csv", "run.json"):
         (trial / name).unlink()
+    [unlogged] = unlogged_trials(root, "rig")
+    assert "strandcast import joints rig 1 LOG" in str(unlogged)
     assert errors(root) == {
         ("SC-R004", "trial-01/motion.json"),
         ("SC-V005", "trial-01/video.mp4"),

@@ -267,16 +267,31 @@ def _problems_of_trial(context: Context, trial: TrialFolder) -> Iterator[Strandc
         yield _wrong("the trial was thrown, and its capture has not been imported", trial.data, fix)
     elif not supplied:
         yield from _problems_of_video(context, trial)
-        if trial.videos() and not {*map(str.lower, there)} & {*LOG_FILES[0]}:
-            importing = f"strandcast import joints {shlex.quote(context.name)} {trial.number} LOG"
-            fix = f"copy joints.csv and run.json from the arm's computer, or import a log: {importing}"
-            yield _wrong("the trial has a video, but no joint log", trial.data, fix)
+        yield from _problems_of_log(context, trial)
     needed = {name: supplied[0] for name in files.SUPPLIED_FILES.values() if supplied}
     needed |= {other: one for one, other in LOG_FILES if one in there}
     for name, beside in needed.items():
         if name not in map(str.lower, there):
             fix = "copy it from the computer that wrote the others, or import it: strandcast import --help"
             yield _wrong(f"is missing beside {beside}", trial.data / name, fix)
+
+
+def unlogged_trials(root: Path, name: str) -> list[StrandcastError]:
+    """Return a problem for each film without a joint log: `align` fails, after it has been tracked."""
+    context = context_of(root, name)
+    if context.settings.lab is not None or context.settings.aims_in_space:
+        return []
+    numbers = context.counted(context.folder.recorded_trials())
+    trials = [context.folder.trial(number) for number in numbers if not files.supplied(Job(context), number)]
+    return [problem for trial in trials for problem in _problems_of_log(context, trial)]
+
+
+def _problems_of_log(context: Context, trial: TrialFolder) -> Iterator[StrandcastError]:
+    there = {path.name.lower() for path in trial.raw_files()}
+    if trial.videos() and not there & {*LOG_FILES[0]}:
+        importing = f"strandcast import joints {shlex.quote(context.name)} {trial.number} LOG"
+        fix = f"copy joints.csv and run.json from the arm's computer, or import a log: {importing}"
+        yield _wrong("the trial has a video, but no joint log", trial.data, fix)
 
 
 def _problems_of_video(context: Context, trial: TrialFolder) -> Iterator[StrandcastError]:

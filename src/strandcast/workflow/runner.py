@@ -17,7 +17,7 @@ from strandcast.stages.context import context_of
 from strandcast.stages.producers import recording_advice
 from strandcast.stages.run import run_stage
 from strandcast.workflow.campaign import write_campaign
-from strandcast.workflow.check import runnable
+from strandcast.workflow.check import runnable, unlogged_trials
 from strandcast.workflow.display import Display, display_for
 from strandcast.workflow.engine import compiling_ahead, run_snakemake
 from strandcast.workflow.events import RunState, StageRun, past_durations
@@ -109,7 +109,8 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
     names = list(dict.fromkeys(experiments or default_experiments(root)))
     names, refused = runnable(root, names)
     overlooked = [] if experiments else overlooked_experiments(root)
-    for message in (*map(str, refused), *(each.message("WARNING") for each in overlooked)):
+    unlogged = [] if options.until else [each for name in names for each in unlogged_trials(root, name)]
+    for message in (*map(str, refused), *(each.message("WARNING") for each in (*overlooked, *unlogged))):
         print(message, file=sys.stderr, flush=True)
     if options.report_only:
         return _render_again(root, names, options.local_cores(), refused)
