@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -212,3 +213,10 @@ def test_the_manual_comes_along(root):
     assert strandcast(root, "explain", "SC-A013 ERROR").stdout.startswith(
         "SC-A013: The angles of the joint log are in"
     )
+
+
+def test_the_help_names_no_types_of_python(root):
+    for command in (["run"], ["summary"], ["import", "joints"]):
+        shown = strandcast(root, *command, "--help").stdout
+        assert "Usage: strandcast" in shown
+        assert not re.search(r"<bool>|<list|\]\.\.\.\]", shown)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperCommand, TyperOption
 from typer.exceptions import TyperException
 
 from strandcast import __version__
@@ -69,6 +70,18 @@ def _named_command() -> str:
     return " ".join(names)
 
 
+class PlainCommand(TyperCommand):
+    """A command whose help names no Python types, `<bool>` or `<list[str]>`."""
+
+    def get_params(self, ctx: Any) -> Any:
+        """Return the parameters, those without a type to show."""
+        found = super().get_params(ctx)
+        for each in found:
+            if not isinstance(each, TyperOption) or each.is_flag or each.multiple:
+                setattr(each, "display_type_rich", lambda ctx: None)  # noqa: B010  (it is a method)
+        return found
+
+
 @app.callback(invoke_without_command=True)
 def options(
     version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True)] = False,
@@ -80,13 +93,13 @@ def options(
 
 
 importing = typer.Typer(no_args_is_help=True)
-importing.command("joints")(import_joints)
-importing.command("track")(import_track)
-importing.command("views")(import_views)
+importing.command("joints", cls=PlainCommand)(import_joints)
+importing.command("track", cls=PlainCommand)(import_track)
+importing.command("views", cls=PlainCommand)(import_views)
 exporting = typer.Typer(no_args_is_help=True)
-exporting.command("motion")(export_motion)
+exporting.command("motion", cls=PlainCommand)(export_motion)
 for name, export in EXPORTS.items():
-    exporting.command(name)(export)
+    exporting.command(name, cls=PlainCommand)(export)
 
 # The help lists groups and commands in this order; commands that have commands of their own come last.
 DAILY, SET_UP, CARE = "Every day", "Setting up", "Looking after files"
@@ -102,9 +115,11 @@ EPILOGS = {play: EXIT_CODES, run: RESUMING}
 
 for panel, commands in GROUPS.items():
     for command in commands:
-        app.command(epilog=EPILOGS.get(command), rich_help_panel=panel)(command)
+        app.command(cls=PlainCommand, epilog=EPILOGS.get(command), rich_help_panel=panel)(command)
 for name, (stage, text) in sorted(stage_commands().items(), key=lambda item: item[0] in LAB_STAGES):
-    app.command(name, help=text, rich_help_panel=LAB if name in LAB_STAGES else STAGES)(stage)
+    app.command(name, cls=PlainCommand, help=text, rich_help_panel=LAB if name in LAB_STAGES else STAGES)(
+        stage
+    )
 app.add_typer(
     importing, name="import", help="Import data that was measured elsewhere.", rich_help_panel=EXCHANGE
 )

@@ -45,7 +45,12 @@ ExperimentName = Annotated[
 ]
 Experiments = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[EXPERIMENT]...", parser=experiment_argument, autocompletion=complete_experiment),
+    typer.Argument(
+        metavar="EXPERIMENT",
+        help="Names of experiments: their folders under data/.",
+        parser=experiment_argument,
+        autocompletion=complete_experiment,
+    ),
 ]
 TrialNumber = Annotated[
     int,

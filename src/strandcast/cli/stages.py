@@ -63,7 +63,7 @@ def summary(
     experiment: ExperimentName,
     trials: Annotated[
         list[int] | None,
-        typer.Argument(metavar="[TRIAL]...", min=1, max=LAST_TRIAL, autocompletion=complete_trial),
+        typer.Argument(metavar="TRIAL", min=1, max=LAST_TRIAL, autocompletion=complete_trial),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
