@@ -49,12 +49,17 @@ def _section(name: str, command: Any) -> str:
     options = [
         each for each in command.params if each.param_type_name == "option" and "--json" not in each.opts
     ]
-    usage = " ".join([name, *(each.metavar or each.name.upper() for each in arguments), "[OPTIONS]"])
+    usage = " ".join([name, *map(_placeholder, arguments), "[OPTIONS]"])
     lines = ["", f"### {name}", "", f"    {usage}", "", *(line.strip() for line in command.help.splitlines())]
     rows = [f"| `{', '.join([*each.opts, *each.secondary_opts])}` | {each.help or ''} |" for each in options]
     lines += ["", "| option | |", "|---|---|", *rows] if rows else []
     lines += ["", command.epilog] if command.epilog else []
     return "\n".join(lines) + "\n"
+
+
+def _placeholder(argument: Any) -> str:
+    name = argument.metavar or argument.name.upper()
+    return (name if argument.required else f"[{name}]") + ("..." if argument.nargs != 1 else "")
 
 
 if __name__ == "__main__":
