@@ -52,9 +52,7 @@ def verify(
 def unlock(
     experiments: Annotated[
         list[str],
-        typer.Argument(
-            metavar="EXPERIMENT...", parser=experiment_argument, autocompletion=complete_experiment
-        ),
+        typer.Argument(metavar="EXPERIMENT", parser=experiment_argument, autocompletion=complete_experiment),
     ],
     as_json: AsJson = False,
 ) -> None:
