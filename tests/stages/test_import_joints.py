@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from tests.executor.motions import motion_of
 
 from strandcast.arm.load import Arm, load_arm
 from strandcast.cli.exchange import trial_or_rehearsal
@@ -16,7 +17,7 @@ from strandcast.planning.bezier import Curve, rest_heights, sample
 from strandcast.records.folders import ExperimentFolder
 from strandcast.records.joint_log import Run, read_run
 from strandcast.records.kept_motions import keep_motion
-from strandcast.records.motion import Motion, Robot, StartPosture, points_of
+from strandcast.records.motion import Motion
 from strandcast.records.predicted import UNPREDICTED, write_predicted
 from strandcast.stages import import_joints
 from strandcast.stages.context import context_of
@@ -47,20 +48,9 @@ class Bench:
 def played(arm: Arm, speed: float = 1.0) -> Motion:
     heights = speed * rest_heights(np.array([[3.0, 2.0, -1.0], [2.0, 4.0, 1.0], [-2.0, 3.0, 5.0]]))
     points = sample(Curve(np.array([0.4, -0.5, 0.3]), 0.5, heights), 1.0 / arm.log_rate_hz)
-    return Motion(
-        experiment="thrown",
-        trial=1,
-        target_m=[0.5, 0.5],
-        robot=Robot(name=arm.name, file_sha256=arm.sha256, urdf_sha256=arm.urdf_sha256),
-        joint_names=list(arm.joints),
-        start=StartPosture(positions_rad=points.q_rad[0].tolist(), tolerance_rad=[0.01] * 3),
-        bezier=None,
-        points=points_of(
-            np.round(points.time_s * 1e9).astype(int), points.q_rad, points.qd_rad_s, points.qdd_rad_s2
-        ),
-        predicted=None,
-        provenance=None,
-    )
+    ns = np.round(points.time_s * 1e9).astype(int)
+    motion = motion_of(arm, ns, points.q_rad, points.qd_rad_s, points.qdd_rad_s2)
+    return motion.model_copy(update={"experiment": "thrown"})
 
 
 @pytest.fixture
