@@ -40,8 +40,8 @@ UNITS = {
 def violations(arm: AnyArm, motion: JointTrajectory) -> list[Violation]:
     """Return where a motion exceeds the arm's limits less their margins; empty if nowhere.
 
-    Both count that a controller may make of the samples: their differences, whatever speeds and accelerations
-    are stated with them, and the quintic between them.
+    A controller may take the samples' differences, whatever speeds and accelerations are stated with them, or
+    follow the quintic between them: both are checked.
     """
     time_s, limits, finer = motion.time_s, arm.limits, motion.finer()
     at_s, q, qdd = finer.time_s, finer.q_rad, finer.qdd_rad_s2
@@ -73,10 +73,7 @@ def differences(motion: JointTrajectory) -> list[tuple[np.ndarray, np.ndarray]]:
     Before the first sample and after the last the arm is held, for as long as the step there.
     """
     first_s, last_s = np.diff(motion.time_s)[[0, -1]]
-    before_s, after_s = (
-        motion.time_s[0] - first_s * np.array([2, 1]),
-        motion.end_s + last_s * np.array([1, 2]),
-    )
+    before_s, after_s = motion.time_s[0] - first_s * np.array([2, 1]), motion.end_s + last_s * np.arange(1, 3)
     time_s = np.concatenate([before_s, motion.time_s, after_s])
     values = np.pad(motion.q_rad, ((2, 2), (0, 0)), mode="edge")
     found = []

@@ -104,7 +104,6 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
         # A cost over more strings is another one: each round has lines of its own.
         progress = Progress(f"plan: search {number} of {len(rounds)}, {members} strings", searches * budget)
         optima = []
-
         report = partial(_report, progress, optima, budget)
 
         def value(points: np.ndarray, scenarios: list[Scenario] = scenarios) -> np.ndarray:

@@ -126,8 +126,9 @@ class Prediction(OmitsUnset):
             ("torque", self.peak_torque_n_m, "torque_n_m"),
         ):
             pairs = enumerate(zip(peaks, self.limits.get(name, []), strict=False))
-            used = [(peak / most, joint) for joint, (peak, most) in pairs if most]
-            found += [(kind, joint, share) for share, joint in [max(used, default=(0.0, -1))] if joint >= 0]
+            if used := [(peak / most, joint) for joint, (peak, most) in pairs if most]:
+                share, joint = max(used)
+                found.append((kind, joint, share))
         return found
 
 

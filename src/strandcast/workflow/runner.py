@@ -27,7 +27,7 @@ from strandcast.workflow.project import DEFAULT_PROFILE, executor_of, profile
 from strandcast.workflow.remake import lost_results
 from strandcast.workflow.slurm import SLURM, require_slurm, status_options
 from strandcast.workflow.status import known_trials
-from strandcast.workflow.targets import default_experiments, experiment, is_to_be_continued, targets_of
+from strandcast.workflow.targets import default_experiments, experiment, targets_of
 from strandcast.workflow.verify import Finding, verify
 
 LEAST_CORES = 2
@@ -129,11 +129,13 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
     state = RunState(past_durations(root, sound))
     if sound:
         outdated = [each.file for name in sound for each in findings[name] if each.state == "outdated"]
-        # Snakemake does not ask for a trial that it does not know of yet if the page is there.
-        pages = [(name, ExperimentFolder(root, name).results / "report.html") for name in sound]
-        outdated += [page for name, page in pages if page.is_file() and is_to_be_continued(name, root)]
-        known = [experiment(name, root) for name in sound if options.until is None]
-        lost = [result for each in known for result in lost_results(each, known_trials(each)[0])]
+        lost: list[str] = []
+        for context in (experiment(name, root) for name in sound):
+            trials, more = known_trials(context)
+            page = context.folder.results / "report.html"
+            # Snakemake does not ask for a trial that it does not know of yet if the page is there.
+            outdated += [page] if more and page.is_file() else []
+            lost += lost_results(context, trials) if options.until is None else []
         line = command(root, sound, options, (path.relative_to(root) for path in outdated), lost)
         display = Display(state) if options.dry_run else display_for(state)
         here = executor is None and not options.dry_run

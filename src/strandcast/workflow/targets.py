@@ -199,16 +199,6 @@ def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) ->
     return thrown
 
 
-def is_to_be_continued(name: str, root: Path = ROOT) -> bool:
-    """Return whether the lab throws more trials than were scored, e.g. because `max_trials` was raised."""
-    results = experiment(name, root).folder.results
-    try:
-        trials_of(name, lambda trial: str(results / trial_name(int(trial)) / "verdict.json"), root)
-    except StrandcastError:
-        return True
-    return False
-
-
 def targets_of(name: str, until: str | None = None, root: Path = ROOT) -> list[str]:
     """Return the files to make of an experiment: its page, or what a stage writes for the trials so far.
 
