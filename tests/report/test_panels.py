@@ -62,8 +62,8 @@ def page_of(results: Path) -> str:
 def test_a_registered_panel_is_on_the_page(results: Path) -> None:
     PANELS.register("trial.tip-height", TOY)
     page = page_of(results)
-    assert '<h2 id="tip-height">Height of the tip</h2>' in page
-    assert '<a href="#tip-height">Height of the tip</a>' in page
+    assert '<h2 id="tip-height-title">Height of the tip</h2>' in page
+    assert '<div id="tip-height">' in page
     assert "The tip rises to 0." in page
     assert 'aria-label="Height of the tip."' in page
     assert page.index('id="truth"') < page.index('id="tip-height"') < page.index('id="checks"')

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
-from strandcast.core.strings import DRAG_ALONG, StringBatch
+from strandcast.core.strings import DRAG_ALONG, PARAMETERS, StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import OK
 from strandcast.estimation.cross_validation import HeldOutEvaluation
@@ -203,7 +203,13 @@ def _warnings(
     log: EvaluationLog,
     step_change_m: float,
 ) -> list[str]:
-    warnings = [f"{space.names[k]} ended at a bound of its range" for k in np.flatnonzero(at_bound)]
+    # At a bound of the widest range the string is as good as rigid, or free of that force.
+    own, wide = space.bounds[: len(PARAMETERS)], bounds_of("wide")
+    narrowed = np.where(chi[: len(own)] > 0.5, own[:, 1] < wide[:, 1], own[:, 0] > wide[:, 0])
+    warnings = [
+        f"{space.names[k]} ended at a bound of its range: widen it in estimate.ranges"
+        for k in np.flatnonzero(at_bound[: len(own)] & narrowed)
+    ]
     k_h = space.names.index(WIDENED[0]) if WIDENED[0] in space.names else None
     if k_h is not None and space.bounds[k_h, 1] >= WIDENED_BY * bounds_of("wide")[k_h, 1]:
         warnings.append(

@@ -9,11 +9,12 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
 from strandcast.report.causes import caveat, probable_causes, slip_in_clamp, slip_words, slipped
-from strandcast.report.numbers import millimetres, milliseconds, percent
+from strandcast.report.numbers import counted, millimetres, milliseconds, percent
 from strandcast.report.results import FILES, OPTIONAL, TrialResults
 from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLANE_RMS_PX
+from strandcast.report.text import warnings_of
 
-PASS, WARN, FAIL, NOT_RUN = "PASS", "WARN", "FAIL", "NOT RUN"
+STATES = FAIL, WARN, NOT_RUN, PASS = "FAIL", "WARN", "NOT RUN", "PASS"  # the gravest first
 NEXT_MOTION = "next motion: planned, complete, without flags"
 LEAST_ROOM_M = 0.01  # chosen: throws of one motion differ by millimetres
 
@@ -40,11 +41,7 @@ TrialCheck = Callable[[TrialResults], CheckOutcome | None]
 
 def run_checks(results: TrialResults, next_motion: Path | None) -> list[CheckResult]:
     """Return the checks of one trial; a check that could not run gives the reason."""
-    checks = [
-        _readable(results, name)
-        for name in FILES
-        if name not in results.problems or name not in OPTIONAL | results.not_made()
-    ]
+    checks = [_read(results), _warned(results)]
     aimed = results.aimed()
     checks += [
         _run(name, severity, check, results)
@@ -56,11 +53,26 @@ def run_checks(results: TrialResults, next_motion: Path | None) -> list[CheckRes
     return checks
 
 
-def _readable(results: TrialResults, name: str) -> CheckResult:
-    problem = results.problems.get(name)
-    state, found = (PASS, "read and verified") if problem is None else (FAIL, problem.what)
-    check = f"{results.file(name).removeprefix('../')} can be read and is unchanged"
-    return CheckResult(check, state, found, "complete, of this version")
+def _read(results: TrialResults) -> CheckResult:
+    """Return whether all results could be read."""
+    needed = [name for name in FILES if name not in OPTIONAL | results.not_made() or name in results.pieces]
+    bad = [
+        f"{results.file(name).removeprefix('../')}: {results.problems[name].what}"
+        for name in needed
+        if name in results.problems
+    ]
+    found = "; ".join(bad) or f"{len(needed)} files"
+    return CheckResult(
+        "results: can be read", FAIL if bad else PASS, found, "complete, unchanged, of this version"
+    )
+
+
+def _warned(results: TrialResults) -> CheckResult:
+    """Return whether no stage warned."""
+    warnings = warnings_of(results)
+    return CheckResult(
+        "stages: warnings", WARN if warnings else PASS, counted(len(warnings), "warning"), "none"
+    )
 
 
 def _run(name: str, severity: str, check: TrialCheck, results: TrialResults) -> CheckResult:
@@ -220,13 +232,6 @@ def _points_counted(results: TrialResults) -> str:
     return f"; {percent(sure.sum() / max(sure.size, 1))} of the points in these frames without a flag"
 
 
-def _bounds(results: TrialResults) -> CheckOutcome:
-    estimate = results.need("estimate")
-    names = [fit.name for fit in estimate.parameters if fit.at_bound]
-    names += [f"mass at {weight.place_m * 1e3:.0f} mm" for weight in estimate.weights if weight.at_bound]
-    return CheckOutcome(not names, ", ".join(names) or "none", "no estimate at a bound")
-
-
 def _bend(results: TrialResults) -> CheckOutcome | None:
     predicted = results.need("motion").predicted
     if predicted is None:
@@ -254,7 +259,6 @@ CHECKS: list[tuple[str, str, TrialCheck]] = [
     ("alignment: drift", WARN, _drift),
     ("alignment: hand's residual", WARN, _hand),
     ("estimate: E after the fit", WARN, _fit),
-    ("estimate: bounds", WARN, _bounds),
     ("motion played: folding", WARN, _bend),
 ]
 

@@ -12,7 +12,10 @@ from PIL import Image
 from strandcast.core.trial_names import trial_name
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.summary import ExperimentSummary, TrialSummary
+from strandcast.report.causes import probable_causes
+from strandcast.report.checks import run_checks
 from strandcast.report.facts import Facts
+from strandcast.report.first_screen import doubts, first_figures, next_step, readable_motion
 from strandcast.report.numbers import millimetres
 from strandcast.report.pages import csv_link, render
 from strandcast.report.panels.content import make_sections
@@ -50,6 +53,13 @@ def experiment_page(
     folder = next(iter(results.values())).folder.parent if results else Path()
     uncertain = summary.hit_trial is not None and uncertain_verdict(results.get(summary.hit_trial))
     page = ExperimentPageData(summary, results, folder, next_motion, facts)
+    last, upcoming = page.last_counted, readable_motion(next_motion)
+    causes = [] if last is None else probable_causes(last)
+    found = {
+        f"trial {line.trial}: ": run_checks(results[line.trial], None)
+        for line in summary.trials
+        if line.excluded is None and line.trial in results
+    }
     return render(
         "experiment.html.jinja",
         summary=summary,
@@ -58,6 +68,9 @@ def experiment_page(
         badge=_badge(summary, uncertain=uncertain),
         headline=_headline(summary, uncertain=uncertain),
         unread=summary.all_unread(),
+        figures=[] if last is None else first_figures(last, upcoming),
+        doubts=doubts(found) if found else None,
+        next_step=next_step(last, causes, upcoming, facts.play_command),
         csv=_csv(summary),
         rows=[_row(line, trials, results) for line in summary.trials],
         sections=make_sections(panels_of("experiment"), page),
@@ -79,7 +92,7 @@ def _badge(summary: ExperimentSummary, *, uncertain: bool) -> Badge:
     if summary.target_m is None:
         return NO_TARGET
     if summary.hit_trial is not None and uncertain:
-        return Badge(f"HIT? AT TRIAL {summary.hit_trial}", "◐", "unseen")
+        return Badge(f"HIT? AT TRIAL {summary.hit_trial}", "◐", "doubtful")
     if summary.hit_trial is not None:
         return Badge(f"HIT AT TRIAL {summary.hit_trial}", "●", "hit")
     return Badge("NO HIT YET", "▲", "miss")

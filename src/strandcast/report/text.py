@@ -49,7 +49,7 @@ def verdict_badge(
     if verdict.miss_m is None:
         return Badge("NOT SEEN", "◇", "unseen")
     if uncertain:
-        return Badge("HIT?" if verdict.hit else "MISS?", "◐", "unseen")
+        return Badge("HIT?" if verdict.hit else "MISS?", "◐", "doubtful")
     return Badge("HIT", "●", "hit") if verdict.hit else Badge("MISS", "▲", "miss")
 
 

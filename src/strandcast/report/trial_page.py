@@ -8,12 +8,13 @@ from strandcast.records.estimate import UNDER_PREVIOUS
 from strandcast.records.manifest import Manifest
 from strandcast.records.verdict import Verdict
 from strandcast.report.causes import probable_causes
-from strandcast.report.checks import FAIL, PASS, run_checks
+from strandcast.report.checks import PASS, STATES, run_checks
 from strandcast.report.facts import Facts
+from strandcast.report.first_screen import doubts, first_figures, next_step, readable_motion
 from strandcast.report.measures import best_guess_m, fit_window
 from strandcast.report.numbers import UNKNOWN, millimetres, milliseconds, percent, place
 from strandcast.report.pages import render
-from strandcast.report.panels.content import make_sections
+from strandcast.report.panels.content import make_sections, without_lead
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.registry import panels_of
 from strandcast.report.provenance import mixed_versions, trial_provenance, version_groups
@@ -22,11 +23,10 @@ from strandcast.report.text import methods, outcome, uncertain_verdict, verdict_
 
 
 class KeyFigure(NamedTuple):
-    """One row of the table at the top: a quantity, its value, and the anchor of its evidence."""
+    """One row of the table of numbers: a quantity and its value."""
 
     name: str
     value: str
-    anchor: str
 
 
 def trial_page(
@@ -49,10 +49,11 @@ def trial_page(
     results = read_results(folder)
     before = None if previous is None else read_results(previous)
     page = TrialPageData(results, before, next_motion, facts)
-    sections = make_sections(panels_of("trial"), page)
     causes = probable_causes(results)
+    named = {cause.anchor for cause in causes}
+    lead, sections = without_lead(make_sections(panels_of("trial"), page, unfolded=named))
     checks = run_checks(results, next_motion)
-    verdict = results.get("verdict")
+    verdict, upcoming = results.get("verdict"), readable_motion(next_motion)
     groups = version_groups({folder.name: results})
     return render(
         "trial.html.jinja",
@@ -65,12 +66,14 @@ def trial_page(
         outcome=outcome(results),
         causes=causes,
         unread=results.unread(),
+        figures=first_figures(results, upcoming),
+        doubts=doubts({"": checks}),
+        next_step=next_step(results, causes, upcoming, facts.play_command, neighbours[1]),
+        lead=lead,
         key_figures=_key_figures(results),
         sections=sections,
-        sound=not causes and not results.unread() and not any(check.state == FAIL for check in checks),
         broken=[each for each in sections if each.problem is not None],
-        checks=checks,
-        failed=sum(check.state == FAIL for check in checks),
+        checks=sorted(checks, key=lambda check: STATES.index(check.state)),
         passed=sum(check.state == PASS for check in checks),
         warnings=warnings_of(results),
         methods=methods(results),
@@ -90,17 +93,14 @@ def _missed(verdict: Verdict) -> str:
 
 
 def _key_figures(results: TrialResults) -> list[KeyFigure]:
-    """Return the most important numbers, each with a link to its evidence."""
+    """Return the numbers of all stages."""
     figures = [
-        KeyFigure(name, UNKNOWN if (record := results.get(source)) is None else text_of(record), anchor)
-        for name, source, text_of, anchor in (KEY_FIGURES if results.aimed() else CAPTURE_FIGURES)
+        KeyFigure(name, UNKNOWN if (record := results.get(source)) is None else text_of(record))
+        for name, source, text_of in (KEY_FIGURES if results.aimed() else CAPTURE_FIGURES)
         if source not in results.not_made()
     ]
-    if results.in_space():  # the throw is drawn from two sides
-        figures = [figure._replace(anchor=IN_SPACE.get(figure.anchor, figure.anchor)) for figure in figures]
     if results.get("estimate") is not None:
-        after = next(k for k, figure in enumerate(figures) if figure.anchor == "tracking")
-        figures.insert(after, KeyFigure("E and both distances are over", fit_window(results), "fit"))
+        figures.append(KeyFigure("E and both distances are over", fit_window(results)))
     return figures
 
 
@@ -112,31 +112,29 @@ def _log_sha(manifest: Manifest) -> str:
     return UNKNOWN if manifest.joint_log is None else manifest.joint_log.sha256[:16] + "…"
 
 
-IN_SPACE = {"strobe": "views"}  # anchor of a panel in the plane -> of the one in space
-# Quantity, the result that gives it, its text, and the anchor of its evidence.
-KEY_FIGURES: tuple[tuple[str, str, Callable[[Any], str], str], ...] = (
-    ("miss", "verdict", lambda v: millimetres(v.miss_m, v.miss_sigma_m), "strobe"),
-    ("measured from", "verdict", _missed, "strobe"),
-    ("hit radius", "verdict", lambda v: millimetres(v.hit_radius_m), "strobe"),
-    ("E, with the parameters that planned it", "estimate", lambda e: _fine(e.E_planned_m), "fit"),
-    ("E, after the fit", "estimate", lambda e: _fine(e.E_m), "fit"),
-    ("rms distance, fit", "estimate", lambda e: _fine(e.rmse_m), "fit"),
-    ("mean distance of the tip, fit", "estimate", lambda e: _fine(e.tip_error_m), "fit"),
-    ("points tracked", "track_summary", lambda t: percent(t.tracked_fraction), "tracking"),
+# Quantity, the result that gives it, and its text.
+KEY_FIGURES: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
+    ("miss", "verdict", lambda v: millimetres(v.miss_m, v.miss_sigma_m)),
+    ("measured from", "verdict", _missed),
+    ("hit radius", "verdict", lambda v: millimetres(v.hit_radius_m)),
+    ("E, with the parameters that planned it", "estimate", lambda e: _fine(e.E_planned_m)),
+    ("E, after the fit", "estimate", lambda e: _fine(e.E_m)),
+    ("rms distance, fit", "estimate", lambda e: _fine(e.rmse_m)),
+    ("mean distance of the tip, fit", "estimate", lambda e: _fine(e.tip_error_m)),
+    ("points tracked", "track_summary", lambda t: percent(t.tracked_fraction)),
     (
         "frames / expected",
         "track_summary",
         lambda t: f"{t.decoded_frames} / {t.expected_frames}",
-        "checks",
     ),
-    ("lens, rms", "camera", lambda c: f"{c.lens.rms_px:.3f} px", "camera"),
-    ("plane of motion, rms", "camera", lambda c: f"{c.plane_rms_px:.3f} px", "camera"),
-    ("clock offset", "alignment", lambda a: milliseconds(a.offset_s, a.offset_se_s), "clocks"),
-    ("video, sha256", "manifest", lambda m: m.video.sha256[:16] + "…", "provenance"),
-    ("joint log, sha256", "manifest", _log_sha, "provenance"),
+    ("lens, rms", "camera", lambda c: f"{c.lens.rms_px:.3f} px"),
+    ("plane of motion, rms", "camera", lambda c: f"{c.plane_rms_px:.3f} px"),
+    ("clock offset", "alignment", lambda a: milliseconds(a.offset_s, a.offset_se_s)),
+    ("video, sha256", "manifest", lambda m: m.video.sha256[:16] + "…"),
+    ("joint log, sha256", "manifest", _log_sha),
 )
 CAPTURE_FIGURES = (
-    ("E, predicted from the trials before", "estimate", lambda e: _fine(e.held_out_m(UNDER_PREVIOUS)), "fit"),
-    ("E, better guess without a model", "estimate", lambda e: _fine(best_guess_m(e)), "fit"),
+    ("E, predicted from the trials before", "estimate", lambda e: _fine(e.held_out_m(UNDER_PREVIOUS))),
+    ("E, better guess without a model", "estimate", lambda e: _fine(best_guess_m(e))),
     *KEY_FIGURES[4:],
 )

@@ -1,8 +1,8 @@
 """A panel of a page: its declaration, the content that its function returns, and its section on the page."""
 
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,8 @@ class Panel:
     good: str = ""  # how good data look in this panel
     bad: str = ""  # how bad data look, and why
     shown: Callable[[Any], bool] = always  # whether a page has this panel at all
+    leads: bool = False  # whether it may stand beside the verdict
+    open: bool = False  # whether it is unfolded at first
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,7 @@ class PageSection:
     markup: Markup = field(default_factory=Markup)
     problem: str | None = None
     optional: bool = False  # whether the problem is a file that a complete trial may lack
+    open: bool = False  # whether it is unfolded at first
 
     @property
     def name(self) -> str:
@@ -106,6 +109,16 @@ def _optional_is_missing(problem: StrandcastError) -> bool:
     return "is not there" in problem.what and name in {FILES[each] for each in OPTIONAL}
 
 
-def make_sections(panels: list[Panel], page: Any) -> list[PageSection]:
-    """Return the sections of all panels that the page has."""
-    return [make_section(panel, page) for panel in panels if panel.shown(page)]
+def make_sections(panels: list[Panel], page: Any, unfolded: Collection[str] = ()) -> list[PageSection]:
+    """Return the sections of all panels that the page has; `unfolded` names more of them to unfold."""
+    sections = [make_section(panel, page) for panel in panels if panel.shown(page)]
+    return [
+        replace(each, open=each.panel.open or each.problem is not None or each.name in unfolded)
+        for each in sections
+    ]
+
+
+def without_lead(sections: list[PageSection]) -> tuple[PageSection | None, list[PageSection]]:
+    """Return the section that stands beside the verdict, if one can, and the others."""
+    lead = next((each for each in sections if each.panel.leads and each.problem is None), None)
+    return lead, [each for each in sections if each is not lead]

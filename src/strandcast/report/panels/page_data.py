@@ -65,15 +65,16 @@ class ExperimentPageData:
     @property
     def played(self) -> Motion | None:
         """Return the motion of the last trial that counts."""
-        return None if self._last_counted is None else self._last_counted.get("motion")
+        return None if self.last_counted is None else self.last_counted.get("motion")
 
     @property
     def caveat(self) -> str | None:
         """Return what to say of the next motion if the last trial that counts has a fault."""
-        return None if self._last_counted is None else caveat(probable_causes(self._last_counted))
+        return None if self.last_counted is None else caveat(probable_causes(self.last_counted))
 
     @property
-    def _last_counted(self) -> TrialResults | None:
+    def last_counted(self) -> TrialResults | None:
+        """Return the results of the last trial that counts."""
         counted = [each.trial for each in self.summary.trials if each.excluded is None]
         return self.trials.get(counted[-1]) if counted else None
 

@@ -70,7 +70,7 @@ def _bound(fit: ParameterFit | WeightFit, caveat: str | None) -> str:
     if caveat is not None:
         return Markup('<b class="warn">▲ at bound</b>, {}').format(caveat)
     if isinstance(fit, ParameterFit) and _decades(fit) > 1.0:
-        return Markup('<b class="warn">▲ at bound</b>, but not determined: leave it')
+        return "at bound, not determined: leave it"
     return Markup('<b class="warn">▲ at bound</b>: widen its range')
 
 

@@ -115,6 +115,7 @@ NEXT_MOTION = Panel(
     "next",
     "The next motion",
     next_motion,
+    open=True,
     good="the predicted path ends at the target, the ensemble’s misses lie below the hit radius, the "
     "curves stay within the limits.",
     bad="the misses spread over decimetres: the string is too uncertain for this motion.",
@@ -125,6 +126,7 @@ TRIAL_PANELS = [
         "picture",
         "Strobe picture of the throw",
         strobe_picture,
+        leads=True,
         needs=("strobe", "verdict"),
         caption="Large ring: the target. Dashed: the fitted string at the instants of the picture, with the "
         "measured points as small rings, or, if the picture’s instants are unknown, the fitted tip’s path "
@@ -137,6 +139,7 @@ TRIAL_PANELS = [
         "film",
         "The throw, frame by frame",
         viewer,
+        open=True,
         needs=("clip", "track", "verdict", "camera"),
         caption="Blue rings: the measured points; yellow squares: flagged ones (unsure, hidden, predicted). "
         "Dashed: the fitted string. Large ring: the target.",
@@ -149,6 +152,7 @@ TRIAL_PANELS = [
         "views",
         "The string from two sides",
         two_views,
+        leads=True,
         needs=("track", "alignment"),
         caption="Left: seen along y; right: seen along x. Thin blue: the path of the last marker. Rings: the "
         "measured markers at some instants; dashed: the fitted string; squares: the driven ends. Of a throw, "
@@ -171,6 +175,7 @@ TRIAL_PANELS = [
         "strobe",
         "The throw at equal steps of the tip’s path",
         strobe,
+        leads=True,
         needs=THROW,
         shown=_in_plane,
         good="the dashed string covers the solid one at every instant.",
@@ -209,6 +214,7 @@ TRIAL_PANELS = [
         "budget",
         "Where the miss came from",
         budget,
+        open=True,
         needs=("verdict", "motion", "alignment", "simulated"),
         caption="The side is the same for all parts: parts of opposite sign cancel. How much throws of one "
         "motion differ is in the next motion’s predicted misses.",
@@ -334,6 +340,7 @@ EXPERIMENT_PANELS = [
         "misses",
         "Miss per trial",
         misses,
+        open=True,
         caption="Bars: ± σ of the tracked tip. Wide bars: the interval predicted before the throw, for four "
         "of five throws. Dotted: the best so far. Full disc: hit; open triangle: miss; grey cross: excluded; "
         "no mark: the tip was not detected at its closest approach.",

@@ -1,0 +1,146 @@
+"""What a reader sees first: three numbers, what is doubtful, and what to do next."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from strandcast.errors import StrandcastError
+from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
+from strandcast.records.motion import Motion, Prediction
+from strandcast.records.verdict import Verdict
+from strandcast.report.causes import Cause
+from strandcast.report.checks import FAIL, NOT_RUN, WARN, CheckResult
+from strandcast.report.measures import best_guess_m, fit_window
+from strandcast.report.numbers import UNKNOWN, millimetres, percent
+from strandcast.report.results import TrialResults
+from strandcast.report.text import uncertain_verdict
+
+
+class Figure(NamedTuple):
+    """One number: what it is, its value, and what that means."""
+
+    name: str
+    value: str
+    note: str
+
+
+class Doubts(NamedTuple):
+    """What is doubtful, in a sentence that begins with its mark, and its style."""
+
+    style: str
+    text: str
+
+
+class NextStep(NamedTuple):
+    """What to do next, in a sentence, and its command if it has one."""
+
+    text: str
+    command: str | None = None
+
+
+def readable_motion(path: Path | None) -> Motion | None:
+    """Return a motion; None if there is none or it cannot be read, which the checks say."""
+    try:
+        return None if path is None else Motion.read(path)
+    except StrandcastError:
+        return None
+
+
+def first_figures(results: TrialResults, upcoming: Motion | None) -> list[Figure]:
+    """Return the three most important numbers of a trial; `upcoming` is the next motion."""
+    if not results.aimed():
+        return _of_a_capture(results)
+    expected = None if upcoming is None else upcoming.predicted
+    last = _of_the_fit(results) if expected is None else _of_the_next(expected)
+    return [_of_the_miss(results.get("verdict")), _of_the_prediction(results.get("motion")), last]
+
+
+def _of_the_miss(verdict: Verdict | None) -> Figure:
+    if verdict is None or verdict.miss_m is None:
+        return Figure("miss", UNKNOWN, "the closest approach was not seen")
+    return Figure(
+        "miss",
+        millimetres(verdict.miss_m, verdict.miss_sigma_m),
+        f"a hit is within {millimetres(verdict.hit_radius_m)}",
+    )
+
+
+def _of_the_prediction(motion: Motion | None) -> Figure:
+    expected = None if motion is None else motion.predicted
+    if expected is None or not expected.miss_quantiles_m:
+        return Figure("predicted before the throw", UNKNOWN, "nothing was predicted")
+    return Figure("predicted before the throw", _quantiles(expected), _likely(expected))
+
+
+def _of_the_next(expected: Prediction) -> Figure:
+    return Figure("expected of the next throw", _quantiles(expected), _likely(expected))
+
+
+def _of_the_fit(results: TrialResults) -> Figure:
+    estimate = results.get("estimate")
+    if estimate is None:
+        return Figure("E after the fit", UNKNOWN, "nothing was fitted")
+    return Figure("E after the fit", millimetres(estimate.E_m), f"over {fit_window(results)}")
+
+
+def _of_a_capture(results: TrialResults) -> list[Figure]:
+    estimate: Estimate | None = results.get("estimate")
+    predicted_m = None if estimate is None else estimate.held_out_m(UNDER_PREVIOUS)
+    guess_m = None if estimate is None else best_guess_m(estimate)
+    return [
+        _of_the_fit(results),
+        Figure("E predicted", millimetres(predicted_m), "by the string of the trials before"),
+        Figure("E guessed", millimetres(guess_m), "without a model"),
+    ]
+
+
+def _quantiles(expected: Prediction) -> str:
+    misses_m = expected.miss_quantiles_m
+    if not misses_m:
+        return millimetres(expected.miss_m)
+    low, middle, high = (millimetres(misses_m.get(name)) for name in ("p10", "p50", "p90"))
+    return f"{middle} ({low} to {high})"
+
+
+def _likely(expected: Prediction) -> str:
+    return f"{percent(expected.hit_probability)} likely to hit; four of five throws in brackets"
+
+
+def doubts(checks: Mapping[str, list[CheckResult]]) -> Doubts:
+    """Return what the checks found; their keys say whose they are, "" on a trial's own page."""
+    for state, style, mark in ((FAIL, "bad", "✕ Failed"), (WARN, "doubtful", "▲ Doubtful")):
+        named = {of: [each.name for each in found if each.state == state] for of, found in checks.items()}
+        texts = [f"{of}{', '.join(names)}" for of, names in named.items() if names]
+        if texts:
+            return Doubts(style, f"{mark}: {'; '.join(texts)}.")
+    states = [each.state for found in checks.values() for each in found]
+    idle = states.count(NOT_RUN)
+    rest = f"; {idle} had nothing to check" if idle else ""
+    return Doubts("sound", f"✓ Nothing doubtful: {len(states) - idle} of {len(states)} checks passed{rest}.")
+
+
+def next_step(
+    results: TrialResults | None,
+    causes: list[Cause],
+    upcoming: Motion | None,
+    command: str | None,
+    thrown: int | None = None,
+) -> NextStep | None:
+    """Return what to do after a trial; `command` plays the next motion, `thrown` is the trial after it.
+
+    None of a capture.
+    """
+    if results is None or not results.aimed():
+        return None
+    if thrown is not None:
+        return NextStep(f"Trial {thrown} was thrown after this one.")
+    if causes:
+        return NextStep(f"First {', then '.join(cause.first for cause in causes)}; then throw again.")
+    verdict: Verdict | None = results.get("verdict")
+    if verdict is not None and verdict.hit and not uncertain_verdict(results):
+        return NextStep("Nothing: the target is hit.")
+    if upcoming is None:
+        return NextStep("Plan the next motion: `strandcast run` does, from this throw.")
+    expected = upcoming.predicted
+    likely = "" if expected is None else f": {percent(expected.hit_probability)} likely to hit"
+    return NextStep(f"Throw trial {upcoming.trial}{likely}.", command)
