@@ -69,15 +69,17 @@ def photograph() -> Photographer:
 def paint_markers() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """Return a function: (markers, dictionary) -> texture of 1 mm pixels, and metres → texture pixels."""
 
-    def paint(markers: list, dictionary: str, span_m: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    def paint(
+        markers: list, dictionary: str, span_m: float = 1.0, margin_cells: float = 1.5, ground: int = 200
+    ) -> tuple[np.ndarray, np.ndarray]:
         scale = 2000.0  # texture pixels per metre
         side = int(2 * span_m * scale)
-        texture = np.full((side, side), 200, np.uint8)
+        texture = np.full((side, side), ground, np.uint8)
         to_texture = np.array([[scale, 0.0, span_m * scale - 0.5], [0.0, -scale, span_m * scale - 0.5]])
         for marker in markers:
             cells = marker_cells(dictionary, marker.marker)
             image = np.where(np.kron(cells, np.ones((20, 20), bool)), 10, 245).astype(np.uint8)
-            image = np.pad(image, 30, constant_values=245)
+            image = np.pad(image, round(20 * margin_cells), constant_values=245)
             cell_m = marker.size_m / cells.shape[0] / 20.0
             middle = (image.shape[0] - 1) / 2.0
             cosine, sine = np.cos(marker.angle_rad), np.sin(marker.angle_rad)

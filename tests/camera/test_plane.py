@@ -249,6 +249,19 @@ def test_an_oversized_dictionary_gives_a_warning(photo, lens):
         plane_from_markers(photo, lens, [*MARKERS, PlacedMarker(60, 0, 0, 0.08)], DICTIONARY)
 
 
+def test_narrow_margins_of_white_are_named(photograph, paint_markers, looking, lens):
+    def warnings(margin_cells: float) -> list[str]:
+        painted = paint_markers(MARKERS, DICTIONARY, margin_cells=margin_cells, ground=60)
+        picture = photograph(*painted, lens, *looking(*POSE))
+        return plane_from_markers(picture, lens, MARKERS, DICTIONARY).warnings
+
+    assert warnings(1.0) == []
+    (words,) = warnings(0.75)
+    assert re.match(r"markers \[0, 1, 2, 3, 4\] have 0\.[78] cells of white around them", words)
+    with pytest.raises(StrandcastError, match="SC-C026.*less than a cell of white"):
+        warnings(0.6)  # the outline of the white is taken for that of a marker
+
+
 def test_a_negative_is_named(photo, lens):
     with pytest.raises(StrandcastError, match="is a negative") as caught:
         plane_from_markers(255 - photo, lens, MARKERS, DICTIONARY)

@@ -4,6 +4,9 @@ import pytest
 
 from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastErrors
+from strandcast.records.folders import ExperimentFolder
+from strandcast.stages.context import Context
+from strandcast.stages.job import Job
 from strandcast.workflow.code_version import settings
 
 HEAD = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
@@ -33,11 +36,16 @@ def test_an_led_with_neither_or_both_is_refused(load, led):
         load(f"align: {{led: {led}}}")
 
 
-def test_a_moved_led_changes_tracking_and_another_latency_does_not(load):
+def test_a_moved_led_changes_tracking_and_another_latency_does_not(load, tmp_path):
     one, moved, later = (
         load(f"align: {{led: {{x_m: {x}, y_m: 0.2, latency_s: {late}}}}}")
         for x, late in ((0.1, 0.0), (0.2, 0.0), (0.1, 0.001))
     )
-    assert settings(one, "track") != settings(moved, "track")
-    assert settings(one, "track") == settings(later, "track")
-    assert settings(one, "align") != settings(later, "align")
+    jobs = [
+        Job(Context("led", each, tmp_path / "led.yaml", ExperimentFolder(tmp_path, "led")), 1)
+        for each in (one, moved, later)
+    ]
+    tracking, alignment = ([settings(job, stage) for job in jobs] for stage in ("track", "align"))
+    assert tracking[0] != tracking[1]
+    assert tracking[0] == tracking[2]
+    assert alignment[0] != alignment[2]

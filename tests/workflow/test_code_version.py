@@ -3,11 +3,15 @@
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from strandcast.config.load import load_experiment
+from strandcast.records.folders import ExperimentFolder
+from strandcast.stages.context import Context, context_of
 from strandcast.stages.declarations import STAGES
+from strandcast.stages.job import Job
 from strandcast.workflow.code_version import code_version, settings
 
 
@@ -54,14 +58,33 @@ def test_an_edit_in_another_room_does_not_count_and_one_of_a_pages_template_does
 
 
 def test_every_stage_lists_settings_that_exist(project_root):
-    experiment = load_experiment(project_root / "config/experiments/demo.yaml")
+    job = Job(context_of(project_root, "demo"))
     for stage in STAGES:
-        assert settings(experiment, stage).startswith("{")
+        assert settings(job, stage).startswith("{")
         assert len(code_version(stage)) == 16
 
 
 def test_a_changed_setting_changes_only_the_stages_that_read_it(project_root):
-    experiment = load_experiment(project_root / "config/experiments/demo.yaml")
-    other = experiment.model_copy(update={"hit_radius_m": 0.01})
-    changed = {stage for stage in STAGES if settings(experiment, stage) != settings(other, stage)}
-    assert changed == {"score", "lab_rehearse", "plan", "report", "summary"}
+    assert changed_by(context_of(project_root, "demo"), hit_radius_m=0.01) == SCORED
+
+
+SCORED = {"score", "lab_rehearse", "plan", "report", "summary"}
+
+
+def changed_by(context: Context, **changes: Any) -> set[str]:
+    """Return the stages that read one of the changed settings, for trial 1."""
+    other = replace(context, settings=context.settings.model_copy(update=changes))
+    jobs = Job(context, 1), Job(other, 1)
+    return {stage for stage in STAGES if len({settings(job, stage) for job in jobs}) == 2}
+
+
+def test_a_new_target_reads_no_film_again_of_a_throw_whose_motion_is_known(project_root, tmp_path):
+    demo = context_of(project_root, "demo")
+    mine = demo.settings.model_copy(update={"lab": None})
+    context = replace(demo, settings=mine, folder=ExperimentFolder(tmp_path, "demo"))
+    aimed = {"lab_calibrate", "lab_rehearse", "lab_throw", "lab_capture", "estimate"} | SCORED
+    assert changed_by(context, target_m=(0.4, 0.6)) == {"track", "clip"} | aimed
+    motion = context.folder.trial(1).data / "motion.json"
+    motion.parent.mkdir(parents=True)
+    motion.touch()
+    assert changed_by(context, target_m=(0.4, 0.6)) == aimed

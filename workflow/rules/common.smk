@@ -99,7 +99,7 @@ def stored_inputs(*job):
 
 def stage_settings(stage):
     """Return the params function of a stage: the settings that it reads, as JSON."""
-    return reported(lambda w: targets.stage_settings(stage, w.experiment))
+    return reported(lambda w: targets.stage_settings(stage, w.experiment, trial_of(w)))
 
 
 def shard_of(stage):

@@ -18,6 +18,8 @@ from strandcast.camera.pose import PlacedMarker
 from strandcast.errors import StrandcastError
 
 MIN_MARKERS = 2
+MARGIN = 1.2  # cells; as far as white is looked for
+LEAST_MARGIN = 0.95  # cells; with 0.6, the corners of sides of 24 px are 0.3 px off, with 0.3, 0.7
 SMALLER_SIZES = (50, 100, 250)
 MUCH_LARGER = 5  # chosen: dictionary size over the size that is enough, from which to warn
 
@@ -58,15 +60,49 @@ def find_markers(
         refine_corners(grey, corners_px[place], cells[int(marker)])
         for place, marker in zip(mine, found, strict=True)
     ]
+    margins = {
+        int(marker): white_margin(grey, four, cells[int(marker)])
+        for marker, four in zip(found, refined, strict=True)
+    }
     missing = sorted(set(wanted) - set(found.tolist()))
     warnings = [f"markers {missing} of the plane were not detected"] if missing else []
-    return found, np.array(refined), warnings + _too_large(dictionary, max(wanted))
+    return found, np.array(refined), warnings + _too_narrow(margins) + _too_large(dictionary, max(wanted))
 
 
 def refine_corners(grey: np.ndarray, corners_px: np.ndarray, cells: int) -> np.ndarray:
     """Return a marker's corners (4, 2) [px] from lines along its sides; unchanged if a side is unclear."""
     refined = refine_square(eight_bit(grey), corners_px, cells)
     return refined if np.isfinite(refined).all() else corners_px
+
+
+def white_margin(grey: np.ndarray, corners_px: np.ndarray, cells: int) -> float:
+    """Return how far the white reaches beyond a marker's side where it is least [cells], at most `MARGIN`."""
+    out = np.linspace(-0.5, MARGIN, 35)  # cells, from within the black border
+    along = np.linspace(0.2, 0.8, 13)
+    middle, narrowest = corners_px.mean(axis=0), MARGIN
+    for start, end in zip(corners_px, np.roll(corners_px, -1, axis=0), strict=True):
+        side = end - start
+        normal = np.array([side[1], -side[0]]) / cells
+        normal *= np.sign(normal @ (start - middle))
+        places = (start + along[:, None] * side)[:, None] + out[:, None] * normal
+        x, y = np.moveaxis(places.astype(np.float32), 2, 0)
+        level = np.median(cv2.remap(eight_bit(grey), x, y, cv2.INTER_LINEAR), axis=0)
+        white = int(np.argmax(level[out <= 1.0]))
+        dark = np.flatnonzero(level[white:] < 0.5 * (level[0] + level[white]))
+        if len(dark):
+            narrowest = min(narrowest, float(out[white + dark[0]]))
+    return narrowest
+
+
+def _too_narrow(margins: dict[int, float]) -> list[str]:
+    """Warn of markers with too little white around them."""
+    narrow = {marker: margin for marker, margin in margins.items() if margin < LEAST_MARGIN}
+    if not narrow:
+        return []
+    return [
+        f"markers {sorted(narrow)} have {min(narrow.values()):.1f} cells of white around them: with less "
+        "than one, a corner may be a pixel off, and a marker not be detected; print them with a wider margin"
+    ]
 
 
 def _too_large(dictionary: str, largest: int) -> list[str]:

@@ -153,7 +153,8 @@ def _refuse_other_size(layout: MarkerLayout, out: int, others: PoseFit, cost_m: 
     raise layout.error(
         "SC-C026",
         f"marker {marker.marker} measures {side_m * 1e3:.1f} mm relative to the others, "
-        f"{ratio - 1.0:+.1%} from the given size: another print, or it is {abs(nearer_m) * 1e3:.0f} mm "
+        f"{ratio - 1.0:+.1%} from the given size: another print, less than a cell of white around it, or it "
+        f"is {abs(nearer_m) * 1e3:.0f} mm "
         f"{'in front of' if nearer_m > 0 else 'behind'} their plane",
         f"up to {cost_m * 1e3:.1f} mm at the string",
         "put all markers in one plane, printed at one size",

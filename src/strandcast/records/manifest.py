@@ -61,4 +61,5 @@ class Manifest(Record):
     video: VideoFacts
     joint_log: LogFacts | None  # a video without a robot has none
     motion_sha256: str | None
+    target_m: list[float] | None = None  # at which the motion that was played aimed
     warnings: list[str]

@@ -1,11 +1,10 @@
 """Video and track to the film of the throw on the page: clip.json."""
 
-import numpy as np
-
 from strandcast.records.clip import Clip
 from strandcast.records.manifest import Manifest
 from strandcast.records.track import TrackSummary, read_track
 from strandcast.stages.cameras import read_camera
+from strandcast.stages.context import aimed_at
 from strandcast.stages.job import Files, Job
 from strandcast.tracking.clip import make_clip
 
@@ -13,13 +12,13 @@ from strandcast.tracking.clip import make_clip
 def run(job: Job, files: Files) -> None:
     """Cut the film of one trial's throw."""
     context = job.context
-    facts = Manifest.read(files.input("manifest")).video
+    manifest = Manifest.read(files.input("manifest"))
     summary = TrackSummary.read(files.input("summary"))
     made = make_clip(
-        job.folder.data / facts.file,
-        facts,
+        job.folder.data / manifest.video.file,
+        manifest.video,
         read_track(files.input("track"), summary.points),
         read_camera(context, files.input("cameras")),
-        None if context.settings.target_m is None else np.array(context.settings.target_m),
+        aimed_at(context, manifest),
     )
     Clip(experiment=context.name, trial=job.trial, **made).write(files.output("clip"))

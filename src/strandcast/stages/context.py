@@ -5,11 +5,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from strandcast.config.experiment import Experiment
 from strandcast.config.find import find_arm, find_experiment
 from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import ExperimentFolder
+from strandcast.records.manifest import Manifest
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,12 @@ def refuse_other_target(context: Context, in_space: bool) -> None:
             fix="give the target x, y and z in space, x and y in a plane; or leave it out: then captures are "
             "fitted and predicted, and nothing is planned",
         )
+
+
+def aimed_at(context: Context, manifest: Manifest) -> NDArray[np.float64] | None:
+    """Return the place [m] at which a film's throw aimed, or else the experiment's target."""
+    target_m = manifest.target_m or context.settings.target_m
+    return None if target_m is None else np.array(target_m)
 
 
 def free_length_m(context: Context, clamped_length_m: float) -> float:

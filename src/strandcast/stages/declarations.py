@@ -149,9 +149,10 @@ _DECLARED = (
             "strobe": TRIAL + "strobe.webp",
         },
         settings=(
-            *("string", "track", "cameras.*.exposure_s", "target_m"),
+            *("string", "track", "cameras.*.exposure_s"),
             *(f"align.led.{name}" for name in ("x_m", "y_m", "radius_m", "box_px", "gamma")),
         ),
+        without_motion=("target_m",),
         may_read={"video": files.video},  # the manifest holds its hash
     ),
     Stage(
@@ -168,7 +169,7 @@ _DECLARED = (
             "summary": results(this, "track.json"),
         },
         outputs={"clip": TRIAL + "clip.json"},
-        settings=("target_m",),
+        without_motion=("target_m",),
         may_read={"video": files.video},  # the manifest holds its hash
     ),
     Stage(

@@ -41,6 +41,7 @@ def run(job: Job, files: Files) -> None:
         video=video,
         joint_log=log,
         motion_sha256=motion,
+        target_m=None if played is None else played.target_m,
         warnings=warnings_of(video, log) + _log_warnings(log) + _foreign(played, context.name, job.trial),
     ).write(files.output("manifest"))
 

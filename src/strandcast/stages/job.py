@@ -44,6 +44,9 @@ class Stage:
         Role -> path, or paths, with the fields ``{experiment}``, ``{trial}`` and ``{camera}``.
     settings
         The parts of experiment.yaml that the stage reads.
+    without_motion
+        Those that it reads only of a trial whose motion is not there: a new target changes nothing of a throw
+        that aimed at another.
     may_read
         Role -> files that the stage reads too, without a dependency of their own: raw files whose hash an
         input records, and results that are shown if they exist.
@@ -55,6 +58,7 @@ class Stage:
     inputs: Mapping[str, Role]
     outputs: Mapping[str, Pattern]
     settings: tuple[str, ...] = ()
+    without_motion: tuple[str, ...] = ()
     may_read: Mapping[str, Role] = field(default_factory=dict)
     hashed_by_stage: tuple[str, ...] = ()
 

@@ -9,12 +9,12 @@ from strandcast.arm.load import Arm, load_arm
 from strandcast.camera.picture_file import write_picture
 from strandcast.records.camera import Camera
 from strandcast.records.lineage import note_picture
-from strandcast.records.manifest import Manifest, VideoFacts
+from strandcast.records.manifest import Manifest
 from strandcast.records.observations import MarkerShape, write_observations
 from strandcast.records.track import TrackSummary
 from strandcast.stages.background import given_background
 from strandcast.stages.cameras import read_camera
-from strandcast.stages.context import Context, free_length_m
+from strandcast.stages.context import Context, aimed_at, free_length_m
 from strandcast.stages.job import Files, Job
 from strandcast.tracking.observe import observe
 from strandcast.tracking.registry import track
@@ -32,7 +32,7 @@ def run(job: Job, files: Files) -> None:
     manifest = Manifest.read(files.input("manifest"))
     camera = read_camera(context, files.input("cameras"))
     video = job.folder.data / manifest.video.file
-    tracked = track(_tracker_input(context, camera, arm, manifest.video, video), context.settings.track)
+    tracked = track(_tracker_input(context, camera, arm, manifest, video), context.settings.track)
     shapes = {marker.id: MarkerShape(marker.size_m, marker.offset_m) for marker in arm.markers}
     observations = observe(tracked, camera, context.settings.camera_name, shapes)
     write_observations(files.output("observations"), [observations])
@@ -45,21 +45,21 @@ def run(job: Job, files: Files) -> None:
 
 
 def _tracker_input(
-    context: Context, camera: Camera, arm: Arm, facts: VideoFacts, video: Path
+    context: Context, camera: Camera, arm: Arm, manifest: Manifest, video: Path
 ) -> TrackerInput:
     settings = context.settings
     return TrackerInput(
         video=video,
-        facts=facts,
+        facts=manifest.video,
         camera=camera,
         string=settings.string,
         free_length_m=free_length_m(context, arm.clamp.clamped_length_m),
         markers=arm.markers,
         marker_dictionary=arm.marker_dictionary,
-        target_m=None if settings.target_m is None else np.array(settings.target_m),
+        target_m=aimed_at(context, manifest),
         exposure_s=settings.camera.exposure_s,
         led=settings.align.led,
-        background=given_background(context, facts),
+        background=given_background(context, manifest.video),
         settings_file=context.file,
     )
 

@@ -12,14 +12,19 @@ from strandcast.config.experiment import Experiment
 from strandcast.records.files import canonical_json
 from strandcast.source_code import source_cache
 from strandcast.stages.declarations import STAGES
+from strandcast.stages.files import played_motions, this
+from strandcast.stages.job import Job
 
 SOURCES = Path(__file__).resolve().parents[2]
 PACKAGES = ("strandcast.", "strandcast_studies.")
 
 
-def settings(experiment: Experiment, stage: str) -> str:
+def settings(job: Job, stage: str) -> str:
     """Return the settings that a stage reads, as one line of JSON."""
-    return settings_at(experiment, *STAGES[stage].settings)
+    declared = STAGES[stage]
+    known = declared.without_motion and played_motions(this)(job)
+    paths = declared.settings if known else declared.settings + declared.without_motion
+    return settings_at(job.context.settings, *paths)
 
 
 def settings_at(experiment: Experiment, *paths: str) -> str:

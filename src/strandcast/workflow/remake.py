@@ -119,7 +119,7 @@ def _task(context: Context, step: Step, trials: list[int]) -> StepState:
     outputs = [relative_to(root, path) for paths in stage.output_files(job).values() for path in paths]
     params = [code_version(step.stage)]
     if step.stage != "register_motion":
-        params.append(settings(context.settings, step.stage))
+        params.append(settings(job, step.stage))
     noted = [repr(value) for value in params]
     if step == TARGET:
         noted.append(repr(trials))

@@ -172,9 +172,9 @@ def settings_at(name: str, *paths: str) -> str:
     return code_version.settings_at(experiment(name).settings, *paths)
 
 
-def stage_settings(stage: str, name: str) -> str:
+def stage_settings(stage: str, name: str, trial: int = 0) -> str:
     """Return the settings that a stage reads, as one line of JSON."""
-    return code_version.settings(experiment(name).settings, stage)
+    return code_version.settings(Job(experiment(name), trial), stage)
 
 
 def trials_of(name: str, verdict_of: Callable[[str], str], root: Path = ROOT) -> list[int]:
