@@ -220,6 +220,7 @@ def test_missing_files_are_named(root):
         run_stage("calibrate", root, "own")
 
 
+@pytest.mark.thorough
 def test_sharp_and_different_frames_are_chosen(frames):
     for sharp, smeared in ((frames[1], frames[2]), (frames[4], frames[5])):
         corners = find_board(sharp, BOARD)[1], find_board(smeared, BOARD)[1]

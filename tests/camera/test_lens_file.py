@@ -175,6 +175,7 @@ def test_what_is_no_known_lens_is_refused(tmp_path, code, text, name) -> None:
     assert refused.value.fix
 
 
+@pytest.mark.thorough
 def test_a_known_lens_needs_no_board(tmp_path, project_root) -> None:
     shutil.copytree(project_root / "config" / "arms", tmp_path / "config" / "arms")
     settings = YAML(typ="safe").load(SETTINGS)

@@ -134,6 +134,7 @@ def test_friction_that_sticks_is_found_and_predicts():
     assert missed_m(sticks, other) < 0.7 * missed_m(fit_cable(fitted, plain_model, plain_space), other)
 
 
+@pytest.mark.thorough
 def test_ends_that_are_points_do_not_rub():
     model, space = space_of_cable(LENGTH_M, True, pinned=True, friction_stick=True)
     strings = space.strings(np.full(space.dimension, 0.5))

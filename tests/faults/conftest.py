@@ -1,10 +1,13 @@
 """Real video files to damage, and the way that a trial's video goes: ingest, then the decoding pass."""
 
 import hashlib
+import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -30,7 +33,23 @@ def noisy(count: int, size: tuple[int, int] = SIZE, kind: type = np.uint8) -> li
     return [rng.integers(0.2 * top, 0.8 * top, size[::-1]).astype(kind) for _ in range(count)]
 
 
-def write_film(
+def write_film(path: Path, *coding: Any, options: dict[str, str] | None = None, **more: Any) -> Path:
+    """Write a video, see `_write_film`; one of the usual pictures is encoded once."""
+    if len(coding) > 2 or not more.keys().isdisjoint(("pictures", "stamps")):
+        return _write_film(path, *coding, options=options, **more)
+    path.write_bytes(_usual_film(path.suffix, coding, tuple((options or {}).items()), tuple(more.items())))
+    return path
+
+
+@cache
+def _usual_film(suffix: str, coding: Any, options: Any, more: Any) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        return _write_film(
+            Path(folder, f"film{suffix}"), *coding, options=dict(options), **dict(more)
+        ).read_bytes()
+
+
+def _write_film(
     path: Path,
     codec: str = "libx264",
     pixels: str = "yuv420p",

@@ -75,6 +75,7 @@ def test_repeating_a_throw_gives_the_same_bytes(thrown: Thrown, tmp_path: Path) 
     assert sha256_file(tmp_path / "truth.parquet") == sha256_file(thrown.truth)
 
 
+@pytest.mark.thorough
 def test_without_noise_trials_differ_only_in_their_clocks(arm: Arm, tmp_path: Path) -> None:
     experiment = make_experiment(noise=0.0, camera=SMALL)
     motion = write_motion(tmp_path / "motion.json", arm, swing_command())

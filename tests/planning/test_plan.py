@@ -151,6 +151,7 @@ def test_a_motion_that_a_stop_could_carry_out_of_the_workspace_is_searched_for_a
     assert plan.simulations >= 2 * searched.simulations
 
 
+@pytest.mark.thorough
 def test_a_rehearsal_shows_joints_that_are_not_as_the_arms_file_says(
     task: PlanningTask, strings: StringBatch, first: PlannedMotion
 ) -> None:

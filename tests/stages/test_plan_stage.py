@@ -114,6 +114,7 @@ def test_a_trial_that_a_real_arm_has_thrown_is_not_planned(root: Path, name: str
     assert not (root / "results").exists()
 
 
+@pytest.mark.thorough
 def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None:
     lab = "lab: {string: paper-1, servo: soft}\n"
     write(root, "rehearsed", "target_m: [0.5, 0.5]\n" + lab + SMALL)

@@ -48,6 +48,7 @@ def swing_film(scene, path, swing_rad):
     return np.array(angles)
 
 
+@pytest.mark.thorough
 def test_scale_pivot_and_path_of_a_drawn_pendulum(scene, tmp_path):
     angles = swing_film(scene, tmp_path / "v.mkv", 0.2)
     facts = inspect_video(tmp_path / "v.mkv")
@@ -100,6 +101,7 @@ def test_a_lens_for_the_videos_pixels_is_accepted(scene):
     check_pixel_aspect(replace(info, pixel_aspect=496 / 495), scene.flat_camera(), info.path)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("length_m", "rate_hz", "fits"),
     [(0.3, 60.0, "0.70"), pytest.param(0.7, 120.0, "0.5 times", marks=pytest.mark.thorough)],

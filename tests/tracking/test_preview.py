@@ -39,6 +39,7 @@ def changed(sampled, change):
     return replace(sampled, pictures=[change(picture) for picture in sampled.pictures])
 
 
+@pytest.mark.thorough
 def test_samples_are_spread_over_the_video(filmed, sampled):
     facts = inspect_video(filmed[0])
     assert (sampled.indices[0], sampled.indices[-1], sampled.decoded) == (0, 109, 110)

@@ -35,7 +35,14 @@ def test_a_good_frame_amid_weak_ones_spreads_both_ways(anchor):
     assert [fits[k].value for k in (0, 12, 24)] == [0.9, 0.85, 0.8]  # better fits are kept
 
 
-@pytest.mark.parametrize("hidden", [pytest.param((0, 12), marks=pytest.mark.thorough), (30, 38), (58, 70)])
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        pytest.param((0, 12), marks=pytest.mark.thorough),
+        (30, 38),
+        pytest.param((58, 70), marks=pytest.mark.thorough),
+    ],
+)
 def test_a_string_hidden_for_a_while_is_found_again_at_once(scene, tmp_path, hidden):
     path = tmp_path / "v.mkv"
     _, curves = scene.film(path, frames=70, hidden=hidden)

@@ -60,6 +60,7 @@ def test_strobe_shows_the_throw(tracked, scene):
     assert 1000 < coloured.sum() < 0.1 * coloured.size
 
 
+@pytest.mark.thorough
 def test_tracking_twice_gives_the_same(tracked, scene, filmed):
     again = scene.track(filmed[0])
     np.testing.assert_array_equal(again.points_m, tracked.points_m)

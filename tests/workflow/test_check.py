@@ -191,3 +191,10 @@ def test_a_bad_experiment_stops_only_itself(root: Path) -> None:
     with pytest.raises(StrandcastError) as caught:
         runnable(root, ["bad", "misnamed"])
     assert {"SC-F003", "SC-R032"} <= set(str(caught.value).split())
+
+
+def test_a_string_much_longer_than_the_arm_is_asked_about(root: Path) -> None:
+    asked = "is string.length_m right, in metres?"
+    for length_m, count in ((0.3, 0), (5.0, 1)):
+        write(root, "data/rig/experiment.yaml", SETTINGS.replace("0.3", str(length_m)))
+        assert sum(asked in fact for fact in check_experiment(root, "rig").facts) == count

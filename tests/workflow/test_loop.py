@@ -135,6 +135,15 @@ def test_a_project_may_lie_in_a_folder_of_any_name(thrown, tmp_path):
     assert list(tmp_path.rglob("run")) == []
 
 
+def test_a_folder_whose_name_is_not_utf_8_leaves_no_traceback(thrown, tmp_path):
+    root = Path(shutil.copytree(thrown, tmp_path / os.fsdecode(b"lab\xff")))
+    (root / "results/small/report.html").unlink()
+    run = run_module(root, "strandcast", "run", NAME)
+    assert run.returncode == 0, run.stderr[-3000:]
+    assert "Traceback" not in run.stderr
+    assert (root / "results/small/report.html").is_file()
+
+
 @pytest.fixture
 def copied(thrown, tmp_path) -> Path:
     """Return a copy of the thrown experiment that a test may damage."""

@@ -70,7 +70,7 @@ def refuse_unreachable(task: AnyTask) -> None:
 
 
 def _refuse_goal(task: AnyTask, goal: Goal) -> None:
-    box, (origin_m, arm_m) = task.box(), _reach(task.arm)
+    box, (origin_m, arm_m) = task.box(), reach(task.arm)
     along_m = min(goal.along_m, task.model.length_m)
     reach_m = float(arm_m + along_m)
     away_m = float(np.linalg.norm(goal.alternatives_m - origin_m, axis=1).min())
@@ -94,7 +94,7 @@ def _refuse_goal(task: AnyTask, goal: Goal) -> None:
         )
 
 
-def _reach(arm: AnyArm) -> tuple[np.ndarray, float]:
+def reach(arm: AnyArm) -> tuple[np.ndarray, float]:
     """Return the place of the arm's first joint, and how far from it the hand can be, stretched out [m]."""
     if isinstance(arm, SpatialArm):
         places_m = np.vstack([arm.chain.anchors_m, arm.chain.hand_m])

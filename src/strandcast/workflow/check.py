@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from strandcast.arm.load import Arm
 
 MOST_NAMED = 5  # missing trials in a message
+LONGEST = 2.0  # times as far as the arm reaches; longer strings are likely in another unit; chosen
 RAW_RECORDS = ("motion.json", "run.json")
 LOG_FILES = (("joints.csv", "run.json"), ("run.json", "joints.csv"))
 RAW_NAMES = ("joints.csv", "run.json", "motion.json", "predicted.parquet", *files.SUPPLIED_FILES.values())
@@ -119,7 +120,7 @@ def _check_all(root: Path, name: str, found: Checked) -> None:
 def _check_arm(context: Context, found: Checked) -> None:
     from strandcast.arm.link_masses import torque_gap
     from strandcast.arm.load import Arm
-    from strandcast.planning.reachability import refuse_unreachable
+    from strandcast.planning.reachability import reach, refuse_unreachable
     from strandcast.stages.arms import arm_of
     from strandcast.stages.plan_inputs import task_of
 
@@ -129,6 +130,12 @@ def _check_arm(context: Context, found: Checked) -> None:
     found.facts.append(f"string of {string.length_m:g} m as {task.model.points} points, arm {arm.name}")
     if isinstance(arm, Arm):
         _check_marker_ids(context, arm, found)
+    _, reach_m = reach(arm)
+    if string.length_m > LONGEST * reach_m:
+        found.facts.append(
+            f"warning: the string is {string.length_m / reach_m:.1f} times as long as the arm reaches "
+            f"({reach_m:.2f} m): is string.length_m right, in metres?"
+        )
     gap = torque_gap(arm)
     if gap is not None:
         found.facts.append(f"warning: {gap}")
@@ -218,8 +225,9 @@ def _find_plane_markers(context: Context, photo: Path, found: Checked) -> None:
     [picture] = read_photos_of(context, [photo])
     markers, dictionary, _ = plane_markers_of(context.settings.camera.plane, picture)
     wanted = {marker.marker: marker for marker in markers}
-    ids, _, _ = find_markers(picture, wanted, dictionary, str(photo))
+    ids, _, warnings = find_markers(picture, wanted, dictionary, str(photo))
     missing = sorted(set(wanted) - {int(marker) for marker in ids})
+    found.facts += [f"warning: {words}" for words in warnings[bool(missing) :]]
     found.facts.append(f"{len(ids)} of {len(wanted)} plane markers are in {photo}")
     if missing:
         what = f"the plane's markers {', '.join(map(str, missing))} are not seen"

@@ -4,6 +4,7 @@ Each event is one line of JSON on standard error, between the lines of the jobs,
 """
 
 import json
+import logging
 import os
 import re
 import signal
@@ -116,6 +117,8 @@ def main() -> None:
 
     LoggerPluginRegistry().register_plugin("snakemake_logger_plugin_strandcast", sys.modules[__name__])
     end_with_parent()
+    # Its own log file refuses the name of a folder that is not UTF-8, with a traceback for each line.
+    logging.raiseExceptions = False
     sys.argv = ["snakemake", *sys.argv[1:], "--logger", "strandcast"]
     snakemake()
 

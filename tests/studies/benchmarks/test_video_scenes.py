@@ -93,6 +93,7 @@ def test_contrast_over_noise_is_that_of_the_picture(folder, frames):
         check_contrast(case, replace(truth.arrays, cnr=np.array([5.0, 6.0, 30.0])))
 
 
+@pytest.mark.thorough
 def test_hidden_parts_are_recorded(folder, frames):
     truth = Truth.read(folder)
     hidden = truth.arrays.hidden

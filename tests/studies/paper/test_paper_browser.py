@@ -15,12 +15,14 @@ from ...report.test_poison import POISON, check_inert, poisoned
 
 
 @pytest.mark.thorough
+@pytest.mark.thorough
 def test_the_papers_page_in_light_and_dark(paper: Any, tmp_path: Path, browser: Browser) -> None:
     page = tmp_path / "report.html"
     write_text(page, paper_page(*paper))
     light_and_dark(page, browser)
 
 
+@pytest.mark.thorough
 def test_poison_is_shown_and_not_run(paper: Any, tmp_path: Path, browser: Browser) -> None:
     summary, folders, facts = paper
     summary = poisoned(summary, everything=False)
