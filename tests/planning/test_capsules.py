@@ -1,7 +1,9 @@
 """The arm as capsules, and start postures that hide the string."""
 
 import numpy as np
+import pytest
 
+from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm
 from strandcast.planning.capsules import NEAR_HAND_M, capsule_radii, capsules, start_violation_m
 
@@ -35,3 +37,11 @@ def test_a_string_must_hang_within_the_box(arm: Arm) -> None:
     violation_m = start_violation_m(arm, 0.30, box, 0.035, np.array([SIDEWAYS, [0.5, 0.5, -1.5]]))
     # The tip hangs 5 % further than specified: 0.315 m down; the hand is 0.05 m out to the right.
     np.testing.assert_allclose(violation_m, [0.315 - 0.25, 0.0], atol=1e-12)
+
+
+def test_the_string_hangs_clear_of_its_target_at_the_start(arm: Arm) -> None:
+    hand_m = hand_pose(arm.chain, arm.clamp, np.array([SIDEWAYS])).position_m[0]
+    for place_m, short_m in (((0.0, -0.30), 0.05), ((0.03, -0.15), 0.02), ((0.06, -0.15), 0.0)):
+        clear_of = (np.array([hand_m + place_m]), 0.05)
+        violation_m = start_violation_m(arm, 0.30, WIDE, 0.035, np.array([SIDEWAYS]), clear_of)
+        assert violation_m[0] == pytest.approx(short_m, abs=1e-12)

@@ -87,6 +87,18 @@ def test_the_error_of_the_cameras_plane_is_part_of_the_miss():
     assert error.at(np.array([5.0, 0.3])) == 0.003
 
 
+def test_a_throw_that_begins_at_its_target_hits_only_if_it_comes_back():
+    track = fly_by(height_m=0.012)
+    rests = np.arange(len(track.frame)) < 50
+    track.points_m[rests, 2] = (0.003, 0.0)  # the string hangs 3 mm from the target
+    found = verdict(track)
+    assert found.miss_m == pytest.approx(0.012)
+    assert found.closest_frame in (100, 101)
+    track.points_m[:, 2] = (0.003, 0.0)
+    assert not verdict(track).hit
+    assert verdict(track).reason == "the tip was at the target from the start, and never clear of it"
+
+
 def test_a_hit_is_a_miss_of_at_most_the_radius():
     assert verdict(fly_by(height_m=0.0199)).hit
     assert not verdict(fly_by(height_m=0.0201)).hit

@@ -370,7 +370,7 @@ def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(root: Path) ->
     trial = read_trial(files_of("estimate", root, "blind", 1), 1)
     for rows, raw_rows in (
         (trial.hand_pose[:, 2], trial.log.q_rad.sum(axis=1)),
-        (measured_of(trial).q_rad, trial.log.q_rad),
+        (measured_of(trial, 0.02).q_rad, trial.log.q_rad),
     ):
         assert np.diff(raw_rows, n=2, axis=0).std() > 1e-3
         assert np.diff(rows, n=2, axis=0).std() < 2e-4

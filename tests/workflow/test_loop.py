@@ -444,7 +444,7 @@ AFTER_TRACK = AFTER_ALIGN | {"track", "reconstruct", "clip"}
         ("seed: 3", "seed: 3\nobjective: {kind: swing, height_m: 0.6}", AFTER_ESTIMATE | {"score"}),
         ("seed: 3", "seed: 3\nalign: {drift_prior: 1.0e-4}", AFTER_ALIGN),
         ("seed: 3", "seed: 3\ntrack: {tracker: chain}", set()),  # the default
-        ("[0.50, 0.50]", "[0.50, 0.51]", AFTER_TRACK),
+        ("[0.50, 0.50]", "[0.50, 0.51]", AFTER_ESTIMATE | {"score"}),
         ("id: 5, x_m: 1.15", "id: 5, x_m: 1.16", AFTER_TRACK | {"calibrate"}),
     ],
 )

@@ -194,6 +194,14 @@ def disagreement(log: EvaluationLog) -> list[str]:
     ]
 
 
+def _is_narrowed(space: Space, k: int, exponent: float) -> bool:
+    """Return whether the nearer bound of an unknown is within the widest range; in space none is chosen."""
+    if tuple(space.names[: len(PARAMETERS)]) != PARAMETERS or k >= len(PARAMETERS):
+        return False
+    (least, most), (wide_least, wide_most) = space.bounds[k], bounds_of("wide")[k]
+    return bool(most < wide_most if exponent > 0.5 else least > wide_least)
+
+
 def _warnings(
     space: Space,
     chi: Array,
@@ -204,11 +212,10 @@ def _warnings(
     step_change_m: float,
 ) -> list[str]:
     # At a bound of the widest range the string is as good as rigid, or free of that force.
-    own, wide = space.bounds[: len(PARAMETERS)], bounds_of("wide")
-    narrowed = np.where(chi[: len(own)] > 0.5, own[:, 1] < wide[:, 1], own[:, 0] > wide[:, 0])
     warnings = [
         f"{space.names[k]} ended at a bound of its range: widen it in estimate.ranges"
-        for k in np.flatnonzero(at_bound[: len(own)] & narrowed)
+        for k in np.flatnonzero(at_bound)
+        if _is_narrowed(space, int(k), chi[k])
     ]
     k_h = space.names.index(WIDENED[0]) if WIDENED[0] in space.names else None
     if k_h is not None and space.bounds[k_h, 1] >= WIDENED_BY * bounds_of("wide")[k_h, 1]:

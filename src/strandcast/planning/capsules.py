@@ -91,9 +91,14 @@ def capsule_radii(arm: AnyArm, clearance_m: float) -> np.ndarray:
 
 
 def start_violation_m(
-    arm: AnyArm, length_m: float, box: np.ndarray, clearance_m: float, q0: np.ndarray
+    arm: AnyArm,
+    length_m: float,
+    box: np.ndarray,
+    clearance_m: float,
+    q0: np.ndarray,
+    clear_of: tuple[np.ndarray, float] | None = None,
 ) -> np.ndarray:
-    """Return how deep the hanging string is in the capsules, or out of the box, in start postures.
+    """Return how deep the hanging string is in the capsules, out of the box, or at the target, at the start.
 
     The string hangs straight down from the hand; no model's stretch enters.
 
@@ -107,6 +112,8 @@ def start_violation_m(
         How near to the links it may hang [m].
     q0
         (P, J) postures [rad].
+    clear_of
+        Places (A, 2 or 3) of the target, and how far from them the string must hang [m].
 
     Returns
     -------
@@ -124,7 +131,13 @@ def start_violation_m(
     deep = np.maximum(capsule_radii(arm, clearance_m) - away, 0.0).max(axis=(1, 2))
     shown = np.concatenate([hand[:, None], hanging], axis=1)
     out = np.maximum(box[:, 0] - shown, shown - box[:, 1]).max(axis=(1, 2))
-    return np.asarray(np.maximum(deep, np.maximum(out, 0.0)))
+    wrong = np.maximum(deep, np.maximum(out, 0.0))
+    if clear_of is not None:
+        places_m, clear_m = clear_of
+        apart_m = places_m - hand[:, None]
+        apart_m[..., -1] += np.clip(-apart_m[..., -1], 0.0, LONGER * length_m)
+        wrong = np.maximum(wrong, clear_m - np.linalg.norm(apart_m, axis=-1).min(axis=1))
+    return np.asarray(wrong)
 
 
 def _distances(points: np.ndarray, ends: np.ndarray) -> np.ndarray:

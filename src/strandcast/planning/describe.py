@@ -194,7 +194,7 @@ def prediction_flags(task: AnyTask, curve: Curve, predicted: Assessment) -> list
         if depth_m.max() > 0.0:
             flags.append(words.format(math.ceil(1000 * depth_m.max())) + _how_many(depth_m > 0.0))
     if start_cost(task, curve.q0_rad[None])[0] > 0.0:
-        flags.append("at the start the string hangs over the arm or out of the workspace")
+        flags.append("at the start the string hangs over the arm, out of the workspace or at the target")
     return flags
 
 

@@ -1,6 +1,6 @@
 """The closest approach of a tracked path to a target or a bar."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ def closest_approach(
     target_m: np.ndarray,
     usual_step_s: float,
     window_s: tuple[float, float],
+    touch_m: float = 0.0,
 ) -> tuple[Approach | None, str | None]:
     """Return the closest approach of the tracked path, or why the true one was not tracked.
 
@@ -37,6 +38,8 @@ def closest_approach(
         Spacing of the frames.
     window_s
         The time that counts.
+    touch_m
+        An approach counts only after the tip has been farther from the target than this.
 
     Notes
     -----
@@ -44,6 +47,14 @@ def closest_approach(
     answer where the path could have been closest there, that is, where the best tracked place is at the edge
     of a gap, or a cubic through both edges comes nearer.
     """
+    away_m = np.linalg.norm(tip_m - _nearest_of_bar(tip_m, np.atleast_2d(target_m)), axis=1)
+    clear = int(np.argmax(away_m > touch_m))
+    if away_m[clear] <= touch_m or clear == len(tip_m) - 1:
+        return None, "the tip was at the target from the start, and never clear of it"
+    if clear:
+        rest = time_s[clear:], tip_m[clear:]
+        found, reason = closest_approach(*rest, target_m, usual_step_s, (time_s[clear], window_s[1]))
+        return (None if found is None else replace(found, index=found.index + clear)), reason
     approaches = segment_approaches(tip_m, target_m)
     gaps = np.diff(time_s) > GAP_STEPS * usual_step_s
     distance = np.where(gaps, np.inf, [found.distance_m for found in approaches])

@@ -40,6 +40,8 @@ class TrackedThrow(NamedTuple):
         Usual time between frames.
     window_s
         The time that counts, robot time.
+    touch_m
+        An approach counts only after the tip has been farther from the target than this.
     """
 
     time_s: np.ndarray
@@ -48,6 +50,7 @@ class TrackedThrow(NamedTuple):
     length_m: float
     step_s: float
     window_s: tuple[float, float]
+    touch_m: float = 0.0
 
     def place_m(self, along_m: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the path (F, 2) of a place on the string, and its sigma's square (F,)."""
@@ -185,7 +188,9 @@ def nearest(throw: TrackedThrow, target_m: np.ndarray) -> Measured:
     """Return the tip's closest approach to a place (2 or 3,) or bar (2, 2), between the frames too."""
     rows = np.flatnonzero(np.isfinite(throw.points_m[:, -1]).all(axis=1))
     tip_m = throw.points_m[rows, -1]
-    found, reason = closest_approach(throw.time_s[rows], tip_m, target_m, throw.step_s, throw.window_s)
+    found, reason = closest_approach(
+        throw.time_s[rows], tip_m, target_m, throw.step_s, throw.window_s, throw.touch_m
+    )
     if found is None:
         return None, reason
     before, after, share = rows[found.index], rows[found.index + 1], found.share

@@ -42,7 +42,7 @@ def score_throw(
     The errors of tip and plane are independent: one is the tracker's in a few frames, the other is the
     calibration's, the same in all of them.
     """
-    shortfall, reason = tracked_shortfall(track, alignment, aim.objective, length_m)
+    shortfall, reason = tracked_shortfall(track, alignment, aim.objective, length_m, aim.hit_radius_m)
     if shortfall is None:
         return _verdict(aim, reason=reason)
     if plane_error is not None:
@@ -52,10 +52,10 @@ def score_throw(
     return _verdict(aim, shortfall, frame=int(track.frame[shortfall.row]))
 
 
-def tracked_shortfall(track: Track, alignment: Alignment, objective: Objective, length_m: float) -> Measured:
+def tracked_shortfall(
+    track: Track, alignment: Alignment, objective: Objective, length_m: float, hit_radius_m: float
+) -> Measured:
     """Return the miss of one throw from the motion's start until 0.3 s after its end, or why it is not known.
-
-    It does not depend on the hit radius.
 
     Parameters
     ----------
@@ -67,6 +67,8 @@ def tracked_shortfall(track: Track, alignment: Alignment, objective: Objective, 
         Includes the target, if it needs one.
     length_m
         From the hand to the tip, along the string.
+    hit_radius_m
+        A throw may begin at its target: only what follows after the tip has left this radius counts.
     """
     robot_s = alignment.robot_time_s(track.camera_time_s)
     window_s = (alignment.motion_start_s, alignment.motion_end_s + AFTER_MOTION_S)
@@ -76,7 +78,9 @@ def tracked_shortfall(track: Track, alignment: Alignment, objective: Objective, 
         return None, reason
     points_m = np.where(tracked[..., None], track.points_m, np.nan)[inside]
     step_s = float(np.median(np.diff(track.camera_time_s)))
-    throw = TrackedThrow(robot_s[inside], points_m, track.sigma_m[inside], length_m, step_s, window_s)
+    throw = TrackedThrow(
+        robot_s[inside], points_m, track.sigma_m[inside], length_m, step_s, window_s, hit_radius_m
+    )
     shortfall, reason = measured_shortfall(objective, throw)
     if shortfall is None:
         return None, reason

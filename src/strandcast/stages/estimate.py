@@ -103,13 +103,13 @@ def _until_s(trial: Trial, settings: EstimateSettings) -> float:
     Without a target, all frames of the motion do. A touch ends the free motion. After a miss, the closest
     approach may belong to another pass of the tip than the planned one; the fit then uses the planned pass.
     """
-    nearest, expected_s = trial.shortfall, _expected_s(trial)
     reach_m = settings.contact_radius_m
+    nearest, expected_s = trial.shortfall(reach_m or 0.0), _expected_s(trial)
     if nearest is not None and reach_m is not None and nearest.miss_m <= reach_m:
         return nearest.time_s
     closest_s = None if nearest is None else nearest.time_s
     known_s = [s for s in (closest_s, expected_s) if s is not None]
-    if settings.horizon_s is None or not known_s or not trial.aimed:
+    if settings.horizon_s is None or not known_s or trial.aim is None:
         return trial.alignment.motion_end_s + AFTER_MOTION_S
     if len(known_s) == 2 and abs(known_s[0] - known_s[1]) > SAME_PASS_S:
         return known_s[1] + settings.horizon_s

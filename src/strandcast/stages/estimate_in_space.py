@@ -128,8 +128,9 @@ def _hand(files: Files, number: int) -> dict[str, np.ndarray]:
 def _read_throw(files: Files, number: int) -> TrialInSpace:
     """Read an arm's throw: the frames around its motion, until the tip may have touched the target."""
     trial, settings = read_trial(files, number), files.job.context.settings.estimate
-    until_s, nearest = trial.alignment.motion_end_s + FITTED_AFTER_S, trial.shortfall
-    if nearest and settings.contact_radius_m is not None and nearest.miss_m <= settings.contact_radius_m:
+    until_s, reach_m = trial.alignment.motion_end_s + FITTED_AFTER_S, settings.contact_radius_m
+    nearest = trial.shortfall(reach_m or 0.0)
+    if nearest and reach_m is not None and nearest.miss_m <= reach_m:
         until_s = min(until_s, nearest.time_s)
     time_s, known_s = trial.frame_time_s, trial.hand_time_s
     used = time_s >= max(trial.alignment.motion_start_s - FITTED_BEFORE_S, known_s[0])

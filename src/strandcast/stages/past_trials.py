@@ -10,6 +10,7 @@ from strandcast.alignment.joints import without_row_noise
 from strandcast.arm.load import AnyArm, Arm
 from strandcast.arm.servo_response import Response, identify_response
 from strandcast.arm.spatial import SpatialArm
+from strandcast.core.objectives import Objective
 from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import FREE_END, MassLayout, mass_layout
 from strandcast.dynamics.model import StringModel
@@ -35,11 +36,8 @@ class Trial:
 
     Attributes
     ----------
-    aimed
-        Whether the experiment has a target.
-    shortfall
-        The miss; None where it is not known, or without a target. Unlike the verdict, it does not depend on
-        the hit radius.
+    aim
+        The experiment's objective; None without a target.
     motion, log
         None if they were not recorded.
     hand_pose
@@ -50,13 +48,18 @@ class Trial:
     summary: TrackSummary
     track: Track
     alignment: Alignment
-    aimed: bool
-    shortfall: Shortfall | None
+    aim: Objective | None
     frame_time_s: np.ndarray
     hand_time_s: np.ndarray
     hand_pose: np.ndarray
     motion: Motion | None
     log: JointLog | None
+
+    def shortfall(self, touch_m: float) -> Shortfall | None:
+        """Return the miss once the tip was clear of the target, see `tracked_shortfall`, if it is known."""
+        if self.aim is None:
+            return None
+        return tracked_shortfall(self.track, self.alignment, self.aim, self.summary.length_m, touch_m)[0]
 
 
 def read_trial(files: Files, number: int) -> Trial:
@@ -74,16 +77,12 @@ def read_trial(files: Files, number: int) -> Trial:
         hand_time_s, hand = read_hand(files.input("hand", number), settings.estimate.joints)
         # The rows' noise would shake the simulated strings.
         hand_pose = without_row_noise(hand_time_s, hand.array()) if log else hand.array()
-    shortfall = None
-    if settings.aim is not None:
-        shortfall, _ = tracked_shortfall(track, alignment, settings.aim, summary.length_m)
     return Trial(
         number,
         summary,
         track,
         alignment,
-        settings.aim is not None,
-        shortfall,
+        settings.aim,
         alignment.robot_time_s(track.camera_time_s),
         hand_time_s,
         hand_pose,

@@ -108,7 +108,7 @@ def fitted_strings(path: Path, layout: MassLayout) -> StringBatch:
 def past_trial_of(trial: Trial, task: AnyTask) -> PastTrial:
     """Return a trial on its motion's own clock, joints as often as the task's."""
     assert trial.motion is not None
-    past = past_trial(trial.motion, measured_of(trial), task.step_s)
+    past = past_trial(trial.motion, measured_of(trial, task.hit_radius_m), task.step_s)
     if not isinstance(task, SpatialTask):
         return past
     # The track has markers, wherever they are on the string.
@@ -182,7 +182,7 @@ def _no_rehearsal(file: Path, what: str, field: str | None = None, fix: str = PL
     return StrandcastError("SC-P021", what, file=file, field=field, cost=cost, fix=fix)
 
 
-def measured_of(trial: Trial) -> Measured:
+def measured_of(trial: Trial, hit_radius_m: float) -> Measured:
     """Return the measurements of a trial since its motion's start."""
     motion, log, start_s = trial.motion, trial.log, trial.alignment.motion_start_s
     assert motion is not None
@@ -190,9 +190,11 @@ def measured_of(trial: Trial) -> Measured:
         time_s, q_rad = motion.trajectory().time_s, motion.trajectory().q_rad
     else:
         time_s, q_rad = smooth_joints(log, motion.joint_names, start_s)
-    miss_m = None if trial.shortfall is None else trial.shortfall.miss_m
+    nearest = trial.shortfall(hit_radius_m)
     frame_s = trial.frame_time_s - start_s
-    return Measured(time_s, q_rad, frame_s, trial.track.detected_m(), miss_m, log is not None)
+    return Measured(
+        time_s, q_rad, frame_s, trial.track.detected_m(), nearest and nearest.miss_m, log is not None
+    )
 
 
 def _deviations_of(
@@ -201,7 +203,9 @@ def _deviations_of(
     length_m, error_m = (trial.summary.choices.get(name) for name in ("length_m", "length_sigma_m"))
     known = (length_m, error_m) if isinstance(length_m, float) and isinstance(error_m, float) else None
     past = past_trial_of(trial, task)
-    return trial_deviations(task, best, past, measured_of(trial), servo if trial.log else None, known)
+    return trial_deviations(
+        task, best, past, measured_of(trial, task.hit_radius_m), servo if trial.log else None, known
+    )
 
 
 def seen_deviations(
