@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from strandcast.config.estimate import EstimateSettings
+from strandcast.core.objectives import PointObjective
 from strandcast.stages.estimate import _until_s
 
 START_S, END_S, EXPECTED_S = 2.0, 2.9, 0.6
@@ -12,10 +13,11 @@ START_S, END_S, EXPECTED_S = 2.0, 2.9, 0.6
 
 def trial(closest_s: float | None, miss_m: float | None = 0.1, predicted: bool = True) -> SimpleNamespace:
     motion = SimpleNamespace(predicted=SimpleNamespace(hit_time_s=EXPECTED_S) if predicted else None)
+    nearest = None if closest_s is None else SimpleNamespace(time_s=closest_s, miss_m=miss_m)
     return SimpleNamespace(
         motion=motion,
-        aimed=miss_m is not None,
-        shortfall=None if closest_s is None else SimpleNamespace(time_s=closest_s, miss_m=miss_m),
+        aim=None if miss_m is None else PointObjective(),
+        shortfall=lambda touch_m: nearest,
         alignment=SimpleNamespace(motion_start_s=START_S, motion_end_s=END_S),
     )
 
