@@ -45,6 +45,11 @@ def test_a_bead_is_what_most_frames_show():
     assert appearance.tip_excess_m == pytest.approx(0.011)
 
 
+def test_few_frames_that_all_show_a_bead_are_enough():
+    seen = [detection(0.012, half_m=0.011, open_share=share) for share in (0.92, 0.9, 0.82, 0.47)]
+    assert learn_appearance([*seen, detection(np.nan)], 0.0015).has_bead
+
+
 def test_where_no_end_is_clear_the_tip_is_half_a_width_before_it():
     appearance = learn_appearance([detection(np.nan)] * 5, 0.0015)
     assert appearance.tip_excess_m == appearance.half_m

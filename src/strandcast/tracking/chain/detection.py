@@ -107,9 +107,10 @@ def learn_appearance(detections: list[Detection], pixel_m: float) -> Appearance:
         noise=float(np.median([one.appearance.noise for one in good])),
         level=float(np.median([one.appearance.level for one in good])),
     )
-    ended = [one for one in good if np.isfinite(one.end_m)]
-    openest = max((one.fit.open_share for one in ended), default=0.0)
-    clear = [one for one in ended if one.fit.open_share >= OPEN_SHARE * openest]
+    ended = sorted((one for one in good if np.isfinite(one.end_m)), key=lambda one: -one.fit.open_share)
+    least = OPEN_SHARE * (ended[0].fit.open_share if ended else 0.0)
+    # At least as many as must show a bead: a survey may end with few frames.
+    clear = ended[: max(BEAD_FRAMES, sum(one.fit.open_share >= least for one in ended))]
     wide = [one for one in clear if one.end_half_m > BEAD_TIMES * appearance.half_m + pixel_m]
     if len(wide) < max(BEAD_FRAMES, BEAD_SHARE * len(clear)):
         return appearance._replace(tip_excess_m=appearance.half_m)
