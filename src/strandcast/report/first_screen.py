@@ -16,7 +16,7 @@ from strandcast.report.results import TrialResults
 from strandcast.report.text import uncertain_verdict
 
 
-class Figure(NamedTuple):
+class Headline(NamedTuple):
     """One number: what it is, its value, and what that means."""
 
     name: str
@@ -46,7 +46,7 @@ def readable_motion(path: Path | None) -> Motion | None:
         return None
 
 
-def first_figures(results: TrialResults, upcoming: Motion | None) -> list[Figure]:
+def first_figures(results: TrialResults, upcoming: Motion | None) -> list[Headline]:
     """Return the three most important numbers of a trial; `upcoming` is the next motion."""
     if not results.aimed():
         return _of_a_capture(results)
@@ -55,42 +55,42 @@ def first_figures(results: TrialResults, upcoming: Motion | None) -> list[Figure
     return [_of_the_miss(results.get("verdict")), _of_the_prediction(results.get("motion")), last]
 
 
-def _of_the_miss(verdict: Verdict | None) -> Figure:
+def _of_the_miss(verdict: Verdict | None) -> Headline:
     if verdict is None or verdict.miss_m is None:
-        return Figure("miss", UNKNOWN, "the closest approach was not seen")
-    return Figure(
+        return Headline("miss", UNKNOWN, "the closest approach was not seen")
+    return Headline(
         "miss",
         millimetres(verdict.miss_m, verdict.miss_sigma_m),
         f"a hit is within {millimetres(verdict.hit_radius_m)}",
     )
 
 
-def _of_the_prediction(motion: Motion | None) -> Figure:
+def _of_the_prediction(motion: Motion | None) -> Headline:
     expected = None if motion is None else motion.predicted
     if expected is None or not expected.miss_quantiles_m:
-        return Figure("predicted before the throw", UNKNOWN, "nothing was predicted")
-    return Figure("predicted before the throw", _quantiles(expected), _likely(expected))
+        return Headline("predicted before the throw", UNKNOWN, "nothing was predicted")
+    return Headline("predicted before the throw", _quantiles(expected), _likely(expected))
 
 
-def _of_the_next(expected: Prediction) -> Figure:
-    return Figure("expected of the next throw", _quantiles(expected), _likely(expected))
+def _of_the_next(expected: Prediction) -> Headline:
+    return Headline("expected of the next throw", _quantiles(expected), _likely(expected))
 
 
-def _of_the_fit(results: TrialResults) -> Figure:
+def _of_the_fit(results: TrialResults) -> Headline:
     estimate = results.get("estimate")
     if estimate is None:
-        return Figure("E after the fit", UNKNOWN, "nothing was fitted")
-    return Figure("E after the fit", millimetres(estimate.E_m), f"over {fit_window(results)}")
+        return Headline("E after the fit", UNKNOWN, "nothing was fitted")
+    return Headline("E after the fit", millimetres(estimate.E_m), f"over {fit_window(results)}")
 
 
-def _of_a_capture(results: TrialResults) -> list[Figure]:
+def _of_a_capture(results: TrialResults) -> list[Headline]:
     estimate: Estimate | None = results.get("estimate")
     predicted_m = None if estimate is None else estimate.held_out_m(UNDER_PREVIOUS)
     guess_m = None if estimate is None else best_guess_m(estimate)
     return [
         _of_the_fit(results),
-        Figure("E predicted", millimetres(predicted_m), "by the string of the trials before"),
-        Figure("E guessed", millimetres(guess_m), "without a model"),
+        Headline("E predicted", millimetres(predicted_m), "by the string of the trials before"),
+        Headline("E guessed", millimetres(guess_m), "without a model"),
     ]
 
 
