@@ -63,7 +63,7 @@ def test_the_experiments_page_says_which_trial_is_doubtful(results: Path) -> Non
     trials = {trial: results / trial_name(trial) for trial in (1, 2, 3)}
     given = {"string_length_m": 0.3, "target_m": [0.606, 0.674], "hit_radius_m": 0.02}
     header = experiment_page(summarise("swing", trials, **given), trials).partition("</header>")[0]
-    assert '<p class="doubtful">▲ Doubtful: trial 1: stages: warnings' in header
+    assert '<p class="doubtful">▲ Doubtful: trial 1: warnings of the stages' in header
     assert header.count("<dd>") == 3
 
 
@@ -75,10 +75,10 @@ def test_the_next_step_follows_the_verdict(results: Path) -> None:
         given = verdict.model_copy(update={"hit": hit, "miss_m": miss_m})
         return next_step(replace(trial, pieces=trial.pieces | {"verdict": given}), [], motion, "play", thrown)
 
-    assert said(True, 0.001, upcoming) == ("Nothing: the target is hit.", None)
+    assert said(True, 0.001, upcoming) == ("nothing, the target is hit.", None)
     text, command = said(True, verdict.hit_radius_m, upcoming)  # may as well be a miss
-    assert text.startswith("Throw trial 4")
+    assert text.startswith("throw trial 4")
     assert command == "play"
     assert said(False, 0.1, upcoming).command == "play"
-    assert "Plan the next motion" in said(False, 0.1, None).text
-    assert said(False, 0.1, upcoming, thrown=4).text == "Trial 4 was thrown after this one."
+    assert "plan the next motion" in said(False, 0.1, None).text
+    assert said(False, 0.1, upcoming, thrown=4).text == "trial 4 was thrown after this one."

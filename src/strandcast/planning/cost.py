@@ -23,9 +23,8 @@ LIMIT_COST_M = 1.0
 # More than any miss can gain: a motion that is not allowed is never better than one that is.
 FORBIDDEN_M = 10.0
 EFFORT_COST_M_S_RAD = 0.0008
-CLEARANCE_M = (
-    0.035  # how near the string may come to the middle of the arm's links, and at the start to a hit; chosen
-)
+# How near the string may come to the middle of the arm's links, and at the start to a hit; chosen.
+CLEARANCE_M = 0.035
 
 
 def rollout_cost(assessment: Assessment, strings: int, step_s: float) -> np.ndarray:
@@ -54,10 +53,7 @@ def motion_costs(task: AnyTask, paths: JointPaths) -> np.ndarray:
 
 
 def start_cost(task: AnyTask, postures_rad: np.ndarray) -> np.ndarray:
-    """Return (P,) the price of a string that hangs over the arm, out of the box or at the target [m].
-
-    At the start of a motion: a throw that begins at its target is none.
-    """
+    """Return (P,) the price of a string that starts over the arm, out of the box or at the target [m]."""
     places_m = [goal.alternatives_m for goal in goals(task.aim) if goal.along_m == WHOLE_STRING]
     clear_of = (np.concatenate(places_m), task.hit_radius_m + CLEARANCE_M) if places_m else None
     away_m = start_violation_m(task.arm, task.model.length_m, task.box(), CLEARANCE_M, postures_rad, clear_of)

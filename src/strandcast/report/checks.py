@@ -63,7 +63,7 @@ def _read(results: TrialResults) -> CheckResult:
     ]
     found = "; ".join(bad) or f"{len(needed)} files"
     return CheckResult(
-        "results: can be read", FAIL if bad else PASS, found, "complete, unchanged, of this version"
+        "results can be read", FAIL if bad else PASS, found, "complete, unchanged, of this version"
     )
 
 
@@ -71,7 +71,7 @@ def _warned(results: TrialResults) -> CheckResult:
     """Return whether no stage warned."""
     warnings = warnings_of(results)
     return CheckResult(
-        "stages: warnings", WARN if warnings else PASS, counted(len(warnings), "warning"), "none"
+        "warnings of the stages", WARN if warnings else PASS, counted(len(warnings), "warning"), "none"
     )
 
 

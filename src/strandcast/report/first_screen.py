@@ -133,14 +133,14 @@ def next_step(
     if results is None or not results.aimed():
         return None
     if thrown is not None:
-        return NextStep(f"Trial {thrown} was thrown after this one.")
+        return NextStep(f"trial {thrown} was thrown after this one.")
     if causes:
-        return NextStep(f"First {', then '.join(cause.first for cause in causes)}; then throw again.")
+        return NextStep(f"first {', then '.join(cause.first for cause in causes)}; then throw again.")
     verdict: Verdict | None = results.get("verdict")
     if verdict is not None and verdict.hit and not uncertain_verdict(results):
-        return NextStep("Nothing: the target is hit.")
+        return NextStep("nothing, the target is hit.")
     if upcoming is None:
-        return NextStep("Plan the next motion: `strandcast run` does, from this throw.")
+        return NextStep("plan the next motion from this throw.")
     expected = upcoming.predicted
     likely = "" if expected is None else f": {percent(expected.hit_probability)} likely to hit"
-    return NextStep(f"Throw trial {upcoming.trial}{likely}.", command)
+    return NextStep(f"throw trial {upcoming.trial}{likely}.", command)

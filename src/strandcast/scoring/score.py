@@ -53,7 +53,7 @@ def score_throw(
 
 
 def tracked_shortfall(
-    track: Track, alignment: Alignment, objective: Objective, length_m: float, hit_radius_m: float
+    track: Track, alignment: Alignment, objective: Objective, length_m: float, touch_m: float
 ) -> Measured:
     """Return the miss of one throw from the motion's start until 0.3 s after its end, or why it is not known.
 
@@ -67,8 +67,8 @@ def tracked_shortfall(
         Includes the target, if it needs one.
     length_m
         From the hand to the tip, along the string.
-    hit_radius_m
-        A throw may begin at its target: only what follows after the tip has left this radius counts.
+    touch_m
+        An approach counts only after the tip has been farther from the target than this.
     """
     robot_s = alignment.robot_time_s(track.camera_time_s)
     window_s = (alignment.motion_start_s, alignment.motion_end_s + AFTER_MOTION_S)
@@ -79,7 +79,7 @@ def tracked_shortfall(
     points_m = np.where(tracked[..., None], track.points_m, np.nan)[inside]
     step_s = float(np.median(np.diff(track.camera_time_s)))
     throw = TrackedThrow(
-        robot_s[inside], points_m, track.sigma_m[inside], length_m, step_s, window_s, hit_radius_m
+        robot_s[inside], points_m, track.sigma_m[inside], length_m, step_s, window_s, touch_m
     )
     shortfall, reason = measured_shortfall(objective, throw)
     if shortfall is None:

@@ -227,6 +227,7 @@ def _find_plane_markers(context: Context, photo: Path, found: Checked) -> None:
     wanted = {marker.marker: marker for marker in markers}
     ids, _, warnings = find_markers(picture, wanted, dictionary, str(photo))
     missing = sorted(set(wanted) - {int(marker) for marker in ids})
+    # The first is that of the missing ones, which follows with its fix.
     found.facts += [f"warning: {words}" for words in warnings[bool(missing) :]]
     found.facts.append(f"{len(ids)} of {len(wanted)} plane markers are in {photo}")
     if missing:
