@@ -35,6 +35,7 @@ LIBRARIES = ("OPENBLAS_", "MKL_", "BLIS_", "OMP_")  # `strandcast.cli` has set t
 OF_A_JOB = {
     *("NUMBA_NUM_THREADS", "GOTO_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS"),
     *("TMPDIR", "TMP", "TEMP", "TEMPDIR", "PATH", "PWD", "OLDPWD", "SHLVL", "_"),
+    *("PS1", "PS2"),  # `activate` may export them; the shell of a job drops them
 }
 # jemalloc, which Arrow brings and does not use by default, would start a thread when it is loaded.
 NO_ALLOCATOR_THREAD = ("JE_ARROW_MALLOC_CONF", "background_thread:false")
