@@ -8,7 +8,7 @@ import pytest
 
 from strandcast.camera.flat import flat_camera
 from strandcast.camera.shift import find_shift, shift_warnings
-from strandcast.tracking.scene_checks import calibration_warnings
+from strandcast.tracking.scene_checks import movement_warnings
 
 HEIGHT, WIDTH, ROOM = 240, 320, 30
 CAMERA = flat_camera(WIDTH, HEIGHT, 2e-3, (0.0, 0.0))
@@ -63,5 +63,5 @@ def test_a_film_without_plane_markers_is_compared_with_itself_or_the_empty_scene
         pictures=[filmed(wall(), right, seed=seed) for seed, right in enumerate(rights)],
     )
     empty = None if empty_off is None else filmed(wall(), empty_off, seed=99)
-    warnings = calibration_warnings(CAMERA, SimpleNamespace(markers={}), [], samples, empty, "v.mp4")
+    warnings = movement_warnings(CAMERA, samples, empty, "v.mp4")
     assert [f"moved since {since}" in warning for warning in warnings] == ([] if since is None else [True])

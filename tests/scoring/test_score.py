@@ -87,6 +87,35 @@ def test_the_error_of_the_cameras_plane_is_part_of_the_miss():
     assert error.at(np.array([5.0, 0.3])) == 0.003
 
 
+def test_the_error_that_all_frames_share_is_part_of_the_miss():
+    aim = Aim("e", 1, PointObjective().aimed_at((0.0, 0.0)), (0.0, 0.0), 0.02)
+    without, found = (score_throw(fly_by(), alignment(), aim, 0.3, None, each) for each in (0.0, 0.004))
+    assert found.miss_sigma_m == pytest.approx(np.hypot(without.miss_sigma_m, 0.004))
+    assert found.miss_m == without.miss_m
+
+
+def test_a_doubtful_frame_is_scored_by_those_around_it():
+    """Where the target hides the string's end, its frame says little, and those around it all."""
+    track = fly_by()
+    track.sigma_m[:] = 0.0003
+    track.sigma_m[99:102, 2] = 0.003
+    track.points_m[99:102, 2] += 0.002
+    found = verdict(track)
+    assert found.miss_m == pytest.approx(0.013, abs=0.0005)
+    assert 0.0003 < found.miss_sigma_m < 0.0009
+    lonely = verdict(fly_by(keep=np.isin(np.arange(200), [0, 50, 100, 101, 150])))  # nothing near
+    assert lonely.miss_sigma_m == pytest.approx(0.001 / np.sqrt(2))
+
+
+def test_a_path_that_turns_at_a_contact_is_not_smoothed():
+    track = fly_by()
+    track.points_m[101:, 2, 0] = track.points_m[100, 2, 0] - SPEED_M_S * STEP_S * np.arange(1, 100)
+    track.sigma_m[100, 2] = 0.003
+    found = verdict(track)
+    assert found.closest_m == pytest.approx([-SPEED_M_S * STEP_S / 2, 0.013])
+    assert found.miss_sigma_m == pytest.approx(0.003)
+
+
 def test_a_throw_that_begins_at_its_target_hits_only_if_it_comes_back():
     track = fly_by(height_m=0.012)
     rests = np.arange(len(track.frame)) < 50

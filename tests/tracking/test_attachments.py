@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from strandcast.records.track import DetectedSection, DetectedWeight
-from strandcast.tracking.attachments.declared_vs_detected import declaration_conflicts, hidden_tip_warnings
+from strandcast.tracking.attachments.declared_vs_detected import declaration_conflicts
 from strandcast.tracking.attachments.detect import Attachments, attachments_from_widths, detect_attachments
 from strandcast.tracking.attachments.widths import choose_frames, places_along, widths_along
 from strandcast.tracking.chain.search_window import HandBox, SearchWindow
@@ -217,14 +217,6 @@ def test_an_unsure_place_is_no_contradiction():
 def test_an_undeclared_weight_is_warned_of():
     (warning,) = declaration_conflicts(attachments([0.15, 0.22]), [0.15], [], 0.30)
     assert "undeclared weight is detected at 220" in warning
-
-
-def test_a_weight_that_hides_the_strings_end_is_warned_of():
-    (warning,) = hidden_tip_warnings(0.010, [0.1, 0.29], 0.30)
-    assert "declared at 290 mm hides the string's end" in warning
-    assert "up to 10 mm off" in warning
-    for radius_m, weights_m in ((0.010, [0.30]), (0.010, [0.31]), (0.010, [0.2]), (0.010, []), (0.0, [0.29])):
-        assert hidden_tip_warnings(radius_m, weights_m, 0.30) == []
 
 
 def test_a_declared_section_is_compared_with_the_detected_one():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from strandcast.tracking.chain.appearance import Appearance
-from strandcast.tracking.chain.detection import Detection, learn_appearance, visible_length
+from strandcast.tracking.chain.detection import END_WIDTHS, Detection, learn_appearance, visible_length
 from strandcast.tracking.chain.fit import FrameFit
 from strandcast.tracking.chain.measure import level_at, levels_on, width_at_half
 from strandcast.tracking.chain.search_window import HandBox, SearchWindow
@@ -34,7 +34,7 @@ def detection(end_m, half_m=0.002, value=0.9, open_share=1.0):
 def test_a_thin_end_is_no_bead():
     appearance = learn_appearance([detection(0.004)] * 5 + [detection(0.012, half_m=0.011)], 0.0015)
     assert not appearance.has_bead
-    assert appearance.tip_excess_m == pytest.approx(0.001)
+    assert appearance.tip_excess_m == pytest.approx(END_WIDTHS * 0.002)  # its own width, not the string's
 
 
 def test_a_bead_is_what_most_frames_show():
@@ -45,14 +45,23 @@ def test_a_bead_is_what_most_frames_show():
     assert appearance.tip_excess_m == pytest.approx(0.011)
 
 
+@pytest.mark.parametrize(
+    ("beyond_m", "excess_m", "kept_m"), [(0.007, 0.004, 0.007), (0.013, 0.0, 0.013), (0.03, 0.011, 0.0)]
+)
+def test_a_weight_declared_before_the_end_says_where_the_end_under_it_is(beyond_m, excess_m, kept_m):
+    appearance = learn_appearance([detection(0.012, half_m=0.011)] * 4, 0.0015, beyond_m)
+    assert appearance.tip_excess_m == pytest.approx(excess_m)
+    assert (appearance.bead_m, appearance.beyond_m) == (0.011, kept_m)
+
+
 def test_few_frames_that_all_show_a_bead_are_enough():
     seen = [detection(0.012, half_m=0.011, open_share=share) for share in (0.92, 0.9, 0.82, 0.47)]
     assert learn_appearance([*seen, detection(np.nan)], 0.0015).has_bead
 
 
-def test_where_no_end_is_clear_the_tip_is_half_a_width_before_it():
+def test_where_no_end_is_clear_the_tip_is_within_a_width_before_it():
     appearance = learn_appearance([detection(np.nan)] * 5, 0.0015)
-    assert appearance.tip_excess_m == appearance.half_m
+    assert appearance.tip_excess_m == END_WIDTHS * appearance.half_m
 
 
 def test_width_is_interpolated_between_samples():

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from strandcast.config.string import String, Weight
 from strandcast.errors import StrandcastError
 from strandcast.tracking.chain.point_uncertainty import hidden_reach_m
 from strandcast.tracking.scene_checks import exposure_warnings
@@ -73,6 +74,16 @@ def test_a_bead_at_the_tip_is_detected_and_tracked(scene, tmp_path):
     assert tracked.choices["bead_at_tip"] is True
     assert tracked.choices["tip_excess_m"] == pytest.approx(6.0 * scene.SCALE_M, abs=0.0015)
     assert np.sqrt(((tracked.points_m[:, -1] - curves[:, -1]) ** 2).sum(axis=1).mean()) < 1.0e-3
+    assert tracked.tip_sigma_m == pytest.approx(
+        0.5 * 0.009 / np.sqrt(2), abs=5e-4
+    )  # where in it the string ends
+    # Declared, with 7 mm of string beyond its middle, which it hides.
+    string = String(length_m=0.307, points=10, weights=[Weight(place_m=0.3)])
+    known = scene.track(tmp_path / "v.mkv", length_m=0.307, string=string)
+    along = curves[:, -1] - curves[:, -2]
+    end_m = curves[:, -1] + 0.007 * along / np.linalg.norm(along, axis=1, keepdims=True)
+    assert np.sqrt(((known.points_m[:, -1] - end_m) ** 2).sum(axis=1).mean()) < 1.5e-3
+    assert 0.0005 < known.tip_sigma_m < 0.001
 
 
 def refusal(scene, path, **changes) -> StrandcastError:
@@ -125,7 +136,12 @@ def test_a_hidden_place_is_within_reach_of_the_visible_string():
 
 def test_the_hint_is_the_string_beyond_the_clamp(scene, filmed):
     given = scene.tracker_input(filmed[0], free_length_m=0.29)
-    assert dataclasses.asdict(given.hint) == {"length_m": 0.29, "points": POINTS, "thickness_m": None}
+    assert dataclasses.asdict(given.hint) == {
+        "length_m": 0.29,
+        "points": POINTS,
+        "thickness_m": None,
+        "beyond_m": 0.0,
+    }
 
 
 def test_the_picture_holds_the_closest_approach(scene, filmed):

@@ -15,7 +15,10 @@ SPACING_M = 0.03  # between mass points if `points` is not given (chosen; about 
 class Weight(Section):
     """A weight at a known position on the string."""
 
-    place_m: Place = Field(description="Distance of the weight from the clamp along the string.")
+    place_m: Place = Field(
+        description="Distance of the weight's middle from the clamp along the string. The miss is that of "
+        "the string's end, also where a weight hides it."
+    )
     mass_kg: Annotated[float, Field(gt=0, le=1)] | None = Field(
         None,
         description="Mass of the lab's weight. Set it in the lab only; with a real string the mass is "

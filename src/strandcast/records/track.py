@@ -136,6 +136,7 @@ class TrackSummary(Record):
     choices: dict[str, float | int | str | bool | None]  # every automatic choice, by name
     cameras: list[str] = ["main"]  # that filmed it; none where it was supplied
     warnings: list[str]
+    tip_sigma_m: float = 0.0  # standard error of the tip, per axis, that all frames have in common
     weights: list[DetectedWeight] = []
     sections: list[DetectedSection] = []
     target: DetectedTarget | None = None

@@ -20,7 +20,9 @@ class Verdict(Record):
     target_m: list[float] | None  # null: the experiment has no target
     hit_radius_m: float
     miss_m: float | None
-    miss_sigma_m: float | None  # of the tip and, where a camera filmed it, of the string's plane
+    miss_sigma_m: (
+        float | None
+    )  # of the tip in its frames and in all, and of the string's plane where a camera filmed it
     hit: bool | None
     closest_frame: int | None
     closest_robot_time_s: float | None

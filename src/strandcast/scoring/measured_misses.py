@@ -73,6 +73,11 @@ class Shortfall(NamedTuple):
     tip_m: np.ndarray
 
 
+AROUND_S = (
+    0.0061  # three frames to each side at 500 frames/s; a whip's tip is a cubic within 0.1 mm for as long
+)
+CUBIC = 4  # coefficients
+FITS = 4.0  # standard errors; chosen
 Measured = tuple[Shortfall | None, str | None]  # the shortfall, or why it is not known
 Series = tuple[np.ndarray, np.ndarray]  # (F,) the miss at each frame, NaN where not known; its sigma [m]
 
@@ -187,7 +192,7 @@ def _across_gaps(
 def nearest(throw: TrackedThrow, target_m: np.ndarray) -> Measured:
     """Return the tip's closest approach to a place (2 or 3,) or bar (2, 2), between the frames too."""
     rows = np.flatnonzero(np.isfinite(throw.points_m[:, -1]).all(axis=1))
-    tip_m = throw.points_m[rows, -1]
+    tip_m, sigma_m = smoothed(throw.time_s[rows], throw.points_m[rows, -1], throw.sigma_m[rows, -1])
     found, reason = closest_approach(
         throw.time_s[rows], tip_m, target_m, throw.step_s, throw.window_s, throw.touch_m
     )
@@ -196,11 +201,32 @@ def nearest(throw: TrackedThrow, target_m: np.ndarray) -> Measured:
     before, after, share = rows[found.index], rows[found.index + 1], found.share
     return Shortfall(
         found.distance_m,
-        float(np.hypot(*(np.array([1 - share, share]) * throw.sigma_m[[before, after], -1]))),
+        float(np.hypot(*(np.array([1 - share, share]) * sigma_m[found.index : found.index + 2]))),
         int(before if share < 0.5 else after),
         float((1 - share) * throw.time_s[before] + share * throw.time_s[after]),
         found.place_m,
     ), None
+
+
+def smoothed(time_s: np.ndarray, path_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a path (F, 2 or 3) and its sigma (F,), a doubtful frame's from those around it.
+
+    A cubic is fitted to the frames within `AROUND_S`, each by its sigma. Errors of neighbours are alike: its
+    own sigma is the most that they can add up to. A path that turns sharply, as at a contact, fits no cubic.
+    """
+    path, sigma = path_m.copy(), sigma_m.copy()
+    for k in range(len(time_s)):
+        near = np.flatnonzero(np.abs(time_s - time_s[k]) <= AROUND_S)
+        if len(near) <= CUBIC or not np.isfinite(sigma_m[near]).all():
+            continue
+        powers = ((time_s[near] - time_s[k]) / AROUND_S)[:, None] ** np.arange(CUBIC)
+        weights = np.maximum(sigma_m[near], 1e-9) ** -2
+        shares = np.linalg.pinv(powers * np.sqrt(weights)[:, None]) * np.sqrt(weights)
+        most_m = float(np.abs(shares[0]) @ sigma_m[near])
+        off_m = np.linalg.norm(path_m[near] - powers @ (shares @ path_m[near]), axis=1)
+        if most_m < sigma_m[k] and (off_m <= FITS * np.maximum(sigma_m[near], 1e-9)).all():
+            path[k], sigma[k] = shares[0] @ path_m[near], most_m
+    return path, sigma
 
 
 def least(throw: TrackedThrow, miss_m: np.ndarray, sigma_m: np.ndarray) -> Measured:

@@ -35,20 +35,27 @@ class Aim(NamedTuple):
 
 
 def score_throw(
-    track: Track, alignment: Alignment, aim: Aim, length_m: float, plane_error: PlaneError | None = None
+    track: Track,
+    alignment: Alignment,
+    aim: Aim,
+    length_m: float,
+    plane_error: PlaneError | None = None,
+    tip_sigma_m: float = 0.0,
 ) -> Verdict:
-    """Score one throw; the arguments are those of `tracked_shortfall`, and the camera's error if known.
+    """Score one throw; the arguments are those of `tracked_shortfall`, and the errors that all frames share.
 
-    The errors of tip and plane are independent: one is the tracker's in a few frames, the other is the
-    calibration's, the same in all of them.
+    These are the calibration's, and the tip's own: where a string ends is seen no better than its end is
+    shaped. They are independent of the tracker's in a few frames.
     """
     shortfall, reason = tracked_shortfall(track, alignment, aim.objective, length_m, aim.hit_radius_m)
     if shortfall is None:
         return _verdict(aim, reason=reason)
+    plane_m = 0.0
     if plane_error is not None:
         seen = np.isfinite(shortfall.tip_m).all()
         plane_m = plane_error.at(shortfall.tip_m) if seen else plane_error.median_m
-        shortfall = shortfall._replace(sigma_m=float(np.hypot(shortfall.sigma_m, plane_m)))
+    sigma_m = float(np.sqrt(shortfall.sigma_m**2 + plane_m**2 + tip_sigma_m**2))
+    shortfall = shortfall._replace(sigma_m=sigma_m)
     return _verdict(aim, shortfall, frame=int(track.frame[shortfall.row]))
 
 

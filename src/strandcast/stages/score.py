@@ -24,4 +24,4 @@ def verdict_of(job: Job, files: Files) -> Verdict:
     cameras = [Camera.read(path) for path in files.inputs("cameras")]
     plane_error = cameras[0].plane_error if cameras else None
     aim = Aim(job.context.name, job.trial, settings.aim, settings.target_m, settings.hit_radius_m)
-    return score_throw(track, alignment, aim, summary.length_m, plane_error)
+    return score_throw(track, alignment, aim, summary.length_m, plane_error, summary.tip_sigma_m)

@@ -93,5 +93,6 @@ def _summary(job: Job, tracked: Tracked, manifest: Manifest, length_m: float) ->
         target=tracked.target,
         contact=tracked.contact,
         led=tracked.led,
+        tip_sigma_m=tracked.tip_sigma_m,
         warnings=list(tracked.warnings),
     )

@@ -20,6 +20,7 @@ class Tracked:
     strobe: np.ndarray  # colour picture of the throw, (height, width, 3)
     choices: dict[str, float | int | str | bool | None]  # estimates and decisions, for track.json
     warnings: tuple[str, ...] = ()  # for the user
+    tip_sigma_m: float = 0.0  # see `strandcast.records.track.TrackSummary`
     attachments: Attachments = NOTHING
     target: DetectedTarget | None = None
     contact: Contact | None = None

@@ -8,13 +8,14 @@ import numpy as np
 from strandcast.camera.markers import eight_bit
 from strandcast.camera.movement import check_movement, find_movement
 from strandcast.camera.shift import shift_warnings
-from strandcast.camera.tilt import check_plane_tilt, fit_plane_tilt
+from strandcast.camera.tilt import PlaneTilt, fit_plane_tilt
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
 from strandcast.tracking.background import Samples, pixel_median
+from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.clamp_fit import LEAST_FRAMES, ClampFit
 from strandcast.tracking.chain.frames import StringFrames
-from strandcast.tracking.chain.out_of_plane import apparent_strings, measure_out_of_plane
+from strandcast.tracking.chain.out_of_plane import OutOfPlane, apparent_strings, measure_out_of_plane
 from strandcast.tracking.chain.string_track import StringTrack
 from strandcast.tracking.hand.finder import HandDetection, HandFinder
 
@@ -25,6 +26,9 @@ FASTEST_PERCENTILE = 99.0  # chosen: of the points' speeds; single wrong points 
 # Chosen: range of the apparent length from which the string has left the plane, and that over its length;
 # thrown in the plane, it was 1.0 mm at most.
 TILTED_M, TILTED_SHARE = 0.003, 0.006
+# Standard error of the distance from the string's end to its last visible pixel: see `detection.END_WIDTHS`.
+END_SIGMA = 0.9
+RULER_M = 0.001  # chosen: standard error of the declared length beyond a weight
 LARGEST_CORRECTION = 0.03  # chosen: relative difference between declared and detected length
 
 
@@ -41,29 +45,19 @@ def check_hand(hands: Sequence[HandDetection | None], finder: HandFinder, video:
         )
 
 
-def calibration_warnings(
-    camera: Camera,
-    finder: HandFinder,
-    hands: Sequence[HandDetection | None],
-    samples: Samples,
-    empty: np.ndarray | None,
-    video: Path,
-) -> list[str]:
-    """Return warnings about a camera that moved or a hand out of plane; refuse large deviations.
-
-    `empty` is the picture of the empty scene, if the experiment gives one.
-    """
-    warnings = _movement_warnings(camera, samples, empty, video)
+def plane_tilts(camera: Camera, finder: HandFinder, hands: Sequence[HandDetection | None]) -> list[PlaneTilt]:
+    """Return the plane in which each of the hand's markers moved, where enough frames show it."""
+    tilts = []
     for marker, shape in finder.markers.items():
         corners = [hand.corners_px[marker] for hand in hands if hand and marker in hand.corners_px]
         if corners:
             offset_m = finder.string_offset_m + shape.offset_m
-            tilt = fit_plane_tilt(camera, np.stack(corners), shape.size_m, offset_m)
-            warnings += check_plane_tilt(tilt, video) if tilt is not None else []
-    return warnings
+            tilts.append(fit_plane_tilt(camera, np.stack(corners), shape.size_m, offset_m))
+    return [tilt for tilt in tilts if tilt is not None]
 
 
-def _movement_warnings(camera: Camera, samples: Samples, empty: np.ndarray | None, video: Path) -> list[str]:
+def movement_warnings(camera: Camera, samples: Samples, empty: np.ndarray | None, video: Path) -> list[str]:
+    """Return warnings about a camera that moved; `empty` is the picture of the empty scene, if given."""
     chosen = np.unique(np.linspace(0, len(samples.pictures) - 1, MOVED_FRAMES).astype(int)).tolist()
     compared = [(samples.indices[k], find_movement(camera, eight_bit(samples.pictures[k]))) for k in chosen]
     by_markers = [(index, moved) for index, moved in compared if moved is not None]
@@ -127,11 +121,15 @@ def length_warnings(clamp_fit: ClampFit, given_m: float) -> list[str]:
     ]
 
 
-def out_of_plane_warnings(frames: StringFrames, string: StringTrack, camera: Camera) -> list[str]:
-    """Return a warning about a string that left the plane of motion, which one camera cannot see."""
+def left_plane(frames: StringFrames, string: StringTrack, camera: Camera) -> OutOfPlane | None:
+    """Return how far the string left the plane of motion, which one camera cannot see; None if it did not."""
     length_m = string.learned.clamp_fit.length_m
     least_m = max(TILTED_M, TILTED_SHARE * length_m)
-    out = measure_out_of_plane(apparent_strings(frames, string.first.fits), length_m, camera, least_m)
+    return measure_out_of_plane(apparent_strings(frames, string.first.fits), length_m, camera, least_m)
+
+
+def out_of_plane_warnings(out: OutOfPlane | None) -> list[str]:
+    """Return a warning about a string that left the plane of motion."""
     if out is None:
         return []
     range_mm, depth_mm, error_mm = (1e3 * each_m for each_m in out)
@@ -141,3 +139,29 @@ def out_of_plane_warnings(frames: StringFrames, string: StringTrack, camera: Cam
         f"mm wrong in the plane, and a miss may be {depth_mm:.0f} mm larger than it seems. Keep to one "
         "plane, or film with a second camera (`strandcast import views`)"
     ]
+
+
+def tip_sigma_m(
+    appearance: Appearance, weighted: bool, tilts_m: Sequence[float], out: OutOfPlane | None
+) -> float:
+    """Return the standard error of the tip, per axis, that all frames have in common [m].
+
+    Parameters
+    ----------
+    appearance
+        Of the string: its end is seen no better than it is shaped, or not at all under a bead.
+    weighted
+        Whether a weight is declared.
+    tilts_m
+        Largest error of places seen in a plane that is not the declared one.
+    out
+        How far the string left the plane.
+    """
+    if not appearance.has_bead:
+        along_m = END_SIGMA * appearance.tip_excess_m
+    elif weighted:
+        along_m = RULER_M if appearance.beyond_m > 0.0 else 0.0
+    else:
+        along_m = 0.5 * appearance.bead_m
+    at_most_m = [*tilts_m, *([] if out is None else [np.hypot(out.depth_m, out.tip_error_m)])]
+    return float(np.sqrt(0.5 * along_m**2 + sum(each_m**2 for each_m in at_most_m) / 3.0))

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from strandcast.camera.tilt import check_plane_tilt
 from strandcast.config.track import TrackSettings
-from strandcast.tracking.attachments.declared_vs_detected import declaration_conflicts, hidden_tip_warnings
+from strandcast.tracking.attachments.declared_vs_detected import declaration_conflicts
 from strandcast.tracking.chain.acceleration_gate import gate_accelerations
 from strandcast.tracking.chain.bridge import bridge_points
 from strandcast.tracking.chain.frames import StringFrames
@@ -24,11 +25,14 @@ from strandcast.tracking.pixel_map import tabulate
 from strandcast.tracking.preconditions import check_size
 from strandcast.tracking.result import Tracked
 from strandcast.tracking.scene_checks import (
-    calibration_warnings,
     check_hand,
     confidence_warnings,
+    left_plane,
     length_warnings,
+    movement_warnings,
     out_of_plane_warnings,
+    plane_tilts,
+    tip_sigma_m,
 )
 from strandcast.tracking.strobe import (
     choose_instants,
@@ -74,6 +78,9 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         thrown = [
             frame_picture(k, sampled, samples.pictures, crops, background.picture) for k in instants.tolist()
         ]
+        out = left_plane(frames, string, camera)
+    tilts = plane_tilts(camera, finder, decoded.hands)
+    tilted = {tilt.cost_m: found for tilt in tilts if (found := check_plane_tilt(tilt, given.video))}
     target = None if given.target_m is None else locate_target(background.picture, camera, given.target_m)
     appearance = string.first.appearance
     tip = TipPath(time_s, points_m[:, -1], flags[:, -1] == 0, appearance.tip_excess_m)
@@ -96,15 +103,13 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         warnings=(
             *(target_warnings(target) if given.target_m is not None else ()),
             *led_warnings,
-            *calibration_warnings(camera, finder, decoded.hands, samples, given.background, given.video),
+            *movement_warnings(camera, samples, given.background, given.video),
+            *(warning for warnings in tilted.values() for warning in warnings),
             *finder.contradictions(),
             *confidence_warnings(points_m, flags),
             *length_warnings(string.learned.clamp_fit, given.free_length_m),
-            *out_of_plane_warnings(frames, string, camera),
+            *out_of_plane_warnings(out),
             *decoded.warnings,
-            *hidden_tip_warnings(
-                appearance.tip_excess_m if appearance.has_bead else 0.0, weights_m, given.free_length_m
-            ),
             *declaration_conflicts(
                 string.learned.attachments,
                 weights_m,
@@ -112,6 +117,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
                 given.free_length_m,
             ),
         ),
+        tip_sigma_m=tip_sigma_m(appearance, bool(weights_m), list(tilted), out),
         attachments=string.learned.attachments,
         target=target,
         contact=detect_contact(tip, target, camera, samples),

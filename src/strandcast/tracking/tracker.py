@@ -17,11 +17,15 @@ from strandcast.tracking.result import Tracked
 
 @dataclass(frozen=True)
 class StringHint:
-    """The string as known before tracking: free length, number of mass points n, thickness if measured."""
+    """The string as known before tracking: free length, number of mass points n, thickness if measured.
+
+    `beyond_m` is its length beyond the middle of the last declared weight; 0 without one.
+    """
 
     length_m: float
     points: int
     thickness_m: float | None = None
+    beyond_m: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +48,9 @@ class TrackerInput:
     @property
     def hint(self) -> StringHint:
         """Return the string as the chain is fitted to it."""
-        return StringHint(self.free_length_m, self.string.n, self.string.thickness_m)
+        length_m, weights = self.free_length_m, self.string.weights
+        last_m = max((weight.place_m for weight in weights), default=length_m)
+        return StringHint(length_m, self.string.n, self.string.thickness_m, max(length_m - last_m, 0.0))
 
 
 @dataclass(frozen=True)

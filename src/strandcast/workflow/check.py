@@ -128,6 +128,10 @@ def _check_arm(context: Context, found: Checked) -> None:
     string = settings.string
     task = task_of(context, arm)
     found.facts.append(f"string of {string.length_m:g} m as {task.model.points} points, arm {arm.name}")
+    if string.weights:
+        before_m = string.length_m - max(weight.place_m for weight in string.weights)
+        end = f"{1e3 * before_m:.0f} mm before its end" if before_m > 0.0 else "at its end"
+        found.facts.append(f"the last weight's middle is {end}; the miss is that of the end")
     if isinstance(arm, Arm):
         _check_marker_ids(context, arm, found)
     _, reach_m = reach(arm)

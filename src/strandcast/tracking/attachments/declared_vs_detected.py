@@ -13,7 +13,6 @@ if TYPE_CHECKING:  # it costs an import of scipy, and the estimate stage needs t
 SIGMAS = 4.0
 LEAST_M = 0.010  # a smaller difference of a weight's place is no conflict
 LEAST_END_M = 0.015  # and of a section's end
-AT_TIP_M = 0.003  # a weight declared this near to the tip is the tip's own; chosen
 
 
 def declaration_conflicts(
@@ -29,25 +28,6 @@ def declaration_conflicts(
     for from_m, to_m in sections_m:
         warnings += _section(found, from_m, min(to_m, length_m))
     return warnings
-
-
-def hidden_tip_warnings(bead_radius_m: float, weights_m: list[float], length_m: float) -> list[str]:
-    """Return a warning if the weight seen at the tip is declared before it: it hides the string's end.
-
-    Parameters
-    ----------
-    bead_radius_m
-        Of the weight that is seen at the tip; 0 if there is none.
-    weights_m, length_m
-        As in `declaration_conflicts`.
-    """
-    before_m = length_m - max((min(place, length_m) for place in weights_m), default=length_m)
-    if not AT_TIP_M < before_m < 2.0 * bead_radius_m:
-        return []
-    return [
-        f"string.weights: the weight declared at {_mm(length_m - before_m)} hides the string's end; the tip "
-        f"is taken to be its centre, up to {_mm(before_m)} off, and the miss is as uncertain"
-    ]
 
 
 def _weights(found: Attachments, declared_m: list[float]) -> list[str]:

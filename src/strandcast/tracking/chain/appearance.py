@@ -10,13 +10,15 @@ class Appearance(NamedTuple):
 
     half_m: float  # half its visible width, including the lens blur
     contrast: float  # line score of a clear piece of string
-    tip_excess_m: float = 0.0  # visible end beyond the tip's mass point: half the width, or a bead's radius
-    bead_level: float = float("nan")  # of the bead at the tip; NaN if there is none
+    tip_excess_m: float = 0.0  # from the string's end to the last that is visible of it, or of the bead there
+    bead_level: float = float("nan")  # of the bead at the end; NaN if there is none
+    bead_m: float = 0.0  # the bead's radius,
+    beyond_m: float = 0.0  # and the length of string beyond its centre
     polarity: float = 0.0  # 1 if the string is brighter than the background, -1 if darker, 0 if both occur
     noise: float = 1.0  # standard deviation of unchanged pixels
     level: float = float("nan")  # at its centre line; NaN if unknown
 
     @property
     def has_bead(self) -> bool:
-        """Return whether a bead hangs at the tip."""
+        """Return whether a bead hides the string's end."""
         return bool(np.isfinite(self.bead_level))

@@ -23,7 +23,11 @@ ALONE = 1.5  # an end alone counts as 1, two in the same place as 2
 LENGTH_SHARE = 0.04  # ends farther off than this share of the given length, which may be wrong, count less
 FOUND = 0.35  # mean reward of a path that is the string
 BEAD_TIMES = 1.6  # wider than this, in the string's own widths plus a pixel, is a bead at the tip
+HIDES = 2.0  # radii: a weight declared farther from the end than this is not the one seen there
 BEAD_FRAMES, BEAD_SHARE = 3, 0.6  # frames, and share of those with a clear end, that must show a bead there
+# From the string's end to its last visible pixel, in half its visible width. Measured on two renderers' films
+# (docs/explanation/sure-misses.md): 0.1 to 0.3 where it is cut, 0.7 to 1.1 where round, 1.8 where frayed.
+END_WIDTHS = 0.6
 OPEN_SHARE = 0.9  # of the largest open share, from which a frame shows the string's end well
 NO_BEADS, NO_PLACES = Beads(np.zeros(0), np.zeros(0), np.zeros(0)), np.zeros((0, 2))
 
@@ -97,8 +101,12 @@ def _with_end(
     return Detection(frame, appearance, fit, end_m, half_m, level)
 
 
-def learn_appearance(detections: list[Detection], pixel_m: float) -> Appearance:
-    """Return the string's appearance: the medians over the detections (at least one) that show it well."""
+def learn_appearance(detections: list[Detection], pixel_m: float, beyond_m: float = 0.0) -> Appearance:
+    """Return the string's appearance: the medians over the detections (at least one) that show it well.
+
+    `beyond_m` is the length of string beyond the centre of the last weight, as declared: if that weight hides
+    the string's end, this says where it is.
+    """
     good = [one for one in detections if one.fit.value >= GOOD] or detections
     appearance = Appearance(
         half_m=float(np.median([one.appearance.half_m for one in good])),
@@ -113,10 +121,14 @@ def learn_appearance(detections: list[Detection], pixel_m: float) -> Appearance:
     clear = ended[: max(BEAD_FRAMES, sum(one.fit.open_share >= least for one in ended))]
     wide = [one for one in clear if one.end_half_m > BEAD_TIMES * appearance.half_m + pixel_m]
     if len(wide) < max(BEAD_FRAMES, BEAD_SHARE * len(clear)):
-        return appearance._replace(tip_excess_m=appearance.half_m)
+        half_m = float(np.median([one.end_half_m for one in clear])) if clear else appearance.half_m
+        return appearance._replace(tip_excess_m=END_WIDTHS * half_m)
     half_m = float(np.median([one.end_half_m for one in wide]))
     level = float(np.median([one.end_level for one in wide]))
-    return appearance._replace(tip_excess_m=half_m, bead_level=level)
+    if beyond_m >= HIDES * half_m:
+        beyond_m = 0.0
+    excess_m = max(half_m - beyond_m, 0.0)
+    return appearance._replace(tip_excess_m=excess_m, bead_level=level, bead_m=half_m, beyond_m=beyond_m)
 
 
 def visible_length(detections: list[Detection], appearance: Appearance, given_m: float) -> float:

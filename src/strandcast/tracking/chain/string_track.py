@@ -99,7 +99,7 @@ def first_pass(
             fix="run `strandcast preview`; check the clamp's place and angle in the arm's file, the light, "
             "and track.polarity, contrast_grey and background_picture",
         )
-    appearance = learn_appearance(detections, frames.crops.plane.metre_per_pixel)
+    appearance = learn_appearance(detections, frames.crops.plane.metre_per_pixel, hint.beyond_m)
     if settings.contrast_grey is not None:
         appearance = appearance._replace(contrast=settings.contrast_grey)
     links, links_per_point = chain_of(hint)
@@ -130,8 +130,10 @@ def attachments_of(frames: StringFrames, first: FirstPass) -> Attachments:
 
 
 def tip_bead(appearance: Appearance, length_m: float) -> list[tuple[float, float, float]]:
-    """Return place, radius and grey level of the bead at the tip, if there is one."""
-    return [(length_m, appearance.tip_excess_m, appearance.bead_level)] if appearance.has_bead else []
+    """Return place, radius and grey level of the bead at the string's end, if there is one."""
+    if not appearance.has_bead:
+        return []
+    return [(length_m - appearance.beyond_m, appearance.bead_m, appearance.bead_level)]
 
 
 def beads_of(rows: list[tuple[float, float, float]]) -> Beads:
@@ -143,10 +145,9 @@ def beads_of(rows: list[tuple[float, float, float]]) -> Beads:
 def all_beads(frames: StringFrames, first: FirstPass, attachments: Attachments, clamp_fit: ClampFit) -> Beads:
     """Return the beads on the string: detected weights, then the tip's."""
     length_m = clamp_fit.length_m
+    at_tip_m = TIP_BEAD_M + first.appearance.beyond_m
     least_m = BEAD_TIMES * first.appearance.half_m  # a smaller weight cannot be tracked as a bead
-    weights = [
-        w for w in attachments.weights if w.half_width_m > least_m and w.place_m < length_m - TIP_BEAD_M
-    ]
+    weights = [w for w in attachments.weights if w.half_width_m > least_m and w.place_m < length_m - at_tip_m]
     shift_m = length_m - first.length_m
     inner = [
         (w.place_m, w.half_width_m, bead_level(frames, first.fits, w.place_m - shift_m)) for w in weights
