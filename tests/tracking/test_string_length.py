@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from strandcast.core.hand_marker import HandMarker
+from strandcast.tracking.chain.clamp_fit import ClampFit
+from strandcast.tracking.scene_checks import length_warnings
 
 
 @pytest.mark.parametrize("given_m", [0.27, pytest.param(0.33, marks=pytest.mark.thorough)])
@@ -16,6 +18,15 @@ def test_a_declared_length_off_by_a_tenth_is_corrected_and_reported(scene, filme
     sure = tracked.flags[:, -1] == 0
     assert sure.mean() > 0.8
     assert np.nanmedian(off[sure]) < 1e-3
+
+
+def test_a_length_off_by_more_than_its_error_is_reported_with_the_right_one():
+    seen = ClampFit(0.480, 0.0012, 0.0, 0.001, 200)
+    (warning,) = length_warnings(seen, 0.494, 0.504)  # 3 %, and seven standard errors
+    assert "480.0 ± 1.2 mm hang from the clamp, not 494.0 mm" in warning
+    assert warning.endswith("As seen, it is 0.490")
+    assert length_warnings(seen, 0.485, 0.495) == []  # as a hand clamps a string
+    assert length_warnings(seen._replace(length_sigma_m=0.01), 0.494, 0.504) == []
 
 
 def test_markers_that_contradict_the_arms_file_are_reported(scene, filmed):

@@ -29,7 +29,8 @@ TILTED_M, TILTED_SHARE = 0.003, 0.006
 # Standard error of the distance from the string's end to its last visible pixel: see `detection.END_WIDTHS`.
 END_SIGMA = 0.9
 RULER_M = 0.001  # chosen: standard error of the declared length beyond a weight
-LARGEST_CORRECTION = 0.03  # chosen: relative difference between declared and detected length
+GRASP_M = 0.002  # chosen: by how much the length differs from throw to throw, as a hand clamps a string
+SIGMAS = 4.0
 
 
 def check_hand(hands: Sequence[HandDetection | None], finder: HandFinder, video: Path) -> None:
@@ -105,19 +106,24 @@ def exposure_warnings(
     ]
 
 
-def length_warnings(clamp_fit: ClampFit, given_m: float) -> list[str]:
-    """Return warnings about a string whose detected length differs from the declared one."""
+def length_warnings(clamp_fit: ClampFit, given_m: float, declared_m: float) -> list[str]:
+    """Return warnings about a string whose detected length differs from the given one.
+
+    `given_m` is its free length as it follows from `declared_m`, which includes what is in the clamp.
+    """
     off_m = clamp_fit.length_m - given_m
     if clamp_fit.frames < LEAST_FRAMES:
         return [
             f"only {clamp_fit.frames} frames show the string's end: its length stays as given, "
             f"{1e3 * given_m:.0f} mm; if that is wrong, so are all places along it"
         ]
-    if abs(off_m) < LARGEST_CORRECTION * given_m:
+    sigma_m = float(np.hypot(clamp_fit.length_sigma_m, GRASP_M))
+    if abs(off_m) < SIGMAS * sigma_m:
         return []
     return [
-        f"string.length_m: given {1e3 * given_m:.0f} mm, detected {1e3 * clamp_fit.length_m:.0f} mm; "
-        "measure it from the clamp to the tip"
+        f"string.length_m: {1e3 * clamp_fit.length_m:.1f} ± {1e3 * clamp_fit.length_sigma_m:.1f} mm hang from the "
+        f"clamp, not {1e3 * given_m:.1f} mm: measure it from the clamp to the end. As seen, it is "
+        f"{declared_m + off_m:.3f}"
     ]
 
 

@@ -107,7 +107,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
             *(warning for warnings in tilted.values() for warning in warnings),
             *finder.contradictions(),
             *confidence_warnings(points_m, flags),
-            *length_warnings(string.learned.clamp_fit, given.free_length_m),
+            *length_warnings(string.learned.clamp_fit, given.free_length_m, given.string.length_m),
             *out_of_plane_warnings(out),
             *decoded.warnings,
             *declaration_conflicts(
