@@ -8,7 +8,7 @@ import pytest
 from strandcast.config.string import String, Weight
 from strandcast.errors import StrandcastError
 from strandcast.tracking.chain.point_uncertainty import hidden_reach_m
-from strandcast.tracking.scene_checks import exposure_warnings
+from strandcast.tracking.scene_checks import RULER_M, exposure_warnings
 from strandcast.video.ingest import inspect_video
 
 POINTS = 10
@@ -83,7 +83,7 @@ def test_a_bead_at_the_tip_is_detected_and_tracked(scene, tmp_path):
     along = curves[:, -1] - curves[:, -2]
     end_m = curves[:, -1] + 0.007 * along / np.linalg.norm(along, axis=1, keepdims=True)
     assert np.sqrt(((known.points_m[:, -1] - end_m) ** 2).sum(axis=1).mean()) < 1.5e-3
-    assert 0.0005 < known.tip_sigma_m < 0.001
+    assert known.tip_sigma_m == pytest.approx(RULER_M / np.sqrt(2))
 
 
 def refusal(scene, path, **changes) -> StrandcastError:

@@ -28,7 +28,7 @@ FASTEST_PERCENTILE = 99.0  # chosen: of the points' speeds; single wrong points 
 TILTED_M, TILTED_SHARE = 0.003, 0.006
 # Standard error of the distance from the string's end to its last visible pixel: see `detection.END_WIDTHS`.
 END_SIGMA = 0.9
-RULER_M = 0.001  # chosen: standard error of the declared length beyond a weight
+RULER_M = 0.0005  # chosen: standard error of the declared length beyond a weight
 GRASP_M = 0.002  # chosen: by how much the length differs from throw to throw, as a hand clamps a string
 SIGMAS = 4.0
 
@@ -166,7 +166,7 @@ def tip_sigma_m(
     if not appearance.has_bead:
         along_m = END_SIGMA * appearance.tip_excess_m
     elif weighted:
-        along_m = RULER_M if appearance.beyond_m > 0.0 else 0.0
+        along_m = RULER_M
     else:
         along_m = 0.5 * appearance.bead_m
     at_most_m = [*tilts_m, *([] if out is None else [np.hypot(out.depth_m, out.tip_error_m)])]

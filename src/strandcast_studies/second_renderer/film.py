@@ -25,7 +25,7 @@ from strandcast_studies.second_renderer.rigs import (
 
 WHITE, BLACK = 0.8, 0.03  # of paper and ink
 STILL_SIDE = 3  # samples of a still pixel, along each side
-PHOTOS = 15
+PHOTOS = 24
 TARGET_M = 0.010
 DICTIONARY = cv2.aruco.DICT_4X4_50
 BOARDS = cv2.aruco.DICT_5X5_100  # of the lens board, the default of camera.board
@@ -90,13 +90,13 @@ def board_photo(optics: Optics, random: np.random.Generator) -> np.ndarray:
     )
     scale = random.uniform(0.5, 0.7) * optics.width_px / optics.focal_px[0]
     distance_m = size[0] / scale
-    turn = random.uniform(0.45, 0.8, 3) * random.choice([-1.0, 1.0], 3) * [1, 1, 0.5]
-    middle_px = np.array([optics.width_px, optics.height_px]) * random.uniform(0.2, 0.8, 2)
+    turn = random.uniform(0.1, 0.75, 3) * random.choice([-1.0, 1.0], 3) * [1, 1, 0.5]
+    middle_px = np.array([optics.width_px, optics.height_px]) * random.uniform(0.12, 0.88, 2)
     rotation, place = facing(np.zeros(2), distance_m, turn)
     # The board as seen by a camera that looks at its middle, then turned to where it is in the picture.
     ahead = optics.rays(middle_px)
     light = np.zeros((optics.height_px, optics.width_px))
-    offsets = subpixels(3)
+    offsets = subpixels(2)
     shift = (ahead * distance_m) - np.array([0.0, 0.0, distance_m])
     for offset in offsets:
         rays = optics.rays(optics.grid(offset))
