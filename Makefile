@@ -269,6 +269,10 @@ error-budget: $(VENV)/runtime.stamp  ## split the misses of bench-loop by cause:
 bad-throws: $(VENV)/runtime.stamp  ## throw in the lab with a slipping clamp, a hidden tip, a wrong clock, arm or length: results/bad-throws; half an hour
 	@$(BIN)/python -m strandcast_studies.bad_throws --cores $(CORES)
 
+.PHONY: sure-misses
+sure-misses: $(VENV)/runtime.stamp  ## film 42 throws by a second renderer and compare the stated error of each miss with the true one: results/second-renderer; an hour
+	@$(BIN)/python -m strandcast_studies.second_renderer.run --jobs $(JOBS)
+
 .PHONY: misstated-rigs
 misstated-rigs: $(VENV)/runtime.stamp  ## throw in the lab with arms that their files describe wrongly by millimetres: results/misstated-rigs; half an hour
 	@$(BIN)/python -m strandcast_studies.misstated_rigs --cores $(CORES)

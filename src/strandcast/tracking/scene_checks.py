@@ -120,10 +120,10 @@ def length_warnings(clamp_fit: ClampFit, given_m: float, declared_m: float) -> l
     sigma_m = float(np.hypot(clamp_fit.length_sigma_m, GRASP_M))
     if abs(off_m) < SIGMAS * sigma_m:
         return []
+    seen = f"{1e3 * clamp_fit.length_m:.1f} ± {1e3 * clamp_fit.length_sigma_m:.1f} mm"
     return [
-        f"string.length_m: {1e3 * clamp_fit.length_m:.1f} ± {1e3 * clamp_fit.length_sigma_m:.1f} mm hang from the "
-        f"clamp, not {1e3 * given_m:.1f} mm: measure it from the clamp to the end. As seen, it is "
-        f"{declared_m + off_m:.3f}"
+        f"string.length_m: {seen} hang from the clamp, not {1e3 * given_m:.1f} mm: measure it from the clamp "
+        f"to the end. As seen, it is {declared_m + off_m:.3f}"
     ]
 
 
