@@ -26,8 +26,8 @@ FASTEST_PERCENTILE = 99.0  # chosen: of the points' speeds; single wrong points 
 # Chosen: range of the apparent length from which the string has left the plane, and that over its length;
 # thrown in the plane, it was 1.0 mm at most.
 TILTED_M, TILTED_SHARE = 0.003, 0.006
-# Standard error of the distance from the string's end to its last visible pixel: see `detection.END_WIDTHS`.
-END_SIGMA = 0.9
+# Standard error of `detection.END_WIDTHS`, relative: of its three kinds of ends, frayed ones half as often.
+END_SIGMA = 1.1
 RULER_M = 0.0005  # chosen: standard error of the declared length beyond a weight
 GRASP_M = 0.002  # chosen: by how much the length differs from throw to throw, as a hand clamps a string
 SIGMAS = 4.0
