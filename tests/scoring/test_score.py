@@ -114,6 +114,12 @@ def test_a_path_that_turns_at_a_contact_is_not_smoothed():
     found = verdict(track)
     assert found.closest_m == pytest.approx([-SPEED_M_S * STEP_S / 2, 0.013])
     assert found.miss_sigma_m == pytest.approx(0.003)
+    slower = fly_by()
+    slower.points_m[101:, 2, 0] = slower.points_m[100, 2, 0] - 0.2 * SPEED_M_S * STEP_S * np.arange(1, 100)
+    slower.sigma_m[:] = 0.0003
+    slower.sigma_m[99:102, 2] = 0.003
+    assert verdict(slower).miss_sigma_m > 0.002
+    assert verdict(slower).closest_m == pytest.approx([-SPEED_M_S * STEP_S / 2, 0.013])
 
 
 def test_a_throw_that_begins_at_its_target_hits_only_if_it_comes_back():

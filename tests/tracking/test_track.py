@@ -140,7 +140,7 @@ def test_the_hint_is_the_string_beyond_the_clamp(scene, filmed):
         "length_m": 0.29,
         "points": POINTS,
         "thickness_m": None,
-        "beyond_m": 0.0,
+        "beyond_m": np.inf,
     }
 
 

@@ -20,9 +20,8 @@ class Verdict(Record):
     target_m: list[float] | None  # null: the experiment has no target
     hit_radius_m: float
     miss_m: float | None
-    miss_sigma_m: (
-        float | None
-    )  # of the tip in its frames and in all, and of the string's plane where a camera filmed it
+    # Of the tip, in its frames and common to all of them, and of the string's plane where a camera filmed it.
+    miss_sigma_m: float | None
     hit: bool | None
     closest_frame: int | None
     closest_robot_time_s: float | None

@@ -24,6 +24,11 @@ from strandcast.scoring.closest_approach import (
     segment_approaches,
 )
 
+AROUND_S = 0.0101  # five frames to each side at 500 frames/s
+CUBIC = 4  # coefficients
+LEAST_SURE = 6  # frames: two more than that; a third of them on each side
+FITS = 2.0  # rms in standard errors; chosen
+
 
 class TrackedThrow(NamedTuple):
     """The string as it was tracked during a throw.
@@ -73,11 +78,6 @@ class Shortfall(NamedTuple):
     tip_m: np.ndarray
 
 
-AROUND_S = (
-    0.0061  # three frames to each side at 500 frames/s; a whip's tip is a cubic within 0.1 mm for as long
-)
-CUBIC = 4  # coefficients
-FITS = 4.0  # standard errors; chosen
 Measured = tuple[Shortfall | None, str | None]  # the shortfall, or why it is not known
 Series = tuple[np.ndarray, np.ndarray]  # (F,) the miss at each frame, NaN where not known; its sigma [m]
 
@@ -199,9 +199,11 @@ def nearest(throw: TrackedThrow, target_m: np.ndarray) -> Measured:
     if found is None:
         return None, reason
     before, after, share = rows[found.index], rows[found.index + 1], found.share
+    parts_m = np.array([1 - share, share]) * sigma_m[[found.index, found.index + 1]]
+    alike = (sigma_m[[found.index, found.index + 1]] != throw.sigma_m[[before, after], -1]).any()
     return Shortfall(
         found.distance_m,
-        float(np.hypot(*(np.array([1 - share, share]) * sigma_m[found.index : found.index + 2]))),
+        float(parts_m.sum() if alike else np.hypot(*parts_m)),
         int(before if share < 0.5 else after),
         float((1 - share) * throw.time_s[before] + share * throw.time_s[after]),
         found.place_m,
@@ -209,22 +211,25 @@ def nearest(throw: TrackedThrow, target_m: np.ndarray) -> Measured:
 
 
 def smoothed(time_s: np.ndarray, path_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a path (F, 2 or 3) and its sigma (F,), a doubtful frame's from those around it.
+    """Return a path (F, 2 or 3) and its sigma (F,), a doubtful frame's from surer ones around it.
 
-    A cubic is fitted to the frames within `AROUND_S`, each by its sigma. Errors of neighbours are alike: its
-    own sigma is the most that they can add up to. A path that turns sharply, as at a contact, fits no cubic.
+    A cubic is fitted to the frames within `AROUND_S`, each by its sigma; there must be surer ones on both
+    sides, more than a cubic has coefficients, and it must fit them: a path that turns, as at a contact, stays
+    as it is, as does one of fewer than 400 frames/s. Errors of neighbours are alike: the sigma returned is
+    the most to which they can add up.
     """
     path, sigma = path_m.copy(), sigma_m.copy()
-    for k in range(len(time_s)):
-        near = np.flatnonzero(np.abs(time_s - time_s[k]) <= AROUND_S)
-        if len(near) <= CUBIC or not np.isfinite(sigma_m[near]).all():
+    known = np.isfinite(sigma_m) & (sigma_m > 0.0)
+    for k in np.flatnonzero(known):
+        near = np.flatnonzero((np.abs(time_s - time_s[k]) <= AROUND_S) & known)
+        surer = sigma_m[near] < sigma_m[k]
+        if surer.sum() < LEAST_SURE or min(surer[near < k].sum(), surer[near > k].sum()) < LEAST_SURE // 3:
             continue
         powers = ((time_s[near] - time_s[k]) / AROUND_S)[:, None] ** np.arange(CUBIC)
-        weights = np.maximum(sigma_m[near], 1e-9) ** -2
-        shares = np.linalg.pinv(powers * np.sqrt(weights)[:, None]) * np.sqrt(weights)
+        shares = np.linalg.pinv(powers / sigma_m[near, None]) / sigma_m[near]
+        off = np.linalg.norm(path_m[near] - powers @ (shares @ path_m[near]), axis=1) / sigma_m[near]
         most_m = float(np.abs(shares[0]) @ sigma_m[near])
-        off_m = np.linalg.norm(path_m[near] - powers @ (shares @ path_m[near]), axis=1)
-        if most_m < sigma_m[k] and (off_m <= FITS * np.maximum(sigma_m[near], 1e-9)).all():
+        if most_m < sigma_m[k] and np.sqrt(np.mean(off[surer] ** 2)) <= FITS:
             path[k], sigma[k] = shares[0] @ path_m[near], most_m
     return path, sigma
 

@@ -14,6 +14,7 @@ from strandcast.records.camera import Camera
 from strandcast.tracking.background import Samples, pixel_median
 from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.clamp_fit import LEAST_FRAMES, ClampFit
+from strandcast.tracking.chain.detection import HIDES
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.out_of_plane import OutOfPlane, apparent_strings, measure_out_of_plane
 from strandcast.tracking.chain.string_track import StringTrack
@@ -26,9 +27,9 @@ FASTEST_PERCENTILE = 99.0  # chosen: of the points' speeds; single wrong points 
 # Chosen: range of the apparent length from which the string has left the plane, and that over its length;
 # thrown in the plane, it was 1.0 mm at most.
 TILTED_M, TILTED_SHARE = 0.003, 0.006
-# Standard error of `detection.END_WIDTHS`, relative: of its three kinds of ends, frayed ones half as often.
+# Standard error of `detection.END_WIDTHS`, as a share of it: of its three kinds, frayed ends half as often.
 END_SIGMA = 1.1
-RULER_M = 0.0005  # chosen: standard error of the declared length beyond a weight
+RULER_M = 0.0007  # of the declared length beyond a weight: two readings, each to half a millimetre
 GRASP_M = 0.002  # chosen: by how much the length differs from throw to throw, as a hand clamps a string
 SIGMAS = 4.0
 
@@ -106,10 +107,11 @@ def exposure_warnings(
     ]
 
 
-def length_warnings(clamp_fit: ClampFit, given_m: float, declared_m: float) -> list[str]:
+def length_warnings(clamp_fit: ClampFit, given_m: float, declared_m: float, end_sigma_m: float) -> list[str]:
     """Return warnings about a string whose detected length differs from the given one.
 
-    `given_m` is its free length as it follows from `declared_m`, which includes what is in the clamp.
+    `given_m` is its free length as it follows from `declared_m`, which includes what is in the clamp;
+    `end_sigma_m` says how well the place of its end is known.
     """
     off_m = clamp_fit.length_m - given_m
     if clamp_fit.frames < LEAST_FRAMES:
@@ -117,13 +119,13 @@ def length_warnings(clamp_fit: ClampFit, given_m: float, declared_m: float) -> l
             f"only {clamp_fit.frames} frames show the string's end: its length stays as given, "
             f"{1e3 * given_m:.0f} mm; if that is wrong, so are all places along it"
         ]
-    sigma_m = float(np.hypot(clamp_fit.length_sigma_m, GRASP_M))
-    if abs(off_m) < SIGMAS * sigma_m:
+    sigma_m = float(np.hypot(clamp_fit.length_sigma_m, end_sigma_m))
+    if abs(off_m) < SIGMAS * np.hypot(sigma_m, GRASP_M):
         return []
-    seen = f"{1e3 * clamp_fit.length_m:.1f} ± {1e3 * clamp_fit.length_sigma_m:.1f} mm"
     return [
-        f"string.length_m: {seen} hang from the clamp, not {1e3 * given_m:.1f} mm: measure it from the clamp "
-        f"to the end. As seen, it is {declared_m + off_m:.3f}"
+        f"string.length_m: {1e3 * clamp_fit.length_m:.1f} ± {1e3 * sigma_m:.1f} mm hang from the clamp, not "
+        f"{1e3 * given_m:.1f} mm: measure it again, with what the clamp covers. As seen, it is "
+        f"{declared_m + off_m:.3f}"
     ]
 
 
@@ -147,27 +149,28 @@ def out_of_plane_warnings(out: OutOfPlane | None) -> list[str]:
     ]
 
 
-def tip_sigma_m(
-    appearance: Appearance, weighted: bool, tilts_m: Sequence[float], out: OutOfPlane | None
-) -> float:
+def end_sigma_m(appearance: Appearance, beyond_m: float) -> float:
+    """Return how well a string's end is known along it [m], in all frames alike.
+
+    It is seen no better than it is shaped, or not at all under a bead, of which `beyond_m` of string, as
+    declared, reaches beyond the middle.
+    """
+    if not appearance.has_bead:
+        return END_SIGMA * appearance.tip_excess_m
+    return RULER_M if beyond_m < HIDES * appearance.bead_m else 0.5 * appearance.bead_m
+
+
+def tip_sigma_m(along_m: float, tilts_m: Sequence[float], out: OutOfPlane | None) -> float:
     """Return the standard error of the tip, per axis, that all frames have in common [m].
 
     Parameters
     ----------
-    appearance
-        Of the string: its end is seen no better than it is shaped, or not at all under a bead.
-    weighted
-        Whether a weight is declared.
+    along_m
+        That along the string: `end_sigma_m`.
     tilts_m
-        Largest error of places seen in a plane that is not the declared one.
+        Largest error of places seen in a plane that is not the declared one, by marker of the hand.
     out
         How far the string left the plane.
     """
-    if not appearance.has_bead:
-        along_m = END_SIGMA * appearance.tip_excess_m
-    elif weighted:
-        along_m = RULER_M
-    else:
-        along_m = 0.5 * appearance.bead_m
-    at_most_m = [*tilts_m, *([] if out is None else [np.hypot(out.depth_m, out.tip_error_m)])]
-    return float(np.sqrt(0.5 * along_m**2 + sum(each_m**2 for each_m in at_most_m) / 3.0))
+    depth_m = 0.0 if out is None else float(np.hypot(out.depth_m, out.tip_error_m))
+    return float(np.sqrt(0.5 * along_m**2 + max(tilts_m, default=0.0) ** 2 / 3.0 + depth_m**2))

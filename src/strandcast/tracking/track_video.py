@@ -8,6 +8,7 @@ from strandcast.camera.tilt import check_plane_tilt
 from strandcast.config.track import TrackSettings
 from strandcast.tracking.attachments.declared_vs_detected import declaration_conflicts
 from strandcast.tracking.chain.acceleration_gate import gate_accelerations
+from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.bridge import bridge_points
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.point_uncertainty import FramePoints
@@ -27,6 +28,7 @@ from strandcast.tracking.result import Tracked
 from strandcast.tracking.scene_checks import (
     check_hand,
     confidence_warnings,
+    end_sigma_m,
     left_plane,
     length_warnings,
     movement_warnings,
@@ -79,11 +81,13 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
             frame_picture(k, sampled, samples.pictures, crops, background.picture) for k in instants.tolist()
         ]
         out = left_plane(frames, string, camera)
+    moved = movement_warnings(camera, samples, given.background, given.video)
     tilts = plane_tilts(camera, finder, decoded.hands)
     tilted = {tilt.cost_m: found for tilt in tilts if (found := check_plane_tilt(tilt, given.video))}
     target = None if given.target_m is None else locate_target(background.picture, camera, given.target_m)
     appearance = string.first.appearance
-    tip = TipPath(time_s, points_m[:, -1], flags[:, -1] == 0, appearance.tip_excess_m)
+    end_m = end_sigma_m(appearance, given.hint.beyond_m)
+    tip = tip_path(time_s, points_m, flags, appearance)
     weights_m = [weight.place_m for weight in given.string.weights]
     led, led_warnings = (None, []) if led_monitor is None else led_monitor.found(time_s, given.exposure_s)
     return Tracked(
@@ -103,11 +107,11 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         warnings=(
             *(target_warnings(target) if given.target_m is not None else ()),
             *led_warnings,
-            *movement_warnings(camera, samples, given.background, given.video),
+            *moved,
             *(warning for warnings in tilted.values() for warning in warnings),
             *finder.contradictions(),
             *confidence_warnings(points_m, flags),
-            *length_warnings(string.learned.clamp_fit, given.free_length_m, given.string.length_m),
+            *length_warnings(string.learned.clamp_fit, given.free_length_m, given.string.length_m, end_m),
             *out_of_plane_warnings(out),
             *decoded.warnings,
             *declaration_conflicts(
@@ -117,12 +121,23 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
                 given.free_length_m,
             ),
         ),
-        tip_sigma_m=tip_sigma_m(appearance, bool(weights_m), list(tilted), out),
+        tip_sigma_m=tip_sigma_m(end_m, list(tilted), out),
         attachments=string.learned.attachments,
         target=target,
         contact=detect_contact(tip, target, camera, samples),
         led=led,
     )
+
+
+def tip_path(time_s: np.ndarray, points_m: np.ndarray, flags: np.ndarray, appearance: Appearance) -> TipPath:
+    """Return the path of what meets a target: the string's end, or the middle of the bead that hides it."""
+    end_m = points_m[:, -1]
+    if not appearance.has_bead:
+        return TipPath(time_s, end_m, flags[:, -1] == 0, appearance.half_m)
+    along = end_m - points_m[:, -2]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    beyond_m = appearance.beyond_m * along if appearance.beyond_m else 0.0
+    return TipPath(time_s, end_m - beyond_m, flags[:, -1] == 0, appearance.bead_m)
 
 
 def assemble_points(

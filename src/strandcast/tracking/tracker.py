@@ -1,5 +1,6 @@
 """A tracker's input and protocol: the extension point for other ways to track a string."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,13 +20,13 @@ from strandcast.tracking.result import Tracked
 class StringHint:
     """The string as known before tracking: free length, number of mass points n, thickness if measured.
 
-    `beyond_m` is its length beyond the middle of the last declared weight; 0 without one.
+    `beyond_m` is its length beyond the middle of the last declared weight.
     """
 
     length_m: float
     points: int
     thickness_m: float | None = None
-    beyond_m: float = 0.0
+    beyond_m: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,7 @@ class TrackerInput:
     def hint(self) -> StringHint:
         """Return the string as the chain is fitted to it."""
         length_m, weights = self.free_length_m, self.string.weights
-        last_m = max((weight.place_m for weight in weights), default=length_m)
+        last_m = max((weight.place_m for weight in weights), default=-math.inf)
         return StringHint(length_m, self.string.n, self.string.thickness_m, max(length_m - last_m, 0.0))
 
 

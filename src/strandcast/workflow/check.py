@@ -12,7 +12,7 @@ from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.records.folders import TrialFolder, video_suffixes
 from strandcast.records.verified import READERS
 from strandcast.stages import files
-from strandcast.stages.context import Context, context_of
+from strandcast.stages.context import Context, context_of, free_length_m
 from strandcast.stages.job import Job
 from strandcast.stages.producers import capture_command
 from strandcast.workflow.locks import refuse_if_held
@@ -129,8 +129,9 @@ def _check_arm(context: Context, found: Checked) -> None:
     task = task_of(context, arm)
     found.facts.append(f"string of {string.length_m:g} m as {task.model.points} points, arm {arm.name}")
     if string.weights:
-        before_m = string.length_m - max(weight.place_m for weight in string.weights)
-        end = f"{1e3 * before_m:.0f} mm before its end" if before_m > 0.0 else "at its end"
+        free_m = free_length_m(context, arm.clamp.clamped_length_m)
+        before_m = free_m - max(weight.place_m for weight in string.weights)
+        end = f"{1e3 * before_m:.0f} mm before its end" if before_m > 5e-4 else "at its end"
         found.facts.append(f"the last weight's middle is {end}; the miss is that of the end")
     if isinstance(arm, Arm):
         _check_marker_ids(context, arm, found)

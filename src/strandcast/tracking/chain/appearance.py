@@ -12,8 +12,8 @@ class Appearance(NamedTuple):
     contrast: float  # line score of a clear piece of string
     tip_excess_m: float = 0.0  # from the string's end to the last that is visible of it, or of the bead there
     bead_level: float = float("nan")  # of the bead at the end; NaN if there is none
-    bead_m: float = 0.0  # the bead's radius,
-    beyond_m: float = 0.0  # and the length of string beyond its centre
+    bead_m: float = 0.0  # the bead's radius
+    beyond_m: float = 0.0  # length of string beyond the bead's centre
     polarity: float = 0.0  # 1 if the string is brighter than the background, -1 if darker, 0 if both occur
     noise: float = 1.0  # standard deviation of unchanged pixels
     level: float = float("nan")  # at its centre line; NaN if unknown

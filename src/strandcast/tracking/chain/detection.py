@@ -1,5 +1,6 @@
 """Detect the string in single frames, and learn its appearance as medians, robust to single bad frames."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,7 +102,7 @@ def _with_end(
     return Detection(frame, appearance, fit, end_m, half_m, level)
 
 
-def learn_appearance(detections: list[Detection], pixel_m: float, beyond_m: float = 0.0) -> Appearance:
+def learn_appearance(detections: list[Detection], pixel_m: float, beyond_m: float = math.inf) -> Appearance:
     """Return the string's appearance: the medians over the detections (at least one) that show it well.
 
     `beyond_m` is the length of string beyond the centre of the last weight, as declared: if that weight hides
