@@ -152,8 +152,8 @@ def out_of_plane_warnings(out: OutOfPlane | None) -> list[str]:
 def end_sigma_m(appearance: Appearance, beyond_m: float) -> float:
     """Return how well a string's end is known along it [m], in all frames alike.
 
-    It is seen no better than it is shaped, or not at all under a bead, of which `beyond_m` of string, as
-    declared, reaches beyond the middle.
+    It is seen no better than it is shaped, or not at all under a bead; `beyond_m` is the declared length of
+    string beyond the middle of the last weight.
     """
     if not appearance.has_bead:
         return END_SIGMA * appearance.tip_excess_m

@@ -19,7 +19,7 @@ from strandcast_studies.second_renderer.rigs import (
     MARKER_M,
     RIM_M,
     STRING_OFFSET_M,
-    Rig,
+    FilmedRig,
     marker_places,
 )
 
@@ -43,7 +43,9 @@ def subpixels(side: int) -> list[tuple[float, float]]:
     return [(float(du), float(dv)) for du in steps for dv in steps]
 
 
-def still_scene(rig: Rig, optics: Optics, target_m: np.ndarray, random: np.random.Generator) -> np.ndarray:
+def still_scene(
+    rig: FilmedRig, optics: Optics, target_m: np.ndarray, random: np.random.Generator
+) -> np.ndarray:
     """Return the light (H, W) of wall, shelf, markers and target."""
     grain = [
         (cv2.resize(random.standard_normal((n, n)).astype(np.float32), (512, 512)), a)
@@ -113,7 +115,7 @@ def board_photo(optics: Optics, random: np.random.Generator) -> np.ndarray:
     return np.asarray(light / len(offsets))
 
 
-def sensed(rig: Rig, light: np.ndarray, random: np.random.Generator, bits: int) -> np.ndarray:
+def sensed(rig: FilmedRig, light: np.ndarray, random: np.random.Generator, bits: int) -> np.ndarray:
     """Return a sensor's numbers: photon and read-out noise, its response curve, rounding."""
     out = np.empty(light.shape, np.uint8 if bits == 8 else np.uint16)
     noise = random.standard_normal(light.shape, dtype=np.float32)
@@ -121,7 +123,7 @@ def sensed(rig: Rig, light: np.ndarray, random: np.random.Generator, bits: int) 
     return out
 
 
-def body_of(rig: Rig, arm: Arm) -> Body:
+def body_of(rig: FilmedRig, arm: Arm) -> Body:
     """Return how arm and plate look."""
     edges = np.array(
         [
@@ -144,7 +146,7 @@ def body_of(rig: Rig, arm: Arm) -> Body:
     )
 
 
-def thread_of(rig: Rig, places_m: np.ndarray, random: np.random.Generator) -> Thread:
+def thread_of(rig: FilmedRig, places_m: np.ndarray, random: np.random.Generator) -> Thread:
     """Return how the string looks; `places_m` (N,) are those of its nodes along it, as it hangs."""
     free_m = places_m[-1] - rig.string.length_m  # more than was meant comes out of the clamp
     fibres = np.column_stack(
@@ -172,7 +174,7 @@ class Filming:
     """What stays the same through a film: the rays, the still scene, the look of what moves."""
 
     def __init__(
-        self, rig: Rig, optics: Optics, arm: Arm, still: np.ndarray, random: np.random.Generator
+        self, rig: FilmedRig, optics: Optics, arm: Arm, still: np.ndarray, random: np.random.Generator
     ) -> None:
         self.rig, self.optics, self.arm, self.random = rig, optics, arm, random
         self.still = still
@@ -224,7 +226,7 @@ class Filming:
             yield sensed(self.rig, self.exposure(q_rad, nodes_m, thread), self.random, self.rig.bits)
 
 
-def write_film(path: Path, frames: Iterator[np.ndarray], rig: Rig) -> None:
+def write_film(path: Path, frames: Iterator[np.ndarray], rig: FilmedRig) -> None:
     """Write a film in the rig's codec."""
     options = {
         "ffv1": {},

@@ -18,7 +18,7 @@ MIDDLE_M = (0.10, 0.16)
 
 
 @dataclass(frozen=True)
-class Rig:
+class FilmedRig:
     """One rig: its string as it is, how it looks, and how it is filmed.
 
     Attributes
@@ -69,47 +69,53 @@ def _string(
 
 
 DARK_ON_LIGHT = (0.05, 0.12, 0.62, 0.25)
-RIGS: dict[str, Rig] = {
-    "cord-cut": Rig(_string(0.45, 4.0, 2.7)),
-    "cord-round": Rig(_string(0.45, 4.0, 2.7), end=ROUND, bits=10, codec="ffv1", division=0.05, gamma=2.2),
-    "cord-frayed": Rig(_string(0.38, 5.0, 3.2), end=FRAYED, tilt_rad=(-0.06, 0.03, -0.02)),
-    "rope-cut": Rig(_string(0.50, 12.0, 5.5), tones=DARK_ON_LIGHT, gamma=2.2, noise=0.012),
-    "rope-round": Rig(
+RIGS: dict[str, FilmedRig] = {
+    "cord-cut": FilmedRig(_string(0.45, 4.0, 2.7)),
+    "cord-round": FilmedRig(
+        _string(0.45, 4.0, 2.7), end=ROUND, bits=10, codec="ffv1", division=0.05, gamma=2.2
+    ),
+    "cord-frayed": FilmedRig(_string(0.38, 5.0, 3.2), end=FRAYED, tilt_rad=(-0.06, 0.03, -0.02)),
+    "rope-cut": FilmedRig(_string(0.50, 12.0, 5.5), tones=DARK_ON_LIGHT, gamma=2.2, noise=0.012),
+    "rope-round": FilmedRig(
         _string(0.50, 10.0, 5.0), end=ROUND, tones=(0.85, 0.6, 0.3, 0.1), codec="libx265", bits=10
     ),
-    "thread-cut": Rig(_string(0.35, 3.0, 1.8), noise=0.005, defocus_px=0.2, rate_hz=960.0, exposure_s=2e-4),
-    "ball-at-tip": Rig(
+    "thread-cut": FilmedRig(
+        _string(0.35, 3.0, 1.8), noise=0.005, defocus_px=0.2, rate_hz=960.0, exposure_s=2e-4
+    ),
+    "ball-at-tip": FilmedRig(
         _string(0.30, 3.0, 2.4, (0.30, 0.010)), weight=(BALL, 0.011), tones=(0.7, 0.5, 0.15, 0.3)
     ),
-    "nut-at-tip": Rig(
+    "nut-at-tip": FilmedRig(
         _string(0.40, 4.0, 2.5, (0.40, 0.006)), weight=(NUT, 0.008), tones=(0.7, 0.35, 0.12, 0.06)
     ),
-    "nut-before-end": Rig(
+    "nut-before-end": FilmedRig(
         _string(0.45, 4.0, 2.7, (0.443, 0.006)), weight=(NUT, 0.009), tones=(0.7, 0.4, 0.12, 0.06)
     ),
-    "nut-before-dark": Rig(
+    "nut-before-dark": FilmedRig(
         _string(0.40, 6.0, 3.0, (0.394, 0.008)),
         weight=(NUT, 0.010),
         tones=DARK_ON_LIGHT,
         gamma=1.8,
         end=ROUND,
     ),
-    "sleeve-at-tip": Rig(
+    "sleeve-at-tip": FilmedRig(
         _string(0.42, 5.0, 3.0),
         sleeve_m=(0.36, 0.42, 0.003),
         bits=10,
         codec="ffv1",
         tilt_rad=(0.02, 0.07, 0.03),
     ),
-    "weight-midway": Rig(
+    "weight-midway": FilmedRig(
         _string(0.50, 5.0, 3.0, (0.22, 0.010)), weight=(BALL, 0.011), end=FRAYED, noise=0.015
     ),
-    "over-target": Rig(_string(0.45, 4.0, 2.7), hidden_target=True),
-    "weak-contrast": Rig(_string(0.42, 5.0, 3.2), tones=(0.42, 0.35, 0.28, 0.08), end=ROUND, exposure_s=8e-4),
+    "over-target": FilmedRig(_string(0.45, 4.0, 2.7), hidden_target=True),
+    "weak-contrast": FilmedRig(
+        _string(0.42, 5.0, 3.2), tones=(0.42, 0.35, 0.28, 0.08), end=ROUND, exposure_s=8e-4
+    ),
 }
 
 
-def optics_of(rig: Rig, random: np.random.Generator) -> Optics:
+def optics_of(rig: FilmedRig, random: np.random.Generator) -> Optics:
     """Return the rig's camera: far enough for the whole throw, and a little off what is written there."""
     width, height = rig.size_px
     focal_px = 1.3 * width * (1.0 + 0.05 * random.uniform(-1, 1)) * np.array([1.0, 1.003])
@@ -128,7 +134,7 @@ def marker_places(optics: Optics) -> np.ndarray:
     return np.round(optics.on_plane(np.array(shares) * size, -STRING_OFFSET_M), 3)
 
 
-def experiment_of(rig: Rig, optics: Optics, target_m: np.ndarray) -> dict[str, Any]:
+def experiment_of(rig: FilmedRig, optics: Optics, target_m: np.ndarray) -> dict[str, Any]:
     """Return experiment.yaml: what a careful person would write, with what a ruler says."""
     string: dict[str, Any] = {"length_m": rig.string.length_m}
     if rig.string.weights:

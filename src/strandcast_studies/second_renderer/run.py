@@ -45,7 +45,7 @@ from strandcast_studies.second_renderer.film import (
     write_film,
 )
 from strandcast_studies.second_renderer.render import INSTANTS
-from strandcast_studies.second_renderer.rigs import RIGS, Rig, experiment_of, optics_of
+from strandcast_studies.second_renderer.rigs import RIGS, FilmedRig, experiment_of, optics_of
 
 FARTHEST_M = 0.015  # of the target from the tip's true path
 COUNTED_S = 0.3  # after the motion's end
@@ -83,7 +83,7 @@ def motion(root: Path, arm: Arm, number: int) -> JointTrajectory:
         )
 
 
-def film_throw(root: Path, name: str, rig: Rig, arm: Arm) -> None:
+def film_throw(root: Path, name: str, rig: FilmedRig, arm: Arm) -> None:
     """Write the experiment's files, the photos, the film, the joint log and, beside them, the truth."""
     folder = root / "data" / name
     if (folder / "truth.json").exists():
@@ -127,7 +127,9 @@ def film_throw(root: Path, name: str, rig: Rig, arm: Arm) -> None:
     write_text(folder / "truth.json", json.dumps(truth))
 
 
-def _moments(swing: LabSwing, middles_s: np.ndarray, rig: Rig, random: np.random.Generator) -> Iterator[Any]:
+def _moments(
+    swing: LabSwing, middles_s: np.ndarray, rig: FilmedRig, random: np.random.Generator
+) -> Iterator[Any]:
     for middle_s in middles_s:
         shares = (np.arange(INSTANTS) + random.uniform(size=INSTANTS)) / INSTANTS - 0.5
         yield interpolated(swing, middle_s + rig.exposure_s * random.permutation(shares))
