@@ -83,7 +83,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         out = left_plane(frames, string, camera)
     moved = movement_warnings(camera, samples, given.background, given.video)
     tilts = plane_tilts(camera, finder, decoded.hands)
-    tilted = {tilt.cost_m: found for tilt in tilts if (found := check_plane_tilt(tilt, given.video))}
+    tilted = [(tilt.cost_m, found) for tilt in tilts if (found := check_plane_tilt(tilt, given.video))]
     target = None if given.target_m is None else locate_target(background.picture, camera, given.target_m)
     appearance = string.first.appearance
     end_m = end_sigma_m(appearance, given.hint.beyond_m)
@@ -108,7 +108,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
             *(target_warnings(target) if given.target_m is not None else ()),
             *led_warnings,
             *moved,
-            *(warning for warnings in tilted.values() for warning in warnings),
+            *(warning for _, warnings in tilted for warning in warnings),
             *finder.contradictions(),
             *confidence_warnings(points_m, flags),
             *length_warnings(string.learned.clamp_fit, given.free_length_m, given.string.length_m, end_m),
@@ -121,7 +121,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
                 given.free_length_m,
             ),
         ),
-        tip_sigma_m=tip_sigma_m(end_m, list(tilted), out),
+        tip_sigma_m=tip_sigma_m(end_m, [cost_m for cost_m, _ in tilted], out),
         attachments=string.learned.attachments,
         target=target,
         contact=detect_contact(tip, target, camera, samples),
