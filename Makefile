@@ -151,7 +151,7 @@ test-all: test test-rare  ## run all tests: half an hour
 
 # The tests that reach every kernel.
 KERNEL_TESTS := tests/arm tests/camera/test_marker_sides.py \
-  $(addprefix tests/dynamics/test_,schemes.py simulate.py space.py) tests/estimation/test_descent.py tests/lab/test_film.py \
+  $(addprefix tests/dynamics/test_,simulate.py space.py) tests/estimation/test_descent.py tests/lab/test_film.py \
   $(addprefix tests/planning/test_,assessment.py bezier.py draw.py motion_descent.py new_objective.py simulated_misses.py space.py) \
   tests/stages/test_fitted_string.py \
   $(addprefix tests/tracking/test_,attachments.py background.py detection.py hand.py led.py smoother.py tip.py)

@@ -5,10 +5,12 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
+from strandcast.config.load import load_experiment
 from strandcast.config.renamed import RENAMED, Renamed, with_new_names
 from strandcast.config.schema import fields
 from strandcast.errors import StrandcastError
 
+EXAMPLE = Path(__file__).parents[2] / "config/experiments/demo.yaml"
 CHANGES = (
     Renamed("plan.finer", "plan.mesh_refinement"),
     Renamed("track.hand", "track.tracker", {"pivot": "pendulum", "marker": "chain"}),
@@ -28,6 +30,14 @@ def test_old_names_and_values_are_translated_in_place(caplog):
     assert "e.yaml:4: plan.finer is now called plan.mesh_refinement" in caplog.text
 
 
+def test_a_dropped_setting_is_left_out_with_its_line(tmp_path, caplog):
+    text = EXAMPLE.read_text(encoding="utf-8")
+    file = tmp_path / "demo.yaml"
+    file.write_text(text + "\nestimate:\n  integrator: euler\n", encoding="utf-8")
+    assert load_experiment(file) == load_experiment(EXAMPLE)
+    assert f"demo.yaml:{len(text.splitlines()) + 3}: estimate.integrator was dropped" in caplog.text
+
+
 def test_new_names_pass_in_silence(caplog):
     data = loaded("plan: {mesh_refinement: true}\n")
     with_new_names(data, Path("e.yaml"), CHANGES)
@@ -44,4 +54,4 @@ def test_both_names_are_refused():
 
 def test_renamed_settings_exist_under_the_new_name_only():
     known = {path for path, _ in fields()}
-    assert [change for change in RENAMED if change.new not in known or change.old in known] == []
+    assert [change for change in RENAMED if change.new not in {*known, None} or change.old in known] == []

@@ -1,6 +1,6 @@
 """A proof of the string: a function that returns the simulator's error, with a tolerance for it.
 
-A proof takes the options of the model under test (integrator, step, precision) and returns one error, in the
+A proof takes the options of the model under test (step, precision) and returns one error, in the
 unit it is registered with; it holds if the error is no larger than the tolerance of that variant. NaN does
 not hold.
 """
@@ -17,8 +17,6 @@ Options = dict[str, Any]
 
 VARIANTS: dict[str, Options] = {
     "lfcn": {"dt_s": 5e-4},
-    "semi_implicit": {"integrator": "semi_implicit", "dt_s": 2.5e-5},
-    "euler": {"integrator": "euler", "dt_s": 2.5e-6},
 }
 if any(field.name == "precision" for field in fields(StringModel)):
     VARIANTS["lfcn f32"] = {"dt_s": 5e-4, "precision": "f32"}

@@ -33,7 +33,7 @@ def sideways(shape: np.ndarray, places_m: np.ndarray, amplitude_m: float = 1e-3)
     return np.column_stack([shape * amplitude_m / np.abs(shape).max(), -places_m])
 
 
-@proof("% of the period", lfcn=1e-3, lfcn_f32=0.05, semi_implicit=1e-3)
+@proof("% of the period", lfcn=1e-3, lfcn_f32=0.05)
 def pendulum(options: Options) -> float:
     """One point swings with the pendulum's period at any amplitude: 4 sqrt(l/g) K(sin(amplitude / 2))."""
     model = StringModel(0.3, 1, **options)
@@ -45,7 +45,7 @@ def pendulum(options: Options) -> float:
     return 100.0 * largest(np.array(errors))
 
 
-@proof("% of the period", lfcn=5e-3, lfcn_f32=0.1, semi_implicit=5e-3)
+@proof("% of the period", lfcn=5e-3, lfcn_f32=0.1)
 def hanging_chain_modes(options: Options) -> float:
     """The first three modes of the hanging chain: zeros of Bessel's J0, corrected for the points.
 
@@ -87,7 +87,7 @@ def weight_at_any_point(options: Options) -> float:
     return 100.0 * largest(np.array(errors))
 
 
-@proof("% of the period", lfcn=0.02, lfcn_f32=0.1, semi_implicit=0.02)
+@proof("% of the period", lfcn=0.02, lfcn_f32=0.1)
 def fast_periods(options: Options) -> float:
     """Stretch, clamp, bend and a taut string oscillate with the right periods at twenty steps per period.
 
@@ -146,7 +146,7 @@ def fast_periods(options: Options) -> float:
     return 100.0 * largest(np.array(errors))
 
 
-@proof("% of the amplitude", lfcn=0.02, lfcn_f32=0.2, semi_implicit=0.02)
+@proof("% of the amplitude", lfcn=0.02, lfcn_f32=0.2)
 def driven_springs(options: Options) -> float:
     """A hand that shakes along the string, or turns back and forth, drives a point as a harmonic oscillator.
 
@@ -170,7 +170,7 @@ def driven_springs(options: Options) -> float:
     return 100.0 * largest(-stretched[:, 1, 1] - l0 - expected, turned[:, 1, 0] / l0 - expected) / size
 
 
-@proof("mm", lfcn=2e-3, lfcn_f32=0.1, semi_implicit=0.2)
+@proof("mm", lfcn=2e-3, lfcn_f32=0.1)
 def fall_through_air(options: Options) -> float:
     """Points without springs, falling with the hand, follow m dv/dt = m g - C1 v - C2 v^2."""
     model = StringModel(0.2, 5, **options)
@@ -191,7 +191,7 @@ def fall_through_air(options: Options) -> float:
     return 1e3 * largest(simulated[:, 1:, 1] - expected, simulated[:, 1:, 0])
 
 
-@proof("mm", lfcn=1e-6, lfcn_f32=0.02, semi_implicit=1e-6)
+@proof("mm", lfcn=1e-6, lfcn_f32=0.02)
 def towed_through_air(options: Options) -> float:
     """A string towed at constant speed keeps each segment along the drag and weight behind it."""
     model = StringModel(0.2, 5, **options)
@@ -249,7 +249,7 @@ def energy(motion: Motion, masses, spacing, k_s, k, k_ph, clamp):
     return kinetic, kinetic + stored
 
 
-@proof("% of the largest kinetic energy", lfcn=0.8, lfcn_f32=0.8, semi_implicit=0.8)
+@proof("% of the largest kinetic energy", lfcn=0.8, lfcn_f32=0.8)
 def energy_stays_without_dampers(options: Options) -> float:
     """k_h = k_sh, no damper, a hand at rest: kinetic energy, gravity, stretch and bends keep their sum."""
     model = StringModel(0.2, 5, **{**options, "dt_s": min(options["dt_s"], 2.5e-4)})
@@ -263,7 +263,7 @@ def energy_stays_without_dampers(options: Options) -> float:
     return 100.0 * float(np.ptp(total) / kinetic.max())
 
 
-@proof("% of the largest kinetic energy", lfcn=0.02, lfcn_f32=0.1, semi_implicit=0.02)
+@proof("% of the largest kinetic energy", lfcn=0.02, lfcn_f32=0.1)
 def energy_balance(options: Options) -> float:
     """With all dampers and a driven hand, energy grows by the hand's work less what dampers and air take.
 
@@ -299,7 +299,7 @@ def energy_balance(options: Options) -> float:
     return 100.0 * float(np.abs(total - total[0] - done).max() / kinetic.max())
 
 
-@proof("% of the area", lfcn=0.05, lfcn_f32=0.5, semi_implicit=0.05)
+@proof("% of the area", lfcn=0.05, lfcn_f32=0.5)
 def friction_loop(options: Options) -> float:
     """The moment of friction that sticks runs through a loop of the area 4 M (a - s tanh(a / s)).
 
@@ -330,7 +330,7 @@ def friction_loop(options: Options) -> float:
     return 100.0 * abs(area / (4 * full * (reach - stick * np.tanh(reach / stick))) - 1.0)
 
 
-@proof("% of the energy lost", lfcn=0.05, lfcn_f32=0.1, semi_implicit=0.05)
+@proof("% of the energy lost", lfcn=0.05, lfcn_f32=0.1)
 def energy_lost_to_friction(options: Options) -> float:
     """Friction that sticks takes what its moments take, and never gives back more than its bends store."""
     model = StringModel(0.2, 5, **options)
@@ -365,7 +365,7 @@ def along_bends(points: np.ndarray) -> np.ndarray:
     return np.diff(np.diff(np.arctan2(d[..., 1], d[..., 0]), axis=1, prepend=DOWN[2]), axis=0)[0]
 
 
-@proof("% of the largest momentum", lfcn=0.005, lfcn_f32=0.1, semi_implicit=0.005)
+@proof("% of the largest momentum", lfcn=0.005, lfcn_f32=0.1)
 def momentum(options: Options) -> float:
     """All momentum comes through the first segment and from gravity: inner forces have none."""
     model, factors = StringModel(0.2, 5, **options), np.array([0.0, 0.0, 1.0, 2.0, 1.0])
@@ -383,7 +383,7 @@ def momentum(options: Options) -> float:
     return 100.0 * float(np.abs(held[1:] - held[0] - given).max() / np.abs(held).max())
 
 
-@proof("% of the largest angular momentum", lfcn=5e-4, lfcn_f32=0.1, semi_implicit=5e-4)
+@proof("% of the largest angular momentum", lfcn=5e-4, lfcn_f32=0.1)
 def angular_momentum(options: Options) -> float:
     """Around a hand that does not clamp, only gravity turns the string: springs and dampers do not."""
     model = StringModel(0.2, 5, reading="sign", **options)

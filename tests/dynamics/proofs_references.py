@@ -88,24 +88,23 @@ def distance_m(options: Options, reading: str, stiff: str, drag_along: float, st
     return float(np.sqrt(((simulated[:, 1:] - expected) ** 2).sum(-1).mean()))
 
 
-@proof("mm", lfcn=5e-3, lfcn_f32=1e-2, semi_implicit=5e-3, euler=5e-3)
+@proof("mm", lfcn=5e-3, lfcn_f32=1e-2)
 def dop853(options: Options) -> float:
     """Independent equations under an independent integrator of order eight, in every reading."""
     assert np.ptp(truth(*CASES[0])[:, -1, 0]) > 0.1  # the tip does travel
     return 1e3 * largest(np.array([distance_m(options, *case) for case in CASES]))
 
 
-@proof("orders", lfcn=0.1, semi_implicit=0.1)
+@proof("orders", lfcn=0.1)
 def order(options: Options) -> float:
-    """Shortfall of the order of convergence from two, or from one for the semi-implicit scheme."""
-    due = 1.0 if options.get("integrator") else 2.0
+    """Shortfall of the order of convergence from two."""
     orders = []
     for case in CASES:
         if case[:2] == LATE_ORDER:
             continue
         coarse, fine = (distance_m({**options, "dt_s": 2 * options["dt_s"] / k}, *case) for k in (1, 4))
         orders.append(np.log2(coarse / fine) / 2.0)
-    return float(np.max(due - np.array(orders)))
+    return float(np.max(2.0 - np.array(orders)))
 
 
 WHEEL_M, WHEEL_RAD_S = 0.15, 8.0
@@ -143,7 +142,7 @@ def mujoco_chain(until_s: float, frames: int) -> np.ndarray:
     return simulated
 
 
-@proof("mm", lfcn=0.03, lfcn_f32=0.2, semi_implicit=0.03)
+@proof("mm", lfcn=0.03, lfcn_f32=0.2)
 def mujoco_hinges(options: Options) -> float:
     """A string too stiff to stretch, on the rim of a wheel, moves as MuJoCo's chain of hinges does."""
     model = StringModel(0.2, 5, **options)

@@ -13,7 +13,7 @@ STRING = parameters(
 )
 
 
-@proof("mm", lfcn=1e-9, lfcn_f32=1e-3, semi_implicit=1e-9, euler=1e-9)
+@proof("mm", lfcn=1e-9, lfcn_f32=1e-3)
 def hangs_stretched(options: Options) -> float:
     """A hanging string starts, and stays, with each segment stretched by the weight below it."""
     model = StringModel(0.2, 5, **options)
@@ -42,7 +42,7 @@ def starts_where_the_forces_balance(options: Options) -> float:
     return largest(*left)
 
 
-@proof("mm", lfcn=1e-6, lfcn_f32=1e-2, semi_implicit=1e-6)
+@proof("mm", lfcn=1e-6, lfcn_f32=1e-2)
 def rests_where_it_starts(options: Options) -> float:
     """A clamped, curled string stays where it starts, in every reading."""
     times, pose = still(np.array([0.3, 0.2, 0.4]), 0.2)
@@ -63,7 +63,7 @@ def sag_m(stiffness: float, root_stiffness: float, masses: np.ndarray, spacing: 
     return spacing * np.cumsum(np.cumsum(turns))
 
 
-@proof("% of the sag", lfcn=1e-3, lfcn_f32=0.1, semi_implicit=1e-3)
+@proof("% of the sag", lfcn=1e-3, lfcn_f32=0.1)
 def cantilever(options: Options) -> float:
     """A horizontally clamped string settles with the sag of a beam: by k_sh to the right, k_h to the left."""
     model = StringModel(0.3, 6, reading="sign", switch_width=1e-9, gravity_m_s2=0.01, **options)

@@ -17,7 +17,7 @@ OUT_S = np.linspace(0.0, 0.4, 41)
 START = along(np.array([-1.2, -1.5, -1.1, -1.4, -1.8]), 0.04)
 
 
-@proof("mm", lfcn=1e-6, lfcn_f32=0.05, semi_implicit=1e-6)
+@proof("mm", lfcn=1e-6, lfcn_f32=0.05)
 def gauge(options: Options) -> float:
     """Scaling all masses and coefficients by one factor changes nothing."""
     apart = []
@@ -29,7 +29,7 @@ def gauge(options: Options) -> float:
     return 1e3 * largest(*apart)
 
 
-@proof("mm", lfcn=1e-6, lfcn_f32=0.05, semi_implicit=1e-6)
+@proof("mm", lfcn=1e-6, lfcn_f32=0.05)
 def mirror(options: Options) -> float:
     """A mirrored hand gives the mirrored string; for `sign`, with h and sh swapped; a curl turns about."""
     apart = []
@@ -45,7 +45,7 @@ def mirror(options: Options) -> float:
     return 1e3 * largest(*apart)
 
 
-@proof("mm", lfcn=1e-6, lfcn_f32=0.05, semi_implicit=1e-6)
+@proof("mm", lfcn=1e-6, lfcn_f32=0.05)
 def turned_frame(options: Options) -> float:
     """Without gravity, turning and moving the frame turns and moves the motion; over half a turn, too."""
     apart = []
@@ -63,7 +63,7 @@ def turned_frame(options: Options) -> float:
     return 1e3 * largest(*apart)
 
 
-@proof("mm", lfcn=1e-6, lfcn_f32=0.1, semi_implicit=1e-6)
+@proof("mm", lfcn=1e-6, lfcn_f32=0.1)
 def moving_frame(options: Options) -> float:
     """Without air, an observer that moves along at constant speed sees the same motion."""
     model = StringModel(0.2, 5, **options)

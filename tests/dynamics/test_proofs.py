@@ -1,4 +1,4 @@
-"""Each proof of the string, for each integrator and precision that it has a tolerance for."""
+"""Each proof of the string, for each precision that it has a tolerance for."""
 
 import pytest
 from proofs import PROOFS, VARIANTS
@@ -18,5 +18,5 @@ def test_holds(name, variant):
     assert error <= proof.tolerance[variant], f"{error:.3g} {proof.unit}"
 
 
-def test_each_proof_is_of_the_default_scheme():
+def test_each_proof_is_of_double_precision():
     assert all("lfcn" in proof.tolerance for proof in PROOFS.values())

@@ -159,8 +159,6 @@ def test_what_exists_in_the_plane_only_is_refused():
     parameters, masses = batch_of(1)
     flat = hand_path(TIME_S)
     up = poses_in_plane(flat, np.zeros(3), np.eye(3)[0], np.eye(3)[2])
-    with pytest.raises(ValueError, match="integrated by lfcn, not by euler"):
-        simulate_batch(replace(MODEL, integrator="euler"), parameters, masses, TIME_S, up, OUT_S)
     with pytest.raises(ValueError, match="a bend in space has no sign"):
         simulate_batch(replace(MODEL, reading="sign"), parameters, masses, TIME_S, up, OUT_S)
     with pytest.raises(ValueError, match="settled from a given shape in space only"):

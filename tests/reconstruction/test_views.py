@@ -272,6 +272,16 @@ def test_two_experiments_become_one_in_space(project):
     assert np.abs(hand["z_m"] - 0.25).max() < 2e-3  # the hand moves level
 
 
+def test_what_both_cameras_doubt_about_the_tip_stays_in_doubt(project):
+    views = [("left", 1), ("right", 1)]
+    summary = import_views.run(project, "space", 1, views)
+    for (name, trial), sigma_m in zip(views, (1e-3, 3e-3), strict=True):
+        file = ExperimentFolder(project, name).trial(trial).results / "track.json"
+        of_view = {"experiment": name, "trial": trial, "tip_sigma_m": sigma_m}
+        summary.model_copy(update=of_view).write(file)
+    assert import_views.run(project, "space", 2, views).tip_sigma_m == 1e-3
+
+
 def test_a_third_camera_may_see_less_of_the_throw():
     points_m = even_points(string_nodes(TIME_S[:8]))
     views = rays_with(0.3, (LEFT, RIGHT, camera_at(0.1)), points_m)

@@ -286,7 +286,6 @@ def estimate(experiment: str, trial: int) -> Estimate:
         length_m=LENGTH_M,
         points=N,
         reading="rate",
-        integrator="lfcn",
         dt_s=1e-3,
         search="cma",
         ranges="wide",

@@ -94,12 +94,6 @@ class EstimateSettings(Section):
         "left and right (sign), or compressed and stretched (strain). Change it only to "
         "compare readings of the paper.",
     )
-    integrator: PluginName = Field(
-        "lfcn",
-        description="lfcn: leapfrog with implicit dampers, second order; semi_implicit; euler: as in the "
-        "paper, needs steps of microseconds; or a scheme that an installed package provides. "
-        "Change it only to compare schemes.",
-    )
     dt_s: Annotated[float, Field(gt=0, le=0.005)] = Field(
         1e-3,
         description="Time step of the simulation. Lower it to check that results do not depend on it, or "

@@ -1,4 +1,4 @@
-"""Settings that have a new name: the old one is accepted for one version, with a warning."""
+"""Settings with a new name, or that were dropped: accepted for one version, with a warning."""
 
 import logging
 from collections.abc import Mapping
@@ -15,18 +15,18 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Renamed:
-    """A setting with a new last name, and its values if they changed too.
+    """A setting with a new last name, and its values if they changed too, or one that was dropped.
 
     Attributes
     ----------
     old, new
-        Paths in experiment.yaml, e.g. ``plan.finer``, in the same section.
+        Paths in experiment.yaml, e.g. ``plan.finer``, in the same section; no new one: it was dropped.
     values
         Old value -> new value; all others stay.
     """
 
     old: str
-    new: str
+    new: str | None
     values: Mapping[Any, Any] = field(default_factory=dict)
 
 
@@ -35,11 +35,12 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("track.hand", "track.tracker", {"marker": "chain", "pivot": "pendulum"}),
     Renamed("plan.finer", "plan.mesh_refinement"),
     Renamed("plan.carry_residual", "plan.bias_correction"),
+    Renamed("estimate.integrator", None),
 )
 
 
 def with_new_names(data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] | None = None) -> None:
-    """Give settings their new names in place; line numbers stay those of the file.
+    """Give settings their new names in place, and remove dropped ones; line numbers stay those of the file.
 
     Raises
     ------
@@ -48,13 +49,20 @@ def with_new_names(data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] 
     """
     for change in RENAMED if renamed is None else renamed:
         *sections, old = change.old.split(".")
-        new = change.new.split(".")[-1]
         node: Any = data
         for name in sections:
             node = node.get(name) if isinstance(node, CommentedMap) else None
         if not isinstance(node, CommentedMap) or old not in node:
             continue
         place = node.lc.data[old]
+        if change.new is None:
+            del node[old]
+            log.warning(
+                "%s:%d: %s was dropped and has no effect; remove it: the next version refuses it",
+                *(file, place[0] + 1, change.old),
+            )
+            continue
+        new = change.new.split(".")[-1]
         if new in node:
             raise StrandcastError(
                 "SC-F007",

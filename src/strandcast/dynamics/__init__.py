@@ -1,1 +1,1 @@
-"""The planar string model: parameters, forces, integrators, simulation."""
+"""The planar string model: parameters, forces, simulation."""

@@ -37,8 +37,8 @@ from strandcast.dynamics.elements import (
 )
 from strandcast.dynamics.equilibrium import hanging, respaced
 from strandcast.dynamics.parameters import Array
-from strandcast.dynamics.schemes.lfcn import STABLE, stretch_damping
 from strandcast.dynamics.simd import CACHED, INLINED
+from strandcast.dynamics.step import STABLE, stretch_damping
 from strandcast.threads import over_ranges
 
 HANGING, RESPACED, AS_GIVEN, SETTLED = range(4)

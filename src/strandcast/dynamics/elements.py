@@ -26,7 +26,7 @@ RATE_READING, SIGN_READING, STRAIN_READING = range(3)
 SLIP_RAD_S = 0.05  # rate of bending below which dry friction acts like a damper (chosen)
 
 # Rows of each candidate's coefficients beside its masses. The h parameters are stored as differences to the
-# sh ones; FLOOR is what the averaging of a spring needs to stay stable (`schemes.lfcn`).
+# sh ones; FLOOR is what the averaging of a spring needs to stay stable (`strandcast.dynamics.step`).
 COEFFICIENTS = 17
 K_S, C_S, K_SH, K_MORE, C_SH, C_MORE, DRAG_1, DRAG_2, K_PH, C_PH, *_OTHERS = range(COEFFICIENTS)
 REST_BEND, CLAMP_OFFSET, FLOOR, FRICTION, ALONG, STICKING, PER_STICK = _OTHERS

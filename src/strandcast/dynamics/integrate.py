@@ -12,15 +12,15 @@ from strandcast.dynamics.elements import COEFFICIENTS
 from strandcast.dynamics.hand import COS, DRATE, DRIVING, DVX, DVY, RATE, SIN, VX, VY, X, drive
 from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, VALUE, Outputs, observe
 from strandcast.dynamics.parameters import Array
-from strandcast.dynamics.schemes.scheme import (
+from strandcast.dynamics.simd import CACHED, INLINED, flush_denormals, load, maximum, minimum, splat, store
+from strandcast.dynamics.step import advance
+from strandcast.dynamics.string_state import (
     ROWS,
     StepSettings,
     StringArrays,
     StringMotion,
-    advance,
     at_step,
 )
-from strandcast.dynamics.simd import CACHED, INLINED, flush_denormals, load, maximum, minimum, splat, store
 from strandcast.dynamics.vectors import VectorSpec
 
 ANY_LENGTH_M = 1e9  # greater than any length
@@ -58,8 +58,8 @@ class Workspace(NamedTuple):
     ----------
     string, motion
         The strings of one vector, and their state.
-    scheme
-        What the scheme may use.
+    step
+        What a step may use.
     place, results, shift
         Points at an output, running results, and what is added to the points before they are compared.
     path
@@ -70,7 +70,7 @@ class Workspace(NamedTuple):
 
     string: StringArrays
     motion: StringMotion
-    scheme: Any
+    step: Any
     place: Any
     results: Any
     shift: Any
@@ -93,10 +93,10 @@ def workspace(spec: VectorSpec, points: int, own_steps: int, *, sticks: bool = F
     rows = flat[first : first + sum(sizes) * width].reshape(-1, width)
     ends = list(accumulate(sizes, initial=0))
     parts = [rows[start:end] for start, end in pairwise(ends)]
-    c, mass, factor, d, v, dv, scheme, place, results, shift, path, stick = parts
+    c, mass, factor, d, v, dv, step, place, results, shift, path, stick = parts
     string, motion = StringArrays(n, c, mass, factor), StringMotion(d, v, dv, stick if sticks else None)
     hand_place = np.empty((2, width if own_steps else 1))
-    return Workspace(string, motion, scheme, place, results, shift, path, hand_place)
+    return Workspace(string, motion, step, place, results, shift, path, hand_place)
 
 
 @njit(**INLINED)
@@ -147,7 +147,6 @@ def integrate(
     common: Any,
     steps: int,
     settings: StepSettings,
-    scheme: Any,
     outputs: Outputs,
     kept: Array,
 ) -> None:
@@ -163,13 +162,13 @@ def integrate(
         (T,) times [s] and (1 or B, T, 3) poses: the hand's path, common or each candidate's own.
     common
         (steps * DRIVING, 1) a common path as `strandcast.dynamics.hand.drive` gives it, else any array.
-    steps, settings, scheme
-        Number of steps, what they have in common, the `strandcast.dynamics.schemes.scheme.Scheme`.
+    steps, settings
+        Number of steps and what they have in common.
     kept
         (B, RESULTS) filled here: longest segment [m], infinite after a blow-up, shortest segment [m], E [m].
     """
     time_s, poses = hand
-    string, motion, scheme_work, place, results, shift, path, hand_place = work
+    string, motion, step_work, place, results, shift, path, hand_place = work
     width, own, at = results.shape[1], len(poses) > 1, outputs.at
     control = flush_denormals(-1)
     for g in range(first, last):
@@ -183,9 +182,7 @@ def integrate(
         f: Any = np.int64(0)  # a literal would have `observe` compiled twice
         for k in range(steps):
             hand_now = _hand(spec, path, own, k) if own else _hand(spec, common, own, k)
-            longest, shortest = advance(
-                scheme, spec, string, motion, hand_now, scheme_work, at_step(settings, k)
-            )
+            longest, shortest = advance(spec, string, motion, hand_now, step_work, at_step(settings, k))
             store(spec, results, LONGEST, maximum(longest, load(spec, results, LONGEST)))
             store(spec, results, SHORTEST, minimum(shortest, load(spec, results, SHORTEST)))
             if f < len(at) and at[f] <= k + 1:

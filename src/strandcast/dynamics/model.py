@@ -25,10 +25,6 @@ class StringModel:
         Which bends take the parameters of compression (k_h, c_h) and which those of tension (k_sh, c_sh).
         ``rate``: a growing bend takes h, a straightening one sh. ``sign``: a bend to the left takes h, to the
         right sh. ``strain``: h where the string is compressed, sh where it is stretched.
-    integrator
-        ``lfcn`` (leapfrog with Crank-Nicolson dampers and averaged stiffness; second order, the default),
-        ``semi_implicit`` or ``euler`` (the paper's explicit one: needs steps of microseconds in Table 2's
-        corners), or another registered scheme.
     dt_s
         Step [s].
     precision
@@ -44,7 +40,6 @@ class StringModel:
     length_m: float
     points: int
     reading: Literal["rate", "sign", "strain"] = "rate"
-    integrator: str = "lfcn"
     dt_s: float = 1e-3
     precision: Literal["f64", "f32"] = "f64"
     switch_width: float | None = None

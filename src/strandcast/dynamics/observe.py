@@ -7,8 +7,8 @@ import numpy as np
 from numba import njit
 
 from strandcast.dynamics.parameters import Array
-from strandcast.dynamics.schemes.scheme import StringMotion
 from strandcast.dynamics.simd import INLINED, inverse_root, load, maximum, splat, store
+from strandcast.dynamics.string_state import StringMotion
 
 FAR_M = 100.0
 

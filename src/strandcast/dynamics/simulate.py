@@ -22,10 +22,9 @@ from strandcast.dynamics.integrate import integrate, workspace
 from strandcast.dynamics.model import READINGS, StringModel
 from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, VALUE
 from strandcast.dynamics.parameters import Array
-from strandcast.dynamics.schemes.registry import SCHEMES
-from strandcast.dynamics.schemes.scheme import StepSettings
 from strandcast.dynamics.spatial.passes import NO_LENGTH_M, pass_in_space
 from strandcast.dynamics.spatial.strings import in_space
+from strandcast.dynamics.string_state import StepSettings
 from strandcast.dynamics.vectors import VectorSpec, register_bits
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.threads import over_ranges
@@ -168,7 +167,6 @@ def _run(batch: Batch) -> tuple[Array, NDArray[np.int64]]:
     status = _status(model, kept)
     stiff = candidates.parameters[:, 0] * model.dt_s**2 > _STIFF * candidates.masses.min(axis=1)
     stiff |= in_space(batch.hand.pose) & (status == BLEW_UP)
-    stiff &= SCHEMES.get(model.integrator).repeats_diverged
     finer = 2
     while (
         finer <= SMALLEST_STEP
@@ -188,7 +186,7 @@ def _pass(batch: Batch, finer: int) -> Array:
     if in_space(batch.hand.pose):
         return pass_in_space(batch, finer, vector_spec(batch.model.precision))
     model, candidates, hand = batch.model, batch.candidates, batch.hand
-    spec, scheme = vector_spec(model.precision), SCHEMES.get(model.integrator)
+    spec = vector_spec(model.precision)
     steps, reading = batch.steps * finer, READINGS.index(model.reading)
     kept = np.empty((len(candidates.masses), RESULTS))
     if not len(kept):
@@ -214,9 +212,7 @@ def _pass(batch: Batch, finer: int) -> Array:
 
     def run(first: int, last: int) -> None:
         work = workspace(spec, model.points, steps if own else 0, sticks=bool(sticks.any()))
-        integrate(
-            first, last, spec, work, candidates, strings, hand, common, steps, settings, scheme, outputs, kept
-        )
+        integrate(first, last, spec, work, candidates, strings, hand, common, steps, settings, outputs, kept)
 
     over_ranges(-(-len(kept) // spec.width), run)
     return kept

@@ -173,7 +173,6 @@ class Estimate(Record):
     length_m: float
     points: int
     reading: str
-    integrator: str
     dt_s: float
     search: str
     ranges: str

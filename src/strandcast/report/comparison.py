@@ -26,7 +26,6 @@ FIT_SETTINGS = (
     "length_m",
     "points",
     "reading",
-    "integrator",
     "dt_s",
     "search",
     "ranges",

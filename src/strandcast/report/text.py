@@ -213,8 +213,8 @@ def _fit(estimate: Estimate) -> str:
     return (
         f"String parameters and relative masses ({estimate.points} mass points) were estimated from "
         f"{trials} {', '.join(map(str, estimate.trials_used))} by {estimate.search} ({estimate.evaluations} "
-        f"simulations, ranges “{estimate.ranges}”, reading “{estimate.reading}”, integrator "
-        f"{estimate.integrator} with {estimate.dt_s * 1e3:g} ms steps{halved}, "
+        f"simulations, ranges “{estimate.ranges}”, reading “{estimate.reading}”, "
+        f"steps of {estimate.dt_s * 1e3:g} ms{halved}, "
         f"start shape {estimate.start_shape}, evaluation in the {estimate.evaluation} frame, "
         f"w = {estimate.w:g}, seed {estimate.seed}); E = {significant(estimate.E_m * 1e3)} mm."
     )

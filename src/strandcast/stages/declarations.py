@@ -35,7 +35,7 @@ _CALIBRATION = (
 )
 _PLANNED = (
     *("string", "plan", "seed", "start_string", "workspace_m", "target_m", "objective", "hit_radius_m"),
-    *("estimate.reading", "estimate.integrator", "estimate.dt_s", "estimate.joints"),
+    *("estimate.reading", "estimate.dt_s", "estimate.joints"),
     "estimate.free_end",
 )
 ALL_SETTINGS = tuple(Experiment.model_fields)  # the pages print all settings

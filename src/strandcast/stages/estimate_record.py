@@ -49,7 +49,6 @@ def estimate_record(
         length_m=model.length_m,
         points=model.points,
         reading=model.reading,
-        integrator=model.integrator,
         dt_s=model.dt_s,
         search=settings.search,
         ranges=settings.ranges if isinstance(settings.ranges, str) else "given",

@@ -65,8 +65,7 @@ def run(
     if len(set(cameras)) < len(cameras):
         what = f"{' and '.join(cameras)} are one camera, and its trials are different throws"
         raise StrandcastError("SC-I049", what, field="--view", fix="name each camera's own experiment once")
-    for view in views:
-        _refuse_another_length(root, *view, length_m)
+    tip_sigma_m = [_checked_track(root, *view, length_m) for view in views]
     seen = [_view(root, *view) for view in views]
     warnings = []
     if boards is not None:
@@ -80,6 +79,8 @@ def run(
         observations = context_of(root, experiment).folder.trial(number).results / OBSERVATIONS
         summary.choices[f"{experiment} trial {number}"] = sha256_file(observations)
     summary.warnings += warnings
+    # Both cameras see the same end; what only one of them doubts, as a plane, two of them measure.
+    summary.tip_sigma_m = min(tip_sigma_m)
     hand_m = track.points_m[:, 0]
     known = np.isfinite(hand_m).all(axis=1)
     hand = {
@@ -114,12 +115,13 @@ def _view(root: Path, experiment: str, trial: int) -> StringView:
     return StringView(experiment, observed[camera].string, record, clock)
 
 
-def _refuse_another_length(root: Path, experiment: str, trial: int, length_m: float) -> None:
-    """Refuse a length that is not that of the string that a camera tracked: the points would be wrong."""
+def _checked_track(root: Path, experiment: str, trial: int, length_m: float) -> float:
+    """Return how well a camera's track knows the tip [m]; refuse a track of a string of another length."""
     path = context_of(root, experiment).folder.trial(trial).results / "track.json"
     if not path.is_file():
-        return  # what is missing is reported next
-    its_m = TrackSummary.read(path).length_m
+        return 0.0  # what is missing is reported next
+    summary = TrackSummary.read(path)
+    its_m = summary.length_m
     if abs(its_m - length_m) > LENGTHS_DIFFER * length_m:
         raise StrandcastError(
             "SC-I049",
@@ -127,6 +129,7 @@ def _refuse_another_length(root: Path, experiment: str, trial: int, length_m: fl
             field="string.length_m",
             fix=f"give the free length, without what the clamp holds: length_m: {its_m:.4g}",
         )
+    return summary.tip_sigma_m
 
 
 def _placed_by_boards(

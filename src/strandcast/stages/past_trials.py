@@ -14,7 +14,6 @@ from strandcast.core.objectives import Objective
 from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import FREE_END, MassLayout, mass_layout
 from strandcast.dynamics.model import StringModel
-from strandcast.dynamics.schemes.registry import SCHEMES
 from strandcast.estimation.cable_space import STEP_S, THROWN_POINTS, CableSpace, space_of_throw
 from strandcast.records.alignment import Alignment, read_hand, read_hand_in_space
 from strandcast.records.content_hash import result_sha256
@@ -150,9 +149,8 @@ def string_model(
         return model, space.layout
     string, estimate = context.settings.string, context.settings.estimate
     length_m = free_length_m(context, arm.clamp.clamped_length_m)
-    SCHEMES.get(estimate.integrator, context.file)
     places_m = [weight.place_m for weight in string.weights] if weights_m is None else weights_m
-    model = StringModel(length_m, string.n, estimate.reading, estimate.integrator, estimate.dt_s)
+    model = StringModel(length_m, string.n, estimate.reading, estimate.dt_s)
     layout = mass_layout(
         length_m,
         string.n,

@@ -10,7 +10,6 @@ from numba import njit
 from strandcast.dynamics.integrate import ANY_LENGTH_M, keep_results
 from strandcast.dynamics.observe import FAR_M, LONGEST, RESULTS, SHORTEST, VALUE, Outputs
 from strandcast.dynamics.parameters import Array
-from strandcast.dynamics.schemes.scheme import StringArrays, StringMotion
 from strandcast.dynamics.simd import (
     CACHED,
     INLINED,
@@ -43,6 +42,7 @@ from strandcast.dynamics.spatial.step import (
     step_in_space,
 )
 from strandcast.dynamics.spatial.triples import dot, load3, minus, plus, plus_scaled, store3, zero3
+from strandcast.dynamics.string_state import StringArrays, StringMotion
 from strandcast.dynamics.vectors import VectorSpec
 
 _LINE = 64  # bytes of a cache line
@@ -76,7 +76,7 @@ class SpatialWorkspace(NamedTuple):
 
     string: StringArrays
     motion: StringMotion
-    scheme: Any
+    step: Any
     place: Any
     results: Any
     shift: Any
@@ -97,10 +97,10 @@ def spatial_workspace(spec: VectorSpec, n: int, own_rows: int, *, sticks: bool =
     first = (-flat.ctypes.data % _LINE) // flat.itemsize
     rows = flat[first : first + sum(sizes) * spec.width].reshape(-1, spec.width)
     parts = [rows[start:end] for start, end in pairwise(accumulate(sizes, initial=0))]
-    c, mass, factor, d, v, dv, scheme, place, results, shift, path, stick = parts
+    c, mass, factor, d, v, dv, step, place, results, shift, path, stick = parts
     hand_place = np.empty((3, spec.width if own_rows else 1))
     string, motion = StringArrays(n, c, mass, factor), StringMotion(d, v, dv, stick if sticks else None)
-    return SpatialWorkspace(string, motion, scheme, place, results, shift, path, hand_place)
+    return SpatialWorkspace(string, motion, step, place, results, shift, path, hand_place)
 
 
 @njit(**INLINED)
@@ -262,7 +262,7 @@ def integrate_in_space(
         See there, and `strandcast.dynamics.integrate.integrate`.
     """
     time_s, poses = hand
-    string, motion, scheme_work, place, results, shift, path, hand_place = work
+    string, motion, step_work, place, results, shift, path, hand_place = work
     width, own, at = results.shape[1], len(poses) > 1, outputs.at
     ends = poses.shape[2] // POSE
     control = flush_denormals(-1)
@@ -278,7 +278,7 @@ def integrate_in_space(
             clamp = _clamp(spec, path, common, own, row)
             far = _clamp(spec, path, common, own, row + (ends - 1) * CLAMP)
             now = _of_step(settings, k)
-            longest, shortest = step_in_space(spec, string, motion, clamp, far, scheme_work, now)
+            longest, shortest = step_in_space(spec, string, motion, clamp, far, step_work, now)
             store(spec, results, LONGEST, maximum(longest, load(spec, results, LONGEST)))
             store(spec, results, SHORTEST, minimum(shortest, load(spec, results, SHORTEST)))
             while f < len(at) and at[f] <= k + 1:

@@ -31,11 +31,9 @@ def pass_in_space(batch: Batch, finer: int, spec: VectorSpec) -> Array:
     Raises
     ------
     ValueError
-        For a scheme or a reading that there is in the plane only.
+        For a reading that there is in the plane only.
     """
     model, candidates, hand, start = batch.model, batch.candidates, batch.hand, batch.start
-    if model.integrator != "lfcn":
-        raise ValueError(f"strings in space are integrated by lfcn, not by {model.integrator}")
     p = candidates.parameters
     if model.reading == "sign" and (p[:, [2, 3]] != p[:, [4, 5]]).any():
         raise ValueError("a bend in space has no sign: h and sh are the same, or the reading is another")

@@ -1,6 +1,6 @@
 """One step of the string in space: the plane's leapfrog with Crank-Nicolson dampers and averaged stiffness.
 
-See `strandcast.dynamics.schemes.lfcn`. The matrix couples points up to two apart in blocks of three by three:
+See `strandcast.dynamics.step`. The matrix couples points up to two apart in blocks of three by three:
 in differences of velocities it is a segment's and its two joints' own block H, and a block G of each joint
 between its two segments. Point i's own block is mass + H_(i-1) + H_i - G_i - G_i^T, those to the next points
 are G_i + G_(i+1) - H_i and -G_(i+1). It is eliminated point by point from the clamp on (L D L^T).
@@ -35,7 +35,6 @@ from strandcast.dynamics.elements import (
     joint,
     ramp,
 )
-from strandcast.dynamics.schemes.scheme import StringArrays, StringMotion
 from strandcast.dynamics.simd import (
     INLINED,
     inverse_root,
@@ -89,6 +88,7 @@ from strandcast.dynamics.spatial.triples import (
     twice_symmetric_part,
     zero3,
 )
+from strandcast.dynamics.string_state import StringArrays, StringMotion
 
 # Coefficients after those of the plane: rest spacing [m]; direction of each clamp, rest bend [rad] and
 # a normal of the first clamp's direction in the frame of its pose; cosine and sine of the rest bend's turn
@@ -133,13 +133,13 @@ class SpatialSettings(NamedTuple):
     step, kick
         Time over which segments drift and over which forces act [s].
     fine, coarse
-        h^2 beta of elements, and of those too stiff for the step: see `schemes.lfcn.averaged`.
+        h^2 beta of elements, and of those too stiff for the step: see `strandcast.dynamics.step.averaged`.
     half
         Half of `kick`.
     gravity
         Gravity along -z [m/s^2].
     reading, per_width, has_friction
-        See `strandcast.dynamics.schemes.scheme.StepSettings`.
+        See `strandcast.dynamics.string_state.StepSettings`.
     slender, two_ends, helical
         Whether drag differs along and across the string; whether the last point is driven, too; whether the
         rest bend turns along the string.

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from strandcast.dynamics import elements, simd
+from strandcast.dynamics import banded, elements, simd, step
 from strandcast.dynamics.model import READINGS, StringModel
 from strandcast.dynamics.parameters import RANGES
-from strandcast.dynamics.schemes import banded, explicit, lfcn
-from strandcast.dynamics.schemes.scheme import ROWS, StepSettings, StringArrays, StringMotion
+from strandcast.dynamics.string_state import ROWS, StepSettings, StringArrays, StringMotion
 from strandcast.dynamics.vectors import VectorSpec
 from strandcast_studies.benchmarks.simulation.swing import LENGTH_M, MASSES, SEGMENTS
 
@@ -95,7 +94,7 @@ _STAND_INS: dict[str, Callable[..., Any]] = {
 @contextmanager
 def interpreted() -> Iterator[None]:
     """Replace the kernels' compiled functions by their Python source within the context."""
-    before = [(module, dict(vars(module))) for module in (simd, elements, banded, lfcn, explicit)]
+    before = [(module, dict(vars(module))) for module in (simd, elements, banded, step)]
     try:
         for module, names in before:
             for name, value in names.items():
@@ -115,7 +114,7 @@ def _column(values: Any) -> Any:
 
 
 def step_operations(bits: int, points: int = SEGMENTS) -> float:
-    """Count the operations of one step of the default scheme, per point of one candidate."""
+    """Count the operations of one step, per point of one candidate."""
     n, l0 = points, LENGTH_M / points
     middle = np.sqrt(RANGES["paper"][:, 0] * RANGES["paper"][:, 1])
     k_s, c_s, k_h, c_h, k_sh, c_sh, c1, c2, k_ph, c_ph = middle
@@ -133,5 +132,5 @@ def step_operations(bits: int, points: int = SEGMENTS) -> float:
         motion = StringMotion(segments, velocities, changes)
         reading, per_width = READINGS.index(model.reading), 1.0 / model.switch()
         settings = StepSettings(1e-3, 1.0, l0, model.gravity_m_s2, reading, per_width, False, None)
-        lfcn.step_lfcn(VectorSpec(bits, 1), string, motion, hand, work, settings)
+        step.advance(VectorSpec(bits, 1), string, motion, hand, work, settings)
     return Counted.operations / n

@@ -77,8 +77,8 @@ READINGS = (
     (
         "Section VI",
         "“Euler’s method”, step not given",
-        "{estimate.integrator}, {estimate.dt_s} s; explicit Euler needs steps of microseconds in a corner of "
-        "Table 2",
+        "leapfrog with implicit dampers, {estimate.dt_s} s; explicit Euler needs steps of microseconds in a "
+        "corner of Table 2",
     ),
     (
         "Section IV",

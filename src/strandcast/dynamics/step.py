@@ -1,4 +1,4 @@
-"""The default scheme: leapfrog with Crank-Nicolson dampers and averaged stiffness, one banded solve per step.
+"""One step: leapfrog with Crank-Nicolson dampers and averaged stiffness, one banded solve per step.
 
 One kick of the velocities over a step h solves (M + h/2 C + h^2 B) dv = h f(x_n, v_{n-1/2}), where C holds
 the dampers and B = beta K the stiffness averaged over three time levels. beta = 1/12 cancels the leading
@@ -14,25 +14,7 @@ from typing import Any
 
 from numba import njit
 
-from strandcast.dynamics.elements import (
-    C_PH,
-    C_S,
-    CLAMP_OFFSET,
-    FLOOR,
-    K_PH,
-    K_S,
-    REST_BEND,
-    direction,
-    drag,
-    dry_friction,
-    joint,
-    segment,
-    slender_drag,
-    sticking_friction,
-    turn,
-)
-from strandcast.dynamics.hand import COS, DRATE, DVX, DVY, RATE, SIN, VX, VY
-from strandcast.dynamics.schemes.banded import (
+from strandcast.dynamics.banded import (
     ACROSS,
     AXIAL,
     BEND,
@@ -53,8 +35,26 @@ from strandcast.dynamics.schemes.banded import (
     eliminate,
     leave,
 )
-from strandcast.dynamics.schemes.scheme import ROWS, Scheme, StepSettings, StringArrays, StringMotion
+from strandcast.dynamics.elements import (
+    C_PH,
+    C_S,
+    CLAMP_OFFSET,
+    FLOOR,
+    K_PH,
+    K_S,
+    REST_BEND,
+    direction,
+    drag,
+    dry_friction,
+    joint,
+    segment,
+    slender_drag,
+    sticking_friction,
+    turn,
+)
+from strandcast.dynamics.hand import COS, DRATE, DVX, DVY, RATE, SIN, VX, VY
 from strandcast.dynamics.simd import INLINED, load, maximum, minimum, splat, store
+from strandcast.dynamics.string_state import ROWS, StepSettings, StringArrays, StringMotion
 
 STABLE = 0.9  # of the largest step that averaging allows
 _STIFF_DAMPING = 0.03  # more costs accuracy (0.5: seven times the error of a plausible cord at 1 ms)
@@ -101,10 +101,26 @@ def _slender_point(
 
 
 @njit(**INLINED)
-def step_lfcn(
+def advance(
     spec: Any, string: StringArrays, motion: StringMotion, hand: Any, work: Any, settings: StepSettings
 ) -> tuple[Any, Any]:
-    """Advance velocities by `share` of a step and segments by a whole one; see `scheme.advance`."""
+    """Advance velocities by `share` of a step and segments by a whole one.
+
+    Parameters
+    ----------
+    spec
+        `VectorSpec` of the values. All arrays are (rows, width).
+    string, motion, settings
+        See there; `motion` is changed.
+    hand
+        The hand at this step: the first eight values of `strandcast.dynamics.hand.drive`.
+    work
+        `ROWS` (n + 1) rows that the step may use.
+
+    Returns
+    -------
+    Lengths of the longest and the shortest segment before the step [m].
+    """
     h = settings.share * settings.step
     extent = _segments(spec, string, motion, hand, work, h, settings.l0)
     _bends(spec, string, hand, work)
@@ -267,6 +283,3 @@ def _assemble(
     store(spec, work, ROWS * n + W, zero)
     store(spec, work, ROWS * n + Q, zero)
     store(spec, work, ROWS * n + Q + 1, zero)
-
-
-LFCN = Scheme("lfcn", step_lfcn, repeats_diverged=True)

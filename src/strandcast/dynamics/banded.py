@@ -1,6 +1,6 @@
-"""Banded solve of the default scheme: elimination from hand to tip, then back substitution.
+"""Banded solve of a step: elimination from hand to tip, then back substitution.
 
-Blocks of two by two couple points up to two apart; see `strandcast.dynamics.schemes.lfcn`.
+Blocks of two by two couple points up to two apart; see `strandcast.dynamics.step`.
 """
 
 from typing import Any
@@ -8,8 +8,8 @@ from typing import Any
 from numba import njit
 
 from strandcast.dynamics.hand import DVX, DVY, VX, VY
-from strandcast.dynamics.schemes.scheme import ROWS, StringMotion
 from strandcast.dynamics.simd import INLINED, inverse, load, splat, store
+from strandcast.dynamics.string_state import ROWS, StringMotion
 
 # Rows of work per point i = 0…n, of `ROWS`. The elimination writes its results over what it has used.
 XX, YY, XY, R, E, W, Q = 0, 1, 2, 3, 5, 9, 10  # own block, right side, block to i + 1, bend at i

@@ -1,1 +1,0 @@
-"""Integration schemes by name."""
