@@ -287,7 +287,7 @@ def estimate(experiment: str, trial: int) -> Estimate:
         points=N,
         reading="rate",
         dt_s=1e-3,
-        search="cma",
+        search="descent",
         ranges="wide",
         start_shape="observed",
         evaluation="world",

@@ -49,10 +49,9 @@ class EstimateSettings(Section):
     search: PluginName = Field(
         "descent",
         description="descent: Gauss-Newton from several draws; thorough: eight searches from other draws, "
-        "which find the best string far more surely and take some thirty times as long; cma: CMA-ES; "
-        "evolution: differential evolution; paper: the paper's eq. 3; or an optimiser that an installed "
-        "package provides. Use paper to reproduce the paper, and thorough if you read the parameters; the "
-        "others confirm a fit that you doubt.",
+        "which find the best string far more surely and take some thirty times as long; paper: the "
+        "paper's eq. 3; or an optimiser that an installed package provides. Use thorough if you read the "
+        "parameters, and paper to reproduce the paper.",
     )
     evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
         4000,

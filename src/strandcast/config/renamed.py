@@ -20,7 +20,8 @@ class Renamed:
     Attributes
     ----------
     old, new
-        Paths in experiment.yaml, e.g. ``plan.finer``, in the same section; no new one: it was dropped.
+        Paths in experiment.yaml, e.g. ``plan.finer``, in the same section; no new one: it was dropped; the
+        same: values were.
     values
         Old value -> new value; all others stay.
     """
@@ -36,6 +37,7 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("plan.finer", "plan.mesh_refinement"),
     Renamed("plan.carry_residual", "plan.bias_correction"),
     Renamed("estimate.integrator", None),
+    Renamed("estimate.search", "estimate.search", {"cma": "thorough", "evolution": "thorough"}),
 )
 
 
@@ -62,7 +64,16 @@ def with_new_names(data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] 
                 *(file, place[0] + 1, change.old),
             )
             continue
-        new = change.new.split(".")[-1]
+        new, value = change.new.split(".")[-1], node[old]
+        known = isinstance(value, str | int | float | bool) and value in change.values
+        if new == old:
+            if known:
+                node[old] = change.values[value]
+                log.warning(
+                    "%s:%d: %s: %s was dropped; %s is used: write that",
+                    *(file, place[0] + 1, change.old, value, node[old]),
+                )
+            continue
         if new in node:
             raise StrandcastError(
                 "SC-F007",
@@ -72,8 +83,7 @@ def with_new_names(data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] 
                 field=change.old,
                 fix=f"remove {change.old}",
             )
-        value, position = node[old], list(node).index(old)
-        known = isinstance(value, str | int | float | bool) and value in change.values
+        position = list(node).index(old)
         del node[old]
         node.insert(position, new, change.values[value] if known else value)
         node.lc.data[new] = place

@@ -7,16 +7,8 @@ from scipy.optimize import Bounds, OptimizeResult, differential_evolution
 
 from strandcast.estimation.evaluation import Array
 from strandcast.estimation.fit_objective import EvaluationLog
-from strandcast.estimation.optimisers.optimiser import SearchProblem
-from strandcast.estimation.optimisers.starts import draw_starts, spread_population
 
 FEWEST = 5  # candidates of a generation, as SciPy asks for
-
-
-def search_by_evolution(problem: SearchProblem, log: EvaluationLog) -> bool:
-    """Differential evolution from the best draws."""
-    draw_starts(problem, log)
-    return evolve(log, spread_population(log)[0], problem.left(log), problem.rng)
 
 
 def evolve(
