@@ -10,6 +10,7 @@ import pytest
 from strandcast.errors import StrandcastError
 from strandcast.video.checks import slow_rate_warning, warnings_of
 from strandcast.video.ingest import camera_times, inspect_video
+from strandcast.video.reader import open_video
 
 
 def write(path, stamps, faststart=False, codec="libx264", base_s=Fraction(1, 500)):
@@ -24,6 +25,10 @@ def write(path, stamps, faststart=False, codec="libx264", base_s=Fraction(1, 500
             picture.pts, picture.time_base = stamp, base_s
             container.mux(stream.encode(picture))
         container.mux(stream.encode())
+
+
+def rounded(rate_hz, base_s, frames):
+    return [round(frame / (rate_hz * base_s)) for frame in frames]
 
 
 def refusal(path) -> StrandcastError:
@@ -59,6 +64,94 @@ def test_coarse_time_stamps_give_the_exact_rate(tmp_path):
     stamps = [round(16384 * k / 500) for k in range(126)]  # 32 or 33 steps apart: 496 or 512 frames/s
     write(tmp_path / "v.mp4", stamps, codec="mpeg4", base_s=Fraction(1, 16384))
     assert inspect_video(tmp_path / "v.mp4", isolated=False).frame_rate_hz == pytest.approx(500.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "frames", "base_s", "suffix"),
+    [
+        (240, 120, Fraction(1, 600), "mov"),
+        (Fraction(240_000, 1001), 600, Fraction(1, 600), "mov"),
+        (400, 120, Fraction(1, 600), "mov"),
+        (240, 120, Fraction(1, 1000), "mkv"),
+        (400, 120, Fraction(1, 1000), "mkv"),
+        (750, 120, Fraction(1, 1000), "mkv"),
+    ],
+)
+def test_rounded_time_stamps_give_the_even_clock(tmp_path, rate_hz, frames, base_s, suffix):
+    path = tmp_path / f"v.{suffix}"
+    write(path, rounded(rate_hz, base_s, range(frames)), base_s=base_s)
+    facts = inspect_video(path, isolated=False)
+    np.testing.assert_allclose(camera_times(facts), np.arange(frames) / float(rate_hz), atol=1e-6)
+    assert facts.rounded_to_s == pytest.approx(float(base_s))
+    assert facts.gaps == []
+    assert not any("as they are" in note for note in facts.notes)
+
+
+def test_a_missing_frame_is_found_in_rounded_time_stamps(tmp_path):
+    frames = [*range(50), *range(52, 120)]
+    write(tmp_path / "v.mov", rounded(240, Fraction(1, 600), frames), base_s=Fraction(1, 600))
+    facts = inspect_video(tmp_path / "v.mov", isolated=False)
+    assert [(gap.index, gap.missing) for gap in facts.gaps] == [(49, 2)]
+    np.testing.assert_allclose(camera_times(facts), np.array(frames) / 240, atol=1e-6)
+
+
+def test_uneven_time_stamps_are_used_as_they_are_and_named(tmp_path):
+    """A phone at 60 frames/s: 16.1 to 17.2 ms from frame to frame, and one stands three times as long."""
+    steps = np.random.default_rng(2).integers(1450, 1549, 60)
+    steps[30] = 4500
+    stamps = [0, *np.cumsum(steps).tolist()]
+    write(tmp_path / "v.mp4", stamps, base_s=Fraction(1, 90_000))
+    facts = inspect_video(tmp_path / "v.mp4", isolated=False)
+    np.testing.assert_allclose(camera_times(facts), np.array(stamps) / 90_000, atol=1e-9)
+    assert facts.rounded_to_s is None
+    assert [(gap.index, gap.missing) for gap in facts.gaps] == [(30, 2)]
+    low, high = (f"{step / 90:.4g}" for step in (steps.min(), steps[steps < 4500].max()))
+    assert any(f"follow each other at {low} to {high} ms" in note for note in facts.notes)
+
+
+def test_packets_without_a_picture_leave_each_frame_its_time(tmp_path):
+    """As action cameras mark lost frames: four bytes, a length of nothing."""
+    write(tmp_path / "whole.mp4", range(40))
+    empty = {10, 11, 25}
+    with av.open(str(tmp_path / "whole.mp4")) as whole, av.open(str(tmp_path / "v.mp4"), "w") as container:
+        stream = container.add_stream_from_template(whole.streams.video[0])
+        for packet in whole.demux(video=0):
+            if packet.size:
+                lost = av.Packet(bytes(4)) if round(packet.pts * packet.time_base * 500) in empty else packet
+                lost.pts, lost.dts, lost.time_base = packet.pts, packet.dts, packet.time_base
+                lost.stream, lost.is_keyframe = stream, packet.is_keyframe
+                container.mux(lost)
+    facts = inspect_video(tmp_path / "v.mp4", isolated=False)
+    assert (facts.packets, facts.discarded_packets) == (37, 3)
+    with open_video(tmp_path / "v.mp4", isolated=False) as video:
+        shown_s = [time_s for _, time_s, _ in video]
+    np.testing.assert_allclose(shown_s, camera_times(facts), atol=1e-6)
+
+
+def test_the_stream_that_is_read_is_named(tmp_path):
+    with av.open(str(tmp_path / "v.mkv"), "w") as container:
+        streams = [container.add_stream("ffv1", rate=240) for _ in range(2)]
+        for stream, width in zip(streams, (64, 32), strict=True):
+            stream.width, stream.height, stream.pix_fmt = width, 48, "gray"
+        for k in range(10):
+            for stream in streams:
+                picture = av.VideoFrame.from_ndarray(np.full((48, stream.width), k, np.uint8), "gray")
+                picture.pts = k
+                container.mux(stream.encode(picture))
+        for stream in streams:
+            container.mux(stream.encode())
+    notes = inspect_video(tmp_path / "v.mkv", isolated=False).notes
+    assert "it contains 2 video streams: stream 0 (64 x 48, 10 frames) is used" in notes
+
+
+def test_super_slow_motion_needs_a_stated_rate(tmp_path):
+    write(tmp_path / "v.mp4", range(30))
+    with (tmp_path / "v.mp4").open("ab") as file:
+        file.write(b"SuperSlowMotion_Data" + bytes(40) + b"SEFT")
+    error = refusal(tmp_path / "v.mp4")
+    assert error.code == "SC-V017"
+    assert "super slow motion" in error.what
+    assert inspect_video(tmp_path / "v.mp4", frame_rate_hz=960.0).frame_rate_hz == 960.0
 
 
 def test_the_experiments_rate_wins_over_a_slow_motion_export(tmp_path):

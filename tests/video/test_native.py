@@ -119,6 +119,21 @@ def test_a_damaged_block_of_time_stamps_gives_no_more_than_it_holds(tmp_path, si
     assert len(cine_times_ns(path) or []) == left
 
 
+@pytest.mark.parametrize("isolated", [True, False])
+def test_the_frames_of_a_cine_have_the_cameras_own_times(tmp_path, isolated):
+    from ..faults.readers import CINE_TIMES_AT, cine_file
+
+    path = cine_file(tmp_path)
+    data = bytearray(path.read_bytes())
+    for frame in range(3):  # the header's nominal rate is another one
+        struct.pack_into("<II", data, CINE_TIMES_AT + 8 + 8 * frame, frame * ((1 << 32) // 9000), 9)
+    path.write_bytes(data)
+    with open_video(path, isolated=isolated) as video:
+        times = [time_s for _, time_s, _ in video]
+    np.testing.assert_allclose(times, camera_times(inspect_video(path, isolated=False)), atol=1e-12)
+    np.testing.assert_allclose(times, np.arange(3) / 9000, atol=2e-9)
+
+
 def packed_cine_frames(path: Path) -> np.ndarray:
     """Read a cine file of 10 bits packed by its own table of images: (N, height, width) levels."""
     data = path.read_bytes()

@@ -30,9 +30,10 @@ class VideoFacts(Part):
     frame_rate_source: str  # "time stamps", "header" or "experiment"
     time_base_s: float
     time_stamps: list[int]  # per packet in order of display, in time bases from the first
+    rounded_to_s: float | None = None  # the file's time stamps; those above are the even clock that they fit
     gaps: list[Gap]
     duplicates: int
-    discarded_packets: int = 0  # removed by the container's edit list
+    discarded_packets: int = 0  # without a picture, or removed by the container's edit list
     time_stamp_rate_hz: float | None = None  # from the time stamps, whatever the experiment's file says
     whole: bool = True  # False: it was cut off, and the frames before the cut are used
     notes: list[str] = []  # remarks for the user

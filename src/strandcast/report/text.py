@@ -169,8 +169,10 @@ def software_sentence(versions: Mapping[str, str]) -> str:
 def _recording(manifest: Manifest) -> str:
     video, log = manifest.video, manifest.joint_log
     joints = "" if log is None else f", the joints at {log.rate_hz:g} Hz"
+    rounded = video.rounded_to_s
+    clock = "" if rounded is None else f" (the even clock of time stamps rounded to {1e3 * rounded:.3g} ms)"
     return (
-        f"The throw was recorded at {video.frame_rate_hz:g} frames/s and {video.width_px} × "
+        f"The throw was recorded at {video.frame_rate_hz:.6g} frames/s{clock} and {video.width_px} × "
         f"{video.height_px} px ({video.codec}){joints}."
     )
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np  # imported on use: the process that decodes other videos does without
 
 IMAGE_TIMES = 1002
+LONGEST_SPAN = 2.0  # of time stamps, relative to their median step times the images
 COUNT_AT, SETUP_AT = 0x14, 0x1C  # in the header: number of images; positions of setup and image table
 LENGTH_AT, FLIPS_AT = 142, 756  # in the setup: its length; bFlipH, then bFlipV
 
@@ -34,6 +35,23 @@ def cine_times_ns(path: str | Path) -> list[int] | None:
     fraction = (stamps[:, 0] & ~np.uint32(3)).astype(np.float64) / 2.0**32
     times = seconds * 10**9 + np.rint(fraction * 1e9).astype(np.int64)
     return [int(time) for time in times - times[0]]
+
+
+def clock_of_images_ns(path: str | Path, images: int) -> tuple[list[int] | None, str | None]:
+    """Return `cine_times_ns` if they are a clock of that many images, or None; and a note if they jump."""
+    import numpy as np
+
+    times = cine_times_ns(path)
+    if times is None or len(times) != images or images < 2:
+        return None, None
+    steps = np.diff(times)
+    if steps.min() > 0 and steps.sum() <= LONGEST_SPAN * len(steps) * np.median(steps):
+        return times, None
+    worst = int(np.abs(steps - np.median(steps)).argmax())
+    return None, (
+        f"the camera's time stamps jump by {steps[worst] / 1e9:.4g} s after frame {worst}: "
+        "its nominal rate is used"
+    )
 
 
 def cine_flips(path: str | Path) -> list[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import av
 
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.video.cine import cine_flips, cine_times_ns
+from strandcast.video.cine import cine_flips, clock_of_images_ns
 from strandcast.video.ffmpeg import OpenContainer, open_container, reason
 from strandcast.video.files import damaged
 from strandcast.video.grey import (
@@ -24,8 +24,10 @@ from strandcast.video.grey import (
 )
 from strandcast.video.source import SQUARE_TOLERANCE, Contents, Source, VideoInfo
 
-LONGEST_SPAN = 2.0  # of a cine's time stamps, relative to their median step times the frames
 AVI_CHUNK_HEADER = 8  # bytes between the position in the index and the packet's
+# Bytes of the length before each part of a packet in mp4 and mov: a packet of that size holds no picture.
+PREFIX_BYTES = 4
+TRAILER_BYTES = 1 << 16  # chosen: of a phone's own data after the film, which are some kilobytes
 BEYOND_SHARE = 0.01  # chosen: share of pixels beyond the limited range above which it is reported
 
 
@@ -48,11 +50,18 @@ def probe(path: str | Path) -> Contents:
             exact=exact > 0,
             discarded=packets.discarded,
             breaks_off=packets.breaks_off,
+            several_rates=_several_rates(path),
         )
         # Phones that export slow motion at 30 frames/s write the true rate here.
         rate = container.metadata.get("com.android.capture.fps")
         aspect = _pixel_aspect(stream)
+        streams = container.streams.video
         notes = [] if first is None else _notes_on_first_frame(first, int(context.color_range), path)
+        if len(streams) > 1:
+            contents.notes.append(
+                f"it contains {len(streams)} video streams: stream {stream.index} "
+                f"({contents.width_px} x {contents.height_px}, {len(contents.ticks)} frames) is used"
+            )
     if rate:
         contents.notes.append(f"its header says that it was filmed at {_number(rate)} frames/s")
     if abs(aspect - 1.0) > SQUARE_TOLERANCE:
@@ -67,6 +76,18 @@ def probe(path: str | Path) -> Contents:
 def _pixel_aspect(stream: av.VideoStream) -> float:
     """Return the width of a pixel over its height (sample aspect ratio); 1 if the file states none."""
     return float(stream.sample_aspect_ratio or 1)
+
+
+def _several_rates(path: str | Path) -> str | None:
+    """Return what a Samsung phone's trailer says of super slow motion, which time stamps do not show."""
+    with Path(path).open("rb") as file:
+        file.seek(max(0, file.seek(0, 2) - TRAILER_BYTES))
+        trailer = file.read()
+    if not (trailer.endswith(b"SEFT") and b"SuperSlowMotion" in trailer):
+        return None
+    return (
+        "the phone's data at its end mark super slow motion: parts were filmed at other rates than they play"
+    )
 
 
 def _number(text: str) -> str:
@@ -91,13 +112,20 @@ class Packets:
         stamp = packet.pts if packet.pts is not None else packet.dts
         if packet.is_corrupt:
             self.breaks_off = "the last frame is cut"
-        elif packet.is_discard:
+        elif packet.is_discard or _is_empty(packet):
             self.discarded += 1
         elif stamp is None:
             self.breaks_off = f"frame {len(self.stamps)} has no time stamp"
         else:
             self.stamps.append(int(stamp))
             self.positions.append(packet.pos)
+
+
+def _is_empty(packet: av.Packet) -> bool:
+    """Return whether a packet marks a lost frame, as action cameras write it: an empty length."""
+    context = packet.stream.codec_context
+    prefixed = context.name in ("h264", "hevc") and (context.extradata or b"")[:1] == b"\x01"
+    return prefixed and 0 < packet.size <= PREFIX_BYTES
 
 
 def _packets(
@@ -111,7 +139,7 @@ def _packets(
         for packet in container.demux(stream):
             if packet.size:
                 packets.add(packet)
-            if decodes and not frames:
+            if decodes and not frames and not _is_empty(packet):
                 try:
                     frames = stream.decode(packet)
                 except av.FFmpegError as error:
@@ -149,21 +177,10 @@ def _promised_frames(container: av.container.InputContainer, stream: av.VideoStr
 
 def _with_camera_times(contents: Contents, path: str | Path) -> Contents:
     """Use the camera's own time stamps, which a cine contains beside its nominal rate; name its flips."""
-    import numpy as np  # here: the process that decodes other videos does without
-
     contents = replace(contents, camera_clock=True, notes=contents.notes + cine_flips(path))
-    times = cine_times_ns(path)
-    if times is None or len(times) != len(contents.ticks) or len(times) < 2:
-        return contents
-    steps = np.diff(times)
-    if steps.min() <= 0 or steps.sum() > LONGEST_SPAN * len(steps) * np.median(steps):
-        worst = int(np.abs(steps - np.median(steps)).argmax())
-        contents.notes.append(
-            f"the camera's time stamps jump by {steps[worst] / 1e9:.4g} s after frame {worst}: "
-            "its nominal rate is used"
-        )
-        return contents
-    return replace(contents, ticks=times, time_base_s=1e-9)
+    times, jump = clock_of_images_ns(path, len(contents.ticks))
+    contents.notes.extend([] if jump is None else [jump])
+    return contents if times is None else replace(contents, ticks=times, time_base_s=1e-9)
 
 
 def _notes_on_first_frame(frame: av.VideoFrame, color_range: int, path: str | Path) -> list[str]:
@@ -210,12 +227,18 @@ def _frames(
     opened: OpenContainer, info: VideoInfo, limit: int | None
 ) -> Iterator[tuple[float, av.VideoFrame]]:
     count, time_base = 0, opened.stream.time_base
+    cine = opened.container.format.name == "cine"
+    times = clock_of_images_ns(info.path, int(opened.stream.duration or 0))[0] if cine else None
     try:
         for frame in _decode(opened, limit):
-            if frame.pts is None or (frame.width, frame.height) != (info.width, info.height):
+            stamp = frame.pts if frame.pts is not None else frame.dts
+            if stamp is None or (frame.width, frame.height) != (info.width, info.height):
                 what = f"frame {count} has no time stamp or another size ({frame.width} x {frame.height})"
                 raise StrandcastError("SC-V009", what, file=info.path, exit_code=INTEGRITY)
-            yield float(frame.pts * time_base), upright(frame, info.path)
+            yield (
+                float(stamp * time_base) if times is None else 1e-9 * times[count],
+                upright(frame, info.path),
+            )
             count += 1
     except av.FFmpegError as error:
         what = f"the video breaks off after {count} frames ({reason(error)})"
@@ -224,11 +247,16 @@ def _frames(
 
 def _decode(opened: OpenContainer, limit: int | None) -> Iterator[av.VideoFrame]:
     """Yield all frames in order of display, or the first `limit` before a cut."""
-    if limit is None:
-        yield from opened.container.decode(opened.stream)
-        return
-    whole = itertools.chain(_whole_packets(opened), [None])  # None: the frames still in the decoder
-    yield from itertools.islice((frame for packet in whole for frame in opened.stream.decode(packet)), limit)
+    packets = opened.container.demux(opened.stream) if limit is None else _whole_packets(opened)
+    # Without a limit, demuxing ends with the empty packet that flushes the decoder.
+    flushed = packets if limit is None else itertools.chain(packets, [None])
+    frames = (
+        frame
+        for packet in flushed
+        if packet is None or not _is_empty(packet)
+        for frame in opened.stream.decode(packet)
+    )
+    yield from itertools.islice(frames, limit)
 
 
 def _whole_packets(opened: OpenContainer) -> Iterator[av.Packet]:

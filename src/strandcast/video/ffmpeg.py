@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import av
+from av.stream import Disposition
 
 from strandcast.errors import StrandcastError
 from strandcast.video.files import check_video_path, damaged
@@ -18,7 +19,7 @@ FORMATS = "mov,matroska,avi,mjpeg,h264,hevc,ivf,ogg,nut,mpegts,asf,cine"
 
 @dataclass(frozen=True)
 class OpenContainer:
-    """An open container, its first video stream, and FFmpeg's log while it is open."""
+    """An open container, its first video stream that is no picture, and FFmpeg's log while it is open."""
 
     container: av.container.InputContainer
     stream: av.VideoStream
@@ -60,7 +61,8 @@ def open_container(path: str | Path) -> Iterator[OpenContainer]:
 def _video_stream(container: av.container.InputContainer, path: str | Path) -> av.VideoStream:
     if not container.streams.video:
         raise StrandcastError("SC-V006", "contains no video stream", file=path, fix="give the camera's file")
-    stream = container.streams.video[0]
+    films = [each for each in container.streams.video if not each.disposition & Disposition.attached_pic]
+    stream = (films or container.streams.video)[0]
     context = stream.codec_context
     if context is None:
         fix = "convert the video to FFV1 or H.264"

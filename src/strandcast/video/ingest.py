@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from strandcast.video.source import Contents
 GAP_FACTOR = 1.5  # chosen: frame interval relative to the usual one above which frames are missing
 MAX_MISSING = 0.2  # chosen: largest share of frames missing in gaps
 RATE_TOLERANCE = 0.02  # chosen: relative difference of declared and stamped rate without a note
+UNEVEN = 0.01  # chosen, of a frame interval: a tip at 10 m/s moves by 0.2 mm in 1 % of 2 ms
+SLOPE_SLACK = 0.25  # of a unit from first to last stamp: rounding changes a fitted clock by 0.08
+LEAST_RECURRENCES = 3  # of a rounding's pattern, without which a longer step is a missing frame
 
 
 def inspect_video(
@@ -39,15 +43,16 @@ def inspect_video(
     Returns
     -------
     VideoFacts
-        ``packets`` and ``time_stamps`` describe displayed frames: packets removed by the container's edit
-        list are counted in ``discarded_packets`` instead.
+        ``packets`` and ``time_stamps`` describe displayed frames: packets without a picture, or removed by
+        the container's edit list, are counted in ``discarded_packets`` instead. Time stamps that a file
+        rounds, as QuickTime does to 1/600 s, are replaced by the even clock that they fit.
 
     Raises
     ------
     StrandcastError
         As `strandcast.video.reader.open_video` on opening, and SC-V011 fewer than two frames, SC-V012
-        fewer than the header states (truncated), SC-V017 no frame rate, SC-V018 too many missing,
-        SC-V025 `frame_rate_hz` contradicts the camera's clock.
+        fewer than the header states (truncated), SC-V017 no frame rate or more than one, SC-V018 too many
+        missing, SC-V025 `frame_rate_hz` contradicts the camera's clock.
     """
     check_video_path(path)
     contents = probe_isolated(path, ProcessLimits()) if isolated else probe(path)
@@ -75,11 +80,12 @@ def inspect_video(
         time_base_s=clock.time_base_s,
         time_stamps=clock.ticks.tolist(),
         gaps=clock.gaps,
+        rounded_to_s=clock.rounded_to_s,
         duplicates=int((np.diff(clock.ticks) == 0).sum()),
         discarded_packets=contents.discarded,
         time_stamp_rate_hz=clock.stamped_hz,
         whole=not cut,
-        notes=contents.notes + _rate_notes(clock) + ([cut] if cut else []),
+        notes=contents.notes + _rate_notes(clock) + _uneven_notes(clock) + ([cut] if cut else []),
     )
 
 
@@ -107,13 +113,25 @@ class _Clock:
     rate_hz: float
     stamped_hz: float | None  # None: the file has no time stamps
     gaps: list[Gap]
+    rounded_to_s: float | None  # what the file's time stamps are multiples of, if the clock is not they
 
 
 def _clock(contents: Contents, frame_rate_hz: float | None, path: str | Path) -> _Clock:
-    ticks = np.asarray(contents.ticks, dtype=np.int64)
-    ticks -= ticks[0]
-    step = _usual_step(ticks)
-    stamped_hz = None if contents.time_base_s is None else 1.0 / (step * contents.time_base_s)
+    if contents.several_rates and frame_rate_hz is None:
+        raise StrandcastError(
+            "SC-V017",
+            contents.several_rates,
+            file=path,
+            field="camera.frame_rate_hz",
+            cost="speeds would be wrong, by different factors in parts of the film",
+            fix="film at one frame rate; if all its frames are of one rate, give camera.frame_rate_hz",
+        )
+    stamps = np.asarray(contents.ticks, dtype=np.int64)
+    stamps -= stamps[0]
+    even = _even_clock(stamps, contents.time_base_s or 1.0)
+    ticks, step, unit = (stamps, _usual_step(stamps), 1.0) if even is None else (even.frame, 1.0, even.step)
+    base_s = None if contents.time_base_s is None else unit * contents.time_base_s
+    stamped_hz = None if base_s is None else 1.0 / (step * base_s)
     rate_hz = frame_rate_hz or stamped_hz
     if rate_hz is None:
         field = "camera.frame_rate_hz"
@@ -121,8 +139,50 @@ def _clock(contents: Contents, frame_rate_hz: float | None, path: str | Path) ->
         raise StrandcastError("SC-V017", "pictures have no frame rate", file=path, field=field, fix=fix)
     if contents.camera_clock and stamped_hz is not None:
         _refuse_other_rate(rate_hz, stamped_hz, path)
-    true = contents.time_base_s if frame_rate_hz is None else None
-    return _Clock(ticks, true or 1.0 / (rate_hz * step), rate_hz, stamped_hz, _gaps(ticks, step, rate_hz))
+    true = base_s if frame_rate_hz is None else None
+    rounded = None if even is None else even.rounded_to * (contents.time_base_s or 1.0)
+    gaps = _gaps(ticks, step, rate_hz)
+    return _Clock(ticks, true or 1.0 / (rate_hz * step), rate_hz, stamped_hz, gaps, rounded)
+
+
+class _EvenClock(NamedTuple):
+    """A clock that ticks once per frame, in units of the time stamps that it was rounded to."""
+
+    frame: np.ndarray  # (n,) number of each frame on it; missing ones are counted
+    step: float
+    rounded_to: int
+
+
+def _even_clock(stamps: np.ndarray, base_s: float) -> _EvenClock | None:
+    """Return the even clock of which `stamps` [ticks] are rounded values; None: they are exact, or uneven.
+
+    Formats and phones round time stamps: 240 frames/s in QuickTime's 1/600 s last 2 or 3 units. A file that
+    was copied to another format keeps the coarser unit, the greatest that divides all stamps.
+    """
+    unit = int(np.gcd.reduce(stamps))
+    numbered = np.concatenate([[0], np.cumsum(_spans(stamps, _usual_step(stamps)))])
+    for frame in (numbered, np.arange(len(stamps))):
+        missing = frame[-1] + 1 - len(frame)
+        if missing > MAX_MISSING * (frame[-1] + 1) or (np.diff(frame) == 0).any():
+            continue
+        step, start = np.polyfit(frame, stamps, 1)
+        off = np.abs(stamps - start - step * frame).max()
+        if frame is numbered:
+            fits = off <= unit
+        else:  # frames shorter than two units: no frame is missing if steps recur as rounding makes them
+            fits = off <= 0.55 * unit and len(stamps) * (step % unit) >= LEAST_RECURRENCES * unit
+        if fits:
+            slack = SLOPE_SLACK * unit / frame[-1]
+            return None if off < UNEVEN * step else _EvenClock(frame, _usual(step, slack, base_s), unit)
+    return None
+
+
+def _usual(step: float, slack: float, base_s: float) -> float:
+    """Return the step of a whole rate, or of NTSC's 1000/1001 of one, within `slack`; else `step` [ticks]."""
+    rate_hz = 1.0 / (step * base_s)
+    steps = [1.0 / (each * base_s) for each in (round(rate_hz), round(1.001 * rate_hz) / 1.001) if each > 0]
+    near = min(steps, key=lambda each: abs(each - step), default=step)
+    return float(near if abs(near - step) <= slack else step)
 
 
 def _refuse_other_rate(given_hz: float, camera_hz: float, path: str | Path) -> None:
@@ -191,13 +251,33 @@ def _usual_step(ticks: np.ndarray) -> float:
     """
     steps = np.diff(ticks).astype(np.float64)
     median = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
-    near = steps[(steps > 0.5 * median) & (steps < GAP_FACTOR * median)]
+    near = steps[(steps >= 0.5 * median) & (steps <= GAP_FACTOR * median)]
     return float(near.mean()) if len(near) else median
+
+
+def _spans(ticks: np.ndarray, step: float) -> np.ndarray:
+    """Return the frames from each time stamp to the next, in whole numbers; 0 for equal stamps."""
+    spans = np.diff(ticks) / step
+    return np.where(spans > GAP_FACTOR, spans + 0.5, spans > 0).astype(np.int64)
 
 
 def _gaps(ticks: np.ndarray, step: float, rate_hz: float) -> list[Gap]:
     spans = np.diff(ticks) / step
     return [
-        Gap(index=int(index), duration_s=float(spans[index] / rate_hz), missing=int(spans[index] + 0.5) - 1)
-        for index in np.flatnonzero(spans > GAP_FACTOR)
+        Gap(index=int(index), duration_s=float(spans[index] / rate_hz), missing=int(frames) - 1)
+        for index, frames in enumerate(_spans(ticks, step))
+        if frames > 1
+    ]
+
+
+def _uneven_notes(clock: _Clock) -> list[str]:
+    step = _usual_step(clock.ticks)
+    steps = np.diff(clock.ticks)
+    single = steps[_spans(clock.ticks, step) <= 1]
+    if clock.stamped_hz is None or not len(single) or np.ptp(single) <= 2 * UNEVEN * step:
+        return []
+    low_ms, high_ms = (1e3 * clock.time_base_s * float(steps) for steps in (single.min(), single.max()))
+    return [
+        f"its frames follow each other at {low_ms:.4g} to {high_ms:.4g} ms: its time stamps are no even "
+        "clock's, and are used as they are"
     ]

@@ -102,11 +102,13 @@ class Contents:
     promised, exact
         Number of frames that the header states, 0 if it states none; False if derived from a duration.
     discarded
-        Number of frames that the container's edit list removes.
+        Number of packets without a picture, or that the container's edit list removes.
     camera_clock
         Whether the camera wrote the times or the rate when it recorded, so that they are no playing speed.
     breaks_off
         Why the data end before the file does; None if they do not.
+    several_rates
+        Why the frames were filmed at more than one rate, by the file itself; None if it says no such thing.
     notes
         Remarks for the user.
     """
@@ -123,6 +125,7 @@ class Contents:
     discarded: int = 0
     camera_clock: bool = False
     breaks_off: str | None = None
+    several_rates: str | None = None
     notes: list[str] = field(default_factory=list)
 
 
