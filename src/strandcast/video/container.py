@@ -4,7 +4,9 @@ import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 import av
 
@@ -46,7 +48,7 @@ def probe(path: str | Path) -> Contents:
             height_px=int(context.height),
             ticks=_avi_index_ticks(stream, packets) or sorted(packets.stamps),
             time_base_s=float(stream.time_base),
-            promised=exact or _promised_frames(container, stream),
+            promised=exact or _promised_frames(container, stream, sorted(packets.stamps)),
             exact=exact > 0,
             discarded=packets.discarded,
             breaks_off=packets.breaks_off,
@@ -165,14 +167,26 @@ def _avi_index_ticks(stream: av.VideoStream, packets: Packets) -> list[int] | No
     return [known[position] for position in packets.positions]
 
 
-def _promised_frames(container: av.container.InputContainer, stream: av.VideoStream) -> int:
-    """Return duration times rate for containers (mkv) that store no frame count; 0 if unknown."""
+def _promised_frames(
+    container: av.container.InputContainer, stream: av.VideoStream, stamps: list[int]
+) -> int:
+    """Return the frames of containers (mkv) that store only a duration; 0 if unknown.
+
+    The stated rate of such a file may be a guess from its first rounded time stamps: the frames' own steps
+    say how many would follow the last one.
+    """
     if container.format.name == "cine":
         return int(stream.duration or 0)
     rate = stream.average_rate
     if container.duration is None or not rate:
         return 0
-    return int(container.duration / av.time_base * float(rate) + 0.5)
+    duration_s = container.duration / av.time_base
+    if len(stamps) < 2:
+        return int(duration_s * float(rate) + 0.5)
+    step = median(after - before for before, after in pairwise(stamps))
+    first = max(container.start_time or 0, 0) / av.time_base
+    left_s = duration_s - (float(stream.time_base) * (stamps[-1] + step) - first)
+    return len(stamps) + max(0, int(left_s / (float(stream.time_base) * step) + 0.5))
 
 
 def _with_camera_times(contents: Contents, path: str | Path) -> Contents:
