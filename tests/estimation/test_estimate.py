@@ -208,23 +208,42 @@ def test_given_ranges_bounds_and_curl_are_reported():
     assert found.E_m > 0.0012  # so soft a string cannot follow the motion
 
 
-def search_that_knows(monkeypatch, stiffer, **changes):
-    """Return settings with a search that finds the stiff string, or the nearest one within the ranges."""
+def search_that_knows(monkeypatch, string, **changes):
+    """Return settings with a search that finds this string, or the nearest one within the ranges."""
 
     def know(problem, log):
-        log(problem.objective.space.chi_of(known_string(stiffer)))
+        log(problem.objective.space.chi_of(string))
         return True
 
     monkeypatch.setattr(OPTIMISERS, "_entries", OPTIMISERS.known() | {"known": know})
     return EstimateSettings(search="known", profiles=False, drag_along=False, **changes)
 
 
+def test_a_bound_that_costs_nothing_is_no_warning(monkeypatch):
+    """The throw hardly depends on c_s: a range that ends below the true value costs nothing."""
+    settings = search_that_knows(monkeypatch, known_string(), ranges={"c_s": (1.0, 15.0)})
+    found = estimate([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(3))
+    assert found.at_bound[1]
+    assert not any("ended at a bound" in warning for warning in found.warnings)
+
+
+def test_a_rigid_clamp_is_no_stiff_string(monkeypatch):
+    """A limp cord whose fit takes the wider ranges for the sake of the clamp alone."""
+    rigid = known_string()
+    rigid.parameters[0, PARAMETERS.index("k_ph")] = 200.0
+    settings = search_that_knows(monkeypatch, rigid)
+    monkeypatch.setattr("strandcast.estimation.estimate.PAYS", np.inf)
+    found = estimate([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(3))
+    assert found.space.bounds[PARAMETERS.index("k_ph"), 1] > 200.0
+    assert not any("stiff" in warning or "masses" in warning for warning in found.warnings)
+
+
 def test_ranges_are_widened_for_a_stiff_string(monkeypatch):
-    settings, throw = search_that_knows(monkeypatch, 40.0), observed_throw(1.0, stiffer=40.0)
+    settings, throw = search_that_knows(monkeypatch, known_string(40.0)), observed_throw(1.0, stiffer=40.0)
     found = estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
     assert found.space.bounds[2, 1] == 300.0
-    assert any("widened to 300; read" in warning for warning in found.warnings)
-    within = search_that_knows(monkeypatch, 40.0, ranges={"k_h": (1e-4, 10.0)})
+    assert any(warning.startswith("a stiff string: k_h and k_sh are 20") for warning in found.warnings)
+    within = search_that_knows(monkeypatch, known_string(40.0), ranges={"k_h": (1e-4, 10.0)})
     kept = estimate([throw], MODEL, LAYOUT, within, np.random.default_rng(3))
     assert kept.space.bounds[2, 1] == 10.0
     assert kept.E_m > 1.5 * found.E_m
@@ -232,7 +251,7 @@ def test_ranges_are_widened_for_a_stiff_string(monkeypatch):
 
 def test_masses_of_a_string_at_the_bound_of_stiffness_are_not_known(monkeypatch):
     stiffer = 10.0 / TRUTH[2]
-    settings = search_that_knows(monkeypatch, stiffer, ranges={"k_h": (1e-4, 10.0)})
+    settings = search_that_knows(monkeypatch, known_string(stiffer), ranges={"k_h": (1e-4, 10.0)})
     throw = observed_throw(1.0, noise=0.0, stiffer=stiffer)  # no string is better than the true one
     found = estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
     assert any(warning.startswith("the weights' masses are not known: k_h") for warning in found.warnings)

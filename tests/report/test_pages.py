@@ -160,7 +160,7 @@ def test_the_verdict_comes_first_with_its_numbers(page: str, results: Path) -> N
         "0.113 px",
     ):
         assert number in text
-    assert "at bound, not determined" in text
+    assert "at bound: leave it" in text
     assert "8 frames without the tip" in text
     assert "speed limit active at joint_1" in text
 

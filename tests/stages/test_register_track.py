@@ -268,6 +268,20 @@ def test_what_is_doubtful_is_a_warning_with_its_number(
     assert re.search(words, warnings[0])
 
 
+def test_a_limp_cord_that_hangs_from_the_hand_is_not_mirrored(supplied: Supplied) -> None:
+    """It leaves the hand 2 rad from its angle, and its mirror image 1 rad."""
+
+    def hang(t: Rows) -> Rows:
+        hand_m = np.repeat(HAND_M, 5, axis=0)
+        out_m = np.hypot(t["x_m"] - hand_m[:, 0], t["y_m"] - hand_m[:, 1])
+        angle_rad = np.repeat(ANGLE_RAD, 5) - 2.0
+        along = np.stack([np.cos(angle_rad), np.sin(angle_rad)])
+        return t | {f"{axis}_m": hand_m[:, k] + out_m * along[k] for k, axis in enumerate("xy")}
+
+    supplied.damage("track", hang)
+    assert supplied.register().warnings == []
+
+
 CASES = int(os.environ.get("STRANDCAST_FUZZ_CASES", "300"))
 NUMBERS = [np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-320, 1e300, -1e300, 1e9, 0.5, 10.2]
 CHANGES = st.lists(

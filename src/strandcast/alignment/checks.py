@@ -25,6 +25,7 @@ LONGEST_UNLOGGED_S = 0.03  # of motion in the video without a log
 LARGEST_LENGTH_M = 0.010
 LARGEST_TURN_RAD = 0.15
 OUTLIER_SHARE = 0.10  # of a marker's detections
+WRONG_ROWS = 0.01  # of a log's rows; the splines bridge fewer without harm
 NOISY = 4.0  # times as noisy as the best marker
 WIGGLE = "play a sync wiggle before the throw: three quick turns of the hand to and fro, some centimetres"
 NO_CLOCK = "the clocks cannot be aligned"
@@ -263,6 +264,6 @@ def _row_warnings(rows: LogRows, outliers: int) -> list[str]:
         found.append(f"{rows.unsorted} rows of the log were out of order and were sorted")
     if rows.doubled:
         found.append(f"{rows.doubled} rows of the log have the time of another and were left out")
-    if outliers:
+    if outliers > WRONG_ROWS * len(rows.time_s):
         found.append(f"{outliers} rows of the log are late, repeated or wrong and were left out")
     return found

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import solve_triangular
+from scipy.ndimage import median_filter
 
 # Chosen.
 KNOT_S = 0.010
@@ -18,7 +19,8 @@ SMALLEST_NOISE_RAD = 1e-6
 MAD = 1.4826  # standard deviation over median absolute deviation
 SLOW, FAST = 0.3, 0.5  # of the greatest speed
 LEAST_ROWS_FOR_NOISE = 20
-STIRRING = 0.05  # of the greatest speed: above it, a row that repeats the one before is stale
+STIRRING = 0.05  # of the greatest speed: below it, joints are taken to rest
+GRID = 12.0**0.5  # an encoder's step over its noise: only a row that should be farther on is stale
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +121,8 @@ def joint_path(time_s: np.ndarray, q_rad: np.ndarray, span_s: tuple[float, float
     An interpolating spline follows the rows' noise, and its wiggles would pass for motion that determines the
     offset. Penalised splines (Eilers and Marx, Statistical Science 11, 1996) are as smooth as the log allows,
     bridge gaps, and show which rows are late or wrong: those deviate by more than the noise of encoders and
-    time stamps explains. Rows that repeat the one before, in motion, are always late and never early: they
-    are left out however small their deviation.
+    time stamps explains. Rows that repeat the one before, in motion by more than an encoder's step, are
+    always late and never early: they are left out however small their deviation.
     """
     near = (time_s >= span_s[0] - 4 * KNOT_S) & (time_s <= span_s[1] + 4 * KNOT_S)
     time_s, q_rad = time_s[near], q_rad[near]
@@ -137,9 +139,14 @@ def joint_path(time_s: np.ndarray, q_rad: np.ndarray, span_s: tuple[float, float
         off, speed = q_rad - basis @ spline.c, spline(time_s, 1)
         # A spline that is free to follow the rows follows their noise.
         encoder, jitter_s = row_noise(off / smoothed.residual_share, speed)
-        apart = np.abs(off) / smoothed.residual_share / np.hypot(encoder, jitter_s * np.abs(speed))
+        apart = np.abs(off) / smoothed.residual_share
+        # Where the acceleration jumps, the splines miss all rows of a precise log for some knots by more than
+        # its noise.
+        missed = MAD * median_filter(apart, size=(2 * round(len(time_s) / pieces) + 1, 1), mode="nearest")
+        apart /= np.maximum(np.hypot(encoder, jitter_s * np.abs(speed)), missed)
         pace = np.abs(speed).max(axis=1)
-        outlier = (apart.max(axis=1) > OUTLIER) | (repeated & (pace > STIRRING * pace.max()))
+        stirring = (pace > STIRRING * pace.max()) & (usual_s * np.abs(speed) > GRID * encoder).any(axis=1)
+        outlier = (apart.max(axis=1) > OUTLIER) | (repeated & stirring)
         weight = np.where(outlier, 1e-9, 1.0)
     covariance = smoothed.covariance * encoder[:, None, None] ** 2
     return JointPath(spline, covariance, smoothed.smoother, encoder, jitter_s, speed, outlier)

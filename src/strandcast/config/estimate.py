@@ -84,7 +84,7 @@ class EstimateSettings(Section):
     ranges: Ranges = Field(
         "wide",
         description="Ranges of the string parameters: wide (widened for a stiff string), the paper's, or "
-        "[least, greatest] by parameter. Give a range where the report marks a parameter as at its bound; "
+        "[least, greatest] by parameter. Give a wider range if the report warns of a bound; "
         "use paper to reproduce the paper.",
     )
     reading: Literal["rate", "sign", "strain"] = Field(

@@ -14,7 +14,7 @@ from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.estimation.descent import GaussNewtonModel
 from strandcast.estimation.ensemble import distant_members, near_samples
 from strandcast.estimation.evaluation import evaluation_of_points
-from strandcast.estimation.fit import StringFit, fit_of
+from strandcast.estimation.fit import PAYS, StringFit, fit_of
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.optimisers.optimiser import SearchProblem, SearchStart
@@ -28,7 +28,6 @@ from strandcast.records.estimate import CARRIED, HANGING, UNDER_PREVIOUS
 # Chosen.
 NEAR_SAMPLES = 64
 CROSS_VALIDATION_SHARE = 0.08  # of the evaluations
-PAYS = 0.98  # wider ranges, and one more unknown, are kept if the cost falls below this share
 DRAGS_ALONG = (1.0, 0.3)  # that strings fitted without it start with
 
 

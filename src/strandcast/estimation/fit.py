@@ -9,18 +9,21 @@ from strandcast.core.strings import DRAG_ALONG, PARAMETERS, StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import OK
 from strandcast.estimation.cross_validation import HeldOutEvaluation
+from strandcast.estimation.descent import GaussNewtonModel, descend, descent_batch
 from strandcast.estimation.ensemble import distant_members
 from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, rmse, tip_error
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.space import AT_BOUND, Space
 from strandcast.estimation.throws import PreparedThrow
 from strandcast.estimation.uncertainty import Uncertainty
-from strandcast.estimation.unknowns import STIFFNESSES, WIDENED, WIDENED_BY, bounds_of
+from strandcast.estimation.unknowns import BENDING, bounds_of
 
 # Independent searches agree if at least two end this near to the best cost. In an exact world they did where
 # the true string was found, and not where it was missed (docs/explanation/claims.md).
 AGREE, FEWEST_ENDS = 1.02, 2
 PHYSICAL_BOUNDS = (DRAG_ALONG,)  # no string is beyond them
+PAYS = 0.98  # wider ranges, and one more unknown, are kept if the cost falls below this share
+BEYOND_ROUNDS = 12  # of the descents that tell whether a wider range pays; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +174,10 @@ def fit_of(
         planned_m=planned_m,
         fitted_m=fitted[0],
         trial_weights=trial_weights,
-        warnings=tuple(_warnings(space, chi[rows[0]], at_bound, valid, points, log, step_change_m)),
+        warnings=(
+            *_range_warnings(objective, chi[rows[0]], at_bound),
+            *_warnings(space, chi[rows[0]], at_bound, valid, points, log, step_change_m),
+        ),
     )
 
 
@@ -202,6 +208,40 @@ def _is_narrowed(space: Space, k: int, exponent: float) -> bool:
     return bool(most < wide_most if exponent > 0.5 else least > wide_least)
 
 
+def _range_warnings(objective: FitObjective, chi: Array, at_bound: np.ndarray) -> list[str]:
+    """Return a warning of chosen ranges beyond which the string explains the throws better.
+
+    A search may end before the nearest minimum, so that a descent with the wider ranges is compared with one
+    within the chosen ones.
+    """
+    space = objective.space
+    ended = [int(k) for k in np.flatnonzero(at_bound) if _is_narrowed(space, int(k), chi[k])]
+    if not ended:
+        return []
+    bounds, wide = space.bounds.copy(), bounds_of("wide")
+    bounds[ended, 0] = np.minimum(bounds[ended, 0], wide[ended, 0])
+    bounds[ended, 1] = np.maximum(bounds[ended, 1], wide[ended, 1])
+    within_m, beyond_m = (
+        _descended_m(replace(objective, space=box), box.exponents(space.values(chi)))
+        for box in (space, replace(space, bounds=bounds))
+    )
+    if beyond_m > PAYS * within_m:
+        return []
+    return [
+        f"{space.names[k]} ended at a bound of its range, beyond which the cost falls from "
+        f"{1e3 * within_m:.1f} to {1e3 * beyond_m:.1f} mm: widen it in estimate.ranges"
+        for k in ended
+    ]
+
+
+def _descended_m(objective: FitObjective, chi: Array) -> float:
+    """Return the cost at the end of a short descent from exponents (d,) [m]."""
+    log = EvaluationLog(objective.cost)
+    descents = descent_batch(chi[None], log(chi[None]))
+    descend(log, GaussNewtonModel(objective), descents, BEYOND_ROUNDS * 32 * len(chi), BEYOND_ROUNDS)
+    return log.best()[1]
+
+
 def _warnings(
     space: Space,
     chi: Array,
@@ -211,20 +251,19 @@ def _warnings(
     log: EvaluationLog,
     step_change_m: float,
 ) -> list[str]:
-    # At a bound of the widest range the string is as good as rigid, or free of that force.
-    warnings = [
-        f"{space.names[k]} ended at a bound of its range: widen it in estimate.ranges"
-        for k in np.flatnonzero(at_bound)
-        if _is_narrowed(space, int(k), chi[k])
-    ]
-    k_h = space.names.index(WIDENED[0]) if WIDENED[0] in space.names else None
-    if k_h is not None and space.bounds[k_h, 1] >= WIDENED_BY * bounds_of("wide")[k_h, 1]:
-        warnings.append(
-            f"a stiff string: the ranges of {', '.join(WIDENED)} were widened to {space.bounds[k_h, 1]:g}; "
-            "read its masses and parameters only from a fit with estimate.search: thorough"
-        )
+    warnings = []
+    # Of the string itself: a clamp (k_ph) may be as good as rigid on the limpest cord, and a bend that
+    # straightens as stiff as it likes where one that grows is not.
+    if space.names[: len(PARAMETERS)] == PARAMETERS:
+        own = [PARAMETERS.index(name) for name in BENDING]
+        least, usual = space.values(chi)[own].min(), bounds_of("wide")[own, 1].max()
+        if least > usual:
+            warnings.append(
+                f"a stiff string: {' and '.join(BENDING)} are {least:.0f} and more, beyond the usual "
+                f"{usual:g}; read its masses and parameters only from a fit with estimate.search: thorough"
+            )
     greatest = [space.names[k] for k in np.flatnonzero(at_bound & (chi > 0.5))]
-    if space.layout.count and (stiff := [name for name in greatest if name in STIFFNESSES]):
+    if space.layout.count and (stiff := [name for name in greatest if name in BENDING]):
         warnings.append(f"the weights' masses are not known: {', '.join(stiff)} ended at the upper bound")
     if not valid:
         warnings.append("the best string stretches a segment beyond three rest lengths")

@@ -35,7 +35,8 @@ STICK_RANGE_RAD_M = (0.01, 1.0)  # real cables, 20 mm thick: 0.02 to 0.25 (`make
 FRICTION_BEND_RAD = (1e-3, 1e-1)  # plausible bends that dry friction alone can hold
 # A stiff cable is beyond the wide ranges, the more the closer its points are: its coefficients are stiffness
 # per mass and spacing squared. More k_s or c_s changes nothing, and less than the lower bounds is nothing.
-STIFFNESSES = ("k_h", "k_sh", "k_ph")
+BENDING = ("k_h", "k_sh")  # of the string itself
+STIFFNESSES = (*BENDING, "k_ph")
 WIDENED = (*STIFFNESSES, "c_h", "c_sh", "c_ph")
 WIDENED_BY = 30.0
 

@@ -22,7 +22,7 @@ SHORT, FOLDED = 0.05, 0.3  # of a place: no throw keeps its string so short, har
 LONG_STEP = 10.0  # usual steps; chosen
 # The servo's lag between a commanded path and the track is some centimetres in a fast throw.
 OFF_HAND_M, WRONG_HAND_M, EXPLAINS = 0.02, 0.1, 0.25
-MIRRORED_RAD = 0.3  # by which the mirrored string must fit the hand's angle better; chosen
+MIRRORED_RAD = 0.3  # within which a mirrored string leaves the hand along its angle; chosen
 FARTHEST_M = 1e6  # so that squares stay numbers
 FEWEST = 3  # frames to compare
 
@@ -295,7 +295,10 @@ def _wrong_size(file: Path, what: str) -> StrandcastError:
 
 
 def _mirrored(string_m: np.ndarray, angle_rad: np.ndarray) -> list[str]:
-    """Return a warning if the string leaves the hand on the wrong side of the hand's angle."""
+    """Return a warning if the string leaves the hand along its angle once it is mirrored, and only then.
+
+    A limp cord hangs from the hand, and leaves it along no such angle.
+    """
     points = [k for k in range(1, string_m.shape[1]) if np.isfinite(string_m[:, k]).all(axis=-1).any()]
     x, y = string_m[:, points[0]].T
     off_rad, left_right, up_down = (
@@ -303,7 +306,7 @@ def _mirrored(string_m: np.ndarray, angle_rad: np.ndarray) -> list[str]:
         for u, v in ((x, y), (-x, y), (x, -y))
     )
     best_rad, words = min((left_right, "left and right"), (up_down, "up and down"))
-    if best_rad > min(0.5 * off_rad, off_rad - MIRRORED_RAD):
+    if best_rad > MIRRORED_RAD or off_rad < 2.0 * MIRRORED_RAD:
         return []
     return [
         f"the string leaves the hand {off_rad:.2f} rad from the hand's angle, with {words} exchanged "

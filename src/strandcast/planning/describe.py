@@ -127,13 +127,10 @@ def describe(
     motion = sample(found.curve, task.step_s)
     _refuse_violations(task, motion)
     assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
-    throws = _throws(scattered, assess_rollouts(task.rough(), scattered).miss_m)
+    every = assess_rollouts(task.rough(), scattered, CLEARANCE_M)
+    throws = _throws(scattered, every.miss_m)
     miss = _calibrated(task, planner, found.kind, throws.miss_m)
-    flags = [*found.flags, *prediction_flags(task, found.curve, assessment)]
-    if miss is None and isinstance(task, SpatialTask):
-        flags.append(
-            f"the probability of a hit is not calibrated: {found.kind} motions in space were not counted"
-        )
+    flags = [*found.flags, *prediction_flags(task, found.curve, every, miss)]
     count = rollouts.last[0] + 1
     path, time_s = rollouts.points_m[0, :count], np.arange(count) * task.step_s
     return PlannedMotion(
@@ -180,26 +177,36 @@ def _throws(scattered: Rollouts, miss_m: np.ndarray) -> PredictedThrows:
     return PredictedThrows(miss_m, chosen, samples * scattered.step_s, tip_m)
 
 
-def prediction_flags(task: AnyTask, curve: Curve, predicted: Assessment) -> list[str]:
-    """Return the faults of the best string's throw, and those that any string may have."""
+def prediction_flags(
+    task: AnyTask, curve: Curve, throws: Assessment, miss: MissDistribution | None
+) -> list[str]:
+    """Return the faults of a throw that are more likely than not.
+
+    Parameters
+    ----------
+    throws
+        Throws of every string with every disturbance, which must keep `CLEARANCE_M` from the arm's links.
+    miss
+        The calibrated distribution of the miss, None without one.
+    """
     flags = _arm_flags(task, curve)
-    if predicted.miss_m[0] > task.hit_radius_m:
-        by = f"{1000 * predicted.miss_m[0]:.0f} mm"
-        flags.append(f"not expected to hit: the best that was found within the arm's limits misses by {by}")
+    usual_m = miss.quantile_m(0.5) if miss else float(np.median(throws.miss_m))
+    if usual_m > task.hit_radius_m:
+        by = f"half the throws miss by more than {1000 * usual_m:.0f} mm"
+        flags.append(f"not expected to hit: {by}, and nothing better was found within the arm's limits")
     for depth_m, words in (
-        (predicted.outside_m, "may leave the workspace by {} mm"),
-        (predicted.touch_m, "the string may come {} mm too near to the arm"),
-        (predicted.hidden_m, "at the closest approach the tip may lie {} mm over the arm"),
+        (throws.outside_m, "will probably leave the workspace, by {} mm"),
+        (throws.touch_m, "the string will probably come too near to the arm, by {} mm"),
+        (throws.hidden_m, "at the closest approach the tip will probably lie over the arm, by {} mm"),
     ):
-        if depth_m.max() > 0.0:
-            flags.append(words.format(math.ceil(1000 * depth_m.max())) + _how_many(depth_m > 0.0))
+        # One wild string of the ensemble says little of the throw.
+        usual_m = float(np.median(depth_m))
+        if usual_m > 0.0:
+            share = f" (in {100 * np.mean(depth_m > 0.0):.0f} % of the simulated throws)"
+            flags.append(words.format(math.ceil(1000 * usual_m)) + share)
     if start_cost(task, curve.q0_rad[None])[0] > 0.0:
         flags.append("at the start the string hangs over the arm, out of the workspace or at the target")
     return flags
-
-
-def _how_many(strings: np.ndarray) -> str:
-    return "" if strings.all() else f", with {strings.sum()} of {len(strings)} strings"
 
 
 def stopped_outside_m(task: AnyTask, curve: Curve) -> float:

@@ -192,7 +192,7 @@ def fitted_servo(task: AnyTask, past_trials: list[PastTrial]) -> JointResponse:
     return yielding if still_left_rad.max() < 0.5 * left_rad.max() else servo
 
 
-def _globally(given: SearchInputs, kind: str, *flags: str) -> PlannedMotion:
+def _globally(given: SearchInputs, kind: str) -> PlannedMotion:
     """Plan with the strings as if nothing had been thrown; search again where a hit is not likely."""
     radius_m = given.task.hit_radius_m
     # The search in space more often ends far from the best motion, and the simulated share is too high.
@@ -205,7 +205,7 @@ def _globally(given: SearchInputs, kind: str, *flags: str) -> PlannedMotion:
         curve, simulations = _stopped_inside(
             given.task, lambda task: search_globally(replace(given, task=task))
         )
-        plans.append(predicted(given, SearchResult(kind, curve, simulations, list(flags))))
+        plans.append(predicted(given, SearchResult(kind, curve, simulations, [])))
         if _likelihood(given.task, plans[-1]) >= enough or plans[-1].cost_m > HOPELESS * radius_m:
             break
     likeliest = max(plans, key=lambda plan: _likelihood(given.task, plan))
@@ -277,7 +277,7 @@ def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
 
 def _from_scratch(given: SearchInputs, reason: str) -> PlannedMotion:
     print_line(f"plan: a search from scratch begins: {reason}")
-    return _globally(given, "replanned", f"planned from scratch: {reason}")
+    return _globally(given, "replanned")
 
 
 def _near(given: SearchInputs, best: PastTrial, miss_m: float, known: list[PastTrial]) -> PlannedMotion:
@@ -296,8 +296,8 @@ def _near(given: SearchInputs, best: PastTrial, miss_m: float, known: list[PastT
         )
         return described(curve, simulations)
 
-    def described(curve: Curve, simulations: int = 0, *more: str) -> PlannedMotion:
-        result = SearchResult("refined", curve, simulations, [*flags, *more], best.trial)
+    def described(curve: Curve, simulations: int = 0) -> PlannedMotion:
+        result = SearchResult("refined", curve, simulations, flags, best.trial)
         return predicted_near(given, near, result)
 
     plan = found(near)
@@ -305,9 +305,11 @@ def _near(given: SearchInputs, best: PastTrial, miss_m: float, known: list[PastT
         return plan
     others = [
         found(disturbed_near(task, near, settings.ensemble, given.sizes)),
-        described(near.best, 0, f"repeats trial {best.trial}'s motion: no change was found likelier to hit"),
+        described(near.best),
     ]
     likeliest = max([plan, *others], key=lambda other: _likelihood(task, other))
+    if likeliest is others[-1]:
+        print_line(f"plan: repeats trial {best.trial}'s motion: no change was found likelier to hit")
     return replace(likeliest, simulations=plan.simulations + others[0].simulations)
 
 

@@ -25,7 +25,7 @@ def parameters(page: TrialPageData) -> PanelContent:
             f"{significant(fit.minimum)} … {significant(fit.maximum)}",
             Markup("<b>{}</b>").format(significant(fit.value)),
             Markup("{:.2f} {}").format(fit.exponent, _bar(fit)),
-            *_bound_and_ensemble(fit, page.caveat),
+            *_bound_and_ensemble(fit, page),
             *_known(estimate, fit.name),
         ]
         for fit in estimate.parameters
@@ -58,20 +58,21 @@ def _finding(estimate: Estimate) -> str:
     )
 
 
-def _bound_and_ensemble(fit: ParameterFit | WeightFit, caveat: str | None) -> list[str]:
+def _bound_and_ensemble(fit: ParameterFit | WeightFit, page: TrialPageData) -> list[str]:
     """Return the cells "bound" and "ensemble" of an estimated number."""
-    return [_bound(fit, caveat), f"{significant(fit.ensemble_low)} … {significant(fit.ensemble_high)}"]
+    return [_bound(fit, page), f"{significant(fit.ensemble_low)} … {significant(fit.ensemble_high)}"]
 
 
-def _bound(fit: ParameterFit | WeightFit, caveat: str | None) -> str:
-    """Return whether an estimate lies at a bound, and what can be done about it."""
+def _bound(fit: ParameterFit | WeightFit, page: TrialPageData) -> str:
+    """Return whether an estimate lies at a bound, and whether a wider range would help."""
     if not fit.at_bound:
         return "within"
-    if caveat is not None:
-        return Markup('<b class="warn">▲ at bound</b>, {}').format(caveat)
-    if isinstance(fit, ParameterFit) and _decades(fit) > 1.0:
-        return "at bound, not determined: leave it"
-    return Markup('<b class="warn">▲ at bound</b>: widen its range')
+    if page.caveat is not None:
+        return Markup('<b class="warn">▲ at bound</b>, {}').format(page.caveat)
+    estimate: Estimate = page.results.need("estimate")
+    if isinstance(fit, ParameterFit) and any(text.startswith(f"{fit.name} ") for text in estimate.warnings):
+        return Markup('<b class="warn">▲ at bound</b>: widen its range')
+    return "at bound: leave it"
 
 
 def _option_row(estimate: Estimate, name: str, value: float) -> list[Any]:
@@ -152,7 +153,7 @@ def masses(page: TrialPageData) -> PanelContent:
             f"{weight.place_m * 1e3:.0f}",
             significant(weight.value),
             f"{significant(weight.minimum)} … {significant(weight.maximum)}",
-            *_bound_and_ensemble(weight, page.caveat),
+            *_bound_and_ensemble(weight, page),
         ]
         for weight in estimate.weights
     ]

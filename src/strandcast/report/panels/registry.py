@@ -263,10 +263,10 @@ TRIAL_PANELS = [
         needs=("estimate",),
         caption="Only ratios can be determined: scaling all masses and coefficients together changes "
         "nothing.",
-        good="estimates inside their ranges, narrow ensembles.",
-        bad="an estimate at a bound. Where the ensemble is narrow, widen its range, estimate.ranges in "
-        "experiment.yaml; where it is wide, no range helps: a throw that bends the string more would "
-        "determine it.",
+        good="narrow ensembles. At a bound a string is as good as rigid, or free of that force.",
+        bad="an estimate that a range of estimate.ranges in experiment.yaml keeps from explaining the throws "
+        "better (▲): widen it. Where the ensemble is wide, no range helps: a throw that bends the string "
+        "more would determine it.",
     ),
     Panel(
         "masses",
