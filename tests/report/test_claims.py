@@ -18,7 +18,7 @@ from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.motion import Motion
 from strandcast.records.predicted import UNPREDICTED, read_predicted
 from strandcast.records.tables import read_facts, read_table, write_table
-from strandcast.records.track import TrackSummary
+from strandcast.records.track import OCCLUDED, TrackSummary
 from strandcast.records.verdict import Verdict
 from strandcast.report.checks import run_checks
 from strandcast.report.drawing import Drawing
@@ -101,12 +101,17 @@ def test_the_tips_path_counts_the_frames_of_the_fit_alone(results: Path, tmp_pat
     window_s = [START_S + 1e-3 * each for each in (first_ms, last_ms)]
     estimate.model_copy(update={"window_s": window_s, "frames_used": 175}).write(folder / "estimate.json")
     page = page_data(folder)
+    track = page.need("track")
+    track.flags[100:110, -1] = OCCLUDED
     for throw in page.need("simulated").values():
         throw.points_m[throw.robot_time_s > window_s[1]] += 0.1
+        throw.points_m[100:110, -1] += 0.1
     made = tip_path(page)
     assert made.finding.startswith("Over the 175 frames from 50 to 400 ms after the motion’s start: ")
     for curve, name in zip(curves(made, 2), ("as planned", "fitted"), strict=False):
-        counted_mm = curve[(curve[:, 0] >= first_ms) & (curve[:, 0] <= last_ms), 1]
+        counted = (curve[:, 0] >= first_ms) & (curve[:, 0] <= last_ms)
+        counted[100:110] = False
+        counted_mm = curve[counted, 1]
         assert np.nanmax(counted_mm) < np.nanmax(curve[:, 1])
         assert f"{name}: {np.nanmean(counted_mm):.1f}\u00a0mm from the measured tip" in made.finding
         assert f"at most {np.nanmax(counted_mm):.1f}\u00a0mm" in made.finding

@@ -39,7 +39,8 @@ def fit_error(page: TrialPageData) -> PanelContent:
         )  # dashes stand out from dark and bright cells
         axes.axvline(at_ms, color=INK, linewidth=1.0, linestyle=(0, (4, 2)))
     counted = fitted_rows(results)[mine]
-    inside = apart_m[counted]
+    detected = results.need("track").detected()[mine, 1:]
+    inside = np.where(detected, apart_m, np.nan)[counted]
     finding = "No point was measured in the frames of the fit."
     if np.isfinite(inside).any():
         row, point = np.unravel_index(int(np.nanargmax(inside)), inside.shape)

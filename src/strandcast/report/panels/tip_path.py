@@ -36,7 +36,7 @@ def tip_path(page: TrialPageData) -> PanelContent:
             # The closest approach may lie between two frames.
             closest = ((verdict.closest_robot_time_s - start_s) * 1e3, verdict.miss_m * 1e3)
             over_time[0].plot(*closest, **draw.marks("D", 5, color=draw.MEASURED["color"]))
-    fitted_s = results.robot_time_s()[fitted_rows(results)]
+    fitted_s = results.robot_time_s()[fitted_rows(results) & track.detected()[:, -1]]
     findings, means_m = [], []
     for name, throw in throws.items():
         inside = np.isin(throw.frame, track.frame[window])

@@ -43,7 +43,7 @@ class Film:
     flagged: NDArray[np.bool_]  # (K, n + 1): unsure, hidden, predicted or not found
     fitted_m: Array  # (K, n + 1, 2)
     to_target_m: Array  # of the tip; NaN without a target
-    error_m: Array  # mean distance between measured and fitted points
+    error_m: Array  # mean distance between detected and fitted points
     since_start_s: Array  # of the motion
     counts: NDArray[np.bool_]  # whether the fit counts it
 
@@ -122,8 +122,9 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
         np.full(len(frame), np.nan),
     )
     flagged, counts = np.ones(shape[:2], bool), np.ones(len(frame), bool)
+    detected = np.zeros(shape[:2], bool)
     _, mine, theirs = np.intersect1d(frame, track.frame, return_indices=True)
-    measured_m[mine] = track.points_m[theirs]
+    measured_m[mine], detected[mine] = track.points_m[theirs], track.detected()[theirs]
     flagged[mine] = (track.flags[theirs] != 0) | ~np.isfinite(track.points_m[theirs]).all(axis=2)
     if (alignment := results.get("alignment")) is not None:
         since_s[mine] = results.robot_time_s()[theirs] - alignment.motion_start_s
@@ -133,7 +134,7 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
         _, mine, theirs = np.intersect1d(frame, throw.frame, return_indices=True)
         fitted_m[mine] = throw.points_m[theirs]
     apart_m = np.linalg.norm(measured_m[:, 1:] - fitted_m[:, 1:], axis=2)
-    known = np.isfinite(apart_m)
+    known = np.isfinite(apart_m) & detected[:, 1:]
     error_m = np.where(known, apart_m, 0.0).sum(axis=1) / np.where(
         known.any(axis=1), known.sum(axis=1), np.nan
     )
