@@ -421,7 +421,7 @@ def test_the_prediction_is_over_strings_and_disturbances(
     predicted = to_record(later, task, "demo", 2, 3, {}).predicted
     assert predicted is not None
     assert predicted.disturbed_throws == 48
-    assert list(predicted.miss_quantiles_m) == ["p10", "p50", "p90"]
+    assert list(predicted.miss_quantiles_m) == [f"p{level}" for level in range(5, 100, 5)]
     np.testing.assert_allclose(predicted.miss_rms_m, np.sqrt(np.mean(later.throws.miss_m**2)))
     np.testing.assert_allclose(predicted.miss_quantiles_m["p50"], later.miss_quantile_m(0.5))
     assert predicted.hit_probability == later.hit_probability(task.hit_radius_m)

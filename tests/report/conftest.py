@@ -12,6 +12,7 @@ import pytest
 from markupsafe import Markup
 from PIL import Image, ImageDraw
 
+from strandcast.core.closest_approach import segment_approaches
 from strandcast.core.trial_names import trial_name
 from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.camera import BoardView, Camera, Lens, MarkerFit
@@ -213,6 +214,8 @@ def motion(experiment: str, trial: int, swing_rad: float, played: bool) -> Motio
             miss_m=0.004,
             ensemble_miss_m=[0.004, 0.009, 0.013, 0.022],
             hit_probability=0.75,
+            miss_quantiles_m={"p10": 0.002, "p50": 0.008, "p90": 0.031},
+            calibrated=True,
             hit_time_s=0.48,
             largest_bend_rad=0.7,
             peak_speed_rad_s=[4.0, 2.0, 0.7],
@@ -345,21 +348,22 @@ def build_trial(folder: Path, experiment: str, trial: int, rate_hz: float = FRAM
     record.write(folder.parent / "cameras" / "main.json")
     write_strobe(folder / "strobe.webp", record, true_m)
     write_clip(folder / "clip.json", experiment, trial, len(frames), rate_hz)
-    apart = np.linalg.norm(seen_m[:, -1] - TARGET_M, axis=1)
-    closest = int(np.nanargmin(apart))
-    miss_m = float(path_distance_m(np.array([TARGET_M]), seen_m[:, -1])[0])
-    hit = miss_m <= 0.02
+    known = np.isfinite(seen_m[:, -1]).all(axis=1)
+    tip_m, tip_s = seen_m[known, -1], true_s[known]
+    passed = min(segment_approaches(tip_m, np.array(TARGET_M)), key=lambda each: each.distance_m)
+    row = passed.index + (passed.share >= 0.5)
+    hit = passed.distance_m <= 0.02
     Verdict(
         experiment=experiment,
         trial=trial,
         target_m=TARGET_M,
         hit_radius_m=0.02,
-        miss_m=miss_m,
+        miss_m=passed.distance_m,
         miss_sigma_m=0.0009,
         hit=hit,
-        closest_frame=closest,
-        closest_robot_time_s=float(true_s[closest]),
-        closest_m=seen_m[closest, -1].tolist(),
+        closest_frame=int(frames[known][row]),
+        closest_robot_time_s=float(np.interp(passed.index + passed.share, np.arange(len(tip_s)), tip_s)),
+        closest_m=passed.place_m.tolist(),
         reason=None,
     ).write(folder / "verdict.json")
     planned = motion(experiment, trial, SWINGS_RAD[trial], played=True)

@@ -36,6 +36,7 @@ from strandcast.records.kept_motions import kept_motions
 from strandcast.records.motion import Motion
 from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK
+from strandcast.report.expected import expected_miss
 from strandcast.stages import plan as plan_stage
 from strandcast.stages.context import context_of
 from strandcast.stages.past_trials import read_trial
@@ -78,10 +79,7 @@ def test_a_plan_says_what_it_expects_and_how_to_throw_it(
     assert any("not expected to hit" in flag for flag in flags)
     said = capsys.readouterr().err
     assert all(f"plan: {flag}\n" in said for flag in flags)
-    assert (
-        f"plan: {100 * expected.hit_probability:.0f} % likely to hit, within 0 mm of the target; miss p10"
-        in said
-    )
+    assert f"plan: predicted miss {expected_miss(motion)}, within 0 mm of the target\n" in said
     kind, joint, share = max(expected.limits_used(), key=lambda used: used[2])
     assert f"plan: nearest to a limit: joint_{joint + 1} uses {100 * share:.0f} % of its {kind}\n" in said
     assert "plan: throw it: strandcast play " in said

@@ -7,7 +7,7 @@ import numpy as np
 from strandcast.arm.joint_limits import Limits
 from strandcast.core.strings import StringBatch
 from strandcast.planning.describe import PlannedMotion
-from strandcast.planning.miss_calibration import rms_of
+from strandcast.planning.miss_calibration import LEVELS, rms_of
 from strandcast.planning.task import AnyTask
 from strandcast.records.motion import (
     Bezier,
@@ -94,15 +94,12 @@ def _best_string(strings: StringBatch) -> StringSet:
     return StringSet.first_of(best)
 
 
-QUANTILES = (0.1, 0.5, 0.9)
-
-
 def _prediction(plan: PlannedMotion, hit_radius_m: float, limits: Limits) -> Prediction:
     return Prediction(
         miss_m=plan.miss_m,
         ensemble_miss_m=plan.ensemble_miss_m.tolist(),
         hit_probability=plan.hit_probability(hit_radius_m),
-        miss_quantiles_m={f"p{round(100 * level)}": plan.miss_quantile_m(level) for level in QUANTILES},
+        miss_quantiles_m={f"p{round(100 * level)}": plan.miss_quantile_m(level) for level in LEVELS},
         calibrated=plan.miss is not None,
         disturbed_throws=len(plan.throws.miss_m),
         simulated_hit_probability=plan.simulated_hit_probability(hit_radius_m),

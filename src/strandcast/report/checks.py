@@ -9,6 +9,7 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
 from strandcast.report.causes import caveat, probable_causes, slip_in_clamp, slip_words, slipped
+from strandcast.report.measures import fitted_rows
 from strandcast.report.numbers import counted, millimetres, milliseconds, percent
 from strandcast.report.results import FILES, OPTIONAL, TrialResults
 from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLANE_RMS_PX
@@ -222,11 +223,9 @@ def _fit(results: TrialResults) -> CheckOutcome:
 
 def _points_counted(results: TrialResults) -> str:
     """Return in words how many points of the frames of the fit were measured without a flag."""
-    track, window_s = results.get("track"), results.need("estimate").window_s
-    if track is None or window_s is None or results.get("alignment") is None:
+    track = results.get("track")
+    if track is None or results.get("alignment") is None or not (rows := fitted_rows(results)).any():
         return ""
-    time_s = results.robot_time_s()
-    rows = (time_s >= window_s[0]) & (time_s <= window_s[1])
     points_m, flags = track.points_m[rows, 1:], track.flags[rows, 1:]
     sure = np.isfinite(points_m).all(axis=2) & (flags == 0)
     return f"; {percent(sure.sum() / max(sure.size, 1))} of the points in these frames without a flag"

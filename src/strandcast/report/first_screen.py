@@ -6,12 +6,13 @@ from typing import NamedTuple
 
 from strandcast.errors import StrandcastError
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
-from strandcast.records.motion import Motion, Prediction
+from strandcast.records.motion import Motion
 from strandcast.records.verdict import Verdict
 from strandcast.report.causes import Cause
 from strandcast.report.checks import FAIL, NOT_RUN, WARN, CheckResult
+from strandcast.report.expected import expected_miss
 from strandcast.report.measures import best_guess_m, fit_window
-from strandcast.report.numbers import UNKNOWN, millimetres, percent
+from strandcast.report.numbers import UNKNOWN, millimetres
 from strandcast.report.results import TrialResults
 from strandcast.report.text import uncertain_verdict
 
@@ -50,9 +51,10 @@ def first_figures(results: TrialResults, upcoming: Motion | None) -> list[Headli
     """Return the three most important numbers of a trial; `upcoming` is the next motion."""
     if not results.aimed():
         return _of_a_capture(results)
-    expected = None if upcoming is None else upcoming.predicted
-    last = _of_the_fit(results) if expected is None else _of_the_next(expected)
-    return [_of_the_miss(results.get("verdict")), _of_the_prediction(results.get("motion")), last]
+    expected = _of_the_prediction("expected of the next throw", upcoming)
+    last = _of_the_fit(results) if expected.value == UNKNOWN else expected
+    before = _of_the_prediction("predicted before the throw", results.get("motion"))
+    return [_of_the_miss(results.get("verdict")), before, last]
 
 
 def _of_the_miss(verdict: Verdict | None) -> Headline:
@@ -65,15 +67,11 @@ def _of_the_miss(verdict: Verdict | None) -> Headline:
     )
 
 
-def _of_the_prediction(motion: Motion | None) -> Headline:
-    expected = None if motion is None else motion.predicted
-    if expected is None or not expected.miss_quantiles_m:
-        return Headline("predicted before the throw", UNKNOWN, "nothing was predicted")
-    return Headline("predicted before the throw", _quantiles(expected), _likely(expected))
-
-
-def _of_the_next(expected: Prediction) -> Headline:
-    return Headline("expected of the next throw", _quantiles(expected), _likely(expected))
+def _of_the_prediction(name: str, motion: Motion | None) -> Headline:
+    expected = expected_miss(motion)
+    if expected is None:
+        return Headline(name, UNKNOWN, "nothing was predicted")
+    return Headline(name, expected.middle(), f"{expected.interval()}; {expected.likely()}")
 
 
 def _of_the_fit(results: TrialResults) -> Headline:
@@ -92,18 +90,6 @@ def _of_a_capture(results: TrialResults) -> list[Headline]:
         Headline("E predicted", millimetres(predicted_m), "by the string of the trials before"),
         Headline("E guessed", millimetres(guess_m), "without a model"),
     ]
-
-
-def _quantiles(expected: Prediction) -> str:
-    misses_m = expected.miss_quantiles_m
-    if not misses_m:
-        return millimetres(expected.miss_m)
-    low, middle, high = (millimetres(misses_m.get(name)) for name in ("p10", "p50", "p90"))
-    return f"{middle} ({low} to {high})"
-
-
-def _likely(expected: Prediction) -> str:
-    return f"{percent(expected.hit_probability)} likely to hit; four of five throws in brackets"
 
 
 def doubts(checks: Mapping[str, list[CheckResult]]) -> Doubts:
@@ -141,6 +127,6 @@ def next_step(
         return NextStep("nothing, the target is hit.")
     if upcoming is None:
         return NextStep("plan the next motion from this throw.")
-    expected = upcoming.predicted
-    likely = "" if expected is None else f": {percent(expected.hit_probability)} likely to hit"
+    expected = expected_miss(upcoming)
+    likely = "" if expected is None else f": {expected.likely()}"
     return NextStep(f"throw trial {upcoming.trial}{likely}.", command)

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from strandcast.core.closest_approach import nearest_of_bar
 from strandcast.errors import StrandcastError
 from strandcast.records.estimate import CARRIED, HANGING, Estimate
 from strandcast.records.verdict import Verdict
@@ -35,10 +36,12 @@ def equal_instants(tip_m: Array, count: int, forced: int | None) -> NDArray[np.i
 
 def target_distance_m(verdict: Verdict, places_m: Array) -> Array:
     """Return the distance (…) of places (…, 2) from the target or the bar."""
-    ends = np.array(verdict.bar_m or [verdict.target()])
-    along = ends[-1] - ends[0]
-    share = np.clip((places_m - ends[0]) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(places_m - ends[0] - share[..., None] * along, axis=-1))
+    return np.asarray(np.linalg.norm(places_m - nearest_of_bar(places_m, target_ends_m(verdict)), axis=-1))
+
+
+def target_ends_m(verdict: Verdict) -> Array:
+    """Return the target (1, 2 or 3), or both ends of the bar (2, 2)."""
+    return np.array(verdict.bar_m or [verdict.target()])
 
 
 def within_motion(results: TrialResults) -> dict[str, HandPoses]:
@@ -128,6 +131,13 @@ def fit_window(results: TrialResults) -> str:
         return f"{frames} of the fit"
     first, last = (f"{1e3 * (time_s - alignment.motion_start_s):.0f}" for time_s in estimate.window_s)
     return f"{frames} from {first} to {last} ms after the motion’s start"
+
+
+def fitted_rows(results: TrialResults) -> NDArray[np.bool_]:
+    """Return which frames of the track (F,) lie within those of the fit; none if these are not known."""
+    estimate, time_s = results.need("estimate"), results.robot_time_s()
+    first_s, last_s = estimate.window_s or (np.inf, -np.inf)
+    return np.asarray((time_s >= first_s) & (time_s <= last_s))
 
 
 def best_guess_m(estimate: Estimate) -> float | None:

@@ -38,9 +38,9 @@ def milliseconds(value_s: float | None, sigma_s: float | None = None, digits: in
     return scaled(value_s, 1e3, digits, "ms", sigma_s)
 
 
-def percent(fraction: float | None) -> str:
+def percent(fraction: float | None, digits: int = 1) -> str:
     """Return a fraction in per cent."""
-    return scaled(fraction, 100.0, 1, "%")
+    return scaled(fraction, 100.0, digits, "%")
 
 
 def counted(number: int, noun: str) -> str:

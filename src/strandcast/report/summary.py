@@ -6,6 +6,7 @@ from pathlib import Path
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
 from strandcast.records.summary import ExperimentSummary, TrialSummary
+from strandcast.report.expected import expected_miss
 from strandcast.report.provenance import version_groups
 from strandcast.report.results import TrialResults, read_results
 
@@ -65,8 +66,7 @@ def trial_summary(trial: int, results: TrialResults, excluded: str | None) -> Tr
     """Return one row of the summary."""
     verdict, estimate = results.get("verdict"), results.get("estimate")
     track, alignment = results.get("track_summary"), results.get("alignment")
-    motion, camera = results.get("motion"), results.get("camera")
-    predicted = motion.predicted.miss_quantiles_m if motion and motion.predicted else {}
+    camera, expected = results.get("camera"), expected_miss(results.get("motion"))
     servo = estimate.servo if estimate else None
     return TrialSummary(
         trial=trial,
@@ -78,8 +78,8 @@ def trial_summary(trial: int, results: TrialResults, excluded: str | None) -> Tr
         tracked_fraction=track.tracked_fraction if track else None,
         alignment_offset_s=alignment.offset_s if alignment else None,
         alignment_offset_se_s=alignment.offset_se_s if alignment else None,
-        predicted_p10_m=predicted.get("p10"),
-        predicted_p90_m=predicted.get("p90"),
+        predicted_p10_m=expected.low_m if expected else None,
+        predicted_p90_m=expected.high_m if expected else None,
         clock_drift=alignment.drift if alignment else None,
         lens_rms_px=camera.lens.rms_px if camera else None,
         plane_rms_px=camera.plane_rms_px if camera else None,

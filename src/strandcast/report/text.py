@@ -12,6 +12,7 @@ from strandcast.records.summary import TrialSummary
 from strandcast.records.track import TrackSummary
 from strandcast.records.verdict import Verdict
 from strandcast.report.causes import probable_causes
+from strandcast.report.expected import expected_miss
 from strandcast.report.measures import best_guess_m, fit_window
 from strandcast.report.numbers import millimetres, place, significant
 from strandcast.report.results import FILES, TrialResults
@@ -101,13 +102,10 @@ def _as_predicted(results: TrialResults, verdict: Verdict, miss_m: float) -> str
     if motion is not None and verdict.target_m is not None and motion.target_m != verdict.target_m:
         aimed = f"for the target at {place(motion.target_m)}"
         return f"The motion was planned {aimed}: it did not aim at the one from which the miss is measured."
-    known = {} if motion is None or motion.predicted is None else motion.predicted.miss_quantiles_m
-    if "p10" not in known or "p90" not in known:
+    expected = expected_miss(motion)
+    if expected is None:
         return ""
-    low, high = known["p10"], known["p90"]
-    where = "more than" if miss_m > high else "less than" if miss_m < low else "as"
-    interval = f"{millimetres(low)} to {millimetres(high)} in four of five throws"
-    return f"Predicted before the throw: {interval}; the measured miss is {where} predicted."
+    return f"Predicted before the throw: {expected}; the measured miss is {expected.compared(miss_m)}."
 
 
 def capture_finding(estimate: Estimate, window: str) -> str:

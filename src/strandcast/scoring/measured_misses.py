@@ -5,6 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from strandcast.core.closest_approach import (
+    GAP_STEPS,
+    closest_approach,
+    gap_message,
+    segment_approaches,
+)
 from strandcast.core.objectives import (
     DIRECTION_M_RAD,
     SPEED_S,
@@ -17,12 +23,6 @@ from strandcast.core.objectives import (
     SwingObjective,
 )
 from strandcast.errors import StrandcastError
-from strandcast.scoring.closest_approach import (
-    GAP_STEPS,
-    closest_approach,
-    gap_message,
-    segment_approaches,
-)
 
 AROUND_S = 0.0101  # five frames to each side at 500 frames/s
 CUBIC = 4  # coefficients

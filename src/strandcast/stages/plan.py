@@ -21,6 +21,7 @@ from strandcast.records.estimate import Estimate
 from strandcast.records.kept_motions import keep_motion
 from strandcast.records.motion import Motion
 from strandcast.records.predicted import PredictedThrows, write_predicted
+from strandcast.report.expected import expected_miss
 from strandcast.seeds import rng, seed_of
 from strandcast.stages.arms import arm_of
 from strandcast.stages.context import Context
@@ -64,12 +65,10 @@ def run(job: Job, files: Files) -> None:
 
 def _answer(job: Job, files: Files, motion: Motion) -> Iterator[str]:
     """Yield what is expected of a motion, what limits it, and on a real arm how to throw it."""
-    expected, radius_m = motion.predicted, job.context.settings.hit_radius_m
-    assert expected is not None
-    misses = ", ".join(f"{name} {1000 * miss_m:.1f} mm" for name, miss_m in expected.miss_quantiles_m.items())
-    within = f"within {1000 * radius_m:.0f} mm of the target"
-    yield f"{100 * expected.hit_probability:.0f} % likely to hit, {within}; miss {misses}"
-    most = max(expected.limits_used(), key=lambda used: used[2], default=None)
+    assert motion.predicted is not None
+    within = f"within {1000 * job.context.settings.hit_radius_m:.0f} mm of the target"
+    yield f"predicted miss {expected_miss(motion)}, {within}"
+    most = max(motion.predicted.limits_used(), key=lambda used: used[2], default=None)
     if most is not None:
         kind, joint, share = most
         yield f"nearest to a limit: {motion.joint_names[joint]} uses {100 * share:.0f} % of its {kind}"

@@ -1,83 +1,110 @@
-"""Where the miss came from, from the target to the measured tip, and how to make it smaller."""
+"""Where the miss came from, closest approach by closest approach."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from strandcast.core.closest_approach import Approach, closest_approach, nearest_of_bar, segment_approaches
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
 from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
 from strandcast.report.causes import probable_causes
-from strandcast.report.numbers import signed
+from strandcast.report.measures import target_ends_m
+from strandcast.report.numbers import HARD, millimetres, milliseconds, signed
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
-from strandcast.report.results import FILES, SimulatedThrow, TrialResults
+from strandcast.report.results import FILES, TrialResults
 
 Array = NDArray[np.float64]
-BETTER = {
-    "plan": "the planned motion passes the target at this distance: more plan.evaluations, or a target "
-    "farther from the limits",
-    "arm and start": "hand or string moved otherwise than predicted: let the string hang still, check "
-    "payload and servo; the next plan uses the joints' response to this throw",
-    "string": "the estimate of this throw has removed it: the next throw is planned with the new string",
-    "unexplained": "no string of the model moves like this one: check tracking and alignment, or add what is "
-    "missing (a weight's place, a stiff section, bend friction)",
+PARTS = {
+    "plan": "target … tip of the planned throw",
+    "arm and start": "… the string that planned it, moved by the measured hand",
+    "string": "… the fitted string, moved by the measured hand",
+    "unexplained": "… measured tip",
 }
+# The only part after which the next throw of the lab was seen to miss by less.
+AGAIN = "Next: throw again, the next motion is planned with the string that this throw showed."
 
 
-class MissStep(NamedTuple):
-    """One step from the target to the measured tip: its name, its length across the path, its ends."""
+class Passage(NamedTuple):
+    """A tip's closest approach: its time after the motion's start, and its place from the target (2,)."""
+
+    since_s: float
+    off_m: Array
+
+
+class MissPart(NamedTuple):
+    """What one difference adds to the miss and to its time, and the closest approach that it leads to."""
 
     name: str
-    across_m: float
+    part_m: float
+    later_s: float
+    passage: Passage
     what: str
 
 
 def budget(page: TrialPageData) -> PanelContent:
-    """Return the parts of the miss, across the tip's path at the closest approach; their sum is the miss."""
-    steps, normal_miss_m = miss_steps(page.results)
+    """Return the parts of the miss, in its direction; their sum is the miss."""
+    verdict: Verdict = page.need("verdict")
+    parts, miss_m = miss_parts(page.results)
     figure = draw.new_figure(8.4, 2.6, left=0.2, top=0.97, bottom=0.2)
     axes = figure.add_subplot()
-    lengths_mm = [step.across_m * 1e3 for step in steps] + [normal_miss_m * 1e3]
-    colours = [draw.MEASURED["color"]] * len(steps) + [draw.FITTED["color"]]
-    axes.barh([step.name for step in steps] + ["sum: the miss"], lengths_mm, 0.6, color=colours)
+    lengths_mm = [1e3 * part.part_m for part in parts] + [1e3 * miss_m]
+    colours = [draw.MEASURED["color"]] * len(parts) + [draw.FITTED["color"]]
+    sigma_mm = 1e3 * (verdict.miss_sigma_m or 0.0)  # the measured tip's, which ends the last part and the sum
+    sigmas_mm = [0.0] * (len(parts) - 1) + [sigma_mm] * 2
+    axes.barh(
+        [part.name for part in parts] + ["sum: the miss"], lengths_mm, 0.6, color=colours, xerr=sigmas_mm
+    )
     axes.axvline(0.0, color=draw.INK, linewidth=0.8)
-    radius_mm = page.need("verdict").hit_radius_m * 1e3
+    radius_mm = verdict.hit_radius_m * 1e3
     for side_mm in (-radius_mm, radius_mm):
         axes.axvline(side_mm, **draw.HIT_RADIUS)
-    axes.set(xlabel="across the tip’s path at the closest approach [mm] (dashed: hit radius)")
+    axes.set(xlabel="in the direction of the miss [mm] (dashed: hit radius)")
     if max(map(abs, lengths_mm)) > 20 * radius_mm:
         axes.set_xscale("symlog", linthresh=radius_mm)
         axes.xaxis.set_major_formatter("{x:g}")
     axes.invert_yaxis()
-    largest = max(steps, key=lambda step: abs(step.across_m))
-    others_m = normal_miss_m - largest.across_m
-    finding = (
-        f"Largest part of the miss: {largest.name}, {_length(largest.across_m)}; the other parts "
-        f"{'take' if others_m * largest.across_m < 0 else 'add'} {_length(others_m)}"
-        f"{' back' if others_m * largest.across_m < 0 else ''}, the sum is {_length(normal_miss_m)}. "
-    )
-    if abs(largest.across_m) * 1e3 <= radius_mm / 2:
-        finding += "Every part is within half of the hit radius: nothing needs to change."
-    else:
-        finding += f"For the next throw: {BETTER[largest.name]}."
-    if probable_causes(page.results):
-        finding += " But first remove the fault that the top of this page names: it may be the reason."
-    rows = [[step.name, _length(step.across_m), step.what, BETTER[step.name]] for step in steps]
+    finding = _finding(page.results, parts, miss_m)
+    rows = [_row(part, verdict.miss_sigma_m if part is parts[-1] else None) for part in parts]
     return PanelContent(
         finding,
         draw.Drawing(figure, f"Parts of the miss. {finding}"),
-        [Table(["part", "across the path", "from … to", "what makes it smaller"], rows)],
+        [Table(["part", "adds to the miss", "and to its time", "so that the tip passes", "from … to"], rows)],
         ["motion.json", "simulated.parquet", "track.parquet", "verdict.json"],
     )
 
 
-def miss_steps(results: TrialResults) -> tuple[list[MissStep], float]:
-    """Return the steps from the target to the measured tip, and the signed miss; both across the tip's path.
+def _row(part: MissPart, sigma_m: float | None) -> list[str]:
+    off_m, since_s = part.passage.off_m, part.passage.since_s
+    passes = f"{millimetres(float(np.linalg.norm(off_m)))} off at {milliseconds(since_s, digits=0)}"
+    later = f"{signed(f'{1e3 * part.later_s:+.0f}')}{HARD}ms"
+    return [part.name, _length(part.part_m, sigma_m), later, passes, part.what]
 
-    Along the path a difference only shifts the time of the closest approach, so that it is left out.
+
+def _finding(results: TrialResults, parts: list[MissPart], miss_m: float) -> str:
+    """Return the largest part, and what to do about it if that was seen to help."""
+    verdict: Verdict = results.need("verdict")
+    largest = max(parts, key=lambda part: abs(part.part_m))
+    sigma_m = verdict.miss_sigma_m if largest is parts[-1] else None
+    finding = (
+        f"Largest part of the miss of {millimetres(miss_m, verdict.miss_sigma_m)}: {largest.name}, "
+        f"{_length(largest.part_m, sigma_m)}."
+    )
+    if verdict.hit:
+        return f"{finding} The throw hit: nothing needs to change."
+    if probable_causes(results):
+        return f"{finding} First remove the fault that the top of this page names: it may be the reason."
+    return f"{finding} {AGAIN}" if largest.name == "string" else finding
+
+
+def miss_parts(results: TrialResults) -> tuple[list[MissPart], float]:
+    """Return the parts of the miss in its direction, and their sum, the miss.
+
+    Every path is compared at its own closest approach: that of a later path is only a difference in time.
+    The planning string's are its closest of all, the fitted one's that in the pass of the measured tip.
     """
     verdict: Verdict = results.need("verdict")
     if verdict.closest_robot_time_s is None or verdict.closest_m is None:
@@ -96,50 +123,65 @@ def miss_steps(results: TrialResults) -> tuple[list[MissStep], float]:
             file=FILES["motion"],
             fix="plan the next motion: `strandcast plan`",
         )
-    since_s = verdict.closest_robot_time_s - results.need("alignment").motion_start_s
-    predicted_m = _at(np.array(motion.predicted.time_s), np.array(motion.predicted.tip_m), since_s)
-    planned_m, fitted_m = (
-        _tip_at(throws[name], verdict.closest_robot_time_s) for name in ("planned", "fitted")
+    start_s, ends_m = results.need("alignment").motion_start_s, target_ends_m(verdict)
+    closest_m = np.array(verdict.closest_m)
+    measured = Passage(verdict.closest_robot_time_s - start_s, closest_m - nearest_of_bar(closest_m, ends_m))
+    planned, fitted = (
+        (throws[name].robot_time_s - start_s, throws[name].points_m[:, -1]) for name in ("planned", "fitted")
     )
-    measured_m = np.array(verdict.closest_m)
-    normal = _normal(throws["fitted"], verdict.closest_robot_time_s)
-    target_m = _nearest_of_target(verdict, measured_m)
-    places = [target_m, predicted_m, planned_m, fitted_m, measured_m]
-    whats = (
-        "target … predicted tip",
-        "predicted tip … the planning string, moved by the measured hand",
-        "the planning string … the fitted one, both moved by the measured hand",
-        "fitted string … measured tip",
-    )
-    steps = [
-        MissStep(name, float((after - before) @ normal), what)
-        for name, before, after, what in zip(BETTER, places, places[1:], whats, strict=False)
+    predicted = np.array(motion.predicted.time_s), np.array(motion.predicted.tip_m)
+    passages = [
+        Passage(0.0, np.zeros_like(closest_m)),
+        _closest(*predicted, verdict),
+        _closest(*planned, verdict),
+        _in_pass(*fitted, ends_m, measured.since_s),
+        measured,
     ]
-    return steps, float((measured_m - target_m) @ normal)
+    miss_m = float(np.linalg.norm(measured.off_m))
+    across = measured.off_m / max(miss_m, 1e-12)
+    parts = [
+        MissPart(
+            name, float((after.off_m - before.off_m) @ across), after.since_s - before.since_s, after, what
+        )
+        for (name, what), before, after in zip(PARTS.items(), passages, passages[1:], strict=False)
+    ]
+    return parts, miss_m
 
 
-def _nearest_of_target(verdict: Verdict, place_m: Array) -> Array:
-    """Return the target, or the place of the bar that is nearest to a place."""
-    ends = np.array(verdict.bar_m or [verdict.target()])
-    along = ends[-1] - ends[0]
-    share = np.clip((place_m - ends[0]) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
-    return np.asarray(ends[0] + share * along)
+def _closest(since_s: Array, tip_m: Array, verdict: Verdict) -> Passage:
+    """Return a simulated tip's closest approach, found as that of a measured one."""
+    since_s, tip_m = _known(since_s, tip_m)
+    ends_m, step_s = target_ends_m(verdict), float(np.median(np.diff(since_s)))
+    window_s = float(since_s[0]), float(since_s[-1])
+    found, reason = closest_approach(since_s, tip_m, ends_m, step_s, window_s, verdict.hit_radius_m)
+    if found is None:
+        raise StrandcastError("SC-H012", f"a simulated throw has no closest approach: {reason}")
+    return _passage(since_s, found, ends_m)
 
 
-def _at(time_s: Array, places_m: Array, at_s: float) -> Array:
-    return np.array([np.interp(at_s, time_s, places_m[:, k]) for k in (0, 1)])
+def _in_pass(since_s: Array, tip_m: Array, ends_m: Array, at_s: float) -> Passage:
+    """Return a simulated tip's approach to the target, of several the one nearest to a time."""
+    since_s, tip_m = _known(since_s, tip_m)
+    approaches = segment_approaches(tip_m, ends_m)
+    away_m = np.array([np.inf, *(each.distance_m for each in approaches), np.inf])
+    lowest = np.flatnonzero((away_m[1:-1] <= away_m[:-2]) & (away_m[1:-1] <= away_m[2:]))
+    passages = [_passage(since_s, approaches[k], ends_m) for k in lowest]
+    return min(passages, key=lambda each: abs(each.since_s - at_s))
 
 
-def _tip_at(throw: SimulatedThrow, at_s: float) -> Array:
-    return _at(throw.robot_time_s, throw.points_m[:, -1], at_s)
+def _known(since_s: Array, tip_m: Array) -> tuple[Array, Array]:
+    known = np.isfinite(tip_m).all(axis=1)
+    return since_s[known], tip_m[known]
 
 
-def _normal(throw: SimulatedThrow, at_s: float) -> Array:
-    """Return the unit normal (2,) to a simulated tip's path at a time, over 4 ms."""
-    step = _tip_at(throw, at_s + 0.002) - _tip_at(throw, at_s - 0.002)
-    length = float(np.linalg.norm(step))
-    return np.array([-step[1], step[0]]) / length if length > 0 else np.array([1.0, 0.0])
+def _passage(since_s: Array, found: Approach, ends_m: Array) -> Passage:
+    before_s, after_s = since_s[found.index : found.index + 2]
+    off_m = found.place_m - nearest_of_bar(found.place_m, ends_m)
+    return Passage(float(before_s + found.share * (after_s - before_s)), off_m)
 
 
-def _length(value_m: float) -> str:
-    return signed(f"{value_m * 1e3:+.1f}") + "\u00a0mm"
+def _length(value_m: float, sigma_m: float | None = None) -> str:
+    text = signed(f"{value_m * 1e3:+.1f}")
+    if sigma_m is not None:
+        text += f"{HARD}±{HARD}{sigma_m * 1e3:.1f}"
+    return f"{text}{HARD}mm"

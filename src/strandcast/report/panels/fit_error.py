@@ -5,7 +5,7 @@ from matplotlib.colors import LogNorm
 
 from strandcast.errors import StrandcastError
 from strandcast.report.drawing import INK, PAGE, SINCE_START, Drawing, new_figure
-from strandcast.report.measures import fit_window, matched
+from strandcast.report.measures import fit_window, fitted_rows, matched
 from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
@@ -38,13 +38,13 @@ def fit_error(page: TrialPageData) -> PanelContent:
             at_ms, color=PAGE, linewidth=2.6, alpha=0.8
         )  # dashes stand out from dark and bright cells
         axes.axvline(at_ms, color=INK, linewidth=1.0, linestyle=(0, (4, 2)))
-    inside = apart_m[
-        (since_ms >= (window_s[0] - start_s) * 1e3) & (since_ms <= (window_s[1] - start_s) * 1e3)
-    ]
+    counted = fitted_rows(results)[mine]
+    detected = results.need("track").detected()[mine, 1:]
+    inside = np.where(detected, apart_m, np.nan)[counted]
     finding = "No point was measured in the frames of the fit."
     if np.isfinite(inside).any():
         row, point = np.unravel_index(int(np.nanargmax(inside)), inside.shape)
-        worst_ms = since_ms[since_ms >= (window_s[0] - start_s) * 1e3][row]
+        worst_ms = since_ms[counted][row]
         finding = (
             f"Within the {fit_window(results)}, the fitted string is at most "
             f"{millimetres(inside[row, point])} from the measured one: point {point + 1} at "

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion, Prediction
 from strandcast.report import drawing as draw
+from strandcast.report.expected import expected_miss
 from strandcast.report.facts import Facts
 from strandcast.report.numbers import (
     UNKNOWN,
@@ -47,9 +48,6 @@ def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
     curves = figure.add_gridspec(
         joints, 1, left=0.07, right=0.56, top=0.95, bottom=0.85 / height, hspace=0.28
     )
-    expected = figure.add_gridspec(
-        2, 1, left=0.64, right=0.985, top=0.95, bottom=0.85 / height, hspace=0.4, height_ratios=[2, 1]
-    )
     for joint in range(joints):
         axes = figure.add_subplot(curves[joint])
         _draw_joint(axes, motion, played, joint, facts.speed_limits_rad_s)
@@ -59,11 +57,12 @@ def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
     draw.legend_below(figure, axes)
     if motion.predicted is not None:
         views = draw.views(len(motion.target_m))
-        cells = expected[0].subgridspec(len(views), 1, hspace=0.35)
+        cells = figure.add_gridspec(
+            len(views), 1, left=0.64, right=0.985, top=0.95, bottom=0.85 / height, hspace=0.35
+        )
         for k, seen in enumerate(views):
             _draw_prediction(figure.add_subplot(cells[k]), motion, facts, seen)
-        _draw_misses(figure.add_subplot(expected[1]), motion)
-    finding = with_caveat(page.caveat, _finding(motion))
+    finding = with_caveat(page.caveat, expectation(motion))
     return PanelContent(
         finding,
         draw.Drawing(figure, f"The next motion. {finding}"),
@@ -122,43 +121,12 @@ def draw_aims(axes: Any, motion: Motion, facts: Facts, seen: Sequence[int] = (0,
         )
 
 
-def _draw_misses(axes: Any, motion: Motion) -> None:
-    predicted = motion.predicted
-    assert predicted is not None
-    misses_mm = np.sort(np.array(predicted.ensemble_miss_m)) * 1e3
-    axes.plot(
-        misses_mm, np.arange(1, len(misses_mm) + 1), **draw.marks("D", 4.5, color=draw.MEASURED["color"])
-    )
-    axes.axvline(predicted.miss_m * 1e3, **draw.dashes(draw.FITTED, linewidth=1.3))
-    axes.set(
-        xlabel="predicted miss [mm] (dashed: best string)", ylabel="string of the ensemble", xlim=(0, None)
-    )
-    axes.set_ylim(0.3, len(misses_mm) + 0.7)
-    axes.yaxis.get_major_locator().set_params(integer=True)
-    axes.set_title("over the ensemble, undisturbed", fontsize=8.5)
-
-
-def _finding(motion: Motion) -> str:
-    if motion.predicted is None:
+def expectation(motion: Motion) -> str:
+    """Return in a sentence what is expected of a motion."""
+    expected = expected_miss(motion)
+    if expected is None:
         return f"Motion for trial {motion.trial}; without a prediction."
-    misses = motion.predicted.ensemble_miss_m
-    spread = f", {millimetres(min(misses))} to {millimetres(max(misses))}" if misses else ""
-    spread += f" over {len(misses)} strings of the ensemble" if misses else ""
-    predicted = f"Predicted miss {millimetres(motion.predicted.miss_m)} with the best string{spread}; "
-    hit = percent(motion.predicted.hit_probability)
-    throws, share = motion.predicted.disturbed_throws, motion.predicted.simulated_hit_probability
-    if throws is None:
-        return f"{predicted}{hit} of them hit."
-    simulated = hit if share is None else percent(share)
-    finding = f"{predicted}{simulated} of {throws} simulated throws hit, disturbances included."
-    return f"{finding} {likely_hit(motion.predicted)}".rstrip()
-
-
-def likely_hit(predicted: Prediction) -> str:
-    """Return the calibrated probability of a hit in words; nothing if it was not calibrated."""
-    if not predicted.calibrated:
-        return ""
-    return f"Of throws that looked like this one, {percent(predicted.hit_probability)} really hit in the lab."
+    return f"Predicted miss of trial {motion.trial}: {expected}."
 
 
 def _table(motion: Motion, command: str | None) -> Table:
@@ -177,7 +145,7 @@ def _table(motion: Motion, command: str | None) -> Table:
             ["predicted time of the hit, from the start", milliseconds(predicted.hit_time_s, digits=0)],
             ["peak joint speed", f"{speeds} rad/s"],
             ["peak joint acceleration", f"{accelerations} rad/s²"],
-            *_disturbed(predicted),
+            *_expected(motion),
             *_limits(predicted),
             ["peak speed of the tip", f"{predicted.peak_tip_speed_m_s:.1f} m/s"],
             ["largest bend between neighbours before the hit", f"{bend_deg:.0f}°"],
@@ -193,15 +161,13 @@ def _table(motion: Motion, command: str | None) -> Table:
     return Table(["next motion", "value"], rows)
 
 
-def _disturbed(predicted: Prediction) -> list[list[str]]:
-    """Return the quantiles of the misses, disturbances included."""
-    if not predicted.miss_quantiles_m:
+def _expected(motion: Motion) -> list[list[str]]:
+    """Return the predicted miss, and where its distribution comes from."""
+    expected, predicted = expected_miss(motion), motion.predicted
+    if expected is None or predicted is None:
         return []
-    quantiles = ", ".join(
-        f"{name} {millimetres(value)}" for name, value in predicted.miss_quantiles_m.items()
-    )
     counted = "as throws like this one missed in the lab" if predicted.calibrated else "simulated"
-    return [[f"predicted miss, {counted}", quantiles]]
+    return [[f"predicted miss, {counted}", str(expected)]]
 
 
 def _limits(predicted: Prediction) -> list[list[str]]:

@@ -12,10 +12,11 @@ from strandcast.records.motion import Motion
 from strandcast.records.predicted import PredictedThrows, read_predicted
 from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
+from strandcast.report.expected import expected_miss, expected_shares
 from strandcast.report.measures import target_distance_m
 from strandcast.report.numbers import millimetres, percent, with_caveat
 from strandcast.report.panels.content import PanelContent
-from strandcast.report.panels.next_motion import draw_aims, likely_hit
+from strandcast.report.panels.next_motion import draw_aims, expectation
 from strandcast.report.panels.page_data import TrialPageData
 from strandcast.report.panels.tip_path import draw_target, mark_closest
 from strandcast.report.results import FILES, TrialResults
@@ -31,7 +32,8 @@ BAND = {"facecolor": draw.PLANNED["color"], "alpha": 0.3, "linewidth": 0}
 def predicted_throw(page: TrialPageData) -> PanelContent:
     """Return the throw as it was expected, with every plausible string, and as it was measured."""
     results = page.results
-    throws = throws_of(results.need("motion"), results.need("predicted"), FILES["predicted"])
+    motion = results.need("motion")
+    throws = throws_of(motion, results.need("predicted"), FILES["predicted"])
     verdict, start_s = results.need("verdict"), results.need("alignment").motion_start_s
     window = results.in_window()
     tip_m, since_s = results.need("track").points_m[window, -1], results.robot_time_s()[window] - start_s
@@ -60,14 +62,14 @@ def predicted_throw(page: TrialPageData) -> PanelContent:
     time_axes.set(xlabel=draw.SINCE_START, ylabel="tip – target [mm]", xlim=(0, 1e3 * until_s))
     draw.log_if_wide(time_axes, "y", 1e3 * apart_m[shown & (apart_m > 0)])
     mark_closest(time_axes, verdict, start_s)
-    _draw_misses(miss_axes, throws, verdict.hit_radius_m)
+    _draw_misses(miss_axes, motion, verdict.hit_radius_m)
     if verdict.miss_m is not None:
         place_m = np.array(verdict.closest_m if verdict.closest_m is not None else verdict.target_m)
         for axes in (path_axes, near_axes):
             axes.plot(*place_m, **draw.marks("D", 6, color=draw.MEASURED["color"]), label="closest approach")
         miss_axes.axvline(1e3 * verdict.miss_m, color=draw.MEASURED["color"], linewidth=2.0)
     draw.legend_below(figure, path_axes)
-    finding = _finding(throws, verdict) + _within(results, throws, low_m, high_m, apart_m, since_s)
+    finding = _finding(motion, verdict) + _within(results, throws, low_m, high_m, apart_m, since_s)
     return PanelContent(
         finding,
         draw.Drawing(figure, f"The throw as predicted and as measured. {finding}", (time_axes,)),
@@ -112,16 +114,9 @@ def next_throw(page: TrialPageData) -> PanelContent:
         for axes, seen in zip((path_axes, near_axes), draw.views(3), strict=True):
             _draw_fan(axes, throws, tip_m[..., seen], seen)
             draw_aims(axes, motion, page.facts, seen)
-    _draw_misses(miss_axes, throws, radius_m)
+    _draw_misses(miss_axes, motion, radius_m)
     draw.legend_below(figure, path_axes)
-    hits, median_m = float(np.mean(throws.miss_m <= radius_m)), float(np.median(throws.miss_m))
-    finding = with_caveat(
-        page.caveat,
-        f"Trial {motion.trial}: {_interval(throws)}; {percent(hits)} of them hit, and half of them miss by "
-        f"{millimetres(median_m)} or less.",
-    )
-    if motion.predicted is not None:
-        finding = f"{finding} {likely_hit(motion.predicted)}".rstrip()
+    finding = with_caveat(page.caveat, expectation(motion))
     return PanelContent(
         finding, draw.Drawing(figure, f"The next throw as predicted. {finding}"), sources=[shown]
     )
@@ -184,32 +179,21 @@ def _frame_target(axes: Any, target_m: Sequence[float], half_m: float) -> None:
         axis.set_major_locator(draw.few_ticks())
 
 
-def _draw_misses(axes: Any, throws: PredictedThrows, radius_m: float) -> None:
+def _draw_misses(axes: Any, motion: Motion, radius_m: float) -> None:
     """Draw the share of throws that are predicted to miss by less."""
-    miss_mm = 1e3 * np.sort(throws.miss_m)
-    share = 100.0 * np.arange(1, len(miss_mm) + 1) / len(miss_mm)
-    axes.step(miss_mm, share, where="post", **draw.PLANNED)
+    misses_m, shares = expected_shares(motion)
+    axes.plot(1e3 * misses_m, 100.0 * shares, **draw.PLANNED)
     axes.axvline(1e3 * radius_m, **draw.HIT_RADIUS)
     axes.set(xlabel="miss [mm]", ylabel="throws below [%]", ylim=(0, 103))
-    draw.log_if_wide(axes, "x", [*miss_mm, 1e3 * radius_m], ratio=10.0)
+    draw.log_if_wide(axes, "x", [*1e3 * misses_m, 1e3 * radius_m], ratio=10.0)
 
 
-def _interval(throws: PredictedThrows) -> str:
-    low_m, high_m = (float(np.quantile(throws.miss_m, share)) for share in (LOW, HIGH))
-    return (
-        f"four of five of {len(throws.miss_m)} predicted throws miss by {millimetres(low_m)} to "
-        f"{millimetres(high_m)}"
-    )
-
-
-def _finding(throws: PredictedThrows, verdict: Verdict) -> str:
+def _finding(motion: Motion, verdict: Verdict) -> str:
+    expected = expected_miss(motion)
     if verdict.miss_m is None:
-        return f"Before the throw, {_interval(throws)}; the miss was not measured."
-    below = float(np.mean(throws.miss_m < verdict.miss_m))
-    return (
-        f"Before the throw, {_interval(throws)}; the measured miss of {millimetres(verdict.miss_m)} is "
-        f"larger than {percent(below)} of theirs."
-    )
+        return f"{expectation(motion)} The miss was not measured."
+    compared = "" if expected is None else f", {expected.compared(verdict.miss_m)}"
+    return f"{expectation(motion)} Measured: {millimetres(verdict.miss_m, verdict.miss_sigma_m)}{compared}."
 
 
 def _within(

@@ -18,6 +18,7 @@ from strandcast.report.drawing import (
     new_figure,
     note,
 )
+from strandcast.report.expected import expected_miss
 from strandcast.report.numbers import millimetres
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import ExperimentPageData
@@ -106,13 +107,11 @@ def evaluations(page: ExperimentPageData) -> PanelContent:
 
 def _draw_predicted(axes: Any, page: ExperimentPageData) -> dict[int, tuple[float, float]]:
     """Draw the interval of misses that was predicted before each throw; return them by trial [mm]."""
-    motions = {trial: results.get("motion") for trial, results in page.trials.items()}
     intervals = {}
     width = min(WIDEST_BAR, ALL_BARS / max(len(page.summary.trials), 1))
-    for trial, motion in motions.items():
-        known = {} if motion is None or motion.predicted is None else motion.predicted.miss_quantiles_m
-        if {"p10", "p90"} <= known.keys():
-            low_mm, high_mm = known["p10"] * 1e3, known["p90"] * 1e3
+    for trial, results in page.trials.items():
+        if (expected := expected_miss(results.get("motion"))) is not None:
+            low_mm, high_mm = expected.low_m * 1e3, expected.high_m * 1e3
             wide = {"color": PLANNED["color"], "alpha": 0.45, "linewidth": width, "solid_capstyle": "butt"}
             axes.plot([trial, trial], [low_mm, high_mm], **wide)
             intervals[trial] = (low_mm, high_mm)

@@ -116,8 +116,8 @@ NEXT_MOTION = Panel(
     "The next motion",
     next_motion,
     open=True,
-    good="the predicted path ends at the target, the ensemble’s misses lie below the hit radius, the "
-    "curves stay within the limits.",
+    good="the predicted path passes the target, the predicted misses lie below the hit radius, the curves "
+    "stay within the limits.",
     bad="the misses spread over decimetres: the string is too uncertain for this motion.",
 )
 
@@ -186,7 +186,7 @@ TRIAL_PANELS = [
         "tip",
         "Tip path, measured and simulated",
         tip_path,
-        needs=(*THROW, "simulated"),
+        needs=(*THROW, "simulated", "estimate"),
         caption="Squares mark every 50 ms of the measured path. After the closest approach nothing is fitted "
         "if the tip has hit.",
         good="the fitted path covers the measured one up to the closest approach, and the tip stays as near "
@@ -202,10 +202,11 @@ TRIAL_PANELS = [
         needs=(*THROW, "motion", "predicted"),
         caption="Thin lines: throws that the planner simulated before the throw, each with another plausible "
         "string or another disturbance (grasp, sway, joint zeros). Band: four of five of them at each time. "
-        "Lower right: the share of all predicted throws that miss by less; solid: the measured miss, dashed: "
-        "the hit radius.",
-        good="the measured path runs within the fan up to the closest approach, and the measured miss is one "
-        "of those predicted.",
+        "Lower right: the share of throws that are predicted to miss by less, which is wider than the fan "
+        "where throws in the lab missed by more than simulated ones; solid: the measured miss, dashed: the "
+        "hit radius.",
+        good="the measured path runs within the fan up to the closest approach, and the measured miss lies "
+        "between 10 and 90 %.",
         bad="it leaves a narrow fan: string, servo or grasp were not as the ensemble supposed; the parts of "
         "the miss say which.",
         shown=_was_predicted,
@@ -216,10 +217,11 @@ TRIAL_PANELS = [
         budget,
         open=True,
         needs=("verdict", "motion", "alignment", "simulated"),
-        caption="The side is the same for all parts: parts of opposite sign cancel. How much throws of one "
-        "motion differ is in the next motion’s predicted misses.",
+        caption="Each path is compared at its own closest approach, in the direction of the measured miss: "
+        "parts of opposite sign cancel. ±: of the measured tip. How much throws of one motion differ is in "
+        "the predicted miss.",
         good="each part is well within the hit radius.",
-        bad="one part is larger than the hit radius: the table says what makes it smaller.",
+        bad="one part is larger than the hit radius.",
         shown=_planned,
     ),
     Panel("rig", "Health of the rig", rig, shown=_from_video),
@@ -285,7 +287,8 @@ TRIAL_PANELS = [
         "The next throw, as predicted",
         next_throw,
         caption="Thin lines: simulated throws of the next motion, each with another plausible string or "
-        "another disturbance. Right: the share of all of them that miss by less; dashed: the hit radius.",
+        "another disturbance. Right: the share of throws that are predicted to miss by less; dashed: the hit "
+        "radius.",
         good="a narrow fan that ends at the target, and a curve that is near 100 % at the hit radius.",
         bad="a fan that opens before the target: throws of this motion will differ; a narrow fan beside the "
         "target: nothing within the limits came nearer.",

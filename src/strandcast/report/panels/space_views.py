@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
-from strandcast.report.measures import matched, strobe_rows
+from strandcast.report.measures import fit_window, fitted_rows, matched, strobe_rows
 from strandcast.report.numbers import millimetres
 from strandcast.report.pages import render
 from strandcast.report.panels.content import PanelContent
@@ -56,7 +56,9 @@ def two_views(page: TrialPageData) -> PanelContent:
     finding = f"{len(rows)} instants at equal steps of the last marker’s path"
     error_m = _mean_distance(results, throws.get("fitted"))
     if error_m is not None:
-        finding += f"; over all frames the fitted markers are {millimetres(error_m)} off on average"
+        finding += (
+            f"; over the {fit_window(results)} the fitted markers are {millimetres(error_m)} off on average"
+        )
     finding += "."
     return PanelContent(
         finding,
@@ -130,9 +132,13 @@ def _ends(results: TrialResults, rows: NDArray[np.int64]) -> list[Array]:
 
 
 def _mean_distance(results: TrialResults, throw: SimulatedThrow | None) -> float | None:
-    if throw is None:
+    if throw is None or results.get("estimate") is None:
         return None
     mine, theirs = matched(results, throw)
+    counted = fitted_rows(results)[mine]
+    if not counted.any():
+        return None
+    mine, theirs = mine[counted], theirs[counted]
     apart_m = results.need("track").points_m[mine, 1:] - throw.points_m[theirs, 1:]
     return float(np.nanmean(np.linalg.norm(apart_m, axis=2)))
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
 from strandcast.report import drawing as draw
-from strandcast.report.measures import closest_row, matched, strobe_rows
+from strandcast.report.measures import closest_row, strobe_rows
 from strandcast.report.numbers import millimetres, place
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
@@ -40,7 +40,6 @@ def strobe(page: TrialPageData) -> PanelContent:
             axes.set_ylabel("y [m]")
     draw.legend_below(figure, figure.axes[-1])
     verdict = results.need("verdict")
-    error_m = _fit_error(results)
     finding = f"{len(strobe_rows(results))} instants at equal arc length of the tip's path" + (
         "."
         if verdict.target_m is None
@@ -49,8 +48,6 @@ def strobe(page: TrialPageData) -> PanelContent:
         if verdict.miss_m is not None
         else f"; the closest approach to the target at {place(verdict.target_m)} was not detected."
     )
-    if error_m is not None:
-        finding += f" The fitted string is {millimetres(error_m)} from the measured one at these instants."
     return PanelContent(
         finding + not_shown,
         draw.Drawing(figure, f"Strobe figure of the throw. {finding}"),
@@ -114,15 +111,3 @@ def _label(axes: Any, string_m: Array, text: str, bold: bool) -> None:
     font = {"fontsize": 8.5, "fontweight": "bold"} if bold else {"fontsize": 7.5, "fontweight": "normal"}
     box = {"boxstyle": "round,pad=0.1", "facecolor": draw.PAGE, "edgecolor": "none", "alpha": 0.7}
     draw.note(axes, text, measured_m[-1], direction * 9, ha="center", va="center", bbox=box, **font)
-
-
-def _fit_error(results: TrialResults) -> float | None:
-    throw = (results.get("simulated") or {}).get("fitted")
-    if throw is None:
-        return None
-    mine, theirs = matched(results, throw)
-    chosen = np.isin(mine, strobe_rows(results))
-    if not chosen.any():
-        return None
-    apart = results.need("track").points_m[mine[chosen], 1:] - throw.points_m[theirs[chosen], 1:]
-    return float(np.nanmean(np.linalg.norm(apart, axis=2)))

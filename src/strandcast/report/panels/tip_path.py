@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from strandcast.records.verdict import AFTER_MOTION_S, Verdict
+from strandcast.records.verdict import Verdict
 from strandcast.report import drawing as draw
-from strandcast.report.measures import rms, target_distance_m, tip_error_m
+from strandcast.report.measures import fit_window, fitted_rows, target_distance_m, tip_error_m
 from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
@@ -36,7 +36,8 @@ def tip_path(page: TrialPageData) -> PanelContent:
             # The closest approach may lie between two frames.
             closest = ((verdict.closest_robot_time_s - start_s) * 1e3, verdict.miss_m * 1e3)
             over_time[0].plot(*closest, **draw.marks("D", 5, color=draw.MEASURED["color"]))
-    findings, apart = [], []
+    fitted_s = results.robot_time_s()[fitted_rows(results) & track.detected()[:, -1]]
+    findings, means_m = [], []
     for name, throw in throws.items():
         inside = np.isin(throw.frame, track.frame[window])
         path_axes.plot(*throw.points_m[inside, -1].T, **STYLES[name], label=NAMES[name])
@@ -44,15 +45,16 @@ def tip_path(page: TrialPageData) -> PanelContent:
         in_time = (at_s >= start_s) & (at_s <= results.window_s()[1])
         at_s, apart_m = at_s[in_time], apart_m[in_time]
         error_axes.plot((at_s - start_s) * 1e3, apart_m * 1e3, **(STYLES[name] | {"linewidth": 1.1}))
-        apart.append(rms(apart_m))
-        if np.isfinite(apart_m).any():
-            worst = int(np.nanargmax(apart_m))
+        counted_m = np.where(np.isin(at_s, fitted_s), apart_m, np.nan)
+        if np.isfinite(counted_m).any():
+            mean_m, worst = float(np.nanmean(counted_m)), int(np.nanargmax(counted_m))
+            means_m.append(mean_m)
             findings.append(
-                f"{NAMES[name]}: {millimetres(rms(apart_m))} rms from the measured tip, at most "
-                f"{millimetres(apart_m[worst])} at {milliseconds(at_s[worst] - start_s, digits=0)}"
+                f"{NAMES[name]}: {millimetres(mean_m)} from the measured tip on average, at most "
+                f"{millimetres(counted_m[worst])} at {milliseconds(at_s[worst] - start_s, digits=0)}"
             )
     error_axes.set(xlabel=draw.SINCE_START, ylabel="tip – simulated [mm]", ylim=(0, None))
-    if draw.log_if_wide(error_axes, "y", apart):
+    if draw.log_if_wide(error_axes, "y", means_m):
         error_axes.autoscale(axis="y")
     if results.aimed():
         draw_target(path_axes, verdict)
@@ -60,9 +62,9 @@ def tip_path(page: TrialPageData) -> PanelContent:
         axes.set_xlim((time_s[0] - start_s) * 1e3, (time_s[-1] - start_s) * 1e3)
         mark_closest(axes, verdict, start_s)
     draw.legend_below(figure, path_axes)
-    whole = "Over the whole capture: "
-    finding = f"From the motion’s start to {AFTER_MOTION_S:g} s after its end: " if results.aimed() else whole
-    finding += "; ".join(findings) + "." if findings else "there is no simulated tip to compare with."
+    finding = "There is no simulated tip to compare with."
+    if findings:
+        finding = f"Over the {fit_window(results)}: {'; '.join(findings)}."
     return PanelContent(
         finding,
         draw.Drawing(figure, f"Tip path measured and simulated. {finding}", tuple(over_time)),

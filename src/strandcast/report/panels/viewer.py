@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from strandcast.records.camera import Camera
 from strandcast.records.clip import PLAYED_HZ, Clip
+from strandcast.report.measures import fitted_rows
 from strandcast.report.numbers import millimetres, milliseconds
 from strandcast.report.pages import render
 from strandcast.report.panels.content import PanelContent
@@ -42,9 +43,9 @@ class Film:
     flagged: NDArray[np.bool_]  # (K, n + 1): unsure, hidden, predicted or not found
     fitted_m: Array  # (K, n + 1, 2)
     to_target_m: Array  # of the tip; NaN without a target
-    error_m: Array  # mean distance between measured and fitted points
+    error_m: Array  # mean distance between detected and fitted points
     since_start_s: Array  # of the motion
-    counts: NDArray[np.bool_]  # whether the fit and the miss count it
+    counts: NDArray[np.bool_]  # whether the fit counts it
 
     def at(self, frame: int | None) -> int | None:
         """Return the place of a camera's frame in the film, or of the last frame before it; None outside."""
@@ -53,7 +54,7 @@ class Film:
         return int(np.searchsorted(self.frame, frame, side="right")) - 1
 
     def worst(self) -> int | None:
-        """Return the place of the frame with the largest error, among those that count."""
+        """Return the place of the frame with the largest error, among those of the fit."""
         counted_m = np.where(self.counts, self.error_m, np.nan)
         return int(np.nanargmax(counted_m)) if np.isfinite(counted_m).any() else None
 
@@ -121,17 +122,19 @@ def film_of(results: TrialResults, clip: Clip) -> Film:
         np.full(len(frame), np.nan),
     )
     flagged, counts = np.ones(shape[:2], bool), np.ones(len(frame), bool)
+    detected = np.zeros(shape[:2], bool)
     _, mine, theirs = np.intersect1d(frame, track.frame, return_indices=True)
-    measured_m[mine] = track.points_m[theirs]
+    measured_m[mine], detected[mine] = track.points_m[theirs], track.detected()[theirs]
     flagged[mine] = (track.flags[theirs] != 0) | ~np.isfinite(track.points_m[theirs]).all(axis=2)
     if (alignment := results.get("alignment")) is not None:
         since_s[mine] = results.robot_time_s()[theirs] - alignment.motion_start_s
-        counts[mine] = results.in_window()[theirs]
+        if results.get("estimate") is not None:
+            counts[mine] = fitted_rows(results)[theirs]
     if throw is not None and throw.points_m.shape[1:] == shape[1:]:
         _, mine, theirs = np.intersect1d(frame, throw.frame, return_indices=True)
         fitted_m[mine] = throw.points_m[theirs]
     apart_m = np.linalg.norm(measured_m[:, 1:] - fitted_m[:, 1:], axis=2)
-    known = np.isfinite(apart_m)
+    known = np.isfinite(apart_m) & detected[:, 1:]
     error_m = np.where(known, apart_m, 0.0).sum(axis=1) / np.where(
         known.any(axis=1), known.sum(axis=1), np.nan
     )
@@ -164,8 +167,7 @@ def clip_px(results: TrialResults, clip: Clip, places_m: Array) -> Array:
 def _finding(film: Film, closest: int | None, miss: str, worst: int | None, runs: int) -> str:
     parts = [f"Frames {film.frame[0]} to {film.frame[-1]} of the camera"]
     if closest is not None:
-        away = millimetres(float(film.to_target_m[closest]))
-        parts.append(f"closest in frame {film.frame[closest]}, {away} (between frames {miss})")
+        parts.append(f"closest approach at frame {film.frame[closest]}: {miss}")
     if worst is not None:
         error = millimetres(float(film.error_m[worst]))
         parts.append(f"worst fit in frame {film.frame[worst]}, {error} in the mean over the string")

@@ -11,6 +11,7 @@ from gymnasium import spaces
 
 from strandcast.arm.load import Arm
 from strandcast.config.lab import LabSettings
+from strandcast.core.closest_approach import closest_approach
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.lab.driver import joint_log
 from strandcast.lab.strings import physical_string
@@ -20,7 +21,6 @@ from strandcast.lab.truth import MISS_AFTER_S, true_miss
 from strandcast.lab.variation import LabClocks, ThrowVariation, draw_variation, scatter_of
 from strandcast.planning.capsules import start_violation_m
 from strandcast.planning.cost import CLEARANCE_M
-from strandcast.scoring.closest_approach import closest_approach
 from strandcast.seeds import rng
 from strandcast_studies.benchmarks.agents.actions import KINDS, LONGEST_S, RATE_HZ, within_limits
 from strandcast_studies.benchmarks.agents.tasks import arm_of, task_of

@@ -20,6 +20,7 @@ from scipy.signal import savgol_filter
 from strandcast.arm.spatial import hand_path
 from strandcast.config.estimate import EstimateSettings
 from strandcast.config.plan import PlanSettings
+from strandcast.core.closest_approach import closest_approach
 from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
@@ -40,7 +41,6 @@ from strandcast.planning.plan import plan_first, plan_next
 from strandcast.planning.rollouts import AFTER_END_S
 from strandcast.planning.start_strings import start_strings_in_space
 from strandcast.planning.task import SpatialTask
-from strandcast.scoring.closest_approach import closest_approach
 from strandcast.stages.estimate_in_space import FASTEST_M_S, FITTED_AFTER_S, FITTED_BEFORE_S
 from strandcast_studies.benchmarks.loop.run import outcome, run_jobs, run_parser
 from strandcast_studies.benchmarks.loop.throw import FILMED_AFTER_S, FILMED_BEFORE_S, FRAME_RATE_HZ

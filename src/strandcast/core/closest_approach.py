@@ -47,7 +47,7 @@ def closest_approach(
     answer where the path could have been closest there, that is, where the best tracked place is at the edge
     of a gap, or a cubic through both edges comes nearer.
     """
-    away_m = np.linalg.norm(tip_m - _nearest_of_bar(tip_m, np.atleast_2d(target_m)), axis=1)
+    away_m = np.linalg.norm(tip_m - nearest_of_bar(tip_m, np.atleast_2d(target_m)), axis=1)
     clear = int(np.argmax(away_m > touch_m))
     if away_m[clear] <= touch_m or clear == len(tip_m) - 1:
         return None, "the tip was at the target from the start, and never clear of it"
@@ -87,7 +87,7 @@ def segment_approaches(path_m: np.ndarray, target_m: np.ndarray) -> list[Approac
             [none, all_, *(_shares(path_m, step, e) for e in ends), _crossings(path_m, step, ends)]
         )
     places = path_m[:-1] + shares[..., None] * step
-    distances = np.linalg.norm(places - _nearest_of_bar(places, ends), axis=2)
+    distances = np.linalg.norm(places - nearest_of_bar(places, ends), axis=2)
     best, every = distances.argmin(axis=0), np.arange(len(step))
     share, distance, place = (values[best, every] for values in (shares, distances, places))
     return [Approach(k, float(share[k]), float(distance[k]), place[k]) for k in range(len(step))]
@@ -107,7 +107,7 @@ def _crossings(path_m: np.ndarray, step: np.ndarray, ends: np.ndarray) -> np.nda
     return np.where((share >= 0.0) & (share <= 1.0), share, 0.0)
 
 
-def _nearest_of_bar(places: np.ndarray, ends: np.ndarray) -> np.ndarray:
+def nearest_of_bar(places: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """Return the places of a bar, or the target, that are nearest to other places (..., 2 or 3)."""
     along = ends[-1] - ends[0]
     square = max(float(along @ along), 1e-300)
