@@ -231,9 +231,8 @@ def rig_faults(fit: ClockFit, rig: Rig, priors: Priors) -> list[Fault]:
         ),
         (stretch, priors.stretch, f"the camera's scale is off by {stretch:.2%}"),
     ]
-    common_m, common_rad = error.shift_m.mean(axis=0), float(error.turn_rad.mean())
-    moved = float(np.linalg.norm(common_m)) / priors.marker_shift_m
-    together = max(moved, abs(common_rad) / priors.marker_turn_rad)
+    moved = np.linalg.norm(error.shift_m, axis=1) / priors.marker_shift_m
+    together = float(np.maximum(moved, np.abs(error.turn_rad) / priors.marker_turn_rad).min())
     found.append((together, 1.0, clamp_words(rig, error)))
     for index, name in enumerate(rig.ids if together <= UNUSUAL_SD else ()):
         shift_m = float(np.linalg.norm(error.shift_m[index]))
