@@ -41,7 +41,7 @@ class Cause(NamedTuple):
 class ClampSlip(NamedTuple):
     """How far the tip came beyond the length at rest, that length [m], and when since the motion's start.
 
-    `sigma_m` is the standard error of the rise.
+    `sigma_m` is the standard deviation of the length from frame to frame.
     """
 
     rise_m: float
@@ -93,8 +93,8 @@ def slip_in_clamp(results: TrialResults) -> ClampSlip | None:
         return None
     # The length along the points, not the straight distance: a string may leave the clamp sideways.
     at_rest_m = float(np.median(along_m[resting]))
-    known_m = results.need("track_summary").choices.get("length_sigma_m")
-    sigma_m = float(np.hypot(known_m if isinstance(known_m, float) else 0.0, np.std(along_m[resting])))
+    # Of these frames alone: a slip itself makes the length of the whole throw uncertain.
+    sigma_m = 1.48 * float(np.median(np.abs(along_m[resting] - at_rest_m)))
     smooth_m = _running_median(reach_m[thrown])
     rise_m = float(smooth_m.max()) - at_rest_m
     first = int(np.argmax(smooth_m > at_rest_m + 0.5 * rise_m))
