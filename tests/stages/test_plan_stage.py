@@ -1,6 +1,5 @@
 """The plan stage: it plans, and the score stage scores, for the objective of experiment.yaml."""
 
-import json
 import re
 import shutil
 import subprocess
@@ -321,21 +320,11 @@ def test_what_a_throw_shows_of_the_rig_is_learnt_and_written(
     assert known["grasp_length_m"].median == pytest.approx(0.0015, rel=1e-3)
     assert known["grasp_angle_rad"].measured == {}
     state = rig_state(context_of(root, "rig"))
-    assert (state.trials, state.planned_with, state.repeats) == ([1], 1.0, [])
-    assert state.scatter == learnt.scatter
+    assert (state.trials, state.offsets, state.repeats) == ([1], None, [])
     line = [sys.executable, "-m", "strandcast", "rig", "rig"]
     (root / "Snakefile").touch()
     printed = subprocess.run(line, cwd=root, capture_output=True, text=True, check=True).stdout
-    assert re.search(r"its rate +mrad/s +40 ×÷ 2 +-?[3-9]\d\d\.\d +\d+ +\d+ to \d+ +1 trial\n", printed)
-    assert re.search(r"turn in the clamp +mrad +35 ×÷ 2 +– +as expected", printed)
-    assert "warning: sway_rad_s: trial 1 is" in printed
-    assert state.offsets is None
-    assert "What the arm's file states wrongly is estimated from two trials with a joint log on." in printed
-    as_json = subprocess.run([*line, "--json"], cwd=root, capture_output=True, text=True, check=True).stdout
-    # Another process may have another linear algebra, and the last digits of smoothed joints differ.
-    assert [(one["quantity"], one["median"], one["high"]) for one in json.loads(as_json)["scatter"]] == [
-        (one.quantity, pytest.approx(one.median), pytest.approx(one.high)) for one in learnt.scatter
-    ]
+    assert printed == "What the arm's file states wrongly is estimated from two trials with a joint log on.\n"
     # It is planned with.
     planned_with = []
 

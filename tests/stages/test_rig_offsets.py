@@ -59,6 +59,8 @@ def test_a_link_is_found_through_noisy_logs_with_columns_in_another_order(arm: A
     assert found is not None
     assert found.trials == [1, 2, 3]
     assert [one.name for one in found.numbers if one.state == "wrong"] == ["link 2"]
+    assert found.numbers[1].value is not None
+    assert found.numbers[1].sd is not None
     assert abs(found.numbers[1].value - 0.004) < 3.0 * found.numbers[1].sd < 0.003
     assert found.numbers[-1].name == "string, across"
     (warning,) = found.warnings

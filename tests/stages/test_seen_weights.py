@@ -1,25 +1,23 @@
 """Weights that were seen but not declared: the fit is repeated with them, and both errors are reported."""
 
-import re
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from strandcast.arm.load import load_arm
 from strandcast.estimation.estimate import estimate
 from strandcast.records.track import DetectedWeight
 from strandcast.stages.context import context_of
 from strandcast.stages.past_trials import string_model
-from strandcast.stages.seen_weights import seen_weights_warnings
+from strandcast.stages.seen_weights import SeenWeights, seen_weights
 
 from ..estimation.known_string import LAYOUT, MODEL, observed_throw
 
 PLACE_M = float(LAYOUT.places_m[0])
 
 
-def warnings_of(root: Path, declared_m: float | None, seen_m: list[float]) -> list[str]:
-    """Return the warnings about a string with a heavy weight at `PLACE_M`."""
+def found_in(root: Path, declared_m: float | None, seen_m: list[float]) -> SeenWeights:
+    """Return what is found of a string with a heavy weight at `PLACE_M`."""
     (root / "config" / "experiments").mkdir(parents=True)
     arms = Path(__file__).parents[2] / "config" / "arms"
     (root / "config" / "arms").symlink_to(arms)
@@ -35,25 +33,31 @@ def warnings_of(root: Path, declared_m: float | None, seen_m: list[float]) -> li
     random = np.random.default_rng(1)
     fit = estimate(throws, *string_model(context, arm), context.settings.estimate, random)
     seen = [DetectedWeight(place_m=place, sigma_m=1e-3, half_width_m=4e-3) for place in seen_m]
-    return seen_weights_warnings(context, arm, throws, fit.E_m, seen, random)
+    return seen_weights(context, arm, throws, fit.E_m, seen, random)
 
 
-@pytest.mark.parametrize("declared_m", [None, 0.05])
-def test_a_weight_that_explains_the_throw_is_to_be_declared_where_it_is_seen(
-    tmp_path: Path, declared_m: float | None
-) -> None:
-    (warning,) = warnings_of(tmp_path, declared_m, [PLACE_M])
-    assert "a weight 200 mm from the clamp" in warning
-    # One declared where none hangs is fitted as light: whether it is named too, the last digits decide.
-    named = re.search(r"with weights at (.*) mm: declare these places$", warning)
-    assert named
-    assert named[1] in ("200", "50 and 200")
+def test_a_weight_that_explains_the_throw_is_to_be_declared_where_it_is_seen(tmp_path: Path) -> None:
+    found = found_in(tmp_path, None, [PLACE_M])
+    (fault,) = found.faults
+    assert found.warnings == []
+    assert "a weight is seen 200 mm from the clamp, where none is declared" in fault.what
+    assert fault.fix == "declare these places"
+
+
+def test_a_declared_weight_that_hangs_elsewhere_is_named_with_its_place(tmp_path: Path) -> None:
+    found = found_in(tmp_path, 0.05, [PLACE_M])
+    (fault,) = found.faults
+    assert found.warnings == []
+    assert "the weight declared 50 mm from the clamp is seen 200.0 ± 1.0 mm from it" in fault.what
+    assert fault.fix.endswith("its place_m is 0.200")
 
 
 def test_a_mark_that_weighs_little_is_called_one(tmp_path: Path) -> None:
-    (warning,) = warnings_of(tmp_path, PLACE_M, [PLACE_M, 0.06])
+    found = found_in(tmp_path, PLACE_M, [PLACE_M, 0.06])
+    assert found.faults == []
+    (warning,) = found.warnings
     assert warning.endswith("it may be a knot or a mark that weighs little")
 
 
 def test_a_weight_seen_where_it_is_declared_is_no_news(tmp_path: Path) -> None:
-    assert warnings_of(tmp_path, PLACE_M, [PLACE_M + 0.002]) == []
+    assert found_in(tmp_path, PLACE_M, [PLACE_M + 0.002]) == SeenWeights([], [])

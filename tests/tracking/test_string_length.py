@@ -5,7 +5,7 @@ import pytest
 
 from strandcast.core.hand_marker import HandMarker
 from strandcast.tracking.chain.clamp_fit import ClampFit
-from strandcast.tracking.scene_checks import length_warnings
+from strandcast.tracking.scene_checks import length_faults
 
 
 @pytest.mark.parametrize("given_m", [0.27, pytest.param(0.33, marks=pytest.mark.thorough)])
@@ -22,11 +22,11 @@ def test_a_declared_length_off_by_a_tenth_is_corrected_and_reported(scene, filme
 
 def test_a_length_off_by_more_than_its_error_is_reported_with_the_right_one():
     seen = ClampFit(0.480, 0.0012, 0.0, 0.001, 200)
-    (warning,) = length_warnings(seen, 0.494, 0.504, 0.001)  # 3 %, and seven standard errors
-    assert "480.0 ± 1.6 mm hang from the clamp, not 494.0 mm" in warning
-    assert warning.endswith("As seen, it is 0.490")
-    assert length_warnings(seen, 0.485, 0.495, 0.001) == []  # as a hand clamps a string
-    assert length_warnings(seen, 0.494, 0.504, 0.01) == []  # the end is not known well
+    (fault,) = length_faults(seen, 0.494, 0.504, 0.001)  # 3 %, and seven standard errors
+    assert "480.0 ± 1.6 mm hang from the clamp, not 494.0 mm" in fault.what
+    assert "As seen, it is 0.490" in fault.fix
+    assert length_faults(seen, 0.485, 0.495, 0.001) == []  # as a hand clamps a string
+    assert length_faults(seen, 0.494, 0.504, 0.01) == []  # the end is not known well
 
 
 def test_markers_that_contradict_the_arms_file_are_reported(scene, filmed):

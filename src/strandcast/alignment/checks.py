@@ -3,7 +3,13 @@
 import numpy as np
 
 from strandcast.alignment.cost import FastestPoint
-from strandcast.alignment.diagnosis import length_words, truncated_log_error, wrong_arm_error
+from strandcast.alignment.diagnosis import (
+    UNUSUAL_SD,
+    clamp_words,
+    length_words,
+    truncated_log_error,
+    wrong_arm_error,
+)
 from strandcast.alignment.fine_fit import SHIFT_S, Candidate, ClockFit
 from strandcast.alignment.frame_rate import rate_words
 from strandcast.alignment.log_rows import MOVES, LogRows, hand_travel_m
@@ -11,6 +17,7 @@ from strandcast.alignment.problem import Priors
 from strandcast.alignment.rig_error import Detections, Rig
 from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
+from strandcast.records.record import Fault
 
 # Chosen: what alignments of lab throws reach, with room; an offset of 2 ms costs 20 mm at 10 m/s.
 LEAST_DETECTIONS = 20
@@ -177,7 +184,7 @@ def warnings_of(best: Candidate, rig: Rig, rows: LogRows, priors: Priors, fastes
     return [
         *([far] if best.residual_m > PLAIN_RESIDUAL_M else []),
         *_clock_warnings(fit, detections, fastest),
-        *_rig_warnings(fit, rig, priors),
+        *(fault.words for fault in rig_faults(fit, rig, priors)),
         *_marker_warnings(fit, rig, detections),
         *_row_warnings(rows, int(best.path.outlier.sum())),
     ]
@@ -201,7 +208,7 @@ def _clock_warnings(fit: ClockFit, detections: Detections, fastest: FastestPoint
     return found
 
 
-def _rig_warnings(fit: ClockFit, rig: Rig, priors: Priors) -> list[str]:
+def rig_faults(fit: ClockFit, rig: Rig, priors: Priors) -> list[Fault]:
     """Return the rig's constants that deviate by more than three standard deviations of their priors."""
     error = fit.rig_error
     base_m, reach_m = float(np.linalg.norm(error.base_m)), float(rig.chain.lengths_m.sum())
@@ -225,7 +232,10 @@ def _rig_warnings(fit: ClockFit, rig: Rig, priors: Priors) -> list[str]:
         ),
         (stretch, priors.stretch, f"the camera's scale is off by {stretch:.2%}"),
     ]
-    for index, name in enumerate(rig.ids):
+    moved = np.linalg.norm(error.shift_m, axis=1) / priors.marker_shift_m
+    together = float(np.maximum(moved, np.abs(error.turn_rad) / priors.marker_turn_rad).min())
+    found.append((together, 1.0, clamp_words(rig, error)))
+    for index, name in enumerate(rig.ids if together <= UNUSUAL_SD else ()):
         shift_m = float(np.linalg.norm(error.shift_m[index]))
         turn_rad = float(error.turn_rad[index])
         found += [
@@ -233,9 +243,14 @@ def _rig_warnings(fit: ClockFit, rig: Rig, priors: Priors) -> list[str]:
             (abs(turn_rad), priors.marker_turn_rad, f"marker {name} is turned by {turn_rad:+.3f} rad"),
         ]
     return [
-        f"{words}: check the arm's and the experiment's files"
+        Fault(
+            what=words,
+            cost="plans aim with a wrong arm: hand and tip pass beside where they were planned",
+            fix="check the arm's and the experiment's files",
+            field="the arm's file",
+        )
         for size, sd, words in found
-        if size > 3 * sd > 0
+        if size > UNUSUAL_SD * sd > 0
     ]
 
 

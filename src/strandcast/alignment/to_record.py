@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.alignment.checks import NORMAL
+from strandcast.alignment.checks import NORMAL, rig_faults
 from strandcast.alignment.events import clock_of_events
 from strandcast.alignment.fine_fit import Candidate, ClockFit
 from strandcast.alignment.problem import EventPair, Priors
@@ -43,6 +43,7 @@ def record_of_fit(
     warnings: Sequence[str],
 ) -> Alignment:
     """Return the record of a fit to the hand's motion."""
+    faults = rig_faults(best.fit, rig, priors)
     fit, error, covered = best.fit, best.fit.rig_error, best.covered
     return Alignment(
         experiment=heading.experiment,
@@ -72,6 +73,7 @@ def record_of_fit(
         wrong_rows=int(best.path.outlier.sum()),
         sync_events=list(checks),
         warnings=list(warnings),
+        faults=faults,
     )
 
 

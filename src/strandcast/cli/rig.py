@@ -1,4 +1,4 @@
-"""The command that shows what an arm's file states wrongly, and how much throws differ on a rig: rig."""
+"""The command that shows what an arm's file states wrongly, and how well throws repeat: rig."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -7,10 +7,10 @@ from strandcast.cli.common import ROOT, AsJson, ExperimentName, show
 
 
 def rig(experiment: ExperimentName, as_json: AsJson = False) -> None:
-    """Show how much throws differ on the rig, and what the arm's file states wrongly.
+    """Show what the arm's file states wrongly, and how well throws repeat.
 
-    Scatter: what was expected, what each trial showed, what is learnt. The arm's file: how far each of its
-    numbers is off, in the same way in all trials, from two trials on.
+    From two trials on: how far each number of the arm's file is off, in the same way in all trials. A dash:
+    the trials do not tell it from others. Where one of several numbers is wrong, all are named.
     """
     from strandcast.stages.context import context_of
     from strandcast.stages.rig import rig_state
@@ -19,38 +19,28 @@ def rig(experiment: ExperimentName, as_json: AsJson = False) -> None:
     data = {
         "experiment": experiment,
         "trials": state.trials,
-        "planned_with": state.planned_with,
         "offsets": None if state.offsets is None else state.offsets.model_dump(),
-        "scatter": [one.model_dump() for one in state.scatter],
         "repeats": [one._asdict() for one in state.repeats],
-        "warnings": _warnings(state),
+        "warnings": [] if state.offsets is None else state.offsets.warnings,
     }
     show(as_json, data, _lines(experiment, state))
 
 
-def _warnings(state: Any) -> list[str]:
-    offsets = [] if state.offsets is None else state.offsets.warnings
-    return [*offsets, *(warning for one in state.scatter for warning in one.warnings)]
-
-
 def _lines(experiment: str, state: Any) -> Iterator[str]:
-    """Yield both tables, repeated motions, warnings, and what the planner uses."""
+    """Yield the table, what it says, and repeated motions."""
     from strandcast.report.panels.rig_offsets import HEADS, offset_rows, offsets_finding
-    from strandcast.report.panels.rig_scatter import scatter_rows
 
-    yield from _table(f"[bold]{experiment}[/bold]", *scatter_rows(state.scatter, state.trials))
     if state.offsets is None:
         yield "What the arm's file states wrongly is estimated from two trials with a joint log on."
     else:
-        yield from _table("[bold]the arm's file against the video[/bold]", HEADS, offset_rows(state.offsets))
-        yield from [] if state.offsets.warnings else [offsets_finding(state.offsets)]
+        title = f"[bold]{experiment}: the arm's file against the video[/bold]"
+        yield from _table(title, HEADS, offset_rows(state.offsets))
+        yield from [f"warning: {words}" for words in state.offsets.warnings] or [
+            offsets_finding(state.offsets)
+        ]
     for repeat in state.repeats:
         pair = f"trials {repeat.trials[0]} and {repeat.trials[1]}"
         yield f"{pair} repeat a motion: the tips were {1e3 * repeat.tip_m:.1f} mm apart (rms)"
-    yield from (f"warning: {warning}" for warning in _warnings(state))
-    if state.planned_with != "learnt":
-        yield f"The planner takes {state.planned_with:g} × the scatter of a typical rig (plan.disturbances)."
-        yield "With `plan.disturbances: learnt` it takes what is learnt here."
 
 
 def _table(title: str, heads: list[str], rows: list[list[str]]) -> Iterator[str]:

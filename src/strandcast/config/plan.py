@@ -43,7 +43,7 @@ class PaperReading(Section):
 def _prior(median: float, what: str) -> Any:
     return Field(
         (median, 2.0),
-        description=f"{what}. Set it to what your rig showed (`strandcast rig`), with a factor near 1.",
+        description=f"{what}. Set it to what your rig showed (the experiment's page), with a factor near 1.",
     )
 
 
@@ -114,7 +114,7 @@ class PlanSettings(Section):
     )
     scatter: RigPrior = Field(
         RigPrior(),
-        description="Prior of the rig's scatter, for `disturbances: learnt` and `strandcast rig`: [median, "
+        description="Prior of the rig's scatter, for `disturbances: learnt`: [median, "
         "factor] of each standard deviation; two rigs in three lie within the factor of the median.",
     )
     mesh_refinement: bool = Field(

@@ -6,14 +6,14 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.planning.rig_offsets import CLAMP_M, SURE_SD, WORTH_M, OffsetFit
+from strandcast.planning.rig_offsets import SURE_SD, WORTH_M, OffsetFit
 from strandcast.planning.rig_scatter import SizePrior, prior_of, size_posterior
 from strandcast.records.estimate import RigOffset, RigOffsets
+from strandcast.records.record import Fault
 
 # Chosen: grasps of one clamp differ by this much across and in direction, one standard deviation, two rigs in
 # three within the factor, as in plan.scatter.
 ASIDE, TURNED = SizePrior(1e-3, 2.0), SizePrior(0.035, 2.0)
-DIRECTION_RAD = 0.1  # chosen: prior of the clamp's direction, mounted by eye
 
 
 class StringInClamp(NamedTuple):
@@ -33,36 +33,44 @@ def rig_offsets_record(
     arm: Arm, trials: Sequence[int], fit: OffsetFit, string: StringInClamp | None = None
 ) -> RigOffsets:
     """Return the deviations as a record, with a warning for each number that is wrong."""
-    # Of a number that is not surely wrong, the words say how far off it is if it is.
-    stated = np.where(fit.wrong[:, None], np.column_stack([fit.value, fit.sd]), fit.if_wrong)
+    alone, if_wrong = fit.alone, fit.if_wrong
     numbers = [
         RigOffset(
             name=name,
             unit="rad" if angle else "m",
-            value=float(fit.value[k]),
-            sd=float(fit.sd[k]),
-            hand_m=float(fit.hand_m[k]),
-            learnt=float(np.clip(fit.learnt[k], 0.0, 1.0)),
-            wrong_probability=float(fit.probability[k]),
+            value=None if np.isnan(alone[k, 0]) else float(alone[k, 0]),
+            sd=None if np.isnan(alone[k, 0]) else float(alone[k, 1]),
+            hand_m=fit.hand_m(np.where(np.arange(len(if_wrong)) == k, if_wrong[:, 0], 0.0)),
+            wrong_probability=float(fit.probability @ fit.sets[:, k]),
             state="wrong" if fit.wrong[k] else "possible" if fit.possible[k] else "right",
-            says=says.format(size=_size(*stated[k], angle=angle)),
+            says=says.format(size=_size(*if_wrong[k], angle=angle)),
             fix=fix,
         )
-        for k, (name, angle, says, fix) in enumerate(_words(arm, stated[:, 0]))
+        for k, (name, angle, says, fix) in enumerate(_words(arm, if_wrong[:, 0]))
     ]
     numbers += [] if string is None else _of_string(arm, string)
-    warnings = [
-        f"{one.says}, which moves the hand by up to {1e3 * one.hand_m:.1f} mm: {one.fix}"
-        for one in numbers
-        if one.state == "wrong"
-    ]
+    wrong = [one for one in numbers if one.state == "wrong"]
+    faults = [
+        _fault(f"{one.says}, which moves the hand by up to {1e3 * one.hand_m:.1f} mm", one.fix)
+        for one in wrong
+    ] + _undecided(arm, fit)
     return RigOffsets(
         trials=list(trials),
-        right_probability=float(fit.probability[-1]),
+        right_probability=float(fit.probability[0]),
         together_m=fit.together_m,
         zero_scatter_rad=fit.zero_scatter_rad,
         numbers=numbers,
-        warnings=warnings + _undecided(arm, fit),
+        faults=faults,
+        warnings=[fault.words for fault in faults],
+    )
+
+
+def _fault(what: str, fix: str) -> Fault:
+    return Fault(
+        what=what,
+        cost="first motions aim with a wrong arm; near thrown ones the planner makes up for it",
+        fix=fix,
+        field="the arm's file",
     )
 
 
@@ -106,18 +114,28 @@ def _words(arm: Arm, value: np.ndarray) -> Iterator[tuple[str, bool, str, str]]:
         )
 
 
-def _undecided(arm: Arm, fit: OffsetFit) -> list[str]:
-    """Return the warning of a wrong file where the motions do not tell which number it is."""
-    possible = fit.possible
-    if not possible.any():
+def _undecided(arm: Arm, fit: OffsetFit) -> list[Fault]:
+    """Return the fault that is one number explanations, another by others; none if all may be right."""
+    explanations, shared = fit.explanations, fit.wrong
+    if not explanations or any((fit.sets[h] == shared).all() for h in explanations):
         return []
-    order = [k for k in np.argsort(-fit.probability[:-1]) if possible[k]]
-    words = list(_words(arm, fit.if_wrong[:, 0]))
-    either = [words[k][2].format(size=_size(*fit.if_wrong[k], angle=words[k][1])) for k in order]
+    either = []
+    for h in explanations:
+        words, sd = list(_words(arm, fit.given[h])), np.sqrt(np.diag(fit.given_covariance[h]))
+        some = np.flatnonzero(fit.sets[h] & ~shared)
+        either.append(
+            " and ".join(
+                words[k][2].format(size=_size(fit.given[h, k], sd[k], angle=words[k][1])) for k in some
+            )
+        )
+    besides = "besides, " if shared.any() else ""
     return [
-        f"the arm's file puts the hand up to {1e3 * fit.together_m:.1f} mm from where it is, in the same way "
-        f"in all trials, and these motions cannot tell which number is wrong: {', or '.join(either)}; "
-        "measure one of them, or throw a motion that turns the joints more"
+        _fault(
+            f"{besides}the arm's file puts the hand up to {1e3 * fit.together_m:.1f} mm from where it is, in "
+            "the same way in all trials, and these motions cannot tell which number is wrong: "
+            f"{', or '.join(either)}",
+            "measure one of them, or throw a motion that turns the joints more",
+        )
     ]
 
 
@@ -129,15 +147,15 @@ def _of_string(arm: Arm, string: StringInClamp) -> list[RigOffset]:
         left_m, error_m = string.left_m[known], string.error_m[known]
         scatter_m = size_posterior(ASIDE, left_m[:, None], error_m[:, None], about_mean=True).rms
         # The tracker's errors are alike where motions are: more trials do not average them out.
-        mean_sd_m = np.sqrt(scatter_m**2 / known.sum() + float(np.mean(error_m**2)))
-        value_m, sd_m = _shrunk(float(left_m.mean()), float(mean_sd_m), CLAMP_M)
+        sd_m = float(np.sqrt(scatter_m**2 / known.sum() + float(np.mean(error_m**2))))
+        value_m = float(left_m.mean())
         stated_m = arm.clamp.offset_m[1]
         side = "left" if value_m > 0 else "right"
         found.append(
             _number(
                 "string, across",
                 "m",
-                (value_m, sd_m, CLAMP_M),
+                (value_m, sd_m),
                 abs(value_m),
                 f"the string leaves the hand {_size(value_m, sd_m, angle=False)} to the {side} of where its "
                 "markers put the clamp",
@@ -147,15 +165,14 @@ def _of_string(arm: Arm, string: StringInClamp) -> list[RigOffset]:
             )
         )
     if string.direction_rad is not None and known.sum() > 1:
-        turn_rad, error_rad = string.direction_rad
-        error_rad = float(np.hypot(error_rad, prior_of(TURNED).rms / np.sqrt(known.sum())))
-        value, sd = _shrunk(turn_rad, error_rad, DIRECTION_RAD)
+        value, error_rad = string.direction_rad
+        sd = float(np.hypot(error_rad, prior_of(TURNED).rms / np.sqrt(known.sum())))
         stated = arm.clamp.angle_rad
         found.append(
             _number(
                 "string, direction",
                 "rad",
-                (value, sd, DIRECTION_RAD),
+                (value, sd),
                 abs(value) * string.point_m,
                 f"the string leaves the hand turned by {_size(value, sd, angle=True)} "
                 f"{'counter-clockwise' if value > 0 else 'clockwise'} from the arm's file",
@@ -165,24 +182,17 @@ def _of_string(arm: Arm, string: StringInClamp) -> list[RigOffset]:
     return found
 
 
-def _shrunk(value: float, error: float, prior_sd: float) -> tuple[float, float]:
-    """Return the mean and standard deviation of a normal number with a prior about zero."""
-    share = prior_sd**2 / (prior_sd**2 + error**2)
-    return share * value, float(np.sqrt(share)) * error
-
-
 def _number(
-    name: str, unit: str, known: tuple[float, float, float], hand_m: float, says: str, fix: str
+    name: str, unit: str, known: tuple[float, float], hand_m: float, says: str, fix: str
 ) -> RigOffset:
-    """Return a number of value, standard deviation and prior's standard deviation, `hand_m` at the string."""
-    value, sd, prior_sd = known
+    """Return a number of value and standard deviation, which displaces the string by `hand_m`."""
+    value, sd = known
     return RigOffset(
         name=name,
         unit=unit,
         value=value,
         sd=sd,
         hand_m=hand_m,
-        learnt=1.0 - (sd / prior_sd) ** 2,
         state="wrong" if abs(value) > SURE_SD * sd and hand_m > WORTH_M else "right",
         says=says,
         fix=fix,

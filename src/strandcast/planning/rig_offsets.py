@@ -4,8 +4,11 @@ The tracked hand of all trials is compared with the hand by the joint log and th
 the file is either right, to within what a careful lab leaves, or, seldom, wrong by much more; at most
 `MOST_WRONG` are. The camera's plane may lie beside the arm's, turned and stretched, and each trial has zeros
 and a clock of its own. How much zeros scatter is not known: its prior is a grid, as in
-`planning.rig_scatter`. The estimate averages over which numbers are wrong and over the scatter: numbers that
-the motions cannot tell apart have large standard deviations.
+`planning.rig_scatter`.
+
+Two questions, two answers. How far is each number off, by the trials alone, whatever the others are? Numbers
+that the motions cannot tell apart have large standard deviations there. And which few wrong numbers explain
+the trials? All sets that may be wrong are weighed, and those that explain them remain as alternatives.
 """
 
 from __future__ import annotations
@@ -32,7 +35,8 @@ MOST_FRAMES = 300  # of a trial that are read, evenly; neighbours share their er
 RIGHT_M, RIGHT_RAD = 5e-4, 5e-4
 LINK_M, CLAMP_M, ZERO_RAD = 5e-3, 5e-3, 1e-2
 WRONG_SHARE = 0.1  # of the numbers of an arm's file; chosen
-MOST_WRONG = 2  # few throws cannot tell three wrong numbers from two; chosen
+MOST_WRONG = 4  # all sets of up to so many are weighed
+FREE = 20.0  # times the standard deviation of a wrong number: as good as unknown
 # Of the camera's plane in the arm's frame: markers placed by ruler and levelled, to 1 mm and 1 mm in 1 m. The
 # calibration's standard error comes on top.
 SHIFT_M, TURN_RAD, STRETCH = 1e-3, 1e-3, 1e-3
@@ -45,8 +49,8 @@ STEP = 1e-5  # of derivatives, in m and rad
 SIZES = GRID[::8]  # enough for an average
 ROUNDS = 3  # of Gauss-Newton; wrong by 10 mm and 35 mrad, the third changes nothing
 SURE_SD, WORTH_M = 3.0, 1e-3  # a wrong number: this far from the file, and worth this much at the hand
-SURE = 0.997  # the probability of `SURE_SD`
-POSSIBLE = 0.1  # least probability at which a number is named among others; chosen
+SURE = 0.99  # probability from which something is wrong; right files of simulated trials stay below 0.7
+POSSIBLE = 0.05  # least probability at which a set explains the trials; usual
 
 
 class HandSeen(NamedTuple):
@@ -66,13 +70,13 @@ class OffsetFit(NamedTuple):
     Attributes
     ----------
     value, covariance
-        (p,) and (p, p) of the estimate [m or rad].
-    prior_sd
-        (p,) before the trials.
-    probability
-        (p,) that the number is wrong; the last, (p + 1)-th, that none is.
-    if_wrong
-        (p, 2) value and standard deviation if this number is wrong.
+        (p,) and (p, p) of what the trials alone show, if each number may be anything [m or rad].
+    wrong_sd
+        (p,) of a wrong number, before the trials.
+    sets, probability
+        (H, p) sets of numbers that may be wrong, the first of none, and the probability (H,) of each.
+    given, given_covariance
+        (H, p), (H, p, p) of the deviations if exactly the numbers of that set are wrong.
     moves_m
         (F, 2, p) moves of the hand per unit in all frames of all trials.
     zero_scatter_rad
@@ -81,42 +85,64 @@ class OffsetFit(NamedTuple):
 
     value: np.ndarray
     covariance: np.ndarray
-    prior_sd: np.ndarray
+    wrong_sd: np.ndarray
+    sets: np.ndarray
     probability: np.ndarray
-    if_wrong: np.ndarray
+    given: np.ndarray
+    given_covariance: np.ndarray
     moves_m: np.ndarray
     zero_scatter_rad: float
 
     @property
-    def sd(self) -> np.ndarray:
-        """Standard deviations (p,) of the estimate."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+    def alone(self) -> np.ndarray:
+        """Value and standard deviation (p, 2) by the trials alone; NaN where that says too little."""
+        sd = np.sqrt(np.diag(self.covariance))
+        return np.where((sd < self.wrong_sd)[:, None], np.column_stack([self.value, sd]), np.nan)
 
     @property
-    def learnt(self) -> np.ndarray:
-        """Shares (p,) of the prior's variance that the trials have removed."""
-        return np.asarray(1.0 - np.diag(self.covariance) / self.prior_sd**2)
-
-    @property
-    def hand_m(self) -> np.ndarray:
-        """Farthest (p,) that each deviation moves the hand [m]."""
-        return np.asarray(np.linalg.norm(self.moves_m * self.value, axis=1).max(axis=0))
+    def if_wrong(self) -> np.ndarray:
+        """Value and standard deviation (p, 2) of each number, should it be wrong."""
+        each = [
+            _mixed(self.probability[None] * w, self.given[None], self.given_covariance[None])
+            for w in self.sets.T
+        ]
+        return np.array([(value[k], np.sqrt(square[k, k])) for k, (value, square) in enumerate(each)])
 
     @property
     def together_m(self) -> float:
         """Farthest that all deviations together move the hand [m]."""
-        return float(np.linalg.norm(self.moves_m @ self.value, axis=1).max())
+        return float(self.hand_m(self.probability @ self.given))
+
+    def hand_m(self, value: np.ndarray) -> float:
+        """Farthest that deviations (p,) move the hand [m]."""
+        return float(np.linalg.norm(self.moves_m @ value, axis=1).max(initial=0.0))
+
+    @property
+    def explanations(self) -> list[int]:
+        """Sets that explain the trials, the likeliest first; none unless something is surely wrong.
+
+        A set is left out if a likelier one explains as much with fewer numbers.
+        """
+        if 1.0 - self.probability[0] <= SURE or self.together_m <= WORTH_M:
+            return []
+        found: list[int] = []
+        for h in np.argsort(-self.probability):
+            if self.probability[h] < POSSIBLE and found:
+                break
+            if not any((self.sets[h] >= self.sets[known]).all() for known in found):
+                found.append(int(h))
+        return found
 
     @property
     def wrong(self) -> np.ndarray:
-        """Which (p,) are surely not as the file says, and worth something at the hand."""
-        return np.asarray((np.abs(self.value) > SURE_SD * self.sd) & (self.hand_m > WORTH_M))
+        """Which (p,) are wrong by every explanation."""
+        found = self.explanations
+        return np.asarray(self.sets[found].all(axis=0) if found else self.sets[0])
 
     @property
     def possible(self) -> np.ndarray:
-        """Which (p,) may be wrong, where something surely is and none of them surely; else none."""
-        unknown = 1.0 - self.probability[-1] > SURE and self.together_m > WORTH_M and not self.wrong.any()
-        return np.asarray((self.probability[:-1] > POSSIBLE) & unknown)
+        """Which (p,) are wrong by some explanation, and not by others."""
+        return np.asarray(self.sets[self.explanations].any(axis=0) & ~self.wrong)
 
 
 def fit_offsets(arm: Arm, seen: Sequence[HandSeen], plane_sd_m: float) -> OffsetFit | None:
@@ -134,7 +160,7 @@ def fit_offsets(arm: Arm, seen: Sequence[HandSeen], plane_sd_m: float) -> Offset
     for _ in range(ROUNDS):
         trials = [_normal_equations(arm, one, value, root) for one, root in zip(seen, roots, strict=True)]
         found = _posterior(trials, plane_sd, len(arm.joints))
-        value = found.value
+        value = found.probability @ found.given
     return found._replace(moves_m=np.concatenate([_moves(arm, one.q_rad, value) for one in seen]))
 
 
@@ -206,33 +232,45 @@ def _plane_moves(place_m: np.ndarray) -> np.ndarray:
 
 
 def _posterior(trials: Sequence[_NormalEquations], plane_sd: np.ndarray, joints: int) -> OffsetFit:
-    """Return the estimate, averaged over which numbers are wrong and over the zeros' scatter."""
+    """Return the estimates, averaged over the zeros' scatter and over which numbers are wrong."""
     sets = _Sets.of(joints)
     count = sets.wrong.shape[1]
-    prior_sd = np.hstack([sets.prior_sd, np.tile(plane_sd, (len(sets.wrong), 1))])
     sizes_rad = JOINT_ZERO_RAD * np.exp(np.log(SCATTER_FACTOR) * SIZES)
-    given = [_given(_pooled(trials, size_rad, joints), prior_sd, count) for size_rad in sizes_rad]
-    log = np.array([one.log for one in given]) + np.log(sets.probability) - 0.5 * SIZES[:, None] ** 2
-    weight = np.exp(log - log.max())
-    weight /= weight.sum()
-    mean, covariance = np.array([one.mean for one in given]), np.array([one.covariance for one in given])
-    each = [_mixed(weight * wrong, mean, covariance) for wrong in sets.wrong.T]
+    pooled = [_pooled(trials, size_rad, joints) for size_rad in sizes_rad]
+
+    def given(sd: np.ndarray, log: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        prior_sd = np.hstack([sd, np.tile(plane_sd, (len(sd), 1))])
+        each = [_given(one, prior_sd, count) for one in pooled]
+        log = np.array([one.log for one in each]) + log - 0.5 * SIZES[:, None] ** 2
+        weight = np.exp(log - log.max())
+        mean, covariance = np.array([one.mean for one in each]), np.array([one.covariance for one in each])
+        return weight / weight.sum(), mean, covariance
+
+    alone = _mixed(*given(FREE * sets.wrong_sd[None], np.zeros(1)))
+    weight, mean, covariance = given(sets.prior_sd, np.log(sets.probability))
+    each = [_mixed(weight[:, [h]], mean[:, [h]], covariance[:, [h]]) for h in range(len(sets.wrong))]
     return OffsetFit(
-        *_mixed(weight, mean, covariance),
-        prior_sd=np.sqrt(sets.probability @ sets.prior_sd**2),
-        probability=weight.sum(axis=0) @ np.column_stack([sets.wrong, ~sets.wrong.any(axis=1)]),
-        if_wrong=np.array([(value[k], np.sqrt(square[k, k])) for k, (value, square) in enumerate(each)]),
+        *alone,
+        wrong_sd=sets.wrong_sd,
+        sets=sets.wrong,
+        probability=weight.sum(axis=0),
+        given=np.array([value for value, _ in each]),
+        given_covariance=np.array([square for _, square in each]),
         moves_m=np.zeros((0, 2, count)),
         zero_scatter_rad=float(np.sqrt(weight.sum(axis=1) @ sizes_rad**2)),
     )
 
 
 class _Sets(NamedTuple):
-    """The sets of numbers that may be wrong: which (H, p), standard deviations (H, p), probabilities (H,)."""
+    """The sets of numbers that may be wrong: which (H, p), standard deviations (H, p), probabilities (H,).
+
+    `wrong_sd` (p,) are those of wrong numbers.
+    """
 
     wrong: np.ndarray
     prior_sd: np.ndarray
     probability: np.ndarray
+    wrong_sd: np.ndarray
 
     @classmethod
     def of(cls, joints: int) -> _Sets:
@@ -243,7 +281,7 @@ class _Sets(NamedTuple):
         sets = [some for k in range(MOST_WRONG + 1) for some in combinations(numbers, k)]
         wrong = np.array([np.isin(numbers, some) for some in sets])
         probability = np.prod(np.where(wrong, WRONG_SHARE, 1.0 - WRONG_SHARE), axis=1)
-        return cls(wrong, np.where(wrong, wrong_sd, right_sd), probability / probability.sum())
+        return cls(wrong, np.where(wrong, wrong_sd, right_sd), probability / probability.sum(), wrong_sd)
 
 
 class _Pooled(NamedTuple):

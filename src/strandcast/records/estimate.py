@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from strandcast.records.motion import StringSet
-from strandcast.records.record import Migration, Part, Record
+from strandcast.records.record import Fault, Migration, Part, Record
 from strandcast.records.tables import Column, TableSpec
 
 # One row per member of the ensemble; a float column per parameter and per mass (`mass_1`…`mass_n`) follows.
@@ -128,16 +128,16 @@ class HeldOutError(Part):
 class RigOffset(Part):
     """One number of the arm's file: its deviation from the file, the same in all trials [m or rad].
 
-    `hand_m` is the farthest that it moves the hand, `learnt` the share of its variance that the trials took.
-    `state` is wrong, possible (something is wrong, and the motions do not tell what), or right.
+    `value` and `sd` are by the trials alone; None where they do not tell this number from others. `hand_m` is
+    the farthest that it moves the hand, should it be wrong. `state` is wrong, possible (something is wrong,
+    and the motions do not tell what), or right.
     """
 
     name: str
     unit: str
-    value: float
-    sd: float
+    value: float | None
+    sd: float | None
     hand_m: float
-    learnt: float
     wrong_probability: float | None = None  # that it is not right to within half a millimetre or milliradian
     state: str
     says: str
@@ -152,7 +152,8 @@ class RigOffsets(Part):
     together_m: float  # the farthest that all deviations together move the hand
     zero_scatter_rad: float  # standard deviation of a joint's zero from trial to trial
     numbers: list[RigOffset]
-    warnings: list[str] = []
+    faults: list[Fault] = []
+    warnings: list[str] = []  # the same in words
 
 
 def _with_uncertainty(content: dict[str, Any]) -> dict[str, Any]:
@@ -203,6 +204,7 @@ class Estimate(Record):
     rig_offsets: RigOffsets | None = None  # from two trials with a joint log on
     planned_from: dict[str, str]  # files read -> content hash
     warnings: list[str]
+    faults: list[Fault] = []  # of the declared weights, which the warnings name too
 
     def held_out_m(self, what: str) -> float | None:
         """Return E on the data that `what` names; None where it is not known."""

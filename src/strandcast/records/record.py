@@ -31,6 +31,23 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="allow", allow_inf_nan=False, ser_json_inf_nan="constants")
 
 
+class Fault(Part):
+    """A fault of the rig, or a wrong number in its files: what it is, what it costs, and what to do.
+
+    `field` is what to correct, in a few words.
+    """
+
+    what: str
+    cost: str
+    fix: str
+    field: str
+
+    @property
+    def words(self) -> str:
+        """The fault as a warning."""
+        return f"{self.what}: {self.fix}"
+
+
 class Record(Part):
     """A small JSON file between stages.
 

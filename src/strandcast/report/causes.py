@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.errors import StrandcastError
+from strandcast.records.record import Fault
 from strandcast.records.track import Track
-from strandcast.report.measures import Array, at_times, rms, within_motion
+from strandcast.report.measures import Array
 from strandcast.report.numbers import millimetres, milliseconds, percent, place, scaled, significant
 from strandcast.report.results import TrialResults
 
@@ -16,13 +17,9 @@ from strandcast.report.results import TrialResults
 LEAST_SLIP_M = 0.005  # good throws rise by up to 2 mm: the clamp holds the string beside its centre line
 LEAST_SLIP_SHARE = 0.015  # of the length; a stretching cord also rises
 SMOOTHED = 7  # frames of the running median, against single misplaced tips
-STRAIGHT_SHARE = 0.97  # of the length, from end to end
 LEAST_RESTING = 10  # frames before the motion
-LENGTH_SHARE = 0.03  # grasps differ by 1 %
 SIGMAS = 5.0
 WRONG_RATE = 1e-3  # clocks of cameras and controllers agree to 0.01 %
-WRONG_ZERO_RAD = 0.01  # ten times the prior
-WRONG_LENGTH_M = 0.004  # four times the prior
 
 
 class Cause(NamedTuple):
@@ -42,10 +39,14 @@ class Cause(NamedTuple):
 
 
 class ClampSlip(NamedTuple):
-    """How far the tip came beyond the length at rest, that length [m], and when since the motion's start."""
+    """How far the tip came beyond the length at rest, that length [m], and when since the motion's start.
+
+    `sigma_m` is the standard deviation of the length from frame to frame.
+    """
 
     rise_m: float
     at_rest_m: float
+    sigma_m: float
     since_start_s: float
 
 
@@ -86,19 +87,18 @@ def slip_in_clamp(results: TrialResults) -> ClampSlip | None:
     time_s = results.robot_time_s()
     reach_m = clamp_to_tip_m(track)
     along_m = np.linalg.norm(np.diff(track.points_m, axis=1), axis=2).sum(axis=1)
-    resting = (time_s < alignment.motion_start_s) & np.isfinite(reach_m)
+    resting = (time_s < alignment.motion_start_s) & np.isfinite(along_m)
     thrown = results.in_window() & np.isfinite(reach_m)
     if resting.sum() < LEAST_RESTING or thrown.sum() < SMOOTHED:
         return None
-    at_rest_m, chain_m = float(np.median(reach_m[resting])), float(np.nanmedian(along_m[resting]))
-    # A curled string hangs shorter than it is: then its length along the points counts. Of a straight one the
-    # ends count, because the tracker's chain has one length for the whole throw.
-    if at_rest_m < STRAIGHT_SHARE * chain_m:
-        at_rest_m = chain_m
+    # The length along the points, not the straight distance: a string may leave the clamp sideways.
+    at_rest_m = float(np.median(along_m[resting]))
+    # Of these frames alone: a slip itself makes the length of the whole throw uncertain.
+    sigma_m = 1.48 * float(np.median(np.abs(along_m[resting] - at_rest_m)))
     smooth_m = _running_median(reach_m[thrown])
     rise_m = float(smooth_m.max()) - at_rest_m
     first = int(np.argmax(smooth_m > at_rest_m + 0.5 * rise_m))
-    return ClampSlip(rise_m, at_rest_m, float(time_s[thrown][first] - alignment.motion_start_s))
+    return ClampSlip(rise_m, at_rest_m, sigma_m, float(time_s[thrown][first] - alignment.motion_start_s))
 
 
 def slip_words(results: TrialResults) -> str | None:
@@ -115,7 +115,7 @@ def slip_words(results: TrialResults) -> str | None:
 
 def slipped(slip: ClampSlip) -> bool:
     """Return whether a slip is beyond what a good throw shows."""
-    return slip.rise_m > max(LEAST_SLIP_M, LEAST_SLIP_SHARE * slip.at_rest_m)
+    return slip.rise_m > max(LEAST_SLIP_M, LEAST_SLIP_SHARE * slip.at_rest_m, SIGMAS * slip.sigma_m)
 
 
 def _running_median(values: Array) -> Array:
@@ -198,8 +198,8 @@ def _slip(results: TrialResults) -> Iterator[Cause]:
         yield Cause(
             f"the string slipped out of the clamp by about {millimetres(slip.rise_m, digits=0)} during "
             "the throw",
-            f"at rest before the throw the string was {millimetres(slip.at_rest_m)} long, from clamp to "
-            "tip; from "
+            f"at rest before the throw the string was {millimetres(slip.at_rest_m, slip.sigma_m)} long, from "
+            "clamp to tip along it; from "
             f"{milliseconds(slip.since_start_s, digits=0)} after the motion’s start on, the tip was up to "
             f"{millimetres(most_m)} away from the clamp, farther than a string that is held can reach",
             "the fit takes one length for the whole throw: its parameters, the next motion and the "
@@ -212,36 +212,6 @@ def _slip(results: TrialResults) -> Iterator[Cause]:
             "clamp the string harder and throw again",
             f"Do not use: the string slipped out of the clamp by {millimetres(slip.rise_m, digits=0)} during "
             "the throw, and the fit takes one length for all of it.",
-        )
-
-
-def _wrong_length(results: TrialResults) -> Iterator[Cause]:
-    summary = results.need("track_summary")
-    length_m, sigma_m = (summary.choices.get(name) for name in ("length_m", "length_sigma_m"))
-    slip = slip_in_clamp(results)
-    if not isinstance(length_m, float) or not isinstance(sigma_m, float):
-        return
-    if slip is not None and slipped(
-        slip
-    ):  # a slip changes the length; the length at rest is what was declared
-        length_m, sigma_m = slip.at_rest_m, LEAST_SLIP_M / SIGMAS
-    off_m = length_m - summary.length_m
-    if abs(off_m) > max(LENGTH_SHARE * summary.length_m, SIGMAS * sigma_m):
-        yield Cause(
-            f"the declared length of the string is wrong: it is {millimetres(abs(off_m), digits=0)} "
-            f"{'longer' if off_m > 0 else 'shorter'} than string.length_m says",
-            f"from clamp to tip {millimetres(length_m, sigma_m)} in the video, in rest and in the throw; "
-            f"{millimetres(summary.length_m)} by experiment.yaml",
-            f"the motion was planned, and the string is fitted, with a length that is off by "
-            f"{percent(abs(off_m) / summary.length_m)}",
-            "measure the string from the clamp to the tip, correct string.length_m and the places of the "
-            "weights "
-            "in experiment.yaml, and run again; if the ruler confirms the declared length, check the plane’s "
-            "calibration (size_m and places of its markers)",
-            "tracking",
-            "correct string.length_m and run again",
-            f"Do not use the fit: the length of the string was declared as {millimetres(summary.length_m)}, "
-            f"but measured as {millimetres(length_m, sigma_m)} from clamp to tip.",
         )
 
 
@@ -275,51 +245,68 @@ def _wrong_clock(results: TrialResults) -> Iterator[Cause]:
     )
 
 
-def _wrong_arm(results: TrialResults) -> Iterator[Cause]:
-    fit = results.need("alignment")
-    words, fixes = [], []
-    for joint, zero_rad in enumerate(fit.joint_zero_rad or [], start=1):
-        if abs(zero_rad) > WRONG_ZERO_RAD:
-            size = f"{scaled(zero_rad, 1e3, 0, 'mrad')} ({scaled(zero_rad, 180 / np.pi, 1, '°')})"
-            other = ", or the markers of the plane are turned" if joint == 1 else ""
-            words.append(f"the zero of joint {joint} is off by {size}{other}")
-            change = f"{'add' if zero_rad > 0 else 'subtract'} {scaled(abs(zero_rad), 1e3, 1, 'mrad')}"
-            to = "to" if zero_rad > 0 else "from"
-            fixes.append(f"calibrate the zero of joint {joint} ({change} {to} the angle that it reports)")
-    for link, longer_m in enumerate(fit.link_length_m or [], start=1):
-        if abs(longer_m) > WRONG_LENGTH_M:
-            more = "longer" if longer_m > 0 else "shorter"
-            words.append(f"link {link} is {millimetres(abs(longer_m))} {more} than in the file")
-            fixes.append(f"measure link {link} and correct its length in the arm’s file (URDF)")
-    if not words:
-        return
-    residual = millimetres(fit.residual_rms_m, digits=2)
-    yield Cause(
-        f"the arm’s file does not describe this arm: {'; '.join(words)}",
-        f"with the file as it is, the joint log puts the hand {_hand_off(results)}, by the same error "
-        f"throughout the throw; with the values above, {residual} rms remain",
-        "plans aim with a wrong arm: the hand, and with it the tip, passes beside where it was planned",
-        f"{'; '.join(fixes)}; then plan and throw again",
-        "clocks",
-        "; ".join(fixes),
-        f"Do not use: the arm’s file does not describe the arm ({'; '.join(words)}).",
+def length_fault(results: TrialResults) -> Fault | None:
+    """Return what the film says against the declared length; None if nothing, or if the string slipped."""
+    if slip_words(results) is not None:
+        return None
+    faults = results.need("track_summary").faults
+    return next((fault for fault in faults if fault.field == "string.length_m"), None)
+
+
+def arm_faults(results: TrialResults) -> list[Fault]:
+    """Return what the video says against the arm and its files.
+
+    Trials together can tell which number is wrong; one throw alone names that which explains it best.
+    """
+    fit = results.get("estimate")
+    if fit is not None and fit.rig_offsets is not None and fit.rig_offsets.faults:
+        return list(fit.rig_offsets.faults)
+    alignment = results.get("alignment")
+    return [] if alignment is None else list(alignment.faults)
+
+
+def _wrong_length(results: TrialResults) -> Iterator[Cause]:
+    fault = length_fault(results)
+    yield from (
+        [] if fault is None else [_named(fault, "the length along the string in this film", "tracking")]
     )
 
 
-def _hand_off(results: TrialResults) -> str:
-    """Return in words how far the hand by the joint log is from the hand by the camera."""
-    paths = within_motion(results)
-    if "seen" not in paths or "measured" not in paths:
-        return "elsewhere than the camera sees it"
-    seen = paths["seen"]
-    apart_m = np.linalg.norm(seen.pose[:, :2] - at_times(paths["measured"], seen.robot_time_s), axis=1)
-    return f"{millimetres(rms(apart_m))} rms from where the camera sees it"
+def _wrong_weights(results: TrialResults) -> Iterator[Cause]:
+    for fault in results.need("estimate").faults:
+        yield _named(fault, "the string in the film, and both fits", "fit")
+
+
+def _wrong_arm(results: TrialResults) -> Iterator[Cause]:
+    fit = results.get("estimate")
+    offsets = None if fit is None else fit.rig_offsets
+    for fault in arm_faults(results):
+        if offsets is not None and fault in offsets.faults:
+            together = f"the hand in the videos of trials {', '.join(map(str, offsets.trials))} together"
+            yield _named(fault, f"{together}, against their joint logs", "clocks")
+        else:
+            alone = "the hand in this video against its joint log; another number may explain it as well"
+            yield _named(fault, alone, "clocks")
+
+
+def _named(fault: Fault, evidence: str, anchor: str) -> Cause:
+    """Return a fault that a stage has found as a cause."""
+    return Cause(
+        fault.what,
+        evidence,
+        fault.cost,
+        fault.fix,
+        anchor,
+        f"correct {fault.field} and run again",
+        f"Known and not corrected: {fault.what}.",
+    )
 
 
 TESTS: tuple[Callable[[TrialResults], Iterator[Cause]], ...] = (
     _lost_tip,
     _slip,
     _wrong_length,
+    _wrong_weights,
     _wrong_clock,
     _wrong_arm,
 )

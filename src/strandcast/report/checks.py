@@ -8,7 +8,7 @@ import numpy as np
 
 from strandcast.errors import StrandcastError
 from strandcast.records.motion import Motion
-from strandcast.report.causes import caveat, probable_causes, slip_in_clamp, slip_words, slipped
+from strandcast.report.causes import caveat, length_fault, probable_causes, slip_in_clamp, slip_words, slipped
 from strandcast.report.measures import fitted_rows
 from strandcast.report.numbers import counted, millimetres, milliseconds, percent
 from strandcast.report.results import FILES, OPTIONAL, TrialResults
@@ -173,10 +173,10 @@ def _length(results: TrialResults) -> CheckOutcome | None:
     if not np.isfinite(measured_m).any():
         return None
     median_m = float(np.nanmedian(measured_m))
+    expected = f"{millimetres(length_m)}, as declared"
     if (words := slip_words(results)) is not None:
-        return CheckOutcome(False, words, f"{millimetres(length_m)} ± 3 %, before and after the throw")
-    good = abs(median_m / length_m - 1.0) <= 0.03
-    return CheckOutcome(good, f"{millimetres(median_m)} measured", f"{millimetres(length_m)} ± 3 %")
+        return CheckOutcome(False, words, f"{expected}, before and after the throw")
+    return CheckOutcome(length_fault(results) is None, f"{millimetres(median_m)} measured", expected)
 
 
 def _slip(results: TrialResults) -> CheckOutcome | None:

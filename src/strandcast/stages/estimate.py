@@ -28,7 +28,7 @@ from strandcast.stages.past_trials import (
     string_model,
 )
 from strandcast.stages.rig_offsets import rig_offsets_of
-from strandcast.stages.seen_weights import seen_weights_warnings
+from strandcast.stages.seen_weights import seen_weights
 
 # All chosen.
 DOUBT_M = 0.003  # standard deviation of a point at which its weight in E halves
@@ -80,7 +80,9 @@ def run(job: Job, files: Files) -> None:
     read = [files.input(role, t.number) for t in trials for role in ("track", "alignment", "hand", "summary")]
     record = estimate_record(context, model, layout, [t.number for t in trials], fit, servo, hashes_of(read))
     seen = TrackSummary.read(files.input("summary", job.trial)).weights
-    record.warnings += seen_weights_warnings(context, arm, throws, fit.E_m, seen, random)
+    weights = seen_weights(context, arm, throws, fit.E_m, seen, random)
+    record.faults = weights.faults
+    record.warnings += [*(fault.words for fault in weights.faults), *weights.warnings]
     record.rig_offsets = rig_offsets_of(arm, trials, files.inputs("cameras"), record)
     record.warnings += [] if record.rig_offsets is None else record.rig_offsets.warnings
     write_table(files.output("ensemble"), ENSEMBLE, ensemble_table(fit.members, fit.member_values_m))

@@ -1,4 +1,4 @@
-"""How much throws differ on a rig, as all trials so far show it; for `strandcast rig`."""
+"""What all trials so far show of a rig; for `strandcast rig`."""
 
 from typing import NamedTuple
 
@@ -9,15 +9,13 @@ from strandcast.arm.load import load_arm
 from strandcast.errors import StrandcastError
 from strandcast.planning.bias_correction import distance_rad_s
 from strandcast.planning.past_trials import PastTrial, resampled
-from strandcast.planning.rig_scatter import learnt_sizes
 from strandcast.records.estimate import Estimate, RigOffsets
-from strandcast.records.motion import RigScatter
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.files import filming
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import read_trial
-from strandcast.stages.plan_inputs import next_inputs, past_trial_of, seen_deviations, servo_of
+from strandcast.stages.plan_inputs import next_inputs, past_trial_of
 from strandcast.stages.rig_offsets import rig_offsets_of
 
 REPEATED_RAD_S = 1e-6  # rms over the heights: the same motion but for rounding
@@ -37,18 +35,14 @@ class RigState(NamedTuple):
     ----------
     trials
         Those that were used: with a fitted string, not excluded.
-    planned_with
-        ``plan.disturbances`` of the settings: a scale of a typical rig's, or ``learnt``.
     offsets
         What the arm's file states wrongly, in the same way in all trials; None for fewer than two.
-    scatter, repeats
-        How much throws differ, by quantity; the motions that were thrown more than once.
+    repeats
+        The motions that were thrown more than once.
     """
 
     trials: list[int]
-    planned_with: float | str
     offsets: RigOffsets | None
-    scatter: list[RigScatter]
     repeats: list[Repeat]
 
 
@@ -65,22 +59,17 @@ def rig_state(context: Context) -> RigState:
 
 
 def _rig_state(context: Context) -> RigState:
-    settings = context.settings.plan
     last = _newest_fit(context)
     files = Files(STAGES["plan"], Job(context, last + 1))
     arm = load_arm(files.input("arm"))
     trials = [read_trial(files, number) for number in context.counted_before(last + 1)]
     trials = [trial for trial in trials if trial.motion is not None]
-    task, strings = next_inputs(context, arm, files.input("ensemble"))
+    task, _ = next_inputs(context, arm, files.input("ensemble"))
     estimate = Estimate.read(files.input("estimate"))
-    servo = servo_of(estimate.servo)
-    seen = seen_deviations(task, strings, trials, servo)
     cameras = filming(Job(context, last))
     return RigState(
         [trial.number for trial in trials],
-        settings.disturbances,
         rig_offsets_of(arm, trials, cameras, estimate),
-        [one.to_record() for one in learnt_sizes(settings, seen)],
         repeats([past_trial_of(trial, task) for trial in trials]),
     )
 

@@ -95,4 +95,5 @@ def _summary(job: Job, tracked: Tracked, manifest: Manifest, length_m: float) ->
         led=tracked.led,
         tip_sigma_m=tracked.tip_sigma_m,
         warnings=list(tracked.warnings),
+        faults=list(tracked.faults),
     )

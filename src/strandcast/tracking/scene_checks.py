@@ -11,6 +11,7 @@ from strandcast.camera.shift import shift_warnings
 from strandcast.camera.tilt import PlaneTilt, fit_plane_tilt
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
+from strandcast.records.record import Fault
 from strandcast.tracking.background import Samples, pixel_median
 from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.clamp_fit import LEAST_FRAMES, ClampFit
@@ -107,25 +108,37 @@ def exposure_warnings(
     ]
 
 
-def length_warnings(clamp_fit: ClampFit, given_m: float, declared_m: float, end_sigma_m: float) -> list[str]:
-    """Return warnings about a string whose detected length differs from the given one.
+def length_warnings(clamp_fit: ClampFit, given_m: float) -> list[str]:
+    """Return the warning of a length that stays as given, because hardly a frame shows the string's end."""
+    if clamp_fit.frames >= LEAST_FRAMES:
+        return []
+    return [
+        f"only {clamp_fit.frames} frames show the string's end: its length stays as given, "
+        f"{1e3 * given_m:.0f} mm; if that is wrong, so are all places along it"
+    ]
+
+
+def length_faults(clamp_fit: ClampFit, given_m: float, declared_m: float, end_sigma_m: float) -> list[Fault]:
+    """Return the fault of a string whose detected length differs from the given one.
 
     `given_m` is its free length as it follows from `declared_m`, which includes what is in the clamp;
     `end_sigma_m` says how well the place of its end is known.
     """
     off_m = clamp_fit.length_m - given_m
-    if clamp_fit.frames < LEAST_FRAMES:
-        return [
-            f"only {clamp_fit.frames} frames show the string's end: its length stays as given, "
-            f"{1e3 * given_m:.0f} mm; if that is wrong, so are all places along it"
-        ]
     sigma_m = float(np.hypot(clamp_fit.length_sigma_m, end_sigma_m))
-    if abs(off_m) < SIGMAS * np.hypot(sigma_m, GRASP_M):
+    if clamp_fit.frames < LEAST_FRAMES or abs(off_m) < SIGMAS * np.hypot(sigma_m, GRASP_M):
         return []
     return [
-        f"string.length_m: {1e3 * clamp_fit.length_m:.1f} ± {1e3 * sigma_m:.1f} mm hang from the clamp, not "
-        f"{1e3 * given_m:.1f} mm: measure it again, with what the clamp covers. As seen, it is "
-        f"{declared_m + off_m:.3f}"
+        Fault(
+            what=f"string.length_m: {1e3 * clamp_fit.length_m:.1f} ± {1e3 * sigma_m:.1f} mm hang from the "
+            f"clamp, not {1e3 * given_m:.1f} mm",
+            cost="the motion was planned, and the string is fitted, with a length that is off by "
+            f"{abs(off_m) / given_m:.1%}",
+            fix="measure it again, with what the clamp covers. As seen, it is "
+            f"{declared_m + off_m:.3f}; if the ruler confirms the declared length, check size_m and places "
+            "of the plane's markers",
+            field="string.length_m",
+        )
     ]
 
 

@@ -30,6 +30,7 @@ from strandcast.tracking.scene_checks import (
     confidence_warnings,
     end_sigma_m,
     left_plane,
+    length_faults,
     length_warnings,
     movement_warnings,
     out_of_plane_warnings,
@@ -89,6 +90,8 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
     end_m = end_sigma_m(appearance, given.hint.beyond_m)
     tip = tip_path(time_s, points_m, flags, appearance)
     weights_m = [weight.place_m for weight in given.string.weights]
+    clamp_fit = string.learned.clamp_fit
+    faults = length_faults(clamp_fit, given.free_length_m, given.string.length_m, end_m)
     led, led_warnings = (None, []) if led_monitor is None else led_monitor.found(time_s, given.exposure_s)
     return Tracked(
         camera_time_s=time_s,
@@ -111,7 +114,8 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
             *(warning for _, warnings in tilted for warning in warnings),
             *finder.contradictions(),
             *confidence_warnings(points_m, flags),
-            *length_warnings(string.learned.clamp_fit, given.free_length_m, given.string.length_m, end_m),
+            *length_warnings(clamp_fit, given.free_length_m),
+            *(fault.words for fault in faults),
             *out_of_plane_warnings(out),
             *decoded.warnings,
             *declaration_conflicts(
@@ -121,6 +125,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
                 given.free_length_m,
             ),
         ),
+        faults=tuple(faults),
         tip_sigma_m=tip_sigma_m(end_m, [cost_m for cost_m, _ in tilted], out),
         attachments=string.learned.attachments,
         target=target,

@@ -7,7 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from strandcast.report import drawing as draw
-from strandcast.report.causes import WRONG_ZERO_RAD, clamp_to_tip_m, slip_in_clamp, slip_words
+from strandcast.report.causes import arm_faults, clamp_to_tip_m, length_fault, slip_in_clamp, slip_words
 from strandcast.report.numbers import millimetres, milliseconds, percent, scaled
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import TrialPageData
@@ -91,14 +91,14 @@ def _clock(page: TrialPageData) -> Iterator[RigCheck]:
         f"within ± {MOST_DRIFT * 1e6:g} ppm",
         "check the frame rate: the camera may not run at the one it reports",
     )
-    if fit.joint_zero_rad:
-        worst = int(np.argmax(np.abs(fit.joint_zero_rad))) + 1
+    if fit.source == "fit":
+        faults = arm_faults(page.results)
         yield RigCheck(
-            "arm: zeros of the joints",
-            abs(fit.joint_zero_rad[worst - 1]) <= WRONG_ZERO_RAD,
-            ", ".join(scaled(zero_rad, 1e3, 1, "").strip() for zero_rad in fit.joint_zero_rad) + " mrad",
-            f"within ± {1e3 * WRONG_ZERO_RAD:g} mrad of the arm’s file",
-            f"calibrate the zero of joint {worst}",
+            "arm and its files",
+            not faults,
+            "; ".join(fault.what for fault in faults) or "as the video shows the hand",
+            "no number contradicts the video",
+            "; ".join(fault.fix for fault in faults),
         )
     if fit.base_shift_m is not None:
         yield RigCheck(
@@ -157,14 +157,13 @@ def _grasp(page: TrialPageData) -> Iterator[RigCheck]:
     )
     if track is None or not isinstance(length_m, float):
         return
-    slip = slip_words(page.results)
-    off_m = length_m - track.length_m
+    slip, fault = slip_words(page.results), length_fault(page.results)
     yield RigCheck(
         "grasp: length out of the clamp",
-        slip is None and abs(off_m) <= 0.03 * track.length_m,
+        slip is None and fault is None,
         slip or millimetres(length_m, sigma_m if isinstance(sigma_m, float) else None),
-        f"{millimetres(track.length_m)} ± 3 %",
-        "measure string.length_m from the clamp to the tip" if slip is None else "clamp the string harder",
+        f"{millimetres(track.length_m)}, as declared",
+        "clamp the string harder" if slip is not None else "" if fault is None else fault.fix,
     )
     before = None if page.previous is None else page.previous.get("track_summary")
     before_m = None if before is None else before.choices.get("length_m")

@@ -6,7 +6,7 @@ from strandcast.report.numbers import millimetres, scaled
 from strandcast.report.panels.content import PanelContent, Table
 from strandcast.report.panels.page_data import ExperimentPageData
 
-HEADS = ["number", "deviation", "at the hand", "learnt", "wrong with", ""]
+HEADS = ["number", "by the trials alone", "wrong with", "if wrong, at the hand", ""]
 UNDECIDED = 0.5  # probability of a right file below which the trials do not decide
 STATES = {"right": "", "wrong": "▲ wrong", "possible": "▲ this or another"}
 
@@ -16,16 +16,16 @@ def offset_rows(offsets: RigOffsets) -> list[list[str]]:
     rows = []
     for one in offsets.numbers:
         value = scaled(one.value, 1e3, 1, "mrad" if one.unit == "rad" else "mm", one.sd)
-        learnt, wrong = (scaled(share, 100.0, 0, "%") for share in (one.learnt, one.wrong_probability))
-        rows.append([one.name, value, millimetres(one.hand_m), learnt, wrong, STATES[one.state]])
+        wrong = scaled(one.wrong_probability, 100.0, 0, "%")
+        rows.append([one.name, value, wrong, millimetres(one.hand_m), STATES[one.state]])
     return rows
 
 
 def offsets_finding(offsets: RigOffsets) -> str:
     """Return what is wrong in the arm's file, or that nothing is that these trials show."""
-    trials = f"trials {', '.join(map(str, offsets.trials))}"
     if offsets.warnings:
         return " ".join(f"{words[0].upper()}{words[1:]}." for words in offsets.warnings)
+    trials, together = f"trials {', '.join(map(str, offsets.trials))}", millimetres(offsets.together_m)
     if offsets.right_probability < UNDECIDED:
         likely = max(offsets.numbers, key=lambda one: one.wrong_probability or 0.0)
         probability = scaled(1.0 - offsets.right_probability, 100.0, 0, "%")
@@ -33,7 +33,6 @@ def offsets_finding(offsets: RigOffsets) -> str:
             f"A number of the arm’s file may be wrong (with {probability}); most likely {likely.says}, which "
             f"{trials} do not decide: throw again, with another motion."
         )
-    together = millimetres(offsets.together_m)
     return f"Nothing that {trials} show contradicts the arm’s file: {together} at the hand at most."
 
 
