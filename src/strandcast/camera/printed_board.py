@@ -173,7 +173,7 @@ def _fitting(patch: Patch, squares_x: np.ndarray, number_of_id_0: np.ndarray) ->
     shifts = _squares(ids, squares_x, number_of_id_0) - cells
     references = np.unique(np.linspace(0, len(ids) - 1, REFERENCES).astype(int))
     same = (shifts[:, references, None] == shifts[:, None]).all(axis=-1)  # (h, references, m)
-    return same[np.arange(len(same)), same.sum(axis=2).argmax(axis=1)]
+    return np.asarray(same[np.arange(len(same)), same.sum(axis=2).argmax(axis=1)])
 
 
 def _patches(ids: np.ndarray, corners_px: np.ndarray) -> list[Patch]:

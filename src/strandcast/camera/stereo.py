@@ -49,11 +49,13 @@ def stereo_pose(
     Raises
     ------
     StrandcastError
-        SC-C043 fewer than three pairs show eight common corners of the board.
+        SC-C043 fewer than three pairs show eight common corners of the board; SC-C016, SC-C017,
+        SC-C023 as `identify_board`.
     """
     printed = identify_board([("", one) for one, _ in photos], board)
     corners_m = np.asarray(opencv_board(printed.board).getChessboardCorners(), np.float32)
-    shared = (_common(*map(printed.black_on_white, pair), printed.board) for pair in photos)
+    positive = ([printed.black_on_white(grey) for grey in pair] for pair in photos)
+    shared = (_common(one, other, printed.board) for one, other in positive)
     common = [each for each in shared if len(each[0]) >= MIN_CORNERS]
     if len(common) < LEAST_PAIRS:
         raise StrandcastError(
