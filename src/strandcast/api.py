@@ -133,7 +133,10 @@ class TrialView:
 
     @property
     def track(self) -> pd.DataFrame:
-        """The mass points and their standard errors [m], on the camera's clock; a row per frame and point."""
+        """The mass points and their standard errors [m], on the camera's clock; a row per frame and point.
+
+        Its column ``flags`` is ``track["flags"]``: ``track.flags`` is pandas' own attribute.
+        """
         return self._table("track.parquet")
 
     @property

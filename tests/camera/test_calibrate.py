@@ -232,7 +232,7 @@ def test_sharp_and_different_frames_are_chosen(frames):
     assert min(np.diff(numbers)) >= 2
     none = choose_frames([("a", np.full_like(frames[0], 90))], BOARD)
     assert none[0][1] is None
-    assert "only 0 of 24 corners" in none[0][0].reason
+    assert "fewer than 8 of the board's 24 corners" in none[0][0].reason
 
 
 @pytest.mark.parametrize(

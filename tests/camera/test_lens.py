@@ -1,3 +1,5 @@
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -25,6 +27,7 @@ VIEWS = [
 
 
 SIZE = (960, 540)
+SQUARES = ("squares_x", "squares_y")
 TRUE_K = (-0.12, 0.06, 0.0008, -0.0006, 0.0)
 
 
@@ -84,7 +87,7 @@ def test_a_photo_with_too_few_corners_is_rejected_with_a_reason(photos):
     covered[:, 300:] = 128
     found = calibrate_lens([(name, covered), *photos[1:]], BOARD)
     assert not found.views[0].used
-    assert "of 24 corners detected; at least 8 are needed" in found.views[0].reason
+    assert found.views[0].reason == "fewer than 8 of the board's 24 corners were detected"
 
 
 def test_too_few_photos_sizes_and_boards_are_refused(photos):
@@ -92,8 +95,10 @@ def test_too_few_photos_sizes_and_boards_are_refused(photos):
         calibrate_lens(photos[:2], BOARD)
     with pytest.raises(StrandcastError, match=r"480 x 270 px, lens-0\.png is 960 x 540 px"):
         calibrate_lens([photos[0], ("small.png", cv2.resize(photos[1][1], (480, 270)))], BOARD)
-    with pytest.raises(StrandcastError, match="0 usable board photos"):
+    with pytest.raises(StrandcastError, match="0 usable board photos") as caught:
         calibrate_lens([(name, np.full_like(picture, 128)) for name, picture in photos], BOARD)
+    assert caught.value.what.count("corners were detected") == 1  # not once per photo
+    assert "in 6 of 6, fewer than 8" in caught.value.what
     with pytest.raises(StrandcastError, match="no board photos"):
         calibrate_lens([], BOARD)
 
@@ -112,6 +117,13 @@ def test_wrong_board_declarations_are_named(photos):
             BOARD.model_copy(update={"squares_x": 5, "squares_y": 7}),
         )
     assert caught.value.code == "SC-C016"
+    for declared, why in (((6, 4), ": squares are counted, not the corners"), ((6, 5), "$"), ((7, 4), "$")):
+        with pytest.raises(StrandcastError) as caught:
+            calibrate_lens(photos[:4], BOARD.model_copy(update=dict(zip(SQUARES, declared, strict=True))))
+        assert re.search(
+            f"the board has 7 x 5 squares, not {declared[0]} x {declared[1]}{why}", caught.value.what
+        )
+        assert caught.value.fix == "set squares_x: 7 and squares_y: 5"
     with pytest.raises(
         StrandcastError, match="from DICT_5X5_1000 or a subset of it, not from DICT_7X7_50"
     ) as caught:
@@ -124,6 +136,21 @@ def test_wrong_board_declarations_are_named(photos):
     with pytest.raises(StrandcastError, match="mirrored") as caught:
         calibrate_lens(mirrored, BOARD)
     assert caught.value.code == "SC-C023"
+
+
+def test_a_board_white_on_black_is_taken_with_a_warning(photos):
+    found = calibrate_lens([(name, 255 - picture) for name, picture in photos], BOARD)
+    assert ["white on black" in words for words in found.warnings] == [True]
+    assert found.matrix[0][0] == pytest.approx(calibrate_lens(photos, BOARD).matrix[0][0], rel=1e-3)
+
+
+def test_ids_that_begin_elsewhere_are_found(tmp_path, photograph, looking, lens):
+    board = BOARD.model_copy(update={"first_id": 12})
+    pictures = board_photos(board, tmp_path, photograph, looking, lens, VIEWS[:3])
+    right, wrong = calibrate_lens(pictures, board), calibrate_lens(pictures, BOARD)
+    assert right.warnings == []
+    assert wrong.warnings == ["the board's ids begin at 12: set camera.board.first_id to 12"]
+    assert wrong.matrix == right.matrix
 
 
 @pytest.mark.parametrize("printed_legacy", [True, False])

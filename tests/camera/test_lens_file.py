@@ -85,6 +85,31 @@ translation = [ 0.1, 0.0, 0.0,]
 adjusted = false
 error = 0.41
 """
+MESSAGE = f"""\
+header:
+  seq: 0
+  frame_id: side
+height: 720
+width: 1280
+distortion_model: plumb_bob
+D: {DISTORTION.tolist()}
+K: [{FLAT}]
+"""
+OPENCV_5 = f"""\
+%YAML:1.0
+---
+image_width: 1280
+image_height: 720
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ {FLAT} ]
+distortion_coefficients: !!opencv-nd-matrix
+   sizes: [ 5 ]
+   dt: d
+   data: {DISTORTION.tolist()}
+"""
 CALISCOPE = f"""\
 [cameras.0]
 port = 0
@@ -118,6 +143,16 @@ def write_opencv(path: Path, matrix: np.ndarray, distortion: np.ndarray, size: t
     return path
 
 
+def test_a_file_without_the_size_says_which_lines_to_add(tmp_path) -> None:
+    path = tmp_path / "calibration_matrix.yaml"
+    path.write_text(f"camera_matrix: {ROWS}\ndist_coeff: [{DISTORTION.tolist()}]\n")
+    with pytest.raises(StrandcastError, match="image_width: 1280 and image_height: 720") as caught:
+        read_lens(path)
+    assert caught.value.code == "SC-C053"
+    path.write_text(path.read_text() + "image_width: 1280\nimage_height: 720\n")
+    assert read_lens(path).distortion == DISTORTION.tolist()
+
+
 @pytest.mark.parametrize(
     ("text", "suffix", "name"),
     [
@@ -128,6 +163,9 @@ def write_opencv(path: Path, matrix: np.ndarray, distortion: np.ndarray, size: t
         (CALISCOPE, "toml", None),
         (CALISCOPE, "toml", "1"),
         (None, "yml", None),
+        (MESSAGE + "---\n" + MESSAGE + "---\n", "yaml", None),
+        (MESSAGE.replace("D:", "d:").replace("K:", "k:") + "---\n", "yaml", None),
+        (OPENCV_5, "yaml", None),
     ],
     ids=[
         "ros",
@@ -137,6 +175,9 @@ def write_opencv(path: Path, matrix: np.ndarray, distortion: np.ndarray, size: t
         "caliscope",
         "caliscope by section",
         "opencv",
+        "ros 1 messages",
+        "ros 2 message",
+        "opencv 5",
     ],
 )
 def test_a_lens_is_read_as_its_program_wrote_it(tmp_path, text, suffix, name) -> None:

@@ -11,10 +11,11 @@ from strandcast.camera.lens_error import lens_covariance
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
 from strandcast.camera.marker_pose import marker_pose
 from strandcast.camera.markers import detect_markers, marker_detector
-from strandcast.camera.plane import PlaneGeometry, board_markers, plane_from_markers
+from strandcast.camera.plane import PlaneGeometry, _around, _camera, board_markers, plane_from_markers
+from strandcast.camera.plane_checks import MarkerLayout, check_markers
 from strandcast.camera.plane_error import grid_over, place_sd_m, plane_error
 from strandcast.camera.pose import PlacedMarker, PoseFit, fit_pose, posed, project
-from strandcast.config.camera import Board
+from strandcast.config.camera import Board, CameraSettings
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera, Lens
 
@@ -239,6 +240,49 @@ def test_inaccurate_positions_are_refused_or_raise_the_standard_error(photo, len
     ]
     problem = refusal(photo, lens, rough)
     assert problem.code == "SC-C027"
+
+
+@pytest.mark.parametrize(("apart", "refused"), [(1.0, False), (8.0, True)])
+def test_an_imprecise_board_is_refused_only_where_it_costs_two_millimetres(lens, looking, apart, refused):
+    """The corners are off by 1.5 px rms: 0.5 mm at the string, or 5.5 mm with a board eight times as far."""
+    board = Board(
+        squares_x=7, squares_y=5, square_m=0.035 * apart, marker_m=0.026 * apart, dictionary="DICT_5X5_100"
+    )
+    markers = board_markers(board, 0.0, 0.0)
+    rotation, shift = looking(0.06, -0.1, 0.03, (0.12 * apart, 0.09 * apart), 0.4 * apart)
+    world_m = np.array([marker.corners_m() for marker in markers])
+    turn = cv2.Rodrigues(rotation)[0]
+    pixels, _ = cv2.projectPoints(
+        world_m.reshape(-1, 3), turn, shift, np.array(lens.matrix), np.array(lens.distortion)
+    )
+    corners_px = pixels.reshape(-1, 4, 2)
+    corners_px += np.random.default_rng(0).normal(0.0, 1.5, (len(markers), 1, 2))
+    fit = fit_pose(world_m, corners_px, lens)
+    camera = _camera(lens, fit, 0.0, board.dictionary)
+    layout = MarkerLayout(markers, corners_px, camera, fit, _around(markers), None, on_board=True)
+    if refused:
+        with pytest.raises(StrandcastError, match=r"SC-C027.*camera\.plane\.board"):
+            check_markers(layout)
+    else:
+        [warning] = [words for words in check_markers(layout)[1] if "residual" in words]
+        assert re.search(r"about 0\.\d mm at the string; flatten the board", warning)
+
+
+def test_a_wrong_marker_size_names_the_setting_of_the_board(photo, lens):
+    wrong = [dataclasses.replace(marker, size_m=0.07) for marker in MARKERS]
+    for on_board, field in ((False, "camera.plane.size_m"), (True, "camera.plane.board.marker_m")):
+        with pytest.raises(StrandcastError, match="SC-C026") as caught:
+            plane_from_markers(photo, lens, wrong, DICTIONARY, on_board=on_board)
+        assert caught.value.field == field
+
+
+def test_the_board_in_the_plane_is_the_lens_board_unless_it_says_otherwise():
+    board = {"squares_x": 9, "square_m": 0.02, "marker_m": 0.015}
+    camera = CameraSettings.model_validate(
+        {"board": board, "plane": {"board": {"x_m": 0.1, "y_m": 0.0, "squares_y": 4}}}
+    )
+    placed = camera.plane.board
+    assert (placed.squares_x, placed.squares_y, placed.square_m, placed.x_m) == (9, 4, 0.02, 0.1)
 
 
 def test_an_oversized_dictionary_gives_a_warning(photo, lens):

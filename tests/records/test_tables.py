@@ -15,7 +15,14 @@ from hypothesis.extra import numpy as hnp
 from strandcast.errors import StrandcastError
 from strandcast.records.alignment import HAND, read_hand
 from strandcast.records.estimate import ENSEMBLE
-from strandcast.records.tables import ARROW_TYPES, read_facts, read_table, scattered, write_table
+from strandcast.records.tables import (
+    ARROW_TYPES,
+    read_facts,
+    read_table,
+    scattered,
+    table_sha256,
+    write_table,
+)
 from strandcast.records.track import MARKERS, TRACK, Track, read_track
 
 FLOATS = st.floats(-1e3, 1e3)
@@ -155,3 +162,15 @@ def test_an_array_that_a_track_cannot_fill_is_refused(tmp_path):
         read_track(path, 10**9)
     with pytest.raises(IndexError):
         scattered((3,), np.array([-1]), 1.0)
+
+
+@pytest.mark.parametrize("facts", [b'{"maker": "\xed\xa0\x80"}', b'{"maker": "\xff"}', b'{"maker"', b"[3]"])
+def test_facts_that_are_not_text_are_refused_by_every_reader(tmp_path, facts):
+    path = tmp_path / "hand.parquet"
+    write_table(path, HAND, hand_columns(), facts={"maker": "lab"})
+    table = pq.read_table(path)
+    damaged = table.replace_schema_metadata(dict(table.schema.metadata) | {b"facts": facts})
+    pq.write_table(damaged, path, write_page_checksum=True)
+    for read in (lambda: read_facts(path, HAND), lambda: read_table(path, HAND), lambda: table_sha256(path)):
+        with pytest.raises(StrandcastError, match="SC-R011"):
+            read()

@@ -56,7 +56,8 @@ def write_charuco(
         f"{title or 'ChArUco board'}: {board.squares_x} x {board.squares_y} squares "
         f"of {board.square_m * 1e3:g} mm, "
         f"markers {board.marker_m * 1e3:g} mm, {board.dictionary}, "
-        f"ids 0-{board.squares_x * board.squares_y // 2 - 1}" + (", legacy pattern" if board.legacy else "")
+        f"ids {board.first_id}-{board.first_id + board.squares_x * board.squares_y // 2 - 1}"
+        + (", legacy pattern" if board.legacy else "")
     )
     _draw_footer(axes, caption, page_mm)
     return _save([figure], Path(path), dpi)

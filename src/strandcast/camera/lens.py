@@ -1,5 +1,6 @@
 """Lens calibration from photos or a video of a ChArUco board."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import chain, islice
 
@@ -20,19 +21,14 @@ from strandcast.camera.distortion import (
 from strandcast.camera.frames import choose_frames
 from strandcast.camera.lens_error import lens_covariance, repeat_inflation
 from strandcast.camera.pose import rms
-from strandcast.camera.views import (
-    TRIED,
-    BoardCorners,
-    board_corners,
-    check_sizes,
-    detect_pattern,
-    explain_missing_board,
-)
+from strandcast.camera.printed_board import TRIED, PrintedBoard, identify_board
+from strandcast.camera.views import BoardCorners, board_corners, check_sizes
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import BoardView, Coverage, Lens, ModelTrial
 
 MIN_VIEWS = 3  # chosen; also of distinct poses
+LISTED = 4  # chosen: reasons in a message
 # Largest angle between two boards, below which the focal length is refused. Measured on six simulated views
 # of a board bowed by 0.3 mm: the focal length is off by 7.5 % rms at 3 degrees, 4.6 % at 8, 1.5 % at 20, and
 # 1.6 %, 1.1 %, 0.6 % are stated.
@@ -59,7 +55,7 @@ def calibrate_lens(images: Sequence[tuple[str, np.ndarray]], board: Board, model
     images
         (name, grey picture (height, width)), at least three usable ones with different tilts of the board.
     board
-        The board as printed; a wrong `legacy` is corrected.
+        The board as printed; a wrong `legacy` or `first_id` is corrected (`identify_board`).
     model
         ``none``, ``k1``, ``k1k2``, ``k1k2p1p2``, ``k1k2k3p1p2``, ``rational``, or ``auto``: chosen by
         cross-validation (`distortion.choose_model`).
@@ -74,14 +70,14 @@ def calibrate_lens(images: Sequence[tuple[str, np.ndarray]], board: Board, model
     ------
     StrandcastError
         SC-C010 an unknown model; SC-C011 to SC-C014 no photos, of different sizes, fewer than three usable,
-        no usable fit; SC-C016, SC-C017, SC-C023 another board, another dictionary, mirrored; SC-C018 too few
-        distinct poses or tilts of the board.
+        no usable fit; SC-C016, SC-C017, SC-C023 as `identify_board`; SC-C018 too few distinct poses or tilts
+        of the board.
     """
     models = _models(model)
     check_sizes(images)
-    board, warnings = detect_pattern(images, board)
-    found = [board_corners(name, grey, board) for name, grey in images]
-    return _lens(found, images, models, board, warnings)
+    printed = identify_board(images, board)
+    found = [board_corners(name, printed.black_on_white(grey), printed.board) for name, grey in images]
+    return _lens(found, images[0][1].shape, models, printed)
 
 
 def calibrate_lens_video(frames: Iterable[tuple[str, np.ndarray]], board: Board, model: str = "auto") -> Lens:
@@ -99,9 +95,10 @@ def calibrate_lens_video(frames: Iterable[tuple[str, np.ndarray]], board: Board,
     frames = iter(frames)
     first = [(name, grey.copy()) for name, grey in islice(frames, TRIED)]
     check_sizes(first)
-    board, warnings = detect_pattern(first, board)
-    found = choose_frames(chain(first, frames), board)
-    return _lens(found, first, models, board, warnings)
+    printed = identify_board(first, board)
+    pictures = ((name, printed.black_on_white(grey)) for name, grey in chain(first, frames))
+    found = choose_frames(pictures, printed.board)
+    return _lens(found, first[0][1].shape, models, printed)
 
 
 def _models(model: str) -> list[str]:
@@ -114,17 +111,8 @@ def _models(model: str) -> list[str]:
     return [model]
 
 
-def _lens(
-    found: BoardViews,
-    images: Sequence[tuple[str, np.ndarray]],
-    models: list[str],
-    board: Board,
-    warnings: list[str],
-) -> Lens:
-    if all(corners is None for _, corners in found):
-        explain_missing_board(images, board)
-    height, width = images[0][1].shape
-    size = (width, height)
+def _lens(found: BoardViews, shape: tuple[int, ...], models: list[str], printed: PrintedBoard) -> Lens:
+    size = (shape[1], shape[0])
     views = {view.file: view for view, _ in found}
     usable = [corners for _, corners in found if corners is not None]
     used, groups, fit, trials = _fit_without_outliers(usable, views, size, models)
@@ -148,8 +136,8 @@ def _lens(
         held_out_px=next((trial.held_out_px for trial in trials if trial.model == fit.model), None),
         coverage=coverage,
         covariance=lens_covariance(used, fit, size, groups).tolist(),
-        legacy=board.legacy,
-        warnings=warnings,
+        legacy=printed.board.legacy,
+        warnings=printed.warnings,
         weaknesses=_weaknesses(fit, groups, coverage, size),
     )
 
@@ -188,10 +176,11 @@ def _standard_errors(fit: LensFit, inflation: np.ndarray) -> dict[str, float]:
 
 def _too_few(views: dict[str, BoardView]) -> StrandcastError:
     usable = sum(view.reason is None for view in views.values())
-    reasons = "; ".join(f"{view.file}: {view.reason}" for view in list(views.values())[:20] if view.reason)
+    reasons = Counter(view.reason for view in views.values() if view.reason)
+    left_out = "; ".join(f"in {count} of {len(views)}, {why}" for why, count in reasons.most_common(LISTED))
     return StrandcastError(
         "SC-C013",
-        f"{usable} usable board photos; at least {MIN_VIEWS} are needed ({reasons or 'no others given'})",
+        f"{usable} usable board photos; at least {MIN_VIEWS} are needed ({left_out or 'no others given'})",
         field="camera.board",
         cost="ignoring a typical lens (k1 = -0.12) costs 4 mm on average and 6 mm at the edges",
         fix="check the board's dictionary, squares and sizes, then take more photos, sharp and tilted",

@@ -10,12 +10,23 @@ from strandcast.config.bounded import BoundError, load_toml, load_yaml, read_bou
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Lens
 
-MATRIX = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "intrinsic_matrix", "matrix", "mtx", "K", "M1")
+MATRIX = (
+    "camera_matrix",
+    "Camera_Matrix",
+    "cameraMatrix",
+    "intrinsic_matrix",
+    "matrix",
+    "mtx",
+    "K",
+    "k",
+    "M1",
+)
 DISTORTION = (
     *("distortion_coefficients", "Distortion_Coefficients", "dist_coeffs", "distCoeffs", "dist_coeff"),
-    *("distortions", "distortion", "dist", "D", "D1"),
+    *("distortions", "distortion", "dist", "D", "d", "D1"),
 )
-WIDTH, HEIGHT, SIZE = ("image_width", "image_Width"), ("image_height", "image_Height"), ("image_size", "size")
+WIDTH, HEIGHT = ("image_width", "image_Width", "width"), ("image_height", "image_Height", "height")
+SIZE = ("image_size", "size", "resolution")
 KNOWN_MODELS = ("plumb_bob", "rational_polynomial", "radtan", "pinhole", "opencv", "")
 COEFFICIENTS = 8
 EXAMPLES = "OpenCV's YAML, ROS' camera_info, Kalibr's camchain or the TOML of caliscope or anipose"
@@ -45,6 +56,12 @@ def read_lens(path: Path, name: str | None = None) -> Lens:
         raise StrandcastError("SC-C051", what, file=path, field="camera.lens_name", fix=fix)
     [camera] = cameras.values()
     _check_model(path, camera)
+    if all(camera.get(name) is None for name in (*SIZE, *WIDTH, *HEIGHT)):
+        lines = "image_width{0}1280 and image_height{0}720".format(" = " if path.suffix == ".toml" else ": ")
+        fix = (
+            f"add two lines with the width and height [px] of the pictures it was calibrated with, as {lines}"
+        )
+        raise StrandcastError("SC-C053", "does not give the size of its pictures", file=path, fix=fix)
     try:
         width, height = _size(camera)
         matrix = _matrix(camera)
@@ -72,8 +89,10 @@ def _read(path: Path) -> dict[str, Any]:
         text = read_bounded(path)
         if path.suffix.lower() == ".toml":
             return load_toml(text)
-        # OpenCV writes a directive and tags that are not YAML 1.2.
-        data = load_yaml(re.sub(r"^%YAML:.*$|!!opencv-\w+|!!python/\S+", "", text, flags=re.MULTILINE))
+        # OpenCV writes directives and tags that are not YAML 1.2; ROS ends each message with ---.
+        text = re.sub(r"^%.*$|!!opencv-[\w-]+|!!python/\S+", "", text, flags=re.MULTILINE)
+        documents = re.split(r"^---\s*$", text, flags=re.MULTILINE)
+        data = load_yaml(next((each for each in documents if each.strip()), ""))
     except (FileNotFoundError, BoundError) as error:
         what = str(error) if isinstance(error, BoundError) else "is not there"
         line = getattr(error, "line", None)
@@ -118,7 +137,7 @@ def _first(camera: dict[str, Any], names: tuple[str, ...], what: str) -> Any:
 
 
 def _size(camera: dict[str, Any]) -> tuple[int, int]:
-    size = next((camera[name] for name in (*SIZE, "resolution") if camera.get(name) is not None), None)
+    size = next((camera[name] for name in SIZE if camera.get(name) is not None), None)
     if size is None:
         size = [_first(camera, names, "the picture's size") for names in (WIDTH, HEIGHT)]
     width, height = _numbers(size).tolist()

@@ -45,12 +45,13 @@ def opencv_board(board: Board) -> cv2.aruco.CharucoBoard:
         SC-C002 the dictionary has too few markers for the board.
     """
     dictionary = dictionary_named(board.dictionary)
-    needed, available = board.squares_x * board.squares_y // 2, len(dictionary.bytesList)
-    if needed > available:
-        what = f"the board needs {needed} markers and {board.dictionary} has {available}"
+    ids = np.arange(board.squares_x * board.squares_y // 2) + board.first_id
+    available = len(dictionary.bytesList)
+    if ids[-1] >= available:
+        what = f"the board has ids up to {ids[-1]} and {board.dictionary} has {available} markers"
         raise StrandcastError("SC-C002", what, field="board", fix="use a larger dictionary or fewer squares")
     made = cv2.aruco.CharucoBoard(
-        (board.squares_x, board.squares_y), board.square_m, board.marker_m, dictionary
+        (board.squares_x, board.squares_y), board.square_m, board.marker_m, dictionary, ids
     )
     made.setLegacyPattern(board.legacy)
     return made

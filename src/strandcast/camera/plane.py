@@ -54,6 +54,7 @@ def plane_from_markers(
     dictionary: str,
     file: str | None = None,
     geometry: PlaneGeometry | None = None,
+    on_board: bool = False,
 ) -> Camera:
     """Estimate the camera's pose relative to the motion plane by perspective-n-point, through the lens.
 
@@ -71,6 +72,8 @@ def plane_from_markers(
         The photo's name, for messages.
     geometry
         The plane's geometry that the photo does not show.
+    on_board
+        Whether the markers are those of a board; messages name its settings.
 
     Returns
     -------
@@ -96,7 +99,7 @@ def plane_from_markers(
     fit = fit_pose(np.array([marker.corners_m() for marker in detected]), corners_px, lens)
     camera = _camera(lens, fit, geometry.string_offset_m, dictionary)
     box = geometry.workspace_m or _around(detected)
-    layout = MarkerLayout(detected, corners_px, camera, fit, box, file)
+    layout = MarkerLayout(detected, corners_px, camera, fit, box, file, on_board)
     size, marker_warnings = check_markers(layout)
     camera.marker_size_ratio, camera.marker_size_ratio_se = size.ratio, size.error
     camera.plane_markers = _marker_fits(layout)

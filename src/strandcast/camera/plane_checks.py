@@ -33,16 +33,19 @@ class MarkerLayout:
     fit: PoseFit
     workspace: PlaneBox
     file: str | None
+    on_board: bool = False
 
     def cost_m(self, other: PoseFit) -> float:
         """Return the largest error [m] in the workspace if another pose is the true one."""
         return worst_difference_m(posed(self.camera, other), self.camera, self.workspace)
 
-    def error(
-        self, code: str, what: str, cost: str, fix: str, field: str = "camera.plane.markers"
-    ) -> StrandcastError:
-        """Return an error in this photo."""
-        return StrandcastError(code, what, file=self.file, field=field, cost=cost, fix=fix)
+    def error(self, code: str, what: str, cost: str, fix: str) -> StrandcastError:
+        """Return an error in this photo; SC-C026 is in the size, others in the places."""
+        if self.on_board:
+            field = "board.marker_m" if code == "SC-C026" else "board"
+        else:
+            field = "size_m" if code == "SC-C026" else "markers"
+        return StrandcastError(code, what, file=self.file, field=f"camera.plane.{field}", cost=cost, fix=fix)
 
 
 def check_markers(layout: MarkerLayout) -> tuple[SizeFit, list[str]]:
@@ -58,13 +61,15 @@ def check_markers(layout: MarkerLayout) -> tuple[SizeFit, list[str]]:
     Raises
     ------
     StrandcastError
-        SC-C026 size or distances are wrong by more than 2 %, or one marker has another size or is out of the
-        plane; SC-C027 one is misplaced, or no single cause explains the residuals; SC-C028 two are swapped,
-        one is rotated, or the axes are not those of the world.
+        SC-C026 size or distances are wrong by more than 2 % and 2 mm, or one marker has another size or is
+        out of the plane; SC-C027 one is misplaced, or no single cause explains the residuals; SC-C028 two are
+        swapped, one is rotated, or the axes are not those of the world.
     """
     size = fit_size(layout.markers, layout.corners_px, layout.camera.lens)
     by_size = size.rms_px < POOR_PX
-    if by_size and abs(size.ratio - 1.0) > max(SIZE_ERROR, SIGNIFICANT * size.error):
+    off = abs(size.ratio - 1.0)
+    costs = abs(1.0 / size.ratio - 1.0) * _reach_m(layout.workspace) > ERROR_M
+    if by_size and off > max(SIZE_ERROR, SIGNIFICANT * size.error) and costs:
         raise _wrong_size(layout, size)
     poor = layout.fit.rms_px > POOR_PX
     if poor:
@@ -82,7 +87,6 @@ def _wrong_size(layout: MarkerLayout, size: SizeFit) -> StrandcastError:
         f"if the positions are wrong, {abs(1.0 / size.ratio - 1.0) * reach_m * 1e3:.0f} mm at "
         f"{reach_m:.2f} m from the centre; if only the size is wrong, little",
         "measure the printed black squares and the distances of their centres; sizes are metres",
-        field="camera.plane.size_m",
     )
 
 
@@ -120,18 +124,14 @@ def _place_warnings(layout: MarkerLayout, poor: bool) -> list[str]:
     """Return a warning about the marker without which the others fit, or refuse it."""
     fit = layout.fit
     if len(layout.markers) < 3:
-        if poor:
-            raise _does_not_fit(layout)
-        return []
+        return _does_not_fit(layout) if poor else []
     without = [_fit_without(layout, out) for out in range(len(layout.markers))]
     best = int(np.argmin([each.rms_px for each in without]))
     cost_m = layout.cost_m(without[best])
     if without[best].rms_px < 0.5 * fit.rms_px and cost_m > WARNING_M:
         _refuse_other_size(layout, best, without[best], cost_m)
         return _misplaced(layout, best, without[best], cost_m)
-    if poor:
-        raise _does_not_fit(layout)
-    return []
+    return _does_not_fit(layout) if poor else []
 
 
 def _fit_without(layout: MarkerLayout, out: int) -> PoseFit:
@@ -158,7 +158,6 @@ def _refuse_other_size(layout: MarkerLayout, out: int, others: PoseFit, cost_m: 
         f"{'in front of' if nearer_m > 0 else 'behind'} their plane",
         f"up to {cost_m * 1e3:.1f} mm at the string",
         "put all markers in one plane, printed at one size",
-        field="camera.plane.size_m",
     )
 
 
@@ -176,16 +175,18 @@ def _misplaced(layout: MarkerLayout, out: int, others: PoseFit, cost_m: float) -
     raise layout.error("SC-C027", what, cost, "correct its position or rotation in the experiment")
 
 
-def _does_not_fit(layout: MarkerLayout) -> StrandcastError:
+def _does_not_fit(layout: MarkerLayout) -> list[str]:
     square = (layout.fit.residuals_px**2).sum(axis=(1, 2))
     worst = layout.markers[int(np.argmax(square))].marker
     rms_px = layout.fit.rms_px
-    return layout.error(
-        "SC-C027",
-        f"the markers fit their positions with a residual of {rms_px:.1f} px rms, marker {worst} worst",
-        f"about {rms_px * layout.camera.scale_m_per_px * 1e3:.1f} mm at the string",
-        "measure the markers' positions and rotations again; is the lens this camera's?",
-    )
+    measure = "measure the markers' positions and rotations again"
+    cost_m = rms_px * layout.camera.scale_m_per_px
+    what = f"the markers fit their positions with a residual of {rms_px:.1f} px rms, marker {worst} worst"
+    cost = f"about {cost_m * 1e3:.1f} mm at the string"
+    fix = f"{'flatten the board' if layout.on_board else measure}; is the lens this camera's?"
+    if cost_m < ERROR_M:
+        return [f"{what}: {cost}; {fix}"]
+    raise layout.error("SC-C027", what, cost, fix)
 
 
 def _refuse_rearranged(layout: MarkerLayout) -> None:

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from strandcast.camera.markers import opencv_board
-from strandcast.camera.views import MIN_CORNERS, detect_pattern, find_board
+from strandcast.camera.printed_board import identify_board
+from strandcast.camera.views import MIN_CORNERS, find_board
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
@@ -43,17 +44,19 @@ def stereo_pose(
     photos
         Grey pictures (height, width) of both cameras at one instant each, three pairs or more.
     board
-        As printed; the pattern is that of the first pair.
+        As printed; a wrong `legacy` or `first_id` is corrected, from the first camera's photos.
 
     Raises
     ------
     StrandcastError
-        SC-C043 fewer than three pairs show eight common corners of the board.
+        SC-C043 fewer than three pairs show eight common corners of the board; SC-C016, SC-C017,
+        SC-C023 as `identify_board`.
     """
-    if photos:
-        board, _ = detect_pattern([("", photos[0][0])], board)
-    corners_m = np.asarray(opencv_board(board).getChessboardCorners(), np.float32)
-    common = [each for pair in photos if len((each := _common(*pair, board))[0]) >= MIN_CORNERS]
+    printed = identify_board([("", one) for one, _ in photos], board)
+    corners_m = np.asarray(opencv_board(printed.board).getChessboardCorners(), np.float32)
+    positive = ([printed.black_on_white(grey) for grey in pair] for pair in photos)
+    shared = (_common(one, other, printed.board) for one, other in positive)
+    common = [each for each in shared if len(each[0]) >= MIN_CORNERS]
     if len(common) < LEAST_PAIRS:
         raise StrandcastError(
             "SC-C043",

@@ -76,6 +76,11 @@ class Board(Section):
         description="The layout that OpenCV before 4.6 printed for even numbers of rows. Set it for such "
         "a board; calibrate recognises one, too.",
     )
+    first_id: Annotated[int, Field(ge=0, le=1023)] = Field(
+        0,
+        description="Id of the board's first marker. Set it for one of several boards of one dictionary; "
+        "calibrate recognises it, too.",
+    )
 
     @model_validator(mode="after")
     def _markers_fit_into_squares(self) -> Board:
@@ -96,7 +101,7 @@ class PlaneMarker(Section):
 
 
 class PlaneBoard(Board):
-    """A ChArUco board that lies in the plane of motion."""
+    """A ChArUco board that lies in the plane of motion; what it does not give is as in `camera.board`."""
 
     x_m: Position = Field(description="x of its lower left corner, as printed, in the world frame.")
     y_m: Position = Field(description="y of its lower left corner, as printed, in the world frame.")
@@ -121,7 +126,9 @@ class Plane(Section):
         "more at the edges of the workspace, or a board.",
     )
     board: PlaneBoard | None = Field(
-        None, description="A ChArUco board in the plane of motion. Give it instead of single markers."
+        None,
+        description="A ChArUco board in the plane of motion. Give it instead of single markers. What you do "
+        "not set of it is as in camera.board.",
     )
     place_sd_m: Annotated[float, Field(ge=0, le=0.1)] | None = Field(
         None,
@@ -206,6 +213,14 @@ class CameraSettings(Section):
         description="Refuse a video that was cut, or use the frames before the cut. Set use_prefix only "
         "if the throw itself is complete.",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plane_has_the_lens_board(cls, given: Any) -> Any:
+        board, plane = (given.get(name) if isinstance(given, dict) else None for name in ("board", "plane"))
+        if isinstance(board, dict) and isinstance(plane, dict) and isinstance(plane.get("board"), dict):
+            return given | {"plane": plane | {"board": board | plane["board"]}}
+        return given
 
     @model_validator(mode="after")
     def _one_source_of_the_lens(self) -> CameraSettings:

@@ -183,8 +183,18 @@ def read_parquet(path: str | Path) -> pa.Table:
         raise refusal("SC-R011", path, None, f"is larger than {MOST_BYTES / 1e6:.0f} MB", REMAKE)
     data = path.read_bytes()  # an error of the disk is not one of the content
     try:
-        return _read_bounded(data)
-    except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
+        table = _read_bounded(data)
+        canonical_json([table_facts(table), table_made_by(table)]).encode()
+        return table
+    except (
+        pa.ArrowException,
+        OSError,
+        ValueError,
+        TypeError,
+        KeyError,
+        MemoryError,
+        RecursionError,
+    ) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         what = f"is damaged or is not a table ({reason})"
         raise refusal("SC-R011", path, None, what, REMAKE) from None
@@ -238,7 +248,6 @@ def verify_content(path: Path, table: pa.Table) -> Lineage | None:
     """Return the lineage, and check the hash; it covers what page checksums do not: columns and facts."""
     metadata = table.schema.metadata or {}
     try:
-        table_facts(table), table_made_by(table)
         found = json.loads(metadata.get(b"lineage", b"null"))
         written = metadata.get(b"content_sha256", b"").decode()
     except (ValueError, TypeError, RecursionError):

@@ -12,7 +12,7 @@ from strandcast.camera.lens_file import read_lens
 from strandcast.camera.picture import camera_picture
 from strandcast.camera.plane import PlaneGeometry, board_markers, plane_from_markers
 from strandcast.camera.pose import PlacedMarker
-from strandcast.camera.views import detect_pattern
+from strandcast.camera.printed_board import identify_board
 from strandcast.config.camera import Plane
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
@@ -51,7 +51,7 @@ def _by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
     """Fit the lens to photos or a video of the board, the plane to a photo of its markers or board."""
     settings, plane = context.settings, files.input("plane")
     [picture] = read_photos_of(context, [plane])
-    markers, dictionary, warnings = plane_markers_of(settings.camera.plane, picture)
+    markers, dictionary, warnings = plane_markers_of(settings.camera.plane, picture, str(plane))
     camera = plane_from_markers(
         picture,
         _lens(context, files),
@@ -59,6 +59,7 @@ def _by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
         dictionary,
         file=str(plane),
         geometry=_plane_geometry(settings),
+        on_board=settings.camera.plane.board is not None,
     )
     camera.warnings = warnings + camera.warnings
     return camera, picture
@@ -128,15 +129,18 @@ def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:
         yield grey
 
 
-def plane_markers_of(plane: Plane, picture: np.ndarray) -> tuple[list[PlacedMarker], str, list[str]]:
-    """Return the plane's markers, their dictionary, and a warning if its board has another pattern.
+def plane_markers_of(
+    plane: Plane, picture: np.ndarray, file: str
+) -> tuple[list[PlacedMarker], str, list[str]]:
+    """Return the plane's markers, their dictionary, and a warning if its board has other ones.
 
-    The markers are single ones, or those of the board lying in the plane, in the pattern that the plane's
-    `picture` (height, width) shows.
+    The markers are single ones, or those of the board lying in the plane, in the pattern and with the ids
+    that the plane's `picture` (height, width) in `file` shows.
     """
     if plane.board is None:
         single = [PlacedMarker(m.id, m.x_m, m.y_m, plane.size_m, m.angle_rad) for m in plane.markers]
         return single, plane.dictionary, []
     placed = plane.board
-    board, warnings = detect_pattern([("", picture)], placed, "camera.plane.board")
-    return board_markers(board, placed.x_m, placed.y_m, placed.angle_rad), placed.dictionary, warnings
+    printed = identify_board([(file, picture)], placed, "camera.plane.board")
+    markers = board_markers(printed.board, placed.x_m, placed.y_m, placed.angle_rad)
+    return markers, placed.dictionary, [] if printed.white_on_black else printed.warnings

@@ -228,7 +228,7 @@ def _find_plane_markers(context: Context, photo: Path, found: Checked) -> None:
     from strandcast.stages.calibrate import plane_markers_of, read_photos_of
 
     [picture] = read_photos_of(context, [photo])
-    markers, dictionary, _ = plane_markers_of(context.settings.camera.plane, picture)
+    markers, dictionary, _ = plane_markers_of(context.settings.camera.plane, picture, str(photo))
     wanted = {marker.marker: marker for marker in markers}
     ids, _, warnings = find_markers(picture, wanted, dictionary, str(photo))
     missing = sorted(set(wanted) - {int(marker) for marker in ids})

@@ -1,0 +1,208 @@
+"""The ChArUco board that photos show, read from the order of its markers, compared with the declared one."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import cv2
+import numpy as np
+
+from strandcast.camera.markers import FAMILIES, detect_markers, eight_bit, marker_detector, same_family
+from strandcast.config.camera import Board
+from strandcast.errors import StrandcastError
+
+TRIED = 4  # chosen: photos that are searched in other ways if they do not show the declared board
+LEAST_MARKERS = 4  # side by side in one photo, to read their order; a board of 3 x 3 squares has four
+MAJORITY = 0.5  # chosen: least share of the markers that fit one order
+SQUARES = range(3, 51)  # in a row, as `Board`
+REFERENCES = 12  # chosen: markers of a photo from which the others are counted
+OFF_LATTICE = 0.3  # chosen: squares; an oblique view stretches a step to the next marker by less
+
+Photos = Sequence[tuple[str, np.ndarray]]
+Patch = tuple[np.ndarray, np.ndarray]  # ids (m,), and their columns and rows (m, 2) from any one of them
+
+
+@dataclass(frozen=True)
+class PrintedBoard:
+    """The board as printed, and warnings where it is not as declared."""
+
+    board: Board
+    warnings: list[str]
+    white_on_black: bool = False
+
+    def black_on_white(self, grey: np.ndarray) -> np.ndarray:
+        """Return a photo (height, width) with the board black on white."""
+        return _negative(grey) if self.white_on_black else grey
+
+
+@dataclass(frozen=True)
+class MarkerOrder:
+    """The squares per row, the number that id 0 has in the order, and the first and last row of a board.
+
+    Markers are numbered row by row over the white squares (column + row odd) of a pattern that begins with a
+    black square: marker k lies on square 2 k + 1 of an odd row length.
+    """
+
+    squares_x: int
+    number_of_id_0: int
+    rows: tuple[int, int]
+
+    @classmethod
+    def declared(cls, board: Board) -> "MarkerOrder":
+        """Return the order of a board; OpenCV's legacy pattern begins with the second row."""
+        top = int(board.legacy and board.squares_y % 2 == 0)
+        number_of_id_0 = top * (board.squares_x // 2) - board.first_id
+        return cls(board.squares_x, number_of_id_0, (top, top + board.squares_y - 1))
+
+    def within(self, other: "MarkerOrder") -> bool:
+        """Return whether every id has the same place in another order, and its rows are there."""
+        ahead, off = divmod(other.number_of_id_0 - self.number_of_id_0, self.squares_x)
+        first, last = (row + 2 * ahead for row in self.rows)  # two rows have squares_x markers
+        inside = other.rows[0] <= first <= last <= other.rows[1]
+        return self.squares_x == other.squares_x and not off and inside
+
+
+def identify_board(photos: Photos, board: Board, field: str = "camera.board") -> PrintedBoard:
+    """Return the board that photos (name, grey) show; the declared one if they show too little of any.
+
+    A board with OpenCV's legacy pattern or without, with other ids, or white on black is taken as the photos
+    show it, with a warning. `field` is where the experiment declares the board.
+
+    Raises
+    ------
+    StrandcastError
+        SC-C016 the board has other squares; SC-C017 another dictionary; SC-C023 the photos are mirrored.
+    """
+    others = [name for name in FAMILIES if not same_family(name, board.dictionary)]
+    for name, seen_as in (
+        *product([board.dictionary], (_as_it_is, _negative, _mirrored)),
+        *product(others, (_as_it_is, _negative)),
+    ):
+        order = _order(photos[:TRIED], board, name, seen_as)
+        if order is None:
+            continue
+        if name != board.dictionary:
+            what = f"the board's markers are from {name} or a subset of it, not from {board.dictionary}"
+            raise StrandcastError("SC-C017", what, field=f"{field}.dictionary", fix="correct the dictionary")
+        if seen_as is _mirrored:
+            fix = "turn mirroring off in the camera's software, or remove the mirror"
+            raise StrandcastError("SC-C023", "the board photos are mirrored", file=photos[0][0], fix=fix)
+        white_on_black = seen_as is _negative
+        warnings = [
+            "the board is white on black, or its photos are negatives: taken as such"
+        ] * white_on_black
+        if not order.within(MarkerOrder.declared(board)):
+            order = _order(photos, board, name, seen_as) or order  # its outer rows may be cut off in a few
+            board, differences = _as_printed(order, board, field)
+            warnings += differences
+        return PrintedBoard(board, warnings, white_on_black)
+    return PrintedBoard(board, [])
+
+
+def _as_it_is(grey: np.ndarray) -> np.ndarray:
+    return grey
+
+
+def _negative(grey: np.ndarray) -> np.ndarray:
+    return np.asarray(cv2.bitwise_not(eight_bit(grey)))
+
+
+def _mirrored(grey: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(grey[:, ::-1])
+
+
+def _as_printed(order: MarkerOrder, board: Board, field: str) -> tuple[Board, list[str]]:
+    """Return the board with the ids and pattern of an order, and warnings; refuse other squares (SC-C016)."""
+    x, y = order.squares_x, order.rows[1] - order.rows[0] + 1
+    white_first = order.rows[0] % 2
+    top = order.rows[0] - (white_first if board.squares_y % 2 else 0)  # then the row above was cut off
+    first_id = top * x // 2 - order.number_of_id_0
+    if x != board.squares_x or y > board.squares_y or first_id < 0:
+        y += y % 2 * white_first  # boards that begin with a white square have an even number of rows
+        what = f"the board has {x} x {y} squares, not {board.squares_x} x {board.squares_y}"
+        if (x, y) == (board.squares_x + 1, board.squares_y + 1):
+            what += ": squares are counted, not the corners between them"
+        fix = f"set squares_x: {x} and squares_y: {y}"
+        raise StrandcastError("SC-C016", what, field=field, fix=fix)
+    legacy = board.legacy if board.squares_y % 2 else bool(white_first)
+    warnings = []
+    if legacy != board.legacy:
+        has = "has" if legacy else "does not have"
+        hint = f"set {field}.legacy to {str(legacy).lower()}"
+        warnings.append(f"the board {has} the legacy pattern (OpenCV before 4.6): {hint}")
+    if first_id != board.first_id:
+        warnings.append(f"the board's ids begin at {first_id}: set {field}.first_id to {first_id}")
+    return board.model_copy(update={"legacy": legacy, "first_id": first_id}), warnings
+
+
+def _order(
+    photos: Photos, board: Board, dictionary: str, seen_as: Callable[[np.ndarray], np.ndarray]
+) -> MarkerOrder | None:
+    """Return the order that most markers fit, the declared one among equals; None if it is not clear."""
+    detector = marker_detector(dictionary)
+    detected = (detect_markers(seen_as(grey), detector) for _, grey in photos)
+    patches = [patch for ids, corners_px in detected for patch in _patches(ids, corners_px)]
+    if not patches:
+        return None
+    squares_x, number_of_id_0 = np.array([(x, number) for x in SQUARES for number in range(x)]).T
+    fitting = sum(_fitting(patch, squares_x, number_of_id_0).sum(axis=1) for patch in patches)
+    declared = MarkerOrder.declared(board)
+    best = np.flatnonzero(fitting == fitting.max())
+    number = declared.number_of_id_0 % board.squares_x
+    is_declared = (squares_x == board.squares_x) & (number_of_id_0 == number)
+    if is_declared[best].any():
+        best = np.flatnonzero(is_declared)
+    if len(best) > 1 or fitting[best[0]] < MAJORITY * sum(len(ids) for ids, _ in patches):
+        return None
+    order = squares_x[best], number_of_id_0[best]
+    rows = np.concatenate([_squares(each[0], *order)[0, _fitting(each, *order)[0], 1] for each in patches])
+    return MarkerOrder(int(order[0][0]), int(order[1][0]), (int(rows.min()), int(rows.max())))
+
+
+def _squares(ids: np.ndarray, squares_x: np.ndarray, number_of_id_0: np.ndarray) -> np.ndarray:
+    """Return the column and row of each id (m,) in several orders (h,): (h, m, 2)."""
+    x, numbers = squares_x[:, None], ids + number_of_id_0[:, None]
+    row = (2 * numbers + 1) // x
+    column = np.where(x % 2, (2 * numbers + 1) % x, 2 * numbers % x + (row + 1) % 2)
+    return np.stack([column, row], axis=-1)
+
+
+def _fitting(patch: Patch, squares_x: np.ndarray, number_of_id_0: np.ndarray) -> np.ndarray:
+    """Return which markers of a patch fit several orders (h,), where most of them do: (h, m)."""
+    ids, cells = patch
+    shifts = _squares(ids, squares_x, number_of_id_0) - cells
+    references = np.unique(np.linspace(0, len(ids) - 1, REFERENCES).astype(int))
+    same = (shifts[:, references, None] == shifts[:, None]).all(axis=-1)  # (h, references, m)
+    return np.asarray(same[np.arange(len(same)), same.sum(axis=2).argmax(axis=1)])
+
+
+def _patches(ids: np.ndarray, corners_px: np.ndarray) -> list[Patch]:
+    """Return the markers that lie side by side as on a ChArUco board, counted in squares from one another."""
+    if len(ids) < LEAST_MARKERS:
+        return []
+    centre = corners_px.mean(axis=1)
+    right, down = (
+        0.5 * (corners_px[:, one] - corners_px[:, other]).sum(axis=1)
+        for one, other in (([1, 2], [0, 3]), ([2, 3], [1, 0]))
+    )
+    axes = np.linalg.inv(np.stack([right, down], axis=2))  # a degenerate marker is not detected
+    sides = np.einsum("iab,ijb->ija", axes, centre[None] - centre[:, None])  # from i to j, in sides of i
+    far = np.abs(sides).max(axis=2)
+    np.fill_diagonal(far, np.inf)
+    squares = sides / np.median(far.min(axis=1))  # the nearest is the diagonal neighbour
+    steps = np.rint(squares).astype(int)
+    near = (np.abs(steps).max(axis=2) <= 2) & (steps.sum(axis=2) % 2 == 0) & (steps != 0).any(axis=2)
+    near &= (np.abs(squares - steps) < OFF_LATTICE * np.abs(steps).max(axis=2, keepdims=True)).all(axis=2)
+    near &= (steps == -steps.swapaxes(0, 1)).all(axis=2)
+    patches, free = [], np.ones(len(ids), bool)
+    while free.any():
+        cells = {int(np.argmax(free)): np.zeros(2, int)}
+        for member in (queue := list(cells)):
+            free[member] = False
+            for neighbour in np.flatnonzero(near[member] & free):
+                cells[int(neighbour)] = cells[member] + steps[member, neighbour]
+                free[neighbour] = False
+                queue.append(int(neighbour))
+        if len(cells) >= LEAST_MARKERS:
+            patches.append((ids[list(cells)], np.array(list(cells.values()))))
+    return patches
