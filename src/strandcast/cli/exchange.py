@@ -51,6 +51,9 @@ def import_joints(
     sync_output: Annotated[
         int | None, typer.Option(min=0, help="UR logs: the digital output that switches the LED.")
     ] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=1, help="Rows per second of a log without a column of the time.")
+    ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -62,7 +65,7 @@ def import_joints(
 
     mapping = None if columns is None else load_mapping(columns, JointMapping)
     bag = BagChoice(topic, "receive" if receive else "header")
-    reading = Reading(dialect, mapping, bag, degrees, sync_output)
+    reading = Reading(dialect, mapping, bag, degrees, sync_output, rate)
     number = None if trial == REHEARSAL else int(trial)
     run = stage.run(ROOT, experiment, number, log, reading, joint or [], replace)
     timing = run.timing

@@ -26,7 +26,7 @@ class Mapping(BaseModel):
 class JointMapping(Mapping):
     """The columns of a joint log; lists are in the order of the joints from the base."""
 
-    time: str = Field(description="Column of the controller's time.")
+    time: str | None = Field(None, description="Column of the controller's time; else `rate_hz` counts.")
     q: list[str] = Field(min_length=1, description="Columns of the measured joint angles.")
     qd: list[str] = Field([], description="… of the measured joint speeds.")
     q_cmd: list[str] = Field([], description="… of the commanded joint angles.")
