@@ -198,10 +198,9 @@ def test_held_rows_are_taken_at_their_true_rate(tmp_path, held_hz, rate_hz):
     assert "each value is taken at its first row" in run.warnings[0]
     assert len(log.time_s) == pytest.approx(2.0 * held_hz, rel=0.05)
     moving = (log.time_s > 0.6) & (log.time_s < 1.4)
-    late_s = (np.interp(log.time_s, new_s, q[:, 0]) - log.q_rad[:, 0])[moving]
-    speed = np.gradient(q[:, 0], new_s)
-    late_s /= np.interp(log.time_s[moving], new_s, speed)
-    assert abs(np.median(late_s)) < 1.0 / rate_hz  # as shown, half a hold: 3 ms of 125 in 500
+    late_rad = np.abs(np.interp(log.time_s, new_s, q[:, 0]) - log.q_rad[:, 0])[moving]
+    # The first row is at most one row late; held rows are up to a whole hold.
+    assert late_rad.max() < 1.1 * np.abs(np.gradient(q[:, 0], new_s)).max() / rate_hz
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -51,7 +51,7 @@ def test_comments_blank_lines_bom_and_closing_separators_are_taken(tmp_path):
         ("t,q\n0,1\n0.1,abc\n", 3, "'abc' is not a number"),
         pytest.param("t,q\n0,1\n0.1,inf\n", 3, "not a finite number", id="row36-infinite"),
         pytest.param("t,q\n0,1\n0.1\0\0\0,2\n", 3, "NUL bytes from byte 11 on", id="row32-NUL"),
-        (b"t,q\n0,\xff\xfe\n", 2, "not text"),
+        (b"t,q\n0,\xff\xfe\n", 2, "'ÿþ' is not a number"),
         ('t,q\n0,1\n0.1,"2\n0.2,3\n', 3, "quotation marks do not enclose cells"),
         ('t,q\n0,"1"2\n', 2, "quotation marks do not enclose cells"),
         ('t,q\n0,"' + "1" * 140_000 + '"\n', 2, r"field limit .131072.*140004 characters"),

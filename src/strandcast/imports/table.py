@@ -9,6 +9,8 @@ from strandcast.errors import StrandcastError
 from strandcast.records.csv_cells import Cells, read_cells
 from strandcast.records.record import refusal
 
+MOST_LISTED = 60  # names in a message; chosen
+
 
 @dataclass(frozen=True)
 class NumberTable:
@@ -22,6 +24,9 @@ class NumberTable:
         Remarks for the user.
     instants
         Numbers of the columns that are seconds, whatever unit of time is given.
+    maker, time, rate_hz, length_unit, up
+        What a capture's file says of itself: whose it is, its column of the time with the unit [s], rows per
+        second, and the axis that points up by the maker's convention.
     """
 
     path: Path
@@ -32,6 +37,23 @@ class NumberTable:
     notes: list[str] = field(default_factory=list)
     problems: dict[int, StrandcastError] = field(default_factory=dict)
     instants: frozenset[int] = frozenset()
+    maker: str | None = None
+    time: tuple[str, float] | None = None
+    rate_hz: float | None = None
+    length_unit: str | None = None
+    up: str | None = None
+
+    def points(self) -> list[str]:
+        """Return the names of points that have columns NAME.x, NAME.y and NAME.z, each once."""
+        there = set(self.names)
+        stems = dict.fromkeys(name.removesuffix(".x") for name in self.names if name.endswith(".x"))
+        return [stem for stem in stems if {f"{stem}.y", f"{stem}.z"} <= there]
+
+    def listed(self) -> str:
+        """Return its columns in words, those of points by the point's name."""
+        points = self.points()
+        parts = {f"{point}.{part}" for point in points for part in ("x", "y", "z", "qw", "qx", "qy", "qz")}
+        return ", ".join([*points, *(name for name in self.names if name not in parts)][:MOST_LISTED])
 
     def column(self, name: str) -> np.ndarray:
         """Return one column (rows,) by its name, or by its number from 1 where the file has no header.
@@ -51,7 +73,7 @@ class NumberTable:
             what = "the header names this column twice"
             fix = f"give one of {', '.join(f'{name}@{k + 1}' for k in found)}"
         else:
-            what = f"there is no column {name!r}; the columns are {', '.join(self.names[:60])}"
+            what = f"there is no column {name!r}; the columns are {self.listed()}"
             fix = "name the columns as the file's header does, or number them from 1 if it has none"
         raise StrandcastError("SC-I004", what, file=self.path, field=name, fix=fix)
 

@@ -118,7 +118,7 @@ def read_cells(path: str | Path, code: str) -> Cells:
         quotation marks that do not enclose a cell.
     """
     path = Path(path)
-    text = _text(path, code)
+    text = read_text(path, code)
     rows, lines = _split(path, text, code)
     ends = text.endswith(("\n", "\r"))
     if all(_is_number(cell) or instant_s(cell) is not None for cell in rows[0]):
@@ -132,7 +132,8 @@ def read_cells(path: str | Path, code: str) -> Cells:
     return Cells(path, rows[0], rows[1:], lines[1:], True, code, ends)
 
 
-def _text(path: Path, code: str) -> str:
+def read_text(path: Path, code: str) -> str:
+    """Return a file's text; see `read_cells` for the errors."""
     if not path.is_file():
         raise refusal(code, path, None, "the file is missing", "check the path")
     if path.stat().st_size > LARGEST_FILE_BYTES:
@@ -150,11 +151,12 @@ def _text(path: Path, code: str) -> str:
         what = f"there are NUL bytes from byte {nul} on: the file was not written completely"
         line = data.count(b"\n", 0, nul) + 1
         raise refusal(code, path, None, what, "copy it again, or cut it before that line", line)
+    if utf16:
+        return data.decode(_utf16(data), errors="replace")
     try:
-        return data.decode(_utf16(data) if utf16 else "utf-8-sig")
-    except UnicodeDecodeError as error:
-        line, what = data.count(b"\n", 0, error.start) + 1, f"is not text (byte {error.start})"
-        raise refusal(code, path, None, what, "export it as CSV in UTF-8", line) from None
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")  # as programs of older systems write names and units
 
 
 def _utf16(data: bytes) -> str:
@@ -176,21 +178,21 @@ def _split(path: Path, text: str, code: str) -> tuple[list[list[str]], list[int]
     delimiter = max(";\t,", key=lines[0].count)
     if delimiter not in lines[0]:
         return [line.split() for line in lines], numbers  # UR's record.py: blanks
-    # Line by line: a stray quotation mark must not swallow the lines after it.
-    split = (
-        _unquoted(path, line, number, delimiter, code) if '"' in line else line.split(delimiter)
-        for number, line in kept
-    )
-    cells = [[cell.strip() for cell in row] for row in split]
+    cells = [split_line(path, line, number, delimiter, code) for number, line in kept]
     if all(row and row[-1] == "" for row in cells):
         cells = [row[:-1] for row in cells]  # every line ends in a separator
     return cells, numbers
 
 
-def _unquoted(path: Path, line: str, number: int, delimiter: str, code: str) -> list[str]:
-    """Return the cells of a line with quotation marks; strictly, so that `"1"2` does not become 12."""
+def split_line(path: Path, line: str, number: int, delimiter: str, code: str) -> list[str]:
+    """Return the cells of one line: a stray quotation mark must not swallow the lines after it.
+
+    Quotation marks are read strictly, so that `"1"2` does not become 12.
+    """
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(delimiter)]
     try:
-        return next(csv.reader([line], delimiter=delimiter, strict=True))
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, strict=True))]
     except csv.Error as error:
         what = f"the quotation marks do not enclose cells ({error}): {_quoted(line)}"
         raise refusal(code, path, None, what, "remove them, or export the file again", number) from None
