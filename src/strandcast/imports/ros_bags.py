@@ -145,10 +145,9 @@ def _opened(path: Path) -> Iterator[Any]:
         if isinstance(error, KeyError) and "get_msgdef" in [f.name for f in extract_tb(error.__traceback__)]:
             # One channel of another encoding than ROS' keeps rosbags from reading any.
             what = f"a channel beside ROS' is encoded as {error.args[0]}, which rosbags does not read"
-            kept = f"-y '.*joint.*' -o {shlex.quote(str(path.with_name(f'ros-{path.name}')))}"
-            fix = (
-                f"copy the joints' topics to a file of their own: mcap filter {shlex.quote(str(path))} {kept}"
-            )
+            copied = str(path.with_name(f"joints-{path.name}"))
+            command = shlex.join(["mcap", "filter", str(path), "-o", copied, "-y", ".*joint.*"])
+            fix = f"copy the joints' topics to a file of their own: {command}"
         raise refusal("SC-I041", path, None, f"the bag cannot be read ({what})", fix) from None
 
 

@@ -305,7 +305,7 @@ def test_a_channel_that_is_not_ros_is_named_with_the_command_that_leaves_it_out(
     mcap = pytest.importorskip("mcap.writer", reason="mcap is not installed: make test-drivers")
     with (tmp_path / "log.mcap").open("wb") as file:
         writer = mcap.Writer(file, compression=mcap.CompressionType.NONE)
-        writer.start()
+        writer.start(profile="ros2")
         schema = writer.register_schema("note", "jsonschema", b"{}")
         channel = writer.register_channel("/note", "json", schema)
         writer.add_message(channel, log_time=1, data=b"{}", publish_time=1)
