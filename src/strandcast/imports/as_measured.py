@@ -36,9 +36,11 @@ def as_measured(log: JointLog, motion: Motion | None) -> tuple[JointLog, list[st
 
 def _in_one_turn(log: JointLog, motion: Motion | None) -> tuple[JointLog, list[str]]:
     """Return the log with angles that do not jump, in the turn of the motion."""
-    turned, moved = {}, np.zeros(len(log.joint_names), bool)
-    for name in ("q_rad", "q_cmd_rad"):
-        angles = np.array(getattr(log, name))
+    log, moved = (
+        replace(log, q_rad=log.q_rad.copy(), q_cmd_rad=log.q_cmd_rad.copy()),
+        np.zeros(len(log.joint_names), bool),
+    )
+    for angles in (log.q_rad, log.q_cmd_rad):
         for k, joint in enumerate(log.joint_names):
             known = np.isfinite(angles[:, k])
             if not known.any():
@@ -51,11 +53,10 @@ def _in_one_turn(log: JointLog, motion: Motion | None) -> tuple[JointLog, list[s
             shift = np.round((path - angles[known, k]) / TURN_RAD)
             moved[k] |= shift.any()
             angles[known, k] += TURN_RAD * shift
-        turned[name] = angles
     if not moved.any():
         return log, []
     joints = ", ".join(name for name, any_moved in zip(log.joint_names, moved, strict=True) if any_moved)
-    return replace(log, **turned), [f"whole turns (2π) were added to {joints}: the same posture"]
+    return log, [f"whole turns (2π) were added to {joints}: the same posture"]
 
 
 def _held(q_rad: np.ndarray) -> tuple[float, np.ndarray]:

@@ -67,7 +67,8 @@ class NumberTable:
 
     def _index(self, name: str) -> int:
         found = [k for k, each in enumerate(self.names) if name in (each, f"{each}@{k + 1}")]
-        if found and all(np.array_equal(*self.values[:, [found[0], k]].T, equal_nan=True) for k in found):
+        values = self.values
+        if found and all(np.array_equal(values[:, found[0]], values[:, k], equal_nan=True) for k in found):
             return found[0]
         if found:
             what = "the header names this column twice"
