@@ -36,10 +36,8 @@ def as_measured(log: JointLog, motion: Motion | None) -> tuple[JointLog, list[st
 
 def _in_one_turn(log: JointLog, motion: Motion | None) -> tuple[JointLog, list[str]]:
     """Return the log with angles that do not jump, in the turn of the motion."""
-    log, moved = (
-        replace(log, q_rad=log.q_rad.copy(), q_cmd_rad=log.q_cmd_rad.copy()),
-        np.zeros(len(log.joint_names), bool),
-    )
+    log = replace(log, q_rad=log.q_rad.copy(), q_cmd_rad=log.q_cmd_rad.copy())
+    moved = np.zeros(len(log.joint_names), bool)
     for angles in (log.q_rad, log.q_cmd_rad):
         for k, joint in enumerate(log.joint_names):
             known = np.isfinite(angles[:, k])
