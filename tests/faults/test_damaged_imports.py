@@ -87,7 +87,7 @@ def plain_rows(data: bytes, columns: list[str]) -> dict[float, list[float]]:
 
     A last row that was cut has too few cells; it is left out.
     """
-    text = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    text = data.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
     lines = [line for line in text.split("\n") if line.strip() and line.strip()[0] not in "#%"]
     names, *rows = ([cell.strip().strip('"') for cell in line.split(",")] for line in lines)
     rows = rows[:-1] if rows and len(rows[-1]) < len(names) else rows

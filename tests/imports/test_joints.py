@@ -119,12 +119,112 @@ def test_the_log_of_urs_own_recorder_is_read(tmp_path):
         )
 
 
-def test_a_ur_log_without_time_says_what_to_record(tmp_path):
+def test_a_log_without_time_has_the_stated_rate_or_says_what_to_record(tmp_path):
     names = [f"actual_q_{k}" for k in range(6)]
-    text = " ".join(names) + "\n" + "0 0 0 0 0 0\n" * 3
-    with pytest.raises(StrandcastError, match="no timestamp") as refusal:
-        import_joints(log_file(tmp_path, text), tmp_path / "out")
+    path = log_file(tmp_path, " ".join(names) + "\n" + "0 0 0 0 0 0\n" * 3)
+    with pytest.raises(StrandcastError, match="no column of the time") as refusal:
+        import_joints(path, tmp_path / "out")
     assert "timestamp" in refusal.value.fix
+    assert "--rate" in refusal.value.fix
+    run = import_joints(path, tmp_path / "out", Reading(rate_hz=500.0))
+    np.testing.assert_allclose(read_run(tmp_path / "out")[1].time_s, [0.0, 0.002, 0.004])
+    assert run.clock == "500.0 rows per second"
+
+
+def test_columns_that_are_not_used_do_not_matter(tmp_path):
+    path = log_file(tmp_path, "t,a,b,mode,i,i\n0,0,0,RUNNING,1,2\n0.01,1,0,RUNNING,3,4\n0.02,2,0,,5,6\n")
+    assert import_joints(path, tmp_path, READING).rows == 3
+    for column, words in (("mode", "'RUNNING' is not a number"), ("i", "twice.*(?s:.*)give one of i@5, i@6")):
+        with pytest.raises(StrandcastError, match=words):
+            import_joints(path, tmp_path / "o", Reading(mapping=JointMapping(time="t", q=["a", column])))
+    import_joints(path, tmp_path, Reading(mapping=JointMapping(time="t", q=["a", "i@6"])))
+    np.testing.assert_array_equal(read_run(tmp_path)[1].q_rad[:, 1], [2, 4, 6])
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_utf_16_is_read(tmp_path, encoding):
+    (tmp_path / "log.csv").write_bytes("t,a,b\r\n0,0,0\r\n0.01,1,2\r\n".encode(encoding))
+    import_joints(tmp_path / "log.csv", tmp_path, READING)
+    np.testing.assert_array_equal(read_run(tmp_path)[1].q_rad, [[0, 0], [1, 2]])
+
+
+@pytest.mark.parametrize(
+    "form",
+    ["2026-11-25T15:59:59.{}", "2026-11-25 15:59:59.{}000+01:00", "2026-11-25T15:59:59.{}Z", "15:59:59.{}"],
+)
+@pytest.mark.parametrize("header", ["t,a,b\n", ""])
+def test_iso_times_are_seconds_whatever_the_unit(tmp_path, form, header):
+    rows = "".join(f"{form.format(980 + 4 * k)},{0.1 * k},0\n" for k in range(3))
+    names = ("t", "a", "b") if header else ("1", "2", "3")
+    mapping = JointMapping(time=names[0], q=list(names[1:]), time_unit="ms")
+    run = import_joints(log_file(tmp_path, header + rows), tmp_path, Reading(mapping=mapping))
+    assert run.timing.rate_hz == pytest.approx(250, rel=1e-3)
+    np.testing.assert_allclose(read_run(tmp_path)[1].q_rad[:, 0], [0, 0.1, 0.2])
+
+
+def test_the_state_is_the_first_of_libfrankas_columns_of_one_name(tmp_path):
+    names = [f"{kind}[{k}]" for kind in ("q", "q_d", "dq", "dq_d", "q_d", "dq_d") for k in range(7)]
+    rows = [[k, 1.0, *(i + 0.001 * k for i in range(6) for _ in range(7))] for k in range(4)]
+    text = "\n".join(
+        [", ".join(["duration", "success_rate", *names])] + [",".join(map(str, r)) for r in rows]
+    )
+    run = import_joints(log_file(tmp_path, text), tmp_path)
+    _, log = read_run(tmp_path)
+    assert run.driver == "import: libfranka"
+    for values, first in ((log.q_rad, 0), (log.q_cmd_rad, 1), (log.qd_rad_s, 2), (log.qd_cmd_rad_s, 3)):
+        np.testing.assert_allclose(values, first + 0.001 * np.arange(4)[:, None] + np.zeros(7))
+
+
+def swinging(rate_hz: float, seconds: float = 2.0):
+    """Return times and two joints that rest, then swing, in an encoder's counts; the second is slow."""
+    time_s = np.arange(0.0, seconds, 1.0 / rate_hz)
+    swing = np.clip(time_s - 0.5, 0.0, 1.0) * 2 * np.pi
+    q = np.column_stack([0.5 * (1 - np.cos(swing)), 0.001 * swing])
+    noise = np.random.default_rng(3).normal(0.0, 2e-5, q.shape)
+    return time_s, np.round((q + noise) / 4e-5) * 4e-5
+
+
+@pytest.mark.parametrize(("held_hz", "rate_hz"), [(125, 500), (100, 240), (250, 1000), (500, 1000)])
+def test_held_rows_are_taken_at_their_true_rate(tmp_path, held_hz, rate_hz):
+    time_s = np.arange(0.0, 2.0, 1.0 / rate_hz)
+    new_s, q = swinging(held_hz)
+    shown = np.searchsorted(new_s, time_s + 1e-9, side="right") - 1
+    text = "t,a,b\n" + "".join(
+        f"{t:.6f},{a:.6f},{b:.6f}\n" for t, (a, b) in zip(time_s, q[shown], strict=True)
+    )
+    run = import_joints(log_file(tmp_path, text), tmp_path, READING)
+    _, log = read_run(tmp_path)
+    assert any(f"{held_hz} times per second" in each for each in run.warnings) or held_hz == 100
+    assert "each value is taken at its first row" in run.warnings[0]
+    assert len(log.time_s) == pytest.approx(2.0 * held_hz, rel=0.05)
+    moving = (log.time_s > 0.6) & (log.time_s < 1.4)
+    late_rad = np.abs(np.interp(log.time_s, new_s, q[:, 0]) - log.q_rad[:, 0])[moving]
+    # The first row is at most one row late; held rows are up to a whole hold.
+    assert late_rad.max() < 1.1 * np.abs(np.gradient(q[:, 0], new_s)).max() / rate_hz
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_of_a_slow_joint_are_not_held(tmp_path, seed):
+    random = np.random.default_rng(seed)
+    counts = np.cumsum(random.random((600, 2)) < 0.25, axis=0) * 1e-3
+    text = "t,a,b\n" + "".join(f"{0.002 * k:.3f},{a:.4f},{b:.4f}\n" for k, (a, b) in enumerate(counts))
+    assert import_joints(log_file(tmp_path, text), tmp_path, READING).rows == 600
+    time_s, q = swinging(500)
+    text = "t,a,b\n" + "".join(f"{t:.3f},{a:.6f},{b:.6f}\n" for t, (a, b) in zip(time_s, q, strict=True))
+    assert import_joints(log_file(tmp_path, text), tmp_path, READING).rows == 1000
+
+
+def test_an_angle_that_wraps_goes_on(tmp_path):
+    time_s, q = swinging(250)
+    q[:, 0] += 2.7  # swings beyond π
+    text = "t,a,b,ca,cb\n" + "".join(
+        f"{t:.3f},{(a + np.pi) % (2 * np.pi) - np.pi:.6f},{b:.6f},{a:.6f},{b:.6f}\n"
+        for t, (a, b) in zip(time_s, q, strict=True)
+    )
+    mapping = JointMapping(time="t", q=["a", "b"], q_cmd=["ca", "cb"])
+    run = import_joints(log_file(tmp_path, text), tmp_path, Reading(mapping=mapping))
+    np.testing.assert_allclose(read_run(tmp_path)[1].q_rad, q, atol=2e-6)
+    assert "whole turns (2π) were added to joint_1" in run.warnings[0]
 
 
 def test_rows_that_ur_rtde_records_twice_or_late_are_reported(tmp_path):

@@ -203,3 +203,15 @@ def test_commands_that_are_not_those_of_the_motion_are_refused(bench: Bench) -> 
     played(load_arm(bench.root / "config/arms/planar3.toml"), 0.90).write(bench.trial / "motion.json")
     with pytest.raises(StrandcastError, match="SC-I031.*which no lag of commands explains"):
         bench.take()
+
+
+def test_a_joint_that_is_a_whole_turn_off_the_motion_is_turned_back(bench: Bench) -> None:
+    bench.take()
+    whole = read_run(bench.trial)[1]
+    head, *rows = bench.log.read_text().splitlines()
+    values = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    values[:, [1, 4]] -= 2.0 * np.pi
+    turned = [",".join(f"{value:.9f}" for value in row) for row in values]
+    bench.log.write_text("\n".join([head, *turned]) + "\n")
+    assert any("whole turns (2π) were added to" in each for each in bench.take(replace=True).warnings)
+    np.testing.assert_allclose(read_run(bench.trial)[1].q_rad, whole.q_rad, atol=1e-8)

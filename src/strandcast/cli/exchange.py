@@ -8,6 +8,7 @@ import typer
 
 from strandcast.cli.common import ROOT, AsJson, ExperimentName, TrialNumber, complete_trial, show
 from strandcast.core.trial_names import LAST_TRIAL
+from strandcast.errors import StrandcastError
 
 REHEARSAL = "rehearsal"
 
@@ -20,6 +21,24 @@ def trial_or_rehearsal(argument: str) -> str:
     raise typer.BadParameter(
         f"{argument!r} is neither a trial's number, from 1 to {LAST_TRIAL}, nor {REHEARSAL!r}"
     )
+
+
+def complete_point(context: typer.Context, incomplete: str) -> list[str]:
+    """Return the bodies and markers of the capture that the command line names, after a place or without."""
+    from strandcast.imports.capture_table import read_capture
+
+    capture = context.params.get("capture")
+    try:
+        names = read_capture(capture).points() if capture else []
+    except StrandcastError:
+        return []
+    place, colon, _ = incomplete.partition(":")
+    found = [f"{place}:{name}" for name in names] if colon and _is_number(place) else names
+    return [name for name in found if name.startswith(incomplete)]
+
+
+def _is_number(text: str) -> bool:
+    return text.replace(".", "", 1).isdecimal()
 
 
 def import_joints(
@@ -51,6 +70,9 @@ def import_joints(
     sync_output: Annotated[
         int | None, typer.Option(min=0, help="UR logs: the digital output that switches the LED.")
     ] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=1, help="Rows per second of a log without a column of the time.")
+    ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -62,7 +84,7 @@ def import_joints(
 
     mapping = None if columns is None else load_mapping(columns, JointMapping)
     bag = BagChoice(topic, "receive" if receive else "header")
-    reading = Reading(dialect, mapping, bag, degrees, sync_output)
+    reading = Reading(dialect, mapping, bag, degrees, sync_output, rate)
     number = None if trial == REHEARSAL else int(trial)
     run = stage.run(ROOT, experiment, number, log, reading, joint or [], replace)
     timing = run.timing
@@ -92,20 +114,22 @@ def import_track(
         Path, typer.Argument(metavar="CAPTURE", help="CSV, Parquet or C3D with one row per sample.")
     ],
     time: Annotated[
-        str | None, typer.Option(help="Column of the time; t by default, but for C3D, which has a rate.")
+        str | None, typer.Option(help="Column of the time; by default the file's own clock, else t.")
     ] = None,
     hand: Annotated[
         str | None,
         typer.Option(
             help="Columns of the hand: X,Y or X,Y,ANGLE, x,y,angle by default; in space X,Y,Z, or NAME. Of "
-            "an arm's throw in space: any place on the hand."
+            "an arm's throw in space: any place on the hand.",
+            autocompletion=complete_point,
         ),
     ] = None,
     marker: Annotated[
         list[str] | None,
         typer.Option(
             help="PLACE:X,Y of a marker on the string, e.g. 0.2:x_mid,z_mid; in space PLACE:X,Y,Z or "
-            "PLACE:NAME; repeat for each marker. PLACE is metres from the hand along the string."
+            "PLACE:NAME; repeat for each marker. PLACE is metres from the hand along the string.",
+            autocompletion=complete_point,
         ),
     ] = None,
     angle_sign: Annotated[int, typer.Option(help="-1 if the file's angle grows clockwise.")] = 1,
@@ -114,22 +138,32 @@ def import_track(
     ] = 0.0,
     up: Annotated[
         str | None,
-        typer.Option(help="The capture is in space; the file's axis that points up: z, y, x, -z, -y or -x."),
+        typer.Option(
+            help="In space: the file's axis that points up, if it has another: z, y, x, -z, -y or -x."
+        ),
     ] = None,
-    length_unit: Annotated[str | None, typer.Option(help="In space: m, cm or mm.")] = None,
-    time_unit: Annotated[str | None, typer.Option(help="In space: s, ms, us or ns.")] = None,
+    length_unit: Annotated[
+        str | None, typer.Option(help="m, cm or mm, where the file does not say it.")
+    ] = None,
+    time_unit: Annotated[str | None, typer.Option(help="Unit of --time: s (default), ms, us or ns.")] = None,
     rate: Annotated[
-        float | None, typer.Option(help="In space, without a column of the time: rows per second.")
+        float | None,
+        typer.Option(help="Rows per second, where the file has neither it nor a column of the time."),
     ] = None,
     behind: Annotated[
         str | None,
         typer.Option(
             help="In space: X,Y,Z or NAME of a point behind the hand; the string leaves in the direction "
-            "from there. For an orientation as a quaternion, use --columns."
+            "from there. For an orientation as a quaternion, use --columns.",
+            autocompletion=complete_point,
         ),
     ] = None,
     far: Annotated[
-        str | None, typer.Option(help="In space: the body that drives the string's other end, as --hand.")
+        str | None,
+        typer.Option(
+            help="In space: the body that drives the string's other end, as --hand.",
+            autocompletion=complete_point,
+        ),
     ] = None,
     far_behind: Annotated[str | None, typer.Option(help="… and a point behind it, as --behind.")] = None,
     offset: Annotated[
@@ -148,34 +182,31 @@ def import_track(
 ) -> None:
     """Import motion capture as track, hand and alignment of a trial without video.
 
-    A capture in the plane of motion has two coordinates, one in space (--up) three: then units and the axis
-    that points up must be given, and one or two ends of the string may be driven.
+    Names, rate, units and the axis that points up are the file's, if it has them. A capture in the plane of
+    motion has two coordinates of each marker, one in space three, and one or two ends of the string driven.
     """
+    from strandcast.imports.capture_table import read_capture
     from strandcast.imports.mapping import CaptureMapping, capture_mapping_of
     from strandcast.imports.space_mapping import SpaceMapping, load_capture_mapping, space_mapping_of
     from strandcast.stages import import_track as stage
 
     if columns is None and not marker:
-        raise typer.BadParameter("give --marker PLACE:X,Y for each marker, or --columns FILE")
+        there = read_capture(capture).listed()
+        raise typer.BadParameter(
+            f"give --hand NAME, and --marker PLACE:NAME for each marker, or --columns FILE; "
+            f"{capture.name} has {there}"
+        )
     if columns is not None:
         mapping: CaptureMapping | SpaceMapping = load_capture_mapping(columns)
-    elif up is not None:
-        own_clock = rate is not None or capture.suffix.lower() == ".c3d"
-        mapping = space_mapping_of(
-            hand,
-            marker or [],
-            up=up,
-            length_unit=length_unit,
-            time=time or (None if own_clock else "t"),
-            time_unit=time_unit,
-            rate_hz=rate,
-            behind=behind,
-            far=far,
-            far_behind=far_behind,
-        )
     else:
-        turned = {"angle_sign": angle_sign, "angle_offset_rad": angle_offset}
-        mapping = capture_mapping_of(time or "t", hand or "x,y,angle", marker or [], **turned)
+        units = {"length_unit": length_unit, "time_unit": time_unit, "rate_hz": rate}
+        given = {name: value for name, value in units.items() if value is not None}
+        if up is None and all(each.partition(":")[2].count(",") == 1 for each in marker or []):
+            given |= {"angle_sign": angle_sign, "angle_offset_rad": angle_offset}
+            mapping = capture_mapping_of(time, hand or "x,y,angle", marker or [], **given)
+        else:
+            given |= {"up": up, "time": time, "behind": behind, "far": far, "far_behind": far_behind}
+            mapping = space_mapping_of(hand, marker or [], **given)
     summary = stage.run(ROOT, experiment, trial, capture, mapping, replace, offset)
     what = "markers in space" if isinstance(mapping, SpaceMapping) else "mass points"
     lines = [f"{summary.decoded_frames} samples, {summary.points} {what}"]

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.errors import StrandcastError
-from strandcast.imports.capture_table import read_capture
-from strandcast.imports.motion_capture import BEYOND, UNSEEN, one_clock, times_of, write_capture
+from strandcast.imports.capture_table import read_capture, times_of, with_units
+from strandcast.imports.motion_capture import BEYOND, UNSEEN, one_clock, write_capture
 from strandcast.imports.space_checks import check_directions, check_track_in_space, refuse_same_markers
 from strandcast.imports.space_mapping import DrivenBody, SpaceMapping, columns_of
 from strandcast.imports.table import NumberTable
@@ -60,14 +60,14 @@ def import_capture_in_space(
         For columns, units, axes, times, driven ends or markers that do not fit; nothing is written then.
     """
     table = read_capture(path)
-    time_s = _times(table, mapping)
-    _refuse_other_unit(table, mapping)
+    mapping, notes = with_units(table, mapping)
+    time_s = times_of(table, mapping)
     markers = sorted(mapping.markers, key=lambda marker: marker.place_m)
     points_m = np.stack([_position(table, mapping, marker.position) for marker in markers], axis=1)
     names = [", ".join(columns_of(marker.position)) for marker in markers]
     _refuse_misplaced([marker.place_m for marker in markers], names, length_m, table.path)
     refuse_same_markers(points_m, names, table.path)
-    warnings, sigma_m = list(table.notes), mapping.sigma_m
+    warnings, sigma_m = table.notes + notes, mapping.sigma_m
     if thrown is None:
         ends = [_end(table, mapping, body, name) for name, body in _named(mapping)]
         seen, end_s, alignment = ends, time_s, one_clock(experiment, trial, time_s)
@@ -154,25 +154,6 @@ def _refuse_other_ends(mapping: SpaceMapping, file: Path) -> None:
         raise refusal("SC-I058", file, wrong[0], what, fix)
 
 
-def _times(table: NumberTable, mapping: SpaceMapping) -> np.ndarray:
-    if mapping.time is not None and mapping.time_unit is not None:
-        return times_of(table, mapping.time, mapping.time_unit)
-    rate_hz = mapping.rate_hz or table.rate_hz
-    if rate_hz is None:
-        what = "the mapping has no column of the time, and neither it nor the file has a rate"
-        raise refusal("SC-I011", table.path, "time", what, "give time and time_unit, or rate_hz")
-    if table.rate_hz is not None and abs(rate_hz / table.rate_hz - 1.0) > 1e-3:
-        what = f"is {rate_hz:g}, the file says {table.rate_hz:g}"
-        raise refusal("SC-I028", table.path, "rate_hz", what, "leave rate_hz out")
-    return np.arange(len(table.values)) / rate_hz
-
-
-def _refuse_other_unit(table: NumberTable, mapping: SpaceMapping) -> None:
-    if table.length_unit is not None and table.length_unit.lower() != mapping.length_unit:
-        what = f"is {mapping.length_unit}, the file says {table.length_unit}"
-        raise refusal("SC-I027", table.path, "length_unit", what, "give the file's unit of length")
-
-
 def _position(table: NumberTable, mapping: SpaceMapping, names: list[str]) -> np.ndarray:
     """Return positions (rows, 3) in the world [m], NaN where not measured."""
     given = table.columns(columns_of(names)) * mapping.unit_m()
@@ -205,7 +186,7 @@ def _end(table: NumberTable, mapping: SpaceMapping, body: DrivenBody, name: str)
 
 def _rotations(table: NumberTable, names: list[str], name: str) -> np.ndarray:
     """Return the rotations (rows, 3, 3) of quaternions w, x, y, z from the body's axes to the file's."""
-    q = table.columns(names)
+    q = table.columns([f"{names[0]}.q{axis}" for axis in "wxyz"] if len(names) == 1 else names)
     length = np.linalg.norm(q, axis=1)
     wrong = np.abs(length - 1.0) > OF_LENGTH_ONE
     if wrong.any():

@@ -1,23 +1,35 @@
-"""Motion captures as tables of numbers: CSV, Parquet, C3D."""
+"""Motion captures as tables of numbers, CSV, Parquet or C3D, with the units and times of each."""
 
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
 
 from strandcast.imports.c3d_files import SUFFIX, read_c3d
+from strandcast.imports.capture_dialects import read_capture_csv
+from strandcast.imports.mapping import LENGTH_UNITS, TIME_UNITS, CaptureUnits
+from strandcast.imports.space_mapping import SpaceMapping
 from strandcast.imports.table import NumberTable, read_numbers
+from strandcast.records.record import refusal
 from strandcast.records.tables import read_parquet
+
+DEFAULT_TIME = "t"
+RATES_DIFFER = 1e-3
+Units = TypeVar("Units", bound=CaptureUnits)
 
 
 def read_capture(path: str | Path) -> NumberTable:
-    """Read a motion capture: Parquet or C3D by the file's name, else CSV; see the readers for the errors."""
+    """Read a motion capture: Parquet or C3D by the file's name, else CSV; see the readers for the errors.
+
+    A known system's file has columns NAME.x, NAME.y, NAME.z, whatever it calls them.
+    """
     path = Path(path)
     if path.suffix.lower() == ".parquet":
         return _read_parquet_numbers(path)
     if path.suffix.lower() == SUFFIX:
         return read_c3d(path)
-    return read_numbers(path)
+    return read_capture_csv(path) or read_numbers(path)
 
 
 def _read_parquet_numbers(path: Path) -> NumberTable:
@@ -30,3 +42,72 @@ def _read_parquet_numbers(path: Path) -> NumberTable:
     values = [table.column(name).cast(pa.float64(), safe=False).to_numpy() for name in kept]
     rows = table.num_rows
     return NumberTable(path, kept, np.array(values).reshape(len(kept), rows).T, 1 + np.arange(rows), True)
+
+
+def with_units(table: NumberTable, mapping: Units) -> tuple[Units, list[str]]:
+    """Return a mapping with what it does not give and the file says, and remarks.
+
+    Raises
+    ------
+    StrandcastError
+        SC-I027 another unit of length than the file's; SC-I011 neither gives the unit, or the axis up, of a
+        capture in space.
+    """
+    unit, notes = mapping.length_unit or table.length_unit, []
+    if table.length_unit is not None and table.length_unit.lower() != unit:
+        what = f"is {unit}, the file says {table.length_unit}"
+        raise refusal("SC-I027", table.path, "length_unit", what, "leave it out, or give the file's unit")
+    if not isinstance(mapping, SpaceMapping):
+        unit = unit or "m"
+    if unit not in LENGTH_UNITS:
+        fix = f"give --length-unit ({', '.join(LENGTH_UNITS)}), or length_unit in a mapping"
+        raise refusal("SC-I011", table.path, "length_unit", "the file does not say its unit of length", fix)
+    found: dict[str, object] = {"length_unit": unit}
+    if isinstance(mapping, SpaceMapping) and mapping.up is None:
+        if table.up is None:
+            what, fix = (
+                "the file does not say which axis points up",
+                "give --up z (or y …), or up in a mapping",
+            )
+            raise refusal("SC-I011", table.path, "up", what, fix)
+        notes.append(f"{table.up} is taken to point up, as usual in files of {table.maker}; else give --up")
+        found["up"] = table.up
+    return mapping.model_copy(update=found), notes
+
+
+def times_of(table: NumberTable, mapping: CaptureUnits) -> np.ndarray:
+    """Return the times (rows,) [s] of a capture, which rise: by the mapping, else by the file's own clock.
+
+    Raises
+    ------
+    StrandcastError
+        SC-I011 there is no time and no rate; SC-I028 another rate than the file's; SC-I007, SC-I001.
+    """
+    if mapping.time is not None:
+        column, time_s = mapping.time, table.times(mapping.time, TIME_UNITS[mapping.time_unit])
+    else:
+        column, time_s = _own_times(table, mapping)
+    table.require_finite(time_s[:, None], [column])
+    back = np.flatnonzero(np.diff(time_s) <= 0)
+    if len(back):
+        fix = "sort the rows by time and remove doubled ones"
+        raise table.refusal(back[0] + 1, column, "time does not rise here", fix, "SC-I007")
+    if len(time_s) < 3:
+        raise refusal("SC-I001", table.path, None, f"{len(time_s)} rows are no motion", "export it again")
+    return time_s
+
+
+def _own_times(table: NumberTable, mapping: CaptureUnits) -> tuple[str, np.ndarray]:
+    rate_hz = mapping.rate_hz or table.rate_hz
+    if rate_hz and table.rate_hz and abs(rate_hz / table.rate_hz - 1.0) > RATES_DIFFER:
+        what = f"is {rate_hz:g}, the file says {table.rate_hz:g}"
+        raise refusal("SC-I028", table.path, "rate_hz", what, "leave rate_hz out")
+    if table.time is not None:
+        return table.time[0], table.times(*table.time)
+    if rate_hz is not None:
+        return "rate_hz", np.arange(len(table.values)) / rate_hz
+    if DEFAULT_TIME not in table.names:
+        what = f"no column of the time is named, and the file has no rate; it has {table.listed()}"
+        fix = "give --time COLUMN and, if it is not in s, --time-unit; or --rate"
+        raise refusal("SC-I011", table.path, "time", what, fix)
+    return DEFAULT_TIME, table.times(DEFAULT_TIME, TIME_UNITS[mapping.time_unit])

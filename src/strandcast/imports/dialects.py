@@ -13,12 +13,15 @@ UR_OUTPUTS = "actual_digital_output_bits"
 
 
 def libfranka(table: NumberTable) -> JointMapping | None:
-    """Read ``q[0]``, ``q_d[0]``, ``dq[0]``, or ``state.q[0]`` … as libfranka's logToCSV writes them."""
+    """Read ``q[0]``, ``q_d[0]``, ``dq[0]``, or ``state.q[0]`` … as libfranka's logToCSV writes them.
+
+    Where it names the robot's state and the command alike, the state is the first of the two.
+    """
     own = bool(_counted(table, r"state\.q\[(\d+)\]"))
     stem = "state." if own else ""
     joints = _counted(table, re.escape(stem) + r"q\[(\d+)\]")
     clock = next((name for name in ("duration", "time", "t") if name in table.names), None)
-    if not joints or clock is None:
+    if not joints:
         return None
     unit: Literal["ms", "s"] = "ms" if own or clock == "duration" else "s"  # logToCSV writes milliseconds
     numbers = range(len(joints))
@@ -38,17 +41,9 @@ def ur_rtde(table: NumberTable) -> JointMapping | None:
     joints = _counted(table, r"actual_q_(\d+)")
     if not joints:
         return None
-    if "timestamp" not in table.names:
-        raise StrandcastError(
-            "SC-I004",
-            "the log has actual_q but no timestamp: the time of each row is unknown",
-            file=table.path,
-            field="timestamp",
-            fix="add `timestamp` to the recorded variables",
-        )
     numbers = range(len(joints))
     return JointMapping(
-        time="timestamp",
+        time="timestamp" if "timestamp" in table.names else None,
         q=joints,
         qd=_if_present(table, [f"actual_qd_{k}" for k in numbers]),
         q_cmd=_if_present(table, [f"target_q_{k}" for k in numbers]),
@@ -103,10 +98,12 @@ def recognise(table: NumberTable, dialect: str = "auto") -> tuple[str, JointMapp
 
 def _counted(table: NumberTable, pattern: str) -> list[str]:
     """Return the columns that match a pattern, numbered from 0 without gaps."""
-    found = [(int(match.group(1)), name) for name in table.names if (match := re.fullmatch(pattern, name))]
-    found.sort()
+    found = sorted({(int(m.group(1)), name) for name in table.names if (m := re.fullmatch(pattern, name))})
     return [name for _, name in found] if [k for k, _ in found] == list(range(len(found))) else []
 
 
 def _if_present(table: NumberTable, names: list[str]) -> list[str]:
-    return names if all(name in table.names for name in names) else []
+    """Return the first column of each name, or none where one is missing."""
+    if not all(name in table.names for name in names):
+        return []
+    return [f"{name}@{table.names.index(name) + 1}" for name in names]

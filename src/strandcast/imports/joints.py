@@ -9,6 +9,7 @@ import numpy as np
 
 from strandcast.arm.load import AnyArm
 from strandcast.errors import StrandcastError
+from strandcast.imports.as_measured import as_measured
 from strandcast.imports.clock import clock_problem
 from strandcast.imports.coverage import coverage_warnings, refuse_partial_motion, timing_warnings
 from strandcast.imports.dialects import recognise
@@ -77,6 +78,8 @@ class Reading:
         The angles are in degrees.
     sync_output
         Number of the digital output that carries the sync event, in the column of outputs.
+    rate_hz
+        Rows per second of a log without a column of the time.
     """
 
     dialect: str = "auto"
@@ -84,6 +87,7 @@ class Reading:
     bag: BagChoice = field(default_factory=BagChoice)
     degrees: bool = False
     sync_output: int | None = None
+    rate_hz: float | None = None
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,11 @@ def import_joints(
     source = _source(Path(path), reading or Reading(), namings)
     time_s, log = _log_of(source, reading.sync_output if reading else None)
     motion, taken = None if played is None else played.motion, None
+    nominal_hz = source.columns.rate_hz
+    measured, notes = as_measured(log, motion or next(iter(played.plans.values()), None) if played else None)
+    if len(measured.time_s) < len(log.time_s):
+        time_s, nominal_hz = measured.time_s, None
+    log = measured
     if played is not None:
         taken = played_plan(log, motion, played.plans, played.arm)
         motion = motion if taken is None else played.plans[taken]
@@ -140,7 +149,7 @@ def import_joints(
         times = _command_span(log)
     else:
         times = motion_times(log, motion, played.arm, str(path), played.others)
-    warnings = [*source.notes, *timing_warnings(time_s)]
+    warnings = [*source.notes, *notes, *timing_warnings(time_s)]
     if taken:
         warnings.append(f"the log is that of {taken}, which is now the motion.json beside it")
     if times is not None:
@@ -150,7 +159,7 @@ def import_joints(
         warnings += coverage_warnings(log.time_s, *times)
     if motion is None:
         warnings.append(NO_MOTION)
-    timing = timing_of(time_s, source.columns.rate_hz)
+    timing = timing_of(time_s, nominal_hz)
     folder = Path(folder)
     # run.json marks an import as complete: it must not lie beside half of another one.
     (folder / "run.json").unlink(missing_ok=True)
@@ -191,25 +200,29 @@ def _rehearsal_of_no_motion(folder: Path, plans: Mapping[Path, Motion]) -> Stran
 
 def _source(path: Path, reading: Reading, namings: Sequence[list[str]]) -> _Source:
     """Read a bag, or a CSV by its mapping or its dialect."""
-    unit = {"angle_unit": "deg"} if reading.degrees else {}
+    unit: dict[str, object] = {"angle_unit": "deg"} if reading.degrees else {}
+    unit |= {"rate_hz": reading.rate_hz} if reading.rate_hz else {}
     if is_bag(path):
         bag = read_bag(path, reading.bag, namings)
         columns = bag.mapping.model_copy(update=unit)
         return _Source("bag", bag.table, columns, [bag.names], sha256_bag(path), bag.clock, bag.notes)
     table = read_numbers(path)
     name, columns = ("mapping", reading.mapping) if reading.mapping else recognise(table, reading.dialect)
-    clock = f"the column {columns.time!r} of the log"
+    columns = columns.model_copy(update=unit)
+    clock = (
+        f"the column {columns.time!r} of the log" if columns.time else f"{columns.rate_hz} rows per second"
+    )
     notes = table.notes + ([UNNAMED.format(len(table.names))] if name == "ur" else [])
-    return _Source(name, table, columns.model_copy(update=unit), namings, sha256_file(path), clock, notes)
+    return _Source(name, table, columns, namings, sha256_file(path), clock, notes)
 
 
 def _log_of(source: _Source, sync_output: int | None) -> tuple[np.ndarray, JointLog]:
     """Return all times (rows,), and the log without doubled rows."""
     table, columns = source.table, source.columns
-    time_s = table.column(columns.time) * TIME_UNITS[columns.time_unit]
+    time_s = _times(table, columns)
     q = table.columns(columns.q) * ANGLE_UNITS[columns.angle_unit]
-    table.require_finite(np.column_stack([time_s, q]), [columns.time, *columns.q])
-    _refuse_unsorted(table, columns.time, time_s)
+    table.require_finite(np.column_stack([time_s, q]), [columns.time or "time", *columns.q])
+    _refuse_unsorted(table, columns.time or "time", time_s)
     _refuse_clock(table, columns, time_s)
     _refuse_degrees(table, columns, q)
     names = _names(table, len(columns.q), source.namings)
@@ -228,6 +241,16 @@ def _log_of(source: _Source, sync_output: int | None) -> tuple[np.ndarray, Joint
         since_start_s=np.full(int(keep.sum()), np.nan),
         flags=flags[keep],
     )
+
+
+def _times(table: NumberTable, columns: JointMapping) -> np.ndarray:
+    if columns.time is not None:
+        return table.times(columns.time, TIME_UNITS[columns.time_unit])
+    if columns.rate_hz is None:
+        what = "the log has no column of the time"
+        fix = "record the controller's time (UR: timestamp), or give the rate of an even log: --rate 500"
+        raise refusal("SC-I004", table.path, "time", what, fix)
+    return np.arange(len(table.values)) / columns.rate_hz
 
 
 def _sync_high(table: NumberTable, columns: JointMapping, output: int | None) -> np.ndarray:
@@ -298,7 +321,7 @@ def _refuse_clock(table: NumberTable, columns: JointMapping, time_s: np.ndarray)
     problem = clock_problem(time_s)
     if problem is not None:
         fix = "give the unit of the time (time_unit in a mapping), and cut the log to the throw"
-        raise refusal("SC-I028", table.path, columns.time, problem, fix)
+        raise refusal("SC-I028", table.path, columns.time or "rate_hz", problem, fix)
 
 
 def _refuse_degrees(table: NumberTable, columns: JointMapping, q: np.ndarray) -> None:

@@ -26,7 +26,7 @@ class Mapping(BaseModel):
 class JointMapping(Mapping):
     """The columns of a joint log; lists are in the order of the joints from the base."""
 
-    time: str = Field(description="Column of the controller's time.")
+    time: str | None = Field(None, description="Column of the controller's time; else `rate_hz` counts.")
     q: list[str] = Field(min_length=1, description="Columns of the measured joint angles.")
     qd: list[str] = Field([], description="… of the measured joint speeds.")
     q_cmd: list[str] = Field([], description="… of the commanded joint angles.")
@@ -46,10 +46,23 @@ class CaptureMarker(Mapping):
     point: int | None = Field(None, ge=1, description="Mass point; by default the nearest to the place.")
 
 
-class CaptureMapping(Mapping):
+class CaptureUnits(Mapping):
+    """Time and units of a capture; what is not given is the file's own."""
+
+    time: str | None = Field(None, description="Column of the time; not needed where the file has a rate.")
+    time_unit: TimeUnit = "s"
+    rate_hz: float | None = Field(None, gt=0, le=1e6, description="Rows per second, where no column is.")
+    length_unit: LengthUnit | None = None
+    sigma_m: float = Field(1e-3, gt=0, le=0.1, description="Standard error of a marker's coordinate.")
+
+    def unit_m(self) -> float:
+        """Return the unit of lengths [m]; see `capture_table.with_units`."""
+        return LENGTH_UNITS[self.length_unit or "m"]
+
+
+class CaptureMapping(CaptureUnits):
     """The columns of a motion capture: the hand's pose and the markers on the string, in the motion plane."""
 
-    time: str
     hand_x: str
     hand_y: str
     hand_angle: str | None = Field(
@@ -60,10 +73,7 @@ class CaptureMapping(Mapping):
         0.0, description="Direction in which the string leaves the hand when the file's angle is zero."
     )
     markers: list[CaptureMarker] = Field(min_length=1)
-    time_unit: TimeUnit = "s"
     angle_unit: AngleUnit = "rad"
-    length_unit: LengthUnit = "m"
-    sigma_m: float = Field(1e-3, gt=0, le=0.1, description="Standard error of a marker's coordinate.")
     motion_start_s: float | None = Field(None, description="By default the first and the last row.")
     motion_end_s: float | None = None
 
@@ -121,13 +131,13 @@ def _invalid(problem: dict[str, Any], kind: type[Mapping], path: Path | None) ->
     return StrandcastError("SC-I011", what, file=path, field=".".join(place) or None, fix=fix)
 
 
-def capture_mapping_of(time: str, hand: str, markers: list[str], **more: Any) -> CaptureMapping:
+def capture_mapping_of(time: str | None, hand: str, markers: list[str], **more: Any) -> CaptureMapping:
     """Return a mapping from command-line arguments.
 
     Parameters
     ----------
     time
-        Column of the time.
+        Column of the time, if it has to be named.
     hand
         Columns ``X,Y`` or ``X,Y,ANGLE``.
     markers

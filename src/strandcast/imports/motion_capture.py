@@ -7,8 +7,8 @@ import numpy as np
 from strandcast.arm.load import Arm
 from strandcast.core.pose import Pose
 from strandcast.errors import StrandcastError
-from strandcast.imports.capture_table import read_capture
-from strandcast.imports.mapping import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS, CaptureMapping, TimeUnit
+from strandcast.imports.capture_table import read_capture, times_of, with_units
+from strandcast.imports.mapping import ANGLE_UNITS, CaptureMapping
 from strandcast.imports.table import NumberTable
 from strandcast.imports.track_checks import check_track
 from strandcast.records.alignment import HAND, Alignment
@@ -65,7 +65,8 @@ def import_capture(
         of `imports.track_checks`. A refused import writes nothing.
     """
     table = read_capture(path)
-    time_s = times_of(table, mapping.time, mapping.time_unit)
+    mapping, _ = with_units(table, mapping)
+    time_s = times_of(table, mapping)
     hand = _hand(table, mapping, time_s)
     index, warnings = points_of_markers(mapping, length_m, points, table.path)
     track = _track(table, mapping, time_s, hand, index, points)
@@ -167,22 +168,9 @@ def _best_points(mapping: CaptureMapping, length_m: float, points: int) -> int:
     return min(tried, key=lambda n: (round(worst(n), 4), abs(n - points)))
 
 
-def times_of(table: NumberTable, column: str, unit: TimeUnit) -> np.ndarray:
-    """Return the times (rows,) [s] of a capture, which rise."""
-    time_s = table.column(column) * TIME_UNITS[unit]
-    table.require_finite(time_s[:, None], [column])
-    back = np.flatnonzero(np.diff(time_s) <= 0)
-    if len(back):
-        fix = "sort the rows by time and remove doubled ones"
-        raise table.refusal(back[0] + 1, column, "time does not rise here", fix, "SC-I007")
-    if len(time_s) < 3:
-        raise refusal("SC-I001", table.path, None, f"{len(time_s)} rows are no motion", "export it again")
-    return time_s
-
-
 def _hand(table: NumberTable, mapping: CaptureMapping, time_s: np.ndarray) -> Pose:
     """Return the hand's poses (rows,), the angle unwrapped; NaN where it was not detected."""
-    position_m = table.columns([mapping.hand_x, mapping.hand_y]) * LENGTH_UNITS[mapping.length_unit]
+    position_m = table.columns([mapping.hand_x, mapping.hand_y]) * mapping.unit_m()
     angle = np.zeros(len(time_s))
     if mapping.hand_angle is not None:
         angle = mapping.angle_sign * table.column(mapping.hand_angle) * ANGLE_UNITS[mapping.angle_unit]
@@ -207,7 +195,7 @@ def _track(
     points_m = np.full((rows, points + 1, 2), np.nan)
     points_m[:, 0] = hand.position_m
     for marker, point in zip(mapping.markers, index, strict=True):
-        points_m[:, point] = table.columns([marker.x, marker.y]) * LENGTH_UNITS[mapping.length_unit]
+        points_m[:, point] = table.columns([marker.x, marker.y]) * mapping.unit_m()
     return Track(
         np.arange(rows),
         time_s,

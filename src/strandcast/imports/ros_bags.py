@@ -1,11 +1,13 @@
 """Joint logs from ROS bags: rosbag1, rosbag2 (SQLite, MCAP), read by the optional package `rosbags`."""
 
 import hashlib
+import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from traceback import extract_tb
 from typing import Any, Literal
 
 import numpy as np
@@ -140,6 +142,12 @@ def _opened(path: Path) -> Iterator[Any]:
     except Exception as error:  # damaged bags end in whatever their storage raises
         what = f"{type(error).__name__}: {error}"
         fix = "copy it again; a bag that was not closed: `rosbag reindex` or `ros2 bag reindex`"
+        if isinstance(error, KeyError) and "get_msgdef" in [f.name for f in extract_tb(error.__traceback__)]:
+            # One channel of another encoding than ROS' keeps rosbags from reading any.
+            what = f"a channel beside ROS' is encoded as {error.args[0]}, which rosbags does not read"
+            copied = str(path.with_name(f"joints-{path.name}"))
+            command = shlex.join(["mcap", "filter", str(path), "-o", copied, "-y", ".*joint.*"])
+            fix = f"copy the joints' topics to a file of their own: {command}"
         raise refusal("SC-I041", path, None, f"the bag cannot be read ({what})", fix) from None
 
 

@@ -1,4 +1,4 @@
-"""Column mappings of captures in space: units, axes, driven ends and markers, all given and none guessed."""
+"""Column mappings of captures in space: axes, driven ends and markers."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from pydantic import AfterValidator, Field, model_validator
 
 from strandcast.errors import StrandcastError
 from strandcast.imports.mapping import (
-    LENGTH_UNITS,
     CaptureMapping,
-    LengthUnit,
+    CaptureUnits,
     Mapping,
-    TimeUnit,
     check_mapping,
     mapping_data,
 )
@@ -41,7 +39,8 @@ class DrivenBody(Mapping):
         None, description="… of a second point, behind it: the string leaves in the direction from there."
     )
     quaternion: list[str] | None = Field(
-        None, min_length=4, max_length=4, description="Columns w, x, y, z of the body's orientation."
+        None,
+        description="Columns w, x, y, z of the body's orientation, or one name for NAME.qw to NAME.qz.",
     )
     leaves: Vector | None = Field(
         None, description="Direction in which the string leaves, in the body's own axes; with `quaternion`."
@@ -56,6 +55,8 @@ class DrivenBody(Mapping):
     def _has_one_orientation(self) -> Self:
         if self.behind is not None and self.quaternion is not None:
             raise ValueError("give behind, or quaternion and leaves, not both")
+        if self.quaternion is not None and len(self.quaternion) not in (1, 4):
+            raise ValueError("name four columns of the quaternion, w, x, y, z, or one body")
         if (self.quaternion is None) != (self.leaves is None):
             raise ValueError("quaternion and leaves (the direction in which the string leaves) go together")
         if self.leaves is not None and not np.any(self.leaves):
@@ -72,30 +73,23 @@ class SpaceMarker(Mapping):
     )
 
 
-class SpaceMapping(Mapping):
+class SpaceMapping(CaptureUnits):
     """The columns of a capture in space: one driven end or two, and the markers on the string."""
 
-    up: UpAxis = Field(description="The file's axis that points up.")
+    up: UpAxis | None = Field(None, description="The file's axis that points up, if it does not say so.")
     handedness: Literal["right", "left"] = Field(
         "right", description="left: the file's axes are mirrored, as some animation programs write them."
     )
-    length_unit: LengthUnit
-    time: str | None = Field(None, description="Column of the time; not needed in a C3D file.")
-    time_unit: TimeUnit | None = Field(None, description="With `time`.")
-    rate_hz: float | None = Field(None, gt=0, le=1e6, description="Rows per second, where no column is.")
     hand: DrivenBody | None = Field(
         None, description="The body that holds the string; of an arm's throw, any place on its hand."
     )
     far: DrivenBody | None = Field(None, description="The body at the string's other end, if it is driven.")
     markers: list[SpaceMarker] = Field(min_length=1)
-    sigma_m: float = Field(1e-3, gt=0, le=0.1, description="Standard error of a marker's coordinate.")
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        if (self.time is None) != (self.time_unit is None):
-            raise ValueError("time and time_unit go together: s, ms, us or ns")
         if self.time is not None and self.rate_hz is not None:
-            raise ValueError("give time and time_unit, or rate_hz, not both")
+            raise ValueError("give time or rate_hz, not both")
         bodies = self.bodies()
         if self.far is not None and self.hand is None:
             raise ValueError("far is the second body: give hand, too")
@@ -107,13 +101,10 @@ class SpaceMapping(Mapping):
         """Return the driven bodies, that at the string's beginning first."""
         return [body for body in (self.hand, self.far) if body is not None]
 
-    def unit_m(self) -> float:
-        """Return the file's unit of length [m]."""
-        return LENGTH_UNITS[self.length_unit]
-
     def to_world(self) -> np.ndarray:
         """Return the matrix (3, 3) from the file's axes to x, y, z with z up, right-handed."""
-        k, sign = "xyz".index(self.up[-1]), -1.0 if self.up.startswith("-") else 1.0
+        up = self.up or "z"
+        k, sign = "xyz".index(up[-1]), -1.0 if up.startswith("-") else 1.0
         matrix = np.zeros((3, 3))
         # The first axis that is not up stays x, so that a file with z up is taken as it is.
         others = [axis for axis in range(3) if axis != k]
@@ -151,9 +142,9 @@ def space_mapping_of(hand: str | None, markers: list[str], **more: Any) -> Space
 
 
 def load_capture_mapping(path: str | Path) -> CaptureMapping | SpaceMapping:
-    """Read the mapping of a capture; only one in space has `up`, `hand` or `far`."""
+    """Read the mapping of a capture; in the plane it has `hand_x`, `hand_y`, in space perhaps `hand`."""
     data = mapping_data(path)
-    in_space = isinstance(data, dict) and {"up", "hand", "far"} & data.keys()
+    in_space = isinstance(data, dict) and not any(str(key).startswith("hand_") for key in data)
     if in_space:
         return check_mapping(data, SpaceMapping, Path(path))
     return check_mapping(data, CaptureMapping, Path(path))

@@ -6,15 +6,27 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.errors import StrandcastError
-from strandcast.records.csv_cells import read_cells
+from strandcast.records.csv_cells import Cells, read_cells
 from strandcast.records.record import refusal
+
+MOST_LISTED = 60  # names in a message; chosen
 
 
 @dataclass(frozen=True)
 class NumberTable:
     """Named columns of numbers: values (rows, columns), NaN where a cell is empty; the line of each row.
 
-    `rate_hz` and `length_unit` are what the file itself says of them, if it does.
+    Attributes
+    ----------
+    problems
+        By its number from 0, why a column is not one of numbers: an error only where the column is used.
+    notes
+        Remarks for the user.
+    instants
+        Numbers of the columns that are seconds, whatever unit of time is given.
+    maker, time, rate_hz, length_unit, up
+        What a capture's file says of itself: whose it is, its column of the time with the unit [s], rows per
+        second, and the axis that points up by the maker's convention.
     """
 
     path: Path
@@ -22,25 +34,57 @@ class NumberTable:
     values: np.ndarray
     lines: np.ndarray
     has_header: bool
-    notes: list[str] = field(default_factory=list)  # remarks for the user
+    notes: list[str] = field(default_factory=list)
+    problems: dict[int, StrandcastError] = field(default_factory=dict)
+    instants: frozenset[int] = frozenset()
+    maker: str | None = None
+    time: tuple[str, float] | None = None
     rate_hz: float | None = None
     length_unit: str | None = None
+    up: str | None = None
+
+    def points(self) -> list[str]:
+        """Return the names of points that have columns NAME.x, NAME.y and NAME.z, each once."""
+        there = set(self.names)
+        stems = dict.fromkeys(name.removesuffix(".x") for name in self.names if name.endswith(".x"))
+        return [stem for stem in stems if {f"{stem}.y", f"{stem}.z"} <= there]
+
+    def listed(self) -> str:
+        """Return its columns in words, those of points by the point's name."""
+        points = self.points()
+        parts = {f"{point}.{part}" for point in points for part in ("x", "y", "z", "qw", "qx", "qy", "qz")}
+        return ", ".join([*points, *(name for name in self.names if name not in parts)][:MOST_LISTED])
 
     def column(self, name: str) -> np.ndarray:
-        """Return one column (rows,) by its name, or by its number from 1 where the file has no header."""
-        if name in self.names:
-            return self.values[:, self.names.index(name)]
-        raise StrandcastError(
-            "SC-I004",
-            f"there is no column {name!r}; the columns are {', '.join(self.names[:60])}",
-            file=self.path,
-            field=name,
-            fix="name the columns as the file's header does, or number them from 1 if it has none",
-        )
+        """Return one column (rows,) by its name, or by its number from 1 where the file has no header.
+
+        ``NAME@3`` is the third column. A name that several columns have is an error unless they are equal.
+        """
+        k = self._index(name)
+        if k in self.problems:
+            raise self.problems[k]
+        return self.values[:, k]
+
+    def _index(self, name: str) -> int:
+        found = [k for k, each in enumerate(self.names) if name in (each, f"{each}@{k + 1}")]
+        values = self.values
+        if found and all(np.array_equal(values[:, found[0]], values[:, k], equal_nan=True) for k in found):
+            return found[0]
+        if found:
+            what = "the header names this column twice"
+            fix = f"give one of {', '.join(f'{name}@{k + 1}' for k in found)}"
+        else:
+            what = f"there is no column {name!r}; the columns are {self.listed()}"
+            fix = "name the columns as the file's header does, or number them from 1 if it has none"
+        raise StrandcastError("SC-I004", what, file=self.path, field=name, fix=fix)
 
     def columns(self, names: list[str]) -> np.ndarray:
         """Return several columns (rows, len(names))."""
         return np.column_stack([np.zeros((len(self.values), 0)), *map(self.column, names)])
+
+    def times(self, name: str, unit_s: float) -> np.ndarray:
+        """Return a column of times (rows,) [s]: numbers in a unit, or ISO 8601."""
+        return self.column(name) * (1.0 if self._index(name) in self.instants else unit_s)
 
     def require_finite(self, values: np.ndarray, names: list[str]) -> None:
         """Refuse columns (rows, len(names)) that have an empty cell."""
@@ -54,11 +98,30 @@ class NumberTable:
 
 
 def read_numbers(path: str | Path) -> NumberTable:
-    """Read a CSV file of numbers, see `records.csv_cells.read_cells`; errors have the code SC-I001.
+    """Read a CSV file, see `records.csv_cells.read_cells`; errors have the code SC-I001.
 
-    A last line that was cut is left out, with a note.
+    A last line that was cut is left out, with a note. What is not a number matters only in columns that are
+    used; ISO 8601 times are seconds.
     """
     cells, notes = read_cells(path, "SC-I001").without_cut_line()
+    return table_of(cells, notes)
+
+
+def table_of(cells: Cells, notes: list[str]) -> NumberTable:
+    """Return the numbers of a file's cells; see `read_numbers`."""
+    cells.require_even()
+    values = np.full((len(cells.rows), len(cells.names)), np.nan)
+    problems, instants = {}, set()
+    for k in range(len(cells.names)):
+        try:
+            values[:, k] = cells.column(k)
+        except StrandcastError as error:
+            if (times := cells.instants(k)) is None:
+                problems[k] = error
+            else:
+                values[:, k] = times
+                instants.add(k)
+    lines = np.array(cells.lines)
     return NumberTable(
-        cells.path, cells.names, cells.numbers(), np.array(cells.lines), cells.has_header, notes
+        cells.path, cells.names, values, lines, cells.has_header, notes, problems, frozenset(instants)
     )

@@ -1,10 +1,11 @@
 """A strict reader of CSV files of numbers: every problem is one message with its line."""
 
+import codecs
 import csv
 import math
 import re
-from collections import Counter
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime, time
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ LONGEST_NAME = 200  # characters of a column's name; chosen, ROS' nested names h
 LONGEST_QUOTE = 40  # characters of a cell in a message; chosen, one line of a terminal
 EMPTY = frozenset({"", "nan", "na"})
 # Not str.splitlines: a damaged byte such as a form feed would split one row into two.
+UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 LINE_END = re.compile(r"\r\n|\n|\r")
 
 
@@ -45,20 +47,32 @@ class Cells:
         left_out = f"line {self.lines[-1]}, the last, was cut ({cells}) and is left out"
         return replace(self, rows=self.rows[:-1], lines=self.lines[:-1]), [left_out]
 
-    def numbers(self, empty: frozenset[str] = EMPTY) -> np.ndarray:
-        """Return all cells (rows, columns) as floats; words in `empty`, in any case, become NaN."""
-        values = np.empty((len(self.rows), len(self.names)))
+    def require_even(self) -> None:
+        """Refuse rows that have more or fewer cells than there are names."""
         for k, row in enumerate(self.rows):
             if len(row) != len(self.names):
                 first = "header" if self.has_header else "first line"
                 what = f"{len(row)} cells, the {first} has {len(self.names)}"
                 fix = "was the file cut, has it lines above the header, or does it use a decimal comma?"
                 raise self._refusal(k, None, what, fix)
-            values[k] = [
-                math.nan if cell.lower() in empty else self._number(k, column, cell)
-                for column, cell in enumerate(row)
-            ]
-        return values
+
+    def numbers(self, empty: frozenset[str] = EMPTY) -> np.ndarray:
+        """Return all cells (rows, columns) as floats; words in `empty`, in any case, become NaN."""
+        self.require_even()
+        columns = [self.column(k, empty) for k in range(len(self.names))]
+        return np.reshape(columns, (len(self.names), len(self.rows))).T
+
+    def column(self, k: int, empty: frozenset[str] = EMPTY) -> np.ndarray:
+        """Return one column (rows,) as floats; see `numbers`."""
+        cells = ((row, cells[k]) for row, cells in enumerate(self.rows))
+        return np.array(
+            [math.nan if cell.lower() in empty else self._number(row, k, cell) for row, cell in cells]
+        )
+
+    def instants(self, k: int) -> np.ndarray | None:
+        """Return a column of ISO 8601 times (rows,) as seconds, NaN where empty; else None."""
+        found = [math.nan if row[k].lower() in EMPTY else instant_s(row[k]) for row in self.rows]
+        return None if None in found else np.array(found, float)
 
     def integers(self, name: str) -> np.ndarray:
         """Return one column (rows,) exactly, as 64-bit integers; empty cells become 0."""
@@ -91,7 +105,7 @@ class Cells:
 
 
 def read_cells(path: str | Path, code: str) -> Cells:
-    """Read a CSV file of numbers: comma, semicolon, tab or blanks, with a header or without.
+    """Read a CSV file of numbers, UTF-8 or UTF-16: comma, semicolon, tab or blanks, with a header or without.
 
     Lines that begin with # or % are comments.
     Without a header the columns are named by their numbers, "1", "2" ….
@@ -99,30 +113,27 @@ def read_cells(path: str | Path, code: str) -> Cells:
     Parameters
     ----------
     code
-        Code of the errors, with file and line: a missing or empty file, NUL bytes, a header that names a
-        column twice; from `Cells`, a line with another number of cells, or a cell that is not a number (a
-        decimal comma is reported as such), or quotation marks that do not enclose a cell.
+        Code of the errors, with file and line: a missing or empty file, NUL bytes; from `Cells`, a line with
+        another number of cells, or a cell that is not a number (a decimal comma is reported as such), or
+        quotation marks that do not enclose a cell.
     """
     path = Path(path)
-    text = _text(path, code)
+    text = read_text(path, code)
     rows, lines = _split(path, text, code)
     ends = text.endswith(("\n", "\r"))
-    if all(_is_number(cell) for cell in rows[0]):
+    if all(_is_number(cell) or instant_s(cell) is not None for cell in rows[0]):
         return Cells(path, [str(k + 1) for k in range(len(rows[0]))], rows, lines, False, code, ends)
     longest = max(rows[0], key=len)
     if len(longest) > LONGEST_NAME:
         what = f"the header has a column's name of {len(longest)} characters, {_quoted(longest)}"
         raise refusal(code, path, None, what, "name it shortly, or export the file again", lines[0])
-    twice = [name for name, count in Counter(rows[0]).items() if count > 1]
-    if twice:
-        what = "the header names this column twice"
-        raise refusal(code, path, twice[0], what, "rename one of them", lines[0])
     if len(rows) == 1:
         raise refusal(code, path, None, "the file has a header and no rows", "export or copy it again")
     return Cells(path, rows[0], rows[1:], lines[1:], True, code, ends)
 
 
-def _text(path: Path, code: str) -> str:
+def read_text(path: Path, code: str) -> str:
+    """Return a file's text; see `read_cells` for the errors."""
     if not path.is_file():
         raise refusal(code, path, None, "the file is missing", "check the path")
     if path.stat().st_size > LARGEST_FILE_BYTES:
@@ -132,16 +143,26 @@ def _text(path: Path, code: str) -> str:
         data = path.read_bytes()
     except OSError as error:
         raise refusal(code, path, None, f"cannot be read ({error.strerror})", "check the rights") from None
-    nul = data.find(b"\0")
+    # Without its mark, UTF-16 shows by every second byte of a header in Latin letters.
+    halves = len(data) > 3 and (not any(data[1:64:2]) or not any(data[:64:2]))
+    utf16 = halves or data.startswith(UTF16_MARKS)
+    nul = -1 if utf16 else data.find(b"\0")
     if nul >= 0:
         what = f"there are NUL bytes from byte {nul} on: the file was not written completely"
         line = data.count(b"\n", 0, nul) + 1
         raise refusal(code, path, None, what, "copy it again, or cut it before that line", line)
+    if utf16:
+        return data.decode(_utf16(data), errors="replace")
     try:
         return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line, what = data.count(b"\n", 0, error.start) + 1, f"is not text (byte {error.start})"
-        raise refusal(code, path, None, what, "export it as CSV in UTF-8", line) from None
+    except UnicodeDecodeError:
+        return data.decode("latin-1")  # as programs of older systems write names and units
+
+
+def _utf16(data: bytes) -> str:
+    if data.startswith(UTF16_MARKS):
+        return "utf-16"
+    return "utf-16-be" if data[:1] == b"\0" else "utf-16-le"
 
 
 def _split(path: Path, text: str, code: str) -> tuple[list[list[str]], list[int]]:
@@ -157,24 +178,38 @@ def _split(path: Path, text: str, code: str) -> tuple[list[list[str]], list[int]
     delimiter = max(";\t,", key=lines[0].count)
     if delimiter not in lines[0]:
         return [line.split() for line in lines], numbers  # UR's record.py: blanks
-    # Line by line: a stray quotation mark must not swallow the lines after it.
-    split = (
-        _unquoted(path, line, number, delimiter, code) if '"' in line else line.split(delimiter)
-        for number, line in kept
-    )
-    cells = [[cell.strip() for cell in row] for row in split]
+    cells = [split_line(path, line, number, delimiter, code) for number, line in kept]
     if all(row and row[-1] == "" for row in cells):
         cells = [row[:-1] for row in cells]  # every line ends in a separator
     return cells, numbers
 
 
-def _unquoted(path: Path, line: str, number: int, delimiter: str, code: str) -> list[str]:
-    """Return the cells of a line with quotation marks; strictly, so that `"1"2` does not become 12."""
+def split_line(path: Path, line: str, number: int, delimiter: str, code: str) -> list[str]:
+    """Return the cells of one line: a stray quotation mark must not swallow the lines after it.
+
+    Quotation marks are read strictly, so that `"1"2` does not become 12.
+    """
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(delimiter)]
     try:
-        return next(csv.reader([line], delimiter=delimiter, strict=True))
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, strict=True))]
     except csv.Error as error:
         what = f"the quotation marks do not enclose cells ({error}): {_quoted(line)}"
         raise refusal(code, path, None, what, "remove them, or export the file again", number) from None
+
+
+def instant_s(cell: str) -> float | None:
+    """Return the seconds of an ISO 8601 time, with a date (UTC if it has no zone) or without; else None."""
+    try:
+        if cell[2:3] == ":":
+            at = datetime.combine(datetime(1970, 1, 1, tzinfo=UTC), time.fromisoformat(cell))
+        elif cell[4:5] == "-":
+            at = datetime.fromisoformat(cell)
+        else:
+            return None
+    except ValueError:
+        return None
+    return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()
 
 
 def _plain(cell: str) -> str:

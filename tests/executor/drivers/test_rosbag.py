@@ -299,3 +299,18 @@ def test_a_damaged_bag_is_refused_or_read(tmp_path, kind):
 
     reader = readers()[f"bag, {kind}"]
     assert fuzz(reader, 300, tmp_path).faults(reader) == []
+
+
+def test_a_channel_that_is_not_ros_is_named_with_the_command_that_leaves_it_out(tmp_path):
+    mcap = pytest.importorskip("mcap.writer", reason="mcap is not installed: make test-drivers")
+    with (tmp_path / "log.mcap").open("wb") as file:
+        writer = mcap.Writer(file, compression=mcap.CompressionType.NONE)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("note", "jsonschema", b"{}")
+        channel = writer.register_channel("/note", "json", schema)
+        writer.add_message(channel, log_time=1, data=b"{}", publish_time=1)
+        writer.finish()
+    with pytest.raises(StrandcastError, match="SC-I041.*encoded as jsonschema") as refusal:
+        import_joints(tmp_path / "log.mcap", tmp_path)
+    assert refusal.value.fix.count("mcap filter") == 1
+    assert "joints-log.mcap" in refusal.value.fix

@@ -1,0 +1,276 @@
+"""Files of capture systems as each maker writes them: names, units, rate, axes and gaps are the file's."""
+
+import re
+from importlib.util import find_spec
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from strandcast.cli.app import app
+from strandcast.errors import StrandcastError
+from strandcast.imports.capture_in_space import import_capture_in_space
+from strandcast.imports.capture_table import read_capture, times_of
+from strandcast.imports.mapping import CaptureUnits
+from strandcast.imports.space_mapping import space_mapping_of
+from strandcast.records.track import read_track
+
+RATE_HZ, ROWS, LENGTH_M = 240.0, 48, 0.8
+MARKERS = {"tip": 0.8, "middle": 0.4}
+SWING = 0.3 * np.sin(2 * np.pi * 0.8 * np.arange(ROWS) / RATE_HZ)
+WORLD_M = {  # z up
+    "hand": np.column_stack([0.02 * SWING, np.zeros(ROWS), np.full(ROWS, 1.5)]),
+    "middle": np.column_stack([0.4 * np.sin(SWING), np.zeros(ROWS), 1.5 - 0.4 * np.cos(SWING)]),
+    "tip": np.column_stack([0.8 * np.sin(SWING), np.zeros(ROWS), 1.5 - 0.8 * np.cos(SWING)]),
+}
+GAP = slice(10, 13)  # of the tip
+QUATERNION = [0.0, 0.0, 0.6, 0.8]  # x, y, z, w
+
+
+def cells(values, missing=""):
+    return [missing if np.isnan(value) else f"{value:.6f}" for value in values]
+
+
+def seen(name, scale, y_up):
+    place = scale * WORLD_M[name]
+    if y_up:
+        place = np.column_stack([place[:, 0], place[:, 2], -place[:, 1]])
+    if name == "tip":
+        place[GAP] = np.nan
+    return place
+
+
+def optitrack(version="1.23"):
+    name = {"hand": "hand", "tip": "string:tip", "middle": "string:middle"}
+    kinds = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]
+    facts = {
+        "Format Version": version,
+        "Take Name": "Take 1",
+        "Capture Frame Rate": "240.000000",
+        "Export Frame Rate": "240.000000",
+        "Rotation Type": "Quaternion",
+        "Length Units": "Meters",
+    }
+    head = [
+        [cell for fact in facts.items() for cell in fact],
+        [],
+        ["", "Type", *["Rigid Body"] * 8, *["Marker"] * 6],
+        ["", "Name", *["hand"] * 8, *[name[each] for each in ("tip", "middle") for _ in range(3)]],
+        ["", "ID", *["1"] * 8, *["27:A5"] * 6],
+        *([["", "Parent", *[""] * 13, "x"]] if version > "1.23" else []),
+        ["", "", *kinds, *["Position"] * 6],
+        ["Frame", "Time (Seconds)", *"XYZWXYZ", "", *"XYZXYZ"],
+    ]
+    places = [seen(each, 1.0, True) for each in ("hand", "tip", "middle")]
+    for k in range(ROWS):
+        body = [*QUATERNION, *places[0][k], 1e-4]
+        head.append([str(k), f"{k / RATE_HZ:.6f}", *cells([*body, *places[1][k], *places[2][k]])])
+    return "\r\n".join(",".join(row) for row in head) + "\r\n"
+
+
+def vicon():
+    forces = ["Devices", "960", ",,Plate - Force,,", "Frame,Sub Frame,Fx,Fy,Fz", ",,N,N,N"]
+    forces += [f"{1 + k // 4},{k % 4},0,0,1" for k in range(4 * ROWS)]
+    names = ["hand", "tip", "middle"]
+    rows = [
+        "",
+        "Trajectories",
+        "240",
+        ",,hand,,,string:tip,,,string:middle",
+        "Frame,Sub Frame" + ",X,Y,Z" * 3,
+    ]
+    rows += [",," + ",".join(["mm"] * 9)]
+    places = [seen(name, 1e3, False) for name in names]
+    rows += [f"{101 + k},0," + ",".join(cells(np.hstack([each[k] for each in places]))) for k in range(ROWS)]
+    return "\n".join(forces + rows) + "\n\n"
+
+
+def qualisys(header=True):
+    facts = {
+        "NO_OF_FRAMES": ROWS,
+        "NO_OF_CAMERAS": 8,
+        "NO_OF_MARKERS": 3,
+        "FREQUENCY": 240,
+        "NO_OF_ANALOG": 0,
+    }
+    facts |= {"DESCRIPTION": "--", "TIME_STAMP": "2026-11-20, 17:01:02\t12.5", "DATA_INCLUDED": "3D"}
+    lines = [f"{name}\t{value}" for name, value in facts.items()]
+    lines.append("MARKER_NAMES\thand\tstring:tip\tstring:middle")
+    if header:
+        lines.append("Frame\tTime\t" + "\t".join(f"{name} {axis}" for name in "abc" for axis in "XYZ"))
+    for k in range(ROWS):
+        row = np.hstack([seen(name, 1e3, False)[k] for name in ("hand", "tip", "middle")])
+        before = [str(k + 1), f"{k / RATE_HZ:.5f}"] if header else []
+        lines.append("\t".join([*before, *cells(row, "0.000000")]) + "\t")
+    return "\n".join(lines) + "\n"
+
+
+def trc():
+    lines = ["PathFileType\t4\t(X/Y/Z)\ttake.trc", "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits"]
+    lines += [f"240\t240\t{ROWS}\t3\tmm", "Frame#\tTime\thand\t\t\tstring:tip\t\t\tstring:middle\t\t"]
+    lines += ["\t\t" + "\t".join(f"{axis}{k}" for k in (1, 2, 3) for axis in "XYZ"), ""]
+    for k in range(ROWS):
+        row = np.hstack([seen(name, 1e3, True)[k] for name in ("hand", "tip", "middle")])
+        lines.append("\t".join([str(k + 1), f"{k / RATE_HZ:.5f}", *cells(row)]))
+    return "\n".join(lines) + "\n"
+
+
+FILES = {
+    "optitrack.csv": (optitrack, None),
+    "optitrack-new.csv": (lambda: optitrack("1.25"), None),
+    "vicon.csv": (vicon, None),
+    "qualisys.tsv": (qualisys, None),
+    "qualisys-bare.tsv": (lambda: qualisys(header=False), None),
+    "take.trc": (trc, "y"),  # the format names no axis
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_the_file_says_need_not_be_given(tmp_path, name):
+    text, up = FILES[name]
+    (tmp_path / name).write_text(text(), newline="")
+    markers = [f"{place}:string:{marker}" for marker, place in MARKERS.items()]
+    mapping = space_mapping_of("hand", markers, up=up)
+    summary = import_capture_in_space(
+        tmp_path / name, tmp_path / "out", mapping, experiment="e", trial=1, length_m=LENGTH_M
+    )
+    track = read_track(tmp_path / "out/track.parquet", 2)
+    time_s = track.camera_time_s - track.camera_time_s[0]
+    np.testing.assert_allclose(time_s, np.arange(ROWS) / RATE_HZ, atol=1e-5)
+    expected = np.stack([WORLD_M[each] for each in ("hand", "middle", "tip")], axis=1)
+    expected[GAP, 2] = np.nan
+    np.testing.assert_allclose(track.points_m, expected, atol=1e-6)
+    assert [("up" in each) for each in summary.warnings] == ([] if up else [True])
+
+
+def test_a_body_tracked_with_its_orientation_is_named_once(tmp_path):
+    (tmp_path / "take.csv").write_text(optitrack())
+    table = read_capture(tmp_path / "take.csv")
+    assert table.points() == ["hand", "string:tip", "string:middle"]
+    quaternion = table.columns([f"hand.q{axis}" for axis in "xyzw"])
+    np.testing.assert_allclose(quaternion, np.tile(QUATERNION, (ROWS, 1)))
+
+
+def test_a_body_of_six_axes_has_a_quaternion(tmp_path):
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # by 90° about z
+    lines = ["NO_OF_FRAMES\t3", "FREQUENCY\t100", "DATA_INCLUDED\t6D", "BODY_NAMES\thand"]
+    lines.append("X\tY\tZ\tRoll\tPitch\tYaw\tResidual\t" + "\t".join(f"Rot[{k}]" for k in range(9)))
+    row = [100.0, 200.0, 300.0, 0.0, 0.0, 90.0, 0.1, *turn.T.ravel()]
+    lines += ["\t".join(f"{value:.6f}" for value in row)] * 2 + ["\t".join(["0.000000"] * 16)]
+    (tmp_path / "6d.tsv").write_text("\n".join(lines) + "\n")
+    table = read_capture(tmp_path / "6d.tsv")
+    q = table.columns([f"hand.q{axis}" for axis in "wxyz"])
+    np.testing.assert_allclose(q[:2], [[np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]] * 2, atol=1e-6)
+    assert np.isnan(q[2]).all()
+    assert np.isnan(table.column("hand.x")[2])
+    np.testing.assert_allclose(times_of(table, CaptureUnits()), [0.0, 0.01, 0.02])
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_cut_within_its_header_is_one_message(tmp_path, name):
+    lines = FILES[name][0]().splitlines()
+    for kept in range(1, 12):
+        (tmp_path / name).write_text("\n".join(lines[:kept]) + "\n")
+        try:
+            assert len(read_capture(tmp_path / name).values) > 0
+        except StrandcastError as error:
+            assert error.code in ("SC-I001", "SC-I004")
+
+
+def test_another_unit_or_rate_than_the_files_is_refused(tmp_path):
+    (tmp_path / "take.csv").write_text(vicon())
+    for more, code in (({"length_unit": "m"}, "SC-I027"), ({"rate_hz": 100.0}, "SC-I028")):
+        mapping = space_mapping_of("hand", ["0.8:string:tip"], **more)
+        with pytest.raises(StrandcastError, match=f"{code}.*the file says"):
+            import_capture_in_space(
+                tmp_path / "take.csv", tmp_path / "out", mapping, experiment="e", trial=1, length_m=LENGTH_M
+            )
+
+
+def test_the_command_names_what_the_file_has_and_takes_two_columns_in_a_plane(
+    tmp_path, project_root, monkeypatch
+):
+    from strandcast.cli import exchange
+
+    monkeypatch.setattr(exchange, "ROOT", tmp_path)
+    (tmp_path / "config").symlink_to(project_root / "config")
+    folder = tmp_path / "data/swung"
+    folder.mkdir(parents=True)
+    (folder / "experiment.yaml").write_text("string: {length_m: 0.8, points: 8}\n")
+    (tmp_path / "take.csv").write_text(optitrack())
+    run = CliRunner().invoke(app, ["import", "track", "swung", "1", str(tmp_path / "take.csv")])
+    assert run.exit_code == 2
+    said = " ".join(re.sub(r"[│\n]", " ", run.output).split())
+    assert "hand, string:tip, string:middle" in said
+    context = SimpleNamespace(params={"capture": tmp_path / "take.csv"})
+    assert exchange.complete_point(context, "") == ["hand", "string:tip", "string:middle"]
+    assert exchange.complete_point(context, "0.8:string:t") == ["0.8:string:tip"]
+    plane = ["--hand", "hand.x,hand.y", "--marker", "0.4:string:middle.x,string:middle.y"]
+    plane += ["--angle-offset", "-1.5708", "--marker", "0.8:string:tip.x,string:tip.y"]
+    run = CliRunner().invoke(app, ["import", "track", "swung", "1", str(tmp_path / "take.csv"), *plane])
+    assert run.exit_code == 0, run.output
+    track = read_track(folder / "trial-01/track.parquet", 8)
+    np.testing.assert_allclose(track.points_m[0, 4], WORLD_M["middle"][0, ::2], atol=1e-6)
+
+
+def write_c3d(path, units=("mm",), screen="+Z"):
+    import ezc3d
+
+    file = ezc3d.c3d()
+    names = ["hand", "string:tip", "string:middle"]
+    place = np.stack([seen(name.split(":")[-1], 1e3, False).T for name in names], axis=1)
+    gaps = np.isnan(place).any(axis=0)
+    file["parameters"]["POINT"]["RATE"]["value"] = [RATE_HZ]
+    file["parameters"]["POINT"]["LABELS"]["value"] = names
+    file["parameters"]["POINT"]["UNITS"]["value"] = list(units)
+    if screen:
+        file.add_parameter("POINT", "Y_SCREEN", [screen])
+    file["data"]["points"] = np.concatenate([place, np.ones((1, *place.shape[1:]))])
+    file["data"]["meta_points"]["residuals"] = np.where(gaps, -1.0, 0.0)[None]
+    file["data"]["meta_points"]["camera_masks"] = np.zeros((7, *place.shape[1:]), bool)
+    file.write(str(path))
+
+
+needs_ezc3d = pytest.mark.skipif(
+    find_spec("ezc3d") is None, reason="the optional package ezc3d is not installed"
+)
+
+
+@needs_ezc3d
+@pytest.mark.parametrize(("units", "screen"), [(("mm",), "+Z"), (("mm", "mm", "mm"), "-Z"), ((), None)])
+def test_a_c3d_file_gives_rate_unit_and_axis(tmp_path, units, screen):
+    write_c3d(tmp_path / "take.c3d", units, screen)
+    markers = [f"{place}:string:{marker}" for marker, place in MARKERS.items()]
+    more = {"length_unit": None if units else "mm", "up": None if screen == "+Z" else "z"}
+    mapping = space_mapping_of("hand", markers, **more)
+    import_capture_in_space(
+        tmp_path / "take.c3d", tmp_path / "out", mapping, experiment="e", trial=1, length_m=LENGTH_M
+    )
+    track = read_track(tmp_path / "out/track.parquet", 2)
+    np.testing.assert_allclose(track.camera_time_s, np.arange(ROWS) / RATE_HZ, atol=1e-9)
+    assert np.isnan(track.points_m[GAP, 2]).all()
+    np.testing.assert_allclose(track.points_m[:, 1], WORLD_M["middle"], atol=1e-6)
+
+
+@needs_ezc3d
+def test_a_damaged_c3d_file_is_refused(tmp_path):
+    (tmp_path / "take.c3d").write_bytes(b"\x02\x50" + bytes(600))
+    with pytest.raises(StrandcastError, match="SC-I045"):
+        read_capture(tmp_path / "take.c3d")
+
+
+@needs_ezc3d
+@pytest.mark.parametrize(
+    ("name", "points", "unit", "up"),
+    [
+        ("Vicon", 51, "mm", "z"),
+        ("Qualisys", 55, "mm", None),
+        ("Optotrak", 54, "mm", None),
+        ("FP_Type1", 22, "m", "y"),
+    ],
+)
+def test_c3d_files_of_several_makers_are_read(real_data, name, points, unit, up):
+    table = read_capture(real_data / f"c3d/{name}.c3d")
+    assert (len(table.points()), table.length_unit, table.up) == (points, unit, up)
+    assert 0.0 < np.isfinite(table.values).mean() <= 1.0
