@@ -2,12 +2,15 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
+from strandcast.estimation import cable_estimate
+from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.imports.mapping import check_mapping
 from strandcast.imports.space_mapping import SpaceMapping
 from strandcast.records.estimate import CARRIED, HANGING, LAST_PART, SIMULATED, UNDER_PREVIOUS, Estimate
@@ -16,6 +19,7 @@ from strandcast.records.tables import read_table
 from strandcast.records.track import TRACK
 from strandcast.stages import import_track
 from strandcast.stages.run import run_stage
+from strandcast.workflow.runner import table
 
 from ..imports import space_captures as captures
 
@@ -70,6 +74,34 @@ def test_the_second_trial_is_predicted_from_the_first(captured):
     assert found["bending_length"] == pytest.approx(captures.TRUTH["bending_length"], rel=0.15)
     assert len(found) == 9
     assert set(second.string.options) >= {"clamp_offset_left_rad", "far_offset_up_rad", "length_change"}
+
+
+def test_what_was_read_and_a_search_that_did_not_converge_are_named(captured):
+    estimate = Estimate.read(result(captured, 2, "estimate.json"))
+    assert [(each.trial, each.recorded_frames) for each in estimate.fitted] == [(1, 75), (2, 75)]
+    assert all(0.0 < each.seconds <= each.recorded_s == pytest.approx(1.48) for each in estimate.fitted)
+    read = estimate.fitted_in_words()
+    assert read is not None
+    # The second search begins where the first one ended.
+    first = Estimate.read(result(captured, 1, "estimate.json"))
+    assert (first.converged, estimate.converged) == (False, True)
+    (unconverged,) = (warning for warning in first.warnings if "did not converge" in warning)
+    assert read in result(captured, 2, "report.html").read_text()
+    assert unconverged in result(captured, 1, "report.html").read_text()
+    lines = "\n".join(table(captured, ExperimentSummary.read(captured / "results/cable/summary.json")))
+    assert read in lines
+    assert unconverged in lines
+
+
+def test_a_fit_that_is_worse_than_the_one_before_gives_both_numbers():
+    def doubts(E_m: float):
+        before = (HeldOutEvaluation(UNDER_PREVIOUS, 0.010),)
+        return cable_estimate._worse_than_before(SimpleNamespace(E_m=E_m, held_out=before))
+
+    (warning,) = doubts(0.012)
+    assert "12.00 mm" in warning
+    assert "10.00 mm" in warning
+    assert doubts(0.0105) == doubts(0.005) == []
 
 
 def test_the_prediction_is_in_the_files(captured):

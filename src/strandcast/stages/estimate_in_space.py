@@ -8,10 +8,11 @@ from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.errors import StrandcastError
 from strandcast.estimation.cable_estimate import PreviousCable, Rolls, estimate_cable
+from strandcast.estimation.cable_fit import EVALUATIONS, THROWN_EVALUATIONS, frames_fitted
 from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
 from strandcast.estimation.cable_space import POINTS, STEP_S, CableSpace, space_of_cable
 from strandcast.records.alignment import HAND, Alignment, ends_of
-from strandcast.records.estimate import ENSEMBLE, SIMULATED
+from strandcast.records.estimate import ENSEMBLE, SIMULATED, FittedPart
 from strandcast.records.tables import read_facts, read_table, write_table
 from strandcast.records.track import Track, TrackSummary, read_track
 from strandcast.seeds import rng
@@ -62,10 +63,12 @@ def estimate_in_space(job: Job, files: Files) -> None:
         settings,
         rng(context.name, context.settings.seed, job.trial, "estimate"),
         _previous(files, space) if past(job) else None,
+        evaluations=THROWN_EVALUATIONS if context.settings.aims_in_space else EVALUATIONS,
     )
     read = [files.input(role, t.number) for t in trials for role in ("track", "alignment", "hand", "summary")]
     numbers, fit = [trial.number for trial in trials], found.fit
     record = estimate_record(context, model, space.layout, numbers, fit, None, hashes_of(read))
+    record.fitted = _fitted_parts(trials, found.roll)
     paths = [
         ("fitted", fit.fitted_m),
         ("predicted", found.predicted_m),
@@ -78,6 +81,19 @@ def estimate_in_space(job: Job, files: Files) -> None:
     write_table(files.output("ensemble"), ENSEMBLE, members, {"roll": found.roll})
     write_table(files.output("simulated"), SIMULATED, points_table(paths, fit, trials[-1].track))
     record.write(files.output("estimate"))
+
+
+def _fitted_parts(trials: list[TrialInSpace], roll: str) -> list[FittedPart]:
+    """Return how much of each trial the fit has read."""
+    read = frames_fitted([trial.series[roll] for trial in trials])
+    parts = []
+    for trial, frames in zip(trials, read, strict=True):
+        # A frame stands for the time to the next one.
+        between_s = np.diff(trial.series[roll].time_s, append=trial.series[roll].time_s[-1])
+        counts = {"frames": int(frames.sum()), "recorded_frames": len(frames)}
+        seconds = {"seconds": float(between_s[frames].sum()), "recorded_s": float(between_s.sum())}
+        parts.append(FittedPart(trial=trial.number, **counts, **seconds))
+    return parts
 
 
 def _captured_cable(files: Files, trials: list[TrialInSpace]) -> tuple[StringModel, CableSpace]:
