@@ -50,11 +50,10 @@ def estimate_in_space(job: Job, files: Files) -> None:
     context = job.context
     refuse_settings_of_the_plane(context)
     settings = context.settings.estimate
+    trials = [read_trial_in_space(files, number) for number in recent(job)]
     if context.settings.aims_in_space:
-        trials = [_read_throw(files, number) for number in recent(job)]
         model, space = thrown_cable(context, arm_of(context))
     else:
-        trials = [_read_capture(files, number) for number in recent(job)]
         model, space = _captured_cable(files, trials)
     found = estimate_cable(
         [trial.series for trial in trials],
@@ -139,6 +138,11 @@ def refuse_settings_of_the_plane(context: Context) -> None:
 
 def _hand(files: Files, number: int) -> dict[str, np.ndarray]:
     return read_table(files.input("hand", number), HAND)
+
+
+def read_trial_in_space(files: Files, number: int) -> TrialInSpace:
+    """Read one trial's results: a throw of an arm, or a capture."""
+    return (_read_throw if files.job.context.settings.aims_in_space else _read_capture)(files, number)
 
 
 def _read_throw(files: Files, number: int) -> TrialInSpace:

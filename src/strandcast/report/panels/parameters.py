@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from strandcast.core.strings import PARAMETERS
 from strandcast.records.estimate import Estimate, ParameterFit, WeightFit
 from strandcast.report.drawing import ALONG_STRING, FITTED, HAND, MEASURED, Drawing, marks, new_figure
 from strandcast.report.facts import Facts
@@ -71,7 +72,11 @@ def _bound(fit: ParameterFit | WeightFit, caveat: str | None) -> str:
         return Markup('<b class="warn">▲ at bound</b>, {}').format(caveat)
     if isinstance(fit, ParameterFit) and _decades(fit) > 1.0:
         return "at bound, not determined: leave it"
-    return Markup('<b class="warn">▲ at bound</b>: widen its range')
+    at_bound = Markup('<b class="warn">▲ at bound</b>')
+    # Only the parameters of a string in the plane have ranges to set.
+    if isinstance(fit, ParameterFit) and fit.name in PARAMETERS:
+        return at_bound + f": widen estimate.ranges.{fit.name}"
+    return at_bound
 
 
 def _option_row(estimate: Estimate, name: str, value: float) -> list[Any]:
@@ -107,11 +112,13 @@ def _known_caption(estimate: Estimate) -> str:
     # docs/explanation/claims.md: 70 % after the default search, 88 % after the thorough one.
     doubt = " After this search two in three intervals hold the true number; fit with "
     doubt += "estimate.search: thorough to read them (nine in ten)."
+    in_plane = all(fit.name in PARAMETERS for fit in estimate.parameters)
+    doubted = in_plane and estimate.search != "thorough"
     return (
         f"Standard deviation: from the Fisher information at residuals of {known.noise_m * 1e3:.2f} mm, of "
         f"which {known.measurements_per_datum:.0f} count as one, and the range.{gauge} Interval: strings "
         f"with E up to {known.profile_rise:.0%} above the best, all others fitted again; ≤ and ≥: it "
-        f"continues beyond.{'' if estimate.search == 'thorough' else doubt}"
+        f"continues beyond.{doubt if doubted else ''}"
     )
 
 

@@ -264,9 +264,8 @@ TRIAL_PANELS = [
         caption="Only ratios can be determined: scaling all masses and coefficients together changes "
         "nothing.",
         good="estimates inside their ranges, narrow ensembles.",
-        bad="an estimate at a bound. Where the ensemble is narrow, widen its range, estimate.ranges in "
-        "experiment.yaml; where it is wide, no range helps: a throw that bends the string more would "
-        "determine it.",
+        bad="an estimate at a bound. Where the ensemble is wide, no range helps: a throw that bends the "
+        "string more would determine it.",
     ),
     Panel(
         "masses",
