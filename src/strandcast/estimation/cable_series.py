@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -146,6 +147,10 @@ class CableSeries:
 
     def reliable(self) -> np.ndarray:
         """(F, m) whether a marker is seen, and did not jump on its way there or from there."""
+        return self._reliable
+
+    @cached_property
+    def _reliable(self) -> np.ndarray:
         seen = ~np.isnan(self.vertices_m[..., 0])
         calm = ~jumps(self.time_s, self.vertices_m, self.fastest_m_s)
         return np.asarray(seen & np.vstack([calm[:1], calm[1:] & calm[:-1], calm[-1:]]))
