@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.dynamics.spatial.clamps import clamp_poses
-from strandcast.estimation.cable_fit import fit_cable, predicted
+from strandcast.estimation.cable_fit import fit_cable, frames_fitted, parts_to_fit, predicted
 from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
 from strandcast.estimation.cable_space import space_of_cable
 from strandcast.estimation.fit_objective import simulate_throw
@@ -72,6 +72,7 @@ def missed_m(fit, other: CableSeries) -> float:
 def test_a_fitted_cable_predicts_another_motion(two_ends):
     model, space = space_of_cable(LENGTH_M, two_ends)
     fit = fit_cable([series(two_ends, 0.0), series(two_ends, 1.3)], model, space)
+    assert fit.log.converged
     assert missed_m(fit, series(two_ends, 2.9)) < 4e-3
     assert len(fit.space.names) <= 10
     found = fit.values()
@@ -241,3 +242,40 @@ def test_markers_of_a_body_that_were_taken_for_each_other_are_put_in_order(wrong
         return series_between(TIME_S, [near, end], seen, PLACES)["transported"].pose
 
     np.testing.assert_allclose(pose(far), pose(DrivenEnd(inner, away)), atol=1e-12)
+
+
+def resting(seconds: float, moves_s: tuple[float, float], places) -> CableSeries:
+    """Return a recording at 25 Hz whose markers rest but for some seconds, with a noise of 1 mm."""
+    time_s = np.arange(0.0, seconds, 0.04)
+    moves = (time_s > moves_s[0]) & (time_s < moves_s[1])
+    sway = 0.2 * np.sin(6.0 * (time_s - moves_s[0])) * moves
+    markers = np.stack(
+        [np.column_stack([sway * at, 0.0 * sway, -LENGTH_M * at + 0.0 * sway]) for at in places], 1
+    )
+    markers += np.random.default_rng(3).normal(0.0, 1e-3, markers.shape)
+    still = np.zeros((len(time_s), 3))
+    return CableSeries(time_s, clamp_poses(still, still - [0.0, 0.0, 1.0]), markers, np.asarray(places))
+
+
+def test_of_few_markers_each_recording_is_read_where_it_moves_however_many_there_are():
+    shares = {}
+    for count in (2, 7, 8):
+        recordings = [resting(90.0, (50.0 + k, 62.0 + k), [0.5, 1.0]) for k in range(count)]
+        read = frames_fitted(recordings)
+        for k, (each, frames) in enumerate(zip(recordings, read, strict=True)):
+            moves = (each.time_s > 50.0 + k) & (each.time_s < 62.0 + k)
+            assert frames[moves].mean() > 0.9
+            # It begins at rest.
+            assert not moves[np.flatnonzero(frames)[0]]
+        shares[count] = [frames.mean() for frames in read]
+    assert shares[7] == shares[2][:1] * 7
+    assert shares[8] == shares[2][:1] * 8
+
+
+def test_where_the_shape_is_seen_rest_and_motion_are_both_read():
+    one = resting(90.0, (70.0, 80.0), [0.25, 0.5, 0.75, 1.0])
+    moves = [
+        bool(((one.time_s[first:last] > 70.0) & (one.time_s[first:last] < 80.0)).mean() > 0.5)
+        for _, first, last in parts_to_fit([one])
+    ]
+    assert 3 <= sum(moves) <= 7

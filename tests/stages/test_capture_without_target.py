@@ -7,9 +7,11 @@ import pytest
 
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
-from strandcast.records.estimate import CARRIED, HANGING, UNDER_PREVIOUS, Estimate
+from strandcast.records.estimate import CARRIED, HANGING, SIMULATED, UNDER_PREVIOUS, Estimate
 from strandcast.records.summary import ExperimentSummary
+from strandcast.records.tables import read_table
 from strandcast.records.verdict import Verdict
+from strandcast.stages.predict import predict
 from strandcast.stages.run import run_stage
 from strandcast.workflow.campaign import write_campaign
 from strandcast.workflow.runner import table
@@ -51,6 +53,17 @@ def test_the_whole_capture_is_fitted_and_predicted_before(captured: Path) -> Non
     for estimate in (first, second):
         guesses = [estimate.held_out_m(HANGING), estimate.held_out_m(CARRIED)]
         assert all(guess is not None and np.isfinite(guess) and guess > 0 for guess in guesses)
+
+
+def test_a_capture_is_predicted_without_a_fit_as_before_its_fit(captured: Path, tmp_path: Path) -> None:
+    second = Estimate.read(result(captured, 2, "estimate.json"))
+    found = predict(captured, "swung", 2, result(captured, 1, "estimate.json"), tmp_path)
+    assert found.E_m == pytest.approx(second.held_out_m(UNDER_PREVIOUS), rel=1e-6)
+    assert found.tip_m is not None
+    assert found.tip_share == pytest.approx(found.tip_m / second.length_m)
+    rows = read_table(found.file, SIMULATED)
+    assert set(rows["source"]) == {"predicted"}
+    assert "z_m" not in rows
 
 
 def test_no_trial_hits_or_misses_and_no_motion_is_planned(captured: Path) -> None:

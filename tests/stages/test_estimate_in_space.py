@@ -1,21 +1,37 @@
 """Captures in space are fitted and predicted by the stages, from files of our own simulator and real ones."""
 
 import re
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
+from strandcast.estimation import cable_estimate
+from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.imports.mapping import check_mapping
 from strandcast.imports.space_mapping import SpaceMapping
-from strandcast.records.estimate import CARRIED, HANGING, LAST_PART, SIMULATED, UNDER_PREVIOUS, Estimate
+from strandcast.records.estimate import (
+    CARRIED,
+    HANGING,
+    LAST_PART,
+    SIMULATED,
+    TIP_UNDER_PREVIOUS,
+    UNDER_PREVIOUS,
+    Estimate,
+)
 from strandcast.records.summary import ExperimentSummary
-from strandcast.records.tables import read_table
+from strandcast.records.tables import read_facts, read_table
 from strandcast.records.track import TRACK
 from strandcast.stages import import_track
+from strandcast.stages.estimate_in_space import APPLY, TO_CAPTURES
+from strandcast.stages.predict import predict
 from strandcast.stages.run import run_stage
+from strandcast.workflow.check import check_experiment
+from strandcast.workflow.runner import table
 
 from ..imports import space_captures as captures
 
@@ -70,6 +86,99 @@ def test_the_second_trial_is_predicted_from_the_first(captured):
     assert found["bending_length"] == pytest.approx(captures.TRUTH["bending_length"], rel=0.15)
     assert len(found) == 9
     assert set(second.string.options) >= {"clamp_offset_left_rad", "far_offset_up_rad", "length_change"}
+
+
+def test_what_was_read_and_a_search_that_did_not_converge_are_named(captured):
+    estimate = Estimate.read(result(captured, 2, "estimate.json"))
+    assert [(each.trial, each.recorded_frames) for each in estimate.fitted] == [(1, 75), (2, 75)]
+    assert all(0.0 < each.seconds <= each.recorded_s == pytest.approx(1.48) for each in estimate.fitted)
+    read = estimate.fitted_in_words()
+    assert read is not None
+    # The second search begins where the first one ended.
+    first = Estimate.read(result(captured, 1, "estimate.json"))
+    assert (first.converged, estimate.converged) == (False, True)
+    (unconverged,) = (warning for warning in first.warnings if "did not converge" in warning)
+    assert read in result(captured, 2, "report.html").read_text()
+    assert unconverged in result(captured, 1, "report.html").read_text()
+    lines = "\n".join(table(captured, ExperimentSummary.read(captured / "results/cable/summary.json")))
+    assert read in lines
+    assert unconverged in lines
+
+
+def test_settings_that_the_pages_advise_are_accepted(captured, tmp_path):
+    root = tmp_path / "project"
+    shutil.copytree(captured, root, symlinks=True)
+    file = result(root, 1, "estimate.json")
+    estimate = Estimate.read(file)
+    bound = [fit.model_copy(update={"at_bound": True}) for fit in estimate.parameters]
+    estimate.model_copy(update={"parameters": bound}).write(file)
+    run_stage("report", root, "cable", 1)
+    page = result(root, 1, "report.html").read_text()
+    assert "▲ at bound" in page
+    # Elsewhere than in sentences, all settings are listed.
+    advised = set(re.findall(r"\sestimate\.([a-z_]+)", page)) - {"json"}
+    assert "evaluations" in advised
+    assert advised <= APPLY | TO_CAPTURES
+
+
+def test_check_says_what_a_capture_in_space_is_and_refuses_settings_of_the_plane(captured, tmp_path):
+    assert "as 20 points, captured in space" in " ".join(check_experiment(captured, "cable").facts)
+    root = tmp_path / "project"
+    shutil.copytree(captured, root, symlinks=True)
+    settings = root / "data/cable/experiment.yaml"
+    settings.write_text(settings.read_text().replace("evaluations: 120", "search: thorough"))
+    (problem,) = check_experiment(root, "cable").errors
+    assert (problem.code, problem.field) == ("SC-E008", "estimate.search")
+
+
+def test_a_trial_is_predicted_without_a_fit_as_before_its_fit(captured, tmp_path):
+    first, second = result(captured, 1, "estimate.json"), Estimate.read(result(captured, 2, "estimate.json"))
+    before = first.read_bytes()
+    predicted = predict(captured, "cable", 2, first, tmp_path)
+    assert first.read_bytes() == before
+    assert predicted.E_m == pytest.approx(second.held_out_m(UNDER_PREVIOUS), rel=1e-6)
+    # The last marker is at the far body.
+    assert predicted.tip_m is predicted.tip_share is second.held_out_m(TIP_UNDER_PREVIOUS) is None
+    theirs = read_table(result(captured, 2, "simulated.parquet"), SIMULATED)
+    rows, same = read_table(predicted.file, SIMULATED), theirs["source"] == "predicted"
+    for axis in ("x_m", "y_m", "z_m", "robot_time_s"):
+        np.testing.assert_allclose(rows[axis], theirs[axis][same], atol=1e-9)
+    assert read_facts(predicted.file, SIMULATED)["E_m"] == predicted.E_m
+
+
+def test_a_trial_that_is_held_out_is_never_fitted(captured, tmp_path):
+    root = tmp_path / "project"
+    shutil.copytree(captured, root, symlinks=True)
+    settings = root / "data/cable/experiment.yaml"
+    settings.write_text(settings.read_text() + "held_out: [1]\n")
+    run_stage("estimate", root, "cable", 2)
+    assert Estimate.read(result(root, 2, "estimate.json")).trials_used == [2]
+    with pytest.raises(StrandcastError, match="trial 1 is held out") as raised:
+        run_stage("estimate", root, "cable", 1)
+    assert raised.value.code == "SC-E009"
+    found = predict(root, "cable", 1, result(root, 2, "estimate.json"), tmp_path)
+    assert 0.0 < found.points_m < 5e-3
+
+
+def test_an_estimate_of_a_string_held_elsewhere_predicts_nothing(captured, tmp_path):
+    file = result(captured, 1, "estimate.json")
+    estimate = Estimate.read(file)
+    kept = [fit for fit in estimate.parameters if not fit.name.startswith("far_")]
+    shutil.copy(file.with_name("ensemble.parquet"), tmp_path)
+    estimate.model_copy(update={"parameters": kept}).write(tmp_path / "estimate.json")
+    with pytest.raises(StrandcastError, match="driven at other ends"):
+        predict(captured, "cable", 2, tmp_path / "estimate.json", tmp_path)
+
+
+def test_a_fit_that_is_worse_than_the_one_before_gives_both_numbers():
+    def doubts(E_m: float):
+        before = (HeldOutEvaluation(UNDER_PREVIOUS, 0.010),)
+        return cable_estimate._worse_than_before(SimpleNamespace(E_m=E_m, held_out=before))
+
+    (warning,) = doubts(0.012)
+    assert "12.00 mm" in warning
+    assert "10.00 mm" in warning
+    assert doubts(0.0105) == doubts(0.005) == []
 
 
 def test_the_prediction_is_in_the_files(captured):

@@ -23,6 +23,7 @@ from strandcast.cli.integrity import unlock, verify
 from strandcast.cli.manual import docs, explain
 from strandcast.cli.new import new
 from strandcast.cli.play import EXIT_CODES, play
+from strandcast.cli.predict import predict
 from strandcast.cli.rig import rig
 from strandcast.cli.run import RESUMING, run
 from strandcast.cli.stages import LAB_STAGES, stage_commands, summary
@@ -106,7 +107,7 @@ DAILY, SET_UP, CARE = "Every day", "Setting up", "Looking after files"
 STAGES, LAB, EXCHANGE = "Single stages", "Virtual lab", "Data exchange"
 
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    DAILY: (new, check, status, run, play, exclude, include),
+    DAILY: (new, check, status, run, play, exclude, include, predict),
     SET_UP: (doctor, docs, explain, schema, boards, preview),
     CARE: (compare, rig, verify, unlock),
     STAGES: (summary, campaign),

@@ -26,6 +26,8 @@ from strandcast.core.objectives import OBJECTIVES, AnyObjective, Objective, Poin
 from strandcast.core.quantities import Position, Trial
 from strandcast.core.section import Section
 
+HELD_OUT = "held out"  # why a trial does not count
+
 
 class Exclusion(Section):
     """A trial that does not count, with the reason that the report shows."""
@@ -109,6 +111,11 @@ class Experiment(Section):
         [],
         description="Trials that neither estimation nor planning uses. Use `strandcast exclude` for a "
         "throw that went wrong.",
+    )
+    held_out: list[Trial] = Field(
+        [],
+        description="Trials that are never fitted or planned from. Use it for recordings to be predicted by "
+        "`strandcast predict`.",
     )
     cameras: dict[CameraName, CameraSettings] = Field(
         {MAIN: CameraSettings()},
@@ -271,9 +278,14 @@ class Experiment(Section):
         """Return the set-up of the one camera; several are refused."""
         return self.cameras[self.camera_name]
 
+    @property
+    def excluded_reasons(self) -> dict[int, str]:
+        """Return why trials do not count, by number."""
+        return dict.fromkeys(self.held_out, HELD_OUT) | {each.trial: each.reason for each in self.excluded}
+
     def excluded_reason(self, trial: int) -> str | None:
         """Return why a trial does not count, or None if it does."""
-        return next((e.reason for e in self.excluded if e.trial == trial), None)
+        return self.excluded_reasons.get(trial)
 
 
 OBJECTIVES.on_registration(lambda: Experiment.model_rebuild(force=True))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +23,7 @@ from strandcast.estimation.evaluation import distances, evaluation_of_points, ti
 from strandcast.estimation.fit import StringFit, fit_of
 from strandcast.estimation.fit_objective import FitObjective
 from strandcast.estimation.throws import PreparedThrow
-from strandcast.estimation.uncertainty import uncertainty_of
+from strandcast.estimation.uncertainty import RISE, uncertainty_of
 from strandcast.progress import Progress
 from strandcast.records.estimate import CARRIED, HANGING, LAST_PART, TIP_UNDER_PREVIOUS, UNDER_PREVIOUS
 
@@ -76,6 +75,8 @@ def estimate_cable(
     settings: EstimateSettings,
     rng: np.random.Generator,
     previous: PreviousCable | None = None,
+    *,
+    evaluations: int = EVALUATIONS,
 ) -> CableEstimate:
     """Fit a string in space to its trials, the newest last.
 
@@ -89,13 +90,16 @@ def estimate_cable(
         Evaluations, ensemble, profiles.
     previous
         The estimate before, from which one descent starts, and which predicts the newest trial.
+    evaluations
+        Strings to simulate in a search at most, unless the settings have a number.
 
     Raises
     ------
     StrandcastError
         SC-E003 no candidate could be simulated.
     """
-    evaluations = settings.evaluations if "evaluations" in settings.model_fields_set else EVALUATIONS
+    if "evaluations" in settings.model_fields_set:
+        evaluations = settings.evaluations
     seed = int(rng.integers(2**31))
     progress = Progress("estimate", evaluations)
 
@@ -120,7 +124,8 @@ def estimate_cable(
     newest = trials[-1].prepared(0, len(trials[-1].time_s), model.points)
     objective, log = fit.objective, fit.log
     whole = replace(objective, throws=(newest,), shares=np.ones(1))
-    held_out = [_last_part(whole, trials, fitted, before)]
+    rest = fitted([*trials[:-1], trials[-1].part(0, _first_frames(trials[-1]))], before)
+    held_out = [_last_part(whole, trials[-1], rest)]
     predicted_m = predicted_string_m = None
     if previous is not None and before is not None:
         under = series[-1].get(previous.roll, trials[-1]).prepared(0, len(newest.time_s), model.points)
@@ -137,21 +142,39 @@ def estimate_cable(
     asked = settings.profiles and "profiles" in settings.model_fields_set
     uncertainty = uncertainty_of(objective, log, profiles=asked)
     found = fit_of(objective, newest, log, held_out, uncertainty, settings, None, np.ones(len(series)))
+    doubts = [*found.warnings, *_unconverged(fit, rest), *_worse_than_before(found)]
+    found = replace(found, warnings=tuple(doubts))
     string_m, _ = simulate_batch(model, found.best, newest.hand, newest.time_s, newest.start)
     return CableEstimate(roll, found, string_m[0], predicted_m, predicted_string_m)
 
 
-def _last_part(
-    whole: FitObjective,
-    trials: list[CableSeries],
-    fitted: Callable[[list[CableSeries], Array | None], CableFit],
-    before: Array | None,
-) -> HeldOutEvaluation:
+def _unconverged(fit: CableFit, rest: CableFit) -> list[str]:
+    """Return a warning if a search spent its simulations before it had converged."""
+    searches = {"of the string": fit, f"without the last {1.0 - PART:.0%} of the trial": rest}
+    ended = [f"the search {what}" for what, each in searches.items() if not each.log.converged]
+    return [f"{' and '.join(ended)} did not converge: raise estimate.evaluations"] if ended else []
+
+
+def _worse_than_before(found: StringFit) -> list[str]:
+    """Return a warning if the fit, which has read the newest trial, explains it worse than the one before."""
+    before_m = next((held.E_m for held in found.held_out if held.what == UNDER_PREVIOUS), np.inf)
+    if not found.E_m > (1.0 + RISE) * before_m:
+        return []
+    return [
+        f"E of the newest trial is {1e3 * found.E_m:.2f} mm, and {1e3 * before_m:.2f} mm under the estimate "
+        "before it, which had not read the trial: use that one, or raise estimate.evaluations"
+    ]
+
+
+def _first_frames(newest: CableSeries) -> int:
+    return round(PART * len(newest.time_s))
+
+
+def _last_part(whole: FitObjective, newest: CableSeries, rest: CableFit) -> HeldOutEvaluation:
     """E of the last part of the newest trial, simulated from its beginning, under a fit to all the rest."""
-    (throw,), frames = whole.throws, round(PART * len(trials[-1].time_s))
-    rest = fitted([*trials[:-1], trials[-1].part(0, frames)], before)
+    (throw,) = whole.throws
     weight = throw.weight.copy()
-    weight[:frames] = 0.0
+    weight[: _first_frames(newest)] = 0.0
     if not weight.any():
         return HeldOutEvaluation(LAST_PART, float("nan"))
     value = whole.value(replace(throw, weight=weight), rest.space.strings(rest.chi), 0.0)

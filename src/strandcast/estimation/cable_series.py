@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from strandcast.estimation.throws import PreparedThrow
 SMOOTHING_S = 0.07  # of the driven ends: their markers' noise would shake the string
 START_S = 0.08  # around a start, from which its shape and velocity are taken
 FEWEST_FRAMES = 3  # of a start, also of slow cameras
+MOTION_S = 0.25  # over which markers move, so that their noise hardly counts
 STILL_M_S = 0.01  # velocities of a start are not known better
 SLOW = 0.05  # of the speed of a fall over its length: there, a string nearly has its rest shape
 FEWEST = 4  # known places of a shape, the driven ends included; through fewer, the ends' directions help
@@ -145,9 +147,21 @@ class CableSeries:
 
     def reliable(self) -> np.ndarray:
         """(F, m) whether a marker is seen, and did not jump on its way there or from there."""
+        return self._reliable
+
+    @cached_property
+    def _reliable(self) -> np.ndarray:
         seen = ~np.isnan(self.vertices_m[..., 0])
         calm = ~jumps(self.time_s, self.vertices_m, self.fastest_m_s)
         return np.asarray(seen & np.vstack([calm[:1], calm[1:] & calm[:-1], calm[-1:]]))
+
+    def motion_m(self, frames: int) -> Array:
+        """Return how far the markers move in each part of so many frames, summed over those seen (W,) [m]."""
+        lag = min(max(round(MOTION_S / float(np.median(np.diff(self.time_s)))), 1), frames - 1)
+        seen = self.reliable()[lag:] & self.reliable()[:-lag]
+        step_m = np.linalg.norm(self.vertices_m[lag:] - self.vertices_m[:-lag], axis=2) / lag
+        moved_m = np.r_[0.0, np.cumsum(np.where(seen, step_m, 0.0).sum(axis=1))]
+        return np.asarray(moved_m[frames - lag :] - moved_m[: len(moved_m) - frames + lag])
 
     def shape_is_seen(self) -> bool:
         """Whether the markers of a usual frame and the driven ends show the string's shape."""

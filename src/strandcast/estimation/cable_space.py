@@ -26,15 +26,14 @@ AIR_LINEAR = 1e-6  # drag is quadratic
 # Unknowns: length over which the cable's weight bends it, over its length; bending damping over stiffness
 # [s]; quadratic drag over mass, times the length; stiffness of the clamps over that of half a segment;
 # relative change of the length; turns of the clamps [rad]; rest curl, as the turn over the length [rad].
+CLAMP = {"clamp_left_rad": (-0.8, 0.8), "clamp_up_rad": (-0.8, 0.8)}
 COMMON = {
     "bending_length": (0.01, 3.0),
     "damping_s": (1e-3, 1.0),
     "air": (1e-3, 3.0),
     "clamp_stiffness": (0.02, 50.0),
     "length_change": (-0.08, 0.04),
-    "clamp_left_rad": (-0.8, 0.8),
-    "clamp_up_rad": (-0.8, 0.8),
-}
+} | CLAMP
 TWO_ENDS = {"far_left_rad": (-0.8, 0.8), "far_up_rad": (-0.8, 0.8)}
 ONE_END = {"curl_left_rad": (-3.0, 3.0), "curl_up_rad": (-3.0, 3.0)}  # both ends held: hardly observable
 # Friction that sticks, as turns over the length [rad]: what it holds against bending, and where it builds up.

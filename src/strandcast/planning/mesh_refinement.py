@@ -37,5 +37,6 @@ def refined_strings(strings: StringBatch, factor: int = 2) -> StringBatch:
         parameters=strings.parameters * between,
         masses=masses,
         bend_friction=strings.bend_friction * factor**2,
-        bend_factor=np.repeat(strings.bend_factors(), factor, axis=1),
+        bend_factor=np.repeat(strings.bend_factors(), factor, axis=1),  # taper included
+        taper=np.zeros(len(strings)),
     )

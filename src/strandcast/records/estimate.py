@@ -156,6 +156,16 @@ class RigOffsets(Part):
     warnings: list[str] = []  # the same in words
 
 
+class FittedPart(Part):
+    """How much of a trial a fit has read."""
+
+    trial: int
+    frames: int
+    seconds: float
+    recorded_frames: int
+    recorded_s: float
+
+
 def _with_uncertainty(content: dict[str, Any]) -> dict[str, Any]:
     """Return content of version 2: `knowledge` is called `uncertainty`."""
     return {"uncertainty" if name == "knowledge" else name: value for name, value in content.items()}
@@ -187,6 +197,8 @@ class Estimate(Record):
     options: dict[str, float] = {}  # other fitted numbers, e.g. rest curl, clamp angle
     frames_used: int
     window_s: list[float] | None = None  # robot time of the first and the last of them
+    # In space, what was fitted of each trial; `frames_used`, `window_s` and E are of the whole newest one.
+    fitted: list[FittedPart] = []
     E_planned_m: float | None  # this trial with the parameters that planned it
     E_m: float  # this trial after the fit; w = 0
     E_weighted_m: float
@@ -209,3 +221,11 @@ class Estimate(Record):
     def held_out_m(self, what: str) -> float | None:
         """Return E on the data that `what` names; None where it is not known."""
         return next((held.E_m for held in self.held_out if held.what == what), None)
+
+    def fitted_in_words(self) -> str | None:
+        """Return how much of the trials the fit has read; None where it has read all that E is of."""
+        if not self.fitted:
+            return None
+        counts = [(each.seconds, each.recorded_s, each.frames, each.recorded_frames) for each in self.fitted]
+        seconds, recorded_s, frames, recorded = (sum(column) for column in zip(*counts, strict=True))
+        return f"{seconds:.1f} of {recorded_s:.1f} s, {frames} of {recorded} frames"

@@ -117,7 +117,8 @@ def capture_finding(estimate: Estimate, window: str) -> str:
         fitted += f". The string fitted to the trials before it predicted it to {predicted}"
     if guess_m is not None:
         fitted += f"; the better of two guesses without a model is {millimetres(guess_m, digits=2)} off"
-    return f"{fitted}."
+    read = estimate.fitted_in_words()
+    return f"{fitted}." if read is None else f"{fitted}. The fit read {read} of its trials."
 
 
 def warnings_of(results: TrialResults) -> list[tuple[str, str]]:

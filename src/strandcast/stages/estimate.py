@@ -39,6 +39,14 @@ SAME_PASS_S = 0.1  # a planned hit and a closest approach this near belong to th
 def run(job: Job, files: Files) -> None:
     """Estimate the string after one trial: from the recent ones, starting from the estimate before."""
     context, settings = job.context, job.context.settings.estimate
+    if job.trial in context.settings.held_out:
+        raise StrandcastError(
+            "SC-E009",
+            f"trial {job.trial} is held out: it is never fitted",
+            file=context.file,
+            field="held_out",
+            fix=f"predict it: strandcast predict {context.name} {job.trial} --from ESTIMATE.json",
+        )
     if is_in_space(read_arrow(files.input("track", job.trial), TRACK).column_names):
         estimate_in_space(job, files)
         return

@@ -8,10 +8,11 @@ from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.errors import StrandcastError
 from strandcast.estimation.cable_estimate import PreviousCable, Rolls, estimate_cable
+from strandcast.estimation.cable_fit import EVALUATIONS, THROWN_EVALUATIONS, frames_fitted
 from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
 from strandcast.estimation.cable_space import POINTS, STEP_S, CableSpace, space_of_cable
 from strandcast.records.alignment import HAND, Alignment, ends_of
-from strandcast.records.estimate import ENSEMBLE, SIMULATED
+from strandcast.records.estimate import ENSEMBLE, SIMULATED, FittedPart
 from strandcast.records.tables import read_facts, read_table, write_table
 from strandcast.records.track import Track, TrackSummary, read_track
 from strandcast.seeds import rng
@@ -49,11 +50,10 @@ def estimate_in_space(job: Job, files: Files) -> None:
     context = job.context
     refuse_settings_of_the_plane(context)
     settings = context.settings.estimate
+    trials = [read_trial_in_space(files, number) for number in recent(job)]
     if context.settings.aims_in_space:
-        trials = [_read_throw(files, number) for number in recent(job)]
         model, space = thrown_cable(context, arm_of(context))
     else:
-        trials = [_read_capture(files, number) for number in recent(job)]
         model, space = _captured_cable(files, trials)
     found = estimate_cable(
         [trial.series for trial in trials],
@@ -62,10 +62,12 @@ def estimate_in_space(job: Job, files: Files) -> None:
         settings,
         rng(context.name, context.settings.seed, job.trial, "estimate"),
         _previous(files, space) if past(job) else None,
+        evaluations=THROWN_EVALUATIONS if context.settings.aims_in_space else EVALUATIONS,
     )
     read = [files.input(role, t.number) for t in trials for role in ("track", "alignment", "hand", "summary")]
     numbers, fit = [trial.number for trial in trials], found.fit
     record = estimate_record(context, model, space.layout, numbers, fit, None, hashes_of(read))
+    record.fitted = _fitted_parts(trials, found.roll)
     paths = [
         ("fitted", fit.fitted_m),
         ("predicted", found.predicted_m),
@@ -78,6 +80,19 @@ def estimate_in_space(job: Job, files: Files) -> None:
     write_table(files.output("ensemble"), ENSEMBLE, members, {"roll": found.roll})
     write_table(files.output("simulated"), SIMULATED, points_table(paths, fit, trials[-1].track))
     record.write(files.output("estimate"))
+
+
+def _fitted_parts(trials: list[TrialInSpace], roll: str) -> list[FittedPart]:
+    """Return how much of each trial the fit has read."""
+    read = frames_fitted([trial.series[roll] for trial in trials])
+    parts = []
+    for trial, frames in zip(trials, read, strict=True):
+        # A frame stands for the time to the next one.
+        between_s = np.diff(trial.series[roll].time_s, append=trial.series[roll].time_s[-1])
+        counts = {"frames": int(frames.sum()), "recorded_frames": len(frames)}
+        seconds = {"seconds": float(between_s[frames].sum()), "recorded_s": float(between_s.sum())}
+        parts.append(FittedPart(trial=trial.number, **counts, **seconds))
+    return parts
 
 
 def _captured_cable(files: Files, trials: list[TrialInSpace]) -> tuple[StringModel, CableSpace]:
@@ -123,6 +138,11 @@ def refuse_settings_of_the_plane(context: Context) -> None:
 
 def _hand(files: Files, number: int) -> dict[str, np.ndarray]:
     return read_table(files.input("hand", number), HAND)
+
+
+def read_trial_in_space(files: Files, number: int) -> TrialInSpace:
+    """Read one trial's results: a throw of an arm, or a capture."""
+    return (_read_throw if files.job.context.settings.aims_in_space else _read_capture)(files, number)
 
 
 def _read_throw(files: Files, number: int) -> TrialInSpace:

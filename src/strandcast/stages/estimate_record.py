@@ -12,6 +12,7 @@ from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.estimation.fit import StringFit
+from strandcast.estimation.throws import PreparedThrow
 from strandcast.estimation.uncertainty import RISE
 from strandcast.records.estimate import (
     ConvergenceStep,
@@ -192,14 +193,16 @@ def simulated_table(fit: StringFit, trial: Trial) -> dict[str, np.ndarray]:
 
 
 def points_table(
-    paths: list[tuple[str, np.ndarray | None]], fit: StringFit, track: Track
+    paths: list[tuple[str, np.ndarray | None]], fit: StringFit | PreparedThrow, track: Track
 ) -> dict[str, np.ndarray]:
     """Return the columns of simulated points (G, n+1, 2 or 3) by their source, of those that there are."""
     tables = [_rows_of(name, points, fit, track) for name, points in paths if points is not None]
     return {column: np.concatenate([table[column] for table in tables]) for column in tables[0]}
 
 
-def _rows_of(source: str, points_m: np.ndarray, fit: StringFit, track: Track) -> dict[str, np.ndarray]:
+def _rows_of(
+    source: str, points_m: np.ndarray, fit: StringFit | PreparedThrow, track: Track
+) -> dict[str, np.ndarray]:
     frame, point = np.nonzero(np.isfinite(points_m).all(axis=2))
     columns = {
         "source": np.full(len(frame), source, dtype=object),

@@ -19,7 +19,7 @@ def facts_of(context: Context, next_motion: Path | None) -> Facts:
         title=settings.title,
         hit_radius_m=settings.hit_radius_m,
         aims_m=settings.objective.marks_m,
-        excluded={exclusion.trial: exclusion.reason for exclusion in settings.excluded},
+        excluded=settings.excluded_reasons,
         weight_places_m=[weight.place_m for weight in settings.string.weights],
         stiff_sections_m=[(section.from_m, section.to_m) for section in settings.string.stiff_sections],
         speed_limits_rad_s=arm.limits.velocity_rad_s.tolist(),

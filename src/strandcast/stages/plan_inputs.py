@@ -31,6 +31,8 @@ AnyOfTwo = Arm | SpatialArm
 # some tenths of a radian of the motion, those in degrees or of another order do not. Chosen.
 FEWEST_ROWS, MISSING_S, FARTHEST_RAD = 20, 0.02, 0.5
 PLAY_AGAIN = "play the planned motion again into this folder, or move the folder away"
+# Columns of a fitted string that a throw does not depend on; `masses` contains the last two.
+NOT_OF_THE_STRING = ("camera_offset_m", "marker_shift", "free_masses", "found_weights")
 FEWEST_PLACES = 4  # of a shape, the hand's included; chosen: through fewer, the model's own is as good
 
 
@@ -92,17 +94,8 @@ def refuse_without_target(context: Context) -> None:
 
 def fitted_strings(path: Path, layout: MassLayout) -> StringBatch:
     """Read the fitted strings, without the unknowns that only concern the measurement or the fit."""
-    fitted = read_members(path, layout)
-    return StringBatch(
-        fitted.parameters,
-        fitted.masses,
-        fitted.rest_curl_rad_m,
-        fitted.clamp_offset_rad,
-        fitted.bend_factor,
-        fitted.bend_friction,
-        fitted.drag_along,
-        fitted.friction_stick_rad_m,
-    )
+    fitted, nothing = read_members(path, layout), StringBatch(np.zeros((0, 10)), np.zeros((0, 0)))
+    return replace(fitted, **{name: getattr(nothing, name) for name in NOT_OF_THE_STRING})
 
 
 def past_trial_of(trial: Trial, task: AnyTask) -> PastTrial:

@@ -20,7 +20,7 @@ def run(job: Job, files: Files) -> None:
         string_length_m=settings.string.length_m,
         target_m=None if settings.target_m is None else list(settings.target_m),
         hit_radius_m=settings.hit_radius_m,
-        excluded={exclusion.trial: exclusion.reason for exclusion in settings.excluded},
+        excluded=settings.excluded_reasons,
         next_motion=next_motion,
     )
     page = experiment_page(summary, folders, next_motion=next_motion, facts=facts_of(context, next_motion))

@@ -126,6 +126,9 @@ def _check_arm(context: Context, found: Checked) -> None:
 
     arm, settings = arm_of(context), context.settings
     string = settings.string
+    if settings.target_m is None and (captured := _supplied_track(context)) is not None:
+        found.facts.append(_as_captured(context, captured))
+        return
     task = task_of(context, arm)
     found.facts.append(f"string of {string.length_m:g} m as {task.model.points} points, arm {arm.name}")
     if string.weights:
@@ -152,6 +155,28 @@ def _check_arm(context: Context, found: Checked) -> None:
     except StrandcastError as error:
         error.file = str(context.file)
         raise
+
+
+def _supplied_track(context: Context) -> Path | None:
+    """Return the first track that was measured elsewhere; None if there is none."""
+    folders = map(context.folder.trial, context.folder.recorded_trials())
+    return next((path for each in folders if (path := each.data / "track.parquet").is_file()), None)
+
+
+def _as_captured(context: Context, track: Path) -> str:
+    """Return in words what is fitted to captures; refuse settings that do not apply to them."""
+    from strandcast.estimation.cable_space import POINTS
+    from strandcast.records.tables import read_arrow
+    from strandcast.records.track import TRACK, is_in_space
+    from strandcast.stages.estimate_in_space import refuse_settings_of_the_plane
+
+    string = context.settings.string
+    in_space = is_in_space(read_arrow(track, TRACK).column_names)
+    if in_space:
+        refuse_settings_of_the_plane(context)
+    points, where = (string.points or POINTS, "space") if in_space else (string.n, "the plane")
+    fitted = f"string of {string.length_m:g} m as {points} points, captured in {where}"
+    return f"{fitted}: recordings are fitted; nothing is scored or planned"
 
 
 def _check_string(context: Context) -> None:

@@ -206,7 +206,7 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
             lines.append(f"  trial {trial.trial}: excluded ({trial.excluded})")
             continue
         if summary.target_m is None:
-            lines.append(f"  trial {trial.trial}: {_fitted(page.parent / trial_name(trial.trial), trial)}")
+            lines += _fitted(page.parent / trial_name(trial.trial), trial)
             continue
         verdict = {True: "HIT ", False: "miss", None: "UNKNOWN:"}[trial.hit]
         near = "tip not tracked" if trial.miss_m is None else f"{1000 * trial.miss_m:.1f} mm from the target"
@@ -227,10 +227,13 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
     return [*lines, *(f"  film:   {film}" for film in films(root, summary.experiment))]
 
 
-def _fitted(folder: Path, trial: TrialSummary) -> str:
-    """Return in words how well a trial without a target was fitted, and predicted before."""
+def _fitted(folder: Path, trial: TrialSummary) -> list[str]:
+    """Return in words how well a trial without a target was fitted, and predicted before, with warnings."""
     if trial.E_m is None:
-        return "not fitted"
-    predicted_m = Estimate.read(folder / "estimate.json").held_out_m(UNDER_PREVIOUS)
+        return [f"  trial {trial.trial}: not fitted"]
+    estimate = Estimate.read(folder / "estimate.json")
+    predicted_m, read = estimate.held_out_m(UNDER_PREVIOUS), estimate.fitted_in_words()
     before = "" if predicted_m is None else f"; {1000 * predicted_m:.1f} mm predicted from the trials before"
-    return f"fitted to E = {1000 * trial.E_m:.1f} mm{before}"
+    parts = "" if read is None else f"; the fit read {read}"
+    line = f"  trial {trial.trial}: fitted to E = {1000 * trial.E_m:.1f} mm{before}{parts}"
+    return [line, *(f"    warning: {warning}" for warning in estimate.warnings)]

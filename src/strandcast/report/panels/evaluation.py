@@ -81,7 +81,9 @@ def _table(estimate: Estimate, window: str, aimed: bool) -> Table:
         ["frames in all of these", window],
         *([_held_out(held.what, aimed), millimetres(held.E_m, digits=2)] for held in estimate.held_out),
         [simulations, f"{estimate.evaluations}; {estimate.rejected}"],
+        ["the search converged", {None: "not known", True: "yes", False: "no"}[estimate.converged]],
         ["trials in the fit", ", ".join(map(str, estimate.trials_used))],
+        *([] if (read := estimate.fitted_in_words()) is None else [["read by the fit", read]]),
     ]
     caption = (
         "E is a weighted mean distance: points with a large σ or flagged as unsure count less, hidden and "

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from strandcast.core.strings import PARAMETERS
 from strandcast.records.estimate import Estimate, ParameterFit, WeightFit
 from strandcast.report.drawing import ALONG_STRING, FITTED, HAND, MEASURED, Drawing, marks, new_figure
 from strandcast.report.facts import Facts
@@ -71,7 +72,7 @@ def _bound(fit: ParameterFit | WeightFit, page: TrialPageData) -> str:
         return Markup('<b class="warn">▲ at bound</b>, {}').format(page.caveat)
     estimate: Estimate = page.results.need("estimate")
     if isinstance(fit, ParameterFit) and any(text.startswith(f"{fit.name} ") for text in estimate.warnings):
-        return Markup('<b class="warn">▲ at bound</b>: widen its range')
+        return Markup('<b class="warn">▲ at bound</b>: widen estimate.ranges.{}').format(fit.name)
     return "at bound: leave it"
 
 
@@ -108,11 +109,13 @@ def _known_caption(estimate: Estimate) -> str:
     # docs/explanation/claims.md: 70 % after the default search, 88 % after the thorough one.
     doubt = " After this search two in three intervals hold the true number; fit with "
     doubt += "estimate.search: thorough to read them (nine in ten)."
+    in_plane = all(fit.name in PARAMETERS for fit in estimate.parameters)
+    doubted = in_plane and estimate.search != "thorough"
     return (
         f"Standard deviation: from the Fisher information at residuals of {known.noise_m * 1e3:.2f} mm, of "
         f"which {known.measurements_per_datum:.0f} count as one, and the range.{gauge} Interval: strings "
         f"with E up to {known.profile_rise:.0%} above the best, all others fitted again; ≤ and ≥: it "
-        f"continues beyond.{'' if estimate.search == 'thorough' else doubt}"
+        f"continues beyond.{doubt if doubted else ''}"
     )
 
 

@@ -266,9 +266,8 @@ TRIAL_PANELS = [
         caption="Only ratios can be determined: scaling all masses and coefficients together changes "
         "nothing.",
         good="narrow ensembles. At a bound a string is as good as rigid, or free of that force.",
-        bad="an estimate that a range of estimate.ranges in experiment.yaml keeps from explaining the throws "
-        "better (▲): widen it. Where the ensemble is wide, no range helps: a throw that bends the string "
-        "more would determine it.",
+        bad="an estimate whose range keeps the string from explaining the throws better (▲). Where the "
+        "ensemble is wide, no range helps: a throw that bends the string more would determine it.",
     ),
     Panel(
         "masses",

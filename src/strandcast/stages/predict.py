@@ -1,0 +1,131 @@
+"""Predict recorded trials with a fitted string, without fitting anything."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from strandcast.arm.load import load_arm
+from strandcast.core.strings import PARAMETERS, StringBatch
+from strandcast.dynamics.model import StringModel
+from strandcast.errors import StrandcastError
+from strandcast.estimation.cable_space import CLAMP, TWO_ENDS
+from strandcast.estimation.evaluation import distances, evaluation_of_points, point_values, tip_error
+from strandcast.estimation.fit_objective import simulate_throw
+from strandcast.estimation.throws import PreparedThrow, prepare
+from strandcast.records.content_hash import result_sha256
+from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
+from strandcast.records.tables import read_arrow, read_facts, write_table
+from strandcast.records.track import TRACK, Track, is_in_space
+from strandcast.stages.context import context_of
+from strandcast.stages.declarations import STAGES
+from strandcast.stages.estimate import throw_of
+from strandcast.stages.estimate_in_space import read_trial_in_space
+from strandcast.stages.estimate_record import points_table
+from strandcast.stages.files import supplied
+from strandcast.stages.job import Files, Job
+from strandcast.stages.past_trials import read_trial, string_model
+from strandcast.stages.run import run_stage
+
+
+@dataclass(frozen=True)
+class TrialPrediction:
+    """The file of a predicted series, and its error.
+
+    Attributes
+    ----------
+    tip_m, tip_share
+        Mean distance of the last marker, and that over the string's length; None where it was not measured
+        or is at a driven end.
+    points_m, E_m
+        Mean distance of all markers measured, and E (w = 0).
+    """
+
+    trial: int
+    file: Path
+    tip_m: float | None
+    tip_share: float | None
+    points_m: float
+    E_m: float
+
+
+def predict(root: Path, experiment: str, number: int, estimate_file: Path, out: Path) -> TrialPrediction:
+    """Write a trial's motion as an estimate predicts it, open loop from its start: trial-NN.parquet in `out`.
+
+    Raises
+    ------
+    StrandcastError
+        SC-E009 the estimate is of a string in the plane and the trial in space, or the reverse, or their
+        strings are driven at other ends; any that its files raise.
+    """
+    estimate = Estimate.read(estimate_file)
+    files = Files(STAGES["estimate"], Job(context_of(root, experiment), number))
+    if supplied(files.job, number):
+        run_stage("register_track", root, experiment, number)
+    in_space = is_in_space(read_arrow(files.input("track", number), TRACK).column_names)
+    if in_space is not (estimate.string.options.keys() >= {"length_change"}):
+        raise _other_string(files, "the estimate is of a string in the plane, or the trial is")
+    read = _in_space if in_space else _in_plane
+    model, throw, track, stiff = read(files, estimate, estimate_file)
+    string = StringBatch.from_options(
+        np.array([[estimate.string.parameters[name] for name in PARAMETERS]]),
+        np.array([estimate.string.masses]),
+        np.zeros((1, 0)),
+        {name: np.array([value]) for name, value in estimate.string.options.items()},
+        stiff,
+    )
+    points_m, _ = simulate_throw(model, throw, string)
+    seen_m = np.where(np.insert(throw.weight > 0, 0, True, axis=1)[..., None], throw.points_m, np.nan)
+    off_m = distances(seen_m, points_m[0], estimate.evaluation)
+    tip_m, file = tip_error(off_m), out / f"{files.job.folder.results.name}.parquet"
+    seen = np.isfinite(tip_m)
+    found = TrialPrediction(
+        number,
+        file,
+        tip_m=tip_m if seen else None,
+        tip_share=tip_m / estimate.length_m if seen else None,
+        points_m=float(np.nanmean(off_m)),
+        E_m=float(evaluation_of_points(point_values(off_m, throw.weight))),
+    )
+    rows = points_table([("predicted", points_m[0])], throw, track)
+    error = {name: value for name, value in asdict(found).items() if name not in ("trial", "file")}
+    write_table(file, SIMULATED, rows, error | {"estimate_sha256": result_sha256(estimate_file)})
+    return found
+
+
+Read = tuple[StringModel, PreparedThrow, Track, np.ndarray]
+
+
+def _in_space(files: Files, estimate: Estimate, estimate_file: Path) -> Read:
+    """Return the model, a trial in space, its track, and no stiff joints (n,)."""
+    trial = read_trial_in_space(files, files.job.trial)
+    roll = str(read_facts(estimate_file.with_name("ensemble.parquet"), ENSEMBLE)["roll"])
+    series = trial.series.get(roll) or next(iter(trial.series.values()))
+    unknowns = {fit.name for fit in estimate.parameters}
+    pinned, far_clamp = not unknowns & set(CLAMP), bool(unknowns & set(TWO_ENDS))
+    if pinned != series.pinned or far_clamp != (series.two_ends() and not pinned):
+        raise _other_string(files, "the estimate is of a string that is driven at other ends")
+    model = StringModel(estimate.length_m, estimate.points, reading="strain", dt_s=estimate.dt_s)
+    throw = series.prepared(0, len(series.time_s), model.points)
+    return model, throw, trial.track, np.zeros(model.points, dtype=bool)
+
+
+def _in_plane(files: Files, estimate: Estimate, _: Path) -> Read:
+    """Return the model, a trial in the plane, its track, and which joints are stiff (n,)."""
+    context = files.job.context
+    settings, trial = context.settings.estimate, read_trial(files, files.job.trial)
+    model, layout = string_model(context, load_arm(context.arm_file))
+    if (estimate.length_m, estimate.points) != (model.length_m, model.points):
+        fitted = f"the estimate is of a string of {estimate.length_m:g} m as {estimate.points} points"
+        raise _other_string(files, f"{fitted}, and not of {model.length_m:g} m as {model.points}")
+    shifted = settings.camera_offset_sd_m is not None
+    throw = prepare(
+        throw_of(trial, settings), model.places_m(), settings.start_shape, from_measured_hand=shifted
+    )
+    return model, throw, trial.track, layout.stiff_joints()
+
+
+def _other_string(files: Files, what: str) -> StrandcastError:
+    return StrandcastError(
+        "SC-E009", what, file=files.input("track", files.job.trial), fix="name an estimate of such a trial"
+    )
