@@ -44,6 +44,8 @@ SERVOS = ("servoj", "stiff", "pd", "soft")
 # weight bends them.
 WIDE_DENSITY_KG_M, MATERIAL_KG_M3, BENDING_LENGTH_M = (0.001, 0.040), (100.0, 1300.0), (0.012, 0.06)
 WIDE_WEIGHTS, WIDE_WEIGHT_KG, THICKEST_M = 3, (0.002, 0.030), 0.012
+# With --curled: light, thick and strongly curled strings, which the model describes worst.
+CURLED_DENSITY_KG_M, CURLED_MATERIAL_KG_M3, STRONG_CURL_RAD_M = (0.002, 0.006), (100.0, 300.0), (4.0, 10.0)
 # A target is out of the arm's reach by up to this share of the string's length.
 ARM_M, OF_LENGTH = 0.70, 0.6
 EDGE_M = 0.10  # from the workspace's edge
@@ -52,9 +54,7 @@ EDGE_M = 0.10  # from the workspace's edge
 def wide_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
     """Return an experiment's settings with a string and a rig from the wide ranges."""
     random = np.random.default_rng([seed, 6])
-    density = log_uniform(WIDE_DENSITY_KG_M, random)
-    diameter_m = math.sqrt(4.0 * density / (math.pi * log_uniform(MATERIAL_KG_M3, random)))
-    bending_n_m2 = 9.81 * density * log_uniform(BENDING_LENGTH_M, random) ** 3
+    string = string_of(WIDE_DENSITY_KG_M, MATERIAL_KG_M3, random)
     usual = settings_of(common, seed)
     weights = drawn_weights(usual["string"]["length_m"], random, WIDE_WEIGHTS, WIDE_WEIGHT_KG)
     scatter = drawn_scatter(random)
@@ -62,16 +62,31 @@ def wide_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
         usual,
         {
             "string": {"weights": weights},
-            "lab": {
-                "string": {
-                    "linear_density_kg_m": density,
-                    "bending_stiffness_n_m2": bending_n_m2,
-                    "diameter_m": min(diameter_m, THICKEST_M),
-                },
-                "scatter": scatter.model_dump(),
-            },
+            "lab": {"string": string, "scatter": scatter.model_dump()},
         },
     )
+
+
+def curled_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
+    """Return an experiment's settings with a string that is light, thick and strongly curled."""
+    random = np.random.default_rng([seed, 7])
+    string = string_of(CURLED_DENSITY_KG_M, CURLED_MATERIAL_KG_M3, random)
+    curl = random.choice([-1.0, 1.0]) * random.uniform(*STRONG_CURL_RAD_M)
+    return merged(settings_of(common, seed), {"lab": {"string": string | {"curl_rad_m": float(curl)}}})
+
+
+def string_of(
+    density_kg_m: tuple[float, float], material_kg_m3: tuple[float, float], random: np.random.Generator
+) -> dict[str, float]:
+    """Return a bare string that its own weight bends as much as cords and ropes."""
+    density = log_uniform(density_kg_m, random)
+    diameter_m = math.sqrt(4.0 * density / (math.pi * log_uniform(material_kg_m3, random)))
+    bending_n_m2 = 9.81 * density * log_uniform(BENDING_LENGTH_M, random) ** 3
+    return {
+        "linear_density_kg_m": density,
+        "bending_stiffness_n_m2": bending_n_m2,
+        "diameter_m": min(diameter_m, THICKEST_M),
+    }
 
 
 def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
