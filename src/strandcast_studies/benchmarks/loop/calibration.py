@@ -75,7 +75,7 @@ def _counted(thrown: dict[str, Any], before: list[dict[str, Any]], suffix: str) 
     untested_m = 0.0
     if thrown["kind"] == "replanned":
         untested_m = before[-1].get("E_m") or 0.0
-    elif before:
+    elif thrown["kind"] == "refined":
         untested_m = UNTESTED_SHARE * min(_measured_m(t) for t in before)
     return CountedThrow(
         thrown["kind"] + suffix,

@@ -5,9 +5,10 @@
 
 As `loop.run`, but every seed has its own string, target and servo; with ``--wide`` also strings from 1 to
 40 g/m, thin and thick, and rigs that repeat better or worse than the typical one, with or without heavy
-tails. The first motion is played with an empty clamp, and planned again, before it is thrown, but not with
-``--unrehearsed``; with ``--filmed`` throws are filmed and tracked in their videos. The planner knows only a
-string's length and the places of its weights.
+tails; with ``--curled`` every string is light, thick and strongly curled. The first motion is played with an
+empty clamp, and planned again, before it is thrown, but not with ``--unrehearsed``; with ``--filmed`` throws
+are filmed and tracked in their videos. The planner knows only a string's length and the places of its
+weights.
 """
 
 import json
@@ -140,13 +141,16 @@ def log_uniform(between: tuple[float, float], random: np.random.Generator) -> fl
     return float(np.exp(random.uniform(*np.log(between))))
 
 
+DRAWS = {"drawn": settings_of, "wide": wide_settings_of, "curled": curled_settings_of}
+
+
 def _job(
-    root: str, seed: int, trials: int, wide: bool, learnt: bool, rehearsed: bool, filmed: bool
+    root: str, seed: int, trials: int, draw: str, learnt: bool, rehearsed: bool, filmed: bool
 ) -> dict[str, Any]:
-    settings = (wide_settings_of if wide else settings_of)(load_plan(PROJECT / FILE).common, seed)
+    settings = DRAWS[draw](load_plan(PROJECT / FILE).common, seed)
     settings = merged(settings, {"lab": {"rehearsal": rehearsed}})
     settings = merged(settings, {"plan": {"disturbances": "learnt"}}) if learnt else settings
-    name = f"{'wide' if wide else 'drawn'}-{seed}"
+    name = f"{draw}-{seed}"
     prepare(Path(root), name, settings)
     drawn = {key: settings[key] for key in ("seed", "string", "target_m", "lab")}
     thrown = outcome(lambda: run_prepared(Path(root), name, trials, RIGS["usual"], filmed=filmed))
@@ -159,7 +163,11 @@ def _job(
 def main(arguments: list[str] | None = None) -> None:
     """Run the experiments, two at a time; write each result as soon as it is known."""
     parser = run_parser(__doc__, list(REPORTED_SEEDS), "results/bench-drawn.json", strings=False)
-    parser.add_argument("--wide", action="store_true", help="draw from the wide ranges, and rigs too")
+    draw = parser.add_mutually_exclusive_group()
+    for other, text in (("wide", "wide ranges, and rigs too"), ("curled", "light, thick, curled strings")):
+        draw.add_argument(
+            f"--{other}", dest="draw", action="store_const", const=other, default="drawn", help=f"draw {text}"
+        )
     parser.add_argument("--learnt", action="store_true", help="learn the rig's scatter (plan.disturbances)")
     parser.add_argument("--unrehearsed", action="store_true", help="throw without a rehearsal")
     parser.add_argument("--filmed", action="store_true", help="film and track every throw, a minute of CPU")
@@ -167,7 +175,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="strandcast-drawn-") as folder:
         root = str(root_with_arms(options.work or Path(folder)))
-        how = options.trials, options.wide, options.learnt, not options.unrehearsed, options.filmed
+        how = options.trials, options.draw, options.learnt, not options.unrehearsed, options.filmed
         jobs = [(root, seed, *how) for seed in options.seeds]
         print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
 
