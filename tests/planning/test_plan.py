@@ -315,25 +315,26 @@ def test_a_prediction_that_failed_widens_the_next_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(plan_module, "search_near", lambda *_: (first.curve, 10))
+    monkeypatch.setattr(plan_module, "LIKELY", 0.0)
     monkeypatch.setattr(plan_module, "FAIR", 0.0)
     close = replace(task, target_m=trial.tip_m[np.nanargmax(trial.tip_m[:, 1])])
     known = replace(trial, miss_m=0.0)
 
-    def probability(*trials: PastTrial) -> float:
-        plan = plan_next(close, strings, list(trials), SMALL, np.random.default_rng(2), 0.002)
-        return plan.hit_probability(0.005)
+    def plan(*trials: PastTrial) -> PlannedMotion:
+        return plan_next(close, strings, list(trials), SMALL, np.random.default_rng(2))
 
-    alone = probability(known)
+    alone = plan(known)
     held, failed = (replace(known, trial=2, miss_m=0.004, stated_m=stated_m) for stated_m in (0.004, 0.0004))
-    assert probability(known, held) == pytest.approx(alone, abs=0.1)
-    assert probability(known, failed) < min(probability(known, held), alone) - 0.2
+    likely = plan(known, held).hit_probability(0.005)
+    assert likely == pytest.approx(alone.hit_probability(0.005), abs=0.1)
+    assert plan(known, failed).hit_probability(0.005) < likely - 0.2
     # So does a motion that is to change much of what was thrown.
-    assert probability(replace(known, miss_m=0.15)) < alone - 0.1
+    far = plan(replace(known, miss_m=0.15))
+    assert far.hit_probability(0.005) < alone.hit_probability(0.005) - 0.1
 
     # Only what was stated with a string fitted to throws speaks of such statements.
     assert trial.stated_m is None
-    plan = planned_next(close, strings, known)
-    assert thrown_for_real(task, unknown, plan, 2).stated_m == plan.miss_quantile_m(0.5)
+    assert thrown_for_real(task, unknown, alone, 2).stated_m == alone.miss_quantile_m(0.5)
 
 
 def test_a_motion_unlikely_to_hit_gives_way_to_one_that_has_hit(
