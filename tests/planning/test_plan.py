@@ -320,8 +320,10 @@ def test_a_prediction_that_failed_widens_the_next_one(
     close = replace(task, target_m=trial.tip_m[np.nanargmax(trial.tip_m[:, 1])])
     known = replace(trial, miss_m=0.0)
 
+    commanded = SMALL.model_copy(update={"use_servo": False})  # nothing has to be identified
+
     def plan(*trials: PastTrial) -> PlannedMotion:
-        return plan_next(close, strings, list(trials), SMALL, np.random.default_rng(2))
+        return plan_next(close, strings, list(trials), commanded, np.random.default_rng(2))
 
     alone = plan(known)
     held, failed = (replace(known, trial=2, miss_m=0.004, stated_m=stated_m) for stated_m in (0.004, 0.0004))
