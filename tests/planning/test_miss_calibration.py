@@ -8,6 +8,8 @@ import pytest
 from strandcast.planning import miss_calibration
 from strandcast.planning.miss_calibration import (
     LEVELS,
+    TAIL_EXPONENT,
+    Evidence,
     KindCalibration,
     MissCalibration,
     MissDistribution,
@@ -15,11 +17,13 @@ from strandcast.planning.miss_calibration import (
 )
 from strandcast_studies.benchmarks.loop.calibration import (
     CountedThrow,
+    crps_m,
     fit,
     held_out,
     main,
     reliability,
     stated,
+    stated_run,
 )
 
 
@@ -93,13 +97,68 @@ def test_only_motions_like_those_counted_are_calibrated(monkeypatch):
     assert miss_distribution("paper", "first", simulated_m) is None
 
 
+def test_the_scale_of_an_experiment_is_learnt_from_its_throws():
+    assert Evidence().scale() == 1.0
+    one = Evidence(surprises=(10.0,)).scale()
+    assert one == pytest.approx(np.sqrt((4.0 + 2.0 * np.log(2.0) * 100.0) / 6.0))
+    # The second statement was as wide as the first throw made it: a miss at its median confirms the scale.
+    assert Evidence(surprises=(10.0, 1.0)).scale() == pytest.approx(one, rel=0.1)
+    assert 0.5 < Evidence(surprises=(0.0,) * 3).scale() < 0.8
+
+
+def test_what_the_model_does_not_know_adds_as_an_independent_error():
+    known = KindCalibration(
+        made_from="a test", throws=40, floor_m=0.001, gain=0.5, counted_m=0.05, ratios=list(LEVELS)
+    )
+    said = known.distribution(0.003, Evidence(0.004))
+    assert said.quantile_m(0.5) == pytest.approx(0.5 * (0.001 + 0.5 * 0.005))
+
+
+def experiments(count, seed):
+    """Experiments of four throws, in each of which all misses are larger or smaller than usual."""
+    random = np.random.default_rng(seed)
+    scales = np.sqrt(TAIL_EXPONENT / random.chisquare(TAIL_EXPONENT, count))
+    return [
+        [
+            CountedThrow("refined", 2 + k, 0.004, 0.9, miss_m, miss_m)
+            for k, miss_m in enumerate(0.006 * scale * random.rayleigh(1.0, 4))
+        ]
+        for scale in scales
+    ]
+
+
+def test_statements_that_learn_from_the_experiment_score_better():
+    made = fit([throw for run in experiments(200, 1) for throw in run], "a test")
+    runs = experiments(300, 2)
+    learnt, alone = (
+        reliability([pair for run in runs for pair in stated_run(run, made, alone=one)], 0.02)
+        for one in (False, True)
+    )
+    assert learnt["calibrated"]["brier"] < alone["calibrated"]["brier"] - 0.01
+    assert learnt["calibrated"]["log_loss"] < alone["calibrated"]["log_loss"] - 0.03
+    assert learnt["crps_m"] < 0.97 * alone["crps_m"]
+    assert learnt["below_p90"]["share"] == pytest.approx(0.9, abs=0.05)
+    assert sum(learnt["in_deciles"]) == learnt["throws"] == 1200
+    assert min(learnt["in_deciles"]) > 60
+
+
+def test_the_score_of_quantiles_is_least_for_the_truth():
+    random = np.random.default_rng(1)
+    misses_m = random.rayleigh(0.01, 2000)
+    right_m = np.quantile(random.rayleigh(0.01, 20000), LEVELS)
+    scores = [
+        np.mean([crps_m(MissDistribution(wide * right_m), m) for m in misses_m]) for wide in (0.5, 1, 2)
+    ]
+    assert scores[1] < min(scores[0], scores[2])
+
+
 def test_the_script_reads_results_of_the_loop(tmp_path, capsys):
     run = {
         "trials": [
             dict(
                 zip(
                     ("kind", "trial", "miss_rms_m", "simulated_hit_probability", "true_miss_m"),
-                    row,
+                    row[:5],
                     strict=True,
                 )
             )

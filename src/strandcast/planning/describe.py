@@ -14,7 +14,13 @@ from strandcast.errors import StrandcastError
 from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, sample
 from strandcast.planning.cost import CLEARANCE_M, rollout_cost, start_cost
-from strandcast.planning.miss_calibration import IN_SPACE, MissDistribution, miss_distribution
+from strandcast.planning.miss_calibration import (
+    IN_SPACE,
+    NO_EVIDENCE,
+    Evidence,
+    MissDistribution,
+    miss_distribution,
+)
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.search import SearchResult
 from strandcast.planning.task import AnyTask, SpatialTask
@@ -109,6 +115,7 @@ def describe(
     found: SearchResult,
     rollouts: Rollouts,
     scattered: Rollouts,
+    evidence: Evidence = NO_EVIDENCE,
 ) -> PlannedMotion:
     """Return a motion with its prediction; refuse one that breaks the arm's limits.
 
@@ -118,6 +125,8 @@ def describe(
         The motion simulated with every string.
     scattered
         The motion simulated with every string and every disturbance, roughly (`PlanningTask.rough`).
+    evidence
+        What past trials say of the prediction.
 
     Raises
     ------
@@ -129,7 +138,7 @@ def describe(
     assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
     every = assess_rollouts(task.rough(), scattered, CLEARANCE_M)
     throws = _throws(scattered, every.miss_m)
-    miss = _calibrated(task, planner, found.kind, throws.miss_m)
+    miss = _calibrated(task, planner, found.kind, throws.miss_m, evidence)
     flags = [*found.flags, *prediction_flags(task, found.curve, every, miss)]
     count = rollouts.last[0] + 1
     path, time_s = rollouts.points_m[0, :count], np.arange(count) * task.step_s
@@ -160,11 +169,11 @@ def describe(
 
 
 def _calibrated(
-    task: AnyTask, planner: str, kind: str, simulated_miss_m: np.ndarray
+    task: AnyTask, planner: str, kind: str, simulated_miss_m: np.ndarray, evidence: Evidence
 ) -> MissDistribution | None:
     """Return the distribution of the miss, None where such motions were not counted."""
     counted = f"{kind}{IN_SPACE}" if isinstance(task, SpatialTask) else kind
-    return miss_distribution(planner, counted, simulated_miss_m)
+    return miss_distribution(planner, counted, simulated_miss_m, evidence)
 
 
 def _throws(scattered: Rollouts, miss_m: np.ndarray) -> PredictedThrows:

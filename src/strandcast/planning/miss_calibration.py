@@ -8,10 +8,13 @@ in the plane and in space.
 
 The miss is s r with s = floor + gain * rms of the simulated misses, and r distributed as it was seen. Beyond
 the rms that nine in ten counted motions stay below, s grows at least as the rms.
+
+What the experiment itself has shown widens or narrows that, see `Evidence`.
 """
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -23,12 +26,20 @@ from strandcast.records.record import Part
 FILE = Path(__file__).with_name("miss_calibration.json")
 FAILED_M = 1.0  # miss of a simulation that failed (see `assessment.assess`)
 FEW_FAIL = 0.05  # share of failed simulations that does not change what is stated; chosen
+FITTED = ("refined", "replanned")  # kinds of motions that are planned with strings fitted to throws
 COUNTED = "ensemble"  # the planner of the throws that were counted
 IN_SPACE = " in space"  # after the kinds of motions in space
 LEVELS = tuple(np.round(np.arange(0.05, 0.951, 0.05), 2).tolist())  # shares whose ratios are kept
 # Above the last level the ratio's tail is a power law: the exponent of Student's t with four degrees of
-# freedom; below the first it falls linearly to zero, as distances in a plane at most do.
+# freedom; below the first it falls linearly to zero, as distances in a plane at most do. Such a tail arises
+# where the scale of normal errors differs from experiment to experiment as much as a variance estimated with
+# four degrees of freedom does, and this is the prior of `Evidence.scale`.
 TAIL_EXPONENT = 4.0
+# A motion near a trial's changes where the tip passes by as much as the trial missed; the model's error makes
+# this share of the change wrong.
+UNTESTED_SHARE = 0.1
+COORDINATES = 2  # degrees of freedom that a miss adds
+RAYLEIGH_MEDIAN_SQUARED = math.log(2.0)  # of the mean square
 
 
 class KindCalibration(Part):
@@ -55,17 +66,50 @@ class KindCalibration(Part):
     counted_m: float
     ratios: list[float]
 
-    def distribution(self, rms_m: float) -> MissDistribution:
+    def distribution(self, rms_m: float, evidence: Evidence) -> MissDistribution:
         """Return the distribution of the miss of a motion, by the rms of its simulated misses [m]."""
+        rms_m = math.hypot(rms_m, evidence.untested_m)
         beyond_m = max(rms_m - self.counted_m, 0.0)
         scale_m = self.floor_m + self.gain * rms_m + max(1.0 - self.gain, 0.0) * beyond_m
-        return MissDistribution(scale_m * np.array(self.ratios))
+        return MissDistribution(evidence.scale() * scale_m * np.array(self.ratios))
 
 
 class MissCalibration(Part):
     """Calibration by kind of motion."""
 
     kinds: dict[str, KindCalibration]
+
+
+class Evidence(NamedTuple):
+    """What the throws of an experiment say of its next prediction.
+
+    Attributes
+    ----------
+    untested_m
+        Error of the model that no string of the ensemble shows, as the motion differs from those that were
+        thrown [m]: it adds to the rms of the simulated misses, as an independent error does.
+    surprises
+        Past throws that were planned with a fitted string: each miss over the median that was stated.
+    """
+
+    untested_m: float = 0.0
+    surprises: tuple[float, ...] = ()
+
+    def scale(self) -> float:
+        """Return how much larger than elsewhere this experiment's misses are.
+
+        It is the root of the posterior mean-square, 1 before any throw. What was stated of a throw had the
+        scale by the throws before it.
+        """
+        scale, square, freedom = 1.0, TAIL_EXPONENT, TAIL_EXPONENT
+        for surprise in self.surprises:
+            square += COORDINATES * RAYLEIGH_MEDIAN_SQUARED * (scale * surprise) ** 2
+            freedom += COORDINATES
+            scale = math.sqrt(square / freedom)
+        return scale
+
+
+NO_EVIDENCE = Evidence()
 
 
 class MissDistribution(NamedTuple):
@@ -88,7 +132,9 @@ class MissDistribution(NamedTuple):
         return float(np.interp(radius_m, (0.0, *self.quantiles_m), (0.0, *LEVELS)))
 
 
-def miss_distribution(planner: str, kind: str, simulated_miss_m: np.ndarray) -> MissDistribution | None:
+def miss_distribution(
+    planner: str, kind: str, simulated_miss_m: np.ndarray, evidence: Evidence = NO_EVIDENCE
+) -> MissDistribution | None:
     """Return the distribution of the miss of a motion; None if such motions were not counted.
 
     Parameters
@@ -98,11 +144,13 @@ def miss_distribution(planner: str, kind: str, simulated_miss_m: np.ndarray) -> 
         ``replanned``, in space with `IN_SPACE`.
     simulated_miss_m
         Misses simulated with strings and disturbances [m].
+    evidence
+        What the experiment's throws say.
     """
     known = calibration().kinds.get(kind)
     if known is None or planner != COUNTED:
         return None
-    return known.distribution(rms_of(simulated_miss_m))
+    return known.distribution(rms_of(simulated_miss_m), evidence)
 
 
 def rms_of(simulated_miss_m: np.ndarray) -> float:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.planning.bezier import Curve
+from strandcast.planning.miss_calibration import FITTED
 from strandcast.planning.rollouts import AFTER_END_S
 from strandcast.records.motion import Motion
 
@@ -35,6 +36,9 @@ class PastTrial:
         Measured miss, None where the tip was not tracked at the closest approach.
     logged
         Whether there is a joint log; without one, the joints are taken to have followed the command.
+    stated_m
+        Median of the miss that was stated before the throw; None where it was not calibrated, or not made
+        with a string fitted to throws.
     """
 
     trial: int
@@ -47,6 +51,7 @@ class PastTrial:
     sway_rad_s: float
     miss_m: float | None
     logged: bool = True
+    stated_m: float | None = None
 
 
 class Measured(NamedTuple):
@@ -99,7 +104,16 @@ def past_trial(motion: Motion, measured: Measured, step_s: float) -> PastTrial:
         sway_rad_s=start_sway(measured.frame_s, measured.points_m),
         miss_m=measured.miss_m,
         logged=measured.logged,
+        stated_m=stated_miss_m(motion),
     )
+
+
+def stated_miss_m(motion: Motion) -> float | None:
+    """Return the median miss that was stated of a motion planned with a fitted string, see `PastTrial`."""
+    stated, origin = motion.predicted, motion.provenance
+    if stated is None or origin is None or not stated.calibrated or origin.kind not in FITTED:
+        return None
+    return stated.miss_quantiles_m.get("p50")
 
 
 def resampled(time_s: np.ndarray, known_s: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -14,7 +14,6 @@ from strandcast.config.plan import PlanSettings
 from strandcast.core.strings import StringBatch
 from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import Curve
-from strandcast.planning.bias_correction import distance_rad_s
 from strandcast.planning.describe import PlannedMotion, describe, stopped_outside_m
 from strandcast.planning.global_search import search_globally
 from strandcast.planning.local_search import (
@@ -25,7 +24,7 @@ from strandcast.planning.local_search import (
     search_near,
     with_every_disturbance,
 )
-from strandcast.planning.miss_calibration import rms_of
+from strandcast.planning.miss_calibration import FAILED_M, UNTESTED_SHARE, Evidence, rms_of
 from strandcast.planning.paper import first_by_paper, later_by_paper
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.paths import paths_of_any
@@ -38,10 +37,6 @@ from strandcast.planning.search import SearchInputs, SearchResult
 from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
 from strandcast.progress import print_line
 
-# Within this of a trial, rms over the control heights, nearly nine throws in ten passed within half a hit
-# radius of 20 mm of where they were predicted to (docs/explanation/throws.md, "How far a later motion may
-# go").
-TESTED_RAD_S = 0.5
 # A later motion in the plane is searched for globally if both the fit's E and the least miss so far are above
 # these. A fit above 8 mm is the best warning of a miss; 20 mm is the default hit radius.
 REPLAN_FROM_E_M = 0.008
@@ -140,16 +135,22 @@ def plan_next(
             "next motion is planned as a first one",
         )
     conditions = _conditions(task, settings, past_trials)
-    given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings, sizes))
+    # A motion from scratch meets the model's error as the newest trial did, without bias correction.
+    evidence = Evidence(fit_E_m or 0.0, _surprises(past_trials))
+    given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings, sizes), evidence)
     if settings.planner == "paper":
         found = later_by_paper(given, cast(Curve, known[-1].curve))
-        plan = predicted(given, replace(found, parent_trial=known[-1].trial))
-        flags = _far_flags(plan.curve, known)
-    else:
-        simulated, flags = _without_diverging(given, past_trials)
-        plan = _near_or_globally(simulated, known, np.nan if fit_E_m is None else fit_E_m)
-        flags = [*flags, *_far_flags(plan.curve, known)]
+        return predicted(given, replace(found, parent_trial=known[-1].trial))
+    simulated, flags = _without_diverging(given, past_trials)
+    plan = _near_or_globally(simulated, known, np.nan if fit_E_m is None else fit_E_m)
     return replace(plan, flags=(*plan.flags, *flags))
+
+
+def _surprises(trials: list[PastTrial]) -> tuple[float, ...]:
+    """Return the miss of each trial over the median that was stated, where both are known."""
+    return tuple(
+        trial.miss_m / trial.stated_m for trial in trials if trial.miss_m is not None and trial.stated_m
+    )
 
 
 def _without_diverging(given: SearchInputs, trials: list[PastTrial]) -> tuple[SearchInputs, list[str]]:
@@ -287,6 +288,9 @@ def _near(given: SearchInputs, best: PastTrial, miss_m: float, known: list[PastT
     trial's own are compared with it, and the likeliest is taken.
     """
     task, settings = given.task, given.settings
+    given = replace(
+        given, evidence=given.evidence._replace(untested_m=UNTESTED_SHARE * min(miss_m, FAILED_M))
+    )
     near = neighbourhood(task, given.strings, given.conditions, best, known, settings)
     flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
 
@@ -320,7 +324,7 @@ def predicted_near(given: SearchInputs, near: Neighbourhood, found: SearchResult
     heights = found.curve.heights_rad_s[None]
     scattered = rollouts_near(task.rough(), with_every_disturbance(task, near, given.sizes), paths, heights)
     rollouts = rollouts_near(task, near, paths, heights)
-    return describe(task, given.strings, settings.planner, found, rollouts, scattered)
+    return describe(task, given.strings, settings.planner, found, rollouts, scattered, given.evidence)
 
 
 def predicted(given: SearchInputs, found: SearchResult) -> PlannedMotion:
@@ -329,7 +333,7 @@ def predicted(given: SearchInputs, found: SearchResult) -> PlannedMotion:
     every = crossed(given.strings, len(task.arm.joints), given.sizes)
     scattered = rollouts_of_curves(task.rough(), every, given.conditions, [found.curve])
     rollouts = rollouts_of_curves(task, given.strings, given.conditions, [found.curve])
-    return describe(task, given.strings, settings.planner, found, rollouts, scattered)
+    return describe(task, given.strings, settings.planner, found, rollouts, scattered, given.evidence)
 
 
 def _stopped_inside(task: AnyTask, search: Callable[[AnyTask], tuple[Curve, int]]) -> tuple[Curve, int]:
@@ -345,13 +349,3 @@ def _stopped_inside(task: AnyTask, search: Callable[[AnyTask], tuple[Curve, int]
         return curve, simulations
     other, more = search(replace(task, price_stops=True))
     return other if stopped_outside_m(task, other) < out_m else curve, simulations + more
-
-
-def _far_flags(curve: Curve, known: list[PastTrial]) -> list[str]:
-    far_rad_s = distance_rad_s(curve, known)
-    if far_rad_s <= TESTED_RAD_S:
-        return []
-    where = f"{far_rad_s:.1f} rad/s (rms over the heights) from the nearest trial"
-    if not np.isfinite(far_rad_s):
-        where = "no trial had its posture and time"
-    return [f"outside the tested region: {where}: the prediction is less certain"]

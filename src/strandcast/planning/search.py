@@ -10,6 +10,7 @@ from strandcast.core.cma_es import cma_es
 from strandcast.core.disturbances import TYPICAL_SIZES
 from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve
+from strandcast.planning.miss_calibration import NO_EVIDENCE, Evidence
 from strandcast.planning.rollouts import RolloutConditions
 from strandcast.planning.task import AnyTask
 
@@ -20,7 +21,8 @@ POPULATION = 16  # chosen
 class SearchInputs:
     """The task, the strings and the conditions to simulate motions with, the settings, random numbers.
 
-    ``sizes`` (M, 5) are those of the disturbances, see `planning.scenarios.disturbed`.
+    ``sizes`` (M, 5) are those of the disturbances, see `planning.scenarios.disturbed`; ``evidence`` is what
+    past trials say of the prediction.
     """
 
     task: AnyTask
@@ -29,6 +31,7 @@ class SearchInputs:
     settings: PlanSettings
     rng: np.random.Generator
     sizes: np.ndarray = field(default_factory=lambda: TYPICAL_SIZES)
+    evidence: Evidence = NO_EVIDENCE
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,6 +102,8 @@ def past_trial_of(trial: Trial, task: AnyTask) -> PastTrial:
     """Return a trial on its motion's own clock, joints as often as the task's."""
     assert trial.motion is not None
     past = past_trial(trial.motion, measured_of(trial, task.hit_radius_m), task.step_s)
+    if not np.array_equal(trial.motion.target_m, task.target_m):  # the miss is to another target
+        past = replace(past, stated_m=None)
     if not isinstance(task, SpatialTask):
         return past
     # The track has markers, wherever they are on the string.

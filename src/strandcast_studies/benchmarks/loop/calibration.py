@@ -6,9 +6,10 @@
 
 Runs come from `loop.drawn`, or with ``--space`` from `space.run`; ``fit`` changes the kinds of these only. It
 takes experiments that nothing else was tuned on; ``check`` prints, for experiments that ``fit`` has not
-seen, which share of throws stayed below the stated quantiles, the stated hit probability against the share
-that hit, and Brier and log loss, calibrated and as simulated. ``held-out`` prints the same with every
-experiment stated by a calibration on the others.
+seen, which share of throws stayed below the stated quantiles and between the deciles, the stated hit
+probability against the share that hit, CRPS, and Brier and log loss, calibrated and as simulated.
+``held-out`` prints the same with every experiment stated by a calibration on the others; ``--alone`` states
+every throw without what the experiment's own throws say.
 """
 
 import argparse
@@ -23,8 +24,12 @@ from scipy.optimize import minimize
 from strandcast.core.shares import wilson
 from strandcast.planning.miss_calibration import (
     FILE,
+    FITTED,
     IN_SPACE,
     LEVELS,
+    NO_EVIDENCE,
+    UNTESTED_SHARE,
+    Evidence,
     KindCalibration,
     MissCalibration,
     MissDistribution,
@@ -38,13 +43,18 @@ SHARES, BIN = (0.5, 0.9), 0.1
 
 
 class CountedThrow(NamedTuple):
-    """A throw of a run: its kind, number, simulated rms, simulated hit probability and true miss [m]."""
+    """A throw of a run: its kind, number, simulated rms, simulated hit probability and true miss [m].
+
+    `measured_m` is the miss that the planner of the next throw knows, `untested_m` that of `Evidence`.
+    """
 
     kind: str
     trial: int
     rms_m: float
     simulated: float
     miss_m: float
+    measured_m: float | None = None
+    untested_m: float = 0.0
 
 
 StatedThrow = tuple[CountedThrow, MissDistribution]
@@ -54,18 +64,34 @@ def throws_of(files: list[Path], suffix: str = "") -> list[list[CountedThrow]]:
     """Return the throws of each run, that before a rehearsal too, with kinds + `suffix`."""
     runs = [run for file in files for run in json.loads(file.read_text(encoding="utf-8"))["runs"]]
     return [
-        [
-            CountedThrow(
-                t["kind"] + suffix,
-                t["trial"],
-                t["miss_rms_m"],
-                t["simulated_hit_probability"],
-                t["true_miss_m"],
-            )
-            for t in [*run.get("unrehearsed", []), *run["trials"]]
-        ]
+        [_counted(t, [], suffix) for t in run.get("unrehearsed", [])]
+        + [_counted(t, run["trials"][:k], suffix) for k, t in enumerate(run["trials"])]
         for run in runs
     ]
+
+
+def _counted(thrown: dict[str, Any], before: list[dict[str, Any]], suffix: str) -> CountedThrow:
+    """Return a throw of a run, after others."""
+    untested_m = 0.0
+    if thrown["kind"] == "replanned":
+        untested_m = before[-1].get("E_m") or 0.0
+    elif thrown["kind"] == "refined":
+        untested_m = UNTESTED_SHARE * min(_measured_m(t) for t in before)
+    return CountedThrow(
+        thrown["kind"] + suffix,
+        thrown["trial"],
+        thrown["miss_rms_m"],
+        thrown["simulated_hit_probability"],
+        thrown["true_miss_m"],
+        _measured_m(thrown),
+        untested_m,
+    )
+
+
+def _measured_m(thrown: dict[str, Any]) -> float:
+    """Return the measured miss [m], or the true one where the tip was not seen."""
+    measured_m = thrown.get("miss_m")
+    return float(thrown["true_miss_m"] if measured_m is None else measured_m)
 
 
 def kind_calibration(rms_m: np.ndarray, miss_m: np.ndarray, made_from: str = "") -> KindCalibration:
@@ -111,23 +137,43 @@ def fit(throws: list[CountedThrow], made_from: str) -> MissCalibration:
     for kind, mine in by_kind.items():
         counted = mine if len(mine) >= FEWEST else mine + by_kind.get(SIMILAR.get(kind, ""), [])
         if len(counted) >= FEWEST:
-            rms, miss = (np.array([getattr(t, name) for t in counted]) for name in ("rms_m", "miss_m"))
-            kinds[kind] = kind_calibration(rms, miss, made_from)
+            rms_m = np.array([np.hypot(throw.rms_m, throw.untested_m) for throw in counted])
+            kinds[kind] = kind_calibration(rms_m, np.array([throw.miss_m for throw in counted]), made_from)
     return MissCalibration(kinds=dict(sorted(kinds.items())))
 
 
-def held_out(runs: list[list[CountedThrow]]) -> list[StatedThrow]:
+def held_out(runs: list[list[CountedThrow]], *, alone: bool = False) -> list[StatedThrow]:
     """Return the throws with what a calibration on all other runs states, of the kinds counted there."""
     said = []
     for k, run in enumerate(runs):
         others = fit([throw for one in runs[:k] + runs[k + 1 :] for throw in one], "")
-        said += [(throw, stated(throw, others)) for throw in run if throw.kind in others.kinds]
+        said += stated_run(run, others, alone=alone)
     return said
 
 
-def stated(throw: CountedThrow, calibration: MissCalibration) -> MissDistribution:
+def stated(
+    throw: CountedThrow, calibration: MissCalibration, evidence: Evidence = NO_EVIDENCE
+) -> MissDistribution:
     """Return the calibrated distribution of a throw's miss."""
-    return calibration.kinds[throw.kind].distribution(throw.rms_m)
+    return calibration.kinds[throw.kind].distribution(throw.rms_m, evidence)
+
+
+def stated_run(
+    run: list[CountedThrow], calibration: MissCalibration, *, alone: bool = False
+) -> list[StatedThrow]:
+    """Return the throws of an experiment, of kinds that were counted, with what is stated of each.
+
+    `alone`: without what the experiment's own throws say.
+    """
+    said: list[StatedThrow] = []
+    surprises: tuple[float, ...] = ()
+    for throw in run:
+        if throw.kind in calibration.kinds:
+            evidence = NO_EVIDENCE if alone else Evidence(throw.untested_m, surprises)
+            said.append((throw, stated(throw, calibration, evidence)))
+            if throw.kind.removesuffix(IN_SPACE) in FITTED and throw.measured_m is not None:
+                surprises += (throw.measured_m / said[-1][1].quantile_m(0.5),)
+    return said
 
 
 def reliability(pairs: list[StatedThrow], radius_m: float) -> dict[str, Any]:
@@ -139,6 +185,9 @@ def reliability(pairs: list[StatedThrow], radius_m: float) -> dict[str, Any]:
     for share in SHARES:
         below = miss <= [one.quantile_m(share) for one in said]
         answer[f"below_p{round(100 * share)}"] = _share(below)
+    place = [one.within(m) for m, one in zip(miss, said, strict=True)]
+    answer["in_deciles"] = np.histogram(place, np.linspace(0.0, 1.0, 11))[0].tolist()
+    answer["crps_m"] = float(np.mean([crps_m(one, m) for m, one in zip(miss, said, strict=True)]))
     simulated = np.array([throw.simulated for throw in throws])
     for name, probability in (
         ("calibrated", np.array([one.within(radius_m) for one in said])),
@@ -158,6 +207,12 @@ def reliability(pairs: list[StatedThrow], radius_m: float) -> dict[str, Any]:
     return answer
 
 
+def crps_m(said: MissDistribution, miss_m: float) -> float:
+    """Return the continuous ranked probability score [m]: twice the mean of the quantiles' pinball losses."""
+    over_m = miss_m - said.quantiles_m
+    return float(2.0 * np.mean(np.maximum(np.array(LEVELS) * over_m, (np.array(LEVELS) - 1.0) * over_m)))
+
+
 def _share(held: np.ndarray) -> dict[str, float]:
     low, high = wilson(int(held.sum()), len(held))
     return {"of": len(held), "share": float(held.mean()), "low": low, "high": high}
@@ -172,6 +227,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("files", nargs="+", type=Path, help="results of loop.drawn or space.run")
     parser.add_argument("--space", action="store_true", help="the results are those of space.run")
     parser.add_argument("--radius", type=float, default=0.020, help="hit radius [m]")
+    parser.add_argument("--alone", action="store_true", help="state without the experiment's own throws")
     parser.add_argument("--out", type=Path, default=FILE, help="where fit writes the calibration")
     options = parser.parse_args(arguments)
     runs = throws_of(options.files, IN_SPACE if options.space else "")
@@ -185,9 +241,9 @@ def main(arguments: list[str] | None = None) -> None:
         options.out.write_text(made.model_dump_json(indent=1) + "\n", encoding="utf-8")
         return
     if options.what == "held-out":
-        said = held_out(runs)
+        said = held_out(runs, alone=options.alone)
     else:
-        said = [(throw, stated(throw, before)) for throw in throws if throw.kind in before.kinds]
+        said = [pair for run in runs for pair in stated_run(run, before, alone=options.alone)]
     for trial in sorted({throw.trial for throw, _ in said}):
         mine = [pair for pair in said if pair[0].trial == trial]
         print(f"trial {trial}:", json.dumps(reliability(mine, options.radius), indent=1))

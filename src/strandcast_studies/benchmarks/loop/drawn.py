@@ -5,9 +5,10 @@
 
 As `loop.run`, but every seed has its own string, target and servo; with ``--wide`` also strings from 1 to
 40 g/m, thin and thick, and rigs that repeat better or worse than the typical one, with or without heavy
-tails. The first motion is played with an empty clamp, and planned again, before it is thrown, but not with
-``--unrehearsed``; with ``--filmed`` throws are filmed and tracked in their videos. The planner knows only a
-string's length and the places of its weights.
+tails; with ``--curled`` every string is light, thick and strongly curled. The first motion is played with an
+empty clamp, and planned again, before it is thrown, but not with ``--unrehearsed``; with ``--filmed`` throws
+are filmed and tracked in their videos. The planner knows only a string's length and the places of its
+weights.
 """
 
 import json
@@ -44,6 +45,8 @@ SERVOS = ("servoj", "stiff", "pd", "soft")
 # weight bends them.
 WIDE_DENSITY_KG_M, MATERIAL_KG_M3, BENDING_LENGTH_M = (0.001, 0.040), (100.0, 1300.0), (0.012, 0.06)
 WIDE_WEIGHTS, WIDE_WEIGHT_KG, THICKEST_M = 3, (0.002, 0.030), 0.012
+# With --curled: light, thick and strongly curled strings, which the model describes worst.
+CURLED_DENSITY_KG_M, CURLED_MATERIAL_KG_M3, STRONG_CURL_RAD_M = (0.002, 0.006), (100.0, 300.0), (4.0, 10.0)
 # A target is out of the arm's reach by up to this share of the string's length.
 ARM_M, OF_LENGTH = 0.70, 0.6
 EDGE_M = 0.10  # from the workspace's edge
@@ -52,9 +55,7 @@ EDGE_M = 0.10  # from the workspace's edge
 def wide_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
     """Return an experiment's settings with a string and a rig from the wide ranges."""
     random = np.random.default_rng([seed, 6])
-    density = log_uniform(WIDE_DENSITY_KG_M, random)
-    diameter_m = math.sqrt(4.0 * density / (math.pi * log_uniform(MATERIAL_KG_M3, random)))
-    bending_n_m2 = 9.81 * density * log_uniform(BENDING_LENGTH_M, random) ** 3
+    string = string_of(WIDE_DENSITY_KG_M, MATERIAL_KG_M3, random)
     usual = settings_of(common, seed)
     weights = drawn_weights(usual["string"]["length_m"], random, WIDE_WEIGHTS, WIDE_WEIGHT_KG)
     scatter = drawn_scatter(random)
@@ -62,16 +63,31 @@ def wide_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
         usual,
         {
             "string": {"weights": weights},
-            "lab": {
-                "string": {
-                    "linear_density_kg_m": density,
-                    "bending_stiffness_n_m2": bending_n_m2,
-                    "diameter_m": min(diameter_m, THICKEST_M),
-                },
-                "scatter": scatter.model_dump(),
-            },
+            "lab": {"string": string, "scatter": scatter.model_dump()},
         },
     )
+
+
+def curled_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
+    """Return an experiment's settings with a string that is light, thick and strongly curled."""
+    random = np.random.default_rng([seed, 7])
+    string = string_of(CURLED_DENSITY_KG_M, CURLED_MATERIAL_KG_M3, random)
+    curl = random.choice([-1.0, 1.0]) * random.uniform(*STRONG_CURL_RAD_M)
+    return merged(settings_of(common, seed), {"lab": {"string": string | {"curl_rad_m": float(curl)}}})
+
+
+def string_of(
+    density_kg_m: tuple[float, float], material_kg_m3: tuple[float, float], random: np.random.Generator
+) -> dict[str, float]:
+    """Return a bare string that its own weight bends as much as cords and ropes."""
+    density = log_uniform(density_kg_m, random)
+    diameter_m = math.sqrt(4.0 * density / (math.pi * log_uniform(material_kg_m3, random)))
+    bending_n_m2 = 9.81 * density * log_uniform(BENDING_LENGTH_M, random) ** 3
+    return {
+        "linear_density_kg_m": density,
+        "bending_stiffness_n_m2": bending_n_m2,
+        "diameter_m": min(diameter_m, THICKEST_M),
+    }
 
 
 def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
@@ -125,13 +141,16 @@ def log_uniform(between: tuple[float, float], random: np.random.Generator) -> fl
     return float(np.exp(random.uniform(*np.log(between))))
 
 
+DRAWS = {"drawn": settings_of, "wide": wide_settings_of, "curled": curled_settings_of}
+
+
 def _job(
-    root: str, seed: int, trials: int, wide: bool, learnt: bool, rehearsed: bool, filmed: bool
+    root: str, seed: int, trials: int, draw: str, learnt: bool, rehearsed: bool, filmed: bool
 ) -> dict[str, Any]:
-    settings = (wide_settings_of if wide else settings_of)(load_plan(PROJECT / FILE).common, seed)
+    settings = DRAWS[draw](load_plan(PROJECT / FILE).common, seed)
     settings = merged(settings, {"lab": {"rehearsal": rehearsed}})
     settings = merged(settings, {"plan": {"disturbances": "learnt"}}) if learnt else settings
-    name = f"{'wide' if wide else 'drawn'}-{seed}"
+    name = f"{draw}-{seed}"
     prepare(Path(root), name, settings)
     drawn = {key: settings[key] for key in ("seed", "string", "target_m", "lab")}
     thrown = outcome(lambda: run_prepared(Path(root), name, trials, RIGS["usual"], filmed=filmed))
@@ -144,7 +163,11 @@ def _job(
 def main(arguments: list[str] | None = None) -> None:
     """Run the experiments, two at a time; write each result as soon as it is known."""
     parser = run_parser(__doc__, list(REPORTED_SEEDS), "results/bench-drawn.json", strings=False)
-    parser.add_argument("--wide", action="store_true", help="draw from the wide ranges, and rigs too")
+    draw = parser.add_mutually_exclusive_group()
+    for other, text in (("wide", "wide ranges, and rigs too"), ("curled", "light, thick, curled strings")):
+        draw.add_argument(
+            f"--{other}", dest="draw", action="store_const", const=other, default="drawn", help=f"draw {text}"
+        )
     parser.add_argument("--learnt", action="store_true", help="learn the rig's scatter (plan.disturbances)")
     parser.add_argument("--unrehearsed", action="store_true", help="throw without a rehearsal")
     parser.add_argument("--filmed", action="store_true", help="film and track every throw, a minute of CPU")
@@ -152,7 +175,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="strandcast-drawn-") as folder:
         root = str(root_with_arms(options.work or Path(folder)))
-        how = options.trials, options.wide, options.learnt, not options.unrehearsed, options.filmed
+        how = options.trials, options.draw, options.learnt, not options.unrehearsed, options.filmed
         jobs = [(root, seed, *how) for seed in options.seeds]
         print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
 
