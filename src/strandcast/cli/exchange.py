@@ -200,7 +200,7 @@ def import_track(
         mapping: CaptureMapping | SpaceMapping = load_capture_mapping(columns)
     else:
         units = {"length_unit": length_unit, "time_unit": time_unit, "rate_hz": rate}
-        given = {name: value for name, value in units.items() if value is not None}
+        given: dict[str, Any] = {name: value for name, value in units.items() if value is not None}
         if up is None and all(each.partition(":")[2].count(",") == 1 for each in marker or []):
             given |= {"angle_sign": angle_sign, "angle_offset_rad": angle_offset}
             mapping = capture_mapping_of(time, hand or "x,y,angle", marker or [], **given)
