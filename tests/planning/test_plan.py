@@ -32,7 +32,6 @@ from strandcast.planning.miss_calibration import LEVELS, MissDistribution
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial
 from strandcast.planning.plan import PlannedMotion, plan_first, plan_next, predicted
 from strandcast.planning.ranking import likely_miss_m
-from strandcast.planning.rig_scatter import drawn_sizes
 from strandcast.planning.rollouts import (
     RolloutConditions,
     Rollouts,
@@ -115,7 +114,7 @@ def searched(task: PlanningTask, strings: StringBatch) -> PlannedMotion:
 def first(task: PlanningTask, strings: StringBatch) -> PlannedMotion:
     """Return a motion that a search found once, rounded: elsewhere a search ends elsewhere."""
     conditions = RolloutConditions(task.arm.servo)
-    given = SearchInputs(task, strings, conditions, SMALL, np.random.default_rng(1), drawn_sizes(SMALL, []))
+    given = SearchInputs(task, strings, conditions, SMALL, np.random.default_rng(1))
     return predicted(given, SearchResult("first", FIRST, 1307, []))
 
 

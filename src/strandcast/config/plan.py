@@ -1,6 +1,6 @@
 """`plan:` the planner."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
@@ -38,31 +38,6 @@ class PaperReading(Section):
         description="Largest alpha_k in eq. 1, which the paper does not give. Lower it for an arm with "
         "small acceleration limits.",
     )
-
-
-def _prior(median: float, what: str) -> Any:
-    return Field(
-        (median, 2.0),
-        description=f"{what}. Set it to what your rig showed (the experiment's page), with a factor near 1.",
-    )
-
-
-MedianAndFactor = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=1, le=10)]]
-
-
-class RigPrior(Section):
-    """How much throws of one motion differ, before any was seen: [median, factor] of a standard deviation.
-
-    Two rigs in three lie between median / factor and median * factor. Chosen, with no regard to the lab.
-    """
-
-    grasp_angle_rad: MedianAndFactor = _prior(0.035, "Turn of the string in the clamp")
-    grasp_length_m: MedianAndFactor = _prior(0.0015, "Length of string beyond the clamp")
-    sway_rad: MedianAndFactor = _prior(0.006, "Turn of the hanging string about the hand at the start")
-    sway_rad_s: MedianAndFactor = _prior(0.04, "Rate of that turn")
-    joint_zero_rad: MedianAndFactor = _prior(0.0007, "Zero positions of the joints")
-    servo_gain: MedianAndFactor = _prior(0.002, "Relative travel of a joint; reported, not planned with")
-    servo_lag_s: MedianAndFactor = _prior(0.0005, "Lag of a joint; reported, not planned with")
 
 
 class PlanSettings(Section):
@@ -106,16 +81,11 @@ class PlanSettings(Section):
     paper: PaperReading = Field(
         PaperReading(), description="How section V of the paper is read; for `planner: paper`."
     )
-    disturbances: Annotated[float, Field(ge=0, le=10)] | Literal["learnt"] = Field(
+    disturbances: Annotated[float, Field(ge=0, le=10)] = Field(
         1.0,
         description="Scale of throw-to-throw disturbances (1 = typical rig), used in robust planning and "
-        "predicted misses; or learnt from the trials, starting from `scatter`. Raise it if repeated throws "
-        "of one motion scatter more than the report predicts; lower it if less.",
-    )
-    scatter: RigPrior = Field(
-        RigPrior(),
-        description="Prior of the rig's scatter, for `disturbances: learnt`: [median, "
-        "factor] of each standard deviation; two rigs in three lie within the factor of the median.",
+        "predicted misses. Raise it if repeated throws of one motion scatter more than the report predicts; "
+        "lower it if less.",
     )
     mesh_refinement: bool = Field(
         True,

@@ -36,6 +36,8 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("track.hand", "track.tracker", {"marker": "chain", "pivot": "pendulum"}),
     Renamed("plan.finer", "plan.mesh_refinement"),
     Renamed("plan.carry_residual", "plan.bias_correction"),
+    Renamed("plan.scatter", None),
+    Renamed("plan.disturbances", "plan.disturbances", {"learnt": 1.0}),
     Renamed("estimate.integrator", None),
     Renamed("estimate.search", "estimate.search", {"cma": "thorough", "evolution": "thorough"}),
 )

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 # Tried: shares of the variance that frames share, and for how long. The shortest is the tracker's
-# (`planning.deviations.SHARED_S`); slow errors, of the lens or of a marker that turns, pass for a wrong arm.
+# (docs/explanation/tracking.md); slow errors, of the lens or of a marker that turns, pass for a wrong arm.
 SHARES = (0.3, 0.6, 0.9, 0.98)
 TIMES_S = (0.016, 0.05, 0.15, 0.4)
 LEAST_POINT_M = 1e-4  # a marker's place is no better, whatever the residuals say; chosen

@@ -11,6 +11,7 @@ from strandcast.arm.servo import identify
 from strandcast.arm.spatial_dynamics import spatial_dynamics_of
 from strandcast.arm.yielding_joints import JointResponse, YieldingJoints, identify_yielding
 from strandcast.config.plan import PlanSettings
+from strandcast.core.disturbances import TYPICAL_SIZES
 from strandcast.core.strings import StringBatch
 from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import Curve
@@ -30,7 +31,6 @@ from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.paths import paths_of_any
 from strandcast.planning.ranking import likely_miss_m, stable_on_past_trials
 from strandcast.planning.reachability import refuse_unreachable
-from strandcast.planning.rig_scatter import drawn_sizes
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_curves
 from strandcast.planning.scenarios import crossed
 from strandcast.planning.search import SearchInputs, SearchResult
@@ -61,7 +61,6 @@ def plan_first(
     strings: StringBatch,
     settings: PlanSettings,
     rng: np.random.Generator,
-    sizes: np.ndarray | None = None,
     rehearsal: PastTrial | None = None,
 ) -> PlannedMotion:
     """Plan a motion for a string that was never thrown.
@@ -76,8 +75,6 @@ def plan_first(
         Planner and budget.
     rng
         Random numbers.
-    sizes
-        Of the disturbances, see `planning.scenarios.disturbed`; by default those of the settings.
     rehearsal
         A motion that the arm played without the string: how its joints follow is known from there, not from
         the arm's file.
@@ -89,7 +86,7 @@ def plan_first(
     """
     refuse_unreachable(task)
     conditions = _conditions(task, settings, [rehearsal] if rehearsal else [])
-    given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings, sizes))
+    given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings))
     if settings.planner == "paper":
         return predicted(given, first_by_paper(given))
     if rehearsal and rehearsal.curve is not None and settings.plans_with_servo:
@@ -104,13 +101,12 @@ def plan_next(
     settings: PlanSettings,
     rng: np.random.Generator,
     fit_E_m: float | None = None,
-    sizes: np.ndarray | None = None,
 ) -> PlannedMotion:
     """Plan the motion after one or more trials.
 
     Parameters
     ----------
-    task, settings, rng, sizes
+    task, settings, rng
         See `plan_first`.
     strings
         The fitted strings, the best first.
@@ -137,7 +133,7 @@ def plan_next(
     conditions = _conditions(task, settings, past_trials)
     # A motion from scratch meets the model's error as the newest trial did, without bias correction.
     evidence = Evidence(fit_E_m or 0.0, _surprises(past_trials))
-    given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings, sizes), evidence)
+    given = SearchInputs(task, strings, conditions, settings, rng, _sizes(settings), evidence)
     if settings.planner == "paper":
         found = later_by_paper(given, cast(Curve, known[-1].curve))
         return predicted(given, replace(found, parent_trial=known[-1].trial))
@@ -166,8 +162,9 @@ def _without_diverging(given: SearchInputs, trials: list[PastTrial]) -> tuple[Se
     return replace(given, strings=strings), [f"{left_out}: they diverge on the joints of a past trial"]
 
 
-def _sizes(settings: PlanSettings, sizes: np.ndarray | None) -> np.ndarray:
-    return drawn_sizes(settings, []) if sizes is None else sizes
+def _sizes(settings: PlanSettings) -> np.ndarray:
+    """Return the standard deviations of the disturbances (1, 5), in the order of `DISTURBING`."""
+    return settings.disturbances * TYPICAL_SIZES
 
 
 def _conditions(task: AnyTask, settings: PlanSettings, past_trials: list[PastTrial]) -> RolloutConditions:

@@ -7,12 +7,12 @@ import numpy as np
 
 from strandcast.arm.load import Arm
 from strandcast.planning.rig_offsets import SURE_SD, WORTH_M, OffsetFit
-from strandcast.planning.rig_scatter import SizePrior, prior_of, size_posterior
+from strandcast.planning.unknown_size import SizePrior, prior_of, size_posterior
 from strandcast.records.estimate import RigOffset, RigOffsets
 from strandcast.records.record import Fault
 
 # Chosen: grasps of one clamp differ by this much across and in direction, one standard deviation, two rigs in
-# three within the factor, as in plan.scatter.
+# three within the factor.
 ASIDE, TURNED = SizePrior(1e-3, 2.0), SizePrior(0.035, 2.0)
 
 
@@ -145,7 +145,7 @@ def _of_string(arm: Arm, string: StringInClamp) -> list[RigOffset]:
     found = []
     if known.sum() > 1:
         left_m, error_m = string.left_m[known], string.error_m[known]
-        scatter_m = size_posterior(ASIDE, left_m[:, None], error_m[:, None], about_mean=True).rms
+        scatter_m = size_posterior(ASIDE, left_m[:, None], error_m[:, None]).rms
         # The tracker's errors are alike where motions are: more trials do not average them out.
         sd_m = float(np.sqrt(scatter_m**2 / known.sum() + float(np.mean(error_m**2))))
         value_m = float(left_m.mean())

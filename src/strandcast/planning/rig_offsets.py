@@ -4,7 +4,7 @@ The tracked hand of all trials is compared with the hand by the joint log and th
 the file is either right, to within what a careful lab leaves, or, seldom, wrong by much more; at most
 `MOST_WRONG` are. The camera's plane may lie beside the arm's, turned and stretched, and each trial has zeros
 and a clock of its own. How much zeros scatter is not known: its prior is a grid, as in
-`planning.rig_scatter`.
+`planning.unknown_size`.
 
 Two questions, two answers. How far is each number off, by the trials alone, whatever the others are? Numbers
 that the motions cannot tell apart have large standard deviations there. And which few wrong numbers explain
@@ -24,7 +24,7 @@ from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm
 from strandcast.core.disturbances import JOINT_ZERO_RAD
 from strandcast.planning.hand_noise import noise_root, whitened
-from strandcast.planning.rig_scatter import GRID
+from strandcast.planning.unknown_size import GRID
 
 LEAST_TRIALS = 2  # one trial's own zeros look the same as wrong ones
 LEAST_FRAMES = 50  # of a trial that counts; chosen, a tenth of a second
@@ -42,9 +42,7 @@ FREE = 20.0  # times the standard deviation of a wrong number: as good as unknow
 SHIFT_M, TURN_RAD, STRETCH = 1e-3, 1e-3, 1e-3
 REACH_M = 0.5  # chosen: the distance over which an error of the calibration turns or stretches the plane
 CLOCK_S = 1e-3  # of a trial's offset; ten times the alignment's usual error: a wrong arm displaces the offset
-SCATTER_FACTOR = (
-    2.0  # two rigs in three have zeros within this factor of `JOINT_ZERO_RAD`, as in plan.scatter
-)
+SCATTER_FACTOR = 2.0  # two rigs in three have zeros within this factor of `JOINT_ZERO_RAD`
 STEP = 1e-5  # of derivatives, in m and rad
 SIZES = GRID[::8]  # enough for an average
 ROUNDS = 3  # of Gauss-Newton; wrong by 10 mm and 35 mrad, the third changes nothing

@@ -14,7 +14,6 @@ from strandcast.records.motion import (
     Motion,
     Prediction,
     Provenance,
-    RigScatter,
     Robot,
     StartPosture,
     StringSet,
@@ -31,7 +30,6 @@ def to_record(
     planned_from: dict[str, str],
     parent_motion_sha256: str | None = None,
     start_string: str | None = None,
-    scatter: list[RigScatter] | None = None,
 ) -> Motion:
     """Return the motion record of a plan.
 
@@ -47,8 +45,6 @@ def to_record(
         Content hash of the motion that was altered.
     start_string
         For a first motion: what was assumed about the string.
-    scatter
-        How much throws differ on the rig, if that was learnt.
     """
     curve, motion, arm = plan.curve, plan.motion, task.arm
     step_ns = round(1e9 * task.step_s)
@@ -81,7 +77,6 @@ def to_record(
             start_string=start_string,
             string=_best_string(plan.strings),
             flags=list(plan.flags),
-            **({} if scatter is None else {"scatter": scatter}),
         ),
     )
 

@@ -132,26 +132,6 @@ class Prediction(OmitsUnset):
         return found
 
 
-class RigScatter(Part):
-    """How much throws differ in one quantity: its standard deviation, before any throw and as learnt.
-
-    Two rigs in three were expected between median / factor and median * factor; `low` and `high` are the 5 %
-    and 95 % quantiles of what is known now. `measured` and `errors` have, by trial, one number or one for
-    each joint, null where it was not measured.
-    """
-
-    quantity: str
-    unit: str
-    prior_median: float
-    prior_factor: float
-    measured: dict[int, list[float | None]]
-    errors: dict[int, list[float | None]]
-    median: float
-    low: float
-    high: float
-    warnings: list[str] = []
-
-
 class Provenance(OmitsUnset):
     """How the motion was planned, and from which files."""
 
@@ -165,7 +145,6 @@ class Provenance(OmitsUnset):
     objective: str | None = None  # in words; null: a point
     string: StringSet
     flags: list[str]
-    scatter: list[RigScatter] = []  # with `plan.disturbances: learnt`
 
 
 class Motion(Record):

@@ -12,7 +12,6 @@ from strandcast.arm.spatial import SpatialArm
 from strandcast.errors import StrandcastError
 from strandcast.planning.describe import PlannedMotion
 from strandcast.planning.plan import plan_first, plan_next
-from strandcast.planning.rig_scatter import LearntSize, drawn_sizes, learnt_sizes
 from strandcast.planning.start_strings import start_string_name
 from strandcast.planning.task import AnyTask
 from strandcast.planning.write import to_record
@@ -34,8 +33,6 @@ from strandcast.stages.plan_inputs import (
     past_trial_of,
     refuse_without_target,
     rehearsal_of,
-    seen_deviations,
-    servo_of,
 )
 from strandcast.stages.producers import play_command
 
@@ -97,7 +94,7 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
     random = rng(*seeded_by)
     trials = [read_trial(files, number) for number in past(job)]
     with _about(context):
-        task, plan, scatter = _next(files, arm, trials, random) if trials else _first(files, arm, random)
+        task, plan = _next(files, arm, trials, random) if trials else _first(files, arm, random)
     parent = next((t.motion for t in trials if t.number == plan.parent_trial), None)
     motion = to_record(
         plan,
@@ -110,7 +107,6 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
         ),
         None if parent is None else parent.content_sha256(),
         None if trials else start_string_name(settings),
-        [one.to_record() for one in scatter] if settings.plan.disturbances == "learnt" else None,
     )
     return motion, plan.throws._replace(motion_sha256=motion.content_sha256())
 
@@ -146,11 +142,11 @@ def _refuse_thrown(job: Job) -> None:
         )
 
 
-Plan = tuple[AnyTask, PlannedMotion, list[LearntSize]]
+Plan = tuple[AnyTask, PlannedMotion]
 
 
 def _first(files: Files, arm: Arm | SpatialArm, random: np.random.Generator) -> Plan:
-    """Plan for an ensemble of plausible strings, on a rig known only by its prior.
+    """Plan for an ensemble of plausible strings.
 
     What a rehearsal shows of the joints is used.
     """
@@ -159,7 +155,7 @@ def _first(files: Files, arm: Arm | SpatialArm, random: np.random.Generator) -> 
     task, strings = first_inputs(context, arm, random)
     rehearsal = rehearsal_of(files, task)
     plan = plan_first(task, strings, settings, random, rehearsal=rehearsal)
-    return task, plan, learnt_sizes(settings, [])
+    return task, plan
 
 
 def _next(files: Files, arm: Arm | SpatialArm, trials: list[Trial], random: np.random.Generator) -> Plan:
@@ -168,8 +164,4 @@ def _next(files: Files, arm: Arm | SpatialArm, trials: list[Trial], random: np.r
     task, strings = next_inputs(context, arm, files.input("ensemble"))
     estimate = Estimate.read(files.input("estimate"))
     played = [past_trial_of(trial, task) for trial in trials if trial.motion is not None]
-    learns = settings.disturbances == "learnt"
-    seen = seen_deviations(task, strings, trials, servo_of(estimate.servo)) if learns else []
-    sizes = drawn_sizes(settings, seen)
-    plan = plan_next(task, strings, played, settings, random, estimate.E_m, sizes)
-    return task, plan, learnt_sizes(settings, seen)
+    return task, plan_next(task, strings, played, settings, random, estimate.E_m)

@@ -14,9 +14,7 @@ from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
-from strandcast.planning.deviations import trial_deviations
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial, resampled
-from strandcast.planning.rig_scatter import TrialDeviations
 from strandcast.planning.start_strings import start_strings, start_strings_in_space
 from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
 from strandcast.records.estimate import ServoFit
@@ -190,30 +188,6 @@ def measured_of(trial: Trial, hit_radius_m: float) -> Measured:
     return Measured(
         time_s, q_rad, frame_s, trial.track.detected_m(), nearest and nearest.miss_m, log is not None
     )
-
-
-def _deviations_of(
-    task: PlanningTask, best: StringBatch, trial: Trial, servo: Servo | None
-) -> TrialDeviations:
-    length_m, error_m = (trial.summary.choices.get(name) for name in ("length_m", "length_sigma_m"))
-    known = (length_m, error_m) if isinstance(length_m, float) and isinstance(error_m, float) else None
-    past = past_trial_of(trial, task)
-    return trial_deviations(
-        task, best, past, measured_of(trial, task.hit_radius_m), servo if trial.log else None, known
-    )
-
-
-def seen_deviations(
-    task: AnyTask, strings: StringBatch, trials: list[Trial], servo: Servo | None
-) -> list[TrialDeviations]:
-    """Return what the trials that were played from a motion show of the rig; the best string comes first.
-
-    In space nothing of it is known: the settings refuse to learn it there.
-    """
-    if not isinstance(task, PlanningTask):
-        return []
-    played = [trial for trial in trials if trial.motion is not None]
-    return [_deviations_of(task, strings.first(1), trial, servo) for trial in played]
 
 
 def servo_of(fit: ServoFit | None) -> Servo | None:

@@ -23,7 +23,6 @@ from strandcast.report.panels.progress import evaluations, misses
 from strandcast.report.panels.quality import quality
 from strandcast.report.panels.rig import rig
 from strandcast.report.panels.rig_offsets import compares_arm, rig_offsets
-from strandcast.report.panels.rig_scatter import learns_scatter, rig_scatter
 from strandcast.report.panels.space_views import turnable, two_views
 from strandcast.report.panels.strobe import strobe
 from strandcast.report.panels.strobe_picture import strobe_picture
@@ -409,23 +408,10 @@ EXPERIMENT_PANELS = [
         "camera sees against the hand by the joint log. ± one standard deviation, which holds the zeros’ "
         "scatter from trial to trial, the place of the camera’s plane and what these motions cannot tell "
         "apart. At the hand: the farthest that it moves the hand in these motions (of the string: the "
-        "string). Learnt: the share of the variance before any trial that the trials removed.",
+        "string). –: these motions do not tell.",
         good="no deviation is three standard deviations from zero and worth more than 1 mm.",
         bad="a number marked wrong: correct it in the file, and plan again.",
         shown=compares_arm,
-    ),
-    Panel(
-        "scatter",
-        "Scatter of the rig",
-        rig_scatter,
-        caption="Standard deviations from throw to throw: expected before any throw (two rigs in three lie "
-        "within the factor), and learnt from the trials, with the interval that holds it with 90 %. Measured "
-        "values are as the trial showed them, one for each joint; they scatter about their mean, the rate "
-        "about zero. The turn in the clamp cannot be seen; travel and lag are not planned with.",
-        good="what was learnt is near what was expected.",
-        bad="a value that grows from trial to trial (a clamp that gives way), or one far from the others (a "
-        "string that slipped).",
-        shown=learns_scatter,
     ),
     Panel("quality", "Checks by trial", quality, caption="✓ passed, ▲ warned, ✕ failed, – not run."),
     Panel(

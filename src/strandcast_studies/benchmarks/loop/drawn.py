@@ -144,12 +144,9 @@ def log_uniform(between: tuple[float, float], random: np.random.Generator) -> fl
 DRAWS = {"drawn": settings_of, "wide": wide_settings_of, "curled": curled_settings_of}
 
 
-def _job(
-    root: str, seed: int, trials: int, draw: str, learnt: bool, rehearsed: bool, filmed: bool
-) -> dict[str, Any]:
+def _job(root: str, seed: int, trials: int, draw: str, rehearsed: bool, filmed: bool) -> dict[str, Any]:
     settings = DRAWS[draw](load_plan(PROJECT / FILE).common, seed)
     settings = merged(settings, {"lab": {"rehearsal": rehearsed}})
-    settings = merged(settings, {"plan": {"disturbances": "learnt"}}) if learnt else settings
     name = f"{draw}-{seed}"
     prepare(Path(root), name, settings)
     drawn = {key: settings[key] for key in ("seed", "string", "target_m", "lab")}
@@ -168,14 +165,13 @@ def main(arguments: list[str] | None = None) -> None:
         draw.add_argument(
             f"--{other}", dest="draw", action="store_const", const=other, default="drawn", help=f"draw {text}"
         )
-    parser.add_argument("--learnt", action="store_true", help="learn the rig's scatter (plan.disturbances)")
     parser.add_argument("--unrehearsed", action="store_true", help="throw without a rehearsal")
     parser.add_argument("--filmed", action="store_true", help="film and track every throw, a minute of CPU")
     parser.add_argument("--work", type=Path, default=None, help="keep the experiments' folders here")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="strandcast-drawn-") as folder:
         root = str(root_with_arms(options.work or Path(folder)))
-        how = options.trials, options.draw, options.learnt, not options.unrehearsed, options.filmed
+        how = options.trials, options.draw, not options.unrehearsed, options.filmed
         jobs = [(root, seed, *how) for seed in options.seeds]
         print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
 
