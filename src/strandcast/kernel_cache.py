@@ -20,7 +20,7 @@ from strandcast.kernel_seed import LEVELS, cpu_levels, plant, seed_name
 PACKAGE = Path(__file__).resolve().parent
 MARK = b"njit"
 COMPILED_AHEAD = "compiled-ahead"  # a file in the folder, once `strandcast.kernels_ahead` has filled it
-# Kernels outside this package, as those of a scheme of one's own, are kept as numba does it by itself.
+# Kernels outside this package are kept as numba does it by itself.
 LOCATORS = "strandcast.kernel_locator.KernelLocator,UserProvidedCacheLocator"
 
 

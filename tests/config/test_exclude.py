@@ -28,6 +28,16 @@ def reasons(file: Path) -> dict[int, str]:
     return {each.trial: each.reason for each in load_experiment(file).excluded}
 
 
+def test_a_trial_that_is_held_out_can_be_excluded_and_included_again(file: Path) -> None:
+    before = START + "held_out: [2]\n"
+    file.write_text(before)
+    assert not set_excluded(file, 2, None)
+    assert set_excluded(file, 2, "slipped")
+    assert reasons(file) == {2: "slipped"}
+    assert set_excluded(file, 2, None)
+    assert file.read_text() == before
+
+
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_an_exclusion_adds_one_line_and_its_removal_restores_the_file(file: Path, newline: str) -> None:
     before = START.replace("\n", newline).encode()

@@ -238,7 +238,9 @@ needs_ezc3d = pytest.mark.skipif(
 
 
 @needs_ezc3d
-@pytest.mark.parametrize(("units", "screen"), [(("mm",), "+Z"), (("mm", "mm", "mm"), "-Z"), ((), None)])
+@pytest.mark.parametrize(
+    ("units", "screen"), [(("mm",), "+Z"), (("Millimeters",), "+Z"), (("mm", "MM", "mm"), "-Z"), ((), None)]
+)
 def test_a_c3d_file_gives_rate_unit_and_axis(tmp_path, units, screen):
     write_c3d(tmp_path / "take.c3d", units, screen)
     markers = [f"{place}:string:{marker}" for marker, place in MARKERS.items()]

@@ -110,16 +110,6 @@ def test_every_string_is_crossed_with_every_disturbance(strings: StringBatch) ->
         np.testing.assert_allclose(levels_of(mine), levels_of(disturbed(strings.take([0]), 16, 3)))
 
 
-def test_every_string_is_crossed_with_sizes_of_its_own(strings: StringBatch) -> None:
-    sizes = np.outer([1.0, 2.0, 0.5], TYPICAL_SIZES[0])
-    every = levels_of(crossed(strings, 3, sizes)) / SIZES
-    for k in range(len(strings)):
-        np.testing.assert_allclose(np.abs(every[16 * k : 16 * k + 16]), [1.0, 2.0, 0.5][k % 3])
-    # In a search the strings come in turn, and so do the draws of the sizes.
-    searched = levels_of(disturbed(strings.take([0]), 4, 3, sizes)) / SIZES
-    np.testing.assert_allclose(np.abs(searched), np.tile([[1.0], [2.0], [0.5], [1.0]], 7))
-
-
 def test_a_longer_string_hangs_out_further(task: PlanningTask, strings: StringBatch) -> None:
     longer = strings.take([0]).with_disturbances(longer_m=np.array([0.01]))
     q = np.tile([0.0, 0.0, 0.0], (1, 50, 1))

@@ -123,6 +123,11 @@ def test_every_fault_that_a_stage_names_is_among_the_causes(good):
     causes = probable_causes(bad)
     assert [cause.what for cause in causes] == [TOO_LONG.what, weight.what, link.what]
     assert "trials 1, 2 together" in causes[-1].evidence
+    # Where they find nothing, one throw accuses the camera alone.
+    scale = fault("the camera's scale is off by 1 %", "camera.plane")
+    right = with_record(good, "estimate", rig_offsets=offsets.model_copy(update={"faults": []}))
+    right = with_record(right, "alignment", faults=[zero, scale])
+    assert [cause.what for cause in probable_causes(right)] == [scale.what]
     checks = {check.name: check.state for check in run_checks(bad, None)}
     assert checks["track: length of the string"] == WARN
     finding = rig(TrialPageData(bad)).finding

@@ -207,7 +207,7 @@ def test_settings_of_the_plane_and_targets_are_refused(captured):
     file = captured / "data" / "cable" / "experiment.yaml"
     text = file.read_text()
     try:
-        file.write_text(text.replace("120}", "120, search: cma}"))
+        file.write_text(text.replace("120}", "120, search: thorough}"))
         with pytest.raises(StrandcastError, match=r"SC-E008.*estimate\.search"):
             run_stage("estimate", captured, "cable", 1)
         file.write_text(text + "target_m: [0.5, 0.5]\n")

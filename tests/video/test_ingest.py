@@ -95,6 +95,16 @@ def test_a_missing_frame_is_found_in_rounded_time_stamps(tmp_path):
     np.testing.assert_allclose(camera_times(facts), np.array(frames) / 240, atol=1e-6)
 
 
+@pytest.mark.parametrize("steps", [[1024] * 30 + [512] + [1024] * 29, [1024, 1536, 2048, 1536] * 15])
+def test_frames_at_other_times_are_no_rounding(tmp_path, steps):
+    """They differ by no more than the largest unit that divides all stamps, but not as rounding does."""
+    stamps = [0, *np.cumsum(steps).tolist()]
+    write(tmp_path / "v.mp4", stamps, base_s=Fraction(1, 30_720))
+    facts = inspect_video(tmp_path / "v.mp4", isolated=False)
+    assert facts.rounded_to_s is None
+    np.testing.assert_allclose(camera_times(facts), np.array(stamps) / 30_720, atol=1e-9)
+
+
 def test_uneven_time_stamps_are_used_as_they_are_and_named(tmp_path):
     """A phone at 60 frames/s: 16.1 to 17.2 ms from frame to frame, and one stands three times as long."""
     steps = np.random.default_rng(2).integers(1450, 1549, 60)

@@ -1,5 +1,7 @@
 """Refusals before and after the fit, and the warnings of a good one."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from strandcast.alignment.cost import FastestPoint
@@ -17,7 +19,7 @@ from strandcast.alignment.problem import Priors
 from strandcast.alignment.rig_error import Detections, Rig
 from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
-from strandcast.records.record import Fault
+from strandcast.records.record import ARM_FILE, Fault
 
 # Chosen: what alignments of lab throws reach, with room; an offset of 2 ms costs 20 mm at 10 m/s.
 LEAST_DETECTIONS = 20
@@ -208,6 +210,29 @@ def _clock_warnings(fit: ClockFit, detections: Detections, fastest: FastestPoint
     return found
 
 
+class _Place(NamedTuple):
+    """Where a constant of the rig is stated: what a wrong one costs, and what to do."""
+
+    field: str
+    cost: str
+    fix: str
+
+
+ARM = _Place(
+    ARM_FILE,
+    "plans aim with a wrong arm: hand and tip pass beside where they were planned",
+    "check the arm's and the experiment's files",
+)
+PLANE = _Place(
+    "camera.plane",
+    "the camera's places are not the robot's: the string, and the miss, are seen elsewhere",
+    "measure size and places of the plane's markers, and where the arm's base is among them",
+)
+HAND = _Place(
+    "markers.hand", "the hand is seen elsewhere", "measure place_m of markers.hand in the arm's file"
+)
+
+
 def rig_faults(fit: ClockFit, rig: Rig, priors: Priors) -> list[Fault]:
     """Return the rig's constants that deviate by more than three standard deviations of their priors."""
     error = fit.rig_error
@@ -216,40 +241,47 @@ def rig_faults(fit: ClockFit, rig: Rig, priors: Priors) -> list[Fault]:
     joint, link = int(np.argmax(np.abs(zero_rad))), int(np.argmax(np.abs(longer_m)))
     stretch = float(np.abs(error.stretch).max())
     found = [
-        (base_m, priors.base_shift_m, f"the arm's base lies {base_m * 1e3:.1f} mm from the world's origin"),
+        (
+            base_m,
+            priors.base_shift_m,
+            f"the arm's base lies {base_m * 1e3:.1f} mm from the world's origin",
+            PLANE,
+        ),
         (
             float(np.abs(zero_rad[joint])),
             priors.joint_zero_rad,
             f"the zero of joint {joint + 1} is off by {zero_rad[joint] * 1e3:+.1f} mrad"
             f"{', or the world is rotated' if joint == 0 else ''} "
             f"({abs(zero_rad[joint]) * reach_m * 1e3:.1f} mm at the hand)",
+            ARM,
         ),
         (
             float(np.abs(longer_m[link])),
             priors.link_length_m,
             f"the link after joint {link + 1} is {longer_m[link] * 1e3:+.1f} mm longer than in the "
             "arm's file",
+            ARM,
         ),
-        (stretch, priors.stretch, f"the camera's scale is off by {stretch:.2%}"),
+        (stretch, priors.stretch, f"the camera's scale is off by {stretch:.2%}", PLANE),
     ]
     moved = np.linalg.norm(error.shift_m, axis=1) / priors.marker_shift_m
     together = float(np.maximum(moved, np.abs(error.turn_rad) / priors.marker_turn_rad).min())
-    found.append((together, 1.0, clamp_words(rig, error)))
+    found.append((together, 1.0, clamp_words(rig, error), ARM))
     for index, name in enumerate(rig.ids if together <= UNUSUAL_SD else ()):
         shift_m = float(np.linalg.norm(error.shift_m[index]))
         turn_rad = float(error.turn_rad[index])
         found += [
-            (shift_m, priors.marker_shift_m, f"marker {name} sits {shift_m * 1e3:.1f} mm from its place"),
-            (abs(turn_rad), priors.marker_turn_rad, f"marker {name} is turned by {turn_rad:+.3f} rad"),
+            (
+                shift_m,
+                priors.marker_shift_m,
+                f"marker {name} sits {shift_m * 1e3:.1f} mm from its place",
+                HAND,
+            ),
+            (abs(turn_rad), priors.marker_turn_rad, f"marker {name} is turned by {turn_rad:+.3f} rad", HAND),
         ]
     return [
-        Fault(
-            what=words,
-            cost="plans aim with a wrong arm: hand and tip pass beside where they were planned",
-            fix="check the arm's and the experiment's files",
-            field="the arm's file",
-        )
-        for size, sd, words in found
+        Fault(what=words, cost=place.cost, fix=place.fix, field=place.field)
+        for size, sd, words, place in found
         if size > UNUSUAL_SD * sd > 0
     ]
 

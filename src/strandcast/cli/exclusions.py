@@ -35,7 +35,8 @@ def _set(experiment: str, trial: int, reason: str | None, as_json: bool) -> None
         refuse_unknown_trial(context, trial)
     refuse_if_held(ROOT, experiment)
     changed = set_excluded(file, trial, reason)
-    state = "counts" if reason is None else "is excluded"
+    held_out = trial in context.settings.held_out
+    state = "is excluded" if reason else "is held out: take it from held_out" if held_out else "counts"
     command = f"strandcast run {experiment}"
     data = {"experiment": experiment, "trial": trial, "excluded": reason, "file": file, "changed": changed}
     lines = [f"trial {trial} of {experiment} {state}: {file}{'' if changed else ' (nothing to change)'}"]

@@ -7,6 +7,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from strandcast.config.bounded import load_yaml, read_bounded
+from strandcast.config.experiment import Experiment
 from strandcast.config.load import load_experiment, parse_experiment
 from strandcast.errors import StrandcastError
 from strandcast.records.files import write_bytes
@@ -25,7 +26,7 @@ def set_excluded(path: Path, trial: int, reason: str | None) -> bool:
         settings; SC-R042 the file cannot be written.
     """
     settings = load_experiment(path)
-    if settings.excluded_reason(trial) == reason:
+    if _listed(settings, trial) == reason:
         return False
     edited = _edited(read_bounded(path), trial, reason)
     try:
@@ -35,10 +36,15 @@ def set_excluded(path: Path, trial: int, reason: str | None) -> bool:
             raise
         raise _by_hand(path, trial) from error
     others = after.model_copy(update={KEY: settings.excluded})
-    if others != settings or after.excluded_reason(trial) != reason:
+    if others != settings or _listed(after, trial) != reason:
         raise _by_hand(path, trial)
     write_bytes(path.resolve(), edited.encode())  # a link stays a link
     return True
+
+
+def _listed(settings: Experiment, trial: int) -> str | None:
+    """Return the reason that the list gives for a trial; trials that are held out are in another."""
+    return next((each.reason for each in settings.excluded if each.trial == trial), None)
 
 
 def _by_hand(path: Path, trial: int) -> StrandcastError:

@@ -176,7 +176,7 @@ def fit_of(
         trial_weights=trial_weights,
         warnings=(
             *_range_warnings(objective, chi[rows[0]], at_bound),
-            *_warnings(space, chi[rows[0]], at_bound, valid, points, log, step_change_m),
+            *_warnings(space, chi[rows[0]], at_bound, valid, points, log, step_change_m, settings.search),
         ),
     )
 
@@ -250,6 +250,7 @@ def _warnings(
     points: Array,
     log: EvaluationLog,
     step_change_m: float,
+    search: str,
 ) -> list[str]:
     warnings = []
     # Of the string itself: a clamp (k_ph) may be as good as rigid on the limpest cord, and a bend that
@@ -257,7 +258,7 @@ def _warnings(
     if space.names[: len(PARAMETERS)] == PARAMETERS:
         own = [PARAMETERS.index(name) for name in BENDING]
         least, usual = space.values(chi)[own].min(), bounds_of("wide")[own, 1].max()
-        if least > usual:
+        if least > usual and search != "thorough":
             warnings.append(
                 f"a stiff string: {' and '.join(BENDING)} are {least:.0f} and more, beyond the usual "
                 f"{usual:g}; read its masses and parameters only from a fit with estimate.search: thorough"

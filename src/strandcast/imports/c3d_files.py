@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from strandcast.errors import ENVIRONMENT, StrandcastError
+from strandcast.imports.mapping import unit_named
 from strandcast.imports.table import NumberTable
 from strandcast.records.record import refusal
 from strandcast.records.tables import MOST_BYTES
@@ -50,7 +51,7 @@ def read_c3d(path: Path) -> NumberTable:
     if not points.size or not rate_hz > 0:
         what = f"has {len(points)} points at {rate_hz:g} frames per second"
         raise refusal("SC-I045", path, None, what, "export the markers' trajectories with it")
-    units = {str(unit).strip() for unit in about.get("UNITS", [])} - {""}
+    units = {unit_named(str(unit)) for unit in about.get("UNITS", []) if str(unit).strip()}
     screen = str(next(iter(about.get("Y_SCREEN", [])), "")).strip().lower()
     names += [f"point {k + 1}" for k in range(len(names), len(points))]
     values = np.where(seen[..., None], points, np.nan)

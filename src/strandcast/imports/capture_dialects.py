@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from strandcast.imports.mapping import LENGTH_UNITS
+from strandcast.imports.mapping import unit_named
 from strandcast.imports.table import NumberTable, table_of
 from strandcast.records.csv_cells import LINE_END, Cells, read_text, split_line
 from strandcast.records.record import refusal
 
-UNITS = {"meters": "m", "centimeters": "cm", "millimeters": "mm"}
 AXIS = re.compile(r"(T|R)?([XYZW])\d*")  # Vicon's TX and RX, the X1 of a TRC file
 ROTATION = [f"Rot[{k}]" for k in range(9)]  # Qualisys: by columns
 BODY_6D = ["x", "y", "z", "roll", "pitch", "yaw", "residual", *ROTATION]
@@ -78,7 +77,6 @@ def _table(path: Path, rows: Rows, layout: Layout) -> NumberTable:
         raise refusal("SC-I001", path, None, "the file has a header and no rows", "export it again")
     if layout.zero_is_missing:
         _empty_zeros(table)
-    unit = layout.unit and UNITS.get(layout.unit.lower(), layout.unit.lower())
     time = None
     if "time" in table.names:
         time = "time", 1.0
@@ -88,7 +86,7 @@ def _table(path: Path, rows: Rows, layout: Layout) -> NumberTable:
         _with_quaternions(table),
         time=time,
         rate_hz=layout.rate_hz,
-        length_unit=unit if unit in LENGTH_UNITS else None,
+        length_unit=unit_named(layout.unit),
         up=layout.up,
         maker=layout.maker,
     )

@@ -17,6 +17,13 @@ AngleUnit = Literal["rad", "deg"]
 LengthUnit = Literal["m", "cm", "mm"]
 
 
+def unit_named(text: str | None) -> str | None:
+    """Return the length unit of a capture file's words, e.g. ``Millimeters``; None if they name none."""
+    unit = (text or "").strip().lower()
+    unit = {"meters": "m", "centimeters": "cm", "millimeters": "mm"}.get(unit, unit)
+    return unit if unit in LENGTH_UNITS else None
+
+
 class Mapping(BaseModel):
     """Base of all mappings: unknown keys are errors, columns may be given by number."""
 

@@ -9,7 +9,7 @@ from strandcast.arm.load import Arm
 from strandcast.planning.rig_offsets import SURE_SD, WORTH_M, OffsetFit
 from strandcast.planning.unknown_size import SizePrior, prior_of, size_posterior
 from strandcast.records.estimate import RigOffset, RigOffsets
-from strandcast.records.record import Fault
+from strandcast.records.record import ARM_FILE, Fault
 
 # Chosen: grasps of one clamp differ by this much across and in direction, one standard deviation, two rigs in
 # three within the factor.
@@ -70,7 +70,7 @@ def _fault(what: str, fix: str) -> Fault:
         what=what,
         cost="first motions aim with a wrong arm; near thrown ones the planner makes up for it",
         fix=fix,
-        field="the arm's file",
+        field=ARM_FILE,
     )
 
 

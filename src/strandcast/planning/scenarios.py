@@ -25,23 +25,19 @@ def disturbed(
     joints
         Number J of joints.
     sizes
-        (M, 5) standard deviations, in the order of `DISTURBING`. Where there are several rows, they are draws
-        of sizes that are not known, and the strings take them in turn: the disturbances then have the tails
-        of the distribution over all sizes.
+        (1, 5) standard deviations, in the order of `DISTURBING`.
     """
-    return _with_levels(
-        strings.take([k % len(strings) for k in range(count)]), np.arange(count), joints, sizes
-    )
+    return _with_levels(strings.take([k % len(strings) for k in range(count)]), joints, sizes)
 
 
-def _with_levels(strings: StringBatch, draw: np.ndarray, joints: int, sizes: np.ndarray) -> StringBatch:
-    """Return strings with the rows of the design in turn, each with the sizes of its `draw` (B,)."""
+def _with_levels(strings: StringBatch, joints: int, sizes: np.ndarray) -> StringBatch:
+    """Return strings with the rows of the design in turn."""
     signs = _signs(joints)
     signs = signs[np.arange(len(strings)) % len(signs)]
     if strings.clamp_offset_rad.ndim > 1:
-        return _levels_in_space(strings, signs, sizes[draw % len(sizes)])
+        return _levels_in_space(strings, signs, sizes)
     repeats = [1] * (len(DISTURBING) - 1) + [joints]
-    levels = np.repeat(sizes, repeats, axis=1)[draw % len(sizes)] * signs
+    levels = np.repeat(sizes, repeats, axis=1) * signs
     drawn = Disturbances(levels[:, 0], levels[:, 1], levels[:, 2:4], levels[:, 4:])
     return replace(strings, disturbances=drawn)
 
@@ -60,12 +56,9 @@ def _levels_in_space(strings: StringBatch, signs: np.ndarray, sizes: np.ndarray)
 
 
 def crossed(strings: StringBatch, joints: int, sizes: np.ndarray = TYPICAL_SIZES) -> StringBatch:
-    """Return every string with every disturbance of the design, string by string; see `disturbed`.
-
-    Each string has its own draw of the sizes.
-    """
+    """Return every string with every disturbance of the design, string by string; see `disturbed`."""
     member = np.repeat(np.arange(len(strings)), len(_signs(joints)))
-    return _with_levels(strings.take(member), member, joints, sizes)
+    return _with_levels(strings.take(member), joints, sizes)
 
 
 def _signs(joints: int) -> np.ndarray:

@@ -21,7 +21,7 @@ POPULATION = 16  # chosen
 class SearchInputs:
     """The task, the strings and the conditions to simulate motions with, the settings, random numbers.
 
-    ``sizes`` (M, 5) are those of the disturbances, see `planning.scenarios.disturbed`; ``evidence`` is what
+    ``sizes`` (1, 5) are those of the disturbances, see `planning.scenarios.disturbed`; ``evidence`` is what
     past trials say of the prediction.
     """
 

@@ -31,6 +31,9 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="allow", allow_inf_nan=False, ser_json_inf_nan="constants")
 
 
+ARM_FILE = "the arm's file"  # `field` of faults in it
+
+
 class Fault(Part):
     """A fault of the rig, or a wrong number in its files: what it is, what it costs, and what to do.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.errors import StrandcastError
-from strandcast.records.record import Fault
+from strandcast.records.record import ARM_FILE, Fault
 from strandcast.records.track import Track
 from strandcast.report.measures import Array
 from strandcast.report.numbers import millimetres, milliseconds, percent, place, scaled, significant
@@ -113,9 +113,14 @@ def slip_words(results: TrialResults) -> str | None:
     return f"{millimetres(slip.at_rest_m)} at rest → {millimetres(after_m)} after the slip"
 
 
+def least_slip_m(slip: ClampSlip) -> float:
+    """Return the rise above which a string slipped: good throws show less [m]."""
+    return max(LEAST_SLIP_M, LEAST_SLIP_SHARE * slip.at_rest_m, SIGMAS * slip.sigma_m)
+
+
 def slipped(slip: ClampSlip) -> bool:
     """Return whether a slip is beyond what a good throw shows."""
-    return slip.rise_m > max(LEAST_SLIP_M, LEAST_SLIP_SHARE * slip.at_rest_m, SIGMAS * slip.sigma_m)
+    return slip.rise_m > least_slip_m(slip)
 
 
 def _running_median(values: Array) -> Array:
@@ -259,10 +264,12 @@ def arm_faults(results: TrialResults) -> list[Fault]:
     Trials together can tell which number is wrong; one throw alone names that which explains it best.
     """
     fit = results.get("estimate")
-    if fit is not None and fit.rig_offsets is not None and fit.rig_offsets.faults:
-        return list(fit.rig_offsets.faults)
+    together = None if fit is None else fit.rig_offsets
     alignment = results.get("alignment")
-    return [] if alignment is None else list(alignment.faults)
+    alone = [] if alignment is None else list(alignment.faults)
+    if together is None:
+        return alone
+    return [*together.faults, *(fault for fault in alone if fault.field != ARM_FILE)]
 
 
 def _wrong_length(results: TrialResults) -> Iterator[Cause]:

@@ -1,13 +1,15 @@
 """Predict recorded trials with a fitted string, without fitting anything."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
 from strandcast.arm.load import load_arm
 from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.model import StringModel
+from strandcast.dynamics.simulate import STATUS
 from strandcast.errors import StrandcastError
 from strandcast.estimation.cable_space import CLAMP, TWO_ENDS
 from strandcast.estimation.evaluation import distances, evaluation_of_points, point_values, tip_error
@@ -74,7 +76,12 @@ def predict(root: Path, experiment: str, number: int, estimate_file: Path, out: 
         {name: np.array([value]) for name, value in estimate.string.options.items()},
         stiff,
     )
-    points_m, _ = simulate_throw(model, throw, string)
+    points_m, status = simulate_throw(model, throw, string)
+    if not np.isfinite(points_m).all():
+        what = f"the string of this estimate diverges in trial {number} ({STATUS[status[0]]})"
+        raise StrandcastError("SC-E009", what, file=estimate_file, fix="name another estimate")
+    if not (throw.weight > 0).any():
+        raise _other_string(files, "no point of this trial was measured")
     seen_m = np.where(np.insert(throw.weight > 0, 0, True, axis=1)[..., None], throw.points_m, np.nan)
     off_m = distances(seen_m, points_m[0], estimate.evaluation)
     tip_m, file = tip_error(off_m), out / f"{files.job.folder.results.name}.parquet"
@@ -115,6 +122,7 @@ def _in_plane(files: Files, estimate: Estimate, _: Path) -> Read:
     context = files.job.context
     settings, trial = context.settings.estimate, read_trial(files, files.job.trial)
     model, layout = string_model(context, load_arm(context.arm_file))
+    model = replace(model, reading=cast(Any, estimate.reading), dt_s=estimate.dt_s)
     if (estimate.length_m, estimate.points) != (model.length_m, model.points):
         fitted = f"the estimate is of a string of {estimate.length_m:g} m as {estimate.points} points"
         raise _other_string(files, f"{fitted}, and not of {model.length_m:g} m as {model.points}")

@@ -181,9 +181,10 @@ def _promised_frames(
     if container.duration is None or not rate:
         return 0
     duration_s = container.duration / av.time_base
-    if len(stamps) < 2:
+    steps = [after - before for before, after in pairwise(stamps) if after > before]
+    if not steps:
         return int(duration_s * float(rate) + 0.5)
-    step = median(after - before for before, after in pairwise(stamps))
+    step = median(steps)
     first = max(container.start_time or 0, 0) / av.time_base
     left_s = duration_s - (float(stream.time_base) * (stamps[-1] + step) - first)
     return len(stamps) + max(0, int(left_s / (float(stream.time_base) * step) + 0.5))

@@ -167,13 +167,13 @@ def _even_clock(stamps: np.ndarray, base_s: float) -> _EvenClock | None:
             continue
         step, start = np.polyfit(frame, stamps, 1)
         off = np.abs(stamps - start - step * frame).max()
-        if frame is numbered:
-            fits = off <= unit
-        else:  # frames shorter than two units: no frame is missing if steps recur as rounding makes them
-            fits = off <= 0.55 * unit and len(stamps) * (step % unit) >= LEAST_RECURRENCES * unit
-        if fits:
+        if off < UNEVEN * step and frame is numbered:
+            return None
+        # Steps of two lengths recur as rounding makes them; a single other one is a frame at another time.
+        recurrences = len(stamps) * min(step % unit, -step % unit) / unit
+        if off <= 0.55 * unit and recurrences >= LEAST_RECURRENCES:
             slack = SLOPE_SLACK * unit / frame[-1]
-            return None if off < UNEVEN * step else _EvenClock(frame, _usual(step, slack, base_s), unit)
+            return _EvenClock(frame, _usual(step, slack, base_s), unit)
     return None
 
 

@@ -165,6 +165,8 @@ def _in_pass(since_s: Array, tip_m: Array, ends_m: Array, at_s: float) -> Passag
     approaches = segment_approaches(tip_m, ends_m)
     away_m = np.array([np.inf, *(each.distance_m for each in approaches), np.inf])
     lowest = np.flatnonzero((away_m[1:-1] <= away_m[:-2]) & (away_m[1:-1] <= away_m[2:]))
+    if not len(lowest):
+        raise StrandcastError("SC-H012", "the fitted throw has no closest approach: it diverged")
     passages = [_passage(since_s, approaches[k], ends_m) for k in lowest]
     return min(passages, key=lambda each: abs(each.since_s - at_s))
 
