@@ -115,7 +115,7 @@ def test_what_the_model_does_not_know_adds_as_an_independent_error():
 
 
 def experiments(count, seed):
-    """Experiments of four throws, in each of which all misses are larger or smaller than usual."""
+    """Experiments of four throws; all misses of one experiment are larger or smaller than usual."""
     random = np.random.default_rng(seed)
     scales = np.sqrt(TAIL_EXPONENT / random.chisquare(TAIL_EXPONENT, count))
     return [

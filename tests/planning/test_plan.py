@@ -446,7 +446,6 @@ def test_the_prediction_is_over_strings_and_disturbances(
     assert 0.55 < again.simulated_hit_probability(narrow.hit_radius_m) < 0.65
     predicted = to_record(later, task, "demo", 2, 3, {}).predicted
     assert predicted is not None
-    assert predicted.disturbed_throws == 48
     assert list(predicted.miss_quantiles_m) == [f"p{level}" for level in range(5, 100, 5)]
     np.testing.assert_allclose(predicted.miss_rms_m, np.sqrt(np.mean(later.throws.miss_m**2)))
     np.testing.assert_allclose(predicted.miss_quantiles_m["p50"], later.miss_quantile_m(0.5))
@@ -493,14 +492,13 @@ def test_an_old_motion_without_the_newer_predictions_is_still_read(
 ) -> None:
     to_record(first, task, "demo", 1, 99, {}).write(tmp_path / "motion.json")
     data = json.loads((tmp_path / "motion.json").read_text(encoding="utf-8"))
-    for name in ("disturbed_throws", "miss_quantiles_m", "limits", "peak_jerk_rad_s3", "workspace_room_m"):
+    for name in ("miss_quantiles_m", "limits", "peak_jerk_rad_s3", "workspace_room_m"):
         del data["predicted"][name]
     del data["provenance"]["objective"]
     sha256 = content_sha256({key: value for key, value in data.items() if key not in HEAD})
     (tmp_path / "motion.json").write_text(json.dumps(data | {"content_sha256": sha256}), encoding="utf-8")
     old = Motion.read(tmp_path / "motion.json")
     assert old.predicted is not None
-    assert old.predicted.disturbed_throws is None
     # A throw that was played keeps the hash of its motion.
     assert old.content_sha256() == sha256
 

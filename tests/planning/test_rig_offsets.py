@@ -97,7 +97,7 @@ def test_three_wrong_zeros_are_measured_within_their_errors_or_not_at_all(arm: A
     for seed in range(3):
         fit = fitted(arm, true, seed, 3)
         alone, known = fit.alone, np.isfinite(fit.alone[:, 0])
-        # 10 mrad of the last joint are 1.5 mm of the clamp across: no motion tells them apart.
+        # 10 mrad of the last joint are 1.5 mm of the clamp across: no motion distinguishes them.
         np.testing.assert_array_equal(known, [True, True, True, False, True, True, False])
         assert (np.abs(alone[:, 0] - true) < 3.5 * alone[:, 1])[known].all()
         assert (alone[known, 1] < 3e-3).all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strandcast.records.estimate import RigOffsets
-from strandcast.records.record import Fault
+from strandcast.records.record import RigFault
 from strandcast.report.causes import caveat, probable_causes, slip_in_clamp
 from strandcast.report.checks import WARN, run_checks
 from strandcast.report.facts import Facts
@@ -90,8 +90,8 @@ def test_a_small_slip_is_within_what_grasps_differ_by(good):
     assert probable_causes(slipped_by(good, 0.002)) == []
 
 
-def fault(what: str, field: str) -> Fault:
-    return Fault(what=what, cost="millimetres", fix="measure it", field=field)
+def fault(what: str, field: str) -> RigFault:
+    return RigFault(what=what, cost="millimetres", fix="measure it", field=field)
 
 
 TOO_LONG = fault("string.length_m: 280.0 ± 0.5 mm hang from the clamp, not 300.0 mm", "string.length_m")

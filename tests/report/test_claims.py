@@ -17,7 +17,7 @@ from strandcast.records.estimate import Estimate
 from strandcast.records.lab_truth import LAB_TRUTH
 from strandcast.records.motion import Motion
 from strandcast.records.predicted import UNPREDICTED, read_predicted
-from strandcast.records.record import Fault
+from strandcast.records.record import RigFault
 from strandcast.records.tables import read_facts, read_table, write_table
 from strandcast.records.track import OCCLUDED, TrackSummary
 from strandcast.records.verdict import Verdict
@@ -370,7 +370,7 @@ def test_the_rig_names_what_to_look_at(results: Path, tmp_path: Path) -> None:
     fit.model_copy(update={"drift": 4e-4, "base_shift_m": [0.004, 0.0]}).write(folder / "alignment.json")
     summary = TrackSummary.read(folder / "track.json")
     longer = summary.choices | {"length_m": 0.33, "length_sigma_m": 0.001}
-    longer_by = Fault(what="the string is longer", cost="mm", fix="measure it", field="string.length_m")
+    longer_by = RigFault(what="the string is longer", cost="mm", fix="measure it", field="string.length_m")
     changes = {"marker_fraction": 0.5, "choices": longer, "faults": [longer_by]}
     summary.model_copy(update=changes).write(folder / "track.json")
     finding = rig(page_data(folder)).finding

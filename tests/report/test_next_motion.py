@@ -32,7 +32,6 @@ def test_misses_with_disturbances_and_use_of_each_limit_are_shown(results: Path,
     joints = len(motion.joint_names)
     predicted = motion.predicted.model_copy(
         update={
-            "disturbed_throws": 256,
             "miss_quantiles_m": {"p10": 0.002, "p50": 0.005, "p90": 0.0125},
             "hit_probability": 0.62,
             "simulated_hit_probability": 0.75,

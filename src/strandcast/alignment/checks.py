@@ -19,7 +19,7 @@ from strandcast.alignment.problem import Priors
 from strandcast.alignment.rig_error import Detections, Rig
 from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
-from strandcast.records.record import ARM_FILE, Fault
+from strandcast.records.record import ARM_FILE, RigFault
 
 # Chosen: what alignments of lab throws reach, with room; an offset of 2 ms costs 20 mm at 10 m/s.
 LEAST_DETECTIONS = 20
@@ -233,7 +233,7 @@ HAND = _Place(
 )
 
 
-def rig_faults(fit: ClockFit, rig: Rig, priors: Priors) -> list[Fault]:
+def rig_faults(fit: ClockFit, rig: Rig, priors: Priors) -> list[RigFault]:
     """Return the rig's constants that deviate by more than three standard deviations of their priors."""
     error = fit.rig_error
     base_m, reach_m = float(np.linalg.norm(error.base_m)), float(rig.chain.lengths_m.sum())
@@ -280,7 +280,7 @@ def rig_faults(fit: ClockFit, rig: Rig, priors: Priors) -> list[Fault]:
             (abs(turn_rad), priors.marker_turn_rad, f"marker {name} is turned by {turn_rad:+.3f} rad", HAND),
         ]
     return [
-        Fault(what=words, cost=place.cost, fix=place.fix, field=place.field)
+        RigFault(what=words, cost=place.cost, fix=place.fix, field=place.field)
         for size, sd, words, place in found
         if size > UNUSUAL_SD * sd > 0
     ]

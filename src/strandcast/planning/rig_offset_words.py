@@ -9,7 +9,7 @@ from strandcast.arm.load import Arm
 from strandcast.planning.rig_offsets import SURE_SD, WORTH_M, OffsetFit
 from strandcast.planning.unknown_size import SizePrior, prior_of, size_posterior
 from strandcast.records.estimate import RigOffset, RigOffsets
-from strandcast.records.record import ARM_FILE, Fault
+from strandcast.records.record import ARM_FILE, RigFault
 
 # Chosen: grasps of one clamp differ by this much across and in direction, one standard deviation, two rigs in
 # three within the factor.
@@ -65,8 +65,8 @@ def rig_offsets_record(
     )
 
 
-def _fault(what: str, fix: str) -> Fault:
-    return Fault(
+def _fault(what: str, fix: str) -> RigFault:
+    return RigFault(
         what=what,
         cost="first motions aim with a wrong arm; near thrown ones the planner makes up for it",
         fix=fix,
@@ -114,7 +114,7 @@ def _words(arm: Arm, value: np.ndarray) -> Iterator[tuple[str, bool, str, str]]:
         )
 
 
-def _undecided(arm: Arm, fit: OffsetFit) -> list[Fault]:
+def _undecided(arm: Arm, fit: OffsetFit) -> list[RigFault]:
     """Return the fault that is one number explanations, another by others; none if all may be right."""
     explanations, shared = fit.explanations, fit.wrong
     if not explanations or any((fit.sets[h] == shared).all() for h in explanations):

@@ -96,7 +96,6 @@ def _prediction(plan: PlannedMotion, hit_radius_m: float, limits: Limits) -> Pre
         hit_probability=plan.hit_probability(hit_radius_m),
         miss_quantiles_m={f"p{round(100 * level)}": plan.miss_quantile_m(level) for level in LEVELS},
         calibrated=plan.miss is not None,
-        disturbed_throws=len(plan.throws.miss_m),
         simulated_hit_probability=plan.simulated_hit_probability(hit_radius_m),
         miss_rms_m=rms_of(plan.throws.miss_m),
         hit_time_s=plan.hit_time_s,

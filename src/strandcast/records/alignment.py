@@ -8,7 +8,7 @@ import numpy as np
 
 from strandcast.core.pose import Pose
 from strandcast.errors import StrandcastError
-from strandcast.records.record import Fault, Part, Record, refusal
+from strandcast.records.record import Part, Record, RigFault, refusal
 from strandcast.records.tables import Column, TableSpec, read_table
 
 HAND = TableSpec(
@@ -105,7 +105,7 @@ class Alignment(Record):
     sync_events: list[SyncCheck] = []
     camera: str = "main"  # the camera of this clock
     warnings: list[str] = []
-    faults: list[Fault] = []  # those of the warnings that are about the arm and its files
+    faults: list[RigFault] = []  # those of the warnings that are about the arm and its files
 
     def robot_time_s(self, camera_time_s: np.ndarray) -> np.ndarray:
         """Return robot time for camera time."""

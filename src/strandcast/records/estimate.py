@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from strandcast.records.motion import StringSet
-from strandcast.records.record import Fault, Migration, Part, Record
+from strandcast.records.record import Migration, Part, Record, RigFault
 from strandcast.records.tables import Column, TableSpec
 
 # One row per member of the ensemble; a float column per parameter and per mass (`mass_1`…`mass_n`) follows.
@@ -152,7 +152,7 @@ class RigOffsets(Part):
     together_m: float  # the farthest that all deviations together move the hand
     zero_scatter_rad: float  # standard deviation of a joint's zero from trial to trial
     numbers: list[RigOffset]
-    faults: list[Fault] = []
+    faults: list[RigFault] = []
     warnings: list[str] = []  # the same in words
 
 
@@ -216,7 +216,7 @@ class Estimate(Record):
     rig_offsets: RigOffsets | None = None  # from two trials with a joint log on
     planned_from: dict[str, str]  # files read -> content hash
     warnings: list[str]
-    faults: list[Fault] = []  # of the declared weights, which the warnings name too
+    faults: list[RigFault] = []  # of the declared weights, which the warnings name too
 
     def held_out_m(self, what: str) -> float | None:
         """Return E on the data that `what` names; None where it is not known."""

@@ -95,7 +95,6 @@ class Prediction(OmitsUnset):
     miss_quantiles_m: dict[str, float] = {}
     calibrated: bool = False
     # Over all strings with all disturbances: the number of simulated throws, share of hits and rms miss.
-    disturbed_throws: int | None = None
     simulated_hit_probability: float | None = None
     miss_rms_m: float | None = None
     hit_time_s: float  # from the motion's start

@@ -34,7 +34,7 @@ class Part(BaseModel):
 ARM_FILE = "the arm's file"  # `field` of faults in it
 
 
-class Fault(Part):
+class RigFault(Part):
     """A fault of the rig, or a wrong number in its files: what it is, what it costs, and what to do.
 
     `field` is what to correct, in a few words.

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from strandcast.errors import INTEGRITY, StrandcastError
-from strandcast.records.record import Fault, Part, Record, refusal
+from strandcast.records.record import Part, Record, RigFault, refusal
 from strandcast.records.tables import Column, TableSpec, fitting, read_table, scattered
 
 # By column, the axes that a covariance is of.
@@ -136,7 +136,7 @@ class TrackSummary(Record):
     choices: dict[str, float | int | str | bool | None]  # every automatic choice, by name
     cameras: list[str] = ["main"]  # that filmed it; none where it was supplied
     warnings: list[str]
-    faults: list[Fault] = []  # those of the warnings that the film proves
+    faults: list[RigFault] = []  # those of the warnings that the film proves
     tip_sigma_m: float = 0.0  # standard error of the tip, per axis, that all frames have in common
     weights: list[DetectedWeight] = []
     sections: list[DetectedSection] = []

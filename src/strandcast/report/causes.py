@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.errors import StrandcastError
-from strandcast.records.record import ARM_FILE, Fault
+from strandcast.records.record import ARM_FILE, RigFault
 from strandcast.records.track import Track
 from strandcast.report.measures import Array
 from strandcast.report.numbers import millimetres, milliseconds, percent, place, scaled, significant
@@ -250,7 +250,7 @@ def _wrong_clock(results: TrialResults) -> Iterator[Cause]:
     )
 
 
-def length_fault(results: TrialResults) -> Fault | None:
+def length_fault(results: TrialResults) -> RigFault | None:
     """Return what the film says against the declared length; None if nothing, or if the string slipped."""
     if slip_words(results) is not None:
         return None
@@ -258,7 +258,7 @@ def length_fault(results: TrialResults) -> Fault | None:
     return next((fault for fault in faults if fault.field == "string.length_m"), None)
 
 
-def arm_faults(results: TrialResults) -> list[Fault]:
+def arm_faults(results: TrialResults) -> list[RigFault]:
     """Return what the video says against the arm and its files.
 
     Trials together can tell which number is wrong; one throw alone names that which explains it best.
@@ -296,7 +296,7 @@ def _wrong_arm(results: TrialResults) -> Iterator[Cause]:
             yield _named(fault, alone, "clocks")
 
 
-def _named(fault: Fault, evidence: str, anchor: str) -> Cause:
+def _named(fault: RigFault, evidence: str, anchor: str) -> Cause:
     """Return a fault that a stage has found as a cause."""
     return Cause(
         fault.what,

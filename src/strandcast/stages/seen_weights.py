@@ -8,7 +8,7 @@ import numpy as np
 from strandcast.arm.load import Arm
 from strandcast.estimation.estimate import estimate
 from strandcast.estimation.measured import Throw
-from strandcast.records.record import Fault
+from strandcast.records.record import RigFault
 from strandcast.records.track import DetectedWeight
 from strandcast.stages.context import Context, free_length_m
 from strandcast.stages.past_trials import string_model
@@ -20,7 +20,7 @@ PAYS = 0.9  # chosen: a fit is better if E falls below this share; another free 
 class SeenWeights(NamedTuple):
     """What weights that were seen elsewhere than declared say: faults, and warnings that are none."""
 
-    faults: list[Fault]
+    faults: list[RigFault]
     warnings: list[str]
 
 
@@ -75,8 +75,8 @@ def seen_weights(
     return SeenWeights(faults, [f"{what}: it may be a knot or a mark that weighs little"])
 
 
-def _fault(what: str, fix: str) -> Fault:
-    return Fault(
+def _fault(what: str, fix: str) -> RigFault:
+    return RigFault(
         what=what,
         cost="the string is fitted, and motions are planned, with a weight in the wrong place",
         fix=fix,

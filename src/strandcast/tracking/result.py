@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.records.record import Fault
+from strandcast.records.record import RigFault
 from strandcast.records.track import Contact, DetectedLed, DetectedTarget
 from strandcast.tracking.attachments.detect import NOTHING, Attachments
 
@@ -21,7 +21,7 @@ class Tracked:
     strobe: np.ndarray  # colour picture of the throw, (height, width, 3)
     choices: dict[str, float | int | str | bool | None]  # estimates and decisions, for track.json
     warnings: tuple[str, ...] = ()  # for the user
-    faults: tuple[Fault, ...] = ()  # of the declared string, which the warnings name too
+    faults: tuple[RigFault, ...] = ()  # of the declared string, which the warnings name too
     tip_sigma_m: float = 0.0  # see `strandcast.records.track.TrackSummary`
     attachments: Attachments = NOTHING
     target: DetectedTarget | None = None

@@ -11,7 +11,7 @@ from strandcast.camera.shift import shift_warnings
 from strandcast.camera.tilt import PlaneTilt, fit_plane_tilt
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
-from strandcast.records.record import Fault
+from strandcast.records.record import RigFault
 from strandcast.tracking.background import Samples, pixel_median
 from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.clamp_fit import LEAST_FRAMES, ClampFit
@@ -118,7 +118,9 @@ def length_warnings(clamp_fit: ClampFit, given_m: float) -> list[str]:
     ]
 
 
-def length_faults(clamp_fit: ClampFit, given_m: float, declared_m: float, end_sigma_m: float) -> list[Fault]:
+def length_faults(
+    clamp_fit: ClampFit, given_m: float, declared_m: float, end_sigma_m: float
+) -> list[RigFault]:
     """Return the fault of a string whose detected length differs from the given one.
 
     `given_m` is its free length as it follows from `declared_m`, which includes what is in the clamp;
@@ -129,7 +131,7 @@ def length_faults(clamp_fit: ClampFit, given_m: float, declared_m: float, end_si
     if clamp_fit.frames < LEAST_FRAMES or abs(off_m) < SIGMAS * np.hypot(sigma_m, GRASP_M):
         return []
     return [
-        Fault(
+        RigFault(
             what=f"string.length_m: {1e3 * clamp_fit.length_m:.1f} ± {1e3 * sigma_m:.1f} mm hang from the "
             f"clamp, not {1e3 * given_m:.1f} mm",
             cost="the motion was planned, and the string is fitted, with a length that is off by "

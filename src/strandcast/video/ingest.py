@@ -154,7 +154,7 @@ class _EvenClock(NamedTuple):
 
 
 def _even_clock(stamps: np.ndarray, base_s: float) -> _EvenClock | None:
-    """Return the even clock of which `stamps` [ticks] are rounded values; None: they are exact, or uneven.
+    """Return the even clock that rounds to `stamps` [ticks]; None: they are exact, or uneven.
 
     Formats and phones round time stamps: 240 frames/s in QuickTime's 1/600 s last 2 or 3 units. A file that
     was copied to another format keeps the coarser unit, the greatest that divides all stamps.
