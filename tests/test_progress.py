@@ -3,7 +3,8 @@
 import subprocess
 import sys
 
-from strandcast.progress import Progress, progress
+from strandcast.progress import Progress, print_line, progress
+from strandcast.report.numbers import millimetres
 
 
 def test_lines_are_rare_and_the_last_one_is_there(capsys) -> None:
@@ -16,6 +17,11 @@ def test_lines_are_rare_and_the_last_one_is_there(capsys) -> None:
 def test_items_pass_through(capsys) -> None:
     assert list(progress("ab", "letters", total=2)) == ["a", "b"]
     assert capsys.readouterr().err == "letters: 2/2\n"
+
+
+def test_a_number_of_a_page_is_printed_with_spaces_that_a_search_finds(capsys) -> None:
+    print_line(millimetres(0.0012, 0.0003))
+    assert capsys.readouterr().err == "1.2 ± 0.3 mm\n"
 
 
 def test_the_command_line_logs_to_standard_error_at_the_level_of_the_environment() -> None:

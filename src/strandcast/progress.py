@@ -21,8 +21,11 @@ def set_context(context: str) -> None:
 
 
 def print_line(text: str) -> None:
-    """Print a line on standard error in one write, so that the lines of parallel jobs do not mix."""
-    sys.stderr.write(text + "\n")
+    """Print a line on standard error in one write, so that the lines of parallel jobs do not mix.
+
+    The no-break spaces of a page's numbers become spaces: what a terminal shows is searched and copied.
+    """
+    sys.stderr.write(text.replace("\u00a0", " ") + "\n")
     sys.stderr.flush()
 
 
