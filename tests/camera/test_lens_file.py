@@ -200,9 +200,9 @@ def test_a_lens_is_read_as_its_program_wrote_it(tmp_path, text, suffix, name) ->
         ("SC-C051", "{}", None),
         ("SC-C051", KALIBR, None),
         ("SC-C051", KALIBR, "cam7"),
-        ("SC-C052", KALIBR, "cam1"),
+        ("SC-C052", KALIBR.replace("equidistant", "fov"), "cam1"),
         ("SC-C052", KALIBR.replace("pinhole", "omni"), "cam0"),
-        ("SC-C052", ROS.replace("plumb_bob", "equidistant"), None),
+        ("SC-C052", ROS.replace("plumb_bob", "equidistant"), None),  # with five coefficients
         ("SC-C053", ROS.replace("image_width: 1280\n", ""), None),
         ("SC-C053", ROS.replace("1201.5", ".nan"), None),
         ("SC-C053", ROS.replace("0.0, 0.0, 1.0]", "0.0, 1.0]"), None),

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from strandcast.camera import fisheye
+from strandcast.camera.projection import project_points
 from strandcast.camera.views import BoardCorners
 from strandcast.errors import StrandcastError
-from strandcast.records.camera import ModelTrial
+from strandcast.records.camera import ModelTrial, coefficient_names
 
 PINHOLE = ("fx", "fy", "cx", "cy")
-COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _FIXED = cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
 # Free coefficients, smallest model first, and OpenCV's flags.
 MODELS: dict[str, tuple[tuple[str, ...], int]] = {
@@ -27,6 +28,7 @@ MODELS: dict[str, tuple[tuple[str, ...], int]] = {
         cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_FIX_K3 | cv2.CALIB_FIX_K6,
     ),
 }
+FISHEYE = "fisheye"
 LARGEST_POLYNOMIAL = "k1k2k3p1p2"
 MAX_FOLDS = 6  # chosen: of the cross-validation
 FOLD_MARGIN = 1.1  # chosen: distance from the picture's centre, relative to the corners', without folding
@@ -37,7 +39,7 @@ RATIONAL_MAX_RMS = 0.95  # chosen: held-out rms of the rational model relative t
 
 @dataclass(frozen=True)
 class LensFit:
-    """A fitted model: matrix (3, 3), distortion (5 or 8,), pose and residuals of each photo."""
+    """A fitted model: matrix (3, 3), distortion (4, 5 or 8,), pose and residuals of each photo."""
 
     model: str
     rms_px: float
@@ -50,7 +52,13 @@ class LensFit:
 
     def free(self) -> tuple[str, ...]:
         """Return the names of the free parameters."""
-        return PINHOLE + MODELS[self.model][0]
+        return PINHOLE + (
+            coefficient_names(self.distortion.tolist()) if self.model == FISHEYE else MODELS[self.model][0]
+        )
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all parameters."""
+        return PINHOLE + coefficient_names(self.distortion.tolist())
 
 
 @contextmanager
@@ -71,6 +79,8 @@ def fit_lens(
 
     `start` is a fit of the same model to most of the photos; it replaces the initial guess.
     """
+    if model == FISHEYE:
+        return _fit_fisheye(views, size, start)
     flags, matrix, distortion = MODELS[model][1], None, None
     if start is not None:
         flags |= cv2.CALIB_USE_INTRINSIC_GUESS
@@ -84,7 +94,7 @@ def fit_lens(
     count = 8 if model == "rational" else 5
     distortion = np.asarray(distortion).reshape(-1)[:count]
     residuals = [
-        corners.picture_px - _project(corners, rotation, translation, matrix, distortion)
+        corners.picture_px - project_points(corners.board_m, rotation, translation, matrix, distortion)[0]
         for corners, rotation, translation in zip(views, rotations, translations, strict=True)
     ]
     return LensFit(
@@ -99,15 +109,17 @@ def fit_lens(
     )
 
 
-def _project(
-    corners: BoardCorners,
-    rotation: np.ndarray,
-    translation: np.ndarray,
-    matrix: np.ndarray,
-    distortion: np.ndarray,
-) -> np.ndarray:
-    projected, _ = cv2.projectPoints(corners.board_m, rotation, translation, matrix, distortion)
-    return np.asarray(projected, float).reshape(-1, 2)
+def _fit_fisheye(views: Sequence[BoardCorners], size: tuple[int, int], start: LensFit | None) -> LensFit:
+    corners = [(each.board_m, each.picture_px) for each in views]
+    begin = None if start is None else (start.matrix, start.distortion)
+    matrix, distortion, poses, errors = fisheye.calibrate(corners, *size, begin)
+    residuals = [
+        each.picture_px - project_points(each.board_m, pose[:3], pose[3:], matrix, distortion)[0]
+        for each, pose in zip(views, poses, strict=True)
+    ]
+    square = float((np.concatenate(residuals) ** 2).sum(axis=1).mean())
+    turns, shifts = list(poses[:, :3]), list(poses[:, 3:])
+    return LensFit(FISHEYE, square**0.5, matrix, distortion, errors, turns, shifts, residuals)
 
 
 def choose_model(
@@ -143,7 +155,10 @@ def choose_model(
         trials.append(ModelTrial(model=model, held_out_px=float(np.sqrt(squares[model].mean()))))
     if not squares:
         what = "no distortion model fits the board photos without folding the picture"
-        fix = "take more photos, with the board tilted and also near the picture's corners"
+        fix = (
+            "set camera.distortion: fisheye if the lens sees more than some 110 degrees; else take more "
+            "photos, with the board tilted and also near the picture's corners"
+        )
         raise StrandcastError("SC-C014", what, fix=fix)
     return smallest_as_good(squares), trials
 
@@ -189,11 +204,13 @@ def _held_out(
 
 
 def _mean_square(corners: BoardCorners, fit: LensFit) -> float:
-    _, rotation, translation = cv2.solvePnP(corners.board_m, corners.picture_px, fit.matrix, fit.distortion)
-    rotation, translation = cv2.solvePnPRefineLM(
-        corners.board_m, corners.picture_px, fit.matrix, fit.distortion, rotation, translation
-    )
-    residuals = corners.picture_px - _project(corners, rotation, translation, fit.matrix, fit.distortion)
+    seen = corners.board_m, corners.picture_px, fit.matrix, fit.distortion
+    if fit.model == FISHEYE:
+        pose = fisheye.solve_pose(*seen)
+    else:
+        _, rotation, translation = cv2.solvePnP(*seen)
+        pose = cv2.solvePnPRefineLM(*seen, rotation, translation)
+    residuals = corners.picture_px - project_points(corners.board_m, *pose, fit.matrix, fit.distortion)[0]
     return float((residuals**2).sum(axis=1).mean())
 
 
@@ -201,6 +218,8 @@ def folds_picture(fit: LensFit, places_px: np.ndarray) -> bool:
     """Return whether the radial distortion stops rising before the farthest of some places (m, 2) [px]."""
     about = (places_px - fit.matrix[:2, 2]) / np.diag(fit.matrix)[:2]
     far = float(np.linalg.norm(about, axis=1).max())
+    if fit.model == FISHEYE:
+        return fisheye.folds(fit.distortion, far)
     k1, k2, _, _, k3, k4, k5, k6 = np.append(fit.distortion, np.zeros(8 - len(fit.distortion)))
     square = np.linspace(0.0, 5.0 * far, 1000) ** 2  # factor 5: wide lenses compress outer rays
     numerator = 1 + k1 * square + k2 * square**2 + k3 * square**3

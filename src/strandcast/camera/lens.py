@@ -9,7 +9,7 @@ import numpy as np
 
 from strandcast.camera.distinct_poses import pose_groups
 from strandcast.camera.distortion import (
-    COEFFICIENTS,
+    FISHEYE,
     LARGEST_POLYNOMIAL,
     MODELS,
     PINHOLE,
@@ -57,8 +57,8 @@ def calibrate_lens(images: Sequence[tuple[str, np.ndarray]], board: Board, model
     board
         The board as printed; a wrong `legacy` or `first_id` is corrected (`identify_board`).
     model
-        ``none``, ``k1``, ``k1k2``, ``k1k2p1p2``, ``k1k2k3p1p2``, ``rational``, or ``auto``: chosen by
-        cross-validation (`distortion.choose_model`).
+        ``none``, ``k1``, ``k1k2``, ``k1k2p1p2``, ``k1k2k3p1p2``, ``rational``, ``fisheye``, or ``auto``:
+        one but the last, chosen by cross-validation (`distortion.choose_model`).
 
     Returns
     -------
@@ -104,8 +104,8 @@ def calibrate_lens_video(frames: Iterable[tuple[str, np.ndarray]], board: Board,
 def _models(model: str) -> list[str]:
     if model == "auto":
         return list(MODELS)
-    if model not in MODELS:
-        fix = f"use one of auto, {', '.join(MODELS)}"
+    if model not in (*MODELS, FISHEYE):
+        fix = f"use one of auto, {', '.join((*MODELS, FISHEYE))}"
         what = f"there is no distortion model {model!r}"
         raise StrandcastError("SC-C010", what, field="camera.distortion", fix=fix)
     return [model]
@@ -169,7 +169,7 @@ def _standard_errors(fit: LensFit, inflation: np.ndarray) -> dict[str, float]:
     """Return the standard errors of the free parameters; those of the pinhole in pixels."""
     return {
         f"{name}_px" if name in PINHOLE else name: float(error)
-        for name, error in zip(PINHOLE + COEFFICIENTS, fit.standard_errors * inflation, strict=False)
+        for name, error in zip(fit.names(), fit.standard_errors * inflation, strict=True)
         if name in fit.free()
     }
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
-from strandcast.camera.distortion import COEFFICIENTS, MODELS, PINHOLE, LensFit
+from strandcast.camera.distortion import LensFit
+from strandcast.camera.projection import project_points
 from strandcast.camera.views import BoardCorners
 
 ALWAYS_FREE = ("k1", "k2", "p1", "p2")
@@ -17,14 +17,14 @@ PRIOR_SD = {"k1": 0.3, "k2": 0.5, "p1": 3e-3, "p2": 3e-3, "k3": 1.0, "k4": 1.0, 
 def lens_covariance(
     views: Sequence[BoardCorners], fit: LensFit, size: tuple[int, int], groups: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the covariance of fx, fy, cx, cy and the distortion, (9, 9), or (12, 12) for the rational model.
+    """Return the covariance of fx, fy, cx, cy and the distortion, a square with a side of 8, 9 or 12.
 
     k1, k2, p1 and p2 are free here even if the fit has fewer: a coefficient that was not worth fitting is
     not known to be zero. Weak priors keep undetermined parameters finite. Photos of one pose, by `groups`
     (`distinct_poses.pose_groups`), count as one.
     """
-    names = PINHOLE + COEFFICIENTS[: len(fit.distortion)]
-    free = np.array([name in PINHOLE + ALWAYS_FREE + MODELS[fit.model][0] for name in names])
+    names = fit.names()
+    free = np.array([name in ALWAYS_FREE + fit.free() for name in names])
     information = _information(views, fit, groups)[np.ix_(free, free)]
     information += np.diag(1.0 / _prior_sd(fit, names, size)[free] ** 2)
     covariance = np.zeros((len(names), len(names)))
@@ -33,13 +33,13 @@ def lens_covariance(
 
 
 def repeat_inflation(views: Sequence[BoardCorners], fit: LensFit, groups: np.ndarray) -> np.ndarray:
-    """Return the factors on the standard errors of a fit (9 or 12,) because photos of one pose count as one.
+    """Return the factors on the standard errors of a fit (n,) because photos of one pose count as one.
 
     Such photos share the errors of board and model, so that their mean is no better than one of them.
     """
     factors = np.ones(len(fit.standard_errors))
     if groups.max() + 1 < len(groups):
-        free = np.isin(PINHOLE + COEFFICIENTS[: len(fit.distortion)], fit.free())
+        free = np.isin(fit.names(), fit.free())
         each, once = (
             np.diag(np.linalg.pinv(_information(views, fit, by)[np.ix_(free, free)])) for by in (None, groups)
         )
@@ -49,7 +49,7 @@ def repeat_inflation(views: Sequence[BoardCorners], fit: LensFit, groups: np.nda
 
 def _information(views: Sequence[BoardCorners], fit: LensFit, groups: np.ndarray | None) -> np.ndarray:
     """Return the normal equations of all corners with the boards' poses eliminated (Schur complement)."""
-    count = len(PINHOLE) + len(fit.distortion)
+    count = len(fit.names())
     weights = np.ones(len(views)) if groups is None else 1.0 / np.bincount(groups)[groups]
     information = np.zeros((count, count))
     poses = zip(views, fit.rotations, fit.translations_m, weights, strict=True)
@@ -74,10 +74,9 @@ def jacobians(
     matrix: np.ndarray,
     distortion: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the Jacobians of the pixels (2m) by the pose (2m, 6) and by the lens (2m, 9 or 12)."""
-    _, jacobian = cv2.projectPoints(world_m.reshape(-1, 3), rotation, translation, matrix, distortion)
-    count = len(PINHOLE) + len(distortion)
-    return np.asarray(jacobian[:, :6]), np.asarray(jacobian[:, 6 : 6 + count])
+    """Return the Jacobians of the pixels (2m) by the pose (2m, 6) and by the lens (2m, 8, 9 or 12)."""
+    jacobian = project_points(world_m, rotation, translation, matrix, distortion)[1]
+    return jacobian[:, :6], jacobian[:, 6:]
 
 
 def _prior_sd(fit: LensFit, names: tuple[str, ...], size: tuple[int, int]) -> np.ndarray:

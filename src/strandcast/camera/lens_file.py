@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from strandcast.camera.fisheye import COEFFICIENTS as FISHEYE_COEFFICIENTS
 from strandcast.config.bounded import BoundError, load_toml, load_yaml, read_bounded
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Lens
@@ -28,23 +29,27 @@ DISTORTION = (
 WIDTH, HEIGHT = ("image_width", "image_Width", "width"), ("image_height", "image_Height", "height")
 SIZE = ("image_size", "size", "resolution")
 KNOWN_MODELS = ("plumb_bob", "rational_polynomial", "radtan", "pinhole", "opencv", "")
+FISHEYE_MODELS = ("equidistant", "fisheye", "equi", "kannala_brandt", "opencv_fisheye")
 COEFFICIENTS = 8
 EXAMPLES = "OpenCV's YAML, ROS' camera_info, Kalibr's camchain or the TOML of caliscope or anipose"
 
 
-def read_lens(path: Path, name: str | None = None) -> Lens:
+def read_lens(path: Path, name: str | None = None, fisheye: bool = False) -> Lens:
     """Return the lens in a calibration file.
 
     Parameters
     ----------
     name
         Which camera, where the file has several: its section (``cam0``) or its name.
+    fisheye
+        Its four coefficients are those of a fisheye lens, though the file does not say so.
 
     Raises
     ------
     StrandcastError
-        SC-C050 it cannot be read; SC-C051 it has no such camera, or several; SC-C052 its model is not
-        OpenCV's pinhole with up to eight coefficients; SC-C053 a value is missing or is no number.
+        SC-C050 it cannot be read; SC-C051 it has no such camera, or several; SC-C052 its model is neither
+        OpenCV's pinhole with up to eight coefficients nor its fisheye with four; SC-C053 a value is
+        missing or is no number.
     """
     cameras = _cameras(_read(path))
     if name is not None:
@@ -55,7 +60,7 @@ def read_lens(path: Path, name: str | None = None) -> Lens:
         fix = "name one of the file's cameras in camera.lens_name" if cameras or name else f"give {EXAMPLES}"
         raise StrandcastError("SC-C051", what, file=path, field="camera.lens_name", fix=fix)
     [camera] = cameras.values()
-    _check_model(path, camera)
+    fisheye = _is_fisheye(path, camera) or fisheye
     if all(camera.get(name) is None for name in (*SIZE, *WIDTH, *HEIGHT)):
         lines = "image_width{0}1280 and image_height{0}720".format(" = " if path.suffix == ".toml" else ": ")
         fix = (
@@ -70,6 +75,9 @@ def read_lens(path: Path, name: str | None = None) -> Lens:
         what = str(error.args[0]) if error.args else "a value is no number"
         fix = f"give the file as the calibration wrote it: {EXAMPLES}"
         raise StrandcastError("SC-C053", what, file=path, fix=fix) from None
+    if fisheye and len(distortion) != FISHEYE_COEFFICIENTS:
+        what = f"has {len(distortion)} distortion coefficients; a fisheye lens has {FISHEYE_COEFFICIENTS}"
+        raise StrandcastError("SC-C052", what, file=path, field="camera.distortion", fix="calibrate again")
     if len(distortion) not in (0, 4, 5, 8) and distortion[COEFFICIENTS:].any():
         what = f"has {len(distortion)} distortion coefficients; thin prism and tilt are not supported"
         raise StrandcastError("SC-C052", what, file=path, fix="calibrate with at most eight coefficients")
@@ -79,7 +87,7 @@ def read_lens(path: Path, name: str | None = None) -> Lens:
         width_px=width,
         height_px=height,
         matrix=matrix.tolist(),
-        distortion=kept.tolist(),
+        distortion=(distortion if fisheye else kept).tolist(),
         rms_px=float(camera.get("avg_reprojection_error", camera.get("error")) or 0.0),
     )
 
@@ -116,17 +124,16 @@ def _cameras(data: dict[str, Any]) -> dict[str, dict[str, Any]]:
     }
 
 
-def _check_model(path: Path, camera: dict[str, Any]) -> None:
+def _is_fisheye(path: Path, camera: dict[str, Any]) -> bool:
     given = [str(camera.get(key) or "").lower() for key in ("camera_model", "distortion_model")]
-    unknown = [model for model in given if model not in KNOWN_MODELS]
-    if camera.get("fisheye"):
-        unknown.append("fisheye")
+    unknown = [model for model in given if model not in (*KNOWN_MODELS, *FISHEYE_MODELS)]
     if unknown:
         what = (
-            f"its lens model is {unknown[0]!r}; a pinhole with radial and tangential distortion is supported"
+            f"its lens model is {unknown[0]!r}; OpenCV's pinhole and its fisheye (equidistant) are supported"
         )
-        fix = "calibrate with plumb_bob (ROS), radtan (Kalibr) or OpenCV's standard model"
+        fix = "calibrate with plumb_bob or equidistant (ROS), radtan or equidistant (Kalibr), or with OpenCV"
         raise StrandcastError("SC-C052", what, file=path, fix=fix)
+    return bool(camera.get("fisheye")) or any(model in FISHEYE_MODELS for model in given)
 
 
 def _first(camera: dict[str, Any], names: tuple[str, ...], what: str) -> Any:

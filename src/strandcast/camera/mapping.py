@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from strandcast.camera import fisheye
 from strandcast.records.camera import Camera, Lens
 
 NEWTON_STEPS = 20  # chosen: 4 to 6 are usual
@@ -74,8 +75,9 @@ def undistort(lens: Lens, uv_px: np.ndarray) -> np.ndarray:
     """Return the undistorted rays (..., 2) of pixels (..., 2) by Newton's method; NaN if it diverges."""
     matrix = np.array(lens.matrix)
     wanted = (uv_px - matrix[:2, 2]) @ np.linalg.inv(matrix[:2, :2]).T
-    rays = wanted.copy()
     coefficients = np.array(lens.distortion)
+    wide = fisheye.is_fisheye(coefficients)
+    rays = fisheye.rays(coefficients, wanted) if wide else wanted.copy()
     for _ in range(NEWTON_STEPS):
         bent, slope = _distorted(coefficients, rays)
         miss = wanted - bent
@@ -98,9 +100,10 @@ def ray_per_pixel(lens: Lens, rays: np.ndarray) -> np.ndarray:
 def _distorted(coefficients: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rays (..., 2) distorted by OpenCV's k1, k2, p1, p2, k3[, k4, k5, k6], and the Jacobian.
 
-    The radial factor is (1 + k1 s + k2 s² + k3 s³) / (1 + k4 s + k5 s² + k6 s³), s the squared ray.
+    The radial factor is (1 + k1 s + k2 s² + k3 s³) / (1 + k4 s + k5 s² + k6 s³), s the squared ray. Four
+    coefficients are a fisheye lens'.
     """
-    p1, p2 = coefficients[2:4]
+    p1, p2 = (0.0, 0.0) if fisheye.is_fisheye(coefficients) else coefficients[2:4]
     x, y = rays[..., 0], rays[..., 1]
     square = x * x + y * y
     radial, radial_slope = _radial(coefficients, square)
@@ -115,6 +118,8 @@ def _distorted(coefficients: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, 
 
 def _radial(coefficients: np.ndarray, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the radial factor and its slope by the squared ray, (...) each."""
+    if fisheye.is_fisheye(coefficients):
+        return fisheye.radial(coefficients, square)
     k1, k2, _, _, k3 = coefficients[:5]
     above = 1.0 + square * (k1 + square * (k2 + square * k3))
     above_slope = k1 + square * (2.0 * k2 + square * 3.0 * k3)

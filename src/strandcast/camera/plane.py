@@ -7,6 +7,7 @@ import numpy as np
 
 from strandcast.camera.find_markers import find_markers
 from strandcast.camera.mapping import metre_per_pixel, pixel_to_metre
+from strandcast.camera.marker_pose import true_corners
 from strandcast.camera.markers import opencv_board
 from strandcast.camera.plane_checks import MarkerLayout, check_markers
 from strandcast.camera.plane_error import PlaneBox, place_sd_m, plane_error
@@ -95,6 +96,7 @@ def plane_from_markers(
         raise StrandcastError("SC-C020", what, file=file, fix=fix)
     wanted = {marker.marker: marker for marker in markers_world}
     ids, corners_px, warnings = find_markers(grey, wanted, dictionary, file)
+    corners_px = true_corners(lens, corners_px)
     detected = [wanted[int(marker)] for marker in ids]
     fit = fit_pose(np.array([marker.corners_m() for marker in detected]), corners_px, lens)
     camera = _camera(lens, fit, geometry.string_offset_m, dictionary)

@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
+from strandcast.camera.fisheye import is_fisheye, solve_pose
 from strandcast.camera.markers import corners_of
+from strandcast.camera.projection import project_points, straightened
 from strandcast.records.camera import Camera, Lens
 
 CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
@@ -53,15 +55,16 @@ class PoseFit:
 
 def fit_pose(world_m: np.ndarray, corners_px: np.ndarray, lens: Lens) -> PoseFit:
     """Fit the pose to markers' corners: the better of IPPE's two, then Levenberg–Marquardt."""
-    points, pixels = world_m.reshape(-1, 3), corners_px.reshape(-1, 2)
-    matrix, distortion = np.array(lens.matrix), np.array(lens.distortion)
-    count, turns, shifts, errors = cv2.solvePnPGeneric(
-        points, pixels, matrix, distortion, flags=cv2.SOLVEPNP_IPPE
+    seen = (
+        *(world_m.reshape(-1, 3), corners_px.reshape(-1, 2)),
+        *(np.array(lens.matrix), np.array(lens.distortion)),
     )
-    best = min(range(count), key=lambda k: float(np.asarray(errors).reshape(-1)[k]))
-    turn, shift = cv2.solvePnPRefineLM(
-        points, pixels, matrix, distortion, turns[best], shifts[best], CRITERIA
-    )
+    if is_fisheye(lens.distortion):
+        turn, shift = solve_pose(*seen)
+    else:
+        count, turns, shifts, errors = cv2.solvePnPGeneric(*seen, flags=cv2.SOLVEPNP_IPPE)
+        best = min(range(count), key=lambda k: float(np.asarray(errors).reshape(-1)[k]))
+        turn, shift = cv2.solvePnPRefineLM(*seen, turns[best], shifts[best], CRITERIA)
     rotation, shift = np.asarray(cv2.Rodrigues(turn)[0]), np.asarray(shift).reshape(3)
     residuals = corners_px - project(world_m, rotation, shift, lens)
     return PoseFit(world_m, corners_px, rotation, shift, residuals, rms(residuals))
@@ -69,14 +72,9 @@ def fit_pose(world_m: np.ndarray, corners_px: np.ndarray, lens: Lens) -> PoseFit
 
 def project(world_m: np.ndarray, rotation: np.ndarray, shift_m: np.ndarray, lens: Lens) -> np.ndarray:
     """Return the pixels (..., 2) of points (..., 3) of the world."""
-    projected, _ = cv2.projectPoints(
-        world_m.reshape(-1, 3),
-        cv2.Rodrigues(rotation)[0],
-        shift_m,
-        np.array(lens.matrix),
-        np.array(lens.distortion),
-    )
-    return np.asarray(projected, float).reshape(*world_m.shape[:-1], 2)
+    turn = cv2.Rodrigues(rotation)[0]
+    pixels, _ = project_points(world_m, turn, shift_m, np.array(lens.matrix), np.array(lens.distortion))
+    return pixels.reshape(*world_m.shape[:-1], 2)
 
 
 def rms(residuals_px: np.ndarray) -> float:
@@ -125,10 +123,11 @@ def _rough_ratio(markers: Sequence[PlacedMarker], corners_px: np.ndarray, lens: 
     """Return the size ratio to within 2 %, whatever it is, from the pose of each single marker."""
     unit = np.column_stack([corners_of(1.0), np.zeros(4)])
     matrix, distortion = np.array(lens.matrix), np.array(lens.distortion)
-    places_m = [
-        np.asarray(cv2.solvePnP(unit, four, matrix, distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE)[2]).reshape(3)
-        for four in corners_px
-    ]
+    places_m = []
+    for four in corners_px:
+        seen = straightened(four, matrix, distortion)
+        _, _, shift = cv2.solvePnP(unit, *seen, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+        places_m.append(np.asarray(shift).reshape(3))
     ratios = [
         np.hypot(markers[i].x_m - markers[j].x_m, markers[i].y_m - markers[j].y_m)
         / np.linalg.norm(places_m[i] - places_m[j])

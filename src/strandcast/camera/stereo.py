@@ -9,6 +9,7 @@ import numpy as np
 
 from strandcast.camera.markers import opencv_board
 from strandcast.camera.printed_board import identify_board
+from strandcast.camera.projection import straightened
 from strandcast.camera.views import MIN_CORNERS, find_board
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
@@ -64,13 +65,13 @@ def stereo_pose(
             f"cameras; {LEAST_PAIRS} are needed",
             fix="hold the board still where both cameras see it, tilted differently in each pair",
         )
-    lenses = [np.array(each) for c in (first, second) for each in (c.lens.matrix, c.lens.distortion)]
+    lenses = [(np.array(each.lens.matrix), np.array(each.lens.distortion)) for each in (first, second)]
+    seen = [[straightened(pair[1 + k], *lens) for pair in common] for k, lens in enumerate(lenses)]
     calibrate: Any = cv2.stereoCalibrate  # its stub asks for first values that it does not need
     rms_px, *_, rotation, shift_m, _, _ = calibrate(
         [corners_m[ids] for ids, _, _ in common],
-        [one_px for _, one_px, _ in common],
-        [other_px for _, _, other_px in common],
-        *lenses,
+        *([each[0].astype(np.float32) for each in views] for views in seen),
+        *(each for views in seen for each in views[0][1:]),
         (first.lens.width_px, first.lens.height_px),
         flags=cv2.CALIB_FIX_INTRINSIC,
         criteria=CRITERIA,

@@ -169,10 +169,13 @@ class CameraSettings(Section):
     lens_name: Annotated[str, Field(min_length=1, max_length=100)] | None = Field(
         None, description="Which camera of lens_file, e.g. cam0. Set it where the file has several."
     )
-    distortion: Literal["auto", "none", "k1", "k1k2", "k1k2p1p2", "k1k2k3p1p2", "rational"] = Field(
-        "auto",
-        description="The lens' free coefficients; auto takes the smallest model that predicts unseen "
-        "photos well. Set it to compare with another program, or where you know the lens.",
+    distortion: Literal["auto", "none", "k1", "k1k2", "k1k2p1p2", "k1k2k3p1p2", "rational", "fisheye"] = (
+        Field(
+            "auto",
+            description="The lens' free coefficients; auto takes the smallest that predicts unseen "
+            "photos well, of all but fisheye. Set fisheye for a lens that sees more than some 110 "
+            "degrees, as action cameras do, or for a lens_file with that model's coefficients.",
+        )
     )
     plane_photo: Below = Field(
         PLANE_PHOTO,

@@ -1,10 +1,14 @@
 """cameras/<name>.json: lens, pose of the motion plane, residuals, and accuracy."""
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 
 from strandcast.records.record import Part, Record
+
+FISHEYE = ("k1", "k2", "k3", "k4")
+DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
 class BoardView(Part):
@@ -47,8 +51,16 @@ class MarkerFit(Part):
     off_sigma_m: float | None = None
 
 
+def coefficient_names(distortion: Sequence[float]) -> tuple[str, ...]:
+    """Return the names of a lens' coefficients; four are those of a fisheye lens."""
+    return FISHEYE if len(distortion) == len(FISHEYE) else DISTORTION[: len(distortion)]
+
+
 class Lens(Part):
-    """Pinhole with OpenCV's distortion: k1, k2, p1, p2, k3, and for the rational model k4, k5, k6."""
+    """Pinhole with OpenCV's distortion: k1, k2, p1, p2, k3, and for the rational model k4, k5, k6.
+
+    Four coefficients are k1 to k4 of OpenCV's fisheye model.
+    """
 
     width_px: int
     height_px: int
@@ -57,7 +69,7 @@ class Lens(Part):
     rms_px: float
     standard_errors: dict[str, float] = {}  # fx_px, fy_px, cx_px, cy_px, k1 …: of those that were free
     views: list[BoardView] = []
-    model: str = "given"  # which coefficients were free: "none", "k1", "k1k2", … "rational"
+    model: str = "given"  # which coefficients were free: "none", "k1", "k1k2", … "rational", "fisheye"
     models: list[ModelTrial] = []
     held_out_px: float | None = None
     coverage: Coverage | None = None
@@ -65,9 +77,12 @@ class Lens(Part):
     covariance: list[list[float]] = []
     legacy: bool = False  # the board's pattern, as it was found
     warnings: list[str] = []
-    weaknesses: list[
-        str
-    ] = []  # shortcomings of the photos; the camera's warnings give their cost in the plane
+    # Shortcomings of the photos; the camera's warnings give their cost in the plane.
+    weaknesses: list[str] = []
+
+    def is_fisheye(self) -> bool:
+        """Return whether this is a fisheye lens."""
+        return len(self.distortion) == len(FISHEYE)
 
 
 class PlaneError(Part):

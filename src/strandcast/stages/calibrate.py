@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from strandcast.camera.distortion import FISHEYE
 from strandcast.camera.lens import calibrate_lens, calibrate_lens_video
 from strandcast.camera.lens_file import read_lens
 from strandcast.camera.picture import camera_picture
@@ -78,7 +79,7 @@ def _plane_geometry(settings: Experiment) -> PlaneGeometry:
 def _lens(context: Context, files: Files) -> Lens:
     camera, folder = context.settings.camera, context.folder.data
     if camera.lens_file is not None:
-        return read_lens(files.input("lens"), camera.lens_name)
+        return read_lens(files.input("lens"), camera.lens_name, camera.distortion == FISHEYE)
     if camera.lens_video is not None:
         frames = _board_frames(files.input("lens"))
         return calibrate_lens_video(frames, camera.board, camera.distortion)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strandcast.errors import StrandcastError
-from strandcast.records.camera import Camera
+from strandcast.records.camera import Camera, coefficient_names
 from strandcast.report.drawing import FITTED, MEASURED, Drawing, new_figure
 from strandcast.report.numbers import UNKNOWN, significant
 from strandcast.report.panels.content import PanelContent, Table
@@ -100,8 +100,8 @@ def _lens_table(camera: Camera) -> Table:
     for name, value in values.items():
         error = camera.lens.standard_errors.get(f"{name}_px")
         rows.append([name, f"{value:.2f}" + (f" ± {error:.2f}" if error is not None else "")])
-    names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-    for name, value in zip(names, camera.lens.distortion, strict=False):
+    names = coefficient_names(camera.lens.distortion)
+    for name, value in zip(names, camera.lens.distortion, strict=True):
         error = camera.lens.standard_errors.get(name)
         rows.append([name, significant(value) + (f" ± {error:.1g}" if error is not None else "")])
     return Table(["lens", "value [px, distortion 1]"], rows)

@@ -71,12 +71,12 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
 def project_px(camera: Camera, places_m: Array, scale: float) -> Array:
     """Return the pixels (K, 2) of places (K, 2) in the string's plane, in a picture `scale` times as wide."""
     depth_m = np.full(len(places_m), camera.string_offset_m)
-    world_m = np.column_stack([places_m, depth_m])
+    world_m = np.column_stack([places_m, depth_m]).reshape(1, -1, 3)
     turn, _ = cv2.Rodrigues(np.array(camera.rotation, dtype=float))
     lens = camera.lens
     shift_m, matrix = np.array(camera.translation_m, dtype=float), np.array(lens.matrix, dtype=float)
-    distortion = np.array(lens.distortion, dtype=float)
-    pixels, _ = cv2.projectPoints(world_m, turn, shift_m, matrix, distortion)
+    project = cv2.fisheye.projectPoints if lens.is_fisheye() else cv2.projectPoints
+    pixels, _ = project(world_m, turn, shift_m, matrix, np.array(lens.distortion, dtype=float))
     return np.asarray(pixels.reshape(-1, 2) * scale)
 
 
