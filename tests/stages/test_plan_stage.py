@@ -74,7 +74,8 @@ def test_a_plan_says_what_it_expects_and_how_to_throw_it(
     assert any("not expected to hit" in flag for flag in flags)
     said = capsys.readouterr().err
     assert all(f"plan: {flag}\n" in said for flag in flags)
-    assert f"plan: predicted miss {expected_miss(motion)}, within 0 mm of the target\n" in said
+    words = str(expected_miss(motion)).replace("\u00a0", " ")
+    assert f"plan: predicted miss {words}, within 0 mm of the target\n" in said
     kind, joint, share = max(expected.limits_used(), key=lambda used: used[2])
     assert f"plan: nearest to a limit: joint_{joint + 1} uses {100 * share:.0f} % of its {kind}\n" in said
     assert "plan: throw it: strandcast play " in said
