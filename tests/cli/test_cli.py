@@ -205,6 +205,14 @@ def test_a_stage_imports_only_what_it_needs(stage, forbidden):
     assert set(run.stdout.split()) & forbidden == set()
 
 
+def test_help_and_completion_import_no_package_that_computes():
+    code = "import sys, strandcast.cli.app; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (
+        set(run.stdout.split()) & {"cv2", "numba", "numpy", "pandas", "pyarrow", "pydantic", "scipy"} == set()
+    )
+
+
 def test_the_manual_comes_along(root):
     listed = strandcast(root, "docs")
     assert "tutorial " in listed.stdout

@@ -11,9 +11,6 @@ from strandcast.cli.common import ROOT, AsJson, ExperimentName, TrialNumber, com
 from strandcast.core.trial_names import LAST_TRIAL, trial_name
 from strandcast.progress import print_line, set_context
 from strandcast.records.folders import WITHIN_WORKFLOW, ExperimentFolder
-from strandcast.stages.run import files_of, run_stage
-from strandcast.stages.usage import usage_written
-from strandcast.workflow.locks import lease
 
 EXPERIMENT_STAGES = {
     "lab_calibrate": "Photograph the calibration boards in the virtual lab.",
@@ -74,6 +71,10 @@ def summary(
 
 def _run(as_json: bool, stage: str, subject: str, *arguments: Any) -> None:
     """Run a stage; lines of progress begin with its subject. Each stage imports only what it needs."""
+    from strandcast.stages.run import files_of, run_stage
+    from strandcast.stages.usage import usage_written
+    from strandcast.workflow.locks import lease
+
     set_context(subject)
     print_line(f"{subject} {stage}")
     with lease(ROOT, arguments[0]):
