@@ -11,9 +11,9 @@ HEAD = """# Commands
 
 Made from the help of the commands: `python -m strandcast.cli.commands_page > docs/reference/commands.md`.
 
-With `--json`, a command prints one JSON object on standard output, also for an error (`code`, `message`,
-`file`, `line`, `field`, `cost`, `fix`, `exit_code`). `strandcast --install-completion` lets the shell
-complete commands, experiments and trials.
+`strandcast COMMAND --help` prints the same. With `--json`, a command prints one JSON object, also for an
+error (`code`, `message`, `file`, `line`, `field`, `cost`, `fix`, `exit_code`). `strandcast
+--install-completion` lets the shell complete commands, experiments and trials.
 
 | exit code | meaning |
 |---|---|
@@ -49,16 +49,16 @@ def _section(name: str, command: Any) -> str:
     options = [
         each for each in command.params if each.param_type_name == "option" and "--json" not in each.opts
     ]
-    usage = " ".join([name, *map(_placeholder, arguments), "[OPTIONS]"])
-    lines = ["", f"### {name}", "", f"    {usage}", "", *(line.strip() for line in command.help.splitlines())]
-    rows = [f"| `{', '.join([*each.opts, *each.secondary_opts])}` | {each.help or ''} |" for each in options]
-    lines += ["", "| option | |", "|---|---|", *rows] if rows else []
+    usage = " ".join([name, *map(_placeholder, arguments)])
+    lines = ["", f"### `{usage}`", "", *(line.strip() for line in command.help.splitlines())]
+    rows = [f"- `{', '.join([*each.opts, *each.secondary_opts])}`: {each.help or ''}" for each in options]
+    lines += ["", *rows] if rows else []
     lines += ["", command.epilog] if command.epilog else []
     return "\n".join(lines) + "\n"
 
 
 def _placeholder(argument: Any) -> str:
-    name = argument.metavar or argument.name.upper()
+    name = (argument.metavar or argument.name.upper()).rstrip(".")
     return (name if argument.required else f"[{name}]") + ("..." if argument.nargs != 1 else "")
 
 

@@ -7,11 +7,7 @@ import typer
 
 from strandcast.cli.common import AsJson, show
 
-EXIT_CODES = (
-    "Exit codes: 0 dry run passed, or played and logged; 2 refused; 3 no driver, or no answer; "
-    "5 stopped by the player; 6 stopped by the controller; 7 the log is incomplete. "
-    "See docs/reference/executor.md."
-)
+EXIT_CODES = "Exit codes: docs/how-to/play-on-an-arm.md. All checks: docs/reference/executor.md."
 
 
 def play(

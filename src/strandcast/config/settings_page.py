@@ -18,26 +18,10 @@ HEAD = """# Settings of experiment.yaml
 
 Made from the declarations: `python -m strandcast.config.settings_page > docs/reference/settings.md`.
 
-Everything has a default but what is marked **required**; a dash means that nothing is set. A name ends in
-its unit; x stands for a number, n for a whole number. Editors complete and check the file with the JSON
-schema, which holds the same descriptions (`strandcast schema`); `strandcast check EXPERIMENT` reports every
-invalid setting with its line.
+A dash means that nothing is set. A name ends in its unit; x is a number, n a whole number. `strandcast check
+EXPERIMENT` reports every invalid setting with its line; editors complete and check the file with
+`strandcast schema`.
 """
-UNITS = {  # by the end of a name, longer ends first
-    "_rad_s2": "rad/s²",
-    "_rad_s": "rad/s",
-    "_rad_m": "rad/m",
-    "_n_m2": "N m²",
-    "_kg_m": "kg/m",
-    "_grey": "grey levels",
-    "_rad": "rad",
-    "_m_s": "m/s",
-    "_kg": "kg",
-    "_hz": "Hz",
-    "_px": "px",
-    "_m": "m",
-    "_s": "s",
-}
 Rows = list[tuple[str, FieldInfo]]
 
 
@@ -47,8 +31,9 @@ def settings_page() -> str:
 
 
 def groups(model: type[BaseModel], path: str, what: str) -> Iterator[tuple[str, str, Rows]]:
-    """Yield each group of settings: its path, what it is, and its settings that are no groups."""
-    rows = [(name, field) for name, field in model.model_fields.items() if not is_group(field)]
+    """Yield each group of settings: its path, what it is, and its own settings that are no groups."""
+    own = [(name, field) for name, field in model.model_fields.items() if name in model.__annotations__]
+    rows = [(name, field) for name, field in own if not is_group(field)]
     yield path, what, rows
     for name, field in model.model_fields.items():
         for section in models_in(field.annotation):
@@ -63,11 +48,6 @@ def is_group(field: FieldInfo) -> bool:
     return bool(models_in(field.annotation)) and not _values(field.annotation)
 
 
-def unit(name: str) -> str:
-    """Return the unit in which a setting is given, from the end of its name; '' without one."""
-    return next((value for end, value in UNITS.items() if name.endswith(end)), "")
-
-
 def _step(name: str, field: FieldInfo) -> str:
     origin = get_origin(field.annotation)
     return name + ("[]" if origin is list else ".NAME" if origin is dict else "")
@@ -76,12 +56,13 @@ def _step(name: str, field: FieldInfo) -> str:
 def _group(path: str, what: str, rows: Rows) -> str:
     title = path.rstrip(".") or "The experiment"
     lines = ["", f"## {title}", "", *([what, ""] if what else [])]
-    lines += ["| setting | unit | range | default | effect, and when to change it |", "|---|---|---|---|---|"]
+    lines += ["| setting | default (range) | meaning |", "|---|---|---|"]
     return "\n".join([*lines, *(_row(name, field) for name, field in rows)]) + "\n"
 
 
 def _row(name: str, field: FieldInfo) -> str:
-    cells = [f"`{name}`", unit(name), allowed(field), _default(field), field.description or ""]
+    default, values = _default(field), allowed(field)
+    cells = [f"`{name}`", default if default == values else f"{default} ({values})", field.description or ""]
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
@@ -116,7 +97,10 @@ def _values(annotation: Any, metadata: tuple[Any, ...] = ()) -> list[str]:
     if origin is dict:
         inner = _values(parts[1])
         return [f"by name: {' or '.join(inner)}"] if inner else []
-    if origin is list or (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+    if origin is list:
+        inner = _values(parts[0])
+        return [f"list of {' or '.join(inner)}"] if inner else []
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return []
     return [_scalar(annotation, metadata)]
 
