@@ -119,8 +119,8 @@ class Plane(Section):
     )
     board: PlaneBoard | None = Field(
         None,
-        description="A ChArUco board instead of single markers, with the settings of camera.board, too; "
-        "those not given are as there. Set them as printed and measured.",
+        description="A ChArUco board instead of single markers: its place and, where they differ from "
+        "camera.board, its numbers. Set them as printed and measured.",
     )
     place_sd_m: Annotated[float, Field(ge=0, le=0.1)] | None = Field(
         None,
@@ -169,7 +169,7 @@ class CameraSettings(Section):
     )
     board: Board = Field(
         Board(),
-        description="The lens board (ChArUco). Set them as printed and measured.",
+        description="Numbers of the lens board (ChArUco). Set them as printed and measured.",
     )
     plane: Plane = Field(
         Plane(),

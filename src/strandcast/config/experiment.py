@@ -88,7 +88,7 @@ class Experiment(Section):
     )
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = Field(
         1,
-        description="Seed of all random numbers. Change it to repeat an experiment with others.",
+        description="Seed of all random numbers. Change it to repeat an experiment with other ones.",
     )
     start_string: StartString | dict[str, float] = Field(
         "ensemble",
@@ -108,8 +108,8 @@ class Experiment(Section):
     )
     held_out: list[Trial] = Field(
         [],
-        description="Trials that are never fitted or planned from. Use it for recordings that `strandcast"
-        " predict` is to be tested on.",
+        description="Trials that are never fitted or planned from. Use it for recordings to test "
+        "`strandcast predict` on.",
     )
     cameras: dict[CameraName, CameraSettings] = Field(
         {MAIN: CameraSettings()},

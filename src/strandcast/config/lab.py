@@ -99,7 +99,8 @@ class LabSettings(Section):
     )
     camera: LabCamera = Field(
         LabCamera(),
-        description="The lab's camera; in space, motion capture replaces it. Set them to your camera's.",
+        description="Figures of the lab's camera; in space, motion capture replaces it. Set them to your "
+        "camera's.",
     )
     rehearsal: bool = Field(
         True,

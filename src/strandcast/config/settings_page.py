@@ -18,15 +18,15 @@ HEAD = """# Settings of experiment.yaml
 
 Made from the declarations: `python -m strandcast.config.settings_page > docs/reference/settings.md`.
 
-A dash means that nothing is set. A name ends in its unit; x is a number, n a whole number. `strandcast check
-EXPERIMENT` reports every invalid setting with its line; editors complete and check the file with
-`strandcast schema`.
+Each setting with its default, the values that it takes (x is a number, n a whole number) and what it means; a
+name ends in its unit. `strandcast check EXPERIMENT` reports every invalid setting with its line; editors
+complete and check the file with `strandcast schema`.
 """
 Rows = list[tuple[str, FieldInfo]]
 
 
 def settings_page() -> str:
-    """Return the page of all settings: a table for each group."""
+    """Return the page of all settings: a list for each group."""
     return HEAD + "".join(_group(*group) for group in groups(Experiment, "", ""))
 
 
@@ -56,23 +56,20 @@ def _step(name: str, field: FieldInfo) -> str:
 def _group(path: str, what: str, rows: Rows) -> str:
     title = path.rstrip(".") or "The experiment"
     lines = ["", f"## {title}", "", *([what, ""] if what else [])]
-    lines += ["| setting | default (range) | meaning |", "|---|---|---|"]
-    return "\n".join([*lines, *(_row(name, field) for name, field in rows)]) + "\n"
+    return "\n".join([*lines, *(_line(name, field) for name, field in rows)]) + "\n"
 
 
-def _row(name: str, field: FieldInfo) -> str:
-    default, values = _default(field), allowed(field)
-    cells = [f"`{name}`", default if default == values else f"{default} ({values})", field.description or ""]
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+def _line(name: str, field: FieldInfo) -> str:
+    return f"- `{name}`{_default(field)} ({allowed(field)}): {field.description}"
 
 
 def _default(field: FieldInfo) -> str:
     if field.is_required():
-        return "**required**"
+        return ", **required**"
     value = field.get_default(call_default_factory=True)
     if value in (None, "", []):
-        return "–"
-    return f"`{value}`" if isinstance(value, str) else f"`{json.dumps(to_jsonable_python(value))}`"
+        return ""
+    return f" = `{value if isinstance(value, str) else json.dumps(to_jsonable_python(value))}`"
 
 
 def allowed(field: FieldInfo) -> str:
