@@ -51,7 +51,11 @@ def _section(name: str, command: Any) -> str:
     ]
     usage = " ".join([name, *map(_placeholder, arguments)])
     lines = ["", f"### `{usage}`", "", *(line.strip() for line in command.help.splitlines())]
-    rows = [f"- `{', '.join([*each.opts, *each.secondary_opts])}`: {each.help or ''}" for each in options]
+    rows = [
+        f"- `{', '.join([*each.opts, *each.secondary_opts])}`{', required' if each.required else ''}: "
+        f"{' '.join((each.help or '').split())}"
+        for each in options
+    ]
     lines += ["", *rows] if rows else []
     lines += ["", command.epilog] if command.epilog else []
     return "\n".join(lines) + "\n"

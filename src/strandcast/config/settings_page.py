@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from inspect import cleandoc
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from annotated_types import MaxLen, MinLen
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
@@ -18,10 +17,11 @@ HEAD = """# Settings of experiment.yaml
 
 Made from the declarations: `python -m strandcast.config.settings_page > docs/reference/settings.md`.
 
-Each setting with its default, the values that it takes (x is a number, n a whole number) and what it means; a
-name ends in its unit. `strandcast check EXPERIMENT` reports every invalid setting with its line; editors
-complete and check the file with `strandcast schema`.
+Each setting with its default, the values that it takes where the default does not show them (x is a number,
+n a whole number), and what it means; a name ends in its unit. `strandcast check EXPERIMENT` reports every
+invalid setting with its line and its bounds; editors complete and check the file with `strandcast schema`.
 """
+SCALARS = {float: "x", int: "n", str: "text", bool: "`true`, `false`"}
 Rows = list[tuple[str, FieldInfo]]
 
 
@@ -60,7 +60,8 @@ def _group(path: str, what: str, rows: Rows) -> str:
 
 
 def _line(name: str, field: FieldInfo) -> str:
-    return f"- `{name}`{_default(field)} ({allowed(field)}): {field.description}"
+    values = allowed(field)
+    return f"- `{name}`{_default(field)}{values and f' ({values})'}: {field.description}"
 
 
 def _default(field: FieldInfo) -> str:
@@ -73,69 +74,29 @@ def _default(field: FieldInfo) -> str:
 
 
 def allowed(field: FieldInfo) -> str:
-    """Return the values that a setting takes, in words and bounds."""
-    return " or ".join(_values(field.annotation, tuple(field.metadata)))
+    """Return the values that a setting takes, in words; '' for any number, text or truth value."""
+    values = " or ".join(_values(field.annotation))
+    return "" if values in SCALARS.values() else values
 
 
-def _values(annotation: Any, metadata: tuple[Any, ...] = ()) -> list[str]:
+def _values(annotation: Any) -> list[str]:
     """Return the kinds of values of an annotation; none for groups of settings."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        return _values(parts[0], (*metadata, *_flat(parts[1:])))
+        return _values(parts[0])
     if origin in (Union, types.UnionType):
-        return [value for part in parts if part is not type(None) for value in _values(part, metadata)]
+        return [value for part in parts if part is not type(None) for value in _values(part)]
     if origin is Literal:
         return [", ".join(f"`{json.dumps(value).strip(chr(34))}`" for value in parts)]
-    if origin is tuple and parts[-1] is ...:
-        return [f"{_lengths(metadata)} × ({' or '.join(_values(parts[0]))})"]
+    if origin is list or (origin is tuple and parts[-1] is ...):
+        inner = _values(parts[0])
+        return [f"list of {' or '.join(inner)}"] if inner else []
     if origin is tuple:
-        inner = [" or ".join(_values(part)) for part in parts]
-        return [f"{len(inner)} × ({inner[0]})" if len(set(inner)) == 1 else f"[{', '.join(inner)}]"]
+        return [f"[{', '.join(' or '.join(_values(part)) for part in parts)}]"]
     if origin is dict:
         inner = _values(parts[1])
         return [f"by name: {' or '.join(inner)}"] if inner else []
-    if origin is list:
-        inner = _values(parts[0])
-        return [f"list of {' or '.join(inner)}"] if inner else []
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return []
-    return [_scalar(annotation, metadata)]
-
-
-def _lengths(metadata: tuple[Any, ...]) -> str:
-    """Return how many values a list may have."""
-    bounds = {type(each): each for each in _flat(metadata)}
-    return f"{bounds[MinLen].min_length} to {bounds[MaxLen].max_length}"
-
-
-def _flat(metadata: tuple[Any, ...]) -> Iterator[Any]:
-    for each in metadata:
-        yield from each.metadata if isinstance(each, FieldInfo) else (each,)
-
-
-def _scalar(annotation: type, metadata: tuple[Any, ...]) -> str:
-    """Return a number's bounds, or what a text may be."""
-    if annotation is bool:
-        return "`true`, `false`"
-    if annotation is str:
-        return "text"
-    low, high = "", ""
-    for each in metadata:
-        low = (
-            f"{each.ge:.10g} ≤ "
-            if hasattr(each, "ge")
-            else f"{each.gt:.10g} < "
-            if hasattr(each, "gt")
-            else low
-        )
-        high = (
-            f" ≤ {each.le:.10g}"
-            if hasattr(each, "le")
-            else f" < {each.lt:.10g}"
-            if hasattr(each, "lt")
-            else high
-        )
-    return f"{low}{'n' if annotation is int else 'x'}{high}"
+    return [] if issubclass(annotation, BaseModel) else [SCALARS[annotation]]
 
 
 if __name__ == "__main__":
