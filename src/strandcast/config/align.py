@@ -50,8 +50,8 @@ class LedSettings(Section):
     )
     gamma: Annotated[float, Field(ge=0.3, le=4)] | None = Field(
         None,
-        description="The camera's gamma, grey = light^(1/gamma); by default anything from 1 to 2.4, with "
-        "less certain times. Set it if you know it: 1 for most machine-vision cameras.",
+        description="The camera's gamma, grey = light^(1/gamma); by default anything from 1 to 2.4. Set "
+        "it, for more certain times, if you know it: 1 for most machine-vision cameras.",
     )
     latency_s: Annotated[float, Field(ge=-0.1, le=0.1)] = Field(
         0.0,

@@ -152,8 +152,8 @@ class CameraSettings(Section):
     )
     lens_file: Below | None = Field(
         None,
-        description="Lens that another program calibrated: OpenCV's YAML, ROS camera_info, Kalibr's "
-        "camchain, the TOML of caliscope or anipose. Give it instead of photos.",
+        description="Lens that another program calibrated: OpenCV, ROS, Kalibr, caliscope or anipose. "
+        "Give it instead of photos.",
     )
     lens_name: Annotated[str, Field(min_length=1, max_length=100)] | None = Field(
         None, description="Camera of lens_file, e.g. cam0. Set it where the file has several."
@@ -161,7 +161,7 @@ class CameraSettings(Section):
     distortion: Literal["auto", "none", "k1", "k1k2", "k1k2p1p2", "k1k2k3p1p2", "rational"] = Field(
         "auto",
         description="Free coefficients of the lens; auto takes the smallest model that predicts unseen "
-        "photos well. Set it if you know the lens.",
+        "photos well. Set it if you know them.",
     )
     plane_photo: Below = Field(
         PLANE_PHOTO,
@@ -177,8 +177,8 @@ class CameraSettings(Section):
     )
     string_offset_m: Annotated[float, Field(ge=-1, le=1)] = Field(
         0.0,
-        description="Distance of the string's plane from the markers' plane, positive towards the camera."
-        " Measure and set it.",
+        description="Distance of the string's plane from the markers', positive towards the camera. "
+        "Measure and set it.",
     )
     string_offset_sd_m: Annotated[float, Field(ge=0, le=0.1)] = Field(
         1e-3,
@@ -186,13 +186,13 @@ class CameraSettings(Section):
     )
     exposure_s: Annotated[float, Field(gt=0, le=0.1)] | None = Field(
         None,
-        description="Exposure per frame; by default a fifth of the frame interval. Set it to the "
-        "camera's: the blur of a moving marker depends on it.",
+        description="Exposure per frame; by default a fifth of the frame interval. Set it to the camera's"
+        " value.",
     )
     frame_rate_hz: Annotated[float, Field(gt=1, le=1e6)] | None = Field(
         None,
-        description="True frame rate. Set it where the file states another, as slow-motion exports do, or"
-        " none, as image folders.",
+        description="True frame rate. Set it where the file states another (slow-motion exports) or none "
+        "(image folders).",
     )
     missing_policy: Literal["refuse", "use_prefix"] = Field(
         "refuse",

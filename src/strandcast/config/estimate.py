@@ -46,8 +46,8 @@ class EstimateSettings(Section):
     search: PluginName = Field(
         "descent",
         description="descent: Gauss-Newton from several draws; thorough: finds the best string more "
-        "surely, some thirty times slower; paper: eq. 3; or an installed package's. Use "
-        "thorough if you read the parameters.",
+        "surely, in thirty times the time; paper: eq. 3; or an installed one. Use thorough if"
+        " you read the parameters.",
     )
     evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
         4000,
@@ -87,13 +87,13 @@ class EstimateSettings(Section):
     )
     dt_s: Annotated[float, Field(gt=0, le=0.005)] = Field(
         1e-3,
-        description="Time step of the simulation. Lower it to check that results do not depend on it, or "
-        "if strings of many points diverge.",
+        description="Time step. Lower it to check that results do not depend on it, or if strings of many"
+        " points diverge.",
     )
     start_shape: Literal["observed", "hanging"] = Field(
         "observed",
-        description="Shape at the start of the simulation: as observed, or hanging at rest. Use hanging "
-        "if the first frames do not show the string well.",
+        description="Shape at the start: as observed, or hanging at rest. Use hanging if the first frames"
+        " do not show the string well.",
     )
     free_end: bool = Field(
         True,
@@ -106,8 +106,8 @@ class EstimateSettings(Section):
     )
     clamp_offset: bool = Field(
         False,
-        description="Fit a turn of the clamp against the arm's file. Set it if the string leaves the hand"
-        " at an angle that varies from grasp to grasp.",
+        description="Fit a turn of the clamp against the arm's file. Set it if the string's angle in the "
+        "hand varies from grasp to grasp.",
     )
     clamp_offset_sd_rad: Annotated[float, Field(gt=0, le=0.5)] = Field(
         0.05,
@@ -116,7 +116,7 @@ class EstimateSettings(Section):
     camera_offset_sd_m: Annotated[float, Field(gt=0, le=0.05)] | None = Field(
         None,
         description="Fit an offset of the camera from the robot, with this standard deviation before the "
-        "fit. Set it if the tracked hand keeps a constant distance from the arm's kinematics.",
+        "fit. Set it if the tracked hand stays at a distance from the arm's kinematics.",
     )
     stiff_bend: bool = Field(
         False,
@@ -135,27 +135,27 @@ class EstimateSettings(Section):
     marker_shift: bool = Field(
         False,
         description="In space: fit a common shift of all markers along the string. Set it for few markers"
-        " whose places are not known well.",
+        " with uncertain places.",
     )
     drag_along: bool | Literal["auto"] = Field(
         "auto",
-        description="Fit a smaller air drag along the string than across it: always, never, or where it "
-        "explains the throws better (auto). Set it to false to reproduce the paper.",
+        description="Fit a smaller air drag along the string than across: always, never, or where it "
+        "explains the throws better (auto). Set it to false for the paper's model.",
     )
     find_weights: Annotated[int, Field(ge=0, le=3)] = Field(
         0,
-        description="Number of weights at unknown places; place and mass are fitted. Set it if you cannot"
-        " measure the places; it takes more throws.",
+        description="Number of weights to be found, place and mass. Set it if you cannot measure their "
+        "places; it takes more throws.",
     )
     horizon_s: Annotated[float, Field(ge=0, le=60)] | None = Field(
         0.03,
-        description="Frames up to this long after the closest approach enter E; null: the whole motion. "
-        "Raise it to fit the swing after the hit.",
+        description="Frames up to this long after the closest approach enter E; null: all. Raise it to "
+        "fit the swing after the hit.",
     )
     contact_radius_m: Annotated[float, Field(gt=0, le=0.5)] | None = Field(
         0.02,
-        description="A throw that misses by no more may touch the target: its frames after the closest "
-        "approach do not enter E. Set it to the radius of what stands there, or to null.",
+        description="A throw that misses by no more may touch the target: later frames do not enter E. "
+        "Set it to the radius of what stands there, or to null.",
     )
     joints: Literal["measured", "commanded"] = Field(
         "measured",

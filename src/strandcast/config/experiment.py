@@ -55,7 +55,7 @@ class Experiment(Section):
 
     schema_version: Literal[1] = Field(1, description="Version of this file's format. Leave it out.")
     title: Annotated[str, Field(max_length=200)] = Field(
-        "", description="Title of the report. Set it if the experiment's name does not say enough."
+        "", description="Title of the report. Set it if the name does not say enough."
     )
     string: String = Field(description="What is known of the string before it is thrown.")
     arm: Annotated[str, Field(min_length=1, max_length=200)] = Field(
@@ -64,8 +64,8 @@ class Experiment(Section):
     )
     target_m: Annotated[tuple[Position, ...], Field(min_length=2, max_length=3)] | None = Field(
         None,
-        description="Target in the world frame: [x, y] from the arm's base, x to the right and y up; for "
-        "an arm in space [x, y, z], z up. Leave it out to fit captured motion only.",
+        description="Target from the arm's base: [x, y], x to the right and y up; for an arm in space [x,"
+        " y, z], z up. Leave it out to fit captured motion only.",
     )
     objective: AnyObjective = Field(
         PointObjective(),
@@ -93,13 +93,13 @@ class Experiment(Section):
     start_string: StartString | dict[str, float] = Field(
         "ensemble",
         description="Strings that the first motion is planned for: a random ensemble, the minima of the "
-        "ranges (the paper), one random string, or values by parameter. Give values of a "
-        "similar string if you have them.",
+        "ranges (the paper), one random string, or values by parameter. Give those of a "
+        "similar string.",
     )
     workspace_m: Box | None = Field(
         None,
         description="Box that hand and string may enter; by default the arm's. Set it to what is free of "
-        "people and things and seen by the camera.",
+        "people and things and in the camera's view.",
     )
     excluded: Annotated[list[Exclusion], each_once("trial", "trial {} is excluded twice")] = Field(
         [],

@@ -62,13 +62,12 @@ class LabScatter(Section):
     joint_log_rad: float = _sd(0.0005, "Noise of the logged angles")
     heavy_tails: bool = Field(
         False,
-        description="Draw from Student's t with 4 degrees of freedom, in which large deviations are not "
-        "rare.",
+        description="Draw from Student's t with 4 degrees of freedom.",
     )
     drawn: bool = Field(
         False,
-        description="Draw each size by the experiment's name and seed, from 0.3 to 3 times the one given,"
-        " and heavy tails half the time.",
+        description="Draw each size by name and seed, from 0.3 to 3 times the one given, and heavy tails "
+        "half the time.",
     )
 
 
@@ -95,7 +94,7 @@ class LabSettings(Section):
     servo: Literal["servoj", "stiff", "pd", "soft", "weak"] = Field(
         "servoj",
         description="Joints with smoothed commands (servoj), stiff, without feed-forward (pd), soft, or "
-        "with weak motors. Change it to see what the servo costs.",
+        "with weak motors. Change it to compare.",
     )
     camera: LabCamera = Field(
         LabCamera(),
@@ -104,12 +103,11 @@ class LabSettings(Section):
     )
     rehearsal: bool = Field(
         True,
-        description="Play the first motion with an empty clamp, then plan it again with the joints' "
-        "measured error; not with a start_string or the paper's planner. Set it to false to "
-        "see what that is worth.",
+        description="Play the first motion with an empty clamp and plan it again; not with a start_string"
+        " or the paper's planner. Set it to false to see what that is worth.",
     )
     led: bool = Field(
         False,
-        description="An LED at align.led's place, which the controller switches around the throw; not in "
-        "space. Set it to try that alignment.",
+        description="An LED at align.led's place, switched around the throw; not in space. Set it to try "
+        "that alignment.",
     )

@@ -50,8 +50,8 @@ class PlanSettings(Section):
     )
     control_points: Annotated[int, Field(ge=3, le=20)] = Field(
         6,
-        description="Free points of each joint's velocity curve. Raise it for a target that needs a more "
-        "complicated motion (slower).",
+        description="Free points of each joint's velocity curve. Raise it for a target that needs a "
+        "complicated motion.",
     )
     screening: Annotated[int, Field(ge=8, le=100_000)] = Field(
         1500,
@@ -60,8 +60,8 @@ class PlanSettings(Section):
     )
     evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = Field(
         3000,
-        description="Most motions that the search may try; for later motions two thirds. Raise it if the "
-        "predicted miss is large although the target is within reach.",
+        description="Most motions in a search; for later motions two thirds. Raise it if the predicted "
+        "miss is large although the target is within reach.",
     )
     ensemble: Annotated[int, Field(ge=1, le=64)] = Field(
         16,
@@ -80,7 +80,7 @@ class PlanSettings(Section):
     disturbances: Annotated[float, Field(ge=0, le=10)] = Field(
         1.0,
         description="Scale of throw-to-throw disturbances; 1 is a typical rig. Raise it if repeated "
-        "throws scatter more than the report predicts; lower it if less.",
+        "throws scatter more than predicted; lower it if less.",
     )
     mesh_refinement: bool = Field(
         True,

@@ -18,7 +18,7 @@ class Weight(Section):
     place_m: Place = Field(description="Distance of the weight's middle from the clamp along the string.")
     mass_kg: Annotated[float, Field(gt=0, le=1)] | None = Field(
         None,
-        description="Mass of the lab's weight. Leave it out for a real string: it is fitted.",
+        description="Mass of the lab's weight. Leave it out for a real string.",
     )
 
 
@@ -47,8 +47,8 @@ class String(Section):
     )
     thickness_m: Annotated[float, Field(gt=0, le=0.05)] | None = Field(
         None,
-        description="Thickness in the picture; by default estimated. Set it if the preview shows a wrong "
-        "width or another string.",
+        description="Thickness in the picture; by default estimated. Set it if the preview shows another "
+        "width or string.",
     )
 
     @property

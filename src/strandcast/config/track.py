@@ -14,13 +14,12 @@ class TrackSettings(Section):
     tracker: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")] = Field(
         "chain",
         description="chain: markers on the hand and a string; pendulum: a bead on a thread from a fixed "
-        "pivot; or an installed package's. Change it for a pendulum, or a tracker of your "
-        "own.",
+        "pivot; or an installed one. Change it for a pendulum or a tracker of your own.",
     )
     background_frames: Annotated[int, Field(ge=5, le=500)] = Field(
         40,
-        description="Frames, spread over the video, that the background is computed from. Raise it if "
-        "parts of the arm remain in the preview's background.",
+        description="Number of frames for the background. Raise it if parts of the arm remain in the "
+        "preview's background.",
     )
     background_picture: Below | None = Field(
         None,
@@ -29,8 +28,8 @@ class TrackSettings(Section):
     )
     polarity: Literal["auto", "bright", "dark"] = Field(
         "auto",
-        description="Whether the string is brighter or darker than the background. Set it if the preview "
-        "shows that auto is wrong.",
+        description="String brighter or darker than the background. Set it if the preview shows that auto"
+        " is wrong.",
     )
     contrast_grey: Annotated[float, Field(gt=0, le=65535)] | None = Field(
         None,
