@@ -25,8 +25,3 @@ def test_links_lead_somewhere(page):
         file = (page.parent / name).resolve() if name else page
         assert file.exists(), f"{target}: there is no such file"
         assert not anchor or anchor in anchors(file), f"{target}: there is no such heading"
-
-
-def test_the_arms_page_holds_the_arms_file():
-    arm = (ROOT / "config/arms/planar3.toml").read_text()
-    assert f"```toml\n{arm}```" in (ROOT / "docs/reference/arm-file.md").read_text()

@@ -11,9 +11,10 @@ HEAD = """# Commands
 
 Made from the help of the commands: `python -m strandcast.cli.commands_page > docs/reference/commands.md`.
 
-With `--json`, a command prints one JSON object on standard output, also for an error (`code`, `message`,
-`file`, `line`, `field`, `cost`, `fix`, `exit_code`). `strandcast --install-completion` lets the shell
-complete commands, experiments and trials.
+`strandcast COMMAND --help` explains arguments and options; those in brackets may be left out. With `--json`,
+a command prints one JSON object, also for an error (`code`, `message`, `file`, `line`, `field`, `cost`,
+`fix`, `exit_code`). `strandcast --install-completion` lets the shell complete commands, experiments and
+trials.
 
 | exit code | meaning |
 |---|---|
@@ -28,37 +29,33 @@ complete commands, experiments and trials.
 
 
 def commands_page() -> str:
-    """Return the page of all commands, by group."""
+    """Return the page of all commands, by group: a line for each."""
     groups: dict[str, list[str]] = {}
     group: Any = typer.main.get_command(app)
     for name, command in group.commands.items():
-        groups.setdefault(command.rich_help_panel, []).extend(_sections(f"strandcast {name}", command))
-    return HEAD + "".join(f"\n## {title}\n{''.join(sections)}" for title, sections in groups.items())
+        groups.setdefault(command.rich_help_panel, []).extend(_lines(f"strandcast {name}", command))
+    return HEAD + "".join(f"\n## {title}\n\n{''.join(lines)}" for title, lines in groups.items())
 
 
-def _sections(name: str, command: Any) -> Iterator[str]:
+def _lines(name: str, command: Any) -> Iterator[str]:
     inner = getattr(command, "commands", None)
     if inner is None:
-        yield _section(name, command)
+        yield _line(name, command)
     else:
-        yield from (_section(f"{name} {each}", inner[each]) for each in inner)
+        yield from (_line(f"{name} {each}", inner[each]) for each in inner)
 
 
-def _section(name: str, command: Any) -> str:
+def _line(name: str, command: Any) -> str:
     arguments = [each for each in command.params if each.param_type_name == "argument"]
-    options = [
-        each for each in command.params if each.param_type_name == "option" and "--json" not in each.opts
-    ]
-    usage = " ".join([name, *map(_placeholder, arguments), "[OPTIONS]"])
-    lines = ["", f"### {name}", "", f"    {usage}", "", *(line.strip() for line in command.help.splitlines())]
-    rows = [f"| `{', '.join([*each.opts, *each.secondary_opts])}` | {each.help or ''} |" for each in options]
-    lines += ["", "| option | |", "|---|---|", *rows] if rows else []
-    lines += ["", command.epilog] if command.epilog else []
-    return "\n".join(lines) + "\n"
+    options = [each for each in command.params if each.param_type_name == "option" and each.name != "as_json"]
+    required = [each.opts[0] for each in options if each.required]
+    optional = [f"[{each.opts[0]}]" for each in options if not each.required]
+    usage = " ".join([name, *map(_placeholder, arguments), *required, *optional])
+    return f"- `{usage}`: {command.help.splitlines()[0]}\n"
 
 
 def _placeholder(argument: Any) -> str:
-    name = argument.metavar or argument.name.upper()
+    name = (argument.metavar or argument.name.upper()).rstrip(".")
     return (name if argument.required else f"[{name}]") + ("..." if argument.nargs != 1 else "")
 
 

@@ -58,12 +58,10 @@ def import_joints(
         Path | None, typer.Option(help="TOML or YAML file that names the columns of any other CSV.")
     ] = None,
     joint: Annotated[
-        list[str] | None, typer.Option(help="Name of a joint; repeat for each joint, starting at the base.")
+        list[str] | None, typer.Option(help="Name of a joint; repeat, from the base on.")
     ] = None,
     degrees: Annotated[bool, typer.Option("--degrees", help="The log's angles are in degrees.")] = False,
-    topic: Annotated[
-        str | None, typer.Option(help="The topic to read, if several topics of a bag contain joints.")
-    ] = None,
+    topic: Annotated[str | None, typer.Option(help="The topic, if several of a bag contain joints.")] = None,
     receive: Annotated[
         bool, typer.Option("--receive-time", help="Use a bag's receive times instead of the header stamps.")
     ] = False,
@@ -221,15 +219,14 @@ def import_views(
     view: Annotated[
         list[str],
         typer.Option(
-            help="EXPERIMENT:TRIAL of one camera's track of this throw; give two or more. The result has the "
-            "frames of the first."
+            help="EXPERIMENT:TRIAL of a camera; give two or more. The result has the frames of the first."
         ),
     ],
     boards: Annotated[
         str | None,
         typer.Option(
-            help="Photos of the lens board that both cameras took at once, under the same names in both "
-            "experiments, e.g. 'calibration/both-*.png': they place the second camera by the first."
+            help="Photos of the lens board taken by both cameras at once, with the same names, e.g. "
+            "'calibration/both-*.png': they place the second camera by the first."
         ),
     ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an earlier import.")] = False,
@@ -268,10 +265,10 @@ def export_motion(
     out: Annotated[
         Path, typer.Option(help="Output file; a goal is JSON, with comments if the name ends in .yaml.")
     ],
-    arm: Annotated[Path | None, typer.Option(help="The arm's file (default: the experiment's arm).")] = None,
+    arm: Annotated[Path | None, typer.Option(help="The arm's file.  [default: the experiment's arm]")] = None,
     hanging: Annotated[
         float | None,
-        typer.Option(min=0, help="Length hanging from the hand [m]; default: the experiment's string."),
+        typer.Option(min=0, help="Length hanging from the hand [m].  [default: the string]"),
     ] = None,
     time_scale: Annotated[
         float, typer.Option(help="Play the same path this many times slower: 4, then 2, then 1.")

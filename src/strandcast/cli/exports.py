@@ -79,7 +79,7 @@ def export_dataset(experiment: ExperimentName, out: OutFolder, as_json: AsJson =
 def export_crate(
     experiment: ExperimentName,
     out: Annotated[
-        Path | None, typer.Option(help="Output folder, or .zip file; without it, EXPERIMENT-crate.zip.")
+        Path | None, typer.Option(help="Output folder, or .zip file.  [default: EXPERIMENT-crate.zip]")
     ] = None,
     without_video: Annotated[
         bool, typer.Option("--without-video", help="Leave the raw videos out, but give their hashes.")
@@ -89,7 +89,7 @@ def export_crate(
         typer.Option(
             formats=["%Y-%m-%d"],
             metavar="YYYY-MM-DD",
-            help="Date of publication; without it, the day of the newest raw file.",
+            help="Date of publication.  [default: the day of the newest raw file]",
         ),
     ] = None,
     licence: Annotated[
@@ -97,7 +97,7 @@ def export_crate(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write an experiment as an RO-Crate to deposit in an archive: raw files, results and their provenance.
+    """Write an experiment as an RO-Crate for an archive: raw files, results and their provenance.
 
     Refused if a file is not as it was recorded or made. `strandcast verify --crate` checks a crate.
     """

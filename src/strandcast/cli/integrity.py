@@ -16,9 +16,9 @@ def verify(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Check that all raw files and results are as they were recorded and made, and belong where they lie.
+    """Check that raw files and results are as they were recorded and made, and lie where they belong.
 
-    Lists what differs and ends with 4, else with 0. Other versions of libraries are listed, but no fault.
+    Lists what differs and ends with 4, else with 0. Other versions of libraries are no fault.
     """
     from strandcast.config.find import find_experiment
     from strandcast.workflow.targets import default_experiments

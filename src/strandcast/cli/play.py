@@ -7,11 +7,7 @@ import typer
 
 from strandcast.cli.common import AsJson, show
 
-EXIT_CODES = (
-    "Exit codes: 0 dry run passed, or played and logged; 2 refused; 3 no driver, or no answer; "
-    "5 stopped by the player; 6 stopped by the controller; 7 the log is incomplete. "
-    "See docs/reference/executor.md."
-)
+EXIT_CODES = "Exit codes: docs/how-to/play-on-an-arm.md. All checks: docs/reference/executor.md."
 
 
 def play(
@@ -23,7 +19,7 @@ def play(
     ] = False,
     confirm: Annotated[
         str | None,
-        typer.Option(metavar="HASH", help="The motion's short hash: move the arm without asking for it."),
+        typer.Option(metavar="HASH", help="Move the arm: the motion's short hash, not asked for."),
     ] = None,
     time_scale: Annotated[
         float, typer.Option(min=1.0, help="Play the same path this many times slower: 4, then 2, then 1.")
@@ -37,7 +33,7 @@ def play(
     ] = 0.0,
     hanging: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Length hanging from the hand [m]; default: the experiment's string."),
+        typer.Option(min=0.0, help="Length hanging from the hand [m].  [default: the string]"),
     ] = None,
     accept_soft_realtime: Annotated[
         bool, typer.Option("--accept-soft-realtime", help="Stream even if the host's timing is poor.")

@@ -19,7 +19,7 @@ def predict(
         Path, typer.Option("--from", help="The fitted string: estimate.json of a trial of any experiment.")
     ],
     out: Annotated[
-        Path | None, typer.Option(help="Output folder; by default predictions/ in the experiment's results.")
+        Path | None, typer.Option(help="Output folder.  [default: results/EXPERIMENT/predictions]")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

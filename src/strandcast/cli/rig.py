@@ -9,8 +9,8 @@ from strandcast.cli.common import ROOT, AsJson, ExperimentName, show
 def rig(experiment: ExperimentName, as_json: AsJson = False) -> None:
     """Show what the arm's file states wrongly, and how well throws repeat.
 
-    From two trials on: how far each number of the arm's file is off, in the same way in all trials. A dash:
-    the trials do not tell it from others. Where one of several numbers is wrong, all are named.
+    From two trials on. A dash marks a number that these trials cannot separate from others; of several that
+    may be wrong, all are named.
     """
     from strandcast.stages.context import context_of
     from strandcast.stages.rig import rig_state

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from strandcast.workflow.runner import RunResult
 
 RESUMING = (
-    "Ctrl-C stops a run: finished results are kept, and the same command goes on from there. "
+    "After Ctrl-C, the same command goes on. "
     "With other programs running, use fewer --cores; with little memory, fewer --jobs."
 )
 
@@ -28,7 +28,7 @@ def run(
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option(min=1, help="Stages that run at a time, each on one core or more.  [default: --cores]"),
+        typer.Option(min=1, help="Stages at a time, each on one core or more.  [default: --cores]"),
     ] = None,
     until: Annotated[
         str | None,
@@ -49,9 +49,9 @@ def run(
     ] = DEFAULT_PROFILE,
     as_json: AsJson = False,
 ) -> None:
-    """Make the reports of experiments, and everything they need (default: all under data/).
+    """Make the reports of experiments (default: all under data/), and everything they need.
 
-    It ends with the page of all experiments, results/report.html.
+    Ends with the page of all experiments, results/report.html.
     """
     from strandcast.workflow.runner import RunOptions, run_experiments, table
 

@@ -13,19 +13,19 @@ from strandcast.core.section import Section
 class VideoSyncEvent(Section):
     """An event in a trial's video that the joint log records too, such as an LED that the robot switches."""
 
-    trial: Trial = Field(description="Number of the trial, counted from 1.")
+    trial: Trial = Field(description="Number of the trial, from 1.")
     camera_time_s: Annotated[float, Field(ge=0, le=36000)] = Field(
         description="Time of the event in the video: frame number over frame rate."
     )
     sigma_s: Annotated[float, Field(gt=0, le=1)] = Field(
         0.001,
-        description="Standard deviation of that time. Set it to the time between frames over 3.5 if the "
-        "frame is known.",
+        description="Standard deviation of that time. Set it to the frame interval over 3.5 if the frame "
+        "is known.",
     )
     kind: Annotated[str, Field(min_length=1, max_length=100)] = Field(
         "any",
-        description="The event's kind in run.json's sync_events; any: the nearest event of the log. Set "
-        "it if the log has several kinds.",
+        description="Kind in run.json's sync_events; any: the nearest event. Set it if the log has "
+        "several kinds.",
     )
 
 
@@ -33,36 +33,33 @@ class LedSettings(Section):
     """An LED in the picture that the robot switches on before the swing and off after it."""
 
     x_m: Position | None = Field(
-        None, description="x of the LED in the motion plane, in the world frame. Give x_m and y_m, or box_px."
+        None, description="x of the LED in the plane of motion. Give x_m and y_m, or box_px."
     )
     y_m: Position | None = Field(
-        None, description="y of the LED in the motion plane, in the world frame. Give x_m and y_m, or box_px."
+        None, description="y of the LED in the plane of motion. Give x_m and y_m, or box_px."
     )
     radius_m: Annotated[float, Field(gt=0, le=0.2)] = Field(
         0.01,
-        description="Half the side of the window around the LED. Raise it for a large LED, lower it if "
-        "something else moves nearby.",
+        description="Half the side of the window around the LED. Raise it for a large LED; lower it if "
+        "something moves nearby.",
     )
     box_px: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(
         None,
-        description="The window as left, top, right, bottom in the picture. Give it instead of x_m and "
-        "y_m if the LED is outside the plane.",
+        description="Window in the picture: left, top, right, bottom. Give it if the LED is outside the "
+        "plane.",
     )
     gamma: Annotated[float, Field(ge=0.3, le=4)] | None = Field(
         None,
-        description="The camera's gamma, grey = light^(1/gamma); by default any value from 1 to 2.4 is "
-        "allowed for, which makes the LED's times less certain. Set it if you know it: 1 for "
-        "most machine-vision cameras.",
+        description="The camera's gamma, grey = light^(1/gamma); by default anything from 1 to 2.4. Set "
+        "it, for more certain times, if you know it: 1 for most machine-vision cameras.",
     )
     latency_s: Annotated[float, Field(ge=-0.1, le=0.1)] = Field(
         0.0,
-        description="Delay from the time in the joint log to the light. Set it if you measured it with a "
-        "photodiode or know the output's delay.",
+        description="Delay from the logged time to the light. Set it if you measured it.",
     )
     latency_sd_s: Annotated[float, Field(ge=0, le=0.1)] = Field(
         5e-4,
-        description="Standard deviation of that delay, which all events share. Raise it for a delay that "
-        "you only guess.",
+        description="Standard deviation of that delay, shared by all events. Raise it for a guess.",
     )
 
     @model_validator(mode="after")
@@ -80,27 +77,25 @@ class AlignSettings(Section):
 
     drift_prior: Annotated[float, Field(gt=0, le=0.1)] = Field(
         5e-5,
-        description="Standard deviation of the clocks' relative drift; one short throw cannot show the "
-        "drift. Raise it for a camera without a quartz clock; lower it once the drift is "
-        "known.",
+        description="Standard deviation of the clocks' relative drift. Raise it for a camera without a "
+        "quartz clock.",
     )
     known_drift: Annotated[float, Field(ge=-0.1, le=0.1)] = Field(
         0.0,
-        description="Mean of the drift's prior. Set it to the drift that `python -m "
-        "strandcast.alignment.shared_drift` finds from several trials.",
+        description="Mean of that drift. Set it to what `python -m strandcast.alignment.shared_drift` "
+        "finds from several trials.",
     )
     largest_offset_s: Annotated[float, Field(gt=0, le=3600)] = Field(
         10.0,
-        description="How far the video's first frame may lie from the log's first row. Raise it if the "
-        "recordings start far apart; the search takes longer.",
+        description="Largest time between the video's first frame and the log's first row. Raise it if "
+        "the recordings start further apart (slower).",
     )
     sync_events: list[VideoSyncEvent] = Field(
         [],
-        description="Events found by hand, such as the first frame in which an LED is lit; a trial that "
-        "has one does not use the LED. Give one if the LED cannot be detected automatically.",
+        description="Events in the video found by hand, e.g. the first frame with a lit LED; they replace"
+        " the LED's detection in their trial.",
     )
     led: LedSettings | None = Field(
         None,
-        description="An LED that the robot switches, detected in the video automatically. Give it if your "
-        "rig has one: it is independent of markers and servo.",
+        description="An LED that the robot switches, detected in the video.",
     )

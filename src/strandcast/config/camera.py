@@ -55,31 +55,23 @@ def each_once(field: str, message: str) -> AfterValidator:
 class Board(Section):
     """The ChArUco board of the lens photos."""
 
-    squares_x: Annotated[int, Field(ge=3, le=50)] = Field(
-        7, description="Number of squares per row. Set it to the board that you printed."
-    )
-    squares_y: Annotated[int, Field(ge=3, le=50)] = Field(
-        5, description="Number of squares per column. Set it to the board that you printed."
-    )
-    square_m: Annotated[float, Field(gt=0.001, le=1)] = Field(
-        0.035, description="Side of a square. Measure the print and set it."
-    )
+    squares_x: Annotated[int, Field(ge=3, le=50)] = Field(7, description="Squares per row.")
+    squares_y: Annotated[int, Field(ge=3, le=50)] = Field(5, description="Squares per column.")
+    square_m: Annotated[float, Field(gt=0.001, le=1)] = Field(0.035, description="Side of a square.")
     marker_m: Annotated[float, Field(gt=0.001, le=1)] = Field(
-        0.026, description="Side of a marker; less than square_m. Measure the print and set it."
+        0.026, description="Side of a marker; less than square_m."
     )
     dictionary: Dictionary = Field(
         "DICT_5X5_100",
-        description="OpenCV's name of the board's markers. Set it for a board from another generator.",
+        description="OpenCV's name of the markers' dictionary.",
     )
     legacy: bool = Field(
         False,
-        description="The layout that OpenCV before 4.6 printed for even numbers of rows. Set it for such "
-        "a board; calibrate recognises one, too.",
+        description="Layout of OpenCV before 4.6 for even numbers of rows; calibrate recognises it.",
     )
     first_id: Annotated[int, Field(ge=0, le=1023)] = Field(
         0,
-        description="Id of the board's first marker. Set it for one of several boards of one dictionary; "
-        "calibrate recognises it, too.",
+        description="Id of the first marker; calibrate recognises it.",
     )
 
     @model_validator(mode="after")
@@ -92,11 +84,11 @@ class Board(Section):
 class PlaneMarker(Section):
     """A marker lying in the plane of motion."""
 
-    id: Annotated[int, Field(ge=0, le=1023)] = Field(description="Id of the marker in its dictionary.")
+    id: Annotated[int, Field(ge=0, le=1023)] = Field(description="Id in the dictionary.")
     x_m: Position = Field(description="x of its centre in the world frame.")
     y_m: Position = Field(description="y of its centre in the world frame.")
     angle_rad: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = Field(
-        0.0, description="Its rotation, counter-clockwise. Set it for a marker that is not upright."
+        0.0, description="Rotation, counter-clockwise. Set it if the marker is not upright."
     )
 
 
@@ -106,7 +98,7 @@ class PlaneBoard(Board):
     x_m: Position = Field(description="x of its lower left corner, as printed, in the world frame.")
     y_m: Position = Field(description="y of its lower left corner, as printed, in the world frame.")
     angle_rad: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = Field(
-        0.0, description="Its rotation, counter-clockwise. Set it for a board that is not upright."
+        0.0, description="Rotation, counter-clockwise. Set it if the board is not upright."
     )
 
 
@@ -115,26 +107,25 @@ class Plane(Section):
 
     dictionary: Dictionary = Field(
         "DICT_4X4_50",
-        description="OpenCV's name of the dictionary of the single markers. Set it to what you printed.",
+        description="OpenCV's name of the single markers' dictionary. Set it to what you printed.",
     )
     size_m: Annotated[float, Field(gt=0.002, le=1)] = Field(
         0.08, description="Side of the single markers' black squares. Measure the print and set it."
     )
     markers: Annotated[list[PlaneMarker], each_once("id", "marker {} is there twice")] = Field(
         [],
-        description="Single markers in the plane of motion, with their measured positions. Give four or "
-        "more at the edges of the workspace, or a board.",
+        description="Single markers with measured positions. Give four or more at the edges of the "
+        "workspace, or a board.",
     )
     board: PlaneBoard | None = Field(
         None,
-        description="A ChArUco board in the plane of motion. Give it instead of single markers. What you do "
-        "not set of it is as in camera.board.",
+        description="A ChArUco board instead of single markers: its place and, where they differ from "
+        "camera.board, its numbers. Set them as printed and measured.",
     )
     place_sd_m: Annotated[float, Field(ge=0, le=0.1)] | None = Field(
         None,
-        description="How well the markers' places were measured, one standard deviation; by default found "
-        "from how well they fit each other. Set it with fewer than four markers, which cannot "
-        "show it.",
+        description="Standard deviation of the markers' measured places; by default derived from their "
+        "fit. Set it with fewer than four markers.",
     )
 
     @model_validator(mode="after")
@@ -149,72 +140,66 @@ class CameraSettings(Section):
 
     scale: Literal["markers", "arc"] = Field(
         "markers",
-        description="Metric scale from markers, or from a pendulum's arc and known length. Use arc only "
-        "with `tracker: pendulum`, for videos without markers.",
+        description="Source of the metric scale: markers, or the arc of a pendulum of known length. Use "
+        "arc only with `tracker: pendulum`, without markers.",
     )
     lens_photos: Annotated[Below, AfterValidator(_pattern)] = Field(
         LENS_PHOTOS,
-        description="Pattern of the lens photos of the board, relative to the experiment's folder. Set it "
-        "if your photos have other names.",
+        description="Pattern of the photos of the lens board. Set it if yours have other names.",
     )
     lens_video: Below | None = Field(
-        None, description="A video of the ChArUco board, moved slowly about. Give it instead of photos."
+        None, description="Video of the lens board, moved slowly. Give it instead of photos."
     )
     lens_file: Below | None = Field(
         None,
-        description="A lens that another program calibrated: OpenCV's YAML, ROS camera_info, Kalibr's "
-        "camchain, or the TOML of caliscope or anipose. Give it instead of photos of the "
-        "board; the resolution must be that of the plane's photo.",
+        description="Lens that another program calibrated: OpenCV, ROS, Kalibr, caliscope or anipose. "
+        "Give it instead of photos.",
     )
     lens_name: Annotated[str, Field(min_length=1, max_length=100)] | None = Field(
-        None, description="Which camera of lens_file, e.g. cam0. Set it where the file has several."
+        None, description="Camera of lens_file, e.g. cam0. Set it where the file has several."
     )
     distortion: Literal["auto", "none", "k1", "k1k2", "k1k2p1p2", "k1k2k3p1p2", "rational", "fisheye"] = (
         Field(
             "auto",
-            description="The lens' free coefficients; auto takes the smallest that predicts unseen "
-            "photos well, of all but fisheye. Set fisheye for a lens that sees more than some 110 "
-            "degrees, as action cameras do, or for a lens_file with that model's coefficients.",
+            description="Free coefficients of the lens; auto takes the smallest model that predicts unseen "
+            "photos well, but never fisheye: set that for a view of more than some 110 degrees.",
         )
     )
     plane_photo: Below = Field(
         PLANE_PHOTO,
-        description="Photo of the plane's markers or board, relative to the experiment's folder. Set it "
-        "if your photo has another name.",
+        description="Photo of the plane's markers or board. Set it if yours has another name.",
     )
     board: Board = Field(
         Board(),
-        description="The ChArUco board of the lens photos or video. Set it to the board that you printed.",
+        description="Numbers of the lens board (ChArUco). Set them as printed and measured.",
     )
     plane: Plane = Field(
         Plane(),
-        description="The markers, or the board, in the plane of motion; they define the world frame. Give "
-        "one or the other, unless scale is arc.",
+        description="Markers, or one board, in the plane of motion; they define the world frame.",
     )
     string_offset_m: Annotated[float, Field(ge=-1, le=1)] = Field(
         0.0,
-        description="How far the string's plane lies before the markers' plane, towards the camera. "
-        "Measure and set it: forgetting 10 mm at 2.3 m costs 0.44 % of every length.",
+        description="Distance of the string's plane from the markers', positive towards the camera. "
+        "Measure and set it.",
     )
     string_offset_sd_m: Annotated[float, Field(ge=0, le=0.1)] = Field(
         1e-3,
-        description="How well that distance was measured, one standard deviation; it enters the standard "
-        "error of every point. Raise it if you estimated the distance by eye.",
+        description="Standard deviation of that distance. Raise it if you estimated it by eye.",
     )
     exposure_s: Annotated[float, Field(gt=0, le=0.1)] | None = Field(
         None,
-        description="Exposure time per frame; by default a fifth of the time between frames. Set it to "
-        "the camera's value: a moving marker's blur depends on it.",
+        description="Exposure per frame; by default a fifth of the frame interval. Set it to the camera's"
+        " value.",
     )
     frame_rate_hz: Annotated[float, Field(gt=1, le=1e6)] | None = Field(
         None,
-        description="True frame rate of the video. Set it where the file's header gives another one, as "
-        "slow-motion exports do.",
+        description="True frame rate. Set it where the file states another (slow-motion exports) or none "
+        "(image folders).",
     )
     missing_policy: Literal["refuse", "use_prefix"] = Field(
         "refuse",
         description="Refuse a video that was cut, or use the frames before the cut. Set use_prefix only "
-        "if the throw itself is complete.",
+        "if the throw is complete.",
     )
 
     @model_validator(mode="before")

@@ -32,9 +32,9 @@ HELD_OUT = "held out"  # why a trial does not count
 class Exclusion(Section):
     """A trial that does not count, with the reason that the report shows."""
 
-    trial: Trial = Field(description="Number of the trial, counted from 1.")
+    trial: Trial = Field(description="Number of the trial, from 1.")
     reason: Annotated[str, Field(min_length=1, max_length=500)] = Field(
-        description="Why it does not count, e.g. the string slipped; the report shows it."
+        description="Why it does not count; the report shows it."
     )
 
 
@@ -53,76 +53,69 @@ class Conflict(ValueError):
 class Experiment(Section):
     """One string, arm, camera set-up and target, and the settings of every stage."""
 
-    schema_version: Literal[1] = Field(
-        1, description="Version of this file format. Leave it out; a later format will need it."
-    )
+    schema_version: Literal[1] = Field(1, description="Version of this file's format. Leave it out.")
     title: Annotated[str, Field(max_length=200)] = Field(
-        "", description="Title of the report. Set it if the experiment's name does not say enough."
+        "", description="Title of the report. Set it if the name does not say enough."
     )
-    string: String = Field(description="The string: its length, weights and stiff sections.")
+    string: String = Field(description="What is known of the string before it is thrown.")
     arm: Annotated[str, Field(min_length=1, max_length=200)] = Field(
         "planar3",
         description="A name in config/arms, or the path of an arm's file. Set it for every real arm.",
     )
     target_m: Annotated[tuple[Position, ...], Field(min_length=2, max_length=3)] | None = Field(
         None,
-        description="The target in the world frame: x to the right and y up from the arm's base, or x, y "
-        "and z up for an arm that throws in space. Leave it out for motion that was only captured: the "
-        "string is fitted, and nothing is scored or planned.",
+        description="Target from the arm's base: [x, y], x to the right and y up; for an arm in space [x,"
+        " y, z], z up. Leave it out to fit captured motion only.",
     )
     objective: AnyObjective = Field(
         PointObjective(),
-        description="The goal of a throw. Set it to hit from a direction or at a speed, to hit a bar, to "
-        "take a shape, or to swing high or fast; by default the tip hits target_m.",
+        description="Goal of a throw; by default the tip hits target_m. Set it to hit from a direction, "
+        "at a speed or on a bar, to take a shape, or to swing high or fast.",
     )
     hit_radius_m: Annotated[float, Field(gt=0, le=0.5)] = Field(
         0.02,
         description="A throw hits if the tip's path passes the target within this distance. Set it to "
-        "what your task tolerates; it changes the verdict and the hit probability, not the "
-        "best motion.",
+        "what the task tolerates.",
     )
     max_trials: Trial = Field(
         5,
-        description="The lab stops after this many trials, hit or not; a real experiment ignores it. "
-        "Raise it for a string that needs more throws.",
+        description="The lab stops after this many trials; a real experiment ignores it. Raise it for a "
+        "difficult string.",
     )
     min_trials: Trial = Field(
         1,
-        description="The lab throws at least this many trials, even after a hit. Raise it to see what "
-        "more throws teach.",
+        description="The lab throws at least this often, even after a hit. Raise it to study later throws.",
     )
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = Field(
         1,
-        description="Seed of all random numbers; the same seed gives the same results. Change it to "
-        "repeat an experiment with other random numbers.",
+        description="Seed of all random numbers. Change it to repeat an experiment with other ones.",
     )
     start_string: StartString | dict[str, float] = Field(
         "ensemble",
-        description="Strings with which the first motion is planned: a random ensemble, the minima of the "
-        "ranges (the paper), one random string, or values by parameter. Give values if you "
-        "know a similar string; use minima to reproduce the paper.",
+        description="Strings that the first motion is planned for: a random ensemble, the minima of the "
+        "ranges (the paper), one random string, or values by parameter. Give those of a "
+        "similar string.",
     )
     workspace_m: Box | None = Field(
         None,
-        description="The region that the hand and the string may enter. Set it to what is free of people "
-        "and things and seen by the camera; by default the arm's own.",
+        description="Box that hand and string may enter; by default the arm's. Set it to what is free of "
+        "people and things and in the camera's view.",
     )
     excluded: Annotated[list[Exclusion], each_once("trial", "trial {} is excluded twice")] = Field(
         [],
-        description="Trials that neither estimation nor planning uses. Use `strandcast exclude` for a "
-        "throw that went wrong.",
+        description="Trials that are not fitted or planned from. Use `strandcast exclude` for a throw "
+        "that went wrong.",
     )
     held_out: list[Trial] = Field(
         [],
-        description="Trials that are never fitted or planned from. Use it for recordings to be predicted by "
-        "`strandcast predict`.",
+        description="Trials that are never fitted or planned from. Use it for recordings to test "
+        "`strandcast predict` on.",
     )
     cameras: dict[CameraName, CameraSettings] = Field(
         {MAIN: CameraSettings()},
         min_length=1,
-        description="Set-up and calibration files of each camera, by name; `camera: {…}` is short for "
-        "`cameras: {main: {…}}`. Give the boards that you printed and the places of the "
-        "plane's markers.",
+        description="Set-up and calibration of each camera, by name; `camera: {…}` is short for `cameras:"
+        " {main: {…}}`.",
     )
     track: TrackSettings = Field(TrackSettings(), description="Tracking of the string in the video.")
     align: AlignSettings = Field(
@@ -132,9 +125,7 @@ class Experiment(Section):
         EstimateSettings(), description="Fit of the string parameters to the throws."
     )
     plan: PlanSettings = Field(PlanSettings(), description="Planning of the next motion.")
-    lab: LabSettings | None = Field(
-        None, description="The virtual rig. Leave it out for an experiment with a real robot."
-    )
+    lab: LabSettings | None = Field(None, description="The virtual rig. Leave it out for a real robot.")
 
     @field_validator("start_string")
     @classmethod

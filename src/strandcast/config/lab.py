@@ -19,7 +19,7 @@ class LabString(Section):
         2.5, description="Curvature without load. Set it to 0 for a string without memory."
     )
     diameter_m: Annotated[float, Field(gt=0, le=0.05)] = Field(
-        0.003, description="Diameter of the string, in the picture and for drag. Set it to your string's."
+        0.003, description="Diameter in the picture and for drag. Set it to your string's."
     )
 
 
@@ -29,31 +29,24 @@ PaperString = Literal["paper-1", "paper-2", "paper-3", "paper-4", "paper-5", "pa
 class LabCamera(Section):
     """The lab's camera."""
 
-    width_px: Annotated[int, Field(ge=320, le=4096)] = Field(
-        1280, description="Width of the picture. Lower it to film and track faster."
-    )
-    height_px: Annotated[int, Field(ge=240, le=4096)] = Field(
-        720, description="Height of the picture. Lower it to film and track faster."
-    )
-    frame_rate_hz: Annotated[float, Field(ge=60, le=5000)] = Field(
-        500.0, description="Frames per second. Lower it to see what a slower camera costs."
-    )
+    width_px: Annotated[int, Field(ge=320, le=4096)] = Field(1280, description="Width of the picture.")
+    height_px: Annotated[int, Field(ge=240, le=4096)] = Field(720, description="Height of the picture.")
+    frame_rate_hz: Annotated[float, Field(ge=60, le=5000)] = Field(500.0, description="Frames per second.")
     exposure_s: Annotated[float, Field(gt=0, le=0.02)] = Field(
         4e-4,
-        description="Exposure time per frame; it blurs what moves. Raise it to see what motion blur costs.",
+        description="Exposure per frame; it blurs what moves.",
     )
     noise_grey: Annotated[float, Field(ge=0, le=50)] = Field(
         2.5,
-        description="Standard deviation of the noise, in grey levels of 8 bits. Raise it to see what a "
-        "dark scene costs.",
+        description="Standard deviation of the noise, in levels of 8 bits.",
     )
     background: Literal["plain", "textured", "cluttered"] = Field(
-        "textured", description="Scene behind the string. Change it to see what clutter costs."
+        "textured", description="Scene behind the string."
     )
 
 
 def _sd(default: float, what: str) -> Any:
-    return Field(default, ge=0, description=f"{what}. Raise it to see what a less repeatable rig costs.")
+    return Field(default, ge=0, description=f"{what}.")
 
 
 class LabScatter(Section):
@@ -69,13 +62,12 @@ class LabScatter(Section):
     joint_log_rad: float = _sd(0.0005, "Noise of the logged angles")
     heavy_tails: bool = Field(
         False,
-        description="Draw from Student's t with 4 degrees of freedom. Set it to true for a rig on which "
-        "large deviations are not rare.",
+        description="Draw from Student's t with 4 degrees of freedom.",
     )
     drawn: bool = Field(
         False,
-        description="Draw the rig by the experiment's name and seed: each size 0.3 to 3 times the one given, "
-        "heavy tails every other time. Set it to true to see what it costs not to know the rig.",
+        description="Draw each size by name and seed, from 0.3 to 3 times the one given, and heavy tails "
+        "half the time.",
     )
 
 
@@ -92,31 +84,30 @@ class LabSettings(Section):
     )
     noise: Annotated[float, Field(ge=0, le=10)] = Field(
         1.0,
-        description="Scale of the throw-to-throw variation; 1 is a typical rig. Set it to 0 for throws "
-        "that repeat exactly.",
+        description="Scale of the throw-to-throw variation. Set it to 0 for throws that repeat exactly.",
     )
     scatter: LabScatter = Field(
         TYPICAL,
-        description="Sizes and shape of the throw-to-throw variation. Set them to those of your own rig.",
+        description="Standard deviations between throws of one motion; the defaults are a typical rig's. "
+        "Set them to your rig's.",
     )
     servo: Literal["servoj", "stiff", "pd", "soft", "weak"] = Field(
         "servoj",
-        description="Behaviour of the joints: smoothed commands (servoj), stiff, without feed-forward "
-        "(pd), soft, or with weak motors. Change it to see what the servo costs.",
+        description="Joints with smoothed commands (servoj), stiff, without feed-forward (pd), soft, or "
+        "with weak motors. Change it to compare.",
     )
     camera: LabCamera = Field(
         LabCamera(),
-        description="The lab's camera; in space, motion capture takes its place. Set it to your own camera's "
-        "figures to see how well it would do.",
+        description="Figures of the lab's camera; in space, motion capture replaces it. Set them to your "
+        "camera's.",
     )
     rehearsal: bool = Field(
         True,
-        description="Play the first motion with an empty clamp before the first throw, and plan it again "
-        "with the joints' measured error; not where `start_string` is given, or with the paper's planner. "
-        "Set it to false to see what it is worth.",
+        description="Play the first motion with an empty clamp and plan it again; not with a start_string"
+        " or the paper's planner. Set it to false to see what that is worth.",
     )
     led: bool = Field(
         False,
-        description="An LED at the position of align.led, which the controller switches around the throw; "
-        "not in space. Set it to try the LED's alignment.",
+        description="An LED at align.led's place, switched around the throw; not in space. Set it to try "
+        "that alignment.",
     )

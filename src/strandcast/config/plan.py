@@ -15,28 +15,24 @@ class PaperReading(Section):
 
     altered_from: Literal["executed", "walking"] = Field(
         "executed",
-        description="Later tries alter the motion played last, or walk from the nearest try so far. "
-        "Change it only to compare readings of the paper.",
+        description="Later tries alter the motion played last, or walk from the nearest try so far.",
     )
     accept: Literal["first_hit", "best"] = Field(
         "first_hit",
-        description="Throw the first motion that hits in the simulation, or the nearest of all tries. Use "
-        "best to spend the whole of `screening`.",
+        description="Throw the first motion that hits in the simulation, or the nearest of all tries.",
     )
     ends: Literal["ramp", "rest"] = Field(
         "ramp",
-        description="A ramp stops the arm after eq. 1's curve, or the curve itself begins and ends at "
-        "rest. Change it only to compare readings of the paper.",
+        description="A ramp stops the arm after eq. 1's curve, or the curve itself begins and ends at rest.",
     )
     altered_rad_s: Annotated[float, Field(gt=0, le=10)] = Field(
         0.5,
-        description="Largest change of a control point's velocity from one try to the next. Change it "
-        "only to compare: 0.5 is the paper's.",
+        description="Largest change of a control point's velocity from one try to the next; the paper's "
+        "is 0.5.",
     )
     largest_slope_rad_s2: Annotated[float, Field(gt=0, le=10_000)] = Field(
         60.0,
-        description="Largest alpha_k in eq. 1, which the paper does not give. Lower it for an arm with "
-        "small acceleration limits.",
+        description="Largest alpha_k in eq. 1, which the paper does not give.",
     )
 
 
@@ -45,57 +41,56 @@ class PlanSettings(Section):
 
     planner: Literal["ensemble", "paper"] = Field(
         "ensemble",
-        description="Robust planning over the ensemble of strings, or the paper's planner. Use paper to "
-        "reproduce the paper.",
+        description="Robust planning over the ensemble, or the paper's. Use paper to reproduce the paper.",
     )
     duration_s: tuple[float, float] | None = Field(
         None,
-        description="Shortest and longest first motion; by default [0.35, 0.9], or [0.2, 1.2] with "
-        "`planner: paper`. Raise both for a slow arm; lower the shortest for a fast one.",
+        description="Shortest and longest first motion; by default [0.35, 0.9], for the paper's planner "
+        "[0.2, 1.2]. Raise both for a slow arm; lower the shortest for a fast one.",
     )
     control_points: Annotated[int, Field(ge=3, le=20)] = Field(
         6,
-        description="Free control heights of the velocity curve per joint. Raise it for a target that "
-        "needs a more complicated motion; the search grows with it.",
+        description="Free points of each joint's velocity curve. Raise it for a target that needs a "
+        "complicated motion.",
     )
     screening: Annotated[int, Field(ge=8, le=100_000)] = Field(
         1500,
-        description="Random motions to try before the search; of the paper's planner, all that it may "
-        "try. Raise it if no motion within the limits is found.",
+        description="Random motions before the search; with the paper's planner all of its tries. Raise "
+        "it if no motion within the limits is found.",
     )
     evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = Field(
         3000,
-        description="Motions that the searches may try; for a later motion, two thirds as many. Raise it "
-        "if the predicted miss is large although the target is within reach.",
+        description="Most motions in a search; for later motions two thirds. Raise it if the predicted "
+        "miss is large although the target is within reach.",
     )
     ensemble: Annotated[int, Field(ge=1, le=64)] = Field(
         16,
-        description="Strings to search new motions with, each with other disturbances. Lower it to plan "
-        "faster and less robustly.",
+        description="Strings in the search for new motions, each with other disturbances. Lower it to "
+        "plan faster and less robustly.",
     )
     use_servo: bool | None = Field(
         None,
-        description="Plan with the servo's response; by default true, except for the paper's planner, "
-        "which plans commanded angles. Set it to false only to compare.",
+        description="Plan with the servo's response; by default true, but false with the paper's planner."
+        " Set it to false only to compare.",
     )
     paper: PaperReading = Field(
-        PaperReading(), description="How section V of the paper is read; for `planner: paper`."
+        PaperReading(),
+        description="Readings of section V, for `planner: paper`. Change them only to compare.",
     )
     disturbances: Annotated[float, Field(ge=0, le=10)] = Field(
         1.0,
-        description="Scale of throw-to-throw disturbances (1 = typical rig), used in robust planning and "
-        "predicted misses. Raise it if repeated throws of one motion scatter more than the report predicts; "
-        "lower it if less.",
+        description="Scale of throw-to-throw disturbances; 1 is a typical rig. Raise it if repeated "
+        "throws scatter more than predicted; lower it if less.",
     )
     mesh_refinement: bool = Field(
         True,
-        description="Search new motions with every other string as a chain of twice as many points, so "
-        "that the motion does not depend on the mesh. Set it to false to plan faster.",
+        description="Simulate every other string with twice as many points when searching new motions. "
+        "Set it to false to plan faster.",
     )
     bias_correction: bool = Field(
         True,
         description="Correct predictions by the simulation's error in past trials. Set it to false only "
-        "to compare: later throws miss by more.",
+        "to compare.",
     )
 
     @property

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from inspect import cleandoc
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from annotated_types import MaxLen, MinLen
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
@@ -18,37 +17,23 @@ HEAD = """# Settings of experiment.yaml
 
 Made from the declarations: `python -m strandcast.config.settings_page > docs/reference/settings.md`.
 
-Everything has a default but what is marked **required**; a dash means that nothing is set. A name ends in
-its unit; x stands for a number, n for a whole number. Editors complete and check the file with the JSON
-schema, which holds the same descriptions (`strandcast schema`); `strandcast check EXPERIMENT` reports every
-invalid setting with its line.
+Each setting with its default, the values that it takes where the default does not show them (x is a number,
+n a whole number), and what it means; a name ends in its unit. `strandcast check EXPERIMENT` reports every
+invalid setting with its line and its bounds; editors complete and check the file with `strandcast schema`.
 """
-UNITS = {  # by the end of a name, longer ends first
-    "_rad_s2": "rad/s²",
-    "_rad_s": "rad/s",
-    "_rad_m": "rad/m",
-    "_n_m2": "N m²",
-    "_kg_m": "kg/m",
-    "_grey": "grey levels",
-    "_rad": "rad",
-    "_m_s": "m/s",
-    "_kg": "kg",
-    "_hz": "Hz",
-    "_px": "px",
-    "_m": "m",
-    "_s": "s",
-}
+SCALARS = {float: "x", int: "n", str: "text", bool: "`true`, `false`"}
 Rows = list[tuple[str, FieldInfo]]
 
 
 def settings_page() -> str:
-    """Return the page of all settings: a table for each group."""
+    """Return the page of all settings: a list for each group."""
     return HEAD + "".join(_group(*group) for group in groups(Experiment, "", ""))
 
 
 def groups(model: type[BaseModel], path: str, what: str) -> Iterator[tuple[str, str, Rows]]:
-    """Yield each group of settings: its path, what it is, and its settings that are no groups."""
-    rows = [(name, field) for name, field in model.model_fields.items() if not is_group(field)]
+    """Yield each group of settings: its path, what it is, and its own settings that are no groups."""
+    own = [(name, field) for name, field in model.model_fields.items() if name in model.__annotations__]
+    rows = [(name, field) for name, field in own if not is_group(field)]
     yield path, what, rows
     for name, field in model.model_fields.items():
         for section in models_in(field.annotation):
@@ -63,11 +48,6 @@ def is_group(field: FieldInfo) -> bool:
     return bool(models_in(field.annotation)) and not _values(field.annotation)
 
 
-def unit(name: str) -> str:
-    """Return the unit in which a setting is given, from the end of its name; '' without one."""
-    return next((value for end, value in UNITS.items() if name.endswith(end)), "")
-
-
 def _step(name: str, field: FieldInfo) -> str:
     origin = get_origin(field.annotation)
     return name + ("[]" if origin is list else ".NAME" if origin is dict else "")
@@ -76,85 +56,47 @@ def _step(name: str, field: FieldInfo) -> str:
 def _group(path: str, what: str, rows: Rows) -> str:
     title = path.rstrip(".") or "The experiment"
     lines = ["", f"## {title}", "", *([what, ""] if what else [])]
-    lines += ["| setting | unit | range | default | effect, and when to change it |", "|---|---|---|---|---|"]
-    return "\n".join([*lines, *(_row(name, field) for name, field in rows)]) + "\n"
+    return "\n".join([*lines, *(_line(name, field) for name, field in rows)]) + "\n"
 
 
-def _row(name: str, field: FieldInfo) -> str:
-    cells = [f"`{name}`", unit(name), allowed(field), _default(field), field.description or ""]
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+def _line(name: str, field: FieldInfo) -> str:
+    values = allowed(field)
+    return f"- `{name}`{_default(field)}{values and f' ({values})'}: {field.description}"
 
 
 def _default(field: FieldInfo) -> str:
     if field.is_required():
-        return "**required**"
+        return ", **required**"
     value = field.get_default(call_default_factory=True)
     if value in (None, "", []):
-        return "–"
-    return f"`{value}`" if isinstance(value, str) else f"`{json.dumps(to_jsonable_python(value))}`"
+        return ""
+    return f" = `{value if isinstance(value, str) else json.dumps(to_jsonable_python(value))}`"
 
 
 def allowed(field: FieldInfo) -> str:
-    """Return the values that a setting takes, in words and bounds."""
-    return " or ".join(_values(field.annotation, tuple(field.metadata)))
+    """Return the values that a setting takes, in words; '' for any number, text or truth value."""
+    values = " or ".join(_values(field.annotation))
+    return "" if values in SCALARS.values() else values
 
 
-def _values(annotation: Any, metadata: tuple[Any, ...] = ()) -> list[str]:
+def _values(annotation: Any) -> list[str]:
     """Return the kinds of values of an annotation; none for groups of settings."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        return _values(parts[0], (*metadata, *_flat(parts[1:])))
+        return _values(parts[0])
     if origin in (Union, types.UnionType):
-        return [value for part in parts if part is not type(None) for value in _values(part, metadata)]
+        return [value for part in parts if part is not type(None) for value in _values(part)]
     if origin is Literal:
         return [", ".join(f"`{json.dumps(value).strip(chr(34))}`" for value in parts)]
-    if origin is tuple and parts[-1] is ...:
-        return [f"{_lengths(metadata)} × ({' or '.join(_values(parts[0]))})"]
+    if origin is list or (origin is tuple and parts[-1] is ...):
+        inner = _values(parts[0])
+        return [f"list of {' or '.join(inner)}"] if inner else []
     if origin is tuple:
-        inner = [" or ".join(_values(part)) for part in parts]
-        return [f"{len(inner)} × ({inner[0]})" if len(set(inner)) == 1 else f"[{', '.join(inner)}]"]
+        return [f"[{', '.join(' or '.join(_values(part)) for part in parts)}]"]
     if origin is dict:
         inner = _values(parts[1])
         return [f"by name: {' or '.join(inner)}"] if inner else []
-    if origin is list or (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-        return []
-    return [_scalar(annotation, metadata)]
-
-
-def _lengths(metadata: tuple[Any, ...]) -> str:
-    """Return how many values a list may have."""
-    bounds = {type(each): each for each in _flat(metadata)}
-    return f"{bounds[MinLen].min_length} to {bounds[MaxLen].max_length}"
-
-
-def _flat(metadata: tuple[Any, ...]) -> Iterator[Any]:
-    for each in metadata:
-        yield from each.metadata if isinstance(each, FieldInfo) else (each,)
-
-
-def _scalar(annotation: type, metadata: tuple[Any, ...]) -> str:
-    """Return a number's bounds, or what a text may be."""
-    if annotation is bool:
-        return "`true`, `false`"
-    if annotation is str:
-        return "text"
-    low, high = "", ""
-    for each in metadata:
-        low = (
-            f"{each.ge:.10g} ≤ "
-            if hasattr(each, "ge")
-            else f"{each.gt:.10g} < "
-            if hasattr(each, "gt")
-            else low
-        )
-        high = (
-            f" ≤ {each.le:.10g}"
-            if hasattr(each, "le")
-            else f" < {each.lt:.10g}"
-            if hasattr(each, "lt")
-            else high
-        )
-    return f"{low}{'n' if annotation is int else 'x'}{high}"
+    return [] if issubclass(annotation, BaseModel) else [SCALARS[annotation]]
 
 
 if __name__ == "__main__":

@@ -15,48 +15,40 @@ SPACING_M = 0.03  # between mass points if `points` is not given (chosen; about 
 class Weight(Section):
     """A weight at a known position on the string."""
 
-    place_m: Place = Field(
-        description="Distance of the weight's middle from the clamp along the string. The miss is that of "
-        "the string's end, also where a weight hides it."
-    )
+    place_m: Place = Field(description="Distance of the weight's middle from the clamp along the string.")
     mass_kg: Annotated[float, Field(gt=0, le=1)] | None = Field(
         None,
-        description="Mass of the lab's weight. Set it in the lab only; with a real string the mass is "
-        "estimated.",
+        description="Mass of the lab's weight. Leave it out for a real string.",
     )
 
 
 class StiffSection(Section):
     """A section of the string that does not bend, e.g. a pipe."""
 
-    from_m: Place = Field(description="Start, as distance from the clamp along the string.")
-    to_m: Place = Field(description="End, as distance from the clamp along the string.")
+    from_m: Place = Field(description="Start, from the clamp along the string.")
+    to_m: Place = Field(description="End, from the clamp along the string.")
 
 
 class String(Section):
     """Properties of the string that are known before it is thrown."""
 
     length_m: Length = Field(
-        description="Length of the string, including what the clamp covers (arm's file), e.g. 0.3. "
-        "Measure it to a millimetre."
+        description="Length, including the part in the clamp. Measure it to a millimetre."
     )
     points: Annotated[int, Field(ge=2, le=100)] | None = Field(
         None,
-        description="Number n of free mass points; by default one every 30 mm. Raise it for sharp bends, "
-        "at a cost that grows with n; lower it for a string that barely bends.",
+        description="Number of free mass points; by default one per 30 mm. Raise it for sharp bends "
+        "(slower); lower it for a string that barely bends.",
     )
-    weights: list[Weight] = Field(
-        [], description="Weights attached to the string. Give each one's place; its mass is estimated."
-    )
+    weights: list[Weight] = Field([], description="Weights on the string; their masses are fitted.")
     stiff_sections: list[StiffSection] = Field(
         [],
-        description="Sections that do not bend, e.g. pipes. Give every one that is longer than a few "
-        "centimetres.",
+        description="Sections that do not bend, e.g. pipes, if longer than a few centimetres.",
     )
     thickness_m: Annotated[float, Field(gt=0, le=0.05)] | None = Field(
         None,
-        description="Thickness in the picture; by default estimated from the video. Set it if the preview "
-        "finds another string or a wrong width.",
+        description="Thickness in the picture; by default estimated. Set it if the preview shows another "
+        "width or string.",
     )
 
     @property

@@ -13,29 +13,26 @@ class TrackSettings(Section):
 
     tracker: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")] = Field(
         "chain",
-        description="chain: markers on the hand and a string; pendulum: a bead on a thread that swings "
-        "from a fixed pivot; or a tracker that an installed package provides. Change it for a "
-        "pendulum's video or a tracker of your own.",
+        description="chain: markers on the hand and a string; pendulum: a bead on a thread from a fixed "
+        "pivot; or an installed one. Change it for a pendulum or a tracker of your own.",
     )
     background_frames: Annotated[int, Field(ge=5, le=500)] = Field(
         40,
-        description="Number of frames, spread over the video, from which the background is computed. "
-        "Raise it if parts of the arm remain in the preview's background; more frames take "
-        "memory.",
+        description="Number of frames for the background. Raise it if parts of the arm remain in the "
+        "preview's background.",
     )
     background_picture: Below | None = Field(
         None,
-        description="A picture of the empty scene from the same camera; by default a median over frames. "
+        description="Picture of the empty scene from the same camera; by default a median over frames. "
         "Give it if the arm stands still for most of the video.",
     )
     polarity: Literal["auto", "bright", "dark"] = Field(
         "auto",
-        description="Whether the string is brighter or darker than the background. Set it if the preview "
-        "shows that auto chose wrong.",
+        description="String brighter or darker than the background. Set it if the preview shows that auto"
+        " is wrong.",
     )
     contrast_grey: Annotated[float, Field(gt=0, le=65535)] | None = Field(
         None,
-        description="By how many grey levels a clear piece of the string differs from the background; by "
-        "default estimated from the video. Set it if the tracker follows shadows (raise) or "
-        "loses the string (lower).",
+        description="Grey levels between a clear piece of string and the background; by default "
+        "estimated. Raise it if the tracker follows shadows; lower it if it loses the string.",
     )

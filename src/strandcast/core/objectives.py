@@ -80,18 +80,18 @@ class PointObjective(Objective):
     )
     direction_rad: Annotated[float, Field(ge=-7, le=7)] | None = Field(
         None,
-        description="Direction of the tip's motion at the hit, counter-clockwise from x. Set it if the "
-        "tip must arrive from one side; by default any direction counts.",
+        description="Direction of the tip at the hit, counter-clockwise from x; by default any. Set it if"
+        " the tip must arrive from one side.",
     )
     tolerance_rad: Annotated[float, Field(gt=0, le=math.pi)] = Field(
         0.35,
-        description="How far the direction may be off; beyond it the miss grows by 1 m per radian. Lower "
-        "it where only one direction works; a hit becomes less likely.",
+        description="Allowed deviation of the direction; beyond it the miss grows by 1 m/rad. Lower it "
+        "where only one direction works.",
     )
     least_speed_m_s: Annotated[float, Field(ge=0, le=100)] = Field(
         0.0,
         description="Least speed of the tip at the hit; below it the miss grows by 0.1 m per m/s. Raise "
-        "it if the tip must strike; 0 accepts any speed.",
+        "it if the tip must strike.",
     )
 
     target_field: ClassVar[str] = "target_m"
@@ -152,7 +152,7 @@ class PointInSpace(Objective):
 class SegmentObjective(Objective):
     """The tip hits a bar anywhere between two ends; target_m is its middle if not given."""
 
-    kind: Literal["segment"] = Field(description="The tip hits a bar anywhere between its ends.")
+    kind: Literal["segment"] = Field(description="Selects this objective.")
     ends_m: tuple[XY, XY] = Field(description="Both ends of the bar in the world frame.")
 
     @property
@@ -185,18 +185,16 @@ class SegmentObjective(Objective):
 class ShapePlace(Section):
     """A place on the string, from the hand, and its target."""
 
-    along_m: Place = Field(description="Position along the string, measured from the hand.")
+    along_m: Place = Field(description="Place on the string, from the hand.")
     at_m: XY = Field(description="Where that point should be, in the world frame.")
 
 
 class ShapeObjective(Objective):
     """The string takes a shape for a moment; target_m is the target of its last place if not given."""
 
-    kind: Literal["shape"] = Field(
-        description="Points of the string reach places of their own at one instant."
-    )
+    kind: Literal["shape"] = Field(description="Selects this objective.")
     places: Annotated[list[ShapePlace], Field(min_length=1, max_length=50)] = Field(
-        description="Points of the string and where they should be at the same instant."
+        description="Points of the string and where they should be."
     )
 
     @property
@@ -223,14 +221,13 @@ class ShapeObjective(Objective):
 class SwingObjective(Objective):
     """The tip reaches a height or a speed; if unattainable, it gets as close as possible."""
 
-    kind: Literal["swing"] = Field(description="The tip reaches a height or a speed.")
+    kind: Literal["swing"] = Field(description="Selects this objective.")
     height_m: Position | None = Field(
         None,
-        description="Height (y in the world frame) that the tip must reach. Give either height_m or "
-        "speed_m_s.",
+        description="Height (y) that the tip must reach. Give it or speed_m_s.",
     )
     speed_m_s: Annotated[float, Field(gt=0, le=1000)] | None = Field(
-        None, description="Speed that the tip must reach. Give either height_m or speed_m_s."
+        None, description="Speed that the tip must reach. Give it or height_m."
     )
 
     @property
