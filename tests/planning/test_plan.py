@@ -23,11 +23,11 @@ from strandcast.executor.checks import check_motion
 from strandcast.planning import global_search, local_search
 from strandcast.planning import plan as plan_module
 from strandcast.planning.approach import closest_approach
-from strandcast.planning.assessment import Assessment
+from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.bezier import Curve, rest_heights
 from strandcast.planning.capsules import start_violation_m
 from strandcast.planning.cost import CLEARANCE_M, rollout_cost
-from strandcast.planning.describe import prediction_flags, stopped_outside_m
+from strandcast.planning.describe import prediction_flags, stopped_outside_m, touch_of_links_m
 from strandcast.planning.miss_calibration import LEVELS, MissDistribution
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial
 from strandcast.planning.plan import PlannedMotion, plan_first, plan_next, predicted
@@ -571,10 +571,24 @@ def test_a_fault_is_flagged_if_it_is_likelier_than_not(task: PlanningTask, first
         "not expected to hit: half the throws miss by more than 33 mm, and nothing better was found within "
         "the arm's limits",
         "will probably leave the workspace, by 11 mm (in 67 % of the simulated throws)",
-        "the string will probably come too near to the arm, by 2 mm (in 100 % of the simulated throws)",
+        "the string will probably touch the arm: it comes 2 mm too near to a link "
+        "(in 100 % of the simulated throws)",
     ]
     worse = MissDistribution(np.linspace(0.05, 0.2, len(LEVELS)))  # than is simulated
     assert len(flags([0.0] * 3, [0.0] * 3, [0.0] * 3, likely=worse)) == 1
+
+
+@pytest.mark.parametrize(("capsule", "touched"), [(-1, False), (0, True)])
+def test_only_links_are_touched_and_not_the_plate_behind_the_string(
+    task: PlanningTask, strings: StringBatch, first: PlannedMotion, capsule: int, touched: bool
+) -> None:
+    _, q, last = commands([first.motion], task.step_s)
+    rollouts = simulate_rollouts(task, strings.first(1), RolloutConditions(), q, last)
+    assert rollouts.capsules_m.shape[2] == len(task.arm.joints) + 1
+    rollouts.capsules_m[:] = 50.0
+    rollouts.capsules_m[:, :, capsule] = rollouts.points_m[:, :, -1, None]
+    assert assess_rollouts(task, rollouts, CLEARANCE_M).touch_m[0] > 0.0
+    assert (touch_of_links_m(task, rollouts)[0] > 0.0) == touched
 
 
 @pytest.mark.parametrize("name", ["fold", "outside_m", "touch_m", "hidden_m"])

@@ -48,15 +48,18 @@ def test_a_link_unfolds_what_it_leads_to(page: Path, browser: Browser) -> None:
 
 
 def checks_of(*states: str) -> list[CheckResult]:
-    return [CheckResult(f"check {k}", state, "", "") for k, state in enumerate(states)]
+    return [CheckResult(f"check {k}", state, f"{k} mm", "") for k, state in enumerate(states)]
 
 
 def test_what_is_doubtful_is_said_by_name_the_gravest_first():
     sound = doubts({"": checks_of(PASS, PASS, NOT_RUN)})
     assert sound == ("sound", "✓ Nothing doubtful: 2 of 3 checks passed; 1 had nothing to check.")
-    assert doubts({"": checks_of(PASS, WARN)}) == ("doubtful", "▲ Doubtful: check 1.")
+    assert doubts({"": checks_of(PASS, WARN)}) == ("doubtful", "▲ Doubtful: check 1 (1 mm).")
+    long = doubts({"": [CheckResult("check", WARN, "word " * 40, "")]}).text
+    assert long.endswith("word word …).")
+    assert len(long) < 130
     both = doubts({"trial 1: ": checks_of(WARN), "trial 2: ": checks_of(PASS, FAIL, FAIL)})
-    assert both == ("bad", "✕ Failed: trial 2: check 1, check 2.")
+    assert both == ("bad", "✕ Failed: trial 2: check 1 (1 mm), check 2 (2 mm).")
 
 
 def test_the_experiments_page_says_which_trial_is_doubtful(results: Path) -> None:

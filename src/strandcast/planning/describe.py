@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from strandcast.arm.limits import peaks, violations
 from strandcast.arm.link_masses import torque_gap
@@ -139,7 +140,8 @@ def describe(
     every = assess_rollouts(task.rough(), scattered, CLEARANCE_M)
     throws = _throws(scattered, every.miss_m)
     miss = _calibrated(task, planner, found.kind, throws.miss_m, evidence)
-    flags = [*found.flags, *prediction_flags(task, found.curve, every, miss)]
+    flagged = every._replace(touch_m=touch_of_links_m(task, scattered))
+    flags = [*found.flags, *prediction_flags(task, found.curve, flagged, miss)]
     count = rollouts.last[0] + 1
     path, time_s = rollouts.points_m[0, :count], np.arange(count) * task.step_s
     return PlannedMotion(
@@ -186,6 +188,15 @@ def _throws(scattered: Rollouts, miss_m: np.ndarray) -> PredictedThrows:
     return PredictedThrows(miss_m, chosen, samples * scattered.step_s, tip_m)
 
 
+def touch_of_links_m(task: AnyTask, scattered: Rollouts) -> NDArray[np.float64]:
+    """Return (B,) how deep the string comes into the links' capsules until the hit [m].
+
+    The plate with the hand's markers lies behind the string: over it, only detection is worse.
+    """
+    links = np.ascontiguousarray(scattered.capsules_m[:, :, : len(task.arm.joints)])
+    return assess_rollouts(task.rough(), scattered._replace(capsules_m=links), CLEARANCE_M).touch_m
+
+
 def prediction_flags(
     task: AnyTask, curve: Curve, throws: Assessment, miss: MissDistribution | None
 ) -> list[str]:
@@ -194,7 +205,8 @@ def prediction_flags(
     Parameters
     ----------
     throws
-        Throws of every string with every disturbance, which must keep `CLEARANCE_M` from the arm's links.
+        Throws of every string with every disturbance, which must keep `CLEARANCE_M` from the arm's links;
+        touches of the plate with the hand's markers do not count.
     miss
         The calibrated distribution of the miss, None without one.
     """
@@ -205,7 +217,7 @@ def prediction_flags(
         flags.append(f"not expected to hit: {by}, and nothing better was found within the arm's limits")
     for depth_m, words in (
         (throws.outside_m, "will probably leave the workspace, by {} mm"),
-        (throws.touch_m, "the string will probably come too near to the arm, by {} mm"),
+        (throws.touch_m, "the string will probably touch the arm: it comes {} mm too near to a link"),
         (throws.hidden_m, "at the closest approach the tip will probably lie over the arm, by {} mm"),
     ):
         # One wild string of the ensemble says little of the throw.

@@ -18,13 +18,13 @@ from strandcast.report.causes import (
     slipped,
 )
 from strandcast.report.measures import fitted_rows
-from strandcast.report.numbers import counted, millimetres, milliseconds, percent
+from strandcast.report.numbers import millimetres, milliseconds, percent
 from strandcast.report.results import FILES, OPTIONAL, TrialResults
 from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLANE_RMS_PX
 from strandcast.report.text import warnings_of
 
 STATES = FAIL, WARN, NOT_RUN, PASS = "FAIL", "WARN", "NOT RUN", "PASS"  # the gravest first
-NEXT_MOTION = "next motion: planned, complete, without flags"
+NEXT_MOTION = "next motion"
 LEAST_ROOM_M = 0.01  # chosen: throws of one motion differ by millimetres
 
 
@@ -79,9 +79,8 @@ def _read(results: TrialResults) -> CheckResult:
 def _warned(results: TrialResults) -> CheckResult:
     """Return whether no stage warned."""
     warnings = warnings_of(results)
-    return CheckResult(
-        "warnings of the stages", WARN if warnings else PASS, counted(len(warnings), "warning"), "none"
-    )
+    found = "; ".join(text for _, text in warnings) or "none"
+    return CheckResult("warnings of the stages", WARN if warnings else PASS, found, "none")
 
 
 def _run(name: str, severity: str, check: TrialCheck, results: TrialResults) -> CheckResult:

@@ -16,6 +16,8 @@ from strandcast.report.numbers import UNKNOWN, millimetres
 from strandcast.report.results import TrialResults
 from strandcast.report.text import uncertain_verdict
 
+MOST_FOUND = 100  # characters of a finding, chosen: the first screen holds a few
+
 
 class Headline(NamedTuple):
     """One number: what it is, its value, and what that means."""
@@ -95,7 +97,9 @@ def _of_a_capture(results: TrialResults) -> list[Headline]:
 def doubts(checks: Mapping[str, list[CheckResult]]) -> Doubts:
     """Return what the checks found; their keys say whose they are, "" on a trial's own page."""
     for state, style, mark in ((FAIL, "bad", "✕ Failed"), (WARN, "doubtful", "▲ Doubtful")):
-        named = {of: [each.name for each in found if each.state == state] for of, found in checks.items()}
+        named = {
+            of: [_in_words(each) for each in found if each.state == state] for of, found in checks.items()
+        }
         texts = [f"{of}{', '.join(names)}" for of, names in named.items() if names]
         if texts:
             return Doubts(style, f"{mark}: {'; '.join(texts)}.")
@@ -103,6 +107,14 @@ def doubts(checks: Mapping[str, list[CheckResult]]) -> Doubts:
     idle = states.count(NOT_RUN)
     rest = f"; {idle} had nothing to check" if idle else ""
     return Doubts("sound", f"✓ Nothing doubtful: {len(states) - idle} of {len(states)} checks passed{rest}.")
+
+
+def _in_words(check: CheckResult) -> str:
+    """Return a check and what it found, as long as a line."""
+    found = (
+        check.found if len(check.found) <= MOST_FOUND else f"{check.found[:MOST_FOUND].rsplit(' ', 1)[0]} …"
+    )
+    return f"{check.name} ({found})"
 
 
 def next_step(

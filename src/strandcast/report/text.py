@@ -66,7 +66,7 @@ def uncertain_verdict(results: TrialResults | None) -> bool:
 
 
 def outcome(results: TrialResults) -> str:
-    """Return the verdict in a sentence or two: the miss with its uncertainty, and what was predicted."""
+    """Return the verdict in a sentence or two: the miss with its uncertainty, and whether it was expected."""
     verdict: Verdict | None = results.get("verdict")
     if verdict is None:
         return "Whether the tip hit is unknown."
@@ -82,11 +82,17 @@ def outcome(results: TrialResults) -> str:
         text = f"The tip passed {miss} from {target[0].lower()}{target[1:]}"
     else:
         text = f"{target} was reached to within {miss}"
+    motion: Motion | None = results.get("motion")
+    aimed = motion is None or motion.target_m == verdict.target_m
+    expected = expected_miss(motion) if aimed else None
+    text += "" if expected is None else f", {expected.compared(verdict.miss_m)}"
     beyond_m = verdict.miss_m - verdict.hit_radius_m
     text += f": {millimetres(abs(beyond_m))} {'outside' if beyond_m > 0 else 'inside'} the hit radius"
     if uncertain_verdict(results):
         text += ", too near to its edge to be certain"
-    return f"{text}. {_as_predicted(results, verdict, verdict.miss_m)}".strip()
+    if aimed or motion is None:
+        return f"{text}."
+    return f"{text}. The motion was planned for another target, at {place(motion.target_m)}."
 
 
 def _as_fitted(results: TrialResults) -> str:
@@ -94,18 +100,6 @@ def _as_fitted(results: TrialResults) -> str:
     if results.get("estimate") is None:
         return "The trial has no target, and was not fitted."
     return f"A capture without a target: {capture_finding(results.need('estimate'), fit_window(results))}"
-
-
-def _as_predicted(results: TrialResults, verdict: Verdict, miss_m: float) -> str:
-    """Return in words the misses that were predicted before the throw, beside the measured one."""
-    motion: Motion | None = results.get("motion")
-    if motion is not None and verdict.target_m is not None and motion.target_m != verdict.target_m:
-        aimed = f"for the target at {place(motion.target_m)}"
-        return f"The motion was planned {aimed}: it did not aim at the one from which the miss is measured."
-    expected = expected_miss(motion)
-    if expected is None:
-        return ""
-    return f"Predicted before the throw: {expected}; the measured miss is {expected.compared(miss_m)}."
 
 
 def capture_finding(estimate: Estimate, window: str) -> str:
