@@ -268,7 +268,7 @@ def export_motion(
     arm: Annotated[Path | None, typer.Option(help="The arm's file.  [default: the experiment's arm]")] = None,
     hanging: Annotated[
         float | None,
-        typer.Option(min=0, help="Length hanging from the hand [m].  [default: the string]"),
+        typer.Option(min=0, help="Length hanging from the hand [m].  [default: the experiment's string]"),
     ] = None,
     time_scale: Annotated[
         float, typer.Option(help="Play the same path this many times slower: 4, then 2, then 1.")

@@ -19,7 +19,7 @@ def play(
     ] = False,
     confirm: Annotated[
         str | None,
-        typer.Option(metavar="HASH", help="Move the arm: the motion's short hash, not asked for."),
+        typer.Option(metavar="HASH", help="The motion's short hash: move the arm without asking for it."),
     ] = None,
     time_scale: Annotated[
         float, typer.Option(min=1.0, help="Play the same path this many times slower: 4, then 2, then 1.")
@@ -33,7 +33,7 @@ def play(
     ] = 0.0,
     hanging: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Length hanging from the hand [m].  [default: the string]"),
+        typer.Option(min=0.0, help="Length hanging from the hand [m].  [default: the experiment's string]"),
     ] = None,
     accept_soft_realtime: Annotated[
         bool, typer.Option("--accept-soft-realtime", help="Stream even if the host's timing is poor.")
