@@ -148,7 +148,7 @@ def test_a_file_without_the_size_says_which_lines_to_add(tmp_path) -> None:
     path.write_text(f"camera_matrix: {ROWS}\ndist_coeff: [{DISTORTION.tolist()}]\n")
     with pytest.raises(StrandcastError, match="image_width: 1280 and image_height: 720") as caught:
         read_lens(path)
-    assert caught.value.code == "SC-C053"
+    assert caught.value.code == "SC-C050"
     path.write_text(path.read_text() + "image_width: 1280\nimage_height: 720\n")
     assert read_lens(path).distortion == DISTORTION.tolist()
 
@@ -197,15 +197,15 @@ def test_a_lens_is_read_as_its_program_wrote_it(tmp_path, text, suffix, name) ->
     ("code", "text", "name"),
     [
         ("SC-C050", "a: [1", None),
-        ("SC-C051", "{}", None),
-        ("SC-C051", KALIBR, None),
-        ("SC-C051", KALIBR, "cam7"),
-        ("SC-C052", KALIBR, "cam1"),
-        ("SC-C052", KALIBR.replace("pinhole", "omni"), "cam0"),
-        ("SC-C052", ROS.replace("plumb_bob", "equidistant"), None),
-        ("SC-C053", ROS.replace("image_width: 1280\n", ""), None),
-        ("SC-C053", ROS.replace("1201.5", ".nan"), None),
-        ("SC-C053", ROS.replace("0.0, 0.0, 1.0]", "0.0, 1.0]"), None),
+        ("SC-C050", "{}", None),
+        ("SC-C050", KALIBR, None),
+        ("SC-C050", KALIBR, "cam7"),
+        ("SC-C050", KALIBR, "cam1"),
+        ("SC-C050", KALIBR.replace("pinhole", "omni"), "cam0"),
+        ("SC-C050", ROS.replace("plumb_bob", "equidistant"), None),
+        ("SC-C050", ROS.replace("image_width: 1280\n", ""), None),
+        ("SC-C050", ROS.replace("1201.5", ".nan"), None),
+        ("SC-C050", ROS.replace("0.0, 0.0, 1.0]", "0.0, 1.0]"), None),
     ],
 )
 def test_what_is_no_known_lens_is_refused(tmp_path, code, text, name) -> None:

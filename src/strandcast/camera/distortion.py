@@ -128,7 +128,7 @@ def choose_model(
     Raises
     ------
     StrandcastError
-        SC-C014 all models are rejected.
+        SC-C013 all models are rejected.
     """
     centre = np.array(size) / 2.0
     reached_px = centre + FOLD_MARGIN * (np.concatenate([each.picture_px for each in views]) - centre)
@@ -143,8 +143,7 @@ def choose_model(
         trials.append(ModelTrial(model=model, held_out_px=float(np.sqrt(squares[model].mean()))))
     if not squares:
         what = "no distortion model fits the board photos without folding the picture"
-        fix = "take more photos, with the board tilted and also near the picture's corners"
-        raise StrandcastError("SC-C014", what, fix=fix)
+        raise StrandcastError("SC-C013", what)
     return smallest_as_good(squares), trials
 
 

@@ -43,8 +43,8 @@ def read_lens(path: Path, name: str | None = None) -> Lens:
     Raises
     ------
     StrandcastError
-        SC-C050 it cannot be read; SC-C051 it has no such camera, or several; SC-C052 its model is not
-        OpenCV's pinhole with up to eight coefficients; SC-C053 a value is missing or is no number.
+        SC-C050 it cannot be read; it has no such camera, or several; its model is not OpenCV's pinhole with
+        up to eight coefficients; a value is missing or is no number.
     """
     cameras = _cameras(_read(path))
     if name is not None:
@@ -53,7 +53,7 @@ def read_lens(path: Path, name: str | None = None) -> Lens:
         there = ", ".join(cameras) or "none"
         what = f"has no camera {name!r}" if name else f"has {len(cameras)} cameras ({there})"
         fix = "name one of the file's cameras in camera.lens_name" if cameras or name else f"give {EXAMPLES}"
-        raise StrandcastError("SC-C051", what, file=path, field="camera.lens_name", fix=fix)
+        raise StrandcastError("SC-C050", what, file=path, field="camera.lens_name", fix=fix)
     [camera] = cameras.values()
     _check_model(path, camera)
     if all(camera.get(name) is None for name in (*SIZE, *WIDTH, *HEIGHT)):
@@ -61,7 +61,7 @@ def read_lens(path: Path, name: str | None = None) -> Lens:
         fix = (
             f"add two lines with the width and height [px] of the pictures it was calibrated with, as {lines}"
         )
-        raise StrandcastError("SC-C053", "does not give the size of its pictures", file=path, fix=fix)
+        raise StrandcastError("SC-C050", "does not give the size of its pictures", file=path, fix=fix)
     try:
         width, height = _size(camera)
         matrix = _matrix(camera)
@@ -69,10 +69,10 @@ def read_lens(path: Path, name: str | None = None) -> Lens:
     except (ValueError, TypeError, KeyError) as error:
         what = str(error.args[0]) if error.args else "a value is no number"
         fix = f"give the file as the calibration wrote it: {EXAMPLES}"
-        raise StrandcastError("SC-C053", what, file=path, fix=fix) from None
+        raise StrandcastError("SC-C050", what, file=path, fix=fix) from None
     if len(distortion) not in (0, 4, 5, 8) and distortion[COEFFICIENTS:].any():
         what = f"has {len(distortion)} distortion coefficients; thin prism and tilt are not supported"
-        raise StrandcastError("SC-C052", what, file=path, fix="calibrate with at most eight coefficients")
+        raise StrandcastError("SC-C050", what, file=path, fix="calibrate with at most eight coefficients")
     kept = np.zeros(5 if not distortion[5:].any() else COEFFICIENTS)
     kept[: min(len(distortion), len(kept))] = distortion[: len(kept)]
     return Lens(
@@ -96,9 +96,9 @@ def _read(path: Path) -> dict[str, Any]:
     except (FileNotFoundError, BoundError) as error:
         what = str(error) if isinstance(error, BoundError) else "is not there"
         line = getattr(error, "line", None)
-        raise StrandcastError("SC-C050", what, file=path, line=line, fix=f"give {EXAMPLES}") from None
+        raise StrandcastError("SC-C050", what, file=path, line=line) from None
     if not isinstance(data, dict):
-        raise StrandcastError("SC-C050", "holds no names and values", file=path, fix=f"give {EXAMPLES}")
+        raise StrandcastError("SC-C050", "holds no names and values", file=path)
     return data
 
 
@@ -126,7 +126,7 @@ def _check_model(path: Path, camera: dict[str, Any]) -> None:
             f"its lens model is {unknown[0]!r}; a pinhole with radial and tangential distortion is supported"
         )
         fix = "calibrate with plumb_bob (ROS), radtan (Kalibr) or OpenCV's standard model"
-        raise StrandcastError("SC-C052", what, file=path, fix=fix)
+        raise StrandcastError("SC-C050", what, file=path, fix=fix)
 
 
 def _first(camera: dict[str, Any], names: tuple[str, ...], what: str) -> Any:
