@@ -210,9 +210,10 @@ def test_the_manual_comes_along(root):
     assert "tutorial " in listed.stdout
     page = strandcast(root, "docs", "docs/how-to/install.md#install")  # as messages name it
     assert page.stdout.startswith("# Install\n")
-    assert strandcast(root, "explain", "SC-A012 ERROR").stdout.startswith(
-        "SC-A012: The angles of the joint log are in"
-    )
+    for code in ("SC-A012 ERROR", "a013"):  # the second is a former one
+        said = strandcast(root, "explain", code).stdout
+        assert said.startswith("SC-A012: Joint log and arm's file differ in joint names")
+        assert "\nFix: Import the log again with" in said
 
 
 def test_the_help_names_no_types_of_python(root):

@@ -175,12 +175,12 @@ def other_start(motion: Motion) -> None:
         (in_degrees, "SC-R001.*units.*deg"),
         (wide_tolerance, r"SC-X004.*start\.tolerance_rad"),
         (other_start, r"SC-X004.*start\.positions_rad"),
-        (other_arm, "SC-X004"),
-        (other_joints, "SC-X004"),
-        (not_at_rest, "SC-X004"),
-        (still_moving, "SC-X004"),
-        (jump, "SC-X00[24]"),
-        (backwards, "SC-X004"),
+        (other_arm, "SC-X004.*was planned for"),
+        (other_joints, "SC-X004.*joint_names"),
+        (not_at_rest, "SC-X004.*at rest"),
+        (still_moving, "SC-X004.*at rest"),
+        (jump, "SC-X004.*points"),
+        (backwards, "SC-X004.*rising times"),
     ],
 )
 def test_a_motion_that_does_not_fit_is_refused(

@@ -149,7 +149,7 @@ def test_every_changed_character_of_the_lineage_is_refused(demo):
     text = path.read_text()
     for at in range(text.index('"lineage"') + 1, text.index('"experiment": "demo",\n "trial"')):
         path.write_text(text[:at] + chr(ord(text[at]) ^ 1) + text[at + 1 :])
-        assert refusal(Verdict.read, path).code in {"SC-R001"}
+        assert refusal(Verdict.read, path).code == "SC-R001"
 
 
 def test_a_renamed_column_and_an_unknown_one_are_refused(demo):
@@ -158,10 +158,10 @@ def test_a_renamed_column_and_an_unknown_one_are_refused(demo):
     metadata = table.schema.metadata
     names = ["X_m" if name == "x_m" else name for name in table.column_names]
     pq.write_table(table.rename_columns(names).replace_schema_metadata(metadata), path)
-    assert refusal(read_table, path, HAND).code == "SC-R001"
+    assert "the file was changed" in refusal(read_table, path, HAND).what
     foreign = {key: value for key, value in metadata.items() if key != b"content_sha256"}
     pq.write_table(table.append_column("extra", table["x_m"]).replace_schema_metadata(foreign), path)
-    assert refusal(read_table, path, HAND).code == "SC-R001"
+    assert refusal(read_table, path, HAND).what.startswith("unknown columns")
 
 
 def test_a_changed_page_is_refused(demo):

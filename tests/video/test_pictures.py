@@ -107,22 +107,23 @@ def flip(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "code"),
+    ("fault", "code", "words"),
     [
-        (lambda path: path.write_bytes(b""), "SC-V005"),
-        (lambda path: path.write_bytes(b"hello"), "SC-V005"),
-        (lambda path: path.write_bytes(path.read_bytes()[:400]), "SC-V005"),
-        (flip, "SC-V005"),
-        (lambda path: Image.new("L", (30, 24)).save(path), "SC-V010"),
-        (lambda path: Image.new("I;16", (32, 24)).save(path), "SC-V010"),
-        (lambda path: Image.new("CMYK", (32, 24)).save(path, "TIFF"), "SC-V005"),
+        (lambda path: path.write_bytes(b""), "SC-V005", "is empty"),
+        (lambda path: path.write_bytes(b"hello"), "SC-V005", "is not a PNG"),
+        (lambda path: path.write_bytes(path.read_bytes()[:400]), "SC-V005", "is damaged"),
+        (flip, "SC-V005", "is damaged"),
+        (lambda path: Image.new("L", (30, 24)).save(path), "SC-V010", "another size"),
+        (lambda path: Image.new("I;16", (32, 24)).save(path), "SC-V010", "another size or depth"),
+        (lambda path: Image.new("CMYK", (32, 24)).save(path, "TIFF"), "SC-V005", "is not a PNG"),
     ],
 )
-def test_a_damaged_or_odd_picture_is_refused_by_name(tmp_path, fault, code):
+def test_a_damaged_or_odd_picture_is_refused_by_name(tmp_path, fault, code, words):
     series(tmp_path / "video", [f"f{k}.png" for k in range(3)])
     fault(tmp_path / "video" / "f1.png")
     error = refusal(tmp_path / "video")
     assert error.code == code
+    assert words in error.what
     assert "f1.png" in (error.file or "")
 
 
@@ -131,7 +132,7 @@ def test_a_cut_tiff_is_refused(tmp_path):
     path = tmp_path / "video" / "f2.tif"
     path.write_bytes(path.read_bytes()[:500])
     error = refusal(tmp_path / "video")
-    assert error.code in {"SC-V005"}
+    assert error.code == "SC-V005"
     assert "f2.tif" in (error.file or "")
 
 

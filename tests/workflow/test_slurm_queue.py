@@ -100,7 +100,7 @@ def test_a_profile_is_the_projects_own_or_one_that_ships_or_a_path(tmp_path):
     assert executor_of(tmp_path / profile(tmp_path, "slurm")) == "lsf"
     assert profile(tmp_path, str(own)) == own
     (own / "profile.yaml").write_text("executor: [lsf\n")
-    with pytest.raises(StrandcastError, match="SC-W021.*cannot be read"):
+    with pytest.raises(StrandcastError, match="SC-F002.*cannot be read"):
         executor_of(own)
     with pytest.raises(StrandcastError, match="SC-W021.*'slrum'") as refused:
         profile(tmp_path, "slrum")

@@ -29,7 +29,6 @@ WIDTH, HEIGHT = ("image_width", "image_Width", "width"), ("image_height", "image
 SIZE = ("image_size", "size", "resolution")
 KNOWN_MODELS = ("plumb_bob", "rational_polynomial", "radtan", "pinhole", "opencv", "")
 COEFFICIENTS = 8
-EXAMPLES = "OpenCV's YAML, ROS' camera_info, Kalibr's camchain or the TOML of caliscope or anipose"
 
 
 def read_lens(path: Path, name: str | None = None) -> Lens:
@@ -52,7 +51,7 @@ def read_lens(path: Path, name: str | None = None) -> Lens:
     if len(cameras) != 1:
         there = ", ".join(cameras) or "none"
         what = f"has no camera {name!r}" if name else f"has {len(cameras)} cameras ({there})"
-        fix = "name one of the file's cameras in camera.lens_name" if cameras or name else f"give {EXAMPLES}"
+        fix = "name one of the file's cameras in camera.lens_name" if cameras or name else None
         raise StrandcastError("SC-C050", what, file=path, field="camera.lens_name", fix=fix)
     [camera] = cameras.values()
     _check_model(path, camera)
@@ -68,8 +67,7 @@ def read_lens(path: Path, name: str | None = None) -> Lens:
         distortion = _numbers(_first(camera, (*DISTORTION, "distortion_coeffs"), "the distortion"))
     except (ValueError, TypeError, KeyError) as error:
         what = str(error.args[0]) if error.args else "a value is no number"
-        fix = f"give the file as the calibration wrote it: {EXAMPLES}"
-        raise StrandcastError("SC-C050", what, file=path, fix=fix) from None
+        raise StrandcastError("SC-C050", what, file=path) from None
     if len(distortion) not in (0, 4, 5, 8) and distortion[COEFFICIENTS:].any():
         what = f"has {len(distortion)} distortion coefficients; thin prism and tilt are not supported"
         raise StrandcastError("SC-C050", what, file=path, fix="calibrate with at most eight coefficients")
