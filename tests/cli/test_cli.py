@@ -213,7 +213,7 @@ def test_the_manual_comes_along(root):
     for code in ("SC-A012 ERROR", "a013"):  # the second is a former one
         said = strandcast(root, "explain", code).stdout
         assert said.startswith("SC-A012: Joint log and arm's file differ in joint names")
-        assert "\nFix: Import the log again with" in said
+        assert "\nFix: Import the log again, with" in said
 
 
 def test_the_help_names_no_types_of_python(root):

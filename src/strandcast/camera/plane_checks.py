@@ -87,6 +87,7 @@ def _wrong_size(layout: MarkerLayout, size: SizeFit) -> StrandcastError:
         f"if the positions are wrong, {abs(1.0 / size.ratio - 1.0) * reach_m * 1e3:.0f} mm at "
         f"{reach_m:.2f} m from the centre; if only the size is wrong, little",
         "measure the printed black squares and the distances of their centres; sizes are metres",
+        of_size=True,
     )
 
 
@@ -157,6 +158,7 @@ def _refuse_other_size(layout: MarkerLayout, out: int, others: PoseFit, cost_m: 
         f"{'in front of' if nearer_m > 0 else 'behind'} their plane",
         f"up to {cost_m * 1e3:.1f} mm at the string",
         "put all markers in one plane, printed at one size",
+        of_size=True,
     )
 
 
