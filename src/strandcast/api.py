@@ -46,13 +46,13 @@ class Project:
     Raises
     ------
     StrandcastError
-        SC-R033 the folder holds none of data/, results/ and config/; SC-F001 there is no such experiment.
+        SC-W001 the folder holds none of data/, results/ and config/; SC-F001 there is no such experiment.
     """
 
     def __init__(self, root: Path) -> None:
         if not any((root / name).is_dir() for name in ("data", "results", "config")):
             what = "is no project: it holds none of data/, results/ and config/"
-            raise StrandcastError("SC-R033", what, file=root, fix="give the folder that holds data/")
+            raise StrandcastError("SC-W001", what, file=root, fix="give the folder that holds data/")
         self.root = root
 
     def __getitem__(self, name: str) -> ExperimentView:
@@ -121,7 +121,7 @@ class ExperimentView:
 
 @dataclass(frozen=True)
 class TrialView:
-    """One trial. Tables carry the units of their columns in ``attrs["units"]``; a missing file is SC-R011."""
+    """One trial. Tables carry the units of their columns in ``attrs["units"]``; a missing file is SC-R001."""
 
     context: Context
     number: int

@@ -168,7 +168,7 @@ def test_unsorted_and_doubled_rows_have_no_effect(throw, fit, error_s, rows):
     assert "2 rows of the log have the time of another and were left out" in found.warnings
     with pytest.raises(StrandcastError, match="run backwards") as refusal:
         fit(trial, log=rows(trial.log, np.random.default_rng(0).permutation(len(order) - 2)))
-    assert refusal.value.code == "SC-A021"
+    assert refusal.value.code == "SC-J001"
 
 
 def test_rows_that_are_wrong_or_repeated_are_left_out(throw, fit, error_s):

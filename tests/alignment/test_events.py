@@ -82,7 +82,7 @@ def test_the_logs_sync_output_is_an_event(trial, fit):
 
 
 def test_an_event_missing_from_the_log_is_refused(trial, fit):
-    with pytest.raises(StrandcastError, match="SC-A019") as refusal:
+    with pytest.raises(StrandcastError, match="SC-A018") as refusal:
         fit(trial, **led(trial, 0.1, kind="trigger"))
     assert "trigger at" in refusal.value.what
 

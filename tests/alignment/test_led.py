@@ -92,7 +92,7 @@ def test_a_frame_of_uncertainty_is_no_contradiction(trial, fit):
 def test_a_flash_of_something_else_has_no_counterpart(trial, fit, flash):
     found = fit(trial, **with_led(trial, both()[0], flash, both()[1]))
     assert [check.camera_time_s for check in found.sync_events] == list(LIT_S)
-    [warning] = [warning for warning in found.warnings if "SC-A025" in warning]
+    [warning] = [warning for warning in found.warnings if "SC-A023" in warning]
     assert f"{flash[0]} at {flash[1]:.4f} s" in warning
 
 
@@ -101,7 +101,7 @@ def test_another_light_alone_is_left_out(trial, fit):
     found = fit(trial, **with_led(trial, ("led_on", 0.3), ("led_off", 0.5)))
     assert found.sync_events == []
     assert found.offset_s == alone.offset_s
-    [warning] = [warning for warning in found.warnings if "SC-A024" in warning]
+    [warning] = [warning for warning in found.warnings if "SC-A023" in warning]
     assert "led_on at 0.3000 s" in warning
 
 
@@ -115,7 +115,7 @@ def test_a_log_without_events_is_reported_once(trial, fit):
     found = fit(trial, **with_led(trial, *both(), recorded=[]))
     assert found.offset_s == alone.offset_s
     assert len(found.warnings) == len(alone.warnings) + 1
-    assert "SC-A024" in found.warnings[-1]
+    assert "SC-A023" in found.warnings[-1]
 
 
 def test_no_led_changes_nothing(trial, fit):
@@ -151,5 +151,5 @@ def test_without_motion_the_led_alone_gives_the_offset(throw, fit, motion):
     assert abs(float(found.robot_time_s(np.array(0.5))) - trial.robot_s(0.5)) < 1e-4
     # Two switchings of one delay are no surer than one.
     assert found.middle_se_s == pytest.approx(np.hypot(2e-4, 3e-4), rel=0.05)
-    with pytest.raises(StrandcastError, match="SC-A005"):
+    with pytest.raises(StrandcastError, match="SC-A008"):
         fit(trial, **with_led(trial, both()[0], ("led_off", 0.4)))

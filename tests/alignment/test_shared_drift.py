@@ -71,7 +71,7 @@ def test_the_command_prints_settings(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("# drift of 2 trials: +")
     assert lines[-1].split(": ")[0] == "  drift_prior"
-    with pytest.raises(SystemExit, match="SC-A022"):
+    with pytest.raises(SystemExit, match="SC-W030"):
         main([str(tmp_path / "nothing")])
     with pytest.raises(StrandcastError):
         shared_drift([])

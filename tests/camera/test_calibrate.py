@@ -256,7 +256,7 @@ def test_weak_photos_give_a_warning_with_the_error_at_the_string(board_seen, pla
     try:
         camera = plane_from_markers(plane_photo, found, MARKERS, "DICT_4X4_50", geometry=known)
     except StrandcastError as problem:
-        assert problem.code == "SC-C015"
+        assert problem.code == "SC-C013"
         assert words in problem.what
         assert "mm (standard error) at the string" in problem.cost
     else:
@@ -272,7 +272,7 @@ def test_a_record_under_its_former_name_is_not_ignored(project_root, tmp_path, c
     context = context_of(tmp_path, "own")
     former = context.folder.results / "camera.json"
     flat_camera(64, 48, 0.001, (32.0, 24.0)).write(former)
-    with pytest.raises(StrandcastError, match="SC-C033") as caught:
+    with pytest.raises(StrandcastError, match="SC-W030") as caught:
         read_camera(context, context.folder.camera("main"))
     assert "cameras/main.json" in caught.value.what
     warn_of_former(context)

@@ -70,7 +70,7 @@ def test_too_few_common_photos_are_refused(pairs, lens):
     camera = camera_of(lens, np.eye(3), np.zeros(3))
     blank = [(one, np.full_like(other, 128)) for one, other in pairs]
     for photos in ([], pairs[:2], blank):
-        with pytest.raises(StrandcastError, match="SC-C043"):
+        with pytest.raises(StrandcastError, match="SC-C013"):
             stereo_pose(photos, BOARD, camera, camera)
     with pytest.raises(StrandcastError, match="SC-C016.*7 x 5 squares, not 4 x 3"):
         stereo_pose(pairs, Board(squares_x=4, squares_y=3), camera, camera)

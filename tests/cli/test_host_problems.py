@@ -16,13 +16,13 @@ from strandcast.cli.host_problems import problem_of
         (MemoryError(), "SC-W004", "MemoryError"),
         (OSError(errno.ENOMEM, "Cannot allocate memory"), "SC-W004", "Cannot allocate memory"),
         (ImportError("cv2.abi3.so: failed to map segment from shared object"), "SC-W004", "cv2.abi3.so"),
-        (RuntimeError("can't start new thread"), "SC-W005", "new thread"),
+        (RuntimeError("can't start new thread"), "SC-W004", "new thread"),
         (
             BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable"),
-            "SC-W005",
+            "SC-W004",
             "temporarily unavailable",
         ),
-        (RuntimeError("cannot cache function 'f': no locator available"), "SC-W006", "compiled code"),
+        (RuntimeError("cannot cache function 'f': no locator available"), "SC-W002", "compiled code"),
         (OSError(errno.ENOSPC, "No space left on device"), "SC-W002", "No space left on device; free: "),
         (
             PermissionError(errno.EACCES, "Permission denied", "a.json"),

@@ -89,8 +89,8 @@ def test_a_link_stays_a_link(file: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "reason", "code"),
     [
-        ("{string: {length_m: 0.3}, target_m: [0.5, 0.5]}\n", "a", "SC-F011"),
-        ("---\n" + START + "...\n", "a", "SC-F011"),
+        ("{string: {length_m: 0.3}, target_m: [0.5, 0.5]}\n", "a", "SC-F003"),
+        ("---\n" + START + "...\n", "a", "SC-F003"),
         (START + "sede: 1\n", "a", "SC-F003"),
         (START + "excluded: [\n", "a", "SC-F002"),
         (START, "", "SC-F003"),

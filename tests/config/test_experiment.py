@@ -56,7 +56,7 @@ def test_camera_is_short_for_the_camera_main(tmp_path):
     assert (one.camera_name, one.camera.exposure_s) == ("main", 0.001)
     assert load(tmp_path, GOOD).camera_name == "main"
     assert load(tmp_path, GOOD + "cameras: {side: {exposure_s: 0.001}}\n").camera_name == "side"
-    with pytest.raises(StrandcastError, match="SC-F009"):
+    with pytest.raises(StrandcastError, match="SC-F003"):
         load(tmp_path, GOOD + "camera: {}\ncameras: {side: {}}\n")
 
 
@@ -70,7 +70,7 @@ def test_a_wrong_camera_setting_is_reported_as_it_is_written(tmp_path, form):
 def test_two_cameras_have_names_and_are_refused_for_now(tmp_path):
     settings = {"string": {"length_m": 0.3}, "target_m": (0.5, 0.5), "cameras": {"side": {}, "top": {}}}
     assert list(Experiment.model_validate(settings).cameras) == ["side", "top"]
-    with pytest.raises(StrandcastError, match="SC-F008") as caught:
+    with pytest.raises(StrandcastError, match="SC-F003") as caught:
         load(tmp_path, GOOD + "cameras:\n  side: {}\n  top: {}\n")
     assert (caught.value.line, caught.value.field) == (4, "cameras")
     assert "side, top" in caught.value.what

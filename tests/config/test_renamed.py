@@ -54,7 +54,7 @@ def test_both_names_are_refused():
     data = loaded("plan:\n  finer: false\n  mesh_refinement: true\n")
     with pytest.raises(StrandcastError) as caught:
         with_new_names(data, Path("e.yaml"), CHANGES)
-    assert (caught.value.code, caught.value.line) == ("SC-F007", 2)
+    assert (caught.value.code, caught.value.line) == ("SC-F003", 2)
 
 
 def test_renamed_settings_exist_under_the_new_name_only():

@@ -20,7 +20,7 @@ def numbers(monkeypatch: pytest.MonkeyPatch) -> Registry[float]:
     monkeypatch.setattr(
         "importlib.metadata.entry_points", lambda group: points if group == "toys.numbers" else []
     )
-    return Registry("number", "toys.numbers", "SC-E007", "toy.number", {"two": 2.0})
+    return Registry("number", "toys.numbers", "toy.number", {"two": 2.0})
 
 
 def test_entries_are_found_by_name(numbers: Registry[float]) -> None:
@@ -49,12 +49,12 @@ def test_an_unknown_name_is_refused_with_the_known_ones_and_the_nearest(numbers:
     with pytest.raises(StrandcastError) as caught:
         numbers.get("tow", "experiment.yaml")
     error = caught.value
-    assert (error.code, error.file, error.field) == ("SC-E007", "experiment.yaml", "toy.number")
+    assert (error.code, error.file, error.field) == ("SC-W021", "experiment.yaml", "toy.number")
     assert error.what == "there is no number 'tow'; available: broken, pi, two"
     assert str(error.fix).startswith("did you mean 'two'?")
     assert error.exit_code == 3
 
 
 def test_an_entry_that_cannot_be_imported_is_named(numbers: Registry[float]) -> None:
-    with pytest.raises(StrandcastError, match="SC-W003.*'broken'.*ModuleNotFoundError.*no_such_package"):
+    with pytest.raises(StrandcastError, match="SC-W013.*'broken'.*ModuleNotFoundError.*no_such_package"):
         numbers.get("broken")

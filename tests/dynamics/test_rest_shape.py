@@ -114,4 +114,4 @@ def test_a_string_without_a_rest_shape_is_reported():
         simulation.simulate_batch(
             model, strings_of(rows[1:], np.ones((1, 10))), HandPath(time_s, poses), time_s
         )
-    assert found.value.code == "SC-E015"
+    assert found.value.code == "SC-E003"

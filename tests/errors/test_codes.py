@@ -1,15 +1,15 @@
-"""Every error code is declared once, raised in one room, and documented."""
+"""Every error code is declared once, raised, and documented; what it says stands in one place."""
 
 import ast
 import re
-from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
 import strandcast
 import strandcast_studies
-from strandcast.errors.registry import CODES_FILE, errors_page, read_codes
+from strandcast.errors import StrandcastError
+from strandcast.errors.registry import CODES_FILE, errors_page, general_fixes, merged_codes, read_codes
 
 PROJECT = Path(__file__).resolve().parents[2]
 PRODUCT, STUDIES = (Path(str(package.__file__)).parent for package in (strandcast, strandcast_studies))
@@ -28,31 +28,56 @@ def codes_in(source: Path) -> set[str]:
     return {match[0] for text in texts if (match := CODE.match(text))}
 
 
-def raised(package: Path) -> dict[str, set[str]]:
-    """Return for every code the rooms that use it."""
-    rooms = defaultdict(set)
-    for source in package.rglob("*.py"):
-        for code in codes_in(source):
-            rooms[code].add(source.relative_to(package).parts[0].removesuffix(".py"))
-    return rooms
+def raised(package: Path) -> set[str]:
+    """Return the codes that a package uses."""
+    return {code for source in package.rglob("*.py") for code in codes_in(source)}
 
 
 @pytest.mark.parametrize(
     ("package", "registry"), [(PRODUCT, CODES_FILE), (STUDIES, STUDIES / "error_codes.toml")]
 )
 def test_every_raised_code_is_registered_and_every_registered_one_is_raised(package, registry) -> None:
-    used, declared = set(raised(package)), set(read_codes(registry)[1])
+    used, declared = raised(package), set(read_codes(registry)[1])
     assert used - declared == set(), "declare them"
     assert declared - used == set(), "nothing raises them"
 
 
-def test_a_code_belongs_to_one_room() -> None:
-    several = {code: rooms for code, rooms in raised(PRODUCT).items() if len(rooms) > 1}
-    assert several == {}, "a second cause needs a number of its own"
+def own_fixes(source: Path) -> set[tuple[str, str]]:
+    """Return code and fixed texts of the errors that a module makes."""
+    found = set()
+    for call in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if isinstance(call, ast.Call):
+            values = [*call.args, *(word.value for word in call.keywords if word.arg == "fix")]
+            texts = [str(each.value) for each in values if isinstance(each, ast.Constant)]
+            if texts and CODE.match(texts[0]):
+                found |= {(texts[0], text) for text in texts[1:]}
+    return found
+
+
+def test_no_error_repeats_the_fix_of_its_code() -> None:
+    fixes = general_fixes()
+    given = set().union(*map(own_fixes, PRODUCT.rglob("*.py")))
+    assert len(given) > 100
+    assert given & set(fixes.items()) == set(), "leave it out"
+
+
+def test_an_error_without_a_fix_of_its_own_has_that_of_its_code() -> None:
+    general = StrandcastError("SC-X007", "the arm still moves")
+    assert general.message().endswith("\n        Fix: wait until it is at rest")
+    assert general.to_json()["fix"] == "wait until it is at rest"
+    assert StrandcastError("SC-X007", "the arm still moves", fix="brake it").fix == "brake it"
+    assert StrandcastError("SC-Z001", "an error of another package").fix is None
+
+
+def test_a_code_of_a_former_version_leads_to_a_present_one() -> None:
+    present, merged = set(read_codes()[1]), merged_codes()
+    assert set(merged.values()) <= present
+    assert set(merged) & present == set()
+    assert merged["SC-A013"] == "SC-A012"
 
 
 def test_product_and_studies_share_no_code() -> None:
-    assert set(raised(PRODUCT)) & set(raised(STUDIES)) == set()
+    assert raised(PRODUCT) & raised(STUDIES) == set()
 
 
 @pytest.mark.parametrize("registry", [CODES_FILE, STUDIES / "error_codes.toml"])
@@ -63,7 +88,7 @@ def test_titles_are_unique_and_every_letter_has_a_subject(registry) -> None:
     for entry in codes.values():
         assert entry.title
         assert entry.fix
-        assert entry.cause.endswith(".")
+        assert not entry.cause or entry.cause.endswith(".")
 
 
 def test_the_documented_codes_are_current() -> None:

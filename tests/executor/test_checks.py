@@ -130,7 +130,7 @@ def test_hand_and_string_must_stay_in_the_workspace(arm: Arm, tmp_path: Path) ->
     assert preflight_of(arm, tmp_path).reach.hand_m[0, 1] < 0.8
     narrow = dataclasses.replace(arm, workspace=Box(x_m=(-0.8, 0.8), y_m=(-0.8, 0.8)))
     assert preflight_of(narrow, tmp_path)
-    with pytest.raises(StrandcastError, match=r"SC-X008.*0\.50 m hanging") as caught:
+    with pytest.raises(StrandcastError, match=r"SC-X004.*0\.50 m hanging") as caught:
         preflight_of(narrow, tmp_path, hanging_m=0.5)
     assert caught.value.exit_code == REFUSED
 
@@ -159,7 +159,7 @@ def test_only_one_run_at_a_time_moves_an_arm(arm: Arm, tmp_path: Path) -> None:
     driver = PerfectArm()
     driver.address = f"test-{os.getpid()}"
     preflight = preflight_of(arm, tmp_path, driver)
-    with one_run(driver.address), pytest.raises(StrandcastError, match="SC-X016"):
+    with one_run(driver.address), pytest.raises(StrandcastError, match="SC-W010"):
         play(preflight, driver, preflight.short_hash, VirtualClock())
     assert not driver.played
     assert play(preflight, driver, preflight.short_hash, VirtualClock()).complete
@@ -174,7 +174,7 @@ def test_another_user_can_move_the_arm_afterwards(monkeypatch: pytest.MonkeyPatc
             pass
         os.seteuid(65534)
         try:
-            with one_run("192.0.2.7"), pytest.raises(StrandcastError, match="SC-X016"), one_run("192.0.2.7"):
+            with one_run("192.0.2.7"), pytest.raises(StrandcastError, match="SC-W010"), one_run("192.0.2.7"):
                 pass
         finally:
             os.seteuid(0)
@@ -184,12 +184,12 @@ def test_a_motion_from_the_future_means_a_wrong_clock(arm: Arm, tmp_path: Path) 
     make_motion(arm).write(tmp_path / "planned.json")
     later = time.time() + 3600
     os.utime(tmp_path / "planned.json", (later, later))
-    with pytest.raises(StrandcastError, match="SC-X015"):
+    with pytest.raises(StrandcastError, match="SC-W007"):
         run_preflight(tmp_path / "planned.json", arm, PerfectArm(), tmp_path / "run")
 
 
 def test_a_time_scale_below_one_is_refused(arm: Arm) -> None:
-    with pytest.raises(StrandcastError, match="SC-X017"):
+    with pytest.raises(StrandcastError, match="SC-W020"):
         slowed(make_motion(arm), 0.5)
 
 

@@ -66,7 +66,7 @@ def test_a_live_run_without_a_keyboard_is_refused(
     driver: PerfectArm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("y\n"))
-    with pytest.raises(StrandcastError, match=r"SC-X019.*there is no keyboard") as caught:
+    with pytest.raises(StrandcastError, match=r"SC-X012.*there is no keyboard") as caught:
         play([], live=True)
     assert caught.value.exit_code == REFUSED
     assert not driver.played
@@ -86,7 +86,7 @@ def test_an_arm_may_be_given_by_its_name(driver: PerfectArm, project_root: Path)
 
 def test_a_real_arm_needs_the_length_that_hangs_from_it(driver: PerfectArm) -> None:
     driver.address = "192.0.2.7"
-    with pytest.raises(StrandcastError, match=r"SC-X009.*no experiment 'e'"):
+    with pytest.raises(StrandcastError, match=r"SC-W020.*no experiment 'e'"):
         play([])
     said: list[str] = []
     play(said, hanging_m=0.3)

@@ -338,7 +338,7 @@ def test_a_log_that_cannot_be_written_is_an_incomplete_run(arm: Arm, tmp_path: P
         return recording
 
     driver.play = play_and_lose_the_folder
-    with pytest.raises(StrandcastError, match="SC-X014") as caught:
+    with pytest.raises(StrandcastError, match="SC-W002") as caught:
         throw(arm, driver, tmp_path)
     assert caught.value.exit_code == LOG_INCOMPLETE
     assert driver.stopped == 1
@@ -347,7 +347,7 @@ def test_a_log_that_cannot_be_written_is_an_incomplete_run(arm: Arm, tmp_path: P
 def test_a_folder_that_is_not_writable_is_refused_beforehand(arm: Arm, tmp_path: Path) -> None:
     (tmp_path / "run").write_text("a file")
     driver = streamed(arm)
-    with pytest.raises(StrandcastError, match="SC-X014") as caught:
+    with pytest.raises(StrandcastError, match="SC-W002") as caught:
         throw(arm, driver, tmp_path)
     assert caught.value.exit_code == REFUSED
     assert not driver.played
@@ -360,7 +360,7 @@ def test_a_driver_that_fails_leaves_an_incomplete_run(arm: Arm, tmp_path: Path) 
         raise RuntimeError("segment lost")
 
     driver.play = explode
-    with pytest.raises(StrandcastError, match=r"SC-X013.*segment lost") as caught:
+    with pytest.raises(StrandcastError, match=r"SC-X011.*segment lost") as caught:
         throw(arm, driver, tmp_path)
     assert caught.value.exit_code == LOG_INCOMPLETE
     assert driver.stopped == 1

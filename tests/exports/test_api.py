@@ -72,9 +72,9 @@ def test_what_is_not_there_is_refused(project, tmp_path) -> None:
     opened = strandcast.open(project)
     assert list(opened) == ["small"]
     for code, ask in (
-        ("SC-R033", lambda: strandcast.open(tmp_path)),
+        ("SC-W001", lambda: strandcast.open(tmp_path)),
         ("SC-F001", lambda: opened["dmeo"]),
-        ("SC-R011", lambda: opened["small"].trials[2].track),
+        ("SC-R001", lambda: opened["small"].trials[2].track),
     ):
         with pytest.raises(StrandcastError) as refused:
             ask()

@@ -161,7 +161,7 @@ def test_rerun_holds_arm_strings_video_and_curves_on_one_clock(throw, tmp_path) 
 def test_a_missing_package_is_named_with_its_extra(throw, tmp_path, monkeypatch, package, export) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     monkeypatch.setitem(sys.modules, f"{package}.writer", None)
-    with pytest.raises(StrandcastError, match="SC-W040") as refused:
+    with pytest.raises(StrandcastError, match="SC-W012") as refused:
         export(throw, tmp_path / "out")
     assert f"strandcast[{package}]" in str(refused.value)
     assert not (tmp_path / "out").exists()

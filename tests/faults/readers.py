@@ -528,7 +528,7 @@ def enough_memory(path: Path) -> Iterator[None]:
     try:
         yield
     except MemoryError:
-        raise StrandcastError("SC-V033", "needs too much memory", file=path) from None
+        raise StrandcastError("SC-V005", "needs too much memory", file=path) from None
 
 
 def decoded(path: Path) -> Any:
@@ -653,7 +653,7 @@ def photographed(path: Path) -> Any:
     with enough_memory(path):
         picture = decode_photo(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     if picture is None:
-        raise StrandcastError("SC-C032", "is not a picture", file=path)  # as the calibration says
+        raise StrandcastError("SC-C031", "is not a picture", file=path)  # as the calibration says
     return picture.shape, picture.tobytes()
 
 
@@ -782,7 +782,7 @@ def checked_crate(path: Path) -> Any:
     """Check a crate; returns its entities but for the one with the hash, if nothing is wrong."""
     found = verify_crate(path if path.suffix == ".zip" else path.parent)
     if found:
-        raise StrandcastError("SC-R051", found[0].what, file=path)
+        raise StrandcastError("SC-R002", found[0].what, file=path)
     if path.suffix == ".zip":
         return None
     return [entity for entity in json.loads(path.read_bytes())["@graph"] if "value" not in entity]

@@ -25,9 +25,9 @@ def without_its_last_row(log: Path) -> None:
     ("change", "code"),
     [
         (Path.unlink, "SC-J001"),
-        (without_rows, "SC-J005"),
-        (halved, "SC-J005"),
-        (without_its_last_row, "SC-J005"),
+        (without_rows, "SC-X020"),
+        (halved, "SC-X020"),
+        (without_its_last_row, "SC-X020"),
     ],
 )
 def test_rows28_and_29_a_damaged_log_stops_the_trial(

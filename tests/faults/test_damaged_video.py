@@ -57,7 +57,7 @@ def vp9(path):
 
 
 FAULTS = [
-    Fault(2, "v.mp4", h264, cut(0), "SC-V004", ("video.mp4", "empty", "copy the file again")),
+    Fault(2, "v.mp4", h264, cut(0), "SC-V005", ("video.mp4", "empty", "copy the file again")),
     Fault(3, "v.mp4", h264, lambda data: bytearray(b"hello"), "SC-V005", ("video.mp4", "not a video")),
     Fault(4, "v.mp4", h264, cut(0.99), "SC-V005", ("video.mp4", "copy the file again", "index at its end")),
     Fault(5, "v.mp4", h264_index_first, cut(0.5), "SC-V012", ("of the 60 that its header", PREFIX[1:-1])),
@@ -65,7 +65,7 @@ FAULTS = [
     Fault(6, "v.mkv", ffv1, cut(0.5), "SC-V012", ("of the 60", "copy the file again")),
     Fault(8, "v.avi", raw, removed(0.5, 4096), "SC-V012", ("has 59 frames of the 60", "copy the file")),
     Fault(8, "v.avi", mjpeg, removed(0.5, 4096), "SC-V012", ("has 58 frames of the 60",)),
-    Fault(11, "v.mp4", h264, zeroed(0.5, 1 << 16), "SC-V008", ("breaks off after", "copy the file again")),
+    Fault(11, "v.mp4", h264, zeroed(0.5, 1 << 16), "SC-V005", ("breaks off after", "copy the file again")),
     Fault(12, "v.webm", vp9, zeroed(0.5, 1 << 16), "SC-V012", ("of the 60", "copy the file again")),
 ]
 
@@ -153,7 +153,7 @@ def test_rows9_and_10_flipped_bits_are_found_by_the_hash_at_recording(trial: Tri
     (trial.folder / f"{name}.sha256").write_text(f"{digest}  {name}\n")
     assert trial.outcome().error is None
     damage(path, flipped(0.4, 0.9))
-    error = trial.outcome().refused("SC-V021")
+    error = trial.outcome().refused("SC-V005")
     assert error.exit_code == INTEGRITY
     assert name in error.message()
     assert "copy the file again" in error.message()
@@ -165,7 +165,7 @@ def test_a_hash_in_the_runs_record_counts_too(trial: Trial):
     trial.log(0.1, {"file": path.name, "sha256": digest})
     assert trial.outcome().error is None
     damage(path, flipped(0.4, 0.9))
-    error = trial.outcome().refused("SC-V021")
+    error = trial.outcome().refused("SC-V005")
     assert "run.json" in error.what
 
 
@@ -176,7 +176,7 @@ def test_rows9_and_10_bits_flipped_after_ingest_are_found_before_tracking(trial:
     damage(path, flipped(0.4, 0.9))
     with pytest.raises(StrandcastError) as caught, open_ingested(path, manifest.video):
         pass
-    assert caught.value.code == "SC-V021"
+    assert caught.value.code == "SC-V005"
     assert "manifest.json" in caught.value.what
 
 
@@ -186,7 +186,7 @@ def test_row67_a_video_replaced_by_an_older_one_of_its_size_is_found(trial: Tria
     damage(path, lambda data: data[::-1])
     os.utime(path, (made.st_atime - 1e6, made.st_mtime - 1e6))
     assert path.stat().st_size == made.st_size
-    with pytest.raises(StrandcastError, match="SC-V021"), open_ingested(path, manifest.video):
+    with pytest.raises(StrandcastError, match="SC-V005"), open_ingested(path, manifest.video):
         pass
     (finding,) = verify(trial.root, "film")
     assert (finding.file, finding.state) == (path, "damaged")
@@ -204,7 +204,7 @@ def test_row9_without_a_hash_the_decoder_reports_flipped_bits(trial: Trial, make
     damage(make(trial.folder / name), flipped(0.3, 0.9))
     found = trial.outcome()
     # A picture that one version of FFmpeg shows with a report, another version refuses.
-    assert words in found.printed or found.refused("SC-V008").exit_code == INTEGRITY
+    assert words in found.printed or found.refused("SC-V005").exit_code == INTEGRITY
 
 
 def test_row26_sound_alone_is_refused(trial: Trial):
@@ -214,7 +214,7 @@ def test_row26_sound_alone_is_refused(trial: Trial):
         frame.rate = 44100
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
-    error = trial.outcome().refused("SC-V006")
+    error = trial.outcome().refused("SC-V010")
     assert "no video stream" in error.what
 
 

@@ -44,7 +44,7 @@ def test_row22_a_decoder_that_takes_too_much_memory_ends_in_one_error(trial: Tri
     """Frames of 24 megapixels are small enough to be tried, and too large for a limit of 160 MB."""
     path = write_film(trial.folder / "video.avi", "mjpeg", "yuvj420p", [np.zeros((4000, 6000), np.uint8)] * 2)
     error = refusal(path, limits=ProcessLimits(memory_bytes=160 << 20))
-    assert error.code == "SC-V033"
+    assert error.code == "SC-V005"
     assert error.file == str(path)
     assert "needs more than 0.2 GiB of memory" in error.what
 
@@ -53,10 +53,10 @@ def test_row22_a_decoder_that_takes_too_much_memory_ends_in_one_error(trial: Tri
 @pytest.mark.parametrize(
     ("path", "code"),
     [
-        ("http://localhost/v.mp4", "SC-V001"),
-        ("rtsp://camera/1", "SC-V001"),
-        ("concat:a.mp4|b.mp4", "SC-V001"),
-        ("pipe:0", "SC-V001"),
+        ("http://localhost/v.mp4", "SC-V002"),
+        ("rtsp://camera/1", "SC-V002"),
+        ("concat:a.mp4|b.mp4", "SC-V002"),
+        ("pipe:0", "SC-V002"),
         ("trial_%03d.png", "SC-V002"),
     ],
 )
@@ -71,7 +71,7 @@ def test_row23_what_is_no_file_is_refused(path, code, isolated):
 
 def test_row23_a_pipe_is_refused(trial: Trial):
     os.mkfifo(trial.folder / "video.mp4")
-    assert refusal(trial.folder / "video.mp4").code == "SC-V003"
+    assert refusal(trial.folder / "video.mp4").code == "SC-V002"
 
 
 PLAYLISTS = {
@@ -129,7 +129,7 @@ def test_row24_a_movie_whose_frames_lie_in_another_file_is_refused(trial: Trial,
     path = write_film(trial.folder / "video.mov", pictures=noisy(3))
     damage(path, lambda data: naming_another(data, other.name))
     error = refusal(path, isolated=isolated)
-    assert error.code == "SC-V013"
+    assert error.code == "SC-V010"
     assert "another file" in error.what
     assert "self-contained" in (error.fix or "")
 
@@ -137,10 +137,10 @@ def test_row24_a_movie_whose_frames_lie_in_another_file_is_refused(trial: Trial,
 @pytest.mark.parametrize(
     ("program", "code", "words"),
     [
-        ("import os; os.kill(os.getpid(), 11)", "SC-V031", "crashed (SIGSEGV)"),
-        ("import time; time.sleep(600)", "SC-V032", "returned no frame for 1 s"),
-        ("import os; os.abort()", "SC-V031", "crashed (SIGABRT)"),
-        ("raise SystemExit(3)", "SC-V034", "exit code 3"),
+        ("import os; os.kill(os.getpid(), 11)", "SC-V005", "crashed (SIGSEGV)"),
+        ("import time; time.sleep(600)", "SC-V005", "returned no frame for 1 s"),
+        ("import os; os.abort()", "SC-V005", "crashed (SIGABRT)"),
+        ("raise SystemExit(3)", "SC-W004", "exit code 3"),
     ],
 )
 def test_row27_a_decoder_that_fails_ends_in_one_error_and_others_go_on(
@@ -153,7 +153,7 @@ def test_row27_a_decoder_that_fails_ends_in_one_error_and_others_go_on(
         assert error.code == code
         assert error.file == str(path)
         assert words in error.what
-        advice = "limits of this computer" if code == "SC-V034" else "convert it with another program"
+        advice = "limits of this computer" if code == "SC-W004" else "convert it with another program"
         assert advice in (error.fix or "")
     found = trial.outcome()
     assert found.error is None
@@ -165,7 +165,7 @@ def test_row27_ingest_fails_in_the_same_way(trial: Trial, monkeypatch):
     monkeypatch.setattr(
         "strandcast.video.isolated.COMMAND", [sys.executable, "-c", "import os; os.kill(os.getpid(), 11)"]
     )
-    trial.outcome().refused("SC-V031")
+    trial.outcome().refused("SC-V005")
     assert not (trial.root / "results").exists()
 
 
@@ -179,7 +179,7 @@ def test_a_pair_of_files_is_that_of_one_name_in_one_folder(trial: Trial):
         "EffectiveBit Side : Lower\n"
     )
     frames.tofile(trial.root / "other.mraw")
-    error = trial.outcome().refused("SC-V014")
+    error = trial.outcome().refused("SC-V020")
     assert "put video.mraw into" in (error.fix or "")
     frames.tofile(trial.folder / "video.mraw")
     assert len(trial.outcome().frames) == 4

@@ -83,7 +83,7 @@ def test_row64_a_read_only_folder_is_named(tmp_path: Path) -> None:
         "from strandcast.records.files import write_text\n"
         f"write_text({str(tmp_path / 'a' / 'b.json')!r}, 'text')",
     )
-    assert f"SC-R042 ERROR  {tmp_path}/a/b.json: cannot be written (Read-only file system)" in found
+    assert f"SC-W002 ERROR  {tmp_path}/a/b.json: cannot be written (Read-only file system)" in found
 
 
 CHECK = "from strandcast.workflow.host import check_host\ncheck_host(Path({!r}), ['a'])\nprint('ready')"
@@ -109,7 +109,7 @@ def test_row64_read_only_results_stop_a_run_but_raw_files_may_be_read_only(tmp_p
         (tmp_path / place).mkdir(parents=True)
     for place, words in (
         ("data", "ready"),
-        ("results", f"SC-R042 ERROR  {tmp_path}/results/a: cannot be written (Read-only file system)"),
+        ("results", f"SC-W002 ERROR  {tmp_path}/results/a: cannot be written (Read-only file system)"),
     ):
         folder = tmp_path / place
         mounts = f"mount --bind {folder} {folder}; mount -o remount,bind,ro {folder}"
@@ -139,7 +139,7 @@ resource.setrlimit(resource.RLIMIT_AS, (size, size))
 """
     found = run_python(limited + OPEN.format(str(film)), OPENBLAS_NUM_THREADS="1")
     what = "its decoder may need 2.0 GiB of memory, but `ulimit -v` allows 0."
-    assert f"SC-V035 ERROR  {film}: {what}" in found
+    assert f"SC-W004 ERROR  {film}: {what}" in found
 
 
 def test_a_limit_of_cpu_time_lets_short_videos_through(tmp_path: Path) -> None:
@@ -165,7 +165,7 @@ from strandcast.video.isolated import ProcessLimits, probe_isolated
 """
     found = run_python(as_nobody + "probe_isolated('v.mp4', ProcessLimits())", folder=film.parent)
     what = "its decoder could not be started (Resource temporarily unavailable), after 0 frames"
-    assert f"SC-V034 ERROR  v.mp4: {what}" in found
+    assert f"SC-W004 ERROR  v.mp4: {what}" in found
     assert "`ulimit -a`" in found
 
 
@@ -183,7 +183,7 @@ from strandcast.records.files import open_scratch
 open_scratch()
 """
     found = run_python(code)
-    assert "SC-R043 ERROR  there is no folder for them: temporary files cannot be written" in found
+    assert "SC-R041 ERROR  there is no folder for them: temporary files cannot be written" in found
     assert "TMPDIR" in found
 
 
@@ -205,7 +205,7 @@ with crops.Crops(PixelMap(np.zeros(2), 1.0, corners, 1 / 700), 1.0) as kept:
     kept.at(0)
 """
     found = run_mounted(small_disk(tmp_path, size), code, TMPDIR=str(tmp_path))
-    assert f"SC-R043 ERROR  {tmp_path}: temporary files cannot be written (No space left on device; " in found
+    assert f"SC-R041 ERROR  {tmp_path}: temporary files cannot be written (No space left on device; " in found
 
 
 @pytest.mark.parametrize("suffix", ["pdf", "png"])

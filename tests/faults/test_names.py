@@ -57,7 +57,7 @@ def run_in(root: Path, *command: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("name", COMMANDS + TWINS)
 def test_rows77_and_79_an_experiment_of_another_name_is_refused(root: Path, name: str) -> None:
     add_experiment(root, name)
-    with pytest.raises(StrandcastError, match="SC-F005"):
+    with pytest.raises(StrandcastError, match="SC-R032"):
         find_experiment(name, root)
     assert find_experiment("demo", root) == root / "data/demo/experiment.yaml"
 
@@ -67,7 +67,7 @@ def test_row77_no_command_is_run(root: Path) -> None:
     add_experiment(root, name)
     done = run_in(root, "strandcast", "run")
     assert done.returncode == 2
-    assert "SC-F005" in done.stderr
+    assert "SC-R032" in done.stderr
     for target in (f"results/{name}/report.html", f"results/{name}/trial-01/manifest.json"):
         done = run_in(root, "snakemake", target, "--cores", "1")
         assert done.returncode == 1

@@ -43,7 +43,7 @@ def failure(kind: str, tmp_path: Path) -> BaseException:
         elif kind == "within the product":
             StrandcastError.message(None)  # type: ignore[arg-type]
         elif kind == "another error":
-            raise StrandcastError("SC-V001", "another")
+            raise StrandcastError("SC-V002", "another")
         elif kind == "in the test":
             (tmp_path / "absent").read_text()
         else:
@@ -74,8 +74,8 @@ def test_the_kinds_of_failure_are_distinguished(tmp_path: Path, how: str, kind: 
 def test_a_row_is_as_listed_only_with_its_codes_and_without_a_failure() -> None:
     row = Row(1, "a video is missing", "deleted", "SC-V020", tests=("a.py::test",))
     assert Outcome().kind(row) == "not injected"
-    assert Outcome(passed=2, codes={"SC-V001"}).kind(row) == "wrong"
-    assert Outcome(passed=2, codes={"SC-V001", "SC-V020"}).kind(row) == "as listed"
+    assert Outcome(passed=2, codes={"SC-V002"}).kind(row) == "wrong"
+    assert Outcome(passed=2, codes={"SC-V002", "SC-V020"}).kind(row) == "as listed"
     failed = Outcome(passed=2, failed=[("wrong", "a"), ("silent", "b")], codes={"SC-V020"})
     assert failed.kind(row) == "silent"
     failed.failed.append(("traceback", "c"))

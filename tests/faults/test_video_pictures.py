@@ -26,9 +26,9 @@ def test_rows18_and_20_pictures_of_another_size_than_the_calibrations_are_refuse
     check_size(facts, flat_camera(*SIZE, 1e-3, (0, 0)), path)
     with pytest.raises(StrandcastError) as caught:
         check_size(facts, flat_camera(*size, 1e-3, (0, 0)), path)
-    assert caught.value.code == "SC-T002"
+    assert caught.value.code == "SC-C012"
     assert "160 x 120 px, but the calibration is for" in caught.value.what
-    assert "calibrate" in (caught.value.fix or "")
+    assert "calibration" in (caught.value.fix or "")
 
 
 @pytest.mark.parametrize(("pixels", "bits"), [("gray10le", 10), ("gray12le", 12), ("gray16le", 16)])

@@ -72,7 +72,7 @@ def test_row14_a_conversion_to_a_lower_rate_is_refused(trial: Trial):
     write_film(trial.folder / "video.mp4", pictures=noisy(96), rate=120)
     trial.log(0.8)
     trial.settings(TRUE_RATE)
-    error = trial.outcome().refused("SC-V019")
+    error = trial.outcome().refused("SC-V017")
     assert error.exit_code == INTEGRITY
     assert error.field == "camera.frame_rate_hz"
     assert "96 frames at 500 frames/s last 0.192" in error.message()
@@ -95,7 +95,7 @@ def test_row15_dropped_frames_keep_the_true_times_of_the_others(trial: Trial, na
 def test_row15_too_many_dropped_frames_are_refused(trial: Trial):
     stamps = np.flatnonzero(np.arange(100) % 10 < 6)
     write_film(trial.folder / "video.mp4", stamps=stamps.tolist())
-    error = trial.outcome().refused("SC-V018")
+    error = trial.outcome().refused("SC-V012")
     assert "36 of 96 frames are missing" in error.what
 
 

@@ -89,7 +89,7 @@ def test_a_throw_switches_the_led_by_the_true_clocks(arm: Arm, tmp_path: Path) -
 
 
 def test_the_led_must_have_a_position_inside_the_picture(arm: Arm) -> None:
-    with pytest.raises(StrandcastError, match="SC-L006"):
+    with pytest.raises(StrandcastError, match="SC-T033"):
         make_scene(with_led((3.0, 0.0)), "lab-test", arm)
     with pytest.raises(ValueError, match="needs the LED's position"):
         make_experiment(led=True)

@@ -121,8 +121,8 @@ def test_markers_must_be_declared_and_inside_the_picture(arm: Arm, tmp_path: Pat
 
     bare = make_experiment().model_dump()
     bare["cameras"]["main"]["plane"]["markers"] = []
-    with pytest.raises(StrandcastError, match="SC-L004"):
+    with pytest.raises(StrandcastError, match="SC-C022"):
         make_scene(Experiment.model_validate(bare), "x", arm)
     bare["cameras"]["main"]["plane"]["markers"] = [{"id": 1, "x_m": 3.0, "y_m": 0.0}]
-    with pytest.raises(StrandcastError, match="SC-L005"):
+    with pytest.raises(StrandcastError, match="SC-T033"):
         make_scene(Experiment.model_validate(bare), "x", arm)

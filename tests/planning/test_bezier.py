@@ -68,5 +68,5 @@ def test_a_ramp_that_cannot_be_is_none() -> None:
 
 
 def test_too_short_a_motion_is_refused() -> None:
-    with pytest.raises(Exception, match="SC-P001"):
+    with pytest.raises(Exception, match="SC-P004"):
         sample(Curve(np.zeros(1), 0.006, rest_heights(np.ones((1, 2)))), STEP_S)

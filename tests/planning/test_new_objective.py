@@ -84,7 +84,7 @@ def test_a_kind_is_found_among_the_installed_packages(
     monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [EntryPoint()])
     assert load(tmp_path, TEXT + "objective: {kind: anywhere}\n").objective == Anywhere(kind="anywhere")
     throw = TrackedThrow(np.zeros(0), np.zeros((0, 2, 2)), np.zeros((0, 2)), 0.3, 0.002, (0.0, 1.0))
-    with pytest.raises(StrandcastError, match="SC-P009"):
+    with pytest.raises(StrandcastError, match="SC-P008"):
         measured_shortfall(Anywhere(kind="anywhere"), throw)
 
 

@@ -122,5 +122,5 @@ def test_an_error_where_no_alteration_keeps_the_limits(
 ) -> None:
     tight = replace(task.arm.limits, velocity_rad_s=np.full(3, 0.01))
     slow = replace(task, arm=replace(task.arm, limits=tight))
-    with pytest.raises(StrandcastError, match="SC-P007"):
+    with pytest.raises(StrandcastError, match="SC-P004"):
         later_by_paper(given(slow, strings, 5, screening=2), first)

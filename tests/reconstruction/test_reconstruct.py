@@ -120,7 +120,7 @@ def test_without_the_trackers_sigma_it_follows_from_the_covariance(seen, camera,
 
 
 def test_several_cameras_are_refused(seen, camera):
-    with pytest.raises(StrandcastError, match="SC-F008"):
+    with pytest.raises(StrandcastError, match="SC-F003"):
         reconstruct({"main": seen, "side": seen}, {"main": camera, "side": camera})
 
 

@@ -69,8 +69,8 @@ def test_a_file_system_that_refuses_chmod_and_fsync_is_written_to(tmp_path, monk
     ("number", "code", "words"),
     [
         (errno.EDQUOT, "SC-R041", "4 B needed, .* free on this disk, but your quota is used up"),
-        (errno.EIO, "SC-R042", "Input/output error"),
-        (errno.ESTALE, "SC-R042", "Stale file handle"),
+        (errno.EIO, "SC-W002", "Input/output error"),
+        (errno.ESTALE, "SC-W002", "Stale file handle"),
     ],
 )
 def test_what_a_network_file_system_reports_at_last_is_an_error(tmp_path, monkeypatch, number, code, words):
@@ -108,6 +108,6 @@ def test_an_error_of_another_file_stays_as_it_is(tmp_path):
 def test_a_path_through_a_file_is_refused_by_name(tmp_path):
     (tmp_path / "file").write_text("text")
     with pytest.raises(
-        StrandcastError, match=r"SC-R042 ERROR  .*file/a.json: cannot be written \((File exists|Not a)"
+        StrandcastError, match=r"SC-W002 ERROR  .*file/a.json: cannot be written \((File exists|Not a)"
     ):
         write_text(tmp_path / "file" / "a.json", "text")

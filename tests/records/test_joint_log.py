@@ -119,7 +119,7 @@ def test_a_log_with_another_hash_is_not_parsed(tmp_path, monkeypatch, damage):
     run_of(sha, 6).write(tmp_path / "run.json")
     head, rows = (tmp_path / "joints.csv").read_text().split("\n", 1)
     (tmp_path / "joints.csv").write_text(f"{head}\n{damage}{rows}")
-    with pytest.raises(StrandcastError, match=f"SC-J005 .* is [0-9a-f]{{12}}, not {sha[:12]}"):
+    with pytest.raises(StrandcastError, match=f"SC-X020 .* is [0-9a-f]{{12}}, not {sha[:12]}"):
         read_run(tmp_path)
     # The reader itself refuses it too, or reads the numbers that are there.
     if damage != "\n":

@@ -141,7 +141,7 @@ def test_a_picture_of_another_trial_is_refused(demo):
     assert list(lineage.pictures) == ["strobe.webp"]
     check_picture(pictures[0], lineage)
     shutil.copy(pictures[1], pictures[0])
-    assert refusal(check_picture, pictures[0], lineage).code == "SC-R008"
+    assert refusal(check_picture, pictures[0], lineage).code == "SC-R001"
 
 
 def test_every_changed_character_of_the_lineage_is_refused(demo):
@@ -149,7 +149,7 @@ def test_every_changed_character_of_the_lineage_is_refused(demo):
     text = path.read_text()
     for at in range(text.index('"lineage"') + 1, text.index('"experiment": "demo",\n "trial"')):
         path.write_text(text[:at] + chr(ord(text[at]) ^ 1) + text[at + 1 :])
-        assert refusal(Verdict.read, path).code in {"SC-R001", "SC-R004", "SC-R005"}
+        assert refusal(Verdict.read, path).code == "SC-R001"
 
 
 def test_a_renamed_column_and_an_unknown_one_are_refused(demo):
@@ -158,18 +158,18 @@ def test_a_renamed_column_and_an_unknown_one_are_refused(demo):
     metadata = table.schema.metadata
     names = ["X_m" if name == "x_m" else name for name in table.column_names]
     pq.write_table(table.rename_columns(names).replace_schema_metadata(metadata), path)
-    assert refusal(read_table, path, HAND).code == "SC-R015"
+    assert "the file was changed" in refusal(read_table, path, HAND).what
     foreign = {key: value for key, value in metadata.items() if key != b"content_sha256"}
     pq.write_table(table.append_column("extra", table["x_m"]).replace_schema_metadata(foreign), path)
-    assert refusal(read_table, path, HAND).code == "SC-R016"
+    assert refusal(read_table, path, HAND).what.startswith("unknown columns")
 
 
 def test_a_changed_page_is_refused(demo):
     path = demo / "trial-01" / "report.html"
     path.write_text(path.read_text().replace("done", "gone"))
-    assert refusal(check_page, path).code == "SC-R009"
+    assert refusal(check_page, path).code == "SC-R001"
     path.write_text("<p>from before</p>")
-    assert refusal(check_page, path).code == "SC-R009"
+    assert refusal(check_page, path).code == "SC-R001"
 
 
 def test_a_comment_cannot_end_early(demo):

@@ -84,7 +84,7 @@ def test_a_joint_log_is_a_table_with_units(tmp_path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "content", "code"),
-    [("a.txt", "", "SC-R031"), ("a.json", '{"schema": "x"}', "SC-R031"), ("a.parquet", "no", "SC-R011")],
+    [("a.txt", "", "SC-R002"), ("a.json", '{"schema": "x"}', "SC-R002"), ("a.parquet", "no", "SC-R001")],
 )
 def test_other_files_are_refused(tmp_path, name, content, code) -> None:
     (tmp_path / name).write_text(content)

@@ -43,7 +43,7 @@ def test_an_old_estimate_is_migrated(tmp_path) -> None:
 def test_an_old_estimate_is_verified_before_it_is_migrated(tmp_path) -> None:
     path = tmp_path / "estimate.json"
     path.write_text(OLD_ESTIMATE.read_text().replace('"knowledge"', '"uncertainty"'))
-    with pytest.raises(StrandcastError, match="SC-R004"):
+    with pytest.raises(StrandcastError, match="SC-R001"):
         Estimate.read(path)
 
 
@@ -62,5 +62,5 @@ def test_an_old_table_is_migrated(tmp_path) -> None:
 
 def test_a_newer_table_is_refused(tmp_path) -> None:
     write_table(tmp_path / "a.parquet", NEW, {"x_m": [1.0]})
-    with pytest.raises(StrandcastError, match="SC-R013"):
+    with pytest.raises(StrandcastError, match="SC-R003"):
         read_table(tmp_path / "a.parquet", OLD)

@@ -54,4 +54,4 @@ def test_a_path_without_its_miss_is_refused(
     write_table(tmp_path / "predicted.parquet", PREDICTED_THROWS, columns, facts)
     with pytest.raises(StrandcastError) as caught:
         read_predicted(tmp_path / "predicted.parquet")
-    assert caught.value.code == "SC-R017"
+    assert caught.value.code == "SC-R001"

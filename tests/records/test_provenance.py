@@ -92,7 +92,7 @@ def test_versions_of_another_form_are_refused(tmp_path) -> None:
     Sample().write(tmp_path / "a.json")
     data = json.loads((tmp_path / "a.json").read_text()) | {"made_by": ["numpy"]}
     (tmp_path / "a.json").write_text(json.dumps(data))
-    with pytest.raises(StrandcastError, match=r"SC-R005.*made_by"):
+    with pytest.raises(StrandcastError, match=r"SC-R001.*made_by"):
         Sample.read(tmp_path / "a.json")
 
 

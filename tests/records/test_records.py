@@ -118,7 +118,7 @@ def verdict(tmp_path) -> Path:
         (lambda p: p.write_text(p.read_text().replace("0.003", "3e999")), "SC-R001"),
         (lambda p: p.write_text(p.read_text().replace("strandcast/verdict", "other/thing")), "SC-R002"),
         (lambda p: p.write_text(p.read_text().replace('"version": 1', '"version": 9')), "SC-R003"),
-        (lambda p: p.write_text(p.read_text().replace("0.003", "0.002")), "SC-R004"),
+        (lambda p: p.write_text(p.read_text().replace("0.003", "0.002")), "SC-R001"),
     ],
 )
 def test_damage_is_named(verdict, damage, code):

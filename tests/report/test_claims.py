@@ -216,7 +216,7 @@ def test_a_prediction_of_another_motion_is_refused(results: Path) -> None:
     throws, motion = page.need("predicted"), page.need("motion")
     assert throws_of(motion, throws, "predicted.parquet") is throws
     for other in (throws._replace(motion_sha256="0" * 64), UNPREDICTED):
-        with pytest.raises(StrandcastError, match="SC-H052"):
+        with pytest.raises(StrandcastError, match="SC-X020"):
             throws_of(motion, other, "predicted.parquet")
 
 

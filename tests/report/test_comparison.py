@@ -62,7 +62,7 @@ def test_trials_are_paired_by_number(results: Path) -> None:
 def test_results_without_a_common_trial_are_refused(results: Path) -> None:
     with pytest.raises(StrandcastError, match="old has 1; new has 2, 3") as caught:
         compare(("old", "new"), trials(results, (1,)), trials(results, (2, 3)))
-    assert caught.value.code == "SC-H024"
+    assert caught.value.code == "SC-W022"
 
 
 def test_parameters_are_compared_in_decades(results: Path) -> None:

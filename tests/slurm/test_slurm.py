@@ -192,7 +192,7 @@ def test_jobs_of_a_killed_run_are_refused_until_they_are_cancelled(project, clus
     assert [job.is_of("string-01") for job in left] == [True]
     assert not left[0].is_of("string-0")
     slurm.refuse_left_jobs(project, ["string-02"])
-    with pytest.raises(StrandcastError, match=f"SC-W025.*{left[0].id}") as refused:
+    with pytest.raises(StrandcastError, match=f"SC-W024.*{left[0].id}") as refused:
         slurm.refuse_left_jobs(project, ["string-01", "string-02"])
     assert f"scancel {left[0].id}" in refused.value.fix
     cluster.run("scancel", left[0].id)

@@ -70,7 +70,7 @@ def test_no_trial_hits_or_misses_and_no_motion_is_planned(captured: Path) -> Non
     verdict = Verdict.read(result(captured, 1, "verdict.json"))
     assert (verdict.target_m, verdict.hit, verdict.miss_m) == (None, None, None)
     assert (verdict.closest_frame, verdict.closest_robot_time_s) == (None, None)
-    with pytest.raises(StrandcastError, match="SC-F013"):
+    with pytest.raises(StrandcastError, match="SC-F014"):
         run_stage("plan", captured, "swung", 3)
     assert not (captured / "results" / "swung" / "trial-03" / "motion.json").exists()
 

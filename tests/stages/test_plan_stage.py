@@ -99,7 +99,7 @@ def test_a_trial_that_a_real_arm_has_thrown_is_not_planned(root: Path, name: str
     folder = root / "data" / "thrown" / "trial-01"
     folder.mkdir()
     (folder / name).touch()
-    with pytest.raises(StrandcastError, match="SC-P020") as caught:
+    with pytest.raises(StrandcastError, match="SC-X010") as caught:
         planned(root, "thrown")
     assert "strandcast plan thrown 2" in str(caught.value)
     folder.rename(folder.with_name("trial-1"))
@@ -191,7 +191,7 @@ def test_the_lab_does_not_replace_the_rehearsal_of_a_real_arm(root: Path) -> Non
     folder.mkdir()
     for name in ("motion.json", "run.json"):
         (folder / name).write_text("recorded")
-    with pytest.raises(StrandcastError, match="SC-L001"):
+    with pytest.raises(StrandcastError, match="SC-L003"):
         run_stage("lab_rehearse", root, "real")
     assert [(folder / name).read_text() for name in ("motion.json", "run.json")] == ["recorded"] * 2
 

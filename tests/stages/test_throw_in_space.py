@@ -156,10 +156,10 @@ def test_a_string_with_pipes_is_refused_in_space(root: Path) -> None:
         YAML.format(arm="ur5e-space", target="[0.5, 0.6, 0.6]").replace("0.41", "0.51")
         + "lab: {string: paper-6}\n"
     )
-    with pytest.raises(StrandcastError, match=r"(?s)SC-L007.*lab\.string.*not paper-5, paper-6"):
+    with pytest.raises(StrandcastError, match=r"(?s)SC-L003.*lab\.string.*not paper-5, paper-6"):
         run_stage("lab_rehearse", root, "pipe")
     [error] = check_experiment(root, "pipe").errors
-    assert (error.code, error.file) == ("SC-L007", str(root / "data/pipe/experiment.yaml"))
+    assert (error.code, error.file) == ("SC-L003", str(root / "data/pipe/experiment.yaml"))
 
 
 def test_settings_of_the_plane_for_the_fit_are_refused_before_the_throw(root: Path) -> None:
@@ -323,7 +323,7 @@ def test_what_a_throw_without_its_capture_needs_is_named(root: Path, captured: P
         (project / "data/cast/trial-01" / name).unlink(missing_ok=True)
     command = "strandcast import track cast 1 CAPTURE --up AXIS"
     [error] = check_experiment(project, "cast").errors
-    assert (error.code, Path(str(error.file)).name) == ("SC-W033", "trial-01")
+    assert (error.code, Path(str(error.file)).name) == ("SC-V020", "trial-01")
     assert command in str(error)
     state = status_of(project, "cast")
     assert [stage.stage for stage in state.trials[0].stages] == ["summary"]

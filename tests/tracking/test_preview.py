@@ -213,7 +213,7 @@ def test_a_given_background_must_fit(root):
     cv2.imwrite(str(empty), np.zeros((10, 12), np.uint8))
     with pytest.raises(Exception, match="12 x 10 px") as problem:
         run(root, "small", 1)
-    assert problem.value.code == "SC-T031"
+    assert problem.value.code == "SC-T030"
     empty.unlink()
     with pytest.raises(Exception, match="no picture of the empty scene") as problem:
         run(root, "small", 1)

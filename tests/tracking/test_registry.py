@@ -60,7 +60,7 @@ def test_an_installed_package_provides_a_tracker(own_registry, monkeypatch):
 def test_an_unknown_tracker_is_refused_with_the_known_ones():
     with pytest.raises(StrandcastError, match="chain, pendulum") as caught:
         TRACKERS.get("kalman", file="experiment.yaml")
-    assert (caught.value.code, caught.value.field) == ("SC-T034", "track.tracker")
+    assert (caught.value.code, caught.value.field) == ("SC-W021", "track.tracker")
 
 
 @pytest.mark.parametrize(
@@ -75,6 +75,6 @@ def test_the_pendulum_refuses_settings_that_it_ignores(scene, filmed, settings, 
     given = dataclasses.replace(scene.tracker_input(filmed[0]), settings_file="experiment.yaml", **changes)
     with pytest.raises(StrandcastError) as caught:
         track(given, TrackSettings(tracker="pendulum", **settings))
-    assert caught.value.code == "SC-T035"
+    assert caught.value.code == "SC-E008"
     assert caught.value.what == f"the tracker 'pendulum' does not use {named}"
     assert (caught.value.file, caught.value.field) == ("experiment.yaml", named.split(", ")[0])

@@ -97,19 +97,19 @@ def test_a_wrong_count_is_refused(scene, filmed):
     more = facts.model_copy(
         update={"packets": facts.packets + 1, "time_stamps": [*facts.time_stamps, facts.time_stamps[-1] + 2]}
     )
-    assert refusal(scene, filmed[0], facts=more).code == "SC-T001"
+    assert refusal(scene, filmed[0], facts=more).code == "SC-V005"
 
 
 def test_another_size_is_refused(scene, filmed):
     facts = inspect_video(filmed[0]).model_copy(update={"width_px": 640})
-    assert refusal(scene, filmed[0], facts=facts).code == "SC-T002"
+    assert refusal(scene, filmed[0], facts=facts).code == "SC-C012"
 
 
 def test_a_missing_marker_is_named(scene, tmp_path):
     scene.film(tmp_path / "v.mkv", frames=3)
     other = dataclasses.replace(scene.HAND_MARKER, id=33)
     error = refusal(scene, tmp_path / "v.mkv", markers=(other,))
-    assert error.code == "SC-T003"
+    assert error.code == "SC-A004"
     assert "33" in error.what
 
 

@@ -190,7 +190,7 @@ def test_missing_video_lists_similar_names(tmp_path):
 
 @pytest.mark.parametrize("path", ["http://host/v.mp4", "concat:a.mp4|b.mp4", "rtsp://camera/1"])
 def test_addresses_are_refused(path):
-    assert refusal(path).code == "SC-V001"
+    assert refusal(path).code == "SC-V002"
 
 
 def test_patterns_are_refused(tmp_path):
@@ -201,12 +201,12 @@ def test_patterns_are_refused(tmp_path):
 
 
 def test_folders_are_refused(tmp_path):
-    assert refusal(tmp_path).code == "SC-V003"
+    assert refusal(tmp_path).code == "SC-V002"
 
 
 def test_empty_file_is_refused(tmp_path):
     (tmp_path / "v.mp4").write_bytes(b"")
-    assert refusal(tmp_path / "v.mp4").code == "SC-V004"
+    assert refusal(tmp_path / "v.mp4").code == "SC-V005"
 
 
 @pytest.mark.parametrize(
@@ -225,7 +225,7 @@ def test_sound_alone_is_refused(tmp_path):
         frame.rate = 44100
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
-    assert refusal(tmp_path / "v.mp4").code == "SC-V006"
+    assert refusal(tmp_path / "v.mp4").code == "SC-V010"
 
 
 def test_a_cut_file_is_refused(tmp_path):

@@ -173,7 +173,7 @@ def test_a_crash_is_one_clear_error(film, number):
         for index, _, _ in video:
             if index == 5:
                 os.kill(video.pid, number)
-    codes = {signal.SIGSEGV: "SC-V031", signal.SIGKILL: "SC-V035", signal.SIGXCPU: "SC-V032"}
+    codes = {signal.SIGSEGV: "SC-V005", signal.SIGKILL: "SC-W004", signal.SIGXCPU: "SC-V005"}
     assert caught.value.code == codes[number]
     assert caught.value.file == str(film)
     assert "frames" in caught.value.what
@@ -188,7 +188,7 @@ def test_a_hanging_decoder_is_killed(film):
         for index, _, _ in video:
             if index == 5:
                 os.kill(video.pid, signal.SIGSTOP)
-    assert caught.value.code == "SC-V032"
+    assert caught.value.code == "SC-V005"
     assert "no frame for 0.5 s" in caught.value.what
     assert children() == []
 
@@ -200,7 +200,7 @@ def test_memory_is_limited(tmp_path):
     with pytest.raises(StrandcastError) as caught, open_video(path, limits=limits) as video:
         for _ in video:
             pass
-    assert caught.value.code == "SC-V033"
+    assert caught.value.code == "SC-V005"
     assert "GiB of memory" in caught.value.what
 
 
@@ -234,7 +234,7 @@ def test_cpu_time_without_a_frame_is_limited(film, monkeypatch, tmp_path):
     monkeypatch.setattr("strandcast.video.isolated.COMMAND", [sys.executable, str(endless)])
     with pytest.raises(StrandcastError) as caught, open_video(film, limits=ProcessLimits(cpu_s=1)) as video:
         next(iter(video))
-    assert caught.value.code == "SC-V032"
+    assert caught.value.code == "SC-V005"
     assert "CPU time" in caught.value.what
 
 
@@ -244,7 +244,7 @@ def test_a_decoder_that_cannot_run_reports_the_reason(film, monkeypatch):
     )
     with pytest.raises(StrandcastError) as caught, open_video(film) as video:
         next(iter(video))
-    assert caught.value.code == "SC-V034"
+    assert caught.value.code == "SC-W004"
     assert "no such library" in caught.value.what
 
 

@@ -62,6 +62,6 @@ def test_built_in_formats_are_not_replaced(site, tmp_path):
 
 def test_a_reader_that_cannot_be_imported_is_named(film, site):
     (site / "toy_reader.py").write_text("import no_such_package\n")
-    with pytest.raises(StrandcastError, match="SC-W003") as caught:
+    with pytest.raises(StrandcastError, match="SC-W013") as caught:
         reader_of(film[0])
     assert "no_such_package" in caught.value.what

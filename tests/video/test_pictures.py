@@ -89,7 +89,7 @@ def test_pictures_without_a_rate_ask_for_one(tmp_path):
 def test_a_folder_whose_order_is_not_clear_is_refused(tmp_path, names, words):
     series(tmp_path / "video", names)
     error = refusal(tmp_path / "video")
-    assert error.code == "SC-V016"
+    assert error.code == "SC-V010"
     assert words in error.what
 
 
@@ -97,7 +97,7 @@ def test_a_link_out_of_the_folder_is_not_followed(tmp_path):
     series(tmp_path / "video", ["a1.png", "a2.png"])
     series(tmp_path / "other", ["a3.png"])
     (tmp_path / "video" / "a3.png").symlink_to(tmp_path / "other" / "a3.png")
-    assert refusal(tmp_path / "video").code == "SC-V003"
+    assert refusal(tmp_path / "video").code == "SC-V002"
 
 
 def flip(path: Path) -> None:
@@ -107,22 +107,23 @@ def flip(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "code"),
+    ("fault", "code", "words"),
     [
-        (lambda path: path.write_bytes(b""), "SC-V004"),
-        (lambda path: path.write_bytes(b"hello"), "SC-V005"),
-        (lambda path: path.write_bytes(path.read_bytes()[:400]), "SC-V008"),
-        (flip, "SC-V008"),
-        (lambda path: Image.new("L", (30, 24)).save(path), "SC-V009"),
-        (lambda path: Image.new("I;16", (32, 24)).save(path), "SC-V009"),
-        (lambda path: Image.new("CMYK", (32, 24)).save(path, "TIFF"), "SC-V005"),
+        (lambda path: path.write_bytes(b""), "SC-V005", "is empty"),
+        (lambda path: path.write_bytes(b"hello"), "SC-V005", "is not a PNG"),
+        (lambda path: path.write_bytes(path.read_bytes()[:400]), "SC-V005", "is damaged"),
+        (flip, "SC-V005", "is damaged"),
+        (lambda path: Image.new("L", (30, 24)).save(path), "SC-V010", "another size"),
+        (lambda path: Image.new("I;16", (32, 24)).save(path), "SC-V010", "another size or depth"),
+        (lambda path: Image.new("CMYK", (32, 24)).save(path, "TIFF"), "SC-V005", "is not a PNG"),
     ],
 )
-def test_a_damaged_or_odd_picture_is_refused_by_name(tmp_path, fault, code):
+def test_a_damaged_or_odd_picture_is_refused_by_name(tmp_path, fault, code, words):
     series(tmp_path / "video", [f"f{k}.png" for k in range(3)])
     fault(tmp_path / "video" / "f1.png")
     error = refusal(tmp_path / "video")
     assert error.code == code
+    assert words in error.what
     assert "f1.png" in (error.file or "")
 
 
@@ -131,7 +132,7 @@ def test_a_cut_tiff_is_refused(tmp_path):
     path = tmp_path / "video" / "f2.tif"
     path.write_bytes(path.read_bytes()[:500])
     error = refusal(tmp_path / "video")
-    assert error.code in {"SC-V005", "SC-V008"}
+    assert error.code == "SC-V005"
     assert "f2.tif" in (error.file or "")
 
 

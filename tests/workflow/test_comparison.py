@@ -55,8 +55,8 @@ def test_a_side_is_an_experiment_or_any_folder(root: Path, other: str, differenc
 @pytest.mark.parametrize(
     ("a", "b", "code"),
     [
-        ("rope", "rope", "SC-W023"),
-        ("rope", "results/rope/", "SC-W023"),
+        ("rope", "rope", "SC-W022"),
+        ("rope", "results/rope/", "SC-W022"),
         ("rope", "cord", "SC-W022"),
         ("rope", "rpe", "SC-F001"),
         ("rope", "no/such/folder", "SC-W022"),

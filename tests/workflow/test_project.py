@@ -61,7 +61,7 @@ def test_a_folder_with_files_and_a_file_are_left_alone(lab, tmp_path):
     for place, what in ((lab, "is not empty"), (lab / "Snakefile", "is a file")):
         with pytest.raises(StrandcastError, match=what) as refused:
             make_project(place)
-        assert refused.value.code == "SC-W011"
+        assert refused.value.code == "SC-E005"
     assert {path: path.stat().st_mtime_ns for path in lab.rglob("*")} == before
 
 

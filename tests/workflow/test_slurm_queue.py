@@ -46,7 +46,7 @@ def test_jobs_that_will_not_start_are_one_message_with_the_way_on(queue):
 def test_jobs_left_by_a_killed_run_are_refused_by_experiment(queue):
     slurm.refuse_left_jobs(queue, ["rop", "new"])
     for name, ids in (("rope", "7 8"), ("rope_2", "9"), ("silk", "10 12 13")):
-        with pytest.raises(StrandcastError, match="SC-W025") as refused:
+        with pytest.raises(StrandcastError, match="SC-W024") as refused:
             slurm.refuse_left_jobs(queue, [name])
         assert f"scancel {ids};" in refused.value.fix
 
@@ -58,9 +58,9 @@ def test_a_queue_that_does_not_answer_holds_nothing_up(tmp_path, monkeypatch):
 
 def test_without_the_plugin_or_without_slurm_a_run_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(slurm, "PLUGIN", "no_such_plugin")
-    with pytest.raises(StrandcastError, match="SC-W028.*no-such-plugin"):
+    with pytest.raises(StrandcastError, match="SC-W012.*no-such-plugin"):
         slurm.require_slurm()
-    with pytest.raises(StrandcastError, match="SC-W028"):  # Snakemake lists no jobs without it either
+    with pytest.raises(StrandcastError, match="SC-W012"):  # Snakemake lists no jobs without it either
         run_experiments(project(tmp_path), ["demo"], RunOptions(profile="slurm", dry_run=True))
     monkeypatch.setattr(slurm, "PLUGIN", "json")
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -100,16 +100,16 @@ def test_a_profile_is_the_projects_own_or_one_that_ships_or_a_path(tmp_path):
     assert executor_of(tmp_path / profile(tmp_path, "slurm")) == "lsf"
     assert profile(tmp_path, str(own)) == own
     (own / "profile.yaml").write_text("executor: [lsf\n")
-    with pytest.raises(StrandcastError, match="SC-W027.*cannot be read"):
+    with pytest.raises(StrandcastError, match="SC-F002.*cannot be read"):
         executor_of(own)
-    with pytest.raises(StrandcastError, match="SC-W027.*'slrum'") as refused:
+    with pytest.raises(StrandcastError, match="SC-W021.*'slrum'") as refused:
         profile(tmp_path, "slrum")
     assert refused.value.fix.startswith("one of default, s3, slurm")
 
 
 def test_a_profile_with_object_storage_is_for_snakemake_itself(tmp_path):
     folder = profile(tmp_path, "s3")
-    with pytest.raises(StrandcastError, match="SC-W038") as refused:
+    with pytest.raises(StrandcastError, match="SC-W037") as refused:
         executor_of(tmp_path / folder)
     assert f"snakemake --workflow-profile {folder} " in refused.value.fix
 
@@ -117,7 +117,7 @@ def test_a_profile_with_object_storage_is_for_snakemake_itself(tmp_path):
 @pytest.mark.parametrize("name", ["", "..", "/", "/no/such/folder"])
 def test_a_folder_without_settings_is_no_profile(tmp_path, name):
     (tmp_path / "workflow" / "profiles" / "empty").mkdir(parents=True)
-    with pytest.raises(StrandcastError, match="SC-W027") as refused:
+    with pytest.raises(StrandcastError, match="SC-W021") as refused:
         profile(tmp_path, name)
     assert refused.value.fix.startswith("one of default, s3, slurm, or")
 

@@ -89,8 +89,8 @@ def align(
     Raises
     ------
     StrandcastError
-        SC-A001 … SC-A021, see docs/errors.md: no markers, no motion, a log that does not fit and why, two
-        offsets that fit alike, a sync event that contradicts, an offset too uncertain.
+        See docs/errors.md, letter A: no markers, no motion, a log that does not fit and why, two offsets that
+        fit alike, a sync event that contradicts, an offset too uncertain.
     """
     rig, detections = rig_of(arm), detections_of(video.markers, arm)
     rows = log_rows_of(robot.log, arm, robot.file)
@@ -101,7 +101,7 @@ def align(
     no_motion = no_motion_error(detections, rows, arm, robot.file)
     if no_motion is not None:
         pairs = events.paired(None) or events.led_paired(None).events
-        if not pairs or no_motion.code != "SC-A005":
+        if not pairs or no_motion.code != "SC-A008":
             raise no_motion
         return record_of_events(pairs, priors, heading)
     data = AlignmentData(rig, rows, detections, arm.joints, settings.largest_offset_s)

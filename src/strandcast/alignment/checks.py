@@ -36,7 +36,6 @@ LARGEST_TURN_RAD = 0.15
 OUTLIER_SHARE = 0.10  # of a marker's detections
 WRONG_ROWS = 0.01  # of a log's rows; the splines bridge fewer without harm
 NOISY = 4.0  # times as noisy as the best marker
-WIGGLE = "play a sync wiggle before the throw: three quick turns of the hand to and fro, some centimetres"
 NO_CLOCK = "the clocks cannot be aligned"
 
 
@@ -47,7 +46,6 @@ def refuse_few_detections(detections: Detections) -> None:
             "SC-A004",
             f"the video shows the hand's markers {len(detections.time_s)} times, at least {LEAST_DETECTIONS} "
             "are needed",
-            fix="check the marker ids in the arm's file, light, focus and exposure",
         )
 
 
@@ -62,22 +60,21 @@ def no_motion_error(
         return None
     if max(video_m, log_m) < LEAST_TRAVEL_M:
         return StrandcastError(
-            "SC-A005",
+            "SC-A008",
             f"the hand moves {video_m * 1e3:.1f} mm in the video and {log_m * 1e3:.1f} mm by the log, "
             f"at least {LEAST_TRAVEL_M * 1e3:.0f} mm are needed",
             file=file,
             cost=NO_CLOCK,
-            fix=WIGGLE,
         )
     if video_m < log_m:
         return StrandcastError(
-            "SC-A006",
+            "SC-A007",
             f"the hand moves {video_m * 1e3:.1f} mm in the video and {log_m * 1e3:.0f} mm by the log",
             cost=NO_CLOCK,
             fix="the video begins after the throw or ends before it: use the one that shows it",
         )
     return StrandcastError(
-        "SC-A011",
+        "SC-A007",
         f"the joints do not move in the log ({len(rows.time_s)} rows, "
         f"{rows.time_s[-1] - rows.time_s[0]:.2f} s) while the hand moves {video_m * 1e3:.0f} mm in the video",
         file=file,
@@ -94,17 +91,16 @@ def _travel_m(detections: Detections) -> float:
 def no_overlap_error(file: str | None) -> StrandcastError:
     """Return the refusal of a video that lies outside the log's time."""
     return StrandcastError(
-        "SC-A003",
+        "SC-A007",
         f"fewer than {LEAST_DETECTIONS} detections of the hand's markers lie within the joint log's time",
         file=file,
-        fix="is it this trial's log? record both from before the motion to after it",
     )
 
 
 def refuse_truncated_log(
     rows: LogRows, detections: Detections, robot_s: np.ndarray, file: str | None
 ) -> None:
-    """Refuse a log that begins or ends in mid-throw while the video shows the rest (SC-A010)."""
+    """Refuse a log that begins or ends in mid-throw while the video shows the rest (SC-A007)."""
     speed = detections.speed_m_s()
     fast = speed > MOVES * float(np.quantile(speed, 0.98))
     unlogged = fast & ((robot_s < rows.time_s[0]) | (robot_s > rows.time_s[-1]))
@@ -116,27 +112,25 @@ def refuse_truncated_log(
 
 
 def refuse_uncertain(best: Candidate, fastest: FastestPoint) -> None:
-    """Refuse an offset that the motion does not determine (SC-A020), or not well enough (SC-A008)."""
+    """Refuse an offset that the motion does not determine, or not well enough (SC-A008)."""
     half_s, unaided_s = NORMAL * best.fit.middle_se_s, NORMAL * best.fit.unaided_se_s
     if best.determined and max(half_s, unaided_s) <= LARGEST_CI_S:
         return
     cost = f"{fastest.error_mm(max(half_s, unaided_s)):.0f} mm at {fastest}"
     if not best.determined or half_s <= LARGEST_CI_S:
         raise StrandcastError(
-            "SC-A020",
+            "SC-A008",
             "the motion does not determine the offset: the hand moves too evenly, or along one line only; "
             f"{SHIFT_S * 1e3:.0f} ms more would change its path by {best.shape_m * 1e3:.1f} mm besides a "
             f"displacement, and from the motion alone the offset is known to ± "
             f"{unaided_s * 1e3:.1f} ms at best",
             cost=f"at least {cost}",
-            fix=WIGGLE,
         )
     raise StrandcastError(
         "SC-A008",
         f"the offset is known to ± {half_s * 1e3:.1f} ms only (95 %), ± {LARGEST_CI_S * 1e3:.0f} ms are "
         "needed",
         cost=cost,
-        fix=WIGGLE,
     )
 
 
@@ -167,11 +161,11 @@ def refuse_wrong_dimensions(wide: ClockFit, rig: Rig, names: tuple[str, ...], ar
 
 
 def refuse_frame_rate(fit: ClockFit, detections: Detections) -> None:
-    """Refuse a camera's clock that does not fit the throw (SC-A016)."""
+    """Refuse a camera's clock that does not fit the throw (SC-V017)."""
     if abs(fit.drift) > LARGEST_DRIFT:
         what, fix = rate_words(detections, 1.0 + fit.drift)
         raise StrandcastError(
-            "SC-A016",
+            "SC-V017",
             f"the log fits {what}",
             field="camera.frame_rate_hz",
             fix=fix,
@@ -198,7 +192,7 @@ def _clock_warnings(fit: ClockFit, detections: Detections, fastest: FastestPoint
     if half_s > WEAK_CI_S:
         found.append(
             f"the offset is known to ± {half_s * 1e3:.2f} ms (95 %): {fastest.error_mm(half_s):.1f} mm at "
-            f"{fastest}; {WIGGLE}"
+            f"{fastest}; a sync wiggle before the throw determines it better"
         )
     if abs(fit.drift) > REPORTED_DRIFT:
         steep = abs(fit.drift) > 1e-3

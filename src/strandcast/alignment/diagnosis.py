@@ -70,7 +70,7 @@ def diagnose(
         return StrandcastError(
             best.code,
             f"{off}; {best.what}, {best_m * 1e3:.1f} mm remain",
-            file=arm_file if best.code == "SC-A015" else file,
+            file=file,
             field=best.field,
             cost=cost,
             fix=best.fix,
@@ -98,7 +98,7 @@ def truncated_log_error(rows: LogRows, file: str | None, more: str = "") -> Stra
     ):
         if share > MOVES:
             return StrandcastError(
-                "SC-A010",
+                "SC-A007",
                 f"the log {place} at {instant_s:.3f} s while the joints move at {share:.0%} of their "
                 f"greatest speed{more}",
                 file=file,
@@ -116,13 +116,12 @@ def wrong_arm_error(words: str, off: str, cost: str, arm_file: str | None) -> St
         file=arm_file,
         field="urdf, clamp, markers.hand",
         cost=cost,
-        fix="is it the file of this arm? If so, measure that number or calibrate that zero",
     )
 
 
 def _hypotheses(data: AlignmentData) -> Iterator[Hypothesis]:
     yield Hypothesis(
-        "SC-A013",
+        "SC-A012",
         "with the log's angles taken as degrees",
         "import the log again with its angle unit: degrees",
         "q",
@@ -135,7 +134,7 @@ def _hypotheses(data: AlignmentData) -> Iterator[Hypothesis]:
         yield from (_reversed(data, joint) for joint in range(len(names)))
     for axis, words in ((0, "left and right"), (1, "up and down")):
         yield Hypothesis(
-            "SC-A017",
+            "SC-C027",
             f"with {words} exchanged in the video",
             f"the world is mirrored: check the signs of {'xy'[axis]}_m of camera.plane.markers, plane_x and "
             "plane_y of the arm's file (and whether all joints count the other way), and that the video is "
@@ -167,7 +166,7 @@ def _reversed(data: AlignmentData, joint: int) -> Hypothesis:
     sign = np.ones(len(data.joint_names))
     sign[joint] = -1.0
     return Hypothesis(
-        "SC-A014",
+        "SC-A012",
         f"with the sign of {name} reversed",
         f"reverse the axis of {name} in the arm's URDF, or its sign in the import",
         name,
@@ -234,7 +233,7 @@ def _frame_rate(data: AlignmentData) -> list[tuple[float, Hypothesis]]:
     if abs(ratio * (1.0 + drift) - 1.0) < SAME_RATE or abs(drift) > 0.1:
         return []
     what, fix = rate_words(data.detections, ratio * (1.0 + drift))
-    hypothesis = Hypothesis("SC-A016", what, fix, "camera.frame_rate_hz", data)
+    hypothesis = Hypothesis("SC-V017", what, fix, "camera.frame_rate_hz", data)
     return [(fitted.residual_m, hypothesis)]
 
 

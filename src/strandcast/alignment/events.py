@@ -59,7 +59,7 @@ def pair_events(
 ) -> list[EventPair]:
     """Pair each event of the video with the robot's event of its kind that is nearest by the fit.
 
-    SC-A019: the log has no such event, or several and there is no fit to choose by.
+    SC-A018: the log has no such event, or several and there is no fit to choose by.
     """
     pairs = []
     for event in video:
@@ -83,7 +83,7 @@ def _no_counterpart(
 ) -> StrandcastError:
     available = ", ".join(f"{other.kind} at {other.time_s:.4f} s" for other in robot) or "none"
     return StrandcastError(
-        "SC-A019",
+        "SC-A018",
         f"the video's event {event.kind!r} at {event.camera_time_s:.4f} s has {how_many} counterparts in the "
         f"joint log (available: {available})",
         file=file,

@@ -93,7 +93,7 @@ def pair_led(
     warnings = []
     if spare:
         warnings.append(
-            f"SC-A025: the LED's window changes without the robot's switching it ({spare}): ignored"
+            f"SC-A023: the LED's window changes without the robot's switching it ({spare}): ignored"
         )
     events, kinds = _pairs(led, matches), [late[j].kind for _, j in matches]
     if fit is None or fastest is None:
@@ -115,7 +115,7 @@ def _no_counterpart(video: Sequence[VideoEvent], robot: list[SyncEvent]) -> str:
     switched = _list((e.kind, e.camera_time_s) for e in video)
     recorded = _list((e.kind, e.time_s) for e in robot)
     return (
-        f"SC-A024: the LED's switchings in the video ({switched}) have no counterpart in run.json's "
+        f"SC-A023: the LED's switchings in the video ({switched}) have no counterpart in run.json's "
         f"sync_events or the log's sync output ({recorded or 'none'}): they are ignored"
     )
 

@@ -58,21 +58,20 @@ class LogRows:
 def log_rows_of(log: JointLog, arm: Arm, file: str | None = None) -> LogRows:
     """Return the rows of a log for the arm's moving joints.
 
-    SC-A002: a joint of the arm is not in the log; SC-A021: its time stamps are not in order.
+    SC-A012: a joint of the arm is not in the log; SC-J001: its time stamps are not in order.
     """
     missing = [name for name in arm.joints if name not in log.joint_names]
     if missing:
         raise StrandcastError(
-            "SC-A002",
+            "SC-A012",
             f"the joint log has no {', '.join(missing)}; it has {', '.join(log.joint_names)}",
             file=file,
-            fix="import the log with the arm's joint names",
         )
     columns = [log.joint_names.index(name) for name in arm.joints]
     unsorted = int((log.time_s < np.maximum.accumulate(log.time_s)).sum())
     if unsorted > MOST_OUT_OF_ORDER * len(log.time_s):
         raise StrandcastError(
-            "SC-A021",
+            "SC-J001",
             f"{unsorted} of the log's {len(log.time_s)} time stamps run backwards",
             file=file,
             field="controller_time_s",

@@ -119,10 +119,10 @@ class RigError:
 
 
 def rig_of(arm: Arm) -> Rig:
-    """Return the arm's chain and hand markers (SC-A001: the arm's file names none)."""
+    """Return the arm's chain and hand markers (SC-C022: the arm's file names none)."""
     if not arm.markers:
         raise StrandcastError(
-            "SC-A001",
+            "SC-C022",
             "the arm's file names no markers on the hand",
             file=arm.path,
             field="markers.hand",

@@ -89,7 +89,7 @@ def _refuse_rivals(fits: list[Candidate]) -> None:
         apart_s = abs(rival.fit.offset_s() - best.fit.offset_s())
         if apart_s > APART_S and rival.residual_m < RIVAL_RATIO * best.residual_m:
             raise StrandcastError(
-                "SC-A009",
+                "SC-A008",
                 f"two offsets, {best.fit.offset_s():.3f} and {rival.fit.offset_s():.3f} s, fit alike "
                 f"({best.residual_m * 1e3:.1f} and {rival.residual_m * 1e3:.1f} mm): the motion repeats"
                 " itself",

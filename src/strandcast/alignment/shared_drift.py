@@ -28,7 +28,7 @@ class SharedDrift:
 
 
 def shared_drift(alignments: Sequence[Alignment]) -> SharedDrift:
-    """Return the drift from the trials' motions and their one common prior (SC-A022: no trial has a drift).
+    """Return the drift from the trials' motions and their one common prior (SC-W030: no trial has a drift).
 
     Equal to a joint fit with one offset per trial and one drift: each trial contributes its posterior less
     its prior, and the precisions add up.
@@ -36,7 +36,7 @@ def shared_drift(alignments: Sequence[Alignment]) -> SharedDrift:
     fitted = [one for one in alignments if one.source != "supplied" and one.drift_se and one.drift_prior]
     if not fitted:
         raise StrandcastError(
-            "SC-A022", "no trial determines the clocks' drift", fix="align trials of this experiment first"
+            "SC-W030", "no trial determines the clocks' drift", fix="align trials of this experiment first"
         )
     prior, known = min((one.drift_prior or 0.0, one.known_drift) for one in fitted)
     drift, se = (np.array([getattr(one, name) for one in fitted]) for name in ("drift", "drift_se"))

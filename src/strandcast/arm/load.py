@@ -160,8 +160,6 @@ def load_arm(path: str | Path) -> Arm:
             "the arm throws in space, and this needs one that throws in a plane",
             file=path,
             field="throw",
-            fix="docs/how-to/throw-in-space.md has what works in space; for the plane, give the file "
-            "throw.plane_x and throw.plane_y as config/arms/planar3.toml does",
         )
     keys = read_keys(path, ArmKeys)
     plane = _plane(keys)
@@ -247,18 +245,14 @@ def read_keys(path: Path, keys: type[FileKeys]) -> FileKeys:
     try:
         return keys.model_validate(load_toml(read_bounded(path)))
     except FileNotFoundError:
-        raise StrandcastError(
-            "SC-F203", "the arm's file is missing", file=path, fix="see config/arms/planar3.toml"
-        ) from None
+        raise StrandcastError("SC-F001", "the arm's file is missing", file=path) from None
     except BoundError as error:
-        raise StrandcastError(
-            "SC-F203", str(error), file=path, line=error.line, fix="correct the line"
-        ) from None
+        raise StrandcastError("SC-F002", str(error), file=path, line=error.line) from None
     except ValidationError as error:
         raise StrandcastErrors(
             [
                 StrandcastError(
-                    "SC-F204",
+                    "SC-F003",
                     problem["msg"] + _value(problem),
                     file=path,
                     field=".".join(map(str, problem["loc"])),
@@ -279,7 +273,7 @@ def _urdf_beside(path: Path, name: str) -> Path:
     urdf = path.parent / name
     if "\0" in name or not Path(os.path.realpath(urdf)).is_relative_to(path.parent.resolve()):
         raise StrandcastError(
-            "SC-F206",
+            "SC-F010",
             f"{name!r} does not lie below {path.parent}",
             file=path,
             field="urdf",

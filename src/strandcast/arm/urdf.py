@@ -96,7 +96,7 @@ def coordinates(model: mujoco.MjModel, positions: dict[str, float]) -> np.ndarra
 def _root(path: str | Path) -> ElementTree.Element:
     if not Path(path).is_file():
         raise StrandcastError(
-            "SC-F201", "the URDF is not there", file=path, fix="give `urdf` a path beside the arm's file"
+            "SC-F202", "the URDF is not there", file=path, fix="give `urdf` a path beside the arm's file"
         )
     try:
         content = Path(path).read_bytes()

@@ -79,7 +79,7 @@ def write_markers(
     """
     if len(set(ids)) != len(ids) or not ids:
         what = f"marker ids {list(ids)} are empty or contain one twice"
-        raise StrandcastError("SC-C004", what, field="ids", fix="give each id once")
+        raise StrandcastError("SC-C002", what, field="ids", fix="give each id once")
     side_mm = size_m * 1e3
     pitch_mm = side_mm * (1 + 2 * QUIET_ZONE_SHARE) + 4.0
     _, _, page_mm = _page(page, pitch_mm, pitch_mm)
@@ -145,15 +145,15 @@ def _page(page: str, width_mm: float, height_mm: float) -> tuple[Figure, Axes, t
                 return figure, axes, (float(page_mm[0]), float(page_mm[1]))
         if page != "auto":
             fix = "choose a larger page, auto, or smaller squares"
-            raise StrandcastError("SC-C005", f"{pattern} does not fit {name}", field="page", fix=fix)
+            raise StrandcastError("SC-C002", f"{pattern} does not fit {name}", field="page", fix=fix)
     fix = "sizes are in metres: 40 mm is 0.04"
-    raise StrandcastError("SC-C005", f"{pattern} does not fit A0", field="board", fix=fix)
+    raise StrandcastError("SC-C002", f"{pattern} does not fit A0", field="board", fix=fix)
 
 
 def _candidates(page: str) -> Iterator[tuple[str, tuple[int, int]]]:
     if page != "auto" and page not in PAGES_MM:
         fix = f"use one of auto, {', '.join(PAGES_MM)}"
-        raise StrandcastError("SC-C007", f"unknown page size {page!r}", field="page", fix=fix)
+        raise StrandcastError("SC-W021", f"unknown page size {page!r}", field="page", fix=fix)
     for name, size in PAGES_MM.items():
         if page == name or (page == "auto" and name.startswith("A")):
             yield name, size
@@ -202,7 +202,7 @@ def _save(figures: list[Figure], path: Path, dpi: int) -> list[Path]:
     if path.suffix.lower() != ".png":
         what = f"cannot write a board as {path.suffix or 'a file without suffix'}"
         fix = "choose a file name that ends in .pdf or .png"
-        raise StrandcastError("SC-C006", what, file=path, fix=fix)
+        raise StrandcastError("SC-E005", what, file=path, fix=fix)
     numbered = [path]
     if len(figures) > 1:
         numbered = [path.with_stem(f"{path.stem}-{number + 1}") for number in range(len(figures))]

@@ -140,7 +140,7 @@ def choose_model(
     Raises
     ------
     StrandcastError
-        SC-C014 all models are rejected.
+        SC-C013 all models are rejected.
     """
     centre = np.array(size) / 2.0
     reached_px = centre + FOLD_MARGIN * (np.concatenate([each.picture_px for each in views]) - centre)
@@ -159,7 +159,7 @@ def choose_model(
             "set camera.distortion: fisheye if the lens sees more than some 110 degrees; else take more "
             "photos, with the board tilted and also near the picture's corners"
         )
-        raise StrandcastError("SC-C014", what, fix=fix)
+        raise StrandcastError("SC-C013", what, fix=fix)
     return smallest_as_good(squares), trials
 
 

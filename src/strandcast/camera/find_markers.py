@@ -40,8 +40,8 @@ def find_markers(
     Raises
     ------
     StrandcastError
-        SC-C003 an id is not in the dictionary; SC-C021 a marker appears twice; SC-C022 too few are declared;
-        SC-C023 the picture is mirrored or inverted; SC-C024 another dictionary; SC-C025 too few are detected.
+        SC-C002 an id is not in the dictionary; SC-C021 a marker appears twice; SC-C022 too few are declared;
+        SC-C023 the picture is mirrored or inverted; SC-C016 another dictionary; SC-C025 too few are detected.
     """
     cells = {marker: len(marker_cells(dictionary, marker)) for marker in wanted}
     if len(wanted) < MIN_MARKERS:
@@ -159,11 +159,10 @@ def _not_found(
         if len(_detected(grey, other, wanted)) >= min(MIN_MARKERS + 1, len(wanted)):
             what = f"the markers are from {other} or a subset of it, not from {dictionary}"
             field = "camera.plane.dictionary"
-            return StrandcastError("SC-C024", what, file=file, field=field, fix="correct the dictionary")
+            return StrandcastError("SC-C016", what, file=file, field=field)
     others = f"; other ids detected: {sorted(set(found) - set(wanted))}" if set(found) - set(wanted) else ""
     what = f"too few markers of the plane: {counts}{others}"
-    fix = "check ids, focus and light; each black square needs a white border"
-    return StrandcastError("SC-C025", what, file=file, field="camera.plane.markers", fix=fix)
+    return StrandcastError("SC-C025", what, file=file, field="camera.plane.markers")
 
 
 def _detected(grey: np.ndarray, dictionary: str, wanted: dict[int, PlacedMarker]) -> list[int]:

@@ -69,9 +69,9 @@ def calibrate_lens(images: Sequence[tuple[str, np.ndarray]], board: Board, model
     Raises
     ------
     StrandcastError
-        SC-C010 an unknown model; SC-C011 to SC-C014 no photos, of different sizes, fewer than three usable,
-        no usable fit; SC-C016, SC-C017, SC-C023 as `identify_board`; SC-C018 too few distinct poses or tilts
-        of the board.
+        SC-W021 an unknown model; SC-C030 no photos; SC-C012 photos of different sizes; SC-C013 fewer than
+        three usable, no usable fit, too few distinct poses or tilts of the board; SC-C016, SC-C023 as
+        `identify_board`.
     """
     models = _models(model)
     check_sizes(images)
@@ -107,7 +107,7 @@ def _models(model: str) -> list[str]:
     if model not in (*MODELS, FISHEYE):
         fix = f"use one of auto, {', '.join((*MODELS, FISHEYE))}"
         what = f"there is no distortion model {model!r}"
-        raise StrandcastError("SC-C010", what, field="camera.distortion", fix=fix)
+        raise StrandcastError("SC-W021", what, field="camera.distortion", fix=fix)
     return [model]
 
 
@@ -206,12 +206,10 @@ def _refuse_equal_tilts(coverage: Coverage) -> None:
 
 def _undetermined(what: str, focal_error: str) -> StrandcastError:
     return StrandcastError(
-        "SC-C018",
+        "SC-C013",
         what,
         field="camera.lens_photos",
         cost=f"the focal length may be wrong by {focal_error}, with a small standard error",
-        fix="take ten photos, each with the board tilted 30-45 degrees another way; or give the known lens "
-        "in camera.lens_file",
     )
 
 

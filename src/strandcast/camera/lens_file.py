@@ -31,7 +31,6 @@ SIZE = ("image_size", "size", "resolution")
 KNOWN_MODELS = ("plumb_bob", "rational_polynomial", "radtan", "pinhole", "opencv", "")
 FISHEYE_MODELS = ("equidistant", "fisheye", "equi", "kannala_brandt", "opencv_fisheye")
 COEFFICIENTS = 8
-EXAMPLES = "OpenCV's YAML, ROS' camera_info, Kalibr's camchain or the TOML of caliscope or anipose"
 
 
 def read_lens(path: Path, name: str | None = None, fisheye: bool = False) -> Lens:
@@ -47,9 +46,8 @@ def read_lens(path: Path, name: str | None = None, fisheye: bool = False) -> Len
     Raises
     ------
     StrandcastError
-        SC-C050 it cannot be read; SC-C051 it has no such camera, or several; SC-C052 its model is neither
-        OpenCV's pinhole with up to eight coefficients nor its fisheye with four; SC-C053 a value is
-        missing or is no number.
+        SC-C050 it cannot be read; it has no such camera, or several; its model is neither OpenCV's pinhole
+        with up to eight coefficients nor its fisheye with four; a value is missing or is no number.
     """
     cameras = _cameras(_read(path))
     if name is not None:
@@ -57,8 +55,8 @@ def read_lens(path: Path, name: str | None = None, fisheye: bool = False) -> Len
     if len(cameras) != 1:
         there = ", ".join(cameras) or "none"
         what = f"has no camera {name!r}" if name else f"has {len(cameras)} cameras ({there})"
-        fix = "name one of the file's cameras in camera.lens_name" if cameras or name else f"give {EXAMPLES}"
-        raise StrandcastError("SC-C051", what, file=path, field="camera.lens_name", fix=fix)
+        fix = "name one of the file's cameras in camera.lens_name" if cameras or name else None
+        raise StrandcastError("SC-C050", what, file=path, field="camera.lens_name", fix=fix)
     [camera] = cameras.values()
     fisheye = _is_fisheye(path, camera) or fisheye
     if all(camera.get(name) is None for name in (*SIZE, *WIDTH, *HEIGHT)):
@@ -66,21 +64,20 @@ def read_lens(path: Path, name: str | None = None, fisheye: bool = False) -> Len
         fix = (
             f"add two lines with the width and height [px] of the pictures it was calibrated with, as {lines}"
         )
-        raise StrandcastError("SC-C053", "does not give the size of its pictures", file=path, fix=fix)
+        raise StrandcastError("SC-C050", "does not give the size of its pictures", file=path, fix=fix)
     try:
         width, height = _size(camera)
         matrix = _matrix(camera)
         distortion = _numbers(_first(camera, (*DISTORTION, "distortion_coeffs"), "the distortion"))
     except (ValueError, TypeError, KeyError) as error:
         what = str(error.args[0]) if error.args else "a value is no number"
-        fix = f"give the file as the calibration wrote it: {EXAMPLES}"
-        raise StrandcastError("SC-C053", what, file=path, fix=fix) from None
+        raise StrandcastError("SC-C050", what, file=path) from None
     if fisheye and len(distortion) != FISHEYE_COEFFICIENTS:
         what = f"has {len(distortion)} distortion coefficients; a fisheye lens has {FISHEYE_COEFFICIENTS}"
-        raise StrandcastError("SC-C052", what, file=path, field="camera.distortion", fix="calibrate again")
+        raise StrandcastError("SC-C050", what, file=path, field="camera.distortion", fix="calibrate again")
     if len(distortion) not in (0, 4, 5, 8) and distortion[COEFFICIENTS:].any():
         what = f"has {len(distortion)} distortion coefficients; thin prism and tilt are not supported"
-        raise StrandcastError("SC-C052", what, file=path, fix="calibrate with at most eight coefficients")
+        raise StrandcastError("SC-C050", what, file=path, fix="calibrate with at most eight coefficients")
     kept = np.zeros(5 if not distortion[5:].any() else COEFFICIENTS)
     kept[: min(len(distortion), len(kept))] = distortion[: len(kept)]
     return Lens(
@@ -104,9 +101,9 @@ def _read(path: Path) -> dict[str, Any]:
     except (FileNotFoundError, BoundError) as error:
         what = str(error) if isinstance(error, BoundError) else "is not there"
         line = getattr(error, "line", None)
-        raise StrandcastError("SC-C050", what, file=path, line=line, fix=f"give {EXAMPLES}") from None
+        raise StrandcastError("SC-C050", what, file=path, line=line) from None
     if not isinstance(data, dict):
-        raise StrandcastError("SC-C050", "holds no names and values", file=path, fix=f"give {EXAMPLES}")
+        raise StrandcastError("SC-C050", "holds no names and values", file=path)
     return data
 
 
@@ -132,7 +129,7 @@ def _is_fisheye(path: Path, camera: dict[str, Any]) -> bool:
             f"its lens model is {unknown[0]!r}; OpenCV's pinhole and its fisheye (equidistant) are supported"
         )
         fix = "calibrate with plumb_bob or equidistant (ROS), radtan or equidistant (Kalibr), or with OpenCV"
-        raise StrandcastError("SC-C052", what, file=path, fix=fix)
+        raise StrandcastError("SC-C050", what, file=path, fix=fix)
     return bool(camera.get("fisheye")) or any(model in FISHEYE_MODELS for model in given)
 
 

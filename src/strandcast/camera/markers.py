@@ -27,7 +27,7 @@ def dictionary_named(name: str) -> cv2.aruco.Dictionary:
     if not hasattr(cv2.aruco, key):
         known = sorted(word for word in vars(cv2.aruco) if word.startswith("DICT_"))
         what, fix = f"there is no ArUco dictionary {name!r}", f"use one of {', '.join(known)}"
-        raise StrandcastError("SC-C001", what, field="dictionary", fix=fix)
+        raise StrandcastError("SC-W021", what, field="dictionary", fix=fix)
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, key))
 
 
@@ -62,7 +62,7 @@ def marker_cells(dictionary: str, marker: int) -> np.ndarray:
     found = dictionary_named(dictionary)
     if not 0 <= marker < len(found.bytesList):
         fix = f"use ids from 0 to {len(found.bytesList) - 1}"
-        raise StrandcastError("SC-C003", f"{dictionary} has no marker {marker}", field="ids", fix=fix)
+        raise StrandcastError("SC-C002", f"{dictionary} has no marker {marker}", field="ids", fix=fix)
     side = found.markerSize + 2 * BLACK_BORDER_CELLS
     return np.asarray(found.generateImageMarker(marker, side, borderBits=BLACK_BORDER_CELLS) == 0)
 

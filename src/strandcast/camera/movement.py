@@ -161,8 +161,7 @@ def check_movement(
     frame, most = max(sure, key=lambda pair: pair[1].displacement_px)
     what, cost = movement_text(frame, most, "the photo of the plane")
     if most.displacement_px > ERROR_PX:
-        fix = "photograph the plane again from the camera's present position, or exclude the trial"
-        raise StrandcastError("SC-C040", what, file=file, line=frame, cost=cost, fix=fix)
+        raise StrandcastError("SC-C040", what, file=file, line=frame, cost=cost)
     return warnings + ([f"{what}: {cost}"] if most.displacement_px > WARNING_PX else [])
 
 

@@ -17,7 +17,7 @@ def write_picture(path: Path, image: np.ndarray, webp_quality: int | None = None
     Raises
     ------
     StrandcastError
-        SC-C042 the format cannot hold it; SC-R041, SC-R042 see `atomic_write`.
+        SC-V007 the format cannot hold it; SC-R041, SC-W002 see `atomic_write`.
     """
     options = [] if webp_quality is None else [cv2.IMWRITE_WEBP_QUALITY, webp_quality]
     try:
@@ -26,7 +26,7 @@ def write_picture(path: Path, image: np.ndarray, webp_quality: int | None = None
         encoded = False
     if not encoded:
         raise StrandcastError(
-            "SC-C042",
+            "SC-V007",
             f"a picture of {image.shape[1]} x {image.shape[0]} px cannot be encoded as {path.suffix}",
             file=path,
             fix="crop the video; WebP holds 16383 px in width and height",

@@ -85,15 +85,14 @@ def plane_from_markers(
     Raises
     ------
     StrandcastError
-        SC-C020 the photo's size is not the lens calibration's; SC-C021 to SC-C025 as `find_markers`;
-        SC-C026 to SC-C028 as `plane_checks`; SC-C015 the lens is too uncertain.
+        SC-C012 the photo's size is not the lens calibration's; SC-C016, SC-C021 to SC-C025 as `find_markers`;
+        SC-C027 as `plane_checks`; SC-C013 the lens is too uncertain.
     """
     geometry = geometry or PlaneGeometry()
     if grey.shape != (lens.height_px, lens.width_px):
         sizes = f"{grey.shape[1]} x {grey.shape[0]} px", f"{lens.width_px} x {lens.height_px}"
         what = f"is {sizes[0]}; the lens was calibrated at {sizes[1]}"
-        fix = "take the photo in the camera mode used for filming"
-        raise StrandcastError("SC-C020", what, file=file, fix=fix)
+        raise StrandcastError("SC-C012", what, file=file)
     wanted = {marker.marker: marker for marker in markers_world}
     ids, corners_px, warnings = find_markers(grey, wanted, dictionary, file)
     corners_px = true_corners(lens, corners_px)
@@ -187,12 +186,10 @@ def _lens_warnings(camera: Camera) -> list[str]:
     weaknesses = "; ".join(camera.lens.weaknesses)
     if cost_m > LENS_ERROR_M:
         raise StrandcastError(
-            "SC-C015",
+            "SC-C013",
             f"the lens photos do not determine the lens: {weaknesses or 'its standard errors are large'}",
             field="camera.lens_photos",
             cost=f"{cost_m * 1e3:.1f} mm (standard error) at the worst position of the string",
-            fix="take ten photos, the board large, tilted 30-45 degrees each way, all over the picture; or "
-            "give the known lens in camera.lens_file",
         )
     if weaknesses or cost_m > LENS_WARNING_M:
         return [

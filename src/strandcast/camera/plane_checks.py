@@ -39,13 +39,14 @@ class MarkerLayout:
         """Return the largest error [m] in the workspace if another pose is the true one."""
         return worst_difference_m(posed(self.camera, other), self.camera, self.workspace)
 
-    def error(self, code: str, what: str, cost: str, fix: str) -> StrandcastError:
-        """Return an error in this photo; SC-C026 is in the size, others in the places."""
+    def error(self, what: str, cost: str, fix: str, *, of_size: bool = False) -> StrandcastError:
+        """Return an error in this photo, in the size of the markers or in their places."""
         if self.on_board:
-            field = "board.marker_m" if code == "SC-C026" else "board"
+            field = "board.marker_m" if of_size else "board"
         else:
-            field = "size_m" if code == "SC-C026" else "markers"
-        return StrandcastError(code, what, file=self.file, field=f"camera.plane.{field}", cost=cost, fix=fix)
+            field = "size_m" if of_size else "markers"
+        field = f"camera.plane.{field}"
+        return StrandcastError("SC-C027", what, file=self.file, field=field, cost=cost, fix=fix)
 
 
 def check_markers(layout: MarkerLayout) -> tuple[SizeFit, list[str]]:
@@ -61,9 +62,9 @@ def check_markers(layout: MarkerLayout) -> tuple[SizeFit, list[str]]:
     Raises
     ------
     StrandcastError
-        SC-C026 size or distances are wrong by more than 2 % and 2 mm, or one marker has another size or is
-        out of the plane; SC-C027 one is misplaced, or no single cause explains the residuals; SC-C028 two are
-        swapped, one is rotated, or the axes are not those of the world.
+        SC-C027 size or distances are wrong by more than 2 % and 2 mm, or one marker has another size or is
+        out of the plane; one is misplaced, or no single cause explains the residuals; two are swapped, one is
+        rotated, or the axes are not those of the world.
     """
     size = fit_size(layout.markers, layout.corners_px, layout.camera.lens)
     by_size = size.rms_px < POOR_PX
@@ -81,12 +82,12 @@ def _wrong_size(layout: MarkerLayout, size: SizeFit) -> StrandcastError:
     given_m = float(np.median([marker.size_m for marker in layout.markers]))
     reach_m = _reach_m(layout.workspace)
     return layout.error(
-        "SC-C026",
         f"the markers measure {given_m * size.ratio * 1e3:.4g} mm relative to their distances, "
         f"{size.ratio - 1.0:+.1%} from the given size ({given_m * 1e3:g} mm){_unit_hint(size.ratio)}",
         f"if the positions are wrong, {abs(1.0 / size.ratio - 1.0) * reach_m * 1e3:.0f} mm at "
         f"{reach_m:.2f} m from the centre; if only the size is wrong, little",
         "measure the printed black squares and the distances of their centres; sizes are metres",
+        of_size=True,
     )
 
 
@@ -151,13 +152,13 @@ def _refuse_other_size(layout: MarkerLayout, out: int, others: PoseFit, cost_m: 
     eye_m = float(-(others.rotation.T @ others.shift_m)[2])
     nearer_m = eye_m * (1.0 - 1.0 / ratio)
     raise layout.error(
-        "SC-C026",
         f"marker {marker.marker} measures {side_m * 1e3:.1f} mm relative to the others, "
         f"{ratio - 1.0:+.1%} from the given size: another print, less than a cell of white around it, or it "
         f"is {abs(nearer_m) * 1e3:.0f} mm "
         f"{'in front of' if nearer_m > 0 else 'behind'} their plane",
         f"up to {cost_m * 1e3:.1f} mm at the string",
         "put all markers in one plane, printed at one size",
+        of_size=True,
     )
 
 
@@ -172,7 +173,7 @@ def _misplaced(layout: MarkerLayout, out: int, others: PoseFit, cost_m: float) -
     cost = f"up to {cost_m * 1e3:.1f} mm at the string"
     if cost_m < ERROR_M and off_m < 2.0 * ERROR_M:
         return [f"{what}: {cost}"]
-    raise layout.error("SC-C027", what, cost, "correct its position or rotation in the experiment")
+    raise layout.error(what, cost, "correct its position or rotation in the experiment")
 
 
 def _does_not_fit(layout: MarkerLayout) -> list[str]:
@@ -186,7 +187,7 @@ def _does_not_fit(layout: MarkerLayout) -> list[str]:
     fix = f"{'flatten the board' if layout.on_board else measure}; is the lens this camera's?"
     if cost_m < ERROR_M:
         return [f"{what}: {cost}; {fix}"]
-    raise layout.error("SC-C027", what, cost, fix)
+    raise layout.error(what, cost, fix)
 
 
 def _refuse_rearranged(layout: MarkerLayout) -> None:
@@ -199,7 +200,6 @@ def _refuse_rearranged(layout: MarkerLayout) -> None:
     if fit.rms_px > EXPLAINED * layout.fit.rms_px:
         return
     raise layout.error(
-        "SC-C028",
         f"{words}: then the corners fit with {fit.rms_px:.2f} px rms, as given with {layout.fit.rms_px:.1f}",
         f"up to {layout.cost_m(fit) * 1e3:.0f} mm at the string",
         "correct the positions in the experiment, or the markers in the plane",

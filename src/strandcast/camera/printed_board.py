@@ -71,7 +71,7 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
     Raises
     ------
     StrandcastError
-        SC-C016 the board has other squares; SC-C017 another dictionary; SC-C023 the photos are mirrored.
+        SC-C016 the board has other squares or another dictionary; SC-C023 the photos are mirrored.
     """
     others = [name for name in FAMILIES if not same_family(name, board.dictionary)]
     for name, seen_as in (
@@ -83,7 +83,7 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
             continue
         if name != board.dictionary:
             what = f"the board's markers are from {name} or a subset of it, not from {board.dictionary}"
-            raise StrandcastError("SC-C017", what, field=f"{field}.dictionary", fix="correct the dictionary")
+            raise StrandcastError("SC-C016", what, field=f"{field}.dictionary")
         if seen_as is _mirrored:
             fix = "turn mirroring off in the camera's software, or remove the mirror"
             raise StrandcastError("SC-C023", "the board photos are mirrored", file=photos[0][0], fix=fix)

@@ -50,7 +50,7 @@ def stereo_pose(
     Raises
     ------
     StrandcastError
-        SC-C043 fewer than three pairs show eight common corners of the board; SC-C016, SC-C017,
+        SC-C013 fewer than three pairs show eight common corners of the board; SC-C016,
         SC-C023 as `identify_board`.
     """
     printed = identify_board([("", one) for one, _ in photos], board)
@@ -60,7 +60,7 @@ def stereo_pose(
     common = [each for each in shared if len(each[0]) >= MIN_CORNERS]
     if len(common) < LEAST_PAIRS:
         raise StrandcastError(
-            "SC-C043",
+            "SC-C013",
             f"{len(common)} of {len(photos)} pairs of photos show {MIN_CORNERS} corners of the board to both "
             f"cameras; {LEAST_PAIRS} are needed",
             fix="hold the board still where both cameras see it, tilted differently in each pair",

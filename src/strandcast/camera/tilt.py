@@ -145,10 +145,6 @@ def check_plane_tilt(tilt: PlaneTilt, file: str | Path | None = None) -> list[st
     )
     if tilt.cost_m > ERROR_M:
         cost = f"up to {tilt.cost_m * 1e3:.0f} mm at the string"
-        fix = (
-            "place the plane's markers parallel to the arm's motion, and measure string_offset_m; is the "
-            "size of the hand's markers right?"
-        )
         field = "camera.string_offset_m"
-        raise StrandcastError("SC-C041", what, file=file, field=field, cost=cost, fix=fix)
+        raise StrandcastError("SC-C041", what, file=file, field=field, cost=cost)
     return [f"{what}: up to {tilt.cost_m * 1e3:.1f} mm at the string"]

@@ -12,7 +12,6 @@ from strandcast.errors import StrandcastError
 from strandcast.records.camera import BoardView
 
 MIN_CORNERS = 8  # chosen: in a photo that is used
-RETAKE = "take ten sharp photos of the ChArUco board, tilted, all over the picture"
 
 
 @dataclass(frozen=True)
@@ -33,15 +32,14 @@ def find_board(grey: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_sizes(images: Sequence[tuple[str, np.ndarray]]) -> None:
-    """Refuse pictures of different sizes (SC-C012), or none (SC-C011)."""
+    """Refuse pictures of different sizes (SC-C012), or none (SC-C030)."""
     if not images:
-        raise StrandcastError("SC-C011", "there are no board photos", fix=RETAKE)
+        raise StrandcastError("SC-C030", "there are no board photos")
     first_name, first = images[0]
     for name, grey in images:
         if grey.shape != first.shape:
             sizes = [f"{each.shape[1]} x {each.shape[0]} px" for each in (grey, first)]
-            fix = "use photos from the camera and mode used for filming"
-            raise StrandcastError("SC-C012", f"is {sizes[0]}, {first_name} is {sizes[1]}", file=name, fix=fix)
+            raise StrandcastError("SC-C012", f"is {sizes[0]}, {first_name} is {sizes[1]}", file=name)
 
 
 def board_corners(name: str, grey: np.ndarray, board: Board) -> tuple[BoardView, BoardCorners | None]:

@@ -23,14 +23,14 @@ def problem_of(error: Exception) -> StrandcastError | None:
         return _too_little_memory(text)
     if "can't start new thread" in text or isinstance(error, BlockingIOError):
         return StrandcastError(
-            "SC-W005",
+            "SC-W004",
             f"the system starts no more processes or threads ({text})",
             fix="raise the limit of processes (`ulimit -u`, the cluster's), or end other programs",
             exit_code=ENVIRONMENT,
         )
     if "cannot cache function" in text:  # numba's words
         return StrandcastError(
-            "SC-W006",
+            "SC-W002",
             "there is no folder for compiled code that can be written",
             fix="set TMPDIR or NUMBA_CACHE_DIR to a folder that can be written",
             exit_code=ENVIRONMENT,
@@ -76,5 +76,4 @@ def _refused(error: OSError) -> StrandcastError:
         cache = os.environ.get("NUMBA_CACHE_DIR")
         places = {Path(), Path(tempfile.gettempdir()), *([Path(cache)] if cache else [])}
         what += "; free: " + ", ".join(f"{in_bytes(free_bytes(each))} at {each}" for each in sorted(places))
-    fix = "check the path, its permissions and the free disk space"
-    return StrandcastError("SC-W002", what, file=file, fix=fix, exit_code=ENVIRONMENT)
+    return StrandcastError("SC-W002", what, file=file, exit_code=ENVIRONMENT)

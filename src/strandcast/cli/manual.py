@@ -11,20 +11,22 @@ from strandcast.errors import StrandcastError
 
 
 def explain(
-    code: Annotated[str, typer.Argument(metavar="CODE", help="As a message begins with, e.g. SC-A013.")],
+    code: Annotated[str, typer.Argument(metavar="CODE", help="As a message begins with, e.g. SC-A012.")],
     as_json: AsJson = False,
 ) -> None:
     """Print what an error code means, and what to do."""
-    from strandcast.errors.registry import read_codes
+    from strandcast.errors.registry import merged_codes, read_codes
 
     _, codes = read_codes()
     name = next(iter(re.findall(r"SC-[A-Z]\d{3}", f"SC-{code} {code}".upper())), "")
+    name = merged_codes().get(name, name)
     if name not in codes:
         raise StrandcastError(
-            "SC-W039", f"there is no error code {code!r}", fix="`strandcast docs errors` lists all"
+            "SC-W021", f"there is no error code {code!r}", fix="`strandcast docs errors` lists all"
         )
     found = codes[name]
-    lines = [f"{found.code}: {found.title}", "", found.cause, "", f"Fix: {found.fix}"]
+    cause = [found.cause, ""] if found.cause else []
+    lines = [f"{found.code}: {found.title}", "", *cause, f"Fix: {found.fix}"]
     show(as_json, found._asdict(), lines)
 
 
@@ -53,5 +55,5 @@ def docs(
     if wanted not in pages:
         near = difflib.get_close_matches(wanted, pages, n=1)
         fix = f"did you mean {near[0]}?" if near else "`strandcast docs` lists the pages"
-        raise StrandcastError("SC-W039", f"the manual has no page {page!r}", fix=fix)
+        raise StrandcastError("SC-W021", f"the manual has no page {page!r}", fix=fix)
     show(as_json, {"page": wanted, "text": pages[wanted]}, [pages[wanted]])

@@ -223,12 +223,12 @@ def only_camera(names: Iterable[str]) -> str:
     Raises
     ------
     StrandcastError
-        SC-F008 there are several: each has an experiment of its own.
+        SC-F003 there are several: each has an experiment of its own.
     """
     given = list(names)
     if len(given) != 1:
         raise StrandcastError(
-            "SC-F008",
+            "SC-F003",
             f"names {len(given)} cameras ({', '.join(given)}); an experiment has one",
             field="cameras",
             fix="keep one; give the other an experiment of its own, and see `strandcast import views`",

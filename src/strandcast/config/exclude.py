@@ -22,8 +22,8 @@ def set_excluded(path: Path, trial: int, reason: str | None) -> bool:
     Raises
     ------
     StrandcastError
-        The settings are invalid, or would be; SC-F011 the list cannot be edited without changing other
-        settings; SC-R042 the file cannot be written.
+        The settings are invalid, or would be; SC-F003 the list cannot be edited without changing other
+        settings; SC-W002 the file cannot be written.
     """
     settings = load_experiment(path)
     if _listed(settings, trial) == reason:
@@ -49,7 +49,7 @@ def _listed(settings: Experiment, trial: int) -> str | None:
 
 def _by_hand(path: Path, trial: int) -> StrandcastError:
     return StrandcastError(
-        "SC-F011",
+        "SC-F003",
         "the list cannot be edited without changing other settings",
         file=path,
         field=KEY,

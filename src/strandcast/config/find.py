@@ -57,7 +57,7 @@ def find_experiment(name: str, root: Path) -> Path:
     """Return the file of an experiment: data/<name>/experiment.yaml, or config/experiments/<name>.yaml."""
     if not re.fullmatch(NAME, name):
         raise StrandcastError(
-            "SC-F005",
+            "SC-R032",
             f"{name!r} is not a valid name of an experiment",
             fix=_renaming(name, root),
         )
@@ -94,7 +94,7 @@ def overlooked_experiments(root: Path) -> list[StrandcastError]:
         if misspelt is not None:
             fix = "rename it: " + shlex.join(["mv", str(misspelt), str(file)])
         what = "the folder has no experiment.yaml, so that it is no experiment"
-        found.append(StrandcastError("SC-F012", what, file=folder, fix=fix))
+        found.append(StrandcastError("SC-F001", what, file=folder, fix=fix))
     return found
 
 
@@ -117,7 +117,7 @@ def find_arm(experiment: Experiment, experiment_file: Path, root: Path) -> Path:
     Raises
     ------
     StrandcastError
-        SC-F004 there is no such arm; SC-F010 the file lies outside both folders.
+        SC-F001 there is no such arm; SC-F010 the file lies outside both folders.
     """
     folders = root / "config" / "arms", experiment_file.parent
     for folder, name in zip(folders, (f"{experiment.arm}.toml", experiment.arm), strict=True):
@@ -126,7 +126,7 @@ def find_arm(experiment: Experiment, experiment_file: Path, root: Path) -> Path:
             return _within(folders, path, experiment_file)
     known = sorted(p.stem for p in root.glob("config/arms/*.toml"))
     raise StrandcastError(
-        "SC-F004",
+        "SC-F001",
         f"there is no arm {experiment.arm!r}",
         file=experiment_file,
         field="arm",

@@ -16,7 +16,6 @@ from strandcast.core.objectives import OBJECTIVES
 from strandcast.errors import StrandcastError, StrandcastErrors
 
 MOST_PROBLEMS = 50  # reported at once; chosen
-EXAMPLE = "config/experiments/demo.yaml is a commented example"
 
 
 def load_experiment(path: str | Path) -> Experiment:
@@ -55,7 +54,7 @@ def parse_experiment(path: Path, text: str) -> Experiment:
 def _text(path: Path) -> str:
     if not path.is_file():
         what = "the experiment's file does not exist"
-        raise StrandcastError("SC-F001", what, file=path, fix=f"write it; {EXAMPLE}")
+        raise StrandcastError("SC-F001", what, file=path)
     try:
         return read_bounded(path)
     except BoundError as error:
@@ -63,7 +62,7 @@ def _text(path: Path) -> str:
 
 
 def _invalid(path: Path, error: BoundError) -> StrandcastError:
-    return StrandcastError("SC-F002", str(error), file=path, line=error.line, fix="correct the YAML")
+    return StrandcastError("SC-F002", str(error), file=path, line=error.line)
 
 
 def _parse(path: Path, text: str) -> CommentedMap:
@@ -72,7 +71,7 @@ def _parse(path: Path, text: str) -> CommentedMap:
     except BoundError as error:
         raise _invalid(path, error) from None
     if not isinstance(data, CommentedMap):
-        raise StrandcastError("SC-F002", "contains no settings", file=path, fix=EXAMPLE)
+        raise StrandcastError("SC-F002", "contains no settings", file=path)
     return data
 
 
@@ -93,7 +92,7 @@ def _with_cameras(data: dict[str, Any]) -> dict[str, Any]:
         return data
     if "cameras" in data:
         raise StrandcastError(
-            "SC-F009",
+            "SC-F003",
             "both camera and cameras are given",
             field="camera",
             fix="move it into cameras, by name",

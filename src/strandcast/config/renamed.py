@@ -49,7 +49,7 @@ def with_new_names(data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] 
     Raises
     ------
     StrandcastError
-        SC-F007 a setting is given under both names.
+        SC-F003 a setting is given under both names.
     """
     for change in RENAMED if renamed is None else renamed:
         *sections, old = change.old.split(".")
@@ -78,7 +78,7 @@ def with_new_names(data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] 
             continue
         if new in node:
             raise StrandcastError(
-                "SC-F007",
+                "SC-F003",
                 f"{change.old} is the old name of {change.new}, which is given too",
                 file=file,
                 line=place[0] + 1,

@@ -30,9 +30,8 @@ class Registry(Generic[Entry]):
         A word for an entry, for messages.
     group
         Group of entry points of installed packages. One is imported when an unknown name is requested.
-    code, field
-        Code of the error for an unknown name (none where only `find` is called), and the setting that
-        gives the name.
+    field
+        The setting that gives the name.
     entries
         The built-in entries.
     """
@@ -41,11 +40,10 @@ class Registry(Generic[Entry]):
         self,
         what: str,
         group: str,
-        code: str = "",
         field: str | None = None,
         entries: Mapping[str, Entry] | None = None,
     ) -> None:
-        self.what, self.group, self.code, self.field = what, group, code, field
+        self.what, self.group, self.field = what, group, field
         self._entries = dict(entries or {})
         self._listeners: list[Callable[[], object]] = []
 
@@ -75,7 +73,7 @@ class Registry(Generic[Entry]):
         Raises
         ------
         StrandcastError
-            SC-W003 it cannot be imported.
+            SC-W013 it cannot be imported.
         """
         if name not in self._entries and (point := installed(self.group).get(name)):
             entry = self._load(point)
@@ -89,7 +87,7 @@ class Registry(Generic[Entry]):
         Raises
         ------
         StrandcastError
-            The registry's code: there is no such entry; SC-W003 it cannot be imported.
+            SC-W021 there is no such entry; SC-W013 it cannot be imported.
         """
         entry = self.find(name)
         if entry is None:
@@ -98,7 +96,7 @@ class Registry(Generic[Entry]):
             names = sorted(self)
             near = difflib.get_close_matches(name, names, n=1)
             raise StrandcastError(
-                self.code,
+                "SC-W021",
                 f"there is no {self.what} {name!r}; available: {', '.join(names) or 'none'}",
                 file=file,
                 field=self.field,
@@ -114,7 +112,7 @@ class Registry(Generic[Entry]):
             return entry
         except Exception as error:
             raise StrandcastError(
-                "SC-W003",
+                "SC-W013",
                 f"the {self.what} {point.name!r} ({point.value}) cannot be imported: "
                 f"{type(error).__name__}: {error}",
                 field=self.field,

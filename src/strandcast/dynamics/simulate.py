@@ -88,7 +88,7 @@ def simulate_batch(
     Raises
     ------
     StrandcastError
-        SC-E015 none of the strings has a rest shape to start from.
+        SC-E003 none of the strings has a rest shape to start from.
     """
     batch = make_batch(model, strings, hand, out_time_s, start)
     time_s, poses = batch.hand
@@ -101,7 +101,7 @@ def simulate_batch(
     status = _run(batch.observing(out=out))[1]
     if len(status) and (status == NO_REST_SHAPE).all():
         raise StrandcastError(
-            "SC-E015",
+            "SC-E003",
             f"no rest shape was found for any of {len(status)} strings: their motion cannot begin there",
             fix="check the string's stiffness and rest curl, and that it reaches from clamp to clamp",
             exit_code=FAILED_TRIALS,

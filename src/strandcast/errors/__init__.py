@@ -33,7 +33,8 @@ class StrandcastError(Exception):
     Parameters
     ----------
     code
-        "SC-" + a letter for the subject + three digits, e.g. ``SC-V012``; declared in ``errors/codes.toml``.
+        "SC-" + a letter for the subject + three digits, e.g. ``SC-V012``: stands for what the user has to do;
+        declared in ``errors/codes.toml``.
     what
         What is wrong, in one sentence, with the offending value.
     file, line, field
@@ -41,7 +42,7 @@ class StrandcastError(Exception):
     cost
         What ignoring the problem would cost (mm, s).
     fix
-        What to do about it.
+        What to do about it; by default what ``errors/codes.toml`` says for the code.
     exit_code
         The process's exit code (module constants).
     """
@@ -64,7 +65,7 @@ class StrandcastError(Exception):
         self.line = line
         self.field = None if field is None else shortened(field)
         self.cost = cost
-        self.fix = fix
+        self.fix = fix or _general_fix(code)
         self.exit_code = exit_code
         super().__init__(code, self.what)
 
@@ -88,6 +89,15 @@ class StrandcastError(Exception):
         """Return the problem as plain data, for programs."""
         names = ("code", "file", "line", "field", "cost", "fix", "exit_code")
         return {"message": self.what} | {name: getattr(self, name) for name in names}
+
+
+def _general_fix(code: str) -> str | None:
+    from strandcast.errors.registry import general_fixes
+
+    try:
+        return general_fixes().get(code)
+    except (OSError, MemoryError):  # perhaps what is reported
+        return None
 
 
 def shortened(text: str) -> str:

@@ -1,6 +1,7 @@
 """The registry of error codes, and docs/errors.md made from it."""
 
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,27 +9,42 @@ CODES_FILE = Path(__file__).with_name("codes.toml")
 HEAD = """\
 # Error codes
 
-Every problem that strandcast reports has a code. The message adds the file, the line or field, the offending
-value, what ignoring it would cost, and a fix for that case; this page says in general what each code means.
+Every problem that strandcast reports has a code, which stands for what to do about it. The message says what
+is wrong in this case: the file, the line or field, the offending value and what ignoring it would cost. Its
+fix is the one below, or a more exact one. `strandcast explain CODE` prints an entry, also for a code of a
+former version.
 
 <!-- Generated from src/strandcast/errors/codes.toml by `python -m strandcast.errors > docs/errors.md`. -->
 """
 
 
 class ErrorCode(NamedTuple):
-    """One code: its title, its cause and its fix in general words."""
+    """One code: its title, its fix in general words, and its cause where it adds something to the title."""
 
     code: str
     title: str
-    cause: str
     fix: str
+    cause: str = ""
 
 
 def read_codes(path: Path = CODES_FILE) -> tuple[dict[str, str], dict[str, ErrorCode]]:
     """Return the subject of each letter, and the codes in the order of the file."""
     data = tomllib.loads(path.read_text(encoding="utf-8"))
     letters: dict[str, str] = data.pop("letters")
+    data.pop("merged", None)
     return letters, {code: ErrorCode(code, **words) for code, words in data.items()}
+
+
+def merged_codes() -> dict[str, str]:
+    """Return the codes of former versions, with the present code of each."""
+    merged = tomllib.loads(CODES_FILE.read_text(encoding="utf-8"))["merged"]
+    return {f"SC-{old}": present for present, olds in merged.items() for old in olds.split()}
+
+
+@cache
+def general_fixes() -> dict[str, str]:
+    """Return the fix of each code as it stands in a message."""
+    return {code: entry.fix[0].lower() + entry.fix[1:].rstrip(".") for code, entry in read_codes()[1].items()}
 
 
 def errors_page(path: Path = CODES_FILE) -> str:
@@ -39,5 +55,6 @@ def errors_page(path: Path = CODES_FILE) -> str:
         parts.append(f"\n## SC-{letter}: {subject}\n")
         for code in sorted(code for code in codes if code[3] == letter):
             entry = codes[code]
-            parts.append(f"\n### {code}: {entry.title}\n\n{entry.cause}\n\n**Fix:** {entry.fix}\n")
+            cause = f"{entry.cause}\n\n" if entry.cause else ""
+            parts.append(f"\n### {code}: {entry.title}\n\n{cause}**Fix:** {entry.fix}\n")
     return "".join(parts)

@@ -112,7 +112,6 @@ def prepare(
         raise StrandcastError(
             "SC-E002",
             "no frame with a point of the string lies within the logged path of the hand",
-            fix="check the alignment's offset and the frames before the first contact",
             exit_code=FAILED_TRIALS,
         )
     start = HANGING_AT_REST

@@ -38,19 +38,19 @@ def check_motion(path: Path, motion: Motion, arm: AnyArm) -> JointTrajectory:
     Raises
     ------
     StrandcastError
-        SC-X001 another arm, SC-X002 times, numbers or start, SC-X003 not at rest, SC-X004 limits.
+        SC-X004 for another arm; wrong times, numbers or start; not at rest at its ends; beyond the limits.
     """
     _check_arm(path, motion, arm)
     played = motion.trajectory()
     time_s, q, qd, qdd = played.time_s, played.q_rad, played.qd_rad_s, played.qdd_rad_s2
     shape = (len(time_s), len(arm.joints))
     if len(time_s) < 2 or not (q.shape == qd.shape == qdd.shape == shape):
-        raise _refusal("SC-X002", path, "points", "are too few, or do not have one number per joint")
+        raise _refusal("SC-X004", path, "points", "are too few, or do not have one number per joint")
     if time_s[0] != 0.0 or not (np.diff(time_s) > 0).all():
-        raise _refusal("SC-X002", path, "points", "do not have rising times from 0")
+        raise _refusal("SC-X004", path, "points", "do not have rising times from 0")
     if max(np.abs(qd[[0, -1]]).max(), 0) > REST_RAD_S or np.abs(qdd[[0, -1]]).max() > REST_RAD_S2:
         raise _refusal(
-            "SC-X003",
+            "SC-X004",
             path,
             "points",
             "the motion does not start and end at rest",
@@ -80,16 +80,16 @@ def _check_start_posture(path: Path, motion: Motion, arm: AnyArm) -> None:
     start, first = motion.start, motion.points[0].positions
     sizes = len(start.positions_rad), len(start.tolerance_rad)
     if sizes != (len(first), len(first)):
-        raise _refusal("SC-X002", path, "start", "does not have one number per joint")
+        raise _refusal("SC-X004", path, "start", "does not have one number per joint")
     away = np.abs(np.subtract(start.positions_rad, first)).max()
     if not away <= SAME_RAD:
         raise _refusal(
-            "SC-X002", path, "start.positions_rad", f"differ from the first point by {away:.3g} rad"
+            "SC-X004", path, "start.positions_rad", f"differ from the first point by {away:.3g} rad"
         )
     if not (np.array(start.tolerance_rad) <= arm.start_tolerance_rad).all():
         allowed = ", ".join(f"{x:g}" for x in arm.start_tolerance_rad)
         raise _refusal(
-            "SC-X002", path, "start.tolerance_rad", f"is wider than the arm's start.position_rad, {allowed}"
+            "SC-X004", path, "start.tolerance_rad", f"is wider than the arm's start.position_rad, {allowed}"
         )
 
 
@@ -110,7 +110,7 @@ def _check_stated(path: Path, played: JointTrajectory) -> None:
         if (off > varying + allowed).any():
             most = off[off > varying + allowed].max()
             what += f" and positions disagree by {most:.3g} {unit}"
-            raise _refusal("SC-X002", path, "points", what, f"give the {what.split()[0]} of the positions")
+            raise _refusal("SC-X004", path, "points", what, f"give the {what.split()[0]} of the positions")
 
 
 def _spread(values: np.ndarray, count: int) -> np.ndarray:
@@ -126,7 +126,6 @@ def check_limits(path: Path, what: str, arm: AnyArm, motion: JointTrajectory) ->
             path,
             "points",
             f"{what}: {'; '.join(map(str, found))}",
-            "plan again within the limits of the arm's file",
         )
 
 
@@ -134,26 +133,25 @@ def _check_arm(path: Path, motion: Motion, arm: AnyArm) -> None:
     robot = motion.robot
     if robot.file_sha256 != arm.sha256 or robot.urdf_sha256 != arm.urdf_sha256:
         raise _refusal(
-            "SC-X001",
+            "SC-X004",
             path,
             "robot",
             f"the motion was planned for {robot.name!r}, with versions of {arm.path.name} and "
             f"{arm.urdf_path.name} that differ from the present ones",
-            "plan again",
         )
     if tuple(motion.joint_names) != arm.joints:
         raise _refusal(
-            "SC-X001", path, "joint_names", f"are {motion.joint_names}, the arm's are {list(arm.joints)}"
+            "SC-X004", path, "joint_names", f"are {motion.joint_names}, the arm's are {list(arm.joints)}"
         )
 
 
 def check_reach(path: Path, arm: AnyArm, motion: JointTrajectory, hanging_m: float) -> Reach:
-    """Return the region that a motion sweeps, stopped at any instant, if it is in the workspace (SC-X008)."""
+    """Return the region that a motion sweeps, stopped at any instant, if it is in the workspace (SC-X004)."""
     reach = reach_of(arm, motion, hanging_m)
     outside = outside_m(arm, reach.swept_m)
     if outside > 0.0:
         raise _refusal(
-            "SC-X008",
+            "SC-X004",
             path,
             "points",
             f"the hand with {hanging_m:.2f} m hanging sweeps {box_words(reach.swept_m)}, if stopped at the "
@@ -200,9 +198,7 @@ def check_start(path: Path, motion: Motion, arm: AnyArm, state: ArmState) -> Non
     """Refuse an arm that is not at the motion's start (SC-X006), or that still moves (SC-X007)."""
     speed = float(np.abs(state.qd_rad_s).max())
     if not speed <= arm.start_velocity_rad_s:
-        raise _refusal(
-            "SC-X007", path, "start", f"the arm still moves at {speed:.4f} rad/s", "wait until it is at rest"
-        )
+        raise _refusal("SC-X007", path, "start", f"the arm still moves at {speed:.4f} rad/s")
     allowed = np.minimum(arm.start_tolerance_rad, motion.start.tolerance_rad)
     away = np.abs(state.q_rad - np.array(motion.points[0].positions))
     names = list(arm.joints) + list(state.q_held_rad)
@@ -216,7 +212,6 @@ def check_start(path: Path, motion: Motion, arm: AnyArm, state: ArmState) -> Non
             path,
             "start",
             f"{names[worst]} is {away[worst]:.4f} rad from its start, allowed {allowed[worst]:.4f}",
-            "move the arm to the motion's start, or add --move-to-start to do so slowly",
         )
 
 
@@ -250,5 +245,5 @@ def _refusal(code: str, path: Path, field: str | None, what: str, fix: str | Non
         file=path,
         field=field,
         cost=NOTHING_SENT,
-        fix=fix or "make the motion file again with `strandcast plan`",
+        fix=fix,
     )

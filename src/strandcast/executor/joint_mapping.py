@@ -33,12 +33,12 @@ class ControllerJoints:
     def of(cls, arm: AnyArm, names: tuple[str, ...] | list[str]) -> ControllerJoints:
         """Return the mapping for a controller with the joints `names`, named as in the URDF.
 
-        SC-X031: a joint of the arm's file is not the controller's, or the reverse.
+        SC-F205: a joint of the arm's file is not the controller's, or the reverse.
         """
         known = set(arm.joints) | set(arm.held)
         if known != set(names):
             raise StrandcastError(
-                "SC-X031",
+                "SC-F205",
                 f"the controller's joints are {', '.join(names)}",
                 file=arm.path,
                 field="throw.joints, throw.held",

@@ -22,7 +22,7 @@ MAX_CLOCK_LAG_S = 120.0
 
 
 def check_folder(out_dir: Path) -> None:
-    """Refuse a folder that already has a run (SC-X010), is not writable, or is on a full disk (SC-X014).
+    """Refuse a folder that already has a run (SC-X010), is not writable, or is on a full disk (SC-W002).
 
     If the folder does not exist yet, its nearest existing parent is tested; a refused run creates nothing.
     """
@@ -53,7 +53,7 @@ def reserve_space(out_dir: Path, size_bytes: int) -> IO[bytes]:
     Raises
     ------
     StrandcastError
-        SC-X014 the space cannot be had.
+        SC-W002 the space cannot be had.
     """
     try:
         reserve = tempfile.TemporaryFile(dir=existing_folder(out_dir))  # noqa: SIM115  (the caller closes it)
@@ -67,28 +67,21 @@ def reserve_space(out_dir: Path, size_bytes: int) -> IO[bytes]:
 
 
 def _no_place(out_dir: Path, what: str) -> StrandcastError:
-    fix = "check the path, its permissions and the free disk space"
-    return StrandcastError("SC-X014", what, file=out_dir, cost=NOTHING_SENT, fix=fix)
+    return StrandcastError("SC-W002", what, file=out_dir, cost=NOTHING_SENT)
 
 
 def check_clock(motion_path: Path) -> None:
-    """Refuse a host with a coarse clock, or one that is behind the motion's file (SC-X015)."""
+    """Refuse a host with a coarse clock, or one that is behind the motion's file (SC-W007)."""
     coarse = time.get_clock_info("monotonic").resolution > MAX_CLOCK_RESOLUTION_S
     behind_s = motion_path.stat().st_mtime - time.time()
     if coarse or behind_s > MAX_CLOCK_LAG_S:
         what = "is too coarse" if coarse else f"is {behind_s:.0f} s behind the motion's file"
-        raise StrandcastError(
-            "SC-X015",
-            f"the host's clock {what}",
-            file=motion_path,
-            cost=NOTHING_SENT,
-            fix="set the host's clock",
-        )
+        raise StrandcastError("SC-W007", f"the host's clock {what}", file=motion_path, cost=NOTHING_SENT)
 
 
 @contextmanager
 def one_run(address: str | None) -> Iterator[None]:
-    """Hold the lock of the arm at `address` (None: a virtual arm, which needs none); SC-X016 if it is taken.
+    """Hold the lock of the arm at `address` (None: a virtual arm, which needs none); SC-W010 if it is taken.
 
     The system releases it when the process ends, in any way. The file stays, whoever created it.
     """
@@ -101,7 +94,7 @@ def one_run(address: str | None) -> Iterator[None]:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise StrandcastError(
-                "SC-X016",
+                "SC-W010",
                 f"another run moves the arm at {address}",
                 file=path,
                 cost=NOTHING_SENT,

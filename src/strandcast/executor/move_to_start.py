@@ -52,7 +52,7 @@ def move_to_start(
     Raises
     ------
     StrandcastError
-        SC-X051 stopped on the way, SC-X052 the arm did not reach the start.
+        SC-X011 stopped on the way, or the arm did not reach the start.
     """
     count = len(q_to)
     bounds = SafetyBounds(
@@ -66,17 +66,16 @@ def move_to_start(
     done = stream(link, command, bounds, rate_hz, joint_names, hold_s=(0.0, SETTLING_S), clock=clock)
     if done.status != "ok":
         raise StrandcastError(
-            "SC-X051",
+            "SC-X011",
             f"the move to the start was stopped ({done.reason})",
             cost="the motion was not played",
-            fix="remove the cause and play again",
             exit_code=ABORTED if done.status == "aborted" else STOPPED_BY_CONTROLLER,
         )
     error = np.abs(done.log.q_rad[-1] - q_to)
     if error.max() > REACHED_RAD:
         worst = int(np.argmax(error))
         raise StrandcastError(
-            "SC-X052",
+            "SC-X011",
             f"{joint_names[worst]} came to rest {error[worst]:.4f} rad from the start",
             cost="the motion was not played",
             fix="check the arm's servo, payload and brakes",

@@ -133,7 +133,7 @@ def _guarded(driver: Driver, when: str, cost: str, exit_code: int) -> Iterator[N
         raise
     except Exception as error:
         raise StrandcastError(
-            "SC-X013",
+            "SC-X011",
             f"the driver {driver.name} failed {when} ({type(error).__name__}: {error})",
             cost=cost,
             fix="check the arm, then play again",
@@ -160,7 +160,7 @@ def _keep(preflight: Preflight, driver: Driver, recording: Recording) -> Run:
     except (OSError, StrandcastError) as error:
         reason = error.what if isinstance(error, StrandcastError) else error.strerror
         raise StrandcastError(
-            "SC-X014",
+            "SC-W002",
             f"the log could not be written ({reason})",
             file=folder,
             cost="the throw happened, but the trial cannot be used",

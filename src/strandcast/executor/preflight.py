@@ -135,7 +135,7 @@ def slowed(motion: Motion, scale: float) -> Motion:
         return motion
     if not 1.0 < scale <= 100.0:
         raise StrandcastError(
-            "SC-X017",
+            "SC-W020",
             f"a time scale of {scale} is not slower",
             cost=NOTHING_SENT,
             fix="give 4, then 2, then 1",
@@ -166,6 +166,4 @@ def _timing(
         "SC-X018",
         f"the host cannot stream set points at {driver.rate_hz:.0f} Hz: {problem} ({jitter.scheduling})",
         cost=NOTHING_SENT,
-        fix="allow real-time scheduling (docs/reference/executor.md), stop other programs, "
-        "or accept the risk with --accept-soft-realtime",
     )

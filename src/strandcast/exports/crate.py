@@ -93,7 +93,7 @@ def export_crate(
     Raises
     ------
     StrandcastError
-        SC-W040 the package rocrate is missing; SC-I050 the folder is not empty; SC-I052 no result is there;
+        SC-W012 the package rocrate is missing; SC-I050 the folder is not empty; SC-I052 no result is there;
         otherwise as the readers of results.
     """
     try:

@@ -52,7 +52,7 @@ def export_mcap(throw: ThrowData, out: Path) -> int:
     Raises
     ------
     StrandcastError
-        SC-W040 the package mcap is not installed.
+        SC-W012 the package mcap is not installed.
     """
     try:
         from mcap.writer import Writer

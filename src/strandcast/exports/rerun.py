@@ -17,7 +17,7 @@ def export_rerun(throw: ThrowData, out: Path) -> None:
     Raises
     ------
     StrandcastError
-        SC-W040 the package rerun-sdk is not installed.
+        SC-W012 the package rerun-sdk is not installed.
     """
     try:
         import rerun as rr

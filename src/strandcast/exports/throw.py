@@ -109,4 +109,4 @@ def _joints(arm: Arm, log: JointLog | None) -> tuple[np.ndarray, np.ndarray, np.
 def missing_package(package: str, extra: str) -> StrandcastError:
     """Return the refusal of an export for want of a package."""
     fix = f"pip install 'strandcast[{extra}]'"
-    return StrandcastError("SC-W040", f"this export needs the package {package}", fix=fix)
+    return StrandcastError("SC-W012", f"this export needs the package {package}", fix=fix)

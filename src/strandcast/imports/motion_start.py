@@ -149,7 +149,6 @@ def _refuse_falling_times(motion: Motion, file: str | None) -> None:
             f"({len(back)} such points)",
             file=file,
             field="points",
-            fix="put the motion that was played beside the raw files",
         )
 
 
@@ -163,7 +162,6 @@ def _refuse_another_motion(its_rad: float, left_rad: Mapping[str, float], file: 
             file=file,
             field="motion.json",
             cost="clock, fit and next motion would belong to another throw",
-            fix="import the log of this throw, or put the motion that was played beside the raw files",
         )
 
 

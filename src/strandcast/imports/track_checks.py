@@ -115,7 +115,7 @@ def _check_doubled(file: Path, frame: np.ndarray, point: np.ndarray) -> None:
             f"frame {pairs[0, k]}, point {pairs[1, k]} has {count[k]} rows, the first is row {first[k] + 1} "
             f"({(count - 1).sum()} rows too many)"
         )
-        raise refusal("SC-I026", file, "frame, point", what, "keep one row of each point in each frame")
+        raise refusal("SC-I026", file, "frame, point", what)
 
 
 def _paths(file: Path) -> Iterator[tuple[str, tuple[np.ndarray, Pose]]]:

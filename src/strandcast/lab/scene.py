@@ -97,7 +97,7 @@ def make_scene(experiment: Experiment, name: str, arm: Arm) -> LabScene:
     Raises
     ------
     StrandcastError
-        SC-L004 no markers in the plane, SC-L005 a marker is outside the picture, SC-L006 the LED is.
+        SC-C022 no markers in the plane, SC-T033 a marker or the LED is outside the picture.
     """
     assert experiment.lab is not None
     view = make_view(experiment, name, arm)
@@ -152,7 +152,7 @@ def _paint_plane_markers(canvas: Canvas, view: LabView, experiment: Experiment) 
     plane = experiment.camera.plane
     if not plane.markers:
         raise StrandcastError(
-            "SC-L004",
+            "SC-C022",
             "has no markers in the plane of motion",
             field="camera.plane.markers",
             cost="the video would have no scale",
@@ -168,7 +168,7 @@ def _paint_plane_markers(canvas: Canvas, view: LabView, experiment: Experiment) 
         )
         if (uv < 0).any() or (uv > np.array([view.width_px, view.height_px]) - 1).any():
             raise StrandcastError(
-                "SC-L005",
+                "SC-T033",
                 f"marker {marker.id} at ({marker.x_m}, {marker.y_m}) m is outside the picture",
                 field="camera.plane.markers",
                 fix="move it into the workspace_m box",
@@ -186,7 +186,7 @@ def _paint_led(canvas: Canvas, view: LabView, experiment: Experiment) -> LabLed 
     middle = view.pixels(np.array(place_m))
     if (middle < 0).any() or (middle > np.array([view.width_px, view.height_px]) - 1).any():
         raise StrandcastError(
-            "SC-L006",
+            "SC-T033",
             f"the LED at {place_m} m is outside the picture",
             field="align.led",
             fix="move it into the workspace_m box, away from string and arm",

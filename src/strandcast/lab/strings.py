@@ -84,13 +84,13 @@ def physical_string(experiment: Experiment) -> PhysicalString:
     Raises
     ------
     StrandcastError
-        SC-L001 not a lab experiment, SC-L003 the string's length differs from the experiment's, SC-L007 it
-        has pipes in space.
+        SC-L003 not a lab experiment, the string's length differs from the experiment's, or it has pipes in
+        space.
     """
     string = _physical_string(experiment)
     if string.pipes and experiment.aims_in_space:
         raise StrandcastError(
-            "SC-L007",
+            "SC-L003",
             "the string has stiff sections, and the lab's strings in space have none",
             field="lab.string",
             fix="leave string.stiff_sections out, and name a string without pipes (not paper-5, paper-6)",
@@ -101,7 +101,7 @@ def physical_string(experiment: Experiment) -> PhysicalString:
 def _physical_string(experiment: Experiment) -> PhysicalString:
     if experiment.lab is None:
         raise StrandcastError(
-            "SC-L001",
+            "SC-L003",
             "the experiment has no virtual rig",
             field="lab",
             fix="add a `lab:` section, or throw on the real arm",

@@ -81,7 +81,7 @@ def simulate_swing(
     Raises
     ------
     StrandcastError
-        SC-L010 the string diverges even at the smallest step.
+        SC-E003 the string diverges even at the smallest step.
     """
     hanging = string.shifted(variation.grasp_length_m)
     grasp = LabGrasp(variation.grasp_lateral_m, variation.grasp_angle_rad)
@@ -157,7 +157,7 @@ def swing_on(
             return LabSwing(time_s, command.q_rad, command.qd_rad_s, q, qd, torque, nodes, rig.places_m)
         step_s *= 0.5
     raise StrandcastError(
-        "SC-L010",
+        "SC-E003",
         f"the virtual string diverges even at a step of {2 * step_s:.1e} s",
         field="lab.string",
         fix="plan a gentler motion, or give the string more bending stiffness",

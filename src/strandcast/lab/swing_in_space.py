@@ -69,7 +69,7 @@ def simulate_swing_in_space(
     Raises
     ------
     StrandcastError
-        SC-L010 the string diverges even at the smallest step, or is nowhere at rest.
+        SC-E003 the string diverges even at the smallest step, or is nowhere at rest.
     """
     along, across = variation
     hanging = string.shifted(along.grasp_length_m)
@@ -205,7 +205,7 @@ def _at_rest_in_space(rig: LabRig, loop: ServoLoop, points: ServoSetPoints) -> n
         answer = root(unbalanced, np.zeros(len(free)), tol=1e-12)
     if np.abs(answer.fun).max() > UNBALANCED:
         raise StrandcastError(
-            "SC-L010",
+            "SC-E003",
             "the virtual string is nowhere at rest",
             field="lab.string",
             fix="start the motion in another posture, or give the string less curl",

@@ -103,7 +103,6 @@ def refuse_real_run(folder: Path) -> None:
             f"this run was not made by the lab, but by {driver!r}",
             file=record,
             cost="the lab would replace its raw files",
-            fix="take `lab` out of experiment.yaml; for the lab, copy it to a new folder in data/",
         )
 
 

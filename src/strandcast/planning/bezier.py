@@ -93,7 +93,7 @@ def whole_steps(duration_s: float, step_s: float) -> float:
 def _bases(degree: int, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the (steps+1, degree+1) factors of the heights in unit-time integral, curve and derivative."""
     if steps < 4:
-        raise StrandcastError("SC-P001", f"{steps} samples are too few", fix="plan a longer motion")
+        raise StrandcastError("SC-P004", f"{steps} samples are too few", fix="plan a longer motion")
     s = np.linspace(0.0, 1.0, steps + 1)
     higher, same, lower = (_bernstein(d, s) for d in (degree + 1, degree, degree - 1))
     # The integral of a Bezier curve is one of the next degree, whose heights are the running sums.

@@ -132,7 +132,7 @@ def describe(
     Raises
     ------
     StrandcastError
-        SC-P006.
+        SC-P004.
     """
     motion = sample(found.curve, task.step_s)
     _refuse_violations(task, motion)
@@ -257,7 +257,7 @@ def _refuse_violations(task: AnyTask, motion: JointTrajectory) -> None:
     found = violations(task.arm, motion)
     if found:
         raise StrandcastError(
-            "SC-P006",
+            "SC-P004",
             "the motion that was found breaks the arm's limits: " + "; ".join(map(str, found)),
             file=task.arm.path,
             cost="the search found nothing within the limits: no motion is written",

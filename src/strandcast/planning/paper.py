@@ -50,7 +50,7 @@ def later_by_paper(given: SearchInputs, played: Curve) -> SearchResult:
     Raises
     ------
     StrandcastError
-        SC-P007: no alteration keeps the arm's limits.
+        SC-P004: no alteration keeps the arm's limits.
     """
     paper = given.settings.paper
 
@@ -89,7 +89,7 @@ def _search(given: SearchInputs, kind: str, draw: Callable[[int, Curve | None], 
         curves = draw(min(BATCH, budget - tried), nearest)
         if not curves:
             raise StrandcastError(
-                "SC-P007",
+                "SC-P004",
                 f"none of {TRIES_PER_MOTION} alterations of the last motion keeps the arm's limits",
                 file=task.arm.path,
                 fix="alter less (plan.paper.altered_rad_s), or plan with `planner: ensemble`",

@@ -127,8 +127,6 @@ def plan_next(
         raise StrandcastError(
             "SC-P005",
             "no past trial has a motion with control heights to start from",
-            fix="throw a motion that `strandcast plan` made, or list the trials under `excluded`: then the "
-            "next motion is planned as a first one",
         )
     conditions = _conditions(task, settings, past_trials)
     # A motion from scratch meets the model's error as the newest trial did, without bias correction.

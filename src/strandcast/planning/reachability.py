@@ -87,7 +87,7 @@ def _refuse_goal(task: AnyTask, goal: Goal) -> None:
     if out_m > 0.0:
         sides = ", ".join(f"{axis} {side.tolist()}" for axis, side in zip("xyz", box, strict=False))
         raise StrandcastError(
-            "SC-P003",
+            "SC-P002",
             f"the target lies {out_m:.3f} m outside the workspace {sides} m",
             field=task.aim.target_field,
             fix="move the target, or widen workspace_m",

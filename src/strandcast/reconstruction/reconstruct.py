@@ -27,7 +27,7 @@ def reconstruct(observations: dict[str, Observations], cameras: dict[str, Camera
     Raises
     ------
     StrandcastError
-        SC-F008 there are several cameras.
+        SC-F003 there are several cameras.
     """
     name = only_camera(observations)
     found, camera = observations[name], cameras[name]

@@ -117,7 +117,7 @@ def read_plane_hand(path: str | Path) -> dict[str, np.ndarray]:
     rows = read_table(path, HAND)
     if "angle_rad" not in rows:
         what = "the column is missing: the hand is not one in the plane"
-        raise refusal("SC-R014", path, "angle_rad", what, "supply track and hand of the same kind")
+        raise refusal("SC-R001", path, "angle_rad", what, "supply track and hand of the same kind")
     return rows
 
 
@@ -128,7 +128,7 @@ def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, Pose]:
     if not mine.any():
         there = ", ".join(sorted(set(rows["source"])))
         raise StrandcastError(
-            "SC-R022",
+            "SC-R021",
             f"holds no {source} path of the hand (there is: {there or 'none'})",
             file=path,
             field="source",
@@ -145,7 +145,7 @@ def read_hand_in_space(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     parts = [part for end in ends for part in end if part is not None]
     if len(ends) != 1 or len(parts) != len(EndPath._fields):
         what = "the columns are not those of one end with its direction and normal"
-        raise refusal("SC-R014", path, "normal_x", what, "import the track of the throw again")
+        raise refusal("SC-R001", path, "normal_x", what, "import the track of the throw again")
     return rows["robot_time_s"], np.hstack(parts)
 
 

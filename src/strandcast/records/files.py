@@ -34,7 +34,7 @@ def atomic_write(path: str | Path, size_bytes: int | None = None) -> Iterator[Pa
     Raises
     ------
     StrandcastError
-        SC-R041 there is no room for the file; SC-R042 the system refuses to write it.
+        SC-R041 there is no room for the file; SC-W002 the system refuses to write it.
     """
     path = Path(path)
     try:
@@ -71,11 +71,7 @@ def _if_supported(request: Callable[[], None]) -> None:
 def _not_written(error: OSError, path: Path, size_bytes: int | None, written: int) -> StrandcastError:
     reason = os.strerror(error.errno) if error.errno else str(error)
     if error.errno not in NO_ROOM:
-        what, fix = (
-            f"cannot be written ({reason})",
-            "check the folder: its permissions, and how it is mounted",
-        )
-        return StrandcastError("SC-R042", what, file=path, fix=fix, exit_code=ENVIRONMENT)
+        return StrandcastError("SC-W002", f"cannot be written ({reason})", file=path, exit_code=ENVIRONMENT)
     needed = f"more than {in_bytes(written)}" if size_bytes is None else in_bytes(size_bytes)
     what = f"there is no room for it ({reason}): {needed} needed, {_room(error.errno, path, written)}"
     fix = "delete what is not needed there, or move the project to a larger disk; then run the same command"
@@ -110,7 +106,7 @@ def check_room(folder: Path, least_bytes: int) -> None:
     Raises
     ------
     StrandcastError
-        SC-R041 there is too little room; SC-R042 the system refuses to write there.
+        SC-R041 there is too little room; SC-W002 the system refuses to write there.
     """
     try:
         with tempfile.TemporaryFile(dir=existing_folder(folder)) as probe:
@@ -143,7 +139,7 @@ def open_scratch() -> IO[bytes]:
     Raises
     ------
     StrandcastError
-        SC-R043 no folder for temporary files can be written.
+        SC-R041 no folder for temporary files can be written.
     """
     try:
         return tempfile.TemporaryFile(prefix="strandcast-")
@@ -156,7 +152,7 @@ def no_scratch(error: OSError) -> StrandcastError:
     place = tempfile.tempdir or "there is no folder for them"
     free = f"; {in_bytes(free_bytes(place))} free" if tempfile.tempdir else ""
     return StrandcastError(
-        "SC-R043",
+        "SC-R041",
         f"temporary files cannot be written ({error.strerror or error}{free})",
         file=place,
         fix="delete what is not needed there, or set TMPDIR to a folder on a disk with room",

@@ -148,7 +148,6 @@ class TrialFolder:
             f"expected one video.* file ({', '.join((*video_suffixes(), PHOTRON[-1], PHOTRON[0]))}) or a "
             f"folder video of pictures, found {names}{inside}",
             file=self.data,
-            fix="name the recording video.mp4 (or .avi, .mkv, .mov ...) and keep no other beside it",
         )
 
     def videos(self) -> list[Path]:

@@ -158,7 +158,7 @@ def read_joint_log(path: str | Path) -> JointLog:
     whole = np.isfinite(blocks["q_rad"]).all(axis=1) & np.isfinite(table[:, 2])
     if not whole.all():
         what = "a time or a joint position is missing"
-        raise refusal("SC-J001", path, None, what, "import the log again", cells.lines[np.argmin(whole)])
+        raise refusal("SC-J001", path, None, what, line=cells.lines[np.argmin(whole)])
     return JointLog(
         joint_names=names,
         time_s=table[:, 2],
@@ -176,7 +176,7 @@ def _flags(cells: Cells) -> np.ndarray:
     if wrong.any():
         row = int(np.argmax(wrong))
         what = f"{flags[row]} is no set of bits"
-        raise refusal("SC-J001", cells.path, "flags", what, "import the log again", cells.lines[row])
+        raise refusal("SC-J001", cells.path, "flags", what, line=cells.lines[row])
     return flags.astype(np.int32)
 
 
@@ -186,24 +186,21 @@ def read_run(folder: str | Path) -> tuple[Run, JointLog]:
     run = Run.read(record_file)
     if not run.complete:
         what = f"the run is not complete ({run.reason})"
-        fix = "throw again, or exclude the trial with a reason"
-        raise refusal("SC-J003", record_file, "complete", what, fix)
+        raise refusal("SC-J003", record_file, "complete", what)
     if run.time_scale != 1.0:
         what = f"the motion was played {run.time_scale:g} times slower than planned: that is no throw"
-        fix = "play it at its own speed, or exclude the trial with a reason"
-        raise refusal("SC-J004", record_file, "time_scale", what, fix)
+        raise refusal("SC-J003", record_file, "time_scale", what)
     _require(log_file)
-    fix = "copy both files again from the computer that played the motion"
     sha256 = sha256_file(log_file)
     if sha256 != run.joints_sha256:
         what = (
             f"is not the log that run.json describes: its hash is {sha256[:12]}, not {run.joints_sha256[:12]}"
         )
-        raise refusal("SC-J005", log_file, None, what, fix)
+        raise refusal("SC-X020", log_file, None, what)
     log = read_joint_log(log_file)
     if len(log.time_s) != run.rows:
         what = f"is not the log that run.json describes: it has {len(log.time_s)} rows, not {run.rows}"
-        raise refusal("SC-J005", log_file, None, what, fix)
+        raise refusal("SC-X020", log_file, None, what)
     return run, log
 
 
@@ -216,9 +213,7 @@ def timing_of(time_s: np.ndarray, nominal_rate_hz: float | None = None) -> LogTi
     """Return rate, gaps (steps above 1.5 times the usual) and duplicates (steps of zero) of sorted times."""
     steps = np.diff(time_s)
     if not (steps > 0).any():
-        raise StrandcastError(
-            "SC-J002", "the joint log has fewer than two instants", fix="record the whole throw"
-        )
+        raise StrandcastError("SC-J001", "the joint log has fewer than two instants")
     usual = 1.0 / nominal_rate_hz if nominal_rate_hz else float(np.median(steps[steps > 0]))
     late = np.nonzero(steps > 1.5 * usual)[0]
     gaps = [Gap(index=int(k), duration_s=float(steps[k]), missing=round(steps[k] / usual) - 1) for k in late]

@@ -21,7 +21,6 @@ from strandcast.records.files import content_sha256, sha256_file
 KEPT_MOTIONS = "motions"  # the folder of `kept_motions`
 MISPLACED, OUTDATED = "SC-R006", "SC-R007"
 HASHES_KEPT = 4096  # paths; a process reads far fewer
-FIX = "restore the file, or delete it and make it again"
 
 
 class Place(NamedTuple):
@@ -120,11 +119,11 @@ def check_picture(path: Path, lineage: Lineage | None) -> None:
     Raises
     ------
     StrandcastError
-        SC-R008 it is not the picture that was written with the record.
+        SC-R001 it is not the picture that was written with the record.
     """
     expected = None if lineage is None else lineage.pictures.get(path.name)
     if expected is not None and sha256_file(path) != expected:
-        raise _refusal("SC-R008", path, "is not the picture that was made with the results beside it", FIX)
+        raise _refusal("SC-R001", path, "is not the picture that was made with the results beside it")
 
 
 def place_of(path: str | Path) -> Place | None:
@@ -220,5 +219,5 @@ def _named(experiment: str, trial: int) -> str:
     return f"{experiment} trial {trial}" if trial else experiment
 
 
-def _refusal(code: str, path: str | Path, what: str, fix: str) -> StrandcastError:
+def _refusal(code: str, path: str | Path, what: str, fix: str | None = None) -> StrandcastError:
     return StrandcastError(code, what, file=path, field="lineage", fix=fix, exit_code=INTEGRITY)

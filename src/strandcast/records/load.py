@@ -72,7 +72,7 @@ def load(path: str | Path) -> Record | pd.DataFrame:
     Raises
     ------
     StrandcastError
-        SC-R031 the file is not a result of strandcast; otherwise as the readers of `strandcast.records`.
+        SC-R002 the file is not a result of strandcast; otherwise as the readers of `strandcast.records`.
     """
     path = Path(path)
     if path.suffix == ".json":
@@ -128,4 +128,4 @@ def _log_unit(name: str) -> str:
 
 def _refusal(path: Path, what: str) -> StrandcastError:
     fix = "give a JSON record, a Parquet table or joints.csv of strandcast"
-    return refusal("SC-R031", path, None, what, fix)
+    return refusal("SC-R002", path, None, what, fix)

@@ -97,7 +97,7 @@ def read_observations(path: str | Path) -> dict[str, Observations]:
     Raises
     ------
     StrandcastError
-        As `read_table`, and SC-R017 rows and facts do not fit together.
+        As `read_table`, and SC-R001 rows and facts do not fit together.
     """
     rows = read_table(path, OBSERVATIONS)
     facts_of = read_facts(path, OBSERVATIONS)

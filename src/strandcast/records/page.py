@@ -25,7 +25,7 @@ def check_page(path: Path) -> Lineage | None:
     Raises
     ------
     StrandcastError
-        SC-R009 it was changed; SC-R006, SC-R007 see `check_lineage`.
+        SC-R001 it was changed; SC-R006, SC-R007 see `check_lineage`.
     """
     html, found, end = path.read_bytes().decode(errors="replace").rpartition(OPENS)
     try:
@@ -35,7 +35,6 @@ def check_page(path: Path) -> Lineage | None:
     except (ValueError, KeyError, TypeError, RecursionError):
         same = False
     if not same:
-        what, fix = "was changed since it was made", "delete it and make it again"
-        raise StrandcastError("SC-R009", what, file=path, fix=fix, exit_code=INTEGRITY)
+        raise StrandcastError("SC-R001", "was changed since it was made", file=path, exit_code=INTEGRITY)
     check_lineage(path, lineage)
     return lineage

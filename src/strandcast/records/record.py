@@ -20,7 +20,6 @@ log = logging.getLogger(__name__)
 MOST_BYTES = 64 << 20  # a motion of 60 s at 1 kHz of seven joints takes about 35 MiB
 MOST_LEVELS = 32  # chosen; records have eight at most
 HEAD = ("schema", "version", "content_sha256", "made_by", "lineage")
-REMAKE = "restore the file, or delete it and make it again"
 
 Migration = Callable[[dict[str, Any]], dict[str, Any]]
 
@@ -113,20 +112,18 @@ class Record(Part):
         Raises
         ------
         StrandcastError
-            SC-R001 the file is missing or not JSON; SC-R002 another schema; SC-R003 a newer version, or one
-            without migration; SC-R004 it was changed; SC-R005 its fields do not fit; SC-R006,
-            SC-R007 see `check_lineage`.
+            SC-R001 the file is missing, not JSON, or changed, or its fields do not fit; SC-R002 another
+            schema; SC-R003 a newer version, or one without migration; SC-R006, SC-R007 see `check_lineage`.
         """
         data = read_json(path)
         if data.get("schema") != cls.SCHEMA:
             what = f"is {data.get('schema')!r}, expected {cls.SCHEMA!r}"
-            raise refusal("SC-R002", path, "schema", what, "give the file that the stage asks for")
+            raise refusal("SC-R002", path, "schema", what)
         version = data.get("version")
         steps = range(version, cls.VERSION) if type(version) is int and version <= cls.VERSION else None
         if steps is None or not all(old in cls.MIGRATIONS for old in steps):
             what = f"is {version!r}; this strandcast reads version {cls.VERSION}"
-            fix = "make the file again with this strandcast, or use the one that wrote it"
-            raise refusal("SC-R003", path, "version", what, fix)
+            raise refusal("SC-R003", path, "version", what)
         content = verify_hash(path, data)
         lineage = lineage_in(path, data.get("lineage"))
         check_lineage(path, lineage, reusable=cls.REUSABLE, inputs=inputs)
@@ -136,26 +133,26 @@ class Record(Part):
                 content = cls.MIGRATIONS[old](content)
             except (LookupError, TypeError, ValueError, AttributeError) as error:
                 what = f"version {old} cannot be migrated ({type(error).__name__}: {error})"
-                raise refusal("SC-R005", path, "version", what, REMAKE) from None
+                raise refusal("SC-R001", path, "version", what) from None
         try:
             record = cls.model_validate(content)
         except ValidationError as error:
             first = error.errors()[0]
             place = ".".join(str(part) for part in first["loc"])
-            raise refusal("SC-R005", path, place, first["msg"], REMAKE) from None
+            raise refusal("SC-R001", path, place, first["msg"]) from None
         record._lineage, record._made_by = lineage, data.get("made_by", {})
         made_by = record._made_by
         if not isinstance(made_by, dict) or not all(isinstance(value, str) for value in made_by.values()):
-            raise refusal("SC-R005", path, "made_by", "must be versions by name", REMAKE)
+            raise refusal("SC-R001", path, "made_by", "must be versions by name")
         return record
 
 
 def verify_hash(path: str | Path, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a record's JSON data without the head, or raise SC-R004 if the hash in the head is another."""
+    """Return a record's JSON data without the head, or raise SC-R001 if the hash in the head is another."""
     content = content_of(data)
     if content_sha256(content) != data.get("content_sha256"):
         what = "does not fit the content: the file was changed"
-        raise refusal("SC-R004", path, "content_sha256", what, REMAKE)
+        raise refusal("SC-R001", path, "content_sha256", what)
     return content
 
 
@@ -164,7 +161,7 @@ def lineage_in(path: str | Path, data: Any) -> Lineage | None:
     try:
         return None if data is None else Lineage.from_json(data)
     except ValueError as error:
-        raise refusal("SC-R005", path, "lineage", str(error), REMAKE) from None
+        raise refusal("SC-R001", path, "lineage", str(error)) from None
 
 
 def content_of(data: Mapping[str, Any]) -> dict[str, Any]:
@@ -181,9 +178,9 @@ def read_json(path: str | Path) -> dict[str, Any]:
         with path.open("rb") as file:
             data = parse_json(file.read(MOST_BYTES + 1))
     except (ValueError, OverflowError, RecursionError) as error:
-        raise refusal("SC-R001", path, None, f"is not a JSON record ({error})", REMAKE) from None
+        raise refusal("SC-R001", path, None, f"is not a JSON record ({error})") from None
     if not isinstance(data, dict):
-        raise refusal("SC-R001", path, None, "is not a JSON record (no object at its top)", REMAKE)
+        raise refusal("SC-R001", path, None, "is not a JSON record (no object at its top)")
     return data
 
 
@@ -220,7 +217,12 @@ def _int64(text: str) -> int:
 
 
 def refusal(
-    code: str, path: str | Path, field: str | None, what: str, fix: str, line: int | None = None
+    code: str,
+    path: str | Path,
+    field: str | None,
+    what: str,
+    fix: str | None = None,
+    line: int | None = None,
 ) -> StrandcastError:
     """Return the error for a file that cannot be used."""
     return StrandcastError(code, what, file=path, line=line, field=field, fix=fix, exit_code=INTEGRITY)

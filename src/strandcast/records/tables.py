@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from strandcast.records.files import canonical_json, write_bytes
 from strandcast.records.lineage import Lineage, check_lineage, how_to_make, lineage_at
 from strandcast.records.provenance import current_versions
-from strandcast.records.record import REMAKE, lineage_in, refusal
+from strandcast.records.record import lineage_in, refusal
 
 MOST_CELLS = 100_000_000  # seven times a track of 60 s at 1 kHz with 30 points
 MOST_BYTES = 8 * MOST_CELLS
@@ -90,9 +90,8 @@ def read_table(path: str | Path, spec: TableSpec) -> dict[str, np.ndarray]:
     Raises
     ------
     StrandcastError
-        SC-R011 the file is missing or damaged; SC-R012 another schema; SC-R013 a newer version, or one
-        without migration; SC-R014 a column is missing; SC-R015 it was changed; SC-R016 it has unknown
-        columns; SC-R006, SC-R007 see `check_lineage`.
+        SC-R001 the file is missing, damaged or changed, lacks a column, or has unknown ones; SC-R002 another
+        schema; SC-R003 a newer version, or one without migration; SC-R006, SC-R007 see `check_lineage`.
     """
     table = read_arrow(path, spec)
     return {name: _to_numpy(table.column(name)) for name in table.column_names}
@@ -142,13 +141,13 @@ def fitting(path: str | Path) -> Iterator[None]:
     Raises
     ------
     StrandcastError
-        SC-R017 the rows or the facts of a table do not fit together.
+        SC-R001 the rows or the facts of a table do not fit together.
     """
     try:
         yield
     except (LookupError, TypeError, ValueError, AttributeError, MemoryError) as error:
         what = f"its rows or facts do not fit together ({type(error).__name__}: {error})"
-        raise refusal("SC-R017", path, None, what, REMAKE) from error
+        raise refusal("SC-R001", path, None, what) from error
 
 
 def scattered(shape: tuple[int, ...], at: Any, values: Any, fill: float = np.nan) -> np.ndarray:
@@ -178,9 +177,9 @@ def read_parquet(path: str | Path) -> pa.Table:
     """Return any Parquet file as an Arrow table, its page checksums verified."""
     path = Path(path)
     if not path.is_file():
-        raise refusal("SC-R011", path, None, "the file is not there", how_to_make(path))
+        raise refusal("SC-R001", path, None, "the file is not there", how_to_make(path))
     if path.stat().st_size > MOST_BYTES:
-        raise refusal("SC-R011", path, None, f"is larger than {MOST_BYTES / 1e6:.0f} MB", REMAKE)
+        raise refusal("SC-R001", path, None, f"is larger than {MOST_BYTES / 1e6:.0f} MB")
     data = path.read_bytes()  # an error of the disk is not one of the content
     try:
         table = _read_bounded(data)
@@ -197,7 +196,7 @@ def read_parquet(path: str | Path) -> pa.Table:
     ) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         what = f"is damaged or is not a table ({reason})"
-        raise refusal("SC-R011", path, None, what, REMAKE) from None
+        raise refusal("SC-R001", path, None, what) from None
 
 
 def _read_bounded(data: bytes) -> pa.Table:
@@ -221,11 +220,11 @@ def read_arrow(path: str | Path, spec: TableSpec) -> pa.Table:
     schema, version = table_schema(table)
     if schema != spec.schema:
         what = f"is {schema!r}, expected {spec.schema!r}"
-        raise refusal("SC-R012", path, "schema", what, "give the file that the stage asks for")
+        raise refusal("SC-R002", path, "schema", what)
     steps = range(int(version), spec.version) if version.isdecimal() else range(0)
     if version != str(spec.version) and not (steps and all(step in spec.migrations for step in steps)):
         what = f"is {version!r}; this strandcast reads {spec.version}"
-        raise refusal("SC-R013", path, "version", what, "make the file again with this strandcast")
+        raise refusal("SC-R003", path, "version", what)
     verify_content(path, table)
     for step in steps:
         table = spec.migrations[step](table)
@@ -233,14 +232,14 @@ def read_arrow(path: str | Path, spec: TableSpec) -> pa.Table:
     for name, column in (spec.columns | given).items():
         if name not in table.column_names or table.schema.field(name).type != ARROW_TYPES[column.dtype]:
             what = f"the column is missing or is not of type {column.dtype}"
-            raise refusal("SC-R014", path, name, what, "delete the file and make it again")
+            raise refusal("SC-R001", path, name, what)
         if column.dtype != "f8" and table.column(name).null_count:  # in a column of numbers it is NaN
             what = f"{table.column(name).null_count} of its {len(table)} cells are empty"
-            raise refusal("SC-R014", path, name, what, "delete the file and make it again")
+            raise refusal("SC-R001", path, name, what)
     unknown = set(table.column_names) - spec.columns.keys() - spec.optional.keys()
     if unknown and not spec.open_ended:
         what = f"unknown columns; {spec.schema} has {', '.join([*spec.columns, *spec.optional])}"
-        raise refusal("SC-R016", path, ", ".join(sorted(unknown)), what, "remove these columns")
+        raise refusal("SC-R001", path, ", ".join(sorted(unknown)), what, "remove these columns")
     return table
 
 
@@ -251,10 +250,10 @@ def verify_content(path: Path, table: pa.Table) -> Lineage | None:
         found = json.loads(metadata.get(b"lineage", b"null"))
         written = metadata.get(b"content_sha256", b"").decode()
     except (ValueError, TypeError, RecursionError):
-        raise refusal("SC-R011", path, None, "is damaged (its metadata cannot be read)", REMAKE) from None
+        raise refusal("SC-R001", path, None, "is damaged (its metadata cannot be read)") from None
     if written and written != arrow_sha256(table):
         what = "does not fit the content: the file was changed"
-        raise refusal("SC-R015", path, "content_sha256", what, REMAKE)
+        raise refusal("SC-R001", path, "content_sha256", what)
     lineage = lineage_in(path, found)
     check_lineage(path, lineage)
     return lineage

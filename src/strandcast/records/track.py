@@ -223,7 +223,7 @@ def read_track(path: str | Path, points: int) -> Track:
     if 0 < len(missing) < len(of_axes):
         what = "the column is missing, but others of the covariance are there"
         raise refusal(
-            "SC-R014", path, ", ".join(missing), what, "supply all columns of the covariance, or none"
+            "SC-R001", path, ", ".join(missing), what, "supply all columns of the covariance, or none"
         )
     with fitting(path):
         return _track_of(rows, points)

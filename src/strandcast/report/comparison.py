@@ -142,7 +142,7 @@ def compare(
     Raises
     ------
     StrandcastError
-        SC-H024 no trial is in both.
+        SC-W022 no trial is in both.
     """
     trials = sorted(a.keys() & b.keys())
     if not trials:
@@ -151,7 +151,7 @@ def compare(
             for name, each in zip(names, (a, b), strict=True)
         ]
         raise StrandcastError(
-            "SC-H024",
+            "SC-W022",
             f"no trial is in both: {'; '.join(has)}",
             fix="compare results that share trial numbers, e.g. two runs on the same recordings",
         )

@@ -107,18 +107,13 @@ def strobe_rows(results: TrialResults, count: int = 11) -> NDArray[np.int64]:
     track = results.need("track")
     window = np.nonzero(results.in_window())[0]
     if len(window) == 0:
-        raise StrandcastError(
-            "SC-H011",
-            "no tracked frame lies in the motion's window",
-            file=FILES["track"],
-            fix="check the alignment: its offset may be wrong",
-        )
+        raise StrandcastError("SC-E002", "no tracked frame lies in the motion's window", file=FILES["track"])
     closest = closest_row(results)
     forced = None if closest is None or closest not in window else int(closest - window[0])
     rows = equal_instants(track.points_m[window, -1], count, forced)
     if len(rows) == 0:
         raise StrandcastError(
-            "SC-H012", "the tip was never detected in the motion's window", file=FILES["track"]
+            "SC-T004", "the tip was never detected in the motion's window", file=FILES["track"]
         )
     return np.asarray(window[rows])
 

@@ -89,7 +89,7 @@ def measured_shortfall(objective: Objective, throw: TrackedThrow) -> Measured:
     Register a function for each new kind of objective: ``@measured_shortfall.register``.
     """
     raise StrandcastError(
-        "SC-P009",
+        "SC-P008",
         f"the scorer has no shortfall for objectives of the kind {objective.kind!r}",
         field="objective",
         fix="register one (scoring.measured_misses.measured_shortfall): docs/extending/objective.md",

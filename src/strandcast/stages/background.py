@@ -17,23 +17,15 @@ def given_background(context: Context, facts: VideoFacts) -> np.ndarray | None:
     Raises
     ------
     StrandcastError
-        SC-T030 the picture is missing or unreadable; SC-T031 its size is not that of the video.
+        SC-T030 the picture is missing or unreadable, or its size is not that of the video.
     """
     path, field = context.background_picture, "track.background_picture"
     if path is None:
         return None
     grey = next(given_pictures(context, [path], GREY)) if path.is_file() else None
     if grey is None:
-        raise StrandcastError(
-            "SC-T030",
-            "there is no picture of the empty scene",
-            file=path,
-            field=field,
-            fix="put it there, or leave the setting out to learn it from the video",
-        )
+        raise StrandcastError("SC-T030", "there is no picture of the empty scene", file=path, field=field)
     if grey.shape != (facts.height_px, facts.width_px):
         sizes = f"is {grey.shape[1]} x {grey.shape[0]} px, the video {facts.width_px} x {facts.height_px}"
-        raise StrandcastError(
-            "SC-T031", sizes, file=path, field=field, fix="take it with the same camera and do not crop it"
-        )
+        raise StrandcastError("SC-T030", sizes, file=path, field=field)
     return grey

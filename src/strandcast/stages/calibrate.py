@@ -91,7 +91,6 @@ def _lens(context: Context, files: Files) -> Lens:
             f"no photo fits {camera.lens_photos!r}; there: {', '.join(there[:12]) or 'nothing'}",
             file=folder,
             field="camera.lens_photos",
-            fix="take 10 photos of the ChArUco board, all over the picture (`strandcast boards` prints it)",
         )
     read = progress(read_photos_of(context, paths), "calibrate: photos", len(paths))
     photos = [(path.name, grey) for path, grey in zip(paths, read, strict=True)]
@@ -121,12 +120,10 @@ def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:
     """Yield the experiment's photos, grey as the sensor recorded them."""
     for path in paths:
         if not path.is_file():
-            raise StrandcastError(
-                "SC-C031", "the photo is missing", file=path, fix="take it and save it here"
-            )
+            raise StrandcastError("SC-C031", "the photo is missing", file=path)
     for path, grey in zip(paths, given_pictures(context, paths, UNROTATED), strict=True):
         if grey is None:
-            raise StrandcastError("SC-C032", "is not a readable picture", file=path, fix="copy it again")
+            raise StrandcastError("SC-C031", "is not a readable picture", file=path)
         yield grey
 
 

@@ -16,12 +16,12 @@ def read_camera(context: Context, path: Path) -> Camera:
     Raises
     ------
     StrandcastError
-        SC-C033 the record is only in its former place.
+        SC-W030 the record is only in its former place.
     """
     former = context.folder.results / FORMER
     if former.is_file() and not path.is_file():
         raise StrandcastError(
-            "SC-C033",
+            "SC-W030",
             f"the camera's record is now {path.relative_to(context.folder.results)}",
             file=former,
             fix=f"if you supplied it, move it there; else run `strandcast calibrate {context.name}`",

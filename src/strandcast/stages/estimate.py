@@ -56,14 +56,13 @@ def run(job: Job, files: Files) -> None:
             "estimate.marker_shift does not apply to a string in the plane",
             file=context.file,
             field="estimate.marker_shift",
-            fix="leave it out",
         )
     arm = load_arm(files.input("arm"))
     model, layout = string_model(context, arm)
     trials = [read_trial(files, number) for number in recent(job)]
     if not np.isfinite(trials[-1].track.points_m[:, 1:]).any():
         raise StrandcastError(
-            "SC-E001",
+            "SC-T004",
             "no point of the string is in the track",
             file=files.input("track", job.trial),
             fix=f"check the track's report; exclude trial {job.trial} with a reason",

@@ -43,12 +43,12 @@ def run(
 
 
 def _experiment(root: Path, motion: Path, name: str) -> tuple[Experiment, Path]:
-    """Return the motion's experiment and its file (SC-X009 if there is none)."""
+    """Return the motion's experiment and its file (SC-W020 if there is none)."""
     try:
         file = find_experiment(name, root)
     except StrandcastError:
         raise StrandcastError(
-            "SC-X009",
+            "SC-W020",
             f"there is no experiment {name!r} here that gives the arm and the length hanging from its hand",
             file=motion,
             fix="give both: --arm, the arm's file, and --hanging, the string's length with its weights [m]",

@@ -32,7 +32,6 @@ def run(job: Job, files: Files) -> None:
             "is not the motion that run.json says was played",
             file=planned,
             cost="the fit would be made for another motion",
-            fix="copy the folder again from the machine that played the motion",
             exit_code=INTEGRITY,
         )
     Manifest(

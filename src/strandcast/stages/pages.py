@@ -48,7 +48,7 @@ def refuse_unread(context: Context, page: Path, unread: Mapping[str, str]) -> No
 def no_such_trial(context: Context, trial: int) -> StrandcastError:
     """Return the error for a trial that does not exist."""
     return StrandcastError(
-        "SC-H001",
+        "SC-W030",
         f"there is no trial {trial}",
         file=context.folder.results,
         fix=f"make its results first: strandcast run {context.name}",

@@ -16,14 +16,14 @@ def given_pictures(context: Context, paths: Sequence[Path], flags: int) -> Itera
     Raises
     ------
     StrandcastError
-        SC-C034 a link leads out of the data; otherwise as `read_photos`.
+        SC-F010 a link leads out of the data; otherwise as `read_photos`.
     """
     folders = context.folder.data, context.folder.root / "data"
     for path in paths:
         real = path.resolve()
         if not any(real.is_relative_to(folder.resolve()) for folder in folders):
             raise StrandcastError(
-                "SC-C034",
+                "SC-F010",
                 f"the link leads to {real}, outside {folders[1]}",
                 file=path,
                 fix="copy the picture itself into the experiment's folder",

@@ -43,7 +43,7 @@ def run(job: Job, files: Files) -> None:
     Raises
     ------
     StrandcastError
-        SC-P020 a real arm has thrown this trial; SC-R032 a folder's name leaves open which trial it holds.
+        SC-X010 a real arm has thrown this trial; SC-R032 a folder's name leaves open which trial it holds.
     """
     _refuse_thrown(job)
     began_s = time.monotonic()
@@ -133,7 +133,7 @@ def _refuse_thrown(job: Job) -> None:
     if job.folder.raw_files():
         following = max(job.context.folder.thrown_trials()) + 1
         raise StrandcastError(
-            "SC-P020",
+            "SC-X010",
             f"trial {job.trial} was thrown: its raw files are there, and its motion is not planned again",
             file=job.folder.data,
             cost="the fit would be made for another motion than the one that was thrown",

@@ -28,7 +28,6 @@ AnyOfTwo = Arm | SpatialArm
 # Of a rehearsal's log during the motion: fewer rows do not show how joints follow; soft joints stay within
 # some tenths of a radian of the motion, those in degrees or of another order do not. Chosen.
 FEWEST_ROWS, MISSING_S, FARTHEST_RAD = 20, 0.02, 0.5
-PLAY_AGAIN = "play the planned motion again into this folder, or move the folder away"
 # Columns of a fitted string that a throw does not depend on; `masses` contains the last two.
 NOT_OF_THE_STRING = ("camera_offset_m", "marker_shift", "free_masses", "found_weights")
 FEWEST_PLACES = 4  # of a shape, the hand's included; chosen: through fewer, the model's own is as good
@@ -77,11 +76,11 @@ def refuse_without_target(context: Context) -> None:
     Raises
     ------
     StrandcastError
-        SC-F013 the experiment has none.
+        SC-F014 the experiment has none.
     """
     if context.settings.target_m is None:
         raise StrandcastError(
-            "SC-F013",
+            "SC-F014",
             "the experiment has no target, so that no motion can be planned",
             file=context.file,
             field="target_m",
@@ -170,7 +169,7 @@ def _refuse_rehearsal_for_another(file: Path, motion: Motion, task: AnyTask) -> 
         raise _no_rehearsal(file, what, "target_m", fix)
 
 
-def _no_rehearsal(file: Path, what: str, field: str | None = None, fix: str = PLAY_AGAIN) -> StrandcastError:
+def _no_rehearsal(file: Path, what: str, field: str | None = None, fix: str | None = None) -> StrandcastError:
     cost = "the planner would compensate an error that the joints do not have"
     return StrandcastError("SC-P021", what, file=file, field=field, cost=cost, fix=fix)
 

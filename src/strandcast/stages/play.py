@@ -70,7 +70,7 @@ def _hanging_m(path: Path, motion: Motion, driver: Driver) -> float:
         return load_experiment(find_experiment(motion.experiment, project_root())).string.length_m
     except StrandcastError:
         raise StrandcastError(
-            "SC-X009",
+            "SC-W020",
             f"the length hanging from the hand is unknown: there is no experiment {motion.experiment!r} here",
             file=path,
             cost="nothing was sent to the arm",
@@ -83,7 +83,7 @@ def _typed(preflight: Preflight) -> str:
         raise preflight.refused_live
     if not sys.stdin.isatty():
         raise StrandcastError(
-            "SC-X019",
+            "SC-X012",
             "a live run must be confirmed, but there is no keyboard",
             file=preflight.motion_path,
             cost="nothing was sent to the arm",

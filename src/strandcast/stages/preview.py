@@ -29,7 +29,7 @@ def run(root: Path, name: str, trial: int) -> list[str]:
     context = context_of(root, name)
     if context.settings.track.tracker == "pendulum":
         raise StrandcastError(
-            "SC-T010",
+            "SC-E008",
             "a pendulum has no hand to preview",
             field="track.tracker",
             fix="run `strandcast track`: strobe.webp shows the swing",

@@ -36,7 +36,7 @@ def make_clip(
     Raises
     ------
     StrandcastError
-        SC-V021 the video changed since it was ingested; others of `open_video`.
+        SC-V005 the video changed since it was ingested; others of `open_video`.
     """
     first, last = throw_frames(track, facts)
     step = -(-(last - first + 1) // MOST_FRAMES)

@@ -41,8 +41,8 @@ def decode(
     Raises
     ------
     StrandcastError
-        SC-T001 the decoded count differs from the manifest's; SC-T007 its pixels are not the calibration's;
-        SC-V021 the file changed since ingestion.
+        SC-V005 the decoded count differs from the manifest's, or the file changed since ingestion; SC-C012
+        its pixels are not the calibration's.
     """
     hands: list[HandDetection | None] = []
     progress = Progress("track: frames", total=facts.packets)
@@ -75,7 +75,7 @@ def scene_background(samples: Samples, frames: int, given: np.ndarray | None) ->
     Raises
     ------
     StrandcastError
-        SC-T032 the given picture is much brighter or darker than the video.
+        SC-T030 the given picture is much brighter or darker than the video.
     """
     learned, chosen = learn_background(samples.pictures, frames)
     if given is None:
@@ -90,10 +90,9 @@ def _matched(given: np.ndarray, learned: np.ndarray) -> np.ndarray:
     light, usual = float(np.median(given)), float(np.median(learned))
     if abs(light - usual) > BRIGHTNESS_TOLERANCE * max(usual, 1.0):
         raise StrandcastError(
-            "SC-T032",
+            "SC-T030",
             f"the picture of the empty scene has a median grey level of {light:.0f}, the video of "
             f"{usual:.0f}",
             field="track.background_picture",
-            fix="take it with the video's exposure and light, or leave the setting out",
         )
     return given

@@ -14,7 +14,7 @@ from strandcast.video.source import SQUARE_TOLERANCE, VideoInfo
 def open_ingested(
     path: str | Path, facts: VideoFacts, threads: int = 1, keep: int = 1
 ) -> AbstractContextManager[VideoFile]:
-    """Open a trial's video as its manifest describes it; SC-V021 if the file changed since it was ingested.
+    """Open a trial's video as its manifest describes it; SC-V005 if the file changed since it was ingested.
 
     Of a truncated video, only the frames that the manifest counts are decoded.
     """
@@ -23,19 +23,18 @@ def open_ingested(
 
 
 def check_size(facts: VideoFacts, camera: Camera, path: str | Path) -> None:
-    """Refuse a video whose frames do not have the calibrated size (SC-T002)."""
+    """Refuse a video whose frames do not have the calibrated size (SC-C012)."""
     size, wanted = (facts.width_px, facts.height_px), (camera.lens.width_px, camera.lens.height_px)
     if size != wanted:
         raise StrandcastError(
-            "SC-T002",
+            "SC-C012",
             f"{size[0]} x {size[1]} px, but the calibration is for {wanted[0]} x {wanted[1]}",
             file=path,
-            fix="calibrate with pictures of the throw's size",
         )
 
 
 def check_pixel_aspect(info: VideoInfo, camera: Camera | None, path: str | Path) -> None:
-    """Refuse a video whose pixels are not those of its calibration (SC-T007); None: a pendulum's arc.
+    """Refuse a video whose pixels are not those of its calibration (SC-C012); None: a pendulum's arc.
 
     A pixel `a` times as wide as high makes fy = a · fx. Of a lens with other pixels than a video that states
     square ones, or none, `calibrate` warns: many cameras that skip lines state nothing.
@@ -49,7 +48,7 @@ def check_pixel_aspect(info: VideoInfo, camera: Camera | None, path: str | Path)
         "a pendulum's arc needs square ones" if camera is None else f"the lens has fy / fx = {calibrated:.4g}"
     )
     raise StrandcastError(
-        "SC-T007",
+        "SC-C012",
         f"its pixels are {aspect:.4g} times as wide as high (sample aspect ratio); {basis}",
         file=path,
         cost=f"widths would be wrong by {wrong:.0%} relative to heights",
@@ -59,13 +58,12 @@ def check_pixel_aspect(info: VideoInfo, camera: Camera | None, path: str | Path)
 
 
 def check_count(decoded: int, facts: VideoFacts, path: str | Path) -> None:
-    """Refuse a video that decoded to more or fewer frames than its manifest counts (SC-T001)."""
+    """Refuse a video that decoded to more or fewer frames than its manifest counts (SC-V005)."""
     if decoded != facts.packets:
         raise StrandcastError(
-            "SC-T001",
+            "SC-V005",
             f"{decoded} frames were decoded, the manifest counts {facts.packets}",
             file=path,
             exit_code=INTEGRITY,
             cost="frames after the damage would have wrong times",
-            fix="copy the file again from the camera",
         )

@@ -21,21 +21,20 @@ PENDULUM = Tracker(
 TRACKERS: Registry[Tracker] = Registry(
     "tracker",
     "strandcast.trackers",
-    "SC-T034",
     "track.tracker",
     {"chain": Tracker(track_video), "pendulum": PENDULUM},
 )
 
 
 def track(given: TrackerInput, settings: TrackSettings) -> Tracked:
-    """Track one video with the tracker that the settings name (SC-T034 if there is none)."""
+    """Track one video with the tracker that the settings name (SC-W021 if there is none)."""
     tracker = TRACKERS.get(settings.tracker, given.settings_file)
     refuse_unused(tracker, given, settings)
     return tracker.track(given, settings)
 
 
 def refuse_unused(tracker: Tracker, given: TrackerInput, settings: TrackSettings) -> None:
-    """Refuse settings that the tracker does not read but that differ from their defaults (SC-T035)."""
+    """Refuse settings that the tracker does not read but that differ from their defaults (SC-E008)."""
     values = {"camera.exposure_s": given.exposure_s, "align.led": given.led}
     defaults = {name: None for name in values}
     for name, field in TrackSettings.model_fields.items():
@@ -43,7 +42,7 @@ def refuse_unused(tracker: Tracker, given: TrackerInput, settings: TrackSettings
     unused = [name for name in tracker.unused_settings if values[name] != defaults[name]]
     if unused:
         raise StrandcastError(
-            "SC-T035",
+            "SC-E008",
             f"the tracker {settings.tracker!r} does not use {', '.join(unused)}",
             file=given.settings_file,
             field=unused[0],

@@ -36,15 +36,13 @@ SIGMAS = 4.0
 
 
 def check_hand(hands: Sequence[HandDetection | None], finder: HandFinder, video: Path) -> None:
-    """Refuse a video in which the hand is never found (SC-T003)."""
+    """Refuse a video in which the hand is never found (SC-A004)."""
     if not any(hands):
         raise StrandcastError(
-            "SC-T003",
+            "SC-A004",
             finder.why_not(),
             file=video,
             field="markers",
-            fix="check ids, dictionary, sizes and places in the arm's file, and that the picture is neither "
-            "mirrored nor inverted; `strandcast preview` shows what the tracker detects",
         )
 
 

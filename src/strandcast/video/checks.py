@@ -50,12 +50,11 @@ def _refuse_change(path: str | Path, before: list[tuple[str, int, int]]) -> None
     if after != before:
         sizes = [sum(size for _, size, _ in state) for state in (before, after)]
         what = f"is still being written: it went from {sizes[0]} to {sizes[1]} bytes"
-        fix = "wait until the camera has finished copying it, then run again"
-        raise StrandcastError("SC-V022", what, file=path, fix=fix)
+        raise StrandcastError("SC-V022", what, file=path)
 
 
 def check_recorded(path: str | Path, facts: VideoFacts, run: Run | None) -> None:
-    """Refuse a video that is not the recorded one (SC-V021).
+    """Refuse a video that is not the recorded one (SC-V005).
 
     The recorded hash is in run.json (``video: {"sha256": ...}``) or in a ``sha256sum`` file beside the video.
     """
@@ -72,29 +71,29 @@ def check_recorded(path: str | Path, facts: VideoFacts, run: Run | None) -> None
         if text and not found:
             fix = f"write the output of `sha256sum {path.name}` to it"
             what = f"{where} contains no SHA-256 of it"
-            raise damaged("SC-V021", what, path.with_name(where), field="sha256", fix=fix)
+            raise damaged("SC-V005", what, path.with_name(where), field="sha256", fix=fix)
 
 
 def check_same(path: str | Path, facts: VideoFacts) -> None:
-    """Refuse a video whose hash is not the manifest's (SC-V021)."""
+    """Refuse a video whose hash is not the manifest's (SC-V005)."""
     if video_sha256(path)[0] != facts.sha256:
         raise _different(path, "is not the file listed in manifest.json: its SHA-256 differs")
 
 
 def _different(path: str | Path, what: str) -> StrandcastError:
     cost = "damaged frames, or those of another throw, would be tracked"
-    return damaged("SC-V021", what, path, field="sha256", cost=cost)
+    return damaged("SC-V005", what, path, field="sha256", cost=cost)
 
 
 def check_cover(path: str | Path, facts: VideoFacts, run: Run | None) -> None:
-    """Refuse a video too short to show the throw (SC-V019): a wrong rate, or dropped frames."""
+    """Refuse a video too short to show the throw (SC-V017): a wrong rate, or dropped frames."""
     if run is None or run.motion_start_s is None or run.motion_end_s is None:
         return
     motion_s = run.motion_end_s - run.motion_start_s
     filmed_s = _filmed_s(facts)
     if filmed_s < MIN_COVER * motion_s:
         raise damaged(
-            "SC-V019",
+            "SC-V017",
             f"its {facts.packets} frames at {facts.frame_rate_hz:.6g} frames/s last {filmed_s:.3g} s, but "
             f"the motion took {motion_s:.3g} s: a conversion dropped frames, or the rate is wrong",
             path,

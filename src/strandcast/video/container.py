@@ -220,8 +220,8 @@ def open_source(path: str | Path, threads: int, frames: int | None) -> Iterator[
     Raises
     ------
     StrandcastError
-        As `open_container`; while iterating SC-V008 the data end in damage, SC-V009 a frame without time
-        stamp or of another size, SC-V010 an unsupported pixel format.
+        As `open_container`; while iterating SC-V005 the data end in damage, SC-V010 a frame without time
+        stamp, of another size or an unsupported pixel format.
     """
     with open_container(path) as opened:
         context = opened.stream.codec_context
@@ -249,7 +249,7 @@ def _frames(
             stamp = frame.pts if frame.pts is not None else frame.dts
             if stamp is None or (frame.width, frame.height) != (info.width, info.height):
                 what = f"frame {count} has no time stamp or another size ({frame.width} x {frame.height})"
-                raise StrandcastError("SC-V009", what, file=info.path, exit_code=INTEGRITY)
+                raise StrandcastError("SC-V010", what, file=info.path, exit_code=INTEGRITY)
             yield (
                 float(stamp * time_base) if times is None else 1e-9 * times[count],
                 upright(frame, info.path),
@@ -257,7 +257,7 @@ def _frames(
             count += 1
     except av.FFmpegError as error:
         what = f"the video breaks off after {count} frames ({reason(error)})"
-        raise damaged("SC-V008", what, info.path, cost="the rest of the throw is missing") from None
+        raise damaged("SC-V005", what, info.path, cost="the rest of the throw is missing") from None
 
 
 def _decode(opened: OpenContainer, limit: int | None) -> Iterator[av.VideoFrame]:

@@ -37,8 +37,8 @@ def open_container(path: str | Path) -> Iterator[OpenContainer]:
     Raises
     ------
     StrandcastError
-        As `check_video_path`, and SC-V005 not a video or index missing, SC-V006 no video stream,
-        SC-V007 frames too large, SC-V010 unsupported codec, SC-V013 the frames are in another file.
+        As `check_video_path`, and SC-V005 not a video or index missing, SC-V010 no video stream,
+        an unsupported codec or frames in another file, SC-V007 frames too large.
     """
     file = check_video_path(path)
     options = {"protocol_whitelist": "file", "format_whitelist": FORMATS}
@@ -60,7 +60,7 @@ def open_container(path: str | Path) -> Iterator[OpenContainer]:
 
 def _video_stream(container: av.container.InputContainer, path: str | Path) -> av.VideoStream:
     if not container.streams.video:
-        raise StrandcastError("SC-V006", "contains no video stream", file=path, fix="give the camera's file")
+        raise StrandcastError("SC-V010", "contains no video stream", file=path, fix="give the camera's file")
     films = [each for each in container.streams.video if not each.disposition & Disposition.attached_pic]
     stream = (films or container.streams.video)[0]
     context = stream.codec_context
@@ -77,7 +77,7 @@ def _check_self_contained(log: list[tuple[int, str, str]], path: str | Path) -> 
     """Refuse a QuickTime file that refers to another one for its frames: FFmpeg logs that it skipped it."""
     if any("external track" in text for _, _, text in log):
         what = "its frames are in another file, which is not opened"
-        raise StrandcastError("SC-V013", what, file=path, fix="save it as a self-contained movie")
+        raise StrandcastError("SC-V010", what, file=path, fix="save it as a self-contained movie")
 
 
 def reason(error: Exception) -> str:

@@ -15,13 +15,13 @@ def check_video_path(path: str | Path) -> Path:
     Raises
     ------
     StrandcastError
-        SC-V001 an address, a protocol or a pattern; SC-V002 missing (similar names are listed);
-        SC-V003 not a regular file; SC-V004 empty.
+        SC-V002 an address, a protocol or a pattern; missing (similar names are listed); not a regular file;
+        SC-V005 empty.
     """
     text = str(path)
     if re.match(r"^[a-zA-Z][a-zA-Z0-9+.-]+:", text):
         what = f"{text!r} is not a local file: addresses and protocols are not opened"
-        raise StrandcastError("SC-V001", what, file=text, fix="copy the video here and give its path")
+        raise StrandcastError("SC-V002", what, file=text, fix="copy the video here and give its path")
     file = Path(path)
     if not file.exists():
         pattern = " (patterns such as %03d are not opened)" if "%" in text else ""
@@ -32,9 +32,9 @@ def check_video_path(path: str | Path) -> Path:
     if not file.is_file():
         what = "is neither a regular file nor a folder of pictures"
         fix = f"give the video file itself, or a folder of pictures ({', '.join(PICTURES)})"
-        raise StrandcastError("SC-V003", what, file=text, fix=fix)
+        raise StrandcastError("SC-V002", what, file=text, fix=fix)
     if file.stat().st_size == 0:
-        raise damaged("SC-V004", "the video is empty (0 bytes)", text)
+        raise damaged("SC-V005", "the video is empty (0 bytes)", text)
     return file.resolve()
 
 
@@ -54,7 +54,7 @@ def damaged(
     file: str | Path,
     field: str | None = None,
     cost: str | None = None,
-    fix: str = "copy the file again from the camera",
+    fix: str | None = None,
 ) -> StrandcastError:
     """Return the error for a file that is damaged or incomplete."""
     return StrandcastError(code, what, file=file, field=field, cost=cost, fix=fix, exit_code=INTEGRITY)

@@ -50,9 +50,9 @@ def inspect_video(
     Raises
     ------
     StrandcastError
-        As `strandcast.video.reader.open_video` on opening, and SC-V011 fewer than two frames, SC-V012
-        fewer than the header states (truncated), SC-V017 no frame rate or more than one, SC-V018 too many
-        missing, SC-V025 `frame_rate_hz` contradicts the camera's clock.
+        As `strandcast.video.reader.open_video` on opening, and SC-V012 fewer than two frames,
+        fewer than the header states (truncated) or too many missing, SC-V017 no frame rate, more than one, or
+        `frame_rate_hz` contradicts the camera's clock.
     """
     check_video_path(path)
     contents = probe_isolated(path, ProcessLimits()) if isolated else probe(path)
@@ -101,7 +101,7 @@ def _check_not_empty(contents: Contents, path: str | Path) -> None:
     if held < 2:
         why = f" ({contents.breaks_off})" if contents.breaks_off else ""
         what = f"has {held} frames with a time stamp{why}; at least 2 are needed"
-        raise damaged("SC-V011", what, path, fix="give the recording of the throw")
+        raise damaged("SC-V012", what, path, fix="give the recording of the throw")
 
 
 @dataclass(frozen=True)
@@ -186,10 +186,10 @@ def _usual(step: float, slack: float, base_s: float) -> float:
 
 
 def _refuse_other_rate(given_hz: float, camera_hz: float, path: str | Path) -> None:
-    """Refuse a declared frame rate that the camera's own clock contradicts (SC-V025)."""
+    """Refuse a declared frame rate that the camera's own clock contradicts (SC-V017)."""
     if abs(given_hz / camera_hz - 1.0) > RATE_TOLERANCE:
         raise StrandcastError(
-            "SC-V025",
+            "SC-V017",
             f"the camera's own clock gives {camera_hz:.6g} frames/s, camera.frame_rate_hz {given_hz:.6g}",
             file=path,
             field="camera.frame_rate_hz",
@@ -220,18 +220,14 @@ def _ends_early(contents: Contents) -> bool:
 
 def _refusal(cut: str, path: str | Path) -> StrandcastError:
     cost = "frames after the damage are missing, or have wrong times"
-    fix = (
-        "copy the file again from the camera; if only its end is lost, camera.missing_policy: use_prefix in "
-        "experiment.yaml uses the frames before"
-    )
-    return damaged("SC-V012", cut, path, field="camera.missing_policy", cost=cost, fix=fix)
+    return damaged("SC-V012", cut, path, field="camera.missing_policy", cost=cost)
 
 
 def _check_missing(missing: int, held: int, path: str | Path) -> None:
     if missing > MAX_MISSING * (held + missing):
         what = f"{missing} of {held + missing} frames are missing (gaps in time)"
         fix = "record again: a shorter exposure, a faster disk or a constant frame rate"
-        raise damaged("SC-V018", what, path, cost="fast parts of the throw are missing", fix=fix)
+        raise damaged("SC-V012", what, path, cost="fast parts of the throw are missing", fix=fix)
 
 
 def _rate_notes(clock: _Clock) -> list[str]:

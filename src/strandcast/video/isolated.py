@@ -33,11 +33,7 @@ COMMAND = [
     "-m",
     decoding_process.__name__,
 ]  # -P: import no module from the working directory
-# Faults of the host, which a new copy of the file does not fix.
-HOST_FIXES = {
-    "SC-V034": "check the limits of this computer (`ulimit -a`) and the installation",
-    "SC-V035": "allow more memory (`ulimit -v`; the cluster's or container's limit), or end other programs",
-}
+CHECK_HOST = "check the limits of this computer (`ulimit -a`) and the installation"
 NO_MEMORY = (
     "MemoryError",
     "Cannot allocate memory",
@@ -102,13 +98,13 @@ class DecoderProcess:
                 process_group=0,  # Ctrl-C reaches this process only, which then kills the other
             )
         except OSError as error:  # e.g. no more processes are allowed
-            raise self._failed("SC-V034", f"could not be started ({error.strerror})") from error
+            raise self._failed("SC-W004", f"could not be started ({error.strerror})", CHECK_HOST) from error
 
     def next(self) -> Any:
-        """Return its next record; raise the error that it reports, or SC-V031 to V035 if it fails."""
+        """Return its next record; raise the error that it reports, or SC-V005 or SC-W004 if it fails."""
         while not self._lines:
             if not self._poll.poll(1000.0 * self.limits.stall_s):
-                raise self._failed("SC-V032", f"returned no frame for {self.limits.stall_s:g} s")
+                raise self._failed("SC-V005", f"returned no frame for {self.limits.stall_s:g} s")
             data = os.read(self._records, READ_BYTES)
             if not data:
                 raise self._ended()
@@ -147,14 +143,14 @@ class DecoderProcess:
         if code != -signal.SIGKILL and any(words in output for words in NO_MEMORY):
             return self._out_of_memory()
         if code >= 0:
-            lines = output.splitlines()
-            return self._failed("SC-V034", f"stopped: {lines[-1] if lines else f'exit code {code}'}")
+            last = output.splitlines()[-1] if output else f"exit code {code}"
+            return self._failed("SC-W004", f"stopped: {last}", CHECK_HOST)
         if -code == signal.SIGXCPU:
-            return self._failed("SC-V032", f"returned no frame for {self.limits.cpu_s} s of CPU time")
+            return self._failed("SC-V005", f"returned no frame for {self.limits.cpu_s} s of CPU time")
         if -code == signal.SIGKILL:
             what = "was killed (SIGKILL), as the system does if memory runs out"
-            return self._failed("SC-V035", what)
-        return self._failed("SC-V031", f"crashed ({signal.Signals(-code).name})")
+            return self._failed("SC-W004", what)
+        return self._failed("SC-V005", f"crashed ({signal.Signals(-code).name})")
 
     def _out_of_memory(self) -> StrandcastError:
         """Return the error of a decoder without memory: a limit of the host's, if that is below ours."""
@@ -162,21 +158,19 @@ class DecoderProcess:
         needed = self.limits.memory_bytes + LIBRARIES_BYTES
         if allowed == resource.RLIM_INFINITY or allowed >= needed:
             return self._failed(
-                "SC-V033", f"needs more than {self.limits.memory_bytes / 2**30:.1f} GiB of memory"
+                "SC-V005", f"needs more than {self.limits.memory_bytes / 2**30:.1f} GiB of memory"
             )
         what = f"may need {needed / 2**30:.1f} GiB of memory, but `ulimit -v` allows {allowed / 2**30:.2f}"
-        return self._failed("SC-V035", what)
+        return self._failed("SC-W004", what)
 
-    def _failed(self, code: str, what: str) -> StrandcastError:
-        host = HOST_FIXES.get(code)
+    def _failed(self, code: str, what: str, fix: str | None = None) -> StrandcastError:
         return StrandcastError(
             code,
             f"its decoder {what}" + ("" if self._of_photos else f", after {self.frames} frames"),
             file=self.path,
             cost=None if self._of_photos else "the rest of the throw is missing",
-            fix=host
-            or "copy the file again from the camera; if that does not help, convert it with another program",
-            exit_code=INTEGRITY if host is None else ENVIRONMENT,
+            fix=fix,
+            exit_code=INTEGRITY if code == "SC-V005" else ENVIRONMENT,
         )
 
     def end(self) -> None:
@@ -255,7 +249,7 @@ def read_photos(
     Raises
     ------
     StrandcastError
-        SC-V024 a picture is too large; SC-V031 to V035 as for videos.
+        SC-V007 a picture is too large; SC-V005, SC-W004 as for videos.
     """
     limits = limits or ProcessLimits()
     with _unnamed_file("strandcast-photo") as shared:

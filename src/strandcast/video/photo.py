@@ -23,7 +23,7 @@ def decode_photo(path: str, flags: int) -> np.ndarray | None:
     Raises
     ------
     StrandcastError
-        SC-V024 it is too large.
+        SC-V007 it is too large.
     MemoryError
         Decoding it takes too much memory.
     """
@@ -67,4 +67,4 @@ def _is_cut_jpeg(path: str) -> bool:
 
 def _too_large(path: str, size: str) -> StrandcastError:
     what = f"the picture has {size}; strandcast decodes at most {MAX_PIXELS}, as in a video's frame"
-    return StrandcastError("SC-V024", what, file=path, fix="take it with the video's resolution")
+    return StrandcastError("SC-V007", what, file=path, fix="take it with the video's resolution")

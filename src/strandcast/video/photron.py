@@ -57,7 +57,7 @@ def read_header(path: str | Path) -> Header:
     Raises
     ------
     StrandcastError
-        SC-V014 one of the two is missing; SC-V015 a field of the header is missing or invalid; SC-V007
+        SC-V020 one of the two is missing; SC-V005 a field of the header is missing or invalid; SC-V007
         frames too large; SC-V010 colour, or an unsupported number of bits.
     """
     head, data = _pair(check_video_path(path))
@@ -86,7 +86,7 @@ def _pair(file: Path) -> tuple[Path, Path]:
     if not heads or len(data) != 1:
         missing = ".mraw" if heads else ".cihx (or .cih)"
         fix = f"put {file.stem}{missing.split()[0]} into {file.parent}"
-        raise StrandcastError("SC-V014", f"its {missing} file is not beside it", file=file, fix=fix)
+        raise StrandcastError("SC-V020", f"its {missing} file is not beside it", file=file, fix=fix)
     # Newer cameras write both headers; the XML contains more.
     return max(heads, key=lambda each: each.suffix.lower()), data[0]
 
@@ -116,7 +116,7 @@ def _number(values: dict[str, str], name: str, head: Path) -> int:
 
 
 def _invalid(head: Path, field: str, what: str) -> StrandcastError:
-    return damaged("SC-V015", what, head, field=field, fix="copy the header again from the camera")
+    return damaged("SC-V005", what, head, field=field)
 
 
 def probe(path: str | Path) -> Contents:
@@ -143,7 +143,7 @@ def open_source(path: str | Path, threads: int, frames: int | None) -> Iterator[
     Raises
     ------
     StrandcastError
-        As `read_header`; while iterating SC-V008 the data end early.
+        As `read_header`; while iterating SC-V005 the data end early.
     """
     header = read_header(path)
     pixel_format = f"gray{header.bits}"
@@ -159,7 +159,7 @@ def _frames(header: Header, limit: int | None) -> Iterator[tuple[float, np.ndarr
         for index in range(min(header.frames, limit or header.frames)):
             if file.readinto(raw.data) != len(raw):
                 what = f"the video breaks off after {index} frames"
-                raise damaged("SC-V008", what, header.data, cost="the rest of the throw is missing")
+                raise damaged("SC-V005", what, header.data, cost="the rest of the throw is missing")
             yield index / header.rate_hz, raw
 
 

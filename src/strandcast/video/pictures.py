@@ -25,7 +25,7 @@ def numbered(folder: Path) -> list[tuple[int, Path]]:
     Raises
     ------
     StrandcastError
-        SC-V016 a name without a number, a number that occurs twice, or two series in one folder; SC-V003 a
+        SC-V010 a name without a number, a number that occurs twice, or two series in one folder; SC-V002 a
         link out of the folder.
     """
     found: dict[int, Path] = {}
@@ -36,7 +36,7 @@ def numbered(folder: Path) -> list[tuple[int, Path]]:
             raise _unclear(folder, f"{file.name!r} has no number at the end of its name")
         if file.resolve().parent != folder.resolve() or not file.is_file():
             what = "is a link out of its folder, or not a file"
-            raise StrandcastError("SC-V003", what, file=file, fix="copy the file itself")
+            raise StrandcastError("SC-V002", what, file=file, fix="copy the file itself")
         series.add((match[1], file.suffix.lower()))
         number = int(match[2])
         if number in found:
@@ -50,7 +50,7 @@ def numbered(folder: Path) -> list[tuple[int, Path]]:
 
 def _unclear(folder: Path, what: str) -> StrandcastError:
     fix = "keep one series of pictures, numbered in the order of recording"
-    return StrandcastError("SC-V016", what, file=folder, fix=fix)
+    return StrandcastError("SC-V010", what, file=folder, fix=fix)
 
 
 def probe(path: str | Path) -> Contents:
@@ -84,8 +84,8 @@ def open_source(path: str | Path, threads: int, frames: int | None) -> Iterator[
     Raises
     ------
     StrandcastError
-        As `numbered`, and SC-V005 not a PNG or TIFF, SC-V007 too large, SC-V008 a damaged picture,
-        SC-V009 one of another size or depth, SC-V010 an unsupported kind of pixel.
+        As `numbered`, and SC-V005 not a PNG or TIFF, or damaged, SC-V007 too large, SC-V010 one of another
+        size or depth, or an unsupported kind of pixel.
     """
     held = probe(path)
     file = check_video_path(path)
@@ -104,7 +104,7 @@ def _checked(
             return
         if grey.shape != (info.height, info.width) or max_level != info.max_level:
             what = f"frame {count} has another size or depth than the first ({grey.shape[::-1]} px)"
-            raise StrandcastError("SC-V009", what, file=file, exit_code=INTEGRITY)
+            raise StrandcastError("SC-V010", what, file=file, exit_code=INTEGRITY)
         first = number if first is None else first
         yield float(number - first), grey
 
@@ -122,7 +122,7 @@ def _pages(file: Path) -> Iterator[tuple[int, Path, Grey, int]]:
 
 def _read(file: Path) -> tuple[Grey, int]:
     if file.stat().st_size == 0:
-        raise damaged("SC-V004", "is empty (0 bytes)", file)
+        raise damaged("SC-V005", "is empty (0 bytes)", file)
     if file.suffix.lower() != ".png":
         with _open_tiff(file) as tiff:
             return _page(tiff, 0, file)
@@ -145,7 +145,7 @@ def _read_png(file: Path) -> tuple[Grey, int]:
     except UnidentifiedImageError:
         raise damaged("SC-V005", "is not a PNG", file) from None
     except (OSError, SyntaxError, ValueError) as error:
-        raise damaged("SC-V008", f"is damaged ({error})", file) from None
+        raise damaged("SC-V005", f"is damaged ({error})", file) from None
 
 
 def _open_tiff(file: Path) -> tifffile.TiffFile:
@@ -167,7 +167,7 @@ def _page(tiff: tifffile.TiffFile, number: int, file: Path) -> tuple[Grey, int]:
     except (StrandcastError, MemoryError):
         raise
     except Exception as error:  # tifffile and its codecs raise exceptions of any kind
-        raise damaged("SC-V008", f"is damaged ({error})", file) from None
+        raise damaged("SC-V005", f"is damaged ({error})", file) from None
     if grey.dtype not in (np.uint8, np.uint16) or grey.ndim not in (2, 3):
         raise _unsupported(file, f"TIFF of {grey.dtype} with {grey.ndim} dimensions")
     if grey.ndim == 3:

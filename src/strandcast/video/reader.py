@@ -114,10 +114,10 @@ def open_video(
     Raises
     ------
     StrandcastError
-        From the format's reader: SC-V001 to V007 and V013 to V016 on opening; while iterating, SC-V008 the
-        data end in damage, SC-V009 a frame without time stamp or of another size, SC-V010 an unsupported
-        pixel format. If isolated also SC-V031 the decoder crashed, SC-V032 it hangs, SC-V033 it needs too
-        much memory, SC-V034 it could not run.
+        From the format's reader: SC-V002, SC-V005, SC-V007, SC-V010 or SC-V020 on opening; while iterating,
+        SC-V005 the data end in damage, SC-V010 a frame without time stamp, of another size or an unsupported
+        pixel format. If isolated also SC-V005 the decoder crashed, hangs or needs too much memory, SC-W004 it
+        could not run.
     """
     check_video_path(path)
     copies: list[int] = []

@@ -45,7 +45,7 @@ def reader_of(path: str | Path) -> FrameReader:
     Raises
     ------
     StrandcastError
-        SC-V001 to V004 it is not a video file; SC-W003 the installed reader cannot be imported.
+        SC-V002, SC-V005 it is not a video file; SC-W013 the installed reader cannot be imported.
     """
     # Readers are imported on use, and entry points searched for unknown suffixes only: the decoding process
     # then starts in a third of the time.

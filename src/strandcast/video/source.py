@@ -133,7 +133,7 @@ def check_pixels(width: int, height: int, path: str | Path) -> None:
     """Refuse frames that are too large to decode (SC-V007)."""
     if width * height <= 0 or width * height > MAX_PIXELS:
         what = f"frames of {width} x {height} pixels are not supported (limit {MAX_PIXELS} pixels)"
-        raise StrandcastError("SC-V007", what, file=path, fix="crop or scale the video")
+        raise StrandcastError("SC-V007", what, file=path)
 
 
 def in_place(image: Grey, out: Grey | None) -> Grey:

@@ -201,7 +201,7 @@ def _check_marker_ids(context: Context, arm: "Arm", found: Checked) -> None:
         what = f"the hand's markers have the ids {sorted(shared)} too"
         fix = "give the plane's markers other ids"
         found.errors.append(
-            StrandcastError("SC-F006", what, file=context.file, field="camera.plane.markers", fix=fix)
+            StrandcastError("SC-C021", what, file=context.file, field="camera.plane.markers", fix=fix)
         )
 
 
@@ -239,7 +239,7 @@ def _check_photos(context: Context, found: Checked) -> None:
             "motion capture needs none (strandcast import track)"
         )
         place = context.folder.data / name
-        problem = StrandcastError("SC-W034", what, file=place, field="camera.lens_photos", fix=fix)
+        problem = StrandcastError("SC-C030", what, file=place, field="camera.lens_photos", fix=fix)
         (found.errors if thrown else found.warnings).append(problem)
     photo = files.plane(job)[0]
     try:
@@ -263,8 +263,7 @@ def _find_plane_markers(context: Context, photo: Path, found: Checked) -> None:
     if missing:
         what = f"the plane's markers {', '.join(map(str, missing))} are not seen"
         cost = "the plane is measured with the others, less precisely"
-        fix = "check their ids and places in camera.plane.markers, the light and the focus"
-        found.warnings.append(StrandcastError("SC-W035", what, file=photo, cost=cost, fix=fix))
+        found.warnings.append(StrandcastError("SC-C025", what, file=photo, cost=cost))
 
 
 def _check_folders(context: Context, found: Checked) -> None:
@@ -281,7 +280,7 @@ def _check_folders(context: Context, found: Checked) -> None:
             fix = "rename it to a trial's name if it holds a throw, e.g. trial-01"
             found.warnings.append(
                 StrandcastError(
-                    "SC-W032", f"is not used: trials are folders {TRIAL_NAMES}", file=path, fix=fix
+                    "SC-R032", f"is not used: trials are folders {TRIAL_NAMES}", file=path, fix=fix
                 )
             )
     for path in (folder.trial(number).data / name for number in numbers for name in RAW_RECORDS):
@@ -356,7 +355,7 @@ def _problems_of_video(context: Context, trial: TrialFolder) -> Iterator[Strandc
 
 
 def _wrong(what: str, file: Path, fix: str) -> StrandcastError:
-    return StrandcastError("SC-W033", what, file=file, fix=fix)
+    return StrandcastError("SC-V020", what, file=file, fix=fix)
 
 
 def _rename(path: Path, new: Path) -> str:

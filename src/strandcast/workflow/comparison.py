@@ -19,12 +19,12 @@ def compare_results(root: Path, a: str, b: str) -> Comparison:
     Raises
     ------
     StrandcastError
-        SC-W022 there are no results; SC-W023 both are the same folder; SC-H024 no trial is in both.
+        SC-W022 there are no results, both are the same folder, or no trial is in both.
     """
     folders = [_folder(root, name) for name in (a, b)]
     if folders[0].resolve() == folders[1].resolve():
         raise StrandcastError(
-            "SC-W023",
+            "SC-W022",
             f"{a} and {b} are the same results",
             file=folders[0],
             fix="name two; to compare before and after a change, copy the results first: "

@@ -19,7 +19,7 @@ def check_host(root: Path, experiments: Iterable[str]) -> None:
     Raises
     ------
     StrandcastError
-        SC-R041 the disk is full; SC-R042 results cannot be written; SC-W007 files are dated in the future.
+        SC-R041 the disk is full; SC-W002 results cannot be written; SC-W007 files are dated in the future.
     """
     folders = [ExperimentFolder(root, name) for name in experiments]
     for place in (root / ".snakemake", *(folder.results for folder in folders)):

@@ -131,7 +131,6 @@ def _wait_for_owner(held: SoftFileLease, root: Path, experiment: str) -> None:
         f"another run works on this experiment ({owner or 'it gives no name'})",
         file=_lease_file(root, experiment).parent,
         cost="two runs at once would overwrite each other's files",
-        fix="wait for it to end, or stop that process",
     )
 
 

@@ -43,7 +43,7 @@ def profile(root: Path, name: str = DEFAULT_PROFILE) -> Path:
     Raises
     ------
     StrandcastError
-        SC-W027 there is no such profile.
+        SC-W021 there is no such profile.
     """
     profiles = Path("workflow", "profiles")
     places = (profiles / name, shipped() / profiles / name, Path(name))
@@ -52,7 +52,7 @@ def profile(root: Path, name: str = DEFAULT_PROFILE) -> Path:
         folders = {path for top in (root, shipped()) for path in (top / profiles).glob("*/")}
         known = sorted({path.name for path in folders if _profile_file(path) is not None})
         raise StrandcastError(
-            "SC-W027",
+            "SC-W021",
             f"there is no profile {name!r}",
             field="--profile",
             fix=f"one of {', '.join(known)}, or the path of a folder with a profile.yaml",
@@ -66,12 +66,12 @@ def executor_of(folder: Path) -> str | None:
     Raises
     ------
     StrandcastError
-        SC-W027 the profile cannot be read; SC-W038 it has the project's files in object storage.
+        SC-W021 the profile cannot be read; SC-W037 it has the project's files in object storage.
     """
     settings = _settings_in(folder)
     if "default-storage-provider" in settings:
         raise StrandcastError(
-            "SC-W038",
+            "SC-W037",
             "the profile has raw data and results in object storage, and strandcast works with files on disk",
             file=_profile_file(folder),
             cost="nothing was run",
@@ -87,9 +87,7 @@ def _settings_in(folder: Path) -> dict[str, Any]:
     try:
         settings = {} if path is None else load_yaml(read_bounded(path))
     except ValueError as error:
-        raise StrandcastError(
-            "SC-W027", f"the profile cannot be read: {error}", file=path, fix="correct its YAML"
-        ) from error
+        raise StrandcastError("SC-F002", f"the profile cannot be read: {error}", file=path) from error
     return settings if isinstance(settings, dict) else {}
 
 
@@ -106,11 +104,11 @@ def make_project(folder: Path) -> list[Path]:
     Raises
     ------
     StrandcastError
-        SC-W011 the folder is not empty, or is a file.
+        SC-E005 the folder is not empty, or is a file.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise StrandcastError(
-            "SC-W011",
+            "SC-E005",
             "is not empty" if folder.is_dir() else "is a file",
             file=folder,
             cost="nothing was written",

@@ -165,7 +165,6 @@ def refuse_elsewhere(root: Path) -> None:
             "SC-W001",
             "no project is here or in the folders above: there is no Snakefile beside config/",
             file=root.resolve(),
-            fix="change to a project's folder, or make one: strandcast new mylab",
             exit_code=ENVIRONMENT,
         )
 

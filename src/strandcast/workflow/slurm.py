@@ -101,14 +101,14 @@ def refuse_left_jobs(root: Path, experiments: Iterable[str]) -> None:
     Raises
     ------
     StrandcastError
-        SC-W025 there are such jobs.
+        SC-W024 there are such jobs.
     """
     names = sorted(set(experiments))
     left = [job for job in jobs_in(root) if any(job.is_of(name) for name in names)]
     if left:
         ids = [job.id for job in left]
         raise StrandcastError(
-            "SC-W025",
+            "SC-W024",
             f"Slurm still has {_counted(left)} of a run that has ended: {', '.join(ids)}",
             file=root.resolve(),
             cost="two jobs at once would overwrite each other's files",
@@ -122,11 +122,11 @@ def require_slurm(*, submits: bool = True) -> None:
     Raises
     ------
     StrandcastError
-        SC-W026 there is no sbatch. SC-W028 there is no plugin.
+        SC-W026 there is no sbatch. SC-W012 there is no plugin.
     """
     if importlib.util.find_spec(PLUGIN) is None:
         raise StrandcastError(
-            "SC-W028",
+            "SC-W012",
             f"Slurm needs the package {PLUGIN.replace('_', '-')}, which is not installed",
             fix="in a clone: make slurm; otherwise: pip install 'strandcast[slurm]'",
             exit_code=ENVIRONMENT,
@@ -135,7 +135,6 @@ def require_slurm(*, submits: bool = True) -> None:
         raise StrandcastError(
             "SC-W026",
             "no `sbatch` is found: this computer submits no jobs to Slurm",
-            fix="log in to the cluster, to a computer that submits jobs; or run without --profile slurm",
             exit_code=ENVIRONMENT,
         )
 

@@ -59,7 +59,7 @@ def verify_crate(path: Path) -> list[Finding]:
     Raises
     ------
     StrandcastError
-        SC-R051 it is no crate that can be read; SC-R052 a path in it leads out of it, or is a link.
+        SC-R002 it is no crate that can be read; SC-R052 a path in it leads out of it, or is a link.
     """
     with _opened(path) as members:
         metadata = members.pop(METADATA, None)
@@ -192,9 +192,8 @@ def _check(path: Path, declared: _Declared, members: dict[str, _Member]) -> Find
 
 def _unreadable(path: Path, what: str) -> StrandcastError:
     fix = "give the folder or the .zip that `strandcast export crate` wrote"
-    return StrandcastError("SC-R051", what, file=path, fix=fix, exit_code=INTEGRITY)
+    return StrandcastError("SC-R002", what, file=path, fix=fix, exit_code=INTEGRITY)
 
 
 def _hostile(path: Path, name: str, what: str) -> StrandcastError:
-    fix = "do not unpack it; ask for the crate again where it comes from"
-    return StrandcastError("SC-R052", f"{name!r} {what}", file=path, fix=fix, exit_code=INTEGRITY)
+    return StrandcastError("SC-R052", f"{name!r} {what}", file=path, exit_code=INTEGRITY)

@@ -35,7 +35,7 @@ def test_without_the_package_it_says_what_to_install(arm: Arm, monkeypatch: pyte
 
 def test_the_example_has_no_host_and_refuses_to_connect_without_one() -> None:
     driver = franka_driver(load_arm(ROOT / "config" / "arms" / "fr3-example.toml"), None)
-    with pytest.raises(StrandcastError, match=r"SC-X033.*driver\.settings\.host"):
+    with pytest.raises(StrandcastError, match=r"SC-F003.*driver\.settings\.host"):
         driver.connect()
 
 
@@ -51,14 +51,14 @@ def test_the_example_has_no_host_and_refuses_to_connect_without_one() -> None:
     ],
 )
 def test_invalid_settings_are_refused(arm: Arm, settings: dict[str, object], field: str) -> None:
-    with pytest.raises(StrandcastError, match=rf"SC-X060.*driver\.settings.*{field}") as caught:
+    with pytest.raises(StrandcastError, match=rf"SC-F003.*driver\.settings.*{field}") as caught:
         FrankaDriver(dataclasses.replace(arm, driver_settings=settings))
     assert caught.value.exit_code == REFUSED
 
 
 def test_a_joint_that_the_controller_does_not_have_is_refused(arm: Arm) -> None:
     settings = {"host": "a", "joints": [f"panda_joint{j}" for j in range(1, 8)]}
-    with pytest.raises(StrandcastError, match="SC-X031.*panda_joint1"):
+    with pytest.raises(StrandcastError, match="SC-F205.*panda_joint1"):
         FrankaDriver(dataclasses.replace(arm, driver_settings=settings))
 
 
@@ -73,7 +73,7 @@ def test_the_speed_limit_falls_near_the_end_of_a_joint(arm: Arm) -> None:
         return JointTrajectory(np.array([0.0, 1.0]), q, np.array([[0, 0, 0], [speed, 0, 0]]), still)
 
     check_speeds(arm, MOVING, moving_at(0.46))
-    with pytest.raises(StrandcastError, match=r"SC-X062.*fr3_joint2.*1\.70 rad") as caught:
+    with pytest.raises(StrandcastError, match=r"SC-X004.*fr3_joint2.*1\.70 rad") as caught:
         check_speeds(arm, MOVING, moving_at(0.47))
     assert caught.value.exit_code == REFUSED
 

@@ -245,7 +245,7 @@ def test_too_fast_near_a_joints_end_is_refused_by_the_driver(
     command = command_of(arm)
     near = replace(command, q_rad=command.q_rad + np.array([2.0, 0, 0]))
     moves = server.asked("Move")
-    with pytest.raises(StrandcastError, match="SC-X062.*fr3_joint2"):
+    with pytest.raises(StrandcastError, match="SC-X004.*fr3_joint2"):
         driver.play(near, tmp_path)
     assert server.asked("Move") == moves
 
@@ -367,7 +367,7 @@ def test_a_kept_error_does_not_keep_the_connection_open(arm: Arm, monkeypatch: p
     with connected(FrankaDriver(arm)) as driver:
         driver.move_to_start(START)
         monkeypatch.setattr(FrankaLink, "write", sleeping(FrankaLink.write))
-        with pytest.raises(StrandcastError, match="SC-X051") as caught:
+        with pytest.raises(StrandcastError, match="SC-X011") as caught:
             driver.move_to_start(START + 0.2)
     assert caught.tb is not None  # and with it whatever the stream's frames hold
     with connected(FrankaDriver(arm)) as driver:

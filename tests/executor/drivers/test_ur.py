@@ -232,7 +232,7 @@ def test_a_controller_with_another_rate_is_refused(bench: Make) -> None:
 def test_a_missing_controller_is_reported(bench: Make) -> None:
     there = bench()
     there.standin.end()
-    with pytest.raises(StrandcastError, match="SC-X071") as caught:
+    with pytest.raises(StrandcastError, match="SC-X061") as caught:
         there.play()
     assert caught.value.exit_code == ENVIRONMENT
 

@@ -46,7 +46,7 @@ def test_rows_too_far_apart_are_refused(export, planar3, planar_file):
     motion = Motion.read(planar_file)
     motion.points[:] = points_of(ns, swing.q_rad, swing.qd_rad_s, swing.qdd_rad_s2)
     motion.write(planar_file)
-    with pytest.raises(StrandcastError, match="SC-E014"):
+    with pytest.raises(StrandcastError, match="SC-E004"):
         export(planar_file, planar3, "csv", "motion.csv", rate_hz=4.0)
     assert not planar_file.with_name("motion.csv").exists()
     assert export(planar_file, planar3, "csv", "motion.csv", rate_hz=50.0).is_file()

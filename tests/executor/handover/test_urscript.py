@@ -150,9 +150,9 @@ def test_a_controller_can_parse_the_program(program, ur_file):
 
 
 @pytest.mark.parametrize(
-    ("options", "code"),
-    [({"sync_output": 8}, "SC-E011"), ({"sync_output": -1}, "SC-E011"), ({"rate_hz": 250.0}, "SC-E012")],
+    ("options", "field"),
+    [({"sync_output": 8}, "sync-output"), ({"sync_output": -1}, "sync-output"), ({"rate_hz": 250.0}, "rate")],
 )
-def test_options_that_no_ur_has_are_refused(program, options, code):
-    with pytest.raises(StrandcastError, match=code):
+def test_options_that_no_ur_has_are_refused(program, options, field):
+    with pytest.raises(StrandcastError, match=f"SC-E004.*{field}"):
         program(**options)

@@ -41,7 +41,7 @@ def paper(
 ) -> tuple[PaperSummary, dict[str, Path], PaperFacts]:
     """Return the paper's experiment: three done runs, one that failed and one that is not finished."""
     root = tmp_path_factory.mktemp("paper") / "results"
-    said = "trial-01 track: SC-T001 ERROR  the string <slipped>"
+    said = "trial-01 track: SC-V005 ERROR  the string <slipped>"
     runs = [
         paper_run(root, results, 1, 1, "paper", 2),
         paper_run(root, results, 1, 1, "default", 3),

@@ -131,7 +131,7 @@ def test_a_run_with_a_damaged_verdict_is_not_counted(root):
     verdict.write_text(verdict.read_text().replace("0.004", "0.005"))
     found, reason = state(folder)
     assert found == FAILED
-    assert reason.startswith("SC-R004")
+    assert reason.startswith("SC-R001")
     assert ONE not in finished(root, "paper")
 
 

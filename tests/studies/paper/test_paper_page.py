@@ -124,7 +124,7 @@ def test_table_3_is_compared_with_the_papers(page, paper):
 
 def test_failures_are_shown_with_their_escaped_reason(page):
     assert "2 of 5 runs are not complete" in page
-    assert "SC-T001 ERROR  the string &lt;slipped&gt;" in page
+    assert "SC-V005 ERROR  the string &lt;slipped&gt;" in page
 
 
 def test_each_fit_on_the_other_targets_throw(page):

@@ -9,7 +9,6 @@ from strandcast.estimation.optimisers.thorough import search_thoroughly
 OPTIMISERS: Registry[Optimiser] = Registry(
     "optimiser",
     "strandcast.optimisers",
-    "SC-E007",
     "estimate.search",
     {
         "descent": search_by_descent,

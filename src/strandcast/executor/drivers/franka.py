@@ -50,7 +50,7 @@ class FrankaDriver:
     Raises
     ------
     StrandcastError
-        SC-X060 settings; SC-X061 no connection; SC-X062 too fast near a joint's end; SC-X063 no recovery.
+        SC-F003 settings; SC-X061 no connection; SC-X004 too fast near a joint's end; SC-X005 no recovery.
     """
 
     name = "franka"
@@ -60,7 +60,7 @@ class FrankaDriver:
     def __init__(self, arm: AnyArm) -> None:
         self._arm = arm
         fix = "see config/arms/fr3-example.toml, which explains every key"
-        self._settings = driver_settings(FrankaSettings, arm, "SC-X060", fix)
+        self._settings = driver_settings(FrankaSettings, arm, fix)
         self.address = self._settings.host
         self._joints = ControllerJoints.of(arm, self._settings.joints)
         self._vendor: Any = None
@@ -149,7 +149,7 @@ class FrankaDriver:
             self._robot.automatic_error_recovery()
         except RuntimeError as error:
             raise StrandcastError(
-                "SC-X063",
+                "SC-X005",
                 f"the controller does not recover: {error}",
                 file=self._arm.path,
                 fix="clear the error in Desk",

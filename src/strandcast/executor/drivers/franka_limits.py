@@ -18,7 +18,7 @@ SPEED_MARGIN = 0.95  # chosen
 
 
 def check_speeds(arm: AnyArm, moving: np.ndarray, command: JointTrajectory) -> None:
-    """Refuse a motion that is too fast near the end of a joint's range (SC-X062).
+    """Refuse a motion that is too fast near the end of a joint's range (SC-X004).
 
     The controller would stop it. `moving` (J,) are the indices of the moving joints among the seven.
     """
@@ -28,7 +28,7 @@ def check_speeds(arm: AnyArm, moving: np.ndarray, command: JointTrajectory) -> N
         return
     k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
     raise StrandcastError(
-        "SC-X062",
+        "SC-X004",
         f"{arm.joints[j]} would move at {command.qd_rad_s[k, j]:.2f} rad/s at {command.time_s[k]:.3f} s; at "
         f"{command.q_rad[k, j]:.2f} rad, near its end, the controller allows {lowest[k, j]:.2f} to "
         f"{highest[k, j]:.2f} rad/s",

@@ -14,17 +14,17 @@ from strandcast.records.motion import Motion
 
 # The built-in drivers are entry points as well: the lab's lies above this room.
 DRIVERS: Registry[Callable[[AnyArm, Motion], Driver]] = Registry(
-    "arm driver", "strandcast.drivers", "SC-X030", "driver.name"
+    "arm driver", "strandcast.drivers", "driver.name"
 )
 Model = TypeVar("Model", bound=BaseModel)
 
 
 def driver_named(name: str, arm: AnyArm, motion: Motion) -> Driver:
-    """Return the driver that an arm's file names, for a motion (SC-X030: there is none)."""
+    """Return the driver that an arm's file names, for a motion (SC-W021: there is none)."""
     return DRIVERS.get(name, arm.path)(arm, motion)
 
 
-def driver_settings(model: type[Model], arm: AnyArm, code: str, fix: str) -> Model:
+def driver_settings(model: type[Model], arm: AnyArm, fix: str) -> Model:
     """Return `[driver.settings]` of an arm's file as a driver's settings; report every invalid key."""
     try:
         return model.model_validate(arm.driver_settings)
@@ -32,7 +32,7 @@ def driver_settings(model: type[Model], arm: AnyArm, code: str, fix: str) -> Mod
         raise StrandcastErrors(
             [
                 StrandcastError(
-                    code,
+                    "SC-F003",
                     problem["msg"] + _given(problem["input"]),
                     file=arm.path,
                     field=".".join(["driver", "settings", *map(str, problem["loc"])]),
@@ -51,7 +51,7 @@ def _given(value: object) -> str:
 def missing_package(package: str, extra: str, error: ImportError) -> StrandcastError:
     """Return the error for a vendor's package that is not installed."""
     return StrandcastError(
-        "SC-X032",
+        "SC-W012",
         f"the driver needs the package {package!r}, which is not installed ({error})",
         fix=f"pip install 'strandcast[{extra}]'",
         exit_code=ENVIRONMENT,
@@ -59,10 +59,10 @@ def missing_package(package: str, extra: str, error: ImportError) -> StrandcastE
 
 
 def require_address(arm: AnyArm, address: str) -> None:
-    """Refuse to connect if the arm's file has no address of its controller (SC-X033)."""
+    """Refuse to connect if the arm's file has no address of its controller (SC-F003)."""
     if not address:
         raise StrandcastError(
-            "SC-X033",
+            "SC-F003",
             "the arm's file has no address of its controller",
             file=arm.path,
             field="driver.settings.host",

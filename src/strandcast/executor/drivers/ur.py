@@ -63,7 +63,7 @@ class UrDriver:
     Raises
     ------
     StrandcastError
-        SC-X070 settings; SC-X071 no connection; SC-X072 wrong rate; SC-X073 no external control.
+        SC-F003 settings, or a wrong rate; SC-X061 no connection; SC-X005 no external control.
     """
 
     name = "ur"
@@ -72,7 +72,7 @@ class UrDriver:
     def __init__(self, arm: AnyArm) -> None:
         self._arm = arm
         fix = f"see `{UrSettings.__module__}.{UrSettings.__name__}`, which explains every key"
-        self._settings = driver_settings(UrSettings, arm, "SC-X070", fix)
+        self._settings = driver_settings(UrSettings, arm, fix)
         self._joints = ControllerJoints.of(arm, self._settings.joints)
         self.rate_hz = float(self._settings.rate_hz)
         self.address = self._settings.host
@@ -99,7 +99,7 @@ class UrDriver:
                 make_realtime(thread)
         except RuntimeError as error:
             raise StrandcastError(
-                "SC-X071",
+                "SC-X061",
                 f"the controller at {self.address} does not answer: {error}",
                 file=self._arm.path,
                 field="driver.settings.host",
@@ -133,7 +133,7 @@ class UrDriver:
         if rate_hz != self.rate_hz:
             software = self._controller["software"]
             raise StrandcastError(
-                "SC-X072",
+                "SC-F003",
                 f"is {self.rate_hz:.0f}; PolyScope {software} has {rate_hz:.0f} Hz",
                 file=self._arm.path,
                 field="driver.settings.rate_hz",
@@ -188,7 +188,7 @@ class UrDriver:
             fault = f"its speed is scaled to {state.speed_scaling:.0%} (set the slider to 100 %)"
         if fault is not None:
             raise StrandcastError(
-                "SC-X073",
+                "SC-X005",
                 f"the arm cannot be moved: {fault}",
                 file=self._arm.path,
                 cost=NOTHING_SENT,

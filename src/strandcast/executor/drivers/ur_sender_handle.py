@@ -54,7 +54,7 @@ class UrSender:
         if what != READY or not well:
             self.__exit__()
             raise StrandcastError(
-                "SC-X073",
+                "SC-X005",
                 f"the controller does not accept external control: {text}",
                 field="driver.settings.host",
                 cost="the arm was not moved",

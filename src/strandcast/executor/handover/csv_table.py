@@ -15,7 +15,7 @@ def table_text(handover: Handover, rate_hz: float | None = None) -> str:
     """Return the table: header lines with #, then time_s and q, qd, qdd of each joint.
 
     With `rate_hz`, the quintic through the points is sampled, the last row at the end, and rows too far apart
-    to reproduce the motion are refused (SC-E014). By default the points themselves, with all digits.
+    to reproduce the motion are refused (SC-E004). By default the points themselves, with all digits.
     """
     motion = handover.motion
     if rate_hz is None:
@@ -41,7 +41,7 @@ def _refuse_coarse(motion: Motion, ns: np.ndarray, rows: np.ndarray, rate_hz: fl
     off_rad = np.abs(coarse.q_rad - planned.q_rad).max()
     if off_rad > COARSE_RAD:
         raise StrandcastError(
-            "SC-E014",
+            "SC-E004",
             f"at {rate_hz:g} rows per second the path is up to {off_rad:.2g} rad from the motion",
             field="rate",
             cost="the arm would not play the checked motion; nothing was written",

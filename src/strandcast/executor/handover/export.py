@@ -41,16 +41,16 @@ def export_motion(handover: Handover, form: ExportForm, out: Path) -> None:
     Raises
     ------
     StrandcastError
-        SC-E013 unknown format, SC-E014 invalid or too low rate, SC-E004 option that the format does not have,
+        SC-W021 unknown format, SC-E004 invalid or too low rate, or an option that the format does not have,
         SC-E005 the output is a folder; and the formats' own errors.
     """
     if form.kind not in KINDS:
         raise StrandcastError(
-            "SC-E013", f"there is no format {form.kind!r}", field="as", fix=f"one of: {', '.join(KINDS)}"
+            "SC-W021", f"there is no format {form.kind!r}", field="as", fix=f"one of: {', '.join(KINDS)}"
         )
     if form.rate_hz is not None and not 1.0 <= form.rate_hz <= 1e5:
         raise StrandcastError(
-            "SC-E014",
+            "SC-E004",
             f"a rate of {form.rate_hz:g} Hz",
             field="rate",
             fix="give rows per second, 1 to 100 000",

@@ -93,7 +93,7 @@ def program_text(handover: Handover, rate_hz: float | None = None, sync_output: 
     Raises
     ------
     StrandcastError
-        SC-E010 the arm does not have six joints; SC-E011 unknown output; SC-E012 unknown rate.
+        SC-E004 the arm does not have six joints; unknown output or rate.
     """
     motion, arm = handover.motion, handover.arm
     settings = {name: field.default for name, field in UrSettings.model_fields.items()}
@@ -159,21 +159,21 @@ def _refuse(handover: Handover, rate_hz: float, sync_output: int | None) -> None
     arm = handover.arm
     if len(arm.all_joints) != JOINTS:
         raise StrandcastError(
-            "SC-E010",
+            "SC-E004",
             f"a URScript program is for six joints; {arm.name} has {len(arm.all_joints)}",
             file=arm.path,
             fix="export the motion of a UR arm, or take --as csv or --as ros",
         )
     if sync_output is not None and not 0 <= sync_output < OUTPUTS:
         raise StrandcastError(
-            "SC-E011",
+            "SC-E004",
             f"a UR has no standard digital output {sync_output}",
             field="sync-output",
             fix=f"0 to {OUTPUTS - 1}",
         )
     if rate_hz not in (500.0, 125.0):
         raise StrandcastError(
-            "SC-E012",
+            "SC-E004",
             f"no UR controller runs at {rate_hz:g} Hz",
             field="rate",
             fix="500 (e-Series) or 125 (CB3)",

@@ -19,7 +19,7 @@ def alignment(page: TrialPageData) -> PanelContent:
     paths = within_motion(results)
     if "seen" not in paths or "measured" not in paths:
         raise StrandcastError(
-            "SC-H041",
+            "SC-H031",
             f"the hand was not both detected and logged (alignment: {fit.source})",
             file=FILES["hand"],
             fix="the offset can be checked only where the camera sees the hand's marker",

@@ -109,7 +109,7 @@ def miss_parts(results: TrialResults) -> tuple[list[MissPart], float]:
     verdict: Verdict = results.need("verdict")
     if verdict.closest_robot_time_s is None or verdict.closest_m is None:
         raise StrandcastError(
-            "SC-H012",
+            "SC-T004",
             f"the closest approach was not detected: {verdict.reason}",
             file=FILES["verdict"],
             fix="see the tracking quality below",
@@ -118,7 +118,7 @@ def miss_parts(results: TrialResults) -> tuple[list[MissPart], float]:
     throws = results.need("simulated")
     if motion.predicted is None or "planned" not in throws or "fitted" not in throws:
         raise StrandcastError(
-            "SC-H051",
+            "SC-W030",
             "the motion was not planned here, so that nothing was predicted",
             file=FILES["motion"],
             fix="plan the next motion: `strandcast plan`",
@@ -155,7 +155,7 @@ def _closest(since_s: Array, tip_m: Array, verdict: Verdict) -> Passage:
     window_s = float(since_s[0]), float(since_s[-1])
     found, reason = closest_approach(since_s, tip_m, ends_m, step_s, window_s, verdict.hit_radius_m)
     if found is None:
-        raise StrandcastError("SC-H012", f"a simulated throw has no closest approach: {reason}")
+        raise StrandcastError("SC-E003", f"a simulated throw has no closest approach: {reason}")
     return _passage(since_s, found, ends_m)
 
 
@@ -166,7 +166,7 @@ def _in_pass(since_s: Array, tip_m: Array, ends_m: Array, at_s: float) -> Passag
     away_m = np.array([np.inf, *(each.distance_m for each in approaches), np.inf])
     lowest = np.flatnonzero((away_m[1:-1] <= away_m[:-2]) & (away_m[1:-1] <= away_m[2:]))
     if not len(lowest):
-        raise StrandcastError("SC-H012", "the fitted throw has no closest approach: it diverged")
+        raise StrandcastError("SC-E003", "the fitted throw has no closest approach: it diverged")
     passages = [_passage(since_s, approaches[k], ends_m) for k in lowest]
     return min(passages, key=lambda each: abs(each.since_s - at_s))
 

@@ -26,11 +26,11 @@ def camera_picture(page: ExperimentPageData) -> PanelContent:
     path = record.with_suffix(".webp")
     if not path.is_file():
         what = "the picture of the calibration is missing"
-        raise StrandcastError("SC-H032", what, file=path, fix="calibrate again")
+        raise StrandcastError("SC-W030", what, file=path, fix="calibrate again")
     data = path.read_bytes()
     if len(data) > LARGEST_BYTES:
         what = f"the picture has {len(data) / 1e6:.1f} MB, too large for a page"
-        raise StrandcastError("SC-H021", what, file=path)
+        raise StrandcastError("SC-H031", what, file=path)
     finding = _finding(camera)
     alt = f"The photo of the plane with its markers, residual arrows and the metric grid. {finding}"
     markup = Markup('<img class="wide" alt="{}" src="data:image/webp;base64,{}">').format(

@@ -19,7 +19,7 @@ def fit_error(page: TrialPageData) -> PanelContent:
     throw = results.need("simulated").get("fitted")
     if throw is None:
         raise StrandcastError(
-            "SC-H012", "there is no fitted throw", file=FILES["simulated"], fix="estimate the trial again"
+            "SC-W030", "there is no fitted throw", file=FILES["simulated"], fix="estimate the trial again"
         )
     mine, theirs = matched(results, throw)
     start_s = results.need("alignment").motion_start_s

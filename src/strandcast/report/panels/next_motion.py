@@ -32,7 +32,7 @@ def next_motion(page: TrialPageData | ExperimentPageData) -> PanelContent:
     path, played, facts = page.next_motion, page.played, page.facts
     if path is None:
         raise StrandcastError(
-            "SC-H051",
+            "SC-W030",
             "no next motion was planned",
             fix="`strandcast plan` makes it from this trial's estimate",
         )

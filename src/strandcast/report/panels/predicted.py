@@ -82,7 +82,7 @@ def next_throw(page: TrialPageData) -> PanelContent:
     path = page.next_motion
     if path is None:
         raise StrandcastError(
-            "SC-H051",
+            "SC-W030",
             "no next motion was planned",
             fix="`strandcast plan` makes it from this trial's estimate",
         )
@@ -131,7 +131,7 @@ def throws_of(motion: Motion, throws: PredictedThrows, file: str) -> PredictedTh
     else:
         return throws
     fix = f"copy {FILES['predicted']} with the motion that is played, as `strandcast play` does"
-    raise StrandcastError("SC-H052", what, file=file, fix=fix)
+    raise StrandcastError("SC-X020", what, file=file, fix=fix)
 
 
 def _nearest(distance_m: Array) -> NDArray[np.int64]:

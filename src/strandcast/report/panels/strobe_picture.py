@@ -30,7 +30,7 @@ def strobe_picture(page: TrialPageData) -> PanelContent:
     picture: bytes = results.need("strobe")
     if len(picture) > LARGEST_BYTES:
         raise StrandcastError(
-            "SC-H021",
+            "SC-H031",
             f"the picture has {len(picture) / 1e6:.1f} MB, too large for a page",
             file=FILES["strobe"],
             fix="open the file beside this page",

@@ -27,7 +27,7 @@ def hand_paths(page: ExperimentPageData) -> PanelContent:
     summary, trials = page.summary, page.trials
     counted = [line.trial for line in summary.trials if line.excluded is None and line.trial in trials]
     if not counted:
-        raise StrandcastError("SC-H061", "there is no counted trial")
+        raise StrandcastError("SC-W030", "there is no counted trial")
     first, last = counted[0], summary.hit_trial or counted[-1]
     figure = draw.new_figure(8.4, 4.8, top=0.97, bottom=0.2)
     axes = figure.add_subplot()
@@ -65,7 +65,7 @@ def _hand(results: TrialResults) -> HandPoses:
         if source in paths:
             return paths[source]
     raise StrandcastError(
-        "SC-H062", "the hand has no path within the motion", file=FILES["hand"], fix="align the trial again"
+        "SC-W030", "the hand has no path within the motion", file=FILES["hand"], fix="align the trial again"
     )
 
 
@@ -90,7 +90,7 @@ def tip_paths(page: ExperimentPageData) -> PanelContent:
             axes.plot(*tip_m[:, seen].T, **style, label=label)
         shown.append(line.trial)
     if not shown:
-        raise StrandcastError("SC-H063", "no counted trial has a track", fix="track the trials")
+        raise StrandcastError("SC-W030", "no counted trial has a track", fix="track the trials")
     _finish(views, summary)
     finding = f"Tip paths of {len(shown)} trial{'' if len(shown) == 1 else 's'}"
     if page.aimed:
@@ -126,7 +126,7 @@ def closest_strings(page: ExperimentPageData) -> PanelContent:
             axes.plot(*string_m[:, seen].T, **(style | {"marker": "o", "markersize": 2.6}), label=name)
         shown.append(line.trial)
     if not shown:
-        raise StrandcastError("SC-H063", "no counted trial has a closest approach", fix="track the trials")
+        raise StrandcastError("SC-W030", "no counted trial has a closest approach", fix="track the trials")
     _finish(views, summary)
     finding = (
         f"The strings of {len(shown)} trial{'s' * (len(shown) > 1)} at the closest approach of their tips."

@@ -96,8 +96,6 @@ def first_pass(
             "SC-T004",
             "no string leaves the hand in any frame",
             file=video,
-            fix="run `strandcast preview`; check the clamp's place and angle in the arm's file, the light, "
-            "and track.polarity, contrast_grey and background_picture",
         )
     appearance = learn_appearance(detections, frames.crops.plane.metre_per_pixel, hint.beyond_m)
     if settings.contrast_grey is not None:

@@ -61,14 +61,14 @@ def calibrate_arc(
     Raises
     ------
     StrandcastError
-        SC-T005 as `track_ball`; SC-T006 the arc is too short to determine its radius; SC-T008 its
+        SC-T005 as `track_ball`, or the arc is too short to determine its radius; SC-T008 its
         period is not that of the length.
     """
     ball = track_ball(path, facts, background_frames)
     arc = fit_arc(ball.centre_px)
     if arc.half_angle_rad < LEAST_SWING_RAD or arc.radius_sigma_px > WORST_SHARE * arc.radius_px:
         raise StrandcastError(
-            "SC-T006",
+            "SC-T005",
             f"an arc of ±{arc.half_angle_rad:.3f} rad does not determine its radius "
             f"({arc.radius_px:.0f} ± {arc.radius_sigma_px:.0f} px)",
             file=path,

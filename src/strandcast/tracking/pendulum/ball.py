@@ -44,8 +44,8 @@ def track_ball(path: str | Path, facts: VideoFacts, background_frames: int) -> B
     Raises
     ------
     StrandcastError
-        SC-T001 the decoded count differs from the manifest's; SC-T005 nothing of constant size moves;
-        SC-T007 pixels that are not square.
+        SC-V005 the decoded count differs from the manifest's; SC-T005 nothing of constant size moves;
+        SC-C012 pixels that are not square.
     """
     background = learn_scene(path, facts, background_frames)
     progress = Progress("track: ball", total=facts.packets)

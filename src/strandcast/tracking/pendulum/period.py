@@ -43,7 +43,6 @@ def check_period(time_s: np.ndarray, angle_rad: np.ndarray, length_m: float, pat
         field="string.length_m",
         cost=f"metres or seconds would be wrong: {length_m / ratio:.3f} m would fit, or "
         f"{1.0 / np.sqrt(ratio):.3g} times the frame rate",
-        fix="measure string.length_m from the pivot to the ball's centre, and check camera.frame_rate_hz",
     )
 
 

@@ -25,7 +25,7 @@ def track_pendulum(given: TrackerInput, settings: TrackSettings) -> Tracked:
     Raises
     ------
     StrandcastError
-        SC-T001 the decoded count differs from the manifest's; SC-T002 the frames' size is not the
+        SC-V005 the decoded count differs from the manifest's; SC-C012 the frames' size is not the
         calibration's; SC-T005 no bead is found; SC-T008 its period is not that of the length.
     """
     camera, string = given.camera, given.hint
