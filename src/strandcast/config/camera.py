@@ -162,7 +162,7 @@ class CameraSettings(Section):
         Field(
             "auto",
             description="Free coefficients of the lens; auto takes the smallest model that predicts unseen "
-            "photos well, but never fisheye: set that for a view of more than some 110 degrees.",
+            "photos well, but never fisheye. Set that for a view of more than some 110 degrees.",
         )
     )
     plane_photo: Below = Field(
