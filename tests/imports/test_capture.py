@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from strandcast.errors import StrandcastError
-from strandcast.imports.mapping import CaptureMapping, capture_mapping_of, load_mapping
-from strandcast.imports.motion_capture import import_capture
+from strandcast.imports.capture import CapturedTrial, import_capture
+from strandcast.imports.capture_mapping import CaptureMapping, capture_mapping_of
+from strandcast.imports.mapping import load_mapping
 from strandcast.records.alignment import Alignment, read_hand
 from strandcast.records.track import SUPPLIED, TrackSummary, read_track
 
@@ -13,14 +14,12 @@ ROWS = "ms,hx,hy,deg,mx,my,ex,ey\n0,0,900,0,0,700,0,500\n10,10,900,10,5,700,,\n2
 def capture(tmp_path, mapping: CaptureMapping, text: str = ROWS, points: int = 4) -> TrackSummary:
     path = tmp_path / "capture.csv"
     path.write_text(text)
-    return import_capture(
-        path, tmp_path / "out", mapping, experiment="e", trial=2, length_m=0.4, points=points
-    )
+    return import_capture(path, tmp_path / "out", mapping, CapturedTrial("e", 2, 0.4, points))
 
 
 def mapping_of(**more) -> CaptureMapping:
     units = {"time_unit": "ms", "angle_unit": "deg", "length_unit": "mm"}
-    return capture_mapping_of("ms", "hx,hy,deg", ["0.2:mx,my", "0.4:ex,ey"], **(units | more))
+    return capture_mapping_of("hx,hy,deg", ["0.2:mx,my", "0.4:ex,ey"], time="ms", **(units | more))
 
 
 def test_units_places_angles_and_missing_markers(tmp_path):
@@ -53,17 +52,17 @@ def test_markers_between_points_are_reported_with_a_better_number(tmp_path):
 
 
 def test_a_hand_without_angle_is_warned_of_unless_the_direction_is_given(tmp_path):
-    units = {"time_unit": "ms", "length_unit": "mm"}
+    units = {"time": "ms", "time_unit": "ms", "length_unit": "mm"}
     markers = ["0.2:mx,my", "0.4:ex,ey"]
-    (warning,) = capture(tmp_path, capture_mapping_of("ms", "hx,hy", markers, **units)).warnings
+    (warning,) = capture(tmp_path, capture_mapping_of("hx,hy", markers, **units)).warnings
     assert "always leaves the hand along x" in warning
-    down = capture_mapping_of("ms", "hx,hy", markers, **units, angle_offset_rad=-np.pi / 2)
+    down = capture_mapping_of("hx,hy", markers, **units, angle_offset_rad=-np.pi / 2)
     assert capture(tmp_path, down).warnings == []
 
 
 def test_points_may_be_named(tmp_path):
     mapping = capture_mapping_of(
-        "ms", "hx,hy", ["0.2@3:mx,my", "0.4:ex,ey"], time_unit="ms", length_unit="mm"
+        "hx,hy", ["0.2@3:mx,my", "0.4:ex,ey"], time="ms", time_unit="ms", length_unit="mm"
     )
     summary = capture(tmp_path, mapping, points=5)
     track = read_track(tmp_path / "out/track.parquet", 5)
@@ -97,31 +96,31 @@ def test_a_mapping_file_says_the_same_as_options(tmp_path):
 
 def test_what_cannot_be_is_refused(tmp_path):
     with pytest.raises(StrandcastError, match=r"\.csv: markers: a marker at 2.* beyond the string's 0\.4 m"):
-        capture(tmp_path, capture_mapping_of("ms", "hx,hy", ["2:mx,my"]))
+        capture(tmp_path, capture_mapping_of("hx,hy", ["2:mx,my"], time="ms"))
     with pytest.raises(StrandcastError, match=r"points \[2, 2\] of 4"):
-        capture(tmp_path, capture_mapping_of("ms", "hx,hy", ["0.2:mx,my", "0.21:ex,ey"]))
+        capture(tmp_path, capture_mapping_of("hx,hy", ["0.2:mx,my", "0.21:ex,ey"], time="ms"))
     with pytest.raises(StrandcastError, match="no column 'mz'"):
-        capture(tmp_path, capture_mapping_of("ms", "hx,hy", ["0.2:mx,mz"]))
+        capture(tmp_path, capture_mapping_of("hx,hy", ["0.2:mx,mz"], time="ms"))
     with pytest.raises(StrandcastError, match="time does not rise") as refusal:
         capture(tmp_path, mapping_of(), ROWS + "20,0,0,0,0,0,0,0\n")
     assert refusal.value.line == 5
     with pytest.raises(StrandcastError, match="not PLACE:X,Y"):
-        capture_mapping_of("ms", "hx,hy", ["mx,my"])
+        capture_mapping_of("hx,hy", ["mx,my"])
     with pytest.raises(StrandcastError, match="place_m"):
-        capture_mapping_of("ms", "hx,hy", ["half:mx,my"])
+        capture_mapping_of("hx,hy", ["half:mx,my"])
 
 
 @pytest.mark.parametrize(("series", "rows"), [("dynamic", 114), ("free_swing", None)])
 def test_the_real_cable_comes_in_with_options_alone(real_data, tmp_path, series, rows):
     mapping = capture_mapping_of(
-        "t",
         "x_base,z_base,phi",
         ["0.2:x_mid,z_mid", "0.4:x_end,z_end"],
+        time="t",
         angle_sign=-1,
         angle_offset_rad=-np.pi / 2,
     )
     path = real_data / "pac_cable" / series / "black_short_unweighted.markers_rebuilt.csv"
-    summary = import_capture(path, tmp_path, mapping, experiment="pac", trial=1, length_m=0.4, points=12)
+    summary = import_capture(path, tmp_path, mapping, CapturedTrial("pac", 1, 0.4, 12))
     track = read_track(tmp_path / "track.parquet", 12)
     assert rows is None or len(track.frame) == rows
     assert summary.warnings == []

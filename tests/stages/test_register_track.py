@@ -178,7 +178,7 @@ def test_a_good_track_is_registered_unchanged(supplied: Supplied, missing: tuple
         (lambda t: put(t, "sigma_m", 7, 0.0), "SC-I025", "sigma_m: is 0.0 in row 8"),
         (
             lambda t: taken(t, np.repeat(np.arange(300), 2)),
-            "SC-I026",
+            "SC-I025",
             "frame 0, point 0 has 2 rows.*300 rows",
         ),
         (lambda t: taken(t, slice(0)), "SC-I024", "none of its 0 rows"),

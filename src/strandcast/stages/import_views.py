@@ -8,8 +8,8 @@ import numpy as np
 from strandcast.camera.mapping import pixel_to_metre
 from strandcast.camera.stereo import stereo_pose
 from strandcast.errors import StrandcastError
-from strandcast.imports.motion_capture import one_clock, write_capture
-from strandcast.imports.space_checks import check_track_in_space
+from strandcast.imports.capture import one_clock, write_capture
+from strandcast.imports.track_checks import check_track, paths_of
 from strandcast.reconstruction.views import SpaceReconstruction, StringView, reconstruct_in_space
 from strandcast.records.alignment import Alignment, EndPath, end_columns
 from strandcast.records.camera import Camera
@@ -64,7 +64,7 @@ def run(
     cameras = [experiment for experiment, _ in views]
     if len(set(cameras)) < len(cameras):
         what = f"{' and '.join(cameras)} are one camera, and its trials are different throws"
-        raise StrandcastError("SC-I049", what, field="--view", fix="name each camera's own experiment once")
+        raise StrandcastError("SC-I047", what, field="--view", fix="name each camera's own experiment once")
     tip_sigma_m = [_checked_track(root, *view, length_m) for view in views]
     seen = [_view(root, *view) for view in views]
     warnings = []
@@ -89,7 +89,8 @@ def run(
         **end_columns([EndPath(hand_m[known], None, None)]),
     }
     alignment = one_clock(name, trial, track.camera_time_s)
-    summary.warnings += check_track_in_space(track, hand, alignment, summary, folder.data / "track.parquet")
+    file = folder.data / "track.parquet"
+    summary.warnings += check_track(track, paths_of(hand, file), alignment, summary, file)
     write_capture(folder.data, track, hand, alignment, summary)
     return summary
 
@@ -124,7 +125,7 @@ def _checked_track(root: Path, experiment: str, trial: int, length_m: float) -> 
     its_m = summary.length_m
     if abs(its_m - length_m) > LENGTHS_DIFFER * length_m:
         raise StrandcastError(
-            "SC-I049",
+            "SC-I047",
             f"the string is {length_m:g} m long, but from the hand on {its_m:.4g} m in {experiment}",
             field="string.length_m",
             fix=f"give the free length, without what the clamp holds: length_m: {its_m:.4g}",
@@ -143,7 +144,7 @@ def _placed_by_boards(
     both = [name for name in names if (folders[1] / name).is_file()]
     if not both:
         raise StrandcastError(
-            "SC-I049",
+            "SC-I047",
             f"no file {boards!r} is in both {folders[0]} and {folders[1]}",
             field="--boards",
             fix="give a pattern of names in these folders, e.g. 'calibration/both-*.png'",
