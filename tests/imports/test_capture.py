@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from strandcast.errors import StrandcastError
+from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.imports.capture import CapturedTrial, import_capture
 from strandcast.imports.capture_mapping import CaptureMapping, capture_mapping_of
 from strandcast.imports.mapping import load_mapping
@@ -84,14 +84,66 @@ def test_a_marker_that_is_never_detected_leaves_nothing_behind(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_mapping_file_says_the_same_as_options(tmp_path):
-    (tmp_path / "m.toml").write_text(
-        'time = "ms"\ntime_unit = "ms"\nhand_x = "hx"\nhand_y = "hy"\nhand_angle = "deg"\n'
-        'angle_unit = "deg"\n'
-        'length_unit = "mm"\n[[markers]]\nplace_m = 0.2\nx = "mx"\ny = "my"\n'
-        '[[markers]]\nplace_m = 0.4\nx = "ex"\ny = "ey"\n'
-    )
+HAND_IN_FILE = {
+    "positions": 'hand = {position = ["hx", "hy"]}\n',
+    "column by column": 'hand_x = "hx"\nhand_y = "hy"\n',
+}
+MARKERS_IN_FILE = {
+    "positions": '[[markers]]\nplace_m = 0.2\nposition = ["mx", "my"]\n'
+    '[[markers]]\nplace_m = 0.4\nposition = ["ex", "ey"]\n',
+    "column by column": '[[markers]]\nplace_m = 0.2\nx = "mx"\ny = "my"\n'
+    '[[markers]]\nplace_m = 0.4\nx = "ex"\ny = "ey"\n',
+}
+
+
+@pytest.mark.parametrize("spelling", HAND_IN_FILE)
+def test_a_mapping_file_says_the_same_as_options(tmp_path, spelling):
+    units = 'time = "ms"\ntime_unit = "ms"\nhand_angle = "deg"\nangle_unit = "deg"\nlength_unit = "mm"\n'
+    (tmp_path / "m.toml").write_text(HAND_IN_FILE[spelling] + units + MARKERS_IN_FILE[spelling])
     assert load_mapping(tmp_path / "m.toml", CaptureMapping) == mapping_of()
+
+
+def test_a_second_point_of_the_hand_gives_its_direction_in_the_plane_too(tmp_path):
+    angle = np.radians([-100.0, -80.0, -90.0])
+    behind = np.array([[0, 900], [10, 900], [20, 900]]) - 30.0 * np.column_stack(
+        [np.cos(angle), np.sin(angle)]
+    )
+    lines = ROWS.splitlines()
+    rows = [f"{line},{x},{y}" for line, (x, y) in zip(lines[1:], behind, strict=True)]
+    mapping = capture_mapping_of(
+        "hx,hy",
+        ["0.2:mx,my", "0.4:ex,ey"],
+        behind="bx,by",
+        time="ms",
+        time_unit="ms",
+        length_unit="mm",
+    )
+    summary = capture(tmp_path, mapping, "\n".join([f"{lines[0]},bx,by", *rows]) + "\n")
+    assert summary.warnings == []
+    np.testing.assert_allclose(read_hand(tmp_path / "out/hand.parquet", "measured")[1].angle_rad, angle)
+
+
+def test_a_gap_of_the_hand_is_warned_of_in_the_plane_too(tmp_path):
+    rows = [f"{10 * k},{'' if 10 < k < 25 else 0},900,{k},0,700,0,500" for k in range(40)]
+    (warning,) = capture(tmp_path, mapping_of(), "\n".join([ROWS.splitlines()[0], *rows]) + "\n").warnings
+    assert "were not measured for 0.15 s after 0.10 s" in warning
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"far": "ex,ey"}, "for far"),
+        ({"up": "y"}, "for up"),
+        ({"hand": "hx,hy,deg", "behind": "mx,my"}, "an angle is of"),
+        ({"hand": "h"}, "as many columns"),
+        ({"hand": "h", "markers": ["0.2@3:m"]}, "leave point out"),
+        ({"rate_hz": 100.0, "time": "ms"}, "time or rate_hz"),
+    ],
+)
+def test_an_option_that_would_not_count_is_refused(more, words):
+    options = {"hand": "hx,hy", "markers": ["0.2:mx,my"]} | more
+    with pytest.raises(StrandcastErrors, match=f"SC-I011(?s:.)*{words}"):
+        capture_mapping_of(**options)
 
 
 def test_what_cannot_be_is_refused(tmp_path):

@@ -153,8 +153,8 @@ def import_track(
     behind: Annotated[
         str | None,
         typer.Option(
-            help="In space: X,Y,Z or NAME of a point behind the hand; the string leaves in the direction "
-            "from there. For an orientation as a quaternion, use --columns.",
+            help="Columns of a point behind the hand, as --hand; the string leaves in the direction from "
+            "there. For an orientation as a quaternion, use --columns.",
             autocompletion=complete_point,
         ),
     ] = None,
