@@ -98,7 +98,7 @@ def test_a_file_of_columns_in_space_is_recognised(tmp_path):
     path = tmp_path / "columns.toml"
     path.write_text('hand = {position = ["a"]}\nmarkers = [{place_m = 0.1, position = ["m"]}]\n')
     mapping = load_mapping(path, CaptureMapping)
-    assert isinstance(mapping, CaptureMapping)
+    assert mapping.in_space
     assert (mapping.up, mapping.length_unit) == (None, None)  # the file's, or an error
 
 
@@ -165,31 +165,57 @@ REFUSED = {
         {},
         {"markers": [{"place_m": 0.3, "position": ["m1"]}, {"place_m": 0.3, "position": ["m2"]}]},
     ),
+    "one marker twice": (
+        "SC-I013",
+        {},
+        {"markers": [{"place_m": 0.3, "position": ["m1"]}, {"place_m": 0.5, "position": ["m1"]}]},
+    ),
     "no time": ("SC-I011", {"t": None}, {"time": None}),
     "unknown column": ("SC-I004", {}, {"time": "seconds"}),
 }
 
 
-@pytest.mark.parametrize("what", REFUSED)
-def test_what_does_not_fit_is_refused_and_nothing_is_written(tmp_path, named, what):
+IN_SPACE_ONLY = ("quaternion not of length one",)
+
+
+def in_plane(data):
+    """Return the mapping of the same capture as one in the plane of its x and y."""
+
+    def two(named):
+        return {"position": [f"{named['position'][0]}.{axis}" for axis in "xy"]}
+
+    kept = {name: value for name, value in data.items() if name not in ("up", "hand")}
+    markers = [marker | two(marker) for marker in data["markers"]]
+    return kept | {"hand": two(data["hand"]), "markers": markers, "angle_offset_rad": -np.pi / 2}
+
+
+@pytest.mark.parametrize(
+    ("what", "seen"),
+    [
+        (what, seen)
+        for what in REFUSED
+        for seen in ("space", "plane")
+        if (seen, what) != ("plane", *IN_SPACE_ONLY)
+    ],
+)
+def test_what_does_not_fit_is_refused_and_nothing_is_written(tmp_path, named, what, seen):
     code, changes, data = REFUSED[what]
+    mapping = captures.mapping_data(**data)
     with pytest.raises(StrandcastError) as caught:
-        imported(tmp_path, broken(named, **changes), captures.mapping_data(**data))
+        imported(tmp_path, broken(named, **changes), mapping if seen == "space" else in_plane(mapping))
     error = caught.value
     assert error.code == code
     assert (Path(str(error.file)).name, bool(error.field), bool(error.fix)) == ("capture.csv", True, True)
     assert not (tmp_path / "out").exists()
 
 
-def test_the_same_marker_twice_is_refused(tmp_path, named):
-    data = captures.mapping_data()
-    data["markers"][1]["position"] = ["m3"]
-    with pytest.raises(StrandcastError, match=r"SC-I013.*same marker in all"):
-        imported(tmp_path, named, data)
-    data = captures.mapping_data()
-    data["markers"][1]["place_m"] = data["markers"][2]["place_m"]
-    with pytest.raises(StrandcastError, match=r"SC-I013.*two markers have the place"):
-        imported(tmp_path, named, data)
+def test_the_same_capture_in_the_plane_and_in_space_has_the_same_places(tmp_path, named):
+    imported(tmp_path, named, captures.mapping_data(pose=False))
+    space = read_track(tmp_path / "out/track.parquet", 4).points_m
+    imported(tmp_path, named, in_plane(captures.mapping_data()))
+    plane = read_track(tmp_path / "out/track.parquet", 8).points_m
+    marked = np.isfinite(plane).all(axis=(0, 2))
+    np.testing.assert_array_equal(plane[:, marked], space[:, :, [0, 2]])
 
 
 def test_a_string_that_leaves_backwards_is_refused_near_the_end_and_else_warned_of(tmp_path, named):

@@ -98,28 +98,14 @@ def import_capture(
     points = len(index) if mapping.in_space else known.points
     points_m = np.full((len(time_s), points + 1, markers_m.shape[2]), np.nan)
     points_m[:, 0], points_m[:, index] = start_m, markers_m
-    shape = points_m.shape[:2]
-    sigma, flags = np.full(shape, sigma_m), np.full(shape, SUPPLIED, np.int32)
-    track = Track(np.arange(len(time_s)), time_s, points_m, sigma, flags)
-    detected = np.isfinite(points_m).all(axis=2)
-    choices = {"file": Path(path).name, "sha256": sha256_file(path)}
+    frame, flags = np.arange(len(time_s)), np.full(points_m.shape[:2], SUPPLIED, np.int32)
+    track = Track(frame, time_s, points_m, np.full(points_m.shape[:2], sigma_m), flags)
+    choices: dict[str, float | str] = {"file": Path(path).name, "sha256": sha256_file(path)}
     if mapping.in_space:
         choices |= {name: getattr(mapping, name) for name in ("up", "handedness", "length_unit")}
-    summary = TrackSummary(
-        experiment=known.experiment,
-        trial=known.trial,
-        source="supplied",
-        points=points,
-        length_m=known.length_m,
-        decoded_frames=len(time_s),
-        expected_frames=len(time_s),
-        tracked_fraction=float(detected[:, index].mean()),
-        tip_fraction=float(detected[:, -1].mean()),
-        marker_fraction=float(detected[:, 0].mean()),
-        median_sigma_m=sigma_m,
-        choices=choices | {f"point_{k}_place_m": m.place_m for k, m in zip(index, markers, strict=True)},
-        warnings=warnings,
-    )
+    choices |= {f"point_{k}_place_m": marker.place_m for k, marker in zip(index, markers, strict=True)}
+    summary = _summary(track, known, index)
+    summary = summary.model_copy(update={"choices": choices, "warnings": warnings})
     summary.warnings += check_track(track, paths_of(hand, table.path), alignment, summary, table.path)
     summary.warnings += check_directions(track, ends, summary, table.path)
     if known.arm is not None and not mapping.in_space:
@@ -159,6 +145,26 @@ def one_clock(
         frames=len(time_s),
         motion_start_s=float(time_s[0]) if start_s is None else start_s,
         motion_end_s=float(time_s[-1]) if end_s is None else end_s,
+    )
+
+
+def _summary(track: Track, known: CapturedTrial, index: list[int]) -> TrackSummary:
+    """Return the summary of a track that has markers at these points, without choices."""
+    detected = np.isfinite(track.points_m).all(axis=2)
+    return TrackSummary(
+        experiment=known.experiment,
+        trial=known.trial,
+        source="supplied",
+        points=detected.shape[1] - 1,
+        length_m=known.length_m,
+        decoded_frames=len(detected),
+        expected_frames=len(detected),
+        tracked_fraction=float(detected[:, index].mean()),
+        tip_fraction=float(detected[:, -1].mean()),
+        marker_fraction=float(detected[:, 0].mean()),
+        median_sigma_m=float(track.sigma_m[0, 0]),
+        choices={},
+        warnings=[],
     )
 
 
