@@ -294,15 +294,15 @@ def test_a_third_camera_may_see_less_of_the_throw():
 
 
 def test_what_cannot_be_joined_is_refused(project):
-    with pytest.raises(StrandcastError, match="SC-I047.*are one camera"):
+    with pytest.raises(StrandcastError, match="SC-I049.*are one camera"):
         import_views.run(project, "space", 1, [("left", 1), ("left", 1)])
     for pattern in ("", "/both-*.png", "none-*.png"):
-        with pytest.raises(StrandcastError, match="SC-I047.* is in both"):
+        with pytest.raises(StrandcastError, match="SC-I049.* is in both"):
             import_views.run(project, "space", 1, [("left", 1), ("right", 1)], boards=pattern)
     left = ExperimentFolder(project, "left").trial(1).results / "track.json"
     summary = import_views.run(project, "space", 2, [("left", 1), ("right", 1)])
     summary.model_copy(update={"experiment": "left", "trial": 1, "length_m": 1.03 * LENGTH_M}).write(left)
-    with pytest.raises(StrandcastError, match=f"SC-I047.*{1.03 * LENGTH_M:.4g} m in left"):
+    with pytest.raises(StrandcastError, match=f"SC-I049.*{1.03 * LENGTH_M:.4g} m in left"):
         import_views.run(project, "space", 1, [("left", 1), ("right", 1)])
     left.unlink()
     with pytest.raises(StrandcastError, match="SC-I048"):

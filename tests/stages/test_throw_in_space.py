@@ -281,7 +281,7 @@ def test_a_capture_in_the_arms_frame_needs_the_clocks_offset_alone(root: Path, c
     file.write_text("string: {length_m: 0.41}\n")
     with pytest.raises(StrandcastError, match=r"SC-I058.*offset") as caught:
         import_track.run(root, "hung", 1, own, mapping, offset_s=1.0)
-    assert caught.value.file == str(file)
+    assert caught.value.file == str(own)
 
 
 def test_a_throw_without_its_log_or_its_tip_is_refused(root: Path, captured: Path) -> None:

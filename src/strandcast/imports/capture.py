@@ -85,6 +85,10 @@ def import_capture(
         start_m = known.thrown.at(alignment.robot_time_s(time_s))[:, :3]
         hand = _rows(known.thrown.time_s, end_columns([known.thrown.end()]), table.path)
     else:
+        if known.offset_s is not None:
+            what = "the offset of the clocks is given, and the experiment has no target in space"
+            fix = "leave --offset out: without a target in space, the capture's clock is the only one"
+            raise refusal("SC-I058", table.path, "offset", what, fix)
         alignment = one_clock(
             known.experiment, known.trial, time_s, mapping.motion_start_s, mapping.motion_end_s
         )

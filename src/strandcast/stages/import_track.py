@@ -6,7 +6,6 @@ from threadpoolctl import threadpool_limits
 
 from strandcast.arm.load import load_arm
 from strandcast.arm.spatial import SpatialArm, hand_path
-from strandcast.errors import StrandcastError
 from strandcast.imports.capture import CapturedTrial, import_capture
 from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.throw_in_space import ThrownBy
@@ -41,14 +40,6 @@ def run(
     string, folder = context.settings.string, context.folder.trial(trial)
     refuse_replacing(folder.data / "track.json", replace)
     refuse_other_target(context, mapping.in_space)
-    if offset_s is not None and not context.settings.aims_in_space:
-        raise StrandcastError(
-            "SC-I058",
-            "the offset of the clocks is given, and no target in space",
-            file=context.file,
-            field="offset",
-            fix="leave --offset out: without a target in space, the capture's clock is the only one",
-        )
     known = CapturedTrial(name, trial, string.length_m, string.n, offset_s=offset_s)
     with threadpool_limits(1):  # as the stages: the last digits must not depend on the number of cores
         if context.settings.aims_in_space:

@@ -64,7 +64,7 @@ def run(
     cameras = [experiment for experiment, _ in views]
     if len(set(cameras)) < len(cameras):
         what = f"{' and '.join(cameras)} are one camera, and its trials are different throws"
-        raise StrandcastError("SC-I047", what, field="--view", fix="name each camera's own experiment once")
+        raise StrandcastError("SC-I049", what, field="--view", fix="name each camera's own experiment once")
     tip_sigma_m = [_checked_track(root, *view, length_m) for view in views]
     seen = [_view(root, *view) for view in views]
     warnings = []
@@ -125,7 +125,7 @@ def _checked_track(root: Path, experiment: str, trial: int, length_m: float) -> 
     its_m = summary.length_m
     if abs(its_m - length_m) > LENGTHS_DIFFER * length_m:
         raise StrandcastError(
-            "SC-I047",
+            "SC-I049",
             f"the string is {length_m:g} m long, but from the hand on {its_m:.4g} m in {experiment}",
             field="string.length_m",
             fix=f"give the free length, without what the clamp holds: length_m: {its_m:.4g}",
@@ -144,7 +144,7 @@ def _placed_by_boards(
     both = [name for name in names if (folders[1] / name).is_file()]
     if not both:
         raise StrandcastError(
-            "SC-I047",
+            "SC-I049",
             f"no file {boards!r} is in both {folders[0]} and {folders[1]}",
             field="--boards",
             fix="give a pattern of names in these folders, e.g. 'calibration/both-*.png'",
