@@ -182,7 +182,7 @@ class TestArmFiles:
     def test_hostile_toml_is_refused(self, tmp_path: Path, text: str, words: str) -> None:
         for path, read, code in (
             (tmp_path / "arm.toml", load_arm, "SC-F002"),
-            (tmp_path / "columns.toml", lambda path: load_mapping(path, JointMapping), "SC-I010"),
+            (tmp_path / "columns.toml", lambda path: load_mapping(path, JointMapping), "SC-I011"),
         ):
             path.write_text(text)
             with pytest.raises(StrandcastError, match=code) as caught:
@@ -215,7 +215,7 @@ class TestArmFiles:
 def test_a_hostile_mapping_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "columns.yaml"
     path.write_text(text)
-    with pytest.raises(StrandcastError, match="SC-I010"):
+    with pytest.raises(StrandcastError, match="SC-I011"):
         load_mapping(path, JointMapping)
 
 
@@ -224,5 +224,5 @@ def test_a_pipe_is_not_read(tmp_path: Path) -> None:
         os.mkfifo(tmp_path / name)
     with pytest.raises(StrandcastError, match="SC-F001"):
         load_arm(tmp_path / "arm.toml")
-    with pytest.raises(StrandcastError, match="SC-I010"):
+    with pytest.raises(StrandcastError, match="SC-I011"):
         load_mapping(tmp_path / "columns.yaml", JointMapping)

@@ -266,7 +266,7 @@ def test_what_cannot_be_exported_is_refused(library, project, tmp_path, monkeypa
     assert VIDEO in refused.value.message()
     shutil.rmtree(root / "results")
     shutil.rmtree(root / "data" / "small" / "trial-01")
-    with pytest.raises(StrandcastError, match="SC-I052"):
+    with pytest.raises(StrandcastError, match="SC-I051"):
         export_crate(experiment, tmp_path / "out.zip")
     monkeypatch.setitem(sys.modules, "rocrate.rocrate", None)
     with pytest.raises(StrandcastError, match=r"SC-W012(.|\n)*strandcast\[crate\]"):

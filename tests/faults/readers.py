@@ -30,9 +30,10 @@ from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
 from strandcast.executor.checks import check_motion
 from strandcast.exports.crate import METADATA, _with_own_hash
+from strandcast.imports.capture import CapturedTrial, import_capture
+from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.joints import Played, Reading, import_joints
-from strandcast.imports.mapping import CaptureMapping, JointMapping, load_mapping
-from strandcast.imports.motion_capture import import_capture
+from strandcast.imports.mapping import JointMapping, load_mapping
 from strandcast.imports.ros_bags import SUFFIXES
 from strandcast.imports.track_checks import check_supplied
 from strandcast.records.alignment import Alignment
@@ -371,7 +372,7 @@ def imported(reading: Reading, path: Path) -> Any:
 def captured(path: Path) -> Any:
     out = path.parent / "out"
     shutil.rmtree(out, ignore_errors=True)
-    return import_capture(path, out, HELD, experiment="e", trial=1, length_m=0.4, points=4).content()
+    return import_capture(path, out, HELD, CapturedTrial("e", 1, 0.4, 4)).content()
 
 
 def mapped(kind: type[JointMapping] | type[CaptureMapping], path: Path) -> Any:

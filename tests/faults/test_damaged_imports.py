@@ -12,9 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from strandcast.errors import StrandcastError
+from strandcast.imports.capture import CapturedTrial, import_capture
+from strandcast.imports.capture_mapping import capture_mapping_of
 from strandcast.imports.joints import Reading, import_joints
-from strandcast.imports.mapping import JointMapping, capture_mapping_of
-from strandcast.imports.motion_capture import import_capture
+from strandcast.imports.mapping import JointMapping
 from strandcast.records.joint_log import read_run
 from strandcast.records.track import read_track
 
@@ -129,7 +130,7 @@ def test_a_damaged_log_is_refused_or_read_as_it_stands(tmp_path: Path, changes: 
 CAPTURE = "t,x,y,w,mx,my,ex,ey\n" + "".join(
     f"{0.01 * k:.2f},{0.01 * k:.2f},0.9,-1.5,{0.01 * k:.2f},0.7,{0.02 * k:.2f},0.5\n" for k in range(25)
 )
-HELD = capture_mapping_of("t", "x,y,w", ["0.2:mx,my", "0.4:ex,ey"])
+HELD = capture_mapping_of("x,y,w", ["0.2:mx,my", "0.4:ex,ey"], time="t")
 
 
 @FUZZ
@@ -142,7 +143,7 @@ def test_a_damaged_capture_is_refused_or_read_as_it_stands(
     (tmp_path / "c.csv").write_bytes(data)
     out = tmp_path / "out"
     try:
-        import_capture(tmp_path / "c.csv", out, HELD, experiment="e", trial=1, length_m=0.4, points=4)
+        import_capture(tmp_path / "c.csv", out, HELD, CapturedTrial("e", 1, 0.4, 4))
     except StrandcastError as refusal:
         assert len(refusal.message()) < 1500
         assert not out.exists()

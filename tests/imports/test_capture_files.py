@@ -10,10 +10,9 @@ from typer.testing import CliRunner
 
 from strandcast.cli.app import app
 from strandcast.errors import StrandcastError
-from strandcast.imports.capture_in_space import import_capture_in_space
+from strandcast.imports.capture import CapturedTrial, import_capture
+from strandcast.imports.capture_mapping import capture_mapping_of
 from strandcast.imports.capture_table import read_capture, times_of
-from strandcast.imports.mapping import CaptureUnits
-from strandcast.imports.space_mapping import space_mapping_of
 from strandcast.records.track import read_track
 
 RATE_HZ, ROWS, LENGTH_M = 240.0, 48, 0.8
@@ -131,10 +130,8 @@ def test_what_the_file_says_need_not_be_given(tmp_path, name):
     text, up = FILES[name]
     (tmp_path / name).write_text(text(), newline="")
     markers = [f"{place}:string:{marker}" for marker, place in MARKERS.items()]
-    mapping = space_mapping_of("hand", markers, up=up)
-    summary = import_capture_in_space(
-        tmp_path / name, tmp_path / "out", mapping, experiment="e", trial=1, length_m=LENGTH_M
-    )
+    mapping = capture_mapping_of("hand", markers, up=up)
+    summary = import_capture(tmp_path / name, tmp_path / "out", mapping, CapturedTrial("e", 1, LENGTH_M, 8))
     track = read_track(tmp_path / "out/track.parquet", 2)
     time_s = track.camera_time_s - track.camera_time_s[0]
     np.testing.assert_allclose(time_s, np.arange(ROWS) / RATE_HZ, atol=1e-5)
@@ -164,7 +161,7 @@ def test_a_body_of_six_axes_has_a_quaternion(tmp_path):
     np.testing.assert_allclose(q[:2], [[np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]] * 2, atol=1e-6)
     assert np.isnan(q[2]).all()
     assert np.isnan(table.column("hand.x")[2])
-    np.testing.assert_allclose(times_of(table, CaptureUnits()), [0.0, 0.01, 0.02])
+    np.testing.assert_allclose(times_of(table, capture_mapping_of("hand", ["0.8:hand"])), [0.0, 0.01, 0.02])
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -181,10 +178,10 @@ def test_a_file_cut_within_its_header_is_one_message(tmp_path, name):
 def test_another_unit_or_rate_than_the_files_is_refused(tmp_path):
     (tmp_path / "take.csv").write_text(vicon())
     for more, code in (({"length_unit": "m"}, "SC-I027"), ({"rate_hz": 100.0}, "SC-I028")):
-        mapping = space_mapping_of("hand", ["0.8:string:tip"], **more)
+        mapping = capture_mapping_of("hand", ["0.8:string:tip"], **more)
         with pytest.raises(StrandcastError, match=f"{code}.*the file says"):
-            import_capture_in_space(
-                tmp_path / "take.csv", tmp_path / "out", mapping, experiment="e", trial=1, length_m=LENGTH_M
+            import_capture(
+                tmp_path / "take.csv", tmp_path / "out", mapping, CapturedTrial("e", 1, LENGTH_M, 8)
             )
 
 
@@ -245,10 +242,8 @@ def test_a_c3d_file_gives_rate_unit_and_axis(tmp_path, units, screen):
     write_c3d(tmp_path / "take.c3d", units, screen)
     markers = [f"{place}:string:{marker}" for marker, place in MARKERS.items()]
     more = {"length_unit": None if units else "mm", "up": None if screen == "+Z" else "z"}
-    mapping = space_mapping_of("hand", markers, **more)
-    import_capture_in_space(
-        tmp_path / "take.c3d", tmp_path / "out", mapping, experiment="e", trial=1, length_m=LENGTH_M
-    )
+    mapping = capture_mapping_of("hand", markers, **more)
+    import_capture(tmp_path / "take.c3d", tmp_path / "out", mapping, CapturedTrial("e", 1, LENGTH_M, 8))
     track = read_track(tmp_path / "out/track.parquet", 2)
     np.testing.assert_allclose(track.camera_time_s, np.arange(ROWS) / RATE_HZ, atol=1e-9)
     assert np.isnan(track.points_m[GAP, 2]).all()
@@ -258,7 +253,7 @@ def test_a_c3d_file_gives_rate_unit_and_axis(tmp_path, units, screen):
 @needs_ezc3d
 def test_a_damaged_c3d_file_is_refused(tmp_path):
     (tmp_path / "take.c3d").write_bytes(b"\x02\x50" + bytes(600))
-    with pytest.raises(StrandcastError, match="SC-I045"):
+    with pytest.raises(StrandcastError, match="SC-I001"):
         read_capture(tmp_path / "take.c3d")
 
 

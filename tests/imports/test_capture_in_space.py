@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from strandcast.errors import StrandcastError, StrandcastErrors
-from strandcast.imports.capture_in_space import import_capture_in_space
-from strandcast.imports.mapping import check_mapping
-from strandcast.imports.space_mapping import SpaceMapping, load_capture_mapping, space_mapping_of
+from strandcast.imports.capture import CapturedTrial, import_capture
+from strandcast.imports.capture_mapping import CaptureMapping, capture_mapping_of
+from strandcast.imports.mapping import check_mapping, load_mapping
 from strandcast.records.alignment import HAND, ends_of
 from strandcast.records.tables import read_table
 from strandcast.records.track import read_track
@@ -29,10 +29,8 @@ def imported(tmp_path, named, data, length_m=captures.LENGTH_M, name="capture.cs
         pd.DataFrame(named).to_parquet(path)
     else:
         captures.write_csv(path, named)
-    mapping = check_mapping(data, SpaceMapping)
-    return import_capture_in_space(
-        path, tmp_path / "out", mapping, experiment="e", trial=1, length_m=length_m
-    )
+    mapping = check_mapping(data, CaptureMapping)
+    return import_capture(path, tmp_path / "out", mapping, CapturedTrial("e", 1, length_m, 8))
 
 
 @pytest.mark.parametrize("name", ["capture.csv", "capture.parquet"])
@@ -71,7 +69,7 @@ def test_a_mirrored_file_and_its_copy_give_the_same(tmp_path, named):
 
 @pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
 def test_axes_are_right_handed_and_the_named_one_is_up(up):
-    mapping = check_mapping(captures.mapping_data(up=up), SpaceMapping)
+    mapping = check_mapping(captures.mapping_data(up=up), CaptureMapping)
     matrix, axis = mapping.to_world(), np.zeros(3)
     axis["xyz".index(up[-1])] = -1.0 if up[0] == "-" else 1.0
     np.testing.assert_array_equal(matrix @ axis, [0.0, 0.0, 1.0])
@@ -79,7 +77,7 @@ def test_axes_are_right_handed_and_the_named_one_is_up(up):
 
 
 def test_the_command_line_names_the_same_mapping():
-    mapping = space_mapping_of(
+    mapping = capture_mapping_of(
         "hand",
         ["0.33:m2", "0.8:a,b,c"],
         up="y",
@@ -99,8 +97,8 @@ def test_the_command_line_names_the_same_mapping():
 def test_a_file_of_columns_in_space_is_recognised(tmp_path):
     path = tmp_path / "columns.toml"
     path.write_text('hand = {position = ["a"]}\nmarkers = [{place_m = 0.1, position = ["m"]}]\n')
-    mapping = load_capture_mapping(path)
-    assert isinstance(mapping, SpaceMapping)
+    mapping = load_mapping(path, CaptureMapping)
+    assert mapping.in_space
     assert (mapping.up, mapping.length_unit) == (None, None)  # the file's, or an error
 
 
@@ -113,7 +111,7 @@ def test_neither_axis_nor_unit_is_guessed(tmp_path, named, missing):
 
 def test_a_wrong_option_is_named_with_what_was_given():
     with pytest.raises(StrandcastErrors) as caught:
-        space_mapping_of("h", ["far:m1"], up="q", length_unit="mile", time="t", time_unit="s")
+        capture_mapping_of("h", ["far:m1"], up="q", length_unit="mile", time="t", time_unit="s")
     said = "\n".join(str(error) for error in caught.value.problems)
     for words in (
         r"up: Input .*, not 'q'\n.*--up",
@@ -122,14 +120,14 @@ def test_a_wrong_option_is_named_with_what_was_given():
     ):
         assert re.search(words, said), words
     with pytest.raises(StrandcastErrors, match="ERROR  give time or rate_hz, not both"):
-        space_mapping_of("h", ["0.2:m1"], up="z", length_unit="m", time="t", rate_hz=100.0)
+        capture_mapping_of("h", ["0.2:m1"], up="z", length_unit="m", time="t", rate_hz=100.0)
 
 
 def test_a_wrong_entry_of_a_file_is_named_with_the_keys_only_where_they_help(tmp_path):
     path = tmp_path / "columns.toml"
     path.write_text('hand = {position = ["a"], back = ["b"]}\nmarker = 3\nup = "z"\nlength_unit = "mile"\n')
     with pytest.raises(StrandcastErrors) as caught:
-        load_capture_mapping(path)
+        load_mapping(path, CaptureMapping)
     fixes = {error.field: error.fix for error in caught.value.problems}
     assert all(error.file == str(path) for error in caught.value.problems)
     assert fixes["hand.back"] == fixes["length_unit"] == "correct it in this file"
@@ -154,8 +152,8 @@ def emptied(column):
 REFUSED = {
     "metres for millimetres": ("SC-I027", {}, {"length_unit": "m"}),
     "time that goes back": ("SC-I007", {"t": swapped}, {}),
-    "quaternion not of length one": ("SC-I037", {"hand_qw": lambda q: 2.0 * q}, {}),
-    "no driven end": ("SC-I036", {"hand.x": emptied}, {}),
+    "quaternion not of length one": ("SC-I025", {"hand_qw": lambda q: 2.0 * q}, {}),
+    "no driven end": ("SC-I021", {"hand.x": emptied}, {}),
     "marker never seen": ("SC-I021", {"m2.y": emptied}, {}),
     "marker beyond the string": (
         "SC-I013",
@@ -163,35 +161,61 @@ REFUSED = {
         {"markers": [{"place_m": 0.3, "position": ["m1"]}, {"place_m": 0.9, "position": ["m2"]}]},
     ),
     "two markers at one place": (
-        "SC-I039",
+        "SC-I013",
         {},
         {"markers": [{"place_m": 0.3, "position": ["m1"]}, {"place_m": 0.3, "position": ["m2"]}]},
+    ),
+    "one marker twice": (
+        "SC-I013",
+        {},
+        {"markers": [{"place_m": 0.3, "position": ["m1"]}, {"place_m": 0.5, "position": ["m1"]}]},
     ),
     "no time": ("SC-I011", {"t": None}, {"time": None}),
     "unknown column": ("SC-I004", {}, {"time": "seconds"}),
 }
 
 
-@pytest.mark.parametrize("what", REFUSED)
-def test_what_does_not_fit_is_refused_and_nothing_is_written(tmp_path, named, what):
+IN_SPACE_ONLY = ("quaternion not of length one",)
+
+
+def in_plane(data):
+    """Return the mapping of the same capture as one in the plane of its x and y."""
+
+    def two(named):
+        return {"position": [f"{named['position'][0]}.{axis}" for axis in "xy"]}
+
+    kept = {name: value for name, value in data.items() if name not in ("up", "hand")}
+    markers = [marker | two(marker) for marker in data["markers"]]
+    return kept | {"hand": two(data["hand"]), "markers": markers, "angle_offset_rad": -np.pi / 2}
+
+
+@pytest.mark.parametrize(
+    ("what", "seen"),
+    [
+        (what, seen)
+        for what in REFUSED
+        for seen in ("space", "plane")
+        if (seen, what) != ("plane", *IN_SPACE_ONLY)
+    ],
+)
+def test_what_does_not_fit_is_refused_and_nothing_is_written(tmp_path, named, what, seen):
     code, changes, data = REFUSED[what]
+    mapping = captures.mapping_data(**data)
     with pytest.raises(StrandcastError) as caught:
-        imported(tmp_path, broken(named, **changes), captures.mapping_data(**data))
+        imported(tmp_path, broken(named, **changes), mapping if seen == "space" else in_plane(mapping))
     error = caught.value
     assert error.code == code
     assert (Path(str(error.file)).name, bool(error.field), bool(error.fix)) == ("capture.csv", True, True)
     assert not (tmp_path / "out").exists()
 
 
-def test_the_same_marker_twice_is_refused(tmp_path, named):
-    data = captures.mapping_data()
-    data["markers"][1]["position"] = ["m3"]
-    with pytest.raises(StrandcastError, match=r"SC-I039.*same marker in all"):
-        imported(tmp_path, named, data)
-    data = captures.mapping_data()
-    data["markers"][1]["place_m"] = data["markers"][2]["place_m"]
-    with pytest.raises(StrandcastError, match=r"SC-I039.*two markers have the place"):
-        imported(tmp_path, named, data)
+def test_the_same_capture_in_the_plane_and_in_space_has_the_same_places(tmp_path, named):
+    imported(tmp_path, named, captures.mapping_data(pose=False))
+    space = read_track(tmp_path / "out/track.parquet", 4).points_m
+    imported(tmp_path, named, in_plane(captures.mapping_data()))
+    plane = read_track(tmp_path / "out/track.parquet", 8).points_m
+    marked = np.isfinite(plane).all(axis=(0, 2))
+    np.testing.assert_array_equal(plane[:, marked], space[:, :, [0, 2]])
 
 
 def test_a_string_that_leaves_backwards_is_refused_near_the_end_and_else_warned_of(tmp_path, named):
@@ -199,7 +223,7 @@ def test_a_string_that_leaves_backwards_is_refused_near_the_end_and_else_warned_
     data["hand"] = {"position": ["hand_behind"], "behind": ["hand"]}
     data["markers"][0]["place_m"] = 0.08
     near = named | captures.triple("m1", np.outer(np.ones(len(named["t"])), [0.0, 0.0, 0.95]))
-    with pytest.raises(StrandcastError, match="SC-I038"):
+    with pytest.raises(StrandcastError, match="SC-I029"):
         imported(tmp_path, near, data)
     (warning,) = [
         each

@@ -100,7 +100,7 @@ def test_the_log_of_a_similar_motion_of_the_experiment_is_refused(arm, commanded
             motion_times(log, planned, arm)
     else:
         assert motion_times(log, planned, arm)[0] == pytest.approx(START_S, abs=0.03)  # without a message
-    with pytest.raises(StrandcastError, match=r"SC-I060.*of trial-02.*mrad rms from that") as caught:
+    with pytest.raises(StrandcastError, match=r"SC-I031.*of trial-02.*mrad rms from that") as caught:
         motion_times(log, planned, arm, "log.csv", {"trial-02": other, "trial-03": alike})
     assert (caught.value.file, caught.value.field) == ("log.csv", "motion.json")
     # The motion's own log is accepted, however the joints lag, and beside whatever it resembles.

@@ -12,8 +12,8 @@ from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.estimation import cable_estimate
 from strandcast.estimation.cross_validation import HeldOutEvaluation
+from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.mapping import check_mapping
-from strandcast.imports.space_mapping import SpaceMapping
 from strandcast.records.estimate import (
     CARRIED,
     HANGING,
@@ -62,7 +62,7 @@ def result(root: Path, trial: int, name: str) -> Path:
 def captured(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Path:
     """Return a project with two trials of a cable between two poses, fitted, with their pages."""
     root = project(tmp_path_factory.mktemp("space"), project_root, captures.LENGTH_M)
-    mapping = check_mapping(captures.mapping_data(two_ends=True), SpaceMapping)
+    mapping = check_mapping(captures.mapping_data(two_ends=True), CaptureMapping)
     for trial, phase in ((1, 0.2), (2, 1.3)):
         named = captures.columns(phase, seconds=1.5, two_ends=True)
         file = captures.write_csv(root / f"{trial}.csv", named)
@@ -222,7 +222,7 @@ def test_friction_that_sticks_is_fitted_on_request(tmp_path, project_root):
     root = project(tmp_path, project_root, captures.LENGTH_M)
     settings = root / "data" / "cable" / "experiment.yaml"
     settings.write_text(settings.read_text().replace("120}", "120, friction_stick: true}"))
-    mapping = check_mapping(captures.mapping_data(two_ends=True), SpaceMapping)
+    mapping = check_mapping(captures.mapping_data(two_ends=True), CaptureMapping)
     named = captures.columns(0.2, seconds=0.6, two_ends=True)
     import_track.run(root, "cable", 1, captures.write_csv(root / "c.csv", named), mapping)
     run_trials(root, range(1, 2))
@@ -237,7 +237,7 @@ def test_trials_that_are_driven_differently_are_refused(captured, tmp_path, proj
     root = project(tmp_path, project_root, captures.LENGTH_M)
     for trial, two_ends in ((1, True), (2, False)):
         named = captures.columns(0.2, seconds=0.6, two_ends=two_ends)
-        mapping = check_mapping(captures.mapping_data(two_ends=two_ends), SpaceMapping)
+        mapping = check_mapping(captures.mapping_data(two_ends=two_ends), CaptureMapping)
         import_track.run(root, "cable", trial, captures.write_csv(root / "c.csv", named), mapping)
         run_stage("register_track", root, "cable", trial)
         run_stage("score", root, "cable", trial)
@@ -263,7 +263,7 @@ def test_a_real_cable_is_predicted(real_data, tmp_path, project_root):
         for k in range(last + 1):
             named |= captures.triple(f"v{k}", sequence[:, k])
         file = captures.write_csv(root / f"{trial}.csv", named)
-        import_track.run(root, "cable", trial, file, check_mapping(data, SpaceMapping))
+        import_track.run(root, "cable", trial, file, check_mapping(data, CaptureMapping))
     run_trials(root, range(1, 3))
     estimate = Estimate.read(result(root, 2, "estimate.json"))
     predicted_m, guess_m = (estimate.held_out_m(what) for what in (UNDER_PREVIOUS, CARRIED))

@@ -90,7 +90,7 @@ def test_a_run_that_was_played_is_not_written_over(bench: Bench) -> None:
     run = bench.take().model_copy(update={"driver": "ur"})
     run.write(bench.trial / "run.json")
     for replace in (False, True):
-        with pytest.raises(StrandcastError, match="SC-I023"):
+        with pytest.raises(StrandcastError, match="SC-I022"):
             bench.take(replace)
     assert read_run(bench.trial)[0].driver == "ur"
 
@@ -165,7 +165,7 @@ def test_the_log_of_another_trial_is_refused(bench: Bench) -> None:
     (other.parent.with_name("trial-03")).mkdir()
     (other.parent.with_name("trial-03") / "motion.json").write_text("damaged")
     with pytest.raises(
-        StrandcastError, match="SC-I060.*the log is that of .*results/thrown/trial-02/motion.json"
+        StrandcastError, match="SC-I031.*the log is that of .*results/thrown/trial-02/motion.json"
     ):
         bench.take()
     other.unlink()
@@ -194,7 +194,7 @@ def test_the_motion_that_was_played_is_found_among_those_that_were_planned(bench
     assert bench.take(replace=True).motion_sha256 == again.content_sha256()
     own = played(load_arm(bench.root / "config/arms/planar3.toml"), 0.96)
     own.write(file)  # kept nowhere else
-    with pytest.raises(StrandcastError, match="SC-I060.*the log is that of .*/motions/"):
+    with pytest.raises(StrandcastError, match="SC-I031.*the log is that of .*/motions/"):
         bench.take(replace=True)
     assert Motion.read(file) == own
 

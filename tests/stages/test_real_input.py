@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from strandcast.imports.capture_mapping import capture_mapping_of
 from strandcast.imports.joints import Reading
-from strandcast.imports.mapping import capture_mapping_of
 from strandcast.records.estimate import Estimate
 from strandcast.records.joint_log import read_run
 from strandcast.records.track import read_track
@@ -62,9 +62,9 @@ def test_a_cable_fitted_on_its_free_swing_predicts_the_driven_one(root, real_dat
         "  ranges: {k_h: [1.0e-3, 1.0e3], k_sh: [1.0e-3, 1.0e3], k_ph: [1.0e-3, 1.0e3]}\n",
     )
     mapping = capture_mapping_of(
-        "t",
         "x_base,z_base,phi",
         ["0.3:x_mid,z_mid", "0.6:x_end,z_end"],
+        time="t",
         angle_sign=-1,
         angle_offset_rad=-np.pi / 2,
     )

@@ -178,7 +178,7 @@ def test_a_good_track_is_registered_unchanged(supplied: Supplied, missing: tuple
         (lambda t: put(t, "sigma_m", 7, 0.0), "SC-I025", "sigma_m: is 0.0 in row 8"),
         (
             lambda t: taken(t, np.repeat(np.arange(300), 2)),
-            "SC-I026",
+            "SC-I025",
             "frame 0, point 0 has 2 rows.*300 rows",
         ),
         (lambda t: taken(t, slice(0)), "SC-I024", "none of its 0 rows"),
@@ -266,6 +266,20 @@ def test_what_is_doubtful_is_a_warning_with_its_number(
     warnings = supplied.register().warnings
     assert len(warnings) == 1
     assert re.search(words, warnings[0])
+
+
+def test_a_track_in_space_follows_its_driven_end(supplied: Supplied) -> None:
+    """Its hand's path and track are those of the plane, with y as height, and the track mirrored."""
+    columns = {"x_m": "x_m", "z_m": "y_m", "y_m": "x_m"}
+    for name in ("track", "hand"):
+        supplied.damage(name, lambda t: t | {name: t[of] for name, of in columns.items()})
+    supplied.damage("hand", lambda t: {name: values for name, values in t.items() if name != "angle_rad"})
+    (supplied.folder.parent / "experiment.yaml").write_text("string: {length_m: 0.6}\n")
+    summary_of(0.6).write(supplied.folder / "track.json")
+    supplied.register()
+    supplied.damage("track", lambda t: scaled(t, -1, "y_m"))
+    with pytest.raises(StrandcastError, match=r"SC-I029 .* with front and back exchanged, .* mm remain"):
+        supplied.register()
 
 
 def test_a_limp_cord_that_hangs_from_the_hand_is_not_mirrored(supplied: Supplied) -> None:

@@ -151,8 +151,8 @@ def import_track(
     behind: Annotated[
         str | None,
         typer.Option(
-            help="In space: X,Y,Z or NAME of a point behind the hand; the string leaves in the direction "
-            "from there. For an orientation as a quaternion, use --columns.",
+            help="Columns of a point behind the hand, as --hand; the string leaves in the direction from "
+            "there. For an orientation as a quaternion, use --columns.",
             autocompletion=complete_point,
         ),
     ] = None,
@@ -183,9 +183,9 @@ def import_track(
     Names, rate, units and the axis that points up are the file's, if it has them. A capture in the plane of
     motion has two coordinates of each marker, one in space three, and one or two ends of the string driven.
     """
+    from strandcast.imports.capture_mapping import CaptureMapping, capture_mapping_of
     from strandcast.imports.capture_table import read_capture
-    from strandcast.imports.mapping import CaptureMapping, capture_mapping_of
-    from strandcast.imports.space_mapping import SpaceMapping, load_capture_mapping, space_mapping_of
+    from strandcast.imports.mapping import load_mapping
     from strandcast.stages import import_track as stage
 
     if columns is None and not marker:
@@ -195,18 +195,24 @@ def import_track(
             f"{capture.name} has {there}"
         )
     if columns is not None:
-        mapping: CaptureMapping | SpaceMapping = load_capture_mapping(columns)
+        mapping = load_mapping(columns, CaptureMapping)
     else:
-        units = {"length_unit": length_unit, "time_unit": time_unit, "rate_hz": rate}
-        given: dict[str, Any] = {name: value for name, value in units.items() if value is not None}
-        if up is None and all(each.partition(":")[2].count(",") == 1 for each in marker or []):
-            given |= {"angle_sign": angle_sign, "angle_offset_rad": angle_offset}
-            mapping = capture_mapping_of(time, hand or "x,y,angle", marker or [], **given)
-        else:
-            given |= {"up": up, "time": time, "behind": behind, "far": far, "far_behind": far_behind}
-            mapping = space_mapping_of(hand, marker or [], **given)
+        mapping = capture_mapping_of(
+            hand,
+            marker or [],
+            behind=behind,
+            far=far,
+            far_behind=far_behind,
+            time=time,
+            time_unit=time_unit,
+            rate_hz=rate,
+            length_unit=length_unit,
+            up=up,
+            angle_sign=angle_sign,
+            angle_offset_rad=angle_offset,
+        )
     summary = stage.run(ROOT, experiment, trial, capture, mapping, replace, offset)
-    what = "markers in space" if isinstance(mapping, SpaceMapping) else "mass points"
+    what = "markers in space" if mapping.in_space else "mass points"
     lines = [f"{summary.decoded_frames} samples, {summary.points} {what}"]
     lines += [f"warning: {warning}" for warning in summary.warnings]
     found = {"samples": summary.decoded_frames, "points": summary.points, "warnings": summary.warnings}

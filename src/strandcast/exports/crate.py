@@ -93,7 +93,7 @@ def export_crate(
     Raises
     ------
     StrandcastError
-        SC-W012 the package rocrate is missing; SC-I050 the folder is not empty; SC-I052 no result is there;
+        SC-W012 the package rocrate is missing; SC-I050 the folder is not empty; SC-I051 no result is there;
         otherwise as the readers of results.
     """
     try:
@@ -107,7 +107,7 @@ def export_crate(
     runs = _stage_runs(experiment)
     if not runs:
         what, fix = "has no results to export", f"strandcast run {experiment.name}"
-        raise StrandcastError("SC-I052", what, file=experiment.context.folder.results, fix=fix)
+        raise StrandcastError("SC-I051", what, file=experiment.context.folder.results, fix=fix)
     files = _files(experiment, {name for run in runs for name in run.inputs})
     left_out = (
         {name: files.pop(name) for name in sorted(_videos(experiment) & set(files))} if without_video else {}

@@ -23,20 +23,20 @@ def read_c3d(path: Path) -> NumberTable:
     Raises
     ------
     StrandcastError
-        SC-I044 the package is not installed; SC-I045 the file cannot be read.
+        SC-I040 the package is not installed; SC-I001 the file cannot be read.
     """
     try:
         ezc3d: Any = import_module("ezc3d")
     except ImportError:
         raise StrandcastError(
-            "SC-I044",
+            "SC-I040",
             "reading a C3D file needs the package ezc3d",
             file=path,
             fix='pip install "strandcast[c3d]", or export the capture as CSV',
             exit_code=ENVIRONMENT,
         ) from None
     if not path.is_file() or path.stat().st_size > MOST_BYTES:
-        raise refusal("SC-I045", path, None, "is missing or far too large", "check the path")
+        raise refusal("SC-I001", path, None, "is missing or far too large", "check the path")
     try:
         file = ezc3d.c3d(str(path))
         about = {name: each["value"] for name, each in file["parameters"]["POINT"].items() if "value" in each}
@@ -47,10 +47,10 @@ def read_c3d(path: Path) -> NumberTable:
     # The library raises what its numbers lead to.
     except Exception as error:
         what = f"cannot be read as C3D ({type(error).__name__}: {error})"
-        raise refusal("SC-I045", path, None, what, "export it again") from None
+        raise refusal("SC-I001", path, None, what, "export it again") from None
     if not points.size or not rate_hz > 0:
         what = f"has {len(points)} points at {rate_hz:g} frames per second"
-        raise refusal("SC-I045", path, None, what, "export the markers' trajectories with it")
+        raise refusal("SC-I001", path, None, what, "export the markers' trajectories with it")
     units = {unit_named(str(unit)) for unit in about.get("UNITS", []) if str(unit).strip()}
     screen = str(next(iter(about.get("Y_SCREEN", [])), "")).strip().lower()
     names += [f"point {k + 1}" for k in range(len(names), len(points))]

@@ -1,22 +1,20 @@
 """Motion captures as tables of numbers, CSV, Parquet or C3D, with the units and times of each."""
 
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
 
 from strandcast.imports.c3d_files import SUFFIX, read_c3d
 from strandcast.imports.capture_dialects import read_capture_csv
-from strandcast.imports.mapping import LENGTH_UNITS, TIME_UNITS, CaptureUnits
-from strandcast.imports.space_mapping import SpaceMapping
+from strandcast.imports.capture_mapping import CaptureMapping
+from strandcast.imports.mapping import LENGTH_UNITS, TIME_UNITS
 from strandcast.imports.table import NumberTable, read_numbers
 from strandcast.records.record import refusal
 from strandcast.records.tables import read_parquet
 
 DEFAULT_TIME = "t"
 RATES_DIFFER = 1e-3
-Units = TypeVar("Units", bound=CaptureUnits)
 
 
 def read_capture(path: str | Path) -> NumberTable:
@@ -44,7 +42,7 @@ def _read_parquet_numbers(path: Path) -> NumberTable:
     return NumberTable(path, kept, np.array(values).reshape(len(kept), rows).T, 1 + np.arange(rows), True)
 
 
-def with_units(table: NumberTable, mapping: Units) -> tuple[Units, list[str]]:
+def with_units(table: NumberTable, mapping: CaptureMapping) -> tuple[CaptureMapping, list[str]]:
     """Return a mapping with what it does not give and the file says, and remarks.
 
     Raises
@@ -57,13 +55,13 @@ def with_units(table: NumberTable, mapping: Units) -> tuple[Units, list[str]]:
     if table.length_unit is not None and table.length_unit.lower() != unit:
         what = f"is {unit}, the file says {table.length_unit}"
         raise refusal("SC-I027", table.path, "length_unit", what, "leave it out, or give the file's unit")
-    if not isinstance(mapping, SpaceMapping):
+    if not mapping.in_space:
         unit = unit or "m"
     if unit not in LENGTH_UNITS:
         fix = f"give --length-unit ({', '.join(LENGTH_UNITS)}), or length_unit in a mapping"
         raise refusal("SC-I011", table.path, "length_unit", "the file does not say its unit of length", fix)
     found: dict[str, object] = {"length_unit": unit}
-    if isinstance(mapping, SpaceMapping) and mapping.up is None:
+    if mapping.in_space and mapping.up is None:
         if table.up is None:
             what, fix = (
                 "the file does not say which axis points up",
@@ -75,7 +73,7 @@ def with_units(table: NumberTable, mapping: Units) -> tuple[Units, list[str]]:
     return mapping.model_copy(update=found), notes
 
 
-def times_of(table: NumberTable, mapping: CaptureUnits) -> np.ndarray:
+def times_of(table: NumberTable, mapping: CaptureMapping) -> np.ndarray:
     """Return the times (rows,) [s] of a capture, which rise: by the mapping, else by the file's own clock.
 
     Raises
@@ -97,7 +95,7 @@ def times_of(table: NumberTable, mapping: CaptureUnits) -> np.ndarray:
     return time_s
 
 
-def _own_times(table: NumberTable, mapping: CaptureUnits) -> tuple[str, np.ndarray]:
+def _own_times(table: NumberTable, mapping: CaptureMapping) -> tuple[str, np.ndarray]:
     rate_hz = mapping.rate_hz or table.rate_hz
     if rate_hz and table.rate_hz and abs(rate_hz / table.rate_hz - 1.0) > RATES_DIFFER:
         what = f"is {rate_hz:g}, the file says {table.rate_hz:g}"

@@ -42,7 +42,7 @@ def refuse_partial_motion(time_s: np.ndarray, start_s: float, end_s: float, file
     longest_s = max(_gaps_within(time_s, start_s, end_s), default=0.0)
     if longest_s > LONGEST_BRIDGED_S:
         raise StrandcastError(
-            "SC-I035",
+            "SC-I032",
             f"the log misses {1e3 * longest_s:.0f} ms within the motion",
             file=file,
             cost="the hand's path is not known there: it may be off by more than 20 mm",

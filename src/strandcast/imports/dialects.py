@@ -79,7 +79,7 @@ def recognise(table: NumberTable, dialect: str = "auto") -> tuple[str, JointMapp
     """
     if dialect != "auto" and dialect not in DIALECTS:
         raise StrandcastError(
-            "SC-I002",
+            "SC-I011",
             f"there is no dialect {dialect!r}",
             field="dialect",
             fix=f"use one of auto, {', '.join(DIALECTS)}, or give a column mapping",
@@ -89,7 +89,7 @@ def recognise(table: NumberTable, dialect: str = "auto") -> tuple[str, JointMapp
         if mapping is not None:
             return name, mapping
     raise StrandcastError(
-        "SC-I003",
+        "SC-I004",
         f"the columns match no known joint log: {', '.join(table.names[:12])} …",
         file=table.path,
         fix="give a column mapping: time, q, and if available qd, q_cmd, qd_cmd; time_unit, angle_unit",

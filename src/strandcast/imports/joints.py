@@ -259,7 +259,7 @@ def _sync_high(table: NumberTable, columns: JointMapping, output: int | None) ->
         return np.zeros(len(table.values), bool)
     if columns.outputs is None:
         raise StrandcastError(
-            "SC-I009",
+            "SC-I004",
             "the log has no column of digital outputs",
             file=table.path,
             field="sync-output",
@@ -271,10 +271,10 @@ def _sync_high(table: NumberTable, columns: JointMapping, output: int | None) ->
     if wrong.any():
         row = int(np.argmax(wrong))
         what = f"{bits[row]:g} is no set of digital outputs"
-        raise table.refusal(row, columns.outputs, what, "give the column of the outputs", "SC-I015")
+        raise table.refusal(row, columns.outputs, what, "give the column of the outputs", "SC-I025")
     if output >= OUTPUTS:
         what = f"there is no output {output}; they are numbered from 0 to {OUTPUTS - 1}"
-        raise refusal("SC-I015", table.path, "sync-output", what, "give the output that switches the LED")
+        raise refusal("SC-I025", table.path, "sync-output", what, "give the output that switches the LED")
     return (bits.astype(np.int64) >> output & 1).astype(bool)
 
 

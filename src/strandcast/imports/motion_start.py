@@ -52,13 +52,13 @@ def motion_times(
     Raises
     ------
     StrandcastError
-        SC-I030 a joint of the motion is missing in the log; SC-I031 no part of the log looks like the motion;
-        SC-I034 the motion's times do not rise; SC-I060 another motion fits the log clearly better.
+        SC-I006 a joint of the motion is missing in the log; SC-I007 the motion's times do not rise; SC-I031
+        no part of the log looks like the motion, or another motion fits the log clearly better.
     """
     missing = [name for name in motion.joint_names if name not in log.joint_names]
     if missing:
         raise StrandcastError(
-            "SC-I030",
+            "SC-I006",
             f"the log has no {', '.join(missing)}, which motion.json moves",
             file=file,
             field="joints",
@@ -144,7 +144,7 @@ def _refuse_falling_times(motion: Motion, file: str | None) -> None:
     if len(back):
         k = int(back[0])
         raise StrandcastError(
-            "SC-I034",
+            "SC-I007",
             f"point {k + 1} of motion.json is at {time_s[k + 1]:g} s, after {time_s[k]:g} s "
             f"({len(back)} such points)",
             file=file,
@@ -156,7 +156,7 @@ def _refuse_another_motion(its_rad: float, left_rad: Mapping[str, float], file: 
     other = min(left_rad, key=lambda path: left_rad[path], default=None)
     if other is not None and left_rad[other] < CLEARLY_LESS * its_rad:
         raise StrandcastError(
-            "SC-I060",
+            "SC-I031",
             f"the log is that of {other}: it stays {1e3 * left_rad[other]:.1f} mrad rms from that motion, "
             f"and {1e3 * its_rad:.1f} from the motion.json beside the raw files",
             file=file,

@@ -85,8 +85,8 @@ def read_bag(path: str | Path, choice: BagChoice, namings: Sequence[list[str]] =
     Raises
     ------
     StrandcastError
-        SC-I040 rosbags is not installed; SC-I041 the bag cannot be read; SC-I042 no topic has joints,
-        or several do; SC-I043 the arm's joints are not in the bag.
+        SC-I040 rosbags is not installed; SC-I001 the bag cannot be read; SC-I042 no topic has joints,
+        or several do; SC-I006 the arm's joints are not in the bag.
     """
     path = Path(path)
     with _opened(path) as reader:
@@ -100,7 +100,7 @@ def read_bag(path: str | Path, choice: BagChoice, namings: Sequence[list[str]] =
     whole = [row for row in rows if all(name in row.q for name in found.values())]
     if not whole:
         what = f"no message of {topic} has all of {', '.join(found)}"
-        raise refusal("SC-I043", path, None, what, "record a topic with all joints in one message")
+        raise refusal("SC-I006", path, None, what, "record a topic with all joints in one message")
     notes = []
     if len(whole) < len(rows):
         notes.append(f"{len(rows) - len(whole)} of {len(rows)} messages do not have all joints; left out")
@@ -132,7 +132,7 @@ def _opened(path: Path) -> Iterator[Any]:
             exit_code=ENVIRONMENT,
         ) from None
     if not path.exists():
-        raise refusal("SC-I041", path, None, "the bag is missing", "check the path")
+        raise refusal("SC-I001", path, None, "the bag is missing", "check the path")
     try:
         types = typesys.get_typestore(typesys.Stores.LATEST)  # for bags without their own
         with highlevel.AnyReader([path], default_typestore=types) as reader:
@@ -148,7 +148,7 @@ def _opened(path: Path) -> Iterator[Any]:
             copied = str(path.with_name(f"joints-{path.name}"))
             command = shlex.join(["mcap", "filter", str(path), "-o", copied, "-y", ".*joint.*"])
             fix = f"copy the joints' topics to a file of their own: {command}"
-        raise refusal("SC-I041", path, None, f"the bag cannot be read ({what})", fix) from None
+        raise refusal("SC-I001", path, None, f"the bag cannot be read ({what})", fix) from None
 
 
 def _topic(path: Path, reader: Any, wanted: str | None) -> str:
@@ -210,7 +210,7 @@ def _match(path: Path, order: list[str], there: list[str], namings: Sequence[lis
             return {name: str(alias) for name, alias in found.items()}
     what = f"the bag's joints are {', '.join(there)}; the arm's are {', '.join(namings[0])}"
     fix = "use the bag of this arm, or name its joints from the base on as the bag does: --joint NAME …"
-    raise refusal("SC-I043", path, None, what, fix)
+    raise refusal("SC-I006", path, None, what, fix)
 
 
 def _same(name: str, there: list[str]) -> str | None:

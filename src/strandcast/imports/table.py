@@ -90,7 +90,7 @@ class NumberTable:
         """Refuse columns (rows, len(names)) that have an empty cell."""
         for row, column in np.argwhere(~np.isfinite(values)):
             what = "the cell is empty or not a number"
-            raise self.refusal(row, names[column], what, "correct or delete the line", "SC-I005")
+            raise self.refusal(row, names[column], what, "correct or delete the line", "SC-I025")
 
     def refusal(self, row: int, field: str, what: str, fix: str, code: str) -> StrandcastError:
         """Return the error for a row that does not fit."""

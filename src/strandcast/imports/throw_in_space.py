@@ -111,7 +111,7 @@ def place_capture(
     ------
     StrandcastError
         SC-I054 neither is given, or both; the hand was not tracked during the motion, or does not move as the
-        arm's. SC-I057 the hand's turns do not show where the tracked place is on it.
+        arm's, or its turns do not show where the tracked place is on it.
     """
     if (hand_m is None) == (offset_s is None):
         what = (
@@ -152,7 +152,7 @@ def place_capture(
         what = PLACED.format(1e3 * string_se_m)
         if found.rms_m >= DOUBT_M:
             what += f"; and the hand stays {1e3 * found.rms_m:.0f} mm rms from the arm's, as in another throw"
-        raise refusal("SC-I057", file, "hand", what, MORE_TURNS)
+        raise refusal("SC-I054", file, "hand", what, MORE_TURNS)
     return found._replace(string_se_m=string_se_m)
 
 

@@ -1,17 +1,18 @@
-"""The meaning of a track measured elsewhere: units, clocks, direction; each problem with its number."""
+"""The meaning of a track measured elsewhere: units, clocks, axes; each problem with its number."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.core.pose import Pose
+from strandcast.core.jumps import GLITCH_M_S, jumps
 from strandcast.errors import StrandcastError
 from strandcast.imports.clock import clock_problem
-from strandcast.records.alignment import Alignment, read_plane_hand
+from strandcast.records.alignment import HAND, Alignment, EndPath, ends_of
 from strandcast.records.record import refusal
 from strandcast.records.tables import read_table
-from strandcast.records.track import AXES, TRACK, Track, TrackSummary, read_track
+from strandcast.records.track import AXES, TRACK, Track, TrackSummary, is_in_space, read_track
 
 # A string does not stretch: the shares are for errors of places and lengths, the slack for noise at the hand.
 LONG_MEDIAN, LONG_ROW, SLACK_M = 1.05, 1.25, 0.02
@@ -25,8 +26,33 @@ OFF_HAND_M, WRONG_HAND_M, EXPLAINS = 0.02, 0.1, 0.25
 MIRRORED_RAD = 0.3  # within which a mirrored string leaves the hand along its angle; chosen
 FARTHEST_M = 1e6  # so that squares stay numbers
 FEWEST = 3  # frames to compare
+# All chosen.
+LONG_GAP_S = 0.1  # of a driven end; its path is interpolated
+BACKWARDS_DEG, ALONG_DEG = 120.0, 60.0
+NEAR_END = 0.1  # of the length: there, a string still has the end's direction
+RISES, ASIDE = 0.2, 4.0  # of the farthest marker, above the ends; times as far aside as down
+SIDES = {"x": "left and right", "y": "front and back", "z": "up and down"}
+SIDES_IN_PLANE = {"x": "left and right", "y": "up and down"}
 
-Paths = Mapping[str, tuple[np.ndarray, Pose]]
+
+class DrivenPath(NamedTuple):
+    """The driven ends at times (T,) [s], in the plane (T, 2) or in space (T, 3)."""
+
+    time_s: np.ndarray
+    ends: list[EndPath]
+
+    def at(self, time_s: np.ndarray) -> "DrivenPath":
+        """Return it at other times, linear between its own and constant beyond them."""
+
+        def interpolated(path: np.ndarray | None) -> np.ndarray | None:
+            if path is None:
+                return None
+            return np.column_stack([np.interp(time_s, self.time_s, column) for column in path.T])
+
+        return DrivenPath(time_s, [EndPath(*map(interpolated, end)) for end in self.ends])  # type: ignore[arg-type]
+
+
+Paths = Mapping[str, DrivenPath]
 
 
 def check_supplied(
@@ -37,19 +63,23 @@ def check_supplied(
     Raises
     ------
     StrandcastError
-        SC-I024 no rows; SC-I025 a value is not finite; SC-I026 doubled rows; SC-I007 time does not rise;
-        and those of `check_track`.
+        SC-I024 no rows; SC-I025 a value is not finite, or a row is doubled; SC-I007 time does not rise;
+        SC-R001 the hand has other axes than the track; and those of `check_track`.
     """
-    rows = read_table(track_file, TRACK)
+    rows, hand = read_table(track_file, TRACK), read_table(hand_file, HAND)
     check_rows(track_file, rows)
-    paths = dict(_paths(hand_file))
-    return check_track(read_track(track_file, summary.points), paths, alignment, summary, track_file)
+    column = "z_m" if is_in_space(rows) else "angle_rad"
+    if column not in hand:
+        what = "the column is missing: the hand is not where the track is, in the plane or in space"
+        raise refusal("SC-R001", hand_file, column, what, "supply track and hand of the same kind")
+    track = read_track(track_file, summary.points)
+    return check_track(track, paths_of(hand, hand_file), alignment, summary, track_file)
 
 
 def check_track(
     track: Track, paths: Paths, alignment: Alignment, summary: TrackSummary, file: Path
 ) -> list[str]:
-    """Check a track with the paths of the hand by source (times, poses); return warnings.
+    """Check a track with the paths of the driven ends by source; return warnings.
 
     Raises
     ------
@@ -59,20 +89,22 @@ def check_track(
     """
     warnings = check_clock(track, file)
     robot_s = alignment.robot_time_s(track.camera_time_s)
-    times_s = {f"{name} path of the hand": time_s for name, (time_s, _) in paths.items()}
+    times_s = {f"{name} path of the hand": path.time_s for name, path in paths.items()}
     check_overlap(robot_s, times_s, alignment, file)
     warnings += _check_hand(track, robot_s, paths, file)
-    time_s, pose = next(iter(paths.values()))
-    hand = pose.interpolated(time_s, robot_s)
-    held_m = np.where(
-        np.isfinite(track.points_m[:, :1, :2]), track.points_m[:, :1, :2], hand.position_m[:, None]
-    )
-    string_m = track.points_m[..., :2] - held_m
-    warnings += check_lengths(string_m, track.frame, summary.places_m(), file)
-    return warnings + _mirrored(string_m, hand.angle_rad)
+    path = next(iter(paths.values()))
+    ends, places_m = path.at(robot_s).ends, summary.places_m()
+    warnings += _check_ends(path.time_s, ends, summary.length_m, file)
+    start_m = track.points_m[:, :1]
+    string_m = track.points_m - np.where(np.isfinite(start_m), start_m, ends[0].place_m[:, None])
+    warnings += check_lengths(string_m, track.frame, places_m, file)
+    if string_m.shape[2] == len(AXES):
+        return warnings + _check_jumps(track) + _check_up(track.points_m, places_m / summary.length_m, ends)
+    assert ends[0].direction is not None
+    return warnings + _mirrored(string_m, np.arctan2(*ends[0].direction.T[::-1]))
 
 
-def check_rows(file: Path, rows: dict[str, np.ndarray]) -> None:
+def check_rows(file: Path, rows: Mapping[str, np.ndarray]) -> None:
     """Refuse rows of a track that are not finite, doubled or not in order of time."""
     frame, point = rows["frame"], rows["point"]
     places = np.stack([rows[name] for name in AXES if name in rows])
@@ -115,19 +147,20 @@ def _check_doubled(file: Path, frame: np.ndarray, point: np.ndarray) -> None:
             f"frame {pairs[0, k]}, point {pairs[1, k]} has {count[k]} rows, the first is row {first[k] + 1} "
             f"({(count - 1).sum()} rows too many)"
         )
-        raise refusal("SC-I026", file, "frame, point", what)
+        raise refusal("SC-I025", file, "frame, point", what, "keep one row of each point in each frame")
 
 
-def _paths(file: Path) -> Iterator[tuple[str, tuple[np.ndarray, Pose]]]:
-    rows = read_plane_hand(file)
+def paths_of(rows: Mapping[str, np.ndarray], file: Path) -> dict[str, DrivenPath]:
+    """Return the paths in rows of hand.parquet by source; see `check_supplied` for the errors."""
     if not len(rows["source"]):
         raise refusal("SC-I024", file, "source", "it has 0 rows", "supply the hand's path")
-    for name in ("robot_time_s", "x_m", "y_m", "angle_rad"):
-        bad = ~np.isfinite(rows[name])
+    for name, column in rows.items():
+        bad = np.zeros(len(column), bool) if name == "source" else ~np.isfinite(column)
         if bad.any():
             row = int(np.argmax(bad))
-            what = f"is {rows[name][row]} in row {row + 1} ({bad.sum()} such rows of {len(bad)})"
+            what = f"is {column[row]} in row {row + 1} ({bad.sum()} such rows of {len(bad)})"
             raise refusal("SC-I025", file, name, what, "correct or leave out these rows")
+    paths = {}
     for source in dict.fromkeys(rows["source"]):
         mine = np.flatnonzero(rows["source"] == source)
         time_s = rows["robot_time_s"][mine]
@@ -138,17 +171,22 @@ def _paths(file: Path) -> Iterator[tuple[str, tuple[np.ndarray, Pose]]]:
                 f"row {mine[k + 1] + 1} is at {time_s[k + 1]:.6g} s, the one before it at {time_s[k]:.6g} s "
                 f"({len(back)} such rows of the {source} path)"
             )
-            raise refusal(
-                "SC-I007", file, "robot_time_s", what, "sort the rows by time, without doubled ones"
-            )
+            fix = "sort the rows by time, without doubled ones"
+            raise refusal("SC-I007", file, "robot_time_s", what, fix)
         if len(time_s) < 2:
-            raise refusal(
-                "SC-I024", file, "source", f"the {source} path has {len(time_s)} row", "supply all of it"
-            )
+            what = f"the {source} path has {len(time_s)} row"
+            raise refusal("SC-I024", file, "source", what, "supply all of it")
         if problem := clock_problem(time_s, slowest_s=np.inf):  # the hand may rest
             raise refusal("SC-I028", file, "robot_time_s", problem, "give the times of the throw in seconds")
-        poses = np.column_stack([rows["x_m"], rows["y_m"], rows["angle_rad"]])[mine]
-        yield source, (time_s, Pose.from_array(poses))
+        paths[source] = DrivenPath(time_s, _ends({name: column[mine] for name, column in rows.items()}))
+    return paths
+
+
+def _ends(rows: Mapping[str, np.ndarray]) -> list[EndPath]:
+    if ends := ends_of(rows):
+        return ends
+    place_m, angle = np.column_stack([rows["x_m"], rows["y_m"]]), rows["angle_rad"]
+    return [EndPath(place_m, np.column_stack([np.cos(angle), np.sin(angle)]), None)]
 
 
 def check_clock(track: Track, file: Path) -> list[str]:
@@ -190,16 +228,14 @@ def check_overlap(
 
 def _check_hand(track: Track, robot_s: np.ndarray, paths: Paths, file: Path) -> list[str]:
     """Compare point 0 with the hand's path that fits it best, as it is, mirrored and reversed."""
-    seen_m = track.points_m[:, 0, :2]
-    known = np.isfinite(seen_m).all(axis=1)
-    variants = {
-        "": (seen_m, known),
-        "left and right exchanged": (seen_m * [-1, 1], known),
-        "up and down exchanged": (seen_m * [1, -1], known),
-        "time reversed": (seen_m[::-1], known[::-1]),
-    }
+    seen_m = track.points_m[:, 0]
+    known, axes = np.isfinite(seen_m).all(axis=1), seen_m.shape[1]
+    sides = (SIDES if axes == len(SIDES) else SIDES_IN_PLANE).values()
+    variants = {"": (seen_m, known), "time reversed": (seen_m[::-1], known[::-1])}
+    for k, side in enumerate(sides):
+        variants[f"{side} exchanged"] = seen_m * np.where(np.arange(axes) == k, -1.0, 1.0), known
     off_m = {
-        words: min(_rms_m(place_m, there, robot_s, *path) for path in paths.values())
+        words: min(_rms_m(place_m, there, robot_s, path) for path in paths.values())
         for words, (place_m, there) in variants.items()
     }
     present_m = off_m.pop("")
@@ -215,15 +251,61 @@ def _check_hand(track: Track, robot_s: np.ndarray, paths: Paths, file: Path) -> 
     raise refusal("SC-I029", file, "x_m, y_m", words, fix)
 
 
-def _rms_m(
-    place_m: np.ndarray, there: np.ndarray, robot_s: np.ndarray, time_s: np.ndarray, pose: Pose
-) -> float:
+def _rms_m(place_m: np.ndarray, there: np.ndarray, robot_s: np.ndarray, path: DrivenPath) -> float:
     """Return the distance from a path, infinite if it covers too few frames."""
-    kept = there & (robot_s >= time_s[0]) & (robot_s <= time_s[-1])
+    kept = there & (robot_s >= path.time_s[0]) & (robot_s <= path.time_s[-1])
     if kept.sum() < FEWEST:
         return np.inf
-    off_m = place_m[kept] - pose.interpolated(time_s, robot_s[kept]).position_m
-    return float(np.sqrt(np.mean(np.minimum(np.hypot(*off_m.T), FARTHEST_M) ** 2)))
+    off_m = place_m[kept] - path.at(robot_s[kept]).ends[0].place_m
+    return float(np.sqrt(np.mean(np.minimum(np.hypot.reduce(off_m, axis=1), FARTHEST_M) ** 2)))
+
+
+def _check_ends(known_s: np.ndarray, ends: list[EndPath], length_m: float, file: Path) -> list[str]:
+    """Refuse ends that are farther apart than the string is long; return a warning of a gap of theirs."""
+    span_m = float(np.median(np.hypot.reduce(ends[-1].place_m - ends[0].place_m, axis=1)))
+    if span_m > LONG_MEDIAN * length_m + SLACK_M:
+        what = f"the driven ends are {span_m:.3g} m apart, the string is {length_m:.3g} m long"
+        raise refusal("SC-I027", file, "far", what, "check length_unit, the columns and string.length_m")
+    gaps_s = np.diff(known_s)
+    if gaps_s.max() <= LONG_GAP_S:
+        return []
+    at_s = float(known_s[int(np.argmax(gaps_s))])
+    return [
+        f"the driven ends were not measured for {gaps_s.max():.2f} s after {at_s:.2f} s: their path is "
+        "interpolated, and predictions are worse from there on"
+    ]
+
+
+def check_directions(track: Track, ends: list[EndPath], summary: TrackSummary, file: Path) -> list[str]:
+    """Compare the directions in which the ends hold the string with where it goes; return warnings.
+
+    Raises
+    ------
+    StrandcastError
+        SC-I029 the string leaves an end backwards, by a marker that is near it.
+    """
+    places_m, length_m = summary.places_m(), summary.length_m
+    warnings = []
+    for name, end, k in zip(("hand", "far"), ends, (1, len(places_m) - 1), strict=False):
+        along_m = abs(places_m[k] - (length_m if name == "far" else 0.0))
+        away = track.points_m[:, k] - end.place_m
+        if end.direction is None or along_m <= 0.0:
+            continue
+        with np.errstate(invalid="ignore", divide="ignore"):
+            cosine = (away * end.direction).sum(axis=1) / (
+                np.linalg.norm(away, axis=1) * np.linalg.norm(end.direction, axis=1)
+            )
+        angle_deg = float(np.degrees(np.arccos(np.clip(np.nanmedian(cosine), -1.0, 1.0))))
+        words = (
+            f"the nearest marker, {along_m:.3g} m along the string, lies {angle_deg:.0f}° from the direction "
+            "in which this end holds the string"
+        )
+        fix = "check behind (a point on the body's side), the order w, x, y, z, leaves, up and handedness"
+        if angle_deg > BACKWARDS_DEG and along_m <= NEAR_END * length_m:
+            raise refusal("SC-I029", file, name, words, fix)
+        if (angle_deg > ALONG_DEG and along_m <= 2.0 * NEAR_END * length_m) or angle_deg > BACKWARDS_DEG:
+            warnings.append(f"{name}: {words}: {fix}")
+    return warnings
 
 
 def check_length(supplied_m: float, string_m: float, file: Path) -> list[str]:
@@ -238,18 +320,11 @@ def check_length(supplied_m: float, string_m: float, file: Path) -> list[str]:
 
 def check_lengths(string_m: np.ndarray, frame: np.ndarray, places_m: np.ndarray, file: Path) -> list[str]:
     """Compare the distances from the hand with the places along the string."""
-    far_m = np.hypot(string_m[..., 0], string_m[..., 1])
-    for axis in range(2, string_m.shape[-1]):
-        far_m = np.hypot(far_m, string_m[..., axis])
+    far_m = np.hypot.reduce(string_m, axis=-1)
     points = [k for k in range(1, far_m.shape[1]) if np.isfinite(far_m[:, k]).any()]
     if not points:
-        raise refusal(
-            "SC-I024",
-            file,
-            "point",
-            f"0 of {far_m.shape[1] - 1} points of the string have a place",
-            "supply its points",
-        )
+        what = f"0 of {far_m.shape[1] - 1} points of the string have a place"
+        raise refusal("SC-I024", file, "point", what, "supply its points")
     warnings = []
     for k in points:
         median_m = float(np.nanmedian(far_m[:, k]))
@@ -312,3 +387,30 @@ def _mirrored(string_m: np.ndarray, angle_rad: np.ndarray) -> list[str]:
         f"the string leaves the hand {off_rad:.2f} rad from the hand's angle, with {words} exchanged "
         f"{best_rad:.2f} rad: is the track, or the angle, mirrored?"
     ]
+
+
+def _check_jumps(track: Track) -> list[str]:
+    found = jumps(track.camera_time_s, track.points_m[:, 1:])
+    if not found.any():
+        return []
+    row, point = np.argwhere(found)[0]
+    return [
+        f"markers jump by more than {GLITCH_M_S:g} m/s {found.sum()} times, first point {point + 1} in frame "
+        f"{track.frame[row + 1]}: these frames of a marker do not enter E"
+    ]
+
+
+def _check_up(points_m: np.ndarray, share: np.ndarray, ends: list[EndPath]) -> list[str]:
+    """Compare where the markers (F, m + 1, 3) lie on average with the line through the ends: down.
+
+    `share` (m + 1,) is their place along the string, 0 to 1.
+    """
+    first_m, last_m = ends[0].place_m[:, None], ends[-1].place_m[:, None]
+    off_m = (points_m - first_m - share[:, None] * (last_m - first_m))[:, 1:].reshape(-1, 3)
+    length_m = float(np.nanmax(np.linalg.norm(off_m, axis=1)))
+    x, y, z = off_m[np.isfinite(off_m).all(axis=1)].mean(axis=0)
+    words = f"on average the markers lie {x:+.2g} m in x, {y:+.2g} m in y and {z:+.2g} m in z from the ends"
+    aside = max(abs(x), abs(y))
+    if z > RISES * length_m or (aside > ASIDE * abs(z) and aside > RISES * length_m):
+        return [f"{words}, and a string hangs down: check `up`"]
+    return []

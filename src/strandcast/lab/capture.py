@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from strandcast.arm.spatial import SpatialChain, hand_path
-from strandcast.imports.space_mapping import SpaceMapping, space_mapping_of
+from strandcast.imports.capture_mapping import CaptureMapping, capture_mapping_of
 from strandcast.lab.film import interpolated
 from strandcast.lab.swing import LabSwing
 from strandcast.lab.tracked_points import TrackerNoise, points_at, with_tracker_noise
@@ -97,11 +97,11 @@ def captured(
     return columns
 
 
-def capture_mapping(length_m: float) -> SpaceMapping:
+def capture_mapping(length_m: float) -> CaptureMapping:
     """Return what the columns of a capture mean, of a string with this free length."""
     places_m = marker_places_m(length_m)
     markers = [f"{place_m:.6f}:{name}" for place_m, name in zip(places_m, _names(len(places_m)), strict=True)]
-    return space_mapping_of(HAND, markers, up="y", length_unit="mm", time="t", time_unit="s")
+    return capture_mapping_of(HAND, markers, up="y", length_unit="mm", time="t", time_unit="s")
 
 
 def write_capture(path: Path, columns: dict[str, np.ndarray]) -> None:

@@ -35,7 +35,7 @@ def run(
     plans = kept_motions(context.folder, trial or 1)
     if record.is_file() and not Run.read(record).driver.startswith(IMPORTED):  # the only copy of that run
         raise StrandcastError(
-            "SC-I023",
+            "SC-I022",
             "this trial was played and logged by `strandcast play`",
             file=record,
             fix="import as another trial, or move joints.csv and run.json away first",

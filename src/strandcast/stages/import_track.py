@@ -6,11 +6,8 @@ from threadpoolctl import threadpool_limits
 
 from strandcast.arm.load import load_arm
 from strandcast.arm.spatial import SpatialArm, hand_path
-from strandcast.errors import StrandcastError
-from strandcast.imports.capture_in_space import import_capture_in_space
-from strandcast.imports.mapping import CaptureMapping
-from strandcast.imports.motion_capture import import_capture
-from strandcast.imports.space_mapping import SpaceMapping
+from strandcast.imports.capture import CapturedTrial, import_capture
+from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.throw_in_space import ThrownBy
 from strandcast.records.joint_log import read_run
 from strandcast.records.record import refusal
@@ -31,7 +28,7 @@ def run(
     name: str,
     trial: int,
     capture: Path,
-    mapping: CaptureMapping | SpaceMapping,
+    mapping: CaptureMapping,
     replace: bool = False,
     offset_s: float | None = None,
 ) -> TrackSummary:
@@ -42,42 +39,17 @@ def run(
     context = context_of(root, name)
     string, folder = context.settings.string, context.folder.trial(trial)
     refuse_replacing(folder.data / "track.json", replace)
-    refuse_other_target(context, isinstance(mapping, SpaceMapping))
-    if offset_s is not None and not context.settings.aims_in_space:
-        raise StrandcastError(
-            "SC-I061",
-            "the offset of the clocks is given, and no target in space",
-            file=context.file,
-            field="offset",
-            fix="leave --offset out: without a target in space, the capture's clock is the only one",
-        )
-    if not isinstance(mapping, SpaceMapping):
-        arm = load_arm(context.arm_file)
-        return import_capture(
-            capture,
-            folder.data,
-            mapping,
-            experiment=name,
-            trial=trial,
-            length_m=free_length_m(context, arm.clamp.clamped_length_m),
-            points=string.n,
-            arm=arm,
-            aimed=context.settings.target_m is not None,
-        )
-    length_m, thrown = string.length_m, None
+    refuse_other_target(context, mapping.in_space)
+    known = CapturedTrial(name, trial, string.length_m, string.n, offset_s=offset_s)
     with threadpool_limits(1):  # as the stages: the last digits must not depend on the number of cores
         if context.settings.aims_in_space:
             length_m, thrown = _thrown(context, trial)
-        return import_capture_in_space(
-            capture,
-            folder.data,
-            mapping,
-            experiment=name,
-            trial=trial,
-            length_m=length_m,
-            thrown=thrown,
-            offset_s=offset_s,
-        )
+            known = known._replace(length_m=length_m, thrown=thrown)
+        elif not mapping.in_space:
+            arm = load_arm(context.arm_file)
+            length_m, aimed = free_length_m(context, arm.clamp.clamped_length_m), context.settings.target_m
+            known = known._replace(length_m=length_m, arm=arm, aimed=aimed is not None)
+        return import_capture(capture, folder.data, mapping, known)
 
 
 def _thrown(context: Context, trial: int) -> tuple[float, ThrownBy]:

@@ -8,8 +8,8 @@ import numpy as np
 from strandcast.camera.mapping import pixel_to_metre
 from strandcast.camera.stereo import stereo_pose
 from strandcast.errors import StrandcastError
-from strandcast.imports.motion_capture import one_clock, write_capture
-from strandcast.imports.space_checks import check_track_in_space
+from strandcast.imports.capture import one_clock, write_capture
+from strandcast.imports.track_checks import check_track, paths_of
 from strandcast.reconstruction.views import SpaceReconstruction, StringView, reconstruct_in_space
 from strandcast.records.alignment import Alignment, EndPath, end_columns
 from strandcast.records.camera import Camera
@@ -89,7 +89,8 @@ def run(
         **end_columns([EndPath(hand_m[known], None, None)]),
     }
     alignment = one_clock(name, trial, track.camera_time_s)
-    summary.warnings += check_track_in_space(track, hand, alignment, summary, folder.data / "track.parquet")
+    file = folder.data / "track.parquet"
+    summary.warnings += check_track(track, paths_of(hand, file), alignment, summary, file)
     write_capture(folder.data, track, hand, alignment, summary)
     return summary
 

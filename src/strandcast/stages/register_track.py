@@ -1,7 +1,6 @@
 """Verify a track and an alignment measured elsewhere, and copy them to the results."""
 
 from strandcast.errors import StrandcastError
-from strandcast.imports.space_checks import check_supplied_in_space
 from strandcast.imports.track_checks import check_length, check_supplied
 from strandcast.records.alignment import HAND, Alignment
 from strandcast.records.tables import read_arrow, write_arrow
@@ -26,8 +25,7 @@ def run(job: Job, files: Files) -> None:
             fix="set string.points in experiment.yaml, or import the track again",
         )
     found = check_length(summary.length_m, job.context.settings.string.length_m, files.input("summary"))
-    check = check_supplied_in_space if in_space else check_supplied
-    found += check(files.input("track"), files.input("hand"), alignment, summary)
+    found += check_supplied(files.input("track"), files.input("hand"), alignment, summary)
     summary.warnings += [warning for warning in found if warning not in summary.warnings]
     write_arrow(files.output("track"), track)
     write_arrow(files.output("hand"), read_arrow(files.input("hand"), HAND))

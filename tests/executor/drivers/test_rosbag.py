@@ -219,7 +219,7 @@ def test_held_joints_are_read_if_the_bag_has_them(tmp_path):
 
 def test_the_bag_of_another_arm_is_refused(tmp_path):
     path = write_bag(tmp_path, "rosbag1", joint_states(names=["panda_joint1", "panda_joint2"]))
-    with pytest.raises(StrandcastError, match="SC-I043") as refusal:
+    with pytest.raises(StrandcastError, match="SC-I006") as refusal:
         import_joints(path, tmp_path / "trial", namings=[ARM])
     assert "panda_joint1" in refusal.value.what
     assert import_joints(path, tmp_path / "trial").joint_names == ["panda_joint1", "panda_joint2"]
@@ -236,10 +236,10 @@ def test_a_damaged_bag_is_one_clear_error(tmp_path, kind):
             import_joints(path, tmp_path / "trial", namings=[ARM])
         assert refusal.value.fix
     (tmp_path / "unclosed").mkdir()
-    with pytest.raises(StrandcastError, match="SC-I041") as refusal:
+    with pytest.raises(StrandcastError, match="SC-I001") as refusal:
         import_joints(tmp_path / "unclosed", tmp_path / "trial", namings=[ARM])
     assert "reindex" in refusal.value.fix
-    with pytest.raises(StrandcastError, match="SC-I041"):
+    with pytest.raises(StrandcastError, match="SC-I001"):
         import_joints(tmp_path / "none.bag", tmp_path / "trial", namings=[ARM])
     assert not (tmp_path / "trial").exists()
 
@@ -310,7 +310,7 @@ def test_a_channel_that_is_not_ros_is_named_with_the_command_that_leaves_it_out(
         channel = writer.register_channel("/note", "json", schema)
         writer.add_message(channel, log_time=1, data=b"{}", publish_time=1)
         writer.finish()
-    with pytest.raises(StrandcastError, match="SC-I041.*encoded as jsonschema") as refusal:
+    with pytest.raises(StrandcastError, match="SC-I001.*encoded as jsonschema") as refusal:
         import_joints(tmp_path / "log.mcap", tmp_path)
     assert refusal.value.fix.count("mcap filter") == 1
     assert "joints-log.mcap" in refusal.value.fix
