@@ -197,15 +197,15 @@ def test_a_lens_is_read_as_its_program_wrote_it(tmp_path, text, suffix, name) ->
     ("words", "text", "name"),
     [
         ("expected ','", "a: [1", None),
-        ("no names and values", "{}", None),
+        ("has 0 cameras", "{}", None),
         ("2 cameras", KALIBR, None),
         ("no camera 'cam7'", KALIBR, "cam7"),
-        ("size of its pictures", KALIBR, "cam1"),
+        ("lens model is 'equidistant'", KALIBR, "cam1"),
         ("lens model is 'omni'", KALIBR.replace("pinhole", "omni"), "cam0"),
         ("lens model is 'equidistant'", ROS.replace("plumb_bob", "equidistant"), None),
-        ("size of its pictures", ROS.replace("image_width: 1280\n", ""), None),
+        ("picture's size is missing", ROS.replace("image_width: 1280\n", ""), None),
         ("number", ROS.replace("1201.5", ".nan"), None),
-        ("3 x 3", ROS.replace("0.0, 0.0, 1.0]", "0.0, 1.0]"), None),
+        ("reshape", ROS.replace("0.0, 0.0, 1.0]", "0.0, 1.0]"), None),
     ],
 )
 def test_what_is_no_known_lens_is_refused(tmp_path, words, text, name) -> None:
