@@ -222,7 +222,7 @@ def test_a_hostile_mapping_is_refused(tmp_path: Path, text: str) -> None:
 def test_a_pipe_is_not_read(tmp_path: Path) -> None:
     for name in ("arm.toml", "columns.yaml"):
         os.mkfifo(tmp_path / name)
-    with pytest.raises(StrandcastError, match="SC-F002"):
+    with pytest.raises(StrandcastError, match="SC-F001"):
         load_arm(tmp_path / "arm.toml")
     with pytest.raises(StrandcastError, match="SC-I010"):
         load_mapping(tmp_path / "columns.yaml", JointMapping)
