@@ -44,7 +44,7 @@ def test_every_raised_code_is_registered_and_every_registered_one_is_raised(pack
 
 def own_fixes(source: Path) -> set[tuple[str, str]]:
     """Return code and fixed texts of the errors that a module makes."""
-    found = set()
+    found: set[tuple[str, str]] = set()
     for call in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
         if isinstance(call, ast.Call):
             values = [*call.args, *(word.value for word in call.keywords if word.arg == "fix")]
@@ -56,7 +56,7 @@ def own_fixes(source: Path) -> set[tuple[str, str]]:
 
 def test_no_error_repeats_the_fix_of_its_code() -> None:
     fixes = general_fixes()
-    given = set().union(*map(own_fixes, PRODUCT.rglob("*.py")))
+    given = {pair for source in PRODUCT.rglob("*.py") for pair in own_fixes(source)}
     assert len(given) > 100
     assert given & set(fixes.items()) == set(), "leave it out"
 

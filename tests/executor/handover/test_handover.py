@@ -92,7 +92,7 @@ def test_arm_file_and_string_length_come_from_the_experiment_or_are_required(
     done = stage.run(tmp_path, planar_file, out, ExportForm("csv"), None, None, 1.0)
     assert done.arm.path == tmp_path / "config/arms/mine.toml"
     assert out.is_file()
-    with pytest.raises(StrandcastError, match="SC-F002"):
+    with pytest.raises(StrandcastError, match="SC-F001"):
         stage.run(tmp_path, planar_file, out, ExportForm("csv"), Path("none.toml"), 0.3, 1.0)
 
 
