@@ -35,7 +35,7 @@ from strandcast.stages.files import SUPPLIED_FILES
 from strandcast.stages.run import files_of
 from strandcast.workflow import locks
 from strandcast.workflow.pages import render_pages
-from strandcast.workflow.remake import lost_results, tasks_of
+from strandcast.workflow.pending import lost_results, tasks_of
 from strandcast.workflow.status import known_trials, status_of
 from strandcast.workflow.verify import verify
 
