@@ -194,7 +194,7 @@ def test_verify_names_every_result_that_belongs_to_another_trial(copied):
 @pytest.mark.thorough
 def test_verify_finds_every_file_that_was_emptied_or_cut(copied):
     for path in (path for path in (copied / "results" / NAME).rglob("*.*") if path.is_file()):
-        if path.parent.name == "logs":
+        if path.parent.name in ("logs", "made"):  # a damaged note makes its stage run again
             continue
         whole = path.read_bytes()
         for size in (0, len(whole) // 2):

@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from strandcast.records.files import atomic_write, canonical_json
 
@@ -79,16 +79,16 @@ def _clock_ahead_ns(folder: Path) -> int:
         return os.fstat(probe.fileno()).st_mtime_ns - time.time_ns()
 
 
-def _read(file: Path) -> dict[str, list]:
+def _read(file: Path) -> dict[str, list[Any]]:
     """Return the hashes in a file, with its check sum in the first line; none of a damaged file."""
     try:
         check, _, text = file.read_bytes().partition(b"\n")
-        return json.loads(text) if int(check) == zlib.crc32(text) else {}
+        return dict(json.loads(text)) if int(check) == zlib.crc32(text) else {}
     except (OSError, ValueError):
         return {}
 
 
-def _write(file: Path, hashes: dict[str, list]) -> None:
+def _write(file: Path, hashes: dict[str, list[Any]]) -> None:
     text = canonical_json(hashes).encode()
     with atomic_write(file) as temporary:
         temporary.write_bytes(b"%d\n%s" % (zlib.crc32(text), text))

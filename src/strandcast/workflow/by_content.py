@@ -47,8 +47,9 @@ def decide_by_content(changes_of: Callable[[Any], Changes]) -> None:
         _replace(PersistenceBase, name, lambda job: [])
     _replace(PersistenceBase, "incomplete", lambda job: nothing())
     _replace(DAG, "check_output_mtime", lambda job: no_time())  # it deletes results "older" than their inputs
-    times = SnakemakeJob.output_mintime.fget
-    SnakemakeJob.output_mintime = property(lambda job: no_time() if is_stage(job) else times(job))
+    times = vars(SnakemakeJob)["output_mintime"].fget
+    own = property(lambda job: no_time() if is_stage(job) else times(job))
+    SnakemakeJob.output_mintime = own  # type: ignore[method-assign,assignment]
 
 
 def _replace(place: type, name: str, answer: Callable[[Any], Any]) -> None:
