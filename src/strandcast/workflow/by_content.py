@@ -49,7 +49,7 @@ def decide_by_content(changes_of: Callable[[Any], Changes]) -> None:
     _replace(DAG, "check_output_mtime", lambda job: no_time())  # it deletes results "older" than their inputs
     times = vars(SnakemakeJob)["output_mintime"].fget
     own = property(lambda job: no_time() if is_stage(job) else times(job))
-    SnakemakeJob.output_mintime = own  # type: ignore[method-assign,assignment]
+    SnakemakeJob.output_mintime = own
 
 
 def _replace(place: type, name: str, answer: Callable[[Any], Any]) -> None:
@@ -68,7 +68,8 @@ def is_stage(job: Any) -> bool:
 
 
 def _stage_of(job: Any) -> str:
-    return STAGE_OF_RULE.get(job.rule.name, job.rule.name)
+    rule: str = job.rule.name
+    return STAGE_OF_RULE.get(rule, rule)
 
 
 def changes(job: Any) -> Changes:
