@@ -12,7 +12,15 @@ from snakemake.persistence import PersistenceBase
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import WITHIN_WORKFLOW
-from strandcast.workflow import by_content, locks, shards, slurm, stage_server, storage, targets
+from strandcast.workflow import (
+    by_content,
+    locks,
+    shards,
+    slurm,
+    stage_server,
+    storage,
+    targets,
+)
 from strandcast.stages.code_version import code_version
 from strandcast.workflow.targets import stage_outputs
 
@@ -68,7 +76,9 @@ def limit_no_rate():
 
 if STORAGE is None:
     by_content.decide_by_content(
-        reported(by_content.changes) if workflow.is_main_process else by_content.no_changes
+        reported(by_content.changes)
+        if workflow.is_main_process
+        else by_content.no_changes
     )
 # Snakemake holds nearly all that it makes until it ends: to look for garbage less often (as Python does
 # after 700 objects) saves a tenth of a run in which nothing is to be done, and costs no memory.
