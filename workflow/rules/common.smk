@@ -12,16 +12,9 @@ from snakemake.persistence import PersistenceBase
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import WITHIN_WORKFLOW
-from strandcast.workflow import (
-    by_content,
-    locks,
-    shards,
-    slurm,
-    stage_server,
-    storage,
-    targets,
-)
 from strandcast.stages.code_version import code_version
+from strandcast.workflow import by_content, locks, shards, slurm
+from strandcast.workflow import stage_server, storage, targets
 from strandcast.workflow.targets import stage_outputs
 
 # Jobs use the Python that runs Snakemake, and rely on the lease that it holds.
