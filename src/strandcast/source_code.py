@@ -7,14 +7,13 @@ import ast
 import hashlib
 import json
 import os
-import sys
 import tempfile
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-FORMAT = f"2-{sys.version_info.major}.{sys.version_info.minor}"  # ast.dump differs between versions of Python
+FORMAT = "4"
 
 MOST = 4000  # contents of files that are remembered, some 2 MB (chosen; the package has 300 files)
 
@@ -103,7 +102,19 @@ def parse(text: bytes) -> SourceCode:
         body = getattr(node, "body", None)
         if isinstance(body, list) and body and _is_docstring(body[0]):
             body[0] = ast.Pass()
-    return SourceCode(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(sorted(imports)))
+    return SourceCode(hashlib.sha256(_dumped(tree).encode()).hexdigest(), tuple(sorted(imports)))
+
+
+def _dumped(node: Any) -> str:
+    """Return a syntax tree as text, without what it leaves empty: that differs between versions of Python."""
+    if isinstance(node, list):
+        return f"[{','.join(map(_dumped, node))}]"
+    if not isinstance(node, ast.AST):
+        return repr(node)
+    if isinstance(node, ast.JoinedStr):  # Python 3.12 adds empty parts
+        node.values = [part for part in node.values if getattr(part, "value", None) != ""]
+    fields = ((name, value) for name, value in ast.iter_fields(node) if value is not None and value != [])
+    return f"{type(node).__name__}({','.join(f'{name}={_dumped(value)}' for name, value in fields)})"
 
 
 def _is_docstring(node: ast.stmt) -> bool:

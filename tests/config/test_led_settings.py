@@ -5,9 +5,9 @@ import pytest
 from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastErrors
 from strandcast.records.folders import ExperimentFolder
+from strandcast.stages.code_version import settings
 from strandcast.stages.context import Context
 from strandcast.stages.job import Job
-from strandcast.workflow.code_version import settings
 
 HEAD = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
 

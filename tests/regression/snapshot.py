@@ -167,8 +167,8 @@ def real(root: Path) -> None:
 CASES: dict[str, Callable[[Path], None]] = {
     case.__name__: case for case in (demo, bar, swing, capture, loop, real)
 }
-# Files that no result depends on: logs, times of this machine, and those of Snakemake.
-IGNORED = re.compile(r"(^|/)(logs|\.snakemake|boards)(/|$)|\.jsonl$")
+# Files that no result depends on: logs, notes, times of this machine, and those of Snakemake.
+IGNORED = re.compile(r"(^|/)(logs|made|\.snakemake|boards)(/|$)|\.jsonl$")
 NOT_NUMBERS = re.compile(r"sha256|hash|version|schema|made_by")
 TIMES = re.compile(r"(cpu|wall)_s$|_cpu|_ms_per_frame|seconds")
 

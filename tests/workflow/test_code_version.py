@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from strandcast.records.folders import ExperimentFolder
+from strandcast.stages.code_version import code_version, settings
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Job
-from strandcast.workflow.code_version import code_version, settings
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def version_of(tmp_path, project_root):
             text = path.read_text()
             assert old in text
             path.write_text(text.replace(old, new, 1))
-        line = f"from strandcast.workflow.code_version import code_version as v; print(v({stage!r}))"
+        line = f"from strandcast.stages.code_version import code_version as v; print(v({stage!r}))"
         out = subprocess.run(
             [sys.executable, "-c", line], cwd=tmp_path, capture_output=True, text=True, check=True
         )

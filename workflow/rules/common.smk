@@ -12,8 +12,9 @@ from snakemake.persistence import PersistenceBase
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import WITHIN_WORKFLOW
-from strandcast.workflow import locks, shards, slurm, stage_server, storage, targets
-from strandcast.workflow.code_version import code_version
+from strandcast.stages.code_version import code_version
+from strandcast.workflow import by_content, locks, shards, slurm
+from strandcast.workflow import stage_server, storage, targets
 from strandcast.workflow.targets import stage_outputs
 
 # Jobs use the Python that runs Snakemake, and rely on the lease that it holds.
@@ -66,6 +67,12 @@ def limit_no_rate():
         workflow.scheduler.job_rate_limiter = None
 
 
+if STORAGE is None:
+    by_content.decide_by_content(
+        reported(by_content.changes)
+        if workflow.is_main_process
+        else by_content.no_changes
+    )
 # Snakemake holds nearly all that it makes until it ends: to look for garbage less often (as Python does
 # after 700 objects) saves a tenth of a run in which nothing is to be done, and costs no memory.
 gc.set_threshold(100_000, 50, 50)

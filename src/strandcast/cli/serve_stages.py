@@ -25,6 +25,7 @@ from types import FrameType
 from typing import NamedTuple, NoReturn
 
 from strandcast.errors import ENDING_SIGNALS
+from strandcast.stages.code_version import code_version
 from strandcast.stages.declarations import STAGES
 from strandcast.workflow.stage_client import NUMBER_BYTES
 
@@ -230,6 +231,8 @@ def _imports(command: str) -> bool:
             with suppress(Exception):  # the fork meets the same error, and reports it
                 import_module(module)
             modules += [later for user, later in LATER.items() if user in sys.modules]
+            if stage in STAGES:  # of the code that was imported, whatever is edited while it is used
+                code_version(stage)
             gc.freeze()  # collections in the forks would copy its memory
     return len(list(Path("/proc/self/task").iterdir())) == 1
 

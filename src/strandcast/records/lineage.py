@@ -6,21 +6,20 @@ made again with the same numbers still fits.
 """
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import asdict, dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from strandcast.core.trial_names import trial_number
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.files import content_sha256, sha256_file
+from strandcast.records.known_hashes import content_sha256_of
 
 KEPT_MOTIONS = "motions"  # the folder of `kept_motions`
 MISPLACED, OUTDATED = "SC-R006", "SC-R007"
-HASHES_KEPT = 4096  # paths; a process reads far fewer
 
 
 class Place(NamedTuple):
@@ -177,42 +176,26 @@ def check_lineage(
                 f"; if {lineage.experiment} was renamed, delete {folder} but for motions/, and run it again"
             )
         raise _refusal(MISPLACED, path, what, fix)
-    changed = [] if place.raw or not inputs else changed_inputs(place.root, lineage)
+    changed = [] if place.raw or not inputs else changed_inputs(place.root, lineage.inputs)
     if changed:
         what = f"was made from another {changed[0]} than the one that is there"
         fix = f"restore {changed[0]}, or make this file again: strandcast run {place.experiment}"
         raise _refusal(OUTDATED, path, what, fix)
 
 
-def changed_inputs(root: Path, lineage: Lineage) -> list[str]:
-    """Return the inputs that are there with another content than the file was made from."""
-    found = []
-    for name, expected in lineage.inputs.items():
-        path = root / name
-        if path.is_file() and content_sha256_of(path) != expected:
-            found.append(name)
-    return found
+def changed_inputs(root: Path, recorded: Mapping[str, str]) -> list[str]:
+    """Return the files that are there with another content than was recorded."""
+    return [
+        name
+        for name, sha256 in recorded.items()
+        if (root / name).is_file() and content_sha256_of(root / name) != sha256
+    ]
 
 
 def relative_to(root: Path, path: Path) -> str:
     """Return a path as lineage names it: relative to the project, with forward slashes."""
     path, root = path.absolute(), root.absolute()
     return path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
-
-
-def content_sha256_of(path: str | Path) -> str:
-    """Return the hash of a file's content, computed once for a file that stays as it is."""
-    path = Path(path).absolute()
-    facts = path.stat()
-    return _content_sha256(path, facts.st_size, facts.st_mtime_ns)
-
-
-@lru_cache(HASHES_KEPT)
-def _content_sha256(path: Path, size: int, mtime_ns: int) -> str:
-    del size, mtime_ns  # they only tell whether the file is still the one that was hashed
-    from strandcast.records.content_hash import result_sha256
-
-    return result_sha256(path)
 
 
 def _named(experiment: str, trial: int) -> str:

@@ -6,11 +6,12 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from strandcast.errors import StrandcastError
+from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.lineage import made_by_stage
 from strandcast.stages.context import context_of
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
+from strandcast.stages.made import Note
 from strandcast.stages.producers import Step, producers
 
 PAGES = ("report", "summary")  # they show what is missing
@@ -28,9 +29,16 @@ def run_stage(stage: str, root: Path, experiment: str, trial: int = 0, trials: S
         _refuse_unmade(files)
     inputs = (path for role in files.stage.lineage_roles() for path in files.inputs(role))
     run = importlib.import_module(f"strandcast.stages.{stage}").run
+    note = Note(files)
     # One thread for linear algebra: the last digits of results must not depend on the number of cores.
     with made_by_stage(stage, root, inputs), threadpool_limits(1):
-        run(files.job, files)
+        try:
+            run(files.job, files)
+        except StrandcastError as error:
+            if stage in PAGES and error.exit_code == INTEGRITY:  # raised after the page was written
+                note.write()
+            raise
+    note.write()
 
 
 def _how_to_make(files: Files, step: Step) -> str:

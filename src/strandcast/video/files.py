@@ -67,11 +67,11 @@ def video_sha256(path: str | Path) -> tuple[str, int]:
     """
     import hashlib
 
-    from strandcast.records.files import sha256_file
+    from strandcast.records.known_hashes import content_sha256_of
 
     files = files_of_video(Path(path))
     size = sum(file.stat().st_size for file in files)
     if len(files) == 1:
-        return sha256_file(files[0]), size
-    lines = "".join(f"{sha256_file(file)}  {file.name}\n" for file in files)
+        return content_sha256_of(files[0]), size
+    lines = "".join(f"{content_sha256_of(file)}  {file.name}\n" for file in files)
     return hashlib.sha256(lines.encode()).hexdigest(), size

@@ -1,7 +1,6 @@
 """What a run does, from Snakemake's events: running, finished and failed jobs, and how long is left."""
 
 import json
-import re
 import statistics
 import time
 from collections import Counter
@@ -158,52 +157,10 @@ def _names(files: str) -> str:
     return ", ".join(names[:MOST_NAMES]) + more
 
 
-def _changed_params(text: str) -> str:
-    """Return which settings differ, from the lists of parameters before and now; if none, the code does."""
-    before, _, now = text.partition("before: ")[2].partition(" now: ")
-    pairs = [
-        (dict(_flat("", old)), dict(_flat("", new)))
-        for old, new in zip(_settings(before), _settings(now), strict=False)
-    ]
-    changed = [
-        f"{name} ({json.dumps(old.get(name))} → {json.dumps(new.get(name))})"
-        for old, new in pairs
-        for name in sorted(old.keys() | new.keys())
-        if old.get(name) != new.get(name)
-    ]
-    if not changed:
-        return "settings changed" if "{" in text else "strandcast's code for this stage changed"
-    more = f" and {len(changed) - MOST_NAMES} more" if len(changed) > MOST_NAMES else ""
-    return f"settings changed: {', '.join(changed[:MOST_NAMES])}{more}"
-
-
-def _settings(text: str) -> list[dict[str, Any]]:
-    found = []
-    for part in re.findall(r"'(\{.*?\})'(?=[,;\s]|$)", text):
-        try:
-            found.append(json.loads(part))
-        except ValueError:
-            continue
-    return found
-
-
-def _flat(prefix: str, values: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the settings within settings by their dotted names."""
-    if isinstance(values, dict):
-        for name, value in values.items():
-            yield from _flat(f"{prefix}{name}.", value)
-    else:
-        yield prefix.removesuffix("."), values
-
-
 # The first that a reason holds is shown: what is missing before what has changed.
 REASONS: dict[str, Callable[[str], str]] = {
     "Missing output files: ": lambda files: f"missing: {_names(files)}",
-    "Incomplete output files: ": lambda files: f"interrupted: {_names(files)}",
-    "Params have changed since last execution: ": _changed_params,
-    "Updated input files: ": lambda files: f"changed: {_names(files)}",
+    "Params have changed since last execution: ": str,  # what `strandcast.workflow.by_content` says
     "Input files updated by another job: ": lambda files: f"is made again: {_names(files)}",
-    "Set of input files has changed": lambda _: "it has other inputs than before",
-    "Code has changed": lambda _: "the rule changed",
     "Forced execution": lambda _: "an input has changed since",
 }

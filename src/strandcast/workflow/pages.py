@@ -1,9 +1,8 @@
 """All pages again, from the results that there are: no stage runs, and Snakemake is not asked."""
 
-import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from multiprocessing import get_context
@@ -12,7 +11,7 @@ from typing import NamedTuple
 
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import ExperimentFolder, trial_folders
-from strandcast.stages.run import files_of, run_stage
+from strandcast.stages.run import run_stage
 from strandcast.workflow.locks import lease
 
 SCORED = ("verdict.json", "track.json", "report.html")  # a trial that has one of these has a page
@@ -39,8 +38,7 @@ Mapping = Callable[[Callable[[PageJob], PageProblem | None], list[PageJob]], Ite
 def render_pages(root: Path, names: list[str], cores: int) -> list[PageProblem]:
     """Render the pages of trials, then those of experiments, on some cores; return what is wrong with them.
 
-    A page whose bytes stay the same keeps its time: to Snakemake, nothing has happened. An experiment without
-    a page is left to a run, which would take a new page for a finished one.
+    An experiment without a page is left to a run, which would take a new page for a finished one.
     """
     made = [name for name in names if (ExperimentFolder(root, name).results / "report.html").is_file()]
     for name in sorted({*names} - {*made}):
@@ -91,10 +89,7 @@ def render_page(job: PageJob) -> PageProblem | None:
     stage = "report" if trial else "summary"
     numbers = () if trial else ExperimentFolder(root, name).reported_trials()
     try:
-        files = files_of(stage, root, name, trial, numbers)
-        outputs = [path for paths in files.stage.output_files(files.job).values() for path in paths]
-        with _keeping_times(outputs):
-            run_stage(stage, root, name, trial, numbers)
+        run_stage(stage, root, name, trial, numbers)
     except StrandcastError as problem:
         return PageProblem(problem.exit_code, str(problem))
     return None
@@ -104,15 +99,3 @@ def _with_results(root: Path, name: str) -> Iterator[int]:
     for number, folder in trial_folders(root / "results" / name).items():
         if any((folder / file).is_file() for file in SCORED):
             yield number
-
-
-@contextmanager
-def _keeping_times(paths: Iterable[Path]) -> Iterator[None]:
-    """Give files that have the same bytes after the block as before the times that they had."""
-    before = [(path, path.read_bytes(), path.stat()) for path in paths if path.is_file()]
-    try:
-        yield
-    finally:
-        for path, content, facts in before:
-            if path.is_file() and path.read_bytes() == content:
-                os.utime(path, ns=(facts.st_atime_ns, facts.st_mtime_ns))

@@ -11,6 +11,7 @@ from strandcast.core.trial_names import trial_name
 from strandcast.errors import ENVIRONMENT, INTEGRITY, StrandcastError
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.folders import ExperimentFolder, is_project, trial_folders, video_suffixes
+from strandcast.records.known_hashes import remembered
 from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.report.campaign import CampaignTally
 from strandcast.stages.context import context_of
@@ -23,8 +24,8 @@ from strandcast.workflow.engine import compiling_ahead, run_snakemake
 from strandcast.workflow.events import RunState, StageRun, past_durations
 from strandcast.workflow.host import check_host
 from strandcast.workflow.pages import render_pages
+from strandcast.workflow.pending import lost_results
 from strandcast.workflow.project import DEFAULT_PROFILE, executor_of, profile
-from strandcast.workflow.remake import lost_results
 from strandcast.workflow.slurm import SLURM, require_slurm, status_options
 from strandcast.workflow.status import known_trials
 from strandcast.workflow.targets import default_experiments, experiment, targets_of
@@ -118,7 +119,8 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
     if executor == SLURM:
         require_slurm(submits=not options.dry_run)
     check_host(root, names)
-    findings = {name: verify(root, name, raw=False) for name in names}
+    with remembered(root):
+        findings = {name: verify(root, name, raw=False) for name in names}
     damaged = {
         name: wrong for name in names if (wrong := [each for each in findings[name] if each.state in DAMAGED])
     }

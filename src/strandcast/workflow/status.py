@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from strandcast.errors import StrandcastError
+from strandcast.records.known_hashes import remembered
 from strandcast.records.lineage import relative_to
 from strandcast.records.record import read_json
 from strandcast.records.verdict import Verdict
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.producers import Step, play_command, recording_advice, steps_of
 from strandcast.workflow.locks import living_owner
-from strandcast.workflow.remake import StepState, log_of, tasks_of
+from strandcast.workflow.pending import StepState, tasks_of
 from strandcast.workflow.verify import Finding, verify
 
 State = Literal["done", "stale", "missing", "failed", "damaged", "excluded"]
@@ -106,7 +107,12 @@ def status_of(root: Path, name: str) -> Status:
     StrandcastError
         Its settings cannot be read, or SC-R032 a folder's name leaves open which trial it holds.
     """
-    context = context_of(root, name)
+    with remembered(root):
+        return _status_of(context_of(root, name))
+
+
+def _status_of(context: Context) -> Status:
+    root, name = context.folder.root, context.name
     context.arm_file  # noqa: B018  (raises if there is none)
     findings = verify(root, name, raw=False)
     again = {relative_to(root, each.file): each.what for each in findings if each.state == "outdated"}
@@ -170,7 +176,7 @@ def _stage(context: Context, step: Step, task: StepState | None, faults: dict[st
     after = None if task.after is None else str(task.after)
     if not lost:
         return StageStatus(step.stage, "stale" if task.runs else "done", task.why, after, None, task.runs)
-    code, what = failure_in(log_of(context, step))
+    code, what = failure_in(task.files.log)
     if what is not None:
         return StageStatus(step.stage, "failed", [what], None, code, task.runs)
     return StageStatus(step.stage, "missing", task.why, after, None, task.runs)

@@ -16,11 +16,10 @@ from strandcast.errors import StrandcastError
 from strandcast.records.folders import ExperimentFolder, trial_folders
 from strandcast.records.listing import file_exists
 from strandcast.records.verdict import Verdict
-from strandcast.stages import files
+from strandcast.stages import code_version, files
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Job, Pattern
-from strandcast.workflow import code_version
 
 ROOT = Path()
 DEMO = "demo"
