@@ -64,14 +64,14 @@ def check_supplied(
     ------
     StrandcastError
         SC-I024 no rows; SC-I025 a value is not finite, or a row is doubled; SC-I007 time does not rise;
-        SC-R001 the hand has other axes than the track; and those of `check_track`.
+        SC-I004 the hand has other axes than the track; and those of `check_track`.
     """
     rows, hand = read_table(track_file, TRACK), read_table(hand_file, HAND)
     check_rows(track_file, rows)
     column = "z_m" if is_in_space(rows) else "angle_rad"
     if column not in hand:
         what = "the column is missing: the hand is not where the track is, in the plane or in space"
-        raise refusal("SC-R001", hand_file, column, what, "supply track and hand of the same kind")
+        raise refusal("SC-I004", hand_file, column, what, "supply track and hand of the same kind")
     track = read_track(track_file, summary.points)
     return check_track(track, paths_of(hand, hand_file), alignment, summary, track_file)
 
