@@ -7,10 +7,13 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 from tests.host_needs import needs_terminals
 from tests.workflow.ending_signals import take_signals
+
+from strandcast.workflow import engine
 
 # A stand-in for Snakemake with one job: a process of its own, in a shell.
 ENGINE = """
@@ -117,3 +120,17 @@ def test_the_engine_and_its_jobs_end_when_the_run_is_killed(tmp_path):
     run.communicate()
     while alive(job):
         time.sleep(0.05)
+
+
+def test_a_user_whom_the_system_does_not_know_has_a_name(monkeypatch, capfd):
+    """As `docker run --user` has it; Snakemake asks for the name."""
+
+    def unknown(number: int) -> NoReturn:
+        raise KeyError(f"getpwuid(): uid not found: {number}")
+
+    for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("pwd.getpwuid", unknown)
+    asking = "import getpass, sys; print('named', getpass.getuser(), file=sys.stderr)"
+    assert engine.run_snakemake(["snakemake"], Path(), program=[sys.executable, "-c", asking]) == 0
+    assert f"named user-{os.getuid()}" in capfd.readouterr().err

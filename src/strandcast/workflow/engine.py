@@ -1,5 +1,6 @@
 """Run Snakemake: show what happens, and end it when this process is ended."""
 
+import getpass
 import os
 import shlex
 import signal
@@ -47,6 +48,7 @@ def run_snakemake(
         subprocess.Popen(
             [*program, *line[1:]],
             cwd=root,
+            env=os.environ | _named_user(),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,  # a dry run's list: the events hold the same
             stderr=subprocess.PIPE,
@@ -62,6 +64,15 @@ def run_snakemake(
     if received:
         raise Ended(received[0], "all finished results are kept; the same command goes on from there")
     return engine.returncode
+
+
+def _named_user() -> dict[str, str]:
+    """Return a name for a user whom the system does not know, as in a container: Snakemake asks for it."""
+    try:
+        getpass.getuser()
+    except (KeyError, OSError):
+        return {"LOGNAME": f"user-{os.getuid()}"}
+    return {}
 
 
 @contextmanager
