@@ -218,6 +218,7 @@ def test_the_manual_comes_along(root):
     assert "tutorial " in listed.stdout
     page = strandcast(root, "docs", "docs/how-to/install.md#install")  # as messages name it
     assert page.stdout.startswith("# Install\n")
+    assert '\nname = "planar3"\n' in strandcast(root, "docs", "reference/arm-file").stdout  # included
     for code in ("SC-A012 ERROR", "a013"):  # the second is a former one
         said = strandcast(root, "explain", code).stdout
         assert said.startswith("SC-A012: Joint log and arm's file differ in joint names")

@@ -9,6 +9,8 @@ import typer
 from strandcast.cli.common import AsJson, show
 from strandcast.errors import StrandcastError
 
+INCLUDED = re.compile(r'^--8<-- "(.+)"\n', re.MULTILINE)
+
 
 def explain(
     code: Annotated[str, typer.Argument(metavar="CODE", help="As a message begins with, e.g. SC-A012.")],
@@ -56,4 +58,6 @@ def docs(
         near = difflib.get_close_matches(wanted, pages, n=1)
         fix = f"did you mean {near[0]}?" if near else "`strandcast docs` lists the pages"
         raise StrandcastError("SC-W021", f"the manual has no page {page!r}", fix=fix)
-    show(as_json, {"page": wanted, "text": pages[wanted]}, [pages[wanted]])
+    # A file that the site includes, e.g. the arm's.
+    text = re.sub(INCLUDED, lambda found: (shipped() / found[1]).read_text(encoding="utf-8"), pages[wanted])
+    show(as_json, {"page": wanted, "text": text}, [text])
