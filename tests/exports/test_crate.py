@@ -84,10 +84,13 @@ def test_stages_are_actions_with_inputs_software_and_outputs(library, made) -> N
     }
     assert {VIDEO, "config/experiments/small.yaml", "results/small/cameras/main.json"} < ids["object"]
     assert VIDEO in {each.id for each in actions["#lab_throw-01"]["result"]}
-    # Every result was made by exactly one stage.
+    # Every result was made by exactly one stage, which noted what it was made from.
     made_by = [each.id for action in actions.values() for each in action["result"]]
     assert len(made_by) == len(set(made_by))
-    assert {name for name in files_in(made) if name.startswith("results/")} <= set(made_by)
+    results = {name for name in files_in(made) if name.startswith("results/")}
+    notes = {name for name in results if "/made/" in name}
+    assert "results/small/trial-01/made/track.json" in notes
+    assert results - notes <= set(made_by)
     software = actions["#estimate-01"]["instrument"]
     assert (software["name"], software["softwareVersion"]) == ("strandcast", strandcast.__version__)
     libraries = {each["name"]: each["softwareVersion"] for each in software["softwareRequirements"]}

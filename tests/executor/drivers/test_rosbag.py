@@ -232,7 +232,7 @@ def test_a_damaged_bag_is_one_clear_error(tmp_path, kind):
     whole = file.read_bytes()
     for data in (b"", whole[:100], whole[: len(whole) // 2]):
         file.write_bytes(data)
-        with pytest.raises(StrandcastError, match="SC-I04[12]") as refusal:
+        with pytest.raises(StrandcastError, match="SC-I001|SC-I042") as refusal:
             import_joints(path, tmp_path / "trial", namings=[ARM])
         assert refusal.value.fix
     (tmp_path / "unclosed").mkdir()
