@@ -83,7 +83,7 @@ def snakemake(s3: LocalS3, root: Path, *arguments: str, prefix: str = f"s3://lab
 
 
 def differences(s3: LocalS3, local: Path, folder: Path) -> list[str]:
-    """Return the results that differ between the bucket and the disk, where stages leave notes beside them."""
+    """Return the results that differ between bucket and disk; the disk alone has the notes of stages."""
     s3.download(PREFIX, folder)
     here = {name: sha256 for name, sha256 in result_hashes(local).items() if "/made/" not in name}
     there = result_hashes(folder)
