@@ -213,5 +213,5 @@ def test_a_throw_is_excluded_and_included_again(walk, lab):
     before = settings.read_text()
     (lab / "data/small/experiment.yaml").write_text(before)
     out = walk("throw-again", lab, {}, cord="small", **{"small 2": "small 1"})
-    assert "it has other inputs than before" in out
+    assert "run.json is no longer an input" in out
     assert (lab / "data/small/experiment.yaml").read_text() == before
