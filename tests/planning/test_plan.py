@@ -571,8 +571,7 @@ def test_a_fault_is_flagged_if_it_is_likelier_than_not(task: PlanningTask, first
         "not expected to hit: half the throws miss by more than 33 mm, and nothing better was found within "
         "the arm's limits",
         "will probably leave the workspace, by 11 mm (in 67 % of the simulated throws)",
-        "the string will probably touch the arm: it comes 2 mm too near to a link "
-        "(in 100 % of the simulated throws)",
+        "the string will probably come too near to a link, by 2 mm (in 100 % of the simulated throws)",
     ]
     worse = MissDistribution(np.linspace(0.05, 0.2, len(LEVELS)))  # than is simulated
     assert len(flags([0.0] * 3, [0.0] * 3, [0.0] * 3, likely=worse)) == 1

@@ -217,7 +217,7 @@ def prediction_flags(
         flags.append(f"not expected to hit: {by}, and nothing better was found within the arm's limits")
     for depth_m, words in (
         (throws.outside_m, "will probably leave the workspace, by {} mm"),
-        (throws.touch_m, "the string will probably touch the arm: it comes {} mm too near to a link"),
+        (throws.touch_m, "the string will probably come too near to a link, by {} mm"),
         (throws.hidden_m, "at the closest approach the tip will probably lie over the arm, by {} mm"),
     ):
         # One wild string of the ensemble says little of the throw.
