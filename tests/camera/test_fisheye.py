@@ -113,5 +113,5 @@ def test_another_programs_fisheye_lens_is_read(tmp_path, wide, words, asked):
     assert (lens.distortion, lens.matrix) == (wide.distortion, wide.matrix)
     assert Camera.model_validate(camera_of(lens, np.eye(3), np.zeros(3)).model_dump()).lens.is_fisheye()
     path.write_text(text.replace("0.05, ", "0.05, 0.0, "), encoding="utf-8")
-    with pytest.raises(StrandcastError, match=r"5 distortion coefficients; a fisheye lens has 4"):
+    with pytest.raises(StrandcastError, match=r"5 distortion coefficients; a fisheye lens has four"):
         read_lens(path, fisheye=asked)

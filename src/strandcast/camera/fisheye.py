@@ -10,17 +10,19 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-COEFFICIENTS = 4
+from strandcast.records.camera import FISHEYE as COEFFICIENTS
+
 # First focal lengths, over the picture's width: from a view of 180 degrees across to one of 60; chosen.
 FOCAL_OVER_WIDTH = np.geomspace(0.3, 1.0, 8)
 NEWTON_STEPS = 20  # chosen: 4 to 6 are usual
+CONVERGED = 1e-9  # chosen: in focal lengths, about 1e-6 px
 REFINED = 1e-12  # chosen: relative change of unknowns or squares at which a fit ends
 WIDEST_RAD = np.radians(89.0)  # chosen: rays are stored as X/Z and Y/Z, which grow without bound
 
 
 def is_fisheye(distortion: np.ndarray | Sequence[float]) -> bool:
     """Return whether these are the coefficients of a fisheye lens."""
-    return len(distortion) == COEFFICIENTS
+    return len(distortion) == len(COEFFICIENTS)
 
 
 def bent_angle(distortion: np.ndarray, angle_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -44,13 +46,14 @@ def radial(distortion: np.ndarray, square: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def rays(distortion: np.ndarray, bent: np.ndarray) -> np.ndarray:
-    """Return the rays (..., 2) of places (..., 2) [focal lengths]; NaN beyond 89 degrees."""
+    """Return the rays (..., 2) of places (..., 2) [focal lengths]; NaN beyond 89 degrees, or if none fits."""
     radius = np.linalg.norm(bent, axis=-1, keepdims=True)
     angle = np.minimum(radius, WIDEST_RAD)
     for _ in range(NEWTON_STEPS):
         reached, slope = bent_angle(distortion, angle)
         angle = np.clip(angle - (reached - radius) / slope, 0.0, np.pi)
-    ray = np.tan(np.where(angle < WIDEST_RAD, angle, np.nan))
+    found = (angle < WIDEST_RAD) & (np.abs(bent_angle(distortion, angle)[0] - radius) < CONVERGED)
+    ray = np.tan(np.where(found, angle, np.nan))
     return bent * np.where(radius > 0, ray / np.maximum(radius, 1e-12), 1.0)
 
 

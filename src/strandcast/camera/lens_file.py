@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from strandcast.camera.fisheye import COEFFICIENTS as FISHEYE_COEFFICIENTS
+from strandcast.camera.fisheye import is_fisheye
 from strandcast.config.bounded import BoundError, load_toml, load_yaml, read_bounded
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Lens
@@ -58,7 +58,7 @@ def read_lens(path: Path, name: str | None = None, fisheye: bool = False) -> Len
         fix = "name one of the file's cameras in camera.lens_name" if cameras or name else None
         raise StrandcastError("SC-C050", what, file=path, field="camera.lens_name", fix=fix)
     [camera] = cameras.values()
-    fisheye = _is_fisheye(path, camera) or fisheye
+    fisheye = _says_fisheye(path, camera) or fisheye
     if all(camera.get(name) is None for name in (*SIZE, *WIDTH, *HEIGHT)):
         lines = "image_width{0}1280 and image_height{0}720".format(" = " if path.suffix == ".toml" else ": ")
         fix = (
@@ -72,8 +72,8 @@ def read_lens(path: Path, name: str | None = None, fisheye: bool = False) -> Len
     except (ValueError, TypeError, KeyError) as error:
         what = str(error.args[0]) if error.args else "a value is no number"
         raise StrandcastError("SC-C050", what, file=path) from None
-    if fisheye and len(distortion) != FISHEYE_COEFFICIENTS:
-        what = f"has {len(distortion)} distortion coefficients; a fisheye lens has {FISHEYE_COEFFICIENTS}"
+    if fisheye and not is_fisheye(distortion):
+        what = f"has {len(distortion)} distortion coefficients; a fisheye lens has four"
         raise StrandcastError("SC-C050", what, file=path, field="camera.distortion", fix="calibrate again")
     if len(distortion) not in (0, 4, 5, 8) and distortion[COEFFICIENTS:].any():
         what = f"has {len(distortion)} distortion coefficients; thin prism and tilt are not supported"
@@ -121,7 +121,7 @@ def _cameras(data: dict[str, Any]) -> dict[str, dict[str, Any]]:
     }
 
 
-def _is_fisheye(path: Path, camera: dict[str, Any]) -> bool:
+def _says_fisheye(path: Path, camera: dict[str, Any]) -> bool:
     given = [str(camera.get(key) or "").lower() for key in ("camera_model", "distortion_model")]
     unknown = [model for model in given if model not in (*KNOWN_MODELS, *FISHEYE_MODELS)]
     if unknown:

@@ -3,9 +3,9 @@
 import numpy as np
 
 from strandcast.camera import fisheye
+from strandcast.camera.fisheye import NEWTON_STEPS
 from strandcast.records.camera import Camera, Lens
 
-NEWTON_STEPS = 20  # chosen: 4 to 6 are usual
 CONVERGED = 1e-12  # chosen: in normalised picture coordinates, about 1e-9 px
 
 
@@ -76,8 +76,9 @@ def undistort(lens: Lens, uv_px: np.ndarray) -> np.ndarray:
     matrix = np.array(lens.matrix)
     wanted = (uv_px - matrix[:2, 2]) @ np.linalg.inv(matrix[:2, :2]).T
     coefficients = np.array(lens.distortion)
-    wide = fisheye.is_fisheye(coefficients)
-    rays = fisheye.rays(coefficients, wanted) if wide else wanted.copy()
+    if fisheye.is_fisheye(coefficients):
+        return fisheye.rays(coefficients, wanted)
+    rays = wanted.copy()
     for _ in range(NEWTON_STEPS):
         bent, slope = _distorted(coefficients, rays)
         miss = wanted - bent

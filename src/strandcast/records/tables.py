@@ -90,7 +90,7 @@ def read_table(path: str | Path, spec: TableSpec) -> dict[str, np.ndarray]:
     Raises
     ------
     StrandcastError
-        SC-R001 the file is missing, damaged or changed, lacks a column, or has unknown ones; SC-R002 another
+        SC-R001 the file is missing, damaged or changed, or has other columns; SC-R002 another
         schema; SC-R003 a newer version, or one without migration; SC-R006, SC-R007 see `check_lineage`.
     """
     table = read_arrow(path, spec)
