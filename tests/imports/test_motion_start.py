@@ -108,6 +108,19 @@ def test_the_log_of_a_similar_motion_of_the_experiment_is_refused(arm, commanded
     assert motion_times(own, planned, arm, None, {"trial-02": other, "trial-03": alike})
 
 
+@pytest.mark.parametrize("off_rad", [0.03, -0.05])
+def test_constant_offsets_of_commands_are_named(arm, off_rad):
+    """A controller whose zeros are not those of the arm's file."""
+    motion = swing(arm)
+    log = log_of(arm, motion, True)
+    log.q_cmd_rad[:, 1] += off_rad
+    log.q_cmd_rad[:, 2] += 0.001
+    with pytest.raises(
+        StrandcastError, match=f"SC-I031.* joint_2 by {1e3 * off_rad:.1f} mrad\n.*\n.*the same zeros"
+    ):
+        motion_times(log, motion, arm)
+
+
 @pytest.mark.parametrize("commanded", [True, False])
 @pytest.mark.parametrize(("begins_s", "ends_s"), [(0.0, 0.28), (0.06, 5.0), (0.05, 0.35)])
 def test_the_start_is_found_in_a_log_that_lacks_a_part_of_the_throw(arm, commanded, begins_s, ends_s):

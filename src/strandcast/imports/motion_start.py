@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
+from scipy.signal import correlate
 
 from strandcast.arm.load import AnyArm
 from strandcast.arm.servo import respond
@@ -16,7 +17,6 @@ from strandcast.records.motion import Motion
 # Chosen; not sensitive.
 LARGEST_RMS_RAD = 0.1
 LARGEST_LEFT_RAD = 0.01  # of commanded joints, unless a lag explains most of the rms
-COARSE_S = 0.005
 TAIL_S = 0.1  # the joints arrive after their command
 # A log is another motion's if that one leaves less than this share of the rms; not below this rms.
 CLEARLY_LESS, ALIKE_RAD = 0.5, 1e-3
@@ -26,7 +26,8 @@ class Match(NamedTuple):
     """Where a motion fits a log best: its start and end on the log's clock [s].
 
     `rms_rad` is how far the joints are off, `left_rad` without what a lag explains, of measured joints a lag
-    and a constant offset of each; `is_whole` says whether the log has all of the motion.
+    and a constant offset of each; `is_whole` says whether the log has all of the motion. `offset_rad` (J,)
+    are constant offsets of the joints, and `level_rad` is what these and a lag leave.
     """
 
     start_s: float
@@ -34,6 +35,8 @@ class Match(NamedTuple):
     rms_rad: float
     left_rad: float
     is_whole: bool
+    offset_rad: np.ndarray
+    level_rad: float
 
 
 def motion_times(
@@ -67,24 +70,36 @@ def motion_times(
     _refuse_falling_times(motion, file)
     found = _match(log, motion, arm)
     if not found.rms_rad <= LARGEST_RMS_RAD:  # NaN too: numbers too large to compare
-        raise _unlike(f"{found.rms_rad:.2f} rad off at best", file)
+        raise _unlike(f"{found.rms_rad:.2f} rad off at best", found, motion, file)
     if found.left_rad > ALIKE_RAD:
         same = {path: each for path, each in (others or {}).items() if each.joint_names == motion.joint_names}
         matches = {path: _match(log, each, arm) for path, each in same.items()}
         left_rad = {path: match.left_rad for path, match in matches.items() if match.is_whole}
         _refuse_another_motion(found.left_rad, left_rad, file)
     if not _is_like(found) and _commanded(log, motion.joint_names).any():
-        raise _unlike(f"{found.left_rad:.3f} rad off, which no lag of commands explains", file)
+        what = f"{found.left_rad:.3f} rad off, which no lag of commands explains"
+        raise _unlike(what, found, motion, file)
     return found.start_s, found.end_s
 
 
-def _unlike(what: str, file: str | None) -> StrandcastError:
+def _unlike(what: str, found: Match, motion: Motion, file: str | None) -> StrandcastError:
+    fix = "put the motion that was played beside the raw files, and check the joints' order, units and zeros"
+    if found.level_rad <= LARGEST_LEFT_RAD:
+        shifted = [
+            f"{name} by {1e3 * offset:.1f} mrad"
+            for name, offset in zip(motion.joint_names, found.offset_rad, strict=True)
+            if abs(offset) > LARGEST_LEFT_RAD
+        ]
+        what += f", but for constant offsets they are the motion's: {', '.join(shifted)}"
+        fix = (
+            "give the arm's file and the controller the same zeros of the joints, and record the throw again"
+        )
     return StrandcastError(
         "SC-I031",
         f"no part of the log looks like motion.json: the joints are {what}",
         file=file,
         cost="clock and fit would belong to another throw",
-        fix="put the motion that was played beside the raw files, and check the joints' order and units",
+        fix=fix,
     )
 
 
@@ -193,43 +208,64 @@ def _match(log: JointLog, motion: Motion, arm: AnyArm) -> Match:
         off_rad, known = off(start_s)
         return float(np.sqrt((off_rad[known] ** 2).mean())) if known.any() else np.inf
 
+    even_s = np.arange(logged_s[0], logged_s[-1] + step_s, step_s)
+    even = np.stack([np.interp(even_s, logged_s, joint) for joint in logged.T], axis=1)
     # Starts at which the log misses a part of the motion are included, so that this can be reported.
-    half_s = 0.5 * planned.end_s
-    starts = np.arange(logged_s[0] - half_s, max(logged_s[-1] - half_s, logged_s[0]), COARSE_S)
-    best = float(starts[int(np.argmin([rms_rad(start) for start in starts]))])
+    misses = len(time_s) // 2
+    best = float(logged_s[0] + step_s * (int(np.argmin(_squares(even, expected, misses))) - misses))
     # Relative to the best start: the search's tolerance is relative, and a clock may count from 1970.
     found = minimize_scalar(
         lambda shift_s: rms_rad(best + shift_s),
-        bounds=(-COARSE_S, COARSE_S),
+        bounds=(-step_s, step_s),
         method="bounded",
         options={"xatol": 1e-6},
     )
     start_s = best + float(found.x)
     off_rad, known = off(start_s)
-    left_rad = _unexplained_rad(off_rad, expected, known, bool(commanded.any()))
     is_whole = bool(known[time_s <= planned.end_s].all())
-    return Match(start_s, start_s + planned.end_s, float(found.fun), left_rad, is_whole)
+    lag = _lag_terms(expected)[known]
+    constants = np.broadcast_to(np.eye(len(columns)), (*lag.shape[:2], len(columns)))
+    level, solved = _without(np.concatenate([lag, constants], axis=2), off_rad[known])
+    if commanded.any():
+        left = _without(lag, off_rad[known])[0]
+    else:  # a lag and an offset of each joint
+        joints = np.concatenate([lag, np.ones((*lag.shape[:2], 1))], axis=2).transpose(1, 0, 2)
+        left = np.stack([_without(*joint)[0] for joint in zip(joints, off_rad[known].T, strict=True)])
+    return Match(
+        start_s,
+        start_s + planned.end_s,
+        float(found.fun),
+        float(np.sqrt(np.mean(left**2))),
+        is_whole,
+        solved[2:],
+        float(np.sqrt(np.mean(level**2))),
+    )
 
 
-def _unexplained_rad(
-    off_rad: np.ndarray, expected_rad: np.ndarray, known: np.ndarray, commanded: bool
-) -> float:
-    """Return the rms of (T, J) without shares of each joint's velocity and acceleration, as of a lag.
+def _squares(logged: np.ndarray, expected: np.ndarray, misses: int) -> np.ndarray:
+    """Return the mean square of the differences for a motion (T, J) that begins at each row of a log (N, J).
 
-    A controller has one lag for all commands; measured joints have one each, and an offset.
+    The first is for a motion of which the log misses `misses` rows; as many are missed at its end at most.
     """
+    logged, expected = logged - expected.mean(axis=0), expected - expected.mean(axis=0)
+    pairs = (logged**2, np.ones_like(expected)), (np.ones_like(logged), expected**2), (logged, expected)
+    first, second, both = (
+        sum(correlate(a, b, method="fft") for a, b in zip(left.T, right.T, strict=True))
+        for left, right in pairs
+    )
+    rows = correlate(np.ones(len(logged)), np.ones(len(expected)), method="direct")
+    squares = (first + second - 2.0 * both) / rows
+    return np.asarray(squares[len(expected) - 1 - misses : len(squares) - (len(expected) - 1 - misses)])
+
+
+def _lag_terms(expected_rad: np.ndarray) -> np.ndarray:
+    """Return (T, J, 2): what a lag changes in joints (T, J), shares of their velocity and acceleration."""
     velocity = np.gradient(expected_rad, axis=0)
-    terms = np.stack([velocity, np.gradient(velocity, axis=0), np.ones_like(velocity)], axis=2)[known]
-    if commanded:
-        left = [_without(terms[:, :, :2].reshape(-1, 2), off_rad[known].ravel())]
-    else:
-        left = [
-            _without(columns, off)
-            for columns, off in zip(terms.transpose(1, 0, 2), off_rad[known].T, strict=True)
-        ]
-    return float(np.sqrt(np.mean(np.square(left))))
+    return np.stack([velocity, np.gradient(velocity, axis=0)], axis=2)
 
 
-def _without(terms: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return values (N,) less what terms (N, K) explain of them."""
-    return np.asarray(values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0])
+def _without(terms: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return values (N,) less what terms (..., K) explain of them, and the shares (K,)."""
+    rows = terms.reshape(-1, terms.shape[-1])
+    shares = np.linalg.lstsq(rows, values.ravel(), rcond=None)[0]
+    return values.ravel() - rows @ shares, shares
