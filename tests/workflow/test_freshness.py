@@ -11,7 +11,10 @@ import pytest
 from tests.faults.small import NAME
 from tests.forked import run_module
 
+from strandcast.records.content_hash import result_sha256
+from strandcast.records.files import sha256_file
 from strandcast.records.known_hashes import FILE, content_sha256_of, remembered
+from strandcast.workflow.runner import RunOptions, run_experiments
 
 VIDEO, LENS, LOG = (
     f"data/{NAME}/{name}" for name in ("trial-01/video.mp4", "calibration/lens-01.png", "trial-01/joints.csv")
@@ -28,7 +31,7 @@ def stale(root: Path) -> dict[str, list[str]]:
 
 def would_run(root: Path) -> set[str]:
     """Return the stages that a run would make again, as Snakemake plans it."""
-    run = run_module(root, "strandcast", "run", NAME, "--dry-run", "--json")
+    run = run_module(root, "strandcast", "run", NAME, "--dry-run", "--json", "--until", "summary")
     assert run.returncode == 0, run.stderr
     return {job["stage"] for job in json.loads(run.stdout)["jobs"]}
 
@@ -65,7 +68,41 @@ def test_a_copy_of_any_time_is_as_fresh_as_the_original(copy: Path) -> None:
     assert (stale(copy), would_run(copy)) == ({}, set())
 
 
-@pytest.mark.parametrize(("name", "stage"), [(VIDEO, "ingest"), (LENS, "calibrate"), (LOG, "ingest")])
+def test_a_run_with_nothing_to_do_starts_no_engine_and_draws_no_page(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = run_experiments(copy, [NAME], RunOptions(report_only=True))
+    page = copy / "results" / "report.html"
+    written = page.stat().st_mtime_ns
+    monkeypatch.setattr("strandcast.workflow.runner.run_snakemake", lambda *_: pytest.fail("was started"))
+    again = run_experiments(copy, [NAME], RunOptions())
+    assert (first.exit_code, again.exit_code, again.jobs) == (0, 0, [])
+    assert [each.experiment for each in again.summaries] == [NAME]
+    assert again.campaign == first.campaign
+    assert page.stat().st_mtime_ns == written
+    page.write_text(page.read_text().replace("<title>", "<title>Another: "))
+    run_experiments(copy, [NAME], RunOptions())
+    assert "Another:" not in page.read_text()
+
+
+@pytest.mark.parametrize("name", ["summary.json", "trial-01/observations.parquet"])
+def test_a_result_that_contradicts_its_own_hash_is_another(finished: Path, tmp_path: Path, name: str) -> None:
+    """A run would find nothing to do, and no stage could read it."""
+    path = Path(shutil.copy(finished / "results" / NAME / name, tmp_path))
+    sound, data = result_sha256(path), path.read_bytes()
+    at = data.rindex(b"content_sha256") + 40
+    path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
+    assert result_sha256(path) not in (sound, sha256_file(finished / "results" / NAME / name))
+
+
+@pytest.mark.parametrize(
+    ("name", "stage"),
+    [
+        (VIDEO, "ingest"),
+        pytest.param(LENS, "calibrate", marks=pytest.mark.thorough),
+        pytest.param(LOG, "ingest", marks=pytest.mark.thorough),
+    ],
+)
 def test_a_byte_changed_under_the_same_size_and_time_is_found(copy: Path, name: str, stage: str) -> None:
     (copy / FILE).parent.mkdir()
     assert stale(copy) == {}  # all is hashed, and remembered

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from strandcast.errors import StrandcastError
 from strandcast.records.files import content_sha256, sha256_file
-from strandcast.records.record import content_of, read_json
+from strandcast.records.record import content_of, read_json, verify_hash
 
 
 def result_sha256(path: str | Path) -> str:
@@ -22,7 +22,8 @@ def result_sha256(path: str | Path) -> str:
 
 def _result_sha256(path: Path) -> str:
     if path.suffix == ".json":
-        return content_sha256(content_of(read_json(path)))
+        data = read_json(path)
+        return content_sha256(verify_hash(path, data) if "content_sha256" in data else content_of(data))
     if path.suffix == ".parquet":
         from strandcast.records.tables import table_sha256
 

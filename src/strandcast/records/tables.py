@@ -121,7 +121,7 @@ def table_schema(table: pa.Table) -> tuple[str, str]:
 
 def table_sha256(path: str | Path) -> str:
     """Return the hash of a table's content: schema, version, facts and columns, without `made_by`."""
-    return arrow_sha256(read_parquet(path))
+    return _verified_sha256(Path(path), read_parquet(path))
 
 
 def arrow_sha256(table: pa.Table) -> str:
@@ -245,15 +245,20 @@ def read_arrow(path: str | Path, spec: TableSpec) -> pa.Table:
 
 def verify_content(path: Path, table: pa.Table) -> Lineage | None:
     """Return the lineage, and check the hash; it covers what page checksums do not: columns and facts."""
-    metadata = table.schema.metadata or {}
     try:
-        found = json.loads(metadata.get(b"lineage", b"null"))
-        written = metadata.get(b"content_sha256", b"").decode()
+        found = json.loads((table.schema.metadata or {}).get(b"lineage", b"null"))
     except (ValueError, TypeError, RecursionError):
         raise refusal("SC-R001", path, None, "is damaged (its metadata cannot be read)") from None
-    if written and written != arrow_sha256(table):
-        what = "does not fit the content: the file was changed"
-        raise refusal("SC-R001", path, "content_sha256", what)
+    _verified_sha256(path, table)
     lineage = lineage_in(path, found)
     check_lineage(path, lineage)
     return lineage
+
+
+def _verified_sha256(path: Path, table: pa.Table) -> str:
+    """Return the hash of a table's content, which must be the one that was written with it, if any was."""
+    content, written = arrow_sha256(table), (table.schema.metadata or {}).get(b"content_sha256", b"")
+    if written and written != content.encode():
+        what = "does not fit the content: the file was changed"
+        raise refusal("SC-R001", path, "content_sha256", what)
+    return content

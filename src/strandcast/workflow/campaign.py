@@ -4,11 +4,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from strandcast.errors import StrandcastError
+from strandcast.records.files import content_sha256
 from strandcast.records.folders import ExperimentFolder
-from strandcast.records.page import write_page
+from strandcast.records.page import is_made_from, write_page
+from strandcast.records.provenance import current_versions
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report.campaign import Campaign, CampaignExperiment, CampaignTally, WaitingTrial
-from strandcast.report.campaign_page import campaign_page
+from strandcast.stages.code_version import code_version
 from strandcast.workflow.status import failure_in
 from strandcast.workflow.targets import known_experiments
 
@@ -24,10 +26,23 @@ def campaign_of(root: Path) -> Campaign:
 
 
 def write_campaign(root: Path) -> tuple[CampaignTally, Path]:
-    """Write the page of the campaign; return what it counts, and its path."""
+    """Write the page of the campaign unless it is there already; return what it counts, and its path."""
     campaign, page = campaign_of(root), root / "results" / "report.html"
-    write_page(page, campaign_page(campaign))
+    made_from = _made_from(campaign)
+    if not is_made_from(page, made_from):
+        from strandcast.report.campaign_page import campaign_page
+
+        write_page(page, campaign_page(campaign), made_from)
     return campaign.tally(), page
+
+
+def _made_from(campaign: Campaign) -> str:
+    """Return a hash of all that the page is made from: summaries, failures, code, versions of libraries."""
+    found = [
+        [each.name, each.problem, each.waiting, each.summary and each.summary.content_sha256()]
+        for each in campaign.experiments
+    ]
+    return content_sha256([found, code_version("strandcast.report.campaign_page"), current_versions()])
 
 
 def _experiment(folder: ExperimentFolder) -> CampaignExperiment:

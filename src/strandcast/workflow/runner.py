@@ -27,7 +27,7 @@ from strandcast.workflow.pages import render_pages
 from strandcast.workflow.pending import lost_results
 from strandcast.workflow.project import DEFAULT_PROFILE, executor_of, profile
 from strandcast.workflow.slurm import SLURM, require_slurm, status_options
-from strandcast.workflow.status import known_trials
+from strandcast.workflow.status import is_fresh, known_trials
 from strandcast.workflow.targets import default_experiments, experiment, targets_of
 from strandcast.workflow.verify import Finding, verify
 
@@ -104,7 +104,8 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
     """Run the workflow, or list what it would run; an experiment that cannot be run stops only itself.
 
     Results that were changed, or that belong to another trial, are never built upon: their experiment is not
-    run, its pages say so, and the exit code is that of damaged files.
+    run, its pages say so, and the exit code is that of damaged files. Where nothing has changed, the engine
+    is not started.
     """
     refuse_elsewhere(root)
     names = list(dict.fromkeys(experiments or default_experiments(root)))
@@ -120,14 +121,19 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
         require_slurm(submits=not options.dry_run)
     check_host(root, names)
     with remembered(root):
-        findings = {name: verify(root, name, raw=False) for name in names}
+        waiting = [
+            name for name in names if options.until is not None or not is_fresh(experiment(name, root))
+        ]
+        findings = {name: verify(root, name, raw=False) for name in waiting}
     damaged = {
-        name: wrong for name in names if (wrong := [each for each in findings[name] if each.state in DAMAGED])
+        name: wrong
+        for name, found in findings.items()
+        if (wrong := [each for each in found if each.state in DAMAGED])
     }
     for name, wrong in damaged.items():
         _report_damage(root, name, wrong, options.dry_run)
     codes = [each.exit_code for each in refused] + [INTEGRITY for _ in damaged]
-    sound = [name for name in names if name not in damaged]
+    sound = [name for name in waiting if name not in damaged]
     state = RunState(past_durations(root, sound))
     if sound:
         outdated = [each.file for name in sound for each in findings[name] if each.state == "outdated"]
@@ -143,13 +149,13 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
         here = executor is None and not options.dry_run
         with compiling_ahead(options.local_cores() if here else 0, display):
             codes.append(run_snakemake(line, root, display))
-    summaries = []
-    if sound and codes[-1] == 0 and not options.dry_run and options.until is None:
-        summaries = [_read_summary(root, name) for name in sound]
-        codes += [INTEGRITY for summary in summaries if summary.all_unread()]
     partial = options.dry_run or options.until is not None
+    not_made = waiting if sound and codes[-1] != 0 else damaged
+    made = [name for name in names if name not in not_made]
+    summaries = [] if partial else [_read_summary(root, name) for name in made]
+    codes += [INTEGRITY for summary in summaries if summary.all_unread()]
     campaign = None if partial else write_campaign(root)
-    return RunResult(max(codes), state.seen, state.failed, damaged, summaries, refused, campaign)
+    return RunResult(max(codes, default=0), state.seen, state.failed, damaged, summaries, refused, campaign)
 
 
 def _render_again(root: Path, names: list[str], cores: int, refused: list[StrandcastError]) -> RunResult:
