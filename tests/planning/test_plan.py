@@ -244,16 +244,15 @@ def test_a_hidden_closest_approach_does_not_hide_a_good_throw(
 def test_planning_gives_the_same_bytes_on_one_core_or_two(
     task: PlanningTask, strings: StringBatch, trial: PastTrial, tmp_path: Path
 ) -> None:
-    small = {"screening": 32, "evaluations": 240, "ensemble": 4, "mesh_refinement": True}
+    small = {"screening": 32, "evaluations": 160, "ensemble": 4, "mesh_refinement": True}
     written = []
-    for cores in (2, 2, 1):
+    for cores in (2, 1):
         with threads(cores):
             plans = planned(task, strings, 3, **small), planned_next(task, strings, trial, 0.001, 3, **small)
         for plan in plans:
             to_record(plan, task, "demo", 1, 3, {}).write(tmp_path / "motion.json")
             written.append((tmp_path / "motion.json").read_bytes())
-    assert written[0] == written[2] == written[4]
-    assert written[1] == written[3] == written[5]
+    assert written[:2] == written[2:]
     assert written[0] != written[1]
 
 

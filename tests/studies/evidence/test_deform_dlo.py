@@ -50,6 +50,7 @@ def test_fitted_string_on_real_data(real_data):
     assert len(second["string"].detail["unknowns"]) <= 10
 
 
+@pytest.mark.thorough
 def test_each_half_is_predicted_from_the_other_and_friction_that_sticks_fits_too(real_data, tmp_path):
     """On a second of four sequences of a cable: fits take a tenth of the time that they take on all."""
     for part in ("train", "eval"):
