@@ -33,13 +33,16 @@ def test_old_names_and_values_are_translated_in_place(caplog):
 def test_what_was_dropped_is_left_out_with_its_line(tmp_path, caplog):
     text = EXAMPLE.read_text(encoding="utf-8")
     file = tmp_path / "demo.yaml"
-    file.write_text(text + "\nestimate:\n  integrator: euler\n  search: cma\n", encoding="utf-8")
+    file.write_text(
+        text + "\nestimate:\n  integrator: euler\n  search: cma\n  find_weights: 1\n", encoding="utf-8"
+    )
     settings = load_experiment(file)
     assert settings.estimate.search == "thorough"
     expected = load_experiment(EXAMPLE)
     assert settings.model_copy(update={"estimate": expected.estimate}) == expected
     line = len(text.splitlines()) + 3
     assert f"demo.yaml:{line}: estimate.integrator was dropped" in caplog.text
+    assert f"demo.yaml:{line + 2}: estimate.find_weights was dropped" in caplog.text
     assert f"demo.yaml:{line + 1}: estimate.search: cma was dropped; thorough is used" in caplog.text
 
 

@@ -51,6 +51,6 @@ def observed_throw(strength, seed=0, noise=NOISE_M, stiffer=1.0):
 
 def objective_of(throws, settings, layout=LAYOUT, model=MODEL, plain_mass=None):
     prepared = tuple(prepare(throw, model.places_m()).fitted() for throw in throws)
-    space = space_of(settings, layout, model.length_m, plain_mass=plain_mass)
+    space = space_of(settings, layout, plain_mass=plain_mass)
     shares = np.full(len(prepared), 1.0 / len(prepared))
     return FitObjective(model, space, prepared, shares, settings.w, settings.evaluation, False)

@@ -14,11 +14,11 @@ from strandcast.core.strings import (
     STIFF_BEND,
     StringBatch,
 )
-from strandcast.dynamics.masses import mass_layout, point_masses
+from strandcast.dynamics.masses import mass_layout
 from strandcast.estimation.estimate import estimate
 from strandcast.estimation.fit_objective import simulate_throw
 from strandcast.estimation.measured import Throw
-from strandcast.estimation.space import DEVIATION_COSTS_M, found_weight_masses
+from strandcast.estimation.space import DEVIATION_COSTS_M
 from strandcast.estimation.throws import prepare
 from strandcast.estimation.unknowns import prior_exponents, space_of
 
@@ -37,7 +37,6 @@ from .known_string import (
 )
 
 PIPED = mass_layout(0.24, 6, [0.2], [(0.08, 0.12)])
-BARE = mass_layout(0.24, 6, [])
 
 
 def test_every_unknown_survives_the_round_trip():
@@ -48,9 +47,8 @@ def test_every_unknown_survives_the_round_trip():
         bend_friction=True,
         friction_stick=True,
         drag_along=True,
-        find_weights=2,
     )
-    space = space_of(settings, PIPED, 0.24)
+    space = space_of(settings, PIPED)
     chi = np.random.default_rng(0).random((5, space.dimension))
     strings = space.strings(chi)
     np.testing.assert_allclose(space.chi_of(strings), chi, atol=1e-9)
@@ -63,20 +61,13 @@ def test_every_unknown_survives_the_round_trip():
         "bend_friction",
         "friction_stick_rad_m",
         "drag_along",
-        "found_weights",
         "clamp_offset_rad",
         "rest_curl_rad_m",
     ):
         np.testing.assert_array_equal(getattr(again, name), getattr(strings, name))
     picked = strings.take([3])
-    np.testing.assert_array_equal(picked.found_weights[0], strings.found_weights[3])
     np.testing.assert_array_equal(picked.bend_friction, strings.bend_friction[[3]])
     assert prior_exponents(space, MODEL, 4, np.random.default_rng(1)).shape == (4, space.dimension)
-
-
-def test_a_found_weight_is_shared_by_its_neighbours():
-    shared = found_weight_masses(np.array([[[0.10, 8.0], [0.24, 2.0]], [[0.0, 1.0], [0.08, 3.0]]]), 0.04, 6)
-    np.testing.assert_allclose(shared, [[0, 4, 4, 0, 0, 2], [1, 3, 0, 0, 0, 0]])
 
 
 def test_only_the_joints_of_the_pipe_are_stiff():
@@ -152,21 +143,6 @@ def test_the_camera_sees_a_shifted_string_and_its_offset_is_found():
     found = estimate([throw], MODEL, LAYOUT, free, np.random.default_rng(3))
     np.testing.assert_allclose(found.best.camera_offset_m[0], [0.004, -0.003], atol=1e-3)
     assert found.E_m < 2.0 * NOISE_M * np.sqrt(np.pi / 2)
-
-
-def test_a_weight_is_found_where_it_is():
-    """Heavy clay at 120 mm that is not declared."""
-    masses = point_masses(mass_layout(0.24, 6, [0.12]), np.array([MASS]))
-    pose = hand_path(1.0)
-    points = simulated(StringBatch(TRUTH[None], masses[None]), pose)
-    noise = NOISE_M * np.random.default_rng(0).standard_normal(points.shape)
-    throw = Throw(TIME_S, points + noise, TIME_S, pose, TIME_S < 0.5)
-    settings = EstimateSettings(evaluations=1500, find_weights=1, ensemble=2, profiles=False)
-    found = estimate([throw], MODEL, BARE, settings, np.random.default_rng(4))
-    place_m, mass = found.best.found_weights[0, 0]
-    assert place_m == pytest.approx(0.12, abs=0.015)
-    assert 25.0 < mass < 150.0
-    assert int(np.argmax(found.best.masses[0])) == 2
 
 
 def test_doubtful_points_weigh_less():

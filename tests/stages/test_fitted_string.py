@@ -52,10 +52,8 @@ def task(project_root) -> PlanningTask:
 @pytest.fixture
 def fitted() -> StringBatch:
     """Return three strings with every unknown of a fit in the plane but for the camera's offset."""
-    settings = EstimateSettings(
-        clamp_offset=True, stiff_bend=True, friction_stick=True, drag_along=True, find_weights=1
-    )
-    space = space_of(settings, PIPED, LENGTH_M)
+    settings = EstimateSettings(clamp_offset=True, stiff_bend=True, friction_stick=True, drag_along=True)
+    space = space_of(settings, PIPED)
     return space.strings(prior_exponents(space, MODEL, 3, np.random.default_rng(4)))
 
 
@@ -66,7 +64,7 @@ def test_the_options_of_the_experiment_are_fitted():
             fitted = {"rest_curl": REST_CURL, "clamp_offset": CLAMP_OFFSET, "stiff_bend": STIFF_BEND}
             fitted["friction_stick"] = FRICTION_STICK
             unknown = fitted.get(name, BEND_FRICTION)
-            assert (unknown in space_of(settings, PIPED, LENGTH_M).names) is wanted
+            assert (unknown in space_of(settings, PIPED).names) is wanted
 
 
 def test_the_planner_throws_what_was_fitted(tmp_path, task, fitted):
@@ -128,7 +126,7 @@ def test_the_planner_throws_in_space_what_was_fitted(tmp_path, project_root):
 
 
 def test_a_refined_chain_is_as_stiff_along_the_string(task):
-    space = space_of(EstimateSettings(), PIPED, LENGTH_M)
+    space = space_of(EstimateSettings(), PIPED)
     strings = space.strings(prior_exponents(space, MODEL, 2, np.random.default_rng(4)))
     tapered = replace(strings, taper=np.array([1.0, -2.0]))
     refined = refined_strings(tapered)

@@ -142,11 +142,6 @@ class EstimateSettings(Section):
         description="Fit a smaller air drag along the string than across: always, never, or where it "
         "explains the throws better (auto). Set it to false for the paper's model.",
     )
-    find_weights: Annotated[int, Field(ge=0, le=3)] = Field(
-        0,
-        description="Number of weights to be found, place and mass. Set it if you cannot measure their "
-        "places; it takes more throws.",
-    )
     horizon_s: Annotated[float, Field(ge=0, le=60)] | None = Field(
         0.03,
         description="Frames up to this long after the closest approach enter E; null: all. Raise it to "

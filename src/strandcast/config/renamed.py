@@ -39,6 +39,7 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("plan.scatter", None),
     Renamed("plan.disturbances", "plan.disturbances", {"learnt": 1.0}),
     Renamed("estimate.integrator", None),
+    Renamed("estimate.find_weights", None),
     Renamed("estimate.search", "estimate.search", {"cma": "thorough", "evolution": "thorough"}),
 )
 

@@ -33,22 +33,6 @@ CAMERA_OFFSET = ("camera_offset_x_m", "camera_offset_y_m")
 STIFF_BEND, BEND_FRICTION, DRAG_ALONG = "stiff_bend_factor", "bend_friction", "drag_along"
 FRICTION_STICK = "friction_stick_rad_m"
 TAPER, MARKER_SHIFT = "taper", "marker_shift"
-FOUND_WEIGHT = "found_"
-
-
-def found_place(k: int) -> str:
-    """Return the name of the place of weight k = 1, 2, … of those at unknown places."""
-    return f"{FOUND_WEIGHT}{k}_place_m"
-
-
-def found_mass(k: int) -> str:
-    """Return the name of the relative mass of weight k = 1, 2, … of those at unknown places."""
-    return f"{FOUND_WEIGHT}{k}_mass"
-
-
-def count_found_weights(names: Sequence[str] | Mapping[str, Any]) -> int:
-    """Return how many weights at unknown places the names contain; each has a place and a mass."""
-    return sum(name.startswith(FOUND_WEIGHT) for name in names) // 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +59,6 @@ class StringBatch:
         (B,) drag along the string over that across it; zero, the default: the same in all directions.
     free_masses
         (B, w) the free masses of the layout from which `masses` were made; (B, 0) if not given.
-    found_weights
-        (B, k, 2) place [m from the hand] and relative mass of the weights at unknown places; they are part
-        of `masses`. (B, 0, 2) if not given.
     camera_offset_m
         (B, 2) offset of the camera's positions from the robot's; zero if not given.
     disturbances
@@ -106,7 +87,6 @@ class StringBatch:
     drag_along: np.ndarray = field(default_factory=lambda: np.zeros(0))
     friction_stick_rad_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
     free_masses: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    found_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 2)))
     camera_offset_m: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     disturbances: Disturbances = field(default_factory=lambda: Disturbances.none(0))
     far_offset_rad: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -179,8 +159,6 @@ class StringBatch:
             options[DRAG_ALONG] = self.drag_along
         options |= {TAPER: self.taper} if self.taper.any() else {}
         options |= {MARKER_SHIFT: self.marker_shift} if self.marker_shift.any() else {}
-        for k in range(self.found_weights.shape[1]):
-            options[found_place(k + 1)], options[found_mass(k + 1)] = self.found_weights[:, k].T
         return options
 
     @classmethod
@@ -205,10 +183,6 @@ class StringBatch:
         """
         none = np.zeros(len(parameters))
         factor = options.get(STIFF_BEND)
-        found = [
-            np.column_stack([options[found_place(k + 1)], options[found_mass(k + 1)]])
-            for k in range(count_found_weights(options))
-        ]
         return cls(
             parameters,
             masses,
@@ -219,7 +193,6 @@ class StringBatch:
             drag_along=options.get(DRAG_ALONG, none),
             friction_stick_rad_m=options.get(FRICTION_STICK, none),
             free_masses=free_masses,
-            found_weights=np.stack(found, axis=1) if found else np.zeros((len(parameters), 0, 2)),
             camera_offset_m=np.column_stack([options.get(name, none) for name in CAMERA_OFFSET]),
             far_offset_rad=np.column_stack([options.get(_side(FAR_OFFSET, side), none) for side in SIDES]),
             length_change=options.get(LENGTH_CHANGE, none),

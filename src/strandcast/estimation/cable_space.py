@@ -55,6 +55,7 @@ class CableSpace(Space):
     An unknown that is not in the box is 0: clamps of stiffness 0 are points.
     """
 
+    spacing_m: float = 1.0  # rest length of a segment
     length_m: float = 1.0
 
     @property

@@ -75,7 +75,7 @@ def estimate(
     prepared = [
         prepare(throw, model.places_m(), settings.start_shape, from_measured_hand=shifted) for throw in kept
     ]
-    space = space_of(settings, layout, model.length_m, plain_mass=plain_mass)
+    space = space_of(settings, layout, plain_mass=plain_mass)
     objective = FitObjective(
         model,
         space,

@@ -1,10 +1,10 @@
 """The unknowns of the fit and their exponents: ten parameters, free masses, and named options."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.core.strings import DRAG_ALONG, PLAIN_MASS, UNITS, StringBatch, count_found_weights
+from strandcast.core.strings import DRAG_ALONG, PLAIN_MASS, UNITS, StringBatch
 from strandcast.dynamics.masses import MassLayout, point_masses
 from strandcast.dynamics.parameters import to_exponent
 from strandcast.estimation.evaluation import Array
@@ -29,25 +29,17 @@ class Space:
         Where the free masses sit.
     prior_sd
         (d,) standard deviation about zero of the unknowns that have a prior, infinite for all others.
-    spacing_m
-        Rest length of a segment [m].
     """
 
     names: tuple[str, ...]
     bounds: Array
     layout: MassLayout
     prior_sd: Array
-    spacing_m: float
 
     @property
     def dimension(self) -> int:
         """Number of unknowns d."""
         return len(self.names)
-
-    @property
-    def weights_found(self) -> int:
-        """Number of weights at unknown places."""
-        return count_found_weights(self.names)
 
     @property
     def parameter_units(self) -> dict[str, str]:
@@ -80,9 +72,7 @@ class Space:
         free = values[:, 10 : 10 + self.layout.count]
         options = {name: values[:, k] for k, name in enumerate(self.names) if k >= 10 + self.layout.count}
         masses = point_masses(self.layout, free, options.get(PLAIN_MASS, 1.0))
-        strings = StringBatch.from_options(values[:, :10], masses, free, options, self.layout.stiff_joints())
-        found = found_weight_masses(strings.found_weights, self.spacing_m, masses.shape[1])
-        return replace(strings, masses=masses + found)
+        return StringBatch.from_options(values[:, :10], masses, free, options, self.layout.stiff_joints())
 
     def chi_of(self, strings: StringBatch) -> Array:
         """Exponents (B, d) of given strings, clipped into the box."""
@@ -103,15 +93,3 @@ class Space:
     def penalty(self, chi: Array) -> Array:
         """Cost of deviations from the priors: (...,) [m], to be added to E."""
         return np.asarray(DEVIATION_COSTS_M * (self.deviations(chi) ** 2).sum(axis=-1))
-
-
-def found_weight_masses(found: Array, spacing_m: float, n: int) -> Array:
-    """Relative masses (B, n) that weights (B, k, 2) of place [m] and mass put on points 1…n.
-
-    A weight between two points is split linearly over them.
-    """
-    if not found.size:
-        return np.zeros((len(found), n))
-    place = np.clip(found[..., 0] / spacing_m, 1.0, n)
-    share = np.maximum(1.0 - np.abs(place[..., None] - np.arange(1, n + 1)), 0.0)
-    return np.asarray(np.einsum("bk,bkn->bn", found[..., 1], share))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.core.strings import BEND_FRICTION, FOUND_WEIGHT, PARAMETERS, PLAIN_MASS, found_place
+from strandcast.core.strings import BEND_FRICTION, PARAMETERS, PLAIN_MASS
 from strandcast.estimation.descent import STEP, GaussNewtonModel, descend, descent_batch
 from strandcast.estimation.evaluation import Array
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
@@ -75,11 +75,7 @@ def gauge_direction(space: Space) -> Array | None:
     if PLAIN_MASS not in space.names:
         return None
     scaled = (*PARAMETERS, PLAIN_MASS, BEND_FRICTION)
-    places = {found_place(k + 1) for k in range(space.weights_found)}
-    is_scaled = [
-        (name in scaled or name.startswith(("weight_", FOUND_WEIGHT))) and name not in places
-        for name in space.names
-    ]
+    is_scaled = [name in scaled or name.startswith("weight_") for name in space.names]
     direction = np.where(is_scaled, 1.0 / np.nan_to_num(decades_of(space), nan=np.inf), 0.0)
     return np.asarray(direction / np.linalg.norm(direction))
 

@@ -15,8 +15,6 @@ from strandcast.core.strings import (
     PLAIN_MASS,
     REST_CURL,
     STIFF_BEND,
-    found_mass,
-    found_place,
 )
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
@@ -51,17 +49,13 @@ def bounds_of(ranges: Ranges) -> Array:
     return bounds
 
 
-def space_of(
-    settings: EstimateSettings, layout: MassLayout, length_m: float = 0.0, *, plain_mass: bool | None = None
-) -> Space:
+def space_of(settings: EstimateSettings, layout: MassLayout, *, plain_mass: bool | None = None) -> Space:
     """Return the box of all unknowns.
 
     Parameters
     ----------
     settings, layout
         The options to fit; where the free masses sit.
-    length_m
-        Length of the string [m]: weights at unknown places are searched for along it.
     plain_mass
         Whether to fit the common mass of the plain points; None: only in the paper's search. Only ratios of
         masses can be known, so every other search fixes it at 1.
@@ -89,13 +83,10 @@ def space_of(
         DRAG_ALONG: (settings.drag_along is True, DRAG_ALONG_RANGE),
     }
     options |= {name: bounds for name, (wanted, bounds) in by_name.items() if wanted}
-    for k in range(settings.find_weights):
-        options[found_place(k + 1)] = (0.0, length_m)
-        options[found_mass(k + 1)] = mass_range
     names = (*PARAMETERS, *(f"weight_{k + 1}" for k in range(layout.count)), *options)
     bounds = np.vstack([bounds_of(settings.ranges), *[mass_range] * layout.count, *options.values()])
     prior_sd = np.array([sd.get(name, np.inf) for name in names])
-    return Space(names, bounds, layout, prior_sd, length_m / layout.shares.shape[1])
+    return Space(names, bounds, layout, prior_sd)
 
 
 def with_drag_along(space: Space) -> Space:
@@ -118,18 +109,11 @@ def widened(space: Space, chi: Array) -> Space | None:
 def prior_exponents(
     space: Space, model: StringModel, count: int, rng: np.random.Generator, scatter: float = 0.08
 ) -> Array:
-    """Return exponents (count, d) of plausible strings, with a little scatter; options at mid-range.
-
-    Weights at unknown places may be anywhere, and as heavy as those at known places.
-    """
-    stiff, found = space.layout.stiff, space.weights_found
-    known = space.layout.count - stiff
-    draw = ensemble(count, model.length_m, model.points, known + found, rng, stiff)
-    weights, found_masses, pipes = np.split(draw.weight_masses, [known, known + found], axis=1)
-    # The first unknowns are the ten parameters and the masses at known places.
-    plausible = dict(zip(space.names, np.hstack([draw.parameters, weights, pipes]).T, strict=False))
-    for k, mass in enumerate(found_masses.T, start=1):
-        plausible |= {found_place(k): model.length_m * rng.random(count), found_mass(k): mass}
+    """Return exponents (count, d) of plausible strings, with a little scatter; options at mid-range."""
+    stiff = space.layout.stiff
+    draw = ensemble(count, model.length_m, model.points, space.layout.count - stiff, rng, stiff)
+    # The first unknowns are the ten parameters and the free masses.
+    plausible = dict(zip(space.names, np.hstack([draw.parameters, draw.weight_masses]).T, strict=False))
     plausible[PLAIN_MASS] = np.ones(count)
     if BEND_FRICTION in space.names:
         low, high = FRICTION_BEND_RAD

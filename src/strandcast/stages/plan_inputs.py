@@ -29,7 +29,7 @@ AnyOfTwo = Arm | SpatialArm
 # some tenths of a radian of the motion, those in degrees or of another order do not. Chosen.
 FEWEST_ROWS, MISSING_S, FARTHEST_RAD = 20, 0.02, 0.5
 # Columns of a fitted string that a throw does not depend on; `masses` contains the last two.
-NOT_OF_THE_STRING = ("camera_offset_m", "marker_shift", "free_masses", "found_weights")
+NOT_OF_THE_STRING = ("camera_offset_m", "marker_shift", "free_masses")
 FEWEST_PLACES = 4  # of a shape, the hand's included; chosen: through fewer, the model's own is as good
 
 

@@ -42,7 +42,7 @@ def cases() -> Iterator[tuple[str, FitObjective, np.ndarray]]:
             random = np.random.default_rng(seed)
             one = specimen(PAPER_STRINGS[name], TARGETS_M, random)
             throws = tuple(prepare(throw, one.model.places_m(), "hanging").fitted() for throw in one.throws)
-            space = space_of(settings, one.layout, one.model.length_m)
+            space = space_of(settings, one.layout)
             shares = np.full(len(throws), 1.0 / len(throws))
             objective = FitObjective(
                 one.model, space, throws, shares, settings.w, settings.evaluation, overstretched_allowed=False
