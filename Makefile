@@ -48,7 +48,12 @@ $(VENV)/runtime.stamp: requirements/runtime.lock pyproject.toml $(VENV)/build.st
 	@$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
-$(VENV)/dev.stamp: requirements/dev.lock $(VENV)/runtime.stamp
+# The plug-in that proves the seam of trackers, installed as a lab's own package is.
+$(VENV)/pendulum.stamp: plugins/pendulum/pyproject.toml $(VENV)/runtime.stamp
+	@$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable plugins/pendulum
+	@touch $@
+
+$(VENV)/dev.stamp: requirements/dev.lock $(VENV)/runtime.stamp $(VENV)/pendulum.stamp
 	@echo "set-up: installing the pinned test tools"
 	@$(call install,$(VENV),-r $<)
 	@touch $@

@@ -21,13 +21,13 @@ def loaded(text: str):
     return YAML(typ="rt").load(text)
 
 
-def test_old_names_and_values_are_translated_in_place(caplog):
+def test_old_names_and_values_are_translated_in_place():
     data = loaded("arm: x\nplan:\n  ensemble: 4\n  finer: false\ntrack: {hand: pivot}\n")
-    with_new_names(data, Path("e.yaml"), CHANGES)
+    lines = with_new_names(data, Path("e.yaml"), CHANGES)
     assert dict(data["plan"]) == {"ensemble": 4, "mesh_refinement": False}
     assert dict(data["track"]) == {"tracker": "pendulum"}
     assert data["plan"].lc.data["mesh_refinement"][0] == 3
-    assert "e.yaml:4: plan.finer is now called plan.mesh_refinement" in caplog.text
+    assert any(line.startswith("e.yaml:4: plan.finer is now called plan.mesh_refinement") for line in lines)
 
 
 def test_what_was_dropped_is_left_out_with_its_line(tmp_path, caplog):
@@ -46,11 +46,18 @@ def test_what_was_dropped_is_left_out_with_its_line(tmp_path, caplog):
     assert f"demo.yaml:{line + 1}: estimate.search: cma was dropped; thorough is used" in caplog.text
 
 
-def test_new_names_pass_in_silence(caplog):
+def test_new_names_pass_in_silence():
     data = loaded("plan: {mesh_refinement: true}\n")
-    with_new_names(data, Path("e.yaml"), CHANGES)
+    assert with_new_names(data, Path("e.yaml"), CHANGES) == []
     assert dict(data["plan"]) == {"mesh_refinement": True}
-    assert not caplog.text
+
+
+@pytest.mark.parametrize("cameras", ["camera: {scale: arc}", "cameras: {left: {scale: arc}}"])
+def test_a_setting_of_every_camera_is_translated(cameras):
+    data = loaded(cameras + "\n")
+    (line,) = with_new_names(data, Path("e.yaml"))
+    assert line.startswith("e.yaml:1: cameras.*.scale: arc was dropped; tracker is used")
+    assert "tracker" in str(data)
 
 
 def test_both_names_are_refused():
@@ -64,4 +71,4 @@ def test_renamed_settings_exist_under_the_new_name_only():
     known = {path for path, _ in fields()}
     given_up = {change.old for change in RENAMED if change.new != change.old}
     assert not given_up & known
-    assert {change.new for change in RENAMED} - {None} <= known
+    assert {change.new.replace(".*", "") for change in RENAMED if change.new} <= known

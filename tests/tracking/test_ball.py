@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from strandcast.tracking.pendulum.ball import find_ball, silhouette
+from strandcast_pendulum.ball import find_ball, silhouette
 
 CENTRE, RADIUS = np.array([201.3, 118.6]), 22.0
 WALL = np.broadcast_to(np.linspace(140.0, 170.0, 400), (300, 400))

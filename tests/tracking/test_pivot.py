@@ -11,13 +11,13 @@ import pytest
 
 from strandcast.config.track import TrackSettings
 from strandcast.errors import StrandcastError
-from strandcast.tracking.pendulum.arc import calibrate_arc, fit_arc
-from strandcast.tracking.pendulum.period import check_period, period_s
-from strandcast.tracking.pendulum.track import track_pendulum
 from strandcast.tracking.preconditions import check_pixel_aspect
 from strandcast.tracking.result import Tracked
 from strandcast.video.ingest import inspect_video
 from strandcast.video.source import VideoInfo
+from strandcast_pendulum.arc import calibrate_arc, fit_arc
+from strandcast_pendulum.period import check_period, period_s
+from strandcast_pendulum.track import track_pendulum
 
 
 def periods_s(time_s: np.ndarray, x_m: np.ndarray) -> np.ndarray:
@@ -52,7 +52,7 @@ def swing_film(scene, path, swing_rad):
 def test_scale_pivot_and_path_of_a_drawn_pendulum(scene, tmp_path):
     angles = swing_film(scene, tmp_path / "v.mkv", 0.2)
     facts = inspect_video(tmp_path / "v.mkv")
-    camera = calibrate_arc(tmp_path / "v.mkv", facts, length_m=0.7)
+    camera, _ = calibrate_arc(tmp_path / "v.mkv", facts, 0.7, TrackSettings())
     assert camera.source == "arc"
     assert camera.scale_m_per_px == pytest.approx(0.001, rel=0.01)
     tracked = pendulum(scene, tmp_path / "v.mkv", camera, 0.7, 4)
@@ -68,8 +68,8 @@ def test_scale_pivot_and_path_of_a_drawn_pendulum(scene, tmp_path):
 def test_too_short_an_arc_is_refused(scene, tmp_path):
     swing_film(scene, tmp_path / "v.mkv", 0.015)
     with pytest.raises(StrandcastError) as caught:
-        calibrate_arc(tmp_path / "v.mkv", inspect_video(tmp_path / "v.mkv"), 0.7)
-    assert caught.value.code == "SC-T005"
+        calibrate_arc(tmp_path / "v.mkv", inspect_video(tmp_path / "v.mkv"), 0.7, TrackSettings())
+    assert caught.value.code == "SC-T004"
 
 
 def test_pixels_that_are_not_square_are_refused(tmp_path):
@@ -85,7 +85,7 @@ def test_pixels_that_are_not_square_are_refused(tmp_path):
     facts = inspect_video(wide)
     assert "not square, 1.333 times as wide as high" in facts.notes[0]
     with pytest.raises(StrandcastError, match="1.333 times as wide as high") as caught:
-        calibrate_arc(wide, facts, length_m=0.7)
+        calibrate_arc(wide, facts, 0.7, TrackSettings())
     assert caught.value.code == "SC-C012"
     assert "by 33%" in caught.value.cost
 
@@ -110,14 +110,14 @@ def test_a_period_that_contradicts_the_length_is_refused(scene, tmp_path, length
     swing_film(scene, tmp_path / "v.mkv", 0.2)
     facts = inspect_video(tmp_path / "v.mkv", rate_hz)
     with pytest.raises(StrandcastError, match=r"gravity would be \d+\.\d m/s") as caught:
-        calibrate_arc(tmp_path / "v.mkv", facts, length_m)
-    assert caught.value.code == "SC-T008"
+        calibrate_arc(tmp_path / "v.mkv", facts, length_m, TrackSettings())
+    assert caught.value.code == "SC-T004"
     assert fits in caught.value.cost
-    camera = calibrate_arc(tmp_path / "v.mkv", inspect_video(tmp_path / "v.mkv"), 0.7)
+    camera, _ = calibrate_arc(tmp_path / "v.mkv", inspect_video(tmp_path / "v.mkv"), 0.7, TrackSettings())
     given = replace(scene.tracker_input(tmp_path / "v.mkv", length_m, 4, camera=camera), facts=facts)
     with pytest.raises(StrandcastError) as caught:
         track_pendulum(given, TrackSettings())
-    assert caught.value.code == "SC-T008"
+    assert caught.value.code == "SC-T004"
 
 
 def test_noise_does_not_add_passages_and_less_than_a_period_is_not_checked():
@@ -148,7 +148,7 @@ def test_arc_of_exact_points():
 def test_period_of_a_real_pendulum(scene, real_data):
     path = real_data / "string_pendulum" / "rope_pendulum_0.62m_60fps.mp4"
     facts = inspect_video(path)
-    camera = calibrate_arc(path, facts, length_m=0.62)
+    camera, _ = calibrate_arc(path, facts, 0.62, TrackSettings())
     tracked = pendulum(scene, path, camera, 0.62, 20)
     assert tracked.decoded_frames == 1844
     periods = periods_s(tracked.camera_time_s, tracked.points_m[:, -1, 0])

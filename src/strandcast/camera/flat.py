@@ -23,7 +23,7 @@ def flat_camera(
     origin_px
         Pixel of the world's origin.
     source
-        Origin of the scale: ``given``, ``arc`` (a pendulum of known length) or ``hand`` (its markers' size).
+        Origin of the scale: ``given``, ``hand`` (its markers' size), or what a tracker names, as ``arc``.
     """
     focal_px = FOCAL_OVER_WIDTH * width_px
     lens = Lens(

@@ -185,7 +185,7 @@ def _round_down(largest: float) -> float:
 def _offset_text(camera: Camera) -> str:
     offset_mm = camera.string_offset_m * 1e3
     if camera.source != "markers":
-        return f"scale from a pendulum of known length, {camera.scale_m_per_px * 1e3:.3f} mm per pixel"
+        return f"scale without markers ({camera.source}), {camera.scale_m_per_px * 1e3:.3f} mm per pixel"
     if offset_mm == 0.0:
         where = "it is the markers' plane"
     else:

@@ -138,10 +138,10 @@ class Plane(Section):
 class CameraSettings(Section):
     """The camera set-up and its calibration files, relative to the experiment's folder."""
 
-    scale: Literal["markers", "arc"] = Field(
+    scale: Literal["markers", "tracker"] = Field(
         "markers",
-        description="Source of the metric scale: markers, or the arc of a pendulum of known length. Use "
-        "arc only with `tracker: pendulum`, without markers.",
+        description="Source of the metric scale: markers, or a tracker that finds it in the first film. "
+        "Set it for a tracker of your own that can.",
     )
     lens_photos: Annotated[Below, AfterValidator(_pattern)] = Field(
         LENS_PHOTOS,

@@ -1,6 +1,7 @@
 """Read experiment.yaml and report all its errors at once, each with file, line, field and fix."""
 
 import json
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from strandcast.config.renamed import with_new_names
 from strandcast.core.objectives import OBJECTIVES
 from strandcast.errors import StrandcastError, StrandcastErrors
 
+log = logging.getLogger(__name__)
 MOST_PROBLEMS = 50  # reported at once; chosen
 
 
@@ -33,7 +35,8 @@ def load_experiment(path: str | Path) -> Experiment:
 def parse_experiment(path: Path, text: str) -> Experiment:
     """Return the settings in the text of a file; raises as `load_experiment`."""
     data = _parse(path, text)
-    with_new_names(data, path)
+    for line in with_new_names(data, path):
+        log.warning(line)
     try:
         # JSON in strict mode: no "0.3" for 0.3, no true for 1, but a list may stand for a pair.
         experiment = Experiment.model_validate_json(

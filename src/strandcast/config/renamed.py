@@ -1,7 +1,6 @@
 """Settings with a new name, or that were dropped: accepted for one version, with a warning."""
 
-import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,6 @@ from typing import Any
 from ruamel.yaml.comments import CommentedMap
 
 from strandcast.errors import StrandcastError
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -20,8 +17,8 @@ class Renamed:
     Attributes
     ----------
     old, new
-        Paths in experiment.yaml, e.g. ``plan.finer``, in the same section; no new one: it was dropped; the
-        same: values were.
+        Paths in experiment.yaml, e.g. ``plan.finer``, in the same section; * is any name. No new one: it was
+        dropped; the same: values were.
     values
         Old value -> new value; all others stay.
     """
@@ -34,6 +31,7 @@ class Renamed:
 # Names of version 0.1, accepted by 0.2.
 RENAMED: tuple[Renamed, ...] = (
     Renamed("track.hand", "track.tracker", {"marker": "chain", "pivot": "pendulum"}),
+    Renamed("cameras.*.scale", "cameras.*.scale", {"arc": "tracker"}),
     Renamed("plan.finer", "plan.mesh_refinement"),
     Renamed("plan.carry_residual", "plan.bias_correction"),
     Renamed("plan.scatter", None),
@@ -44,56 +42,72 @@ RENAMED: tuple[Renamed, ...] = (
 )
 
 
-def with_new_names(data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] | None = None) -> None:
+def with_new_names(data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] | None = None) -> list[str]:
     """Give settings their new names in place, and remove dropped ones; line numbers stay those of the file.
+
+    Returns
+    -------
+    What was changed: a line for each, with its place in the file.
 
     Raises
     ------
     StrandcastError
         SC-F003 a setting is given under both names.
     """
-    for change in RENAMED if renamed is None else renamed:
-        *sections, old = change.old.split(".")
-        node: Any = data
-        for name in sections:
-            node = node.get(name) if isinstance(node, CommentedMap) else None
-        if not isinstance(node, CommentedMap) or old not in node:
-            continue
-        place = node.lc.data[old]
-        if change.new is None:
-            del node[old]
-            log.warning(
-                "%s:%d: %s was dropped and has no effect; remove it: the next version refuses it",
-                *(file, place[0] + 1, change.old),
-            )
-            continue
-        new, value = change.new.split(".")[-1], node[old]
-        known = isinstance(value, str | int | float | bool) and value in change.values
-        if new == old:
-            if known:
-                node[old] = change.values[value]
-                log.warning(
-                    "%s:%d: %s: %s was dropped; %s is used: write that",
-                    *(file, place[0] + 1, change.old, value, node[old]),
-                )
-            continue
-        if new in node:
-            raise StrandcastError(
-                "SC-F003",
-                f"{change.old} is the old name of {change.new}, which is given too",
-                file=file,
-                line=place[0] + 1,
-                field=change.old,
-                fix=f"remove {change.old}",
-            )
-        position = list(node).index(old)
-        del node[old]
-        node.insert(position, new, change.values[value] if known else value)
-        node.lc.data[new] = place
-        log.warning(
-            "%s:%d: %s is now called %s; the old name will be refused by the next version",
-            file,
-            place[0] + 1,
-            change.old,
-            change.new,
+    changes = RENAMED if renamed is None else renamed
+    return [
+        f"{file}:{line + 1}: {what}"
+        for change in changes
+        for section in _sections(data, change.old.split(".")[:-1])
+        if change.old.split(".")[-1] in section
+        for line, what in _changed(section, change, file)
+    ]
+
+
+def _sections(node: Any, path: Sequence[str]) -> Iterator[CommentedMap]:
+    """Yield the sections at a path, in which * is any name; `camera` is short for `cameras.main`."""
+    if not isinstance(node, CommentedMap):
+        return
+    if not path:
+        yield node
+    elif path[0] == "*":
+        yield from (found for each in node.values() for found in _sections(each, path[1:]))
+    else:
+        yield from _sections(node.get(path[0]), path[1:])
+        if path[0] == "cameras":
+            yield from _sections(node.get("camera"), path[2:])
+
+
+def _changed(section: CommentedMap, change: Renamed, file: Path) -> Iterator[tuple[int, str]]:
+    """Change one setting of a section; yield its line, from 0, and what was done, if anything."""
+    old, value = change.old.split(".")[-1], section[change.old.split(".")[-1]]
+    place = section.lc.data[old]
+    if change.new is None:
+        del section[old]
+        yield place[0], f"{change.old} was dropped and has no effect; remove it: the next version refuses it"
+        return
+    new = change.new.split(".")[-1]
+    known = isinstance(value, str | int | float | bool) and value in change.values
+    now = change.values[value] if known else value
+    if new == old:
+        if known:
+            section[old] = now
+            yield place[0], f"{change.old}: {value} was dropped; {now} is used: write that"
+        return
+    if new in section:
+        raise StrandcastError(
+            "SC-F003",
+            f"{change.old} is the old name of {change.new}, which is given too",
+            file=file,
+            line=place[0] + 1,
+            field=change.old,
+            fix=f"remove {change.old}",
         )
+    position = list(section).index(old)
+    del section[old]
+    section.insert(position, new, now)
+    section.lc.data[new] = place
+    yield (
+        place[0],
+        f"{change.old} is now called {change.new}; the old name will be refused by the next version",
+    )

@@ -13,8 +13,8 @@ class TrackSettings(Section):
 
     tracker: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")] = Field(
         "chain",
-        description="chain: markers on the hand and a string; pendulum: a bead on a thread from a fixed "
-        "pivot; or an installed one. Change it for a pendulum or a tracker of your own.",
+        description="chain: markers on the hand and a string; or an installed one. Change it for a "
+        "tracker of your own.",
     )
     background_frames: Annotated[int, Field(ge=5, le=500)] = Field(
         40,

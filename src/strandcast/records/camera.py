@@ -117,13 +117,9 @@ class Camera(Record):
     plane_markers: list[MarkerFit]
     string_offset_m: float  # of the string's plane over the markers' plane, towards the camera
     scale_m_per_px: float  # at the middle of the plane's markers
-    source: str  # "markers", "arc" (known length of a pendulum) or "given"
+    source: str  # "markers", "given", or what a tracker names
     dictionary: str | None = None  # of the plane's markers
     marker_size_ratio: float | None = None  # size measured by the markers' distances over the size given
     marker_size_ratio_se: float | None = None
     plane_error: PlaneError | None = None
     warnings: list[str] = []
-    # Where the scale comes from a pendulum's arc: its radius and half its angle.
-    arc_radius_px: float | None = None
-    arc_radius_sigma_px: float | None = None
-    arc_half_angle_rad: float | None = None

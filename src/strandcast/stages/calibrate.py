@@ -26,7 +26,7 @@ from strandcast.stages.cameras import warn_of_former
 from strandcast.stages.context import Context
 from strandcast.stages.job import Files, Job
 from strandcast.stages.photos import given_pictures
-from strandcast.tracking.pendulum.arc import calibrate_arc
+from strandcast.tracking.registry import TRACKERS
 from strandcast.video.ingest import inspect_video
 from strandcast.video.reader import open_video
 
@@ -38,7 +38,7 @@ UNROTATED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIEN
 def run(job: Job, files: Files) -> None:
     """Write the camera's picture and record."""
     warn_of_former(job.context)
-    fit = _by_arc if job.context.settings.camera.scale == "arc" else _by_markers
+    fit = _by_tracker if job.context.settings.camera.scale == "tracker" else _by_markers
     camera, picture = fit(job.context, files)
     with atomic_write(files.output("picture")) as temporary:
         Image.fromarray(camera_picture(picture, camera)).save(temporary, "WEBP", quality=82, method=4)
@@ -106,14 +106,17 @@ def _board_frames(path: Path) -> Iterator[tuple[str, np.ndarray]]:
                 yield f"{path.name} frame {index}", grey
 
 
-def _by_arc(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
-    """Fit scale and origin to the pendulum of the first trial, with its known length."""
+def _by_tracker(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
+    """Let the tracker find scale and origin in the film of the first trial."""
+    settings = context.settings
+    tracker = TRACKERS.get(settings.track.tracker, context.file)
+    if tracker.calibrate is None:
+        what = f"the tracker {settings.track.tracker!r} finds no scale"
+        fix = "leave it out, and give the plane's markers"
+        raise StrandcastError("SC-E008", what, file=context.file, field="camera.scale", fix=fix)
     video = Manifest.read(files.input("manifest")).video
-    settings, path = context.settings, context.folder.trial(1).data / video.file
-    camera = calibrate_arc(path, video, settings.string.length_m, settings.track.background_frames)
-    with open_video(path) as frames:
-        _, _, grey = next(iter(frames))
-        return camera, grey.copy()
+    path = context.folder.trial(1).data / video.file
+    return tracker.calibrate(path, video, settings.string.length_m, settings.track)
 
 
 def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:

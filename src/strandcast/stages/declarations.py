@@ -127,13 +127,13 @@ _DECLARED = (
     ),
     Stage(
         "calibrate",
-        inputs={"lens": files.lens, "plane": files.plane, "manifest": files.pendulum},
+        inputs={"lens": files.lens, "plane": files.plane, "manifest": files.scaling_manifest},
         outputs={"camera": CAMERA + ".json", "picture": CAMERA + ".webp"},
         settings=(
             *(f"cameras.*.{name}" for name in _CALIBRATION),
             *("workspace_m", "string.length_m", "track.background_frames"),
         ),
-        may_read={"video": files.pendulum_video},
+        may_read={"video": files.scaling_video},
     ),
     Stage(
         "track",

@@ -148,9 +148,9 @@ LAB_PHOTOS = tuple(f"calibration/lens-{number:02d}.png" for number in range(1, 1
 
 
 def lens(job: Job) -> list[Path]:
-    """Return the file of a known lens, or the photos or the video of the board; none with ``scale: arc``."""
+    """Return the file of a known lens, or photos or video of the board; none with ``scale: tracker``."""
     camera, folder = job.context.settings.camera, job.context.folder.data
-    if camera.scale == "arc":
+    if camera.scale == "tracker":
         return []
     if given := camera.lens_file or camera.lens_video:
         return [folder / given]
@@ -161,9 +161,9 @@ def lens(job: Job) -> list[Path]:
 
 
 def plane(job: Job) -> list[Path]:
-    """Return the photo of the plane of motion; none with ``camera.scale: arc``."""
+    """Return the photo of the plane of motion; none with ``camera.scale: tracker``."""
     camera, folder = job.context.settings.camera, job.context.folder.data
-    if camera.scale == "arc":
+    if camera.scale == "tracker":
         return []
     photo = folder / camera.plane_photo
     others = [] if job.is_lab or file_exists(photo) else _other_photos(folder, escape(camera.plane_photo))
@@ -177,15 +177,15 @@ def _other_photos(folder: Path, pattern: str) -> list[Path]:
     return sorted(by_name.values())
 
 
-def pendulum(job: Job) -> list[Path]:
-    """Return the manifest of the first trial if its pendulum gives the scale (``camera.scale: arc``)."""
-    by_arc = job.context.settings.camera.scale == "arc"
-    return _results(job, [1], "manifest.json") if by_arc else []
+def scaling_manifest(job: Job) -> list[Path]:
+    """Return the manifest of the first trial if the tracker finds the scale (``camera.scale: tracker``)."""
+    by_tracker = job.context.settings.camera.scale == "tracker"
+    return _results(job, [1], "manifest.json") if by_tracker else []
 
 
-def pendulum_video(job: Job) -> list[Path]:
-    """Return the video of the first trial if its pendulum gives the scale (``camera.scale: arc``)."""
-    return video(Job(job.context, 1)) if job.context.settings.camera.scale == "arc" else []
+def scaling_video(job: Job) -> list[Path]:
+    """Return the video of the first trial if the tracker finds the scale (``camera.scale: tracker``)."""
+    return video(Job(job.context, 1)) if job.context.settings.camera.scale == "tracker" else []
 
 
 def background(job: Job) -> list[Path]:

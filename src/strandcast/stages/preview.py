@@ -27,13 +27,9 @@ WEBP_QUALITY = 85
 def run(root: Path, name: str, trial: int) -> list[str]:
     """Write the preview's picture; return the findings, one line each."""
     context = context_of(root, name)
-    if context.settings.track.tracker == "pendulum":
-        raise StrandcastError(
-            "SC-E008",
-            "a pendulum has no hand to preview",
-            field="track.tracker",
-            fix="run `strandcast track`: strobe.webp shows the swing",
-        )
+    if context.settings.track.tracker != "chain":
+        what, fix = "only the tracker chain has a preview", "run `strandcast track`: see strobe.webp"
+        raise StrandcastError("SC-E008", what, field="track.tracker", fix=fix)
     folder = context.folder.trial(trial)
     # A video that was cut can be previewed too; problems of the file are listed with the others.
     facts = inspect_video(folder.video(), context.settings.camera.frame_rate_hz, "use_prefix")

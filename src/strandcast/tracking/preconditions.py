@@ -34,7 +34,7 @@ def check_size(facts: VideoFacts, camera: Camera, path: str | Path) -> None:
 
 
 def check_pixel_aspect(info: VideoInfo, camera: Camera | None, path: str | Path) -> None:
-    """Refuse a video whose pixels are not those of its calibration (SC-C012); None: a pendulum's arc.
+    """Refuse a video whose pixels are not those of its calibration (SC-C012); None: a scale without a lens.
 
     A pixel `a` times as wide as high makes fy = a · fx. Of a lens with other pixels than a video that states
     square ones, or none, `calibrate` warns: many cameras that skip lines state nothing.
@@ -44,9 +44,7 @@ def check_pixel_aspect(info: VideoInfo, camera: Camera | None, path: str | Path)
     wrong = abs(aspect / calibrated - 1.0)
     if abs(aspect - 1.0) < SQUARE_TOLERANCE or wrong < SQUARE_TOLERANCE:
         return
-    basis = (
-        "a pendulum's arc needs square ones" if camera is None else f"the lens has fy / fx = {calibrated:.4g}"
-    )
+    basis = "there is no lens with such" if camera is None else f"the lens has fy / fx = {calibrated:.4g}"
     raise StrandcastError(
         "SC-C012",
         f"its pixels are {aspect:.4g} times as wide as high (sample aspect ratio); {basis}",

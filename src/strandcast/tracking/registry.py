@@ -3,26 +3,12 @@
 from strandcast.config.track import TrackSettings
 from strandcast.core.registry import Registry
 from strandcast.errors import StrandcastError
-from strandcast.tracking.pendulum.track import track_pendulum
 from strandcast.tracking.result import Tracked
 from strandcast.tracking.track_video import track_video
 from strandcast.tracking.tracker import Tracker, TrackerInput
 
-PENDULUM = Tracker(
-    track_pendulum,
-    unused_settings=(
-        "track.background_picture",
-        "track.polarity",
-        "track.contrast_grey",
-        "camera.exposure_s",
-        "align.led",
-    ),
-)
 TRACKERS: Registry[Tracker] = Registry(
-    "tracker",
-    "strandcast.trackers",
-    "track.tracker",
-    {"chain": Tracker(track_video), "pendulum": PENDULUM},
+    "tracker", "strandcast.trackers", "track.tracker", {"chain": Tracker(track_video)}
 )
 
 

@@ -229,7 +229,7 @@ def _check_photos(context: Context, found: Checked) -> None:
     camera, job = context.settings.camera, Job(context)
     thrown = context.folder.thrown_trials()
     supplied = [number for number in thrown if files.supplied(job, number)]
-    if camera.scale == "arc" or (thrown and supplied == thrown):
+    if camera.scale == "tracker" or (thrown and supplied == thrown):
         return
     lens = files.lens(job)
     if not [path for path in lens if path.is_file()]:

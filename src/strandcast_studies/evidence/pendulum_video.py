@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import savgol_filter
 
-from strandcast.tracking.pendulum.arc import arc_camera, fit_arc
-from strandcast.tracking.pendulum.ball import BallTrack, track_ball
-from strandcast.tracking.pendulum.period import period_s
 from strandcast.video.ingest import camera_times, inspect_video
+from strandcast_pendulum.arc import arc_camera, fit_arc
+from strandcast_pendulum.ball import BallTrack, track_ball
+from strandcast_pendulum.period import period_s
 from strandcast_studies.evidence.figure import Figure
 
 FILE = "rope_pendulum_0.62m_60fps.mp4"

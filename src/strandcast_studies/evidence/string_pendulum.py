@@ -16,7 +16,7 @@ from strandcast.dynamics.batch import HandPath, StringStart
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simulate import simulate_batch
-from strandcast.tracking.pendulum.period import period_s
+from strandcast_pendulum.period import period_s
 from strandcast_studies.evidence.figure import Figure
 from strandcast_studies.evidence.solve import Unknown, solve
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from strandcast.tracking.pendulum.ball import BallTrack
+from strandcast_pendulum.ball import BallTrack
 from strandcast_studies.evidence import pendulum_video as pendulum
 
 

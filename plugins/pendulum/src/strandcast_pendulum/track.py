@@ -5,13 +5,14 @@ import numpy as np
 from strandcast.camera.mapping import pixel_to_metre
 from strandcast.config.track import TrackSettings
 from strandcast.records.track import PREDICTED
-from strandcast.tracking.pendulum.ball import SIGMA_PX, track_ball
-from strandcast.tracking.pendulum.period import check_period
 from strandcast.tracking.preconditions import check_size
 from strandcast.tracking.result import Tracked, marker_columns
 from strandcast.tracking.strobe import choose_instants, strobe_picture
-from strandcast.tracking.tracker import TrackerInput
+from strandcast.tracking.tracker import Tracker, TrackerInput
 from strandcast.video.ingest import camera_times
+from strandcast_pendulum.arc import calibrate_arc
+from strandcast_pendulum.ball import SIGMA_PX, track_ball
+from strandcast_pendulum.period import check_period
 
 LEAST_SIGMA_M = 1e-4  # chosen: of the pivot
 
@@ -26,7 +27,7 @@ def track_pendulum(given: TrackerInput, settings: TrackSettings) -> Tracked:
     ------
     StrandcastError
         SC-V005 the decoded count differs from the manifest's; SC-C012 the frames' size is not the
-        calibration's; SC-T005 no bead is found; SC-T008 its period is not that of the length.
+        calibration's; SC-T004 no bead is found, or its period is not that of the length.
     """
     camera, string = given.camera, given.hint
     check_size(given.facts, camera, given.video)
@@ -63,3 +64,16 @@ def track_pendulum(given: TrackerInput, settings: TrackSettings) -> Tracked:
         },
         warnings=tuple(ball.warnings),
     )
+
+
+PENDULUM = Tracker(
+    track_pendulum,
+    unused_settings=(
+        "track.background_picture",
+        "track.polarity",
+        "track.contrast_grey",
+        "camera.exposure_s",
+        "align.led",
+    ),
+    calibrate=calibrate_arc,
+)

@@ -8,12 +8,13 @@ from scipy.optimize import least_squares
 from skimage.measure import CircleModel
 
 from strandcast.camera.flat import flat_camera
+from strandcast.config.track import TrackSettings
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
-from strandcast.tracking.pendulum.ball import track_ball
-from strandcast.tracking.pendulum.period import check_period
 from strandcast.video.ingest import camera_times
+from strandcast_pendulum.ball import track_ball
+from strandcast_pendulum.period import check_period
 
 LEAST_SWING_RAD = 0.02  # half of the arc; a shorter one does not determine its radius
 WORST_SHARE = 0.1  # standard error of the radius over the radius
@@ -52,23 +53,23 @@ def fit_arc(places_px: np.ndarray) -> Arc:
 
 
 def calibrate_arc(
-    path: str | Path, facts: VideoFacts, length_m: float, background_frames: int = 40
-) -> Camera:
-    """Return a camera whose scale comes from a pendulum of known length; the world's origin is its pivot.
+    path: Path, facts: VideoFacts, length_m: float, settings: TrackSettings
+) -> tuple[Camera, np.ndarray]:
+    """Return a camera whose scale comes from a pendulum of known length, and the scene without the ball.
 
-    `length_m` is the distance from the pivot to the ball's centre.
+    `length_m` is the distance from the pivot to the ball's centre. The world's origin is the pivot.
 
     Raises
     ------
     StrandcastError
-        SC-T005 as `track_ball`, or the arc is too short to determine its radius; SC-T008 its
-        period is not that of the length.
+        SC-T004 as `track_ball`; the arc is too short to determine its radius; its period is not that of
+        the length.
     """
-    ball = track_ball(path, facts, background_frames)
+    ball = track_ball(path, facts, settings.background_frames)
     arc = fit_arc(ball.centre_px)
     if arc.half_angle_rad < LEAST_SWING_RAD or arc.radius_sigma_px > WORST_SHARE * arc.radius_px:
         raise StrandcastError(
-            "SC-T005",
+            "SC-T004",
             f"an arc of ±{arc.half_angle_rad:.3f} rad does not determine its radius "
             f"({arc.radius_px:.0f} ± {arc.radius_sigma_px:.0f} px)",
             file=path,
@@ -77,18 +78,11 @@ def calibrate_arc(
         )
     across, down = (ball.centre_px - arc.centre_px).T
     check_period(camera_times(facts), np.arctan2(across, down), length_m, path)
-    return arc_camera(arc, facts, length_m)
+    return arc_camera(arc, facts, length_m), ball.background
 
 
 def arc_camera(arc: Arc, facts: VideoFacts, length_m: float) -> Camera:
     """Return the distant camera in whose image the arc's centre is the pivot and its radius the length."""
     centre_px = (float(arc.centre_px[0]), float(arc.centre_px[1]))
     camera = flat_camera(facts.width_px, facts.height_px, length_m / arc.radius_px, centre_px, source="arc")
-    return camera.model_copy(
-        update={
-            "plane_rms_px": arc.rms_px,
-            "arc_radius_px": arc.radius_px,
-            "arc_radius_sigma_px": arc.radius_sigma_px,
-            "arc_half_angle_rad": arc.half_angle_rad,
-        }
-    )
+    return camera.model_copy(update={"plane_rms_px": arc.rms_px})

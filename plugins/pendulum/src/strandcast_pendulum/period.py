@@ -15,7 +15,7 @@ FEWEST_PASSAGES = 2
 
 
 def check_period(time_s: np.ndarray, angle_rad: np.ndarray, length_m: float, path: str | Path) -> None:
-    """Refuse a swing whose period contradicts its length (SC-T008); less than a period is not checked.
+    """Refuse a swing whose period contradicts its length (SC-T004); less than a period is not checked.
 
     Parameters
     ----------
@@ -36,13 +36,14 @@ def check_period(time_s: np.ndarray, angle_rad: np.ndarray, length_m: float, pat
         return
     expected_s = period * np.sqrt(ratio)
     raise StrandcastError(
-        "SC-T008",
+        "SC-T004",
         f"swings with a period of {period:.3f} s; a thread of {length_m:g} m takes {expected_s:.3f} s "
         f"(gravity would be {gravity_m_s2:.1f} m/s²)",
         file=path,
         field="string.length_m",
         cost=f"metres or seconds would be wrong: {length_m / ratio:.3f} m would fit, or "
         f"{1.0 / np.sqrt(ratio):.3g} times the frame rate",
+        fix="measure string.length_m from the pivot to the ball's centre, and check camera.frame_rate_hz",
     )
 
 

@@ -44,7 +44,7 @@ def track_ball(path: str | Path, facts: VideoFacts, background_frames: int) -> B
     Raises
     ------
     StrandcastError
-        SC-V005 the decoded count differs from the manifest's; SC-T005 nothing of constant size moves;
+        SC-V005 the decoded count differs from the manifest's; SC-T004 nothing of constant size moves;
         SC-C012 pixels that are not square.
     """
     background = learn_scene(path, facts, background_frames)
@@ -61,7 +61,7 @@ def track_ball(path: str | Path, facts: VideoFacts, background_frames: int) -> B
     whole = np.abs(radius - usual) < RADIUS_SPREAD * usual
     if np.pi * usual**2 < LEAST_AREA_PX or whole.mean() < 0.5:
         raise StrandcastError(
-            "SC-T005",
+            "SC-T004",
             f"no ball of constant size is detected in most frames (in {100 * whole.mean():.0f} %)",
             file=path,
             fix="film all of the ball's swing in front of a plain background",
