@@ -96,11 +96,9 @@ def test_the_objective_is_a_point_a_segment_a_shape_or_a_swing(tmp_path):
 
 
 def test_readings_of_the_papers_planner_are_named(tmp_path):
-    plan = load(tmp_path, GOOD + "plan: {planner: paper, paper: {altered_from: walking}}\n").plan
+    plan = load(tmp_path, GOOD + "method: paper\nplan: {paper: {altered_from: walking}}\n").plan
     assert (plan.paper.altered_from, plan.paper.accept, plan.paper.ends) == ("walking", "first_hit", "ramp")
-    # Not given: the planner chooses; the paper's planner takes its own times and commanded angles.
-    assert (plan.duration_s, plan.use_servo) == (None, None)
-    (wrong,) = problems(tmp_path, GOOD + "plan: {paper: {accept: frist_hit}}\n")
+    (wrong,) = problems(tmp_path, GOOD + "method: paper\nplan: {paper: {accept: frist_hit}}\n")
     assert (wrong.field, wrong.fix) == ("plan.paper.accept", "did you mean 'first_hit'?")
 
 

@@ -5,11 +5,13 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
+from strandcast.config.estimate import EstimateSettings
 from strandcast.config.load import load_experiment
 from strandcast.config.renamed import RENAMED, Renamed, with_new_names
 from strandcast.config.schema import fields
 from strandcast.errors import StrandcastError
 
+HEAD = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
 EXAMPLE = Path(__file__).parents[2] / "config/experiments/demo.yaml"
 CHANGES = (
     Renamed("plan.finer", "plan.mesh_refinement"),
@@ -72,3 +74,29 @@ def test_renamed_settings_exist_under_the_new_name_only():
     given_up = {change.old for change in RENAMED if change.new != change.old}
     assert not given_up & known
     assert {change.new.replace(".*", "") for change in RENAMED if change.new} <= known
+
+
+def test_the_papers_search_is_its_method(tmp_path, caplog):
+    file = tmp_path / "old.yaml"
+    fit = "estimate: {search: paper, reading: sign, evaluations: 900}\n"
+    old = "plan: {planner: paper, use_servo: true}\n" + fit
+    file.write_text(HEAD + old)
+    settings = load_experiment(file)
+    line = len(HEAD.splitlines())
+    assert f"old.yaml:{line + 2}: estimate.search: paper is now method: paper" in caplog.text
+    assert (settings.method, settings.plan.planner, settings.plan.use_servo) == ("paper", "paper", True)
+    given = settings.estimate
+    assert (given.search, given.ranges, given.reading, given.evaluations) == ("paper", "paper", "sign", 900)
+
+
+def test_settings_of_the_paper_have_no_effect_without_its_method(tmp_path, caplog):
+    file = tmp_path / "e.yaml"
+    file.write_text(HEAD + "estimate: {free_end: false, paper: {beta: 0.9}}\nplan: {planner: ensemble}\n")
+    settings = load_experiment(file)
+    assert settings.estimate == EstimateSettings()
+    assert [
+        name in caplog.text for name in ("estimate.free_end was", "estimate.paper was", "plan.planner was")
+    ]
+    assert len(caplog.records) == 3
+    file.write_text(HEAD + "method: paper\nestimate: {free_end: true}\n")
+    assert load_experiment(file).estimate.free_end

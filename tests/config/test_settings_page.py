@@ -6,8 +6,9 @@ import pytest
 
 from strandcast.config.camera import Board
 from strandcast.config.experiment import Experiment
+from strandcast.config.paper import PAPERS
 from strandcast.config.schema import fields
-from strandcast.config.settings_page import allowed, groups, is_group, settings_page
+from strandcast.config.settings_page import allowed, groups, is_group, papers_groups, settings_page
 from strandcast.config.string import String
 
 ADVICE = re.compile(r"(^|[.;:] )(Set|Give|Raise|Lower|Change|Use|Leave|Measure)\b")
@@ -22,7 +23,8 @@ def test_the_page_is_current(project_root):
 
 
 def test_the_page_has_every_setting():
-    rows = [f"{path}{name}" for path, _, settings in groups(Experiment, "", "") for name, _ in settings]
+    every = (*groups(Experiment, "", ""), *papers_groups())
+    rows = [f"{path}{name}" for path, _, settings in every for name, _ in settings]
     plain = sorted(re.sub(r"\[\]|\.NAME| \(\w+\)", "", row) for row in rows)
     inherited = {f"cameras.plane.board.{name}" for name in Board.model_fields}  # named in the group's text
     assert plain == sorted(path for path, field in fields() if not is_group(field) and path not in inherited)
@@ -30,11 +32,14 @@ def test_the_page_has_every_setting():
 
 def test_every_setting_says_what_it_does_and_one_with_a_default_when_to_change_it():
     assert [path for path, field in fields() if len(field.description or "") < 12] == []
-    advised = {path for path, field in fields() if ADVICE_FOR_ALL.search(field.description or "")}
+    papers = {f"{name}.{field}" for name, section in PAPERS.items() for field in section.model_fields}
+    advised = papers | {path for path, field in fields() if ADVICE_FOR_ALL.search(field.description or "")}
     optional = [
         (path, field)
         for path, field in fields()
-        if not (field.is_required() or is_group(field) or path.rpartition(".")[0] in advised)
+        if not (
+            field.is_required() or is_group(field) or path.rpartition(".")[0] in advised or path in papers
+        )
     ]
     assert [path for path, field in optional if not ADVICE.search(field.description or "")] == []
 

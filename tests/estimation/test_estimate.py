@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strandcast.config.estimate import EstimateSettings, PaperSearch
+from strandcast.config.estimate import EstimateSettings
+from strandcast.config.paper import PaperSearch
 from strandcast.core.strings import DRAG_ALONG, PARAMETERS, REST_CURL, StringBatch
 from strandcast.dynamics.parameters import RANGES
 from strandcast.errors import StrandcastError

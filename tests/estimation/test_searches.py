@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from strandcast.config.estimate import THOROUGH_EVALUATIONS, EstimateSettings, PaperSearch
+from strandcast.config.estimate import THOROUGH_EVALUATIONS, EstimateSettings
+from strandcast.config.paper import PaperSearch
 from strandcast.errors import StrandcastError
 from strandcast.estimation.ensemble import distant_members
 from strandcast.estimation.estimate import search

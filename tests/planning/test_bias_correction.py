@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from strandcast.arm.servo import Servo, respond
-from strandcast.config.plan import PlanSettings
 from strandcast.core.disturbances import TYPICAL_SIZES
 from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve, rest_heights, sample
@@ -37,10 +36,8 @@ def played(task: PlanningTask, string: StringBatch, motion: Curve, trial: int) -
     return PastTrial(trial, motion, q_command[0], q[0], time_s, tip, None, 0.0, 0.1)
 
 
-def near_to(
-    task: PlanningTask, strings: StringBatch, trials: list[PastTrial], settings: PlanSettings
-) -> Neighbourhood:
-    return neighbourhood(task, strings, RolloutConditions(task.arm.servo), trials[0], trials, settings)
+def near_to(task: PlanningTask, strings: StringBatch, trials: list[PastTrial]) -> Neighbourhood:
+    return neighbourhood(task, strings, RolloutConditions(task.arm.servo), trials[0], trials)
 
 
 def paths(task: PlanningTask, curves: list[Curve]) -> JointPaths:
@@ -59,10 +56,10 @@ def unlike(strings: StringBatch) -> StringBatch:
 
 
 def test_the_same_motion_is_predicted_exactly_with_every_string(
-    task: PlanningTask, strings: StringBatch, unlike: StringBatch, settings: PlanSettings
+    task: PlanningTask, strings: StringBatch, unlike: StringBatch
 ) -> None:
     trial = played(task, unlike, curve(), 1)
-    near = near_to(task, strings, [trial], settings)
+    near = near_to(task, strings, [trial])
     rollouts = rollouts_near(task, near, paths(task, [curve()]), heights([curve()]))
     predicted = rollouts.tip_m()
     np.testing.assert_allclose(predicted, np.broadcast_to(trial.tip_m, predicted.shape), atol=1e-9)
@@ -71,10 +68,10 @@ def test_the_same_motion_is_predicted_exactly_with_every_string(
 
 
 def test_of_two_trials_the_nearer_counts_more(
-    task: PlanningTask, strings: StringBatch, unlike: StringBatch, settings: PlanSettings
+    task: PlanningTask, strings: StringBatch, unlike: StringBatch
 ) -> None:
     trials = [played(task, unlike, curve(), 1), played(task, unlike, curve(1.2), 2)]
-    near = near_to(task, strings, trials, settings)
+    near = near_to(task, strings, trials)
     weights = near.bias.weights(heights([curve(), curve(1.1), curve(1.15)]))
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
     np.testing.assert_allclose(weights[1], [0.5, 0.5], atol=1e-6)
@@ -84,10 +81,10 @@ def test_of_two_trials_the_nearer_counts_more(
 
 
 def test_the_bias_correction_fades_with_the_distance(
-    task: PlanningTask, strings: StringBatch, unlike: StringBatch, settings: PlanSettings
+    task: PlanningTask, strings: StringBatch, unlike: StringBatch
 ) -> None:
     trial = played(task, unlike, curve(), 1)
-    bias = near_to(task, strings, [trial], settings).bias
+    bias = near_to(task, strings, [trial]).bias
     away = [curve(1.0 + scale / rms(curve())) for scale in (0.0, HALF_LEFT_RAD_S, 3 * HALF_LEFT_RAD_S)]
     np.testing.assert_allclose(bias.tip_weights(heights(away))[:, 0], [1.0, 0.5, 0.1])
     np.testing.assert_allclose(bias.weights(heights(away))[:, 0], 1.0)
@@ -163,21 +160,12 @@ def test_the_start_is_the_mean_before_it_or_unknown() -> None:
 
 
 def test_every_disturbance_keeps_its_strings_bias(
-    task: PlanningTask, strings: StringBatch, unlike: StringBatch, settings: PlanSettings
+    task: PlanningTask, strings: StringBatch, unlike: StringBatch
 ) -> None:
     trial = played(task, unlike, curve(), 1)
-    near = near_to(task, strings, [trial], settings)
+    near = near_to(task, strings, [trial])
     every = with_every_disturbance(task, near, TYPICAL_SIZES)
     assert len(every.strings) == 16 * len(strings)
     for k in (0, 1, 15, 17, 40, 47):
         np.testing.assert_array_equal(every.bias.tip_m[:, k], near.bias.tip_m[:, k // 16])
         np.testing.assert_array_equal(every.strings.parameters[k], strings.parameters[k // 16])
-
-
-def test_without_bias_correction_the_simulation_is_unchanged(
-    task: PlanningTask, strings: StringBatch, unlike: StringBatch, settings: PlanSettings
-) -> None:
-    trial = played(task, unlike, curve(), 1)
-    near = near_to(task, strings, [trial], settings.model_copy(update={"bias_correction": False}))
-    rollouts = rollouts_near(task, near, paths(task, [curve()]), heights([curve()]))
-    np.testing.assert_array_equal(rollouts.tip_bias_m, 0.0)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from strandcast.arm.limits import violations
-from strandcast.config.plan import PaperReading, PlanSettings
+from strandcast.config.paper import PaperReading
+from strandcast.config.plan import PlanSettings
 from strandcast.core.strings import StringBatch
 from strandcast.errors import StrandcastError
 from strandcast.planning.assessment import assess_rollouts

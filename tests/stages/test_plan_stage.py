@@ -213,7 +213,7 @@ def test_a_bar_is_planned_for_and_the_file_is_the_same_each_time(
 
 
 def test_the_papers_planner_has_the_papers_times_and_commanded_angles(root: Path) -> None:
-    text = "target_m: [0.5, 0.5]\nstart_string: minima\nplan: {planner: paper, screening: 24}\n"
+    text = "target_m: [0.5, 0.5]\nmethod: paper\nplan: {screening: 24}\n"
     write(root, "paper", text)
     motion = planned(root, "paper")
     assert motion.provenance is not None
@@ -267,7 +267,7 @@ def test_planner_and_scorer_get_the_objective_of_the_experiment(
     [
         ("target_m: [1.5, 0.5]\n", "experiment.yaml: target_m: the target is 1.581 m from"),
         (
-            "target_m: [0.6, 0.5]\narm: fr3-example\nplan: {planner: paper, screening: 8}\n",
+            "target_m: [0.6, 0.5]\narm: fr3-example\nmethod: paper\nplan: {screening: 8}\n",
             "experiment.yaml: plan: only 0 random motions by eq. 1 kept the arm's limits, 8 are wanted\n"
             "        Fix: set plan.paper.ends to rest",
         ),

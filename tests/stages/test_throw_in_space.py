@@ -164,7 +164,7 @@ def test_a_string_with_pipes_is_refused_in_space(root: Path) -> None:
 
 def test_settings_of_the_plane_for_the_fit_are_refused_before_the_throw(root: Path) -> None:
     file = write(root, "fitted", LAB)
-    file.write_text(file.read_text().replace("ensemble: 4}\nlab", "stiff_bend: true, search: paper}\nlab"))
+    file.write_text(file.read_text().replace("ensemble: 4}\nlab", "stiff_bend: true, search: thorough}\nlab"))
     [error] = check_experiment(root, "fitted").errors
     assert (error.code, error.file, error.field) == ("SC-E008", str(file), "estimate.search")
     assert "estimate.search, estimate.stiff_bend do not apply to a throw in space" in str(error)

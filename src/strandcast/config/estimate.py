@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from strandcast.core.section import Section
+from strandcast.config.paper import PaperFit
 from strandcast.core.strings import PARAMETERS
 
 PluginName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")]
@@ -23,31 +23,14 @@ def known_parameters(names: Iterable[str]) -> None:
         raise ValueError(f"{unknown[0]!r} is no string parameter; these are: {', '.join(PARAMETERS)}")
 
 
-class PaperSearch(Section):
-    """Numbers of eq. 3 that the paper does not print."""
-
-    centre: Literal["fixed", "running"] = Field(
-        "running",
-        description="Draw around the previous trial's estimate (fixed), or around the best so far (running).",
-    )
-    chi_0: Annotated[float, Field(gt=0, le=1)] = Field(
-        1.0,
-        description="Largest first change of a parameter, as a share of its range.",
-    )
-    beta: Annotated[float, Field(gt=0, lt=1)] = Field(
-        0.999,
-        description="Factor by which that change shrinks from one change to the next.",
-    )
-
-
-class EstimateSettings(Section):
+class EstimateSettings(PaperFit):
     """The fit of the string."""
 
     search: PluginName = Field(
         "descent",
         description="descent: Gauss-Newton from several draws; thorough: finds the best string more "
-        "surely, in thirty times the time; paper: eq. 3; or an installed one. Use thorough if"
-        " you read the parameters.",
+        "surely, in thirty times the time; or an installed one. Use thorough if you read the "
+        "parameters.",
     )
     evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
         4000,
@@ -64,11 +47,6 @@ class EstimateSettings(Section):
         description="Weight of a trial relative to the next one. Raise it to 1 if the string surely stays"
         " the same; lower it if it wears or slips.",
     )
-    evaluation: Literal["world", "hand"] = Field(
-        "world",
-        description="Frame of E: world, or relative to the hand. Use hand if the camera's and the arm's "
-        "frames disagree.",
-    )
     w: Annotated[float, Field(ge=0, le=10)] = Field(
         0.1,
         description="Weight of point i in eq. 6: 1 + w (i - 1). Raise it if only the tip matters; 0 "
@@ -76,14 +54,8 @@ class EstimateSettings(Section):
     )
     ranges: Ranges = Field(
         "wide",
-        description="Ranges of the parameters: wide (for stiff strings too), the paper's, or [least, "
+        description="Ranges of the parameters: wide (for stiff strings too), paper, or [least, "
         "greatest] by parameter. Give a wider one if the report warns of a bound.",
-    )
-    reading: Literal["rate", "sign", "strain"] = Field(
-        "rate",
-        description="Which bends take h and which sh: growing and straightening (rate), left and right "
-        "(sign), or compressed and stretched (strain). Change it only to compare readings of "
-        "the paper.",
     )
     dt_s: Annotated[float, Field(gt=0, le=0.005)] = Field(
         1e-3,
@@ -94,11 +66,6 @@ class EstimateSettings(Section):
         "observed",
         description="Shape at the start: as observed, or hanging at rest. Use hanging if the first frames"
         " do not show the string well.",
-    )
-    free_end: bool = Field(
-        True,
-        description="Give the last point half the others' mass: it carries half a segment. Set it to "
-        "false for the paper's model.",
     )
     rest_curl: bool = Field(
         True,
@@ -152,10 +119,6 @@ class EstimateSettings(Section):
         description="A throw that misses by no more may touch the target: later frames do not enter E. "
         "Set it to the radius of what stands there, or to null.",
     )
-    joints: Literal["measured", "commanded"] = Field(
-        "measured",
-        description="Joint angles that drive the simulated hand. Use commanded only to reproduce the paper.",
-    )
     ensemble: Annotated[int, Field(ge=1, le=64)] = Field(
         6,
         description="Number of near-best strings kept for the planner. Raise it to see more of what the "
@@ -165,9 +128,6 @@ class EstimateSettings(Section):
         True,
         description="Find how far each parameter may move while E rises by 10 %. Set it to false to save "
         "time.",
-    )
-    paper: PaperSearch = Field(
-        PaperSearch(), description="Readings of eq. 3, for `search: paper`. Change them only to compare."
     )
 
     @property

@@ -57,6 +57,11 @@ class Experiment(Section):
     title: Annotated[str, Field(max_length=200)] = Field(
         "", description="Title of the report. Set it if the name does not say enough."
     )
+    method: Literal["paper"] | None = Field(
+        None,
+        description="paper: the paper's search, ranges, start string and planner together. Set it to "
+        "reproduce the paper.",
+    )
     string: String = Field(description="What is known of the string before it is thrown.")
     arm: Annotated[str, Field(min_length=1, max_length=200)] = Field(
         "planar3",
@@ -93,7 +98,7 @@ class Experiment(Section):
     start_string: StartString | dict[str, float] = Field(
         "ensemble",
         description="Strings that the first motion is planned for: a random ensemble, the minima of the "
-        "ranges (the paper), one random string, or values by parameter. Give those of a "
+        "ranges, one random string, or values by parameter. Give those of a "
         "similar string.",
     )
     workspace_m: Box | None = Field(
@@ -164,10 +169,10 @@ class Experiment(Section):
         if not self.aims_in_space:
             return self
         given = {
+            "method": ("the paper's method works", self.method is not None),
             "objective": ("this objective is defined", self.objective != PointObjective()),
             "workspace_m": ("this box lies", self.workspace_m is not None),
             "start_string": (f"start_string {self.start_string!r} is made", self.start_string != "ensemble"),
-            "plan": ("the paper's planner works", self.plan.planner == "paper"),
         }
         for field, (what, is_given) in given.items():
             if is_given:

@@ -11,6 +11,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from strandcast.config.bounded import BoundError, load_yaml, read_bounded
 from strandcast.config.camera import MAIN, only_camera
 from strandcast.config.experiment import Experiment
+from strandcast.config.paper import with_method
 from strandcast.config.problems import line_of, one_per_place, problem
 from strandcast.config.renamed import with_new_names
 from strandcast.core.objectives import OBJECTIVES
@@ -40,7 +41,7 @@ def parse_experiment(path: Path, text: str) -> Experiment:
     try:
         # JSON in strict mode: no "0.3" for 0.3, no true for 1, but a list may stand for a pair.
         experiment = Experiment.model_validate_json(
-            json.dumps(_with_cameras(_with_target(_plain(data))), default=str), strict=True
+            json.dumps(with_method(_with_cameras(_with_target(_plain(data)))), default=str), strict=True
         )
         only_camera(experiment.cameras)
         return experiment

@@ -1,52 +1,22 @@
 """`plan:` the planner."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from strandcast.core.section import Section
+from strandcast.config.paper import PaperPlanner
 
 ENSEMBLE_DURATION_S = (0.35, 0.9)  # chosen: the example arms can throw in this time
 PAPER_DURATION_S = (0.2, 1.2)  # section V-A of the paper
 
 
-class PaperReading(Section):
-    """Reading of section V where its text is ambiguous, for `planner: paper`."""
-
-    altered_from: Literal["executed", "walking"] = Field(
-        "executed",
-        description="Later tries alter the motion played last, or walk from the nearest try so far.",
-    )
-    accept: Literal["first_hit", "best"] = Field(
-        "first_hit",
-        description="Throw the first motion that hits in the simulation, or the nearest of all tries.",
-    )
-    ends: Literal["ramp", "rest"] = Field(
-        "ramp",
-        description="A ramp stops the arm after eq. 1's curve, or the curve itself begins and ends at rest.",
-    )
-    altered_rad_s: Annotated[float, Field(gt=0, le=10)] = Field(
-        0.5,
-        description="Largest change of a control point's velocity from one try to the next; the paper's "
-        "is 0.5.",
-    )
-    largest_slope_rad_s2: Annotated[float, Field(gt=0, le=10_000)] = Field(
-        60.0,
-        description="Largest alpha_k in eq. 1, which the paper does not give.",
-    )
-
-
-class PlanSettings(Section):
+class PlanSettings(PaperPlanner):
     """The planner."""
 
-    planner: Literal["ensemble", "paper"] = Field(
-        "ensemble",
-        description="Robust planning over the ensemble, or the paper's. Use paper to reproduce the paper.",
-    )
     duration_s: tuple[float, float] | None = Field(
         None,
-        description="Shortest and longest first motion; by default [0.35, 0.9], for the paper's planner "
-        "[0.2, 1.2]. Raise both for a slow arm; lower the shortest for a fast one.",
+        description="Shortest and longest first motion; by default [0.35, 0.9]. Raise both for a slow arm; "
+        "lower the shortest for a fast one.",
     )
     control_points: Annotated[int, Field(ge=3, le=20)] = Field(
         6,
@@ -55,7 +25,7 @@ class PlanSettings(Section):
     )
     screening: Annotated[int, Field(ge=8, le=100_000)] = Field(
         1500,
-        description="Random motions before the search; with the paper's planner all of its tries. Raise "
+        description="Random motions before the search; with method: paper all of its tries. Raise "
         "it if no motion within the limits is found.",
     )
     evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = Field(
@@ -68,15 +38,6 @@ class PlanSettings(Section):
         description="Strings in the search for new motions, each with other disturbances. Lower it to "
         "plan faster and less robustly.",
     )
-    use_servo: bool | None = Field(
-        None,
-        description="Plan with the servo's response; by default true, but false with the paper's planner."
-        " Set it to false only to compare.",
-    )
-    paper: PaperReading = Field(
-        PaperReading(),
-        description="Readings of section V, for `planner: paper`. Change them only to compare.",
-    )
     disturbances: Annotated[float, Field(ge=0, le=10)] = Field(
         1.0,
         description="Scale of throw-to-throw disturbances; 1 is a typical rig. Raise it if repeated "
@@ -86,11 +47,6 @@ class PlanSettings(Section):
         True,
         description="Simulate every other string with twice as many points when searching new motions. "
         "Set it to false to plan faster.",
-    )
-    bias_correction: bool = Field(
-        True,
-        description="Correct predictions by the simulation's error in past trials. Set it to false only "
-        "to compare.",
     )
 
     @property

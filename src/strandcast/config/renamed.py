@@ -7,6 +7,7 @@ from typing import Any
 
 from ruamel.yaml.comments import CommentedMap
 
+from strandcast.config.paper import PAPERS
 from strandcast.errors import StrandcastError
 
 
@@ -33,12 +34,19 @@ RENAMED: tuple[Renamed, ...] = (
     Renamed("track.hand", "track.tracker", {"marker": "chain", "pivot": "pendulum"}),
     Renamed("cameras.*.scale", "cameras.*.scale", {"arc": "tracker"}),
     Renamed("plan.finer", "plan.mesh_refinement"),
-    Renamed("plan.carry_residual", "plan.bias_correction"),
+    Renamed("plan.carry_residual", None),
+    Renamed("plan.bias_correction", None),
     Renamed("plan.scatter", None),
     Renamed("plan.disturbances", "plan.disturbances", {"learnt": 1.0}),
     Renamed("estimate.integrator", None),
     Renamed("estimate.find_weights", None),
     Renamed("estimate.search", "estimate.search", {"cma": "thorough", "evolution": "thorough"}),
+)
+
+
+# Settings of the paper's method, without `method: paper`.
+OF_THE_PAPER = tuple(
+    Renamed(f"{section}.{name}", None) for section in PAPERS for name in PAPERS[section].model_fields
 )
 
 
@@ -54,14 +62,30 @@ def with_new_names(data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] 
     StrandcastError
         SC-F003 a setting is given under both names.
     """
-    changes = RENAMED if renamed is None else renamed
-    return [
-        f"{file}:{line + 1}: {what}"
+    asked = _with_method(data)
+    changes = (*(RENAMED if renamed is None else renamed), *([] if "method" in data else OF_THE_PAPER))
+    changed = (
+        found
         for change in changes
         for section in _sections(data, change.old.split(".")[:-1])
         if change.old.split(".")[-1] in section
-        for line, what in _changed(section, change, file)
-    ]
+        for found in _changed(section, change, file)
+    )
+    return [f"{file}:{line + 1}: {what}" for line, what in (*asked, *changed)]
+
+
+def _with_method(data: CommentedMap) -> list[tuple[int, str]]:
+    """Write the paper's search or planner, each a setting of its own before, as `method: paper`."""
+    found: list[tuple[int, str]] = []
+    for path in ("estimate.search", "plan.planner"):
+        section, name = path.split(".")
+        for node in _sections(data, [section]) if "method" not in data or found else ():
+            if node.get(name) == "paper":
+                found.append((node.lc.data[name][0], f"{path}: paper is now method: paper, all of it"))
+                data.insert(0, "method", "paper")
+                data.lc.data["method"] = node.lc.data.pop(name)
+                del node[name]
+    return found
 
 
 def _sections(node: Any, path: Sequence[str]) -> Iterator[CommentedMap]:

@@ -11,6 +11,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
 
 from strandcast.config.experiment import Experiment
+from strandcast.config.paper import PAPERS
 from strandcast.config.schema import models_in
 
 HEAD = """# Settings of experiment.yaml
@@ -27,7 +28,13 @@ Rows = list[tuple[str, FieldInfo]]
 
 def settings_page() -> str:
     """Return the page of all settings: a list for each group."""
-    return HEAD + "".join(_group(*group) for group in groups(Experiment, "", ""))
+    return HEAD + "".join(_group(*group) for group in (*groups(Experiment, "", ""), *papers_groups()))
+
+
+def papers_groups() -> Iterator[tuple[str, str, Rows]]:
+    """Yield the groups of the settings that nothing but `method: paper` takes."""
+    for name, section in PAPERS.items():
+        yield from groups(section, f"{name}.", cleandoc(section.__doc__ or "").split("\n")[0])
 
 
 def groups(model: type[BaseModel], path: str, what: str) -> Iterator[tuple[str, str, Rows]]:
@@ -35,7 +42,7 @@ def groups(model: type[BaseModel], path: str, what: str) -> Iterator[tuple[str, 
     own = [(name, field) for name, field in model.model_fields.items() if name in model.__annotations__]
     rows = [(name, field) for name, field in own if not is_group(field)]
     yield path, what, rows
-    for name, field in model.model_fields.items():
+    for name, field in own:
         for section in models_in(field.annotation):
             kinds = get_args(section.model_fields["kind"].annotation) if name == "objective" else ()
             what = cleandoc(section.__doc__ or "").split("\n")[0] if kinds else field.description or ""
@@ -54,7 +61,8 @@ def _step(name: str, field: FieldInfo) -> str:
 
 
 def _group(path: str, what: str, rows: Rows) -> str:
-    title = path.rstrip(".") or "The experiment"
+    papers = any(group[0] == path and group[2] == rows for group in papers_groups())
+    title = (path.rstrip(".") or "The experiment") + (" (with `method: paper` alone)" if papers else "")
     lines = ["", f"## {title}", "", *([what, ""] if what else [])]
     return "\n".join([*lines, *(_line(name, field) for name, field in rows)]) + "\n"
 

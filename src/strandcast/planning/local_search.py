@@ -45,7 +45,6 @@ def neighbourhood(
     conditions: RolloutConditions,
     best: PastTrial,
     trials: list[PastTrial],
-    settings: PlanSettings,
 ) -> Neighbourhood:
     """Return the neighbourhood of the best trial.
 
@@ -59,8 +58,6 @@ def neighbourhood(
     assert best.curve is not None
     bias = bias_correction(task, strings, conditions.servo, comparable(trials, best.curve))
     conditions = replace(conditions, start_m=settled(task, strings, best))
-    if not settings.bias_correction:
-        bias = replace(bias, tip_m=np.zeros_like(bias.tip_m))
     return Neighbourhood(best.curve, strings, conditions, bias)
 
 

@@ -253,7 +253,7 @@ def _rms_m(plan: PlannedMotion) -> float:
 def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
     """Plan near a motion that was played without the string, with the joints' measured error there."""
     task, settings = given.task, given.settings
-    near = neighbourhood(task, given.strings, given.conditions, rehearsal, [rehearsal], settings)
+    near = neighbourhood(task, given.strings, given.conditions, rehearsal, [rehearsal])
     # Nothing is known of the string, so that every one is disturbed, as in a search from nothing.
     scattered = disturbed_near(task, near, settings.ensemble, given.sizes)
     miss_m = likely_miss_m(task, given.strings, rehearsal)
@@ -286,7 +286,7 @@ def _near(given: SearchInputs, best: PastTrial, miss_m: float, known: list[PastT
     given = replace(
         given, evidence=given.evidence._replace(untested_m=UNTESTED_SHARE * min(miss_m, FAILED_M))
     )
-    near = neighbourhood(task, given.strings, given.conditions, best, known, settings)
+    near = neighbourhood(task, given.strings, given.conditions, best, known)
     flags = [f"trial {trial.trial}: no tip seen" for trial in known if not np.isfinite(trial.tip_m).any()]
 
     def found(strings: Neighbourhood) -> PlannedMotion:

@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from strandcast.config.paper import with_method
 from strandcast.config.string import String
 from strandcast.core.section import Section
 from strandcast.errors import StrandcastError, StrandcastErrors
@@ -239,7 +240,7 @@ def settings_of(plan: PaperPlan, case: PaperCase) -> dict[str, Any]:
     }
     method = next(settings for name, settings in plan.methods.items() if name == case.method)
     less = plan.quick.settings if case.form == QUICK else {}
-    return merged(own, plan.common, method, less)
+    return with_method(merged(own, plan.common, method, less))
 
 
 def merged(*parts: dict[str, Any]) -> dict[str, Any]:

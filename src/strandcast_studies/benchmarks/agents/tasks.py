@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from strandcast.arm.load import Arm, load_arm
 from strandcast.config.experiment import Experiment
+from strandcast.config.paper import with_method
 from strandcast_studies.benchmarks.loop import drawn
 from strandcast_studies.benchmarks.loop.run import PROJECT
 from strandcast_studies.paper.cases import FILE, WHOLE, Method, PaperCase, load_plan, merged, settings_of
@@ -26,7 +27,9 @@ def named_settings(string: int, seed: int, method: Method = "default") -> tuple[
     """
     plan = load_plan(PROJECT / FILE)
     if string == 0:
-        return f"drawn-{seed}", merged(drawn.settings_of(plan.common, seed), plan.methods[method])
+        return f"drawn-{seed}", with_method(
+            merged(drawn.settings_of(plan.common, seed), plan.methods[method])
+        )
     case = PaperCase(WHOLE, seed, string, plan.string(string).target, method)
     return case.name, settings_of(plan, case)
 

@@ -63,7 +63,7 @@ def rows_of(root: Path, name: str) -> list[dict[str, Any]]:
     task, strings = next_inputs(context, arm, files.input("ensemble"))
     first = past_trial_of(read_trial(files, 1), task)
     conditions = RolloutConditions(fitted_servo(task, [first]))
-    near = neighbourhood(task, strings, conditions, first, [first], context.settings.plan)
+    near = neighbourhood(task, strings, conditions, first, [first])
     random = rng(name, context.settings.seed, 1, "distance")
     rows = []
     for distance in np.repeat(DISTANCES_RAD_S, DRAWS):

@@ -52,8 +52,6 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "four_strings": {"plan": {"ensemble": 4}},
     "one_spacing": {"plan": {"mesh_refinement": False}},
     "undisturbed": {"plan": {"disturbances": 0.0}},
-    "commanded": {"plan": {"use_servo": False}},
-    "nothing_carried": {"plan": {"bias_correction": False}},
     "latest_only": {"estimate": {"trials": "latest"}},
 }
 
