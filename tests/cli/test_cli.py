@@ -13,13 +13,13 @@ import pytest
 import typer
 from tests.forked import run_module
 
-from strandcast.cli.app import CARE, DAILY, EXCHANGE, LAB, SET_UP, app
+from strandcast.cli.app import CARE, DAILY, EXCHANGE, SET_UP, app
 from strandcast.cli.app import STAGES as SINGLE
 from strandcast.cli.commands_page import commands_page
 from strandcast.cli.stages import stage_commands
 from strandcast.stages.declarations import STAGES
 
-GROUPS = {DAILY, SET_UP, CARE, SINGLE, LAB, EXCHANGE}
+GROUPS = {DAILY, SET_UP, CARE, SINGLE, EXCHANGE}
 
 
 @pytest.fixture
@@ -36,9 +36,9 @@ def strandcast(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     ("arguments", "code", "words"),
     [
         (["check", "dmeo"], 2, "did you mean 'demo'?"),
-        (["estimate", "demo", "1"], 2, "make it first: strandcast reconstruct demo 1"),
-        (["ingest", "demo", "1"], 2, "make it first: strandcast lab-throw demo 1"),
-        (["lab-throw", "demo", "1"], 2, "make it first: strandcast plan demo 1"),
+        (["estimate", "demo", "1"], 2, "make it first: strandcast stage reconstruct demo 1"),
+        (["stage", "ingest", "demo", "1"], 2, "make it first: strandcast stage lab-throw demo 1"),
+        (["stage", "lab-throw", "demo", "1"], 2, "make it first: strandcast plan demo 1"),
         (["exclude", "demo", "2", "--reason", "x"], 2, "there is no trial 2"),
         (["exclude", "demo", "1"], 2, "Missing option '--reason'"),
         (["status", "dmeo"], 2, "did you mean 'demo'?"),
@@ -47,7 +47,7 @@ def strandcast(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         (["play", "nothing.json", "--arm", "config/arms/planar3.toml", "--out", "x"], 2, "nothing.json"),
         (["import", "joints", "demo", "1", "nothing.csv"], 4, "nothing.csv"),
         (["estimate", "demo", "0"], 2, "TRIAL"),
-        (["ingest", "demo", "100"], 2, "make it first: strandcast lab-throw demo 100"),
+        (["stage", "ingest", "demo", "100"], 2, "make it first: strandcast stage lab-throw demo 100"),
         (["estimate", "demo", "1000000"], 2, "less than or equal to 999999"),
         (["run", "demo", "--jobs", "3", "--cores", "2"], 2, "3 jobs need at least 3 cores"),
         (["run", "--report-only", "--profile", "slurm"], 2, "goes with no stage, profile or dry run"),
@@ -158,11 +158,24 @@ def test_names_and_trials_are_completed(root):
 
 def test_check_and_schema(root):
     assert "arm planar3" in strandcast(root, "check", "demo").stdout
-    assert strandcast(root, "schema").stdout == (root / "config" / "experiment.schema.json").read_text()
+    schema = (root / "config" / "experiment.schema.json").read_text()
+    assert strandcast(root, "docs", "schema").stdout == schema
 
 
 def test_every_declared_stage_has_a_command():
     assert {name.replace("-", "_") for name in stage_commands()} | {"summary"} == set(STAGES)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("schema", "docs schema"), ("unlock demo", "run --unlock demo"), ("score demo 1", "stage score demo 1")],
+)
+def test_a_former_command_runs_with_a_line_that_gives_the_new_one(root, old, new):
+    before, after = strandcast(root, *old.split()), strandcast(root, *new.split())
+    assert (before.returncode, before.stdout) == (after.returncode, after.stdout)
+    named = f"warning: strandcast {old.split()[0]} is now strandcast {new.partition(' demo')[0]};"
+    assert before.stderr.startswith(named)
+    assert before.stderr.partition("\n")[2] == after.stderr
 
 
 def test_a_renamed_setting_is_one_warning(root):
@@ -226,7 +239,7 @@ def test_the_manual_comes_along(root):
 
 
 def test_the_help_names_no_types_of_python(root):
-    for command in (["run"], ["summary"], ["import", "joints"]):
+    for command in (["run"], ["stage", "summary"], ["import", "joints"]):
         shown = strandcast(root, *command, "--help").stdout
         assert "Usage: strandcast" in shown
         assert not re.search(r"<bool>|<list|\]\.\.\.\]", shown)

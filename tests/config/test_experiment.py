@@ -207,7 +207,7 @@ def test_no_text_raises_anything_else(tmp_path_factory, text):
 
 def test_the_shipped_schema_is_current(project_root):
     schema = (project_root / "config" / "experiment.schema.json").read_text()
-    assert schema == json_schema(), "run: strandcast schema > config/experiment.schema.json"
+    assert schema == json_schema(), "run: strandcast docs schema > config/experiment.schema.json"
 
 
 def test_shipped_experiments_and_their_arms_are_valid(project_root):

@@ -112,7 +112,7 @@ def test_a_trial_that_a_real_arm_has_thrown_is_not_planned(root: Path, name: str
 def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None:
     lab = "lab: {string: paper-1, servo: soft}\n"
     write(root, "rehearsed", "target_m: [0.5, 0.5]\n" + lab + SMALL)
-    with pytest.raises(StrandcastError, match="make it first: strandcast lab-rehearse rehearsed"):
+    with pytest.raises(StrandcastError, match="make it first: strandcast stage lab-rehearse rehearsed"):
         planned(root, "rehearsed")
     run_stage("lab_rehearse", root, "rehearsed")
     first = Motion.read(root / "data/rehearsed/rehearsal/motion.json")

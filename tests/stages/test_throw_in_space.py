@@ -375,6 +375,6 @@ def test_the_lab_throws_in_space_until_it_hits_by_commands_alone(tmp_path: Path)
     assert "nothing is to be done" in strandcast(root, "status", "cast")
     assert strandcast(root, "run", "cast", "--until", "track", "--dry-run")
     (root / "data/cast/trial-01/capture.csv").unlink()
-    assert "next: strandcast lab-capture cast 1" in strandcast(root, "status", "cast")
+    assert "next: strandcast stage lab-capture cast 1" in strandcast(root, "status", "cast")
     with pytest.raises(RuntimeError, match="verify"):
         strandcast(root, "verify", "cast")

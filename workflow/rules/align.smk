@@ -25,7 +25,7 @@ rule align:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the camera's clock is aligned with the robot's"
     shell:
-        "strandcast align {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast stage align {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
 
 
 # Where another system (motion capture) measured track and alignment, they are supplied beside the raw files.
@@ -49,4 +49,4 @@ rule register_track:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the supplied track is registered"
     shell:
-        "strandcast register-track {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast stage register-track {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

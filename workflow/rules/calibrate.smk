@@ -23,4 +23,4 @@ rule calibrate:
     message:
         "{wildcards.experiment}: lens and plane of motion of camera {wildcards.camera} are calibrated"
     shell:
-        "strandcast calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
+        "strandcast stage calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"

@@ -25,4 +25,4 @@ rule clip:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the film of the throw is cut"
     shell:
-        "strandcast clip {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast stage clip {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

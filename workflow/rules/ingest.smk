@@ -23,4 +23,4 @@ rule ingest:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: raw files are hashed and counted"
     shell:
-        "strandcast ingest {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast stage ingest {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

@@ -30,7 +30,7 @@ rule lab_calibrate:
     message:
         "{wildcards.experiment}: the lab photographs its calibration boards"
     shell:
-        "strandcast lab-calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
+        "strandcast stage lab-calibrate {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
 
 
 rule lab_rehearse:
@@ -54,7 +54,7 @@ rule lab_rehearse:
     message:
         "{wildcards.experiment}: the lab plays the first motion with an empty clamp"
     shell:
-        "NUMBA_NUM_THREADS={threads} strandcast lab-rehearse {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
+        "NUMBA_NUM_THREADS={threads} strandcast stage lab-rehearse {wildcards.experiment:q} 2>&1 | tee {log:q} >&2"
 
 
 rule lab_throw:
@@ -77,7 +77,7 @@ rule lab_throw:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the lab plays the motion and films the throw"
     shell:
-        "strandcast lab-throw {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast stage lab-throw {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
 
 
 rule lab_capture:
@@ -100,4 +100,4 @@ rule lab_capture:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the lab plays the motion and captures the throw"
     shell:
-        "strandcast lab-capture {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast stage lab-capture {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

@@ -50,4 +50,4 @@ rule register_motion:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the motion that was played is registered"
     shell:
-        "strandcast register-motion {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast stage register-motion {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

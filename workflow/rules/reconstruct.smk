@@ -25,4 +25,4 @@ rule reconstruct:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the track is reconstructed in metres"
     shell:
-        "strandcast reconstruct {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast stage reconstruct {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

@@ -53,7 +53,7 @@ rule report_experiment:
     message:
         "{wildcards.experiment}: the experiment's page and summary are written"
     shell:
-        "strandcast summary {wildcards.experiment:q} {params.trials} 2>&1 | tee {log:q} >&2"
+        "strandcast stage summary {wildcards.experiment:q} {params.trials} 2>&1 | tee {log:q} >&2"
         " || [ $? -eq 4 ]"
 
 
@@ -74,4 +74,4 @@ rule report_campaign:
     message:
         "the page of all experiments is written"
     shell:
-        "strandcast campaign 2>&1 | tee {log:q} >&2"
+        "strandcast stage campaign 2>&1 | tee {log:q} >&2"

@@ -25,7 +25,7 @@ rule score:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the throw is scored"
     shell:
-        "strandcast score {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast stage score {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
 
 
 # After every checkpoint Snakemake works out again all that is left to do, in vain where all trials are recorded.
@@ -49,4 +49,4 @@ checkpoint score_lab:
     message:
         "{wildcards.experiment} trial {wildcards.trial}: the throw is scored"
     shell:
-        "strandcast score {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"
+        "strandcast stage score {wildcards.experiment:q} {wildcards.trial} 2>&1 | tee {log:q} >&2"

@@ -1,8 +1,9 @@
 """The commands: a thin layer over the functions that the rules call.
 
-Commands import what they need when they run: `strandcast score` must not load OpenCV.
+Commands import what they need when they run: `strandcast stage score` must not load OpenCV.
 """
 
+import logging
 import sys
 from collections.abc import Callable
 from typing import Annotated, Any, NoReturn
@@ -13,23 +14,25 @@ from typer.exceptions import TyperException
 
 from strandcast import __version__
 from strandcast.cli.campaign import campaign
-from strandcast.cli.checks import boards, check, preview, schema
+from strandcast.cli.checks import boards, check, preview
 from strandcast.cli.compare import compare
 from strandcast.cli.doctor import doctor
 from strandcast.cli.exchange import export_motion, import_joints, import_track, import_views
 from strandcast.cli.exclusions import exclude, include
 from strandcast.cli.exports import EXPORTS
-from strandcast.cli.integrity import unlock, verify
+from strandcast.cli.integrity import verify
 from strandcast.cli.manual import docs, explain
 from strandcast.cli.new import new
 from strandcast.cli.play import EXIT_CODES, play
 from strandcast.cli.predict import predict
 from strandcast.cli.rig import rig
 from strandcast.cli.run import RESUMING, run
-from strandcast.cli.stages import LAB_STAGES, stage_commands, summary
+from strandcast.cli.stages import stage_commands, summary
 from strandcast.cli.status import status
 from strandcast.errors import StrandcastError
+from strandcast.stages import CALLED_BY_NAME
 
+log = logging.getLogger(__name__)
 app = typer.Typer(
     name="strandcast",
     help="From raw high-speed video and a robot log to fitted string physics, the next throw, and a report.",
@@ -41,7 +44,12 @@ app = typer.Typer(
 
 
 def run_command() -> NoReturn:
-    """Run the command of the command line, and end as it ends."""
+    """Run the command of the command line, and end as it ends; former names count for one version."""
+    old = sys.argv[1] if len(sys.argv) > 1 else ""
+    if old in FORMER:
+        new = FORMER[old]
+        log.warning("strandcast %s is now strandcast %s; the next version refuses the old name", old, new)
+        sys.argv[1:2] = new.split()
     try:
         sys.exit(app(prog_name="strandcast", standalone_mode=False))
     except TyperException as error:
@@ -104,23 +112,30 @@ for name, export in EXPORTS.items():
 
 # The help lists groups and commands in this order; commands that have commands of their own come last.
 DAILY, SET_UP, CARE = "Every day", "Setting up", "Looking after files"
-STAGES, LAB, EXCHANGE = "Single stages", "Virtual lab", "Data exchange"
+STAGES, EXCHANGE = "Single stages", "Data exchange"
 
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     DAILY: (new, check, status, run, play, exclude, include, predict),
-    SET_UP: (doctor, docs, explain, schema, boards, preview),
-    CARE: (compare, rig, verify, unlock),
-    STAGES: (summary, campaign),
+    SET_UP: (doctor, docs, explain, boards, preview),
+    CARE: (compare, rig, verify),
 }
 EPILOGS = {play: EXIT_CODES, run: RESUMING}
 
 for panel, commands in GROUPS.items():
     for command in commands:
         app.command(cls=PlainCommand, epilog=EPILOGS.get(command), rich_help_panel=panel)(command)
-for name, (stage, text) in sorted(stage_commands().items(), key=lambda item: item[0] in LAB_STAGES):
-    app.command(name, cls=PlainCommand, help=text, rich_help_panel=LAB if name in LAB_STAGES else STAGES)(
-        stage
-    )
+staging = typer.Typer(no_args_is_help=True)
+for name, (stage, text) in stage_commands().items():
+    group = app if name in CALLED_BY_NAME else staging
+    group.command(name, cls=PlainCommand, help=text, rich_help_panel=STAGES)(stage)
+for command in (summary, campaign):
+    staging.command(cls=PlainCommand, rich_help_panel=STAGES)(command)
+app.add_typer(
+    staging, name="stage", help="Run one of the other stages, as the rules do.", rich_help_panel=STAGES
+)
+# Commands of version 0.2, accepted by 0.3.
+OTHERS = ["summary", "campaign", *(name for name in stage_commands() if name not in CALLED_BY_NAME)]
+FORMER = {name: f"stage {name}" for name in OTHERS} | {"schema": "docs schema", "unlock": "run --unlock"}
 app.add_typer(
     importing, name="import", help="Import data that was measured elsewhere.", rich_help_panel=EXCHANGE
 )

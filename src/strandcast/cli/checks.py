@@ -1,6 +1,5 @@
-"""Commands that check, preview or print before anything runs: check, schema, boards, preview."""
+"""Commands that check, preview or print before anything runs: check, boards, preview."""
 
-import json
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -52,14 +51,6 @@ def _counts(
     for some, word in ((errors, "error"), (warnings, "warning")):
         if some:
             yield some, word if len(some) == 1 else f"{word}s"
-
-
-def schema(as_json: AsJson = False) -> None:
-    """Print the JSON schema of experiment.yaml, for use in editors; with --json, on one line."""
-    from strandcast.config.schema import json_schema
-
-    text = json_schema()
-    show(as_json, json.loads(text), text.splitlines())
 
 
 def boards(

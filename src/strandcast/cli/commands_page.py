@@ -41,6 +41,8 @@ def _lines(name: str, command: Any) -> Iterator[str]:
     inner = getattr(command, "commands", None)
     if inner is None:
         yield _line(name, command)
+    elif name.endswith(" stage"):  # as the rules call them: all alike
+        yield f"- `{name} STAGE EXPERIMENT [TRIAL]`: {command.help[:-1]}: {', '.join(inner)}.\n"
     else:
         yield from (_line(f"{name} {each}", inner[each]) for each in inner)
 

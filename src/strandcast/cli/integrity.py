@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from strandcast.cli.common import ROOT, AsJson, Experiments, complete_experiment, experiment_argument, show
+from strandcast.cli.common import ROOT, AsJson, Experiments, show
 from strandcast.errors import INTEGRITY
 
 
@@ -49,18 +49,12 @@ def verify(
     raise typer.Exit(INTEGRITY if faults else 0)
 
 
-def unlock(
-    experiments: Annotated[
-        list[str],
-        typer.Argument(metavar="EXPERIMENT", parser=experiment_argument, autocompletion=complete_experiment),
-    ],
-    as_json: AsJson = False,
-) -> None:
-    """Remove the lease of a run that was killed; refused while that run lives."""
+def remove_leases(experiments: list[str], as_json: bool) -> None:
+    """Remove the leases of runs that were killed; refused while such a run lives."""
     from strandcast.config.find import find_experiment
-    from strandcast.workflow.locks import unlock as unlock_experiment
+    from strandcast.workflow.locks import unlock
 
     for name in experiments:
         find_experiment(name, ROOT)
-    found = {name: unlock_experiment(ROOT, name) for name in experiments}
+    found = {name: unlock(ROOT, name) for name in experiments}
     show(as_json, {"experiments": found}, found.values())

@@ -1,6 +1,7 @@
 """The installed manual: its pages, and what each error code means."""
 
 import difflib
+import json
 import re
 from typing import Annotated
 
@@ -9,6 +10,7 @@ import typer
 from strandcast.cli.common import AsJson, show
 from strandcast.errors import StrandcastError
 
+SCHEMA = "schema"  # a page made from the settings
 INCLUDED = re.compile(r'^--8<-- "(.+)"\n', re.MULTILINE)
 
 
@@ -39,7 +41,13 @@ def docs(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Print a page of the manual of this version, or list all pages."""
+    """Print a page of the manual, or list all; schema: the JSON schema of experiment.yaml, for editors."""
+    if page == SCHEMA:
+        from strandcast.config.schema import json_schema
+
+        text = json_schema()
+        show(as_json, json.loads(text), text.splitlines())
+        return
     from strandcast.workflow.project import shipped
 
     folder = shipped() / "docs"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from strandcast.cli.common import ROOT, AsJson, Experiments, show
+from strandcast.cli.integrity import remove_leases
 from strandcast.workflow.project import DEFAULT_PROFILE
 
 if TYPE_CHECKING:
@@ -39,6 +40,10 @@ def run(
         bool,
         typer.Option("--report-only", help="Render all pages again from the results that there are."),
     ] = False,
+    unlock: Annotated[
+        bool,
+        typer.Option("--unlock", help="Only remove the lease of a run that was killed."),
+    ] = False,
     profile: Annotated[
         str,
         typer.Option(
@@ -55,6 +60,11 @@ def run(
     """
     from strandcast.workflow.runner import RunOptions, run_experiments, table
 
+    if unlock:
+        if not experiments:
+            raise typer.BadParameter("name the experiments", param_hint="--unlock")
+        remove_leases(experiments, as_json)
+        return
     if jobs is not None and cores is not None and jobs > cores:
         raise typer.BadParameter(f"{jobs} jobs need at least {jobs} cores", param_hint="--jobs")
     if report_only and (dry_run or until is not None or profile != DEFAULT_PROFILE):

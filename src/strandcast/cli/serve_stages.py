@@ -136,7 +136,7 @@ class StageServer:
             for name in names - OF_A_JOB
             if not name.startswith(LIBRARIES)
         )
-        return same and _imports(request.arguments[0])
+        return same and _imports(request.arguments[request.arguments[0] == "stage"])
 
     def _fork(self, request: StageRequest, connection: socket.socket) -> None:
         server = os.getpid()

@@ -32,7 +32,6 @@ TRIAL_STAGES = {
     "plan": "Plan the motion of a trial from the trials before it.",
     "report": "Write the page of a trial.",
 }
-LAB_STAGES = ("lab-calibrate", "lab-rehearse", "lab-throw", "lab-capture")  # the commands of the virtual lab
 
 
 def stage_commands() -> dict[str, tuple[Callable[..., None], str]]:

@@ -20,7 +20,7 @@ Made from the declarations: `python -m strandcast.config.settings_page > docs/re
 
 Each setting with its default, the values that it takes where the default does not show them (x is a number,
 n a whole number), and what it means; a name ends in its unit. `strandcast check EXPERIMENT` reports every
-invalid setting with its line and its bounds; editors complete and check the file with `strandcast schema`.
+invalid setting with its line and its bounds; editors complete and check the file by `strandcast docs schema`.
 """
 SCALARS = {float: "x", int: "n", str: "text", bool: "`true`, `false`"}
 Rows = list[tuple[str, FieldInfo]]

@@ -24,7 +24,7 @@ def read_camera(context: Context, path: Path) -> Camera:
             "SC-W030",
             f"the camera's record is now {path.relative_to(context.folder.results)}",
             file=former,
-            fix=f"if you supplied it, move it there; else run `strandcast calibrate {context.name}`",
+            fix=f"if you supplied it, move it there; else run `strandcast stage calibrate {context.name}`",
         )
     return Camera.read(path)
 

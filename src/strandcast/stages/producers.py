@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from strandcast.records.listing import file_exists
-from strandcast.stages import files
+from strandcast.stages import CALLED_BY_NAME, files
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Job
@@ -23,7 +23,7 @@ class Step(NamedTuple):
 
     def command(self, experiment: str) -> str:
         """Return the command that runs it alone."""
-        name = self.stage.replace("_", "-")
+        name = ("" if self.stage in CALLED_BY_NAME else "stage ") + self.stage.replace("_", "-")
         return f"strandcast {name} {experiment}" + (f" {self.trial}" if self.trial else "")
 
 

@@ -32,7 +32,7 @@ def problems(preview: Preview) -> list[str]:
     if not preview.calibrated:
         lines.append(
             "there is no calibration: metres are estimated from the size of the hand's markers, the target "
-            "cannot be placed; run `strandcast calibrate`"
+            "cannot be placed; run `strandcast stage calibrate`"
         )
     return lines + target_warnings(preview.target)
 
