@@ -6,6 +6,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from strandcast.config.estimate import EstimateSettings
+from strandcast.config.fix import fix_names
 from strandcast.config.load import load_experiment
 from strandcast.config.renamed import RENAMED, Renamed, with_new_names
 from strandcast.config.schema import fields
@@ -29,7 +30,7 @@ def test_old_names_and_values_are_translated_in_place():
     assert dict(data["plan"]) == {"ensemble": 4, "mesh_refinement": False}
     assert dict(data["track"]) == {"tracker": "pendulum"}
     assert data["plan"].lc.data["mesh_refinement"][0] == 3
-    assert any(line.startswith("e.yaml:4: plan.finer is now called plan.mesh_refinement") for line in lines)
+    assert (lines[0].line, lines[0].what[:46]) == (3, "plan.finer is now called plan.mesh_refinement;")
 
 
 def test_what_was_dropped_is_left_out_with_its_line(tmp_path, caplog):
@@ -58,7 +59,7 @@ def test_new_names_pass_in_silence():
 def test_a_setting_of_every_camera_is_translated(cameras):
     data = loaded(cameras + "\n")
     (line,) = with_new_names(data, Path("e.yaml"))
-    assert line.startswith("e.yaml:1: cameras.*.scale: arc was dropped; tracker is used")
+    assert line.what.startswith("cameras.*.scale: arc was dropped; tracker is used")
     assert "tracker" in str(data)
 
 
@@ -100,3 +101,41 @@ def test_settings_of_the_paper_have_no_effect_without_its_method(tmp_path, caplo
     assert len(caplog.records) == 3
     file.write_text(HEAD + "method: paper\nestimate: {free_end: true}\n")
     assert load_experiment(file).estimate.free_end
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (
+            "estimate:\n  # how it is fitted\n  find_weights: 0  # none\n  # so many\n  evaluations: 900\n",
+            "estimate:\n  # how it is fitted\n  # so many\n  evaluations: 900\n",
+        ),
+        ("estimate:\n  integrator: euler\nseed: 3\n", "estimate:\n  {}\nseed: 3\n"),
+        (
+            "plan: {planner: ensemble, finer: false, carry_residual: true}\n",
+            "plan: {mesh_refinement: false}\n",
+        ),
+        (
+            "plan: {finer:  true,  ensemble: 4}  # few\n",
+            "plan: {mesh_refinement:  true,  ensemble: 4}  # few\n",
+        ),
+        ("plan:\n  scatter:\n    sway_rad: 0.1\n  ensemble: 4\n", "plan:\n  ensemble: 4\n"),
+        ("estimate: {paper: {beta: 0.9}, free_end: false}\n", "estimate: {}\n"),
+        ("camera: {scale: arc, exposure_s: 0.001}\n", "camera: {scale: tracker, exposure_s: 0.001}\n"),
+        (
+            "estimate: {search: paper, reading: sign}\nplan:\n  planner: paper\n",
+            "estimate: {reading: sign}\nplan:\n  {}\n",
+        ),
+        ("estimate: {search: 'cma'}\r\n", "estimate: {search: thorough}\r\n"),
+    ],
+)
+def test_fix_writes_former_settings_as_they_are_now_and_nothing_else(tmp_path, caplog, old, new):
+    file = tmp_path / "e.yaml"
+    file.write_text("# A throw.\n" + HEAD + old, newline="")
+    assert fix_names(file) > 0
+    method = "method: paper\n" if "planner: paper" in old else ""
+    assert file.read_bytes().decode() == "# A throw.\n" + method + HEAD + new
+    caplog.clear()
+    load_experiment(file)
+    assert not caplog.text
+    assert fix_names(file) == 0

@@ -12,18 +12,27 @@ from strandcast.errors import REFUSED, StrandcastError
 from strandcast.records.folders import ExperimentFolder
 
 
-def check(experiments: Experiments = None, as_json: AsJson = False) -> None:
+def check(
+    experiments: Experiments = None,
+    fix: Annotated[
+        bool, typer.Option("--fix", help="Write settings that were renamed or dropped as they are now.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
     """Check settings, arm, reach of the target, markers, photos, raw files and names before anything runs."""
     from strandcast.config.find import find_experiment, overlooked_experiments
+    from strandcast.config.fix import fix_names
     from strandcast.workflow.check import check_experiment
     from strandcast.workflow.targets import default_experiments
 
     names = experiments or default_experiments(ROOT)
-    for name in names if experiments else []:
-        find_experiment(name, ROOT)
+    lines = []
+    for name in names if experiments or fix else []:
+        file = find_experiment(name, ROOT)
+        if fix and (count := fix_names(file)):
+            lines.append(f"{file}: {count} former settings written as they are now")
     found = {name: check_experiment(ROOT, name) for name in names}
     elsewhere = [] if experiments else overlooked_experiments(ROOT)
-    lines = []
     for name, each in found.items():
         wrong = ", ".join(f"{len(some)} {word}" for some, word in _counts(each.errors, each.warnings))
         lines += [f"{name}: {wrong or 'nothing is wrong'}", *(f"  {fact}" for fact in each.facts)]

@@ -36,8 +36,8 @@ def load_experiment(path: str | Path) -> Experiment:
 def parse_experiment(path: Path, text: str) -> Experiment:
     """Return the settings in the text of a file; raises as `load_experiment`."""
     data = _parse(path, text)
-    for line in with_new_names(data, path):
-        log.warning(line)
+    for change in with_new_names(data, path):
+        log.warning("%s:%d: %s (`strandcast check --fix` does it)", path, change.line + 1, change.what)
     try:
         # JSON in strict mode: no "0.3" for 0.3, no true for 1, but a list may stand for a pair.
         experiment = Experiment.model_validate_json(

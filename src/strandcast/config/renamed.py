@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ruamel.yaml.comments import CommentedMap
 
@@ -50,12 +50,36 @@ OF_THE_PAPER = tuple(
 )
 
 
-def with_new_names(data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] | None = None) -> list[str]:
-    """Give settings their new names in place, and remove dropped ones; line numbers stay those of the file.
+class Change(NamedTuple):
+    """What was done to a setting of a file.
 
-    Returns
-    -------
-    What was changed: a line for each, with its place in the file.
+    Attributes
+    ----------
+    what
+        For a message.
+    line, column
+        Of its key, from 0.
+    new, value
+        The present name, None if it was dropped, and the present value, None if it is the same.
+    leaves_none
+        Whether its section is empty without it.
+    added
+        A line that the file needs instead.
+    """
+
+    what: str
+    line: int
+    column: int
+    new: str | None = None
+    value: Any = None
+    leaves_none: bool = False
+    added: str = ""
+
+
+def with_new_names(
+    data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] | None = None
+) -> list[Change]:
+    """Give settings their new names in place, and remove dropped ones; line numbers stay those of the file.
 
     Raises
     ------
@@ -65,26 +89,29 @@ def with_new_names(data: CommentedMap, file: Path, renamed: tuple[Renamed, ...] 
     asked = _with_method(data)
     changes = (*(RENAMED if renamed is None else renamed), *([] if "method" in data else OF_THE_PAPER))
     changed = (
-        found
+        _changed(section, change, file)
         for change in changes
         for section in _sections(data, change.old.split(".")[:-1])
         if change.old.split(".")[-1] in section
-        for found in _changed(section, change, file)
     )
-    return [f"{file}:{line + 1}: {what}" for line, what in (*asked, *changed)]
+    return [*asked, *(each for each in changed if each is not None)]
 
 
-def _with_method(data: CommentedMap) -> list[tuple[int, str]]:
+def _with_method(data: CommentedMap) -> list[Change]:
     """Write the paper's search or planner, each a setting of its own before, as `method: paper`."""
-    found: list[tuple[int, str]] = []
+    found: list[Change] = []
     for path in ("estimate.search", "plan.planner"):
         section, name = path.split(".")
         for node in _sections(data, [section]) if "method" not in data or found else ():
             if node.get(name) == "paper":
-                found.append((node.lc.data[name][0], f"{path}: paper is now method: paper, all of it"))
-                data.insert(0, "method", "paper")
-                data.lc.data["method"] = node.lc.data.pop(name)
+                place = node.lc.data.pop(name)
                 del node[name]
+                what = f"{path}: paper is now method: paper, all of it"
+                added = "" if found else "method: paper"
+                found.append(Change(what, place[0], place[1], leaves_none=not node, added=added))
+                if added:
+                    data.insert(0, "method", "paper")
+                    data.lc.data["method"] = place
     return found
 
 
@@ -102,28 +129,29 @@ def _sections(node: Any, path: Sequence[str]) -> Iterator[CommentedMap]:
             yield from _sections(node.get("camera"), path[2:])
 
 
-def _changed(section: CommentedMap, change: Renamed, file: Path) -> Iterator[tuple[int, str]]:
-    """Change one setting of a section; yield its line, from 0, and what was done, if anything."""
+def _changed(section: CommentedMap, change: Renamed, file: Path) -> Change | None:
+    """Change one setting of a section; return what was done, if anything."""
     old, value = change.old.split(".")[-1], section[change.old.split(".")[-1]]
     place = section.lc.data[old]
+    line, column = place[:2]
     if change.new is None:
         del section[old]
-        yield place[0], f"{change.old} was dropped and has no effect; remove it: the next version refuses it"
-        return
+        what = f"{change.old} was dropped and has no effect; the next version refuses it: remove it"
+        return Change(what, line, column, leaves_none=not section)
     new = change.new.split(".")[-1]
     known = isinstance(value, str | int | float | bool) and value in change.values
     now = change.values[value] if known else value
     if new == old:
-        if known:
-            section[old] = now
-            yield place[0], f"{change.old}: {value} was dropped; {now} is used: write that"
-        return
+        if not known:
+            return None
+        section[old] = now
+        return Change(f"{change.old}: {value} was dropped; {now} is used: write that", line, column, new, now)
     if new in section:
         raise StrandcastError(
             "SC-F003",
             f"{change.old} is the old name of {change.new}, which is given too",
             file=file,
-            line=place[0] + 1,
+            line=line + 1,
             field=change.old,
             fix=f"remove {change.old}",
         )
@@ -131,7 +159,5 @@ def _changed(section: CommentedMap, change: Renamed, file: Path) -> Iterator[tup
     del section[old]
     section.insert(position, new, now)
     section.lc.data[new] = place
-    yield (
-        place[0],
-        f"{change.old} is now called {change.new}; the old name will be refused by the next version",
-    )
+    what = f"{change.old} is now called {change.new}; the old name will be refused by the next version"
+    return Change(what, line, column, new, now if known else None)

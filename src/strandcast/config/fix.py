@@ -1,0 +1,63 @@
+"""Write the present names of settings into an experiment's file; every other line of it stays as it is."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from strandcast.config.bounded import load_yaml, read_bounded
+from strandcast.config.load import parse_experiment
+from strandcast.config.renamed import Change, with_new_names
+from strandcast.errors import StrandcastError
+from strandcast.records.files import write_bytes
+
+# A value in the same line as its key.
+VALUE = r"(\{[^{}]*\}|\[[^][]*\]|\"[^\"]*\"|'[^']*'|[^][{},#\n]*?)(?=\s*(?:[,}#]|$))"
+
+
+def fix_names(path: Path) -> int:
+    """Replace former names and values of settings, and remove dropped ones; return how many there were.
+
+    Raises
+    ------
+    StrandcastError
+        The settings are invalid; SC-F003 they cannot be rewritten without changing others; SC-W002 the file
+        cannot be written.
+    """
+    settings, text = parse_experiment(path, read_bounded(path)), read_bounded(path)
+    changes = with_new_names(load_yaml(text, lines=True), path)
+    if not changes:
+        return 0
+    edited = _edited(text, changes)
+    try:
+        left = with_new_names(load_yaml(edited, lines=True), path)
+        if left or parse_experiment(path, edited) != settings:
+            raise ValueError
+    except ValueError as error:
+        what, fix = "former names cannot be replaced by --fix", "replace by hand what the warnings name"
+        raise StrandcastError("SC-F003", what, file=path, fix=fix) from error
+    write_bytes(path.resolve(), edited.encode())  # a link stays a link
+    return len(changes)
+
+
+def _edited(text: str, changes: Sequence[Change]) -> str:
+    lines = text.splitlines(keepends=True)
+    for change in sorted(changes, key=lambda change: (change.line, change.column), reverse=True):
+        line = lines[change.line]
+        old = re.compile(rf"['\"]?\w+['\"]?(\s*:\s*){VALUE}").match(line, change.column)
+        if old is None:
+            continue
+        before, after = line[: old.start()], line[old.end() :]
+        if change.new is not None:
+            value = old[2] if change.value is None else change.value
+            lines[change.line] = f"{before}{change.new}{old[1]}{value}{after}"
+        elif before.strip():  # within braces
+            joined = before + re.sub(r"^\s*,\s*", "", after)
+            lines[change.line] = re.sub(r",\s*}", "}", joined) if after.lstrip().startswith("}") else joined
+        else:
+            last = change.line + 1
+            while last < len(lines) and re.match(rf"\s{{{len(before) + 1}}}", lines[last]):
+                last += 1  # of a section that was dropped
+            lines[change.line : last] = [f"{before}{{}}\n"] if change.leaves_none else []
+    added = [f"{change.added}\n" for change in changes if change.added]
+    first = next((k for k, line in enumerate(lines) if re.match(r"\w", line)), 0)
+    return "".join([*lines[:first], *added, *lines[first:]])
