@@ -92,7 +92,7 @@ def _search(given: SearchInputs, kind: str, draw: Callable[[int, Curve | None], 
                 "SC-P004",
                 f"none of {TRIES_PER_MOTION} alterations of the last motion keeps the arm's limits",
                 file=task.arm.path,
-                fix="alter less (plan.paper.altered_rad_s), or plan with `planner: ensemble`",
+                fix="alter less (plan.paper.altered_rad_s), or leave out `method: paper`",
             )
         miss = assess_rollouts(task, rollouts_of_curves(task, one, given.conditions, curves)).miss_m
         hitting = np.flatnonzero(miss <= task.hit_radius_m)

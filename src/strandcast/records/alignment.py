@@ -132,7 +132,7 @@ def read_hand(path: str | Path, source: str) -> tuple[np.ndarray, Pose]:
             f"holds no {source} path of the hand (there is: {there or 'none'})",
             file=path,
             field="source",
-            fix="choose another with estimate.joints in experiment.yaml",
+            fix=f"supply its path with source: {source}",
         )
     position_m = np.column_stack([rows["x_m"][mine], rows["y_m"][mine]])
     return rows["robot_time_s"][mine], Pose(position_m, rows["angle_rad"][mine])
