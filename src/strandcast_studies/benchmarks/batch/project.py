@@ -78,8 +78,8 @@ def python_without_stages(folder: Path) -> Path:
         cases.append(f"{name.replace('_', '-')}) files='{files}';;")
     script = (
         "#!/bin/bash",
-        "# python -m strandcast STAGE EXPERIMENT [TRIAL], or python -IS CLIENT SERVER STAGE ...",
-        *("[ $1 = -m ] && shift 2 || shift 3", "case $1 in"),
+        "# python -m strandcast [stage] STAGE EXPERIMENT [TRIAL], or python -IS CLIENT SERVER STAGE ...",
+        *("[ $1 = -m ] && shift 2 || shift 3", "[ $1 = stage ] && shift", "case $1 in"),
         *(case.replace("'", '"') for case in cases),
         *("campaign) files=results/report.html;;", "esac", 'for file in $files; do echo > "$file"; done'),
     )
