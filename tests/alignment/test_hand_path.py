@@ -3,7 +3,10 @@ import dataclasses
 import numpy as np
 
 from strandcast.alignment.hand_path import hand_table
-from strandcast.alignment.rig_error import (
+from strandcast.arm.kinematics import hand_pose
+from strandcast.records.alignment import HAND, read_hand
+from strandcast.records.tables import write_table
+from strandcast.rig.model import (
     Detections,
     RigError,
     hand_poses,
@@ -11,9 +14,6 @@ from strandcast.alignment.rig_error import (
     marker_poses,
     rig_of,
 )
-from strandcast.arm.kinematics import hand_pose
-from strandcast.records.alignment import HAND, read_hand
-from strandcast.records.tables import write_table
 from strandcast_studies.evidence.clock_trials import Faults
 
 

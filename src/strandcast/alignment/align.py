@@ -7,13 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.alignment.checks import (
-    implausible_dimensions,
     no_motion_error,
     refuse_few_detections,
     refuse_frame_rate,
     refuse_truncated_log,
     refuse_uncertain,
-    refuse_wrong_dimensions,
     warnings_of,
 )
 from strandcast.alignment.coarse_search import AlignmentData
@@ -24,7 +22,6 @@ from strandcast.alignment.fine_fit import Candidate, ClockFit, fit_clock
 from strandcast.alignment.led import LedPairs, led_events, pair_led
 from strandcast.alignment.log_rows import log_rows_of, motion_span
 from strandcast.alignment.problem import ClockProblem, EventPair, Priors
-from strandcast.alignment.rig_error import Detections, detections_of, rig_of
 from strandcast.alignment.search import AlignmentFiles, best_fit, fit_with_events
 from strandcast.alignment.single_error import with_single_error
 from strandcast.alignment.to_record import Heading, record_of_events, record_of_fit, sync_check
@@ -33,6 +30,8 @@ from strandcast.config.align import AlignSettings
 from strandcast.records.alignment import Alignment, SyncCheck
 from strandcast.records.joint_log import JointLog, SyncEvent
 from strandcast.records.track import DetectedLed
+from strandcast.rig.faults import implausible_dimensions, refuse_wrong_dimensions
+from strandcast.rig.model import Detections, detections_of, rig_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +94,7 @@ def align(
     rig, detections = rig_of(arm), detections_of(video.markers, arm)
     rows = log_rows_of(robot.log, arm, robot.file)
     refuse_few_detections(detections)
-    priors, files = Priors(settings), AlignmentFiles(robot.file, str(arm.path))
+    priors, files = Priors(clock=settings), AlignmentFiles(robot.file, str(arm.path))
     events = _events(video, robot, settings, trial)
     heading = Heading(experiment, trial, robot.motion_s or motion_span(rows))
     no_motion = no_motion_error(detections, rows, arm, robot.file)
@@ -181,10 +180,10 @@ def _refuse_mistakes(best: Candidate, data: AlignmentData, priors: Priors, files
     rig, detections, offset_s = data.rig, data.detections, best.fit.offset_s()
     refuse_frame_rate(best.fit, detections)
     refuse_truncated_log(data.rows, detections, detections.time_s + offset_s, files.log)
-    if implausible_dimensions(best.fit, priors):
+    if implausible_dimensions(best.fit.rig_error, priors):
         free = WIDE.with_drift(priors.drift)
         wide = fit_clock(ClockProblem.of(rig, best.path, best.covered, offset_s, free))
-        refuse_wrong_dimensions(wide, rig, data.joint_names, files.arm)
+        refuse_wrong_dimensions(wide.rig_error, wide.rig_error_se, rig, data.joint_names, files.arm)
 
 
 def _fastest_hand(detections: Detections) -> FastestPoint:

@@ -1,25 +1,17 @@
 """Refusals before and after the fit, and the warnings of a good one."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from strandcast.alignment.cost import FastestPoint
-from strandcast.alignment.diagnosis import (
-    UNUSUAL_SD,
-    clamp_words,
-    length_words,
-    truncated_log_error,
-    wrong_arm_error,
-)
+from strandcast.alignment.diagnosis import truncated_log_error
 from strandcast.alignment.fine_fit import SHIFT_S, Candidate, ClockFit
 from strandcast.alignment.frame_rate import rate_words
 from strandcast.alignment.log_rows import MOVES, LogRows, hand_travel_m
 from strandcast.alignment.problem import Priors
-from strandcast.alignment.rig_error import Detections, Rig
 from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
-from strandcast.records.record import ARM_FILE, RigFault
+from strandcast.rig.faults import rig_faults
+from strandcast.rig.model import Detections, Rig
 
 # Chosen: what alignments of lab throws reach, with room; an offset of 2 ms costs 20 mm at 10 m/s.
 LEAST_DETECTIONS = 20
@@ -31,8 +23,6 @@ NORMAL = 1.96  # 95 % of a normal distribution
 REPORTED_DRIFT = 1e-4
 LARGEST_DRIFT = 0.03
 LONGEST_UNLOGGED_S = 0.03  # of motion in the video without a log
-LARGEST_LENGTH_M = 0.010
-LARGEST_TURN_RAD = 0.15
 OUTLIER_SHARE = 0.10  # of a marker's detections
 WRONG_ROWS = 0.01  # of a log's rows; the splines bridge fewer without harm
 NOISY = 4.0  # times as noisy as the best marker
@@ -134,32 +124,6 @@ def refuse_uncertain(best: Candidate, fastest: FastestPoint) -> None:
     )
 
 
-def implausible_dimensions(fit: ClockFit, priors: Priors) -> bool:
-    """Return whether lengths of the arm or positions on the hand are unusually far off."""
-    error = fit.rig_error
-    return bool(
-        np.abs(error.length_m).max() > 3 * priors.link_length_m
-        or np.abs(error.shift_m.mean(axis=0)).max() > 3 * priors.marker_shift_m
-        or abs(float(error.turn_rad.mean())) > 3 * priors.marker_turn_rad
-    )
-
-
-def refuse_wrong_dimensions(wide: ClockFit, rig: Rig, names: tuple[str, ...], arm_file: str | None) -> None:
-    """Refuse an arm's file whose lengths contradict the video though the paths agree (SC-A015).
-
-    In the fit `wide` these lengths are almost free.
-    """
-    error, joints = wide.rig_error, len(names)
-    inner_m, inner_se_m = error.length_m[:-1], wide.rig_error_se[5 + joints : 5 + 2 * joints - 1]
-    hand_m = error.mean_hand_shift_m()
-    wrong_m = float(
-        max(np.abs(inner_m * (np.abs(inner_m) > 3 * inner_se_m)).max(initial=0.0), np.linalg.norm(hand_m))
-    )
-    if wrong_m > LARGEST_LENGTH_M or abs(float(error.turn_rad.mean())) > LARGEST_TURN_RAD:
-        cost = f"the hand's position is wrong by {wrong_m * 1e3:.0f} mm"
-        raise wrong_arm_error(length_words(rig, names, error), "", cost, arm_file)
-
-
 def refuse_frame_rate(fit: ClockFit, detections: Detections) -> None:
     """Refuse a camera's clock that does not fit the throw (SC-V017)."""
     if abs(fit.drift) > LARGEST_DRIFT:
@@ -180,7 +144,7 @@ def warnings_of(best: Candidate, rig: Rig, rows: LogRows, priors: Priors, fastes
     return [
         *([far] if best.residual_m > PLAIN_RESIDUAL_M else []),
         *_clock_warnings(fit, detections, fastest),
-        *(fault.words for fault in rig_faults(fit, rig, priors)),
+        *(fault.words for fault in rig_faults(fit.rig_error, rig, priors)),
         *_marker_warnings(fit, rig, detections),
         *_row_warnings(rows, int(best.path.outlier.sum())),
     ]
@@ -202,82 +166,6 @@ def _clock_warnings(fit: ClockFit, detections: Detections, fastest: FastestPoint
             f"({fit.drift * 1e3:+.2f} ms in a second): {rate}"
         )
     return found
-
-
-class _Place(NamedTuple):
-    """Where a constant of the rig is stated: what a wrong one costs, and what to do."""
-
-    field: str
-    cost: str
-    fix: str
-
-
-ARM = _Place(
-    ARM_FILE,
-    "plans aim with a wrong arm: hand and tip pass beside where they were planned",
-    "check the arm's and the experiment's files",
-)
-PLANE = _Place(
-    "camera.plane",
-    "the camera's places are not the robot's: the string, and the miss, are seen elsewhere",
-    "measure size and places of the plane's markers, and where the arm's base is among them",
-)
-HAND = _Place(
-    "markers.hand", "the hand is seen elsewhere", "measure place_m of markers.hand in the arm's file"
-)
-
-
-def rig_faults(fit: ClockFit, rig: Rig, priors: Priors) -> list[RigFault]:
-    """Return the rig's constants that deviate by more than three standard deviations of their priors."""
-    error = fit.rig_error
-    base_m, reach_m = float(np.linalg.norm(error.base_m)), float(rig.chain.lengths_m.sum())
-    zero_rad, longer_m = error.zero_rad, error.length_m
-    joint, link = int(np.argmax(np.abs(zero_rad))), int(np.argmax(np.abs(longer_m)))
-    stretch = float(np.abs(error.stretch).max())
-    found = [
-        (
-            base_m,
-            priors.base_shift_m,
-            f"the arm's base lies {base_m * 1e3:.1f} mm from the world's origin",
-            PLANE,
-        ),
-        (
-            float(np.abs(zero_rad[joint])),
-            priors.joint_zero_rad,
-            f"the zero of joint {joint + 1} is off by {zero_rad[joint] * 1e3:+.1f} mrad"
-            f"{', or the world is rotated' if joint == 0 else ''} "
-            f"({abs(zero_rad[joint]) * reach_m * 1e3:.1f} mm at the hand)",
-            ARM,
-        ),
-        (
-            float(np.abs(longer_m[link])),
-            priors.link_length_m,
-            f"the link after joint {link + 1} is {longer_m[link] * 1e3:+.1f} mm longer than in the "
-            "arm's file",
-            ARM,
-        ),
-        (stretch, priors.stretch, f"the camera's scale is off by {stretch:.2%}", PLANE),
-    ]
-    moved = np.linalg.norm(error.shift_m, axis=1) / priors.marker_shift_m
-    together = float(np.maximum(moved, np.abs(error.turn_rad) / priors.marker_turn_rad).min())
-    found.append((together, 1.0, clamp_words(rig, error), ARM))
-    for index, name in enumerate(rig.ids if together <= UNUSUAL_SD else ()):
-        shift_m = float(np.linalg.norm(error.shift_m[index]))
-        turn_rad = float(error.turn_rad[index])
-        found += [
-            (
-                shift_m,
-                priors.marker_shift_m,
-                f"marker {name} sits {shift_m * 1e3:.1f} mm from its place",
-                HAND,
-            ),
-            (abs(turn_rad), priors.marker_turn_rad, f"marker {name} is turned by {turn_rad:+.3f} rad", HAND),
-        ]
-    return [
-        RigFault(what=words, cost=place.cost, fix=place.fix, field=place.field)
-        for size, sd, words, place in found
-        if size > UNUSUAL_SD * sd > 0
-    ]
 
 
 def _marker_warnings(fit: ClockFit, rig: Rig, detections: Detections) -> list[str]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strandcast.alignment.log_rows import MOVES, LogRows
-from strandcast.alignment.rig_error import Detections, Rig, marker_path_m
+from strandcast.rig.model import Detections, Rig, marker_path_m
 
 # Chosen; not sensitive: the fine fit starts from here.
 STEP_S = 0.002

@@ -13,10 +13,11 @@ from strandcast.alignment.frame_rate import coarse_rate, rate_words
 from strandcast.alignment.joints import joint_path
 from strandcast.alignment.log_rows import MOVES, LogRows, end_speeds
 from strandcast.alignment.problem import ClockProblem, Priors
-from strandcast.alignment.rig_error import Detections, Rig, RigError
 from strandcast.alignment.single_error import FIRST_ZERO, FREED
-from strandcast.core.pose import Pose, rotated
+from strandcast.core.pose import Pose
 from strandcast.errors import StrandcastError
+from strandcast.rig.faults import length_words, wrong_arm_error, zero_words
+from strandcast.rig.model import Detections, RigError
 
 # Chosen; not sensitive: a mistake leaves decimetres, its correction millimetres.
 MOST_PERMUTED = 4  # joints; of more, only pairs are exchanged
@@ -27,7 +28,6 @@ WIDE = Priors(link_length_m=0.05, marker_shift_m=0.05, marker_turn_rad=0.3)
 ANY_RATE_DRIFT = 0.02
 LENGTHS_EXPLAIN_M, LENGTHS_EXPLAIN_SHARE = 0.002, 0.15  # stricter, because many numbers are free
 LARGEST_MISTAKE_M = 0.2
-UNUSUAL_SD = 3.0  # standard deviations of a careful lab's errors
 COARSE_ENOUGH_M = 0.03  # a hypothesis that the coarse search leaves further off is not fitted
 SAME_RATE = 0.03  # rates that differ by less differ by the clocks' drift
 
@@ -106,17 +106,6 @@ def truncated_log_error(rows: LogRows, file: str | None, more: str = "") -> Stra
                 fix="the log is cut: copy the whole log of this throw",
             )
     return None
-
-
-def wrong_arm_error(words: str, off: str, cost: str, arm_file: str | None) -> StrandcastError:
-    """Return the refusal of an arm's file with lengths that contradict the video."""
-    return StrandcastError(
-        "SC-A015",
-        f"{off}this arm's file does not fit: {words}",
-        file=arm_file,
-        field="urdf, clamp, markers.hand",
-        cost=cost,
-    )
 
 
 def _hypotheses(data: AlignmentData) -> Iterator[Hypothesis]:
@@ -248,11 +237,7 @@ def _wrong_zero_or_length(data: AlignmentData) -> tuple[float, str] | None:
     error = RigError.from_vector(best.full[2:], data.rig)
     if which >= len(names):
         return best.residual_m, length_words(data.rig, names, error)
-    zero_rad = float(error.zero_rad[which])
-    words = f"the zero of {names[which]} is off by {zero_rad * 1e3:+.0f} mrad ({np.degrees(zero_rad):+.1f}°)"
-    if which == 0:
-        words += ", or the markers of the plane are turned by that angle"
-    return best.residual_m, words
+    return best.residual_m, zero_words(names, which, float(error.zero_rad[which]))
 
 
 def _wrong_lengths(data: AlignmentData) -> tuple[float, str] | None:
@@ -265,41 +250,3 @@ def _wrong_lengths(data: AlignmentData) -> tuple[float, str] | None:
     if max(np.abs(error.length_m).max(), np.abs(error.shift_m).max()) > LARGEST_MISTAKE_M:
         return None
     return best.residual_m, length_words(data.rig, data.joint_names, error)
-
-
-def length_words(rig: Rig, names: tuple[str, ...], error: RigError) -> str:
-    """Return which length is most wrong, in words."""
-    inner_m = error.length_m[:-1]
-    if len(inner_m) and np.abs(inner_m).max() > np.linalg.norm(error.mean_hand_shift_m()):
-        inner = int(np.argmax(np.abs(inner_m)))
-        nominal_m = rig.chain.lengths_m[inner]
-        return (
-            f"the link after {names[inner]} is {nominal_m * 1e3:.0f} mm by the file, and "
-            f"{(nominal_m + inner_m[inner]) * 1e3:.0f} mm by the video"
-        )
-    return clamp_words(rig, error)
-
-
-def clamp_words(rig: Rig, error: RigError) -> str:
-    """Return which numbers of the clamp, or of the markers beside it, the video contradicts, with its own.
-
-    A clamp at another angle turns the markers about the place where the string leaves; markers that are
-    turned on the hand stay in their places.
-    """
-    usual, clamp, turn_rad = Priors(), rig.clamp, error.turn_rad.mean()
-    shift_m = error.shift_m + rotated(np.array([[error.length_m[-1], 0.0]]), np.array(-clamp.angle_rad))
-    about_clamp_m = rotated(rig.place_m, turn_rad) - rig.place_m
-    words = []
-    if abs(turn_rad) > UNUSUAL_SD * usual.marker_turn_rad:
-        number, file_rad = "angle_rad of markers.hand", float(rig.turn_rad.mean())
-        if np.linalg.norm(shift_m - about_clamp_m) <= np.linalg.norm(shift_m):
-            number, file_rad, shift_m = "clamp.angle_rad", clamp.angle_rad, shift_m - about_clamp_m
-        words = [f"{number} is {file_rad:.3f}, the video says {file_rad + turn_rad:.3f}"]
-    off_m = rotated(shift_m.mean(axis=0), np.array(clamp.angle_rad))
-    if np.linalg.norm(off_m) > UNUSUAL_SD * usual.marker_shift_m or not words:
-        file_m = np.array(clamp.offset_m)
-        words.append(
-            "clamp.offset_m is [{:.4f}, {:.4f}], the video says [{:.4f}, {:.4f}] (or the last link or "
-            "place_m of markers.hand is wrong by that)".format(*file_m, *(file_m + off_m))
-        )
-    return " and ".join(words)

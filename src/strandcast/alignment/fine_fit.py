@@ -8,7 +8,7 @@ import numpy as np
 from strandcast.alignment.joints import MAD, JointPath
 from strandcast.alignment.noise import Refined, refine
 from strandcast.alignment.problem import OFFSET_UNIT_S, ClockProblem
-from strandcast.alignment.rig_error import Detections, Rig, RigError
+from strandcast.rig.model import Detections, Rig, RigError
 
 # Chosen.
 ROUNDS = 4

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from strandcast.alignment.coarse_search import AlignmentData, candidate_offsets
-from strandcast.alignment.rig_error import Detections, marker_path_m
+from strandcast.rig.model import Detections, marker_path_m
 
 RATE_STEPS = np.linspace(0.88, 1.12, 25)  # chosen
 USUAL_HZ = (

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from strandcast.alignment.log_rows import log_rows_of
-from strandcast.alignment.rig_error import Rig, RigError, detections_of, hand_poses, rig_of
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm
 from strandcast.core.pose import Pose
 from strandcast.records.alignment import Alignment
 from strandcast.records.joint_log import JointLog
+from strandcast.rig.model import Rig, RigError, detections_of, hand_poses, rig_of
 
 
 def hand_table(

@@ -7,35 +7,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from strandcast.alignment.joints import JointPath
-from strandcast.alignment.rig_error import Detections, Rig, RigError, marker_jacobian, marker_poses
 from strandcast.config.align import AlignSettings
 from strandcast.core.pose import wrapped
+from strandcast.rig.model import Detections, Rig, RigError, RigPriors, marker_jacobian, marker_poses
 
 OFFSET_UNIT_S = 1e-3
 
 
 @dataclass(frozen=True)
-class Priors:
+class Priors(RigPriors):
     """Standard deviations of the fit's unknowns besides the offset; 0 fixes a value at its nominal one.
 
-    A rig's constant errors look like a time shift while the hand moves one way. Estimating them costs some
-    certainty; ignoring them would bias the offset (1 mm at 2 m/s: 0.5 ms).
-
-    Attributes
-    ----------
-    clock
-        Holds the prior of the drift: its mean and standard deviation.
-    base_shift_m, stretch, joint_zero_rad, link_length_m, marker_shift_m, marker_turn_rad
-        Of the rig's errors, see `RigError`. Chosen: the errors of measurements in a careful lab.
+    `clock` holds the prior of the drift: its mean and standard deviation.
     """
 
     clock: AlignSettings = field(default_factory=AlignSettings)
-    base_shift_m: float = 1e-3
-    stretch: float = 2e-3
-    joint_zero_rad: float = 1e-3
-    link_length_m: float = 1e-3
-    marker_shift_m: float = 3e-3
-    marker_turn_rad: float = 0.02
 
     @property
     def drift(self) -> float:
@@ -53,18 +39,7 @@ class Priors:
 
     def scales(self, rig: Rig) -> np.ndarray:
         """Return the units of offset, drift and `RigError.vector`: 1 ms, then the standard deviations."""
-        joints, markers = len(rig.chain.lengths_m), len(rig.place_m)
-        return np.array(
-            [
-                *[OFFSET_UNIT_S, self.drift],
-                *[self.base_shift_m] * 2,
-                *[self.stretch] * 3,
-                *[self.joint_zero_rad] * joints,
-                *[self.link_length_m] * joints,
-                *[self.marker_shift_m] * 2 * markers,
-                *[self.marker_turn_rad] * markers,
-            ]
-        )
+        return np.array([OFFSET_UNIT_S, self.drift, *self.of(rig).vector()])
 
     def expected(self, rig: Rig) -> np.ndarray:
         """Return the priors' mean in these units: the known drift, and a rig as its files say."""

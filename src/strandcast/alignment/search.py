@@ -8,8 +8,8 @@ from strandcast.alignment.diagnosis import diagnose
 from strandcast.alignment.fine_fit import SHIFT_S, Candidate, fit_clock, moving_rms_m
 from strandcast.alignment.joints import joint_path
 from strandcast.alignment.problem import ClockProblem, EventPair, Priors
-from strandcast.alignment.rig_error import Rig
 from strandcast.errors import StrandcastError
+from strandcast.rig.model import Rig
 
 # Chosen.
 LARGEST_RESIDUAL_M = 0.005

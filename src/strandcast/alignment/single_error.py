@@ -7,7 +7,7 @@ import numpy as np
 
 from strandcast.alignment.fine_fit import Candidate, fit_clock, moving_rms_m
 from strandcast.alignment.problem import ClockProblem, EventPair, Priors
-from strandcast.alignment.rig_error import Rig
+from strandcast.rig.model import Rig
 
 # Chosen; not sensitive: with one joint's zero 2° off, the right constant leaves a thousandth of the cost.
 SURPRISING = 3.5  # standard deviations of a prior

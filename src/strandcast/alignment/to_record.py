@@ -5,12 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.alignment.checks import NORMAL, rig_faults
+from strandcast.alignment.checks import NORMAL
 from strandcast.alignment.events import clock_of_events
 from strandcast.alignment.fine_fit import Candidate, ClockFit
 from strandcast.alignment.problem import EventPair, Priors
-from strandcast.alignment.rig_error import Rig
 from strandcast.records.alignment import Alignment, HandMarkerFit, SyncCheck
+from strandcast.rig.faults import rig_faults
+from strandcast.rig.model import Rig
 
 
 class Heading(NamedTuple):
@@ -43,7 +44,7 @@ def record_of_fit(
     warnings: Sequence[str],
 ) -> Alignment:
     """Return the record of a fit to the hand's motion."""
-    faults = rig_faults(best.fit, rig, priors)
+    faults = rig_faults(best.fit.rig_error, rig, priors)
     fit, error, covered = best.fit, best.fit.rig_error, best.covered
     return Alignment(
         experiment=heading.experiment,

@@ -8,10 +8,10 @@ import numpy as np
 from strandcast.alignment.joints import joint_path
 from strandcast.arm.load import Arm
 from strandcast.core.strings import CLAMP_OFFSET
-from strandcast.planning.rig_offset_words import StringInClamp, rig_offsets_record
-from strandcast.planning.rig_offsets import LEAST_FRAMES, HandSeen, fit_offsets
 from strandcast.records.camera import Camera
 from strandcast.records.estimate import Estimate, RigOffsets
+from strandcast.rig.offsets import LEAST_FRAMES, HandSeen, fit_offsets
+from strandcast.rig.words import StringInClamp, rig_offsets_record
 from strandcast.stages.past_trials import Trial
 
 LATERAL = ("lateral_offset_m", "lateral_offset_sigma_m")  # of the tracker's choices

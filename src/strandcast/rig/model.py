@@ -13,6 +13,7 @@ from strandcast.arm.settings import Clamp
 from strandcast.core.pose import Pose, rotated
 from strandcast.errors import StrandcastError
 
+SURE_SD = 3.0  # standard deviations from which a number of the arm's file is wrong
 MEDIAN = 5  # detections of a marker; chosen, removes single misread ones
 
 
@@ -116,6 +117,35 @@ class RigError:
         The last link's length, the clamp and the markers' places cannot be separated along the link.
         """
         return np.asarray(self.shift_m.mean(axis=0) + np.array([self.length_m[-1], 0.0]))
+
+
+@dataclass(frozen=True)
+class RigPriors:
+    """Standard deviations of the rig's errors, see `RigError`; 0 fixes a value at its nominal one.
+
+    Chosen: the errors of measurements in a careful lab. Constant errors look like a time shift while the hand
+    moves one way. Estimating them costs some certainty; ignoring them would bias the clocks' offset (1 mm at
+    2 m/s: 0.5 ms).
+    """
+
+    base_shift_m: float = 1e-3
+    stretch: float = 2e-3
+    joint_zero_rad: float = 1e-3
+    link_length_m: float = 1e-3
+    marker_shift_m: float = 3e-3
+    marker_turn_rad: float = 0.02
+
+    def of(self, rig: Rig) -> RigError:
+        """Return the standard deviation of each of a rig's errors."""
+        joints, markers = len(rig.chain.lengths_m), len(rig.place_m)
+        return RigError(
+            np.full(2, self.base_shift_m),
+            np.full(3, self.stretch),
+            np.full(joints, self.joint_zero_rad),
+            np.full(joints, self.link_length_m),
+            np.full((markers, 2), self.marker_shift_m),
+            np.full(markers, self.marker_turn_rad),
+        )
 
 
 def rig_of(arm: Arm) -> Rig:

@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.planning.rig_offsets import SURE_SD, WORTH_M, OffsetFit
-from strandcast.planning.unknown_size import SizePrior, prior_of, size_posterior
 from strandcast.records.estimate import RigOffset, RigOffsets
 from strandcast.records.record import ARM_FILE, RigFault
+from strandcast.rig.model import SURE_SD
+from strandcast.rig.offsets import WORTH_M, OffsetFit
+from strandcast.rig.unknown_size import SizePrior, prior_of, size_posterior
 
 # Chosen: grasps of one clamp differ by this much across and in direction, one standard deviation, two rigs in
 # three within the factor.

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from strandcast.planning.unknown_size import SizePrior, prior_of, size_posterior
+from strandcast.rig.unknown_size import SizePrior, prior_of, size_posterior
 
 PRIOR = SizePrior(median=0.01, factor=2.0)
 

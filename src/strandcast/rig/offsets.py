@@ -4,7 +4,7 @@ The tracked hand of all trials is compared with the hand by the joint log and th
 the file is either right, to within what a careful lab leaves, or, seldom, wrong by much more; at most
 `MOST_WRONG` are. The camera's plane may lie beside the arm's, turned and stretched, and each trial has zeros
 and a clock of its own. How much zeros scatter is not known: its prior is a grid, as in
-`planning.unknown_size`.
+`rig.unknown_size`.
 
 Two questions, two answers. How far is each number off, by the trials alone, whatever the others are? Numbers
 that the motions cannot tell apart have large standard deviations there. And which few wrong numbers explain
@@ -23,8 +23,8 @@ import numpy as np
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import Arm
 from strandcast.core.disturbances import JOINT_ZERO_RAD
-from strandcast.planning.hand_noise import noise_root, whitened
-from strandcast.planning.unknown_size import GRID
+from strandcast.rig.hand_noise import noise_root, whitened
+from strandcast.rig.unknown_size import GRID
 
 LEAST_TRIALS = 2  # one trial's own zeros look the same as wrong ones
 LEAST_FRAMES = 50  # of a trial that counts; chosen, a tenth of a second
@@ -46,7 +46,7 @@ SCATTER_FACTOR = 2.0  # two rigs in three have zeros within this factor of `JOIN
 STEP = 1e-5  # of derivatives, in m and rad
 SIZES = GRID[::8]  # enough for an average
 ROUNDS = 3  # of Gauss-Newton; wrong by 10 mm and 35 mrad, the third changes nothing
-SURE_SD, WORTH_M = 3.0, 1e-3  # a wrong number: this far from the file, and worth this much at the hand
+WORTH_M = 1e-3  # at the hand: a wrong number is worth this much
 SURE = 0.99  # probability from which something is wrong; right files of simulated trials stay below 0.7
 POSSIBLE = 0.05  # least probability at which a set explains the trials; usual
 

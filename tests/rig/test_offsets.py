@@ -1,20 +1,27 @@
 """What an arm's file states wrongly is found from trials of known truth; where nothing is, nothing."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import Arm, load_arm
 from strandcast.lab.tracked_points import TrackerNoise, with_tracker_noise
-from strandcast.planning import rig_offsets
 from strandcast.planning.bezier import Curve, rest_heights, sample
-from strandcast.planning.rig_offset_words import StringInClamp, rig_offsets_record
-from strandcast.planning.rig_offsets import HandSeen, OffsetFit, fit_offsets
 from strandcast.records.estimate import RigOffsets
+from strandcast.rig import offsets as rig_offsets
+from strandcast.rig.offsets import HandSeen, OffsetFit, fit_offsets
+from strandcast.rig.words import StringInClamp, rig_offsets_record
 
 NAMES = ["link 1", "link 2", "clamp, along", "clamp, across", *(f"zero of joint_{k}" for k in (1, 2, 3))]
 STEP_S = 0.002
 FILMED = TrackerNoise(white_m=1e-4, slow_m=1.7e-4, slow_s=0.02)  # what alignments of filmed throws leave
 PLANE_SD_M = 3e-4
+
+
+@pytest.fixture(scope="module")
+def arm(project_root: Path) -> Arm:
+    return load_arm(project_root / "config/arms/planar3.toml")
 
 
 def off_by(**numbers: float) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""What the files of an arm state wrongly: links, clamp, zeros and the markers on the hand."""
