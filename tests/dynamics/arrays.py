@@ -11,7 +11,8 @@ def strings_of(parameters, masses, **columns):
     """Return B strings; a column that is a number is common to all."""
     count = len(parameters)
     wide = {k: v if np.ndim(v) else np.full(count, float(v)) for k, v in columns.items()}
-    return StringBatch(parameters, masses, **wide)
+    own = {name: wide.pop(name) for name in ("bend_factor", "disturbances", "free_masses") if name in wide}
+    return StringBatch(parameters, masses, **own).with_values(**wide)
 
 
 def simulate_batch(

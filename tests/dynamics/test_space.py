@@ -167,7 +167,7 @@ def test_what_exists_in_the_plane_only_is_refused():
         simulate_batch(MODEL, parameters, masses, TIME_S, flat, OUT_S, length_change=0.01)
     with pytest.raises(ValueError, match="do not fit hand poses"):
         simulate_batch(MODEL, parameters, masses, TIME_S, up[:, :7], OUT_S)
-    far = StringBatch(parameters, masses, far_offset_rad=np.array([[0.0, 0.1]]))
+    far = StringBatch(parameters, masses).with_values(far_offset_rad=np.array([[0.0, 0.1]]))
     for pose in (flat, up):
         with pytest.raises(ValueError, match="only a second clamp has an offset"):
             simulate(MODEL, far, HandPath(TIME_S, pose), OUT_S)

@@ -103,7 +103,7 @@ def test_taper_and_the_place_of_the_only_marker_are_found():
     assert fit.values()["marker_shift"] == pytest.approx(-0.05, abs=0.02)
     assert missed_m(fit, seen(2.9, [1.0])) < 5e-3
     # A marker declared farther back by the shift is in the same place.
-    there, declared = replace(fit.space.strings(chi), marker_shift=np.zeros(1)), seen(2.9, [0.95])
+    there, declared = fit.space.strings(chi).with_values(marker_shift=np.zeros(1)), seen(2.9, [0.95])
     markers = simulate_throw(model, declared.prepared(0, 200, model.points), there)[0][0, :, 1:]
     np.testing.assert_allclose(markers, seen(2.9, [1.0]).vertices_m, atol=1e-9)
 

@@ -78,7 +78,7 @@ def test_drag_along_the_string_is_fitted_where_it_explains_the_throw_better():
     light.parameters[:, PARAMETERS.index("C_c2")] = 3.0
     pose = hand_path(1.0)
     noise_m = NOISE_M * np.random.default_rng(3).standard_normal((len(TIME_S), 7, 2))
-    points_m = simulated(replace(light, drag_along=np.array([0.2])), pose) + noise_m
+    points_m = simulated(light.with_values(drag_along=np.array([0.2])), pose) + noise_m
     throw = Throw(TIME_S, points_m, TIME_S, pose, TIME_S < 0.55)
     few = QUICK.model_copy(update={"evaluations": 1200})
 
@@ -86,7 +86,7 @@ def test_drag_along_the_string_is_fitted_where_it_explains_the_throw_better():
         return estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(3), previous=previous)
 
     once, auto = (fitted(few.model_copy(update={"drag_along": along}), light) for along in (False, "auto"))
-    assert 0.2 < auto.best.drag_along[0] < 0.6
+    assert 0.2 < auto.best[DRAG_ALONG][0] < 0.6
     assert auto.E_m < 0.9 * once.E_m
     again = fitted(few, auto.members)
     assert DRAG_ALONG in again.space.names
@@ -284,4 +284,4 @@ def test_space_round_trip():
     assert isinstance(strings, StringBatch)
     chi[:, 11] = space.chi_of(strings)[:, 11]  # the common mass is part of the masses, not kept apart
     np.testing.assert_allclose(space.chi_of(strings), chi, atol=1e-12)
-    assert strings.rest_curl_rad_m.min() < 0 < strings.rest_curl_rad_m.max()
+    assert strings["rest_curl_rad_m"].min() < 0 < strings["rest_curl_rad_m"].max()

@@ -52,21 +52,11 @@ def test_every_unknown_survives_the_round_trip():
     chi = np.random.default_rng(0).random((5, space.dimension))
     strings = space.strings(chi)
     np.testing.assert_allclose(space.chi_of(strings), chi, atol=1e-9)
-    again = StringBatch.from_options(
-        strings.parameters, strings.masses, strings.free_masses, strings.options(), PIPED.stiff_joints()
-    )
-    for name in (
-        "camera_offset_m",
-        "bend_factor",
-        "bend_friction",
-        "friction_stick_rad_m",
-        "drag_along",
-        "clamp_offset_rad",
-        "rest_curl_rad_m",
-    ):
-        np.testing.assert_array_equal(getattr(again, name), getattr(strings, name))
-    picked = strings.take([3])
-    np.testing.assert_array_equal(picked.bend_friction, strings.bend_friction[[3]])
+    again = StringBatch(strings.parameters, strings.masses, strings.options())
+    assert set(space.names) >= again.values.keys() == strings.values.keys()
+    for name in strings.values:
+        np.testing.assert_array_equal(again[name], strings[name])
+        np.testing.assert_array_equal(strings.take([3])[name], strings[name][[3]])
     assert prior_exponents(space, MODEL, 4, np.random.default_rng(1)).shape == (4, space.dimension)
 
 
@@ -74,7 +64,7 @@ def test_only_the_joints_of_the_pipe_are_stiff():
     np.testing.assert_array_equal(PIPED.stiff_joints(), [False, False, True, True, False, False])
     space = space_of(EstimateSettings(stiff_bend=True), PIPED)
     strings = space.strings(np.full((1, space.dimension), 0.5))
-    factor = strings.bend_factor[0]
+    factor = strings.applied().bend_factor[0]
     assert factor[2] == factor[3] == pytest.approx(np.sqrt(1e3))
     np.testing.assert_array_equal(factor[[0, 1, 4, 5]], 1.0)
     assert (
@@ -86,25 +76,25 @@ def test_friction_is_drawn_only_if_declared_and_stays_plausible():
     assert BEND_FRICTION not in space_of(EstimateSettings(), LAYOUT).names
     space = space_of(EstimateSettings(bend_friction=True), LAYOUT)
     drawn = space.strings(prior_exponents(space, MODEL, 200, np.random.default_rng(2), scatter=0.0))
-    held_rad = drawn.bend_friction / drawn.parameters[:, PARAMETERS.index("k_h")]
+    held_rad = drawn[BEND_FRICTION] / drawn.parameters[:, PARAMETERS.index("k_h")]
     assert held_rad.min() == pytest.approx(1e-3, rel=0.1)
     assert held_rad.max() == pytest.approx(1e-1, rel=0.1)
     bare = space_of(EstimateSettings(), LAYOUT)
-    assert not bare.strings(np.full((2, bare.dimension), 0.5)).bend_friction.any()
+    assert not bare.strings(np.full((2, bare.dimension), 0.5))[BEND_FRICTION].any()
 
 
 def test_friction_that_sticks_is_friction():
     space = space_of(EstimateSettings(friction_stick=True), LAYOUT)
     strings = space.strings(np.full((2, space.dimension), 0.5))
-    assert strings.bend_friction.all()
-    assert strings.friction_stick_rad_m == pytest.approx([0.1, 0.1])
+    assert strings[BEND_FRICTION].all()
+    assert strings[FRICTION_STICK] == pytest.approx([0.1, 0.1])
     without = space_of(EstimateSettings(bend_friction=True), LAYOUT)
     assert FRICTION_STICK not in without.names
 
 
 def test_dry_friction_is_found_where_damping_cannot_replace_it():
     pose = hand_path(1.0)
-    points = simulated(replace(known_string(), bend_friction=np.array([30.0])), pose)
+    points = simulated(known_string().with_values(bend_friction=np.array([30.0])), pose)
     noise = NOISE_M * np.random.default_rng(0).standard_normal(points.shape)
     throw = Throw(TIME_S, points + noise, TIME_S, pose, TIME_S < 0.55)
     found = {}
@@ -115,7 +105,7 @@ def test_dry_friction_is_found_where_damping_cannot_replace_it():
         found[friction] = min(searches, key=lambda search: search.E_m)
     best = found[True].best
     # A weight this heavy hides the plain points, whose mass is the unit: only the ratio to it is determined.
-    assert best.bend_friction[0] / best.free_masses[0, 0] == pytest.approx(30.0 / MASS, rel=0.4)
+    assert best[BEND_FRICTION][0] / best.free_masses[0, 0] == pytest.approx(30.0 / MASS, rel=0.4)
     assert found[True].E_m < 1.2 * NOISE_M * np.sqrt(np.pi / 2)
     assert found[False].E_m > 3.0 * found[True].E_m
 
@@ -131,7 +121,7 @@ def test_the_camera_sees_a_shifted_string_and_its_offset_is_found():
     space = space_of(EstimateSettings(camera_offset_sd_m=0.01), LAYOUT)
     task = prepare(observed_throw(1.0), MODEL.places_m())
     strings = space.strings(np.full((1, space.dimension), 0.5))
-    moved = replace(strings, camera_offset_m=np.array([[0.01, -0.02]]))
+    moved = strings.with_values(**dict(zip(CAMERA_OFFSET, np.array([[0.01], [-0.02]]), strict=True)))
     np.testing.assert_allclose(
         simulate_throw(MODEL, task, moved)[0] - simulate_throw(MODEL, task, strings)[0],
         np.broadcast_to([0.01, -0.02], (1, len(task.time_s), 7, 2)),
@@ -141,7 +131,7 @@ def test_the_camera_sees_a_shifted_string_and_its_offset_is_found():
     throw = replace(throw, points_m=throw.points_m + np.array([0.004, -0.003]))
     free = EstimateSettings(evaluations=1200, camera_offset_sd_m=0.005, ensemble=2, profiles=False)
     found = estimate([throw], MODEL, LAYOUT, free, np.random.default_rng(3))
-    np.testing.assert_allclose(found.best.camera_offset_m[0], [0.004, -0.003], atol=1e-3)
+    np.testing.assert_allclose([found.best[name][0] for name in CAMERA_OFFSET], [0.004, -0.003], atol=1e-3)
     assert found.E_m < 2.0 * NOISE_M * np.sqrt(np.pi / 2)
 
 

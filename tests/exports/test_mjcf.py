@@ -57,7 +57,7 @@ def test_it_swings(exported) -> None:
 
 def test_drag_that_differs_along_and_across_becomes_one_value() -> None:
     row = np.full((1, len(PARAMETERS)), 0.5)
-    plain, slender = (StringBatch(row, np.ones((1, 8)), drag_along=np.array([x])) for x in (0.0, 0.2))
+    plain, slender = (StringBatch(row, np.ones((1, 8)), {"drag_along": np.array([x])}) for x in (0.0, 0.2))
     both = [in_mujoco(string, 0.32) for string in (plain, slender)]
     assert both[1].drag == pytest.approx(0.6 * both[0].drag)
     assert both[1].viscosity_pa_s == pytest.approx(0.6 * both[0].viscosity_pa_s)
@@ -75,7 +75,9 @@ def test_mujoco_and_our_simulation_agree_where_both_have_the_physics(k_s, tip, s
     masses = np.ones((1, 8))
     masses[0, -1] = tip
     row = np.array([[given[name] for name in PARAMETERS]])
-    string = StringBatch(row, masses, np.array([6.0]), np.array([0.3]))
+    string = StringBatch(row, masses).with_values(
+        rest_curl_rad_m=np.array([6.0]), clamp_offset_rad=np.array([0.3])
+    )
     model = StringModel(0.32, 8, dt_s=1e-4)
     time_s = np.linspace(0.0, 0.8, 401)
     turned = 1.2 * (10 * (time_s / 0.8) ** 3 - 15 * (time_s / 0.8) ** 4 + 6 * (time_s / 0.8) ** 5)

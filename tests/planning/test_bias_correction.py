@@ -52,7 +52,8 @@ def heights(curves: list[Curve]) -> np.ndarray:
 def unlike(strings: StringBatch) -> StringBatch:
     one = strings.take([0])
     more_drag = one.parameters * np.where(np.arange(10) == 7, 10.0, 1.0)
-    return replace(one, parameters=more_drag, masses=one.masses * 0.5, rest_curl_rad_m=np.array([3.0]))
+    curled = one.with_values(rest_curl_rad_m=np.array([3.0]))
+    return replace(curled, parameters=more_drag, masses=one.masses * 0.5)
 
 
 def test_the_same_motion_is_predicted_exactly_with_every_string(

@@ -71,9 +71,8 @@ def unknown(strings: StringBatch) -> StringBatch:
     parameters = strings.parameters[:1].copy()
     parameters[0, 2:6] *= 2.5
     parameters[0, 7] *= 3.0
-    return StringBatch(
-        parameters, strings.masses[1:2] * [[0.8] * 9 + [0.5]], np.array([3.0]), np.array([0.1])
-    )
+    unlike = {"rest_curl_rad_m": np.array([3.0]), "clamp_offset_rad": np.array([0.1])}
+    return StringBatch(parameters, strings.masses[1:2] * [[0.8] * 9 + [0.5]], unlike)
 
 
 def thrown_for_real(task: PlanningTask, unknown: StringBatch, plan: PlannedMotion, trial: int) -> PastTrial:

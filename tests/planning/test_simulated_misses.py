@@ -238,7 +238,8 @@ def test_later_motions_come_nearer_for_every_kind(
     task: PlanningTask, strings: StringBatch, first: Curve, kind: str
 ) -> None:
     parameters = strings.parameters[:1] * np.where(np.arange(10) == 7, 3.0, 1.0)
-    unknown = StringBatch(parameters, 0.8 * strings.masses[1:2], np.array([4.0]), np.array([0.25]))
+    unlike = {"rest_curl_rad_m": np.array([4.0]), "clamp_offset_rad": np.array([0.25])}
+    unknown = StringBatch(parameters, 0.8 * strings.masses[1:2], unlike)
     trial, truth = really(task, unknown, first, 1)
 
     def missed(objective: Objective, rollouts: Rollouts) -> float:

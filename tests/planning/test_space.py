@@ -130,7 +130,7 @@ def test_disturbances_in_space_turn_the_clamp_both_ways() -> None:
     strings = start_strings_in_space(2, 0.3, mass_layout(0.3, 10, []), rng)
     sizes = np.array([[0.03, 0.002, 0.01, 0.05, 0.001]])
     found = disturbed(strings, 32, 6, sizes)
-    turns = found.clamp_offset_rad - strings.clamp_offset_rad[np.arange(32) % 2]
+    turns = found.sides("clamp_offset_rad") - strings.sides("clamp_offset_rad")[np.arange(32) % 2]
     np.testing.assert_allclose(np.abs(turns), 0.03)
     np.testing.assert_allclose(turns.T @ turns, 32 * 0.03**2 * np.eye(2), atol=1e-12)
     np.testing.assert_allclose(np.abs(found.disturbances.longer_m), 0.002)

@@ -1,6 +1,6 @@
 """Every property of a string reaches the simulation of its rollout, row by row."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,12 +35,10 @@ def odd(strings: StringBatch) -> StringBatch:
     """Three strings that differ in everything that a string can have."""
     factor = np.ones_like(strings.masses)
     factor[1:, 0:2] = 30.0, 80.0
-    return replace(
-        strings,
+    return replace(strings, bend_factor=factor).with_values(
         rest_curl_rad_m=np.array([0.0, 2.0, -3.0]),
         clamp_offset_rad=np.array([0.0, 0.05, -0.02]),
         bend_friction=np.array([0.0, 0.2, 3.0]),
-        bend_factor=factor,
     )
 
 
@@ -53,7 +51,7 @@ def test_rollouts_are_of_the_strings_given(task: PlanningTask, odd: StringBatch)
             alone, _ = simulate_batch(task.model, odd.take(k), HandPath(time_s, pose[p]), time_s)
             np.testing.assert_allclose(thrown[3 * p + k], alone[0], atol=1e-9)
     # Friction and stiff sections matter: without them the tip is elsewhere.
-    for plain in (replace(odd, bend_friction=np.zeros(3)), replace(odd, bend_factor=np.ones((3, 10)))):
+    for plain in (odd.with_values(bend_friction=np.zeros(3)), replace(odd, bend_factor=np.ones((3, 10)))):
         tip_m = simulate_rollouts(task, plain, RolloutConditions(), q, last).points_m[:3, :, -1]
         away_m = np.abs(tip_m - thrown[:3, :, -1]).max(axis=(1, 2))
         assert away_m[0] == 0.0
@@ -63,12 +61,15 @@ def test_rollouts_are_of_the_strings_given(task: PlanningTask, odd: StringBatch)
 def test_selected_strings_keep_all_their_columns(odd: StringBatch) -> None:
     held = disturbed(odd, 16, 3)
     again = held.take([2, 0, 5])
-    for column in fields(StringBatch):
-        if column.name != "disturbances":
-            np.testing.assert_array_equal(getattr(again, column.name), getattr(held, column.name)[[2, 0, 5]])
+    for name in ("parameters", "masses", "bend_factor", "free_masses"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(held, name)[[2, 0, 5]])
+    assert again.values.keys() == odd.values.keys()
+    for name in odd.values:
+        np.testing.assert_array_equal(again[name], held[name][[2, 0, 5]])
+        np.testing.assert_array_equal(held[name][[0, 3, 15]], odd[name][[0, 0, 0]])
     np.testing.assert_array_equal(levels_of(again), levels_of(held)[[2, 0, 5]])
     # Those given come in turn.
-    for name in ("parameters", "masses", "rest_curl_rad_m", "bend_friction", "bend_factor"):
+    for name in ("parameters", "masses", "bend_factor"):
         np.testing.assert_array_equal(getattr(held, name)[[0, 3, 15]], getattr(odd, name)[[0, 0, 0]])
         np.testing.assert_array_equal(getattr(held, name)[4], getattr(odd, name)[1])
 
@@ -176,5 +177,5 @@ def test_hand_poses_match_the_chains_kinematics(task: PlanningTask) -> None:
 
 
 def test_strings_of_parameters_and_masses_alone_are_plain(strings: StringBatch) -> None:
-    assert not strings.bend_friction.any()
-    np.testing.assert_array_equal(strings.bend_factors(), np.ones((3, 10)))
+    assert not any(values.any() for values in strings.options().values())
+    np.testing.assert_array_equal(strings.bend_factor, np.ones((3, 10)))

@@ -1,6 +1,9 @@
 """The fitted string is the one that the planner throws, and its motion record gives it back."""
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,46 +18,98 @@ from strandcast.core.strings import (
     CLAMP_OFFSET,
     FRICTION_STICK,
     REST_CURL,
+    REST_TORSION,
     STIFF_BEND,
+    UNKNOWNS,
+    InSpace,
     StringBatch,
+    Unknown,
 )
 from strandcast.dynamics.batch import HandPath
-from strandcast.dynamics.masses import mass_layout
+from strandcast.dynamics.masses import MassLayout, mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
+from strandcast.dynamics.simulate import simulate_batch
 from strandcast.estimation.cable_space import space_of_cable
+from strandcast.estimation.estimate import estimate
 from strandcast.estimation.fit_objective import simulate_throw
+from strandcast.estimation.measured import Throw
 from strandcast.estimation.throws import PreparedThrow
 from strandcast.estimation.unknowns import prior_exponents, space_of
 from strandcast.planning.bezier import Curve, rest_heights, sample
 from strandcast.planning.describe import describe
 from strandcast.planning.mesh_refinement import refined_strings, refined_task
-from strandcast.planning.rollouts import RolloutConditions, commands, simulate_rollouts
+from strandcast.planning.rollouts import RolloutConditions, Rollouts, commands, simulate_rollouts
 from strandcast.planning.search import SearchResult
 from strandcast.planning.task import PlanningTask, SpatialTask
 from strandcast.planning.write import to_record
-from strandcast.records.estimate import ENSEMBLE
+from strandcast.records.estimate import ENSEMBLE, Estimate
+from strandcast.records.motion import StringSet
 from strandcast.records.tables import write_table
+from strandcast.report.panels.parameters import parameters as parameters_panel
 from strandcast.stages.estimate import _planned
 from strandcast.stages.estimate_record import ensemble_table
-from strandcast.stages.plan_inputs import NOT_OF_THE_STRING, fitted_strings
+from strandcast.stages.plan_inputs import fitted_strings
 
 LENGTH_M, POINTS = 0.30, 10
 PIPED = mass_layout(LENGTH_M, POINTS, [0.30], [(0.12, 0.18)])
 MODEL = StringModel(LENGTH_M, POINTS)
 
 
-@pytest.fixture
-def task(project_root) -> PlanningTask:
+@dataclass(frozen=True)
+class World:
+    """Two strings with every unknown that a fit of throws can have, and how fit and planner simulate them."""
+
+    layout: MassLayout
+    task: PlanningTask | SpatialTask
+    fitted: StringBatch
+    motion: tuple[np.ndarray, np.ndarray, np.ndarray]
+    curve: Curve
+    pose: np.ndarray
+
+    def as_fitted(self, strings: StringBatch) -> np.ndarray:
+        nothing, time_s = np.zeros(0), self.motion[0]
+        throw = PreparedThrow(nothing, time_s, nothing, nothing, HandPath(time_s, self.pose))
+        return simulate_throw(self.task.model, throw, strings.thrown())[0]
+
+    def rollouts(self, strings: StringBatch) -> Rollouts:
+        return simulate_rollouts(self.task, strings, RolloutConditions(), *self.motion[1:])
+
+
+def plane(project_root: Path) -> World:
     arm = load_arm(project_root / "config/arms/planar3.toml")
-    return PlanningTask(arm, MODEL, np.array([0.50, 0.50]), 0.02, Box(x_m=(-0.75, 1.25), y_m=(-0.32, 0.80)))
-
-
-@pytest.fixture
-def fitted() -> StringBatch:
-    """Return three strings with every unknown of a fit in the plane but for the camera's offset."""
-    settings = EstimateSettings(clamp_offset=True, stiff_bend=True, friction_stick=True, drag_along=True)
+    workspace = Box(x_m=(-0.75, 1.25), y_m=(-0.32, 0.80))
+    task = PlanningTask(arm, MODEL, np.array([0.50, 0.50]), 0.02, workspace)
+    switches = {name: True for row in UNKNOWNS.values() for name in row.switches if name != "marker_shift"}
+    settings = EstimateSettings(**switches | {"camera_offset_sd_m": 0.005})
     space = space_of(settings, PIPED)
-    return space.strings(prior_exponents(space, MODEL, 3, np.random.default_rng(4)))
+    fitted = space.strings(prior_exponents(space, MODEL, 2, np.random.default_rng(4)))
+    heights = rest_heights(np.array([[3.0, 2.0, -1.0], [2.0, 4.0, 1.0], [-2.0, 3.0, 5.0]]))
+    curve = Curve(np.array([0.4, -0.5, 0.3]), 0.5, heights)
+    motion = commands([sample(curve, task.step_s)], task.step_s)
+    return World(PIPED, task, fitted, motion, curve, hand_pose(arm.chain, arm.clamp, motion[1][0]).array())
+
+
+def space(project_root: Path) -> World:
+    arm = load_spatial_arm(project_root / "config/arms/ur5e-space.toml")
+    every = {"drag_along": True, "friction_stick": True, "marker_shift": True}
+    model, box = space_of_cable(LENGTH_M, False, points=POINTS, weight_places_m=[0.2], **every)
+    task = SpatialTask(arm, model, np.array([0.55, 0.75, 0.55]), 0.02)
+    chi = np.random.default_rng(4).uniform(0.4, 0.6, (2, box.dimension))
+    # Curls of fits do not turn, but records know helices.
+    fitted = box.strings(chi).with_values(rest_torsion_rad_m=np.array([1.0, -2.0]))
+    heights = rest_heights(np.random.default_rng(5).uniform(-2.4, 2.4, (len(arm.joints), 3)))
+    curve = Curve(np.full(len(arm.joints), 0.3), 0.4, heights)
+    motion = commands([sample(curve, task.step_s)], task.step_s)
+    pose = hand_poses_in_space(arm.chain, motion[1], np.zeros((1, len(arm.joints))), np.zeros(1))[0]
+    return World(box.layout, task, fitted, motion, curve, pose)
+
+
+WORLDS = {"plane": plane, "space": space}
+
+
+@pytest.fixture(scope="module", params=WORLDS)
+def world(request, project_root) -> World:
+    return WORLDS[request.param](project_root)
 
 
 def test_the_options_of_the_experiment_are_fitted():
@@ -67,68 +122,97 @@ def test_the_options_of_the_experiment_are_fitted():
             assert (unknown in space_of(settings, PIPED).names) is wanted
 
 
-def test_the_planner_throws_what_was_fitted(tmp_path, task, fitted):
-    path = tmp_path / "ensemble.parquet"
-    write_table(path, ENSEMBLE, ensemble_table(fitted, np.arange(3.0)))
-    planned = fitted_strings(path, PIPED)
-    heights = rest_heights(np.array([[3.0, 2.0, -1.0], [2.0, 4.0, 1.0], [-2.0, 3.0, 5.0]]))
-    curve = Curve(np.array([0.4, -0.5, 0.3]), 0.5, heights)
-    time_s, q, last = commands([sample(curve, task.step_s)], task.step_s)
-    pose = hand_pose(task.arm.chain, task.arm.clamp, q[0]).array()
-    nothing = np.zeros(0)
-    throw = PreparedThrow(nothing, time_s, nothing, nothing, HandPath(time_s, pose))
-    simulated, _ = simulate_throw(MODEL, throw, fitted)
-    rollouts = simulate_rollouts(task, planned, RolloutConditions(), q, last)
-    np.testing.assert_allclose(rollouts.points_m, simulated, atol=1e-9)
-    assert not np.allclose(simulated[0], simulated[1], atol=0.01)
+FITTED = [
+    (name, world)
+    for name, row in UNKNOWNS.items()
+    for world, how in (("plane", row.range or row.sd), ("space", row.in_space or name == REST_TORSION))
+    if how and not (row.in_space and row.in_space.needs == "two clamps")
+]
 
-    found = SearchResult("refined", curve, 1, [])
-    plan = describe(task, planned, "ensemble", found, rollouts, rollouts)
-    known = _planned(to_record(plan, task, "test", 2, 0, {}), PIPED)
+
+def planned_from(path: Path, world: World) -> StringBatch:
+    write_table(path, ENSEMBLE, ensemble_table(world.fitted, np.arange(2.0)))
+    return fitted_strings(path, world.layout)
+
+
+@pytest.mark.parametrize(("name", "world"), FITTED, indirect=["world"])
+def test_the_planner_throws_what_was_fitted(tmp_path, name, world):
+    planned = planned_from(tmp_path / "ensemble.parquet", world)
+    row = UNKNOWNS[name]
+    assert np.any(world.fitted[name] != row.absent)
+    np.testing.assert_array_equal(planned[name], world.fitted[name] if row.thrown else row.absent)
+    thrown = world.rollouts(planned)
+    np.testing.assert_allclose(thrown.points_m, world.as_fitted(world.fitted), atol=1e-9)
+    # It matters: without it the tip is elsewhere.
+    other = world.fitted.with_values(**{name: np.full(2, row.absent)})
+    moved_m = np.abs(world.as_fitted(other) - thrown.points_m)[:, :, -1].max()
+    assert moved_m > 1e-5 if row.thrown else moved_m < 1e-9
+    found = SearchResult("refined", world.curve, 1, [])
+    plan = describe(world.task, planned, "ensemble", found, thrown, thrown)
+    known = _planned(to_record(plan, world.task, "test", 2, 0, {}), world.layout)
     assert known is not None
-    assert_same_string(known, fitted.first(1))
+    np.testing.assert_array_equal(known[name], planned[name][:1])
 
 
-def assert_same_string(one: StringBatch, other: StringBatch) -> None:
-    for column in fields(StringBatch):
-        if column.name not in (*NOT_OF_THE_STRING, "disturbances"):
-            np.testing.assert_array_equal(getattr(one, column.name), getattr(other, column.name))
+def heavier_tip(strings: StringBatch, values: np.ndarray) -> StringBatch:
+    masses = strings.masses.copy()
+    masses[:, -1] *= values
+    return replace(strings, masses=masses)
 
 
-def test_the_planner_throws_in_space_what_was_fitted(tmp_path, project_root):
-    arm = load_spatial_arm(project_root / "config/arms/ur5e-space.toml")
-    every = {"drag_along": True, "friction_stick": True, "taper": True, "marker_shift": True}
-    model, space = space_of_cable(LENGTH_M, False, points=POINTS, weight_places_m=[0.2], **every)
-    task = SpatialTask(arm, model, np.array([0.55, 0.75, 0.55]), 0.02)
-    chi = np.random.default_rng(4).uniform(0.4, 0.6, (2, space.dimension))
-    # Curls of fits do not turn, but records know helices.
-    fitted = replace(space.strings(chi), rest_torsion_rad_m=np.array([1.0, -2.0]))
-    path = tmp_path / "ensemble.parquet"
-    write_table(path, ENSEMBLE, ensemble_table(fitted, np.arange(2.0)))
-    planned = fitted_strings(path, space.layout)
-    assert_same_string(planned, fitted)
-    assert not any(getattr(planned, name).any() for name in NOT_OF_THE_STRING)
-
-    heights = rest_heights(np.random.default_rng(5).uniform(-3.0, 3.0, (len(arm.joints), 3)))
-    curve = Curve(np.full(len(arm.joints), 0.3), 0.4, heights)
-    time_s, q, last = commands([sample(curve, task.step_s)], task.step_s)
-    pose = hand_poses_in_space(arm.chain, q, np.zeros((1, len(arm.joints))), np.zeros(1))[0]
-    nothing = np.zeros(0)
-    throw = PreparedThrow(nothing, time_s, nothing, nothing, HandPath(time_s, pose))
-    simulated, _ = simulate_throw(model, throw, fitted)
-    rollouts = simulate_rollouts(task, planned, RolloutConditions(), q, last)
-    np.testing.assert_allclose(rollouts.points_m, simulated, atol=1e-9)
-    # Each property matters: without it the tip is elsewhere.
-    for name in ("length_change", "rest_torsion_rad_m", "taper", "drag_along", "clamp_offset_rad"):
-        other = replace(fitted, **{name: np.zeros_like(getattr(fitted, name))})
-        moved, _ = simulate_throw(model, throw, other)
-        assert np.abs(moved - simulated)[:, :, -1].max() > 1e-4
+@pytest.fixture
+def toy(monkeypatch) -> Unknown:
+    bounds = (0.5, 50.0)
+    row = Unknown(
+        "tip_heaviness",
+        "heaviness of the tip",
+        range=bounds,
+        in_space=InSpace("tip_heaviness", bounds),
+        when="always",
+        absent=1.0,
+        apply=heavier_tip,
+    )
+    monkeypatch.setitem(UNKNOWNS, row.name, row)
+    return row
 
 
-def test_a_refined_chain_is_as_stiff_along_the_string(task):
+@pytest.mark.parametrize("kind", WORLDS)
+def test_an_unknown_from_outside_is_fitted_stored_and_planned_with(tmp_path, project_root, toy, kind):
+    world = WORLDS[kind](project_root)
+    planned = planned_from(tmp_path / "ensemble.parquet", world)
+    np.testing.assert_array_equal(planned[toy.name], world.fitted[toy.name])
+    thrown = world.rollouts(planned).points_m
+    np.testing.assert_allclose(thrown, world.as_fitted(world.fitted), atol=1e-9)
+    light = world.fitted.with_values(tip_heaviness=np.ones(2))
+    assert np.abs(world.as_fitted(light) - thrown)[:, :, -1].max() > 1e-3
+    assert StringSet.first_of(planned).options[toy.name] == planned[toy.name][0]
+
+
+def test_an_unknown_from_outside_is_found_and_on_the_page(toy, project_root):
+    time_s = np.arange(0.0, 0.6, 0.004)
+    s = np.clip(time_s / 0.4, 0.0, 1.0)
+    ease = s**3 * (10 - 15 * s + 6 * s**2)
+    pose = np.column_stack([0.5 * ease, 0.3 * np.sin(np.pi * ease), -np.pi / 2 + 2.0 * ease])
+    model, layout = StringModel(0.24, 6), mass_layout(0.24, 6, [])
+    parameters = np.array([[2e7, 20.0, 0.8, 0.01, 0.5, 0.005, 0.01, 0.2, 2.0, 0.02]])
+    string = StringBatch(parameters, point_masses(layout, np.zeros((1, 0))), {toy.name: np.array([12.0])})
+    points_m = simulate_batch(model, string, HandPath(time_s, pose), time_s)[0][0]
+    throw = Throw(time_s, points_m, time_s, pose, time_s < 0.55)
+    settings = EstimateSettings(evaluations=800, drag_along=False, profiles=False, ensemble=2)
+    fit = estimate([throw], model, layout, settings, np.random.default_rng(3))
+    assert fit.best[toy.name][0] == pytest.approx(12.0, rel=0.5)
+    record = Estimate.read(project_root / "tests/records/estimate-v1.json")
+    record = record.model_copy(update={"options": StringSet.first_of(fit.best).options})
+    page: Any = SimpleNamespace(results=SimpleNamespace(need=lambda _: record), caveat=None)
+    assert any(row[0] == toy.words for row in parameters_panel(page).tables[0].rows)
+
+
+def test_a_refined_chain_is_as_stiff_along_the_string(project_root):
+    task = plane(project_root).task
     space = space_of(EstimateSettings(), PIPED)
     strings = space.strings(prior_exponents(space, MODEL, 2, np.random.default_rng(4)))
-    tapered = replace(strings, taper=np.array([1.0, -2.0]))
+    tapered = strings.with_values(taper=np.array([1.0, -2.0]))
     refined = refined_strings(tapered)
     assert refined_task(task).model.points == 2 * POINTS
-    np.testing.assert_allclose(refined.bend_factors(), np.repeat(tapered.bend_factors(), 2, axis=1))
+    coarse = tapered.applied().bend_factor
+    np.testing.assert_allclose(refined.applied().bend_factor, np.repeat(coarse, 2, axis=1))

@@ -1,10 +1,10 @@
-"""Strings: the parameters' names and units, and batches of strings."""
+"""Strings: the parameters' names and units, the rows of all other unknowns, and batches of strings."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -28,16 +28,154 @@ PARAMETERS = tuple(UNITS)  # in the order of every array of parameters
 # Names of the numbers beside parameters and masses, as files and the unknowns of the fit use them.
 REST_CURL, CLAMP_OFFSET, PLAIN_MASS = "rest_curl_rad_m", "clamp_offset_rad", "plain_mass"
 FAR_OFFSET, LENGTH_CHANGE, REST_TORSION = "far_offset_rad", "length_change", "rest_torsion_rad_m"
-SIDES = ("left", "up")  # of a turn in space
+SIDES = ("left", "up")  # of a turn in space: along the normal of the clamp's pose, along direction x normal
 CAMERA_OFFSET = ("camera_offset_x_m", "camera_offset_y_m")
 STIFF_BEND, BEND_FRICTION, DRAG_ALONG = "stiff_bend_factor", "bend_friction", "drag_along"
 FRICTION_STICK = "friction_stick_rad_m"
 TAPER, MARKER_SHIFT = "taper", "marker_shift"
 
+Range = tuple[float, float]
+When = Literal["always", "auto", "never"]
+Ends = Literal["any", "clamp", "one clamp", "two clamps"]  # how a string in space has to be held
+
+
+class Cable(NamedTuple):
+    """What unknowns in space scale with: length, spacing [m], bending stiffness (B,) [N m/rad/kg]."""
+
+    length_m: float
+    spacing_m: float
+    bending: np.ndarray
+
+
+class InSpace(NamedTuple):
+    """How an unknown is fitted in space: name and range there, and its value (B,) of what is fitted (B,)."""
+
+    name: str
+    range: Range
+    when: When = "always"
+    needs: Ends = "any"
+    value: Callable[[np.ndarray, Cable], np.ndarray] = lambda fitted, _: fitted
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A number of a string beside its parameters and masses: one row of `UNKNOWNS`."""
+
+    name: str  # in files
+    words: str = ""  # on pages
+    unit: str = "1"
+    range: Range | None = None  # of fits in the plane; None: that of its prior, or not fitted there
+    in_space: InSpace | None = None
+    when: When = "never"  # it is fitted in the plane, unless these settings of the estimate say
+    switches: tuple[str, ...] = ()
+    sd: str | None = None  # the setting with the standard deviation of its prior about zero
+    stiff_sections: bool = False  # whether only strings with stiff sections have it
+    starts: tuple[float, ...] = ()  # of a search for it from strings without it; none: mid-range
+    bounds_are_physical: bool = False  # no string is beyond them
+    axes: int = 0  # of strings that it is written of even where it is absent
+    absent: float = 0.0  # the value that is as good as none
+    thrown: bool = True  # whether a throw depends on it; otherwise it concerns the measurement
+    # Works values (B,) into parameters, masses or bending; None: kernels, or what compares points, read it.
+    apply: Callable[[StringBatch, np.ndarray], StringBatch] | None = None
+
+
+def side(name: str, which: str) -> str:
+    """Return the name of a turn to one side in space: its unit comes last."""
+    stem, _, unit = name.partition("_rad")
+    return f"{stem}_{which}_rad{unit}"
+
+
+def _turns(name: str, fitted: str, unit: str, axes: int, *how: Any) -> list[Unknown]:
+    """Return the rows of a turn in space to both sides."""
+    return [
+        Unknown(side(name, k), "", unit, None, InSpace(f"{fitted}_{k}_rad", *how), axes=axes) for k in SIDES
+    ]
+
+
+def _per_length(turn: np.ndarray, cable: Cable) -> np.ndarray:
+    return np.asarray(turn / cable.length_m)
+
+
+def _held_by_friction(turn: np.ndarray, cable: Cable) -> np.ndarray:
+    return np.asarray(cable.bending * turn * cable.spacing_m / cable.length_m)
+
+
+def _stiff_sections(strings: StringBatch, values: np.ndarray) -> StringBatch:
+    factor = np.where(strings.stiff_joints, values[:, None], 1.0)
+    return replace(strings, bend_factor=strings.bend_factor * factor)
+
+
+def _tapered(strings: StringBatch, values: np.ndarray) -> StringBatch:
+    along = np.linspace(-0.5, 0.5, strings.masses.shape[1])
+    return replace(strings, bend_factor=strings.bend_factor * np.exp(values[:, None] * along))
+
+
+# In the order of files. Ranges are chosen; in space they scale with the string's length.
+_ROWS = [
+    # Bend at rest; between two clamps it is hardly observable.
+    Unknown(REST_CURL, "rest curl", "rad/m", (-15.0, 15.0), switches=("rest_curl",), axes=2),
+    *_turns(REST_CURL, "curl", "rad/m", 3, (-3.0, 3.0), "always", "one clamp", _per_length),
+    # Turns of the clamp against the arm's file, and of a second clamp at the string's end.
+    Unknown(
+        *(CLAMP_OFFSET, "clamp angle", "rad", (-0.2, 0.2)),
+        switches=("clamp_offset",),
+        sd="clamp_offset_sd_rad",
+        axes=2,
+    ),
+    *_turns(CLAMP_OFFSET, "clamp", "rad", 3, (-0.8, 0.8), "always", "clamp"),
+    *_turns(FAR_OFFSET, "far", "rad", 0, (-0.8, 0.8), "always", "two clamps"),
+    # Relative change of the rest length.
+    Unknown(LENGTH_CHANGE, in_space=InSpace(LENGTH_CHANGE, (-0.08, 0.04)), axes=3),
+    # Turn of the rest curl about the string, per length, from left to up: at rest the string is a helix.
+    Unknown(REST_TORSION, unit="rad/m"),
+    # Offset of the camera's positions from the robot's.
+    *(
+        Unknown(name, unit="m", switches=("camera_offset_sd_m",), sd="camera_offset_sd_m", thrown=False)
+        for name in CAMERA_OFFSET
+    ),
+    Unknown(
+        *(STIFF_BEND, "stiffness of the stiff sections", "1", (1.0, 1e3)),
+        switches=("stiff_bend",),
+        stiff_sections=True,
+        absent=1.0,
+        apply=_stiff_sections,
+    ),
+    # Dry friction of a joint; in space, the turn over the length that it holds against bending.
+    Unknown(
+        *(BEND_FRICTION, "bend friction", "N m/kg", (1e-4, 1e2)),
+        InSpace("friction_turn_rad", (0.01, 3.0), "never", value=_held_by_friction),
+        switches=("bend_friction", "friction_stick"),
+    ),
+    # Bend per length over which dry friction builds up, so that it holds a string at rest where it stopped;
+    # absent: friction acts like a damper at small rates. Real cables, 20 mm thick: 0.02 to 0.25.
+    Unknown(
+        *(FRICTION_STICK, "bend over which friction builds up", "rad/m", (0.01, 1.0)),
+        InSpace("stick_turn_rad", (0.005, 0.5), "never", value=_per_length),
+        switches=("friction_stick",),
+    ),
+    # From skin friction alone to as much as across, like where it is absent; fast strings show it.
+    Unknown(
+        *(DRAG_ALONG, "drag along the string over that across it", "1", (0.02, 1.0)),
+        InSpace(DRAG_ALONG, (0.05, 1.0), "never"),
+        switches=("drag_along",),
+        starts=(1.0, 0.3),
+        bounds_are_physical=True,
+    ),
+    # Logarithm of the ratio of bending at the last joint to that at the hand; it changes exponentially.
+    Unknown(TAPER, in_space=InSpace(TAPER, (-3.0, 3.0), needs="one clamp"), apply=_tapered),
+    # By which all markers between mass points are farther along the string than declared, over its length.
+    Unknown(
+        *(MARKER_SHIFT, "", "1", None, InSpace(MARKER_SHIFT, (-0.1, 0.1), "never")),
+        switches=("marker_shift",),
+        thrown=False,
+    ),
+]
+UNKNOWNS = {row.name: row for row in _ROWS}
+
 
 @dataclass(frozen=True, eq=False)
 class StringBatch:
-    """A batch of B strings; where they are ranked, the best comes first.
+    """A batch of B strings; where they are ranked, the best comes first. `strings[name]` is an unknown, (B,).
 
     Attributes
     ----------
@@ -45,178 +183,108 @@ class StringBatch:
         (B, 10) in the order of `PARAMETERS`.
     masses
         (B, n) relative masses of points 1…n.
-    rest_curl_rad_m, clamp_offset_rad
-        (B,) bend at rest [rad/m], turn of the clamp against the arm's file [rad]; zero if not given. In
-        space (B, 2): to the left, along the normal of the clamp's pose, and up, along direction x normal.
+    values
+        Name to (B,) values of the unknowns that are not absent, see `UNKNOWNS`; others are ignored.
     bend_factor
-        (B, n) multiplier of bending at joints 0…n-1; None: all joints bend alike.
-    bend_friction
-        (B,) dry friction of a joint [N m/kg]; zero if not given.
-    friction_stick_rad_m
-        (B,) bend per length over which dry friction builds up, so that it holds a string at rest where it
-        stopped [rad/m]; zero, the default: friction acts like a damper at small rates.
-    drag_along
-        (B,) drag along the string over that across it; zero, the default: the same in all directions.
+        (B, n) multiplier of bending at joints 0…n-1, without that of `values`; 1 if not given.
+    stiff_joints
+        (n,) True for the joints of the stiff sections; none if not given.
     free_masses
         (B, w) the free masses of the layout from which `masses` were made; (B, 0) if not given.
-    camera_offset_m
-        (B, 2) offset of the camera's positions from the robot's; zero if not given.
     disturbances
         Of the throw that each string is in; none if not given.
-    far_offset_rad
-        (B, 2) turn of the second clamp to its left and up [rad], of strings in space; zero if not given.
-    length_change
-        (B,) of the rest length, relative, of strings in space; zero if not given.
-    rest_torsion_rad_m
-        (B,) turn of the rest curl about the string, per length, from left to up [rad/m], of strings in
-        space: at rest the string is a helix; zero, the default: an arc.
-    taper
-        (B,) logarithm of the ratio of bending at the last joint to that at the hand, which changes
-        exponentially between them; zero if not given.
-    marker_shift
-        (B,) by which all markers are farther along the string than declared, over its length, where they lie
-        between mass points; zero if not given.
     """
 
     parameters: np.ndarray
     masses: np.ndarray
-    rest_curl_rad_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    clamp_offset_rad: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    bend_factor: np.ndarray | None = None
-    bend_friction: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    drag_along: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    friction_stick_rad_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    values: Mapping[str, np.ndarray] = field(default_factory=dict)
+    bend_factor: np.ndarray = field(default_factory=lambda: np.ones((0, 0)))
+    stiff_joints: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     free_masses: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    camera_offset_m: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     disturbances: Disturbances = field(default_factory=lambda: Disturbances.none(0))
-    far_offset_rad: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
-    length_change: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    rest_torsion_rad_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    taper: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    marker_shift: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        for column in fields(self):
-            value = getattr(self, column.name)
-            if isinstance(value, np.ndarray) and not len(value):
-                object.__setattr__(self, column.name, np.zeros((len(self), *value.shape[1:])))
-        if not len(self.disturbances):
-            object.__setattr__(self, "disturbances", Disturbances.none(len(self)))
+        absent = {
+            "values": {name: self.values[name] for name in UNKNOWNS if name in self.values},
+            "bend_factor": np.ones_like(self.masses, dtype=float),
+            "stiff_joints": np.zeros(self.masses.shape[1], dtype=bool),
+            "free_masses": np.zeros((len(self), 0)),
+            "disturbances": Disturbances.none(len(self)),
+        }
+        for name, value in absent.items():
+            if name == "values" or not len(getattr(self, name)):
+                object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
         return len(self.parameters)
 
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name in self.values:
+            return self.values[name]
+        return np.full(len(self), UNKNOWNS[name].absent)
+
+    @property
+    def in_space(self) -> bool:
+        """Whether they have unknowns that only strings in space have."""
+        return any(UNKNOWNS[name].axes == 3 for name in self.values)
+
+    def sides(self, name: str) -> np.ndarray:
+        """Return a turn to the left and up: (B, 2); one in the plane is to the left."""
+        if name in self.values:
+            return np.column_stack([self[name], np.zeros(len(self))])
+        return np.column_stack([self[side(name, which)] for which in SIDES])
+
     def take(self, rows: Sequence[int] | np.ndarray | int) -> StringBatch:
         """Return the strings `rows` of this batch."""
         at = np.atleast_1d(rows).astype(int)
-        columns: dict[str, Any] = {}
-        for column in fields(self):
-            value = getattr(self, column.name)
-            if isinstance(value, Disturbances):
-                columns[column.name] = value.take(at)
-            else:
-                columns[column.name] = None if value is None else value[at]
-        return StringBatch(**columns)
+        return StringBatch(
+            self.parameters[at],
+            self.masses[at],
+            {name: values[at] for name, values in self.values.items()},
+            self.bend_factor[at],
+            self.stiff_joints,
+            self.free_masses[at],
+            self.disturbances.take(at),
+        )
 
     def first(self, count: int) -> StringBatch:
         """Return the first `count` strings, or all if there are fewer."""
         return self.take(range(min(count, len(self))))
 
+    def with_values(self, **values: np.ndarray) -> StringBatch:
+        """Return the same strings with some unknowns replaced, each (B,), or a turn to both sides (B, 2)."""
+        given: dict[str, np.ndarray] = {}
+        for name, column in values.items():
+            if column.ndim == 1:
+                given[UNKNOWNS[name].name] = column
+            else:
+                given |= {side(name, which): column[:, k] for k, which in enumerate(SIDES)}
+        kept = {name: column for name, column in self.values.items() if name not in values}
+        return replace(self, values=kept | given)
+
     def with_disturbances(self, **columns: np.ndarray) -> StringBatch:
         """Return the same strings with some of the disturbances replaced."""
         return replace(self, disturbances=replace(self.disturbances, **columns))
 
-    def bend_factors(self) -> np.ndarray:
-        """Return the multiplier of bending at every joint, of `bend_factor` and `taper`: (B, n)."""
-        factor = np.ones_like(self.masses, dtype=float) if self.bend_factor is None else self.bend_factor
-        if not self.taper.any():
-            return factor
-        along = np.linspace(-0.5, 0.5, factor.shape[1])
-        return np.asarray(factor * np.exp(self.taper[:, None] * along))
+    def applied(self) -> StringBatch:
+        """Return the same strings with what `Unknown.apply` does worked into their arrays."""
+        strings = self
+        for name, row in UNKNOWNS.items():
+            if row.apply is not None and name in self.values:
+                strings = row.apply(strings, self.values[name])
+        kept = {name: values for name, values in self.values.items() if UNKNOWNS[name].apply is None}
+        return replace(strings, values=kept)
 
-    def thrown_clamp_offset_rad(self) -> np.ndarray:
-        """Return the clamp's offset and its disturbance together: (B,)."""
-        return np.asarray(self.clamp_offset_rad + self.disturbances.clamp_turn_rad)
+    def thrown(self) -> StringBatch:
+        """Return the same strings without what only concerns the measurement or the fit."""
+        kept = {name: values for name, values in self.values.items() if UNKNOWNS[name].thrown}
+        return replace(self, values=kept, free_masses=np.zeros((len(self), 0)))
 
     def options(self) -> dict[str, np.ndarray]:
-        """Return the numbers in use beside parameters and masses by name, each (B,)."""
-        options: dict[str, np.ndarray] = {}
-        for name, values in ((REST_CURL, self.rest_curl_rad_m), (CLAMP_OFFSET, self.clamp_offset_rad)):
-            options |= _by_side(name, values)
-        if self.rest_curl_rad_m.ndim > 1:
-            options |= _by_side(FAR_OFFSET, self.far_offset_rad) if self.far_offset_rad.any() else {}
-            options[LENGTH_CHANGE] = self.length_change
-            options |= {REST_TORSION: self.rest_torsion_rad_m} if self.rest_torsion_rad_m.any() else {}
-        if self.camera_offset_m.any():
-            options |= dict(zip(CAMERA_OFFSET, self.camera_offset_m.T, strict=True))
-        if self.bend_factor is not None:
-            options[STIFF_BEND] = self.bend_factor.max(axis=1)
-        if self.bend_friction.any():
-            options[BEND_FRICTION] = self.bend_friction
-        if self.friction_stick_rad_m.any():
-            options[FRICTION_STICK] = self.friction_stick_rad_m
-        if self.drag_along.any():
-            options[DRAG_ALONG] = self.drag_along
-        options |= {TAPER: self.taper} if self.taper.any() else {}
-        options |= {MARKER_SHIFT: self.marker_shift} if self.marker_shift.any() else {}
-        return options
-
-    @classmethod
-    def from_options(
-        cls,
-        parameters: np.ndarray,
-        masses: np.ndarray,
-        free_masses: np.ndarray,
-        options: Mapping[str, np.ndarray],
-        stiff_joints: np.ndarray,
-    ) -> StringBatch:
-        """Return strings from their arrays and their `options`; an option that is absent is not in use.
-
-        Parameters
-        ----------
-        parameters, masses, free_masses
-            See `StringBatch`.
-        options
-            Name to (B,) values.
-        stiff_joints
-            (n,) True for the joints that the stiff sections' factor multiplies.
-        """
-        none = np.zeros(len(parameters))
-        factor = options.get(STIFF_BEND)
-        return cls(
-            parameters,
-            masses,
-            _of_sides(REST_CURL, options, none),
-            _of_sides(CLAMP_OFFSET, options, none),
-            bend_factor=None if factor is None else np.where(stiff_joints, factor[:, None], 1.0),
-            bend_friction=options.get(BEND_FRICTION, none),
-            drag_along=options.get(DRAG_ALONG, none),
-            friction_stick_rad_m=options.get(FRICTION_STICK, none),
-            free_masses=free_masses,
-            camera_offset_m=np.column_stack([options.get(name, none) for name in CAMERA_OFFSET]),
-            far_offset_rad=np.column_stack([options.get(_side(FAR_OFFSET, side), none) for side in SIDES]),
-            length_change=options.get(LENGTH_CHANGE, none),
-            rest_torsion_rad_m=options.get(REST_TORSION, none),
-            taper=options.get(TAPER, none),
-            marker_shift=options.get(MARKER_SHIFT, none),
-        )
-
-
-def _side(name: str, side: str) -> str:
-    """Return the name of a turn to one side in space: its unit comes last."""
-    stem, _, unit = name.partition("_rad")
-    return f"{stem}_{side}_rad{unit}"
-
-
-def _by_side(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
-    """Return turns (B,) in the plane by name, or turns (B, 2) in space by side."""
-    if values.ndim == 1:
-        return {name: values}
-    return {_side(name, side): values[:, k] for k, side in enumerate(SIDES)}
-
-
-def _of_sides(name: str, options: Mapping[str, np.ndarray], none: np.ndarray) -> np.ndarray:
-    """Return turns (B,) in the plane, or (B, 2) in space."""
-    if _side(name, SIDES[0]) not in options:
-        return options.get(name, none)
-    return np.column_stack([options[_side(name, side)] for side in SIDES])
+        """Return the unknowns that files have of these strings, in order: name to (B,)."""
+        axes = 3 if self.in_space else 2
+        return {
+            name: self[name]
+            for name, row in UNKNOWNS.items()
+            if row.axes == axes or (self[name] != row.absent).any()
+        }

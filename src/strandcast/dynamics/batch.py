@@ -7,14 +7,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from strandcast.core.strings import StringBatch
+from strandcast.core.strings import FAR_OFFSET, REST_TORSION, UNKNOWNS, StringBatch
 from strandcast.dynamics.candidates import AS_GIVEN, HANGING, RESPACED, SETTLED, Candidates, StartArrays
-from strandcast.dynamics.elements import FIXED
+from strandcast.dynamics.elements import (
+    CLAMP_TURN,
+    COLUMN_OF,
+    FIXED,
+    GRAVITY,
+    HALF_WIDTH,
+    IN_PLANE,
+    SPACING,
+    SWAY,
+    SWAY_RATE,
+)
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.observe import Outputs
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.spatial.clamps import POSE
-from strandcast.dynamics.spatial.strings import SPATIAL_FIXED, in_space, spatial_columns
+from strandcast.dynamics.spatial.strings import IN_SPACE, SPATIAL_FIXED, in_space
 
 
 class HandPath(NamedTuple):
@@ -106,6 +116,7 @@ def make_batch(
     model: StringModel, strings: StringBatch, hand: HandPath, out_time_s: Array, start: StringStart
 ) -> Batch:
     """Return checked arrays of a simulation with outputs at `out_time_s` (F,) [s] and no observer yet."""
+    strings = strings.applied()
     n, count = model.points, len(strings)
     time_s, pose, out_s = (np.ascontiguousarray(a, dtype=float) for a in (*hand, out_time_s))
     pose = pose[None] if pose.ndim == 2 else pose
@@ -115,35 +126,30 @@ def make_batch(
     spatial = in_space(pose)
     if start.settle and not spatial:
         raise ValueError("strings are settled from a given shape in space only")
-    if strings.far_offset_rad.any() and pose.shape[2] <= POSE:
+    if strings.sides(FAR_OFFSET).any() and pose.shape[2] <= POSE:
         raise ValueError("only a second clamp has an offset: the path is of one")
     axes = 3 if spatial else 2
     steps = max(int(np.ceil(at[-1] - 1e-9)), 1) if len(at) else 1
-    fixed = np.column_stack(
-        np.broadcast_arrays(
-            model.spacing_m,
-            0.0 if spatial else strings.rest_curl_rad_m * model.spacing_m,
-            0.0 if spatial else strings.thrown_clamp_offset_rad(),
-            model.gravity_m_s2,
-            model.switch(),
-            strings.bend_friction,
-            strings.drag_along,
-            *strings.disturbances.sway.T,
-            strings.friction_stick_rad_m * model.spacing_m,
-        )
-    )
-    columns = FIXED
-    if spatial:
-        columns = SPATIAL_FIXED
-        fixed = np.hstack([np.broadcast_to(fixed, (count, FIXED)), spatial_columns(strings, model.spacing_m)])
-    elif strings.length_change.any() or strings.rest_curl_rad_m.ndim > 1 or strings.rest_torsion_rad_m.any():
+    turn, sway = strings.disturbances.clamp_turn_rad, strings.disturbances.sway
+    if spatial and (sway.any() or turn.any()):
+        raise ValueError("disturbances of a throw are for strings in the plane")
+    if not spatial and (strings.in_space or strings[REST_TORSION].any()):
         raise ValueError("a string in the plane has one rest curl and the model's length")
+    columns = SPATIAL_FIXED if spatial else FIXED
+    fixed = np.zeros((count, columns))
+    for name, column in (COLUMN_OF | (IN_SPACE if spatial else IN_PLANE)).items():
+        if name in strings.values:
+            per = model.spacing_m if UNKNOWNS[name].unit == "rad/m" else 1.0
+            fixed[:, column] += strings[name] * per
+    fixed[:, [SPACING, GRAVITY, HALF_WIDTH]] = model.spacing_m, model.gravity_m_s2, model.switch()
+    fixed[:, CLAMP_TURN] += turn
+    fixed[:, [SWAY, SWAY_RATE]] = sway
     return Batch(
         model,
         Candidates(
             rows_of(strings.parameters, count, 10),
             masses,
-            rows_of(strings.bend_factors(), count, n),
+            rows_of(strings.bend_factor, count, n),
             rows_of(fixed, count, columns),
             np.zeros((count, axes)),
         ),

@@ -38,6 +38,9 @@ REST_BEND, CLAMP_OFFSET, FLOOR, FRICTION, ALONG, STICKING, PER_STICK = _OTHERS
 # [rad] (0: it acts like a damper at small rates).
 FIXED = 10
 SPACING, BEND_AT_REST, CLAMP_TURN, GRAVITY, HALF_WIDTH, DRY, DRAG_ALONG, SWAY, SWAY_RATE, STICK = range(FIXED)
+# The unknowns among them by name; those per length of the string are per segment here.
+COLUMN_OF = {"bend_friction": DRY, "drag_along": DRAG_ALONG, "friction_stick_rad_m": STICK}
+IN_PLANE = {"rest_curl_rad_m": BEND_AT_REST, "clamp_offset_rad": CLAMP_TURN}
 
 
 @njit(**INLINED)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
+from strandcast.core.strings import MARKER_SHIFT
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simulate import simulate_batch
@@ -131,7 +132,7 @@ def estimate_cable(
         under = series[-1].get(previous.roll, trials[-1]).prepared(0, len(newest.time_s), model.points)
         strings = space.strings(before)
         predicted_string_m = simulate_batch(model, strings, under.hand, under.time_s, under.start)[0][0]
-        predicted_m = under.as_measured(predicted_string_m[None], strings.marker_shift)[0]
+        predicted_m = under.as_measured(predicted_string_m[None], strings[MARKER_SHIFT])[0]
         held_out = [*_under_previous(whole, under, predicted_m), *held_out]
     best, value = log.best()
     _, curvature = GaussNewtonModel(objective)(best[None])

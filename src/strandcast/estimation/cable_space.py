@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strandcast.core.strings import PARAMETERS, StringBatch
+from strandcast.core.strings import PARAMETERS, UNKNOWNS, Cable, InSpace, StringBatch
 from strandcast.dynamics.masses import mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import GRAVITY_M_S2, MASS_RANGE, Array
@@ -23,29 +23,18 @@ STRAIN = 1e-3  # by the string's own weight: it does not visibly stretch
 STRETCH_DAMPING = 0.1  # of the critical damping of one segment
 AIR_LINEAR = 1e-6  # drag is quadratic
 
-# Unknowns: length over which the cable's weight bends it, over its length; bending damping over stiffness
-# [s]; quadratic drag over mass, times the length; stiffness of the clamps over that of half a segment;
-# relative change of the length; turns of the clamps [rad]; rest curl, as the turn over the length [rad].
-CLAMP = {"clamp_left_rad": (-0.8, 0.8), "clamp_up_rad": (-0.8, 0.8)}
-COMMON = {
+# What stands for the parameters: length over which the cable's weight bends it, over its length; bending
+# damping over stiffness [s]; quadratic drag over mass, times the length; stiffness of the clamps over that of
+# half a segment. All others are rows of `UNKNOWNS`.
+PARAMETER_RANGES = {
     "bending_length": (0.01, 3.0),
     "damping_s": (1e-3, 1.0),
     "air": (1e-3, 3.0),
     "clamp_stiffness": (0.02, 50.0),
-    "length_change": (-0.08, 0.04),
-} | CLAMP
-TWO_ENDS = {"far_left_rad": (-0.8, 0.8), "far_up_rad": (-0.8, 0.8)}
-ONE_END = {"curl_left_rad": (-3.0, 3.0), "curl_up_rad": (-3.0, 3.0)}  # both ends held: hardly observable
-# Friction that sticks, as turns over the length [rad]: what it holds against bending, and where it builds up.
-STICKS = {"friction_turn_rad": (0.01, 3.0), "stick_turn_rad": (0.005, 0.5)}
-# Held at one end: logarithm of the stiffness at the tip over that at this end.
-TAPER_RANGE = (-3.0, 3.0)
-MARKER_SHIFT_RANGE = (-0.1, 0.1)  # of markers along the string, over its length
-DRAG_ALONG_RANGE = (0.05, 1.0)  # drag along the string over that across it: fast strings show it
-OF_CLAMPS = ("clamp_", "far_", "curl_")  # unknowns of ends that hold the string in a direction
-UNITS = {"damping_s": "s"} | {
-    name: "rad" for name in (*COMMON, *TWO_ENDS, *ONE_END, *STICKS) if name.endswith("_rad")
 }
+# The first of the others: the draws that a search starts from depend on the order.
+FIRST = ("length_change", "clamp_left_rad", "clamp_up_rad", "far_left_rad", "far_up_rad")
+STICKS = ("friction_turn_rad", "stick_turn_rad")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +50,13 @@ class CableSpace(Space):
     @property
     def parameter_units(self) -> dict[str, str]:
         """Names and units of the unknowns but for weights."""
-        return {name: UNITS.get(name, "1") for name in self.names[: len(self.names) - self.layout.count]}
+        units = {"damping_s": "s"} | {name: "rad" for name in self.names if name.endswith("_rad")}
+        return {name: units.get(name, "1") for name in self.names[: len(self.names) - self.layout.count]}
 
     def without_friction(self) -> CableSpace:
         """Return the same box without the unknowns of friction that sticks."""
-        kept = [name not in STICKS for name in self.names]
-        names = tuple(name for name in self.names if name not in STICKS)
+        kept = ~np.isin(self.names, STICKS)
+        names = tuple(np.array(self.names)[kept].tolist())
         return replace(self, names=names, bounds=self.bounds[kept], prior_sd=self.prior_sd[kept])
 
     def with_least_friction(self, plain: CableSpace, chi: Array) -> Array:
@@ -98,24 +88,19 @@ class CableSpace(Space):
             "k_ph": clamp * bending,
             "c_ph": clamp * damping,
         }
-        pairs = {
-            name: np.column_stack([value.get(f"{name}_{side}_rad", none) for side in ("left", "up")])
-            for name in ("clamp", "far", "curl")
-        }
+        cable = Cable(self.length_m, l0, bending)
         return StringBatch(
             np.column_stack([np.broadcast_to(columns[name], count) for name in PARAMETERS]),
             point_masses(self.layout, free),
-            rest_curl_rad_m=pairs["curl"] / self.length_m,
-            clamp_offset_rad=pairs["clamp"],
-            far_offset_rad=pairs["far"],
-            taper=value.get("taper", none),
-            marker_shift=value.get("marker_shift", none),
+            {name: how.value(value[how.name], cable) for name, how in ways() if how.name in value},
             free_masses=free,
-            length_change=value["length_change"],
-            drag_along=value.get("drag_along", none),
-            bend_friction=bending * value.get("friction_turn_rad", none) * l0 / self.length_m,
-            friction_stick_rad_m=value.get("stick_turn_rad", none) / self.length_m,
         )
+
+
+def ways() -> list[tuple[str, InSpace]]:
+    """Return the unknowns that can be fitted in space, each with how, in the order of the fit."""
+    found = [(name, row.in_space) for name, row in UNKNOWNS.items() if row.in_space is not None]
+    return sorted(found, key=lambda each: FIRST.index(each[1].name) if each[1].name in FIRST else len(FIRST))
 
 
 def space_of_throw(
@@ -141,10 +126,7 @@ def space_of_cable(
     points: int = POINTS,
     step_s: float = STEP_S,
     weight_places_m: Sequence[float] = (),
-    drag_along: bool = False,
-    friction_stick: bool = False,
-    taper: bool | None = None,
-    marker_shift: bool = False,
+    **wanted: bool,
 ) -> tuple[StringModel, CableSpace]:
     """Return the model of a cable of this nominal length [m], and the box of its unknowns.
 
@@ -160,24 +142,20 @@ def space_of_cable(
         Number n of points, and time step [s].
     weight_places_m
         Places of weights of unknown mass, from the first end [m].
-    drag_along
-        Whether drag along it is an unknown of its own: for thrown strings; otherwise it is that across it.
-    friction_stick
-        Whether dry friction that sticks is fitted, with the bend over which it builds up.
-    taper
-        Whether bending stiffness may grow or fall along it; None: where one end holds it in a direction.
-    marker_shift
-        Whether all markers may be farther along it than declared, or less far.
+    wanted
+        Whether optional unknowns are fitted, by the settings of the estimate that switch them on or, without
+        any, by their names; those not named as their rows say.
     """
     model = StringModel(length_m, points, reading="strain", dt_s=step_s)
     layout = mass_layout(length_m, points, list(weight_places_m))
-    unknowns = COMMON | (TWO_ENDS if two_ends else ONE_END)
+    held = {"any"} if pinned else {"any", "clamp", "two clamps" if two_ends else "one clamp"}
+    unknowns = dict(PARAMETER_RANGES)
     if pinned:
-        unknowns = {name: each for name, each in unknowns.items() if not name.startswith(OF_CLAMPS)}
-    unknowns |= {"drag_along": DRAG_ALONG_RANGE} if drag_along else {}
-    unknowns |= STICKS if friction_stick else {}
-    unknowns |= {"taper": TAPER_RANGE} if taper or (taper is None and not two_ends and not pinned) else {}
-    unknowns |= {"marker_shift": MARKER_SHIFT_RANGE} if marker_shift else {}
+        del unknowns["clamp_stiffness"]
+    for name, how in ways():
+        asked = [wanted[key] for key in UNKNOWNS[name].switches or (name,) if key in wanted]
+        if how.needs in held and (any(asked) if asked else how.when == "always"):
+            unknowns[how.name] = how.range
     unknowns |= {f"weight_{k + 1}": MASS_RANGE["wide"] for k in range(layout.count)}
     return model, CableSpace(
         tuple(unknowns),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
-from strandcast.core.strings import StringBatch
+from strandcast.core.strings import UNKNOWNS, StringBatch, Unknown
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import FAILED_TRIALS, StrandcastError
@@ -21,14 +21,13 @@ from strandcast.estimation.optimisers.optimiser import SearchProblem, SearchStar
 from strandcast.estimation.optimisers.registry import OPTIMISERS
 from strandcast.estimation.throws import prepare
 from strandcast.estimation.uncertainty import uncertainty_of
-from strandcast.estimation.unknowns import space_of, widened, with_drag_along
+from strandcast.estimation.unknowns import space_of, when_fitted, widened, with_unknown
 from strandcast.progress import Progress
 from strandcast.records.estimate import CARRIED, HANGING, UNDER_PREVIOUS
 
 # Chosen.
 NEAR_SAMPLES = 64
 CROSS_VALIDATION_SHARE = 0.08  # of the evaluations
-DRAGS_ALONG = (1.0, 0.3)  # that strings fitted without it start with
 
 
 def estimate(
@@ -86,14 +85,16 @@ def estimate(
         overstretched_allowed=settings.ranges == "paper",
     )
     start = SearchStart(previous, older + len(throws))
-    if settings.drag_along != "auto":
-        objective, log = _search_in_wide_enough_ranges(objective, settings, rng, start)
-    elif settings.search != "paper" and previous is not None and previous.drag_along.any():
-        objective = replace(objective, space=with_drag_along(space))
-        objective, log = _search_in_wide_enough_ranges(objective, settings, rng, start)
-    else:
-        objective, log = _search_in_wide_enough_ranges(objective, settings, rng, start)
-        objective, log = _with_drag_along_if_it_pays(objective, log, settings, rng, start)
+    tried = [row for row in UNKNOWNS.values() if when_fitted(row, settings) == "auto"]
+    if settings.search == "paper":
+        tried = []
+    kept_before = [row for row in tried if previous is not None and previous[row.name].any()]
+    for row in kept_before:
+        objective = replace(objective, space=with_unknown(objective.space, row))
+    objective, log = _search_in_wide_enough_ranges(objective, settings, rng, start)
+    for row in tried:
+        if row not in kept_before:
+            objective, log = _with_unknown_if_it_pays(row, objective, log, settings, rng, start)
     _refuse_invalid(log)
     held_out = [] if previous is None else [_under_previous(objective, previous)]
     if settings.search == "paper":
@@ -132,24 +133,26 @@ def _search_in_wide_enough_ranges(
     return objective, log
 
 
-def _with_drag_along_if_it_pays(
+def _with_unknown_if_it_pays(
+    row: Unknown,
     objective: FitObjective,
     log: EvaluationLog,
     settings: EstimateSettings,
     rng: np.random.Generator,
     start: SearchStart,
 ) -> tuple[FitObjective, EvaluationLog]:
-    """Search with the drag along the string as one more unknown, from the strings that were found without it.
+    """Search with one more unknown, from the strings that were found without it.
 
     A search from nothing with one more unknown finds what it found without it less surely.
     """
     chi, values = log.all()
-    if settings.search == "paper" or not np.isfinite(values).any():
+    if not np.isfinite(values).any():
         return objective, log
     found = objective.space.strings(chi[distant_members(chi, values, settings.ensemble)])
-    starts = found.take(np.tile(np.arange(len(found)), len(DRAGS_ALONG)))
-    starts = replace(starts, drag_along=np.repeat(DRAGS_ALONG, len(found)))
-    freer = replace(objective, space=with_drag_along(objective.space))
+    freer = replace(objective, space=with_unknown(objective.space, row))
+    first = row.starts or (float(freer.space.values(np.full(freer.space.dimension, 0.5))[-1]),)
+    starts = found.take(np.tile(np.arange(len(found)), len(first)))
+    starts = starts.with_values(**{row.name: np.repeat(first, len(found))})
     own_rng = rng.spawn(1)[0]  # what follows does not depend on a search that did not pay
     beyond = search(freer, settings, own_rng, replace(start, previous=starts), _search_budget(settings))
     gain = beyond.best()[1] / log.best()[1]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
-from strandcast.core.strings import DRAG_ALONG, PARAMETERS, StringBatch
+from strandcast.core.strings import PARAMETERS, UNKNOWNS, StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import OK
 from strandcast.estimation.cross_validation import HeldOutEvaluation
@@ -21,7 +21,6 @@ from strandcast.estimation.unknowns import BENDING, bounds_of
 # Independent searches agree if at least two end this near to the best cost. In an exact world they did where
 # the true string was found, and not where it was missed (docs/explanation/claims.md).
 AGREE, FEWEST_ENDS = 1.02, 2
-PHYSICAL_BOUNDS = (DRAG_ALONG,)  # no string is beyond them
 PAYS = 0.98  # wider ranges, and one more unknown, are kept if the cost falls below this share
 BEYOND_ROUNDS = 12  # of the descents that tell whether a wider range pays; chosen
 
@@ -137,7 +136,8 @@ def fit_of(
     members = space.values(chi[rows])
     used = newest.weight.any(axis=1)
     at_bound = np.asarray((chi[rows[0]] < AT_BOUND) | (chi[rows[0]] > 1.0 - AT_BOUND))
-    at_bound &= np.array([name not in PHYSICAL_BOUNDS for name in space.names])
+    physical = [name for name, row in UNKNOWNS.items() if row.bounds_are_physical]
+    at_bound &= ~np.isin(space.names, physical)
     valid = int(status[0]) == OK
     planned_m, planned_value = None, None
     if planned is not None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from strandcast.core.strings import StringBatch
+from strandcast.core.strings import CAMERA_OFFSET, MARKER_SHIFT, StringBatch
 from strandcast.dynamics.batch import MeasuredPoints
 from strandcast.dynamics.hand import places
 from strandcast.dynamics.model import StringModel
@@ -63,9 +63,7 @@ class FitObjective:
                 throw.time_s, self.compared(throw), self.per_metre(throw, self.w if w is None else w)
             ),
             throw.start,
-            shift_m=strings.camera_offset_m
-            if self.reading != "hand" and strings.camera_offset_m.any()
-            else None,
+            shift_m=None if self.reading == "hand" else camera_offset_m(strings),
         )
         return self._valid(result, status)
 
@@ -140,10 +138,15 @@ def simulate_throw(
 ) -> tuple[Array, NDArray[np.int64]]:
     """Simulate candidate strings on one throw, as it was measured: (B, G, n+1, 2 or 3) [m], (B,) status."""
     points, status = simulate_batch(model, strings, throw.hand, throw.time_s, throw.start)
-    points = throw.as_measured(points, strings.marker_shift)
-    if strings.camera_offset_m.any():
-        points = points + strings.camera_offset_m[:, None, None]
-    return points, status
+    points = throw.as_measured(points, strings[MARKER_SHIFT])
+    offset_m = camera_offset_m(strings)
+    return points if offset_m is None else points + offset_m[:, None, None], status
+
+
+def camera_offset_m(strings: StringBatch) -> Array | None:
+    """Return the offset of the camera's positions from the robot's (B, 2) [m]; None without."""
+    offset_m = np.column_stack([strings[name] for name in CAMERA_OFFSET])
+    return offset_m if offset_m.any() else None
 
 
 @dataclass(eq=False)

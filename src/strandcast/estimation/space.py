@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.core.strings import DRAG_ALONG, PLAIN_MASS, UNITS, StringBatch
+from strandcast.core.strings import PLAIN_MASS, UNITS, UNKNOWNS, StringBatch
 from strandcast.dynamics.masses import MassLayout, point_masses
 from strandcast.dynamics.parameters import to_exponent
 from strandcast.estimation.evaluation import Array
@@ -72,18 +72,21 @@ class Space:
         free = values[:, 10 : 10 + self.layout.count]
         options = {name: values[:, k] for k, name in enumerate(self.names) if k >= 10 + self.layout.count}
         masses = point_masses(self.layout, free, options.get(PLAIN_MASS, 1.0))
-        return StringBatch.from_options(values[:, :10], masses, free, options, self.layout.stiff_joints())
+        stiff = self.layout.stiff_joints()
+        return StringBatch(values[:, :10], masses, options, stiff_joints=stiff, free_masses=free)
 
     def chi_of(self, strings: StringBatch) -> Array:
         """Exponents (B, d) of given strings, clipped into the box."""
         bare = self.layout.shares.sum(axis=0) == 0.0
         relative = strings.masses / self.layout.plain
         plain = relative[:, bare].min(axis=1) if bare.any() else np.ones(len(strings))
-        known = {DRAG_ALONG: np.ones(len(strings))} | strings.options() | {PLAIN_MASS: plain}
-        middle = self.values(np.full(self.dimension, 0.5))
+        known = strings.options() | {PLAIN_MASS: plain}
+        middle = dict(zip(self.names, self.values(np.full(self.dimension, 0.5)), strict=True))
+        middle |= {name: row.starts[0] for name, row in UNKNOWNS.items() if row.starts}
         columns = [strings.parameters, strings.free_masses]
         for k in range(10 + self.layout.count, self.dimension):
-            columns.append(known.get(self.names[k], np.full(len(strings), middle[k]))[:, None])
+            name = self.names[k]
+            columns.append(known.get(name, np.full(len(strings), middle[name]))[:, None])
         return self.exponents(np.hstack(columns))
 
     def deviations(self, chi: Array) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.core.strings import BEND_FRICTION, PARAMETERS, PLAIN_MASS
+from strandcast.core.strings import PARAMETERS, PLAIN_MASS, UNKNOWNS
 from strandcast.estimation.descent import STEP, GaussNewtonModel, descend, descent_batch
 from strandcast.estimation.evaluation import Array
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
@@ -74,7 +74,8 @@ def gauge_direction(space: Space) -> Array | None:
     """Direction (d,) of the exponents that scales all masses and coefficients; None if 1 is a plain mass."""
     if PLAIN_MASS not in space.names:
         return None
-    scaled = (*PARAMETERS, PLAIN_MASS, BEND_FRICTION)
+    per_mass = [name for name, row in UNKNOWNS.items() if row.unit.endswith("/kg")]
+    scaled = (*PARAMETERS, PLAIN_MASS, *per_mass)
     is_scaled = [name in scaled or name.startswith("weight_") for name in space.names]
     direction = np.where(is_scaled, 1.0 / np.nan_to_num(decades_of(space), nan=np.inf), 0.0)
     return np.asarray(direction / np.linalg.norm(direction))

@@ -5,17 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from strandcast.config.estimate import EstimateSettings, Ranges
-from strandcast.core.strings import (
-    BEND_FRICTION,
-    CAMERA_OFFSET,
-    CLAMP_OFFSET,
-    DRAG_ALONG,
-    FRICTION_STICK,
-    PARAMETERS,
-    PLAIN_MASS,
-    REST_CURL,
-    STIFF_BEND,
-)
+from strandcast.core.strings import BEND_FRICTION, PARAMETERS, PLAIN_MASS, UNKNOWNS, Unknown, When
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import MASS_RANGE, RANGES, ensemble
@@ -23,13 +13,7 @@ from strandcast.estimation.evaluation import Array
 from strandcast.estimation.space import AT_BOUND, Space
 
 # All chosen.
-CURL_RANGE_RAD_M = (-15.0, 15.0)
-CLAMP_RANGE_RAD = (-0.2, 0.2)
-CAMERA_OFFSET_RANGE_SD = 4.0  # half-width, in standard deviations of the prior
-STIFF_RANGE = (1.0, 1e3)
-FRICTION_RANGE = (1e-4, 1e2)  # N m/kg
-DRAG_ALONG_RANGE = (0.02, 1.0)  # from skin friction alone to as much as across
-STICK_RANGE_RAD_M = (0.01, 1.0)  # real cables, 20 mm thick: 0.02 to 0.25 (`make real`)
+PRIOR_RANGE_SD = 4.0  # half-width of a range that only a prior gives, in its standard deviations
 FRICTION_BEND_RAD = (1e-3, 1e-1)  # plausible bends that dry friction alone can hold
 # A stiff cable is beyond the wide ranges, the more the closer its points are: its coefficients are stiffness
 # per mass and spacing squared. More k_s or c_s changes nothing, and less than the lower bounds is nothing.
@@ -67,31 +51,32 @@ def space_of(settings: EstimateSettings, layout: MassLayout, *, plain_mass: bool
         plain_mass = settings.search == "paper" and layout.count > 0
     if plain_mass:
         options[PLAIN_MASS] = mass_range
-    if settings.rest_curl:
-        options[REST_CURL] = CURL_RANGE_RAD_M
-    if settings.clamp_offset:
-        options[CLAMP_OFFSET], sd[CLAMP_OFFSET] = CLAMP_RANGE_RAD, settings.clamp_offset_sd_rad
-    if settings.camera_offset_sd_m is not None:
-        reach_m = CAMERA_OFFSET_RANGE_SD * settings.camera_offset_sd_m
-        options |= dict.fromkeys(CAMERA_OFFSET, (-reach_m, reach_m))
-        sd |= dict.fromkeys(CAMERA_OFFSET, settings.camera_offset_sd_m)
-    if settings.stiff_bend and layout.stiff:
-        options[STIFF_BEND] = STIFF_RANGE
-    by_name = {
-        BEND_FRICTION: (settings.bend_friction or settings.friction_stick, FRICTION_RANGE),
-        FRICTION_STICK: (settings.friction_stick, STICK_RANGE_RAD_M),
-        DRAG_ALONG: (settings.drag_along is True, DRAG_ALONG_RANGE),
-    }
-    options |= {name: bounds for name, (wanted, bounds) in by_name.items() if wanted}
+    for name, row in UNKNOWNS.items():
+        if when_fitted(row, settings) != "always" or (row.stiff_sections and not layout.stiff):
+            continue
+        if row.sd is not None:
+            sd[name] = getattr(settings, row.sd)
+        options[name] = row.range or (-PRIOR_RANGE_SD * sd[name], PRIOR_RANGE_SD * sd[name])
     names = (*PARAMETERS, *(f"weight_{k + 1}" for k in range(layout.count)), *options)
-    bounds = np.vstack([bounds_of(settings.ranges), *[mass_range] * layout.count, *options.values()])
+    ranges = np.vstack([bounds_of(settings.ranges), *[mass_range] * layout.count, *options.values()])
     prior_sd = np.array([sd.get(name, np.inf) for name in names])
-    return Space(names, bounds, layout, prior_sd)
+    return Space(names, ranges, layout, prior_sd)
 
 
-def with_drag_along(space: Space) -> Space:
-    """Return the box with the drag along the string as one more unknown."""
-    names, bounds = (*space.names, DRAG_ALONG), np.vstack([space.bounds, DRAG_ALONG_RANGE])
+def when_fitted(row: Unknown, settings: EstimateSettings) -> When:
+    """Return when an unknown is fitted in the plane: as its settings say, or by default."""
+    given = [getattr(settings, name) for name in row.switches]
+    if not given:
+        return row.when if row.range else "never"
+    if "auto" in given:
+        return "auto"
+    return "never" if all(value in (False, None) for value in given) else "always"
+
+
+def with_unknown(space: Space, row: Unknown) -> Space:
+    """Return the box with one more unknown, which is fitted in the plane."""
+    assert row.range is not None
+    names, bounds = (*space.names, row.name), np.vstack([space.bounds, np.array(row.range)])
     return replace(space, names=names, bounds=bounds, prior_sd=np.append(space.prior_sd, np.inf))
 
 

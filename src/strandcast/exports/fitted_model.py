@@ -8,6 +8,7 @@ import numpy as np
 from strandcast.api import TrialView
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import load_arm
+from strandcast.core.strings import CAMERA_OFFSET
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.estimation.throws import prepare
@@ -51,7 +52,7 @@ def export_mjcf(trial: TrialView, out: Path, total_kg: float = STRING_KG) -> Exp
         throw,
         start_m,
         in_mujoco(string, model.length_m, float(string.masses.sum())),
-        string.camera_offset_m[0],
+        np.array([string[name][0] for name in CAMERA_OFFSET]),
         settings.evaluation,
     )
     posture = np.zeros(len(arm.joints))

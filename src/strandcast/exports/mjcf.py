@@ -88,7 +88,8 @@ def in_mujoco(string: StringBatch, length_m: float, total_kg: float = STRING_KG)
         Mass of the string with all it carries, which its motion does not show.
     """
     given = dict(zip(PARAMETERS, string.parameters[0].tolist(), strict=True))
-    masses, factor = string.masses[0], string.bend_factors()[0]
+    string = string.applied()
+    masses, factor = string.masses[0], string.bend_factor[0]
     unit_kg = total_kg / masses.sum()
     spacing_m = length_m / len(masses)
 
@@ -96,11 +97,11 @@ def in_mujoco(string: StringBatch, length_m: float, total_kg: float = STRING_KG)
         inner = np.full(len(masses) - 1, 0.5 * (given[growing] + given[straightening]))
         return np.asarray(unit_kg * factor * np.r_[given[clamp], inner])
 
-    rest = np.full(len(masses), string.rest_curl_rad_m[0] * spacing_m)
-    rest[0] = string.clamp_offset_rad[0]
-    friction = np.full(len(masses), string.bend_friction[0])
+    rest = np.full(len(masses), string["rest_curl_rad_m"][0] * spacing_m)
+    rest[0] = string["clamp_offset_rad"][0]
+    friction = np.full(len(masses), string["bend_friction"][0])
     friction[0] = 0.0
-    along = float(string.drag_along[0]) or 1.0
+    along = float(string["drag_along"][0]) or 1.0
     air = 0.5 * (1.0 + along)
     hanging_m = GRAVITY_M_S2 * np.cumsum(masses[::-1]).sum() / given["k_s"]
     return StringInMuJoCo(

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from strandcast.core.strings import PARAMETERS, StringBatch
+from strandcast.core.strings import BEND_FRICTION, PARAMETERS, StringBatch
 from strandcast.dynamics.masses import plain_masses
 from strandcast.planning.task import Task
 
@@ -30,13 +30,13 @@ def refined_strings(strings: StringBatch, factor: int = 2) -> StringBatch:
     """
     between = np.array([1.0 if name in UNCHANGED else factor**2 for name in PARAMETERS])
     count = strings.masses.shape[1]
+    strings = strings.applied()
     masses = np.tile(plain_masses(factor * count), (len(strings), 1))
     masses[:, factor - 1 :: factor] += factor * (strings.masses - plain_masses(count))
     return replace(
-        strings,
+        strings.with_values(bend_friction=strings[BEND_FRICTION] * factor**2),
         parameters=strings.parameters * between,
         masses=masses,
-        bend_friction=strings.bend_friction * factor**2,
-        bend_factor=np.repeat(strings.bend_factors(), factor, axis=1),  # taper included
-        taper=np.zeros(len(strings)),
+        bend_factor=np.repeat(strings.bend_factor, factor, axis=1),
+        stiff_joints=np.repeat(strings.stiff_joints, factor),
     )

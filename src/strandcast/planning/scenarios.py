@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import hadamard
 
 from strandcast.core.disturbances import DISTURBING, TYPICAL_SIZES, Disturbances
-from strandcast.core.strings import StringBatch
+from strandcast.core.strings import CLAMP_OFFSET, StringBatch
 
 
 def disturbed(
@@ -34,7 +34,7 @@ def _with_levels(strings: StringBatch, joints: int, sizes: np.ndarray) -> String
     """Return strings with the rows of the design in turn."""
     signs = _signs(joints)
     signs = signs[np.arange(len(strings)) % len(signs)]
-    if strings.clamp_offset_rad.ndim > 1:
+    if strings.in_space:
         return _levels_in_space(strings, signs, sizes)
     repeats = [1] * (len(DISTURBING) - 1) + [joints]
     levels = np.repeat(sizes, repeats, axis=1) * signs
@@ -52,7 +52,8 @@ def _levels_in_space(strings: StringBatch, signs: np.ndarray, sizes: np.ndarray)
     none = np.zeros(len(strings))
     still = np.zeros((len(strings), 2))
     drawn = Disturbances(none, longer * signs[:, 1], still, zero[:, None] * signs[:, 4:])
-    return replace(strings, clamp_offset_rad=strings.clamp_offset_rad + turns, disturbances=drawn)
+    turned = strings.with_values(clamp_offset_rad=strings.sides(CLAMP_OFFSET) + turns)
+    return replace(turned, disturbances=drawn)
 
 
 def crossed(strings: StringBatch, joints: int, sizes: np.ndarray = TYPICAL_SIZES) -> StringBatch:

@@ -41,8 +41,8 @@ def start_strings_in_space(
     return StringBatch(
         draw.parameters,
         point_masses(layout, draw.weight_masses),
-        curl[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]),
-        np.zeros((count, 2)),
+    ).with_values(
+        rest_curl_rad_m=curl[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]),
         drag_along=log_uniform_array(random, *FIRST_DRAG_ALONG, count),
     )
 
@@ -65,9 +65,7 @@ def start_strings(
         return StringBatch(
             draw.parameters,
             point_masses(layout, draw.weight_masses),
-            curl,
-            drag_along=log_uniform_array(random, *FIRST_DRAG_ALONG, count),
-        )
+        ).with_values(rest_curl_rad_m=curl, drag_along=log_uniform_array(random, *FIRST_DRAG_ALONG, count))
     if start == "random":
         draw = random_strings(1, layout.count, random)
     elif isinstance(start, dict):

@@ -1,11 +1,10 @@
 """A plan as a motion record."""
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 
 from strandcast.arm.joint_limits import Limits
-from strandcast.core.strings import StringBatch
 from strandcast.planning.describe import PlannedMotion
 from strandcast.planning.miss_calibration import LEVELS, rms_of
 from strandcast.planning.task import AnyTask
@@ -75,18 +74,10 @@ def to_record(
             parent_motion_sha256=parent_motion_sha256,
             simulations=plan.simulations,
             start_string=start_string,
-            string=_best_string(plan.strings),
+            string=StringSet.first_of(plan.strings),
             flags=list(plan.flags),
         ),
     )
-
-
-def _best_string(strings: StringBatch) -> StringSet:
-    """Return the best string as a record; a bend factor of 1 everywhere is not written."""
-    best = strings.first(1)
-    if (best.bend_factors() == 1.0).all():
-        best = replace(best, bend_factor=None)
-    return StringSet.first_of(best)
 
 
 def _prediction(plan: PlannedMotion, hit_radius_m: float, limits: Limits) -> Prediction:

@@ -75,6 +75,12 @@ class StringSet(Part):
             options={name: float(values[0]) for name, values in first.options().items()},
         )
 
+    def strings(self, stiff_joints: np.ndarray) -> StringBatch:
+        """Return it as a batch of one, whose stiff joints are these (n,)."""
+        values = {name: np.array([value]) for name, value in self.options.items()}
+        parameters = np.array([[self.parameters[name] for name in PARAMETERS]])
+        return StringBatch(parameters, np.array([self.masses]), values, stiff_joints=stiff_joints)
+
 
 class OmitsUnset(Part):
     """Written without fields that were not set, so that files older than a field keep their hash."""

@@ -6,26 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup, escape
 
-from strandcast.core.strings import (
-    BEND_FRICTION,
-    CLAMP_OFFSET,
-    DRAG_ALONG,
-    FRICTION_STICK,
-    PARAMETERS,
-    REST_CURL,
-    STIFF_BEND,
-)
+from strandcast.core.strings import PARAMETERS, UNKNOWNS
 from strandcast.report.numbers import HARD, UNKNOWN, significant, superscript
-
-WORDS = {
-    REST_CURL: "rest curl",
-    CLAMP_OFFSET: "clamp angle",
-    STIFF_BEND: "stiffness of the stiff sections",
-    BEND_FRICTION: "bend friction",
-    FRICTION_STICK: "bend over which friction builds up",
-    DRAG_ALONG: "drag along the string over that across it",
-}
-NAMES = re.compile(rf"\b({'|'.join((*PARAMETERS, *WORDS))})\b")
 
 # Suffix of a name in the files -> factor and unit on the page; longer suffixes first.
 UNITS: dict[str, tuple[float, str]] = {
@@ -41,7 +23,12 @@ UNITS: dict[str, tuple[float, str]] = {
 
 def typeset(text: object) -> Markup:
     """Return a text, escaped, with subscripts in the parameters' symbols and words for other names."""
-    return Markup(NAMES.sub(lambda found: str(symbol(found[0])), str(escape(text))))
+    names = "|".join((*PARAMETERS, *filter(_words, UNKNOWNS)))
+    return Markup(re.sub(rf"\b({names})\b", lambda found: str(symbol(found[0])), str(escape(text))))
+
+
+def _words(name: str) -> str:
+    return UNKNOWNS[name].words if name in UNKNOWNS else ""
 
 
 def symbol(name: str) -> Markup:
@@ -49,7 +36,7 @@ def symbol(name: str) -> Markup:
     if name in PARAMETERS:
         letter, index = name.split("_")
         return Markup("{}<sub>{}</sub>").format(letter, index)
-    return escape(WORDS.get(name, name.replace("_", " ")))
+    return escape(_words(name) or name.replace("_", " "))
 
 
 def unit(text: str) -> str:
@@ -64,7 +51,7 @@ def quantity(name: str, value: object) -> tuple[str, str]:
     """Return the words for a name that ends in its unit, and the value with the unit of a reader."""
     suffix = next((each for each in UNITS if name.endswith(each)), "")
     factor, shown = UNITS.get(suffix, (1.0, ""))
-    words = WORDS.get(name, name.removesuffix(suffix).replace("_", " "))
+    words = _words(name) or name.removesuffix(suffix).replace("_", " ")
     return words, f"{_plain(value, factor)}{HARD if shown and shown != '°' else ''}{shown}"
 
 

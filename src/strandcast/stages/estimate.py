@@ -4,7 +4,7 @@ import numpy as np
 
 from strandcast.arm.load import load_arm
 from strandcast.config.estimate import EstimateSettings
-from strandcast.core.strings import PARAMETERS, StringBatch
+from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.errors import StrandcastError
 from strandcast.estimation.estimate import estimate
@@ -136,11 +136,4 @@ def _planned(motion: Motion | None, layout: MassLayout) -> StringBatch | None:
     """Return the string with which the motion was planned; None if it was not planned here."""
     if motion is None or motion.provenance is None:
         return None
-    string = motion.provenance.string
-    return StringBatch.from_options(
-        np.array([[string.parameters[name] for name in PARAMETERS]]),
-        np.array([string.masses]),
-        np.ones((1, layout.count)),
-        {name: np.array([value]) for name, value in string.options.items()},
-        layout.stiff_joints(),
-    )
+    return motion.provenance.string.strings(layout.stiff_joints())

@@ -114,8 +114,7 @@ def _captured_cable(files: Files, trials: list[TrialInSpace]) -> tuple[StringMod
         points=string.points or POINTS,
         step_s=settings.dt_s if "dt_s" in settings.model_fields_set else STEP_S,
         weight_places_m=[weight.place_m for weight in string.weights],
-        friction_stick=settings.friction_stick,
-        marker_shift=settings.marker_shift,
+        **{name: getattr(settings, name) for name in TO_CAPTURES},
     )
 
 

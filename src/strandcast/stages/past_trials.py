@@ -116,12 +116,12 @@ def read_members(path: Path, layout: MassLayout) -> StringBatch:
         values = [rows[f"{stem}_{k + 1}"] for k in range(count)]
         return np.array(values).reshape(count, -1).T if count else np.zeros((len(rows["member"]), 0))
 
-    return StringBatch.from_options(
+    return StringBatch(
         np.array([rows[name] for name in PARAMETERS]).T,
         columns("mass", points),
-        columns("weight", layout.count),
         rows,
-        layout.stiff_joints(),
+        stiff_joints=layout.stiff_joints(),
+        free_masses=columns("weight", layout.count),
     )
 
 

@@ -28,8 +28,6 @@ AnyOfTwo = Arm | SpatialArm
 # Of a rehearsal's log during the motion: fewer rows do not show how joints follow; soft joints stay within
 # some tenths of a radian of the motion, those in degrees or of another order do not. Chosen.
 FEWEST_ROWS, MISSING_S, FARTHEST_RAD = 20, 0.02, 0.5
-# Columns of a fitted string that a throw does not depend on; `masses` contains the last two.
-NOT_OF_THE_STRING = ("camera_offset_m", "marker_shift", "free_masses")
 FEWEST_PLACES = 4  # of a shape, the hand's included; chosen: through fewer, the model's own is as good
 
 
@@ -91,8 +89,7 @@ def refuse_without_target(context: Context) -> None:
 
 def fitted_strings(path: Path, layout: MassLayout) -> StringBatch:
     """Read the fitted strings, without the unknowns that only concern the measurement or the fit."""
-    fitted, nothing = read_members(path, layout), StringBatch(np.zeros((0, 10)), np.zeros((0, 0)))
-    return replace(fitted, **{name: getattr(nothing, name) for name in NOT_OF_THE_STRING})
+    return read_members(path, layout).thrown()
 
 
 def past_trial_of(trial: Trial, task: AnyTask) -> PastTrial:

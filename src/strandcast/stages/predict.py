@@ -7,11 +7,10 @@ from typing import Any, cast
 import numpy as np
 
 from strandcast.arm.load import load_arm
-from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import STATUS
 from strandcast.errors import StrandcastError
-from strandcast.estimation.cable_space import CLAMP, TWO_ENDS
+from strandcast.estimation.cable_space import ways
 from strandcast.estimation.evaluation import distances, evaluation_of_points, point_values, tip_error
 from strandcast.estimation.fit_objective import simulate_throw
 from strandcast.estimation.throws import PreparedThrow, prepare
@@ -69,14 +68,7 @@ def predict(root: Path, experiment: str, number: int, estimate_file: Path, out: 
         raise _other_string(files, "the estimate is of a string in the plane, or the trial is")
     read = _in_space if in_space else _in_plane
     model, throw, track, stiff = read(files, estimate, estimate_file)
-    string = StringBatch.from_options(
-        np.array([[estimate.string.parameters[name] for name in PARAMETERS]]),
-        np.array([estimate.string.masses]),
-        np.zeros((1, 0)),
-        {name: np.array([value]) for name, value in estimate.string.options.items()},
-        stiff,
-    )
-    points_m, status = simulate_throw(model, throw, string)
+    points_m, status = simulate_throw(model, throw, estimate.string.strings(stiff))
     if not np.isfinite(points_m).all():
         what = f"the string of this estimate diverges in trial {number} ({STATUS[status[0]]})"
         raise StrandcastError("SC-E009", what, file=estimate_file, fix="name another estimate")
@@ -109,7 +101,8 @@ def _in_space(files: Files, estimate: Estimate, estimate_file: Path) -> Read:
     roll = str(read_facts(estimate_file.with_name("ensemble.parquet"), ENSEMBLE)["roll"])
     series = trial.series.get(roll) or next(iter(trial.series.values()))
     unknowns = {fit.name for fit in estimate.parameters}
-    pinned, far_clamp = not unknowns & set(CLAMP), bool(unknowns & set(TWO_ENDS))
+    held = {how.needs for _, how in ways() if how.name in unknowns}
+    pinned, far_clamp = "clamp" not in held, "two clamps" in held
     if pinned != series.pinned or far_clamp != (series.two_ends() and not pinned):
         raise _other_string(files, "the estimate is of a string that is driven at other ends")
     model = StringModel(estimate.length_m, estimate.points, reading="strain", dt_s=estimate.dt_s)

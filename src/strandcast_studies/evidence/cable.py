@@ -107,9 +107,10 @@ def play(series: Series, values: Values) -> Array:
     strings = StringBatch(
         _parameters(given, spacing_m),
         _masses(series, given.get("weight_kg", none), given.get("lever_m", none), beyond),
+        bend_factor=stiffer,
+    ).with_values(
         rest_curl_rad_m=given.get("curl_rad_m", none),
         clamp_offset_rad=given.get("clamp_rad", none),
-        bend_factor=stiffer,
         bend_friction=np.exp(given["log_friction"]) if "log_friction" in given else none,
         friction_stick_rad_m=np.exp(given["log_stick"]) if "log_stick" in given else none,
     )

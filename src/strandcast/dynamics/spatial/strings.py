@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from strandcast.core.strings import StringBatch
+from strandcast.core.strings import CLAMP_OFFSET, FAR_OFFSET, REST_CURL, SIDES, side
 from strandcast.dynamics.candidates import AS_GIVEN, Candidates, put_coefficients
 from strandcast.dynamics.elements import COEFFICIENTS, FIXED, GRAVITY, SPACING
 from strandcast.dynamics.parameters import Array
@@ -28,37 +28,22 @@ assert L0 == COEFFICIENTS
 # the rest bend's own turn about the string per segment [rad].
 LENGTHENED, CLAMP_TURNS, FAR_TURNS, REST_BENDS, REST_TURN = (FIXED + k for k in (0, 1, 3, 5, 7))
 SPATIAL_FIXED = FIXED + 8
+# The unknowns among them by name, as in `strandcast.dynamics.elements`; a turn in the plane is to the left.
+IN_SPACE = {
+    "length_change": LENGTHENED,
+    "rest_torsion_rad_m": REST_TURN,
+    "clamp_offset_rad": CLAMP_TURNS,
+    "rest_curl_rad_m": REST_BENDS,
+} | {
+    side(name, which): first + k
+    for name, first in ((CLAMP_OFFSET, CLAMP_TURNS), (FAR_OFFSET, FAR_TURNS), (REST_CURL, REST_BENDS))
+    for k, which in enumerate(SIDES)
+}
 
 
 def in_space(pose: Array) -> bool:
     """Whether poses (..., columns) are of clamps in space."""
     return bool(pose.shape[-1] != 3)
-
-
-def spatial_columns(strings: StringBatch, spacing_m: float) -> Array:
-    """Return the columns (B, SPATIAL_FIXED - FIXED) of strings in space.
-
-    Raises
-    ------
-    ValueError
-        For what only a string in the plane can have.
-    """
-    if strings.disturbances.sway.any() or strings.disturbances.clamp_turn_rad.any():
-        raise ValueError("disturbances of a throw are for strings in the plane")
-    return np.column_stack(
-        [
-            strings.length_change,
-            _left_and_up(strings.clamp_offset_rad),
-            _left_and_up(strings.far_offset_rad),
-            _left_and_up(strings.rest_curl_rad_m) * spacing_m,
-            strings.rest_torsion_rad_m * spacing_m,
-        ]
-    )
-
-
-def _left_and_up(values: Array) -> Array:
-    """Return (B, 2) of values (B, 2), or (B,) to the left."""
-    return values if values.ndim == 2 else np.column_stack([values, np.zeros_like(values)])
 
 
 def _turned(turns: Array) -> tuple[Array, Array, Array]:

@@ -259,7 +259,7 @@ def estimated(
 
 def _without_measurement(members: StringBatch) -> StringBatch:
     """Return fitted strings as the planner takes them."""
-    return replace(members, free_masses=np.zeros((len(members), 0)))
+    return members.thrown()
 
 
 def _outcome(
