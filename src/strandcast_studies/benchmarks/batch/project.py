@@ -10,8 +10,12 @@ from pathlib import Path
 from ruamel.yaml import YAML
 
 from strandcast.core.trial_names import trial_name
+from strandcast.stages.context import context_of
 from strandcast.stages.declarations import STAGES
+from strandcast.stages.made import Note
+from strandcast.workflow.pending import tasks_of
 from strandcast.workflow.project import make_project
+from strandcast.workflow.targets import own_experiments
 
 DONOR = "demo"
 
@@ -86,3 +90,11 @@ def python_without_stages(folder: Path) -> Path:
     (folder / "bin" / "python").write_text("\n".join(script) + "\n", encoding="utf-8")
     (folder / "bin" / "python").chmod(0o755)
     return folder / "bin" / "python3"
+
+
+def note_results(root: Path) -> None:
+    """Write the notes of what results were made from, as the stages would have."""
+    for name in own_experiments(root):
+        context = context_of(root, name)
+        for task in tasks_of(context, context.folder.recorded_trials(), {}).values():
+            Note(task.files).write()

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 from strandcast.workflow.project import make_project, profile
 from strandcast_studies.benchmarks.batch.accounts import Spent, spent_by
 from strandcast_studies.benchmarks.batch.project import (
+    note_results,
     python_without_stages,
     record,
     record_empty,
@@ -64,7 +65,10 @@ def measure(batch: Size, root: Path, python: str) -> dict[str, Any]:
         "--quiet",
         "all",
     ]
-    first, again = (spent_by(line, root, root / "accounts.jsonl") for _ in range(2))
+    first = spent_by(line, root, root / "accounts.jsonl")
+    if python != sys.executable:
+        note_results(root)
+    again = spent_by(line, root, root / "accounts.jsonl")
     return {
         **batch._asdict(),
         "first": _row(first),
