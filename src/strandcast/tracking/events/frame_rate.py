@@ -24,11 +24,11 @@ def refuse_changing_rate(
     interval_s = np.diff(time_s)
     if len(interval_s) < 4 or np.median(interval_s) * SLOWEST_HZ > 1.0:
         return
-    seen: np.ndarray = np.isfinite(places_m).all(axis=2) & (flags == 0)
+    seen = np.isfinite(places_m).all(axis=2) & (flags == 0)
     moved_m = np.where((seen[1:] & seen[:-1])[..., None], np.diff(places_m, axis=0), np.nan)
     velocity = moved_m / interval_s[:, None, None]
     four = np.stack([velocity[k : len(velocity) - 3 + k] for k in range(4)])  # (4, F - 4, n + 1, 2)
-    both = np.isfinite(four).all(axis=(0, 3))
+    both = np.asarray(np.isfinite(four).all(axis=(0, 3)))
     four = np.where(both[None, :, :, None], four, 0.0)
     count = np.maximum(both.sum(axis=1), 1)
     speed = np.sqrt((four**2).sum(axis=(2, 3)) / count)
