@@ -21,6 +21,7 @@ from strandcast.records.lineage import (
 from strandcast.records.page import check_page, write_page
 from strandcast.records.tables import read_table, write_table
 from strandcast.records.verdict import Verdict
+from strandcast.workflow.verify import verify
 
 VERDICT = Verdict(
     experiment="demo",
@@ -128,6 +129,15 @@ def test_raw_files_may_be_copied_to_another_experiment_but_not_to_another_trial(
         shutil.copy(root / "data/demo/trial-01/verdict.json", root / "data" / place)
     assert Verdict.read(root / "data/other/trial-01/verdict.json").hit
     assert refusal(Verdict.read, root / "data/demo/trial-02/verdict.json").code == "SC-R006"
+
+
+def test_results_that_were_copied_to_another_experiment_are_made_again(demo):
+    shutil.copytree(demo, demo.parent / "other")
+    problem = refusal(Verdict.read, demo.parent / "other/trial-01/verdict.json")
+    assert (problem.code, problem.fix) == ("SC-R007", "make it again: strandcast run other")
+    assert problem.what == "was made for demo trial 1, but lies in the folder of other trial 1"
+    found = [finding for finding in verify(demo.parents[1], "other", raw=False) if finding.state != "missing"]
+    assert {finding.state for finding in found} == {"outdated"}
 
 
 def test_a_picture_of_another_trial_is_refused(demo):

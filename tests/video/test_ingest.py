@@ -243,3 +243,10 @@ def test_real_video_whose_edit_list_hides_frames(real_data):
     assert facts.header_frames == 2057
     assert facts.packets == 1844
     assert facts.frame_rate_hz == pytest.approx(60.0, abs=0.05)
+
+
+@pytest.mark.parametrize("name", ["iphone240_tb600.mov", "obs240.mkv"])
+def test_halves_that_are_rounded_up_and_down_are_an_even_clock(real_data, name):
+    facts = inspect_video(real_data / "made" / name)
+    np.testing.assert_allclose(camera_times(facts), np.arange(facts.packets) / 240.0, atol=1e-9)
+    assert facts.rounded_to_s is not None

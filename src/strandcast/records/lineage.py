@@ -154,28 +154,27 @@ def check_lineage(
     """Check that a file that was read lies where it belongs, and that its inputs are those that are there.
 
     Raw files may be copied to another experiment, to process them with other settings, and they outlive the
-    results that they were made from: only a trial's number within its own experiment is checked. Inputs that
+    results that they were made from: only a trial's number within its own experiment is checked. Results that
+    were copied with them, or with a renamed experiment, are made again. Inputs that
     are missing are not checked; without `inputs` none is, as hashing those of many experiments takes minutes.
     A `reusable` raw file, e.g. the motion of a repeated throw, may lie anywhere.
 
     Raises
     ------
     StrandcastError
-        SC-R006 it belongs to another experiment or trial; SC-R007 an input has changed since.
+        SC-R006 it belongs to another trial; SC-R007 it was made from another input, or for another
+        experiment.
     """
     place = place_of(path)
     if place is None or lineage is None or (place.raw and reusable):
         return
-    elsewhere = (lineage.experiment, lineage.trial) != (place.experiment, place.trial)
-    if elsewhere and (lineage.experiment == place.experiment or not place.raw):
-        what = f"is of {_named(lineage.experiment, lineage.trial)}, but lies in the folder of {place}"
-        fix = "put back this trial's own file"
-        if lineage.experiment != place.experiment:
-            folder = f"results/{place.experiment}"
-            fix += (
-                f"; if {lineage.experiment} was renamed, delete {folder} but for motions/, and run it again"
-            )
-        raise _refusal(MISPLACED, path, what, fix)
+    named = _named(lineage.experiment, lineage.trial)
+    if lineage.experiment != place.experiment and not place.raw:
+        what = f"was made for {named}, but lies in the folder of {place}"
+        raise _refusal(OUTDATED, path, what, f"make it again: strandcast run {place.experiment}")
+    if lineage.experiment == place.experiment and lineage.trial != place.trial:
+        what = f"is of {named}, but lies in the folder of {place}"
+        raise _refusal(MISPLACED, path, what, "put back this trial's own file")
     changed = [] if place.raw or not inputs else changed_inputs(place.root, lineage.inputs)
     if changed:
         what = f"was made from another {changed[0]} than the one that is there"

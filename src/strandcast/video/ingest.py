@@ -165,15 +165,15 @@ def _even_clock(stamps: np.ndarray, base_s: float) -> _EvenClock | None:
         missing = frame[-1] + 1 - len(frame)
         if missing > MAX_MISSING * (frame[-1] + 1) or (np.diff(frame) == 0).any():
             continue
-        step, start = np.polyfit(frame, stamps, 1)
-        off = np.abs(stamps - start - step * frame).max()
+        fitted = float(np.polyfit(frame, stamps, 1)[0])
+        step = _usual(fitted, SLOPE_SLACK * unit / frame[-1], base_s)
+        off = 0.5 * min(np.ptp(stamps - each * frame) for each in (fitted, step))
         if off < UNEVEN * step and frame is numbered:
             return None
         # Steps of two lengths recur as rounding makes them; a single other one is a frame at another time.
         recurrences = len(stamps) * min(step % unit, -step % unit) / unit
         if off <= 0.55 * unit and recurrences >= LEAST_RECURRENCES:
-            slack = SLOPE_SLACK * unit / frame[-1]
-            return _EvenClock(frame, _usual(step, slack, base_s), unit)
+            return _EvenClock(frame, step, unit)
     return None
 
 
