@@ -16,7 +16,7 @@ from strandcast.tracking.chain.string_track import StringTrack, track_string
 from strandcast.tracking.crops import Crops
 from strandcast.tracking.decoding import Background, decode, scene_background
 from strandcast.tracking.events.contact import TipPath, detect_contact
-from strandcast.tracking.events.frame_rate import refuse_changing_rate
+from strandcast.tracking.events.frame_rate import changing_rate_warnings
 from strandcast.tracking.events.led import LedMonitor
 from strandcast.tracking.events.target import locate_target, target_warnings
 from strandcast.tracking.hand.finder import HandFinder
@@ -74,7 +74,6 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         frames = StringFrames(crops, np.ascontiguousarray(background.picture), hand, time_s, extent)
         string = track_string(frames, given.hint, settings, exposure_s, given.video)
         points_m, sigma_m, flags = assemble_points(time_s, hand, string.points, given.hint.points)
-        refuse_changing_rate(time_s, points_m, sigma_m, flags, given.video)
         sampled = np.asarray(samples.indices)
         instants = choose_instants(sampled, points_m)
         if given.target_m is not None:
@@ -112,6 +111,7 @@ def track_video(given: TrackerInput, settings: TrackSettings) -> Tracked:
         warnings=(
             *(target_warnings(target) if given.target_m is not None else ()),
             *led_warnings,
+            *changing_rate_warnings(time_s, points_m, sigma_m, flags),
             *moved,
             *(warning for _, warnings in tilted for warning in warnings),
             *finder.contradictions(),
