@@ -45,7 +45,7 @@ def changing_rate_warnings(
     times = float(np.exp(steps[1, at]))
     pace = f"{times:.2g} times as fast" if times > 1.0 else f"{1.0 / times:.2g} times as slow"
     return [
-        f"the frame rate seems to change within the film: at frame {at + 2}, hand and string go on {pace} "
-        "from one frame to the next, as in an exported speed ramp; times and speeds of a part are wrong then: "
+        f"the frame rate seems to change in the film: at frame {at + 2}, hand and string go on {pace} "
+        "from one frame to the next, as in an exported speed ramp; times and speeds are then wrong in part: "
         "give the camera's original film, not an export (docs/how-to/film-with-a-phone.md)"
     ]
