@@ -7,7 +7,7 @@ import pytest
 
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import load_arm
-from strandcast.arm.spatial import hand_poses_in_space, load_spatial_arm
+from strandcast.arm.spatial import hand_poses_in_space
 from strandcast.config.estimate import EstimateSettings
 from strandcast.core.box import Box
 from strandcast.core.strings import (
@@ -30,7 +30,7 @@ from strandcast.planning.describe import describe
 from strandcast.planning.mesh_refinement import refined_strings, refined_task
 from strandcast.planning.rollouts import RolloutConditions, commands, simulate_rollouts
 from strandcast.planning.search import SearchResult
-from strandcast.planning.task import PlanningTask, SpatialTask
+from strandcast.planning.task import PlanningTask
 from strandcast.planning.write import to_record
 from strandcast.records.estimate import ENSEMBLE
 from strandcast.records.tables import write_table
@@ -45,7 +45,7 @@ MODEL = StringModel(LENGTH_M, POINTS)
 
 @pytest.fixture
 def task(project_root) -> PlanningTask:
-    arm = load_arm(project_root / "config/arms/planar3.toml")
+    arm = load_arm(project_root / "config/arms/planar3.toml").planar()
     return PlanningTask(arm, MODEL, np.array([0.50, 0.50]), 0.02, Box(x_m=(-0.75, 1.25), y_m=(-0.32, 0.80)))
 
 
@@ -98,10 +98,10 @@ def assert_same_string(one: StringBatch, other: StringBatch) -> None:
 
 
 def test_the_planner_throws_in_space_what_was_fitted(tmp_path, project_root):
-    arm = load_spatial_arm(project_root / "config/arms/ur5e-space.toml")
+    arm = load_arm(project_root / "config/arms/ur5e-space.toml").spatial()
     every = {"drag_along": True, "friction_stick": True, "taper": True, "marker_shift": True}
     model, space = space_of_cable(LENGTH_M, False, points=POINTS, weight_places_m=[0.2], **every)
-    task = SpatialTask(arm, model, np.array([0.55, 0.75, 0.55]), 0.02)
+    task = PlanningTask(arm, model, np.array([0.55, 0.75, 0.55]), 0.02)
     chi = np.random.default_rng(4).uniform(0.4, 0.6, (2, space.dimension))
     # Curls of fits do not turn, but records know helices.
     fitted = replace(space.strings(chi), rest_torsion_rad_m=np.array([1.0, -2.0]))

@@ -17,7 +17,7 @@ from strandcast.alignment.frame_rate import rate_words
 from strandcast.alignment.log_rows import MOVES, LogRows, hand_travel_m
 from strandcast.alignment.problem import Priors
 from strandcast.alignment.rig_error import Detections, Rig
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.errors import StrandcastError
 from strandcast.records.record import ARM_FILE, RigFault
 
@@ -50,7 +50,7 @@ def refuse_few_detections(detections: Detections) -> None:
 
 
 def no_motion_error(
-    detections: Detections, rows: LogRows, arm: Arm, file: str | None
+    detections: Detections, rows: LogRows, arm: PlanarArm, file: str | None
 ) -> StrandcastError | None:
     """Return the refusal of a throw without motion in the video, in the log, or in both."""
     markers = np.unique(detections.marker)
