@@ -12,8 +12,7 @@ from filelock import FileLock
 from tests.faults.small import make_whole
 from tests.report.chromium import Browser, chromium
 
-from strandcast.arm.load import clamp_frame, load_arm
-from strandcast.arm.spatial import SpatialArm, load_spatial_arm
+from strandcast.arm.load import SpatialArm, clamp_frame, load_arm
 
 # Small matrices: more threads only spin, and take the other core's time (the workflow's jobs have one too).
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -113,7 +112,7 @@ def project_root() -> Path:
 def planar_arm_in_space(project_root: Path, tmp_path_factory: pytest.TempPathFactory) -> SpatialArm:
     """Return planar3 without its plane: an arm in space, x to the right, z upwards."""
     source, folder = project_root / "config/arms/planar3", tmp_path_factory.mktemp("planar3")
-    along = clamp_frame(load_arm(source.with_suffix(".toml")))[1][0]
+    along = clamp_frame(load_arm(source.with_suffix(".toml")).planar())[1][0]
     keep, skip = [], False
     for line in source.with_suffix(".toml").read_text(encoding="utf-8").splitlines():
         skip = line.startswith(("[markers]", "[[markers")) if line.startswith("[") else skip
@@ -126,4 +125,4 @@ def planar_arm_in_space(project_root: Path, tmp_path_factory: pytest.TempPathFac
         keep.append(line)
     (folder / "planar3.toml").write_text("\n".join(keep), encoding="utf-8")
     shutil.copyfile(source.with_suffix(".urdf"), folder / "planar3.urdf")
-    return load_spatial_arm(folder / "planar3.toml")
+    return load_arm(folder / "planar3.toml").spatial()

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from strandcast.arm.load import Arm
-from strandcast.arm.spatial import SpatialArm, load_any_arm
+from strandcast.arm.load import Arm, load_arm
 from strandcast.arm.yielding_joints import follow
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
@@ -92,9 +91,9 @@ class ExperimentView:
         return self.context.settings
 
     @property
-    def arm(self) -> Arm | SpatialArm:
+    def arm(self) -> Arm:
         """The arm: limits, kinematics (`arm.chain`), clamp, servo."""
-        return load_any_arm(self.context.arm_file)
+        return load_arm(self.context.arm_file)
 
     @property
     def trials(self) -> Trials:
@@ -239,7 +238,7 @@ class FittedString:
 
         played = motion if isinstance(motion, Motion) else Motion.read(motion)
         task, fitted = next_inputs(
-            self.context, load_any_arm(self.context.arm_file), self._file("ensemble.parquet")
+            self.context, load_arm(self.context.arm_file), self._file("ensemble.parquet")
         )
         strings = fitted.first(members)
         trajectory = played.trajectory().resampled(task.step_s)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.config.experiment import Experiment
 from strandcast.config.load import load_experiment
 from strandcast.core.box import Box
@@ -169,11 +169,11 @@ def real_experiment(declared: Experiment, case: BadThrow) -> Experiment:
     return Experiment.model_validate({**declared.model_dump(), **truth})
 
 
-def real_arm(root: Path, case: BadThrow, name: str) -> Arm:
+def real_arm(root: Path, case: BadThrow, name: str) -> PlanarArm:
     """Return the arm as it really is; its files are outside config/, which nothing else reads."""
     source = root / "config" / "arms" / f"{ARM}.toml"
     if case.urdf is None and case.toml is None:
-        return load_arm(source)
+        return load_arm(source).planar()
     folder = root / "rig" / name
     folder.mkdir(parents=True, exist_ok=True)
     for file, change in ((source.with_suffix(".urdf"), case.urdf), (source, case.toml)):
@@ -183,13 +183,13 @@ def real_arm(root: Path, case: BadThrow, name: str) -> Arm:
         if count != 1:
             raise ValueError(f"{name}: the pattern occurs {count} times in {file.name}")
         (folder / file.name).write_text(text)
-    return load_arm(folder / source.name)
+    return load_arm(folder / source.name).planar()
 
 
-def throw(root: Path, name: str, trial: int, case: BadThrow, rig: Experiment, arm: Arm) -> None:
+def throw(root: Path, name: str, trial: int, case: BadThrow, rig: Experiment, arm: PlanarArm) -> None:
     """Play the planned motion on the rig with its fault, and film it."""
     planned = root / "results" / name / trial_name(trial) / "motion.json"
-    declared = load_arm(root / "config" / "arms" / f"{ARM}.toml")
+    declared = load_arm(root / "config" / "arms" / f"{ARM}.toml").planar()
     scene = make_scene(rig, name, arm)
     if case.post is not None:
         scene = with_post(scene, case.post)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from strandcast.alignment.align import RobotData, VideoData, align
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.config.align import AlignSettings
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.lab.servo import CYCLE_S
@@ -19,8 +19,8 @@ PER_ROW = ("time_s", "since_start_s", "q_rad", "qd_rad_s", "q_cmd_rad", "qd_cmd_
 
 
 @pytest.fixture(scope="session")
-def arm(project_root) -> Arm:
-    return load_arm(project_root / "config/arms/planar3.toml")
+def arm(project_root) -> PlanarArm:
+    return load_arm(project_root / "config/arms/planar3.toml").planar()
 
 
 @pytest.fixture(scope="session")
@@ -37,7 +37,7 @@ def fit(arm) -> Callable[..., Alignment]:
         trial: ClockTrial,
         markers=None,
         log=None,
-        on: Arm = arm,
+        on: PlanarArm = arm,
         sync_events=(),
         led=None,
         settings=None,

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from strandcast.arm.limits import differences, peaks, torques, violations
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.arm.settings import Payload
 from strandcast.core.trajectory import JointTrajectory
 
 
 @pytest.fixture
-def arm(project_root: Path) -> Arm:
-    return load_arm(project_root / "config/arms/planar3.toml")
+def arm(project_root: Path) -> PlanarArm:
+    return load_arm(project_root / "config/arms/planar3.toml").planar()
 
 
 def still(q: list[float], samples: int = 3) -> JointTrajectory:
@@ -22,7 +22,7 @@ def still(q: list[float], samples: int = 3) -> JointTrajectory:
     return JointTrajectory(np.arange(samples) * 0.002, rest + q, rest.copy(), rest.copy())
 
 
-def test_holding_torque_is_weight_times_lever(arm: Arm) -> None:
+def test_holding_torque_is_weight_times_lever(arm: PlanarArm) -> None:
     rest = np.zeros((1, 3))
     levers = [1.0 * 0.12 + 0.6 * 0.40 + 0.25 * 0.62, 0.6 * 0.10 + 0.25 * 0.32, 0.25 * 0.07]
     np.testing.assert_allclose(torques(arm, rest, rest, rest)[0], 9.81 * np.array(levers), rtol=1e-4)
@@ -30,14 +30,14 @@ def test_holding_torque_is_weight_times_lever(arm: Arm) -> None:
     np.testing.assert_allclose(torques(arm, hanging, rest, rest), 0.0, atol=1e-12)
 
 
-def test_a_payload_adds_torque_to_every_joint(arm: Arm) -> None:
+def test_a_payload_adds_torque_to_every_joint(arm: PlanarArm) -> None:
     rest = np.zeros((1, 3))
     with_payload = dataclasses.replace(arm, payload=Payload(mass_kg=0.5, centre_m=(0.02, 0.0, 0.0)))
     more = torques(with_payload, rest, rest, rest) - torques(arm, rest, rest, rest)
     np.testing.assert_allclose(more[0], 0.5 * 9.81 * np.array([0.72, 0.42, 0.17]), rtol=1e-6)
 
 
-def test_each_kind_is_found_with_joint_time_and_value(arm: Arm) -> None:
+def test_each_kind_is_found_with_joint_time_and_value(arm: PlanarArm) -> None:
     assert violations(arm, still([0.5, 0.0, 0.0], 5)) == []
     motion = still([0.5, 0.0, 0.0], 5)
     motion.q_rad[:, 1] = 2.39
@@ -60,13 +60,13 @@ def test_demands_are_also_computed_from_the_positions() -> None:
     np.testing.assert_allclose(np.abs(jerk).max(axis=0), [2e-4 / 2e-3**3, 0.0, 0.0])
 
 
-def test_the_way_between_the_points_counts(arm: Arm) -> None:
+def test_the_way_between_the_points_counts(arm: PlanarArm) -> None:
     motion = still([0.5, 0.0, 0.0])
     motion.qd_rad_s[1] = 0.1  # the arm turns there and back between three points that are the same
     assert {v.kind for v in violations(arm, motion)} == {"acceleration"}
 
 
-def test_a_lower_position_is_reported_as_the_angle(arm: Arm) -> None:
+def test_a_lower_position_is_reported_as_the_angle(arm: PlanarArm) -> None:
     (violation,) = violations(arm, still([-0.34, 0.0, 0.0]))
     assert (violation.kind, violation.value, violation.limit) == (
         "lower position",
@@ -75,7 +75,7 @@ def test_a_lower_position_is_reported_as_the_angle(arm: Arm) -> None:
     )
 
 
-def test_torque_beyond_the_margin_is_refused(arm: Arm) -> None:
+def test_torque_beyond_the_margin_is_refused(arm: PlanarArm) -> None:
     motion = still([0.5, 0.0, 0.0])
     motion.qdd_rad_s2[1] = 90.0
     assert peaks(arm, motion)["torque_n_m"][0] > 30.0

@@ -5,24 +5,24 @@ from pathlib import Path
 import pytest
 
 from strandcast.arm.link_masses import massless_joints, torque_gap
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 
 ARMS = Path(__file__).parents[2] / "config" / "arms"
 
 
 def edited(
     name: str, folder: Path, urdf: tuple[str, str] = ("", ""), toml: tuple[str, str] = ("", "")
-) -> Arm:
+) -> PlanarArm:
     """Return an arm with one thing replaced in its URDF, or in its file."""
     for suffix, (old, new) in ((".urdf", urdf), (".toml", toml)):
         text = (ARMS / f"{name}{suffix}").read_text()
         assert old in text
         (folder / f"{name}{suffix}").write_text(text.replace(old, new, 1) if old else text)
-    return load_arm(folder / f"{name}.toml")
+    return load_arm(folder / f"{name}.toml").planar()
 
 
 def test_an_arm_with_masses_and_a_margin_has_its_torques_checked() -> None:
-    assert torque_gap(load_arm(ARMS / "planar3.toml")) is None
+    assert torque_gap(load_arm(ARMS / "planar3.toml").planar()) is None
 
 
 @pytest.mark.parametrize("name", ["ur5e-example", "fr3-example"])

@@ -28,12 +28,12 @@ def copy(project_root: Path, tmp_path: Path):
 
 def refusal(path: Path) -> str:
     with pytest.raises(StrandcastError) as caught:
-        load_arm(path)
+        load_arm(path).planar()
     return str(caught.value)
 
 
 def test_planar3_is_what_its_files_say(project_root: Path) -> None:
-    arm = load_arm(project_root / "config/arms/planar3.toml")
+    arm = load_arm(project_root / "config/arms/planar3.toml").planar()
     assert arm.joints == ("joint_1", "joint_2", "joint_3")
     np.testing.assert_allclose(arm.chain.lengths_m, [0.30, 0.25, 0.15], atol=1e-15)
     np.testing.assert_array_equal(arm.chain.signs, [1, 1, 1])
@@ -45,14 +45,14 @@ def test_planar3_is_what_its_files_say(project_root: Path) -> None:
 
 
 def test_a_positive_angle_lifts_the_hand_and_is_counter_clockwise(project_root: Path) -> None:
-    arm = load_arm(project_root / "config/arms/planar3.toml")
+    arm = load_arm(project_root / "config/arms/planar3.toml").planar()
     pose = hand_pose(arm.chain, arm.clamp, np.array([np.pi / 2, 0.0, 0.0])).array()
     np.testing.assert_allclose(pose, [0.0, 0.7, np.pi / 2], atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ["planar3", "ur5e-example", "fr3-example"])
 def test_chain_agrees_with_mujoco_in_every_posture(project_root: Path, name: str) -> None:
-    arm = load_arm(project_root / "config" / "arms" / f"{name}.toml")
+    arm = load_arm(project_root / "config" / "arms" / f"{name}.toml").planar()
     data = mujoco.MjData(arm.model())
     for q in np.random.default_rng(3).uniform(-3.0, 3.0, (20, 3)):
         data.qpos[:] = arm.coordinates(q)
@@ -63,7 +63,7 @@ def test_chain_agrees_with_mujoco_in_every_posture(project_root: Path, name: str
 
 @pytest.mark.parametrize("name", ["ur5e-example", "fr3-example"])
 def test_the_hands_angle_turns_with_mujocos_frame(project_root: Path, name: str) -> None:
-    arm = load_arm(project_root / "config" / "arms" / f"{name}.toml")
+    arm = load_arm(project_root / "config" / "arms" / f"{name}.toml").planar()
     data = mujoco.MjData(arm.model())
     for q in np.random.default_rng(4).uniform(-3.0, 3.0, (5, 3)):
         data.qpos[:] = arm.coordinates(q)
@@ -78,7 +78,7 @@ def test_clamp_offset_and_angle_move_the_hand(copy) -> None:
     path = copy(
         ("offset_m = [0.0, 0.0]", "offset_m = [0.02, 0.01]"), ("angle_rad = 0.0   ", "angle_rad = 0.5   ")
     )
-    arm = load_arm(path)
+    arm = load_arm(path).planar()
     pose = hand_pose(arm.chain, arm.clamp, np.array([np.pi / 2, 0.0, 0.0])).array()
     np.testing.assert_allclose(pose, [-0.01, 0.72, np.pi / 2 + 0.5], atol=1e-15)
 
@@ -121,5 +121,7 @@ def test_several_faults_are_reported_at_once(copy) -> None:
 
 
 def test_jerk_and_margins_enter_the_limits(copy) -> None:
-    arm = load_arm(copy(("# jerk_rad_s3 = [20000, 20000, 20000]", "jerk_rad_s3 = [20000, 20000, 10000]")))
+    arm = load_arm(
+        copy(("# jerk_rad_s3 = [20000, 20000, 20000]", "jerk_rad_s3 = [20000, 20000, 10000]"))
+    ).planar()
     np.testing.assert_allclose(arm.limits.jerk_rad_s3, [19000, 19000, 9500])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from strandcast.arm.limits import torques
+from strandcast.arm.load import SpatialArm, load_arm
 from strandcast.arm.settings import Payload
-from strandcast.arm.spatial import SpatialArm, capsules_in_space, clamp_axes, hand_path, load_spatial_arm
-from strandcast.arm.spatial_dynamics import spatial_dynamics_of
+from strandcast.arm.spatial import capsules_in_space, clamp_axes, hand_path
 from strandcast.errors import StrandcastError
 
 ARMS = Path("config/arms")
@@ -18,7 +18,7 @@ ARMS = Path("config/arms")
 
 @pytest.fixture(params=["ur5e-space", "fr3-space"])
 def arm(project_root: Path, request: pytest.FixtureRequest) -> SpatialArm:
-    return load_spatial_arm(project_root / ARMS / f"{request.param}.toml")
+    return load_arm(project_root / ARMS / f"{request.param}.toml").spatial()
 
 
 def postures(arm: SpatialArm, count: int) -> np.ndarray:
@@ -47,7 +47,7 @@ def test_torques_in_space_are_mujocos(arm: SpatialArm) -> None:
     q, rng = postures(arm, 40), np.random.default_rng(4)
     qd, qdd = rng.uniform(-3, 3, q.shape), rng.uniform(-20, 20, q.shape)
     for one in (arm, replace(arm, payload=Payload(mass_kg=0.7, centre_m=(0.02, -0.01, 0.05)))):
-        found = spatial_dynamics_of(one).torques(q, qd, qdd)
+        found = one.spatial_dynamics.torques(q, qd, qdd)
         np.testing.assert_allclose(found, torques(one, q, qd, qdd), rtol=1e-9, atol=1e-9)
 
 
@@ -59,7 +59,7 @@ def test_the_mass_matrix_is_mujocos(arm: SpatialArm) -> None:
         data.qpos[:] = arm.coordinates(q)
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, full)
-        found = spatial_dynamics_of(arm).mass_matrix(q)
+        found = arm.spatial_dynamics.mass_matrix(q)
         np.testing.assert_allclose(found, full[np.ix_(dofs, dofs)], atol=1e-12)
 
 
@@ -79,5 +79,5 @@ def test_a_fault_of_the_file_is_reported(
         text = (project_root / ARMS / f"ur5e-space{suffix}").read_text(encoding="utf-8")
         (tmp_path / f"arm{suffix}").write_text(text.replace(old, new).replace("ur5e-space.urdf", "arm.urdf"))
     with pytest.raises(StrandcastError) as caught:
-        load_spatial_arm(tmp_path / "arm.toml")
+        load_arm(tmp_path / "arm.toml").spatial()
     assert words in str(caught.value)

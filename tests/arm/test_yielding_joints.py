@@ -7,10 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm, load_arm
 from strandcast.arm.servo import identify
-from strandcast.arm.spatial import load_any_arm
-from strandcast.arm.spatial_dynamics import spatial_dynamics_of
 from strandcast.arm.yielding_joints import YieldingJoints, follow, identify_yielding
 
 ARMS = ("config/arms/fr3-space.toml", "config/arms/planar3.toml")
@@ -21,11 +19,11 @@ ENCODER_RAD = 2e-4
 
 
 @pytest.fixture(scope="module", params=ARMS, ids=["space", "plane"])
-def arm(project_root: Path, request: pytest.FixtureRequest) -> AnyArm:
-    return load_any_arm(project_root / request.param)
+def arm(project_root: Path, request: pytest.FixtureRequest) -> Arm:
+    return load_arm(project_root / request.param)
 
 
-def command(arm: AnyArm, seed: int, amplitude_rad: float) -> np.ndarray:
+def command(arm: Arm, seed: int, amplitude_rad: float) -> np.ndarray:
     """A swing of all joints (T, J) from rest to rest in 0.7 s."""
     start = np.array([0.3, 0.4, -0.2, -1.8, 0.1, 1.9, 0.5])[: len(arm.joints)]
     s = np.clip(TIME_S / 0.7, 0.0, 1.0)
@@ -34,9 +32,9 @@ def command(arm: AnyArm, seed: int, amplitude_rad: float) -> np.ndarray:
     return np.asarray(start + (ways @ shape).T)
 
 
-def loops(arm: AnyArm, share: float, carried: float = 0.0) -> YieldingJoints:
+def loops(arm: Arm, share: float, carried: float = 0.0) -> YieldingJoints:
     """Loops of one frequency with the arm at zero."""
-    dynamics = spatial_dynamics_of(arm)
+    dynamics = arm.spatial_dynamics
     inertia = np.diag(dynamics.mass_matrix(np.zeros(len(arm.joints)))) + ARMATURE_KG_M2
     stiffness = inertia * FREQUENCY_RAD_S**2
     damping = 2.0 * DAMPING_RATIO * inertia * FREQUENCY_RAD_S
@@ -44,7 +42,7 @@ def loops(arm: AnyArm, share: float, carried: float = 0.0) -> YieldingJoints:
     return YieldingJoints(dynamics, np.array([stiffness, damping, *rest]), carried)
 
 
-def on_springs(arm: AnyArm, commands: np.ndarray, share: float = 1.0, carried: float = 0.0) -> np.ndarray:
+def on_springs(arm: Arm, commands: np.ndarray, share: float = 1.0, carried: float = 0.0) -> np.ndarray:
     """The joints (T, J) of the arm in MuJoCo, on springs and dampers, a share of gravity carried."""
     stiffness, damping, armature, _, _ = loops(arm, share).loops
     model = copy(arm.model_with_payload())  # the arm's own is shared
@@ -73,7 +71,7 @@ def on_springs(arm: AnyArm, commands: np.ndarray, share: float = 1.0, carried: f
 
 
 @pytest.mark.parametrize(("share", "carried"), [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-def test_they_move_as_mujocos(arm: AnyArm, share: float, carried: float) -> None:
+def test_they_move_as_mujocos(arm: Arm, share: float, carried: float) -> None:
     swing = command(arm, 1, 1.0)
     expected = on_springs(arm, swing, share, carried)
     found = follow(loops(arm, share, carried), TIME_S, swing)
@@ -83,12 +81,12 @@ def test_they_move_as_mujocos(arm: AnyArm, share: float, carried: float) -> None
 
 
 @pytest.mark.parametrize("carried", [pytest.param(0.0, marks=pytest.mark.thorough), 1.0])
-def test_a_log_tells_how_they_follow_another_motion(arm: AnyArm, carried: float) -> None:
+def test_a_log_tells_how_they_follow_another_motion(arm: Arm, carried: float) -> None:
     played, other = command(arm, 1, 1.0), command(arm, 1, 1.0) + command(arm, 2, 0.3) - command(arm, 2, 0.0)
     noise = ENCODER_RAD * np.random.default_rng(3).standard_normal(played.shape)
     seen = on_springs(arm, played, carried=carried) + noise
     truth = arm.hand_m(on_springs(arm, other, carried=carried))
-    yielding, left_rad = identify_yielding(TIME_S, played[None], seen[None], spatial_dynamics_of(arm))
+    yielding, left_rad = identify_yielding(TIME_S, played[None], seen[None], arm.spatial_dynamics)
     servo, _ = identify(TIME_S, played[None], seen[None], arm.servo)
     assert left_rad.max() < 3.0 * ENCODER_RAD
 

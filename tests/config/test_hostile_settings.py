@@ -141,7 +141,7 @@ class TestArmFiles:
 
     def test_both_folders_are_searched(self, root: Path) -> None:
         assert self.find(root, "planar3") == root / "config/arms/planar3.toml"
-        assert load_arm(self.find(root, "arms/planar3.toml")).name == "planar3"
+        assert load_arm(self.find(root, "arms/planar3.toml")).planar().name == "planar3"
 
     @pytest.mark.parametrize(
         "arm", ["../../../outside/planar3.toml", "{root}/outside/planar3.toml", "link.toml"]
@@ -165,7 +165,7 @@ class TestArmFiles:
         (path.parent / "link.urdf").symlink_to(root / "outside/planar3.urdf")
         path.write_text(path.read_text().replace('"planar3.urdf"', f'"{urdf}"'))
         with pytest.raises(StrandcastError, match="SC-F010") as caught:
-            load_arm(path)
+            load_arm(path).planar()
         assert caught.value.field == "urdf"
 
     @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ class TestArmFiles:
         assert old in text
         path.write_text(text.replace(old, new))
         with pytest.raises(StrandcastError, match="SC-F202") as caught:
-            load_arm(path.with_suffix(".toml"))
+            load_arm(path.with_suffix(".toml")).planar()
         assert words in caught.value.what
 
 
@@ -223,6 +223,6 @@ def test_a_pipe_is_not_read(tmp_path: Path) -> None:
     for name in ("arm.toml", "columns.yaml"):
         os.mkfifo(tmp_path / name)
     with pytest.raises(StrandcastError, match="SC-F001"):
-        load_arm(tmp_path / "arm.toml")
+        load_arm(tmp_path / "arm.toml").planar()
     with pytest.raises(StrandcastError, match="SC-I011"):
         load_mapping(tmp_path / "columns.yaml", JointMapping)

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.records.motion import Motion, Robot, StartPosture, points_of
 
 
-def motion_of(arm: Arm, ns: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Motion:
+def motion_of(arm: PlanarArm, ns: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Motion:
     """Return a motion of points at times (T,) [ns], with angles, speeds and accelerations (T, J)."""
     return Motion(
         experiment="e",
@@ -22,7 +22,7 @@ def motion_of(arm: Arm, ns: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.n
     )
 
 
-def swing(arm: Arm, start: np.ndarray, by: np.ndarray | float, duration_s: float) -> Motion:
+def swing(arm: PlanarArm, start: np.ndarray, by: np.ndarray | float, duration_s: float) -> Motion:
     """Return the quintic from rest to rest, a point every 2 ms and one at the end."""
     ns = np.append(np.arange(0, round(duration_s * 1e9), 2_000_000), round(duration_s * 1e9))
     s = (ns * 1e-9 / duration_s)[:, None]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.arm.settings import Payload
 from strandcast.core.box import Box
 from strandcast.errors import REFUSED, StrandcastError
@@ -27,8 +27,8 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def arm() -> Arm:
-    return load_arm(ROOT / "config" / "arms" / "planar3.toml")
+def arm() -> PlanarArm:
+    return load_arm(ROOT / "config" / "arms" / "planar3.toml").planar()
 
 
 class ScriptedArm(PerfectArm):
@@ -43,7 +43,9 @@ class ScriptedArm(PerfectArm):
         return dataclasses.replace(ArmState(self.q_rad, np.zeros(3)), **given)
 
 
-def preflight_of(arm: Arm, folder: Path, driver: PerfectArm | None = None, **options: object) -> Preflight:
+def preflight_of(
+    arm: PlanarArm, folder: Path, driver: PerfectArm | None = None, **options: object
+) -> Preflight:
     make_motion(arm).write(folder / "planned.json")
     driver = driver or PerfectArm()
     return run_preflight(
@@ -51,13 +53,13 @@ def preflight_of(arm: Arm, folder: Path, driver: PerfectArm | None = None, **opt
     )
 
 
-def with_payload_and_held_joint(arm: Arm) -> Arm:
+def with_payload_and_held_joint(arm: PlanarArm) -> PlanarArm:
     """Return the arm with a payload and a held joint, as its file could declare."""
     payload = Payload(mass_kg=0.2)
     return dataclasses.replace(arm, payload=payload, held={"wrist": 0.5})
 
 
-def assert_refused(arm: Arm, folder: Path, driver: PerfectArm, message: str) -> None:
+def assert_refused(arm: PlanarArm, folder: Path, driver: PerfectArm, message: str) -> None:
     preflight = dataclasses.replace(preflight_of(arm, folder, driver), arm=with_payload_and_held_joint(arm))
     with pytest.raises(StrandcastError, match=message) as caught:
         play(preflight, driver, preflight.short_hash, VirtualClock())
@@ -80,17 +82,17 @@ def assert_refused(arm: Arm, folder: Path, driver: PerfectArm, message: str) -> 
     ],
 )
 def test_an_arm_that_cannot_play_is_refused(
-    arm: Arm, tmp_path: Path, given: dict[str, object], message: str
+    arm: PlanarArm, tmp_path: Path, given: dict[str, object], message: str
 ) -> None:
     assert_refused(arm, tmp_path, ScriptedArm(given), message)
 
 
-def test_a_fault_while_waiting_is_refused(arm: Arm, tmp_path: Path) -> None:
+def test_a_fault_while_waiting_is_refused(arm: PlanarArm, tmp_path: Path) -> None:
     assert_refused(arm, tmp_path, ScriptedArm({}, {}, {}, {"fault": "brakes closed"}), "brakes closed")
 
 
 def test_an_arm_with_a_fault_is_not_moved_to_the_start(
-    arm: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arm: PlanarArm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     driver = ScriptedArm({"speed_scaling": 0.5}, {})
     monkeypatch.setattr(driver, "move_to_start", lambda q_rad: pytest.fail("it was moved"))
@@ -99,7 +101,7 @@ def test_an_arm_with_a_fault_is_not_moved_to_the_start(
         play(preflight, driver, preflight.short_hash, VirtualClock())
 
 
-def test_the_player_waits_for_an_arm_that_is_settling(arm: Arm, tmp_path: Path) -> None:
+def test_the_player_waits_for_an_arm_that_is_settling(arm: PlanarArm, tmp_path: Path) -> None:
     moving = {"qd_rad_s": np.full(3, 0.02)}
     driver = ScriptedArm(*[moving] * 30, {"qd_rad_s": np.zeros(3)})
     preflight = preflight_of(arm, tmp_path, driver)
@@ -108,7 +110,7 @@ def test_the_player_waits_for_an_arm_that_is_settling(arm: Arm, tmp_path: Path) 
     assert clock.since_s == pytest.approx(29 * 0.02 + 0.3, abs=0.05)
 
 
-def test_only_the_right_hash_moves_the_arm(arm: Arm, tmp_path: Path) -> None:
+def test_only_the_right_hash_moves_the_arm(arm: PlanarArm, tmp_path: Path) -> None:
     driver = PerfectArm()
     preflight = preflight_of(arm, tmp_path, driver)
     for wrong in ("", "y", preflight.short_hash[:-1], slowed(preflight.motion, 2.0).content_sha256()[:8]):
@@ -119,14 +121,14 @@ def test_only_the_right_hash_moves_the_arm(arm: Arm, tmp_path: Path) -> None:
     assert driver.stopped == 0
 
 
-def test_what_was_checked_is_played(arm: Arm, tmp_path: Path) -> None:
+def test_what_was_checked_is_played(arm: PlanarArm, tmp_path: Path) -> None:
     driver = PerfectArm()
     preflight = preflight_of(arm, tmp_path, driver)
     play(preflight, driver, preflight.short_hash, VirtualClock())
     assert driver.played == [preflight.command]
 
 
-def test_hand_and_string_must_stay_in_the_workspace(arm: Arm, tmp_path: Path) -> None:
+def test_hand_and_string_must_stay_in_the_workspace(arm: PlanarArm, tmp_path: Path) -> None:
     assert preflight_of(arm, tmp_path).reach.hand_m[0, 1] < 0.8
     narrow = dataclasses.replace(arm, workspace=Box(x_m=(-0.8, 0.8), y_m=(-0.8, 0.8)))
     assert preflight_of(narrow, tmp_path)
@@ -135,7 +137,7 @@ def test_hand_and_string_must_stay_in_the_workspace(arm: Arm, tmp_path: Path) ->
     assert caught.value.exit_code == REFUSED
 
 
-def test_the_path_to_the_start_is_checked(arm: Arm, tmp_path: Path) -> None:
+def test_the_path_to_the_start_is_checked(arm: PlanarArm, tmp_path: Path) -> None:
     driver = PerfectArm(q_rad=START + np.array([0.0, 0.0, 2.5]))  # beyond joint_3's range
     preflight = preflight_of(arm, tmp_path, driver, move_to_start=True)
     with pytest.raises(StrandcastError, match="SC-X004.*the move to the start: joint_3"):
@@ -143,7 +145,7 @@ def test_the_path_to_the_start_is_checked(arm: Arm, tmp_path: Path) -> None:
     assert not driver.played
 
 
-def test_the_string_gets_time_to_settle_after_the_slow_move(arm: Arm, tmp_path: Path) -> None:
+def test_the_string_gets_time_to_settle_after_the_slow_move(arm: PlanarArm, tmp_path: Path) -> None:
     driver, clock = PerfectArm(START + 0.2), VirtualClock()
     preflight = preflight_of(arm, tmp_path, driver, move_to_start=True, settle_s=20.0)
     moved_s = []
@@ -155,7 +157,7 @@ def test_the_string_gets_time_to_settle_after_the_slow_move(arm: Arm, tmp_path: 
     assert moved_s[1] - moved_s[0] == pytest.approx(20.3, abs=0.05)
 
 
-def test_only_one_run_at_a_time_moves_an_arm(arm: Arm, tmp_path: Path) -> None:
+def test_only_one_run_at_a_time_moves_an_arm(arm: PlanarArm, tmp_path: Path) -> None:
     driver = PerfectArm()
     driver.address = f"test-{os.getpid()}"
     preflight = preflight_of(arm, tmp_path, driver)
@@ -180,7 +182,7 @@ def test_another_user_can_move_the_arm_afterwards(monkeypatch: pytest.MonkeyPatc
             os.seteuid(0)
 
 
-def test_a_motion_from_the_future_means_a_wrong_clock(arm: Arm, tmp_path: Path) -> None:
+def test_a_motion_from_the_future_means_a_wrong_clock(arm: PlanarArm, tmp_path: Path) -> None:
     make_motion(arm).write(tmp_path / "planned.json")
     later = time.time() + 3600
     os.utime(tmp_path / "planned.json", (later, later))
@@ -188,12 +190,12 @@ def test_a_motion_from_the_future_means_a_wrong_clock(arm: Arm, tmp_path: Path) 
         run_preflight(tmp_path / "planned.json", arm, PerfectArm(), tmp_path / "run")
 
 
-def test_a_time_scale_below_one_is_refused(arm: Arm) -> None:
+def test_a_time_scale_below_one_is_refused(arm: PlanarArm) -> None:
     with pytest.raises(StrandcastError, match="SC-W020"):
         slowed(make_motion(arm), 0.5)
 
 
-def test_the_dry_run_reports_peaks_that_can_be_worked_out_by_hand(arm: Arm, tmp_path: Path) -> None:
+def test_the_dry_run_reports_peaks_that_can_be_worked_out_by_hand(arm: PlanarArm, tmp_path: Path) -> None:
     preflight = preflight_of(arm, tmp_path, time_scale=4.0)
     report = "\n".join(dry_run_report(preflight))
     # The quintic's largest speed is 15/8 of the mean one: 0.8 rad in 2 s.
@@ -210,6 +212,6 @@ def test_without_masses_no_torque_is_reported(tmp_path: Path) -> None:
     urdf = re.sub(r"<inertial>.*?</inertial>", "", planar3.with_suffix(".urdf").read_text(), flags=re.DOTALL)
     (tmp_path / "planar3.urdf").write_text(urdf)
     (tmp_path / "arm.toml").write_text(planar3.with_suffix(".toml").read_text())
-    report = "\n".join(dry_run_report(preflight_of(load_arm(tmp_path / "arm.toml"), tmp_path)))
+    report = "\n".join(dry_run_report(preflight_of(load_arm(tmp_path / "arm.toml").planar(), tmp_path)))
     assert "peak torque [N m] (share of the limit): not known" in report
     assert "warning: torque is not checked: planar3.urdf gives no mass to what joint_1, joint_2," in report

@@ -31,13 +31,13 @@ def motion() -> Motion:
 
 def test_the_lab_provides_its_driver(project_root, monkeypatch, motion):
     monkeypatch.chdir(project_root)
-    arm = load_arm("config/arms/planar3.toml")
+    arm = load_arm("config/arms/planar3.toml").planar()
     driver = driver_named(arm.driver, arm, motion)
     assert (driver.name, driver.rate_hz) == ("lab", 500)
 
 
 def test_an_unknown_driver_is_reported_with_the_installed_ones(project_root, motion):
-    arm = dataclasses.replace(load_arm(project_root / "config/arms/planar3.toml"), driver="ur12")
+    arm = dataclasses.replace(load_arm(project_root / "config/arms/planar3.toml").planar(), driver="ur12")
     with pytest.raises(
         StrandcastError, match=r"there is no arm driver 'ur12'; available: franka, lab, ur"
     ) as caught:
@@ -52,7 +52,7 @@ def test_an_unknown_driver_is_reported_with_the_installed_ones(project_root, mot
 def test_without_the_vendors_package_the_error_says_what_to_install(
     project_root, motion, monkeypatch, name, file, package
 ):
-    arm = load_arm(project_root / "config/arms" / file)
+    arm = load_arm(project_root / "config/arms" / file).planar()
     arm = dataclasses.replace(arm, driver_settings=arm.driver_settings | {"host": "192.0.2.7"})
     driver = driver_named(arm.driver, arm, motion)
     assert (driver.name, driver.address, driver.streams) == (name, "192.0.2.7", True)

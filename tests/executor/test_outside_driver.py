@@ -45,7 +45,7 @@ def toy_arm(project_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_the_example_of_the_page_plays_a_motion(toy_arm: Path, tmp_path: Path) -> None:
-    arm = load_arm(toy_arm)
+    arm = load_arm(toy_arm).planar()
     make_motion(arm).write(tmp_path / "planned.json")
     driver = driver_named(arm.driver, arm, Motion.read(tmp_path / "planned.json"))
     assert (driver.name, driver.streams) == ("toy", False)
@@ -61,7 +61,7 @@ def test_the_example_of_the_page_plays_a_motion(toy_arm: Path, tmp_path: Path) -
 
 
 def test_the_checks_of_the_player_hold_for_a_driver_from_outside(toy_arm: Path, tmp_path: Path) -> None:
-    arm = load_arm(toy_arm)
+    arm = load_arm(toy_arm).planar()
     make_motion(arm).write(tmp_path / "planned.json")
     driver = driver_named(arm.driver, arm, Motion.read(tmp_path / "planned.json"))
     clock = VirtualClock()

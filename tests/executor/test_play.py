@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import ENVIRONMENT, LOG_INCOMPLETE, REFUSED, StrandcastError
 from strandcast.executor.drivers.protocol import ArmState, Driver, Recording
@@ -73,8 +73,8 @@ class PerfectArm:
 
 
 @pytest.fixture(scope="module")
-def arm() -> Arm:
-    return load_arm(ROOT / "config" / "arms" / "planar3.toml")
+def arm() -> PlanarArm:
+    return load_arm(ROOT / "config" / "arms" / "planar3.toml").planar()
 
 
 @pytest.fixture
@@ -90,20 +90,20 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.fixture
-def motion(arm: Arm) -> Motion:
+def motion(arm: PlanarArm) -> Motion:
     return make_motion(arm)
 
 
-def make_motion(arm: Arm, by: float = 0.8, duration_s: float = 0.5) -> Motion:
+def make_motion(arm: PlanarArm, by: float = 0.8, duration_s: float = 0.5) -> Motion:
     return swing(arm, START, by, duration_s)
 
 
-def play(path: Path, arm: Arm, driver: Driver, out_dir: Path, **options: object) -> Run:
+def play(path: Path, arm: PlanarArm, driver: Driver, out_dir: Path, **options: object) -> Run:
     preflight = run_preflight(path, arm, driver, out_dir, PlayOptions(**options))
     return play_checked(preflight, driver, preflight.short_hash, VirtualClock())
 
 
-def test_a_motion_is_played_and_logged(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+def test_a_motion_is_played_and_logged(arm: PlanarArm, motion: Motion, tmp_path: Path) -> None:
     motion.write(tmp_path / "planned.json")
     (tmp_path / "predicted.parquet").write_bytes(b"the throws that are expected of it")
     driver = PerfectArm()
@@ -119,7 +119,7 @@ def test_a_motion_is_played_and_logged(arm: Arm, motion: Motion, tmp_path: Path)
     assert driver.stopped == 1
 
 
-def test_between_the_points_the_motion_is_smooth(arm: Arm, motion: Motion) -> None:
+def test_between_the_points_the_motion_is_smooth(arm: PlanarArm, motion: Motion) -> None:
     fine = motion.trajectory().resampled(1e-4)
     s = fine.time_s / 0.5
     np.testing.assert_allclose(fine.q_rad[:, 0], START[0] + 0.8 * s**3 * (10 - 15 * s + 6 * s**2), atol=1e-9)
@@ -184,14 +184,14 @@ def other_start(motion: Motion) -> None:
     ],
 )
 def test_a_motion_that_does_not_fit_is_refused(
-    arm: Arm, motion: Motion, tmp_path: Path, spoil: Callable[[Motion], None], code: str
+    arm: PlanarArm, motion: Motion, tmp_path: Path, spoil: Callable[[Motion], None], code: str
 ) -> None:
     spoil(motion)
     motion.write(tmp_path / "planned.json")
     assert_refused(tmp_path, arm, PerfectArm(), code)
 
 
-def test_an_edited_motion_is_refused(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+def test_an_edited_motion_is_refused(arm: PlanarArm, motion: Motion, tmp_path: Path) -> None:
     motion.write(tmp_path / "planned.json")
     edit_on_disk(tmp_path / "planned.json")
     assert_refused(tmp_path, arm, PerfectArm(), "SC-R001")
@@ -202,13 +202,13 @@ def test_an_edited_motion_is_refused(arm: Arm, motion: Motion, tmp_path: Path) -
     [(2.0, 0.3, "velocity"), (0.9, 0.2, "acceleration"), (2.45, 1.2, "position")],
 )
 def test_a_motion_beyond_the_limits_is_refused(
-    arm: Arm, tmp_path: Path, by: float, duration_s: float, what: str
+    arm: PlanarArm, tmp_path: Path, by: float, duration_s: float, what: str
 ) -> None:
     make_motion(arm, by, duration_s).write(tmp_path / "planned.json")
     assert_refused(tmp_path, arm, PerfectArm(), rf"SC-X004.*{what}")
 
 
-def test_an_arm_that_is_elsewhere_or_moves_is_refused(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+def test_an_arm_that_is_elsewhere_or_moves_is_refused(arm: PlanarArm, motion: Motion, tmp_path: Path) -> None:
     motion.write(tmp_path / "planned.json")
     assert_refused(tmp_path, arm, PerfectArm(START + np.array([0.0, 0.02, 0.0])), "SC-X006.*joint_2")
     assert_refused(tmp_path, arm, PerfectArm(speed_rad_s=0.1), "SC-X007")
@@ -217,7 +217,7 @@ def test_an_arm_that_is_elsewhere_or_moves_is_refused(arm: Arm, motion: Motion, 
     assert len(away.played) == 1
 
 
-def test_an_existing_trial_is_never_overwritten(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+def test_an_existing_trial_is_never_overwritten(arm: PlanarArm, motion: Motion, tmp_path: Path) -> None:
     motion.write(tmp_path / "planned.json")
     play(tmp_path / "planned.json", arm, PerfectArm(), tmp_path / "trial-01")
     driver = PerfectArm()
@@ -226,7 +226,7 @@ def test_an_existing_trial_is_never_overwritten(arm: Arm, motion: Motion, tmp_pa
     assert not driver.played
 
 
-def test_an_aborted_throw_leaves_an_incomplete_run(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+def test_an_aborted_throw_leaves_an_incomplete_run(arm: PlanarArm, motion: Motion, tmp_path: Path) -> None:
     motion.write(tmp_path / "planned.json")
     with pytest.raises(StrandcastError, match="SC-X011"):
         play(tmp_path / "planned.json", arm, PerfectArm(status="aborted"), tmp_path / "trial-01")
@@ -245,7 +245,7 @@ def test_an_aborted_throw_leaves_an_incomplete_run(arm: Arm, motion: Motion, tmp
     ],
 )
 def test_an_incomplete_log_is_a_failed_run(
-    arm: Arm, motion: Motion, tmp_path: Path, lost: slice, reason: str
+    arm: PlanarArm, motion: Motion, tmp_path: Path, lost: slice, reason: str
 ) -> None:
     motion.write(tmp_path / "planned.json")
     driver = PerfectArm()
@@ -257,7 +257,7 @@ def test_an_incomplete_log_is_a_failed_run(
     assert (run.complete, run.status) == (False, "incomplete")
 
 
-def test_a_short_gap_is_only_reported(arm: Arm, motion: Motion, tmp_path: Path) -> None:
+def test_a_short_gap_is_only_reported(arm: PlanarArm, motion: Motion, tmp_path: Path) -> None:
     motion.write(tmp_path / "planned.json")
     driver = PerfectArm()
     driver.lose = slice(400, 404)
@@ -268,7 +268,7 @@ def test_a_short_gap_is_only_reported(arm: Arm, motion: Motion, tmp_path: Path) 
 
 @pytest.mark.parametrize("call", ["connect", "state", "move_to_start"])
 def test_a_driver_that_fails_before_the_throw_is_reported_as_such(
-    arm: Arm, motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+    arm: PlanarArm, motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
     motion.write(tmp_path / "planned.json")
     driver = PerfectArm()
@@ -280,7 +280,7 @@ def test_a_driver_that_fails_before_the_throw_is_reported_as_such(
 
 
 def test_a_driver_that_fails_to_stop_loses_neither_the_log_nor_an_earlier_error(
-    arm: Arm, motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arm: PlanarArm, motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     motion.write(tmp_path / "planned.json")
     driver = PerfectArm()
@@ -300,7 +300,7 @@ def failing(*given: object) -> None:
 
 
 def test_a_log_without_commands_is_complete_but_one_without_positions_is_not(
-    arm: Arm, motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arm: PlanarArm, motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     motion.write(tmp_path / "planned.json")
     driver = PerfectArm()
@@ -321,7 +321,7 @@ def test_a_log_without_commands_is_complete_but_one_without_positions_is_not(
     assert caught.value.exit_code == LOG_INCOMPLETE
 
 
-def assert_refused(folder: Path, arm: Arm, driver: PerfectArm, code: str) -> None:
+def assert_refused(folder: Path, arm: PlanarArm, driver: PerfectArm, code: str) -> None:
     with pytest.raises(StrandcastError, match=code) as caught:
         play(folder / "planned.json", arm, driver, folder / "trial-01")
     assert caught.value.exit_code == REFUSED
@@ -341,7 +341,7 @@ class FillingArm(PerfectArm):
 
 
 def test_the_logs_space_is_kept_while_the_arm_moves(
-    arm: Arm, motion: Motion, tmp_path: Path, small_disk: Path
+    arm: PlanarArm, motion: Motion, tmp_path: Path, small_disk: Path
 ) -> None:
     motion.write(tmp_path / "planned.json")
     play(tmp_path / "planned.json", arm, FillingArm(), small_disk / "trial-01")
@@ -351,7 +351,7 @@ def test_the_logs_space_is_kept_while_the_arm_moves(
 
 
 def test_a_log_without_space_is_refused_before_the_arm_moves(
-    arm: Arm, motion: Motion, tmp_path: Path
+    arm: PlanarArm, motion: Motion, tmp_path: Path
 ) -> None:
     motion.write(tmp_path / "planned.json")
     preflight = run_preflight(

@@ -74,7 +74,7 @@ def test_the_lock_holds_the_extra_and_no_workflow(project_root):
 )
 def test_the_player_runs_with_the_locked_packages_alone(tmp_path, project_root, command, says):
     make_project(tmp_path / "lab")
-    make_motion(load_arm(tmp_path / "arm.toml")).write(tmp_path / "lab" / "planned.json")
+    make_motion(load_arm(tmp_path / "arm.toml").planar()).write(tmp_path / "lab" / "planned.json")
     for name in ("arm.toml", "planar3.urdf"):
         (tmp_path / name).rename(tmp_path / "lab" / name)
     line = [sys.executable, "-c", WITH_THESE_ALONE, ",".join(locked(project_root)), *command.split()]

@@ -48,7 +48,7 @@ class Mirror:
 
 
 def test_a_motion_is_streamed_at_its_own_speed() -> None:
-    arm = load_arm(ROOT / "config" / "arms" / "planar3.toml")
+    arm = load_arm(ROOT / "config" / "arms" / "planar3.toml").planar()
     command = make_motion(arm, by=0.4).trajectory().resampled(0.002)
     bounds = safety_bounds(arm)
     bounds = type(bounds)(0.0 * bounds.lag_s, np.full(3, 0.3), *list(vars(bounds).values())[2:])
@@ -76,7 +76,7 @@ def test_ticks_are_not_lost_or_counted_twice() -> None:
 
 
 def test_streaming_works_outside_the_main_thread() -> None:
-    arm = load_arm(ROOT / "config" / "arms" / "planar3.toml")
+    arm = load_arm(ROOT / "config" / "arms" / "planar3.toml").planar()
     command = make_motion(arm, by=0.0).trajectory().resampled(0.002)
     done = []
 

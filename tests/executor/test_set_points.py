@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BPoly
 
-from strandcast.arm.dynamics import dynamics_of
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import StrandcastError
 from strandcast.executor.checks import check_motion, check_set_points
@@ -29,19 +28,19 @@ Columns = tuple[Array, Array, Array, Array]  # time, angles, speeds, acceleratio
 
 
 @cache
-def planned(count: int, seed: int) -> list[tuple[Arm, JointTrajectory]]:
+def planned(count: int, seed: int) -> list[tuple[PlanarArm, JointTrajectory]]:
     """Return motions within the limits of three arms, some of them at a limit."""
     found = []
     for name in ("planar3", "ur5e-example", "fr3-example"):
-        arm = load_arm(ARMS / f"{name}.toml")
-        bounds = JointBounds(arm.limits, 0.002, dynamics_of(arm))
+        arm = load_arm(ARMS / f"{name}.toml").planar()
+        bounds = JointBounds(arm.limits, 0.002, arm.dynamics)
         prior = CurvePrior("rest", (0.3, 0.9), 6, 60.0)
         curves = draw_first(count, prior, bounds, np.random.default_rng(seed))
         found += [(arm, sample(curve, 0.002)) for curve in curves]
     return found
 
 
-def refusal(arm: Arm, columns: Columns) -> str | None:
+def refusal(arm: PlanarArm, columns: Columns) -> str | None:
     """Return the code with which a dry run refuses a motion."""
     try:
         motion = motion_of(arm, np.rint(1e9 * columns[0]).astype(np.int64), *columns[1:])
@@ -156,7 +155,7 @@ MUTATIONS: tuple[Callable[..., Columns], ...] = (
 )
 
 
-def mutants(count: int, seed: int) -> Iterator[tuple[str, Arm, Columns]]:
+def mutants(count: int, seed: int) -> Iterator[tuple[str, PlanarArm, Columns]]:
     rng, good = np.random.default_rng(seed), planned(20, seed)
     for k in range(count):
         arm, motion = good[rng.integers(len(good))]
@@ -169,7 +168,7 @@ def mutants(count: int, seed: int) -> Iterator[tuple[str, Arm, Columns]]:
         yield mutate.__name__, arm, mutate(rng, *columns)
 
 
-def worst_share(arm: Arm, columns: Columns) -> float:
+def worst_share(arm: PlanarArm, columns: Columns) -> float:
     """Return the largest share of a limit that set points take, by differences of their own."""
     limits, shares = arm.limits, []
     quintic = BPoly.from_derivatives(columns[0], np.stack(columns[1:], axis=1))
@@ -219,7 +218,7 @@ def refused(count: int, seed: int) -> list[str]:
 @pytest.mark.parametrize("points", [2, 3, 4, 6, 10, 100])
 @pytest.mark.parametrize("duration_s", [1.0, 1.00001, 1.00000001])
 def test_a_good_motion_of_few_points_or_an_odd_duration_is_accepted(points: int, duration_s: float) -> None:
-    arm, s = load_arm(ARMS / "fr3-example.toml"), np.linspace(0.0, 1.0, points)[:, None]
+    arm, s = load_arm(ARMS / "fr3-example.toml").planar(), np.linspace(0.0, 1.0, points)[:, None]
     way = np.array([0.3, 0.0, -0.2])
     q = way * s**3 * (10 - 15 * s + 6 * s**2) + arm.limits.lower_rad + 0.5
     qd = way * 30 * s**2 * (1 - s) ** 2 / duration_s

@@ -28,7 +28,7 @@ def driver(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> PerfectArm:
     driver = PerfectArm()
     monkeypatch.setattr(stage, "driver_named", lambda name, arm, motion: driver)
     monkeypatch.chdir(tmp_path)
-    make_motion(load_arm(ARM)).write(tmp_path / "motion.json")
+    make_motion(load_arm(ARM).planar()).write(tmp_path / "motion.json")
     return driver
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.errors import ABORTED, LOG_INCOMPLETE, REFUSED, STOPPED_BY_CONTROLLER, StrandcastError
 from strandcast.executor.dry_run_report import dry_run_report
 from strandcast.executor.play import play
@@ -35,15 +35,15 @@ CONTROLLERS = (Controller, PacingController)
 
 
 @pytest.fixture(scope="module")
-def arm() -> Arm:
-    return load_arm(ROOT / "config" / "arms" / "planar3.toml")
+def arm() -> PlanarArm:
+    return load_arm(ROOT / "config" / "arms" / "planar3.toml").planar()
 
 
-def streamed(arm: Arm, kind: type[Controller] = Controller, q: np.ndarray = START) -> StreamedArm:
+def streamed(arm: PlanarArm, kind: type[Controller] = Controller, q: np.ndarray = START) -> StreamedArm:
     return StreamedArm(arm, kind(VirtualClock(), arm, q))
 
 
-def throw(arm: Arm, driver: StreamedArm, folder: Path, by: float = 0.8, **options: object) -> Run:
+def throw(arm: PlanarArm, driver: StreamedArm, folder: Path, by: float = 0.8, **options: object) -> Run:
     make_motion(arm, by).write(folder / "planned.json")
     preflight = run_preflight(
         folder / "planned.json", arm, driver, folder / "run", PlayOptions(**options), driver.clock
@@ -51,7 +51,9 @@ def throw(arm: Arm, driver: StreamedArm, folder: Path, by: float = 0.8, **option
     return play(preflight, driver, preflight.short_hash, driver.clock)
 
 
-def stopped(arm: Arm, driver: StreamedArm, folder: Path, exit_code: int, reason: str) -> tuple[Run, JointLog]:
+def stopped(
+    arm: PlanarArm, driver: StreamedArm, folder: Path, exit_code: int, reason: str
+) -> tuple[Run, JointLog]:
     """Throw, check that it ends with this code and reason, and return run and log."""
     with pytest.raises(StrandcastError) as caught:
         throw(arm, driver, folder)
@@ -64,7 +66,7 @@ def stopped(arm: Arm, driver: StreamedArm, folder: Path, exit_code: int, reason:
     return run, read_joint_log(folder / "run" / "joints.csv")
 
 
-def assert_soft(arm: Arm, log: JointLog) -> None:
+def assert_soft(arm: PlanarArm, log: JointLog) -> None:
     """Check that the command comes to rest within the arm's acceleration and jerk, wherever it was.
 
     Between two set points the command goes on by its mean speed; the log has only set points that were sent.
@@ -82,7 +84,9 @@ def assert_soft(arm: Arm, log: JointLog) -> None:
 
 
 @pytest.mark.parametrize("kind", CONTROLLERS)
-def test_a_motion_is_streamed_and_its_lag_found(arm: Arm, tmp_path: Path, kind: type[Controller]) -> None:
+def test_a_motion_is_streamed_and_its_lag_found(
+    arm: PlanarArm, tmp_path: Path, kind: type[Controller]
+) -> None:
     driver = streamed(arm, kind)
     run = throw(arm, driver, tmp_path)
     log = read_joint_log(tmp_path / "run" / "joints.csv")
@@ -107,7 +111,7 @@ def test_a_motion_is_streamed_and_its_lag_found(arm: Arm, tmp_path: Path, kind: 
     assert log.time_s[high][-1] == pytest.approx(run.motion_end_s, abs=0.006)
 
 
-def test_late_wake_ups_do_not_stretch_or_stop_the_motion(arm: Arm, tmp_path: Path) -> None:
+def test_late_wake_ups_do_not_stretch_or_stop_the_motion(arm: PlanarArm, tmp_path: Path) -> None:
     driver = streamed(arm)
     original = driver.play
 
@@ -175,7 +179,11 @@ def break_write(driver: StreamedArm, at: float) -> None:
     ],
 )
 def test_every_fault_ends_in_the_soft_stop(
-    arm: Arm, tmp_path: Path, kind: type[Controller], fault: Callable[[StreamedArm, float], None], reason: str
+    arm: PlanarArm,
+    tmp_path: Path,
+    kind: type[Controller],
+    fault: Callable[[StreamedArm, float], None],
+    reason: str,
 ) -> None:
     driver = streamed(arm, kind)
     after(MIDDLE_S, fault)(driver)
@@ -187,7 +195,7 @@ def test_every_fault_ends_in_the_soft_stop(
     assert host_s[-1] - host_s[np.isfinite(log.since_start_s)][-1] > 0.5
 
 
-def test_a_clock_that_jumps_ahead_does_not_make_the_command_jump(arm: Arm) -> None:
+def test_a_clock_that_jumps_ahead_does_not_make_the_command_jump(arm: PlanarArm) -> None:
     driver = streamed(arm, PacingController)
     read = driver.controller.read
 
@@ -204,7 +212,7 @@ def test_a_clock_that_jumps_ahead_does_not_make_the_command_jump(arm: Arm) -> No
     assert (np.abs(np.diff(done.log.q_cmd_rad, axis=0)).max(axis=0) < 1.05 * 0.002 * fastest).all()
 
 
-def test_the_end_of_streaming_is_undisturbed_as_well(arm: Arm) -> None:
+def test_the_end_of_streaming_is_undisturbed_as_well(arm: PlanarArm) -> None:
     driver = streamed(arm)
     calm: list[bool] = [False]
     ended: list[bool] = []
@@ -223,7 +231,7 @@ def test_the_end_of_streaming_is_undisturbed_as_well(arm: Arm) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_ends_in_the_soft_stop(arm: Arm, tmp_path: Path, number: signal.Signals) -> None:
+def test_a_signal_ends_in_the_soft_stop(arm: PlanarArm, tmp_path: Path, number: signal.Signals) -> None:
     driver = streamed(arm)
     write = driver.controller.write
 
@@ -245,7 +253,7 @@ def test_a_signal_ends_in_the_soft_stop(arm: Arm, tmp_path: Path, number: signal
 
 
 def test_a_second_ctrl_c_does_not_lose_the_log(
-    arm: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arm: PlanarArm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
     driver = streamed(arm)
@@ -274,7 +282,7 @@ def test_a_second_ctrl_c_does_not_lose_the_log(
 
 @pytest.mark.parametrize("kind", CONTROLLERS)
 def test_a_protective_stop_is_a_fault_of_the_controller(
-    arm: Arm, tmp_path: Path, kind: type[Controller]
+    arm: PlanarArm, tmp_path: Path, kind: type[Controller]
 ) -> None:
     driver = streamed(arm, kind)
     after(MIDDLE_S, lambda d, at: setattr(d.controller, "protective_at", at))(driver)
@@ -285,14 +293,14 @@ def test_a_protective_stop_is_a_fault_of_the_controller(
     assert np.ptp(log.q_cmd_rad[log.time_s > last + 0.01], axis=0).max() == 0.0  # no further commands
 
 
-def test_a_link_that_dies_leaves_the_log_so_far(arm: Arm, tmp_path: Path) -> None:
+def test_a_link_that_dies_leaves_the_log_so_far(arm: PlanarArm, tmp_path: Path) -> None:
     driver = streamed(arm)
     after(MIDDLE_S, lambda d, at: setattr(d.controller, "deaf_at", at))(driver)
     _, log = stopped(arm, driver, tmp_path, ABORTED, "broken pipe")
     assert 350 < len(log.time_s) < 400
 
 
-def test_a_failed_start_is_reported(arm: Arm, tmp_path: Path) -> None:
+def test_a_failed_start_is_reported(arm: PlanarArm, tmp_path: Path) -> None:
     driver = streamed(arm)
 
     def start() -> None:
@@ -307,7 +315,7 @@ def test_a_failed_start_is_reported(arm: Arm, tmp_path: Path) -> None:
     assert (run.complete, run.status, run.rows) == (False, "aborted", 0)
 
 
-def test_a_state_reported_twice_is_logged_once(arm: Arm) -> None:
+def test_a_state_reported_twice_is_logged_once(arm: PlanarArm) -> None:
     clock = VirtualClock()
     controller = Controller(clock, arm, START, rate_hz=250.0)
     command = make_motion(arm).trajectory().resampled(0.002)
@@ -318,7 +326,7 @@ def test_a_state_reported_twice_is_logged_once(arm: Arm) -> None:
     assert np.mean(done.log.flags & AFTER_DUPLICATE > 0) > 0.9
 
 
-def test_a_controller_faster_than_declared_is_stopped_before_the_log_is_full(arm: Arm) -> None:
+def test_a_controller_faster_than_declared_is_stopped_before_the_log_is_full(arm: PlanarArm) -> None:
     driver = streamed(arm, PacingController)
     command = make_motion(arm).trajectory().resampled(0.002)
     done = stream(driver.controller, command, safety_bounds(arm), 250.0, list(arm.joints), clock=driver.clock)
@@ -327,7 +335,7 @@ def test_a_controller_faster_than_declared_is_stopped_before_the_log_is_full(arm
     assert np.abs(done.log.qd_cmd_rad_s[-1]).max() < 1e-9
 
 
-def test_a_log_that_cannot_be_written_is_an_incomplete_run(arm: Arm, tmp_path: Path) -> None:
+def test_a_log_that_cannot_be_written_is_an_incomplete_run(arm: PlanarArm, tmp_path: Path) -> None:
     driver = streamed(arm)
     original = driver.play
 
@@ -344,7 +352,7 @@ def test_a_log_that_cannot_be_written_is_an_incomplete_run(arm: Arm, tmp_path: P
     assert driver.stopped == 1
 
 
-def test_a_folder_that_is_not_writable_is_refused_beforehand(arm: Arm, tmp_path: Path) -> None:
+def test_a_folder_that_is_not_writable_is_refused_beforehand(arm: PlanarArm, tmp_path: Path) -> None:
     (tmp_path / "run").write_text("a file")
     driver = streamed(arm)
     with pytest.raises(StrandcastError, match="SC-W002") as caught:
@@ -353,7 +361,7 @@ def test_a_folder_that_is_not_writable_is_refused_beforehand(arm: Arm, tmp_path:
     assert not driver.played
 
 
-def test_a_driver_that_fails_leaves_an_incomplete_run(arm: Arm, tmp_path: Path) -> None:
+def test_a_driver_that_fails_leaves_an_incomplete_run(arm: PlanarArm, tmp_path: Path) -> None:
     driver = streamed(arm)
 
     def explode(command, folder):
@@ -367,7 +375,7 @@ def test_a_driver_that_fails_leaves_an_incomplete_run(arm: Arm, tmp_path: Path) 
     assert not (tmp_path / "run" / "run.json").exists()
 
 
-def test_a_slow_move_brings_the_arm_to_the_start(arm: Arm, tmp_path: Path) -> None:
+def test_a_slow_move_brings_the_arm_to_the_start(arm: PlanarArm, tmp_path: Path) -> None:
     driver = streamed(arm, q=START + np.array([0.2, -0.1, 0.0]))
     with pytest.raises(StrandcastError, match="SC-X006"):
         throw(arm, driver, tmp_path)
@@ -375,7 +383,7 @@ def test_a_slow_move_brings_the_arm_to_the_start(arm: Arm, tmp_path: Path) -> No
     assert run.complete
 
 
-def test_four_times_slower_is_the_same_path(arm: Arm, tmp_path: Path) -> None:
+def test_four_times_slower_is_the_same_path(arm: PlanarArm, tmp_path: Path) -> None:
     driver = streamed(arm)
     run = throw(arm, driver, tmp_path, time_scale=4.0)
     log = read_joint_log(tmp_path / "run" / "joints.csv")
@@ -386,7 +394,7 @@ def test_four_times_slower_is_the_same_path(arm: Arm, tmp_path: Path) -> None:
     np.testing.assert_allclose(q, START[2] + 0.8 * s**3 * (10 - 15 * s + 6 * s**2), atol=1e-6)
 
 
-def test_a_dry_run_reports_a_host_that_is_late(arm: Arm, tmp_path: Path) -> None:
+def test_a_dry_run_reports_a_host_that_is_late(arm: PlanarArm, tmp_path: Path) -> None:
     driver = streamed(arm)
     make_motion(arm, 0.8).write(tmp_path / "planned.json")
     for late_s, refused in ((0.0, False), (0.0015, True)):
@@ -401,7 +409,7 @@ def test_a_dry_run_reports_a_host_that_is_late(arm: Arm, tmp_path: Path) -> None
         assert ("a live run would be refused now (SC-X018); allow real-time scheduling" in report) == refused
 
 
-def test_a_host_that_is_late_is_refused(arm: Arm, tmp_path: Path) -> None:
+def test_a_host_that_is_late_is_refused(arm: PlanarArm, tmp_path: Path) -> None:
     driver = streamed(arm)
     driver.clock.late = dict.fromkeys(np.arange(0.0, 2.0, 0.1).tolist(), 0.0015)
     with pytest.raises(StrandcastError, match=r"SC-X018.*1.5") as caught:

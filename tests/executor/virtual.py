@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.executor.drivers.protocol import ArmState, Recording
 from strandcast.executor.move_to_start import move_to_start
@@ -48,7 +48,7 @@ class Controller:
     by times since the clock's origin [s].
     """
 
-    def __init__(self, clock: VirtualClock, arm: Arm, q: np.ndarray, rate_hz: float = 500.0) -> None:
+    def __init__(self, clock: VirtualClock, arm: PlanarArm, q: np.ndarray, rate_hz: float = 500.0) -> None:
         self.clock, self.arm = clock, arm
         self.cycle_ns = round(1e9 / rate_hz)
         self.at_ns = clock.ns
@@ -142,7 +142,7 @@ class StreamedArm:
     streams = True
     address: str | None = None
 
-    def __init__(self, arm: Arm, controller: Controller) -> None:
+    def __init__(self, arm: PlanarArm, controller: Controller) -> None:
         self.arm, self.controller, self.clock = arm, controller, controller.clock
         self.rate_hz = 1e9 / controller.cycle_ns
         self.played = self.stopped = 0

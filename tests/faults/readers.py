@@ -381,7 +381,7 @@ def mapped(kind: type[JointMapping] | type[CaptureMapping], path: Path) -> Any:
 
 def played(path: Path) -> Any:
     """Read a motion, and a log that is said to be of it."""
-    motion, arm = Motion.read(path), load_arm(ARM)
+    motion, arm = Motion.read(path), load_arm(ARM).planar()
     return import_joints(
         path.with_name("log.csv"), path.parent, Reading(), played=Played(motion, arm)
     ).content()
@@ -390,7 +390,7 @@ def played(path: Path) -> Any:
 def checked(path: Path) -> Any:
     """Check a motion as the player does before anything is sent."""
     motion = Motion.read(path)
-    return repr(check_motion(path, motion, load_arm(ARM)))
+    return repr(check_motion(path, motion, load_arm(ARM).planar()))
 
 
 def maker_logs() -> dict[str, str]:
@@ -410,7 +410,7 @@ def maker_logs() -> dict[str, str]:
 
 def motion_file(folder: Path) -> Path:
     """Write a short motion of the arm's three joints that a robot could play."""
-    arm = load_arm(ARM)
+    arm = load_arm(ARM).planar()
     time_s = np.linspace(0.0, 0.4, 21)
     share = time_s / time_s[-1]
     q = np.array([1.2, 0.3, 0.2]) + 0.02 * (10 * share**3 - 15 * share**4 + 6 * share**5)[:, None]
@@ -512,7 +512,7 @@ def arm_file(damaged: str) -> Callable[[Path], Path]:
 
 
 def arm(path: Path) -> Any:
-    found = load_arm(path.with_suffix(".toml"))
+    found = load_arm(path.with_suffix(".toml")).planar()
     return (
         found.joints,
         found.limits.lower_rad.tolist(),

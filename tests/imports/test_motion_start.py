@@ -18,7 +18,7 @@ NAMES = ["joint_1", "joint_2", "joint_3"]
 
 @pytest.fixture(scope="module")
 def arm(project_root):
-    return load_arm(project_root / "config" / "arms" / "planar3.toml")
+    return load_arm(project_root / "config" / "arms" / "planar3.toml").planar()
 
 
 def swing(arm, travel=(0.7, 0.9, 0.8)) -> Motion:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from strandcast.arm.spatial import hand_path, load_spatial_arm
+from strandcast.arm.load import load_arm
+from strandcast.arm.spatial import hand_path
 from strandcast.errors import StrandcastError
 from strandcast.imports.throw_in_space import ThrownBy, place_capture, placement_warnings, standard_error_m
 
@@ -27,7 +28,7 @@ def eased(time_s: np.ndarray, start_s: float | np.ndarray, end_s: float) -> np.n
 
 def moved(root: Path, travel_rad: list[float], wrist_turns: bool = False, rest_s: float = 0.0) -> ThrownBy:
     """Return a motion from rest to rest in a log of 500 Hz; joints set off one after the other."""
-    arm = load_spatial_arm(root / ARM)
+    arm = load_arm(root / ARM).spatial()
     time_s = np.arange(0.0 if wrist_turns else 10.5 - rest_s, 12.4, 0.002)
     q = np.tile([0.2, -1.2, 1.0, -0.5, 0.4, 0.1], (len(time_s), 1))
     q += eased(time_s[:, None], START_S + np.array(RISING), END_S) * travel_rad

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.config.experiment import Experiment
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.lab.throw import photograph_boards, throw
@@ -27,7 +27,7 @@ def swing_command(duration_s: float = 0.4, by: tuple[float, ...] = (0.7, 0.9, 0.
     )
 
 
-def write_motion(path: Path, arm: Arm, command: JointTrajectory) -> Path:
+def write_motion(path: Path, arm: PlanarArm, command: JointTrajectory) -> Path:
     Motion(
         experiment="lab-test",
         trial=1,
@@ -65,7 +65,7 @@ class Thrown:
     """A virtual rig that was set up and has thrown once."""
 
     experiment: Experiment
-    arm: Arm
+    arm: PlanarArm
     motion: Path
     data: Path
     truth: Path
@@ -76,12 +76,12 @@ class Thrown:
 
 
 @pytest.fixture(scope="session")
-def arm() -> Arm:
-    return load_arm(ROOT / "config" / "arms" / "planar3.toml")
+def arm() -> PlanarArm:
+    return load_arm(ROOT / "config" / "arms" / "planar3.toml").planar()
 
 
 @pytest.fixture(scope="session")
-def thrown(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Thrown:
+def thrown(arm: PlanarArm, tmp_path_factory: pytest.TempPathFactory) -> Thrown:
     folder = tmp_path_factory.mktemp("lab")
     experiment = make_experiment()
     motion = write_motion(folder / "motion.json", arm, swing_command())

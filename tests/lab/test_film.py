@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.camera.markers import detect_markers, marker_detector
 from strandcast.lab.film import FilmSubject, film_frames, film_subject, interpolated
 from strandcast.lab.scene import LabScene, make_scene, square_corners_m
@@ -20,7 +20,7 @@ from .conftest import Thrown, make_experiment, swing_command
 from .test_swing import QUIET
 
 
-def test_string_is_drawn_where_it_is(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_string_is_drawn_where_it_is(arm: PlanarArm, monkeypatch: pytest.MonkeyPatch) -> None:
     string = PAPER_STRINGS["paper-1"]
     scene = make_scene(make_experiment(), "lab-test", arm)
     plain = LabScene(scene.view, np.full_like(scene.still, 80.0), np.ones_like(scene.gain), arm, ())
@@ -138,7 +138,7 @@ def test_plane_photo_shows_every_marker_where_the_lens_puts_it(thrown: Thrown) -
     assert np.sqrt((errors**2).sum(axis=1).mean()) < 0.5
 
 
-def test_the_film_subject_has_the_weight_at_the_tip(arm: Arm) -> None:
+def test_the_film_subject_has_the_weight_at_the_tip(arm: PlanarArm) -> None:
     swing = simulate_swing(arm, "stiff", PAPER_STRINGS["paper-1"], QUIET, swing_command())
     actors: FilmSubject = film_subject(swing, PAPER_STRINGS["paper-1"])
     assert actors.weights[0][0] == len(swing.places_m) - 1

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
 from strandcast.lab.driver import VIDEO, LabDriver, LabThrow
@@ -33,7 +33,7 @@ def with_led(place_m: tuple[float, float] = PLACE_M, led: bool = True) -> Experi
     return Experiment.model_validate(settings)
 
 
-def test_the_led_lights_only_its_region_for_its_share_of_an_exposure(arm: Arm) -> None:
+def test_the_led_lights_only_its_region_for_its_share_of_an_exposure(arm: PlanarArm) -> None:
     string = PAPER_STRINGS["paper-1"]
     actors = film_subject(simulate_swing(arm, "servoj", string, QUIET, swing_command()), string)
     scene = make_scene(with_led(), "lab-test", arm)
@@ -55,14 +55,14 @@ def test_the_led_lights_only_its_region_for_its_share_of_an_exposure(arm: Arm) -
     assert not lit.any()
 
 
-def test_a_scene_without_the_led_is_unchanged(arm: Arm) -> None:
+def test_a_scene_without_the_led_is_unchanged(arm: PlanarArm) -> None:
     plain = make_scene(make_experiment(camera=SMALL), "lab-test", arm)
     dark = make_scene(with_led(led=False), "lab-test", arm)
     np.testing.assert_array_equal(dark.still, plain.still)
     assert dark.led is None
 
 
-def test_a_throw_switches_the_led_by_the_true_clocks(arm: Arm, tmp_path: Path) -> None:
+def test_a_throw_switches_the_led_by_the_true_clocks(arm: PlanarArm, tmp_path: Path) -> None:
     experiment, command = with_led(), swing_command()
     driver = LabDriver(LabThrow("lab-test", experiment, 1, tmp_path / "truth.parquet"), arm)
     driver.move_to_start(command.q_rad[0])
@@ -88,7 +88,7 @@ def test_a_throw_switches_the_led_by_the_true_clocks(arm: Arm, tmp_path: Path) -
     assert light[lit].min() > light[dark].max() + 60
 
 
-def test_the_led_must_have_a_position_inside_the_picture(arm: Arm) -> None:
+def test_the_led_must_have_a_position_inside_the_picture(arm: PlanarArm) -> None:
     with pytest.raises(StrandcastError, match="SC-T033"):
         make_scene(with_led((3.0, 0.0)), "lab-test", arm)
     with pytest.raises(ValueError, match="needs the LED's position"):

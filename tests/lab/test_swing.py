@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.lab.rig import LabGrasp, build_rig, links_of, weight_radius_m
 from strandcast.lab.servo import CYCLE_S, SERVO_PRESETS, ServoSetPoints, joint_drives
@@ -24,12 +24,12 @@ def still(q: tuple[float, float, float], duration_s: float) -> JointTrajectory:
     return JointTrajectory(time_s, np.array([q, q]), zero, zero)
 
 
-def throw(arm: Arm, name: str, step_s: float = STEP_S, variation: ThrowVariation = QUIET) -> LabSwing:
+def throw(arm: PlanarArm, name: str, step_s: float = STEP_S, variation: ThrowVariation = QUIET) -> LabSwing:
     return simulate_swing(arm, "servoj", PAPER_STRINGS[name], variation, swing_command(), step_s)
 
 
 @pytest.mark.parametrize("name", ["paper-4", pytest.param("paper-5", marks=pytest.mark.thorough)])
-def test_string_keeps_its_length_and_the_step_does_not_matter(arm: Arm, name: str) -> None:
+def test_string_keeps_its_length_and_the_step_does_not_matter(arm: PlanarArm, name: str) -> None:
     swing = throw(arm, name)
     lengths = np.linalg.norm(np.diff(swing.nodes_m, axis=1), axis=2)
     np.testing.assert_allclose(lengths, np.broadcast_to(np.diff(swing.places_m), lengths.shape), atol=1e-12)
@@ -39,7 +39,7 @@ def test_string_keeps_its_length_and_the_step_does_not_matter(arm: Arm, name: st
     assert 3.0 < speed < 30.0
 
 
-def test_string_hangs_still_until_the_arm_moves(arm: Arm) -> None:
+def test_string_hangs_still_until_the_arm_moves(arm: PlanarArm) -> None:
     swing = throw(arm, "paper-7")
     before = swing.nodes_m[swing.time_s <= 0.0]
     assert np.ptp(before, axis=0).max() < 1e-9
@@ -47,7 +47,7 @@ def test_string_hangs_still_until_the_arm_moves(arm: Arm) -> None:
     assert swing.nodes_m[0, -1, 1] < swing.nodes_m[0, 0, 1] - 0.55
 
 
-def test_pipe_stays_straight(arm: Arm) -> None:
+def test_pipe_stays_straight(arm: PlanarArm) -> None:
     swing = throw(arm, "paper-6")
     on_pipe = (swing.places_m >= 0.4 - 1e-9) & (swing.places_m <= 0.5 + 1e-9)
     pipe = swing.nodes_m[:, on_pipe]
@@ -63,7 +63,7 @@ def test_weights_and_pipes_lie_on_link_ends() -> None:
     assert sum(link.pipe_kg for link in links) == pytest.approx(0.0015)
 
 
-def test_small_swings_have_the_period_of_a_pendulum(arm: Arm) -> None:
+def test_small_swings_have_the_period_of_a_pendulum(arm: PlanarArm) -> None:
     length, density, mass = 0.3, 0.001, 0.010
     string = PhysicalString(length, density, 1e-10, 0.0, 0.001, ((length, mass),))
     sway = ThrowVariation(0.0, 0.0, 0.0, 0.02, 0.0, np.zeros(3), np.ones(3), 0.0)
@@ -81,7 +81,7 @@ def test_small_swings_have_the_period_of_a_pendulum(arm: Arm) -> None:
     assert found == pytest.approx(expected, rel=2e-3)
 
 
-def test_stiff_string_sags_like_a_cantilever(arm: Arm) -> None:
+def test_stiff_string_sags_like_a_cantilever(arm: PlanarArm) -> None:
     length, density, stiffness = 0.3, 0.003, 0.02
     string = PhysicalString(length, density, stiffness, 0.0, 0.003)
     drive = joint_drives(arm, SERVO_PRESETS["stiff"])
@@ -96,7 +96,7 @@ def test_stiff_string_sags_like_a_cantilever(arm: Arm) -> None:
     assert sag == pytest.approx(density * 9.81 * length**4 / (8 * stiffness), rel=0.02)
 
 
-def test_each_servo_has_its_own_lag(arm: Arm) -> None:
+def test_each_servo_has_its_own_lag(arm: PlanarArm) -> None:
     lags = {}
     for name in ("servoj", "stiff", "soft"):
         swing = simulate_swing(arm, name, PAPER_STRINGS["paper-1"], QUIET, swing_command())
@@ -109,7 +109,7 @@ def test_each_servo_has_its_own_lag(arm: Arm) -> None:
     assert 0.010 < lags["soft"] < 0.035
 
 
-def test_variation_scales_and_moves_the_tip_by_millimetres(arm: Arm) -> None:
+def test_variation_scales_and_moves_the_tip_by_millimetres(arm: PlanarArm) -> None:
     rng = np.random.default_rng(3)
     varied = throw(arm, "paper-1", variation=draw_variation(rng, 3, 1.0))
     moved = np.linalg.norm(varied.nodes_m[:, -1] - throw(arm, "paper-1").nodes_m[:, -1], axis=1)
@@ -119,7 +119,7 @@ def test_variation_scales_and_moves_the_tip_by_millimetres(arm: Arm) -> None:
     assert (QUIET.servo_gain == 1.0).all()
 
 
-def test_weak_motors_stay_within_their_torque(arm: Arm) -> None:
+def test_weak_motors_stay_within_their_torque(arm: PlanarArm) -> None:
     swing = simulate_swing(
         arm, "weak", PAPER_STRINGS["paper-1"], QUIET, swing_command(0.2, by=(1.5, 1.5, 1.5))
     )
@@ -127,7 +127,7 @@ def test_weak_motors_stay_within_their_torque(arm: Arm) -> None:
     assert np.abs(swing.q_rad[-1] - swing.command_rad[-1]).max() < 0.01
 
 
-def test_an_arm_with_a_held_joint_throws_like_the_planar_one(arm: Arm, tmp_path: Path) -> None:
+def test_an_arm_with_a_held_joint_throws_like_the_planar_one(arm: PlanarArm, tmp_path: Path) -> None:
     """A turret below the arm, held askew: the same throw in a turned plane."""
     yaw = 0.7
     turret = (
@@ -142,7 +142,7 @@ def test_an_arm_with_a_held_joint_throws_like_the_planar_one(arm: Arm, tmp_path:
     toml = toml.replace("plane_x = [1, 0, 0]", f"plane_x = [{np.cos(yaw)}, {np.sin(yaw)}, 0]")
     toml = toml.replace("[throw.held]", f"[throw.held]\nyaw = {yaw}\n#")
     (tmp_path / "turned.toml").write_text(toml)
-    turned = throw(load_arm(tmp_path / "turned.toml"), "paper-2")
+    turned = throw(load_arm(tmp_path / "turned.toml").planar(), "paper-2")
     plain = throw(arm, "paper-2")
     in_motion = plain.time_s < 0.4
     np.testing.assert_allclose(turned.nodes_m[in_motion], plain.nodes_m[in_motion], atol=1e-6)

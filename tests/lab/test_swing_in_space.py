@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.load import load_arm
-from strandcast.arm.spatial import SpatialArm, hand_path, load_spatial_arm
+from strandcast.arm.load import SpatialArm, load_arm
+from strandcast.arm.spatial import hand_path
 from strandcast.lab import swing_in_space
 from strandcast.lab.strings import PhysicalString
 from strandcast.lab.swing import LabSwing, simulate_swing
@@ -27,7 +27,7 @@ def nominal(joints: int) -> VariationInSpace:
 def swung(
     project_root: Path, q0: list[float], string: PhysicalString, variation: VariationInSpace
 ) -> LabSwing:
-    arm = load_spatial_arm(project_root / UR5E)
+    arm = load_arm(project_root / UR5E).spatial()
     motion = sample(replace(STILL, q0_rad=np.array(q0)), 0.002)
     return simulate_swing_in_space(arm, "servoj", string, 0.4, variation, motion)
 
@@ -37,7 +37,7 @@ def test_a_curled_string_at_rest_stays_and_hangs(project_root: Path, q0: list[fl
     swing = swung(project_root, q0, replace(STRING, curl_rad_m=3.0), nominal(6))
     np.testing.assert_allclose(swing.nodes_m[-1], swing.nodes_m[0], atol=1e-6)
     assert swing.nodes_m[0, -1, 2] < swing.nodes_m[0, 0, 2] - 0.9 * STRING.length_m
-    arm = load_spatial_arm(project_root / UR5E)
+    arm = load_arm(project_root / UR5E).spatial()
     np.testing.assert_allclose(hand_path(arm.chain, swing.q_rad)[:, :3], swing.nodes_m[:, 0], atol=1e-9)
 
 
@@ -59,7 +59,7 @@ def test_sway_has_two_directions(project_root: Path) -> None:
 def test_a_throw_in_a_plane_is_that_of_the_planar_lab(
     project_root: Path, planar_arm_in_space: SpatialArm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    planar = load_arm(project_root / "config/arms/planar3.toml")
+    planar = load_arm(project_root / "config/arms/planar3.toml").planar()
     swing = [[2.0, 4.0, 4.0, 3.0, 1.0, 0.0], [2.0, 3.0, 5.0, 5.0, 2.0, 0.0], [0.0, 3.0, 6.0, 6.0, 1.0, 0.0]]
     motion = sample(Curve(np.array([0.3, -0.9, -0.5]), 0.5, rest_heights(np.array(swing))), 0.002)
     monkeypatch.setattr(swing_in_space, "SPATIAL_LINK_M", 0.015)

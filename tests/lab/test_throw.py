@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.config.experiment import Experiment
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
@@ -76,7 +76,7 @@ def test_repeating_a_throw_gives_the_same_bytes(thrown: Thrown, tmp_path: Path) 
 
 
 @pytest.mark.thorough
-def test_without_noise_trials_differ_only_in_their_clocks(arm: Arm, tmp_path: Path) -> None:
+def test_without_noise_trials_differ_only_in_their_clocks(arm: PlanarArm, tmp_path: Path) -> None:
     experiment = make_experiment(noise=0.0, camera=SMALL)
     motion = write_motion(tmp_path / "motion.json", arm, swing_command())
     for trial in (1, 2):
@@ -116,7 +116,7 @@ def test_a_string_that_does_not_fit_is_refused() -> None:
         physical_string(make_experiment(string="paper-4"))
 
 
-def test_markers_must_be_declared_and_inside_the_picture(arm: Arm, tmp_path: Path) -> None:
+def test_markers_must_be_declared_and_inside_the_picture(arm: PlanarArm, tmp_path: Path) -> None:
     from strandcast.lab.scene import make_scene
 
     bare = make_experiment().model_dump()

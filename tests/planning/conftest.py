@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.config.plan import PlanSettings
 from strandcast.core.box import Box
 from strandcast.core.strings import StringBatch
@@ -17,12 +17,12 @@ LAYOUT = mass_layout(0.30, 10, [0.30])
 
 
 @pytest.fixture(scope="session")
-def arm(project_root: Path) -> Arm:
-    return load_arm(project_root / "config/arms/planar3.toml")
+def arm(project_root: Path) -> PlanarArm:
+    return load_arm(project_root / "config/arms/planar3.toml").planar()
 
 
 @pytest.fixture(scope="session")
-def task(arm: Arm) -> PlanningTask:
+def task(arm: PlanarArm) -> PlanningTask:
     box = Box(x_m=(-0.75, 1.25), y_m=(-0.32, 0.80))
     return PlanningTask(arm, StringModel(0.30, 10), np.array([0.50, 0.50]), 0.02, box)
 

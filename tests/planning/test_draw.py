@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strandcast.arm.dynamics import dynamics_of
 from strandcast.arm.limits import violations
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import Curve, sample
 from strandcast.planning.draw import CurvePrior, JointBounds, Reading, draw_first
@@ -19,13 +18,13 @@ def prior(reading: Reading) -> CurvePrior:
     return CurvePrior(reading, (0.3, 0.9), 6, 60.0)
 
 
-def drawn(arm: Arm, reading: Reading, seed: int = 0, count: int = 30) -> list[Curve]:
-    bounds = JointBounds(arm.limits, STEP_S, dynamics_of(arm))
+def drawn(arm: PlanarArm, reading: Reading, seed: int = 0, count: int = 30) -> list[Curve]:
+    bounds = JointBounds(arm.limits, STEP_S, arm.dynamics)
     return draw_first(count, prior(reading), bounds, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("reading", ["rest", "paper"])
-def test_all_draws_keep_the_limits(arm: Arm, reading: Reading) -> None:
+def test_all_draws_keep_the_limits(arm: PlanarArm, reading: Reading) -> None:
     curves = drawn(arm, reading)
     for curve in curves:
         motion = sample(curve, STEP_S)
@@ -37,38 +36,38 @@ def test_all_draws_keep_the_limits(arm: Arm, reading: Reading) -> None:
 
 
 @pytest.mark.parametrize("reading", ["rest", "paper"])
-def test_draws_keep_the_torque_limits_of_a_weak_arm(arm: Arm, reading: Reading) -> None:
+def test_draws_keep_the_torque_limits_of_a_weak_arm(arm: PlanarArm, reading: Reading) -> None:
     weak = replace(arm, limits=replace(arm.limits, torque_n_m=np.array([17.0, 6.0, 1.5])))
     for curve in drawn(weak, reading, count=10):
         motion = sample(curve, STEP_S)
         assert violations(weak, motion) == []
 
 
-def test_draws_keep_a_jerk_limit(arm: Arm) -> None:
+def test_draws_keep_a_jerk_limit(arm: PlanarArm) -> None:
     smooth = replace(arm, limits=replace(arm.limits, jerk_rad_s3=np.full(3, 600.0)))
     for curve in drawn(smooth, "rest", count=10):
         motion = sample(curve, STEP_S)
         assert violations(smooth, motion) == []
 
 
-def test_the_papers_motions_end_in_a_ramp_ours_do_not(arm: Arm) -> None:
+def test_the_papers_motions_end_in_a_ramp_ours_do_not(arm: PlanarArm) -> None:
     assert all(curve.ramp_s > 0.0 for curve in drawn(arm, "paper", count=5))
     assert all(curve.ramp_s == 0.0 for curve in drawn(arm, "rest", count=5))
 
 
-def test_same_seed_same_motions(arm: Arm) -> None:
+def test_same_seed_same_motions(arm: PlanarArm) -> None:
     one, two, other = drawn(arm, "rest", 7, 5), drawn(arm, "rest", 7, 5), drawn(arm, "rest", 8, 5)
     np.testing.assert_array_equal(one[4].heights_rad_s, two[4].heights_rad_s)
     assert not np.array_equal(one[4].q0_rad, other[4].q0_rad)
 
 
-def test_limits_without_room_are_refused(arm: Arm) -> None:
+def test_limits_without_room_are_refused(arm: PlanarArm) -> None:
     tight = replace(arm.limits, lower_rad=np.zeros(3), upper_rad=np.full(3, 1e-4))
     with pytest.raises(StrandcastError, match="SC-P004"):
         draw_first(3, prior("rest"), JointBounds(tight, STEP_S), np.random.default_rng(0))
 
 
-def test_only_postures_that_are_allowed_are_drawn(arm: Arm) -> None:
+def test_only_postures_that_are_allowed_are_drawn(arm: PlanarArm) -> None:
     rng = np.random.default_rng(0)
     bounds = JointBounds(arm.limits, STEP_S)
     curves = draw_first(10, prior("rest"), bounds, rng, lambda q0: q0[:, 1] > 0.5)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.spatial import load_spatial_arm
+from strandcast.arm.load import load_arm
 from strandcast.config.plan import PlanSettings
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
@@ -24,7 +24,7 @@ from strandcast.planning.rollouts import RolloutConditions, Rollouts
 from strandcast.planning.search import SearchInputs
 from strandcast.planning.simulated_misses import simulated_miss
 from strandcast.planning.start_strings import start_strings_in_space
-from strandcast.planning.task import SpatialTask
+from strandcast.planning.task import PlanningTask
 
 RANK = 2  # of the tips' sensitivity in these tests
 
@@ -63,12 +63,12 @@ def test_a_descent_from_the_minimum_stops_there() -> None:
 
 
 @pytest.fixture(scope="module")
-def task(project_root: Path) -> SpatialTask:
-    arm = load_spatial_arm(project_root / "config/arms/ur5e-space.toml")
-    return SpatialTask(arm, StringModel(0.4, 10, dt_s=2e-3), np.array([0.55, 0.75, 0.55]), 0.02).rough()
+def task(project_root: Path) -> PlanningTask:
+    arm = load_arm(project_root / "config/arms/ur5e-space.toml").spatial()
+    return PlanningTask(arm, StringModel(0.4, 10, dt_s=2e-3), np.array([0.55, 0.75, 0.55]), 0.02).rough()
 
 
-def test_offsets_are_as_long_as_the_misses_between_samples_too(task: SpatialTask) -> None:
+def test_offsets_are_as_long_as_the_misses_between_samples_too(task: PlanningTask) -> None:
     # The tip passes the target 30 mm below it, half-way between two samples.
     points_m = np.zeros((1, 3, 2, 3))
     places_m = np.array([[-0.2, 0.0, -0.03], [-0.1, 0.0, -0.03], [0.1, 0.0, -0.03]])
@@ -78,7 +78,7 @@ def test_offsets_are_as_long_as_the_misses_between_samples_too(task: SpatialTask
     np.testing.assert_allclose(simulated_miss(task.aim, rollouts)[0], 0.03)
 
 
-def test_joints_turn_away_before_their_limits(task: SpatialTask) -> None:
+def test_joints_turn_away_before_their_limits(task: PlanningTask) -> None:
     curves = Curves(np.zeros((2, 6)), np.full(2, 0.5), rest_heights(np.full((2, 6, 6), 0.5)))
     paths = paths_of(curves, task.step_s)
     limits = task.arm.limits
@@ -92,7 +92,7 @@ def test_joints_turn_away_before_their_limits(task: SpatialTask) -> None:
     np.testing.assert_allclose(found[1].max(), 0.99 - 0.995 + 0.02)
 
 
-def test_a_descent_finds_a_throw_near_the_best_of_some_random_ones(task: SpatialTask) -> None:
+def test_a_descent_finds_a_throw_near_the_best_of_some_random_ones(task: PlanningTask) -> None:
     rng = np.random.default_rng(1)
     strings = start_strings_in_space(2, 0.4, mass_layout(0.4, 10, [0.4]), rng)
     given = SearchInputs(task, strings, RolloutConditions(), PlanSettings(screening=64), rng)

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strandcast.arm.dynamics import dynamics_of
 from strandcast.arm.limits import peaks, violations
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.planning.bezier import Curve, paper_heights, rest_heights, sample, with_stop_ramp
 from strandcast.planning.draw import CurvePrior, JointBounds, draw_first
 from strandcast.planning.paths import WITHIN, packed, paths_of, paths_of_any
@@ -27,9 +26,9 @@ def curves(count: int, seed: int = 0) -> list[Curve]:
     ]
 
 
-def test_paths_are_the_curves_sampled(arm: Arm) -> None:
+def test_paths_are_the_curves_sampled(arm: PlanarArm) -> None:
     given = curves(4)
-    paths = paths_of(packed(given), STEP_S, 0.1, dynamics_of(arm))
+    paths = paths_of(packed(given), STEP_S, 0.1, arm.dynamics)
     for p, curve in enumerate(given):
         motion = sample(curve, STEP_S)
         end = len(motion.time_s) - 1
@@ -47,11 +46,11 @@ def test_paths_are_the_curves_sampled(arm: Arm) -> None:
     assert paths.q.shape[1] == paths.last.max() + 1 + round(0.1 / STEP_S)
 
 
-def test_a_motion_with_a_ramp_goes_on_until_it_rests(arm: Arm) -> None:
+def test_a_motion_with_a_ramp_goes_on_until_it_rests(arm: PlanarArm) -> None:
     heights = paper_heights(np.random.default_rng(2).uniform(-20, 20, (3, 6)), 0.4)
     ramped = with_stop_ramp(Curve(np.zeros(3), 0.4, heights), np.full(3, 95.0), STEP_S)
     assert ramped is not None
-    paths = paths_of_any([ramped, *curves(1)], STEP_S, 0.05, dynamics_of(arm))
+    paths = paths_of_any([ramped, *curves(1)], STEP_S, 0.05, arm.dynamics)
     motion = sample(ramped, STEP_S)
     np.testing.assert_array_equal(paths.q[0, : len(motion.q_rad)], motion.q_rad)
     most = peaks(arm, motion)
@@ -60,14 +59,14 @@ def test_a_motion_with_a_ramp_goes_on_until_it_rests(arm: Arm) -> None:
 
 
 @pytest.mark.parametrize("kind", ["velocity_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_n_m"])
-def test_the_excess_over_each_limit_is_a_share_of_it(arm: Arm, kind: str) -> None:
+def test_the_excess_over_each_limit_is_a_share_of_it(arm: PlanarArm, kind: str) -> None:
     free = {
         name: np.full(3, np.inf)
         for name in ("velocity_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_n_m")
     }
     motion = sample(curves(1)[0], STEP_S)
     most = peaks(arm, motion)[kind]
-    paths = paths_of(packed(curves(1)), STEP_S, 0.0, dynamics_of(arm))
+    paths = paths_of(packed(curves(1)), STEP_S, 0.0, arm.dynamics)
     assert paths.excess(replace(arm.limits, **free))[0] == 0.0
     tight = replace(arm.limits, **(free | {kind: most / np.array([1.5, 0.5, 0.5])}))
     np.testing.assert_allclose(paths.excess(tight), 1.5 - WITHIN, rtol=1e-6)
@@ -75,14 +74,14 @@ def test_the_excess_over_each_limit_is_a_share_of_it(arm: Arm, kind: str) -> Non
     assert {v.joint for v in said} == {arm.joints[0]}
 
 
-def test_the_excess_of_a_joint_is_a_share_of_its_range(arm: Arm) -> None:
+def test_the_excess_of_a_joint_is_a_share_of_its_range(arm: PlanarArm) -> None:
     still = Curve(np.array([3.0, 0.0, 0.0]), 0.1, rest_heights(np.zeros((3, 2))))
     over = paths_of(packed([still]), STEP_S).excess(arm.limits)
     np.testing.assert_allclose(over, (3.0 - 2.78) / (2.78 + 0.33))
 
 
 @pytest.mark.parametrize("step_s", [0.002, 0.008])
-def test_a_motion_that_leaves_rest_at_once_keeps_the_limits_in_between(arm: Arm, step_s: float) -> None:
+def test_a_motion_that_leaves_rest_at_once_keeps_the_limits_in_between(arm: PlanarArm, step_s: float) -> None:
     weak = replace(arm, limits=replace(arm.limits, acceleration_rad_s2=np.full(3, 20.0)))
     rng = np.random.default_rng(3)
     prior = CurvePrior("paper", (0.2, 1.2), 6, 22.0)

@@ -502,7 +502,7 @@ def test_an_old_motion_without_the_newer_predictions_is_still_read(
 
 
 def test_an_arm_with_limited_jerk_throws(project_root: Path, strings: StringBatch, tmp_path: Path) -> None:
-    arm = load_arm(project_root / "config/arms/fr3-example.toml")
+    arm = load_arm(project_root / "config/arms/fr3-example.toml").planar()
     assert np.isfinite(arm.limits.jerk_rad_s3).all()
     task = PlanningTask(arm, StringModel(0.30, 10), np.array([0.75, 0.30]), 0.02, arm.workspace)
     settings = PlanSettings(screening=64, evaluations=320, ensemble=2, duration_s=(0.6, 1.2))
@@ -538,7 +538,7 @@ def test_the_record_holds_the_motion_and_comes_back(
 
 
 def test_three_parallel_joints_of_six_throw(project_root: Path, strings: StringBatch) -> None:
-    arm = load_arm(project_root / "config/arms/ur5e-example.toml")
+    arm = load_arm(project_root / "config/arms/ur5e-example.toml").planar()
     task = PlanningTask(arm, StringModel(0.30, 10), np.array([0.95, 0.45]), 0.02, arm.workspace)
     settings = PlanSettings(screening=96, evaluations=480, ensemble=3, duration_s=(0.6, 1.2))
     plan = plan_first(task, strings, settings, np.random.default_rng(0))

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strandcast.arm.limits import violations
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm, SpatialArm, load_arm
 from strandcast.arm.servo import respond
-from strandcast.arm.spatial import SpatialArm, SpatialChain, clamp_axes, load_spatial_arm
+from strandcast.arm.spatial import SpatialChain, clamp_axes
 from strandcast.config.plan import PlanSettings
 from strandcast.core.box import Box
 from strandcast.core.strings import PARAMETERS, StringBatch
@@ -40,7 +40,7 @@ from strandcast.planning.rollouts import (
 )
 from strandcast.planning.scenarios import disturbed
 from strandcast.planning.start_strings import start_strings_in_space
-from strandcast.planning.task import PlanningTask, SpatialTask
+from strandcast.planning.task import PlanningTask
 
 ABOUT_Z_RAD = 0.7
 TARGET_M = np.array([0.75, 0.05])
@@ -57,7 +57,7 @@ def turned(chain: SpatialChain) -> SpatialChain:
 
 
 @pytest.fixture(scope="module")
-def in_plane(arm: Arm, strings: StringBatch) -> Assessment:
+def in_plane(arm: PlanarArm, strings: StringBatch) -> Assessment:
     box = Box(x_m=(-1.35, 1.35), y_m=(-1.00, 1.35))
     task = PlanningTask(arm, StringModel(0.30, 10), TARGET_M, 0.02, box)
     rollouts = rollouts_of_curves(task, strings, RolloutConditions(arm.servo), [THROW])
@@ -69,7 +69,7 @@ def in_space(arm: SpatialArm, strings: StringBatch, chain: SpatialChain | None =
     x, y = TARGET_M
     target_m = np.array([x * np.cos(ABOUT_Z_RAD), x * np.sin(ABOUT_Z_RAD), y])
     chain = turned(arm.chain) if chain is None else chain
-    task = SpatialTask(replace(arm, chain=chain), StringModel(0.30, 10), target_m, 0.02)
+    task = PlanningTask(replace(arm, chain=chain), StringModel(0.30, 10), target_m, 0.02)
     rollouts = rollouts_of_curves(task, strings, RolloutConditions(arm.servo), [THROW])
     return assess_rollouts(task, rollouts, CLEARANCE_M)
 
@@ -149,14 +149,14 @@ def test_first_strings_in_space_are_thread_to_rope() -> None:
 SMALL = PlanSettings(screening=96, evaluations=480, ensemble=2)
 
 
-def plan_on(task: SpatialTask, strings: StringBatch) -> PlannedMotion:
+def plan_on(task: PlanningTask, strings: StringBatch) -> PlannedMotion:
     return plan_first(task, strings, SMALL, np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")
-def ur5e(project_root: Path) -> SpatialTask:
-    arm = load_spatial_arm(project_root / "config/arms/ur5e-space.toml")
-    return SpatialTask(arm, StringModel(0.4, 10, dt_s=2e-3), np.array([0.55, 0.75, 0.55]), 0.02)
+def ur5e(project_root: Path) -> PlanningTask:
+    arm = load_arm(project_root / "config/arms/ur5e-space.toml").spatial()
+    return PlanningTask(arm, StringModel(0.4, 10, dt_s=2e-3), np.array([0.55, 0.75, 0.55]), 0.02)
 
 
 @pytest.fixture(scope="module")
@@ -165,11 +165,11 @@ def first_strings() -> StringBatch:
 
 
 @pytest.fixture(scope="module")
-def first(ur5e: SpatialTask, first_strings: StringBatch) -> PlannedMotion:
+def first(ur5e: PlanningTask, first_strings: StringBatch) -> PlannedMotion:
     return plan_on(ur5e, first_strings)
 
 
-def followed(task: SpatialTask, plan: PlannedMotion, gain: float) -> PastTrial:
+def followed(task: PlanningTask, plan: PlannedMotion, gain: float) -> PastTrial:
     """Return a motion played by joints that follow with a gain beyond the arm's file; no string is seen."""
     time_s, command, _ = commands([plan.motion], task.step_s)
     answer = respond(replace(task.arm.servo, gain=gain * task.arm.servo.gain), time_s, command[0])
@@ -178,7 +178,7 @@ def followed(task: SpatialTask, plan: PlannedMotion, gain: float) -> PastTrial:
 
 
 def test_a_target_off_the_plane_is_planned_within_the_limits(
-    ur5e: SpatialTask, first_strings: StringBatch, first: PlannedMotion
+    ur5e: PlanningTask, first_strings: StringBatch, first: PlannedMotion
 ) -> None:
     task, strings, plan, arm, target_m = ur5e, first_strings, first, ur5e.arm, ur5e.target_m
     assert violations(arm, plan.motion) == []
@@ -208,7 +208,7 @@ def test_a_target_off_the_plane_is_planned_within_the_limits(
 
 @pytest.mark.parametrize(("probability", "attempts"), [(0.95, 1), (0.8, 3)])
 def test_a_search_in_space_is_repeated_until_the_simulation_is_almost_sure_of_a_hit(
-    ur5e: SpatialTask,
+    ur5e: PlanningTask,
     first_strings: StringBatch,
     first: PlannedMotion,
     monkeypatch: pytest.MonkeyPatch,
@@ -235,7 +235,7 @@ def test_first_motions_in_space_have_a_calibration_of_their_own(first: PlannedMo
 
 
 def test_a_rehearsal_shows_how_far_the_joints_go(
-    ur5e: SpatialTask, first_strings: StringBatch, first: PlannedMotion, monkeypatch: pytest.MonkeyPatch
+    ur5e: PlanningTask, first_strings: StringBatch, first: PlannedMotion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nothing = MissCalibration(made_from="a test", kinds={})
     monkeypatch.setattr(miss_calibration, "calibration", lambda: nothing)
@@ -255,7 +255,7 @@ def test_a_rehearsal_shows_how_far_the_joints_go(
 
 
 def test_after_a_bad_fit_and_a_far_miss_the_motion_stays_near_what_was_thrown(
-    ur5e: SpatialTask, first_strings: StringBatch, first: PlannedMotion
+    ur5e: PlanningTask, first_strings: StringBatch, first: PlannedMotion
 ) -> None:
     """The bias corrects the tip there; the plane's planner would trust the fitted strings elsewhere."""
     task = replace(ur5e, hit_radius_m=0.06)
@@ -276,7 +276,7 @@ def test_after_a_bad_fit_and_a_far_miss_the_motion_stays_near_what_was_thrown(
 @pytest.mark.parametrize(
     ("target_m", "words"), [([2.0, 0.0, 0.3], "reach"), ([0.1, 0.2, -0.75], "workspace")]
 )
-def test_a_target_out_of_reach_is_refused(ur5e: SpatialTask, target_m: list[float], words: str) -> None:
+def test_a_target_out_of_reach_is_refused(ur5e: PlanningTask, target_m: list[float], words: str) -> None:
     task = replace(ur5e, target_m=np.array(target_m))
     with pytest.raises(StrandcastError, match=words):
         plan_on(task, start_strings_in_space(2, 0.4, mass_layout(0.4, 10, []), np.random.default_rng(1)))

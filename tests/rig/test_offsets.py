@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.lab.tracked_points import TrackerNoise, with_tracker_noise
 from strandcast.planning.bezier import Curve, rest_heights, sample
 from strandcast.records.estimate import RigOffsets
@@ -20,8 +20,8 @@ PLANE_SD_M = 3e-4
 
 
 @pytest.fixture(scope="module")
-def arm(project_root: Path) -> Arm:
-    return load_arm(project_root / "config/arms/planar3.toml")
+def arm(project_root: Path) -> PlanarArm:
+    return load_arm(project_root / "config/arms/planar3.toml").planar()
 
 
 def off_by(**numbers: float) -> np.ndarray:
@@ -50,7 +50,9 @@ def shoulder_only(_: np.random.Generator) -> np.ndarray:
     return np.column_stack([swing, np.full(400, np.pi / 2), np.zeros(400)])
 
 
-def thrown(arm: Arm, true: np.ndarray, seed: int, count: int, motion=wild, scatter_rad=1e-3, noise=FILMED):  # type: ignore[no-untyped-def]
+def thrown(
+    arm: PlanarArm, true: np.ndarray, seed: int, count: int, motion=wild, scatter_rad=1e-3, noise=FILMED
+):  # type: ignore[no-untyped-def]
     """Return trials of an arm that is off by `true`, before a plane that is shifted, turned and stretched."""
     random = np.random.default_rng(seed)
     base_m, turn_rad, (along_x, along_y, shear) = (random.normal(0.0, 1e-3, n) for n in (2, 1, 3))
@@ -72,7 +74,7 @@ def thrown(arm: Arm, true: np.ndarray, seed: int, count: int, motion=wild, scatt
     return trials
 
 
-def fitted(arm: Arm, true: np.ndarray, seed: int, count: int, **others: object) -> OffsetFit:
+def fitted(arm: PlanarArm, true: np.ndarray, seed: int, count: int, **others: object) -> OffsetFit:
     fit = fit_offsets(arm, thrown(arm, true, seed, count, **others), PLANE_SD_M)
     assert fit is not None
     return fit
@@ -90,7 +92,7 @@ def fitted(arm: Arm, true: np.ndarray, seed: int, count: int, **others: object) 
         ({"link_2": 0.005, "clamp_across": -0.006}, 3),
     ],
 )
-def test_what_is_wrong_is_named_with_its_size(arm: Arm, numbers: dict[str, float], count: int) -> None:
+def test_what_is_wrong_is_named_with_its_size(arm: PlanarArm, numbers: dict[str, float], count: int) -> None:
     true = off_by(**numbers)
     for seed in range(3):
         fit = fitted(arm, true, seed, count)
@@ -99,7 +101,7 @@ def test_what_is_wrong_is_named_with_its_size(arm: Arm, numbers: dict[str, float
         assert not fit.possible.any()
 
 
-def test_three_wrong_zeros_are_measured_within_their_errors_or_not_at_all(arm: Arm) -> None:
+def test_three_wrong_zeros_are_measured_within_their_errors_or_not_at_all(arm: PlanarArm) -> None:
     true = off_by(joint_1=0.0087, joint_2=-0.0087, joint_3=0.0087)
     for seed in range(3):
         fit = fitted(arm, true, seed, 3)
@@ -115,14 +117,14 @@ def test_three_wrong_zeros_are_measured_within_their_errors_or_not_at_all(arm: A
 
 
 @pytest.mark.thorough
-def test_an_arm_as_its_file_says_is_never_accused(arm: Arm) -> None:
+def test_an_arm_as_its_file_says_is_never_accused(arm: PlanarArm) -> None:
     fits = [fitted(arm, off_by(), 100 + seed, 2 + seed % 3) for seed in range(40)]
     assert not any(fit.wrong.any() or fit.possible.any() for fit in fits)
     assert np.median([fit.probability[0] for fit in fits]) > 0.7
 
 
 @pytest.mark.thorough
-def test_stated_standard_deviations_are_those_of_the_errors(arm: Arm) -> None:
+def test_stated_standard_deviations_are_those_of_the_errors(arm: PlanarArm) -> None:
     true = off_by(link_2=0.006, joint_1=-0.008)
     fits = [fitted(arm, true, 200 + seed, 3) for seed in range(40)]
     z = np.array([(fit.alone[:, 0] - true) / fit.alone[:, 1] for fit in fits])[:, [0, 1, 2, 4, 5]]
@@ -132,7 +134,7 @@ def test_stated_standard_deviations_are_those_of_the_errors(arm: Arm) -> None:
     assert np.abs(z).max() < 4.0
 
 
-def test_a_link_and_a_zero_that_motions_cannot_tell_apart_are_both_named(arm: Arm) -> None:
+def test_a_link_and_a_zero_that_motions_cannot_tell_apart_are_both_named(arm: PlanarArm) -> None:
     for seed in range(3):
         trials = thrown(arm, off_by(link_1=0.005), seed, 3, motion=shoulder_only)
         fit = fit_offsets(arm, trials, PLANE_SD_M)
@@ -149,7 +151,7 @@ def test_a_link_and_a_zero_that_motions_cannot_tell_apart_are_both_named(arm: Ar
     assert fitted(arm, off_by(link_1=0.005), 0, 3).wrong[0]
 
 
-def test_one_trial_or_a_short_look_is_not_enough(arm: Arm) -> None:
+def test_one_trial_or_a_short_look_is_not_enough(arm: PlanarArm) -> None:
     trials = thrown(arm, off_by(link_2=0.004), 0, 2)
     assert fit_offsets(arm, trials[:1], PLANE_SD_M) is None
     short = HandSeen(2, *(values[:40] for values in trials[1][1:]))
@@ -157,7 +159,7 @@ def test_one_trial_or_a_short_look_is_not_enough(arm: Arm) -> None:
 
 
 @pytest.mark.thorough
-def test_zeros_that_scatter_noise_that_lasts_and_a_poor_plane_widen_the_errors(arm: Arm) -> None:
+def test_zeros_that_scatter_noise_that_lasts_and_a_poor_plane_widen_the_errors(arm: PlanarArm) -> None:
     true = off_by()
 
     def sd(plane_sd_m: float = PLANE_SD_M, **others: object) -> np.ndarray:
@@ -172,13 +174,13 @@ def test_zeros_that_scatter_noise_that_lasts_and_a_poor_plane_widen_the_errors(a
     assert (sd(5e-3)[:2] > 1.2 * usual[:2]).all()
 
 
-def test_errors_that_last_are_not_the_arms_fault(arm: Arm) -> None:
+def test_errors_that_last_are_not_the_arms_fault(arm: PlanarArm) -> None:
     lasting = TrackerNoise(white_m=1e-4, slow_m=4e-4, slow_s=0.3)
     fits = [fitted(arm, off_by(), 300 + seed, 2, noise=lasting) for seed in range(30)]
     assert not any(fit.wrong.any() or fit.possible.any() for fit in fits)
 
 
-def test_a_plane_that_lies_elsewhere_is_not_the_arms_fault(arm: Arm) -> None:
+def test_a_plane_that_lies_elsewhere_is_not_the_arms_fault(arm: PlanarArm) -> None:
     trials = thrown(arm, off_by(), 0, 3)
     moved = [one._replace(hand_m=one.hand_m + np.array([0.003, -0.002])) for one in trials]
     fit = fit_offsets(arm, moved, PLANE_SD_M)
@@ -186,7 +188,7 @@ def test_a_plane_that_lies_elsewhere_is_not_the_arms_fault(arm: Arm) -> None:
     assert not fit.wrong.any()
 
 
-def described(arm: Arm, string: StringInClamp | None = None, **numbers: float) -> RigOffsets:
+def described(arm: PlanarArm, string: StringInClamp | None = None, **numbers: float) -> RigOffsets:
     """Return the record of a fit that is sure of these numbers: ± 1.2 mm or mrad."""
     value = off_by(**numbers)
     sets, square = np.array([np.zeros(7, bool), value != 0.0]), np.diag(np.full(7, 1.2e-3**2))
@@ -204,7 +206,7 @@ def described(arm: Arm, string: StringInClamp | None = None, **numbers: float) -
     return rig_offsets_record(arm, [1, 2], fit, string)
 
 
-def test_a_wrong_number_is_told_with_what_to_change(arm: Arm) -> None:
+def test_a_wrong_number_is_told_with_what_to_change(arm: PlanarArm) -> None:
     (link,) = described(arm, link_2=0.0041).warnings
     assert link == (
         "link 2 is 4.1 ± 1.2 mm longer than the arm's file says, which moves the hand by up to 4.1 mm: "
@@ -223,11 +225,11 @@ def test_a_wrong_number_is_told_with_what_to_change(arm: Arm) -> None:
     assert described(arm).warnings == []
 
 
-def test_small_numbers_are_not_told(arm: Arm) -> None:
+def test_small_numbers_are_not_told(arm: PlanarArm) -> None:
     assert described(arm, joint_3=0.005).warnings == []  # 0.75 mm at the hand
 
 
-def test_where_the_string_leaves_the_hand_is_compared_too(arm: Arm) -> None:
+def test_where_the_string_leaves_the_hand_is_compared_too(arm: PlanarArm) -> None:
     left_m, error_m = np.array([0.0048, 0.0052, 0.0050]), np.full(3, 2e-4)
     record = described(arm, StringInClamp(left_m, error_m, (0.02, 0.01), 0.03))
     across, direction = record.numbers[-2:]

@@ -19,7 +19,7 @@ LIT_S = (0.05, 1.0)
 @pytest.fixture
 def root(tmp_path, project_root):
     shutil.copytree(project_root / "config" / "arms", tmp_path / "config" / "arms")
-    trial = clock_trial(load_arm(ARM_FILE), 5)
+    trial = clock_trial(load_arm(ARM_FILE).planar(), 5)
     data, results = (tmp_path / name / "e" / "trial-01" for name in ("data", "results"))
     data.mkdir(parents=True)
     results.mkdir(parents=True)

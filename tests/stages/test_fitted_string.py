@@ -10,7 +10,7 @@ import pytest
 
 from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import load_arm
-from strandcast.arm.spatial import hand_poses_in_space, load_spatial_arm
+from strandcast.arm.spatial import hand_poses_in_space
 from strandcast.config.estimate import EstimateSettings
 from strandcast.core.box import Box
 from strandcast.core.strings import (
@@ -40,7 +40,7 @@ from strandcast.planning.describe import describe
 from strandcast.planning.mesh_refinement import refined_strings, refined_task
 from strandcast.planning.rollouts import RolloutConditions, Rollouts, commands, simulate_rollouts
 from strandcast.planning.search import SearchResult
-from strandcast.planning.task import PlanningTask, SpatialTask
+from strandcast.planning.task import PlanningTask
 from strandcast.planning.write import to_record
 from strandcast.records.estimate import ENSEMBLE, Estimate
 from strandcast.records.motion import StringSet
@@ -60,7 +60,7 @@ class World:
     """Two strings with every unknown that a fit of throws can have, and how fit and planner simulate them."""
 
     layout: MassLayout
-    task: PlanningTask | SpatialTask
+    task: PlanningTask
     fitted: StringBatch
     motion: tuple[np.ndarray, np.ndarray, np.ndarray]
     curve: Curve
@@ -76,7 +76,7 @@ class World:
 
 
 def plane(project_root: Path) -> World:
-    arm = load_arm(project_root / "config/arms/planar3.toml")
+    arm = load_arm(project_root / "config/arms/planar3.toml").planar()
     workspace = Box(x_m=(-0.75, 1.25), y_m=(-0.32, 0.80))
     task = PlanningTask(arm, MODEL, np.array([0.50, 0.50]), 0.02, workspace)
     switches = {name: True for row in UNKNOWNS.values() for name in row.switches if name != "marker_shift"}
@@ -90,10 +90,10 @@ def plane(project_root: Path) -> World:
 
 
 def space(project_root: Path) -> World:
-    arm = load_spatial_arm(project_root / "config/arms/ur5e-space.toml")
+    arm = load_arm(project_root / "config/arms/ur5e-space.toml").spatial()
     every = {"drag_along": True, "friction_stick": True, "marker_shift": True}
     model, box = space_of_cable(LENGTH_M, False, points=POINTS, weight_places_m=[0.2], **every)
-    task = SpatialTask(arm, model, np.array([0.55, 0.75, 0.55]), 0.02)
+    task = PlanningTask(arm, model, np.array([0.55, 0.75, 0.55]), 0.02)
     chi = np.random.default_rng(4).uniform(0.4, 0.6, (2, box.dimension))
     # Curls of fits do not turn, but records know helices.
     fitted = box.strings(chi).with_values(rest_torsion_rad_m=np.array([1.0, -2.0]))

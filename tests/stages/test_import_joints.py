@@ -8,7 +8,7 @@ import pytest
 import typer
 from tests.executor.motions import motion_of
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.cli.exchange import trial_or_rehearsal
 from strandcast.errors import StrandcastError
 from strandcast.imports.joints import Reading
@@ -45,7 +45,7 @@ class Bench:
         self.log.write_text("\n".join([head, *kept]) + "\n")
 
 
-def played(arm: Arm, speed: float = 1.0) -> Motion:
+def played(arm: PlanarArm, speed: float = 1.0) -> Motion:
     heights = speed * rest_heights(np.array([[3.0, 2.0, -1.0], [2.0, 4.0, 1.0], [-2.0, 3.0, 5.0]]))
     points = sample(Curve(np.array([0.4, -0.5, 0.3]), 0.5, heights), 1.0 / arm.log_rate_hz)
     ns = np.round(points.time_s * 1e9).astype(int)
@@ -59,7 +59,7 @@ def bench(tmp_path: Path, project_root: Path) -> Bench:
     trial = tmp_path / "data" / "thrown" / "trial-01"
     trial.mkdir(parents=True)
     (trial.parent / "experiment.yaml").write_text(SETTINGS)
-    motion = played(load_arm(project_root / "config" / "arms" / "planar3.toml"))
+    motion = played(load_arm(project_root / "config" / "arms" / "planar3.toml").planar())
     motion.write(trial / "motion.json")
     time_s = np.arange(1100) * 0.002
     planned = motion.trajectory()
@@ -141,7 +141,7 @@ def test_the_log_of_a_rehearsal_is_planned_with(bench: Bench) -> None:
     assert run.motion_start_s == pytest.approx(1.0, abs=1e-3)
     with pytest.raises(StrandcastError, match="SC-I022"):
         bench.take(trial=None)
-    arm = load_arm(bench.root / "config/arms/planar3.toml")
+    arm = load_arm(bench.root / "config/arms/planar3.toml").planar()
     task, _ = first_inputs(context_of(bench.root, "thrown"), arm, np.random.default_rng(1))
     rehearsed = rehearsal_of(files_of("plan", bench.root, "thrown", 1), task)
     assert rehearsed is not None
@@ -157,7 +157,7 @@ def test_a_trial_is_a_number_or_the_rehearsal() -> None:
 
 
 def test_the_log_of_another_trial_is_refused(bench: Bench) -> None:
-    arm = load_arm(bench.root / "config/arms/planar3.toml")
+    arm = load_arm(bench.root / "config/arms/planar3.toml").planar()
     other = bench.root / "results/thrown/trial-02/motion.json"
     other.parent.mkdir(parents=True)
     played(arm).model_copy(update={"trial": 2}).write(other)
@@ -174,7 +174,7 @@ def test_the_log_of_another_trial_is_refused(bench: Bench) -> None:
 
 def test_the_motion_that_was_played_is_found_among_those_that_were_planned(bench: Bench) -> None:
     folder, file = ExperimentFolder(bench.root, "thrown"), bench.trial / "motion.json"
-    first, later = Motion.read(file), played(load_arm(bench.root / "config/arms/planar3.toml"), 0.97)
+    first, later = Motion.read(file), played(load_arm(bench.root / "config/arms/planar3.toml").planar(), 0.97)
     write_predicted(bench.root / "expected.parquet", UNPREDICTED)
     keep_motion(folder, first, bench.root / "expected.parquet")
     keep_motion(folder, later, bench.root / "none")
@@ -192,7 +192,7 @@ def test_the_motion_that_was_played_is_found_among_those_that_were_planned(bench
     keep_motion(folder, again, bench.root / "none")
     again.write(file)
     assert bench.take(replace=True).motion_sha256 == again.content_sha256()
-    own = played(load_arm(bench.root / "config/arms/planar3.toml"), 0.96)
+    own = played(load_arm(bench.root / "config/arms/planar3.toml").planar(), 0.96)
     own.write(file)  # kept nowhere else
     with pytest.raises(StrandcastError, match="SC-I031.*the log is that of .*/motions/"):
         bench.take(replace=True)
@@ -200,7 +200,9 @@ def test_the_motion_that_was_played_is_found_among_those_that_were_planned(bench
 
 
 def test_commands_that_are_not_those_of_the_motion_are_refused(bench: Bench) -> None:
-    played(load_arm(bench.root / "config/arms/planar3.toml"), 0.90).write(bench.trial / "motion.json")
+    played(load_arm(bench.root / "config/arms/planar3.toml").planar(), 0.90).write(
+        bench.trial / "motion.json"
+    )
     with pytest.raises(StrandcastError, match="SC-I031.*which no lag of commands explains"):
         bench.take()
 

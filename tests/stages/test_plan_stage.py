@@ -124,12 +124,16 @@ def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None
     assert record in files_of("plan", root, "rehearsed", 1).inputs("rehearsal_run")
     assert not files_of("plan", root, "rehearsed", 2).inputs("rehearsal_run")
     # The rows' noise of 0.5 mrad, third differences of 2 mrad, is gone.
-    task, _ = first_inputs(context_of(root, "rehearsed"), load_arm(root / ARM), np.random.default_rng(1))
+    task, _ = first_inputs(
+        context_of(root, "rehearsed"), load_arm(root / ARM).planar(), np.random.default_rng(1)
+    )
     played = rehearsal_of(files_of("plan", root, "rehearsed", 1), task)
     assert played is not None
     assert np.diff(played.q_rad, n=3, axis=0).std() < 1e-4
     # A soft loop without feed-forward yields to the arm's torques, in other motions by other amounts.
-    task, _ = first_inputs(context_of(root, "rehearsed"), load_arm(root / ARM), np.random.default_rng(1))
+    task, _ = first_inputs(
+        context_of(root, "rehearsed"), load_arm(root / ARM).planar(), np.random.default_rng(1)
+    )
     assert isinstance(fitted_servo(task, [played]), YieldingJoints)
     on_command = replace(
         played, q_rad=respond(task.arm.servo, 0.002 * np.arange(len(played.q_rad)), played.q_command_rad)
@@ -258,7 +262,7 @@ def test_planner_and_scorer_get_the_objective_of_the_experiment(
 ) -> None:
     write(root, "it", "target_m: [0.5, 0.5]\n" + text)
     context = context_of(root, "it")
-    task, _ = first_inputs(context, load_arm(context.arm_file), np.random.default_rng(1))
+    task, _ = first_inputs(context, load_arm(context.arm_file).planar(), np.random.default_rng(1))
     assert task.aim == context.settings.aim == objective
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.core.strings import CLAMP_OFFSET
 from strandcast.stages.rig_offsets import rig_offsets_of
 
@@ -16,11 +16,11 @@ STEP_S = 0.002
 
 
 @pytest.fixture(scope="module")
-def arm(project_root: Path) -> Arm:
-    return load_arm(project_root / "config/arms/planar3.toml")
+def arm(project_root: Path) -> PlanarArm:
+    return load_arm(project_root / "config/arms/planar3.toml").planar()
 
 
-def trial(arm: Arm, number: int, longer_m: float, *, logged: bool = True) -> Any:
+def trial(arm: PlanarArm, number: int, longer_m: float, *, logged: bool = True) -> Any:
     """Return a trial of an arm with a longer link 2; the log has its columns reversed, and 0.3 mrad noise."""
     random = np.random.default_rng(number)
     time_s = np.arange(600) * STEP_S
@@ -54,7 +54,7 @@ def trial(arm: Arm, number: int, longer_m: float, *, logged: bool = True) -> Any
     )
 
 
-def test_a_link_is_found_through_noisy_logs_with_columns_in_another_order(arm: Arm) -> None:
+def test_a_link_is_found_through_noisy_logs_with_columns_in_another_order(arm: PlanarArm) -> None:
     found = rig_offsets_of(arm, [trial(arm, k, 0.004) for k in (1, 2, 3)], [], None)
     assert found is not None
     assert found.trials == [1, 2, 3]
@@ -67,14 +67,14 @@ def test_a_link_is_found_through_noisy_logs_with_columns_in_another_order(arm: A
     assert warning.startswith("link 2 is")
 
 
-def test_an_arm_as_its_file_says_passes(arm: Arm) -> None:
+def test_an_arm_as_its_file_says_passes(arm: PlanarArm) -> None:
     found = rig_offsets_of(arm, [trial(arm, k, 0.0) for k in (1, 2, 3)], [], None)
     assert found is not None
     assert found.warnings == []
     assert found.right_probability > 0.7
 
 
-def test_trials_without_a_log_or_a_tracked_hand_do_not_count(arm: Arm) -> None:
+def test_trials_without_a_log_or_a_tracked_hand_do_not_count(arm: PlanarArm) -> None:
     trials = [trial(arm, 1, 0.0), trial(arm, 2, 0.0, logged=False)]
     assert rig_offsets_of(arm, trials, [], None) is None
     unseen = trial(arm, 4, 0.0)
@@ -87,7 +87,7 @@ def test_trials_without_a_log_or_a_tracked_hand_do_not_count(arm: Arm) -> None:
     assert both.trials == [1, 3]
 
 
-def test_a_fitted_turn_in_the_clamp_is_reported(arm: Arm) -> None:
+def test_a_fitted_turn_in_the_clamp_is_reported(arm: PlanarArm) -> None:
     uncertainty = SimpleNamespace(unknowns=["k_s", CLAMP_OFFSET], marginal_sd=[0.1, 0.01])
     fitted: Any = SimpleNamespace(options={CLAMP_OFFSET: 0.30}, uncertainty=uncertainty)
     found = rig_offsets_of(arm, [trial(arm, k, 0.0) for k in (1, 2, 3)], [], fitted)

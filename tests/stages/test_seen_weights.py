@@ -21,14 +21,14 @@ def found_in(root: Path, declared_m: float | None, seen_m: list[float]) -> SeenW
     (root / "config" / "experiments").mkdir(parents=True)
     arms = Path(__file__).parents[2] / "config" / "arms"
     (root / "config" / "arms").symlink_to(arms)
-    clamped_m = load_arm(arms / "planar3.toml").clamp.clamped_length_m
+    clamped_m = load_arm(arms / "planar3.toml").planar().clamp.clamped_length_m
     weights = "" if declared_m is None else f", weights: [{{place_m: {declared_m}}}]"
     (root / "config" / "experiments" / "thrown.yaml").write_text(
         f"string: {{length_m: {MODEL.length_m + clamped_m}, points: {MODEL.points}{weights}}}\n"
         "target_m: [0.5, 0.5]\narm: planar3\nestimate: {profiles: false, dt_s: 2.0e-3}\n"
     )
     context = context_of(root, "thrown")
-    arm = load_arm(context.arm_file)
+    arm = load_arm(context.arm_file).planar()
     throws = [observed_throw(1.0)]
     random = np.random.default_rng(1)
     fit = estimate(throws, *string_model(context, arm), context.settings.estimate, random)

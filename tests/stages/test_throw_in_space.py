@@ -12,7 +12,7 @@ import pytest
 from scipy.interpolate import interp1d
 
 from strandcast.arm.load import load_arm
-from strandcast.arm.spatial import hand_path, load_any_arm
+from strandcast.arm.spatial import hand_path
 from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.executor.dry_run_report import dry_run_report
 from strandcast.executor.preflight import PlayOptions, run_preflight
@@ -71,7 +71,7 @@ def test_the_first_motion_is_planned_and_passes_the_checks_before_a_throw(root: 
     write(root, "first")
     run_stage("plan", root, "first", 1)
     path = root / "results/first/trial-01/motion.json"
-    motion, arm = Motion.read(path), load_any_arm(root / "config/arms/ur5e-space.toml")
+    motion, arm = Motion.read(path), load_arm(root / "config/arms/ur5e-space.toml")
     assert motion.target_m == [0.5, 0.6, 0.6]
     assert motion.joint_names == list(arm.joints)
     assert motion.predicted is not None
@@ -121,7 +121,7 @@ def test_settings_of_the_plane_are_refused_with_a_target_in_space(root: Path, mo
 
 def test_what_needs_an_arm_in_the_plane_refuses_one_in_space(root: Path) -> None:
     with pytest.raises(StrandcastError, match="SC-F207"):
-        load_arm(root / "config/arms/ur5e-space.toml")
+        load_arm(root / "config/arms/ur5e-space.toml").planar()
 
 
 def test_the_labs_experiment_of_the_how_to_is_right(root: Path, project_root: Path) -> None:
@@ -248,7 +248,7 @@ def test_a_capture_of_mirrored_axes_or_another_clock_is_refused(root: Path, capt
 
 
 def test_the_joint_log_is_the_driven_end_of_an_imported_track(root: Path, captured: Path) -> None:
-    folder, arm = captured.parent, load_any_arm(root / "config/arms/ur5e-space.toml")
+    folder, arm = captured.parent, load_arm(root / "config/arms/ur5e-space.toml")
     run, log = read_run(folder)
     alignment = Alignment.read(folder / "alignment.json")
     assert (alignment.motion_start_s, alignment.motion_end_s) == (run.motion_start_s, run.motion_end_s)

@@ -39,7 +39,11 @@ def test_a_string_is_where_it_should_be_and_ends_as_it_should(end, project_root)
     string = replace(RIG.string, length_m=float(places_m[-1]))
     rig = replace(RIG, end=end, string=string)
     filming = Filming(
-        rig, optics, load_arm(project_root / "config/arms/planar3.toml"), np.zeros((200, 320)), random
+        rig,
+        optics,
+        load_arm(project_root / "config/arms/planar3.toml").planar(),
+        np.zeros((200, 320)),
+        random,
     )
     q_rad = np.tile([-2.0, -0.5, -0.5], (INSTANTS, 1))
     light = filming.exposure(q_rad, np.tile(nodes_m, (INSTANTS, 1, 1)), thread_of(rig, places_m, random))

@@ -25,7 +25,7 @@ from strandcast.alignment.problem import ClockProblem, EventPair, Priors
 from strandcast.alignment.search import AlignmentFiles, best_fit, fit_with_events
 from strandcast.alignment.single_error import with_single_error
 from strandcast.alignment.to_record import Heading, record_of_events, record_of_fit, sync_check
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.config.align import AlignSettings
 from strandcast.records.alignment import Alignment, SyncCheck
 from strandcast.records.joint_log import JointLog, SyncEvent
@@ -67,7 +67,7 @@ class RobotData:
 def align(
     video: VideoData,
     robot: RobotData,
-    arm: Arm,
+    arm: PlanarArm,
     settings: AlignSettings,
     *,
     experiment: str,

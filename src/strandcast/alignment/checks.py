@@ -8,7 +8,7 @@ from strandcast.alignment.fine_fit import SHIFT_S, Candidate, ClockFit
 from strandcast.alignment.frame_rate import rate_words
 from strandcast.alignment.log_rows import MOVES, LogRows, hand_travel_m
 from strandcast.alignment.problem import Priors
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.errors import StrandcastError
 from strandcast.rig.faults import rig_faults
 from strandcast.rig.model import Detections, Rig
@@ -40,7 +40,7 @@ def refuse_few_detections(detections: Detections) -> None:
 
 
 def no_motion_error(
-    detections: Detections, rows: LogRows, arm: Arm, file: str | None
+    detections: Detections, rows: LogRows, arm: PlanarArm, file: str | None
 ) -> StrandcastError | None:
     """Return the refusal of a throw without motion in the video, in the log, or in both."""
     markers = np.unique(detections.marker)

@@ -6,7 +6,7 @@ import numpy as np
 
 from strandcast.alignment.log_rows import log_rows_of
 from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.core.pose import Pose
 from strandcast.records.alignment import Alignment
 from strandcast.records.joint_log import JointLog
@@ -14,7 +14,7 @@ from strandcast.rig.model import Rig, RigError, detections_of, hand_poses, rig_o
 
 
 def hand_table(
-    alignment: Alignment, markers: dict[str, np.ndarray], log: JointLog, arm: Arm
+    alignment: Alignment, markers: dict[str, np.ndarray], log: JointLog, arm: PlanarArm
 ) -> dict[str, np.ndarray]:
     """Return the columns of hand.parquet from an alignment, columns of markers.parquet, and the joint log.
 
@@ -50,7 +50,9 @@ def hand_columns(paths: dict[str, tuple[np.ndarray, Pose]]) -> dict[str, np.ndar
     }
 
 
-def _video_path(alignment: Alignment, markers: dict[str, np.ndarray], arm: Arm) -> tuple[np.ndarray, Pose]:
+def _video_path(
+    alignment: Alignment, markers: dict[str, np.ndarray], arm: PlanarArm
+) -> tuple[np.ndarray, Pose]:
     """Return robot times (F,) and hand poses (F,), each the weighted mean of a frame's markers."""
     rig, detections = rig_of(arm), detections_of(markers, arm)
     poses = hand_poses(rig, detections, _marker_errors(alignment, rig))

@@ -6,7 +6,7 @@ import numpy as np
 
 from strandcast.alignment.joints import STIRRING
 from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import JointLog
 
@@ -55,7 +55,7 @@ class LogRows:
         return np.asarray(inside & (step_s[after - 1] < max(4 * usual, LONGEST_GAP_S)))
 
 
-def log_rows_of(log: JointLog, arm: Arm, file: str | None = None) -> LogRows:
+def log_rows_of(log: JointLog, arm: PlanarArm, file: str | None = None) -> LogRows:
     """Return the rows of a log for the arm's moving joints.
 
     SC-A012: a joint of the arm is not in the log; SC-J001: its time stamps are not in order.
@@ -92,7 +92,7 @@ def motion_span(rows: LogRows) -> tuple[float, float]:
     return float(time_s[places[0]]), float(time_s[places[-1]])
 
 
-def hand_travel_m(rows: LogRows, arm: Arm) -> float:
+def hand_travel_m(rows: LogRows, arm: PlanarArm) -> float:
     """Return how far the hand moves in the log [m]."""
     hand = hand_pose(arm.chain, arm.clamp, rows.blocks()[1]).position_m
     return float(np.linalg.norm(np.ptp(hand, axis=0)))

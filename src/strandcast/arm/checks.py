@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from strandcast.arm.extract import joints_out_of_order, joints_out_of_plane
-from strandcast.arm.settings import AnyArmKeys, ArmKeys
+from strandcast.arm.settings import AnyArmKeys, ArmKeys, SpatialArmKeys
 from strandcast.arm.urdf import JointLimit
 
 Problem = tuple[str, str, str]  # field, what is wrong, fix
@@ -92,20 +92,31 @@ def geometry_problems(keys: ArmKeys, model: mujoco.MjModel, plane: np.ndarray) -
     if not np.allclose(plane @ plane.T, np.eye(2), atol=1e-6):
         return [("throw.plane_x, plane_y", "are not at right angles", "give two perpendicular directions")]
     joints = tuple(keys.throw.joints)
-    found: list[Problem] = [
+    return [
         (
             "throw.joints",
             f"the axis of {name!r} is {np.degrees(tilt):.1f}° off the plane's normal",
             "choose joints that are parallel, or correct throw.plane_x, plane_y or throw.held",
         )
         for name, tilt in joints_out_of_plane(model, joints, keys.throw.held, plane).items()
-    ]
-    found += [
+    ] + order_problems(keys, model)
+
+
+def problems_in_space(keys: SpatialArmKeys, model: mujoco.MjModel) -> list[Problem]:
+    """Return joints out of order, and a clamp without a direction."""
+    found = order_problems(keys, model)
+    if not np.linalg.norm(keys.clamp.direction) > 0.0:
+        found.append(("clamp.direction", "has no length", "give a direction in the frame of clamp.link"))
+    return found
+
+
+def order_problems(keys: AnyArmKeys, model: mujoco.MjModel) -> list[Problem]:
+    """Return joints that are not named from the base to the hand."""
+    return [
         (
             "throw.joints",
             f"{name!r} is not on the way from the joint before it to {keys.clamp.link!r}",
             "name the joints from the base to the hand",
         )
-        for name in joints_out_of_order(model, joints, keys.clamp.link)
+        for name in joints_out_of_order(model, tuple(keys.throw.joints), keys.clamp.link)
     ]
-    return found

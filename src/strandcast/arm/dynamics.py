@@ -1,22 +1,50 @@
-"""Torques of the moving joints as those of a planar chain: fast, for searches."""
+"""Torques of the moving joints, and the fast ones of a planar chain, for searches."""
+
+from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 from numba import njit
 
-from strandcast.arm.link_masses import owners
-from strandcast.arm.load import Arm
+from strandcast.arm.urdf import owners
 
 # Columns of `PlanarDynamics.links`.
 SIGN, MASS, INERTIA, CENTRE_X, CENTRE_Y, NEXT_X, NEXT_Y, VISCOUS, ARMATURE, DRY = range(10)
 
 
+class Dynamics(ABC):
+    """Torques of an arm's J moving joints.
+
+    Attributes
+    ----------
+    stride, between
+        In a search, torques are checked every so many samples, and taken to be this much higher in between.
+    """
+
+    stride: ClassVar[int] = 1
+    between: ClassVar[float] = 1.0
+
+    @property
+    def sampled(self) -> PlanarDynamics:
+        """The dynamics that the kernel that samples motions can evaluate at once, `NO_DYNAMICS` if none."""
+        return NO_DYNAMICS
+
+    @abstractmethod
+    def torques(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+        """Return torques (T, J) [N m] for angles, speeds, accelerations (T, J).
+
+        Dry friction, whose direction is uncertain, is taken to oppose the motion.
+        """
+
+
 @dataclass(frozen=True, eq=False)
-class PlanarDynamics:
+class PlanarDynamics(Dynamics):
     """The J moving links in the plane of the throw, each with all that is fixed to it: held joints, payload.
 
     Attributes
@@ -33,26 +61,37 @@ class PlanarDynamics:
     links: np.ndarray
     gravity_m_s2: np.ndarray
 
+    @property
+    def sampled(self) -> PlanarDynamics:
+        """The dynamics themselves."""
+        return self
+
+    def torques(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+        """Return torques (T, J) [N m], see `Dynamics.torques`; zeros without links."""
+        if not len(self.links):
+            return np.zeros_like(q)
+        return np.asarray(chain_torques(q, qd, qdd, self.links, self.gravity_m_s2))
+
 
 # For an arm without torque limits.
 NO_DYNAMICS = PlanarDynamics(np.zeros((0, DRY + 1)), np.zeros(2))
 
 
-@lru_cache(maxsize=8)
-def dynamics_of(arm: Arm) -> PlanarDynamics:
-    """Return the arm's links, lumped from its model with payload, the held joints at their angles."""
-    model = arm.model_with_payload()
+def planar_dynamics(
+    model: mujoco.MjModel, at_zero: np.ndarray, joints: Sequence[str], plane: np.ndarray
+) -> PlanarDynamics:
+    """Return the moving links of a posed model, lumped, in the plane with axes (2, 3)."""
     data = mujoco.MjData(model)
-    data.qpos[:] = arm.coordinates(np.zeros(len(arm.joints)))
+    data.qpos[:] = at_zero
     mujoco.mj_forward(model, data)
-    normal = np.cross(arm.plane[0], arm.plane[1])
-    anchors = np.array([data.joint(name).xanchor for name in arm.joints]) @ arm.plane.T
-    owner = owners(model, arm.joints)
-    lumps = [_lump(model, data, np.flatnonzero(owner == j), arm.plane) for j in range(len(arm.joints))]
-    dofs = [int(model.joint(name).dofadr[0]) for name in arm.joints]
+    normal = np.cross(plane[0], plane[1])
+    anchors = np.array([data.joint(name).xanchor for name in joints]) @ plane.T
+    owner = owners(model, tuple(joints))
+    lumps = [_lump(model, data, np.flatnonzero(owner == j), plane) for j in range(len(joints))]
+    dofs = [int(model.joint(name).dofadr[0]) for name in joints]
     links = np.column_stack(
         [
-            [np.sign(data.joint(name).xaxis @ normal) for name in arm.joints],
+            [np.sign(data.joint(name).xaxis @ normal) for name in joints],
             [mass for mass, _, _ in lumps],
             [inertia for _, _, inertia in lumps],
             np.array([centre for _, centre, _ in lumps]) - anchors,
@@ -62,7 +101,7 @@ def dynamics_of(arm: Arm) -> PlanarDynamics:
             model.dof_frictionloss[dofs],
         ]
     )
-    return PlanarDynamics(np.ascontiguousarray(links), arm.plane @ model.opt.gravity)
+    return PlanarDynamics(np.ascontiguousarray(links), plane @ model.opt.gravity)
 
 
 def _lump(

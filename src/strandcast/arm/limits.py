@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
 
 ROUNDING = 1e-9  # relative, of the limit
@@ -37,7 +37,7 @@ UNITS = {
 }
 
 
-def violations(arm: AnyArm, motion: JointTrajectory) -> list[Violation]:
+def violations(arm: Arm, motion: JointTrajectory) -> list[Violation]:
     """Return where a motion exceeds the arm's limits less their margins; empty if nowhere.
 
     A controller may take the samples' differences, whatever speeds and accelerations are stated with them, or
@@ -95,7 +95,7 @@ def _beyond(
     ]
 
 
-def peaks(arm: AnyArm, motion: JointTrajectory) -> dict[str, np.ndarray]:
+def peaks(arm: Arm, motion: JointTrajectory) -> dict[str, np.ndarray]:
     """Return the largest speed, acceleration, jerk and torque of a motion, (J,) each."""
     q, qd, qdd = motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2
     jerk = np.diff(qdd, axis=0) / np.diff(motion.time_s)[:, None]
@@ -107,7 +107,7 @@ def peaks(arm: AnyArm, motion: JointTrajectory) -> dict[str, np.ndarray]:
     }
 
 
-def torques(arm: AnyArm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+def torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     """Return the joints' torques [N m] by inverse dynamics with the payload: (T, J) from (T, J) each."""
     model = arm.model_with_payload()
     data = mujoco.MjData(model)

@@ -1,24 +1,56 @@
 """An arm from its TOML file and its URDF, checked as a whole."""
 
+from __future__ import annotations
+
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import mujoco
 import numpy as np
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from strandcast.arm.checks import Problem, geometry_problems, name_problems, number_problems
+from strandcast.arm.checks import (
+    Problem,
+    geometry_problems,
+    name_problems,
+    number_problems,
+    problems_in_space,
+)
+from strandcast.arm.dynamics import Dynamics, PlanarDynamics, planar_dynamics
 from strandcast.arm.extract import extract_chain
 from strandcast.arm.joint_limits import Limits, Stop
-from strandcast.arm.kinematics import PlanarChain, hand_pose, link_angles
+from strandcast.arm.kinematics import (
+    PlanarChain,
+    hand_pose,
+    hand_poses,
+    link_angles,
+    link_capsules,
+    planar_links,
+)
 from strandcast.arm.servo import Servo
-from strandcast.arm.settings import AnyArmKeys, AnyClamp, ArmKeys, Clamp, Payload
+from strandcast.arm.settings import (
+    AnyArmKeys,
+    AnyClamp,
+    ArmKeys,
+    Clamp,
+    Payload,
+    SpatialArmKeys,
+    SpatialClamp,
+)
+from strandcast.arm.spatial import (
+    SpatialChain,
+    capsules_in_space,
+    hand_path,
+    hand_poses_in_space,
+    spatial_chain,
+)
+from strandcast.arm.spatial_dynamics import SpatialDynamics, spatial_dynamics
 from strandcast.arm.urdf import JointLimit, coordinates, read_joint_limits, read_model
 from strandcast.config.bounded import BoundError, load_toml, read_bounded
 from strandcast.config.problems import SHOWN
@@ -28,17 +60,21 @@ from strandcast.errors import StrandcastError, StrandcastErrors
 from strandcast.records.files import sha256_file
 
 TRACKING_RAD = 0.15  # three times the error of a servo with 30 ms of lag at 100 rad/s², less its mean lag
+PLATE_RIM_M = 0.015  # of the plate beyond the markers' edge; chosen
 STOP_RISE_S = 0.02  # time to a soft stop's full acceleration, unless the file gives a jerk; chosen
 
+ANYWHERE = (-np.inf, np.inf)
 FileKeys = TypeVar("FileKeys", bound=AnyArmKeys)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AnyArm(ABC):
-    """An arm, without how it moves: see `Arm` and `strandcast.arm.spatial.SpatialArm`.
+class Arm(ABC):
+    """An arm that throws in a plane (`PlanarArm`) or in space (`SpatialArm`).
 
     Attributes
     ----------
+    axes
+        Coordinates of a place: 2 in a plane, 3 in space.
     name, path, urdf_path, sha256, urdf_sha256
         Its name, its two files and their hashes.
     joints
@@ -59,6 +95,7 @@ class AnyArm(ABC):
         The player's driver.
     """
 
+    axes: ClassVar[int]
     name: str
     path: Path
     urdf_path: Path
@@ -87,6 +124,75 @@ class AnyArm(ABC):
     def hand_m(self, q: np.ndarray) -> np.ndarray:
         """Return where the string leaves the hand, (..., 2 or 3) [m], at joint angles (..., J) [rad]."""
 
+    @abstractmethod
+    def hand_poses(self, q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray) -> np.ndarray:
+        """Return the hand's poses (P * K, T, 3), or (P * K, T, 9) in space, of joint paths with K strings.
+
+        Parameters
+        ----------
+        q
+            (P, T, J) angles [rad].
+        zero_rad
+            (K, J) added to the joints' angles [rad].
+        longer_m
+            (K,) a longer string hangs out further: the hand of the nominal one is further out [m].
+        """
+
+    def hand_path(self, q: np.ndarray) -> np.ndarray:
+        """Return the hand's poses (T, 3), or (T, 9) in space, at joint angles (T, J) [rad]."""
+        return np.asarray(self.hand_poses(q[None], np.zeros((1, q.shape[1])), np.zeros(1))[0])
+
+    @abstractmethod
+    def capsules(self, q: np.ndarray) -> np.ndarray:
+        """Return both ends of each link, and in a plane of the plate between the outer markers.
+
+        Parameters
+        ----------
+        q
+            (..., J) joint angles [rad].
+
+        Returns
+        -------
+        (..., S, 2, 2 or 3) [m].
+        """
+
+    def capsule_radii(self, clearance_m: float) -> np.ndarray:
+        """Return (S,) how near to each capsule the string may come [m]."""
+        return np.full(len(self.joints), clearance_m)
+
+    @abstractmethod
+    def reach(self) -> tuple[np.ndarray, float]:
+        """Return the place of the first joint, and how far from it the hand can be, stretched out [m]."""
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """The joints' torques with the payload, as fast as the arm allows."""
+        return self.spatial_dynamics
+
+    @cached_property
+    def spatial_dynamics(self) -> SpatialDynamics:
+        """The joints' torques and inertia with the payload."""
+        return spatial_dynamics(
+            self.model_with_payload(), self.coordinates(np.zeros(len(self.joints))), self.joints
+        )
+
+    @abstractmethod
+    def unbounded(self) -> Arm:
+        """Return the arm without a workspace."""
+
+    def planar(self) -> PlanarArm:
+        """Return the arm, which throws in a plane; SC-F207: it throws in space."""
+        raise StrandcastError(
+            "SC-F207",
+            "the arm throws in space, and this needs one that throws in a plane",
+            file=self.path,
+            field="throw",
+        )
+
+    def spatial(self) -> SpatialArm:
+        """Return the arm, which throws in space."""
+        raise TypeError(f"{self.name!r} throws in a plane")
+
     def model(self) -> mujoco.MjModel:
         """Return MuJoCo's model of the URDF, compiled once per process."""
         return _model(self.urdf_path, self.urdf_sha256)
@@ -107,9 +213,12 @@ class AnyArm(ABC):
         """Return the model's coordinates for (J,) angles of the moving joints, the others held."""
         return coordinates(self.model(), self.held | dict(zip(self.joints, q, strict=True)))
 
+    def _at_zero(self) -> np.ndarray:
+        return self.coordinates(np.zeros(len(self.joints)))
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Arm(AnyArm):
+class PlanarArm(Arm):
     """An arm, and how it makes a planar throw.
 
     Attributes
@@ -124,6 +233,7 @@ class Arm(AnyArm):
         The box that hand and string must not leave.
     """
 
+    axes = 2
     clamp: Clamp
     plane: np.ndarray
     chain: PlanarChain
@@ -140,6 +250,90 @@ class Arm(AnyArm):
         """Return where the string leaves the hand, (..., 2) [m], at joint angles (..., J) [rad]."""
         return hand_pose(self.chain, self.clamp, q).position_m
 
+    def hand_poses(self, q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray) -> np.ndarray:
+        """Return the hand's poses (P * K, T, 3), see `Arm.hand_poses`."""
+        return hand_poses(q, zero_rad, longer_m, planar_links(self.chain, self.clamp))
+
+    def capsules(self, q: np.ndarray) -> np.ndarray:
+        """Return both ends of each link, and of the plate, (..., S, 2, 2) [m] at angles (..., J) [rad]."""
+        along = [marker.place_m[0] for marker in self.markers]
+        plate_m = np.array([min(along), max(along)]) if along else np.zeros(0)
+        return link_capsules(q, planar_links(self.chain, self.clamp), plate_m)
+
+    def capsule_radii(self, clearance_m: float) -> np.ndarray:
+        """Return (S,) how near to each capsule, the plate's last, the string may come [m]."""
+        plate = [abs(marker.place_m[1]) + 0.5 * marker.size_m for marker in self.markers]
+        radii = super().capsule_radii(clearance_m)
+        return np.append(radii, PLATE_RIM_M + max(plate)) if plate else radii
+
+    def reach(self) -> tuple[np.ndarray, float]:
+        """Return the place (2,) of the first joint, and how far from it the hand can be [m]."""
+        return self.chain.origin_m, float(self.chain.lengths_m.sum() + np.hypot(*self.clamp.offset_m))
+
+    @cached_property
+    def dynamics(self) -> PlanarDynamics:
+        """The joints' torques with the payload, by the planar chain."""
+        return planar_dynamics(self.model_with_payload(), self._at_zero(), self.joints, self.plane)
+
+    def unbounded(self) -> PlanarArm:
+        """Return the arm without a workspace."""
+        return replace(self, workspace=Box.unchecked(ANYWHERE, ANYWHERE))
+
+    def planar(self) -> PlanarArm:
+        """Return the arm."""
+        return self
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SpatialArm(Arm):
+    """An arm, and how it makes a throw in space.
+
+    The world frame is that of the URDF's root link, z upwards.
+
+    Attributes
+    ----------
+    chain, clamp
+        Kinematics, and how the string is held.
+    workspace_m
+        (3, 2) low and high of x, y and z that hand and string must not leave [m].
+    """
+
+    axes = 3
+    clamp: SpatialClamp
+    chain: SpatialChain
+    workspace_m: np.ndarray
+
+    @property
+    def box_m(self) -> np.ndarray:
+        """The workspace: (3, 2) low and high of x, y and z [m]."""
+        return self.workspace_m
+
+    def hand_m(self, q: np.ndarray) -> np.ndarray:
+        """Return where the string leaves the hand, (..., 3) [m], at joint angles (..., J) [rad]."""
+        q = np.asarray(q, float)
+        return hand_path(self.chain, q.reshape(-1, q.shape[-1]))[:, :3].reshape(*q.shape[:-1], 3)
+
+    def hand_poses(self, q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray) -> np.ndarray:
+        """Return the hand's poses (P * K, T, 9), see `Arm.hand_poses`."""
+        return hand_poses_in_space(self.chain, q, zero_rad, longer_m)
+
+    def capsules(self, q: np.ndarray) -> np.ndarray:
+        """Return both ends of each link, (..., J, 2, 3) [m] at joint angles (..., J) [rad]."""
+        return capsules_in_space(self.chain, q)
+
+    def reach(self) -> tuple[np.ndarray, float]:
+        """Return the place (3,) of the first joint, and how far from it the hand can be [m]."""
+        places_m = np.vstack([self.chain.anchors_m, self.chain.hand_m])
+        return places_m[0], float(np.linalg.norm(np.diff(places_m, axis=0), axis=1).sum())
+
+    def unbounded(self) -> SpatialArm:
+        """Return the arm without a workspace."""
+        return replace(self, workspace_m=np.array([ANYWHERE] * 3))
+
+    def spatial(self) -> SpatialArm:
+        """Return the arm."""
+        return self
+
 
 @lru_cache(maxsize=8)
 def _model(
@@ -149,22 +343,21 @@ def _model(
 
 
 def load_arm(path: str | Path) -> Arm:
-    """Read the TOML file of an arm that throws in a plane, and its URDF.
+    """Read the TOML file of an arm that throws in a plane or in space, as its keys say, and its URDF.
 
-    The error reports every problem with field, value and fix; SC-F207: the arm throws in space.
+    The file of an arm in space has no plane and no markers: ``throw`` has the joints that move and those that
+    are held, ``clamp.offset_m`` and ``clamp.direction`` have three numbers in the frame of the clamp's link,
+    and ``workspace`` has ``z_m``, too. The error reports every problem with field, value and fix.
     """
     path = Path(path)
-    if throws_in_space(path):
-        raise StrandcastError(
-            "SC-F207",
-            "the arm throws in space, and this needs one that throws in a plane",
-            file=path,
-            field="throw",
-        )
-    keys = read_keys(path, ArmKeys)
+    return _load_in_space(path) if _throws_in_space(path) else _load_in_plane(path)
+
+
+def _load_in_plane(path: Path) -> PlanarArm:
+    keys = _read_keys(path, ArmKeys)
     plane = _plane(keys)
-    values, model = read_urdf(path, keys, lambda model: geometry_problems(keys, model, plane))
-    return Arm(
+    values, model = _read_urdf(path, keys, lambda model: geometry_problems(keys, model, plane))
+    return PlanarArm(
         **values,
         clamp=keys.clamp,
         plane=plane,
@@ -175,7 +368,19 @@ def load_arm(path: str | Path) -> Arm:
     )
 
 
-def throws_in_space(path: Path) -> bool:
+def _load_in_space(path: Path) -> SpatialArm:
+    keys = _read_keys(path, SpatialArmKeys)
+    values, model = _read_urdf(path, keys, lambda model: problems_in_space(keys, model))
+    box = keys.workspace
+    return SpatialArm(
+        **values,
+        clamp=keys.clamp,
+        chain=spatial_chain(model, keys),
+        workspace_m=np.array([box.x_m, box.y_m, box.z_m]),
+    )
+
+
+def _throws_in_space(path: Path) -> bool:
     """Return whether an arm's file has keys of an arm in space: a direction of the clamp, or heights.
 
     A file that cannot be read has none; loading it reports what is wrong.
@@ -187,10 +392,10 @@ def throws_in_space(path: Path) -> bool:
         return False
 
 
-def read_urdf(
+def _read_urdf(
     path: Path, keys: AnyArmKeys, geometry: Callable[[mujoco.MjModel], list[Problem]]
 ) -> tuple[dict[str, Any], mujoco.MjModel]:
-    """Return the values of an `AnyArm` but for its clamp, and the URDF's model; refuse all problems.
+    """Return the values of an `Arm` but for its clamp, and the URDF's model; refuse all problems.
 
     `geometry` finds those of the joints' places and axes.
     """
@@ -240,7 +445,7 @@ def _values_of(
     }
 
 
-def read_keys(path: Path, keys: type[FileKeys]) -> FileKeys:
+def _read_keys(path: Path, keys: type[FileKeys]) -> FileKeys:
     """Read an arm's TOML file as `keys`."""
     try:
         return keys.model_validate(load_toml(read_bounded(path)))
@@ -312,7 +517,9 @@ def _stop(keys: AnyArmKeys, limits: Limits) -> Stop:
     return Stop(acceleration, jerk, np.array(keys.stop.distance_rad or [0.0] * len(acceleration)))
 
 
-def clamp_frame(arm: Arm, lateral_m: float = 0.0, turn_rad: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def clamp_frame(
+    arm: PlanarArm, lateral_m: float = 0.0, turn_rad: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Return where the string leaves the hand (3,) and its axes as rows (3, 3), in the clamp's link.
 
     The first axis points along the string, the last along the plane's normal.

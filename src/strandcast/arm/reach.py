@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.arm.stop import SoftStop
 from strandcast.core.trajectory import JointTrajectory
 
@@ -37,7 +37,7 @@ class Reach:
     beyond_rad: np.ndarray
 
 
-def reach_of(arm: AnyArm, motion: JointTrajectory, hanging_m: float) -> Reach:
+def reach_of(arm: Arm, motion: JointTrajectory, hanging_m: float) -> Reach:
     """Return the region that a densely sampled motion sweeps.
 
     The string may be anywhere within `hanging_m` from the hand. A joint may come to rest anywhere between its
@@ -63,7 +63,7 @@ def reach_of(arm: AnyArm, motion: JointTrajectory, hanging_m: float) -> Reach:
     )
 
 
-def roughly_outside_m(arm: AnyArm, q: np.ndarray, step_s: float, hanging_m: float) -> np.ndarray:
+def roughly_outside_m(arm: Arm, q: np.ndarray, step_s: float, hanging_m: float) -> np.ndarray:
     """Return (P,) how far outside the arm's workspace P motions may end if stopped, for a search [m].
 
     It takes a quarter of `reach_of`'s time and is an upper bound, except for stops that swing back.
@@ -91,7 +91,7 @@ def roughly_outside_m(arm: AnyArm, q: np.ndarray, step_s: float, hanging_m: floa
     return np.asarray(np.maximum(beyond.max(axis=(1, 2, 3)), 0.0))
 
 
-def _resting_hands(arm: AnyArm, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _resting_hands(arm: Arm, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return resting positions (..., W, 2) of the hand, its joints (..., J) turning by low to high."""
     shares = (0.0, 0.5, 1.0) if len(arm.joints) <= FEW_JOINTS else (0.0, 1.0)
     corners = np.array(list(product(shares, repeat=len(arm.joints))))
@@ -99,7 +99,7 @@ def _resting_hands(arm: AnyArm, q: np.ndarray, low: np.ndarray, high: np.ndarray
     return arm.hand_m(rest)
 
 
-def outside_m(arm: AnyArm, box_m: np.ndarray) -> float:
+def outside_m(arm: Arm, box_m: np.ndarray) -> float:
     """Return how far a box (2 or 3, 2) extends beyond the arm's workspace, zero if nowhere [m]."""
     workspace = arm.box_m
     return float(max(0.0, (workspace[:, 0] - box_m[:, 0]).max(), (box_m[:, 1] - workspace[:, 1]).max()))

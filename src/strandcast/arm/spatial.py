@@ -1,19 +1,14 @@
-"""An arm with all joints moving in space: its file, and the pose in which its hand holds the string."""
+"""Forward kinematics in space: poses in which the hand holds the string, and the links."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numba import njit
 
-from strandcast.arm.checks import Problem
-from strandcast.arm.extract import joints_out_of_order
-from strandcast.arm.load import AnyArm, Arm, load_arm, read_keys, read_urdf, throws_in_space
 from strandcast.arm.settings import SpatialArmKeys, SpatialClamp
 from strandcast.arm.urdf import coordinates
 from strandcast.threads import over_ranges
@@ -39,74 +34,8 @@ class SpatialChain(NamedTuple):
     normal: np.ndarray
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SpatialArm(AnyArm):
-    """An arm, and how it makes a throw in space.
-
-    The world frame is that of the URDF's root link, z upwards.
-
-    Attributes
-    ----------
-    chain, clamp
-        Kinematics, and how the string is held.
-    workspace_m
-        (3, 2) low and high of x, y and z that hand and string must not leave [m].
-    """
-
-    clamp: SpatialClamp
-    chain: SpatialChain
-    workspace_m: np.ndarray
-
-    @property
-    def box_m(self) -> np.ndarray:
-        """The workspace: (3, 2) low and high of x, y and z [m]."""
-        return self.workspace_m
-
-    def hand_m(self, q: np.ndarray) -> np.ndarray:
-        """Return where the string leaves the hand, (..., 3) [m], at joint angles (..., J) [rad]."""
-        q = np.asarray(q, float)
-        return hand_path(self.chain, q.reshape(-1, q.shape[-1]))[:, :3].reshape(*q.shape[:-1], 3)
-
-
-def load_any_arm(path: str | Path) -> Arm | SpatialArm:
-    """Read the file of an arm that throws in a plane or in space, as its keys say, and its URDF."""
-    return load_spatial_arm(path) if throws_in_space(Path(path)) else load_arm(path)
-
-
-def load_spatial_arm(path: str | Path) -> SpatialArm:
-    """Read the TOML file of an arm that throws in space, and its URDF; the error reports every problem.
-
-    The file is that of an arm in the plane without the plane and the markers: ``throw`` has the joints that
-    move and those that are held, ``clamp.offset_m`` and ``clamp.direction`` have three numbers in the frame
-    of the clamp's link, and ``workspace`` has ``z_m``, too.
-    """
-    path = Path(path)
-    keys = read_keys(path, SpatialArmKeys)
-    values, model = read_urdf(path, keys, lambda model: _order_problems(keys, model))
-    box = keys.workspace
-    return SpatialArm(
-        **values,
-        clamp=keys.clamp,
-        chain=_chain(model, keys),
-        workspace_m=np.array([box.x_m, box.y_m, box.z_m]),
-    )
-
-
-def _order_problems(keys: SpatialArmKeys, model: mujoco.MjModel) -> list[Problem]:
-    found: list[Problem] = [
-        (
-            "throw.joints",
-            f"{name!r} is not on the way from the joint before it to {keys.clamp.link!r}",
-            "name the joints from the base to the hand",
-        )
-        for name in joints_out_of_order(model, tuple(keys.throw.joints), keys.clamp.link)
-    ]
-    if not np.linalg.norm(keys.clamp.direction) > 0.0:
-        found.append(("clamp.direction", "has no length", "give a direction in the frame of clamp.link"))
-    return found
-
-
-def _chain(model: mujoco.MjModel, keys: SpatialArmKeys) -> SpatialChain:
+def spatial_chain(model: mujoco.MjModel, keys: SpatialArmKeys) -> SpatialChain:
+    """Return the chain of the moving joints and the hand, the other joints held."""
     data = mujoco.MjData(model)
     data.qpos[:] = coordinates(model, keys.throw.held)
     mujoco.mj_kinematics(model, data)

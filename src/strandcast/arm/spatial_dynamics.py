@@ -1,16 +1,16 @@
 """Torques and inertia of joints with axes in any direction: fast, for searches."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import mujoco
 import numpy as np
 from numba import njit
 
-from strandcast.arm.link_masses import owners
-from strandcast.arm.load import AnyArm
+from strandcast.arm.dynamics import Dynamics
 from strandcast.arm.spatial import turn_about, turned
+from strandcast.arm.urdf import owners
 
 
 class JointAxes(NamedTuple):
@@ -27,7 +27,7 @@ class JointAxes(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class SpatialDynamics:
+class SpatialDynamics(Dynamics):
     """The J moving links, each with all that is fixed to it: held joints, payload; all joints at zero.
 
     Attributes
@@ -50,12 +50,11 @@ class SpatialDynamics:
     armature: np.ndarray
     dry: np.ndarray
     gravity_m_s2: np.ndarray
+    stride: ClassVar[int] = 4  # chosen, as the next
+    between: ClassVar[float] = 1.01
 
     def torques(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
-        """Return torques (T, J) [N m] for angles, speeds, accelerations (T, J).
-
-        Dry friction, whose direction is uncertain, is taken to oppose the motion.
-        """
+        """Return torques (T, J) [N m], see `Dynamics.torques`."""
         needed = newton_euler(
             q, qd, qdd, self.axes, self.mass_kg, self.centre_m, self.inertia_kg_m2, self.gravity_m_s2
         )
@@ -68,16 +67,14 @@ class SpatialDynamics:
         return np.asarray(mass_matrix(np.asarray(q, float), *links))
 
 
-@lru_cache(maxsize=8)
-def spatial_dynamics_of(arm: AnyArm) -> SpatialDynamics:
-    """Return the arm's links, lumped from its model with payload, the held joints at their angles."""
-    model = arm.model_with_payload()
+def spatial_dynamics(model: mujoco.MjModel, at_zero: np.ndarray, joints: Sequence[str]) -> SpatialDynamics:
+    """Return the moving links of a posed model, lumped."""
     data = mujoco.MjData(model)
-    data.qpos[:] = arm.coordinates(np.zeros(len(arm.joints)))
+    data.qpos[:] = at_zero
     mujoco.mj_forward(model, data)
-    owner = owners(model, arm.joints)
+    owner = owners(model, tuple(joints))
     mass, centre, inertia = [], [], []
-    for j in range(len(arm.joints)):
+    for j in range(len(joints)):
         bodies = np.flatnonzero(owner == j)
         own = model.body_mass[bodies]
         turns = data.ximat[bodies].reshape(-1, 3, 3)
@@ -87,10 +84,10 @@ def spatial_dynamics_of(arm: AnyArm) -> SpatialDynamics:
         tensors = np.einsum("bik,bk,bjk->bij", turns, model.body_inertia[bodies], turns)
         square = (away**2).sum(axis=1)[:, None, None] * np.eye(3) - away[:, :, None] * away[:, None, :]
         inertia.append((tensors + own[:, None, None] * square).sum(axis=0))
-    dofs = [int(model.joint(name).dofadr[0]) for name in arm.joints]
-    joints = [data.joint(name) for name in arm.joints]
+    dofs = [int(model.joint(name).dofadr[0]) for name in joints]
+    posed = [data.joint(name) for name in joints]
     return SpatialDynamics(
-        JointAxes(np.array([joint.xanchor for joint in joints]), np.array([joint.xaxis for joint in joints])),
+        JointAxes(np.array([joint.xanchor for joint in posed]), np.array([joint.xaxis for joint in posed])),
         np.array(mass),
         np.array(centre),
         np.array(inertia),

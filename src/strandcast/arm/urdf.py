@@ -122,3 +122,12 @@ def _refusal(path: str | Path, what: str, fix: str = "correct the URDF") -> Stra
 
 def _unreadable(path: str | Path, error: ValueError) -> StrandcastError:
     return _refusal(path, f"MuJoCo cannot read it as a URDF ({error})")
+
+
+def owners(model: mujoco.MjModel, joints: tuple[str, ...]) -> np.ndarray:
+    """Return the last of `joints` that turns each body, -1 for none."""
+    bodies = [int(model.joint(name).bodyid[0]) for name in joints]
+    owner = np.full(model.nbody, -1)
+    for body in range(1, model.nbody):  # parents come before their children
+        owner[body] = bodies.index(body) if body in bodies else owner[model.body_parentid[body]]
+    return owner

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from strandcast.arm.limits import differences, violations
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.arm.reach import Reach, outside_m, reach_of
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import StrandcastError
@@ -30,7 +30,7 @@ SETTLING_S = 3.0
 POLL_S = 0.02
 
 
-def check_motion(path: Path, motion: Motion, arm: AnyArm) -> JointTrajectory:
+def check_motion(path: Path, motion: Motion, arm: Arm) -> JointTrajectory:
     """Return the motion as the checks sample it; refuse one that the arm cannot play from rest to rest.
 
     Limits are held against the file's points and against samples of the quintic between them.
@@ -64,7 +64,7 @@ def check_motion(path: Path, motion: Motion, arm: AnyArm) -> JointTrajectory:
     return dense
 
 
-def check_set_points(path: Path, motion: Motion, arm: AnyArm, rate_hz: float) -> JointTrajectory:
+def check_set_points(path: Path, motion: Motion, arm: Arm, rate_hz: float) -> JointTrajectory:
     """Return what is sent of a checked motion at a rate; refuse it beyond the arm's limits (SC-X004)."""
     played = motion.trajectory()
     check_limits(path, f"the set points at {rate_hz:g} Hz", arm, _by_cycles(played, 1.0 / rate_hz))
@@ -76,7 +76,7 @@ def _by_cycles(played: JointTrajectory, step_s: float) -> JointTrajectory:
     return played.at(np.arange(np.ceil(played.end_s / step_s - 1e-6) + 1) * step_s)
 
 
-def _check_start_posture(path: Path, motion: Motion, arm: AnyArm) -> None:
+def _check_start_posture(path: Path, motion: Motion, arm: Arm) -> None:
     start, first = motion.start, motion.points[0].positions
     sizes = len(start.positions_rad), len(start.tolerance_rad)
     if sizes != (len(first), len(first)):
@@ -118,7 +118,7 @@ def _spread(values: np.ndarray, count: int) -> np.ndarray:
     return np.asarray(maximum_filter1d(values, count, axis=0) - minimum_filter1d(values, count, axis=0))
 
 
-def check_limits(path: Path, what: str, arm: AnyArm, motion: JointTrajectory) -> None:
+def check_limits(path: Path, what: str, arm: Arm, motion: JointTrajectory) -> None:
     """Refuse a motion that exceeds the arm's limits (SC-X004)."""
     if found := violations(arm, motion):
         raise _refusal(
@@ -129,7 +129,7 @@ def check_limits(path: Path, what: str, arm: AnyArm, motion: JointTrajectory) ->
         )
 
 
-def _check_arm(path: Path, motion: Motion, arm: AnyArm) -> None:
+def _check_arm(path: Path, motion: Motion, arm: Arm) -> None:
     robot = motion.robot
     if robot.file_sha256 != arm.sha256 or robot.urdf_sha256 != arm.urdf_sha256:
         raise _refusal(
@@ -145,7 +145,7 @@ def _check_arm(path: Path, motion: Motion, arm: AnyArm) -> None:
         )
 
 
-def check_reach(path: Path, arm: AnyArm, motion: JointTrajectory, hanging_m: float) -> Reach:
+def check_reach(path: Path, arm: Arm, motion: JointTrajectory, hanging_m: float) -> Reach:
     """Return the region that a motion sweeps, stopped at any instant, if it is in the workspace (SC-X004)."""
     reach = reach_of(arm, motion, hanging_m)
     outside = outside_m(arm, reach.swept_m)
@@ -167,13 +167,13 @@ def box_words(box_m: np.ndarray) -> str:
     return f"{', '.join(sides)} m"
 
 
-def check_state(path: Path, arm: AnyArm, state: ArmState) -> None:
+def check_state(path: Path, arm: Arm, state: ArmState) -> None:
     """Refuse an arm whose present state does not allow it to play (SC-X005)."""
     for what, fix in _state_problems(arm, state):
         raise _refusal("SC-X005", path, None, f"the arm cannot play: {what}", fix)
 
 
-def _state_problems(arm: AnyArm, state: ArmState) -> Iterator[tuple[str, str]]:
+def _state_problems(arm: Arm, state: ArmState) -> Iterator[tuple[str, str]]:
     if state.fault is not None:
         yield state.fault, "clear this fault first"
     if abs(state.speed_scaling - 1.0) > FULL_SPEED_TOLERANCE:
@@ -194,7 +194,7 @@ def _state_problems(arm: AnyArm, state: ArmState) -> Iterator[tuple[str, str]]:
         )
 
 
-def check_start(path: Path, motion: Motion, arm: AnyArm, state: ArmState) -> None:
+def check_start(path: Path, motion: Motion, arm: Arm, state: ArmState) -> None:
     """Refuse an arm that is not at the motion's start (SC-X006), or that still moves (SC-X007)."""
     speed = float(np.abs(state.qd_rad_s).max())
     if not speed <= arm.start_velocity_rad_s:
@@ -215,7 +215,7 @@ def check_start(path: Path, motion: Motion, arm: AnyArm, state: ArmState) -> Non
         )
 
 
-def await_start(path: Path, motion: Motion, arm: AnyArm, driver: Driver, clock: Clock) -> None:
+def await_start(path: Path, motion: Motion, arm: Arm, driver: Driver, clock: Clock) -> None:
     """Wait until the arm has been at rest at the motion's start for 0.3 s, and its clock has advanced.
 
     The refusals are those of `check_state` and `check_start`; SC-X005 also if the clock does not advance.

@@ -3,7 +3,7 @@
 import numpy as np
 
 from strandcast.arm.link_masses import massless_joints, torque_gap
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.executor.checks import box_words
 from strandcast.executor.preflight import Preflight
 from strandcast.executor.streaming.safety_monitor import GAP_TICKS
@@ -77,7 +77,7 @@ def _warnings(preflight: Preflight) -> list[str]:
     return lines
 
 
-def unchecked_limits(arm: AnyArm) -> list[str]:
+def unchecked_limits(arm: Arm) -> list[str]:
     """Return warnings about limits that are not checked because the arm's files do not give them."""
     lines = []
     gap = torque_gap(arm)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
 from strandcast.executor.locks import NOTHING_SENT
 
@@ -30,7 +30,7 @@ class ControllerJoints:
     held_rad: np.ndarray
 
     @classmethod
-    def of(cls, arm: AnyArm, names: tuple[str, ...] | list[str]) -> ControllerJoints:
+    def of(cls, arm: Arm, names: tuple[str, ...] | list[str]) -> ControllerJoints:
         """Return the mapping for a controller with the joints `names`, named as in the URDF.
 
         SC-F205: a joint of the arm's file is not the controller's, or the reverse.

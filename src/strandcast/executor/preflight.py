@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.arm.limits import peaks
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.arm.reach import Reach
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import REFUSED, StrandcastError
@@ -70,7 +70,7 @@ class Preflight:
 
     motion_path: Path
     out_dir: Path
-    arm: AnyArm
+    arm: Arm
     options: PlayOptions
     motion: Motion
     command: JointTrajectory
@@ -87,7 +87,7 @@ class Preflight:
 
 def run_preflight(
     motion_path: str | Path,
-    arm: AnyArm,
+    arm: Arm,
     driver: Driver,
     out_dir: str | Path,
     options: PlayOptions | None = None,

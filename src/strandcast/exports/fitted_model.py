@@ -39,7 +39,7 @@ def export_mjcf(trial: TrialView, out: Path, total_kg: float = STRING_KG) -> Exp
         Mass of the string with all it carries: video and joints cannot show it.
     """
     context = trial.context
-    arm, settings = load_arm(context.arm_file), context.settings.estimate
+    arm, settings = load_arm(context.arm_file).planar(), context.settings.estimate
     model, layout = string_model(context, arm)
     measured = read_trial(Files(STAGES["estimate"], Job(context, trial.number)), trial.number)
     string = read_members(trial.folder.results / "ensemble.parquet", layout).first(1)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from strandcast.arm.load import Arm, clamp_frame
+from strandcast.arm.load import PlanarArm, clamp_frame
 from strandcast.arm.urdf import read_spec
 from strandcast.core.strings import PARAMETERS, StringBatch
 
@@ -119,7 +119,9 @@ def in_mujoco(string: StringBatch, length_m: float, total_kg: float = STRING_KG)
     )
 
 
-def arm_with_string(arm: Arm, string: StringInMuJoCo, posture_rad: np.ndarray, bends_rad: np.ndarray) -> str:
+def arm_with_string(
+    arm: PlanarArm, string: StringInMuJoCo, posture_rad: np.ndarray, bends_rad: np.ndarray
+) -> str:
     """Return MJCF of the arm with the string in its clamp.
 
     The keyframes ``start`` (hanging) and ``swing`` (turned by 0.8 rad at the clamp) have the arm in the given
@@ -227,7 +229,7 @@ def _set_physics(
     spec.option.density, spec.option.viscosity = AIR_KG_M3, string.viscosity_pa_s
 
 
-def _hold(spec: mujoco.MjSpec, arm: Arm) -> None:
+def _hold(spec: mujoco.MjSpec, arm: PlanarArm) -> None:
     """Add a stiff, critically damped position servo at every joint of the throw, and at the held ones."""
     damping = 2.0 * np.sqrt(SERVO_N_M_RAD * SERVO_KG_M2)
     for name in (*arm.joints, *arm.held):
@@ -238,7 +240,7 @@ def _hold(spec: mujoco.MjSpec, arm: Arm) -> None:
         body.gravcomp = 1.0
 
 
-def _show(spec: mujoco.MjSpec, arm: Arm) -> None:
+def _show(spec: mujoco.MjSpec, arm: PlanarArm) -> None:
     """Draw the arm as capsules from link to link: meshes do not travel with the file."""
     model = arm.model()
     for k in range(1, model.nbody):

@@ -7,7 +7,7 @@ import numpy as np
 
 from strandcast.api import TrialView
 from strandcast.arm.kinematics import hand_pose, link_points
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.core.trial_names import trial_digits
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import JointLog
@@ -46,7 +46,7 @@ class ThrowData:
     robot_time_s: np.ndarray
     points_m: np.ndarray
     fitted_m: np.ndarray
-    arm: Arm
+    arm: PlanarArm
     joint_time_s: np.ndarray
     q_rad: np.ndarray
     q_cmd_rad: np.ndarray
@@ -72,7 +72,7 @@ class ThrowData:
 def read_throw(trial: TrialView) -> ThrowData:
     """Read a trial that has been estimated."""
     context = trial.context
-    arm = load_arm(context.arm_file)
+    arm = load_arm(context.arm_file).planar()
     measured = read_trial(Files(STAGES["estimate"], Job(context, trial.number)), trial.number)
     track = measured.track
     fitted_m = np.full_like(track.points_m[..., :2], np.nan)
@@ -96,7 +96,7 @@ def read_throw(trial: TrialView) -> ThrowData:
     )
 
 
-def _joints(arm: Arm, log: JointLog | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _joints(arm: PlanarArm, log: JointLog | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if log is None:
         none = np.empty((0, len(arm.joints)))
         return np.empty(0), none, none

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.errors import StrandcastError
 from strandcast.imports.capture_mapping import CaptureMapping, CaptureMarker, DrivenBody, columns_of
 from strandcast.imports.capture_table import read_capture, times_of, with_units
@@ -39,7 +39,7 @@ class CapturedTrial(NamedTuple):
     trial: int
     length_m: float
     points: int
-    arm: Arm | None = None
+    arm: PlanarArm | None = None
     aimed: bool = True
     thrown: ThrownBy | None = None
     offset_s: float | None = None
@@ -365,7 +365,7 @@ def _placed(
     return place_capture(thrown, time_s, body_m, tip_m, known.offset_s, table.path)
 
 
-def _check_reach(hand_m: np.ndarray, arm: Arm, file: Path) -> list[str]:
+def _check_reach(hand_m: np.ndarray, arm: PlanarArm, file: Path) -> list[str]:
     """Compare the hand's farthest place with the arm's reach; return a warning or raise SC-I027."""
     reach_m = float(arm.chain.lengths_m.sum() + np.hypot(*arm.clamp.offset_m))
     far_m = float(np.hypot(*(hand_m - arm.chain.origin_m).T).max())

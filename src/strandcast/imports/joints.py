@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
 from strandcast.imports.as_measured import as_measured
 from strandcast.imports.clock import clock_problem
@@ -56,7 +56,7 @@ class Played:
     """
 
     motion: Motion | None
-    arm: AnyArm
+    arm: Arm
     is_rehearsal: bool = False
     plans: Mapping[Path, Motion] = field(default_factory=dict)
     others: Mapping[str, Motion] = field(default_factory=dict)

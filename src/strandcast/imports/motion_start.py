@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import correlate
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.arm.servo import respond
 from strandcast.errors import StrandcastError
 from strandcast.records.joint_log import JointLog
@@ -42,7 +42,7 @@ class Match(NamedTuple):
 def motion_times(
     log: JointLog,
     motion: Motion,
-    arm: AnyArm,
+    arm: Arm,
     file: str | None = None,
     others: Mapping[str, Motion] | None = None,
 ) -> tuple[float, float]:
@@ -103,9 +103,7 @@ def _unlike(what: str, found: Match, motion: Motion, file: str | None) -> Strand
     )
 
 
-def played_plan(
-    log: JointLog, beside: Motion | None, plans: Mapping[Path, Motion], arm: AnyArm
-) -> Path | None:
+def played_plan(log: JointLog, beside: Motion | None, plans: Mapping[Path, Motion], arm: Arm) -> Path | None:
     """Return which of the motions planned for a throw was played, if the log's commands say so.
 
     None: the log has no commands; they are those of the motion `beside` it, or clearly those of no plan; or
@@ -133,7 +131,7 @@ def played_plan(
     return best
 
 
-def _left_rad(log: JointLog, motion: Motion, arm: AnyArm) -> float:
+def _left_rad(log: JointLog, motion: Motion, arm: Arm) -> float:
     """Return how far commanded joints are from a motion but for a lag; infinity if they are not its own."""
     if len(motion.points) < 2 or (np.diff(motion.trajectory().time_s) <= 0).any():
         return np.inf
@@ -180,7 +178,7 @@ def _refuse_another_motion(its_rad: float, left_rad: Mapping[str, float], file: 
         )
 
 
-def _match(log: JointLog, motion: Motion, arm: AnyArm) -> Match:
+def _match(log: JointLog, motion: Motion, arm: Arm) -> Match:
     """Return where a motion fits best, whether or not it was played."""
     columns = [log.joint_names.index(name) for name in motion.joint_names]
     step_s = 1.0 / arm.log_rate_hz

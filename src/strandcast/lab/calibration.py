@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from strandcast.arm.kinematics import link_points
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.camera.picture_file import write_picture
 from strandcast.config.camera import Board
 from strandcast.config.experiment import Experiment
@@ -92,7 +92,7 @@ def write_plane_photo(experiment: Experiment, name: str, scene: LabScene, data_d
     _write(data_dir / experiment.camera.plane_photo, canvas.light, scene.gain, experiment, random)
 
 
-def _parked(experiment: Experiment, arm: Arm) -> np.ndarray:
+def _parked(experiment: Experiment, arm: PlanarArm) -> np.ndarray:
     """Return the posture with the largest distance from the markers."""
     markers = np.array([[m.x_m, m.y_m] for m in experiment.camera.plane.markers])
     limits = zip(np.maximum(arm.limits.lower_rad, -3.1), np.minimum(arm.limits.upper_rad, 3.1), strict=True)

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from strandcast.arm.load import AnyArm, Arm
-from strandcast.arm.spatial import SpatialArm
+from strandcast.arm.load import Arm
 from strandcast.config.experiment import Experiment
 from strandcast.config.find import find_experiment
 from strandcast.config.lab import LabSettings
@@ -41,7 +40,6 @@ from strandcast.records.joint_log import SYNC_HIGH, JointLog, SyncEvent
 from strandcast.records.motion import Motion
 from strandcast.seeds import rng
 
-AnyOfTwo = Arm | SpatialArm
 VIDEO = "video.mp4"
 # Chosen.
 FILMED_AFTER_S = 0.45
@@ -60,7 +58,7 @@ class LabThrow:
     slip: SlipInClamp | None = None
 
 
-def lab_driver(arm: AnyOfTwo, motion: Motion) -> Driver:
+def lab_driver(arm: Arm, motion: Motion) -> Driver:
     """Return the virtual rig of a motion's experiment (see `strandcast.executor.drivers.registry`)."""
     root = project_root()
     experiment = load_experiment(find_experiment(motion.experiment, root))
@@ -68,9 +66,9 @@ def lab_driver(arm: AnyOfTwo, motion: Motion) -> Driver:
     return driver_of(LabThrow(motion.experiment, experiment, motion.trial, truth), arm)
 
 
-def driver_of(throw: LabThrow, arm: AnyOfTwo) -> Driver:
+def driver_of(throw: LabThrow, arm: Arm) -> Driver:
     """Return the virtual rig of a throw: with a camera, or in space with motion capture."""
-    return LabDriverInSpace(throw, arm) if isinstance(arm, SpatialArm) else LabDriver(throw, arm)
+    return LabDriverInSpace(throw, arm) if arm.axes == 3 else LabDriver(throw, arm)
 
 
 class LabArm:
@@ -80,7 +78,7 @@ class LabArm:
     streams = False
     address: str | None = None
 
-    def __init__(self, throw: LabThrow, arm: AnyOfTwo) -> None:
+    def __init__(self, throw: LabThrow, arm: Arm) -> None:
         self.rate_hz = arm.log_rate_hz
         self._throw = throw
         self._arm = arm
@@ -121,10 +119,10 @@ class LabArm:
         self, string: PhysicalString, variation: VariationInSpace, command: JointTrajectory
     ) -> LabSwing:
         arm, servo, throw = self._arm, self._lab.servo, self._throw
-        if not isinstance(arm, SpatialArm):
-            return simulate_swing(arm, servo, string, variation.along, command, slip=throw.slip)
+        if arm.axes == 2:
+            return simulate_swing(arm.planar(), servo, string, variation.along, command, slip=throw.slip)
         curl_turn_rad = float(self._rig_random("lab-curl").uniform(0.0, 2.0 * np.pi))
-        return simulate_swing_in_space(arm, servo, string, curl_turn_rad, variation, command)
+        return simulate_swing_in_space(arm.spatial(), servo, string, curl_turn_rad, variation, command)
 
     def _recorded(
         self, swing: LabSwing, variation: ThrowVariation, clocks: LabClocks, motion_s: float
@@ -162,8 +160,7 @@ class LabDriver(LabArm):
 
     def play(self, command: JointTrajectory, folder: Path) -> Recording:
         """Throw, film and write the truth; return the controller's log."""
-        throw, experiment, lab, arm = self._throw, self._throw.experiment, self._lab, self._arm
-        assert isinstance(arm, Arm)
+        throw, experiment, lab, arm = self._throw, self._throw.experiment, self._lab, self._arm.planar()
         variation, clocks = self._variation(), draw_clocks(self._random("lab-clocks"))
         string = self._string()
         swing = self._swing(string, variation, command)
@@ -189,8 +186,6 @@ class LabDriverInSpace(LabArm):
 
     def play(self, command: JointTrajectory, folder: Path) -> Recording:
         """Throw, capture and write the truth; return the controller's log."""
-        arm = self._arm
-        assert isinstance(arm, SpatialArm)
         variation, clocks = self._variation(), draw_clocks(self._random("lab-clocks"))
         string = self._string()
         swing = self._swing(string, variation, command)
@@ -199,7 +194,9 @@ class LabDriverInSpace(LabArm):
         rig = draw_capture_rig(self._rig_random("lab-capture"))
         places_m = marker_places_m(string.length_m) + variation.along.grasp_length_m
         since_s, random = robot_time_s - start_s, self._random("lab-sensor")
-        write_capture(folder / CAPTURE, captured(rig, arm.chain, swing, places_m, since_s, random))
+        write_capture(
+            folder / CAPTURE, captured(rig, self._arm.spatial().chain, swing, places_m, since_s, random)
+        )
         recorded = RecordedThrow(swing, variation.facts(), clocks, robot_time_s, start_s, motion_s)
         self._write_truth(recorded, rig.facts())
         return self._recorded(swing, variation.along, clocks, motion_s)
@@ -236,7 +233,7 @@ def _switch_output(log: JointLog, lamp: LedTimes, start_s: float) -> list[SyncEv
 
 
 def joint_log(
-    arm: AnyArm,
+    arm: Arm,
     swing: LabSwing,
     variation: ThrowVariation,
     clocks: LabClocks,

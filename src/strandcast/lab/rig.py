@@ -6,7 +6,7 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from strandcast.arm.load import AnyArm, Arm, clamp_frame
+from strandcast.arm.load import Arm, PlanarArm, clamp_frame
 from strandcast.arm.urdf import read_spec
 from strandcast.lab.servo import JointDrives
 from strandcast.lab.strings import PhysicalString
@@ -112,7 +112,7 @@ class LabRig:
 
 
 def build_rig(
-    arm: Arm,
+    arm: PlanarArm,
     drive: JointDrives,
     string: PhysicalString,
     grasp: LabGrasp,
@@ -154,7 +154,7 @@ def build_rig(
     )
 
 
-def driven_arm(arm: AnyArm, drive: JointDrives, upwards: np.ndarray, dt_s: float) -> mujoco.MjSpec:
+def driven_arm(arm: Arm, drive: JointDrives, upwards: np.ndarray, dt_s: float) -> mujoco.MjSpec:
     """Return the arm's links and motors in air, to hang a string on; `upwards` (3,) is against gravity."""
     spec = read_spec(arm.urdf_path)
     spec.option.timestep = dt_s
@@ -172,7 +172,7 @@ def driven_arm(arm: AnyArm, drive: JointDrives, upwards: np.ndarray, dt_s: float
     return spec
 
 
-def held_dofs(model: mujoco.MjModel, arm: AnyArm) -> dict[int, float]:
+def held_dofs(model: mujoco.MjModel, arm: Arm) -> dict[int, float]:
     """Return the angle [rad] of each held joint, by coordinate."""
     return {int(model.joint(name).dofadr[0]): angle for name, angle in arm.held.items()}
 
@@ -188,7 +188,7 @@ def _bends(links: list[StringLink], k: int) -> bool:
 
 def _hang(
     body: mujoco.MjsBody,
-    arm: Arm,
+    arm: PlanarArm,
     links: list[StringLink],
     string: PhysicalString,
     grasp: LabGrasp,

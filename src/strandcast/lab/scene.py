@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from strandcast.arm.kinematics import hand_pose, link_points
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
 from strandcast.lab.led import BODY, BODY_RADIUS_M, LabLed, make_led
@@ -85,13 +85,13 @@ class LabScene:
     view: LabView
     still: np.ndarray
     gain: np.ndarray
-    arm: Arm
+    arm: PlanarArm
     hand_prints: tuple[HandPrint, ...]
     led: LabLed | None = None
     in_front: tuple[slice, slice] | None = None
 
 
-def make_scene(experiment: Experiment, name: str, arm: Arm) -> LabScene:
+def make_scene(experiment: Experiment, name: str, arm: PlanarArm) -> LabScene:
     """Build the scene of an experiment.
 
     Raises
@@ -117,7 +117,7 @@ def make_scene(experiment: Experiment, name: str, arm: Arm) -> LabScene:
     return LabScene(view, canvas.light, gain, arm, _hand_prints(arm), led)
 
 
-def _hand_prints(arm: Arm) -> tuple[HandPrint, ...]:
+def _hand_prints(arm: PlanarArm) -> tuple[HandPrint, ...]:
     markers = [
         HandPrint(
             marker_tones(arm.marker_dictionary, marker.id),
@@ -199,7 +199,7 @@ def _paint_led(canvas: Canvas, view: LabView, experiment: Experiment) -> LabLed 
     return make_led(view, place_m)
 
 
-def _paint_pedestal(canvas: Canvas, view: LabView, arm: Arm) -> None:
+def _paint_pedestal(canvas: Canvas, view: LabView, arm: PlanarArm) -> None:
     origin = arm.chain.origin_m
     foot = origin - np.array([0.0, 3.0])
     line = view.pixels(np.linspace(origin, foot, 40), -0.03)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.arm.urdf import read_joint_limits
 from strandcast.core.trajectory import JointTrajectory
 
@@ -59,7 +59,7 @@ class JointDrives:
     friction: np.ndarray
 
 
-def joint_drives(arm: AnyArm, preset: ServoPreset) -> JointDrives:
+def joint_drives(arm: Arm, preset: ServoPreset) -> JointDrives:
     """Return motors whose loops have the preset's frequency with the arm stretched out."""
     limits = read_joint_limits(arm.urdf_path)
     effort = np.array([limits[name].effort_n_m for name in arm.joints], float)
@@ -75,7 +75,7 @@ def joint_drives(arm: AnyArm, preset: ServoPreset) -> JointDrives:
     )
 
 
-def _mass_matrix(arm: AnyArm) -> np.ndarray:
+def _mass_matrix(arm: Arm) -> np.ndarray:
     model, data, at = _at_zero(arm)
     mujoco.mj_forward(model, data)
     full = np.zeros((model.nv, model.nv))
@@ -83,7 +83,7 @@ def _mass_matrix(arm: AnyArm) -> np.ndarray:
     return full[np.ix_(at, at)]
 
 
-def _at_zero(arm: AnyArm) -> tuple[mujoco.MjModel, mujoco.MjData, list[int]]:
+def _at_zero(arm: Arm) -> tuple[mujoco.MjModel, mujoco.MjData, list[int]]:
     """Return the arm's model, its data with all moving joints at zero, and the joints' coordinates."""
     model = arm.model()
     data = mujoco.MjData(model)
@@ -100,9 +100,7 @@ class ServoSetPoints:
     torque_n_m: np.ndarray
 
 
-def set_points(
-    arm: AnyArm, preset: ServoPreset, drive: JointDrives, command: JointTrajectory
-) -> ServoSetPoints:
+def set_points(arm: Arm, preset: ServoPreset, drive: JointDrives, command: JointTrajectory) -> ServoSetPoints:
     """Return the loops' set points for a command (K, J) every CYCLE_S that begins at rest."""
     delay = round(TRANSPORT_S / CYCLE_S)
     blocks = (command.q_rad, command.qd_rad_s, command.qdd_rad_s2)
@@ -131,7 +129,7 @@ def _smoothed(q: np.ndarray, lag_s: float) -> tuple[np.ndarray, np.ndarray, np.n
     return out[0], out[1], out[2]
 
 
-def _torques(arm: AnyArm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+def _torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     model, data, at = _at_zero(arm)
     answer = np.empty_like(q)
     for k in range(len(q)):

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from scipy.optimize import root
 
-from strandcast.arm.load import AnyArm, Arm
+from strandcast.arm.load import Arm, PlanarArm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.lab.rig import LabGrasp, LabRig, SlipInClamp, build_rig
@@ -55,7 +55,7 @@ class LabSwing:
 
 
 def simulate_swing(
-    arm: Arm,
+    arm: PlanarArm,
     servo: str,
     string: PhysicalString,
     variation: ThrowVariation,
@@ -108,7 +108,7 @@ Begin = Callable[["LabRig", "ServoLoop", ServoSetPoints], tuple[np.ndarray, np.n
 
 
 def swing_on(
-    arm: AnyArm,
+    arm: Arm,
     servo: str,
     variation: ThrowVariation,
     command: JointTrajectory,

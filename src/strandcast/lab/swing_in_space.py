@@ -8,7 +8,8 @@ import numpy as np
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from strandcast.arm.spatial import SpatialArm, clamp_axes
+from strandcast.arm.load import SpatialArm
+from strandcast.arm.spatial import clamp_axes
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.lab.rig import (

@@ -1,28 +1,23 @@
 """The lab's actions: photograph the calibration boards, rehearse, and throw."""
 
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from strandcast.arm.load import Arm
-from strandcast.arm.spatial import SpatialArm
+from strandcast.arm.load import Arm, PlanarArm
 from strandcast.config.experiment import Experiment
-from strandcast.core.box import Box
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
 from strandcast.executor.drivers.protocol import Driver
 from strandcast.executor.play import play
 from strandcast.executor.preflight import run_preflight
 from strandcast.lab.calibration import write_lens_photos, write_plane_photo
-from strandcast.lab.driver import AnyOfTwo, LabArm, LabRehearsal, LabThrow, driver_of
+from strandcast.lab.driver import LabArm, LabRehearsal, LabThrow, driver_of
 from strandcast.lab.scene import make_scene
 from strandcast.records.joint_log import Run
 
 REHEARSAL = 0  # in place of a trial's number, for its random numbers
 
 
-def photograph_boards(experiment: Experiment, name: str, arm: Arm, data_dir: str | Path) -> None:
+def photograph_boards(experiment: Experiment, name: str, arm: PlanarArm, data_dir: str | Path) -> None:
     """Take the calibration photos of a virtual rig: lens-01.png … and plane.png.
 
     Parameters
@@ -42,7 +37,7 @@ def photograph_boards(experiment: Experiment, name: str, arm: Arm, data_dir: str
 def throw(
     experiment: Experiment,
     name: str,
-    arm: AnyOfTwo,
+    arm: Arm,
     trial: int,
     motion_path: str | Path,
     data_dir: str | Path,
@@ -68,7 +63,7 @@ def throw(
     return _play(Path(motion_path), arm, driver, Path(data_dir) / trial_name(trial))
 
 
-def rehearse(experiment: Experiment, name: str, arm: AnyOfTwo, motion_path: Path, folder: Path) -> Run:
+def rehearse(experiment: Experiment, name: str, arm: Arm, motion_path: Path, folder: Path) -> Run:
     """Play a motion on the virtual rig with an empty clamp.
 
     Parameters
@@ -106,19 +101,12 @@ def refuse_real_run(folder: Path) -> None:
         )
 
 
-def _play(motion_path: Path, arm: AnyOfTwo, driver: Driver, folder: Path) -> Run:
+def _play(motion_path: Path, arm: Arm, driver: Driver, folder: Path) -> Run:
     driver.connect()  # refuses an experiment without a virtual rig before anything is removed
     refuse_real_run(folder)
     # Unlike a real throw, a virtual one can be repeated.
     (folder / "run.json").unlink(missing_ok=True)
     # A virtual arm can hurt nobody: it needs no workspace and no confirmation by a person.
-    preflight = run_preflight(motion_path, _unbounded(arm), driver, folder)
+    preflight = run_preflight(motion_path, arm.unbounded(), driver, folder)
     driver.move_to_start(preflight.motion.trajectory().q_rad[0])
     return play(preflight, driver, preflight.short_hash)
-
-
-def _unbounded(arm: AnyOfTwo) -> AnyOfTwo:
-    anywhere = (-np.inf, np.inf)
-    if isinstance(arm, SpatialArm):
-        return replace(arm, workspace_m=np.array([anywhere] * 3))
-    return replace(arm, workspace=Box.unchecked(anywhere, anywhere))

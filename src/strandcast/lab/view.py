@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.config.experiment import Experiment
 from strandcast.seeds import rng
 
@@ -64,7 +64,7 @@ class LabView:
         return np.asarray(out, float).reshape(np.shape(uv))
 
 
-def make_view(experiment: Experiment, name: str, arm: Arm) -> LabView:
+def make_view(experiment: Experiment, name: str, arm: PlanarArm) -> LabView:
     """Place the camera for an experiment: slightly oblique, with the whole workspace in the picture."""
     assert experiment.lab is not None
     camera = experiment.lab.camera

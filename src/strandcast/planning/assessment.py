@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from strandcast.planning.capsules import capsule_radii
 from strandcast.planning.miss_calibration import FAILED_M
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.simulated_misses import simulated_miss
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import PlanningTask
 from strandcast.threads import over_ranges
 
 ROUGH_STRIDE = 4  # samples between those that a search checks for bends and places; chosen
@@ -76,9 +75,9 @@ class Room(NamedTuple):
     axes: tuple[int, ...]
 
 
-def assess_rollouts(task: AnyTask, rollouts: Rollouts, clearance_m: float = 0.0) -> Assessment:
+def assess_rollouts(task: PlanningTask, rollouts: Rollouts, clearance_m: float = 0.0) -> Assessment:
     """Assess rollouts by the task's objective; the string may come as near to the links as `clearance_m`."""
-    room = Room(capsule_radii(task.arm, clearance_m), task.box(), tuple(range(len(task.target_m))))
+    room = Room(task.arm.capsule_radii(clearance_m), task.box(), tuple(range(len(task.target_m))))
     stride = ROUGH_STRIDE if task.model.precision == "f32" else 1
     return assess(rollouts, simulated_miss(task.aim, rollouts), room, stride)
 

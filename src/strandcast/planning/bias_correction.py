@@ -9,7 +9,7 @@ from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve
 from strandcast.planning.past_trials import PastTrial, resampled
 from strandcast.planning.rollouts import RolloutConditions, simulate_rollouts
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import PlanningTask
 
 SAME_MOTION_RAD_S = 0.02  # motions nearer than this count as the same; chosen
 # This far from the nearest trial, rms over the heights, half of its tip's bias is left: tuned on seeds 4 to 7
@@ -80,7 +80,7 @@ def distance_rad_s(curve: Curve, trials: list[PastTrial]) -> float:
 
 
 def bias_correction(
-    task: AnyTask, strings: StringBatch, servo: JointResponse | None, trials: list[PastTrial]
+    task: PlanningTask, strings: StringBatch, servo: JointResponse | None, trials: list[PastTrial]
 ) -> BiasCorrection:
     """Simulate past trials as they were, and return the simulation's errors."""
     time_s = np.arange(len(trials[0].q_rad)) * task.step_s

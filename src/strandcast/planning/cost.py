@@ -7,7 +7,7 @@ from strandcast.planning.assessment import Assessment
 from strandcast.planning.capsules import start_violation_m
 from strandcast.planning.paths import JointPaths
 from strandcast.planning.reachability import WHOLE_STRING, goals
-from strandcast.planning.task import AnyTask, PlanningTask
+from strandcast.planning.task import PlanningTask
 
 # The weights are chosen; docs/explanation/throws.md has what the planner as a whole achieves with them.
 # 1 - cos of a bend of about 57 degrees between neighbours: beyond it the model is wrong.
@@ -43,16 +43,16 @@ def rollout_cost(assessment: Assessment, strings: int, step_s: float) -> np.ndar
     )
 
 
-def motion_costs(task: AnyTask, paths: JointPaths) -> np.ndarray:
+def motion_costs(task: PlanningTask, paths: JointPaths) -> np.ndarray:
     """Return (P,) the price of breaking the arm's limits, plus a small one for fast joints [m]."""
     over = paths.excess(task.arm.limits)
     price = FORBIDDEN_M * (over > 0.0) + LIMIT_COST_M * over + EFFORT_COST_M_S_RAD * paths.effort_rad_s
-    if isinstance(task, PlanningTask) and task.price_stops:
+    if task.price_stops:
         price = price + OUTSIDE_COST * roughly_outside_m(task.arm, paths.q, task.step_s, task.hanging_m)
     return np.asarray(price)
 
 
-def start_cost(task: AnyTask, postures_rad: np.ndarray) -> np.ndarray:
+def start_cost(task: PlanningTask, postures_rad: np.ndarray) -> np.ndarray:
     """Return (P,) the price of a string that starts over the arm, out of the box or at the target [m]."""
     places_m = [goal.alternatives_m for goal in goals(task.aim) if goal.along_m == WHOLE_STRING]
     clear_of = (np.concatenate(places_m), task.hit_radius_m + CLEARANCE_M) if places_m else None

@@ -24,7 +24,7 @@ from strandcast.planning.miss_calibration import (
 )
 from strandcast.planning.rollouts import Rollouts
 from strandcast.planning.search import SearchResult
-from strandcast.planning.task import AnyTask, SpatialTask
+from strandcast.planning.task import PlanningTask
 from strandcast.records.predicted import PredictedThrows
 
 # Paths of predicted throws that are kept, and the time between their places; chosen for less than 100 kB.
@@ -110,7 +110,7 @@ class PlannedMotion:
 
 
 def describe(
-    task: AnyTask,
+    task: PlanningTask,
     strings: StringBatch,
     planner: str,
     found: SearchResult,
@@ -171,10 +171,10 @@ def describe(
 
 
 def _calibrated(
-    task: AnyTask, planner: str, kind: str, simulated_miss_m: np.ndarray, evidence: Evidence
+    task: PlanningTask, planner: str, kind: str, simulated_miss_m: np.ndarray, evidence: Evidence
 ) -> MissDistribution | None:
     """Return the distribution of the miss, None where such motions were not counted."""
-    counted = f"{kind}{IN_SPACE}" if isinstance(task, SpatialTask) else kind
+    counted = f"{kind}{IN_SPACE}" if task.in_space else kind
     return miss_distribution(planner, counted, simulated_miss_m, evidence)
 
 
@@ -188,7 +188,7 @@ def _throws(scattered: Rollouts, miss_m: np.ndarray) -> PredictedThrows:
     return PredictedThrows(miss_m, chosen, samples * scattered.step_s, tip_m)
 
 
-def touch_of_links_m(task: AnyTask, scattered: Rollouts) -> NDArray[np.float64]:
+def touch_of_links_m(task: PlanningTask, scattered: Rollouts) -> NDArray[np.float64]:
     """Return (B,) how deep the string comes into the links' capsules until the hit [m].
 
     The plate with the hand's markers lies behind the string: over it, only detection is worse.
@@ -198,7 +198,7 @@ def touch_of_links_m(task: AnyTask, scattered: Rollouts) -> NDArray[np.float64]:
 
 
 def prediction_flags(
-    task: AnyTask, curve: Curve, throws: Assessment, miss: MissDistribution | None
+    task: PlanningTask, curve: Curve, throws: Assessment, miss: MissDistribution | None
 ) -> list[str]:
     """Return the faults of a throw that are more likely than not.
 
@@ -230,13 +230,13 @@ def prediction_flags(
     return flags
 
 
-def stopped_outside_m(task: AnyTask, curve: Curve) -> float:
+def stopped_outside_m(task: PlanningTask, curve: Curve) -> float:
     """Return how far out of the arm's workspace arm or string may be if stopped at the worst instant [m]."""
     motion = sample(curve, task.step_s)
     return outside_m(task.arm, reach_of(task.arm, motion, task.hanging_m).swept_m)
 
 
-def _arm_flags(task: AnyTask, curve: Curve) -> list[str]:
+def _arm_flags(task: PlanningTask, curve: Curve) -> list[str]:
     """Return the flags for a motion that the player will refuse, and for torque limits without effect."""
     flags = []
     out_m = stopped_outside_m(task, curve)
@@ -247,13 +247,13 @@ def _arm_flags(task: AnyTask, curve: Curve) -> list[str]:
     return flags if gap is None else [*flags, gap]
 
 
-def _room_m(task: AnyTask, points_m: np.ndarray) -> float:
+def _room_m(task: PlanningTask, points_m: np.ndarray) -> float:
     low, high = task.box().T
     room = np.minimum(points_m - low, high - points_m)
     return float(room.min()) if np.isfinite(room).all() else 0.0
 
 
-def _refuse_violations(task: AnyTask, motion: JointTrajectory) -> None:
+def _refuse_violations(task: PlanningTask, motion: JointTrajectory) -> None:
     found = violations(task.arm, motion)
     if found:
         raise StrandcastError(

@@ -6,9 +6,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from strandcast.arm.dynamics import NO_DYNAMICS, PlanarDynamics
+from strandcast.arm.dynamics import NO_DYNAMICS, Dynamics
 from strandcast.arm.joint_limits import Limits
-from strandcast.arm.spatial_dynamics import SpatialDynamics
 from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import (
     Curve,
@@ -54,7 +53,7 @@ class JointBounds(NamedTuple):
 
     limits: Limits
     step_s: float
-    dynamics: PlanarDynamics | SpatialDynamics = NO_DYNAMICS
+    dynamics: Dynamics = NO_DYNAMICS
 
     def keeps(self, curve: Curve) -> bool:
         """Whether a motion keeps all the limits."""
@@ -176,8 +175,7 @@ def _at_rest(
 
 def _slowed(curves: Curves, bounds: JointBounds) -> Curves:
     """Slow down motions that ask for too much torque; drop those that still do."""
-    unchecked = isinstance(bounds.dynamics, PlanarDynamics) and not len(bounds.dynamics.links)
-    if unchecked or not len(curves):
+    if bounds.dynamics is NO_DYNAMICS or not len(curves):
         return curves
     heights = curves.heights_rad_s.copy()
     for _ in range(SLOWING):

@@ -21,7 +21,7 @@ from strandcast.planning.paths import Curves, packed, paths_of, whole_durations
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_paths
 from strandcast.planning.scenarios import disturbed
 from strandcast.planning.search import SearchInputs, minimise
-from strandcast.planning.task import AnyTask, SpatialTask
+from strandcast.planning.task import PlanningTask
 from strandcast.progress import Progress
 
 # All numbers here are chosen; docs/explanation/throws.md has what the planner as a whole achieves with them.
@@ -49,7 +49,7 @@ ROUNDS_IN_SPACE = (Round(8, 0.45, 4), Round(3, 0.27, 8), Round(1, 0.28, 16))
 class Scenario(NamedTuple):
     """The task with its string model, and the strings to simulate a motion with."""
 
-    task: AnyTask
+    task: PlanningTask
     strings: StringBatch
 
 
@@ -96,7 +96,7 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
     simulations = settings.screening * min(SCREENED_WITH, len(ensemble))
     starts = [encoding.point(curve) for curve in found]
     optima: list[Optimum]
-    rounds = ROUNDS_IN_SPACE if isinstance(task, SpatialTask) else ROUNDS
+    rounds = ROUNDS_IN_SPACE if task.in_space else ROUNDS
     for number, (searches, share, members, spread) in enumerate(rounds, 1):
         strings = ensemble.first(members)
         scenarios = scenarios_of(task, strings, settings)
@@ -110,11 +110,10 @@ def search_globally(given: SearchInputs) -> tuple[Curve, int]:
             return curve_costs(task, scenarios, given.conditions, encoding.curves(points))
 
         def residuals(points: np.ndarray, strings: StringBatch = strings) -> MotionResiduals:
-            assert isinstance(task, SpatialTask)
             return motion_residuals(task, strings, given.conditions, encoding.curves(points))
 
         for start in starts[:searches]:
-            if isinstance(task, SpatialTask):
+            if task.in_space:
                 # The time, which is whole steps, stays.
                 point, cost_m, tried = descend_motion(residuals, start, len(start) - 1, budget)
                 report(tried, cost_m)
@@ -155,10 +154,10 @@ def screen(given: SearchInputs) -> list[Curve]:
     return [drawn[k] for k in np.argsort(costs, kind="stable")]
 
 
-def scenarios_of(task: AnyTask, strings: StringBatch, settings: PlanSettings) -> list[Scenario]:
+def scenarios_of(task: PlanningTask, strings: StringBatch, settings: PlanSettings) -> list[Scenario]:
     """Return the strings as scenarios, every other one as a refined chain if wanted."""
     # In space a string has twice as many points from the beginning.
-    if isinstance(task, SpatialTask) or not settings.mesh_refinement or len(strings) < 2:
+    if task.in_space or not settings.mesh_refinement or len(strings) < 2:
         return [Scenario(task, strings)]
     every = range(len(strings))
     return [
@@ -168,7 +167,7 @@ def scenarios_of(task: AnyTask, strings: StringBatch, settings: PlanSettings) ->
 
 
 def curve_costs(
-    task: AnyTask, scenarios: list[Scenario], conditions: RolloutConditions, curves: Curves
+    task: PlanningTask, scenarios: list[Scenario], conditions: RolloutConditions, curves: Curves
 ) -> np.ndarray:
     """Return (P,) the costs of motions [m]."""
     paths = paths_of(curves, task.step_s, AFTER_END_S, task.dynamics)

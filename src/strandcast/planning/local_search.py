@@ -18,7 +18,7 @@ from strandcast.planning.paths import JointPaths, paths_of_any
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, Rollouts, simulate_rollouts
 from strandcast.planning.scenarios import crossed, disturbed
 from strandcast.planning.search import minimise
-from strandcast.planning.task import AnyTask, SpatialTask
+from strandcast.planning.task import PlanningTask
 from strandcast.progress import Progress
 
 # Scale of the heights; the search's standard deviation at its start, wider after a wide miss. Chosen.
@@ -40,7 +40,7 @@ class Neighbourhood:
 
 
 def neighbourhood(
-    task: AnyTask,
+    task: PlanningTask,
     strings: StringBatch,
     conditions: RolloutConditions,
     best: PastTrial,
@@ -61,13 +61,13 @@ def neighbourhood(
     return Neighbourhood(best.curve, strings, conditions, bias)
 
 
-def with_every_disturbance(task: AnyTask, near: Neighbourhood, sizes: np.ndarray) -> Neighbourhood:
+def with_every_disturbance(task: PlanningTask, near: Neighbourhood, sizes: np.ndarray) -> Neighbourhood:
     """Return it with every string under every disturbance; each keeps its string's bias correction."""
     strings = crossed(near.strings, len(task.arm.joints), sizes)
     return _with_strings(near, strings, np.arange(len(strings)) * len(near.strings) // len(strings))
 
 
-def disturbed_near(task: AnyTask, near: Neighbourhood, count: int, sizes: np.ndarray) -> Neighbourhood:
+def disturbed_near(task: PlanningTask, near: Neighbourhood, count: int, sizes: np.ndarray) -> Neighbourhood:
     """Return it with `count` strings, those given in turn, each with other disturbances."""
     strings = disturbed(near.strings, count, len(task.arm.joints), sizes)
     return _with_strings(near, strings, np.arange(len(strings)) % len(near.strings))
@@ -78,7 +78,7 @@ def _with_strings(near: Neighbourhood, strings: StringBatch, member: np.ndarray)
     return replace(near, strings=strings, bias=replace(near.bias, tip_m=near.bias.tip_m[:, member]))
 
 
-def settled(task: AnyTask, strings: StringBatch, trial: PastTrial) -> np.ndarray | None:
+def settled(task: PlanningTask, strings: StringBatch, trial: PastTrial) -> np.ndarray | None:
     """Return the shape (n, 2 or 3) with which motions like a trial's start [m]; None: the model's own.
 
     How a string sways differs from throw to throw, so the trial's shape is turned about the hand to where it
@@ -105,7 +105,9 @@ def _turned_to(rest: np.ndarray, was: np.ndarray) -> np.ndarray:
     return np.asarray(was @ np.array([[cos, sin], [-sin, cos]]))
 
 
-def rollouts_near(task: AnyTask, near: Neighbourhood, paths: JointPaths, heights: np.ndarray) -> Rollouts:
+def rollouts_near(
+    task: PlanningTask, near: Neighbourhood, paths: JointPaths, heights: np.ndarray
+) -> Rollouts:
     """Simulate P motions with every string, with bias correction of joints and tip.
 
     Parameters
@@ -124,7 +126,7 @@ def rollouts_near(task: AnyTask, near: Neighbourhood, paths: JointPaths, heights
 
 
 def search_near(
-    task: AnyTask, near: Neighbourhood, miss_m: float, settings: PlanSettings, rng: np.random.Generator
+    task: PlanningTask, near: Neighbourhood, miss_m: float, settings: PlanSettings, rng: np.random.Generator
 ) -> tuple[Curve, int]:
     """Return the cheapest motion near the best trial, which missed by `miss_m`, and the number of rollouts.
 
@@ -146,7 +148,6 @@ def search_near(
         return paths, rollouts_near(task, near, paths, np.array([c.heights_rad_s for c in curves]))
 
     def residuals(units: np.ndarray) -> MotionResiduals:
-        assert isinstance(task, SpatialTask)
         paths, rollouts = thrown(units * DESCENT_RAD_S / HEIGHT_RAD_S)
         found = rollout_residuals(task, rollouts, paths, len(near.strings))
         change = CHANGE_COST_M_S_RAD * DESCENT_RAD_S * units / np.sqrt(units.shape[1])
@@ -162,7 +163,7 @@ def search_near(
         return np.asarray(cost + price + CHANGE_COST_M_S_RAD * change)
 
     budget = 2 * settings.evaluations // 3
-    if isinstance(task, SpatialTask):
+    if task.in_space:
         start = np.zeros(np.prod(shape))
         units, _, tried = descend_motion(residuals, start, len(start), budget)
         return curve(units * DESCENT_RAD_S / HEIGHT_RAD_S), tried * len(near.strings)

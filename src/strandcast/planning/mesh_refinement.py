@@ -10,14 +10,14 @@ import numpy as np
 
 from strandcast.core.strings import BEND_FRICTION, PARAMETERS, StringBatch
 from strandcast.dynamics.masses import plain_masses
-from strandcast.planning.task import Task
+from strandcast.planning.task import PlanningTask
 
 # Per unit of a plain point's mass, bending stiffness grows with the square of the number of points; drag does
 # not. Stretching stiffness only keeps the cord's length: it stays as high as the time step allows.
 UNCHANGED = ("C_c1", "C_c2", "k_s", "c_s")
 
 
-def refined_task(task: Task, factor: int = 2) -> Task:
+def refined_task(task: PlanningTask, factor: int = 2) -> PlanningTask:
     """Return the task with `factor` times as many mass points."""
     return replace(task, model=replace(task.model, points=factor * task.model.points))
 

@@ -24,7 +24,7 @@ from strandcast.planning.cost import (
 from strandcast.planning.paths import Curves, JointPaths, paths_of
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, Rollouts, rollouts_of_paths
 from strandcast.planning.simulated_misses import simulated_miss
-from strandcast.planning.task import SpatialTask
+from strandcast.planning.task import PlanningTask
 
 # All chosen.
 STEP = 0.02  # of finite differences, in units of the search
@@ -44,7 +44,7 @@ class MotionResiduals(NamedTuple):
 
 
 def motion_residuals(
-    task: SpatialTask, strings: StringBatch, conditions: RolloutConditions, curves: Curves
+    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, curves: Curves
 ) -> MotionResiduals:
     """Simulate motions with every string, and return what there is to reduce.
 
@@ -58,7 +58,7 @@ def motion_residuals(
 
 
 def rollout_residuals(
-    task: SpatialTask, rollouts: Rollouts, paths: JointPaths, strings: int
+    task: PlanningTask, rollouts: Rollouts, paths: JointPaths, strings: int
 ) -> MotionResiduals:
     """Return the residuals of motions that were simulated with so many strings, start postures apart."""
     assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
@@ -71,7 +71,7 @@ def rollout_residuals(
     return MotionResiduals(np.nan_to_num(parts_m, nan=1.0), cost_m)
 
 
-def tip_offsets(task: SpatialTask, rollouts: Rollouts) -> np.ndarray:
+def tip_offsets(task: PlanningTask, rollouts: Rollouts) -> np.ndarray:
     """Return (B, 3) from the target to the nearest place of each tip's path, between the samples too [m]."""
     after = np.clip(simulated_miss(task.aim, rollouts)[1], 1, rollouts.last)
     tip_m, each = rollouts.tip_m(), np.arange(len(after))

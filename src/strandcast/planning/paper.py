@@ -11,7 +11,7 @@ from strandcast.planning.bezier import Curve
 from strandcast.planning.draw import CurvePrior, JointBounds, Reading, draw_first
 from strandcast.planning.rollouts import rollouts_of_curves
 from strandcast.planning.search import SearchInputs, SearchResult
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import PlanningTask
 from strandcast.progress import Progress
 
 BATCH = 32
@@ -62,7 +62,7 @@ def later_by_paper(given: SearchInputs, played: Curve) -> SearchResult:
     return _search(given, "refined", draw)
 
 
-def _altered(task: AnyTask, around: Curve, most_rad_s: float, rng: np.random.Generator) -> Curve | None:
+def _altered(task: PlanningTask, around: Curve, most_rad_s: float, rng: np.random.Generator) -> Curve | None:
     """Return the curve with its free heights altered, None if no alteration tried keeps the limits."""
     reading: Reading = "paper" if around.ramp_s > 0.0 else "rest"
     bounds = JointBounds(task.arm.limits, task.step_s, task.dynamics)

@@ -9,9 +9,8 @@ from math import comb
 import numpy as np
 from numba import njit
 
-from strandcast.arm.dynamics import NO_DYNAMICS, PlanarDynamics, chain_torques
+from strandcast.arm.dynamics import NO_DYNAMICS, Dynamics, chain_torques
 from strandcast.arm.joint_limits import Limits
-from strandcast.arm.spatial_dynamics import SpatialDynamics
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.planning.bezier import Curve, sample, whole_steps
 from strandcast.threads import over_ranges
@@ -21,8 +20,6 @@ WITHIN = 0.995
 # From rest into a curve that begins with an acceleration, the quintic through the first two points overshoots
 # it by this factor, at 0.355 of the step.
 ONSET = 1.374
-# In space, torques are checked every so many samples, and taken to be this much higher in between. Chosen.
-TORQUE_STRIDE, BETWEEN_SAMPLES = 4, 1.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +100,7 @@ def paths_of(
     curves: Curves,
     step_s: float,
     after_s: float = 0.0,
-    dynamics: PlanarDynamics | SpatialDynamics = NO_DYNAMICS,
+    dynamics: Dynamics = NO_DYNAMICS,
 ) -> JointPaths:
     """Sample motions every `step_s` until `after_s` after the longest one's end; they last whole steps."""
     steps = np.rint(curves.duration_s / step_s).astype(np.int64)
@@ -112,10 +109,10 @@ def paths_of(
     powers = np.ascontiguousarray(curves.heights_rad_s @ _to_powers(degree).T)
     motions, joints = powers.shape[:2]
     q, facts, effort = np.empty((motions, count, joints)), np.zeros((motions, 6, joints)), np.zeros(motions)
-    planar = NO_DYNAMICS if isinstance(dynamics, SpatialDynamics) else dynamics
+    planar = dynamics.sampled
     given = curves.q0_rad, powers, steps, step_s, planar.links, planar.gravity_m_s2
     over_ranges(motions, lambda first, last: _sample(first, last, *given, q, facts, effort))
-    if isinstance(dynamics, SpatialDynamics):
+    if planar is not dynamics:
         facts[:, 5] = [_greatest_torque(sample(curves[p], step_s), dynamics) for p in range(motions)]
     low, high, speed, acceleration, jerk, torque = np.moveaxis(facts, 1, 0)
     return JointPaths(q, steps, low, high, speed, acceleration, jerk, torque, effort)
@@ -125,7 +122,7 @@ def paths_of_any(
     curves: Sequence[Curve],
     step_s: float,
     after_s: float = 0.0,
-    dynamics: PlanarDynamics | SpatialDynamics = NO_DYNAMICS,
+    dynamics: Dynamics = NO_DYNAMICS,
 ) -> JointPaths:
     """Sample motions that may have a stop ramp; see `paths_of`."""
     if not any(curve.ramp_s for curve in curves):
@@ -158,17 +155,10 @@ def _onset_rad_s2(curve: Curve) -> np.ndarray:
     return np.asarray(np.abs(heights[:, 1] - heights[:, 0]) * (heights.shape[1] - 1) / curve.duration_s)
 
 
-def _greatest_torque(motion: JointTrajectory, dynamics: PlanarDynamics | SpatialDynamics) -> np.ndarray:
-    if isinstance(dynamics, SpatialDynamics):
-        rows = slice(None, None, TORQUE_STRIDE)
-        found = dynamics.torques(motion.q_rad[rows], motion.qd_rad_s[rows], motion.qdd_rad_s2[rows])
-        return np.asarray(BETWEEN_SAMPLES * np.abs(found).max(axis=0))
-    if not len(dynamics.links):
-        return np.zeros(motion.q_rad.shape[1])
-    found = chain_torques(
-        motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2, dynamics.links, dynamics.gravity_m_s2
-    )
-    return np.asarray(np.abs(found).max(axis=0))
+def _greatest_torque(motion: JointTrajectory, dynamics: Dynamics) -> np.ndarray:
+    rows = slice(None, None, dynamics.stride)
+    found = dynamics.torques(motion.q_rad[rows], motion.qd_rad_s[rows], motion.qdd_rad_s2[rows])
+    return np.asarray(dynamics.between * np.abs(found).max(axis=0))
 
 
 def _to_powers(degree: int) -> np.ndarray:

@@ -8,7 +8,6 @@ import numpy as np
 
 from strandcast.arm.link_masses import massless_joints
 from strandcast.arm.servo import identify
-from strandcast.arm.spatial_dynamics import spatial_dynamics_of
 from strandcast.arm.yielding_joints import JointResponse, YieldingJoints, identify_yielding
 from strandcast.config.plan import PlanSettings
 from strandcast.core.disturbances import TYPICAL_SIZES
@@ -34,7 +33,7 @@ from strandcast.planning.reachability import refuse_unreachable
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, rollouts_of_curves
 from strandcast.planning.scenarios import crossed
 from strandcast.planning.search import SearchInputs, SearchResult
-from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
+from strandcast.planning.task import PlanningTask
 from strandcast.progress import print_line
 
 # A later motion in the plane is searched for globally if both the fit's E and the least miss so far are above
@@ -57,7 +56,7 @@ HOPELESS = 10.0  # hit radii: so far off it is not bad luck of the search, and a
 
 
 def plan_first(
-    task: AnyTask,
+    task: PlanningTask,
     strings: StringBatch,
     settings: PlanSettings,
     rng: np.random.Generator,
@@ -95,7 +94,7 @@ def plan_first(
 
 
 def plan_next(
-    task: AnyTask,
+    task: PlanningTask,
     strings: StringBatch,
     past_trials: list[PastTrial],
     settings: PlanSettings,
@@ -165,11 +164,13 @@ def _sizes(settings: PlanSettings) -> np.ndarray:
     return settings.disturbances * TYPICAL_SIZES
 
 
-def _conditions(task: AnyTask, settings: PlanSettings, past_trials: list[PastTrial]) -> RolloutConditions:
+def _conditions(
+    task: PlanningTask, settings: PlanSettings, past_trials: list[PastTrial]
+) -> RolloutConditions:
     return RolloutConditions(fitted_servo(task, past_trials) if settings.plans_with_servo else None)
 
 
-def fitted_servo(task: AnyTask, past_trials: list[PastTrial]) -> JointResponse:
+def fitted_servo(task: PlanningTask, past_trials: list[PastTrial]) -> JointResponse:
     """Return the joints' response that explains the logs of all trials as long as the last one.
 
     Joints that a servo's response does not describe are taken to yield to the arm's torques. Without a log
@@ -184,7 +185,7 @@ def fitted_servo(task: AnyTask, past_trials: list[PastTrial]) -> JointResponse:
     servo, left_rad = identify(time_s, commands, q, task.arm.servo)
     if left_rad.max() < YIELDS_RAD or massless_joints(task.arm):
         return servo
-    yielding, still_left_rad = identify_yielding(time_s, commands, q, spatial_dynamics_of(task.arm))
+    yielding, still_left_rad = identify_yielding(time_s, commands, q, task.arm.spatial_dynamics)
     return yielding if still_left_rad.max() < 0.5 * left_rad.max() else servo
 
 
@@ -192,7 +193,7 @@ def _globally(given: SearchInputs, kind: str) -> PlannedMotion:
     """Plan with the strings as if nothing had been thrown; search again where a hit is not likely."""
     radius_m = given.task.hit_radius_m
     # The search in space more often ends far from the best motion, and the simulated share is too high.
-    enough = LIKELY if isinstance(given.task, SpatialTask) else FAIR
+    enough = LIKELY if given.task.in_space else FAIR
     plans: list[PlannedMotion] = []
     while len(plans) < MOST_ATTEMPTS:
         if plans:
@@ -208,13 +209,13 @@ def _globally(given: SearchInputs, kind: str) -> PlannedMotion:
     return replace(likeliest, simulations=sum(plan.simulations for plan in plans))
 
 
-def _likelihood(task: AnyTask, plan: PlannedMotion) -> float:
+def _likelihood(task: PlanningTask, plan: PlannedMotion) -> float:
     """Return the probability of a hit by which motions are compared.
 
     In space it is the simulation's: the search then is the same with and without a calibration, so that one
     search's misses calibrate the next.
     """
-    if isinstance(task, SpatialTask):
+    if task.in_space:
         return plan.simulated_hit_probability(task.hit_radius_m)
     return plan.hit_probability(task.hit_radius_m)
 
@@ -227,7 +228,7 @@ def _near_or_globally(given: SearchInputs, known: list[PastTrial], fit_E_m: floa
     misses = [likely_miss_m(task, given.strings, trial) for trial in known]
     best, least_m = known[int(np.argmin(misses))], min(misses)
     # In space the bias corrects the tip near a thrown motion even after a bad fit; elsewhere nothing does.
-    bad_fit = isinstance(task, PlanningTask) and fit_E_m > REPLAN_FROM_E_M
+    bad_fit = not task.in_space and fit_E_m > REPLAN_FROM_E_M
     if bad_fit and least_m > REPLAN_FROM_MISS_M:
         return _from_scratch(given, f"the fit leaves {1000 * fit_E_m:.1f} mm and no throw came near")
     near = _near(given, best, least_m, known)
@@ -331,13 +332,15 @@ def predicted(given: SearchInputs, found: SearchResult) -> PlannedMotion:
     return describe(task, given.strings, settings.planner, found, rollouts, scattered, given.evidence)
 
 
-def _stopped_inside(task: AnyTask, search: Callable[[AnyTask], tuple[Curve, int]]) -> tuple[Curve, int]:
+def _stopped_inside(
+    task: PlanningTask, search: Callable[[PlanningTask], tuple[Curve, int]]
+) -> tuple[Curve, int]:
     """Search; if a stop could take arm or string out of the arm's workspace, repeat with a price on that.
 
     Most arms have the room, and the price takes time. In space there is no such price.
     """
     curve, simulations = search(task)
-    if not isinstance(task, PlanningTask):
+    if task.in_space:
         return curve, simulations
     out_m = stopped_outside_m(task, curve)
     if out_m == 0.0:

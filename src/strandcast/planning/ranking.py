@@ -8,10 +8,10 @@ from strandcast.planning.bias_correction import tip_bias
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.rollouts import RolloutConditions, simulate_rollouts
 from strandcast.planning.simulated_misses import simulated_miss
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import PlanningTask
 
 
-def likely_miss_m(task: AnyTask, strings: StringBatch, trial: PastTrial) -> float:
+def likely_miss_m(task: PlanningTask, strings: StringBatch, trial: PastTrial) -> float:
     """Return the measured miss or, where there is none, that of the best string on the same joints.
 
     Where the tip was tracked, the bias correction takes the simulated path to the tracked one; in between,
@@ -28,7 +28,7 @@ def likely_miss_m(task: AnyTask, strings: StringBatch, trial: PastTrial) -> floa
     return float(simulated_miss(task.aim, rollouts.with_bias(bias_m))[0][0])
 
 
-def stable_on_past_trials(task: AnyTask, strings: StringBatch, trials: list[PastTrial]) -> np.ndarray:
+def stable_on_past_trials(task: PlanningTask, strings: StringBatch, trials: list[PastTrial]) -> np.ndarray:
     """Return (K,) whether each string can be simulated on the joints of all trials without diverging."""
     stable = np.ones(len(strings), dtype=bool)
     for trial in trials:

@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.arm.load import AnyArm, Arm
-from strandcast.arm.spatial import SpatialArm
 from strandcast.core.objectives import (
     AimedPoint,
     Objective,
@@ -16,7 +14,7 @@ from strandcast.core.objectives import (
     ShapeObjective,
 )
 from strandcast.errors import StrandcastError
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import PlanningTask
 
 WHOLE_STRING = math.inf
 BAR_PLACES = 33  # of a bar, checked for reach; chosen, not sensitive
@@ -57,7 +55,7 @@ def _shape_goals(objective: ShapeObjective) -> list[Goal]:
     return [Goal(np.array([place.at_m]), place.along_m) for place in objective.places]
 
 
-def refuse_unreachable(task: AnyTask) -> None:
+def refuse_unreachable(task: PlanningTask) -> None:
     """Refuse a task that no throw can reach.
 
     Raises
@@ -69,8 +67,8 @@ def refuse_unreachable(task: AnyTask) -> None:
         _refuse_goal(task, goal)
 
 
-def _refuse_goal(task: AnyTask, goal: Goal) -> None:
-    box, (origin_m, arm_m) = task.box(), reach(task.arm)
+def _refuse_goal(task: PlanningTask, goal: Goal) -> None:
+    box, (origin_m, arm_m) = task.box(), task.arm.reach()
     along_m = min(goal.along_m, task.model.length_m)
     reach_m = float(arm_m + along_m)
     away_m = float(np.linalg.norm(goal.alternatives_m - origin_m, axis=1).min())
@@ -92,12 +90,3 @@ def _refuse_goal(task: AnyTask, goal: Goal) -> None:
             field=task.aim.target_field,
             fix="move the target, or widen workspace_m",
         )
-
-
-def reach(arm: AnyArm) -> tuple[np.ndarray, float]:
-    """Return the place of the arm's first joint, and how far from it the hand can be, stretched out [m]."""
-    if isinstance(arm, SpatialArm):
-        places_m = np.vstack([arm.chain.anchors_m, arm.chain.hand_m])
-        return places_m[0], float(np.linalg.norm(np.diff(places_m, axis=0), axis=1).sum())
-    assert isinstance(arm, Arm)
-    return arm.chain.origin_m, float(arm.chain.lengths_m.sum() + np.hypot(*arm.clamp.offset_m))

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from strandcast.arm.load import AnyArm, Arm
-from strandcast.arm.spatial import SpatialArm, hand_poses_in_space
 from strandcast.arm.yielding_joints import JointResponse, follow
 from strandcast.core.strings import StringBatch
 from strandcast.core.trajectory import JointTrajectory
@@ -18,11 +14,9 @@ from strandcast.dynamics.batch import HandPath, StringStart
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.planning.approach import closest_approaches
 from strandcast.planning.bezier import Curve, sample
-from strandcast.planning.capsules import PlanarArm, capsules, planar_arm
 from strandcast.planning.paths import JointPaths
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import PlanningTask
 from strandcast.records.verdict import AFTER_MOTION_S
-from strandcast.threads import over_ranges
 
 # The miss's window ends this long after the motion, as the scorer's: the tip may arrive after the arm stops.
 AFTER_END_S = AFTER_MOTION_S
@@ -113,7 +107,7 @@ def commands(motions: list[JointTrajectory], step_s: float) -> tuple[np.ndarray,
 
 
 def simulate_rollouts(
-    task: AnyTask, strings: StringBatch, conditions: RolloutConditions, q: np.ndarray, last: np.ndarray
+    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, q: np.ndarray, last: np.ndarray
 ) -> Rollouts:
     """Simulate joint paths with every string.
 
@@ -130,25 +124,17 @@ def simulate_rollouts(
         zeros = np.zeros((len(strings), q.shape[2]))
     longer_m = strings.disturbances.longer_m
     q = np.ascontiguousarray(q)
-    poses = _poses(task.arm, q, np.ascontiguousarray(zeros), np.ascontiguousarray(longer_m))
+    poses = task.arm.hand_poses(q, np.ascontiguousarray(zeros), np.ascontiguousarray(longer_m))
     every = strings.take(np.tile(np.arange(len(strings)), len(q)))
     hand = HandPath(time_s, poses)
     points, _ = simulate_batch(task.model, every, hand, time_s, StringStart(conditions.start_m))
     no_bias = np.zeros((*points.shape[:2], points.shape[3]))
     windows = np.repeat(last, len(points) // len(last))
-    return Rollouts(points, no_bias, windows, task.step_s, task.model.spacing_m, capsules(task.arm, q))
-
-
-def _poses(arm: AnyArm, q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray) -> np.ndarray:
-    """Return the hand's poses (P * K, T, 3), or (P * K, T, 9) in space; see `hand_poses`."""
-    if isinstance(arm, SpatialArm):
-        return hand_poses_in_space(arm.chain, q, zero_rad, longer_m)
-    assert isinstance(arm, Arm)
-    return hand_poses(q, zero_rad, longer_m, planar_arm(arm.chain, arm.clamp))
+    return Rollouts(points, no_bias, windows, task.step_s, task.model.spacing_m, task.arm.capsules(q))
 
 
 def rollouts_of_curves(
-    task: AnyTask, strings: StringBatch, conditions: RolloutConditions, curves: list[Curve]
+    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, curves: list[Curve]
 ) -> Rollouts:
     """Simulate motions, the servo's response included, with every string."""
     time_s, q, last = commands([sample(curve, task.step_s) for curve in curves], task.step_s)
@@ -158,54 +144,9 @@ def rollouts_of_curves(
 
 
 def rollouts_of_paths(
-    task: AnyTask, strings: StringBatch, conditions: RolloutConditions, paths: JointPaths
+    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, paths: JointPaths
 ) -> Rollouts:
     """Simulate motions side by side, sampled until the end of the miss's window, with every string."""
     time_s = np.arange(paths.q.shape[1]) * task.step_s
     q = paths.q if conditions.servo is None else follow(conditions.servo, time_s, paths.q)
     return simulate_rollouts(task, strings, conditions, q, paths.last + round(AFTER_END_S / task.step_s))
-
-
-def hand_poses(q: np.ndarray, zero_rad: np.ndarray, longer_m: np.ndarray, arm: PlanarArm) -> np.ndarray:
-    """Return the hand's poses (P * K, T, 3) of joint paths (P, T, J) with K strings.
-
-    Parameters
-    ----------
-    zero_rad
-        (K, J) added to the joints' angles [rad].
-    longer_m
-        (K,) a longer string hangs out further: the hand of the nominal one is further out [m].
-    """
-    poses = np.empty((len(q) * len(longer_m), q.shape[1], 3))
-    over_ranges(len(poses), lambda first, last: _hand_poses(first, last, q, zero_rad, longer_m, arm, poses))
-    return poses
-
-
-@njit(cache=True, nogil=True)
-def _hand_poses(
-    first: int,
-    last: int,
-    q: np.ndarray,
-    zero_rad: np.ndarray,
-    longer_m: np.ndarray,
-    arm: PlanarArm,
-    poses: np.ndarray,
-) -> None:
-    """Fill the poses `first` to `last`; see `hand_poses`."""
-    _, count, joints = q.shape
-    strings = len(longer_m)
-    for b in range(first, last):
-        p, k = b // strings, b % strings
-        for t in range(count):
-            angle, x, y = 0.0, arm.origin_m[0], arm.origin_m[1]
-            cos, sin = 1.0, 0.0
-            for j in range(joints):
-                angle += arm.angles_rad[j] + arm.signs[j] * (q[p, t, j] + zero_rad[k, j])
-                cos, sin = math.cos(angle), math.sin(angle)
-                x, y = x + arm.lengths_m[j] * cos, y + arm.lengths_m[j] * sin
-            offset_m = arm.offset_m
-            x, y = x + offset_m[0] * cos - offset_m[1] * sin, y + offset_m[0] * sin + offset_m[1] * cos
-            angle += arm.clamp_rad
-            poses[b, t, 0] = x + longer_m[k] * math.cos(angle)
-            poses[b, t, 1] = y + longer_m[k] * math.sin(angle)
-            poses[b, t, 2] = angle

@@ -12,7 +12,7 @@ from strandcast.core.strings import StringBatch
 from strandcast.planning.bezier import Curve
 from strandcast.planning.miss_calibration import NO_EVIDENCE, Evidence
 from strandcast.planning.rollouts import RolloutConditions
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import PlanningTask
 
 POPULATION = 16  # chosen
 
@@ -25,7 +25,7 @@ class SearchInputs:
     past trials say of the prediction.
     """
 
-    task: AnyTask
+    task: PlanningTask
     strings: StringBatch
     conditions: RolloutConditions
     settings: PlanSettings

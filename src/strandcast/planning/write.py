@@ -7,7 +7,7 @@ import numpy as np
 from strandcast.arm.joint_limits import Limits
 from strandcast.planning.describe import PlannedMotion
 from strandcast.planning.miss_calibration import LEVELS, rms_of
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import PlanningTask
 from strandcast.records.motion import (
     Bezier,
     Motion,
@@ -22,7 +22,7 @@ from strandcast.records.motion import (
 
 def to_record(
     plan: PlannedMotion,
-    task: AnyTask,
+    task: PlanningTask,
     experiment: str,
     trial: int,
     seed: int,

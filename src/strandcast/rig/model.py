@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from strandcast.arm.kinematics import PlanarChain, hand_pose, link_angles, link_points
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.arm.settings import Clamp
 from strandcast.core.pose import Pose, rotated
 from strandcast.errors import StrandcastError
@@ -148,7 +148,7 @@ class RigPriors:
         )
 
 
-def rig_of(arm: Arm) -> Rig:
+def rig_of(arm: PlanarArm) -> Rig:
     """Return the arm's chain and hand markers (SC-C022: the arm's file names none)."""
     if not arm.markers:
         raise StrandcastError(
@@ -168,7 +168,7 @@ def rig_of(arm: Arm) -> Rig:
     )
 
 
-def detections_of(table: dict[str, np.ndarray], arm: Arm) -> Detections:
+def detections_of(table: dict[str, np.ndarray], arm: PlanarArm) -> Detections:
     """Return the detections of the hand's own markers from columns of markers.parquet, in order of time."""
     index = {marker.id: place for place, marker in enumerate(arm.markers)}
     mine = np.array([marker in index for marker in table["marker"]], bool)

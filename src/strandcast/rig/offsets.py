@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.core.disturbances import JOINT_ZERO_RAD
 from strandcast.rig.hand_noise import noise_root, whitened
 from strandcast.rig.unknown_size import GRID
@@ -143,7 +143,7 @@ class OffsetFit(NamedTuple):
         return np.asarray(self.sets[self.explanations].any(axis=0) & ~self.wrong)
 
 
-def fit_offsets(arm: Arm, seen: Sequence[HandSeen], plane_sd_m: float) -> OffsetFit | None:
+def fit_offsets(arm: PlanarArm, seen: Sequence[HandSeen], plane_sd_m: float) -> OffsetFit | None:
     """Fit the deviations from the arm's file to all trials; None for fewer than `LEAST_TRIALS`.
 
     `plane_sd_m` is the standard error of a point in the camera's plane, from its calibration.
@@ -168,7 +168,7 @@ def _thinned(seen: HandSeen) -> HandSeen:
     return HandSeen(seen.trial, seen.time_s[every], seen.hand_m[every], seen.q_rad[every])
 
 
-def _hand_m(arm: Arm, q_rad: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _hand_m(arm: PlanarArm, q_rad: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Return the hand (F, 2) [m] of an arm that deviates from its file by `value` (p,)."""
     joints = len(arm.joints)
     links, clamp, zeros = np.split(value, [joints - 1, joints + 1])
@@ -178,7 +178,7 @@ def _hand_m(arm: Arm, q_rad: np.ndarray, value: np.ndarray) -> np.ndarray:
     return np.asarray(hand_pose(chain, held, q_rad + zeros).position_m)
 
 
-def _moves(arm: Arm, q_rad: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _moves(arm: PlanarArm, q_rad: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Return the derivatives (F, 2, p) of the hand by the deviations."""
     steps = STEP * np.eye(len(value))
     slopes = [_hand_m(arm, q_rad, value + step) - _hand_m(arm, q_rad, value - step) for step in steps]
@@ -198,7 +198,9 @@ class _NormalEquations(NamedTuple):
     u: np.ndarray
 
 
-def _normal_equations(arm: Arm, seen: HandSeen, value: np.ndarray, root: np.ndarray) -> _NormalEquations:
+def _normal_equations(
+    arm: PlanarArm, seen: HandSeen, value: np.ndarray, root: np.ndarray
+) -> _NormalEquations:
     """Return the equations of one trial, linear about `value`, over its noise."""
     off_m, common, own = _linear(arm, seen, value)
     both, off = whitened(root, np.concatenate([common, own], axis=2)), whitened(root, off_m[:, :, None])[:, 0]
@@ -206,13 +208,13 @@ def _normal_equations(arm: Arm, seen: HandSeen, value: np.ndarray, root: np.ndar
     return _NormalEquations(square[:n, :n], square[:n, n:], square[n:, n:], target[:n], target[n:])
 
 
-def _noise(arm: Arm, seen: HandSeen) -> np.ndarray:
+def _noise(arm: PlanarArm, seen: HandSeen) -> np.ndarray:
     """Return the root (F, F) of the noise's covariance: what all unknowns together leave."""
     off_m, common, own = _linear(arm, seen, np.zeros(2 * len(arm.joints) + 1))
     return noise_root(off_m, np.concatenate([common, own[:, :, -1:]], axis=2), seen.time_s)
 
 
-def _linear(arm: Arm, seen: HandSeen, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _linear(arm: PlanarArm, seen: HandSeen, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return deviations (F, 2), and how they move with common unknowns and the trial's own, about `value`."""
     there_m, moves = _hand_m(arm, seen.q_rad, value), _moves(arm, seen.q_rad, value)
     speed_m_s = np.gradient(there_m, seen.time_s, axis=0)

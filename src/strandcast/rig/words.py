@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.records.estimate import RigOffset, RigOffsets
 from strandcast.records.record import ARM_FILE, RigFault
 from strandcast.rig.model import SURE_SD
@@ -31,7 +31,7 @@ class StringInClamp(NamedTuple):
 
 
 def rig_offsets_record(
-    arm: Arm, trials: Sequence[int], fit: OffsetFit, string: StringInClamp | None = None
+    arm: PlanarArm, trials: Sequence[int], fit: OffsetFit, string: StringInClamp | None = None
 ) -> RigOffsets:
     """Return the deviations as a record, with a warning for each number that is wrong."""
     alone, if_wrong = fit.alone, fit.if_wrong
@@ -79,7 +79,7 @@ def _size(value: float, sd: float, *, angle: bool) -> str:
     return f"{1e3 * abs(value):.1f} ± {1e3 * sd:.1f} {'mrad' if angle else 'mm'}"
 
 
-def _words(arm: Arm, value: np.ndarray) -> Iterator[tuple[str, bool, str, str]]:
+def _words(arm: PlanarArm, value: np.ndarray) -> Iterator[tuple[str, bool, str, str]]:
     """Yield of each number its name, whether it is an angle, what is wrong with it, and the fix."""
     joints, toml, urdf = arm.joints, arm.path.name, arm.urdf_path.name
     links, clamp, zeros = np.split(value, [len(joints) - 1, len(joints) + 1])
@@ -115,7 +115,7 @@ def _words(arm: Arm, value: np.ndarray) -> Iterator[tuple[str, bool, str, str]]:
         )
 
 
-def _undecided(arm: Arm, fit: OffsetFit) -> list[RigFault]:
+def _undecided(arm: PlanarArm, fit: OffsetFit) -> list[RigFault]:
     """Return the fault that is one number explanations, another by others; none if all may be right."""
     explanations, shared = fit.explanations, fit.wrong
     if not explanations or any((fit.sets[h] == shared).all() for h in explanations):
@@ -140,7 +140,7 @@ def _undecided(arm: Arm, fit: OffsetFit) -> list[RigFault]:
     ]
 
 
-def _of_string(arm: Arm, string: StringInClamp) -> list[RigOffset]:
+def _of_string(arm: PlanarArm, string: StringInClamp) -> list[RigOffset]:
     """Return how the string leaves the hand, as far as it was seen."""
     toml, known = arm.path.name, np.isfinite(string.left_m) & np.isfinite(string.error_m)
     found = []

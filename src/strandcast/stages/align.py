@@ -14,7 +14,7 @@ from strandcast.stages.job import Files, Job
 def run(job: Job, files: Files) -> None:
     """Align one trial."""
     context, settings = job.context, job.context.settings.align
-    arm = load_arm(files.input("arm"))
+    arm = load_arm(files.input("arm")).planar()
     played, log = read_run(job.folder.data)
     markers = read_table(files.input("markers"), MARKERS)
     led = None if settings.led is None else TrackSummary.read(files.input("summary")).led

@@ -11,7 +11,7 @@ def run(root: Path, name: str, out: Path, suffix: str) -> list[Path]:
     """Write the boards as files in `out` and return their paths."""
     context = context_of(root, name)
     camera = context.settings.camera
-    arm = load_arm(context.arm_file)
+    arm = load_arm(context.arm_file).planar()
     written = write_charuco(camera.board, out / f"lens-board.{suffix}", f"{name}: lens")
     ids = [marker.id for marker in camera.plane.markers]
     if ids:

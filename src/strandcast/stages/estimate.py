@@ -57,7 +57,7 @@ def run(job: Job, files: Files) -> None:
             file=context.file,
             field="estimate.marker_shift",
         )
-    arm = load_arm(files.input("arm"))
+    arm = load_arm(files.input("arm")).planar()
     model, layout = string_model(context, arm)
     trials = [read_trial(files, number) for number in recent(job)]
     if not np.isfinite(trials[-1].track.points_m[:, 1:]).any():

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.arm.servo_response import HeldOut as Predicted
 from strandcast.arm.servo_response import Response
 from strandcast.core.strings import PARAMETERS, StringBatch
@@ -138,7 +138,7 @@ def uncertainty_record(fit: StringFit) -> ParameterUncertainty:
     )
 
 
-def servo_record(arm: Arm, response: Response) -> ServoFit:
+def servo_record(arm: PlanarArm, response: Response) -> ServoFit:
     """Return the fitted response of the servos as a record."""
     servo, held_out = response.servo, response.held_out
     return ServoFit(
@@ -160,7 +160,7 @@ def servo_record(arm: Arm, response: Response) -> ServoFit:
     )
 
 
-def _hand_error_m(arm: Arm, held_out: Predicted) -> float:
+def _hand_error_m(arm: PlanarArm, held_out: Predicted) -> float:
     """Return the distance of the hand at predicted joints from that at the measured ones, rms [m]."""
     predicted, measured = (
         hand_pose(arm.chain, arm.clamp, q).position_m for q in (held_out.predicted_rad, held_out.measured_rad)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from strandcast.arm.spatial import load_any_arm
+from strandcast.arm.load import load_arm
 from strandcast.config.experiment import Experiment
 from strandcast.config.find import find_arm, find_experiment, named_arm
 from strandcast.config.load import load_experiment
@@ -32,7 +32,7 @@ def run(
         settings, file = _experiment(root, motion, planned.experiment)
         arm_file = arm_file or find_arm(settings, file, root)
         hanging_m = settings.string.length_m if hanging_m is None else hanging_m
-    arm = load_any_arm(named_arm(arm_file, root))
+    arm = load_arm(named_arm(arm_file, root))
     handover = prepare(motion, arm, hanging_m, time_scale)
     export_motion(handover, form, out)
     if ExperimentFolder(root, planned.experiment).results.is_dir():

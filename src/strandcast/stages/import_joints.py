@@ -3,8 +3,7 @@
 from contextlib import suppress
 from pathlib import Path
 
-from strandcast.arm.load import AnyArm
-from strandcast.arm.spatial import load_any_arm
+from strandcast.arm.load import Arm, load_arm
 from strandcast.errors import StrandcastError
 from strandcast.imports.joints import IMPORTED, Played, Reading, import_joints
 from strandcast.records.joint_log import Run
@@ -30,7 +29,7 @@ def run(
     """Import a log, of a trial or else of the rehearsal, with the motion that was played."""
     context = context_of(root, name)
     folder = context.folder.rehearsal if trial is None else context.folder.trial(trial).data
-    arm = load_any_arm(context.arm_file)
+    arm = load_arm(context.arm_file)
     motion, record = folder / "motion.json", folder / "run.json"
     plans = kept_motions(context.folder, trial or 1)
     if record.is_file() and not Run.read(record).driver.startswith(IMPORTED):  # the only copy of that run
@@ -55,9 +54,7 @@ def run(
     return found
 
 
-def _played(
-    context: Context, file: Path, plans: dict[Path, Motion], arm: AnyArm, is_rehearsal: bool
-) -> Played:
+def _played(context: Context, file: Path, plans: dict[Path, Motion], arm: Arm, is_rehearsal: bool) -> Played:
     """Return the motion of a file if it is there, with the experiment's other motions, planned or played."""
     motion = Motion.read(file) if file.is_file() else None
     seen = set() if motion is None else {motion.content_sha256()}

@@ -5,7 +5,6 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from strandcast.arm.load import load_arm
-from strandcast.arm.spatial import SpatialArm, hand_path
 from strandcast.imports.capture import CapturedTrial, import_capture
 from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.throw_in_space import ThrownBy
@@ -46,7 +45,7 @@ def run(
             length_m, thrown = _thrown(context, trial)
             known = known._replace(length_m=length_m, thrown=thrown)
         elif not mapping.in_space:
-            arm = load_arm(context.arm_file)
+            arm = load_arm(context.arm_file).planar()
             length_m, aimed = free_length_m(context, arm.clamp.clamped_length_m), context.settings.target_m
             known = known._replace(length_m=length_m, arm=arm, aimed=aimed is not None)
         return import_capture(capture, folder.data, mapping, known)
@@ -55,7 +54,6 @@ def run(
 def _thrown(context: Context, trial: int) -> tuple[float, ThrownBy]:
     """Return the free length of a thrown string [m], and the hand's path by the joint log."""
     arm = arm_of(context)
-    assert isinstance(arm, SpatialArm)
     folder = context.folder.trial(trial).data
     record, command = folder / "run.json", f"strandcast import joints {context.name} {trial} LOG"
     if not record.is_file():
@@ -72,6 +70,6 @@ def _thrown(context: Context, trial: int) -> tuple[float, ThrownBy]:
         fix = f"name its joints, from the base on: {command} --replace --joint NAME …"
         raise refusal("SC-I056", record, "joint_names", what, fix)
     time_s, q_rad = smooth_joints(log, arm.joints)
-    poses = hand_path(arm.chain, q_rad)
+    poses = arm.hand_path(q_rad)
     motion_s = played.motion_start_s, played.motion_end_s
     return free_length_m(context, arm.clamp.clamped_length_m), ThrownBy(time_s, poses, motion_s)

@@ -10,4 +10,6 @@ def run(job: Job, files: Files) -> None:
     """Write the calibration photos."""
     context = job.context
     remove_temporary_files(files.output("plane").parent)
-    photograph_boards(context.settings, context.name, load_arm(files.input("arm")), context.folder.data)
+    photograph_boards(
+        context.settings, context.name, load_arm(files.input("arm")).planar(), context.folder.data
+    )

@@ -13,7 +13,7 @@ def run(job: Job, files: Files) -> None:
     lab.throw(
         context.settings,
         context.name,
-        load_arm(files.input("arm")),
+        load_arm(files.input("arm")).planar(),
         job.trial,
         files.input("motion"),
         context.folder.data,

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from strandcast.arm.spatial import load_any_arm
+from strandcast.arm.load import load_arm
 from strandcast.core.trial_names import trial_number
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.report.facts import Facts
@@ -14,7 +14,7 @@ from strandcast.stages.producers import play_command
 def facts_of(context: Context, next_motion: Path | None) -> Facts:
     """Return the facts that the pages show besides results."""
     settings = context.settings
-    arm = load_any_arm(context.arm_file)
+    arm = load_arm(context.arm_file)
     return Facts(
         title=settings.title,
         hit_radius_m=settings.hit_radius_m,

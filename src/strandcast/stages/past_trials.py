@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.alignment.joints import without_row_noise
-from strandcast.arm.load import AnyArm, Arm
+from strandcast.arm.load import Arm, PlanarArm
 from strandcast.arm.servo_response import Response, identify_response
-from strandcast.arm.spatial import SpatialArm
 from strandcast.core.objectives import Objective
 from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import FREE_END, MassLayout, mass_layout
@@ -125,7 +124,7 @@ def read_members(path: Path, layout: MassLayout) -> StringBatch:
     )
 
 
-def thrown_cable(context: Context, arm: AnyArm) -> tuple[StringModel, CableSpace]:
+def thrown_cable(context: Context, arm: Arm) -> tuple[StringModel, CableSpace]:
     """Return the model of a string that is thrown in space, without its clamped length, and its unknowns."""
     string, estimate = context.settings.string, context.settings.estimate
     length_m = free_length_m(context, arm.clamp.clamped_length_m)
@@ -138,13 +137,13 @@ def thrown_cable(context: Context, arm: AnyArm) -> tuple[StringModel, CableSpace
 
 
 def string_model(
-    context: Context, arm: AnyArm, weights_m: Sequence[float] | None = None
+    context: Context, arm: Arm, weights_m: Sequence[float] | None = None
 ) -> tuple[StringModel, MassLayout]:
     """Return the model of the experiment's string, without its clamped length, and its mass layout.
 
     `weights_m` are places of weights [m] from the clamp to use instead of the declared ones.
     """
-    if isinstance(arm, SpatialArm):
+    if arm.axes == 3:
         model, space = thrown_cable(context, arm)
         return model, space.layout
     string, estimate = context.settings.string, context.settings.estimate
@@ -161,7 +160,7 @@ def string_model(
     return model, layout
 
 
-def servo_of(arm: Arm, trials: list[Trial]) -> Response | None:
+def servo_of(arm: PlanarArm, trials: list[Trial]) -> Response | None:
     """Identify the servo's response from the trials' joint logs; None if no log has the commands."""
     step_s = 1.0 / arm.log_rate_hz
     both = [_commanded_and_measured(arm, trial, step_s) for trial in trials if trial.log is not None]
@@ -175,7 +174,9 @@ def servo_of(arm: Arm, trials: list[Trial]) -> Response | None:
     )
 
 
-def _commanded_and_measured(arm: Arm, trial: Trial, step_s: float) -> tuple[np.ndarray, np.ndarray] | None:
+def _commanded_and_measured(
+    arm: PlanarArm, trial: Trial, step_s: float
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Return commanded and measured joints (T, J), from the motion's start until a little after its end."""
     log = trial.log
     assert log is not None

@@ -8,12 +8,11 @@ from contextlib import contextmanager
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.arm.spatial import SpatialArm
 from strandcast.errors import StrandcastError
 from strandcast.planning.describe import PlannedMotion
 from strandcast.planning.plan import plan_first, plan_next
 from strandcast.planning.start_strings import start_string_name
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import PlanningTask
 from strandcast.planning.write import to_record
 from strandcast.progress import print_line
 from strandcast.records.estimate import Estimate
@@ -75,7 +74,7 @@ def _answer(job: Job, files: Files, motion: Motion) -> Iterator[str]:
         yield f"without a driver: strandcast export motion {motion_file} --as ros --out FILE"
 
 
-def first_motion(context: Context, arm: Arm | SpatialArm) -> Motion:
+def first_motion(context: Context, arm: Arm) -> Motion:
     """Return the first motion as it is planned before anything was played."""
     seeded_by = _seeded_by(context, 1)
     random = rng(*seeded_by)
@@ -142,10 +141,10 @@ def _refuse_thrown(job: Job) -> None:
         )
 
 
-Plan = tuple[AnyTask, PlannedMotion]
+Plan = tuple[PlanningTask, PlannedMotion]
 
 
-def _first(files: Files, arm: Arm | SpatialArm, random: np.random.Generator) -> Plan:
+def _first(files: Files, arm: Arm, random: np.random.Generator) -> Plan:
     """Plan for an ensemble of plausible strings.
 
     What a rehearsal shows of the joints is used.
@@ -158,7 +157,7 @@ def _first(files: Files, arm: Arm | SpatialArm, random: np.random.Generator) -> 
     return task, plan
 
 
-def _next(files: Files, arm: Arm | SpatialArm, trials: list[Trial], random: np.random.Generator) -> Plan:
+def _next(files: Files, arm: Arm, trials: list[Trial], random: np.random.Generator) -> Plan:
     """Plan with the strings fitted after the newest trial, and with all trials that were played."""
     context, settings = files.job.context, files.job.context.settings.plan
     task, strings = next_inputs(context, arm, files.input("ensemble"))

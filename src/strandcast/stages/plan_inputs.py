@@ -8,7 +8,6 @@ from scipy.interpolate import CubicSpline
 
 from strandcast.arm.load import Arm
 from strandcast.arm.servo import Servo
-from strandcast.arm.spatial import SpatialArm
 from strandcast.config.experiment import Experiment
 from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import MassLayout
@@ -16,7 +15,7 @@ from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial, resampled
 from strandcast.planning.start_strings import start_strings, start_strings_in_space
-from strandcast.planning.task import AnyTask, PlanningTask, SpatialTask
+from strandcast.planning.task import PlanningTask
 from strandcast.records.estimate import ServoFit
 from strandcast.records.joint_log import read_run
 from strandcast.records.motion import Motion
@@ -24,46 +23,43 @@ from strandcast.stages.context import Context
 from strandcast.stages.job import Files
 from strandcast.stages.past_trials import Trial, read_members, smooth_joints, string_model
 
-AnyOfTwo = Arm | SpatialArm
 # Of a rehearsal's log during the motion: fewer rows do not show how joints follow; soft joints stay within
 # some tenths of a radian of the motion, those in degrees or of another order do not. Chosen.
 FEWEST_ROWS, MISSING_S, FARTHEST_RAD = 20, 0.02, 0.5
 FEWEST_PLACES = 4  # of a shape, the hand's included; chosen: through fewer, the model's own is as good
 
 
-def first_inputs(context: Context, arm: AnyOfTwo, random: np.random.Generator) -> tuple[AnyTask, StringBatch]:
+def first_inputs(context: Context, arm: Arm, random: np.random.Generator) -> tuple[PlanningTask, StringBatch]:
     """Return the task and plausible strings, for the first motion."""
     model, layout = string_model(context, arm)
     settings = context.settings
-    if isinstance(arm, SpatialArm):
+    if arm.axes == 3:
         strings = start_strings_in_space(settings.plan.ensemble, model.length_m, layout, random)
     else:
         strings = start_strings(settings, model.length_m, layout, random)
     return _task(settings, arm, model), strings
 
 
-def task_of(context: Context, arm: AnyOfTwo) -> AnyTask:
+def task_of(context: Context, arm: Arm) -> PlanningTask:
     """Return the task alone, to check whether its target can be reached."""
     return _task(context.settings, arm, string_model(context, arm)[0])
 
 
-def next_inputs(context: Context, arm: AnyOfTwo, ensemble: Path) -> tuple[AnyTask, StringBatch]:
+def next_inputs(context: Context, arm: Arm, ensemble: Path) -> tuple[PlanningTask, StringBatch]:
     """Return the task and the strings fitted to past trials, for a later motion."""
     model, layout = string_model(context, arm)
     return _task(context.settings, arm, model), fitted_strings(ensemble, layout)
 
 
-def _task(settings: Experiment, arm: AnyOfTwo, model: StringModel) -> AnyTask:
+def _task(settings: Experiment, arm: Arm, model: StringModel) -> PlanningTask:
     # Without a target, motions are simulated but not planned: see `refuse_without_target`.
-    target_m = np.full(len(arm.box_m), np.nan) if settings.target_m is None else np.array(settings.target_m)
-    if isinstance(arm, SpatialArm):
-        return SpatialTask(arm, model, target_m, settings.hit_radius_m)
+    target_m = np.full(arm.axes, np.nan) if settings.target_m is None else np.array(settings.target_m)
     return PlanningTask(
         arm,
         model,
         target_m,
         settings.hit_radius_m,
-        arm.workspace if settings.workspace_m is None else settings.workspace_m,
+        settings.workspace_m,
         settings.objective,
     )
 
@@ -92,13 +88,13 @@ def fitted_strings(path: Path, layout: MassLayout) -> StringBatch:
     return read_members(path, layout).thrown()
 
 
-def past_trial_of(trial: Trial, task: AnyTask) -> PastTrial:
+def past_trial_of(trial: Trial, task: PlanningTask) -> PastTrial:
     """Return a trial on its motion's own clock, joints as often as the task's."""
     assert trial.motion is not None
     past = past_trial(trial.motion, measured_of(trial, task.hit_radius_m), task.step_s)
     if not np.array_equal(trial.motion.target_m, task.target_m):  # the miss is to another target
         past = replace(past, stated_m=None)
-    if not isinstance(task, SpatialTask):
+    if not task.in_space:
         return past
     # The track has markers, wherever they are on the string.
     places = trial.summary.places_m() / trial.summary.length_m
@@ -116,7 +112,7 @@ def shape_through(
     return np.asarray(spline(np.linspace(0.0, 1.0, points + 1)[1:]))
 
 
-def rehearsal_of(files: Files, task: AnyTask) -> PastTrial | None:
+def rehearsal_of(files: Files, task: PlanningTask) -> PastTrial | None:
     """Return the motion that the arm played without the string, if it did.
 
     Raises
@@ -147,11 +143,11 @@ def rehearsal_of(files: Files, task: AnyTask) -> PastTrial | None:
     rms_rad = float(np.sqrt(np.mean(off_rad**2)))
     if rms_rad > FARTHEST_RAD:
         raise _no_rehearsal(record, f"the logged joints are {rms_rad:.1f} rad rms from the motion beside it")
-    nothing_seen = np.zeros((0, 2, len(arm.box_m)))
+    nothing_seen = np.zeros((0, 2, arm.axes))
     return past_trial(motion, Measured(time_s, q_rad, np.zeros(0), nothing_seen, None), task.step_s)
 
 
-def _refuse_rehearsal_for_another(file: Path, motion: Motion, task: AnyTask) -> None:
+def _refuse_rehearsal_for_another(file: Path, motion: Motion, task: PlanningTask) -> None:
     """Refuse a motion for another target, beyond the hit radius, or for another arm."""
     fix = "move the folder away, plan, and rehearse the new motion if you like"
     if motion.robot.name != task.arm.name:

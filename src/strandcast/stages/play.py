@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from strandcast.arm.spatial import load_any_arm
+from strandcast.arm.load import load_arm
 from strandcast.config.find import find_experiment, named_arm
 from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
@@ -46,7 +46,7 @@ def run(
     -------
     The run, or None after a dry run.
     """
-    arm = load_any_arm(named_arm(arm_file, project_root()))
+    arm = load_arm(named_arm(arm_file, project_root()))
     motion = read_motion(motion_path)
     driver = driver_named(arm.driver, arm, motion)
     if hanging_m is None:

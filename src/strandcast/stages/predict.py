@@ -114,7 +114,7 @@ def _in_plane(files: Files, estimate: Estimate, _: Path) -> Read:
     """Return the model, a trial in the plane, its track, and which joints are stiff (n,)."""
     context = files.job.context
     settings, trial = context.settings.estimate, read_trial(files, files.job.trial)
-    model, layout = string_model(context, load_arm(context.arm_file))
+    model, layout = string_model(context, load_arm(context.arm_file).planar())
     model = replace(model, reading=cast(Any, estimate.reading), dt_s=estimate.dt_s)
     if (estimate.length_m, estimate.points) != (model.length_m, model.points):
         fitted = f"the estimate is of a string of {estimate.length_m:g} m as {estimate.points} points"

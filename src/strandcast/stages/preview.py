@@ -50,7 +50,7 @@ def run(root: Path, name: str, trial: int) -> list[str]:
 
 
 def _expected(context: Context) -> Expected:
-    settings, arm = context.settings, load_arm(context.arm_file)
+    settings, arm = context.settings, load_arm(context.arm_file).planar()
     string, plane = settings.string, settings.camera.plane
     alike = same_family(plane.dictionary, arm.marker_dictionary)
     return Expected(

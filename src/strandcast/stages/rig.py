@@ -61,7 +61,7 @@ def rig_state(context: Context) -> RigState:
 def _rig_state(context: Context) -> RigState:
     last = _newest_fit(context)
     files = Files(STAGES["plan"], Job(context, last + 1))
-    arm = load_arm(files.input("arm"))
+    arm = load_arm(files.input("arm")).planar()
     trials = [read_trial(files, number) for number in context.counted_before(last + 1)]
     trials = [trial for trial in trials if trial.motion is not None]
     task, _ = next_inputs(context, arm, files.input("ensemble"))

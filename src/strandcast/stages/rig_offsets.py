@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.alignment.joints import joint_path
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.core.strings import CLAMP_OFFSET
 from strandcast.records.camera import Camera
 from strandcast.records.estimate import Estimate, RigOffsets
@@ -18,7 +18,7 @@ LATERAL = ("lateral_offset_m", "lateral_offset_sigma_m")  # of the tracker's cho
 
 
 def rig_offsets_of(
-    arm: Arm, trials: Sequence[Trial], cameras: Iterable[Path], estimate: Estimate | None
+    arm: PlanarArm, trials: Sequence[Trial], cameras: Iterable[Path], estimate: Estimate | None
 ) -> RigOffsets | None:
     """Return what the trials with a joint log show of the arm's file; None for fewer than two of them.
 
@@ -38,7 +38,7 @@ def rig_offsets_of(
     return rig_offsets_record(arm, list(seen), fit, StringInClamp(left_m, error_m, turn, point_m))
 
 
-def _hand_seen(arm: Arm, trial: Trial) -> HandSeen | None:
+def _hand_seen(arm: PlanarArm, trial: Trial) -> HandSeen | None:
     """Return the tracked hand of a trial, and the joints by its log then, without the rows' noise.
 
     None if too few frames or rows are there.

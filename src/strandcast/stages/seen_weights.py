@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.estimation.estimate import estimate
 from strandcast.estimation.measured import Throw
 from strandcast.records.record import RigFault
@@ -26,7 +26,7 @@ class SeenWeights(NamedTuple):
 
 def seen_weights(
     context: Context,
-    arm: Arm,
+    arm: PlanarArm,
     throws: list[Throw],
     declared_E_m: float,
     seen: Sequence[DetectedWeight],

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.camera.picture_file import write_picture
 from strandcast.records.camera import Camera
 from strandcast.records.lineage import note_picture
@@ -28,7 +28,7 @@ WEBP_QUALITY = 82
 def run(job: Job, files: Files) -> None:
     """Track the string of one trial."""
     context = job.context
-    arm = load_arm(files.input("arm"))
+    arm = load_arm(files.input("arm")).planar()
     manifest = Manifest.read(files.input("manifest"))
     camera = read_camera(context, files.input("cameras"))
     video = job.folder.data / manifest.video.file
@@ -45,7 +45,7 @@ def run(job: Job, files: Files) -> None:
 
 
 def _tracker_input(
-    context: Context, camera: Camera, arm: Arm, manifest: Manifest, video: Path
+    context: Context, camera: Camera, arm: PlanarArm, manifest: Manifest, video: Path
 ) -> TrackerInput:
     settings = context.settings
     return TrackerInput(

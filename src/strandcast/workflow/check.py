@@ -18,7 +18,7 @@ from strandcast.stages.producers import capture_command
 from strandcast.workflow.locks import refuse_if_held
 
 if TYPE_CHECKING:
-    from strandcast.arm.load import Arm
+    from strandcast.arm.load import PlanarArm
 
 MOST_NAMED = 5  # missing trials in a message
 LONGEST = 2.0  # times as far as the arm reaches; longer strings are likely in another unit; chosen
@@ -119,8 +119,7 @@ def _check_all(root: Path, name: str, found: Checked) -> None:
 
 def _check_arm(context: Context, found: Checked) -> None:
     from strandcast.arm.link_masses import torque_gap
-    from strandcast.arm.load import Arm
-    from strandcast.planning.reachability import reach, refuse_unreachable
+    from strandcast.planning.reachability import refuse_unreachable
     from strandcast.stages.arms import arm_of
     from strandcast.stages.plan_inputs import task_of
 
@@ -136,9 +135,9 @@ def _check_arm(context: Context, found: Checked) -> None:
         before_m = free_m - max(weight.place_m for weight in string.weights)
         end = f"{1e3 * before_m:.0f} mm before its end" if before_m > 5e-4 else "at its end"
         found.facts.append(f"the last weight's middle is {end}; the miss is that of the end")
-    if isinstance(arm, Arm):
-        _check_marker_ids(context, arm, found)
-    _, reach_m = reach(arm)
+    if arm.axes == 2:
+        _check_marker_ids(context, arm.planar(), found)
+    _, reach_m = arm.reach()
     if string.length_m > LONGEST * reach_m:
         found.facts.append(
             f"warning: the string is {string.length_m / reach_m:.1f} times as long as the arm reaches "
@@ -194,7 +193,7 @@ def _check_string(context: Context) -> None:
             raise
 
 
-def _check_marker_ids(context: Context, arm: "Arm", found: Checked) -> None:
+def _check_marker_ids(context: Context, arm: "PlanarArm", found: Checked) -> None:
     plane = context.settings.camera.plane
     shared = {m.id for m in arm.markers} & {m.id for m in plane.markers}
     if shared and arm.marker_dictionary == plane.dictionary:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.config.experiment import Experiment
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.lab.scene import square_corners_m
@@ -101,7 +101,7 @@ class Recipe:
     motion: JointTrajectory | None = None  # instead of a random one
 
 
-def clock_trial(arm: Arm, seed: int, recipe: Recipe | None = None) -> ClockTrial:
+def clock_trial(arm: PlanarArm, seed: int, recipe: Recipe | None = None) -> ClockTrial:
     """Return throw `seed` of a kind."""
     recipe = recipe or Recipe()
     rng = np.random.default_rng([20, seed])
@@ -122,7 +122,7 @@ def clock_trial(arm: Arm, seed: int, recipe: Recipe | None = None) -> ClockTrial
     return ClockTrial(start_s - lead_s, drift, markers, log, float(speed.max()))
 
 
-def random_motion(arm: Arm, rng: np.random.Generator) -> Curve:
+def random_motion(arm: PlanarArm, rng: np.random.Generator) -> Curve:
     """Return a random motion by eq. 1 from rest to rest, within the joints' range and rate limits."""
     limits, step_s = arm.limits, 1.0 / arm.log_rate_hz
     joints = len(arm.joints)
@@ -143,7 +143,7 @@ def random_motion(arm: Arm, rng: np.random.Generator) -> Curve:
 
 
 def _played(
-    arm: Arm, recipe: Recipe, zero_rad: np.ndarray, rng: np.random.Generator
+    arm: PlanarArm, recipe: Recipe, zero_rad: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return time from the motion's start (K,), true joint angles (K, J) and the motion's duration."""
     drawn = random_motion(arm, rng)
@@ -162,7 +162,9 @@ def _played(
     return command.time_s, aims.q_rad + zero_rad, float(motion.time_s[-1])
 
 
-def _log(arm: Arm, time_s: np.ndarray, q: np.ndarray, faults: Faults, rng: np.random.Generator) -> JointLog:
+def _log(
+    arm: PlanarArm, time_s: np.ndarray, q: np.ndarray, faults: Faults, rng: np.random.Generator
+) -> JointLog:
     every = round(1.0 / (arm.log_rate_hz * CYCLE_S))
     time_s, q = time_s[::every].copy(), q[::every]
     step = 2.0 * np.pi / ENCODER_STEPS
@@ -192,7 +194,7 @@ def _log(arm: Arm, time_s: np.ndarray, q: np.ndarray, faults: Faults, rng: np.ra
 
 
 def _detections(
-    arm: Arm, camera_s: np.ndarray, q: np.ndarray, faults: Faults, rng: np.random.Generator
+    arm: PlanarArm, camera_s: np.ndarray, q: np.ndarray, faults: Faults, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
     view = _view(arm, int(rng.integers(1, 2**31)))
     wrong = _miscalibrated(view, faults, rng)
@@ -235,7 +237,7 @@ def _correlated_noise(follow: np.ndarray, shape: tuple[int, int], rng: np.random
     return noise
 
 
-def _view(arm: Arm, seed: int) -> LabView:
+def _view(arm: PlanarArm, seed: int) -> LabView:
     settings = {
         "string": {"length_m": 0.3},
         "target_m": (0.5, 0.3),

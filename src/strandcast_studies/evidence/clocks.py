@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from strandcast.alignment.align import RobotData, VideoData, align
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.config.align import AlignSettings
 from strandcast.errors import StrandcastError
 from strandcast_studies.evidence.clock_trials import ARM_FILE, Faults, Recipe, clock_trial
@@ -57,7 +57,7 @@ class ClockCoverage:
     cpu_s: float
 
 
-def coverage(arm: Arm, kind: str, recipe: Recipe, seeds: range) -> ClockCoverage:
+def coverage(arm: PlanarArm, kind: str, recipe: Recipe, seeds: range) -> ClockCoverage:
     """Align throws of one kind without prior information, and compare the offsets with the truth."""
     rows: list[tuple[float | None, ...]] = []
     refused: dict[str, int] = {}
@@ -114,7 +114,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=TRIALS)
     parser.add_argument("--first", type=int, default=1000, help="seed of the first trial")
     options = parser.parse_args()
-    arm = load_arm(ARM_FILE)
+    arm = load_arm(ARM_FILE).planar()
     results: list[dict[str, Any]] = []
     for kind, recipe in KINDS.items():
         found = coverage(arm, kind, recipe, range(options.first, options.first + options.trials))

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.config.plan import PlanSettings
 from strandcast.core.box import Box
 from strandcast.core.strings import StringBatch
@@ -101,7 +101,7 @@ def specimen(
     stiff
         Whether the pipes are stiff; if not, `limp` beads of the same mass replace them.
     """
-    arm = load_arm(ARM_FILE)
+    arm = load_arm(ARM_FILE).planar()
     motions_rng, throws_rng = rng.spawn(2)
     n = round(thread.length_m / SPACING_M)
     layout = mass_layout(
@@ -123,7 +123,7 @@ def specimen(
 
 
 def _thrown(
-    arm: Arm,
+    arm: PlanarArm,
     thread: PhysicalString,
     motion: JointTrajectory,
     model: StringModel,

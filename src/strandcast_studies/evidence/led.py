@@ -19,7 +19,7 @@ import numpy as np
 from strandcast.alignment.align import RobotData, VideoData, align
 from strandcast.alignment.events import clock_of_events
 from strandcast.alignment.led import led_events, pair_led
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.config.align import AlignSettings, LedSettings
 from strandcast.config.experiment import Experiment
 from strandcast.config.track import TrackSettings
@@ -96,7 +96,7 @@ def experiment_of(kind: LedCase) -> Experiment:
     )
 
 
-def command_of(arm: Arm, random: np.random.Generator) -> JointTrajectory:
+def command_of(arm: PlanarArm, random: np.random.Generator) -> JointTrajectory:
     """Return a random swing: each joint moves from rest to rest by its own angle in its own time."""
     cycle_s = 1.0 / arm.log_rate_hz
     duration_s = float(random.uniform(0.35, 0.6))
@@ -119,7 +119,7 @@ class FilmedLedThrow(TrueClock):
     look_s: float  # CPU time of the LED's window, per frame
 
 
-def film(arm: Arm, kind: LedCase, seed: int, folder: Path, gamma: float | None = 1.0) -> FilmedLedThrow:
+def film(arm: PlanarArm, kind: LedCase, seed: int, folder: Path, gamma: float | None = 1.0) -> FilmedLedThrow:
     """Throw in the lab, then detect markers and LED in the film as tracking does."""
     settings = experiment_of(kind).model_copy(update={"seed": seed})
     name, truth = f"led-{round(kind.rate_hz)}", folder / "truth.parquet"
@@ -197,7 +197,7 @@ def switch_errors(throw: FilmedLedThrow) -> tuple[list[float], list[float], int]
 
 
 def offsets_of(
-    arm: Arm, throw: FilmedLedThrow, latency_s: float, latency_sd_s: float
+    arm: PlanarArm, throw: FilmedLedThrow, latency_s: float, latency_sd_s: float
 ) -> dict[str, tuple[float, float]]:
     """Return error and standard error of the middle offset: LED alone, fit alone, both."""
     log, recorded = throw.record.log, throw.record.sync_events
@@ -238,7 +238,7 @@ def line(name: str, found: dict[str, float]) -> str:
     return f"| {name} " + row.format(**found)
 
 
-def run(arm: Arm, kind: LedCase, seeds: range) -> dict[str, Any]:
+def run(arm: PlanarArm, kind: LedCase, seeds: range) -> dict[str, Any]:
     """Film and align the throws of one case; return all numbers."""
     errors: list[tuple[float, float]] = []
     found: dict[str, list[tuple[float, float]]] = {}
@@ -275,7 +275,7 @@ def main() -> None:
     parser.add_argument("--throws", type=int, default=3, help="throws per case")
     parser.add_argument("--first", type=int, default=700, help="seed of the first throw")
     options = parser.parse_args()
-    arm = load_arm(ARM_FILE)
+    arm = load_arm(ARM_FILE).planar()
     results: list[dict[str, Any]] = []
     for kind in CASES:
         found = run(arm, kind, range(options.first, options.first + options.throws))

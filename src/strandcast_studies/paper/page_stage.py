@@ -89,7 +89,7 @@ def _run(root: Path, plan: PaperPlan, case: PaperCase) -> PaperRun:
 
 def _facts(root: Path, plan: PaperPlan, form: str, there: list[PaperCase]) -> PaperFacts:
     common = _common(plan)
-    arm = load_arm(root / "config" / "arms" / f"{common.arm}.toml")
+    arm = load_arm(root / "config" / "arms" / f"{common.arm}.toml").planar()
     budget = root / "results" / BUDGET
     return PaperFacts(
         strings={one.number: _string(plan, one.number) for one in plan.strings},

@@ -22,7 +22,7 @@ from strandcast_studies.paper.records import Transfer, TransferPrediction
 def run(root: Path, name: str, fitted: list[str]) -> None:
     """Write transfer.json of an experiment: its last throw with the last fits of others and its own."""
     context = context_of(root, name)
-    model, layout = string_model(context, load_arm(context.arm_file))
+    model, layout = string_model(context, load_arm(context.arm_file).planar())
     settings, trial = context.settings.estimate, last_trial(context.folder.results)
     throw = throw_of(read_trial(files_of("estimate", root, name, trial), trial), settings)
     task = prepare(

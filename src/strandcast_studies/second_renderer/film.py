@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from strandcast.arm.kinematics import hand_pose, link_points
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast_studies.second_renderer.optics import Optics, facing
 from strandcast_studies.second_renderer.render import SAMPLES, Body, Thread, cast, expose, mark
 from strandcast_studies.second_renderer.rigs import (
@@ -123,7 +123,7 @@ def sensed(rig: FilmedRig, light: np.ndarray, random: np.random.Generator, bits:
     return out
 
 
-def body_of(rig: FilmedRig, arm: Arm) -> Body:
+def body_of(rig: FilmedRig, arm: PlanarArm) -> Body:
     """Return how arm and plate look."""
     edges = np.array(
         [
@@ -174,7 +174,7 @@ class Filming:
     """What stays the same through a film: the rays, the still scene, the look of what moves."""
 
     def __init__(
-        self, rig: FilmedRig, optics: Optics, arm: Arm, still: np.ndarray, random: np.random.Generator
+        self, rig: FilmedRig, optics: Optics, arm: PlanarArm, still: np.ndarray, random: np.random.Generator
     ) -> None:
         self.rig, self.optics, self.arm, self.random = rig, optics, arm, random
         self.still = still

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from ruamel.yaml import YAML
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.core.box import Box
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.lab.driver import joint_log
@@ -56,7 +56,7 @@ SERVO = "stiff"
 BOX = Box(x_m=(-0.85, 1.05), y_m=(-0.40, 0.80))
 
 
-def motion(root: Path, arm: Arm, number: int) -> JointTrajectory:
+def motion(root: Path, arm: PlanarArm, number: int) -> JointTrajectory:
     """Return one of the study's motions, drawn once for a string of the lab: rigs share them."""
     kept = root / "rig" / f"motion-{number}.npz"
     if not kept.exists():
@@ -75,7 +75,7 @@ def motion(root: Path, arm: Arm, number: int) -> JointTrajectory:
         )
 
 
-def film_throw(root: Path, name: str, rig: FilmedRig, arm: Arm) -> None:
+def film_throw(root: Path, name: str, rig: FilmedRig, arm: PlanarArm) -> None:
     """Write the experiment's files, the photos, the film, the joint log and, beside them, the truth."""
     folder = root / "data" / name
     if (folder / "truth.json").exists():
@@ -128,7 +128,7 @@ def _moments(
 
 
 def write_log(
-    path: Path, arm: Arm, swing: LabSwing, variation: Any, clocks: Any, motion_s: float, random: Any
+    path: Path, arm: PlanarArm, swing: LabSwing, variation: Any, clocks: Any, motion_s: float, random: Any
 ) -> None:
     """Write the joint log as ur_rtde's recorder does."""
     log = joint_log(arm, swing, variation, clocks, motion_s, random)
@@ -218,7 +218,7 @@ def main(arguments: list[str] | None = None) -> None:
     root = given.root.absolute()
     if not (root / "Snakefile").exists():
         make_project(root)
-    arm = load_arm(root / "config" / "arms" / "planar3.toml")
+    arm = load_arm(root / "config" / "arms" / "planar3.toml").planar()
     for number in MOTIONS:  # before the threads, which share them
         motion(root, arm, number)
     names = [(f"{rig}-{k}", rig) for k in range(1, given.throws + 1) for rig in given.rigs]

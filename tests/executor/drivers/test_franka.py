@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import ENVIRONMENT, REFUSED, StrandcastError
 from strandcast.executor.drivers.franka import FrankaDriver, franka_driver
@@ -19,12 +19,12 @@ MOVING = np.array([1, 3, 5])
 
 
 @pytest.fixture(scope="module")
-def arm() -> Arm:
-    arm = load_arm(ROOT / "config" / "arms" / "fr3-example.toml")
+def arm() -> PlanarArm:
+    arm = load_arm(ROOT / "config" / "arms" / "fr3-example.toml").planar()
     return dataclasses.replace(arm, driver_settings={"host": "127.0.0.1", "realtime": "ignore"})
 
 
-def test_without_the_package_it_says_what_to_install(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_it_says_what_to_install(arm: PlanarArm, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pylibfranka", None)
     driver = FrankaDriver(arm)
     with pytest.raises(StrandcastError, match=r"pip install 'strandcast\[franka\]'") as caught:
@@ -34,7 +34,7 @@ def test_without_the_package_it_says_what_to_install(arm: Arm, monkeypatch: pyte
 
 
 def test_the_example_has_no_host_and_refuses_to_connect_without_one() -> None:
-    driver = franka_driver(load_arm(ROOT / "config" / "arms" / "fr3-example.toml"), None)
+    driver = franka_driver(load_arm(ROOT / "config" / "arms" / "fr3-example.toml").planar(), None)
     with pytest.raises(StrandcastError, match=r"SC-F003.*driver\.settings\.host"):
         driver.connect()
 
@@ -50,19 +50,19 @@ def test_the_example_has_no_host_and_refuses_to_connect_without_one() -> None:
         ({"host": "a", "torque_threshold_n_m": [10] * 7}, "force_threshold_n together"),
     ],
 )
-def test_invalid_settings_are_refused(arm: Arm, settings: dict[str, object], field: str) -> None:
+def test_invalid_settings_are_refused(arm: PlanarArm, settings: dict[str, object], field: str) -> None:
     with pytest.raises(StrandcastError, match=rf"SC-F003.*driver\.settings.*{field}") as caught:
         FrankaDriver(dataclasses.replace(arm, driver_settings=settings))
     assert caught.value.exit_code == REFUSED
 
 
-def test_a_joint_that_the_controller_does_not_have_is_refused(arm: Arm) -> None:
+def test_a_joint_that_the_controller_does_not_have_is_refused(arm: PlanarArm) -> None:
     settings = {"host": "a", "joints": [f"panda_joint{j}" for j in range(1, 8)]}
     with pytest.raises(StrandcastError, match="SC-F205.*panda_joint1"):
         FrankaDriver(dataclasses.replace(arm, driver_settings=settings))
 
 
-def test_the_speed_limit_falls_near_the_end_of_a_joint(arm: Arm) -> None:
+def test_the_speed_limit_falls_near_the_end_of_a_joint(arm: PlanarArm) -> None:
     # Joint 2: 2.62 rad/s in its middle; -0.20 + sqrt(5.17 (1.7918 - q)) towards its upper end.
     lowest, highest = speed_limits(np.array([[0.0, -1.5, 2.5], [1.7, -1.5, 2.5]]), MOVING)
     np.testing.assert_allclose(highest / 0.95, [[2.62, 2.62, 4.18], [0.4889, 2.62, 4.18]], atol=1e-4)

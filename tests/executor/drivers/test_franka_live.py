@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BPoly
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import ABORTED, ENVIRONMENT, REFUSED, STOPPED_BY_CONTROLLER, StrandcastError
 from strandcast.executor.drivers.franka import FrankaDriver
@@ -57,7 +57,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 
 
 @pytest.fixture
-def arm(server: Server, tmp_path: Path) -> Arm:
+def arm(server: Server, tmp_path: Path) -> PlanarArm:
     arm = arm_at(server, tmp_path)
     with connected(FrankaDriver(arm)) as driver:
         if driver.state().fault:  # a reflex that the test before was ended by
@@ -65,7 +65,7 @@ def arm(server: Server, tmp_path: Path) -> Arm:
     return arm
 
 
-def arm_at(server: Server, folder: Path) -> Arm:
+def arm_at(server: Server, folder: Path) -> PlanarArm:
     """Return the example arm at the server's address, as a lab would write it into the file."""
     text = (ARMS / "fr3-example.toml").read_text()
     for old, new in (('host = ""', f'host = "{server.host}"'), ('"enforce"', '"ignore"')):
@@ -73,10 +73,10 @@ def arm_at(server: Server, folder: Path) -> Arm:
         text = text.replace(old, new)
     (folder / "arm.toml").write_text(text)
     (folder / "fr3-example.urdf").write_text((ARMS / "fr3-example.urdf").read_text())
-    return load_arm(folder / "arm.toml")
+    return load_arm(folder / "arm.toml").planar()
 
 
-def motion_of(arm: Arm, heights: np.ndarray = BACK) -> Motion:
+def motion_of(arm: PlanarArm, heights: np.ndarray = BACK) -> Motion:
     time_ns = np.arange(round(1000 * DURATION_S) + 1) * 1_000_000
     curve = BPoly(heights.T[:, None, :], [0.0, DURATION_S])
     place, acceleration = curve.antiderivative(), curve.derivative()
@@ -84,11 +84,11 @@ def motion_of(arm: Arm, heights: np.ndarray = BACK) -> Motion:
     return motions.motion_of(arm, time_ns, START + place(t), curve(t), acceleration(t))
 
 
-def command_of(arm: Arm) -> JointTrajectory:
+def command_of(arm: PlanarArm) -> JointTrajectory:
     return motion_of(arm).trajectory().resampled(0.001)
 
 
-def planned(arm: Arm, folder: Path, heights: np.ndarray = BACK) -> Path:
+def planned(arm: PlanarArm, folder: Path, heights: np.ndarray = BACK) -> Path:
     path = folder / "planned.json"
     motion_of(arm, heights).write(path)
     return path
@@ -105,19 +105,19 @@ def connected(driver: FrankaDriver) -> Iterator[FrankaDriver]:
 
 
 @pytest.fixture
-def driver(arm: Arm) -> Iterator[FrankaDriver]:
+def driver(arm: PlanarArm) -> Iterator[FrankaDriver]:
     with connected(FrankaDriver(arm)) as driver:
         yield driver
 
 
-def throw(arm: Arm, motion: Path, driver: FrankaDriver, folder: Path) -> Run:
+def throw(arm: PlanarArm, motion: Path, driver: FrankaDriver, folder: Path) -> Run:
     """Play as a person would who accepts what this machine can do."""
     options = PlayOptions(hanging_m=0.3, move_to_start=True, soft_realtime=True)
     preflight = run_preflight(motion, arm, driver, folder, options)
     return play(preflight, driver, preflight.short_hash)
 
 
-def typed(arm: Arm, motion: Path, folder: Path) -> list[str]:
+def typed(arm: PlanarArm, motion: Path, folder: Path) -> list[str]:
     """Return the command that does the same."""
     return [
         sys.executable,
@@ -138,7 +138,7 @@ def typed(arm: Arm, motion: Path, folder: Path) -> list[str]:
     ]
 
 
-def test_a_throw_is_played_and_the_arm_follows(arm: Arm, tmp_path: Path) -> None:
+def test_a_throw_is_played_and_the_arm_follows(arm: PlanarArm, tmp_path: Path) -> None:
     motion = planned(arm, tmp_path, FAST)
     folder = tmp_path / "trial"
     done = subprocess.run(typed(arm, motion, folder), capture_output=True, text=True, cwd=tmp_path)
@@ -193,7 +193,7 @@ def held_still(path: Path, rows: int) -> list[dict[str, str]]:
 
 
 def test_a_throw_begins_at_the_arms_posture_and_ends_properly(
-    arm: Arm, server: Server, tmp_path: Path
+    arm: PlanarArm, server: Server, tmp_path: Path
 ) -> None:
     # Within the tolerance of the start, and a held joint a little off: a step of either would be a reflex.
     elsewhere = replace(arm, held=arm.held | {"fr3_joint7": arm.held["fr3_joint7"] + 0.004})
@@ -215,7 +215,9 @@ def test_a_throw_begins_at_the_arms_posture_and_ends_properly(
     assert np.abs(np.diff(asked)).max() < 1e-4
 
 
-def test_an_arm_away_from_the_start_plays_nothing(driver: FrankaDriver, arm: Arm, tmp_path: Path) -> None:
+def test_an_arm_away_from_the_start_plays_nothing(
+    driver: FrankaDriver, arm: PlanarArm, tmp_path: Path
+) -> None:
     driver.move_to_start(START)
     command = command_of(arm)
     away = replace(command, q_rad=command.q_rad + 0.1)
@@ -227,7 +229,7 @@ def test_an_arm_away_from_the_start_plays_nothing(driver: FrankaDriver, arm: Arm
 
 @pytest.mark.parametrize(("joint", "factor", "kind"), [(0, 1.5, "velocity"), (2, -3.0, "position")])
 def test_a_motion_beyond_the_limits_is_refused_before_anything_is_sent(
-    arm: Arm, server: Server, tmp_path: Path, joint: int, factor: float, kind: str
+    arm: PlanarArm, server: Server, tmp_path: Path, joint: int, factor: float, kind: str
 ) -> None:
     heights = FAST.copy()
     heights[joint] *= factor
@@ -240,7 +242,7 @@ def test_a_motion_beyond_the_limits_is_refused_before_anything_is_sent(
 
 
 def test_too_fast_near_a_joints_end_is_refused_by_the_driver(
-    driver: FrankaDriver, arm: Arm, server: Server, tmp_path: Path
+    driver: FrankaDriver, arm: PlanarArm, server: Server, tmp_path: Path
 ) -> None:
     command = command_of(arm)
     near = replace(command, q_rad=command.q_rad + np.array([2.0, 0, 0]))
@@ -250,7 +252,7 @@ def test_too_fast_near_a_joints_end_is_refused_by_the_driver(
     assert server.asked("Move") == moves
 
 
-def test_payload_and_thresholds_are_set_on_the_controller(arm: Arm, server: Server) -> None:
+def test_payload_and_thresholds_are_set_on_the_controller(arm: PlanarArm, server: Server) -> None:
     arm.driver_settings.update(torque_threshold_n_m=[40.0] * 7, force_threshold_n=[60.0] * 6)
     before = server.asked("SetCollisionBehavior")
     with connected(FrankaDriver(arm)) as driver:
@@ -266,7 +268,7 @@ class Jumping(FrankaDriver):
         return super().play(replace(command, q_rad=command.q_rad + step), folder)
 
 
-def test_a_reflex_ends_the_throw_and_leaves_the_log(arm: Arm, tmp_path: Path) -> None:
+def test_a_reflex_ends_the_throw_and_leaves_the_log(arm: PlanarArm, tmp_path: Path) -> None:
     with pytest.raises(StrandcastError, match="SC-X011.*discontinuity") as caught:
         throw(arm, planned(arm, tmp_path), Jumping(arm), tmp_path / "trial")
     assert caught.value.exit_code == STOPPED_BY_CONTROLLER
@@ -283,12 +285,12 @@ def test_a_reflex_ends_the_throw_and_leaves_the_log(arm: Arm, tmp_path: Path) ->
         assert list(csv.DictReader(file))[-1]["mode"] == "Reflex"
 
 
-def test_after_a_reflex_the_arm_has_a_fault_until_it_is_recovered(arm: Arm, tmp_path: Path) -> None:
+def test_after_a_reflex_the_arm_has_a_fault_until_it_is_recovered(arm: PlanarArm, tmp_path: Path) -> None:
     with connected(Jumping(arm)) as driver:
         reflex_and_recovery(driver, arm, tmp_path)
 
 
-def reflex_and_recovery(driver: FrankaDriver, arm: Arm, tmp_path: Path) -> None:
+def reflex_and_recovery(driver: FrankaDriver, arm: PlanarArm, tmp_path: Path) -> None:
     driver.move_to_start(START)
     assert driver.state().fault is None
     recording = driver.play(command_of(arm), tmp_path)
@@ -307,7 +309,7 @@ def reflex_and_recovery(driver: FrankaDriver, arm: Arm, tmp_path: Path) -> None:
 
 
 def test_states_that_cannot_be_written_do_not_lose_the_recording(
-    driver: FrankaDriver, arm: Arm, tmp_path: Path
+    driver: FrankaDriver, arm: PlanarArm, tmp_path: Path
 ) -> None:
     (tmp_path / "franka.csv").mkdir()
     driver.move_to_start(START)
@@ -349,7 +351,7 @@ def sleeping(write: Callable[..., None]) -> Callable[..., None]:
 
 
 def test_a_long_stall_ends_the_throw_and_leaves_the_log(
-    driver: FrankaDriver, arm: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    driver: FrankaDriver, arm: PlanarArm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     driver.move_to_start(START)
     monkeypatch.setattr(FrankaLink, "write", sleeping(FrankaLink.write))
@@ -363,7 +365,9 @@ def test_a_long_stall_ends_the_throw_and_leaves_the_log(
     assert driver.state().fault is None
 
 
-def test_a_kept_error_does_not_keep_the_connection_open(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kept_error_does_not_keep_the_connection_open(
+    arm: PlanarArm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with connected(FrankaDriver(arm)) as driver:
         driver.move_to_start(START)
         monkeypatch.setattr(FrankaLink, "write", sleeping(FrankaLink.write))
@@ -376,7 +380,7 @@ def test_a_kept_error_does_not_keep_the_connection_open(arm: Arm, monkeypatch: p
 
 
 def test_the_stream_survives_a_few_lost_cycles(
-    driver: FrankaDriver, arm: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    driver: FrankaDriver, arm: PlanarArm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     driver.move_to_start(START)
     Stalling(monkeypatch, 3)
@@ -388,7 +392,7 @@ def test_the_stream_survives_a_few_lost_cycles(
 
 
 def test_more_lost_cycles_lead_to_the_soft_stop_without_a_reflex(
-    driver: FrankaDriver, arm: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    driver: FrankaDriver, arm: PlanarArm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     driver.move_to_start(START)
     Stalling(monkeypatch, 8)
@@ -399,12 +403,12 @@ def test_more_lost_cycles_lead_to_the_soft_stop_without_a_reflex(
     at_rest_elsewhere(recording, arm)
 
 
-def at_rest_elsewhere(recording: Recording, arm: Arm) -> None:
+def at_rest_elsewhere(recording: Recording, arm: PlanarArm) -> None:
     assert np.abs(recording.log.qd_rad_s[-1]).max() < 0.01
     assert np.abs(recording.log.q_rad[-1] - command_of(arm).q_rad[-1]).max() > 0.05
 
 
-def test_an_interrupt_is_a_soft_stop(arm: Arm, tmp_path: Path) -> None:
+def test_an_interrupt_is_a_soft_stop(arm: PlanarArm, tmp_path: Path) -> None:
     folder = tmp_path / "trial"
     with subprocess.Popen(
         typed(arm, planned(arm, tmp_path), folder), stderr=subprocess.PIPE, text=True, cwd=tmp_path
@@ -439,7 +443,7 @@ def test_a_controller_that_dies_leaves_the_log(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif("PREEMPT_RT" in platform.version(), reason="this kernel is a real-time one")
-def test_a_kernel_without_real_time_is_refused_by_default(arm: Arm) -> None:
+def test_a_kernel_without_real_time_is_refused_by_default(arm: PlanarArm) -> None:
     arm.driver_settings["realtime"] = "enforce"
     with pytest.raises(StrandcastError, match="SC-X061.*realtime") as caught:
         FrankaDriver(arm).connect()
@@ -454,7 +458,7 @@ def test_a_missing_controller_is_reported(server: Server, tmp_path: Path) -> Non
     assert caught.value.exit_code == ENVIRONMENT
 
 
-def test_the_examples_links_match_the_controllers(driver: FrankaDriver, arm: Arm) -> None:
+def test_the_examples_links_match_the_controllers(driver: FrankaDriver, arm: PlanarArm) -> None:
     model = arm.model()
     data = mujoco.MjData(model)
     for _ in range(2):

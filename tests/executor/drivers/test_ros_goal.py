@@ -73,7 +73,7 @@ def value_of(store, node, desc, data):
 
 @pytest.mark.parametrize("kind", ["ros", "ros1"])
 def test_the_goal_survives_the_wire_bit_for_bit(tmp_path, project_root, kind):
-    arm = load_arm(project_root / "config" / "arms" / "planar3.toml")
+    arm = load_arm(project_root / "config" / "arms" / "planar3.toml").planar()
     motion = swing(arm, np.array([0.4, -0.6, -0.3]), np.array([0.7, 0.9, 1e-5]), 0.5)
     motion.write(tmp_path / "motion.json")
     export_motion(prepare(tmp_path / "motion.json", arm, 0.3), ExportForm(kind), tmp_path / "goal.json")

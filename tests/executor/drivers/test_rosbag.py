@@ -249,7 +249,7 @@ def test_the_motions_start_is_found_in_a_bag(tmp_path, project_root):
     from strandcast.arm.servo import respond
     from strandcast.records.motion import Motion, Robot, StartPosture, points_of
 
-    arm = load_arm(project_root / "config" / "arms" / "planar3.toml")
+    arm = load_arm(project_root / "config" / "arms" / "planar3.toml").planar()
     time_s = np.arange(201) * 0.002
     s = (time_s / 0.4)[:, None]
     q = np.array([0.3, -0.6, -0.5]) + np.array([0.7, 0.9, 0.8]) * s**3 * (10 - 15 * s + 6 * s**2)

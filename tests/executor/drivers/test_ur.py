@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.errors import (
     ABORTED,
     ENVIRONMENT,
@@ -65,7 +65,7 @@ class Bench:
     """An arm's file, a motion and a stand-in."""
 
     folder: Path
-    arm: Arm
+    arm: PlanarArm
     standin: StandIn
     options: PlayOptions
 
@@ -117,14 +117,14 @@ def bench(tmp_path: Path) -> Iterator[Make]:
         standin.end()
 
 
-def arm_at(folder: Path, settings: dict[str, Any], payload: str) -> Arm:
+def arm_at(folder: Path, settings: dict[str, Any], payload: str) -> PlanarArm:
     """Return the example arm with the settings that a lab would write into its file."""
     (folder / "ur5e-example.urdf").write_bytes((ARMS / "ur5e-example.urdf").read_bytes())
     text = (ARMS / "ur5e-example.toml").read_text()
     lines = "\n".join(f"{key} = {value!r}" for key, value in settings.items()).replace("'", '"')
     text = text[: text.index("[driver]")] + f'{payload}\n[driver]\nname = "ur"\n[driver.settings]\n{lines}\n'
     (folder / "arm.toml").write_text(text)
-    return load_arm(folder / "arm.toml")
+    return load_arm(folder / "arm.toml").planar()
 
 
 def played(bench: Bench) -> tuple[Run, JointLog]:

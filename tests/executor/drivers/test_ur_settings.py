@@ -7,21 +7,21 @@ from typing import Any
 
 import pytest
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.errors import ENVIRONMENT, REFUSED, StrandcastError
 from strandcast.executor.drivers.ur import UrDriver
 
 
 @pytest.fixture(scope="module")
-def arm(project_root: Path) -> Arm:
-    return load_arm(project_root / "config" / "arms" / "ur5e-example.toml")
+def arm(project_root: Path) -> PlanarArm:
+    return load_arm(project_root / "config" / "arms" / "ur5e-example.toml").planar()
 
 
-def with_settings(arm: Arm, **settings: Any) -> Arm:
+def with_settings(arm: PlanarArm, **settings: Any) -> PlanarArm:
     return dataclasses.replace(arm, driver_settings=arm.driver_settings | settings)
 
 
-def test_the_example_names_the_driver_but_no_address(arm: Arm) -> None:
+def test_the_example_names_the_driver_but_no_address(arm: PlanarArm) -> None:
     assert arm.driver == "ur"
     with pytest.raises(StrandcastError, match=r"driver\.settings\.host") as caught:
         UrDriver(arm).connect()
@@ -39,13 +39,13 @@ def test_the_example_names_the_driver_but_no_address(arm: Arm) -> None:
         ({"joints": ["a", "b", "c", "d", "e", "f"]}, r"throw\.joints"),
     ],
 )
-def test_invalid_settings_are_refused_by_name(arm: Arm, wrong: dict[str, Any], named: str) -> None:
+def test_invalid_settings_are_refused_by_name(arm: PlanarArm, wrong: dict[str, Any], named: str) -> None:
     with pytest.raises(StrandcastError, match=named) as caught:
         UrDriver(with_settings(arm, host="127.0.0.1", **wrong))
     assert caught.value.exit_code == REFUSED
 
 
-def test_without_ur_rtde_it_says_what_to_install(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_ur_rtde_it_says_what_to_install(arm: PlanarArm, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("dashboard_client", "rtde_receive"):
         monkeypatch.setitem(sys.modules, module, None)
     driver = UrDriver(with_settings(arm, host="127.0.0.1"))

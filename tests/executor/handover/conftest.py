@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.executor.handover.export import ExportForm, export_motion
 from strandcast.executor.handover.handover import prepare
 
@@ -16,13 +16,13 @@ DURATION_S = 0.511  # no multiple of 2 ms: the last step is a short one
 
 
 @pytest.fixture(scope="session")
-def planar3(project_root) -> Arm:
-    return load_arm(project_root / "config" / "arms" / "planar3.toml")
+def planar3(project_root) -> PlanarArm:
+    return load_arm(project_root / "config" / "arms" / "planar3.toml").planar()
 
 
 @pytest.fixture(scope="session")
-def ur5e(project_root) -> Arm:
-    return load_arm(project_root / "config" / "arms" / "ur5e-example.toml")
+def ur5e(project_root) -> PlanarArm:
+    return load_arm(project_root / "config" / "arms" / "ur5e-example.toml").planar()
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def ur_file(ur5e, tmp_path) -> Path:
 def export():
     """Return what writes a motion, as the command does."""
 
-    def write(path: Path, arm: Arm, kind: str, name: str, time_scale: float = 1.0, **form) -> Path:
+    def write(path: Path, arm: PlanarArm, kind: str, name: str, time_scale: float = 1.0, **form) -> Path:
         out = path.with_name(name)
         export_motion(prepare(path, arm, HANGING_M, time_scale), ExportForm(kind, **form), out)
         return out

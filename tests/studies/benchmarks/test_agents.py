@@ -10,7 +10,7 @@ from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
 from tests.host_needs import needs_shared_locks
 
-from strandcast.arm.dynamics import chain_torques, dynamics_of
+from strandcast.arm.dynamics import chain_torques
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.lab.variation import draw_variation
 from strandcast.planning.bezier import sample
@@ -33,9 +33,7 @@ STEP_S = 1.0 / ARM.log_rate_hz
 
 def a_curve():
     prior = CurvePrior("rest", (0.4, 0.5), 6, 60.0)
-    return draw_first(1, prior, JointBounds(ARM.limits, STEP_S, dynamics_of(ARM)), np.random.default_rng(1))[
-        0
-    ]
+    return draw_first(1, prior, JointBounds(ARM.limits, STEP_S, ARM.dynamics), np.random.default_rng(1))[0]
 
 
 def an_action(env: ThrowEnv, seed: int = 0) -> np.ndarray:
@@ -123,7 +121,7 @@ def test_what_leaves_the_picture_is_not_seen() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_played_motions_keep_the_arms_limits(kind: str) -> None:
-    random, limits, dynamics = np.random.default_rng(0), ARM.limits, dynamics_of(ARM)
+    random, limits, dynamics = np.random.default_rng(0), ARM.limits, ARM.dynamics
     shape, asked = KINDS[kind]
     for scale in (0.1, 1.0, 1.0, 1.0, 1.0):
         found = within_limits(ARM, asked(ARM, np.sign(random.uniform(-1, 1, shape(ARM))) * scale))
@@ -143,7 +141,7 @@ def test_played_motions_keep_the_arms_limits(kind: str) -> None:
 
 
 def test_a_motion_that_asks_for_too_much_torque_is_slowed() -> None:
-    dynamics, asked = dynamics_of(ARM), curve_asked(ARM, curve_action(ARM, a_curve()))
+    dynamics, asked = ARM.dynamics, curve_asked(ARM, curve_action(ARM, a_curve()))
 
     def torque_n_m(motion: JointTrajectory) -> np.ndarray:
         states = motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2

@@ -35,7 +35,7 @@ def work(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def folder(work):
-    return film_case(video_cases.quick()[0], load_arm(ARM_FILE), work)
+    return film_case(video_cases.quick()[0], load_arm(ARM_FILE).planar(), work)
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def test_bends_are_unwrapped_past_half_a_turn():
 @pytest.mark.thorough
 def test_strings_may_be_dark():
     case = video_cases.quick()[0]
-    bright = shoot(case, load_arm(ARM_FILE))
+    bright = shoot(case, load_arm(ARM_FILE).planar())
     actors = replace(bright.actors, tones=TONES_BY_CONTRAST["dark"])
     dark = replace(bright, actors=actors)
     pictures = [next(taken.frames(case)).astype(float) for taken in (bright, dark)]
@@ -135,7 +135,7 @@ def test_strings_may_be_dark():
 
 def test_an_existing_video_is_not_filmed_again(folder, work, monkeypatch):
     monkeypatch.setattr(video_scenes, "shoot", None)
-    assert film_case(video_cases.quick()[0], load_arm(ARM_FILE), work) == folder
+    assert film_case(video_cases.quick()[0], load_arm(ARM_FILE).planar(), work) == folder
 
 
 @pytest.mark.parametrize("codec", CODECS, ids=lambda codec: codec.encoder)

@@ -47,7 +47,7 @@ def test_each_string_has_the_target_of_fig_5(plan):
 
 
 def test_every_target_is_out_of_the_arms_reach_and_within_the_strings(plan, project_root):
-    arm = load_arm(project_root / "config/arms/planar3.toml")
+    arm = load_arm(project_root / "config/arms/planar3.toml").planar()
     for one in plan.strings:
         for number in (one.target, *one.also):
             away = np.hypot(*plan.target(number).target_m)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import ENVIRONMENT, STOPPED_BY_CONTROLLER, StrandcastError
 from strandcast.executor.drivers.franka_limits import check_speeds
@@ -39,7 +39,7 @@ PAYLOAD_CYCLES = 200  # chosen: the states to wait for until the controller repo
 LOAD_ROUNDING_KG = 1e-5
 
 
-def franka_driver(arm: AnyArm, motion: Motion) -> FrankaDriver:
+def franka_driver(arm: Arm, motion: Motion) -> FrankaDriver:
     """Return the driver of a Franka arm (see `strandcast.executor.drivers.registry`)."""
     return FrankaDriver(arm)
 
@@ -57,7 +57,7 @@ class FrankaDriver:
     rate_hz = RATE_HZ
     streams = True
 
-    def __init__(self, arm: AnyArm) -> None:
+    def __init__(self, arm: Arm) -> None:
         self._arm = arm
         fix = "see config/arms/fr3-example.toml, which explains every key"
         self._settings = driver_settings(FrankaSettings, arm, fix)

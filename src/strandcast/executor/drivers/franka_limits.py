@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import StrandcastError
 from strandcast.executor.locks import NOTHING_SENT
@@ -17,7 +17,7 @@ UPPER_RAD = np.array([2.7501, 1.7918, 2.9065, -0.1458, 2.8101, 4.5205, 3.0196])
 SPEED_MARGIN = 0.95  # chosen
 
 
-def check_speeds(arm: AnyArm, moving: np.ndarray, command: JointTrajectory) -> None:
+def check_speeds(arm: Arm, moving: np.ndarray, command: JointTrajectory) -> None:
     """Refuse a motion that is too fast near the end of a joint's range (SC-X004).
 
     The controller would stop it. `moving` (J,) are the indices of the moving joints among the seven.

@@ -5,7 +5,7 @@ from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.core.registry import Registry
 from strandcast.errors import ENVIRONMENT, StrandcastError, StrandcastErrors
 from strandcast.executor.drivers.protocol import Driver
@@ -13,18 +13,18 @@ from strandcast.executor.locks import NOTHING_SENT
 from strandcast.records.motion import Motion
 
 # The built-in drivers are entry points as well: the lab's lies above this room.
-DRIVERS: Registry[Callable[[AnyArm, Motion], Driver]] = Registry(
+DRIVERS: Registry[Callable[[Arm, Motion], Driver]] = Registry(
     "arm driver", "strandcast.drivers", "driver.name"
 )
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def driver_named(name: str, arm: AnyArm, motion: Motion) -> Driver:
+def driver_named(name: str, arm: Arm, motion: Motion) -> Driver:
     """Return the driver that an arm's file names, for a motion (SC-W021: there is none)."""
     return DRIVERS.get(name, arm.path)(arm, motion)
 
 
-def driver_settings(model: type[Model], arm: AnyArm, fix: str) -> Model:
+def driver_settings(model: type[Model], arm: Arm, fix: str) -> Model:
     """Return `[driver.settings]` of an arm's file as a driver's settings; report every invalid key."""
     try:
         return model.model_validate(arm.driver_settings)
@@ -58,7 +58,7 @@ def missing_package(package: str, extra: str, error: ImportError) -> StrandcastE
     )
 
 
-def require_address(arm: AnyArm, address: str) -> None:
+def require_address(arm: Arm, address: str) -> None:
     """Refuse to connect if the arm's file has no address of its controller (SC-F003)."""
     if not address:
         raise StrandcastError(

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import ENVIRONMENT, StrandcastError
 from strandcast.executor.drivers.protocol import ArmState, Recording
@@ -52,7 +52,7 @@ SERVOJ_TRANSPORT_S = 0.004
 CENTRE_TOLERANCE_M = 0.001  # chosen
 
 
-def ur_driver(arm: AnyArm, motion: Motion) -> UrDriver:
+def ur_driver(arm: Arm, motion: Motion) -> UrDriver:
     """Return the driver of a UR arm (see `strandcast.executor.drivers.registry`)."""
     return UrDriver(arm)
 
@@ -69,7 +69,7 @@ class UrDriver:
     name = "ur"
     streams = True
 
-    def __init__(self, arm: AnyArm) -> None:
+    def __init__(self, arm: Arm) -> None:
         self._arm = arm
         fix = f"see `{UrSettings.__module__}.{UrSettings.__name__}`, which explains every key"
         self._settings = driver_settings(UrSettings, arm, fix)

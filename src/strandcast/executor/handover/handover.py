@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.executor.checks import check_motion, check_reach, check_set_points
 from strandcast.executor.joint_mapping import ControllerJoints
@@ -31,7 +31,7 @@ class Handover:
 
     path: Path
     motion: Motion
-    arm: AnyArm
+    arm: Arm
     planned_sha256: str
     time_scale: float
 
@@ -69,7 +69,7 @@ class Handover:
         ]
 
 
-def prepare(path: Path, arm: AnyArm, hanging_m: float, time_scale: float = 1.0) -> Handover:
+def prepare(path: Path, arm: Arm, hanging_m: float, time_scale: float = 1.0) -> Handover:
     """Read a motion and check it as in a dry run (`strandcast.executor.preflight`), with the same errors.
 
     Parameters

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.arm.load import AnyArm
+from strandcast.arm.load import Arm
 
 OVERSHOOT = 1.1  # chosen: measured speed over the limit (less margins)
 
@@ -36,7 +36,7 @@ class SafetyBounds:
     outside: Callable[[np.ndarray], bool] | None = None
 
 
-def safety_bounds(arm: AnyArm) -> SafetyBounds:
+def safety_bounds(arm: Arm) -> SafetyBounds:
     """Return the bounds from an arm's file: servo lag, limits, stop and workspace."""
     low, high = arm.box_m.T
 

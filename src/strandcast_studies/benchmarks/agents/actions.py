@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.arm.dynamics import chain_torques, dynamics_of
-from strandcast.arm.load import Arm
+from strandcast.arm.dynamics import chain_torques
+from strandcast.arm.load import PlanarArm
 from strandcast.config.plan import ENSEMBLE_DURATION_S, PlanSettings
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.planning.bezier import Curve, rest_heights, sample, whole_steps
@@ -24,16 +24,16 @@ SLOWED, SLOWING = 0.8, 12
 class ActionKind(NamedTuple):
     """The shape of an action for an arm, and the trajectory that an action within -1 and 1 asks for."""
 
-    shape: Callable[[Arm], tuple[int, ...]]
-    asked: Callable[[Arm, np.ndarray], JointTrajectory]
+    shape: Callable[[PlanarArm], tuple[int, ...]]
+    asked: Callable[[PlanarArm, np.ndarray], JointTrajectory]
 
 
-def curve_shape(arm: Arm) -> tuple[int, ...]:
+def curve_shape(arm: PlanarArm) -> tuple[int, ...]:
     """Return (J * 6 + J + 1,): free heights joint by joint, posture, duration."""
     return (len(arm.joints) * (FREE_HEIGHTS + 1) + 1,)
 
 
-def curve_asked(arm: Arm, action: np.ndarray) -> JointTrajectory:
+def curve_asked(arm: PlanarArm, action: np.ndarray) -> JointTrajectory:
     """Return the rest-to-rest Bezier curve of an action of `curve_shape`."""
     step_s, joints = 1.0 / arm.log_rate_hz, len(arm.joints)
     heights, posture, time = np.split(action.astype(float), [joints * FREE_HEIGHTS, -1])
@@ -44,7 +44,7 @@ def curve_asked(arm: Arm, action: np.ndarray) -> JointTrajectory:
     return sample(Curve(_posture(arm, posture), duration_s, rest_heights(free)), step_s)
 
 
-def curve_action(arm: Arm, curve: Curve) -> np.ndarray:
+def curve_action(arm: PlanarArm, curve: Curve) -> np.ndarray:
     """Return the action that asks for a rest-to-rest curve; the inverse of `curve_asked`."""
     shortest_s, longest_s = ENSEMBLE_DURATION_S
     heights = curve.heights_rad_s[:, 2:-2] / (HEIGHT_PER_LIMIT * arm.limits.velocity_rad_s[:, None])
@@ -54,12 +54,12 @@ def curve_action(arm: Arm, curve: Curve) -> np.ndarray:
     return np.concatenate([heights.ravel(), posture, [time]]).astype(np.float32)
 
 
-def velocities_shape(arm: Arm) -> tuple[int, ...]:
+def velocities_shape(arm: PlanarArm) -> tuple[int, ...]:
     """Return (90, J): the posture, then velocities 10, 20, … 890 ms after the start."""
     return (round(LONGEST_S * RATE_HZ), len(arm.joints))
 
 
-def velocities_asked(arm: Arm, action: np.ndarray) -> JointTrajectory:
+def velocities_asked(arm: PlanarArm, action: np.ndarray) -> JointTrajectory:
     """Return the trajectory of an action of `velocities_shape`, at rest at 0 and 900 ms.
 
     The velocities are linear between the action's; they change no faster than the limit of the acceleration.
@@ -86,7 +86,7 @@ KINDS = {
 }
 
 
-def within_limits(arm: Arm, asked: JointTrajectory) -> tuple[JointTrajectory, float] | None:
+def within_limits(arm: PlanarArm, asked: JointTrajectory) -> tuple[JointTrajectory, float] | None:
     """Return the motion within the arm's limits that is nearest in kind, None if there is none.
 
     Each joint's motion is scaled down to its limits, all of them until the torques suffice; then the posture
@@ -96,7 +96,7 @@ def within_limits(arm: Arm, asked: JointTrajectory) -> tuple[JointTrajectory, fl
     -------
     The motion, and the least share of a joint's motion that is left (1: as asked).
     """
-    limits, step_s, dynamics = arm.limits, 1.0 / arm.log_rate_hz, dynamics_of(arm)
+    limits, step_s, dynamics = arm.limits, 1.0 / arm.log_rate_hz, arm.dynamics
     path = asked.q_rad - asked.q_rad[0]
     largest = (
         (limits.upper_rad - limits.lower_rad, np.ptp(path, axis=0)),
@@ -116,6 +116,6 @@ def within_limits(arm: Arm, asked: JointTrajectory) -> tuple[JointTrajectory, fl
     return None
 
 
-def _posture(arm: Arm, action: np.ndarray) -> np.ndarray:
+def _posture(arm: PlanarArm, action: np.ndarray) -> np.ndarray:
     low, high = arm.limits.lower_rad, arm.limits.upper_rad
     return np.asarray(low + 0.5 * (action + 1.0) * (high - low))

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.config.lab import LabSettings
 from strandcast.core.closest_approach import closest_approach
 from strandcast.core.trajectory import JointTrajectory
@@ -176,7 +176,7 @@ class ThrowEnv(gymnasium.Env):
         return np.array([box.x_m, box.y_m])
 
     @property
-    def _arm(self) -> Arm:
+    def _arm(self) -> PlanarArm:
         return arm_of(self._task.experiment.arm)
 
     @property

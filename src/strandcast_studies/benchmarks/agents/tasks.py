@@ -4,7 +4,7 @@ import json
 from functools import cache
 from typing import Any, NamedTuple
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.config.experiment import Experiment
 from strandcast.config.paper import with_method
 from strandcast_studies.benchmarks.loop import drawn
@@ -41,6 +41,6 @@ def task_of(string: int, seed: int) -> Task:
 
 
 @cache
-def arm_of(name: str) -> Arm:
+def arm_of(name: str) -> PlanarArm:
     """Return an arm of config/arms."""
-    return load_arm(PROJECT / "config" / "arms" / f"{name}.toml")
+    return load_arm(PROJECT / "config" / "arms" / f"{name}.toml").planar()

@@ -21,7 +21,7 @@ from strandcast.planning.local_search import Neighbourhood, neighbourhood, rollo
 from strandcast.planning.paths import paths_of_any
 from strandcast.planning.plan import fitted_servo
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import PlanningTask
 from strandcast.seeds import rng
 from strandcast.stages.past_trials import read_trial
 from strandcast.stages.plan_inputs import next_inputs, past_trial_of
@@ -34,7 +34,9 @@ DRAWS = 2  # motions per distance
 TRIES = 200  # to find a motion within the limits
 
 
-def altered(task: AnyTask, curve: Curve, distance_rad_s: float, random: np.random.Generator) -> Curve | None:
+def altered(
+    task: PlanningTask, curve: Curve, distance_rad_s: float, random: np.random.Generator
+) -> Curve | None:
     """Return a motion within the limits at an rms distance in its inner heights; None if none is found."""
     shape = curve.heights_rad_s[:, 2:-2].shape
     for _ in range(TRIES):
@@ -47,7 +49,7 @@ def altered(task: AnyTask, curve: Curve, distance_rad_s: float, random: np.rando
     return None
 
 
-def predicted_path(task: AnyTask, near: Neighbourhood, curve: Curve, *, corrected: bool) -> np.ndarray:
+def predicted_path(task: PlanningTask, near: Neighbourhood, curve: Curve, *, corrected: bool) -> np.ndarray:
     """Return the tip's path (T, 2) with the best string, with or without bias correction [m]."""
     paths = paths_of_any([curve], task.step_s, AFTER_END_S)
     rollouts = rollouts_near(task, near, paths, curve.heights_rad_s[None])
@@ -59,7 +61,7 @@ def rows_of(root: Path, name: str) -> list[dict[str, Any]]:
     """Return the errors of one experiment [m] by distance."""
     files = files_of("plan", root, name, 2)
     context = files.job.context
-    arm = load_arm(context.arm_file)
+    arm = load_arm(context.arm_file).planar()
     task, strings = next_inputs(context, arm, files.input("ensemble"))
     first = past_trial_of(read_trial(files, 1), task)
     conditions = RolloutConditions(fitted_servo(task, [first]))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.core.strings import StringBatch
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.lab.strings import physical_string
@@ -25,7 +25,7 @@ from strandcast.planning.bezier import Curve, sample
 from strandcast.planning.past_trials import PastTrial, curve_of, resampled, start_shape
 from strandcast.planning.plan import plan_next
 from strandcast.planning.rollouts import AFTER_END_S
-from strandcast.planning.task import AnyTask
+from strandcast.planning.task import PlanningTask
 from strandcast.records.motion import Motion
 from strandcast.seeds import rng
 from strandcast.stages.context import Context
@@ -38,12 +38,12 @@ ROUNDS = 3  # of planning and playing
 DRAWS = 8  # throws per motion
 
 
-def missed_m(context: Context, arm: Arm, motion: JointTrajectory, variation: ThrowVariation) -> float:
+def missed_m(context: Context, arm: PlanarArm, motion: JointTrajectory, variation: ThrowVariation) -> float:
     """Return the true miss of one throw [m]."""
     return _play(context, arm, motion, variation)[1]
 
 
-def played(context: Context, arm: Arm, curve: Curve, step_s: float) -> PastTrial:
+def played(context: Context, arm: PlanarArm, curve: Curve, step_s: float) -> PastTrial:
     """Play a motion in the lab without scatter, track it without noise, and return it with its true miss."""
     motion = sample(curve, step_s)
     swing, miss_m = _play(context, arm, motion, no_variation(len(arm.joints)))
@@ -64,7 +64,7 @@ def played(context: Context, arm: Arm, curve: Curve, step_s: float) -> PastTrial
 
 
 def _play(
-    context: Context, arm: Arm, motion: JointTrajectory, variation: ThrowVariation
+    context: Context, arm: PlanarArm, motion: JointTrajectory, variation: ThrowVariation
 ) -> tuple[Any, float]:
     settings = context.settings
     assert settings.lab is not None
@@ -74,7 +74,7 @@ def _play(
 
 
 def corrected(
-    context: Context, arm: Arm, task: AnyTask, strings: StringBatch, first: Curve
+    context: Context, arm: PlanarArm, task: PlanningTask, strings: StringBatch, first: Curve
 ) -> tuple[Curve, float]:
     """Return the motion corrected with the lab's physics, and its miss without scatter [m]."""
     random = rng(context.name, context.settings.seed, 2, "oracle")
@@ -92,7 +92,7 @@ def rows_of(root: Path, name: str) -> list[dict[str, Any]]:
     """Return the misses of one experiment's second motion and of the oracle's [m], in one row."""
     files = files_of("plan", root, name, 2)
     context = files.job.context
-    arm = load_arm(context.arm_file)
+    arm = load_arm(context.arm_file).planar()
     task, strings = next_inputs(context, arm, files.input("ensemble"))
     curve = curve_of(Motion.read(context.folder.trial(2).results / "motion.json"))
     assert curve is not None

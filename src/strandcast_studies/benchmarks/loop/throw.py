@@ -10,7 +10,7 @@ import numpy as np
 from strandcast.alignment.hand_path import hand_columns
 from strandcast.alignment.log_rows import log_rows_of
 from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.lab.driver import joint_log
 from strandcast.lab.strings import physical_string
 from strandcast.lab.swing import BEFORE_S, LabSwing, simulate_swing
@@ -54,7 +54,7 @@ def throw_filmed(root: Path, name: str, trial: int) -> float:
 def throw(root: Path, name: str, trial: int, rig: LoopRig) -> float:
     """Throw a trial's motion and write its raw folder with a supplied track; return the true miss [m]."""
     context = context_of(root, name)
-    settings, arm = context.settings, load_arm(context.arm_file)
+    settings, arm = context.settings, load_arm(context.arm_file).planar()
     assert settings.lab is not None
     folder = context.folder.trial(trial)
     folder.data.mkdir(parents=True, exist_ok=True)
@@ -78,7 +78,7 @@ def throw(root: Path, name: str, trial: int, rig: LoopRig) -> float:
     return true_miss(swing, np.array(settings.target_m), motion_s)[0]
 
 
-def swung(context: Context, arm: Arm, motion: Motion, variation: ThrowVariation) -> LabSwing:
+def swung(context: Context, arm: PlanarArm, motion: Motion, variation: ThrowVariation) -> LabSwing:
     """Return the lab's simulation of a played motion."""
     assert context.settings.lab is not None
     command = motion.trajectory().resampled(1.0 / arm.log_rate_hz)
@@ -110,7 +110,9 @@ def without_scatter(variation: ThrowVariation) -> ThrowVariation:
     )
 
 
-def _write_log(folder: Path, arm: Arm, motion: Motion, log: JointLog, span_s: tuple[float, float]) -> None:
+def _write_log(
+    folder: Path, arm: PlanarArm, motion: Motion, log: JointLog, span_s: tuple[float, float]
+) -> None:
     sha256 = write_joint_log(folder / "joints.csv", log)
     Run(
         complete=True,
@@ -133,7 +135,7 @@ def _write_log(folder: Path, arm: Arm, motion: Motion, log: JointLog, span_s: tu
     ).write(folder / "run.json")
 
 
-def _write_hand(folder: Path, arm: Arm, log: JointLog) -> None:
+def _write_hand(folder: Path, arm: PlanarArm, log: JointLog) -> None:
     rows = log_rows_of(log, arm)
     has_command = np.isfinite(log.q_cmd_rad).all(axis=1)
     joints = {
@@ -145,7 +147,12 @@ def _write_hand(folder: Path, arm: Arm, log: JointLog) -> None:
 
 
 def _write_track(
-    context: Context, arm: Arm, trial: int, swing: LabSwing, span_s: tuple[float, float], noise: TrackerNoise
+    context: Context,
+    arm: PlanarArm,
+    trial: int,
+    swing: LabSwing,
+    span_s: tuple[float, float],
+    noise: TrackerNoise,
 ) -> None:
     folder = context.folder.trial(trial).data
     random = rng(context.name, context.settings.seed, trial, "lab-sensor")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strandcast.arm.spatial import SpatialArm, load_spatial_arm
+from strandcast.arm.load import SpatialArm, load_arm
 from strandcast.lab.strings import PhysicalString
 from strandcast_studies.benchmarks.loop.drawn import (
     BENDING_LENGTH_M,
@@ -55,7 +55,7 @@ def drawn_case(seed: int) -> SpaceCase:
     """Return the case of a seed: even ones have a UR5e of six joints, odd ones a Franka of seven."""
     random = np.random.default_rng([seed, 7])
     name = ("ur5e-space", "fr3-space")[seed % 2]
-    arm = load_spatial_arm(ARMS / f"{name}.toml")
+    arm = load_arm(ARMS / f"{name}.toml").spatial()
     length_m = round(float(random.uniform(*LENGTH_M)), 2)
     density = log_uniform(WIDE_DENSITY_KG_M, random)
     diameter_m = math.sqrt(4.0 * density / (math.pi * log_uniform(MATERIAL_KG_M3, random)))

@@ -40,7 +40,7 @@ from strandcast.planning.past_trials import PastTrial, resampled, start_shape
 from strandcast.planning.plan import plan_first, plan_next
 from strandcast.planning.rollouts import AFTER_END_S
 from strandcast.planning.start_strings import start_strings_in_space
-from strandcast.planning.task import SpatialTask
+from strandcast.planning.task import PlanningTask
 from strandcast.stages.estimate_in_space import FASTEST_M_S, FITTED_AFTER_S, FITTED_BEFORE_S
 from strandcast_studies.benchmarks.loop.run import outcome, run_jobs, run_parser
 from strandcast_studies.benchmarks.loop.throw import FILMED_AFTER_S, FILMED_BEFORE_S, FRAME_RATE_HZ
@@ -92,10 +92,10 @@ class SpaceOutcome:
     estimate_cpu_s: float
 
 
-def task_of_case(case: SpaceCase) -> SpatialTask:
+def task_of_case(case: SpaceCase) -> PlanningTask:
     """Return the planning task of a case."""
     model = StringModel(case.string.length_m, POINTS, dt_s=STEP_S)
-    return SpatialTask(case.arm, model, case.target_m, HIT_RADIUS_M)
+    return PlanningTask(case.arm, model, case.target_m, HIT_RADIUS_M)
 
 
 def run_case(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from strandcast.arm.kinematics import link_points
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.core.box import Box
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import StrandcastError
@@ -37,7 +37,7 @@ Moves = list[tuple[float, float, np.ndarray]]  # start and end as shares of the 
 
 
 def draw_swing(
-    case: VideoCase, arm: Arm, thread: PhysicalString, variation: ThrowVariation, box: Box
+    case: VideoCase, arm: PlanarArm, thread: PhysicalString, variation: ThrowVariation, box: Box
 ) -> tuple[LabSwing, float]:
     """Return a simulated throw and its motion's duration [s].
 
@@ -82,7 +82,7 @@ def tip_speed(swing: LabSwing) -> np.ndarray:
     return np.asarray(np.linalg.norm(np.gradient(swing.nodes_m[:, -1], swing.time_s, axis=0), axis=1))
 
 
-def _draw_moves(arm: Arm, random: np.random.Generator) -> tuple[np.ndarray, Moves]:
+def _draw_moves(arm: PlanarArm, random: np.random.Generator) -> tuple[np.ndarray, Moves]:
     """Return the start (J,) and the moves of a motion."""
     low, high = arm.limits.lower_rad, arm.limits.upper_rad
     while True:
@@ -119,20 +119,20 @@ def _command(start: np.ndarray, moves: Moves, duration_s: float, size: float = 1
     return JointTrajectory(time_s, q, qd, qdd)
 
 
-def _strain(arm: Arm, command: JointTrajectory) -> float:
+def _strain(arm: PlanarArm, command: JointTrajectory) -> float:
     """Return the largest share of the arm's limits of speed and acceleration that a motion uses."""
     speed = np.abs(command.qd_rad_s) / arm.limits.velocity_rad_s
     acceleration = np.abs(command.qdd_rad_s2) / arm.limits.acceleration_rad_s2
     return float(max(speed.max(), acceleration.max()))
 
 
-def _hand_speed(arm: Arm, command: JointTrajectory) -> float:
+def _hand_speed(arm: PlanarArm, command: JointTrajectory) -> float:
     """Return the hand's peak speed [m/s]."""
     step = np.diff(link_points(arm.chain, command.q_rad)[:, -1], axis=0)
     return float(np.linalg.norm(step, axis=1).max() / STEP_S)
 
 
-def _within(arm: Arm, command: JointTrajectory, length_m: float, box: Box) -> bool:
+def _within(arm: PlanarArm, command: JointTrajectory, length_m: float, box: Box) -> bool:
     limits = arm.limits
     turned = (command.q_rad >= limits.lower_rad) & (command.q_rad <= limits.upper_rad)
     points = link_points(arm.chain, command.q_rad)
@@ -144,7 +144,7 @@ def _filmed(swing: LabSwing, duration_s: float) -> np.ndarray:
     return np.asarray((swing.time_s > 0) & (swing.time_s < duration_s + FILMED_AFTER_S))
 
 
-def _is_fair(arm: Arm, swing: LabSwing, duration_s: float, box: Box) -> bool:
+def _is_fair(arm: PlanarArm, swing: LabSwing, duration_s: float, box: Box) -> bool:
     """Return whether the filmed string is visible and bent no more sharply than a real string."""
     filmed = _filmed(swing, duration_s)
     q_rad, nodes_m = swing.q_rad[filmed], swing.nodes_m[filmed]
@@ -172,7 +172,7 @@ def sharpest_bend(nodes_m: np.ndarray) -> float:
     return float(np.abs(np.unwrap(turn, axis=0) + first - turn[0]).max())
 
 
-def _clear_share(arm: Arm, q_rad: np.ndarray, nodes_m: np.ndarray) -> float:
+def _clear_share(arm: PlanarArm, q_rad: np.ndarray, nodes_m: np.ndarray) -> float:
     """Return the share of frames, (F, J) and (F, N, 2), in which most of the string is clear of the arm."""
     points = link_points(arm.chain, q_rad)
     radii = np.full(points.shape[1] - 1, ARM_RADIUS_M)

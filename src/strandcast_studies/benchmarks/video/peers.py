@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.camera.mapping import pixel_to_metre
 from strandcast.lab.scene import canvas_on, make_scene
 from strandcast.video.reader import open_video
@@ -47,7 +47,7 @@ class PeerTrack:
         self.points_m[index] = even_shares(line, self.points_m.shape[1])
 
 
-def run_peers(folder: Path, arm: Arm) -> dict[str, PeerTrack]:
+def run_peers(folder: Path, arm: PlanarArm) -> dict[str, PeerTrack]:
     """Run all peers on a filmed video; failed frames are counted and have NaN places."""
     case, facts = read_case(folder)
     truth = Truth.read(folder)

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.camera.picture_file import write_picture
 from strandcast.records.files import write_text
 from strandcast_studies.benchmarks.simulation.entries import report_progress
@@ -35,7 +35,7 @@ from strandcast_studies.benchmarks.video.truth import Truth
 
 def run(cases: list[VideoCase], speed_case: VideoCase, repeats: int, work: Path, pictures: Path) -> Results:
     """Film, track and score the cases, run the peers on them, and time the pass on `speed_case`."""
-    arm = load_arm(ARM_FILE)
+    arm = load_arm(ARM_FILE).planar()
     results = Results([], [], [], [], {}, machine())
     for case in cases:
         report_progress(f"{case.name} …")
@@ -53,7 +53,7 @@ def run(cases: list[VideoCase], speed_case: VideoCase, repeats: int, work: Path,
     return results
 
 
-def track_and_picture(folder: Path, truth: Truth, arm: Arm, image: Path) -> Score:
+def track_and_picture(folder: Path, truth: Truth, arm: PlanarArm, image: Path) -> Score:
     """Track a filmed video, draw its worst frame, and return its score."""
     tracked, cpu_s = track_case(folder, arm)
     save_track(folder, tracked)

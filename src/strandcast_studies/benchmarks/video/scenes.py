@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from strandcast.arm.kinematics import hand_pose
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.camera.mapping import metre_per_pixel
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
@@ -59,7 +59,7 @@ class StagedThrow:
         return film_frames(self.scene, self.actors, self.middles_s, case.exposure_s, case.noise_grey, sensor)
 
 
-def shoot(case: VideoCase, arm: Arm) -> StagedThrow:
+def shoot(case: VideoCase, arm: PlanarArm) -> StagedThrow:
     """Simulate the throw of a case."""
     thread = PAPER_STRINGS[case.string]
     experiment = experiment_of(case)
@@ -74,7 +74,7 @@ def shoot(case: VideoCase, arm: Arm) -> StagedThrow:
     return StagedThrow(scene, actors, hanging, middles_s, motion_s)
 
 
-def film_case(case: VideoCase, arm: Arm, work: Path) -> Path:
+def film_case(case: VideoCase, arm: PlanarArm, work: Path) -> Path:
     """Film one video into its folder below `work`, unless it exists; return the folder."""
     folder = work / case.name
     if (folder / "case.json").exists():
@@ -250,7 +250,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     parser.add_argument("--only", help="only videos whose name contains this")
     chosen = parser.parse_args(arguments)
-    arm = load_arm(ARM_FILE)
+    arm = load_arm(ARM_FILE).planar()
     for case in SETS[chosen.seeds]():
         if chosen.only is None or chosen.only in case.name:
             folder = film_case(case, arm, chosen.work)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.arm.load import Arm, load_arm
+from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.config.string import String
 from strandcast.config.track import TrackSettings
 from strandcast.records.camera import Camera
@@ -297,7 +297,7 @@ TARGETS = (
 )
 
 
-def track_case(folder: Path, arm: Arm, video: Path | None = None) -> tuple[Tracked, float]:
+def track_case(folder: Path, arm: PlanarArm, video: Path | None = None) -> tuple[Tracked, float]:
     """Track a filmed video, or another file of the same frames; return the track and its CPU time [s]."""
     case, facts = read_case(folder)
     path = video or folder / "video.mp4"
@@ -361,7 +361,7 @@ def line(s: Score) -> str:
 
 def score_folder(work: Path, only: str | None = None, show: Callable[[str], None] = print) -> list[Score]:
     """Track and score the videos below a folder whose names contain `only`."""
-    arm = load_arm(ARM_FILE)
+    arm = load_arm(ARM_FILE).planar()
     scores = []
     show(HEAD)
     for folder in sorted(path.parent for path in work.glob("*/case.json")):

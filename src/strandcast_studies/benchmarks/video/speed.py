@@ -10,7 +10,7 @@ from pathlib import Path
 import av
 import numpy as np
 
-from strandcast.arm.load import Arm
+from strandcast.arm.load import PlanarArm
 from strandcast.lab.video import FULL_RANGE, full_range_frame
 from strandcast.records.camera import Camera
 from strandcast.tracking.hand.finder import HandFinder
@@ -60,7 +60,7 @@ class Speed:
     load: tuple[float, float]  # average over the last minute, before and after
 
 
-def measure(case: VideoCase, arm: Arm, work: Path, codec: Codec, repeats: int) -> Speed:
+def measure(case: VideoCase, arm: PlanarArm, work: Path, codec: Codec, repeats: int) -> Speed:
     """Measure bare decoder, markers and pass in turn on a codec's file, after one uncounted round."""
     folder = film_case(case, arm, work)
     path = folder / f"{codec.encoder}{codec.suffix}"
@@ -115,7 +115,7 @@ def decode_bare(path: Path) -> int:
     return count
 
 
-def find_markers(camera: Camera, arm: Arm, frames: list[np.ndarray]) -> int:
+def find_markers(camera: Camera, arm: PlanarArm, frames: list[np.ndarray]) -> int:
     """Find the hand in all frames; return their number."""
     finder = HandFinder(camera, arm.markers, arm.marker_dictionary, camera.string_offset_m)
     for frame in frames:
