@@ -181,9 +181,10 @@ def _as_captured(context: Context, track: Path) -> str:
 def _check_string(context: Context) -> None:
     """Check the lab's string, and the settings of a throw in space before it is thrown."""
     from strandcast.lab.strings import physical_string
-    from strandcast.stages.estimate_in_space import refuse_settings_of_the_plane
 
     if context.settings.aims_in_space:
+        from strandcast.stages.estimate_in_space import refuse_settings_of_the_plane
+
         refuse_settings_of_the_plane(context)
     if context.settings.lab is not None:
         try:
