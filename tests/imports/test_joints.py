@@ -203,6 +203,20 @@ def test_held_rows_are_taken_at_their_true_rate(tmp_path, held_hz, rate_hz):
     assert late_rad.max() < 1.1 * np.abs(np.gradient(q[:, 0], new_s)).max() / rate_hz
 
 
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_exchanged_columns_of_measured_and_commanded_joints_are_named(tmp_path, exchanged):
+    time_s = np.arange(600) * 0.002
+    swing = [0.8 * np.sin(4.0 * np.maximum(time_s - late_s, 0.0)) for late_s in (0.0, 0.03)]
+    measured, commanded = swing if exchanged else swing[::-1]
+    noise = np.random.default_rng(2).normal(0.0, 3e-4, len(time_s))
+    rows = [f"{t:.6f},{q:.7f},{c:.7f}" for t, q, c in zip(time_s, measured + noise, commanded, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["t,a,c", *rows]) + "\n")
+    reading = Reading(mapping=JointMapping(time="t", q=["a"], q_cmd=["c"]))
+    warnings = import_joints(tmp_path / "log.csv", tmp_path / "trial", reading).warnings
+    named = [each for each in warnings if "move 30 ms before their commands" in each]
+    assert len(named) == exchanged
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_rows_of_a_slow_joint_are_not_held(tmp_path, seed):
     random = np.random.default_rng(seed)

@@ -158,8 +158,8 @@ def _not_found(
             continue
         if len(_detected(grey, other, wanted)) >= min(MIN_MARKERS + 1, len(wanted)):
             what = f"the markers are from {other} or a subset of it, not from {dictionary}"
-            field = "camera.plane.dictionary"
-            return StrandcastError("SC-C016", what, file=file, field=field)
+            fix = "if this is a photo of the lens board, give that of the plane; else correct the dictionary"
+            return StrandcastError("SC-C016", what, file=file, field="camera.plane.dictionary", fix=fix)
     others = f"; other ids detected: {sorted(set(found) - set(wanted))}" if set(found) - set(wanted) else ""
     what = f"too few markers of the plane: {counts}{others}"
     return StrandcastError("SC-C025", what, file=file, field="camera.plane.markers")

@@ -38,9 +38,10 @@ def dry_run_report(preflight: Preflight) -> list[str]:
         lines.append(
             f"  peak {word} [{unit}] (share of the limit): {', '.join(of) if known else 'not known'}"
         )
+    string = f"with {options.hanging_m:.2f} m of string" if options.hanging_m else "without a string"
     lines += [
         f"  hand: {box_words(reach.hand_m)}",
-        f"  hand with {options.hanging_m:.2f} m of string, if stopped at any instant: "
+        f"  hand {string}, if stopped at any instant: "
         f"{box_words(reach.swept_m)}; workspace {box_words(arm.box_m)}",
         f"  a stop turns the joints further by up to {', '.join(f'{x:.2f}' for x in reach.stop_rad)} rad",
     ]

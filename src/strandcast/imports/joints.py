@@ -26,9 +26,11 @@ from strandcast.records.record import refusal
 LARGEST_ANGLE_RAD = 20.0  # three turns: larger angles are degrees
 OUTPUTS = 53  # bits that a float holds exactly; UR has 18
 COMMAND_MOVES_RAD = 1e-5  # chosen; above rounding
+FEWEST_COMMANDS = 10  # rows with commands, to compare them with the joints; chosen
 NO_MOTION = (
-    "there is no motion.json in the trial's folder: the motion's start is known from the commanded "
-    "joints at best, and no later motion can be planned from it; put it there and import again: --replace"
+    "there is no motion.json in the trial's folder: the motion's start is known from the commanded joints at "
+    "best, and no later motion is planned near it; put the motion that was played there, and import again: "
+    "--replace"
 )
 UNNAMED = (
     "its {} columns have no names: read as a UR log, time, six angles q and their speeds qd; the others are "
@@ -149,7 +151,7 @@ def import_joints(
         times = _command_span(log)
     else:
         times = motion_times(log, motion, played.arm, str(path), played.others)
-    warnings = [*source.notes, *notes, *timing_warnings(time_s)]
+    warnings = [*source.notes, *notes, *timing_warnings(time_s), *_exchanged_columns(log)]
     if taken:
         warnings.append(f"the log is that of {taken}, which is now the motion.json beside it")
     if times is not None:
@@ -186,6 +188,25 @@ def import_joints(
     )
     run.write(folder / "run.json")
     return run
+
+
+def _exchanged_columns(log: JointLog) -> list[str]:
+    """Warn of measured joints that move before their commands, as those of no arm do."""
+    known = np.isfinite(log.q_cmd_rad).all(axis=1)
+    if known.sum() < FEWEST_COMMANDS:
+        return []
+    time_s, command_rad = log.time_s[known], log.q_cmd_rad[known]
+    off_rad = log.q_rad[known] - command_rad
+    velocity = np.gradient(command_rad, time_s, axis=0)
+    off_rad, velocity = off_rad - off_rad.mean(axis=0), velocity - velocity.mean(axis=0)
+    lead_s = (off_rad * velocity).sum() / max((velocity**2).sum(), 1e-12)
+    left_rad = off_rad - lead_s * velocity
+    if lead_s < 2.0 * np.median(np.diff(time_s)) or (left_rad**2).sum() > 0.5 * (off_rad**2).sum():
+        return []
+    return [
+        f"the measured joints move {1e3 * lead_s:.0f} ms before their commands: the columns of measured and "
+        "commanded joints are probably exchanged"
+    ]
 
 
 def _rehearsal_of_no_motion(folder: Path, plans: Mapping[Path, Motion]) -> StrandcastError:

@@ -247,7 +247,7 @@ def _bend(results: TrialResults) -> CheckOutcome | None:
         return None
     bend_deg = float(np.degrees(predicted.largest_bend_rad))
     return CheckOutcome(
-        bend_deg <= 57.0, f"{bend_deg:.0f}°", "≤ 57° between neighbours: the model is wrong beyond"
+        bend_deg <= 57.0, f"{bend_deg:.1f}°", "≤ 57° between neighbours: the model is wrong beyond"
     )
 
 

@@ -45,8 +45,9 @@ class ExpectedMiss(NamedTuple):
 
     def compared(self, miss_m: float) -> str:
         """Return in words how a measured miss compares with four of five throws."""
-        where = "more than" if miss_m > self.high_m else "less than" if miss_m < self.low_m else "as"
-        return f"{where} predicted"
+        if self.low_m <= miss_m <= self.high_m:
+            return "within the predicted range"
+        return f"{'more' if miss_m > self.high_m else 'less'} than predicted"
 
 
 def expected_miss(motion: Motion | None) -> ExpectedMiss | None:

@@ -216,7 +216,10 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
             lines += _fitted(page.parent / trial_name(trial.trial), trial)
             continue
         verdict = {True: "HIT ", False: "miss", None: "UNKNOWN:"}[trial.hit]
-        near = "tip not tracked" if trial.miss_m is None else f"{1000 * trial.miss_m:.1f} mm from the target"
+        near = "tip not tracked"
+        if trial.miss_m is not None:
+            sigma = "" if trial.miss_sigma_m is None else f" ± {1000 * trial.miss_sigma_m:.1f}"
+            near = f"{1000 * trial.miss_m:.1f}{sigma} mm from the target"
         fit = "" if trial.E_m is None else f"; fitted to {1000 * trial.E_m:.1f} mm"
         lines.append(f"  trial {trial.trial}: {verdict} {near}{fit}")
     if summary.target_m is None and not summary.trials:

@@ -125,7 +125,7 @@ def next_throw(page: TrialPageData) -> PanelContent:
 def throws_of(motion: Motion, throws: PredictedThrows, file: str) -> PredictedThrows:
     """Return the predicted throws of a motion, or raise that they are missing or of another one."""
     if not len(throws.throw):
-        what = "there is no prediction beside the motion that was played"
+        what = "the prediction of the motion that was played is not there"
     elif throws.motion_sha256 != motion.content_sha256():
         what = "the prediction is of another motion than the one that was played"
     else:
