@@ -8,10 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 import typer
 from snakemake.cli import get_argument_parser
 
+import strandcast
 from strandcast.cli.app import app
 from strandcast.workflow.project import make_project
 
@@ -24,6 +27,7 @@ WALKS = (
     "capture-in-space",
     "motion-capture",
     "throw-again",
+    "use-a-recorded-throw",
 )  # pages of docs/how-to that are run from top to bottom
 RUN_BY = {  # the beginning of a command, and the test or script that runs it elsewhere
     "strandcast new": "tests/workflow/test_project.py",
@@ -173,6 +177,31 @@ def test_a_ur5e_is_brought_to_its_dry_run(walk, tmp_path):
     assert "cord: 2 warnings" in out
     assert "plane-markers.pdf" in out
     assert "dry run: nothing was sent" in out
+
+
+@pytest.mark.thorough
+def test_a_recorded_throw_gets_its_verdict(walk, lab):
+    page = (ROOT / "docs/how-to/use-a-recorded-throw.md").read_text()
+    (settings,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    (mapping,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (lab / "tuesday.yaml").write_text(settings + QUICK)
+    (lab / "columns.toml").write_text(mapping)
+    log = pd.read_csv(lab / "data/small/trial-01/joints.csv")
+    columns = {"t_ms": 1e3 * log["controller_time_s"]}
+    for name, of in (("cmd", "q_cmd"), ("act", "q")):
+        columns |= {f"{name}_{'abc'[k]}": np.degrees(log[f"{of}_joint_{k + 1}_rad"]) for k in range(3)}
+    pd.DataFrame(columns).to_csv(lab / "throw_log.csv", index=False)
+    copied = (
+        "cp data/small/calibration/* data/tuesday/calibration/",
+        *(f"cp data/small/trial-01/{name} data/tuesday/trial-01/" for name in ("video.mp4", "motion.json")),
+        "cp tuesday.yaml data/tuesday/experiment.yaml",
+    )
+    out = walk("use-a-recorded-throw", lab, {"mkdir": "\n".join(copied)})
+    assert "tuesday: nothing is wrong" in out
+    small = strandcast.load(lab / "results/small/trial-01/verdict.json")
+    found = strandcast.load(lab / "results/tuesday/trial-01/verdict.json")
+    assert found.miss_m == pytest.approx(small.miss_m, abs=2e-3)
+    assert (lab / "results/tuesday/trial-02/motion.json").is_file()
 
 
 @pytest.mark.thorough
