@@ -306,9 +306,8 @@ def test_exchanged_results_of_two_trials_are_named_and_change_no_verdict(twice):
 
 def test_every_job_of_a_run_is_a_fork_of_one_process(thrown):
     lines = (line.split("\t") for line in (thrown / OPENED).read_text().splitlines())
-    forked = {command.removeprefix("stage ").split()[0] for command, what in lines if what == FORKED} - {
-        "run"
-    }
+    commands = {command.removeprefix("stage ") for command, what in lines if what == FORKED}
+    forked = {command.split()[0] for command in commands} - {"run"}
     assert forked == {stage.replace("_", "-") for stage, _ in JOBS}
 
 
