@@ -41,6 +41,7 @@ lab:
 WATCH = PROJECT / "tests" / "workflow" / "watch"  # notes the files that stages open in a list
 OPENED = "opened.txt"
 REAL = SETTINGS[: SETTINGS.index("lab:")]  # of an experiment with recordings of the small one
+PUBLIC = ("track", "estimate", "plan", "report")  # stages that are commands of their own
 # Runs stages one after the other in one process: [stage, experiment, trial, trials of a summary].
 STAGES = """
 import json, sys
@@ -83,7 +84,8 @@ def make_project(folder: Path) -> Path:
 
 def arguments(stage: str, trials: tuple[int, ...]) -> list[str]:
     """Return the arguments of `strandcast` that run a job."""
-    return [stage.replace("_", "-"), NAME, *map(str, trials)]
+    inner = () if stage in PUBLIC else ("stage",)
+    return [*inner, stage.replace("_", "-"), NAME, *map(str, trials)]
 
 
 def environment(**variables: str) -> dict[str, str]:
