@@ -110,7 +110,7 @@ def test_the_log_of_a_similar_motion_of_the_experiment_is_refused(arm, commanded
 
 @pytest.mark.parametrize("off_rad", [0.03, -0.05])
 def test_constant_offsets_of_commands_are_named(arm, off_rad):
-    """A controller whose zeros are not those of the arm's file."""
+    """The controller has other zeros than the arm's file."""
     motion = swing(arm)
     log = log_of(arm, motion, True)
     log.q_cmd_rad[:, 1] += off_rad

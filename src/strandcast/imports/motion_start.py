@@ -243,7 +243,7 @@ def _match(log: JointLog, motion: Motion, arm: Arm) -> Match:
 def _squares(logged: np.ndarray, expected: np.ndarray, misses: int) -> np.ndarray:
     """Return the mean square of the differences for a motion (T, J) that begins at each row of a log (N, J).
 
-    The first is for a motion of which the log misses `misses` rows; as many are missed at its end at most.
+    The first is for a motion that began `misses` rows before the log; at its end, as many may be missing.
     """
     logged, expected = logged - expected.mean(axis=0), expected - expected.mean(axis=0)
     pairs = (logged**2, np.ones_like(expected)), (np.ones_like(logged), expected**2), (logged, expected)

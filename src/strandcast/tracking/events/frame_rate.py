@@ -2,7 +2,7 @@
 
 import numpy as np
 
-# Chosen on 18 throws of the lab at 30 to 500 frames/s, none of which is warned of. With a sharp ramp of eight
+# Chosen on 18 throws of the lab at 30 to 500 frames/s: none is warned of. With a sharp ramp of eight
 # times, ten of them are; with one that sets in over 20 frames, none is.
 JUMP, EVEN, ALIKE = 3.0, 1.6, 0.8
 LEAST_POINTS = 3
