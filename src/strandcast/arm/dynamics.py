@@ -39,7 +39,7 @@ class Dynamics(ABC):
     def torques(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
         """Return torques (T, J) [N m] for angles, speeds, accelerations (T, J).
 
-        Dry friction, whose direction is uncertain, is taken to oppose the motion.
+        Dry friction, of uncertain direction, is taken to oppose the motion.
         """
 
 
@@ -124,7 +124,7 @@ def chain_torques(
 
     The outward pass gives the links' turn rates and the accelerations of the joints, gravity included; the
     inward pass the force and the moment that each link needs from the one before (Luh, Walker and Paul,
-    1980). Dry friction, whose direction is uncertain, is taken to oppose the motion.
+    1980). Dry friction, of uncertain direction, is taken to oppose the motion.
     """
     count, joints = q.shape
     torque = np.empty((count, joints))

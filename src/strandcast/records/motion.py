@@ -76,7 +76,7 @@ class StringSet(Part):
         )
 
     def strings(self, stiff_joints: np.ndarray) -> StringBatch:
-        """Return it as a batch of one, whose stiff joints are these (n,)."""
+        """Return it as a batch of one, with these stiff joints (n,)."""
         values = {name: np.array([value]) for name, value in self.options.items()}
         parameters = np.array([[self.parameters[name] for name in PARAMETERS]])
         return StringBatch(parameters, np.array([self.masses]), values, stiff_joints=stiff_joints)

@@ -101,7 +101,7 @@ def implausible_dimensions(error: RigError, priors: RigPriors) -> bool:
 def refuse_wrong_dimensions(
     error: RigError, se: np.ndarray, rig: Rig, names: tuple[str, ...], arm_file: str | None
 ) -> None:
-    """Refuse an arm's file whose lengths contradict the video though the paths agree (SC-A015).
+    """Refuse an arm's file with lengths that contradict the video though the paths agree (SC-A015).
 
     In the fit of `error`, with standard errors `se`, these lengths are almost free.
     """

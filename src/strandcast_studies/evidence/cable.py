@@ -16,7 +16,7 @@ from strandcast.dynamics.batch import HandPath, StringStart
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simulate import simulate_batch
-from strandcast_studies.evidence.solve import Unknown
+from strandcast_studies.evidence.solve import FreeParameter
 
 POINT_SPACING_M = 0.03  # small enough for the lever: a weight split over two points has the inertia of both
 STEP_S = 2e-3
@@ -26,16 +26,16 @@ _STRETCH_N = 1e4  # force per strain: the cable stretches by half a millimetre; 
 _AIR = 0.013  # N s^2/m^2 per metre: half air density, drag coefficient 1.1, 20 mm of diameter
 
 UNKNOWNS = {
-    "log_stiffness": Unknown("log_stiffness", float(np.log(0.13)), -6.0, 1.0, 0.01),
-    "log_damping": Unknown("log_damping", float(np.log(0.005)), -12.0, -1.0, 0.02),
-    "log_friction": Unknown("log_friction", float(np.log(0.03)), -9.0, 0.0, 0.02),
-    "log_stick": Unknown("log_stick", 0.0, float(np.log(0.02)), float(np.log(50.0)), 0.02),
-    "curl_rad_m": Unknown("curl_rad_m", -1.0, -15.0, 15.0, 0.02),
-    "clamp_rad": Unknown("clamp_rad", 0.0, -0.4, 0.4, 0.003),
-    "log_clamp": Unknown("log_clamp", float(np.log(2.0)), -3.0, 4.0, 0.03),
-    "delay_s": Unknown("delay_s", 0.0, -0.1, 0.1, 0.002),
-    "lever_m": Unknown("lever_m", 0.02, 0.0, 0.14, 0.001),
-    "weight_kg": Unknown("weight_kg", 0.15, 0.0, 1.0, 0.002),
+    "log_stiffness": FreeParameter("log_stiffness", float(np.log(0.13)), -6.0, 1.0, 0.01),
+    "log_damping": FreeParameter("log_damping", float(np.log(0.005)), -12.0, -1.0, 0.02),
+    "log_friction": FreeParameter("log_friction", float(np.log(0.03)), -9.0, 0.0, 0.02),
+    "log_stick": FreeParameter("log_stick", 0.0, float(np.log(0.02)), float(np.log(50.0)), 0.02),
+    "curl_rad_m": FreeParameter("curl_rad_m", -1.0, -15.0, 15.0, 0.02),
+    "clamp_rad": FreeParameter("clamp_rad", 0.0, -0.4, 0.4, 0.003),
+    "log_clamp": FreeParameter("log_clamp", float(np.log(2.0)), -3.0, 4.0, 0.03),
+    "delay_s": FreeParameter("delay_s", 0.0, -0.1, 0.1, 0.002),
+    "lever_m": FreeParameter("lever_m", 0.02, 0.0, 0.14, 0.001),
+    "weight_kg": FreeParameter("weight_kg", 0.15, 0.0, 1.0, 0.002),
 }
 """Stiffness [N m^2]; damping [N m^2 s]; moment of dry friction [N m], without which a swing decays
 exponentially and never stops; bend per length over which friction builds up [rad/m], without which it does

@@ -24,7 +24,7 @@ from strandcast_studies.evidence.pac_cable import (
     read,
     weight_kg,
 )
-from strandcast_studies.evidence.solve import Solution, Unknown, solve
+from strandcast_studies.evidence.solve import FreeParameter, Solution, solve
 
 TRUE_KG = 0.200
 GRAVITY_M_S2 = 9.81
@@ -47,7 +47,7 @@ class JointFit:
     common: tuple[str, ...]  # names of the shared unknowns
     cables: list[str]  # each with its `OWN` unknowns
 
-    def unknowns(self) -> list[Unknown]:
+    def unknowns(self) -> list[FreeParameter]:
         """Return all unknowns in order."""
         names = [*self.common, *(name for _ in self.cables for name in OWN), "weight_kg"]
         return [UNKNOWNS[name] for name in names]

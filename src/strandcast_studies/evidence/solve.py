@@ -13,7 +13,7 @@ INVALID = 1.0  # residual of a failed simulation: far larger than any other; cho
 
 
 @dataclass(frozen=True)
-class Unknown:
+class FreeParameter:
     """One unknown of a fit, with initial value and bounds."""
 
     name: str  # ``log_…`` for the logarithm of a positive quantity that may span several decades
@@ -33,7 +33,7 @@ class Solution:
 
 
 def solve(
-    residuals: Callable[[Array], Array], unknowns: list[Unknown], start: Array | None = None
+    residuals: Callable[[Array], Array], unknowns: list[FreeParameter], start: Array | None = None
 ) -> Solution:
     """Minimise the sum of squares of residuals over a box.
 

@@ -18,7 +18,7 @@ from strandcast.dynamics.parameters import Array
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast_pendulum.period import period_s
 from strandcast_studies.evidence.figure import Figure
-from strandcast_studies.evidence.solve import Unknown, solve
+from strandcast_studies.evidence.solve import FreeParameter, solve
 
 FILES = ("8047", "8048", "8049", "8050", "8051")
 GRAVITY_M_S2 = 9.804  # in Toronto; affects only the scale of the lengths
@@ -102,7 +102,7 @@ def fit_drag(measured: PendulumSwing, laws: tuple[bool, bool]) -> tuple[Array, f
     """
     used = np.flatnonzero(laws)
     start = fit_state(measured.until(FIT_S), np.where(laws, 5e-3, _NONE))
-    unknowns = _state(measured) + [Unknown(f"drag_{k}", 5e-3, 0.0, 0.1, 1e-4) for k in used]
+    unknowns = _state(measured) + [FreeParameter(f"drag_{k}", 5e-3, 0.0, 0.1, 1e-4) for k in used]
 
     def residuals(candidates: Array) -> Array:
         return np.array(
@@ -183,15 +183,15 @@ def nominal_m(measured: PendulumSwing) -> float:
     return float(GRAVITY_M_S2 * (period_s(measured.time_s, measured.angle_rad) / (2.0 * np.pi)) ** 2)
 
 
-def _state(measured: PendulumSwing) -> list[Unknown]:
+def _state(measured: PendulumSwing) -> list[FreeParameter]:
     """Return the unknowns of a state, with initial values from the first quarter of a second."""
     early, length_m = measured.until(0.25), nominal_m(measured)
     tilt = float(measured.angle_rad.mean())
     return [
-        Unknown("length_m", length_m, 0.9 * length_m, 1.1 * length_m, 1e-5),
-        Unknown("angle_rad", float(early.angle_rad[0]) - tilt, -1.0, 1.0, 1e-5),
-        Unknown("rate_rad_s", float(np.polyfit(early.time_s, early.angle_rad, 1)[0]), -3.0, 3.0, 1e-5),
-        Unknown("tilt_rad", tilt, -0.1, 0.1, 1e-5),
+        FreeParameter("length_m", length_m, 0.9 * length_m, 1.1 * length_m, 1e-5),
+        FreeParameter("angle_rad", float(early.angle_rad[0]) - tilt, -1.0, 1.0, 1e-5),
+        FreeParameter("rate_rad_s", float(np.polyfit(early.time_s, early.angle_rad, 1)[0]), -3.0, 3.0, 1e-5),
+        FreeParameter("tilt_rad", tilt, -0.1, 0.1, 1e-5),
     ]
 
 
