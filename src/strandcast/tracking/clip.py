@@ -20,7 +20,7 @@ from strandcast.tracking.strobe import INSTANTS, choose_instants, moving_frames
 from strandcast.video.small import small_video
 
 # Chosen.
-LARGEST_PX = 640  # the longer side of the small video
+LARGEST_PX = 512  # the longer side of the small video
 MARGIN_PX = 40  # around all measured points, in the camera's frames
 MOST_FRAMES = 1500
 MOST_BYTES = 300_000
@@ -126,7 +126,12 @@ def strip_frames(track: Track, chosen: np.ndarray, target_m: np.ndarray | None) 
 
 
 def _resized(crop: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    return np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA))
+    """Return a crop of another size: means of whole pixels, then linear, in a fifth of the time of areas."""
+    factor = max(1, min(crop.shape[1] // size[0], crop.shape[0] // size[1]))
+    if factor > 1:
+        whole = (crop.shape[1] // factor, crop.shape[0] // factor)
+        crop = cv2.resize(crop[: whole[1] * factor, : whole[0] * factor], whole, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_LINEAR_EXACT))
 
 
 def _webp(crop: np.ndarray) -> str:
