@@ -3,10 +3,11 @@
 import dataclasses
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
-from strandcast.arm.limits import differences, peaks, torques, violations
+from strandcast.arm.limits import differences, peaks, place_speeds, torques, violations
 from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.arm.settings import Payload
 from strandcast.core.trajectory import JointTrajectory
@@ -81,3 +82,50 @@ def test_torque_beyond_the_margin_is_refused(arm: PlanarArm) -> None:
     assert peaks(arm, motion)["torque_n_m"][0] > 30.0
     motion.qdd_rad_s2[1] *= 3.0
     assert "joint_1" in {v.joint for v in violations(arm, motion) if v.kind == "torque"}
+
+
+@pytest.mark.parametrize(
+    ("name", "elbow"),
+    [
+        ("planar3", "joint_2"),
+        ("ur5e-example", "elbow_joint"),
+        ("ur5e-space", "elbow_joint"),
+        ("fr3-space", "fr3_joint4"),
+    ],
+)
+def test_flange_clamp_and_elbow_move_as_in_the_urdf(project_root: Path, name: str, elbow: str) -> None:
+    arm = load_arm(project_root / f"config/arms/{name}.toml")
+    model = arm.model()
+    data = mujoco.MjData(model)
+    q = 0.3 + np.outer(np.linspace(0.0, 0.2, 5), np.arange(1.0, len(arm.joints) + 1))
+    places_m = arm.limited_places(q)
+    for angles, found_m in zip(q, places_m, strict=True):
+        data.qpos[:] = arm.coordinates(angles)
+        mujoco.mj_kinematics(model, data)
+        true_m = np.array([data.body(arm.clamp.link).xpos, data.joint(elbow).xanchor])
+        if arm.axes == 2:
+            true_m = true_m @ arm.planar().plane.T
+        np.testing.assert_allclose(found_m[[0, 2]], true_m, atol=1e-9)
+    np.testing.assert_allclose(places_m[:, 1], arm.hand_m(q), atol=1e-12)
+
+
+def test_a_tool_or_an_elbow_that_is_too_fast_is_a_violation(arm: PlanarArm) -> None:
+    motion = still([0.5, 0.0, 0.0], 5)
+    motion.q_rad[:, 0] += 2.0 * motion.time_s
+    motion.qd_rad_s[:, 0] = 2.0
+    tool_m_s = 2.0 * np.linalg.norm(arm.hand_m(motion.q_rad[0]) - arm.chain.origin_m)
+    elbow_m_s = 2.0 * arm.chain.lengths_m[0]
+    assert peaks(arm, motion)["places_m_s"] == pytest.approx([tool_m_s, tool_m_s, elbow_m_s], rel=1e-4)
+    assert place_speeds(arm, np.stack([motion.q_rad] * 2), motion.time_s).shape == (2, 4, 3)
+
+    def too_fast(*places_m_s: float) -> list[str]:
+        limited = dataclasses.replace(arm.limits, places_m_s=np.array(places_m_s))
+        found = violations(dataclasses.replace(arm, limits=limited), motion)
+        return [str(one) for one in found if one.kind == "speed"]
+
+    assert too_fast(np.inf, np.inf, np.inf) == []
+    flange, clamp = too_fast(1.0, 1.0, np.inf)
+    assert flange.startswith("flange: speed ")
+    assert clamp.startswith(f"clamp: speed {tool_m_s:.3g} m/s at ")
+    assert clamp.endswith(" s, limit 1 m/s")
+    assert [one.split(":")[0] for one in too_fast(np.inf, np.inf, 0.5)] == ["elbow"]

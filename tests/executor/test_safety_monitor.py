@@ -1,9 +1,13 @@
 """The safety monitor stops the arm: each bound alone, wrong once and wrong twice."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from strandcast.executor.streaming.bounds import SafetyBounds
+from strandcast.arm.load import load_arm
+from strandcast.executor.streaming.bounds import SafetyBounds, safety_bounds
 from strandcast.executor.streaming.link import ControllerState
 from strandcast.executor.streaming.log_buffer import LogBuffer
 from strandcast.executor.streaming.safety_monitor import FROZEN_TICKS, SafetyMonitor
@@ -65,6 +69,18 @@ def test_a_problem_in_two_consecutive_cycles_stops_the_arm(
     first, second = twice(SafetyMonitor(bounds, ["a", "b"], PERIOD_S), buffer, **given)
     assert first is None
     assert message in str(second)
+
+
+def test_a_tool_that_is_too_fast_stops_the_arm(project_root: Path) -> None:
+    arm = load_arm(project_root / "config" / "arms" / "planar3.toml")
+    limits = replace(arm.limits, places_m_s=np.array([np.inf, 1.0, np.inf]))
+    bounds = safety_bounds(replace(arm, limits=limits, tracking_rad=np.full(3, 9.0)))
+    assert safety_bounds(arm).too_fast is None
+    q = np.array([0.5, 0.0, 0.0])
+    for speed_rad_s, said in ((1.5, None), (1.7, "the clamp moves at 1.19 m/s")):  # 0.7 m from the joint
+        monitor = SafetyMonitor(bounds, list(arm.joints), PERIOD_S)
+        seen = state(q_rad=q, qd_rad_s=np.array([speed_rad_s, 0.0, 0.0]))
+        assert [monitor.problem(seen, 0.0, LogBuffer(2, 3)) for _ in range(2)] == [None, said]
 
 
 def test_leaving_the_workspace_stops_the_arm(bounds: SafetyBounds) -> None:

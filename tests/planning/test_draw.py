@@ -19,7 +19,7 @@ def prior(reading: Reading) -> CurvePrior:
 
 
 def drawn(arm: PlanarArm, reading: Reading, seed: int = 0, count: int = 30) -> list[Curve]:
-    bounds = JointBounds(arm.limits, STEP_S, arm.dynamics)
+    bounds = JointBounds(arm, STEP_S, arm.dynamics)
     return draw_first(count, prior(reading), bounds, np.random.default_rng(seed))
 
 
@@ -50,6 +50,14 @@ def test_draws_keep_a_jerk_limit(arm: PlanarArm) -> None:
         assert violations(smooth, motion) == []
 
 
+def test_draws_keep_the_speed_of_tool_and_elbow(arm: PlanarArm) -> None:
+    slow = replace(arm, limits=replace(arm.limits, places_m_s=np.array([1.0, 1.2, 0.4])))
+    for curve in drawn(slow, "rest", count=10):
+        motion = sample(curve, STEP_S)
+        assert violations(slow, motion) == []
+        assert np.linalg.norm(np.diff(slow.hand_m(motion.q_rad), axis=0), axis=1).max() < 1.2 * STEP_S
+
+
 def test_the_papers_motions_end_in_a_ramp_ours_do_not(arm: PlanarArm) -> None:
     assert all(curve.ramp_s > 0.0 for curve in drawn(arm, "paper", count=5))
     assert all(curve.ramp_s == 0.0 for curve in drawn(arm, "rest", count=5))
@@ -62,13 +70,13 @@ def test_same_seed_same_motions(arm: PlanarArm) -> None:
 
 
 def test_limits_without_room_are_refused(arm: PlanarArm) -> None:
-    tight = replace(arm.limits, lower_rad=np.zeros(3), upper_rad=np.full(3, 1e-4))
+    tight = replace(arm, limits=replace(arm.limits, lower_rad=np.zeros(3), upper_rad=np.full(3, 1e-4)))
     with pytest.raises(StrandcastError, match="SC-P004"):
         draw_first(3, prior("rest"), JointBounds(tight, STEP_S), np.random.default_rng(0))
 
 
 def test_only_postures_that_are_allowed_are_drawn(arm: PlanarArm) -> None:
     rng = np.random.default_rng(0)
-    bounds = JointBounds(arm.limits, STEP_S)
+    bounds = JointBounds(arm, STEP_S)
     curves = draw_first(10, prior("rest"), bounds, rng, lambda q0: q0[:, 1] > 0.5)
     assert min(curve.q0_rad[1] for curve in curves) > 0.5

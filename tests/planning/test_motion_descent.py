@@ -82,11 +82,11 @@ def test_joints_turn_away_before_their_limits(task: PlanningTask) -> None:
     curves = Curves(np.zeros((2, 6)), np.full(2, 0.5), rest_heights(np.full((2, 6, 6), 0.5)))
     paths = paths_of(curves, task.step_s)
     limits = task.arm.limits
-    assert near_limits(paths, limits).max() == 0.0
+    assert near_limits(paths, task.arm).max() == 0.0
     fast = paths.speed.copy()
     fast[1, 2] = 0.99 * limits.velocity_rad_s[2]  # allowed, but near
     paths.speed[:] = fast
-    found = near_limits(paths, limits)
+    found = near_limits(paths, task.arm)
     assert found[0].max() == 0.0
     assert np.flatnonzero(found[1]).tolist() == [2 * 6 + 2]
     np.testing.assert_allclose(found[1].max(), 0.99 - 0.995 + 0.02)

@@ -23,7 +23,7 @@ PRIOR = CurvePrior("paper", (0.2, 1.2), 6, 60.0)
 
 
 def bounds(task: PlanningTask) -> JointBounds:
-    return JointBounds(task.arm.limits, task.step_s, task.dynamics)
+    return JointBounds(task.arm, task.step_s, task.dynamics)
 
 
 def given(task: PlanningTask, strings: StringBatch, seed: int, **changes: object) -> SearchInputs:

@@ -67,16 +67,16 @@ def test_the_excess_over_each_limit_is_a_share_of_it(arm: PlanarArm, kind: str) 
     motion = sample(curves(1)[0], STEP_S)
     most = peaks(arm, motion)[kind]
     paths = paths_of(packed(curves(1)), STEP_S, 0.0, arm.dynamics)
-    assert paths.excess(replace(arm.limits, **free))[0] == 0.0
-    tight = replace(arm.limits, **(free | {kind: most / np.array([1.5, 0.5, 0.5])}))
+    assert paths.excess(replace(arm, limits=replace(arm.limits, **free)))[0] == 0.0
+    tight = replace(arm, limits=replace(arm.limits, **(free | {kind: most / np.array([1.5, 0.5, 0.5])})))
     np.testing.assert_allclose(paths.excess(tight), 1.5 - WITHIN, rtol=1e-6)
-    said = violations(replace(arm, limits=tight), motion)
+    said = violations(tight, motion)
     assert {v.joint for v in said} == {arm.joints[0]}
 
 
 def test_the_excess_of_a_joint_is_a_share_of_its_range(arm: PlanarArm) -> None:
     still = Curve(np.array([3.0, 0.0, 0.0]), 0.1, rest_heights(np.zeros((3, 2))))
-    over = paths_of(packed([still]), STEP_S).excess(arm.limits)
+    over = paths_of(packed([still]), STEP_S).excess(arm)
     np.testing.assert_allclose(over, (3.0 - 2.78) / (2.78 + 0.33))
 
 
@@ -85,7 +85,7 @@ def test_a_motion_that_leaves_rest_at_once_keeps_the_limits_in_between(arm: Plan
     weak = replace(arm, limits=replace(arm.limits, acceleration_rad_s2=np.full(3, 20.0)))
     rng = np.random.default_rng(3)
     prior = CurvePrior("paper", (0.2, 1.2), 6, 22.0)
-    for curve in draw_first(60, prior, JointBounds(weak.limits, step_s), rng):
+    for curve in draw_first(60, prior, JointBounds(weak, step_s), rng):
         motion = sample(curve, step_s)
         dense = motion.at(np.arange(round(1000 * motion.end_s) + 1) * 1e-3)
         assert violations(weak, dense) == []

@@ -49,8 +49,8 @@ def test_misses_with_disturbances_and_use_of_each_limit_are_shown(results: Path,
     assert finding.replace("\u00a0", " ") == f"Predicted miss of trial 2: {words}."
     row = rows["predicted miss, as throws like this one missed in the lab"]
     assert row.replace("\u00a0", " ") == words
-    assert rows["most of a joint's torque limit used"].startswith("75")
-    assert "most of a joint's jerk limit used" not in rows
+    assert rows["most of a limit of torque used"].startswith("75")
+    assert "most of a limit of jerk used" not in rows
     assert rows["least room to the workspace's edge"].startswith("31")
     assert rows["objective"] == "bar from (0.8, 0.2) to (0.8, 0.4) m"
 

@@ -70,14 +70,14 @@ def test_a_plan_says_what_it_expects_and_how_to_throw_it(
     monkeypatch.setattr("strandcast.planning.global_search.Progress", partial(Progress, interval_s=0.0))
     write(root, "hopeless", "target_m: [0.5, 0.5]\nhit_radius_m: 0.000001\n" + SMALL)
     motion = planned(root, "hopeless")
-    flags, expected = motion.provenance.flags, motion.predicted
+    flags = motion.provenance.flags
     assert any("not expected to hit" in flag for flag in flags)
     said = capsys.readouterr().err
     assert all(f"plan: {flag}\n" in said for flag in flags)
     words = str(expected_miss(motion)).replace("\u00a0", " ")
     assert f"plan: predicted miss {words}, within 0 mm of the target\n" in said
-    kind, joint, share = max(expected.limits_used(), key=lambda used: used[2])
-    assert f"plan: nearest to a limit: joint_{joint + 1} uses {100 * share:.0f} % of its {kind}\n" in said
+    kind, who, share = max(motion.limits_used(), key=lambda used: used[2])
+    assert f"plan: nearest to a limit: {who} uses {100 * share:.0f} % of its {kind}\n" in said
     assert "plan: throw it: strandcast play " in said
     # A kept motion stays what it is, whatever becomes of what it was planned from.
     with (root / ARM).open("a") as file:

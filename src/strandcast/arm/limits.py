@@ -7,13 +7,14 @@ import numpy as np
 
 from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
+from strandcast.records.motion import PLACES
 
 ROUNDING = 1e-9  # relative, of the limit
 
 
 @dataclass(frozen=True)
 class Violation:
-    """The instant at which a joint exceeds its limit of one kind the most."""
+    """The instant at which a joint, or a place on the arm, exceeds its limit of one kind the most."""
 
     joint: str
     kind: str
@@ -34,6 +35,7 @@ UNITS = {
     "acceleration": "rad/s²",
     "jerk": "rad/s³",
     "torque": "N m",
+    "speed": "m/s",
 }
 
 
@@ -64,7 +66,19 @@ def violations(arm: Arm, motion: JointTrajectory) -> list[Violation]:
     for kind, when, value, limit in checks:
         for violation in _beyond(arm.joints, kind, when, value, limit):
             found.setdefault((violation.joint, kind), violation)
-    return list(found.values())
+    if not limits.of_places:
+        return list(found.values())
+    between_s = 0.5 * (at_s[1:] + at_s[:-1])
+    return [
+        *found.values(),
+        *_beyond(PLACES, "speed", between_s, place_speeds(arm, q, at_s), limits.places_m_s),
+    ]
+
+
+def place_speeds(arm: Arm, q: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+    """Return the speeds (..., T - 1, 3) of flange, clamp and elbow [m/s] between angles (..., T, J) [rad]."""
+    moved_m = np.linalg.norm(np.diff(arm.limited_places(q), axis=-3), axis=-1)
+    return np.asarray(moved_m / np.diff(time_s)[:, None])
 
 
 def differences(motion: JointTrajectory) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -96,7 +110,7 @@ def _beyond(
 
 
 def peaks(arm: Arm, motion: JointTrajectory) -> dict[str, np.ndarray]:
-    """Return the largest speed, acceleration, jerk and torque of a motion, (J,) each."""
+    """Return the largest speed, acceleration, jerk and torque of a motion, (J,); and speeds of `PLACES`."""
     q, qd, qdd = motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2
     jerk = np.diff(qdd, axis=0) / np.diff(motion.time_s)[:, None]
     return {
@@ -104,6 +118,7 @@ def peaks(arm: Arm, motion: JointTrajectory) -> dict[str, np.ndarray]:
         "acceleration_rad_s2": np.abs(qdd).max(axis=0),
         "jerk_rad_s3": np.abs(jerk).max(axis=0),
         "torque_n_m": np.abs(torques(arm, q, qd, qdd)).max(axis=0),
+        "places_m_s": place_speeds(arm, q, motion.time_s).max(axis=0),
     }
 
 

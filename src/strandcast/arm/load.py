@@ -46,6 +46,7 @@ from strandcast.arm.settings import (
 from strandcast.arm.spatial import (
     SpatialChain,
     capsules_in_space,
+    clamp_axes,
     hand_path,
     hand_poses_in_space,
     spatial_chain,
@@ -160,6 +161,30 @@ class Arm(ABC):
         """Return (S,) how near to each capsule the string may come [m]."""
         return np.full(len(self.joints), clearance_m)
 
+    def limited_places(self, q: np.ndarray) -> np.ndarray:
+        """Return flange, clamp and elbow, the places with limits of speed.
+
+        The elbow is where the further one of the two longest links begins.
+
+        Parameters
+        ----------
+        q
+            (..., J) joint angles [rad].
+
+        Returns
+        -------
+        (..., 3, 2 or 3) [m].
+        """
+        links_m = self.capsules(q)[..., : len(self.joints), :, :]
+        first_m = links_m.reshape(-1, *links_m.shape[-3:])[0]
+        lengths_m = np.linalg.norm(first_m[:, 1] - first_m[:, 0], axis=1)
+        elbow = int(np.argsort(lengths_m.round(6), kind="stable")[-2:].max())
+        return np.stack([self.flange_m(q), self.hand_m(q), links_m[..., elbow, 0, :]], axis=-2)
+
+    @abstractmethod
+    def flange_m(self, q: np.ndarray) -> np.ndarray:
+        """Return where the clamp is fixed, (..., 2 or 3) [m], at joint angles (..., J) [rad]."""
+
     @abstractmethod
     def reach(self) -> tuple[np.ndarray, float]:
         """Return the place of the first joint, and how far from it the hand can be, stretched out [m]."""
@@ -266,6 +291,10 @@ class PlanarArm(Arm):
         radii = super().capsule_radii(clearance_m)
         return np.append(radii, PLATE_RIM_M + max(plate)) if plate else radii
 
+    def flange_m(self, q: np.ndarray) -> np.ndarray:
+        """Return the end of the last link, (..., 2) [m], at joint angles (..., J) [rad]."""
+        return self.capsules(q)[..., len(self.joints) - 1, 1, :]
+
     def reach(self) -> tuple[np.ndarray, float]:
         """Return the place (2,) of the first joint, and how far from it the hand can be [m]."""
         return self.chain.origin_m, float(self.chain.lengths_m.sum() + np.hypot(*self.clamp.offset_m))
@@ -320,6 +349,13 @@ class SpatialArm(Arm):
     def capsules(self, q: np.ndarray) -> np.ndarray:
         """Return both ends of each link, (..., J, 2, 3) [m] at joint angles (..., J) [rad]."""
         return capsules_in_space(self.chain, q)
+
+    def flange_m(self, q: np.ndarray) -> np.ndarray:
+        """Return the origin of the clamp's link, (..., 3) [m], at joint angles (..., J) [rad]."""
+        hand_m, direction, normal = np.split(self.hand_path(q.reshape(-1, q.shape[-1])), 3, axis=1)
+        axes = np.stack([direction, normal, np.cross(direction, normal)], axis=1)
+        offset_m = np.einsum("a,nax->nx", clamp_axes(self.clamp) @ np.array(self.clamp.offset_m), axes)
+        return np.asarray(hand_m - offset_m).reshape(*q.shape[:-1], 3)
 
     def reach(self) -> tuple[np.ndarray, float]:
         """Return the place (3,) of the first joint, and how far from it the hand can be [m]."""
@@ -499,6 +535,7 @@ def _limits(keys: AnyArmKeys, urdf: list[JointLimit]) -> Limits:
     upper = [np.inf if limit.upper_rad is None else limit.upper_rad for limit in urdf]
     jerk = keys.limits.jerk_rad_s3 or [np.inf] * len(urdf)
     torque = [limit.effort_n_m * margins.torque if margins.torque else np.inf for limit in urdf]  # type: ignore[operator]
+    tool_m_s, elbow_m_s = (x or np.inf for x in (keys.limits.tool_speed_m_s, keys.limits.elbow_speed_m_s))
     return Limits(
         lower_rad=np.array(lower) + margins.position_rad,
         upper_rad=np.array(upper) - margins.position_rad,
@@ -506,6 +543,7 @@ def _limits(keys: AnyArmKeys, urdf: list[JointLimit]) -> Limits:
         acceleration_rad_s2=np.array(keys.limits.acceleration_rad_s2) * margins.acceleration,
         jerk_rad_s3=np.array(jerk) * margins.jerk,
         torque_n_m=np.array(torque),
+        places_m_s=np.array([tool_m_s, tool_m_s, elbow_m_s]) * margins.velocity,
     )
 
 

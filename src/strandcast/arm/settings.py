@@ -87,10 +87,20 @@ class MarkersKeys(Keys):
 
 
 class LimitsKeys(Keys):
-    """Limits that a URDF has no place for, one number per moving joint."""
+    """Limits that a URDF has no place for: one number per moving joint, and what else the controller limits.
+
+    Attributes
+    ----------
+    tool_speed_m_s
+        Of flange and clamp.
+    elbow_speed_m_s
+        Of the place where the forearm begins: the further one of the two longest links.
+    """
 
     acceleration_rad_s2: list[Positive]
     jerk_rad_s3: list[Positive] | None = None
+    tool_speed_m_s: Positive | None = None
+    elbow_speed_m_s: Positive | None = None
 
 
 class MarginsKeys(Keys):

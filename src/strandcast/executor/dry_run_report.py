@@ -7,6 +7,7 @@ from strandcast.arm.load import Arm
 from strandcast.executor.checks import box_words
 from strandcast.executor.preflight import Preflight
 from strandcast.executor.streaming.safety_monitor import GAP_TICKS
+from strandcast.records.motion import PLACES
 
 PEAKS = (
     ("velocity_rad_s", "speed", "rad/s"),
@@ -38,6 +39,9 @@ def dry_run_report(preflight: Preflight) -> list[str]:
         lines.append(
             f"  peak {word} [{unit}] (share of the limit): {', '.join(of) if known else 'not known'}"
         )
+    speeds = zip(PLACES, preflight.peaks["places_m_s"], limits.places_m_s, strict=True)
+    fastest = [f"{name} {_share(peak, limit)}" for name, peak, limit in speeds]
+    lines.append(f"  peak speed [m/s] (share of the limit): {', '.join(fastest)}")
     string = f"with {options.hanging_m:.2f} m of string" if options.hanging_m else "without a string"
     lines += [
         f"  hand: {box_words(reach.hand_m)}",

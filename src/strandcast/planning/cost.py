@@ -45,7 +45,7 @@ def rollout_cost(assessment: Assessment, strings: int, step_s: float) -> np.ndar
 
 def motion_costs(task: PlanningTask, paths: JointPaths) -> np.ndarray:
     """Return (P,) the price of breaking the arm's limits, plus a small one for fast joints [m]."""
-    over = paths.excess(task.arm.limits)
+    over = paths.excess(task.arm)
     price = FORBIDDEN_M * (over > 0.0) + LIMIT_COST_M * over + EFFORT_COST_M_S_RAD * paths.effort_rad_s
     if task.price_stops:
         price = price + OUTSIDE_COST * roughly_outside_m(task.arm, paths.q, task.step_s, task.hanging_m)

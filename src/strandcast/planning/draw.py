@@ -8,6 +8,7 @@ import numpy as np
 
 from strandcast.arm.dynamics import NO_DYNAMICS, Dynamics
 from strandcast.arm.joint_limits import Limits
+from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import (
     Curve,
@@ -49,22 +50,22 @@ class CurvePrior(NamedTuple):
 
 
 class JointBounds(NamedTuple):
-    """The joints' limits, the dynamics that give their torques, and the time step [s]."""
+    """The arm with its limits, the dynamics that give the joints' torques, and the time step [s]."""
 
-    limits: Limits
+    arm: Arm
     step_s: float
     dynamics: Dynamics = NO_DYNAMICS
 
     def keeps(self, curve: Curve) -> bool:
         """Whether a motion keeps all the limits."""
         paths = paths_of_any([curve], self.step_s, dynamics=self.dynamics)
-        return bool(paths.excess(self.limits)[0] == 0.0)
+        return bool(paths.excess(self.arm)[0] == 0.0)
 
     def stopping(self, curve: Curve, reading: Reading) -> Curve | None:
         """Return the curve with its stop ramp if it needs one; None if the arm cannot stop."""
         if reading == "rest":
             return curve
-        return with_stop_ramp(curve, self.limits.acceleration_rad_s2, self.step_s)
+        return with_stop_ramp(curve, self.arm.limits.acceleration_rad_s2, self.step_s)
 
 
 def anywhere(q0: np.ndarray) -> np.ndarray:
@@ -104,7 +105,7 @@ def draw_first(
             found += _at_rest(prior, bounds, rng, may_start)
         if len(found) >= count:
             return found[:count]
-    raise _too_few(len(found), count, prior.reading, bounds.limits)
+    raise _too_few(len(found), count, prior.reading, bounds.arm.limits)
 
 
 def _too_few(found: int, count: int, reading: Reading, limits: Limits) -> StrandcastError:
@@ -123,7 +124,7 @@ def _too_few(found: int, count: int, reading: Reading, limits: Limits) -> Strand
 
 def _by_paper(prior: CurvePrior, bounds: JointBounds, rng: np.random.Generator) -> list[Curve]:
     """Return one motion by eq. 1, or none if it breaks a limit."""
-    limits, joints = bounds.limits, len(bounds.limits.lower_rad)
+    limits, joints = bounds.arm.limits, len(bounds.arm.joints)
     time_s = whole_steps(rng.uniform(*prior.duration_s), bounds.step_s)
     largest = prior.largest_slope_rad_s2
     heights = paper_heights(rng.uniform(-largest, largest, (joints, prior.free_heights)), time_s)
@@ -147,7 +148,7 @@ def _at_rest(
     may_start: Callable[[np.ndarray], np.ndarray],
 ) -> list[Curve]:
     """Return those of a batch of motions that keep the limits: eq. 1 over the inner heights, slowed."""
-    limits, joints = bounds.limits, len(bounds.limits.lower_rad)
+    limits, joints = bounds.arm.limits, len(bounds.arm.joints)
     free, largest = prior.free_heights, prior.largest_slope_rad_s2
     times_s = whole_durations(rng.uniform(*prior.duration_s, BATCH), bounds.step_s)
     slopes = rng.uniform(-largest, largest, (BATCH, joints, free))
@@ -174,14 +175,19 @@ def _at_rest(
 
 
 def _slowed(curves: Curves, bounds: JointBounds) -> Curves:
-    """Slow down motions that ask for too much torque; drop those that still do."""
-    if bounds.dynamics is NO_DYNAMICS or not len(curves):
+    """Slow down motions that ask for too much torque or speed of the tool; drop those that still do."""
+    arm = bounds.arm
+    if (bounds.dynamics is NO_DYNAMICS and not arm.limits.of_places) or not len(curves):
         return curves
     heights = curves.heights_rad_s.copy()
     for _ in range(SLOWING):
         curves = replace(curves, heights_rad_s=heights)
-        over = paths_of(curves, bounds.step_s, dynamics=bounds.dynamics).excess(bounds.limits) > 0.0
+        paths = paths_of(curves, bounds.step_s, dynamics=bounds.dynamics)
+        over = paths.excess(arm) > 0.0
         if not over.any():
             return curves
-        heights = np.where(over[:, None, None], SLOWED * heights, heights)
+        share = np.full(len(curves), SLOWED)
+        if arm.limits.of_places:
+            share = np.minimum(share, SLOWED / paths.place_shares(arm).max(axis=1))
+        heights = np.where(over[:, None, None], share[:, None, None] * heights, heights)
     return curves.take(np.flatnonzero(~over))

@@ -141,7 +141,7 @@ def screen(given: SearchInputs) -> list[Curve]:
     drawn = draw_first(
         settings.screening,
         CurvePrior("rest", settings.duration_range_s, settings.control_points, LARGEST_SLOPE_RAD_S2),
-        JointBounds(task.arm.limits, task.step_s, task.dynamics),
+        JointBounds(task.arm, task.step_s, task.dynamics),
         given.rng,
         lambda q0: start_cost(task, q0) == 0.0,
     )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.arm.joint_limits import Limits
+from strandcast.arm.load import Arm
 from strandcast.core.strings import StringBatch
 from strandcast.planning.assessment import assess_rollouts
 from strandcast.planning.cost import (
@@ -66,7 +66,7 @@ def rollout_residuals(
     of_strings = np.column_stack(
         [tip_offsets(task, rollouts), OUTSIDE_COST * assessment.outside_m, TOUCH_COST * assessment.touch_m]
     )
-    over = LIMIT_COST_M * near_limits(paths, task.arm.limits)
+    over = LIMIT_COST_M * near_limits(paths, task.arm)
     parts_m = np.hstack([of_strings.reshape(len(paths.q), -1) / np.sqrt(strings), over])
     return MotionResiduals(np.nan_to_num(parts_m, nan=1.0), cost_m)
 
@@ -80,9 +80,9 @@ def tip_offsets(task: PlanningTask, rollouts: Rollouts) -> np.ndarray:
     return np.asarray(start + np.clip(along, 0.0, 1.0)[:, None] * way - task.target_m)
 
 
-def near_limits(paths: JointPaths, limits: Limits) -> np.ndarray:
-    """Return (P, 6 J) how far joints are beyond `ROOM` before their limits, relative to these."""
-    return np.maximum(np.hstack(paths.excesses(limits)) + ROOM, 0.0)
+def near_limits(paths: JointPaths, arm: Arm) -> np.ndarray:
+    """Return (P, L) how far joints and places are beyond `ROOM` before their limits, relative to these."""
+    return np.maximum(np.hstack(paths.excesses(arm)) + ROOM, 0.0)
 
 
 def descend_motion(

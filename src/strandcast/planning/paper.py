@@ -33,7 +33,7 @@ def first_by_paper(given: SearchInputs) -> SearchResult:
     prior = CurvePrior(
         reading, settings.duration_range_s, settings.control_points, settings.paper.largest_slope_rad_s2
     )
-    bounds = JointBounds(task.arm.limits, task.step_s, task.dynamics)
+    bounds = JointBounds(task.arm, task.step_s, task.dynamics)
 
     def draw(count: int, _: Curve | None) -> list[Curve]:
         return draw_first(count, prior, bounds, given.rng)
@@ -65,7 +65,7 @@ def later_by_paper(given: SearchInputs, played: Curve) -> SearchResult:
 def _altered(task: PlanningTask, around: Curve, most_rad_s: float, rng: np.random.Generator) -> Curve | None:
     """Return the curve with its free heights altered, None if no alteration tried keeps the limits."""
     reading: Reading = "paper" if around.ramp_s > 0.0 else "rest"
-    bounds = JointBounds(task.arm.limits, task.step_s, task.dynamics)
+    bounds = JointBounds(task.arm, task.step_s, task.dynamics)
     free = slice(1, None) if reading == "paper" else slice(2, -2)
     for _ in range(TRIES_PER_MOTION):
         heights = around.heights_rad_s.copy()

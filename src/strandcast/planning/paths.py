@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 
 from strandcast.arm.dynamics import NO_DYNAMICS, Dynamics, chain_torques
-from strandcast.arm.joint_limits import Limits
+from strandcast.arm.limits import place_speeds
+from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.planning.bezier import Curve, sample, whole_steps
 from strandcast.threads import over_ranges
@@ -66,6 +67,8 @@ class JointPaths:
         acceleration is also that of a controller between the first two points.
     effort_rad_s
         (P,) rms speed.
+    step_s
+        Time between the samples [s].
     """
 
     q: np.ndarray
@@ -77,15 +80,21 @@ class JointPaths:
     jerk: np.ndarray
     torque: np.ndarray
     effort_rad_s: np.ndarray
+    step_s: float
 
-    def excess(self, limits: Limits) -> np.ndarray:
+    def excess(self, arm: Arm) -> np.ndarray:
         """Return (P,) by how much motions break the limits: summed over joints and kinds; 1 = the limit."""
-        return np.asarray(sum(np.maximum(part, 0.0).sum(axis=1) for part in self.excesses(limits)))
+        return np.asarray(sum(np.maximum(part, 0.0).sum(axis=1) for part in self.excesses(arm)))
 
-    def excesses(self, limits: Limits) -> list[np.ndarray]:
-        """Return (P, J) of every kind of limit: by how much motions exceed it; 1 = the limit."""
+    def excesses(self, arm: Arm) -> list[np.ndarray]:
+        """Return by how much motions exceed every kind of limit; 1 = the limit.
+
+        (P, J) each of the joints', and (P, 3) of flange, clamp and elbow if any is limited.
+        """
+        limits = arm.limits
         span = limits.upper_rad - limits.lower_rad
         room = np.where(np.isfinite(span), span, np.pi)
+        places = [self.place_shares(arm) - WITHIN] if limits.of_places else []
         return [
             (self.high - limits.upper_rad) / room,
             (limits.lower_rad - self.low) / room,
@@ -93,7 +102,13 @@ class JointPaths:
             self.acceleration / limits.acceleration_rad_s2 - WITHIN,
             self.jerk / limits.jerk_rad_s3 - WITHIN,
             self.torque / limits.torque_n_m - WITHIN,
+            *places,
         ]
+
+    def place_shares(self, arm: Arm) -> np.ndarray:
+        """Return (P, 3) the greatest speeds of flange, clamp and elbow, relative to their limits."""
+        speeds_m_s = place_speeds(arm, self.q, self.step_s * np.arange(self.q.shape[1]))
+        return np.asarray(speeds_m_s.max(axis=1) / arm.limits.places_m_s)
 
 
 def paths_of(
@@ -115,7 +130,7 @@ def paths_of(
     if planar is not dynamics:
         facts[:, 5] = [_greatest_torque(sample(curves[p], step_s), dynamics) for p in range(motions)]
     low, high, speed, acceleration, jerk, torque = np.moveaxis(facts, 1, 0)
-    return JointPaths(q, steps, low, high, speed, acceleration, jerk, torque, effort)
+    return JointPaths(q, steps, low, high, speed, acceleration, jerk, torque, effort, step_s)
 
 
 def paths_of_any(
@@ -146,7 +161,7 @@ def paths_of_any(
     )
     acceleration = np.maximum(acceleration, [ONSET * _onset_rad_s2(curve) for curve in curves])
     effort = np.array([np.sqrt(np.mean(m.qd_rad_s**2)) for m in motions])
-    return JointPaths(q, last, low, high, speed, acceleration, jerk, torque, effort)
+    return JointPaths(q, last, low, high, speed, acceleration, jerk, torque, effort, step_s)
 
 
 def _onset_rad_s2(curve: Curve) -> np.ndarray:

@@ -100,7 +100,9 @@ def _prediction(plan: PlannedMotion, hit_radius_m: float, limits: Limits) -> Pre
         limits={
             column.name: [float(x) if np.isfinite(x) else None for x in getattr(limits, column.name)]
             for column in fields(limits)
+            if column.name != "places_m_s" or limits.of_places
         },
+        **({"peak_places_m_s": plan.peaks["places_m_s"].tolist()} if limits.of_places else {}),
         workspace_room_m=plan.room_m,
         peak_tip_speed_m_s=float(np.hypot.reduce(np.gradient(plan.tip_m, plan.time_s, axis=0), axis=1).max()),
         time_s=plan.time_s.tolist(),

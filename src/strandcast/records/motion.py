@@ -90,6 +90,9 @@ class OmitsUnset(Part):
         return {name: value for name, value in dump(self).items() if name in self.model_fields_set}
 
 
+PLACES = ("flange", "clamp", "elbow")  # on an arm, where a controller may limit the speed
+
+
 class Prediction(OmitsUnset):
     """The planner's prediction of the throw."""
 
@@ -109,6 +112,7 @@ class Prediction(OmitsUnset):
     peak_acceleration_rad_s2: list[float]
     peak_jerk_rad_s3: list[float] = []
     peak_torque_n_m: list[float] = []
+    peak_places_m_s: list[float] = []  # speeds of `PLACES`; of an arm that limits them
     lowest_rad: list[float] = []
     highest_rad: list[float] = []
     # Upper limits of the peaks by name, less their margins; null where there is no limit.
@@ -120,21 +124,6 @@ class Prediction(OmitsUnset):
     time_s: list[float]
     hand_m: list[list[float]]
     tip_m: list[list[float]]
-
-    def limits_used(self) -> list[tuple[str, int, float]]:
-        """Return for each kind of limit which joint uses the largest share of it, and that share."""
-        found = []
-        for kind, peaks, name in (
-            ("speed", self.peak_speed_rad_s, "velocity_rad_s"),
-            ("acceleration", self.peak_acceleration_rad_s2, "acceleration_rad_s2"),
-            ("jerk", self.peak_jerk_rad_s3, "jerk_rad_s3"),
-            ("torque", self.peak_torque_n_m, "torque_n_m"),
-        ):
-            pairs = enumerate(zip(peaks, self.limits.get(name, []), strict=False))
-            if used := [(peak / most, joint) for joint, (peak, most) in pairs if most]:
-                share, joint = max(used)
-                found.append((kind, joint, share))
-        return found
 
 
 class Provenance(OmitsUnset):
@@ -194,6 +183,24 @@ class Motion(Record):
             if not 0 <= time_ns <= LONGEST_NS:
                 raise ValueError(f"point {k} is at {time_ns} ns; a throw lasts seconds")
         return self
+
+    def limits_used(self) -> list[tuple[str, str, float]]:
+        """Return for each kind of limit which joint or place uses the largest share, and that share."""
+        found, predicted = [], self.predicted
+        if predicted is None:
+            return []
+        for kind, names, peaks, limit in (
+            ("speed", self.joint_names, predicted.peak_speed_rad_s, "velocity_rad_s"),
+            ("acceleration", self.joint_names, predicted.peak_acceleration_rad_s2, "acceleration_rad_s2"),
+            ("jerk", self.joint_names, predicted.peak_jerk_rad_s3, "jerk_rad_s3"),
+            ("torque", self.joint_names, predicted.peak_torque_n_m, "torque_n_m"),
+            ("tool or elbow speed", PLACES, predicted.peak_places_m_s, "places_m_s"),
+        ):
+            triples = zip(names, peaks, predicted.limits.get(limit, []), strict=False)
+            if used := [(peak / most, name) for name, peak, most in triples if most]:
+                share, name = max(used)
+                found.append((kind, name, share))
+        return found
 
     def trajectory(self) -> JointTrajectory:
         """Return the points as a joint trajectory."""

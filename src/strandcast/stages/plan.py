@@ -64,10 +64,10 @@ def _answer(job: Job, files: Files, motion: Motion) -> Iterator[str]:
     assert motion.predicted is not None
     within = f"within {1000 * job.context.settings.hit_radius_m:.0f} mm of the target"
     yield f"predicted miss {expected_miss(motion)}, {within}"
-    most = max(motion.predicted.limits_used(), key=lambda used: used[2], default=None)
+    most = max(motion.limits_used(), key=lambda used: used[2], default=None)
     if most is not None:
-        kind, joint, share = most
-        yield f"nearest to a limit: {motion.joint_names[joint]} uses {100 * share:.0f} % of its {kind}"
+        kind, who, share = most
+        yield f"nearest to a limit: {who} uses {100 * share:.0f} % of its {kind}"
     if not job.is_lab:
         motion_file = shlex.quote(str(files.output("motion")))
         yield f"throw it: {play_command(job.context, job.trial)}"

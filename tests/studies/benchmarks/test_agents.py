@@ -33,7 +33,7 @@ STEP_S = 1.0 / ARM.log_rate_hz
 
 def a_curve():
     prior = CurvePrior("rest", (0.4, 0.5), 6, 60.0)
-    return draw_first(1, prior, JointBounds(ARM.limits, STEP_S, ARM.dynamics), np.random.default_rng(1))[0]
+    return draw_first(1, prior, JointBounds(ARM, STEP_S, ARM.dynamics), np.random.default_rng(1))[0]
 
 
 def an_action(env: ThrowEnv, seed: int = 0) -> np.ndarray:

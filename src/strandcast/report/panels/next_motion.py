@@ -146,7 +146,7 @@ def _table(motion: Motion, command: str | None) -> Table:
             ["peak joint speed", f"{speeds} rad/s"],
             ["peak joint acceleration", f"{accelerations} rad/s²"],
             *_expected(motion),
-            *_limits(predicted),
+            *_limits(motion, predicted),
             ["peak speed of the tip", f"{predicted.peak_tip_speed_m_s:.1f} m/s"],
             ["largest bend between neighbours before the hit", f"{bend_deg:.0f}°"],
         ]
@@ -170,10 +170,11 @@ def _expected(motion: Motion) -> list[list[str]]:
     return [[f"predicted miss, {counted}", str(expected)]]
 
 
-def _limits(predicted: Prediction) -> list[list[str]]:
-    """Return the largest use of each limit by a joint, and the least distance to the workspace's edge."""
+def _limits(motion: Motion, predicted: Prediction) -> list[list[str]]:
+    """Return the largest use of each kind of limit, and the least distance to the workspace's edge."""
     rows = [
-        [f"most of a joint's {kind} limit used", percent(share)] for kind, _, share in predicted.limits_used()
+        [f"most of a limit of {kind} used", f"{percent(share)} ({who})"]
+        for kind, who, share in motion.limits_used()
     ]
     if predicted.workspace_room_m is not None:
         rows.append(["least room to the workspace's edge", millimetres(predicted.workspace_room_m, digits=0)])

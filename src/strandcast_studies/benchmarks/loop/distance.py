@@ -44,7 +44,7 @@ def altered(
         heights = curve.heights_rad_s.copy()
         heights[:, 2:-2] += distance_rad_s * step / np.sqrt(np.mean(step**2))
         other = replace(curve, heights_rad_s=heights)
-        if paths_of_any([other], task.step_s).excess(task.arm.limits)[0] == 0.0:
+        if paths_of_any([other], task.step_s).excess(task.arm)[0] == 0.0:
             return other
     return None
 

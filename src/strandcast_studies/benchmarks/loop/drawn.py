@@ -7,8 +7,8 @@ As `loop.run`, but every seed has its own string, target and servo; with ``--wid
 40 g/m, thin and thick, and rigs that repeat better or worse than the typical one, with or without heavy
 tails; with ``--curled`` every string is light, thick and strongly curled. The first motion is played with an
 empty clamp, and planned again, before it is thrown, but not with ``--unrehearsed``; with ``--filmed`` throws
-are filmed and tracked in their videos. The planner knows only a string's length and the places of its
-weights.
+are filmed and tracked in their videos; with ``--tool-speed`` the arm's tool is slow. The planner knows only a
+string's length and the places of its weights.
 """
 
 import json
@@ -168,12 +168,24 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--unrehearsed", action="store_true", help="throw without a rehearsal")
     parser.add_argument("--filmed", action="store_true", help="film and track every throw, a minute of CPU")
     parser.add_argument("--work", type=Path, default=None, help="keep the experiments' folders here")
+    parser.add_argument(
+        "--tool-speed", type=float, metavar="M_S", help="limit flange and clamp to this speed"
+    )
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="strandcast-drawn-") as folder:
         root = str(root_with_arms(options.work or Path(folder)))
+        if options.tool_speed is not None:
+            _limit_tools(Path(root), options.tool_speed)
         how = options.trials, options.draw, not options.unrehearsed, options.filmed
         jobs = [(root, seed, *how) for seed in options.seeds]
         print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
+
+
+def _limit_tools(root: Path, speed_m_s: float) -> None:
+    """Limit the speed of flange and clamp of every arm."""
+    for file in (root / "config" / "arms").glob("*.toml"):
+        text = file.read_text(encoding="utf-8")
+        file.write_text(text.replace("[limits]", f"[limits]\ntool_speed_m_s = {speed_m_s}"), encoding="utf-8")
 
 
 if __name__ == "__main__":
