@@ -51,9 +51,8 @@ def fitted_and_predicted(folder, cable, seed=1, **options):
     return fit, tip_error(distances(prepared.points_m, predicted[0])), swing, prepared, length_m
 
 
-@pytest.mark.parametrize(
-    "cable", ["black_weighted", pytest.param("black_short_weighted", marks=pytest.mark.thorough)]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("cable", ["black_weighted", "black_short_weighted"])
 def test_free_swing_predicts_the_driven_series(real_data, cable, record_property):
     """Two markers fit several strings, which predict differently: the median of three searches counts.
 
