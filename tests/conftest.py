@@ -14,6 +14,7 @@ from tests.faults.small import make_whole
 from tests.report.chromium import Browser, chromium
 
 from strandcast.arm.load import SpatialArm, clamp_frame, load_arm
+from strandcast.video.ingest import inspect_video
 from strandcast.video.reader import open_video
 
 # Small matrices: more threads only spin, and take the other core's time (the workflow's jobs have one too).
@@ -75,17 +76,20 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(LeftOut(config))
 
 
-# Rooms and files that test the process which decodes a video; to start one takes longer than its work.
-ISOLATED = ("faults", "test_isolated.py", "test_native.py", "test_outside_reader.py")
+# Files that test the process which decodes a video; to start one takes longer than its work.
+ISOLATED = {
+    *("test_hosts.py", "test_hostile_pictures.py", "test_hostile_video.py"),
+    *("test_isolated.py", "test_native.py", "test_outside_reader.py"),
+}
 
 
 @pytest.fixture(autouse=True)
 def decoding(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Decode videos in the tests' own process; commands that tests start do it as always."""
-    if not {request.path.name, request.path.parent.name} & {*ISOLATED}:
-        inner = open_video.__wrapped__  # type: ignore[attr-defined]
-        threads, _, *rest = inner.__defaults__
-        monkeypatch.setattr(inner, "__defaults__", (threads, False, *rest))
+    if request.path.name not in ISOLATED:
+        for function in (open_video.__wrapped__, inspect_video):  # type: ignore[attr-defined]
+            given = tuple(False if value is True else value for value in function.__defaults__)
+            monkeypatch.setattr(function, "__defaults__", given)  # of `isolated`
 
 
 @pytest.fixture(scope="session")

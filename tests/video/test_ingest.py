@@ -17,10 +17,10 @@ def write(path, stamps, faststart=False, codec="libx264", base_s=Fraction(1, 500
     rng = np.random.default_rng(1)
     with av.open(str(path), "w", options={"movflags": "faststart"} if faststart else {}) as container:
         stream = container.add_stream(codec, rate=500)
-        stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         stream.codec_context.time_base = base_s
         for stamp in stamps:
-            picture = av.VideoFrame.from_ndarray(rng.integers(0, 255, (120, 160)).astype(np.uint8), "gray")
+            picture = av.VideoFrame.from_ndarray(rng.integers(0, 255, (48, 64)).astype(np.uint8), "gray")
             picture = picture.reformat(format="yuv420p")
             picture.pts, picture.time_base = stamp, base_s
             container.mux(stream.encode(picture))
@@ -42,7 +42,7 @@ def test_facts_of_a_complete_video(tmp_path):
     write(path, range(60))
     facts = inspect_video(path)
     assert facts.packets == facts.header_frames == 60
-    assert (facts.width_px, facts.height_px) == (160, 120)
+    assert (facts.width_px, facts.height_px) == (64, 48)
     assert (facts.codec, facts.pixel_format) == ("h264", "yuv420p")
     assert facts.frame_rate_hz == pytest.approx(500.0, rel=1e-6)
     assert facts.gaps == []
