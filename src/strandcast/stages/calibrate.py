@@ -77,21 +77,13 @@ def _plane_geometry(settings: Experiment) -> PlaneGeometry:
 
 
 def _lens(context: Context, files: Files) -> Lens:
-    camera, folder = context.settings.camera, context.folder.data
+    camera = context.settings.camera
     if camera.lens_file is not None:
         return read_lens(files.input("lens"), camera.lens_name, camera.distortion == FISHEYE)
     if camera.lens_video is not None:
         frames = _board_frames(files.input("lens"))
         return calibrate_lens_video(frames, camera.board, camera.distortion)
     paths = files.inputs("lens")
-    if not paths:
-        there = sorted(path.name for path in (folder / camera.lens_photos).parent.glob("*"))
-        raise StrandcastError(
-            "SC-C030",
-            f"no photo fits {camera.lens_photos!r}; there: {', '.join(there[:12]) or 'nothing'}",
-            file=folder,
-            field="camera.lens_photos",
-        )
     read = progress(read_photos_of(context, paths), "calibrate: photos", len(paths))
     photos = [(path.name, grey) for path, grey in zip(paths, read, strict=True)]
     return calibrate_lens(photos, camera.board, camera.distortion)
@@ -121,9 +113,6 @@ def _by_tracker(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
 
 def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:
     """Yield the experiment's photos, grey as the sensor recorded them."""
-    for path in paths:
-        if not path.is_file():
-            raise StrandcastError("SC-C031", "the photo is missing", file=path)
     for path, grey in zip(paths, given_pictures(context, paths, UNROTATED), strict=True):
         if grey is None:
             raise StrandcastError("SC-C031", "is not a readable picture", file=path)
