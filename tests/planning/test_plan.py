@@ -136,7 +136,10 @@ def test_a_first_motion_is_expected_to_hit_and_is_playable(
 
 
 def test_a_motion_that_a_stop_could_carry_out_of_the_workspace_is_searched_for_again(
-    task: PlanningTask, strings: StringBatch, searched: PlannedMotion
+    task: PlanningTask,
+    strings: StringBatch,
+    searched: PlannedMotion,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     (left, right), (low, high) = reach_of(task.arm, searched.motion, task.hanging_m).swept_m
     arm = replace(task.arm, workspace=Box(x_m=(left, right - 0.04), y_m=(low, high)))
@@ -147,6 +150,7 @@ def test_a_motion_that_a_stop_could_carry_out_of_the_workspace_is_searched_for_a
     # How far a motion that is left may be carried out, the search decides: 0 to 43 mm.
     assert any("stopped at the worst instant" in flag for flag in plan.flags) == (out_m > 0.0)
     assert plan.simulations >= 2 * searched.simulations
+    assert "out of the workspace: another search begins" in capsys.readouterr().err
 
 
 @pytest.mark.thorough
@@ -351,7 +355,9 @@ def test_a_motion_unlikely_to_hit_gives_way_to_one_that_has_hit(
     plan = planned_next(at_tip, strings, replace(trial, miss_m=0.0), 0.001)
     assert plan.simulations == 20
     np.testing.assert_array_equal(plan.curve.heights_rad_s, trial.curve.heights_rad_s)
-    assert "repeats trial 1's motion: no change was found likelier to hit" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert said.count("another search begins") == 1  # of two: its best cost starts higher
+    assert "repeats trial 1's motion: no change was found likelier to hit" in said
 
 
 @pytest.mark.thorough

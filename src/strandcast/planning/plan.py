@@ -266,6 +266,7 @@ def _near_rehearsal(given: SearchInputs, rehearsal: PastTrial) -> PlannedMotion:
     if not isinstance(given.conditions.servo, YieldingJoints) or left_rad > KNOWN_RAD:
         return plan
     # The first search assumed that these joints follow; other motions may suit them better.
+    print_line("plan: the joints yield more than was assumed: another search begins")
     again = _globally(given, "rehearsed")
     simulations = plan.simulations + again.simulations
     better = _rms_m(again) < FAR_PROMISE * _rms_m(plan)
@@ -301,8 +302,10 @@ def _near(given: SearchInputs, best: PastTrial, miss_m: float, known: list[PastT
         return predicted_near(given, near, result)
 
     plan = found(near)
-    if _likelihood(task, plan) >= LIKELY:
+    likely = _likelihood(task, plan)
+    if likely >= LIKELY:
         return plan
+    print_line(f"plan: {100 * likely:.0f} % likely to hit: another search begins, with disturbances")
     others = [
         found(disturbed_near(task, near, settings.ensemble, given.sizes)),
         described(near.best),
@@ -345,5 +348,6 @@ def _stopped_inside(
     out_m = stopped_outside_m(task, curve)
     if out_m == 0.0:
         return curve, simulations
+    print_line(f"plan: a stop could lead {1000 * out_m:.0f} mm out of the workspace: another search begins")
     other, more = search(replace(task, price_stops=True))
     return other if stopped_outside_m(task, other) < out_m else curve, simulations + more
