@@ -11,7 +11,12 @@ from strandcast.camera.distortion import FISHEYE
 from strandcast.camera.lens import calibrate_lens, calibrate_lens_video
 from strandcast.camera.lens_file import read_lens
 from strandcast.camera.picture import camera_picture
-from strandcast.camera.plane import PlaneGeometry, board_markers, plane_from_markers
+from strandcast.camera.plane import (
+    PlaneGeometry,
+    board_markers,
+    plane_from_markers,
+    unmeasured_offset_warnings,
+)
 from strandcast.camera.pose import PlacedMarker
 from strandcast.camera.printed_board import identify_board
 from strandcast.config.camera import Plane
@@ -63,6 +68,8 @@ def _by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
         on_board=settings.camera.plane.board is not None,
     )
     camera.warnings = warnings + camera.warnings
+    if settings.lab is None and "string_offset_m" not in settings.camera.model_fields_set:
+        camera.warnings += unmeasured_offset_warnings(camera)
     return camera, picture
 
 

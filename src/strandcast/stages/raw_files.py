@@ -4,7 +4,10 @@ import shlex
 from pathlib import Path
 
 from strandcast.errors import StrandcastError
+from strandcast.records.listing import entries_of
 from strandcast.stages.context import Context
+
+MOST_NAMED = 12  # files beside a missing one
 
 
 def missing_file(context: Context, path: Path) -> StrandcastError:
@@ -23,7 +26,9 @@ def missing_file(context: Context, path: Path) -> StrandcastError:
     )
     for given, code, setting, what, fix in named:
         if given is not None and path == context.folder.data / given:
-            return StrandcastError(code, f"there is no {what}", file=path, field=setting, fix=fix)
+            beside = ", ".join(sorted(each.name for each in entries_of(path.parent))[:MOST_NAMED])
+            found = f"there is no {what}; there: {beside or 'nothing'}"
+            return StrandcastError(code, found, file=path, field=setting, fix=fix)
     return StrandcastError(
         "SC-V020",
         f"{path.name} is missing",
