@@ -8,7 +8,7 @@ import pytest
 from strandcast.config.estimate import EstimateSettings
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
-from strandcast.estimation.estimate import estimate
+from strandcast.estimation.estimate import estimate_throws
 from strandcast.estimation.evaluation import distances, tip_error
 from strandcast.estimation.fit_objective import simulate_throw
 from strandcast.estimation.throws import prepare
@@ -45,7 +45,7 @@ def fitted_and_predicted(folder, cable, seed=1, **options):
     layout = mass_layout(length_m, 10, [length_m], None, "own")
     swing, driven = series(folder, "free_swing", cable, length_m), series(folder, "dynamic", cable, length_m)
     settings = EstimateSettings(evaluations=1500, ranges=RANGES, w=0.0, profiles=False, **options)
-    fit = estimate([swing], model, layout, settings, np.random.default_rng(seed))
+    fit = estimate_throws([swing], model, layout, settings, np.random.default_rng(seed))
     prepared = prepare(driven, model.places_m())
     predicted, _ = simulate_throw(model, prepared, fit.best)
     return fit, tip_error(distances(prepared.points_m, predicted[0])), swing, prepared, length_m

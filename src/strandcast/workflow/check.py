@@ -177,12 +177,11 @@ def _as_captured(context: Context, track: Path) -> str:
     from strandcast.estimation.cable_space import POINTS
     from strandcast.records.tables import read_arrow
     from strandcast.records.track import TRACK, is_in_space
-    from strandcast.stages.estimate_in_space import refuse_settings_of_the_plane
+    from strandcast.stages.estimate import refuse_settings_of_others
 
     string = context.settings.string
     in_space = is_in_space(read_arrow(track, TRACK).column_names)
-    if in_space:
-        refuse_settings_of_the_plane(context)
+    refuse_settings_of_others(context, in_space=in_space)
     points, where = (string.points or POINTS, "space") if in_space else (string.n, "the plane")
     fitted = f"string of {string.length_m:g} m as {points} points, captured in {where}"
     return f"{fitted}: recordings are fitted; nothing is scored or planned"
@@ -191,11 +190,9 @@ def _as_captured(context: Context, track: Path) -> str:
 def _check_string(context: Context) -> None:
     """Check the lab's string, and the settings of a throw in space before it is thrown."""
     from strandcast.lab.strings import physical_string
+    from strandcast.stages.estimate import refuse_settings_of_others
 
-    if context.settings.aims_in_space:
-        from strandcast.stages.estimate_in_space import refuse_settings_of_the_plane
-
-        refuse_settings_of_the_plane(context)
+    refuse_settings_of_others(context, in_space=context.settings.aims_in_space)
     if context.settings.lab is not None:
         try:
             physical_string(context.settings)
