@@ -87,6 +87,19 @@ def test_rounded_time_stamps_give_the_even_clock(tmp_path, rate_hz, frames, base
     assert not any("as they are" in note for note in facts.notes)
 
 
+@pytest.mark.parametrize("frames", [120, 121])
+@pytest.mark.parametrize(("base_s", "suffix"), [(Fraction(1, 1000), "mkv"), (Fraction(1, 15360), "mp4")])
+def test_a_copy_in_another_format_rounds_the_stamps_again(tmp_path, base_s, suffix, frames):
+    """A phone's film of 1/600 s after `ffmpeg -c copy`: steps of 3 and 5 ms, or of 51 and 77 ticks."""
+    path = tmp_path / f"v.{suffix}"
+    seen = [*range(60), *range(62, frames)]
+    write(path, [round(each / 600 / base_s) for each in rounded(240, Fraction(1, 600), seen)], base_s=base_s)
+    facts = inspect_video(path, isolated=False)
+    np.testing.assert_allclose(camera_times(facts), np.array(seen) / 240, atol=1e-6)
+    assert facts.rounded_to_s == pytest.approx(1 / 600)
+    assert [(gap.index, gap.missing) for gap in facts.gaps] == [(59, 2)]
+
+
 def test_a_missing_frame_is_found_in_rounded_time_stamps(tmp_path):
     frames = [*range(50), *range(52, 120)]
     write(tmp_path / "v.mov", rounded(240, Fraction(1, 600), frames), base_s=Fraction(1, 600))
