@@ -140,7 +140,7 @@ def refuse_frame_rate(fit: ClockFit, detections: Detections) -> None:
 
 
 def refuse_uneven_clock(best: Candidate, data: AlignmentData) -> None:
-    """Refuse a film of which a part plays at another speed than the rest (SC-V017)."""
+    """Refuse a film that plays in part at another speed than the rest (SC-V017)."""
     covered_cost = float(capped_cost(best.fit.residual[:, :2]).sum())
     outside = len(data.detections.time_s) - len(best.covered.time_s)
     if covered_cost + outside * MOST_SIGMAS**2 < LEAST_SAVED:

@@ -15,7 +15,7 @@ THOROUGH_EVALUATIONS = 180_000
 RECENT_TRIALS = 8
 Ranges = Literal["wide", "paper"] | dict[str, tuple[float, float]]
 # Of fits in space, where the file gives nothing else; chosen. Captures converge earlier than after so many
-# simulations, and between two throws of an arm there is less time. Profiles take ten times as long as a fit.
+# simulations, and between two throws of an arm there is less time.
 IN_SPACE: dict[str, Any] = {
     "search": "screened",
     "evaluations": 6000,
@@ -145,7 +145,7 @@ class EstimateSettings(PaperFit):
     profiles: bool = Field(
         True,
         description="Find how far each parameter may move while E rises by 10 % (in space only if asked "
-        "for: ten times the fit's time). Set it to false to save time.",
+        "for). Set it to false to save time.",
     )
 
     def in_space(self, *, thrown: bool) -> Self:

@@ -94,7 +94,7 @@ class TrialParts(NamedTuple):
     Attributes
     ----------
     throws, trial
-        The parts that are fitted, and (P,) of which trial each is, 0 to `trials` - 1.
+        The parts that are fitted, and (P,) the number of the trial of each, 0 to `trials` - 1.
     trials
         How many trials there are, also without a fitted part.
     newest

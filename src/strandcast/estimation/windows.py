@@ -15,7 +15,7 @@ from strandcast.estimation.throws import TrialParts
 # All chosen.
 WINDOWS, WINDOW_S = 10, 4.0  # of motion that are fitted, at most
 OVERLAP = 2.0  # times that each instant is in a window, at most, on average
-# Series whose shape is not seen: how many are fitted, for how long each, and a single one.
+# Series without a shape that is seen: how many are fitted, for how long each, and a single one.
 LONG_WINDOWS, LONG_WINDOW_S, LONGEST_WINDOW_S = 8, 20.0, 40.0
 REST_EVERY_S = 0.5  # where a window may begin
 NEARLY_MOST = 0.95  # of the motion that a window can have: of such, the first, which has more of the rest

@@ -259,7 +259,7 @@ def _bend(results: TrialResults) -> CheckOutcome | None:
     )
 
 
-# Whose warnings doubt another number than the miss.
+# Files with warnings that doubt another number than the miss.
 DOUBTED_BY = {
     FILES["alignment"]: NEXT_THROW,
     FILES["estimate"]: NEXT_THROW,

@@ -159,8 +159,8 @@ def _even_clock(stamps: np.ndarray, base_s: float) -> _EvenClock | None:
     """Return the even clock that rounds to `stamps` [ticks]; None: they are exact, or uneven.
 
     Formats and phones round time stamps: 240 frames/s in QuickTime's 1/600 s last 2 or 3 units. A file that
-    was copied to another format keeps the coarser unit: the greatest that divides all stamps, or one of which
-    they are multiples, rounded once more.
+    was copied to another format keeps the coarser unit: the greatest that divides all stamps, or one that the
+    stamps are multiples of, rounded once more.
     """
     numbered = np.concatenate([[0], np.cumsum(_spans(stamps, _usual_step(stamps)))])
     for (unit, again), frame in product(_units(stamps, base_s), (numbered, np.arange(len(stamps)))):
