@@ -68,7 +68,8 @@ def test_the_start_is_found_after_an_approach(arm, commanded, epoch_s):
     motion = swing(arm)
     log = log_of(arm, motion, commanded)
     log.time_s += epoch_s  # a controller's clock since it was switched on, or ROS' since 1970
-    start_s, end_s = motion_times(log, motion, arm)
+    start_s, end_s, warnings = motion_times(log, motion, arm)
+    assert warnings == []
     assert start_s - epoch_s == pytest.approx(START_S, abs=5e-4)
     assert end_s - epoch_s == pytest.approx(START_S + 0.4, abs=5e-4)
 
@@ -106,6 +107,15 @@ def test_the_log_of_a_similar_motion_of_the_experiment_is_refused(arm, commanded
     # The motion's own log is accepted, however the joints lag, and beside whatever it resembles.
     own = lagging(log_of(arm, planned, commanded))
     assert motion_times(own, planned, arm, None, {"trial-02": other, "trial-03": alike})
+
+
+def test_commands_that_are_near_those_of_the_motion_are_warned_of(arm):
+    """The controller filters them, or another motion of the same kind was played that is kept nowhere."""
+    motion = swing(arm)
+    _, _, warnings = motion_times(log_of(arm, swing(arm, (0.71, 0.9, 0.8)), True), motion, arm)
+    assert [warning.split(" rms ")[1] for warning in warnings] == [
+        "from motion.json: the controller changes its commands, or another motion was played"
+    ]
 
 
 @pytest.mark.parametrize("off_rad", [0.03, -0.05])

@@ -147,11 +147,13 @@ def import_joints(
         motion = motion if taken is None else played.plans[taken]
     if played is not None and played.is_rehearsal and motion is None:
         raise _rehearsal_of_no_motion(Path(folder), played.plans)
+    unlike: list[str] = []
     if played is None or motion is None:
         times = _command_span(log)
     else:
-        times = motion_times(log, motion, played.arm, str(path), played.others)
-    warnings = [*source.notes, *notes, *timing_warnings(time_s), *_exchanged_columns(log)]
+        start_s, end_s, unlike = motion_times(log, motion, played.arm, str(path), played.others)
+        times = start_s, end_s
+    warnings = [*source.notes, *notes, *timing_warnings(time_s), *_exchanged_columns(log), *unlike]
     if taken:
         warnings.append(f"the log is that of {taken}, which is now the motion.json beside it")
     if times is not None:

@@ -45,8 +45,8 @@ def motion_times(
     arm: Arm,
     file: str | None = None,
     others: Mapping[str, Motion] | None = None,
-) -> tuple[float, float]:
-    """Return the motion's start and end on the log's clock [s].
+) -> tuple[float, float, list[str]]:
+    """Return the motion's start and end on the log's clock [s], and warnings.
 
     Commanded joints are compared with the trajectory itself; in a log without them, the measured joints are
     compared with the response of the arm's nominal servo to it. `others` are motions that may have been
@@ -76,10 +76,16 @@ def motion_times(
         matches = {path: _match(log, each, arm) for path, each in same.items()}
         left_rad = {path: match.left_rad for path, match in matches.items() if match.is_whole}
         _refuse_another_motion(found.left_rad, left_rad, file)
-    if not _is_like(found) and _commanded(log, motion.joint_names).any():
+    if found.left_rad <= ALIKE_RAD or not _commanded(log, motion.joint_names).any():
+        return found.start_s, found.end_s, []
+    if not _is_like(found):
         what = f"{found.left_rad:.3f} rad off, which no lag of commands explains"
         raise _unlike(what, found, motion, file)
-    return found.start_s, found.end_s
+    unlike = (
+        f"the commanded joints stay {1e3 * found.left_rad:.1f} mrad rms from motion.json: the controller changes "
+        "its commands, or another motion was played"
+    )
+    return found.start_s, found.end_s, [unlike]
 
 
 def _unlike(what: str, found: Match, motion: Motion, file: str | None) -> StrandcastError:
