@@ -77,15 +77,14 @@ def rollout_residuals(
 
 
 def miss_parts(task: PlanningTask, rollouts: Rollouts, assessment: Assessment) -> np.ndarray:
-    """Return (B, R) parts of the misses [m]: of a point, the tip's offset from it and the rest."""
+    """Return (B, 2 or 3) offsets of the tips from the point to hit, or of other aims (B, 1) misses [m]."""
     aim, after = task.aim, np.clip(assessment.hit_index, 1, rollouts.last)
-    if not isinstance(aim, AimedPoint | PointInSpace):
+    if not isinstance(aim, AimedPoint | PointInSpace) or getattr(aim, "has_velocity", False):
         return assessment.miss_m[:, None]
     tip_m, each = rollouts.tip_m(), np.arange(len(after))
     start, way = tip_m[each, after - 1], tip_m[each, after] - tip_m[each, after - 1]
     along = ((task.target_m - start) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12)
-    offset_m = start + np.clip(along, 0.0, 1.0)[:, None] * way - task.target_m
-    return np.column_stack([offset_m, assessment.miss_m - np.linalg.norm(offset_m, axis=1)])
+    return np.asarray(start + np.clip(along, 0.0, 1.0)[:, None] * way - task.target_m)
 
 
 def near_limits(paths: JointPaths, arm: Arm) -> np.ndarray:
@@ -120,6 +119,8 @@ def descend_motion(
         jacobian = (residuals(point + steps).parts_m - parts).T / STEP
         curvature, gradient = jacobian.T @ jacobian, jacobian.T @ parts[0]
         tried += free
+        if not gradient.any():  # nothing is missed
+            break
         improved = False
         while not improved and tried + len(LADDER) <= evaluations and damping <= MOST_DAMPING:
             dampings = damping * LADDER
