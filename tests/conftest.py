@@ -1,5 +1,6 @@
 """Fixtures that all tests share, and what a run of the tests says at its end."""
 
+import gc
 import os
 import shutil
 from collections import Counter
@@ -13,9 +14,13 @@ from tests.faults.small import make_whole
 from tests.report.chromium import Browser, chromium
 
 from strandcast.arm.load import SpatialArm, clamp_frame, load_arm
+from strandcast.video.ingest import inspect_video
+from strandcast.video.reader import open_video
 
 # Small matrices: more threads only spin, and take the other core's time (the workflow's jobs have one too).
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Compiling keeps millions of objects: at Python's threshold, a tenth of its time is a search for cycles.
+gc.set_threshold(50_000, 20, 50)
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -69,6 +74,22 @@ class LeftOut:
 def pytest_configure(config: pytest.Config) -> None:
     """Add the report of what was left out."""
     config.pluginmanager.register(LeftOut(config))
+
+
+# Files that test the process which decodes a video; to start one takes longer than its work.
+ISOLATED = {
+    *("test_hosts.py", "test_hostile_pictures.py", "test_hostile_video.py"),
+    *("test_isolated.py", "test_native.py", "test_outside_reader.py"),
+}
+
+
+@pytest.fixture(autouse=True)
+def decoding(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Decode videos in the tests' own process; commands that tests start do it as always."""
+    if request.path.name not in ISOLATED:
+        for function in (open_video.__wrapped__, inspect_video):  # type: ignore[attr-defined]
+            given = tuple(False if value is True else value for value in function.__defaults__)
+            monkeypatch.setattr(function, "__defaults__", given)  # of `isolated`
 
 
 @pytest.fixture(scope="session")

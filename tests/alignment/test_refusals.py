@@ -138,6 +138,23 @@ def test_a_wrong_frame_rate(good, refusal, said_hz, word):
     assert found.fix.endswith("camera.frame_rate_hz: 500")
 
 
+@pytest.mark.parametrize(("seed", "ramp_s"), [(5, 0.5), (0, 0.45)])
+def test_a_speed_ramp_is_refused(throw, refusal, seed, ramp_s):
+    """Every eighth frame of the first and last part, evenly stamped; the hand moves in some of it."""
+    trial = throw(seed, frame_rate_hz=240.0)
+    frame = trial.markers["frame"]
+    all_s = np.arange(frame.max() + 1) / 240.0
+    ends = (all_s < ramp_s) | (all_s >= all_s[-1] - ramp_s)
+    kept = ~ends | (np.arange(len(all_s)) % 8 == 0)
+    seen = kept[frame]
+    columns = {name: column[seen] for name, column in trial.markers.items()}
+    columns["camera_time_s"] = (np.cumsum(kept) - 1)[columns["frame"]] / 240.0
+    found = refusal(trial, markers=columns)
+    assert found.code == "SC-V017"
+    assert "no single frame rate fits" in found.what
+    assert "original film" in found.fix
+
+
 @pytest.mark.parametrize(("axis", "turned"), [("x_m", np.pi), ("y_m", 0.0)])
 def test_a_mirrored_world(good, refusal, axis, turned):
     columns = good.markers | {axis: -good.markers[axis], "angle_rad": turned - good.markers["angle_rad"]}

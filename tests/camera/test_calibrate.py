@@ -1,5 +1,6 @@
 """The calibration stage with files: photos or a video of the board, the plane's photo, the record."""
 
+import re
 import textwrap
 from fractions import Fraction
 from pathlib import Path
@@ -20,7 +21,7 @@ from strandcast.camera.pose import PlacedMarker
 from strandcast.camera.views import find_board
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
-from strandcast.records.camera import Camera
+from strandcast.records.camera import Camera, Lens
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report.panels.camera_picture import camera_picture
 from strandcast.report.panels.page_data import ExperimentPageData
@@ -174,6 +175,28 @@ def test_photos_are_read_as_the_sensor_has_them(root, board_seen):
     assert lens.matrix[1][2] == pytest.approx(280.0, abs=4)
 
 
+def write_lens(path: Path, lens: Lens) -> None:
+    """Write the lens as a file of OpenCV's."""
+    path.write_text(
+        f"image_width: {lens.width_px}\nimage_height: {lens.height_px}\n"
+        f"camera_matrix: {np.ravel(lens.matrix).tolist()}\n"
+        f"distortion_coefficients: {list(lens.distortion)}\n"
+    )
+
+
+def test_a_distance_of_the_string_that_is_not_given_is_asked_for(root, lens):
+    folder = root / "data" / "own"
+    write_lens(folder / "lens.yaml", lens)
+    given = EXPERIMENT.replace("camera:\n", "camera:\n  lens_file: lens.yaml\n")
+    for line, asked in (("", 1), ("  string_offset_m: 0.0\n", 0)):
+        (folder / "experiment.yaml").write_text(given.replace("  string_offset_m: 0.02\n", line))
+        run_stage("calibrate", root, "own")
+        warnings = Camera.read(root / "results/own/cameras/main.json").warnings
+        assert ["string_offset_m is not given" in text for text in warnings].count(True) == asked
+        # 0.7 m from the camera's axis at 1.9 m: 10 mm in front are 3.7 mm beside
+        assert all(2.0 < float(re.search(r"up to ([\d.]+) mm", text)[1]) < 4.5 for text in warnings)
+
+
 def test_a_legacy_board_in_the_plane_is_recognised_and_the_warning_printed(
     root, tmp_path, photograph, looking, lens, capsys
 ):
@@ -187,12 +210,7 @@ def test_a_legacy_board_in_the_plane_is_recognised_and_the_warning_printed(
     pose = looking(0.06, -0.1, 0.03, (0.12, 0.07), 0.5)
     folder = root / "data" / "own"
     cv2.imwrite(str(folder / "calibration" / "plane.png"), photograph(texture, to_texture, lens, *pose))
-    (k1, k2, p1, p2, k3), [fx, fy], [cx, cy] = lens.distortion, (1100.0, 1090.0), (470.0, 280.0)
-    (folder / "lens.yaml").write_text(
-        f"image_width: {lens.width_px}\nimage_height: {lens.height_px}\n"
-        f"camera_matrix: [{fx}, 0, {cx}, 0, {fy}, {cy}, 0, 0, 1]\n"
-        f"distortion_coefficients: [{k1}, {k2}, {p1}, {p2}, {k3}]\n"
-    )
+    write_lens(folder / "lens.yaml", lens)
     board = "squares_x: 7, squares_y: 4, square_m: 0.035, marker_m: 0.026, dictionary: DICT_5X5_100"
     (folder / "experiment.yaml").write_text(
         "string: {length_m: 0.1}\ntarget_m: [0.1, 0.1]\ncamera:\n  lens_file: lens.yaml\n"
@@ -211,12 +229,12 @@ def test_a_legacy_board_in_the_plane_is_recognised_and_the_warning_printed(
 
 
 def test_missing_files_are_named(root):
-    with pytest.raises(StrandcastError, match=r"no photo fits 'calibration/lens-\*\.png'; there: plane\.png"):
+    with pytest.raises(StrandcastError, match=r"no photo or video of the lens board; there: plane\.png"):
         run_stage("calibrate", root, "own")
     (root / "data" / "own" / "experiment.yaml").write_text(
         textwrap.dedent(EXPERIMENT).replace("camera:\n", "camera:\n  lens_video: calibration/board.avi\n")
     )
-    with pytest.raises(StrandcastError, match=r"board\.avi: the video does not exist"):
+    with pytest.raises(StrandcastError, match=r"board\.avi: camera\.lens_video: there is no video"):
         run_stage("calibrate", root, "own")
 
 

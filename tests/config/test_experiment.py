@@ -197,7 +197,7 @@ def test_contradicting_settings_give_a_line_and_a_fix(tmp_path, more, line, fiel
 
 
 @given(text=st.text(max_size=80))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_no_text_raises_anything_else(tmp_path_factory, text):
     path = tmp_path_factory.mktemp("any") / "experiment.yaml"
     path.write_bytes(text.encode())

@@ -25,3 +25,11 @@ def test_links_lead_somewhere(page):
         file = (page.parent / name).resolve() if name else page
         assert file.exists(), f"{target}: there is no such file"
         assert not anchor or anchor in anchors(file), f"{target}: there is no such heading"
+
+
+def test_versions_are_those_of_the_lock_files():
+    locks = "\n".join(lock.read_text() for lock in (ROOT / "requirements").glob("*.lock"))
+    stated = re.findall(r"`([\w-]+==[\d.]+)`", (ROOT / "docs/reference/files.md").read_text(encoding="utf-8"))
+    assert len(stated) >= 5
+    for package in stated:
+        assert re.search(rf"^{re.escape(package)} ", locks, re.MULTILINE), f"{package} is in no lock file"

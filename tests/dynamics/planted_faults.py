@@ -42,15 +42,19 @@ FAULTS = tuple(
 )
 
 
+def faulty(fault: Fault) -> str:
+    """Return the text of the fault's file with the fault in it."""
+    text = (PACKAGE / "dynamics" / fault.file).read_text()
+    if fault.right not in text:
+        raise LookupError(f"{fault.name}: {fault.file} no longer contains {fault.right!r}")
+    return text.replace(fault.right, fault.wrong)
+
+
 def planted(fault: Fault, folder: Path) -> Path:
     """Copy the package to `folder` with the fault in it; the folder to put on the path."""
     copy = folder / "strandcast"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    path = copy / "dynamics" / fault.file
-    text = path.read_text()
-    if fault.right not in text:
-        raise LookupError(f"{fault.name}: {fault.file} no longer contains {fault.right!r}")
-    path.write_text(text.replace(fault.right, fault.wrong))
+    (copy / "dynamics" / fault.file).write_text(faulty(fault))
     return folder
 
 

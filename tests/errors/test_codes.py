@@ -2,6 +2,8 @@
 
 import ast
 import re
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -16,9 +18,14 @@ PRODUCT, STUDIES = (Path(str(package.__file__)).parent for package in (strandcas
 CODE = re.compile(r"SC-[A-Z]\d{3}")
 
 
-def codes_in(source: Path) -> set[str]:
+def trees(package: Path) -> Iterator[ast.Module]:
+    """Yield the parsed modules of a package that name a code."""
+    texts = (source.read_text(encoding="utf-8") for source in package.rglob("*.py"))
+    yield from (ast.parse(text) for text in texts if CODE.search(text))
+
+
+def codes_in(tree: ast.Module) -> set[str]:
     """Return the codes with which string constants of a module begin, those of docstrings left out."""
-    tree = ast.parse(source.read_text(encoding="utf-8"))
     statements = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     texts = [
         node.value
@@ -28,9 +35,10 @@ def codes_in(source: Path) -> set[str]:
     return {match[0] for text in texts if (match := CODE.match(text))}
 
 
+@cache
 def raised(package: Path) -> set[str]:
     """Return the codes that a package uses."""
-    return {code for source in package.rglob("*.py") for code in codes_in(source)}
+    return {code for tree in trees(package) for code in codes_in(tree)}
 
 
 @pytest.mark.parametrize(
@@ -42,10 +50,10 @@ def test_every_raised_code_is_registered_and_every_registered_one_is_raised(pack
     assert declared - used == set(), "nothing raises them"
 
 
-def own_fixes(source: Path) -> set[tuple[str, str]]:
+def own_fixes(tree: ast.Module) -> set[tuple[str, str]]:
     """Return code and fixed texts of the errors that a module makes."""
     found: set[tuple[str, str]] = set()
-    for call in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+    for call in ast.walk(tree):
         if isinstance(call, ast.Call):
             values = [*call.args, *(word.value for word in call.keywords if word.arg == "fix")]
             texts = [str(each.value) for each in values if isinstance(each, ast.Constant)]
@@ -56,7 +64,7 @@ def own_fixes(source: Path) -> set[tuple[str, str]]:
 
 def test_no_error_repeats_the_fix_of_its_code() -> None:
     fixes = general_fixes()
-    given = {pair for source in PRODUCT.rglob("*.py") for pair in own_fixes(source)}
+    given = {pair for tree in trees(PRODUCT) for pair in own_fixes(tree)}
     assert len(given) > 100
     assert given & set(fixes.items()) == set(), "leave it out"
 

@@ -1,19 +1,23 @@
 """A cable in space is fitted to series of its motion and predicts another one; held at one end or both."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from strandcast.config.estimate import EstimateSettings
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.dynamics.spatial.clamps import clamp_poses
-from strandcast.estimation.cable_fit import fit_cable, frames_fitted, parts_to_fit, predicted
 from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
 from strandcast.estimation.cable_space import space_of_cable
+from strandcast.estimation.estimate import FoundString, find_string
 from strandcast.estimation.fit_objective import simulate_throw
+from strandcast.estimation.optimisers.optimiser import SearchStart
+from strandcast.estimation.windows import parts_of_series, parts_to_fit
 
 LENGTH_M = 0.8
 TIME_S = np.arange(0.0, 1.5, 0.01)
@@ -64,8 +68,17 @@ def eased(moving: CableSeries) -> CableSeries:
     return CableSeries(np.r_[rest_s, TIME_S], held(moving.pose), held(moving.vertices_m), moving.places)
 
 
-def missed_m(fit, other: CableSeries) -> float:
-    return float(np.linalg.norm(fit.predict(other) - other.vertices_m, axis=2).mean())
+def fit_cable(fitted: list[CableSeries], model, space, **settings) -> FoundString:
+    parts = {"": parts_of_series(fitted, model.points, last=False)}
+    settings = EstimateSettings(**settings).in_space(thrown=False)
+    return find_string(
+        parts, model, space, settings, partial(np.random.default_rng, 1), SearchStart(None, len(fitted))
+    )
+
+
+def missed_m(fit: FoundString, other: CableSeries) -> float:
+    predicted_m = other.predicted(fit.objective.model, fit.string)
+    return float(np.linalg.norm(predicted_m - other.vertices_m, axis=2).mean())
 
 
 @pytest.mark.parametrize("two_ends", [False, True], ids=["one end", "two ends"])
@@ -74,7 +87,7 @@ def test_a_fitted_cable_predicts_another_motion(two_ends):
     fit = fit_cable([series(two_ends, 0.0), series(two_ends, 1.3)], model, space)
     assert fit.log.converged
     assert missed_m(fit, series(two_ends, 2.9)) < 4e-3
-    assert len(fit.space.names) <= 10
+    assert len(space.names) <= 10
     found = fit.values()
     assert found["bending_length"] == pytest.approx(TRUTH["bending_length"], rel=0.1)
     assert found["length_change"] == pytest.approx(TRUTH["length_change"], abs=4e-3)
@@ -96,23 +109,30 @@ def test_taper_and_the_place_of_the_only_marker_are_found():
 
     def seen(phase: float, places) -> CableSeries:
         bare = eased(series(False, phase, places))
-        return replace(bare, vertices_m=predicted(model, space, chi, bare))
+        return replace(bare, vertices_m=bare.predicted(model, space.strings(chi)))
 
     fit = fit_cable([seen(0.0, [1.0]), seen(1.3, [1.0])], model, space)
     assert fit.values()["taper"] == pytest.approx(1.2, abs=0.5)
     assert fit.values()["marker_shift"] == pytest.approx(-0.05, abs=0.02)
     assert missed_m(fit, seen(2.9, [1.0])) < 5e-3
     # A marker declared farther back by the shift is in the same place.
-    there, declared = fit.space.strings(chi).with_values(marker_shift=np.zeros(1)), seen(2.9, [0.95])
+    there, declared = space.strings(chi).with_values(marker_shift=np.zeros(1)), seen(2.9, [0.95])
     markers = simulate_throw(model, declared.prepared(0, 200, model.points), there)[0][0, :, 1:]
     np.testing.assert_allclose(markers, seen(2.9, [1.0]).vertices_m, atol=1e-9)
+
+
+def test_the_unknowns_of_a_string_are_read_from_it():
+    every = {"friction_stick": True, "marker_shift": True, "drag_along": True}
+    _, space = space_of_cable(LENGTH_M, True, weight_places_m=[0.3], **every)
+    chi = np.random.default_rng(2).uniform(0.1, 0.9, (3, space.dimension))
+    np.testing.assert_allclose(space.chi_of(space.strings(chi)), chi, atol=1e-9)
 
 
 def test_weights_of_unknown_mass_are_found():
     model, space = space_of_cable(LENGTH_M, False, weight_places_m=[LENGTH_M])
     truth = space.exponents(np.array([TRUTH.get(name, 8.0) for name in space.names]))
     bare = series(False, 0.0)
-    loaded = CableSeries(TIME_S, bare.pose, predicted(model, space, truth, bare), PLACES)
+    loaded = CableSeries(TIME_S, bare.pose, bare.predicted(model, space.strings(truth)), PLACES)
     fit = fit_cable([loaded], model, space, evaluations=150)
     assert fit.values()["weight_1"] == pytest.approx(8.0, rel=0.15)
 
@@ -126,7 +146,7 @@ def test_friction_that_sticks_is_found_and_predicts():
 
     def rubbed(phase: float) -> CableSeries:
         bare = series(two_ends, phase)
-        return CableSeries(TIME_S, bare.pose, predicted(model, space, chi, bare), PLACES)
+        return CableSeries(TIME_S, bare.pose, bare.predicted(model, space.strings(chi)), PLACES)
 
     fitted, other = [rubbed(0.0), rubbed(1.3)], rubbed(2.9)
     sticks = fit_cable(fitted, model, space)
@@ -195,8 +215,8 @@ def test_a_prediction_reads_the_start_only():
     hidden = whole.vertices_m.copy()
     hidden[12:] = np.nan
     np.testing.assert_array_equal(
-        predicted(model, space, chi, whole),
-        predicted(model, space, chi, CableSeries(TIME_S, whole.pose, hidden, PLACES)),
+        whole.predicted(model, space.strings(chi)),
+        CableSeries(TIME_S, whole.pose, hidden, PLACES).predicted(model, space.strings(chi)),
     )
 
 
@@ -261,7 +281,9 @@ def test_of_few_markers_each_recording_is_read_where_it_moves_however_many_there
     shares = {}
     for count in (2, 7, 8):
         recordings = [resting(90.0, (50.0 + k, 62.0 + k), [0.5, 1.0]) for k in range(count)]
-        read = frames_fitted(recordings)
+        read = [np.zeros(len(each.time_s), dtype=bool) for each in recordings]
+        for row, first, last in parts_to_fit(recordings):
+            read[row][first:last] = True
         for k, (each, frames) in enumerate(zip(recordings, read, strict=True)):
             moves = (each.time_s > 50.0 + k) & (each.time_s < 62.0 + k)
             assert frames[moves].mean() > 0.9

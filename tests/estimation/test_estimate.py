@@ -11,7 +11,7 @@ from strandcast.core.strings import DRAG_ALONG, PARAMETERS, REST_CURL, StringBat
 from strandcast.dynamics.parameters import RANGES
 from strandcast.errors import StrandcastError
 from strandcast.estimation.cross_validation import CHOSEN, REFITTED
-from strandcast.estimation.estimate import estimate, without_model
+from strandcast.estimation.estimate import estimate_throws, without_model
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.optimisers.registry import OPTIMISERS
 from strandcast.estimation.unknowns import space_of
@@ -37,7 +37,7 @@ QUICK = EstimateSettings(ensemble=4, profiles=False)
 
 @pytest.fixture(scope="module")
 def fit():
-    return estimate([observed_throw(1.0)], MODEL, LAYOUT, QUICK, np.random.default_rng(2))
+    return estimate_throws([observed_throw(1.0)], MODEL, LAYOUT, QUICK, np.random.default_rng(2))
 
 
 def test_finds_a_string_that_moves_like_the_true_one(fit):
@@ -83,7 +83,7 @@ def test_drag_along_the_string_is_fitted_where_it_explains_the_throw_better():
     few = QUICK.model_copy(update={"evaluations": 1200})
 
     def fitted(settings, previous):
-        return estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(3), previous=previous)
+        return estimate_throws([throw], MODEL, LAYOUT, settings, np.random.default_rng(3), previous=previous)
 
     once, auto = (fitted(few.model_copy(update={"drag_along": along}), light) for along in (False, "auto"))
     assert 0.2 < auto.best[DRAG_ALONG][0] < 0.6
@@ -117,7 +117,7 @@ def test_members_are_near_optimal_strings_that_differ(fit):
 
 def test_same_seed_same_bytes_on_one_core_and_two(fit):
     with threads(1):
-        again = estimate([observed_throw(1.0)], MODEL, LAYOUT, QUICK, np.random.default_rng(2))
+        again = estimate_throws([observed_throw(1.0)], MODEL, LAYOUT, QUICK, np.random.default_rng(2))
     assert again.chi.tobytes() == fit.chi.tobytes()
     assert again.members.parameters.tobytes() == fit.members.parameters.tobytes()
     assert again.fitted_m.tobytes() == fit.fitted_m.tobytes()
@@ -125,7 +125,7 @@ def test_same_seed_same_bytes_on_one_core_and_two(fit):
 
 def test_second_trial_starts_from_the_first_and_is_predicted_by_it(fit):
     few = EstimateSettings(evaluations=1200, ensemble=2, profiles=False)
-    second = estimate(
+    second = estimate_throws(
         [observed_throw(1.0), observed_throw(0.8, 1)],
         MODEL,
         LAYOUT,
@@ -140,7 +140,7 @@ def test_second_trial_starts_from_the_first_and_is_predicted_by_it(fit):
     assert second.E_m < 0.0018
     assert second.E_planned_m < 0.003
     latest = EstimateSettings(evaluations=200, trials="latest", profiles=False)
-    third = estimate(
+    third = estimate_throws(
         [observed_throw(1.0), observed_throw(0.8, 1)],
         MODEL,
         LAYOUT,
@@ -156,7 +156,7 @@ def test_three_points_at_30_hz_are_enough_to_move_like_it():
     points = whole.points_m[::8].copy()
     points[:, [1, 2, 4, 5]] = np.nan
     sparse = Throw(whole.time_s[::8], points, whole.hand_time_s, whole.hand_pose, whole.used[::8])
-    found = estimate([sparse], MODEL, LAYOUT, QUICK, np.random.default_rng(3))
+    found = estimate_throws([sparse], MODEL, LAYOUT, QUICK, np.random.default_rng(3))
     assert np.isnan(found.E_points_m).sum() == 4
     assert any("never measured" in warning for warning in found.warnings)
     true = observed_throw(1.0, noise=0.0).points_m[::8][found.frames]
@@ -173,7 +173,7 @@ def test_paper_search_runs_within_table_2():
         start_shape="hanging",
         trials="latest",
     )
-    found = estimate([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(4))
+    found = estimate_throws([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(4))
     assert found.evaluations < 160 + 64
     low, high = RANGES["paper"].T
     inside = (found.best.parameters[0] >= low * (1 - 1e-12)) & (
@@ -191,7 +191,9 @@ def test_the_papers_search_stays_the_closer_to_the_fit_before_the_more_throws_th
     settings = EstimateSettings(search="paper", evaluations=160, profiles=False, trials="latest", paper=paper)
     random, before = np.random.default_rng, fit.best
     near, far = (
-        estimate([observed_throw(1.0)], MODEL, LAYOUT, settings, random(4), previous=before, older=older)
+        estimate_throws(
+            [observed_throw(1.0)], MODEL, LAYOUT, settings, random(4), previous=before, older=older
+        )
         for older in (99, 0)
     )
     reach = [np.abs(found.space.chi_of(found.members) - found.chi).max() for found in (near, far)]
@@ -201,7 +203,7 @@ def test_the_papers_search_stays_the_closer_to_the_fit_before_the_more_throws_th
 
 def test_given_ranges_bounds_and_curl_are_reported():
     settings = EstimateSettings(evaluations=1200, ranges={"k_s": (1e3, 1e5)}, profiles=False)
-    found = estimate([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(5))
+    found = estimate_throws([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(5))
     assert found.best.parameters[0, 0] <= 1e5 * (1 + 1e-12)
     assert found.at_bound[0]
     assert any(warning.startswith("k_s ended at a bound") for warning in found.warnings)
@@ -223,7 +225,7 @@ def search_that_knows(monkeypatch, string, **changes):
 def test_a_bound_that_costs_nothing_is_no_warning(monkeypatch):
     """The throw hardly depends on c_s: a range that ends below the true value costs nothing."""
     settings = search_that_knows(monkeypatch, known_string(), ranges={"c_s": (1.0, 15.0)})
-    found = estimate([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(3))
+    found = estimate_throws([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(3))
     assert found.at_bound[1]
     assert not any("ended at a bound" in warning for warning in found.warnings)
 
@@ -234,18 +236,18 @@ def test_a_rigid_clamp_is_no_stiff_string(monkeypatch):
     rigid.parameters[0, PARAMETERS.index("k_ph")] = 200.0
     settings = search_that_knows(monkeypatch, rigid)
     monkeypatch.setattr("strandcast.estimation.estimate.PAYS", np.inf)
-    found = estimate([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(3))
+    found = estimate_throws([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(3))
     assert found.space.bounds[PARAMETERS.index("k_ph"), 1] > 200.0
     assert not any("stiff" in warning or "masses" in warning for warning in found.warnings)
 
 
 def test_ranges_are_widened_for_a_stiff_string(monkeypatch):
     settings, throw = search_that_knows(monkeypatch, known_string(40.0)), observed_throw(1.0, stiffer=40.0)
-    found = estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
+    found = estimate_throws([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
     assert found.space.bounds[2, 1] == 300.0
     assert any(warning.startswith("a stiff string: k_h and k_sh are 20") for warning in found.warnings)
     within = search_that_knows(monkeypatch, known_string(40.0), ranges={"k_h": (1e-4, 10.0)})
-    kept = estimate([throw], MODEL, LAYOUT, within, np.random.default_rng(3))
+    kept = estimate_throws([throw], MODEL, LAYOUT, within, np.random.default_rng(3))
     assert kept.space.bounds[2, 1] == 10.0
     assert kept.E_m > 1.5 * found.E_m
 
@@ -254,7 +256,7 @@ def test_masses_of_a_string_at_the_bound_of_stiffness_are_not_known(monkeypatch)
     stiffer = 10.0 / TRUTH[2]
     settings = search_that_knows(monkeypatch, known_string(stiffer), ranges={"k_h": (1e-4, 10.0)})
     throw = observed_throw(1.0, noise=0.0, stiffer=stiffer)  # no string is better than the true one
-    found = estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
+    found = estimate_throws([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
     assert any(warning.startswith("the weights' masses are not known: k_h") for warning in found.warnings)
 
 
@@ -262,7 +264,7 @@ def test_masses_of_a_string_at_the_bound_of_stiffness_are_not_known(monkeypatch)
 def test_a_thorough_search_finds_the_mass_on_a_stiff_string():
     throw = observed_throw(1.0, stiffer=40.0)
     settings = EstimateSettings(search="thorough", profiles=False)
-    found = estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
+    found = estimate_throws([throw], MODEL, LAYOUT, settings, np.random.default_rng(3))
     assert found.best.free_masses[0, 0] == pytest.approx(MASS, rel=0.1)
     assert found.best.parameters[0, 2] == pytest.approx(40.0 * TRUTH[2], rel=0.2)
 
@@ -274,7 +276,7 @@ def test_a_hand_that_jumps_gives_one_clear_error(name):
     jumping.hand_pose[60:] += [5e3, 0.0, 0.0]
     with pytest.raises(StrandcastError, match="SC-E003"):
         settings = EstimateSettings(search=name, evaluations=100)
-        estimate([jumping], MODEL, LAYOUT, settings, np.random.default_rng(7))
+        estimate_throws([jumping], MODEL, LAYOUT, settings, np.random.default_rng(7))
 
 
 def test_space_round_trip():

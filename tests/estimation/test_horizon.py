@@ -6,7 +6,7 @@ import pytest
 
 from strandcast.config.estimate import EstimateSettings
 from strandcast.core.objectives import PointObjective
-from strandcast.stages.estimate import _until_s
+from strandcast.stages import past_trials
 
 START_S, END_S, EXPECTED_S = 2.0, 2.9, 0.6
 
@@ -41,13 +41,13 @@ def test_the_last_frame(
     closest_s: float | None, miss_m: float | None, predicted: bool, until_s: float
 ) -> None:
     settings = EstimateSettings(horizon_s=0.03)
-    assert _until_s(trial(closest_s, miss_m, predicted), settings) == pytest.approx(until_s)
+    assert past_trials.until_s(trial(closest_s, miss_m, predicted), settings) == pytest.approx(until_s)
     if until_s != closest_s:
         whole = EstimateSettings(horizon_s=None)
-        assert _until_s(trial(closest_s, miss_m, predicted), whole) == pytest.approx(END_S + 0.3)
+        assert past_trials.until_s(trial(closest_s, miss_m, predicted), whole) == pytest.approx(END_S + 0.3)
 
 
 @pytest.mark.parametrize(("radius_m", "until_s"), [(0.02, 2.63), (0.05, 2.55), (None, 2.63)])
 def test_the_size_of_the_target_decides_what_may_touch_it(radius_m: float | None, until_s: float) -> None:
     settings = EstimateSettings(contact_radius_m=radius_m)
-    assert _until_s(trial(2.55, 0.03), settings) == pytest.approx(until_s)
+    assert past_trials.until_s(trial(2.55, 0.03), settings) == pytest.approx(until_s)

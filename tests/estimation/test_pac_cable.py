@@ -8,7 +8,7 @@ import pytest
 from strandcast.config.estimate import EstimateSettings
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
-from strandcast.estimation.estimate import estimate
+from strandcast.estimation.estimate import estimate_throws
 from strandcast.estimation.evaluation import distances, tip_error
 from strandcast.estimation.fit_objective import simulate_throw
 from strandcast.estimation.throws import prepare
@@ -45,15 +45,14 @@ def fitted_and_predicted(folder, cable, seed=1, **options):
     layout = mass_layout(length_m, 10, [length_m], None, "own")
     swing, driven = series(folder, "free_swing", cable, length_m), series(folder, "dynamic", cable, length_m)
     settings = EstimateSettings(evaluations=1500, ranges=RANGES, w=0.0, profiles=False, **options)
-    fit = estimate([swing], model, layout, settings, np.random.default_rng(seed))
+    fit = estimate_throws([swing], model, layout, settings, np.random.default_rng(seed))
     prepared = prepare(driven, model.places_m())
     predicted, _ = simulate_throw(model, prepared, fit.best)
     return fit, tip_error(distances(prepared.points_m, predicted[0])), swing, prepared, length_m
 
 
-@pytest.mark.parametrize(
-    "cable", ["black_weighted", pytest.param("black_short_weighted", marks=pytest.mark.thorough)]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("cable", ["black_weighted", "black_short_weighted"])
 def test_free_swing_predicts_the_driven_series(real_data, cable, record_property):
     """Two markers fit several strings, which predict differently: the median of three searches counts.
 

@@ -156,6 +156,6 @@ def test_an_optimiser_of_another_package_is_a_search_by_name(project_root):
 
 
 def test_an_unknown_optimiser_is_refused_with_the_known_ones():
-    with pytest.raises(StrandcastError, match="SC-W021.*descent.*paper, thorough") as refused:
+    with pytest.raises(StrandcastError, match="SC-W021.*descent.*paper, screened, thorough") as refused:
         OPTIMISERS.get("annealing")
     assert refused.value.field == "estimate.search"

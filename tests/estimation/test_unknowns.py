@@ -15,7 +15,7 @@ from strandcast.core.strings import (
     StringBatch,
 )
 from strandcast.dynamics.masses import mass_layout
-from strandcast.estimation.estimate import estimate
+from strandcast.estimation.estimate import estimate_throws
 from strandcast.estimation.fit_objective import simulate_throw
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.space import DEVIATION_COSTS_M
@@ -101,7 +101,9 @@ def test_dry_friction_is_found_where_damping_cannot_replace_it():
     for friction in (False, True):
         settings = EstimateSettings(evaluations=1500, bend_friction=friction, ensemble=2, profiles=False)
         # One search may end in another minimum, depending on the processor's rounding.
-        searches = [estimate([throw], MODEL, LAYOUT, settings, np.random.default_rng(k)) for k in (3, 4, 5)]
+        searches = [
+            estimate_throws([throw], MODEL, LAYOUT, settings, np.random.default_rng(k)) for k in (3, 4, 5)
+        ]
         found[friction] = min(searches, key=lambda search: search.E_m)
     best = found[True].best
     # A weight this heavy hides the plain points, whose mass is the unit: only the ratio to it is determined.
@@ -130,7 +132,7 @@ def test_the_camera_sees_a_shifted_string_and_its_offset_is_found():
     throw = observed_throw(1.0)
     throw = replace(throw, points_m=throw.points_m + np.array([0.004, -0.003]))
     free = EstimateSettings(evaluations=1200, camera_offset_sd_m=0.005, ensemble=2, profiles=False)
-    found = estimate([throw], MODEL, LAYOUT, free, np.random.default_rng(3))
+    found = estimate_throws([throw], MODEL, LAYOUT, free, np.random.default_rng(3))
     np.testing.assert_allclose([found.best[name][0] for name in CAMERA_OFFSET], [0.004, -0.003], atol=1e-3)
     assert found.E_m < 2.0 * NOISE_M * np.sqrt(np.pi / 2)
 

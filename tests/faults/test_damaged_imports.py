@@ -21,11 +21,11 @@ from strandcast.records.track import read_track
 
 from .fuzzing import ODD
 
-CASES = int(os.environ.get("STRANDCAST_FUZZ_CASES", "300"))
+CASES = int(os.environ.get("STRANDCAST_FUZZ_CASES", "100"))
 FUZZ = settings(
     max_examples=CASES,
     deadline=None,
-    derandomize=CASES == 300,
+    derandomize=CASES == 100,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 

@@ -24,7 +24,7 @@ def without_its_last_row(log: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "code"),
     [
-        (Path.unlink, "SC-J001"),
+        (Path.unlink, "SC-V020"),
         (without_rows, "SC-X020"),
         (halved, "SC-X020"),
         (without_its_last_row, "SC-X020"),

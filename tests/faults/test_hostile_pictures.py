@@ -127,6 +127,7 @@ class TestAnExperimentsPictures:
     def root(self, tmp_path: Path) -> Path:
         folder = tmp_path / "data" / "film"
         (folder / "calibration").mkdir(parents=True)
+        png_of_zeros(folder / "calibration/lens-01.png", 80)
         (folder / "experiment.yaml").write_text(
             "string: {length_m: 0.3}\ntarget_m: [0, 0]\ntrack: {background_picture: empty.png}\n"
         )
@@ -161,7 +162,7 @@ class TestAnExperimentsPictures:
         other = root / "data" / "other"
         other.mkdir()
         (root / "data/film/calibration/plane.png").symlink_to(png_of_zeros(other / "plane.png", 80))
-        assert self.calibrate(root).code == "SC-C030"  # the plane is read; there are no photos of the lens
+        assert self.calibrate(root).code == "SC-C013"  # the plane is read; no photo shows the lens board
 
     def test_what_is_no_picture_keeps_its_error(self, root: Path):
         assert self.calibrate(root).code == "SC-C031"

@@ -18,7 +18,7 @@ from .fuzzing import HEADS, Reader, fuzz
 from .readers import readers, written
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # of the decoders
-CASES = int(os.environ.get("STRANDCAST_FUZZ_CASES", "100"))
+CASES = int(os.environ.get("STRANDCAST_FUZZ_CASES", "50"))
 
 
 @pytest.mark.parametrize("reader", readers().values(), ids=readers())

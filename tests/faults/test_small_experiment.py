@@ -15,7 +15,7 @@ import pytest
 
 from strandcast.kernels_ahead import SIGNATURES
 
-from .small import JOBS, NAME, PROJECT, arguments, environment, hashes, make_project, make_whole
+from .small import JOBS, NAME, PROJECT, arguments, environment, hashes, make_project
 
 pytestmark = pytest.mark.thorough
 
@@ -78,18 +78,13 @@ def in_python(root: Path) -> None:
     run(root, ["-c", IN_PYTHON.format(jobs=JOBS, name=NAME)], **hostile(root.parent))
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> Path:
-    root = tmp_path_factory.mktemp("whole") / "project"
-    make_whole(root)
-    return root
-
-
 @pytest.mark.parametrize("door", [by_commands_on_one_core, in_python])
-def test_every_door_gives_the_same_bytes(door: Callable[[Path], None], whole: Path, tmp_path: Path) -> None:
+def test_every_door_gives_the_same_bytes(
+    door: Callable[[Path], None], finished: Path, tmp_path: Path
+) -> None:
     root = make_project(tmp_path / "project")
     door(root)
-    found, expected = hashes(root), hashes(whole)
+    found, expected = hashes(root), hashes(finished)
     assert {name for name in found | expected if found.get(name) != expected.get(name)} == set()
     assert len(found) == 44 + len(JOBS)  # each leaves a note
 
@@ -104,21 +99,21 @@ def counted(whole: Path, *line: str) -> str:
     return done.stdout
 
 
-def test_killed_runs_and_stages_go_on_to_the_same_bytes(whole: Path) -> None:
-    said = counted(whole, "kills", "--runs", "3", "--stages", "2", "--of", "ingest,score,report")
+def test_killed_runs_and_stages_go_on_to_the_same_bytes(finished: Path) -> None:
+    said = counted(finished, "kills", "--runs", "3", "--stages", "2", "--of", "ingest,score,report")
     assert "kills of runs: " in said
     assert " 3 tried" in said
 
 
 @pytest.mark.skipif(shutil.which("cc") is None or sys.platform != "linux", reason="needs cc, and Linux")
-def test_a_refused_system_call_ends_in_an_error_code_and_leaves_no_part_of_a_file(whole: Path) -> None:
-    said = counted(whole, "refused_calls", "--sample", "16", "--stages", "ingest,reconstruct,score,report")
+def test_a_refused_system_call_ends_in_an_error_code_and_leaves_no_part_of_a_file(finished: Path) -> None:
+    said = counted(finished, "refused_calls", "--sample", "16", "--stages", "ingest,reconstruct,score,report")
     assert "refused calls: " in said
     assert "16 tried" in said
 
 
-def test_the_kernels_that_stages_call_can_be_compiled_ahead(whole: Path, tmp_path: Path) -> None:
-    root = Path(shutil.copytree(whole, tmp_path / "project"))
+def test_the_kernels_that_stages_call_can_be_compiled_ahead(finished: Path, tmp_path: Path) -> None:
+    root = Path(shutil.copytree(finished, tmp_path / "project"))
     line = [sys.executable, "-m", "strandcast_studies.kernel_signatures", NAME]
     done = subprocess.run(line, cwd=root, env=environment(), capture_output=True, text=True, check=True)
     called, known = json.loads(done.stdout), json.loads(SIGNATURES.read_text())

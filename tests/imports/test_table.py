@@ -96,7 +96,7 @@ def test_a_missing_file_and_a_missing_column_are_named(tmp_path):
         table_of(tmp_path, "t,q\n0,1\n").column("x")
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.one_of(st.binary(max_size=200), st.text("0123456789.,;-eE\n\t \"'#tq", max_size=200)))
 def test_any_file_gives_a_table_or_one_clear_error(tmp_path, text):
     try:

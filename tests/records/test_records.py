@@ -77,7 +77,7 @@ def any_record():
 
 
 @given(record=any_record())
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 def test_round_trip(tmp_path_factory, record: Record):
     path = tmp_path_factory.mktemp("records") / "record.json"
     record.write(path)

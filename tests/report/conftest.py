@@ -60,37 +60,46 @@ MOST_IN_CLIP = 500
 NUMBER_BITS, NUMBER_PX = 10, 16  # of the number in each frame of the clip
 STROBE = "0 107 138 159 176 187 210 232 271 354"
 SWINGS_RAD = {1: 2.0, 2: 2.2, 3: 2.5}
+FOLLOWING_RAD = 2.55  # of the motion for trial 4
+
+
+def throw(swing_rad: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times (T,), hand pose (T, 3) and points (T, N + 1, 2) of a string swung over a shoulder."""
+    time_s, pose, points = _throws((*SWINGS_RAD.values(), FOLLOWING_RAD))
+    which = [*SWINGS_RAD.values(), FOLLOWING_RAD].index(swing_rad)
+    return time_s, pose[:, which], points[:, which]
 
 
 @cache
-def throw(swing_rad: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times (T,), hand pose (T, 3) and points (T, N + 1, 2) of a string swung over a shoulder."""
+def _throws(swings_rad: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the same of several throws, in the time of one: pose (T, S, 3), points (T, S, N + 1, 2)."""
     dt_s = 1e-3
     time_s = np.arange(0.0, MOTION_S + AFTER_S, dt_s)
-    share = np.clip(time_s / MOTION_S, 0.0, 1.0)
-    angle = 2.7 - swing_rad * (share - np.sin(2 * np.pi * share) / (2 * np.pi))
-    hand = (0.1 + 0.2 * swing_rad) * np.column_stack([np.cos(angle), np.sin(angle)])
-    points = np.empty((len(time_s), N + 1, 2))
-    points[0] = hand[0] - np.outer(np.arange(N + 1) * LENGTH_M / N, [0.0, 1.0])
+    share = np.clip(time_s / MOTION_S, 0.0, 1.0)[:, None]
+    swings = np.array(swings_rad)
+    angle = 2.7 - swings * (share - np.sin(2 * np.pi * share) / (2 * np.pi))
+    hand = (0.1 + 0.2 * swings)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=2)
+    points = np.empty((*angle.shape, N + 1, 2))
+    points[0] = hand[0, :, None] - np.outer(np.arange(N + 1) * LENGTH_M / N, [0.0, 1.0])
     before = points[0].copy()
     for k in range(1, len(time_s)):
         now = points[k - 1] + 0.999 * (points[k - 1] - before) + dt_s**2 * np.array([0.0, -9.81])
         before, points[k] = points[k - 1], _shortened(now, hand[k])
-    return time_s, np.column_stack([hand, angle]), points
+    return time_s, np.concatenate([hand, angle[:, :, None]], axis=2), points
 
 
 def _shortened(now: np.ndarray, hand: np.ndarray) -> np.ndarray:
     """Pull segments back to their length, even and odd ones in turn, the hand being held."""
     for turn in range(40):
-        now[0] = hand
+        now[:, 0] = hand
         lefts = np.arange(turn % 2, N, 2)
-        away = now[lefts + 1] - now[lefts]
-        length = np.linalg.norm(away, axis=1, keepdims=True)
+        away = now[:, lefts + 1] - now[:, lefts]
+        length = np.linalg.norm(away, axis=2, keepdims=True)
         step = 0.5 * (length - LENGTH_M / N) * away / length
         held = (lefts == 0)[:, None]
-        now[lefts] += np.where(held, 0.0, step)
-        now[lefts + 1] -= np.where(held, 2 * step, step)
-    now[0] = hand
+        now[:, lefts] += np.where(held, 0.0, step)
+        now[:, lefts + 1] -= np.where(held, 2 * step, step)
+    now[:, 0] = hand
     return now
 
 
@@ -511,7 +520,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for trial in SWINGS_RAD:
         (folder / trial_name(trial)).mkdir(parents=True)
         build_trial(folder / trial_name(trial), "swing", trial)
-    following = motion("swing", 4, 2.55, played=False)
+    following = motion("swing", 4, FOLLOWING_RAD, played=False)
     following.write(folder / "trial-04" / "motion.json")
     write_predicted(folder / "trial-04" / "predicted.parquet", predicted(following))
     return folder

@@ -8,7 +8,7 @@ import pytest
 from strandcast.core.trial_names import trial_name
 from strandcast.records.files import write_text
 from strandcast.records.motion import Motion
-from strandcast.report.checks import FAIL, NOT_RUN, PASS, WARN, CheckResult
+from strandcast.report.checks import FAIL, NEXT_THROW, NOT_RUN, PASS, WARN, CheckResult, run_checks
 from strandcast.report.experiment_page import experiment_page
 from strandcast.report.first_screen import doubts, next_step
 from strandcast.report.results import read_results
@@ -54,19 +54,36 @@ def checks_of(*states: str) -> list[CheckResult]:
 def test_what_is_doubtful_is_said_by_name_the_gravest_first():
     sound = doubts({"": checks_of(PASS, PASS, NOT_RUN)})
     assert sound == ("sound", "✓ Nothing doubtful: 2 of 3 checks passed; 1 had nothing to check.")
-    assert doubts({"": checks_of(PASS, WARN)}) == ("doubtful", "▲ Doubtful: check 1 (1 mm).")
+    assert doubts({"": checks_of(PASS, WARN)}) == ("doubtful", "▲ Doubtful for the miss: check 1 (1 mm).")
     long = doubts({"": [CheckResult("check", WARN, "word " * 40, "")]}).text
     assert long.endswith("word word …).")
-    assert len(long) < 130
-    both = doubts({"trial 1: ": checks_of(WARN), "trial 2: ": checks_of(PASS, FAIL, FAIL)})
-    assert both == ("bad", "✕ Failed: trial 2: check 1 (1 mm), check 2 (2 mm).")
+    assert len(long) < 140
+    both = doubts({"trial 1": checks_of(WARN), "trial 2": checks_of(PASS, FAIL, FAIL)})
+    assert both == ("bad", "✕ Failed for the miss of trial 2: check 1 (1 mm), check 2 (2 mm).")
+
+
+def test_each_doubt_says_which_number_it_doubts(results: Path) -> None:
+    miss, other = checks_of(WARN, WARN)
+    found = doubts({"": [other._replace(doubted=NEXT_THROW), miss]}).text
+    assert found == "▲ Doubtful for the miss: check 0 (0 mm); for the next throw: check 1 (1 mm)."
+    trial = read_results(results / "trial-03")
+    track, fit = (
+        trial.need(name).model_copy(update={"warnings": [f"of the {name}"]})
+        for name in ("track_summary", "estimate")
+    )
+    trial = replace(trial, pieces=trial.pieces | {"track_summary": track, "estimate": fit})
+    words = doubts({"": run_checks(trial, None)}).text
+    before, _, after = words.partition("for the next throw: ")
+    assert "of the track_summary" in before.partition("for the predicted miss")[0]
+    assert "of the estimate" in after
 
 
 def test_the_experiments_page_says_which_trial_is_doubtful(results: Path) -> None:
     trials = {trial: results / trial_name(trial) for trial in (1, 2, 3)}
     given = {"string_length_m": 0.3, "target_m": [0.606, 0.674], "hit_radius_m": 0.02}
     header = experiment_page(summarise("swing", trials, **given), trials).partition("</header>")[0]
-    assert '<p class="doubtful">▲ Doubtful: trial 1: warnings of the stages' in header
+    assert '<p class="doubtful">▲ Doubtful for the ' in header
+    assert " of trial 1: warnings of the stages" in header
     assert header.count("<dd>") == 3
 
 

@@ -176,7 +176,7 @@ def test_zeros_that_scatter_noise_that_lasts_and_a_poor_plane_widen_the_errors(a
 
 def test_errors_that_last_are_not_the_arms_fault(arm: PlanarArm) -> None:
     lasting = TrackerNoise(white_m=1e-4, slow_m=4e-4, slow_s=0.3)
-    fits = [fitted(arm, off_by(), 300 + seed, 2, noise=lasting) for seed in range(30)]
+    fits = [fitted(arm, off_by(), 300 + seed, 2, noise=lasting) for seed in range(12)]
     assert not any(fit.wrong.any() or fit.possible.any() for fit in fits)
 
 

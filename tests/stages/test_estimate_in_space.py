@@ -8,10 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from strandcast.config.estimate import EstimateSettings
 from strandcast.core.trial_names import trial_name
 from strandcast.errors import StrandcastError
-from strandcast.estimation import cable_estimate
 from strandcast.estimation.cross_validation import HeldOutEvaluation
+from strandcast.estimation.estimate import _worse_than_before
 from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.mapping import check_mapping
 from strandcast.records.estimate import (
@@ -27,7 +28,6 @@ from strandcast.records.summary import ExperimentSummary
 from strandcast.records.tables import read_facts, read_table
 from strandcast.records.track import TRACK
 from strandcast.stages import import_track
-from strandcast.stages.estimate_in_space import APPLY, TO_CAPTURES
 from strandcast.stages.predict import predict
 from strandcast.stages.run import run_stage
 from strandcast.workflow.check import check_experiment
@@ -118,17 +118,45 @@ def test_settings_that_the_pages_advise_are_accepted(captured, tmp_path):
     # Elsewhere than in sentences, all settings are listed.
     advised = set(re.findall(r"\sestimate\.([a-z_]+)", page)) - {"json"}
     assert "evaluations" in advised
-    assert advised <= APPLY | TO_CAPTURES
+    assert advised <= EstimateSettings.model_fields.keys()
 
 
-def test_check_says_what_a_capture_in_space_is_and_refuses_settings_of_the_plane(captured, tmp_path):
+def test_check_says_what_a_capture_in_space_is_and_refuses_what_only_films_have(captured, tmp_path):
     assert "as 20 points, captured in space" in " ".join(check_experiment(captured, "cable").facts)
     root = tmp_path / "project"
     shutil.copytree(captured, root, symlinks=True)
     settings = root / "data/cable/experiment.yaml"
-    settings.write_text(settings.read_text().replace("evaluations: 120", "search: thorough"))
+    settings.write_text(settings.read_text().replace("evaluations: 120", "camera_offset_sd_m: 0.01"))
     (problem,) = check_experiment(root, "cable").errors
-    assert (problem.code, problem.field) == ("SC-E008", "estimate.search")
+    assert (problem.code, problem.field) == ("SC-E008", "estimate.camera_offset_sd_m")
+
+
+EVERY = """\
+estimate:
+  {search: thorough, evaluations: 200, ensemble: 3, trials: latest, older_trials_weight: 0.5, w: 0.1,
+   dt_s: 0.0025, ranges: {bending_length: [0.02, 1.0]}, start_shape: hanging, rest_curl: false,
+   clamp_offset_sd_rad: 0.05, stiff_bend: true, bend_friction: true, marker_shift: true, drag_along: auto,
+   horizon_s: 0.1}
+"""
+
+
+def test_the_settings_of_the_fit_work_in_space_too(captured, tmp_path):
+    root = Path(shutil.copytree(captured, tmp_path / "project", symlinks=True))
+    sections = "stiff_sections: [{from_m: 0.3, to_m: 0.4}]"
+    string = f"string: {{length_m: {captures.LENGTH_M}, {sections}}}\n"
+    (root / "data/cable/experiment.yaml").write_text(string + EVERY)
+    for trial in (1, 2):
+        run_stage("estimate", root, "cable", trial)
+    found = Estimate.read(result(root, 2, "estimate.json"))
+    assert (found.search, found.start_shape, found.ranges, found.w) == ("thorough", "hanging", "given", 0.1)
+    assert found.trials_used == [2]
+    assert [each.frames for each in found.fitted] == [0, 75]
+    fitted = {fit.name: fit for fit in found.parameters}
+    assert fitted.keys() >= {"stiff_bend_factor", "friction_turn_rad", "marker_shift", "far_up_rad"}
+    assert not fitted.keys() & {"curl_left_rad", "stick_turn_rad"}
+    assert (fitted["bending_length"].minimum, fitted["bending_length"].maximum) == (0.02, 1.0)
+    assert abs(fitted["clamp_up_rad"].value) < 0.3
+    assert {each.kind for each in found.weights} == {"stiff"}
 
 
 def test_a_trial_is_predicted_without_a_fit_as_before_its_fit(captured, tmp_path):
@@ -173,7 +201,7 @@ def test_an_estimate_of_a_string_held_elsewhere_predicts_nothing(captured, tmp_p
 def test_a_fit_that_is_worse_than_the_one_before_gives_both_numbers():
     def doubts(E_m: float):
         before = (HeldOutEvaluation(UNDER_PREVIOUS, 0.010),)
-        return cable_estimate._worse_than_before(SimpleNamespace(E_m=E_m, held_out=before))
+        return _worse_than_before(SimpleNamespace(E_m=E_m, held_out=before))
 
     (warning,) = doubts(0.012)
     assert "12.00 mm" in warning
@@ -203,12 +231,12 @@ def test_the_pages_show_two_views_and_one_that_turns(captured):
     assert (summary.verdict, summary.unread) == ("no target", {})
 
 
-def test_settings_of_the_plane_and_targets_are_refused(captured):
+def test_ranges_of_the_plane_and_targets_are_refused(captured):
     file = captured / "data" / "cable" / "experiment.yaml"
     text = file.read_text()
     try:
-        file.write_text(text.replace("120}", "120, search: thorough}"))
-        with pytest.raises(StrandcastError, match=r"SC-E008.*estimate\.search"):
+        file.write_text(text.replace("120}", "120, ranges: {k_h: [0.1, 1.0]}}"))
+        with pytest.raises(StrandcastError, match=r"(?s)SC-E008.*estimate\.ranges.*bending_length"):
             run_stage("estimate", captured, "cable", 1)
         file.write_text(text + "target_m: [0.5, 0.5]\n")
         with pytest.raises(StrandcastError, match="SC-I046"):

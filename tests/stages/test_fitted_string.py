@@ -21,16 +21,16 @@ from strandcast.core.strings import (
     REST_TORSION,
     STIFF_BEND,
     UNKNOWNS,
-    InSpace,
     StringBatch,
     Unknown,
+    Way,
 )
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.masses import MassLayout, mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.estimation.cable_space import space_of_cable
-from strandcast.estimation.estimate import estimate
+from strandcast.estimation.estimate import estimate_throws
 from strandcast.estimation.fit_objective import simulate_throw
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.throws import PreparedThrow
@@ -78,7 +78,7 @@ def plane(project_root: Path) -> World:
     arm = load_arm(project_root / "config/arms/planar3.toml").planar()
     workspace = Box(x_m=(-0.75, 1.25), y_m=(-0.32, 0.80))
     task = PlanningTask(arm, MODEL, np.array([0.50, 0.50]), 0.02, workspace)
-    switches = {name: True for row in UNKNOWNS.values() for name in row.switches if name != "marker_shift"}
+    switches = {name: True for row in UNKNOWNS.values() for name in row.switches}
     settings = EstimateSettings(**switches | {"camera_offset_sd_m": 0.005})
     space = space_of(settings, PIPED)
     fitted = space.strings(prior_exponents(space, MODEL, 2, np.random.default_rng(4)))
@@ -90,8 +90,9 @@ def plane(project_root: Path) -> World:
 
 def space(project_root: Path) -> World:
     arm = load_arm(project_root / "config/arms/ur5e-space.toml").spatial()
-    every = {"drag_along": True, "friction_stick": True, "marker_shift": True}
-    model, box = space_of_cable(LENGTH_M, False, points=POINTS, weight_places_m=[0.2], **every)
+    every = {"drag_along": True, "friction_stick": True, "marker_shift": True, "stiff_bend": True}
+    places = {"weight_places_m": [0.2], "stiff_sections_m": [(0.1, 0.15)]}
+    model, box = space_of_cable(LENGTH_M, False, points=POINTS, **places, **every)
     task = PlanningTask(arm, model, np.array([0.55, 0.75, 0.55]), 0.02)
     chi = np.random.default_rng(4).uniform(0.4, 0.6, (2, box.dimension))
     # Curls of fits do not turn, but records know helices.
@@ -124,7 +125,7 @@ def test_the_options_of_the_experiment_are_fitted():
 FITTED = [
     (name, world)
     for name, row in UNKNOWNS.items()
-    for world, how in (("plane", row.range or row.sd), ("space", row.in_space or name == REST_TORSION))
+    for world, how in (("plane", row.range), ("space", row.in_space or name == REST_TORSION))
     if how and not (row.in_space and row.in_space.needs == "two clamps")
 ]
 
@@ -166,7 +167,7 @@ def toy(monkeypatch) -> Unknown:
         "tip_heaviness",
         "heaviness of the tip",
         range=bounds,
-        in_space=InSpace("tip_heaviness", bounds),
+        in_space=Way("tip_heaviness", bounds),
         when="always",
         absent=1.0,
         apply=heavier_tip,
@@ -198,7 +199,7 @@ def test_an_unknown_from_outside_is_found_and_on_the_page(toy, project_root):
     points_m = simulate_batch(model, string, HandPath(time_s, pose), time_s)[0][0]
     throw = Throw(time_s, points_m, time_s, pose, time_s < 0.55)
     settings = EstimateSettings(evaluations=800, drag_along=False, profiles=False, ensemble=2)
-    fit = estimate([throw], model, layout, settings, np.random.default_rng(3))
+    fit = estimate_throws([throw], model, layout, settings, np.random.default_rng(3))
     assert fit.best[toy.name][0] == pytest.approx(12.0, rel=0.5)
     record = Estimate.read(project_root / "tests/records/estimate-v1.json")
     record = record.model_copy(update={"options": StringSet.first_of(fit.best).options})

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from strandcast.arm.load import load_arm
-from strandcast.estimation.estimate import estimate
+from strandcast.estimation.estimate import estimate_throws
 from strandcast.records.track import DetectedWeight
 from strandcast.stages.context import context_of
 from strandcast.stages.past_trials import string_model
@@ -31,7 +31,7 @@ def found_in(root: Path, declared_m: float | None, seen_m: list[float]) -> SeenW
     arm = load_arm(context.arm_file).planar()
     throws = [observed_throw(1.0)]
     random = np.random.default_rng(1)
-    fit = estimate(throws, *string_model(context, arm), context.settings.estimate, random)
+    fit = estimate_throws(throws, *string_model(context, arm), context.settings.estimate, random)
     seen = [DetectedWeight(place_m=place, sigma_m=1e-3, half_width_m=4e-3) for place in seen_m]
     return seen_weights(context, arm, throws, fit.E_m, seen, random)
 

@@ -162,12 +162,11 @@ def test_a_string_with_pipes_is_refused_in_space(root: Path) -> None:
     assert (error.code, error.file) == ("SC-L003", str(root / "data/pipe/experiment.yaml"))
 
 
-def test_settings_of_the_plane_for_the_fit_are_refused_before_the_throw(root: Path) -> None:
+def test_what_only_films_have_is_refused_before_the_throw(root: Path) -> None:
     file = write(root, "fitted", LAB)
-    file.write_text(file.read_text().replace("ensemble: 4}\nlab", "stiff_bend: true, search: thorough}\nlab"))
+    file.write_text(file.read_text().replace("ensemble: 4}\nlab", "camera_offset_sd_m: 0.01}\nlab"))
     [error] = check_experiment(root, "fitted").errors
-    assert (error.code, error.file, error.field) == ("SC-E008", str(file), "estimate.search")
-    assert "estimate.search, estimate.stiff_bend do not apply to a throw in space" in str(error)
+    assert (error.code, error.file, error.field) == ("SC-E008", str(file), "estimate.camera_offset_sd_m")
 
 
 def test_the_lab_does_not_replace_the_files_of_a_real_arm(root: Path, captured: Path, tmp_path: Path) -> None:

@@ -17,10 +17,10 @@ def write(path, stamps, faststart=False, codec="libx264", base_s=Fraction(1, 500
     rng = np.random.default_rng(1)
     with av.open(str(path), "w", options={"movflags": "faststart"} if faststart else {}) as container:
         stream = container.add_stream(codec, rate=500)
-        stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         stream.codec_context.time_base = base_s
         for stamp in stamps:
-            picture = av.VideoFrame.from_ndarray(rng.integers(0, 255, (120, 160)).astype(np.uint8), "gray")
+            picture = av.VideoFrame.from_ndarray(rng.integers(0, 255, (48, 64)).astype(np.uint8), "gray")
             picture = picture.reformat(format="yuv420p")
             picture.pts, picture.time_base = stamp, base_s
             container.mux(stream.encode(picture))
@@ -42,7 +42,7 @@ def test_facts_of_a_complete_video(tmp_path):
     write(path, range(60))
     facts = inspect_video(path)
     assert facts.packets == facts.header_frames == 60
-    assert (facts.width_px, facts.height_px) == (160, 120)
+    assert (facts.width_px, facts.height_px) == (64, 48)
     assert (facts.codec, facts.pixel_format) == ("h264", "yuv420p")
     assert facts.frame_rate_hz == pytest.approx(500.0, rel=1e-6)
     assert facts.gaps == []
@@ -85,6 +85,19 @@ def test_rounded_time_stamps_give_the_even_clock(tmp_path, rate_hz, frames, base
     assert facts.rounded_to_s == pytest.approx(float(base_s))
     assert facts.gaps == []
     assert not any("as they are" in note for note in facts.notes)
+
+
+@pytest.mark.parametrize("frames", [120, 121])
+@pytest.mark.parametrize(("base_s", "suffix"), [(Fraction(1, 1000), "mkv"), (Fraction(1, 15360), "mp4")])
+def test_a_copy_in_another_format_rounds_the_stamps_again(tmp_path, base_s, suffix, frames):
+    """A phone's film of 1/600 s after `ffmpeg -c copy`: steps of 3 and 5 ms, or of 51 and 77 ticks."""
+    path = tmp_path / f"v.{suffix}"
+    seen = [*range(60), *range(62, frames)]
+    write(path, [round(each / 600 / base_s) for each in rounded(240, Fraction(1, 600), seen)], base_s=base_s)
+    facts = inspect_video(path, isolated=False)
+    np.testing.assert_allclose(camera_times(facts), np.array(seen) / 240, atol=1e-6)
+    assert facts.rounded_to_s == pytest.approx(1 / 600)
+    assert [(gap.index, gap.missing) for gap in facts.gaps] == [(59, 2)]
 
 
 def test_a_missing_frame_is_found_in_rounded_time_stamps(tmp_path):

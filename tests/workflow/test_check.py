@@ -9,6 +9,7 @@ from tests.faults.small import REAL
 from strandcast.config.find import experiment_named, find_experiment
 from strandcast.errors import StrandcastError
 from strandcast.workflow.check import check_experiment, runnable, unlogged_trials
+from strandcast.workflow.status import status_of
 
 SETTINGS = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
 
@@ -100,6 +101,69 @@ def test_a_missing_trial_between_others_is_refused_with_the_line_that_excludes_i
     line = "excluded: [{trial: 3, reason: not thrown}, {trial: 4, reason: not thrown}]"
     assert str(caught.value.problems[0].fix).endswith(line)
     write(root, "data/rig/experiment.yaml", f"{SETTINGS}{line}\n")
+    assert runnable(root, ["rig"], raw=False) == (["rig"], [])
+
+
+@pytest.fixture
+def recorded(root: Path, finished: Path) -> Path:
+    """Return the folder of a recorded throw of the small experiment, with a picture of the empty scene."""
+    folder = Path(shutil.copytree(finished / "data/small", root / "data/rig", dirs_exist_ok=True))
+    write(root, "data/rig/experiment.yaml", REAL + "track: {background_picture: calibration/empty.png}\n")
+    shutil.copy(folder / "calibration/plane.png", folder / "calibration/empty.png")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "field"),
+    [
+        ("calibration/plane.png", "SC-C031", "camera.plane_photo"),
+        ("calibration/lens-*.png", "SC-C030", "camera.lens_photos"),
+        ("calibration/empty.png", "SC-T030", "track.background_picture"),
+        ("trial-01/joints.csv", "SC-V020", None),
+    ],
+)
+def test_a_missing_raw_file_stops_a_run_before_it_begins(
+    root: Path, recorded: Path, name: str, code: str, field: str | None
+) -> None:
+    """Snakemake printed a MissingInputException and ran nothing, of other experiments either."""
+    assert runnable(root, ["rig"]) == (["rig"], [])
+    for path in recorded.glob(name):
+        path.unlink()
+    with pytest.raises(StrandcastError) as caught:
+        runnable(root, ["rig"])
+    [found] = caught.value.problems
+    assert (found.code, found.file, found.field) == (code, str(recorded / name), field)
+    assert found.fix
+    assert [str(each) for each in check_experiment(root, "rig").errors] == [str(found)]
+    assert runnable(root, ["demo", "rig"])[0] == ["demo"]
+    assert runnable(root, ["rig"], raw=False)[0] == ["rig"]  # pages need no raw files
+    stages = [stage for each in status_of(root, "rig").trials for stage in each.stages]
+    assert {(each.state, *each.why) for each in stages if each.code == code} == {("failed", found.what)}
+
+
+def test_a_supplied_track_without_its_other_files_is_not_taken_for_a_film(root: Path) -> None:
+    write(root, "data/rig/trial-01/track.parquet")
+    with pytest.raises(StrandcastError) as caught:
+        runnable(root, ["rig"])
+    names = {Path(str(each.file)).name for each in caught.value.problems}
+    assert names == {"track.json", "alignment.json", "hand.parquet"}
+
+
+@pytest.mark.parametrize("others", [["plane.jpg"], ["plane-2.png"], ["Plane (2).JPG", "plane.tif"]])
+def test_which_of_several_photos_shows_the_plane_is_asked(
+    root: Path, recorded: Path, others: list[str]
+) -> None:
+    """The photo of the default's name was taken, or else the first one by name."""
+    for name in others:
+        write(root, f"data/rig/calibration/{name}")
+    with pytest.raises(StrandcastError, match="SC-C031") as caught:
+        runnable(root, ["rig"])
+    [found] = caught.value.problems
+    assert [str(each) for each in check_experiment(root, "rig").errors] == [str(found)]
+    assert all(name in found.what for name in ("plane.png", *others))
+    assert "camera.plane_photo: calibration/" in str(found.fix)
+    named = REAL.replace("camera:", "camera:\n  plane_photo: calibration/plane.png")
+    write(root, "data/rig/experiment.yaml", named)
     assert runnable(root, ["rig"]) == (["rig"], [])
 
 

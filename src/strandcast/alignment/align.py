@@ -12,6 +12,7 @@ from strandcast.alignment.checks import (
     refuse_frame_rate,
     refuse_truncated_log,
     refuse_uncertain,
+    refuse_uneven_clock,
     warnings_of,
 )
 from strandcast.alignment.coarse_search import AlignmentData
@@ -179,6 +180,7 @@ def _refuse_mistakes(best: Candidate, data: AlignmentData, priors: Priors, files
     """Refuse a log, a frame rate or an arm's file that the fit shows to be wrong."""
     rig, detections, offset_s = data.rig, data.detections, best.fit.offset_s()
     refuse_frame_rate(best.fit, detections)
+    refuse_uneven_clock(best, data)
     refuse_truncated_log(data.rows, detections, detections.time_s + offset_s, files.log)
     if implausible_dimensions(best.fit.rig_error, priors):
         free = WIDE.with_drift(priors.drift)

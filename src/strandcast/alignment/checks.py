@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from strandcast.alignment.changing_rate import LEAST_SAVED, MOST_SIGMAS, capped_cost, uneven_clock
+from strandcast.alignment.coarse_search import AlignmentData
 from strandcast.alignment.cost import FastestPoint
 from strandcast.alignment.diagnosis import truncated_log_error
 from strandcast.alignment.fine_fit import SHIFT_S, Candidate, ClockFit
@@ -135,6 +137,19 @@ def refuse_frame_rate(fit: ClockFit, detections: Detections) -> None:
             fix=fix,
             cost=f"{abs(fit.drift):.1%} of every speed",
         )
+
+
+def refuse_uneven_clock(best: Candidate, data: AlignmentData) -> None:
+    """Refuse a film that plays in part at another speed than the rest (SC-V017)."""
+    covered_cost = float(capped_cost(best.fit.residual[:, :2]).sum())
+    outside = len(data.detections.time_s) - len(best.covered.time_s)
+    if covered_cost + outside * MOST_SIGMAS**2 < LEAST_SAVED:
+        return  # nothing to save
+    clock = uneven_clock(data, best.fit.rig_error)
+    if clock is not None:
+        far_m = float(np.abs(best.fit.residual[:, :2]).max())
+        off = f"the hand in the video is up to {far_m * 1e3:.0f} mm from where the log puts it"
+        raise clock.error(off, "times, speeds and forces of these parts are wrong")
 
 
 def warnings_of(best: Candidate, rig: Rig, rows: LogRows, priors: Priors, fastest: FastestPoint) -> list[str]:

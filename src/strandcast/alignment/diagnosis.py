@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from strandcast.alignment.changing_rate import uneven_clock
 from strandcast.alignment.coarse_search import AlignmentData, candidate_offsets
 from strandcast.alignment.fine_fit import moving_rms_m, outliers, robust_fit
 from strandcast.alignment.frame_rate import coarse_rate, rate_words
@@ -81,6 +82,9 @@ def diagnose(
     lengths = _wrong_lengths(data)
     if lengths is not None and lengths[0] < min(LENGTHS_EXPLAIN_M, LENGTHS_EXPLAIN_SHARE * residual_m):
         return wrong_arm_error(lengths[1], f"{off}; ", cost, arm_file)
+    clock = uneven_clock(data, RigError.none(data.rig))
+    if clock is not None and _fit(clock.corrected(data), 0.0, Priors()).residual_m < most_m:
+        return clock.error(off, cost)
     return StrandcastError(
         "SC-A007",
         f"{off}, at the best offset; at most {EXPLAINS_M * 1e3:.0f} mm are accepted, and no usual mistake "

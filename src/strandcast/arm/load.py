@@ -179,11 +179,11 @@ class Arm(ABC):
         first_m = links_m.reshape(-1, *links_m.shape[-3:])[0]
         lengths_m = np.linalg.norm(first_m[:, 1] - first_m[:, 0], axis=1)
         elbow = int(np.argsort(lengths_m.round(6), kind="stable")[-2:].max())
-        return np.stack([self.flange_m(q), self.hand_m(q), links_m[..., elbow, 0, :]], axis=-2)
+        return np.stack([self._flange_m(q, links_m), self.hand_m(q), links_m[..., elbow, 0, :]], axis=-2)
 
-    @abstractmethod
-    def flange_m(self, q: np.ndarray) -> np.ndarray:
-        """Return where the clamp is fixed, (..., 2 or 3) [m], at joint angles (..., J) [rad]."""
+    def _flange_m(self, q: np.ndarray, links_m: np.ndarray) -> np.ndarray:
+        """Return the origin of the clamp's link, (..., 2 or 3) [m]: in a plane the end of the last link."""
+        return np.asarray(links_m[..., -1, 1, :])
 
     @abstractmethod
     def reach(self) -> tuple[np.ndarray, float]:
@@ -291,10 +291,6 @@ class PlanarArm(Arm):
         radii = super().capsule_radii(clearance_m)
         return np.append(radii, PLATE_RIM_M + max(plate)) if plate else radii
 
-    def flange_m(self, q: np.ndarray) -> np.ndarray:
-        """Return the end of the last link, (..., 2) [m], at joint angles (..., J) [rad]."""
-        return self.capsules(q)[..., len(self.joints) - 1, 1, :]
-
     def reach(self) -> tuple[np.ndarray, float]:
         """Return the place (2,) of the first joint, and how far from it the hand can be [m]."""
         return self.chain.origin_m, float(self.chain.lengths_m.sum() + np.hypot(*self.clamp.offset_m))
@@ -350,8 +346,8 @@ class SpatialArm(Arm):
         """Return both ends of each link, (..., J, 2, 3) [m] at joint angles (..., J) [rad]."""
         return capsules_in_space(self.chain, q)
 
-    def flange_m(self, q: np.ndarray) -> np.ndarray:
-        """Return the origin of the clamp's link, (..., 3) [m], at joint angles (..., J) [rad]."""
+    def _flange_m(self, q: np.ndarray, links_m: np.ndarray) -> np.ndarray:
+        """Return the origin of the clamp's link, (..., 3) [m]; the last link ends at the clamp."""
         hand_m, direction, normal = np.split(self.hand_path(q.reshape(-1, q.shape[-1])), 3, axis=1)
         axes = np.stack([direction, normal, np.cross(direction, normal)], axis=1)
         offset_m = np.einsum("a,nax->nx", clamp_axes(self.clamp) @ np.array(self.clamp.offset_m), axes)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strandcast.camera.find_markers import find_markers
-from strandcast.camera.mapping import metre_per_pixel, pixel_to_metre
+from strandcast.camera.mapping import metre_per_pixel, metre_to_pixel, pixel_to_metre
 from strandcast.camera.marker_pose import true_corners
 from strandcast.camera.markers import opencv_board
 from strandcast.camera.plane_checks import MarkerLayout, check_markers
@@ -19,6 +19,7 @@ from strandcast.records.camera import Camera, Lens, MarkerFit, PlaneError
 LENS_ERROR_M = 5e-3  # chosen: largest standard error in the string's plane from the lens alone
 LENS_WARNING_M = 5e-4  # chosen
 WORST_WARNING_M = 2e-3  # chosen
+LIKELY_OFFSET_M = 0.01  # chosen: of a string's plane from the markers'; a hand's plate is as thick
 UNEQUAL_FOCAL_LENGTHS = 0.02  # chosen: relative difference; cameras with square pixels stay below 0.01
 SOURCES = {
     "corners": "markers' corners: use larger markers, or more, all around the workspace",
@@ -113,6 +114,22 @@ def plane_from_markers(
         + _error_warnings(camera.plane_error)
     )
     return camera
+
+
+def unmeasured_offset_warnings(camera: Camera) -> list[str]:
+    """Return a warning about a string's plane that is taken for the markers', if that matters."""
+    error = camera.plane_error
+    assert error is not None  # of a plane from markers
+    places_m = np.stack(np.meshgrid(error.x_m, error.y_m), axis=-1)
+    seen_m = pixel_to_metre(camera, metre_to_pixel(camera, places_m, LIKELY_OFFSET_M), 0.0)
+    most_m = float(np.nanmax(np.linalg.norm(seen_m - places_m, axis=-1)))
+    if most_m < WORST_WARNING_M:
+        return []
+    return [
+        "camera.string_offset_m is not given: the string is taken to move in the markers' plane; "
+        f"{1e3 * LIKELY_OFFSET_M:g} mm in front of it, it would be measured up to {1e3 * most_m:.1f} mm off: "
+        "measure the distance and set it, 0.0 if there is none"
+    ]
 
 
 def board_markers(board: Board, x_m: float, y_m: float, angle_rad: float = 0.0) -> list[PlacedMarker]:

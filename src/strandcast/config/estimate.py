@@ -1,12 +1,12 @@
 """`estimate:` the fit of the string."""
 
-from collections.abc import Iterable
-from typing import Annotated, Literal, Self
+from collections.abc import Collection, Iterable
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from strandcast.config.paper import PaperFit
-from strandcast.core.strings import PARAMETERS
+from strandcast.core.strings import PARAMETERS, SPATIAL_RANGES
 
 PluginName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")]
 # Chosen: a third found fewer of the true strings, twice as many hardly more (docs/explanation/claims.md).
@@ -14,13 +14,28 @@ THOROUGH_EVALUATIONS = 180_000
 # Chosen: with the default weights, the trials before these have under 2 % of the weight of all.
 RECENT_TRIALS = 8
 Ranges = Literal["wide", "paper"] | dict[str, tuple[float, float]]
+# Of fits in space, where the file gives nothing else; chosen. Captures converge earlier than after so many
+# simulations, and between two throws of an arm there is less time.
+IN_SPACE: dict[str, Any] = {
+    "search": "screened",
+    "evaluations": 6000,
+    "older_trials_weight": 1.0,
+    "w": 0.0,
+    "dt_s": 2e-3,
+    "clamp_offset": True,
+    "clamp_offset_sd_rad": None,
+    "drag_along": False,
+    "horizon_s": None,
+    "profiles": False,
+}
+THROWN_IN_SPACE = IN_SPACE | {"evaluations": 500, "drag_along": True}
 
 
-def known_parameters(names: Iterable[str]) -> None:
+def known_parameters(names: Iterable[str], known: Collection[str] = PARAMETERS) -> None:
     """Refuse names that are no string parameters."""
-    unknown = [name for name in names if name not in PARAMETERS]
+    unknown = [name for name in names if name not in known]
     if unknown:
-        raise ValueError(f"{unknown[0]!r} is no string parameter; these are: {', '.join(PARAMETERS)}")
+        raise ValueError(f"{unknown[0]!r} is no string parameter; these are: {', '.join(known)}")
 
 
 class EstimateSettings(PaperFit):
@@ -29,13 +44,13 @@ class EstimateSettings(PaperFit):
     search: PluginName = Field(
         "descent",
         description="descent: Gauss-Newton from several draws; thorough: finds the best string more "
-        "surely, in thirty times the time; or an installed one. Use thorough if you read the "
-        "parameters.",
+        "surely, in thirty times the time; screened (by default in space): descents from the best of 64 "
+        "draws; or an installed one. Use thorough if you read the parameters.",
     )
     evaluations: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
         4000,
-        description="Most strings to simulate in the search (180000 if search is thorough). Raise it if "
-        "twice as many lower E noticeably.",
+        description="Most strings to simulate in the search (180000 if search is thorough; in space 6000, "
+        "of throws 500). Raise it if twice as many lower E noticeably.",
     )
     trials: Annotated[int, Field(ge=1)] | Literal["all", "latest"] = Field(
         RECENT_TRIALS,
@@ -44,28 +59,29 @@ class EstimateSettings(PaperFit):
     )
     older_trials_weight: Annotated[float, Field(ge=0, le=1)] = Field(
         0.6,
-        description="Weight of a trial relative to the next one. Raise it to 1 if the string surely stays"
-        " the same; lower it if it wears or slips.",
+        description="Weight of a trial relative to the next one (in space 1). Raise it to 1 if the string "
+        "surely stays the same; lower it if it wears or slips.",
     )
     w: Annotated[float, Field(ge=0, le=10)] = Field(
         0.1,
-        description="Weight of point i in eq. 6: 1 + w (i - 1). Raise it if only the tip matters; 0 "
-        "weights all alike.",
+        description="Weight of point i in eq. 6: 1 + w (i - 1) (in space w = 0). Raise it if only the tip "
+        "matters; 0 weights all alike.",
     )
     ranges: Ranges = Field(
         "wide",
         description="Ranges of the parameters: wide (for stiff strings too), paper, or [least, "
-        "greatest] by parameter. Give a wider one if the report warns of a bound.",
+        "greatest] by parameter, in space by those that the report lists. Give a wider one if the report "
+        "warns of a bound.",
     )
     dt_s: Annotated[float, Field(gt=0, le=0.005)] = Field(
         1e-3,
-        description="Time step. Lower it to check that results do not depend on it, or if strings of many"
-        " points diverge.",
+        description="Time step (in space 0.002). Lower it to check that results do not depend on it, or if "
+        "strings of many points diverge.",
     )
     start_shape: Literal["observed", "hanging"] = Field(
         "observed",
-        description="Shape at the start: as observed, or hanging at rest. Use hanging if the first frames"
-        " do not show the string well.",
+        description="Shape at the start: as observed, or hanging at rest (of captures in space: what begins "
+        "with the recording). Use hanging if the first frames do not show the string well.",
     )
     rest_curl: bool = Field(
         True,
@@ -73,17 +89,18 @@ class EstimateSettings(PaperFit):
     )
     clamp_offset: bool = Field(
         False,
-        description="Fit a turn of the clamp against the arm's file. Set it if the string's angle in the "
-        "hand varies from grasp to grasp.",
+        description="Fit a turn of the clamp against the arm's file (in space of each clamp, by default). "
+        "Set it if the string's angle in the hand varies from grasp to grasp.",
     )
-    clamp_offset_sd_rad: Annotated[float, Field(gt=0, le=0.5)] = Field(
+    clamp_offset_sd_rad: Annotated[float, Field(gt=0, le=0.5)] | None = Field(
         0.05,
-        description="Standard deviation of that turn before the fit. Raise it for a clamp set by eye.",
+        description="Standard deviation of that turn before the fit; null (in space): any turn is as likely."
+        " Raise it for a clamp set by eye.",
     )
     camera_offset_sd_m: Annotated[float, Field(gt=0, le=0.05)] | None = Field(
         None,
-        description="Fit an offset of the camera from the robot, with this standard deviation before the "
-        "fit. Set it if the tracked hand stays at a distance from the arm's kinematics.",
+        description="Of films: fit an offset of the camera from the robot, with this standard deviation "
+        "before the fit. Set it if the tracked hand stays at a distance from the arm's kinematics.",
     )
     stiff_bend: bool = Field(
         False,
@@ -101,18 +118,19 @@ class EstimateSettings(PaperFit):
     )
     marker_shift: bool = Field(
         False,
-        description="In space: fit a common shift of all markers along the string. Set it for few markers"
-        " with uncertain places.",
+        description="Fit a common shift of all markers along the string. Set it for few markers with "
+        "uncertain places.",
     )
     drag_along: bool | Literal["auto"] = Field(
         "auto",
-        description="Fit a smaller air drag along the string than across: always, never, or where it "
-        "explains the throws better (auto). Set it to false for the paper's model.",
+        description="Fit a smaller air drag along the string than across: always (throws in space), never "
+        "(captures in space), or where it explains the throws better (auto). Set it to false for the paper's "
+        "model.",
     )
     horizon_s: Annotated[float, Field(ge=0, le=60)] | None = Field(
         0.03,
-        description="Frames up to this long after the closest approach enter E; null: all. Raise it to "
-        "fit the swing after the hit.",
+        description="Of throws at a target: frames up to this long after the closest approach enter E; null "
+        "(in space): all. Raise it to fit the swing after the hit.",
     )
     contact_radius_m: Annotated[float, Field(gt=0, le=0.5)] | None = Field(
         0.02,
@@ -126,9 +144,16 @@ class EstimateSettings(PaperFit):
     )
     profiles: bool = Field(
         True,
-        description="Find how far each parameter may move while E rises by 10 %. Set it to false to save "
-        "time.",
+        description="Find how far each parameter may move while E rises by 10 % (in space only if asked "
+        "for). Set it to false to save time.",
     )
+
+    def in_space(self, *, thrown: bool) -> Self:
+        """Return the settings of a fit in space, by its own defaults."""
+        defaults, given = THROWN_IN_SPACE if thrown else IN_SPACE, set(self.model_fields_set)
+        if "search" in given and self.search != defaults["search"]:
+            given.add("evaluations")  # that search has its own
+        return self.model_copy(update={name: defaults[name] for name in defaults if name not in given})
 
     @property
     def trials_read(self) -> int | None:
@@ -150,7 +175,7 @@ class EstimateSettings(PaperFit):
     @classmethod
     def _ranges_have_names_and_order(cls, value: Ranges) -> Ranges:
         if isinstance(value, dict):
-            known_parameters(value)
+            known_parameters(value, (*PARAMETERS, *SPATIAL_RANGES))
             bad = [name for name, (low, high) in value.items() if not 0 < low < high]
             if bad:
                 raise ValueError(f"the range of {bad[0]} must be [least, greatest], both above 0")

@@ -25,6 +25,16 @@ UNITS = {
 }
 PARAMETERS = tuple(UNITS)  # in the order of every array of parameters
 
+# What a fit in space has for them, with ranges: length over which the string's weight bends it, over its
+# length; bending damping over stiffness [s]; quadratic drag over mass, times the length; stiffness of the
+# clamps over that of half a segment. Chosen.
+SPATIAL_RANGES = {
+    "bending_length": (0.01, 3.0),
+    "damping_s": (1e-3, 1.0),
+    "air": (1e-3, 3.0),
+    "clamp_stiffness": (0.02, 50.0),
+}
+
 # Names of the numbers beside parameters and masses, as files and the unknowns of the fit use them.
 REST_CURL, CLAMP_OFFSET, PLAIN_MASS = "rest_curl_rad_m", "clamp_offset_rad", "plain_mass"
 FAR_OFFSET, LENGTH_CHANGE, REST_TORSION = "far_offset_rad", "length_change", "rest_torsion_rad_m"
@@ -35,6 +45,7 @@ FRICTION_STICK = "friction_stick_rad_m"
 TAPER, MARKER_SHIFT = "taper", "marker_shift"
 
 Range = tuple[float, float]
+OF_PRIOR: Range = (-np.inf, np.inf)
 When = Literal["always", "auto", "never"]
 Ends = Literal["any", "clamp", "one clamp", "two clamps"]  # how a string in space has to be held
 
@@ -47,14 +58,14 @@ class Cable(NamedTuple):
     bending: np.ndarray
 
 
-class InSpace(NamedTuple):
-    """How an unknown is fitted in space: name and range there, and its value (B,) of what is fitted (B,)."""
+class Way(NamedTuple):
+    """How an unknown is fitted in the plane or in space: name, range, and what is fitted over its value."""
 
     name: str
     range: Range
     when: When = "always"
     needs: Ends = "any"
-    value: Callable[[np.ndarray, Cable], np.ndarray] = lambda fitted, _: fitted
+    per: Callable[[Cable], float | np.ndarray] = lambda _: 1.0
 
 
 @dataclass(frozen=True)
@@ -64,11 +75,11 @@ class Unknown:
     name: str  # in files
     words: str = ""  # on pages
     unit: str = "1"
-    range: Range | None = None  # of fits in the plane; None: that of its prior, or not fitted there
-    in_space: InSpace | None = None
-    when: When = "never"  # it is fitted in the plane, unless these settings of the estimate say
+    range: Range | None = None  # of fits in the plane, OF_PRIOR: that of its prior; None: not fitted there
+    in_space: Way | None = None
+    when: When = "never"  # it is fitted in the plane, unless these settings of the estimate say (space: too)
     switches: tuple[str, ...] = ()
-    sd: str | None = None  # the setting with the standard deviation of its prior about zero
+    sd: str | None = None  # the setting with the standard deviation of its prior about zero, if it has one
     stiff_sections: bool = False  # whether only strings with stiff sections have it
     starts: tuple[float, ...] = ()  # of a search for it from strings without it; none: mid-range
     bounds_are_physical: bool = False  # no string is beyond them
@@ -85,19 +96,20 @@ def side(name: str, which: str) -> str:
     return f"{stem}_{which}_rad{unit}"
 
 
-def _turns(name: str, fitted: str, unit: str, axes: int, *how: Any) -> list[Unknown]:
+def _turns(name: str, fitted: str, unit: str, axes: int, *how: Any, **settings: Any) -> list[Unknown]:
     """Return the rows of a turn in space to both sides."""
     return [
-        Unknown(side(name, k), "", unit, None, InSpace(f"{fitted}_{k}_rad", *how), axes=axes) for k in SIDES
+        Unknown(side(name, k), "", unit, None, Way(f"{fitted}_{k}_rad", *how), axes=axes, **settings)
+        for k in SIDES
     ]
 
 
-def _per_length(turn: np.ndarray, cable: Cable) -> np.ndarray:
-    return np.asarray(turn / cable.length_m)
+def _length_m(cable: Cable) -> float:
+    return cable.length_m
 
 
-def _held_by_friction(turn: np.ndarray, cable: Cable) -> np.ndarray:
-    return np.asarray(cable.bending * turn * cable.spacing_m / cable.length_m)
+def _held_by_friction(cable: Cable) -> np.ndarray:
+    return np.asarray(cable.length_m / (cable.bending * cable.spacing_m))
 
 
 def _stiff_sections(strings: StringBatch, values: np.ndarray) -> StringBatch:
@@ -110,31 +122,34 @@ def _tapered(strings: StringBatch, values: np.ndarray) -> StringBatch:
     return replace(strings, bend_factor=strings.bend_factor * np.exp(values[:, None] * along))
 
 
+_CLAMP: dict[str, Any] = {"switches": ("clamp_offset",), "sd": "clamp_offset_sd_rad"}
+_CAMERA = (("camera_offset_sd_m",), "camera_offset_sd_m")
+
 # In the order of files. Ranges are chosen; in space they scale with the string's length.
 _ROWS = [
     # Bend at rest; between two clamps it is hardly observable.
     Unknown(REST_CURL, "rest curl", "rad/m", (-15.0, 15.0), switches=("rest_curl",), axes=2),
-    *_turns(REST_CURL, "curl", "rad/m", 3, (-3.0, 3.0), "always", "one clamp", _per_length),
+    *_turns(
+        *(REST_CURL, "curl", "rad/m", 3, (-3.0, 3.0), "always", "one clamp", _length_m),
+        switches=("rest_curl",),
+    ),
     # Turns of the clamp against the arm's file, and of a second clamp at the string's end.
     Unknown(
         *(CLAMP_OFFSET, "clamp angle", "rad", (-0.2, 0.2)),
-        switches=("clamp_offset",),
-        sd="clamp_offset_sd_rad",
         axes=2,
+        **_CLAMP,
     ),
-    *_turns(CLAMP_OFFSET, "clamp", "rad", 3, (-0.8, 0.8), "always", "clamp"),
-    *_turns(FAR_OFFSET, "far", "rad", 0, (-0.8, 0.8), "always", "two clamps"),
+    *_turns(*(CLAMP_OFFSET, "clamp", "rad", 3, (-0.8, 0.8), "always", "clamp"), **_CLAMP),
+    *_turns(*(FAR_OFFSET, "far", "rad", 0, (-0.8, 0.8), "always", "two clamps"), **_CLAMP),
     # Relative change of the rest length.
-    Unknown(LENGTH_CHANGE, in_space=InSpace(LENGTH_CHANGE, (-0.08, 0.04)), axes=3),
+    Unknown(LENGTH_CHANGE, in_space=Way(LENGTH_CHANGE, (-0.08, 0.04)), axes=3),
     # Turn of the rest curl about the string, per length, from left to up: at rest the string is a helix.
     Unknown(REST_TORSION, unit="rad/m"),
     # Offset of the camera's positions from the robot's.
-    *(
-        Unknown(name, unit="m", switches=("camera_offset_sd_m",), sd="camera_offset_sd_m", thrown=False)
-        for name in CAMERA_OFFSET
-    ),
+    *(Unknown(name, "", "m", OF_PRIOR, None, "never", *_CAMERA, thrown=False) for name in CAMERA_OFFSET),
     Unknown(
         *(STIFF_BEND, "stiffness of the stiff sections", "1", (1.0, 1e3)),
+        Way(STIFF_BEND, (1.0, 1e3), "never"),
         switches=("stiff_bend",),
         stiff_sections=True,
         absent=1.0,
@@ -143,29 +158,30 @@ _ROWS = [
     # Dry friction of a joint; in space, the turn over the length that it holds against bending.
     Unknown(
         *(BEND_FRICTION, "bend friction", "N m/kg", (1e-4, 1e2)),
-        InSpace("friction_turn_rad", (0.01, 3.0), "never", value=_held_by_friction),
+        Way("friction_turn_rad", (0.01, 3.0), "never", per=_held_by_friction),
         switches=("bend_friction", "friction_stick"),
     ),
     # Bend per length over which dry friction builds up, so that it holds a string at rest where it stopped;
     # absent: friction acts like a damper at small rates. Real cables, 20 mm thick: 0.02 to 0.25.
     Unknown(
         *(FRICTION_STICK, "bend over which friction builds up", "rad/m", (0.01, 1.0)),
-        InSpace("stick_turn_rad", (0.005, 0.5), "never", value=_per_length),
+        Way("stick_turn_rad", (0.005, 0.5), "never", per=_length_m),
         switches=("friction_stick",),
     ),
     # From skin friction alone to as much as across, like where it is absent; fast strings show it.
     Unknown(
         *(DRAG_ALONG, "drag along the string over that across it", "1", (0.02, 1.0)),
-        InSpace(DRAG_ALONG, (0.05, 1.0), "never"),
+        Way(DRAG_ALONG, (0.05, 1.0), "never"),
         switches=("drag_along",),
         starts=(1.0, 0.3),
         bounds_are_physical=True,
     ),
     # Logarithm of the ratio of bending at the last joint to that at the hand; it changes exponentially.
-    Unknown(TAPER, in_space=InSpace(TAPER, (-3.0, 3.0), needs="one clamp"), apply=_tapered),
+    Unknown(TAPER, in_space=Way(TAPER, (-3.0, 3.0), needs="one clamp"), apply=_tapered),
     # By which all markers between mass points are farther along the string than declared, over its length.
     Unknown(
-        *(MARKER_SHIFT, "", "1", None, InSpace(MARKER_SHIFT, (-0.1, 0.1), "never")),
+        *(MARKER_SHIFT, "shift of the markers", "1", (-0.1, 0.1)),
+        Way(MARKER_SHIFT, (-0.1, 0.1), "never"),
         switches=("marker_shift",),
         thrown=False,
     ),

@@ -121,3 +121,8 @@ class StrandcastErrors(StrandcastError):
     def to_json(self) -> dict[str, Any]:
         """Return the first problem as plain data, and all of them as `problems`."""
         return self.problems[0].to_json() | {"problems": [each.to_json() for each in self.problems]}
+
+
+def single(error: StrandcastError) -> list[StrandcastError]:
+    """Return the problems that an error reports."""
+    return error.problems if isinstance(error, StrandcastErrors) else [error]

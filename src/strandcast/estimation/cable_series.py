@@ -12,9 +12,13 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import medfilt, savgol_filter
 
 from strandcast.core.jumps import GLITCH_M_S, jumps
+from strandcast.core.strings import StringBatch
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
+from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import GRAVITY_M_S2, Array
 from strandcast.dynamics.spatial.clamps import POSE, clamp_poses, hanging_clamp_poses
+from strandcast.estimation.fit_objective import simulate_throw
+from strandcast.estimation.measured import value_and_slope
 from strandcast.estimation.throws import PreparedThrow
 
 # All chosen.
@@ -168,11 +172,13 @@ class CableSeries:
         seen = (self.reliable() & self._between_the_ends()).sum(axis=1)
         return bool(np.median(seen) + 1 + self.two_ends() >= FEWEST)
 
-    def prepared(self, first: int, last: int, points: int) -> PreparedThrow:
+    def prepared(self, first: int, last: int, points: int, start_shape: str = "observed") -> PreparedThrow:
         """Return the frames `first` to before `last` as the fit takes them, for strings of n = `points`.
 
-        Simulated strings are compared at the markers' places.
+        Simulated strings are compared at the markers' places. `start_shape`: what begins with the series may
+        begin ``hanging``, at rest under gravity.
         """
+        hangs = start_shape == "hanging" and first == 0
         kept = slice(first, last)
         hand_m = self.pose[kept, None, :3]
         weight = self.reliable()[kept] & self._between_the_ends()
@@ -182,9 +188,14 @@ class CableSeries:
             np.concatenate([hand_m, self.vertices_m[kept]], axis=1),
             weight.astype(float),
             HandPath(self.time_s[kept], self.pose[kept]),
-            self.start(first, points),
+            HANGING_AT_REST if hangs else self.start(first, points),
             self.places,
         )
+
+    def predicted(self, model: StringModel, string: StringBatch) -> Array:
+        """Return all markers (F, m, 3) [m] under a string (a batch of one), open loop from the start."""
+        whole = self.prepared(0, len(self.time_s), model.points)
+        return np.asarray(simulate_throw(model, whole, string)[0][0, :, 1:])
 
     def start(self, frame: int, points: int) -> StringStart:
         """Return shape and velocity (n = `points`) in a frame, by least squares over the frames around it.
@@ -196,13 +207,13 @@ class CableSeries:
         frames = max(round(START_S / float(np.median(np.diff(self.time_s)))) + 1, FEWEST_FRAMES)
         near = np.sort(np.argsort(np.abs(self.time_s - self.time_s[frame]), kind="stable")[:frames])
         markers = self._between_the_ends() & self.reliable()[near].any(axis=0)
-        known = [_value_and_slope(self.time_s[near] - self.time_s[frame], self.pose[near, :3])]
+        known = [value_and_slope(self.time_s[near] - self.time_s[frame], self.pose[near, :3])]
         for k in np.flatnonzero(markers):
             rows = near[self.reliable()[near, k]]
-            known.append(_value_and_slope(self.time_s[rows] - self.time_s[frame], self.vertices_m[rows, k]))
+            known.append(value_and_slope(self.time_s[rows] - self.time_s[frame], self.vertices_m[rows, k]))
         if self.two_ends():
             far = slice(POSE, POSE + 3)
-            known.append(_value_and_slope(self.time_s[near] - self.time_s[frame], self.pose[near, far]))
+            known.append(value_and_slope(self.time_s[near] - self.time_s[frame], self.pose[near, far]))
         places = np.r_[0.0, self.places[markers], [1.0] * self.two_ends()]
         if len(places) < 2:
             return HANGING_AT_REST
@@ -289,13 +300,6 @@ def smoothed(time_s: Array, path: Array) -> Array:
     flat = path.reshape(len(path), -1)
     clean = np.column_stack([medfilt(np.pad(column, 2, mode="edge"), 5)[2:-2] for column in flat.T])
     return np.asarray(savgol_filter(clean, frames, 2, axis=0).reshape(path.shape))
-
-
-def _value_and_slope(since_s: Array, path: Array) -> tuple[Array, Array]:
-    """Return value and slope (3,) at 0 of the parabola through a path (k, 3), a line through two frames."""
-    degree = min(2, len(since_s) - 1)
-    fitted = np.polynomial.polynomial.polyfit(since_s, path, degree)
-    return fitted[0], fitted[1] if degree else np.zeros(3)
 
 
 def _extended(spline: CubicSpline, along: Array) -> Array:

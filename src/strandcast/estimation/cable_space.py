@@ -5,41 +5,43 @@ All ranges scale with the string's length, and nothing is specific to a data set
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from strandcast.core.strings import PARAMETERS, UNKNOWNS, Cable, InSpace, StringBatch
+from strandcast.config.estimate import IN_SPACE
+from strandcast.core.strings import (
+    PARAMETERS,
+    SPATIAL_RANGES,
+    UNKNOWNS,
+    Cable,
+    Ends,
+    Range,
+    StringBatch,
+    Way,
+)
 from strandcast.dynamics.masses import mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import GRAVITY_M_S2, MASS_RANGE, Array
 from strandcast.estimation.space import Space
+from strandcast.estimation.unknowns import options_of
 
 # All chosen.
-POINTS, STEP_S = 20, 2e-3
+POINTS = 20
 THROWN_POINTS = 14  # of a thrown string: about their spacing in the plane
 STRAIN = 1e-3  # by the string's own weight: it does not visibly stretch
 STRETCH_DAMPING = 0.1  # of the critical damping of one segment
 AIR_LINEAR = 1e-6  # drag is quadratic
 
-# What stands for the parameters: length over which the cable's weight bends it, over its length; bending
-# damping over stiffness [s]; quadratic drag over mass, times the length; stiffness of the clamps over that of
-# half a segment. All others are rows of `UNKNOWNS`.
-PARAMETER_RANGES = {
-    "bending_length": (0.01, 3.0),
-    "damping_s": (1e-3, 1.0),
-    "air": (1e-3, 3.0),
-    "clamp_stiffness": (0.02, 50.0),
-}
 # The first of the others: the draws that a search starts from depend on the order.
 FIRST = ("length_change", "clamp_left_rad", "clamp_up_rad", "far_left_rad", "far_up_rad")
-STICKS = ("friction_turn_rad", "stick_turn_rad")
 
 
 @dataclass(frozen=True, eq=False)
 class CableSpace(Space):
-    """Box of a cable's unknowns, by the names above; its strings have bending h and sh the same.
+    """Box of a cable's unknowns, see `SPATIAL_RANGES`; its strings have bending h and sh the same.
 
     An unknown that is not in the box is 0: clamps of stiffness 0 are points.
     """
@@ -47,29 +49,28 @@ class CableSpace(Space):
     spacing_m: float = 1.0  # rest length of a segment
     length_m: float = 1.0
 
+    in_plane: ClassVar[bool] = False
+    precision: ClassVar[Literal["f64", "f32"]] = "f32"
+
+    @staticmethod
+    def ways() -> dict[str, Way]:
+        """Return how each unknown is fitted that can be fitted here, by its name in files, in order."""
+        found = {name: row.in_space for name, row in UNKNOWNS.items() if row.in_space is not None}
+        first = [name for name, how in found.items() if how.name in FIRST]
+        first.sort(key=lambda name: FIRST.index(found[name].name))
+        return {name: found[name] for name in (*first, *found)}
+
     @property
     def parameter_units(self) -> dict[str, str]:
         """Names and units of the unknowns but for weights."""
         units = {"damping_s": "s"} | {name: "rad" for name in self.names if name.endswith("_rad")}
         return {name: units.get(name, "1") for name in self.names[: len(self.names) - self.layout.count]}
 
-    def without_friction(self) -> CableSpace:
-        """Return the same box without the unknowns of friction that sticks."""
-        kept = ~np.isin(self.names, STICKS)
-        names = tuple(np.array(self.names)[kept].tolist())
-        return replace(self, names=names, bounds=self.bounds[kept], prior_sd=self.prior_sd[kept])
-
-    def with_least_friction(self, plain: CableSpace, chi: Array) -> Array:
-        """Return exponents (d,) of a cable of the box `plain`, with as little friction as this box allows."""
-        least = dict(zip(self.names, self.bounds[:, 0], strict=True))
-        known = least | dict(zip(plain.names, plain.values(chi), strict=True))
-        return self.exponents(np.array([known[name] for name in self.names]))
-
     def strings(self, chi: Array) -> StringBatch:
         """Candidate cables of exponents (B, d)."""
         value = dict(zip(self.names, self.values(np.atleast_2d(chi)).T, strict=True))
         count, n, l0 = len(np.atleast_2d(chi)), self.layout.shares.shape[1], self.spacing_m
-        none = np.zeros(count)
+        none, ways = np.zeros(count), self.ways()
         weights = [value[f"weight_{k + 1}"] for k in range(self.layout.count)]
         free = np.column_stack([np.zeros((count, 0)), *weights])
         bending = GRAVITY_M_S2 * (value["bending_length"] * self.length_m) ** 3 / l0**2
@@ -92,30 +93,29 @@ class CableSpace(Space):
         return StringBatch(
             np.column_stack([np.broadcast_to(columns[name], count) for name in PARAMETERS]),
             point_masses(self.layout, free),
-            {name: how.value(value[how.name], cable) for name, how in ways() if how.name in value},
+            {name: value[how.name] / how.per(cable) for name, how in ways.items() if how.name in value},
+            stiff_joints=self.layout.stiff_joints(),
             free_masses=free,
         )
 
-
-def ways() -> list[tuple[str, InSpace]]:
-    """Return the unknowns that can be fitted in space, each with how, in the order of the fit."""
-    found = [(name, row.in_space) for name, row in UNKNOWNS.items() if row.in_space is not None]
-    return sorted(found, key=lambda each: FIRST.index(each[1].name) if each[1].name in FIRST else len(FIRST))
-
-
-def space_of_throw(
-    length_m: float, points: int, step_s: float = STEP_S, weight_places_m: Sequence[float] = ()
-) -> tuple[StringModel, CableSpace]:
-    """Return the model of a string that an arm throws, and the box of its unknowns; see `space_of_cable`."""
-    return space_of_cable(
-        length_m,
-        False,
-        points=points,
-        step_s=step_s,
-        weight_places_m=weight_places_m,
-        drag_along=True,
-        taper=False,
-    )
+    def chi_of(self, strings: StringBatch) -> Array:
+        """Exponents (B, d) of given strings, clipped into the box; absent unknowns are at mid-range."""
+        given = dict(zip(PARAMETERS, strings.parameters.T, strict=True))
+        bending, l0 = given["k_h"], self.spacing_m
+        cable = Cable(self.length_m, l0, bending)
+        known = {
+            "bending_length": np.cbrt(bending * l0**2 / GRAVITY_M_S2) / self.length_m,
+            "damping_s": given["c_h"] / bending,
+            "air": given["C_c2"] * self.length_m,
+            "clamp_stiffness": 0.5 * given["k_ph"] / bending,
+        }
+        known |= {f"weight_{k + 1}": mass for k, mass in enumerate(strings.free_masses.T)}
+        ways = {name: how for name, how in self.ways().items() if name in strings.values}
+        known |= {how.name: strings[name] * how.per(cable) for name, how in ways.items()}
+        middle = dict(zip(self.names, self.values(np.full(self.dimension, 0.5)), strict=True))
+        middle |= {how.name: s[0] for name, how in self.ways().items() if (s := UNKNOWNS[name].starts)}
+        columns = [np.broadcast_to(known.get(name, middle[name]), len(strings)) for name in self.names]
+        return self.exponents(np.column_stack(columns))
 
 
 def space_of_cable(
@@ -124,9 +124,11 @@ def space_of_cable(
     *,
     pinned: bool = False,
     points: int = POINTS,
-    step_s: float = STEP_S,
+    step_s: float = IN_SPACE["dt_s"],
     weight_places_m: Sequence[float] = (),
-    **wanted: bool,
+    stiff_sections_m: Sequence[tuple[float, float]] = (),
+    ranges: Mapping[str, Range] | None = None,
+    **wanted: Any,
 ) -> tuple[StringModel, CableSpace]:
     """Return the model of a cable of this nominal length [m], and the box of its unknowns.
 
@@ -140,28 +142,29 @@ def space_of_cable(
         Whether they are points, which hold the string in no direction.
     points, step_s
         Number n of points, and time step [s].
-    weight_places_m
-        Places of weights of unknown mass, from the first end [m].
+    weight_places_m, stiff_sections_m
+        See `strandcast.dynamics.masses.mass_layout`.
+    ranges
+        Ranges to use instead, by name.
     wanted
-        Whether optional unknowns are fitted, by the settings of the estimate that switch them on or, without
-        any, by their names; those not named as their rows say.
+        Which optional unknowns are fitted, and deviations of priors, by the settings of the estimate or, of
+        unknowns without any, by their names; those not named as their rows say.
     """
     model = StringModel(length_m, points, reading="strain", dt_s=step_s)
-    layout = mass_layout(length_m, points, list(weight_places_m))
-    held = {"any"} if pinned else {"any", "clamp", "two clamps" if two_ends else "one clamp"}
-    unknowns = dict(PARAMETER_RANGES)
+    layout = mass_layout(length_m, points, list(weight_places_m), list(stiff_sections_m))
+    held: list[Ends] = ["any"] if pinned else ["any", "clamp", "two clamps" if two_ends else "one clamp"]
+    unknowns = dict(SPATIAL_RANGES)
     if pinned:
         del unknowns["clamp_stiffness"]
-    for name, how in ways():
-        asked = [wanted[key] for key in UNKNOWNS[name].switches or (name,) if key in wanted]
-        if how.needs in held and (any(asked) if asked else how.when == "always"):
-            unknowns[how.name] = how.range
+    options, sd = options_of(CableSpace, wanted, layout, held)
+    unknowns |= options
     unknowns |= {f"weight_{k + 1}": MASS_RANGE["wide"] for k in range(layout.count)}
+    unknowns |= {name: range for name, range in (ranges or {}).items() if name in unknowns}
     return model, CableSpace(
         tuple(unknowns),
         np.array(list(unknowns.values())),
         layout,
-        np.full(len(unknowns), np.inf),
+        np.array([sd.get(name, np.inf) for name in unknowns]),
         model.spacing_m,
         length_m,
     )

@@ -8,6 +8,7 @@ from strandcast.estimation.descent import LADDER, GaussNewtonModel, descend, des
 from strandcast.estimation.evaluation import Array, evaluation_of_points
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.throws import PreparedThrow
+from strandcast.records.estimate import LAST_PART
 
 # Chosen.
 PARTS = 4
@@ -57,6 +58,16 @@ def reselected(objective: FitObjective, log: EvaluationLog) -> HeldOutEvaluation
         error = evaluation_of_points(objective.point_values(rest, simulated), objective.w)
         ends.append(tried[int(np.argmin(np.where(np.isfinite(error), error, np.inf)))])
     return HeldOutEvaluation(CHOSEN, _mean(objective, parts, ends))
+
+
+def last_part(whole: FitObjective, newest: PreparedThrow, first: int, chi: Array) -> HeldOutEvaluation:
+    """Evaluate the frames from `first` on, simulated from the beginning, under `chi` (d,) fitted without."""
+    weight = newest.weight.copy()
+    weight[:first] = 0.0
+    if not weight.any():
+        return HeldOutEvaluation(LAST_PART, float("nan"))
+    value = whole.value(replace(newest, weight=weight), whole.space.strings(chi), 0.0)
+    return HeldOutEvaluation(LAST_PART, float(value[0]))
 
 
 def _parts(throw: PreparedThrow) -> list[PreparedThrow]:

@@ -1,6 +1,9 @@
-"""Estimate the string from the throws so far."""
+"""Estimate the string from its trials so far, in the plane or in space."""
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -8,107 +11,196 @@ from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import UNKNOWNS, StringBatch, Unknown
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
+from strandcast.dynamics.simulate import simulate_batch
+from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.estimation import cross_validation
 from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.estimation.descent import GaussNewtonModel
 from strandcast.estimation.ensemble import distant_members, near_samples
-from strandcast.estimation.evaluation import evaluation_of_points
+from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, tip_error
 from strandcast.estimation.fit import PAYS, StringFit, fit_of
-from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
+from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.optimisers.optimiser import SearchProblem, SearchStart
 from strandcast.estimation.optimisers.registry import OPTIMISERS
-from strandcast.estimation.throws import prepare
-from strandcast.estimation.uncertainty import uncertainty_of
-from strandcast.estimation.unknowns import space_of, when_fitted, widened, with_unknown
+from strandcast.estimation.space import Space
+from strandcast.estimation.throws import PreparedThrow, TrialParts, parts_of_throws
+from strandcast.estimation.uncertainty import RISE, uncertainty_of
+from strandcast.estimation.unknowns import given_of, space_of, when_fitted, widened
 from strandcast.progress import Progress
-from strandcast.records.estimate import CARRIED, HANGING, UNDER_PREVIOUS
+from strandcast.records.estimate import CARRIED, HANGING, TIP_UNDER_PREVIOUS, UNDER_PREVIOUS
 
 # Chosen.
 NEAR_SAMPLES = 64
 CROSS_VALIDATION_SHARE = 0.08  # of the evaluations
 
+Random = Callable[[], np.random.Generator]
 
-def estimate(
+
+@dataclass(frozen=True, eq=False)
+class FoundString:
+    """The end of a search: the roll of the driven ends, what was minimised, and all candidates tried."""
+
+    roll: str
+    objective: FitObjective
+    log: EvaluationLog
+
+    @property
+    def string(self) -> StringBatch:
+        """Return the best string (a batch of one)."""
+        return self.objective.space.strings(self.log.best()[0])
+
+    def values(self) -> dict[str, float]:
+        """Return the unknowns of the best string by name."""
+        space = self.objective.space
+        return dict(zip(space.names, space.values(self.log.best()[0]).tolist(), strict=True))
+
+
+def estimate_throws(
     throws: list[Throw],
     model: StringModel,
     layout: MassLayout,
     settings: EstimateSettings,
     rng: np.random.Generator,
     *,
-    planned: StringBatch | None = None,
-    previous: StringBatch | None = None,
     plain_mass: bool | None = None,
-    older: int = 0,
-    references: bool = False,
+    **known: Any,
 ) -> StringFit:
-    """Fit the string to throws, the newest last.
-
-    Parameters
-    ----------
-    throws
-        At least one, in order.
-    model, layout
-        The string model and where its free masses sit.
-    planned
-        The string with which the newest throw was planned (a batch of one), for `E_planned_m`.
-    previous
-        The previous estimate (the best string first, then its ensemble), from which the search starts.
-    plain_mass
-        Whether to fit the common mass of the plain points; None: only in the paper's search.
-    older
-        How many throws there were before these; the previous estimate is all that is known of them.
-    references
-        Whether `held_out` has E of the newest throw without a model too, see `without_model`. A throw with a
-        target has its plan to be compared with.
+    """Fit a string in the plane to throws, the newest last; see `estimate` and `space_of`.
 
     Raises
     ------
     StrandcastError
-        SC-E002 a throw has no used frame on the hand's path, SC-E003 no candidate could be simulated.
+        SC-E002 a throw has no used frame on the hand's path; those of `estimate`.
     """
-    kept = throws[-1:] if settings.trials == "latest" else throws
-    weights = settings.older_trials_weight ** np.arange(len(kept))[::-1]
-    shifted = settings.camera_offset_sd_m is not None
-    prepared = [
-        prepare(throw, model.places_m(), settings.start_shape, from_measured_hand=shifted) for throw in kept
-    ]
+    parts = parts_of_throws(throws, model.places_m(), settings)
     space = space_of(settings, layout, plain_mass=plain_mass)
-    objective = FitObjective(
-        model,
-        space,
-        tuple(throw.fitted() for throw in prepared),
-        weights / weights.sum(),
-        settings.w,
-        settings.evaluation,
-        overstretched_allowed=settings.ranges == "paper",
-    )
-    start = SearchStart(previous, older + len(throws))
-    tried = [row for row in UNKNOWNS.values() if when_fitted(row, settings) == "auto"]
-    if settings.search == "paper":
-        tried = []
+    return estimate({"": parts}, model, space, settings, rng, **known)
+
+
+def estimate(
+    trials: Mapping[str, TrialParts],
+    model: StringModel,
+    space: Space,
+    settings: EstimateSettings,
+    rng: np.random.Generator,
+    *,
+    planned: StringBatch | None = None,
+    previous: StringBatch | None = None,
+    previous_roll: str = "",
+    older: int = 0,
+    references: bool = False,
+) -> StringFit:
+    """Fit the string to its trials.
+
+    Parameters
+    ----------
+    trials
+        At least one, with each roll that the driven ends may have, see
+        `strandcast.estimation.cable_series.ROLLS`; the one that fits best is kept.
+    model, space
+        The string model, and the box of its unknowns.
+    planned
+        The string with which the newest throw was planned (a batch of one), for `E_planned_m`.
+    previous, previous_roll
+        The previous estimate (the best string first, then its ensemble), from which the search starts, and
+        which predicts the newest trial; and its roll.
+    older
+        How many trials there were before these; the previous estimate is all that is known of them.
+    references
+        Whether `held_out` has E of the newest trial without a model too, see `without_model`, and the
+        prediction is kept. A throw with a target has its plan to be compared with.
+
+    Raises
+    ------
+    StrandcastError
+        SC-E003 no candidate could be simulated.
+    """
+    start = SearchStart(previous, older + next(iter(trials.values())).trials)
+    # In space rolls, and a trial with its last part and without, are compared by the same draws.
+    random: Random = lambda: rng  # noqa: E731
+    if not space.in_plane:
+        random = partial(np.random.default_rng, int(rng.integers(2**31)))
+    found = find_string(trials, model, space, settings, random, start)
+    objective, log, parts = found.objective, found.log, trials[found.roll]
+    _refuse_invalid(log)
+    whole = replace(objective, throws=(parts.newest.fitted(),), shares=np.ones(1))
+    held_out: list[HeldOutEvaluation] = []
+    predictions: dict[str, Array] = {}
+    doubts: list[str] = []
+    if previous is not None:
+        under = trials.get(previous_roll, parts).newest
+        value = whole.value(under.fitted(), previous.take(0), 0.0)
+        held_out.append(HeldOutEvaluation(UNDER_PREVIOUS, float(value[0])))
+        if references:
+            predictions = _paths("predicted", model, under, previous.take(0))
+            tip_m = tip_error(distances(under.seen_m, predictions["predicted"]))
+            held_out.append(HeldOutEvaluation(TIP_UNDER_PREVIOUS, tip_m))
+    if parts.before is not None:
+        before = parts.before
+        part = replace(objective, throws=before.throws, shares=before.shares(settings.older_trials_weight))
+        rest = search(part, settings, random(), start, settings.evaluations)
+        frames = len(before.newest.time_s)
+        held_out.append(cross_validation.last_part(whole, parts.newest, frames, rest.best()[0]))
+        doubts += _unconverged(log, rest, frames / len(parts.newest.time_s))
+    elif settings.search == "paper":
+        held_out.append(cross_validation.reselected(objective, log))
+    else:
+        share = int(CROSS_VALIDATION_SHARE * settings.evaluations)
+        held_out.append(cross_validation.refitted(objective, log, share))
+    if settings.search != "paper":
+        _sample_near(objective, log, rng)
+    held_out += without_model(whole) if references else []
+    uncertainty = uncertainty_of(objective, log, profiles=settings.profiles)
+    weights = np.asarray(np.bincount(parts.trial, objective.shares, parts.trials), dtype=float)
+    fit = fit_of(objective, parts.newest, log, held_out, uncertainty, settings, planned, weights)
+    if parts.newest.places is not None:
+        predictions |= _paths("fitted", model, parts.newest, fit.best)
+    doubts = [*fit.warnings, *doubts, *_worse_than_before(fit)]
+    return replace(fit, roll=found.roll, paths_m=predictions, warnings=tuple(doubts))
+
+
+def find_string(
+    trials: Mapping[str, TrialParts],
+    model: StringModel,
+    space: Space,
+    settings: EstimateSettings,
+    random: Random,
+    start: SearchStart,
+) -> FoundString:
+    """Search the string that explains the trials best; see `estimate`. Each roll's search has a `random`."""
+    searches = []
+    for roll, parts in trials.items():
+        objective = FitObjective(
+            model,
+            space,
+            parts.throws,
+            parts.shares(settings.older_trials_weight),
+            settings.w,
+            settings.evaluation,
+            overstretched_allowed=settings.ranges == "paper" or not space.in_plane,
+        )
+        searches.append(FoundString(roll, *_search_all(objective, settings, random(), start)))
+    return min(searches, key=lambda each: each.log.best()[1])
+
+
+def _search_all(
+    objective: FitObjective, settings: EstimateSettings, rng: np.random.Generator, start: SearchStart
+) -> tuple[FitObjective, EvaluationLog]:
+    """Search; then with each unknown that is kept only where it pays, and in wider ranges."""
+    previous, given = start.previous, given_of(settings)
+    ways = {} if settings.search == "paper" else objective.space.ways()
+    rows = [(UNKNOWNS[name], how.when) for name, how in ways.items()]
+    tried = [row for row, default in rows if when_fitted(row, given, default) == "auto"]
     kept_before = [row for row in tried if previous is not None and previous[row.name].any()]
     for row in kept_before:
-        objective = replace(objective, space=with_unknown(objective.space, row))
+        objective = replace(objective, space=objective.space.with_unknown(row))
     objective, log = _search_in_wide_enough_ranges(objective, settings, rng, start)
     for row in tried:
         if row not in kept_before:
             objective, log = _with_unknown_if_it_pays(row, objective, log, settings, rng, start)
-    _refuse_invalid(log)
-    held_out = [] if previous is None else [_under_previous(objective, previous)]
-    if settings.search == "paper":
-        held_out.append(cross_validation.reselected(objective, log))
-    else:
-        held_out.append(
-            cross_validation.refitted(objective, log, int(CROSS_VALIDATION_SHARE * settings.evaluations))
-        )
-        _sample_near(objective, log, rng)
-    held_out += without_model(objective) if references else []
-    uncertainty = uncertainty_of(objective, log, profiles=settings.profiles)
-    all_weights = np.zeros(len(throws))
-    all_weights[-len(kept) :] = objective.shares
-    return fit_of(objective, prepared[-1], log, held_out, uncertainty, settings, planned, all_weights)
+    return objective, log
 
 
 def _search_in_wide_enough_ranges(
@@ -118,7 +210,8 @@ def _search_in_wide_enough_ranges(
 
     A fit at a bound says little of where the best string beyond it lies: the wider search starts again.
     """
-    log = search(objective, settings, rng, start, _search_budget(settings))
+    budget = _search_budget(objective, settings)
+    log = search(objective, settings, rng, start, budget)
     while settings.ranges == "wide" and np.isfinite(log.best()[1]):
         best, value = log.best()
         space = widened(objective.space, best)
@@ -126,7 +219,7 @@ def _search_in_wide_enough_ranges(
             break
         wider = replace(objective, space=space)
         own_rng = rng.spawn(1)[0]  # what follows does not depend on a search that did not pay
-        beyond = search(wider, settings, own_rng, replace(start, previous=None), _search_budget(settings))
+        beyond = search(wider, settings, own_rng, replace(start, previous=None), budget)
         if beyond.best()[1] > PAYS * value:
             break
         objective, log = wider, beyond
@@ -149,12 +242,14 @@ def _with_unknown_if_it_pays(
     if not np.isfinite(values).any():
         return objective, log
     found = objective.space.strings(chi[distant_members(chi, values, settings.ensemble)])
-    freer = replace(objective, space=with_unknown(objective.space, row))
-    first = row.starts or (float(freer.space.values(np.full(freer.space.dimension, 0.5))[-1]),)
+    freer = replace(objective, space=objective.space.with_unknown(row))
+    middle = freer.space.strings(np.full((1, freer.space.dimension), 0.5))
+    first = row.starts or (float(middle[row.name][0]),)
     starts = found.take(np.tile(np.arange(len(found)), len(first)))
     starts = starts.with_values(**{row.name: np.repeat(first, len(found))})
     own_rng = rng.spawn(1)[0]  # what follows does not depend on a search that did not pay
-    beyond = search(freer, settings, own_rng, replace(start, previous=starts), _search_budget(settings))
+    budget = _search_budget(objective, settings)
+    beyond = search(freer, settings, own_rng, replace(start, previous=starts), budget)
     gain = beyond.best()[1] / log.best()[1]
     if gain >= PAYS:
         return objective, log
@@ -177,40 +272,52 @@ def search(
         more = f", {count - evaluations} more for the uncertainty" if count > evaluations else ""
         progress(min(count, evaluations), f"best cost {1e3 * best:.2f} mm{more}")
 
-    log = EvaluationLog(objective.cost, report)
-    problem = SearchProblem(objective, settings, start, rng, evaluations)
+    searched = replace(objective, model=replace(objective.model, precision=objective.space.precision))
+    log = EvaluationLog(searched.cost, report)
+    problem = SearchProblem(searched, settings, start, rng, evaluations)
     log.converged = OPTIMISERS.get(settings.search)(problem, log)
     return log
 
 
-def _search_budget(settings: EstimateSettings) -> int:
+def _search_budget(objective: FitObjective, settings: EstimateSettings) -> int:
     """Return the evaluations left for the search itself."""
-    if settings.search == "paper":
+    if settings.search == "paper" or not objective.space.in_plane:
         return settings.evaluations
     return max(int((1.0 - CROSS_VALIDATION_SHARE) * settings.evaluations) - NEAR_SAMPLES, NEAR_SAMPLES)
 
 
-def _under_previous(objective: FitObjective, previous: StringBatch) -> HeldOutEvaluation:
-    """E of the newest throw under the previous estimate."""
-    value = float(objective.value(objective.throws[-1], previous.take(0), 0.0)[0])
-    return HeldOutEvaluation(UNDER_PREVIOUS, value)
+def _paths(name: str, model: StringModel, throw: PreparedThrow, string: StringBatch) -> dict[str, Array]:
+    """Return what was measured of a throw as a string (a batch of one) gives it, and its mass points."""
+    paths = {name: simulate_throw(model, throw, string)[0][0]}
+    if throw.places is None:
+        return paths
+    string_name = {"fitted": "string", "predicted": "predicted_string"}[name]
+    return paths | {string_name: simulate_batch(model, string, throw.hand, throw.time_s, throw.start)[0][0]}
 
 
-def without_model(objective: FitObjective) -> list[HeldOutEvaluation]:
-    """E of the newest throw for two guesses that need no model, to compare predictions with.
+def without_model(whole: FitObjective) -> list[HeldOutEvaluation]:
+    """E of a trial for guesses that need no model, to compare predictions with.
 
-    The string hangs straight below the hand, or it keeps its first shape and moves with the hand.
+    The string hangs straight below the hand, or it keeps its first shape and moves with the hand; between two
+    driven ends with both, by the place along the string.
     """
-    throw = objective.throws[-1]
-    path_s, path_m = throw.hand.time_s, throw.hand.pose[:, :2]
-    hand_m = np.stack([np.interp(throw.time_s, path_s, path_m[:, k]) for k in (0, 1)], axis=1)[:, None]
-    hanging_m = np.outer(objective.model.places_m(), (0.0, -1.0))
-    guesses = {HANGING: hanging_m}
+    (throw,), along = whole.throws, np.linspace(0.0, 1.0, whole.model.points + 1)[:, None]
+    axes, path_m = throw.points_m.shape[2], throw.hand.pose
+    frames_m = np.column_stack([np.interp(throw.time_s, throw.hand.time_s, each) for each in path_m.T])
+    far = slice(-POSE, path_m.shape[1] - POSE + axes) if axes == 3 else slice(axes)
+    guesses = {}
+    if path_m.shape[1] <= POSE:
+        down = np.eye(axes)[-1] * -whole.model.length_m
+        guesses[HANGING] = frames_m[:, None, :axes] + along * down
     if throw.start.points_m is not None:
-        guesses[CARRIED] = np.concatenate([np.zeros((1, 2)), throw.start.points_m - path_m[0]])
+        first = np.concatenate([path_m[:1, :axes], throw.start.points_m])
+        near_moved, far_moved = ((frames_m - path_m[0])[:, None, end] for end in (slice(axes), far))
+        guesses[CARRIED] = first + (1.0 - along) * near_moved + along * far_moved
     return [
-        HeldOutEvaluation(what, float(evaluation_of_points(objective.point_values(throw, hand_m + shape_m))))
-        for what, shape_m in guesses.items()
+        HeldOutEvaluation(
+            what, float(evaluation_of_points(whole.point_values(throw, throw.as_measured(each))))
+        )
+        for what, each in guesses.items()
     ]
 
 
@@ -227,8 +334,26 @@ def _refuse_invalid(log: EvaluationLog) -> None:
     if not np.isfinite(values).any():
         raise StrandcastError(
             "SC-E003",
-            f"none of {len(values)} candidate strings could be simulated on this throw",
+            f"none of {len(values)} candidate strings could be simulated on these trials",
             field="estimate.ranges",
-            fix="check the hand's path for jumps, or choose other ranges or a smaller estimate.dt_s",
+            fix="check the driven ends for jumps, or choose other ranges or a smaller estimate.dt_s",
             exit_code=FAILED_TRIALS,
         )
+
+
+def _unconverged(fit: EvaluationLog, rest: EvaluationLog, share: float) -> list[str]:
+    """Return a warning if a search spent its simulations before it had converged."""
+    searches = {"of the string": fit, f"without the last {1.0 - share:.0%} of the trial": rest}
+    ended = [f"the search {what}" for what, log in searches.items() if not log.converged]
+    return [f"{' and '.join(ended)} did not converge: raise estimate.evaluations"] if ended else []
+
+
+def _worse_than_before(found: StringFit) -> list[str]:
+    """Return a warning if the fit, which has read the newest trial, explains it worse than the one before."""
+    before_m = next((held.E_m for held in found.held_out if held.what == UNDER_PREVIOUS), np.inf)
+    if not found.E_m > (1.0 + RISE) * before_m:
+        return []
+    return [
+        f"E of the newest trial is {1e3 * found.E_m:.2f} mm, and {1e3 * before_m:.2f} mm under the estimate "
+        "before it, which had not read the trial: use that one, or raise estimate.evaluations"
+    ]

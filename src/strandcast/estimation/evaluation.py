@@ -30,11 +30,17 @@ def distances(measured: Array, simulated: Array, reading: str = "world") -> Arra
     difference = measured - simulated
     if reading == "hand":
         difference = difference - np.where(np.isnan(difference[..., :1, :]), 0.0, difference[..., :1, :])
-    distance = np.hypot(difference[..., 1:, 0], difference[..., 1:, 1])
-    for axis in range(2, difference.shape[-1]):
-        distance = np.hypot(distance, difference[..., 1:, axis])
+    distance = lengths(difference[..., 1:, :])
     lost = np.isnan(distance) & ~np.isnan(measured[:, 1:]).any(axis=-1)
     return np.asarray(np.where(lost, np.inf, distance))
+
+
+def lengths(vectors: Array) -> Array:
+    """Return the lengths (...) of vectors (..., 2 or 3)."""
+    length = np.hypot(vectors[..., 0], vectors[..., 1])
+    for axis in range(2, vectors.shape[-1]):
+        length = np.hypot(length, vectors[..., axis])
+    return np.asarray(length)
 
 
 def point_values(distance: Array, confidence: Array | None = None) -> Array:

@@ -1,6 +1,7 @@
 """The result of a fit: the string that explains the throws, its ensemble, errors and uncertainty."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -66,6 +67,10 @@ class StringFit:
         Weight of each throw in the fit, in the order given.
     warnings
         Reasons to doubt the estimate.
+    roll
+        Of the driven ends, see `strandcast.estimation.cable_series.ROLLS`; none in the plane.
+    paths_m
+        Further simulated points (G, n+1 or m+1, 2 or 3) by their source in `simulated.parquet`.
     """
 
     space: Space
@@ -98,6 +103,8 @@ class StringFit:
     fitted_m: Array
     trial_weights: Array
     warnings: tuple[str, ...]
+    roll: str = ""
+    paths_m: Mapping[str, Array] = field(default_factory=dict)
 
 
 def fit_of(
@@ -130,9 +137,7 @@ def fit_of(
     fitted, status = simulate_throw(model, newest, best)
     step_change_m = _step_change(model, newest, best, fitted[0])
     points = objective.point_values(newest, fitted[0])
-    compared_m = newest.points_m.copy()
-    compared_m[:, 1:][~(newest.weight > 0)] = np.nan
-    distance = distances(compared_m, fitted[0], settings.evaluation)
+    distance = distances(newest.seen_m, fitted[0], settings.evaluation)
     members = space.values(chi[rows])
     used = newest.weight.any(axis=1)
     at_bound = np.asarray((chi[rows[0]] < AT_BOUND) | (chi[rows[0]] > 1.0 - AT_BOUND))
@@ -202,7 +207,7 @@ def disagreement(log: EvaluationLog) -> list[str]:
 
 def _is_narrowed(space: Space, k: int, exponent: float) -> bool:
     """Return whether the nearer bound of an unknown is within the widest range; in space none is chosen."""
-    if tuple(space.names[: len(PARAMETERS)]) != PARAMETERS or k >= len(PARAMETERS):
+    if not space.in_plane or k >= len(PARAMETERS):
         return False
     (least, most), (wide_least, wide_most) = space.bounds[k], bounds_of("wide")[k]
     return bool(most < wide_most if exponent > 0.5 else least > wide_least)
@@ -255,7 +260,7 @@ def _warnings(
     warnings = []
     # Of the string itself: a clamp (k_ph) may be as good as rigid on the limpest cord, and a bend that
     # straightens as stiff as it likes where one that grows is not.
-    if space.names[: len(PARAMETERS)] == PARAMETERS:
+    if space.in_plane:
         own = [PARAMETERS.index(name) for name in BENDING]
         least, usual = space.values(chi)[own].min(), bounds_of("wide")[own, 1].max()
         if least > usual and search != "thorough":

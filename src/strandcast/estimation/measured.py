@@ -138,8 +138,13 @@ def _resting(shapes: Array, after_s: Array) -> tuple[Array, Array]:
 
 def _moving(shapes: Array, after_s: Array) -> tuple[Array, Array]:
     """Return value and slope at the start of a parabola in time through each point."""
-    degree = min(2, len(after_s) - 1)
-    flat = np.polynomial.polynomial.polyfit(after_s, shapes.reshape(len(shapes), -1), degree)
-    shape = flat[0].reshape(shapes.shape[1:])
-    slope = flat[1].reshape(shapes.shape[1:]) if degree else np.zeros_like(shape)
+    shape, slope = value_and_slope(after_s, shapes)
     return shape[1:], slope[1:]
+
+
+def value_and_slope(since_s: Array, path: Array) -> tuple[Array, Array]:
+    """Return value and slope (...) at 0 of a parabola through a path (k, ...), a line through two frames."""
+    degree = min(2, len(since_s) - 1)
+    fitted = np.polynomial.polynomial.polyfit(since_s, path.reshape(len(path), -1), degree)
+    value = fitted[0].reshape(path.shape[1:])
+    return value, fitted[1].reshape(path.shape[1:]) if degree else np.zeros_like(value)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from strandcast.config.estimate import EstimateSettings
 from strandcast.dynamics.batch import HANGING_AT_REST, HandPath, StringStart
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.estimation.evaluation import Array
@@ -39,6 +42,11 @@ class PreparedThrow:
     hand: HandPath
     start: StringStart = HANGING_AT_REST
     places: Array | None = None
+
+    @property
+    def seen_m(self) -> Array:
+        """Measured points (G, n+1, 2 or 3) [m], the hand's and those with a weight in E; NaN for others."""
+        return np.where(np.insert(self.weight > 0, 0, True, axis=1)[..., None], self.points_m, np.nan)
 
     def as_measured(self, points: Array, shift: Array | None = None) -> Array:
         """Return the hand and the measured points (..., m+1, c) of simulated points (..., n+1, c).
@@ -78,6 +86,45 @@ class PreparedThrow:
     def _take(self, kept: slice) -> PreparedThrow:
         columns = {name: getattr(self, name)[kept] for name in ("frames", "time_s", "points_m", "weight")}
         return replace(self, **columns)
+
+
+class TrialParts(NamedTuple):
+    """What a fit takes of its trials, in the plane or in space.
+
+    Attributes
+    ----------
+    throws, trial
+        The parts that are fitted, and (P,) the number of the trial of each, 0 to `trials` - 1.
+    trials
+        How many trials there are, also without a fitted part.
+    newest
+        The whole newest trial.
+    before
+        The same without the last part of the newest trial; None: parts of it are left out in other ways.
+    """
+
+    throws: tuple[PreparedThrow, ...]
+    trial: np.ndarray
+    trials: int
+    newest: PreparedThrow
+    before: TrialParts | None = None
+
+    def shares(self, older_trials_weight: float) -> Array:
+        """Return the shares (P,) in E, by the weight of a trial relative to the next one."""
+        weights = older_trials_weight ** (self.trials - 1 - self.trial)
+        return np.asarray(weights / weights.sum())
+
+
+def parts_of_throws(throws: Sequence[Throw], places_m: Array, settings: EstimateSettings) -> TrialParts:
+    """Return throws in the plane, the newest last, as the fit takes them; see `prepare`."""
+    shifted = settings.camera_offset_sd_m is not None
+    kept = throws[-1:] if settings.trials == "latest" else throws
+    prepared = [prepare(throw, places_m, settings.start_shape, from_measured_hand=shifted) for throw in kept]
+    if settings.marker_shift:
+        places = places_m[1:] / places_m[-1]
+        prepared = [replace(throw, places=places) for throw in prepared]
+    trial = np.arange(len(throws) - len(kept), len(throws))
+    return TrialParts(tuple(throw.fitted() for throw in prepared), trial, len(throws), prepared[-1])
 
 
 def prepare(

@@ -1,11 +1,24 @@
 """The unknown numbers of the string, their ranges and priors, and plausible strings to start from."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from scipy.stats import qmc
 
 from strandcast.config.estimate import EstimateSettings, Ranges
-from strandcast.core.strings import BEND_FRICTION, PARAMETERS, PLAIN_MASS, UNKNOWNS, Unknown, When
+from strandcast.core.strings import (
+    BEND_FRICTION,
+    OF_PRIOR,
+    PARAMETERS,
+    PLAIN_MASS,
+    UNKNOWNS,
+    Ends,
+    Range,
+    Unknown,
+    When,
+)
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import MASS_RANGE, RANGES, ensemble
@@ -45,39 +58,54 @@ def space_of(settings: EstimateSettings, layout: MassLayout, *, plain_mass: bool
         masses can be known, so every other search fixes it at 1.
     """
     mass_range = MASS_RANGE[settings.ranges if isinstance(settings.ranges, str) else "wide"]
-    options: dict[str, tuple[float, float]] = {}
-    sd: dict[str, float] = {}
     if plain_mass is None:
         plain_mass = settings.search == "paper" and layout.count > 0
+    options, sd = options_of(Space, given_of(settings), layout)
     if plain_mass:
-        options[PLAIN_MASS] = mass_range
-    for name, row in UNKNOWNS.items():
-        if when_fitted(row, settings) != "always" or (row.stiff_sections and not layout.stiff):
-            continue
-        if row.sd is not None:
-            sd[name] = getattr(settings, row.sd)
-        options[name] = row.range or (-PRIOR_RANGE_SD * sd[name], PRIOR_RANGE_SD * sd[name])
+        options = {PLAIN_MASS: mass_range} | options
     names = (*PARAMETERS, *(f"weight_{k + 1}" for k in range(layout.count)), *options)
     ranges = np.vstack([bounds_of(settings.ranges), *[mass_range] * layout.count, *options.values()])
     prior_sd = np.array([sd.get(name, np.inf) for name in names])
     return Space(names, ranges, layout, prior_sd)
 
 
-def when_fitted(row: Unknown, settings: EstimateSettings) -> When:
-    """Return when an unknown is fitted in the plane: as its settings say, or by default."""
-    given = [getattr(settings, name) for name in row.switches]
-    if not given:
-        return row.when if row.range else "never"
-    if "auto" in given:
+def options_of(
+    box: type[Space], given: Mapping[str, Any], layout: MassLayout, held: Sequence[Ends] = ("any",)
+) -> tuple[dict[str, Range], dict[str, float]]:
+    """Return ranges and deviations of the priors of the unknowns that are always fitted in a kind of box.
+
+    `given`: see `when_fitted`; `held`: how the string is.
+    """
+    ranges: dict[str, Range] = {}
+    sd: dict[str, float] = {}
+    for name, how in box.ways().items():
+        row = UNKNOWNS[name]
+        if how.needs not in held or when_fitted(row, given, how.when) != "always":
+            continue
+        if row.stiff_sections and not layout.stiff:
+            continue
+        if row.sd is not None and given.get(row.sd) is not None:
+            sd[how.name] = given[row.sd]
+        ranges[how.name] = how.range
+        if how.range == OF_PRIOR:
+            ranges[how.name] = (-PRIOR_RANGE_SD * sd[how.name], PRIOR_RANGE_SD * sd[how.name])
+    return ranges, sd
+
+
+def given_of(settings: EstimateSettings) -> dict[str, Any]:
+    """Return the settings that say which unknowns are fitted, and the deviations of their priors."""
+    names = {name for row in UNKNOWNS.values() for name in (*row.switches, row.sd) if name is not None}
+    return {name: getattr(settings, name) for name in names}
+
+
+def when_fitted(row: Unknown, given: Mapping[str, Any], default: When) -> When:
+    """Return when an unknown is fitted, as its settings say; those not given leave it at the default."""
+    said = [given[name] for name in (row.name, *row.switches) if name in given]
+    if not said:
+        return default
+    if "auto" in said:
         return "auto"
-    return "never" if all(value in (False, None) for value in given) else "always"
-
-
-def with_unknown(space: Space, row: Unknown) -> Space:
-    """Return the box with one more unknown, which is fitted in the plane."""
-    assert row.range is not None
-    names, bounds = (*space.names, row.name), np.vstack([space.bounds, np.array(row.range)])
-    return replace(space, names=names, bounds=bounds, prior_sd=np.append(space.prior_sd, np.inf))
+    return "never" if all(value in (False, None) for value in said) else "always"
 
 
 def widened(space: Space, chi: Array) -> Space | None:
@@ -94,7 +122,13 @@ def widened(space: Space, chi: Array) -> Space | None:
 def prior_exponents(
     space: Space, model: StringModel, count: int, rng: np.random.Generator, scatter: float = 0.08
 ) -> Array:
-    """Return exponents (count, d) of plausible strings, with a little scatter; options at mid-range."""
+    """Return exponents (count, d) of plausible strings, with a little scatter; options at mid-range.
+
+    In space all ranges are plausible; turns are near zero.
+    """
+    if not space.in_plane:
+        drawn = space.without_turns(qmc.LatinHypercube(space.dimension, rng=rng).random(count))
+        return np.asarray(np.clip(drawn + scatter * rng.standard_normal(drawn.shape), 0.0, 1.0))
     stiff = space.layout.stiff
     draw = ensemble(count, model.length_m, model.points, space.layout.count - stiff, rng, stiff)
     # The first unknowns are the ten parameters and the free masses.

@@ -13,7 +13,7 @@ from strandcast.planning.task import PlanningTask
 
 SAME_MOTION_RAD_S = 0.02  # motions nearer than this count as the same; chosen
 # This far from the nearest trial, rms over the heights, half of its tip's bias is left: tuned on seeds 4 to 7
-# (docs/explanation/throws.md, "How far a later motion may go").
+# (`python -m strandcast_studies.benchmarks.loop.distance` measures it).
 HALF_LEFT_RAD_S = 0.4
 
 

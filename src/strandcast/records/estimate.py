@@ -15,8 +15,8 @@ ENSEMBLE = TableSpec(
 SIMULATED = TableSpec(
     "strandcast/simulated",
     {
-        # "planned" or "fitted". In space the points of "fitted" and "predicted" (by the estimate before) are
-        # the markers, and those of "string" and "predicted_string" the mass points.
+        # "planned" or "fitted"; without a target, and in space, "predicted" by the estimate before. In space
+        # these are the markers, and "string" and "predicted_string" have the mass points.
         "source": Column("str", "1"),
         "frame": Column("i4", "1"),
         "robot_time_s": Column("f8", "s"),

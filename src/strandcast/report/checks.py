@@ -24,17 +24,21 @@ from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLAN
 from strandcast.report.text import warnings_of
 
 STATES = FAIL, WARN, NOT_RUN, PASS = "FAIL", "WARN", "NOT RUN", "PASS"  # the gravest first
+# The numbers of the first screen that a check may doubt, in the order in which a reader meets them.
+MISS, PREDICTION, NEXT_THROW = NUMBERS = "the miss", "the predicted miss", "the next throw"
+OF_A_CAPTURE = {MISS: "the measured motion", NEXT_THROW: "the fit"}
 NEXT_MOTION = "next motion"
 LEAST_ROOM_M = 0.01  # chosen: throws of one motion differ by millimetres
 
 
 class CheckResult(NamedTuple):
-    """One check on the page: its name, its state, what was found, what is expected."""
+    """One check on the page: its name, its state, what was found, what is expected, what it would doubt."""
 
     name: str
     state: str
     found: str
     expected: str
+    doubted: str = MISS
 
 
 class CheckOutcome(NamedTuple):
@@ -50,16 +54,17 @@ TrialCheck = Callable[[TrialResults], CheckOutcome | None]
 
 def run_checks(results: TrialResults, next_motion: Path | None) -> list[CheckResult]:
     """Return the checks of one trial; a check that could not run gives the reason."""
-    checks = [_read(results), _warned(results)]
     aimed = results.aimed()
+    checks = [_read(results), *_warned(results)]
     checks += [
-        _run(name, severity, check, results)
-        for name, severity, check in CHECKS
+        _run(name, severity, check, results)._replace(doubted=doubted)
+        for doubted, name, severity, check in CHECKS
         if aimed or check not in AIMED
     ]
-    if aimed:
-        checks.append(_next_motion(next_motion, caveat(probable_causes(results))))
-    return checks
+    if not aimed:
+        return [each._replace(doubted=OF_A_CAPTURE.get(each.doubted, each.doubted)) for each in checks]
+    found = _next_motion(next_motion, caveat(probable_causes(results)))
+    return [*checks, found._replace(doubted=NEXT_THROW)]
 
 
 def _read(results: TrialResults) -> CheckResult:
@@ -76,11 +81,14 @@ def _read(results: TrialResults) -> CheckResult:
     )
 
 
-def _warned(results: TrialResults) -> CheckResult:
-    """Return whether no stage warned."""
-    warnings = warnings_of(results)
-    found = "; ".join(text for _, text in warnings) or "none"
-    return CheckResult("warnings of the stages", WARN if warnings else PASS, found, "none")
+def _warned(results: TrialResults) -> list[CheckResult]:
+    """Return whether no stage warned, by the number that its warnings doubt."""
+    doubted: dict[str, list[str]] = {}
+    for file, text in warnings_of(results):
+        doubted.setdefault(DOUBTED_BY.get(file, MISS), []).append(text)
+    name = "warnings of the stages"
+    found = [CheckResult(name, WARN, "; ".join(texts), "none", of) for of, texts in doubted.items()]
+    return found or [CheckResult(name, PASS, "none", "none")]
 
 
 def _run(name: str, severity: str, check: TrialCheck, results: TrialResults) -> CheckResult:
@@ -251,24 +259,31 @@ def _bend(results: TrialResults) -> CheckOutcome | None:
     )
 
 
-CHECKS: list[tuple[str, str, TrialCheck]] = [
-    ("video: frames decoded", FAIL, _frames),
-    ("video: packets against header", WARN, _header),
-    ("video: gaps and duplicates", WARN, _video_gaps),
-    ("joint log: gaps and duplicates", WARN, _log_gaps),
-    ("played motion is the planned one", FAIL, _played),
-    ("calibration: lens", WARN, _lens),
-    ("calibration: plane of motion", WARN, _plane),
-    ("track: points detected", WARN, _tracked),
-    ("track: σ", WARN, _sigma),
-    ("track: length of the string", WARN, _length),
-    ("track: string held by the clamp", WARN, _slip),
-    ("track: tip at the closest approach", WARN, _tip),
-    ("alignment: offset's error", WARN, _offset),
-    ("alignment: drift", WARN, _drift),
-    ("alignment: hand's residual", WARN, _hand),
-    ("estimate: E after the fit", WARN, _fit),
-    ("motion played: folding", WARN, _bend),
+# Files with warnings that doubt another number than the miss.
+DOUBTED_BY = {
+    FILES["alignment"]: NEXT_THROW,
+    FILES["estimate"]: NEXT_THROW,
+    FILES["motion"]: PREDICTION,
+}
+
+CHECKS: list[tuple[str, str, str, TrialCheck]] = [
+    (MISS, "video: frames decoded", FAIL, _frames),
+    (MISS, "video: packets against header", WARN, _header),
+    (MISS, "video: gaps and duplicates", WARN, _video_gaps),
+    (NEXT_THROW, "joint log: gaps and duplicates", WARN, _log_gaps),
+    (PREDICTION, "played motion is the planned one", FAIL, _played),
+    (MISS, "calibration: lens", WARN, _lens),
+    (MISS, "calibration: plane of motion", WARN, _plane),
+    (MISS, "track: points detected", WARN, _tracked),
+    (MISS, "track: σ", WARN, _sigma),
+    (NEXT_THROW, "track: length of the string", WARN, _length),
+    (NEXT_THROW, "track: string held by the clamp", WARN, _slip),
+    (MISS, "track: tip at the closest approach", WARN, _tip),
+    (NEXT_THROW, "alignment: offset's error", WARN, _offset),
+    (NEXT_THROW, "alignment: drift", WARN, _drift),
+    (MISS, "alignment: hand's residual", WARN, _hand),
+    (NEXT_THROW, "estimate: E after the fit", WARN, _fit),
+    (PREDICTION, "motion played: folding", WARN, _bend),
 ]
 
 AIMED = (_tip, _played, _bend)  # checks of a throw at a target

@@ -56,7 +56,7 @@ def experiment_page(
     last, upcoming = page.last_counted, readable_motion(next_motion)
     causes = [] if last is None else probable_causes(last)
     found = {
-        f"trial {line.trial}: ": run_checks(results[line.trial], None)
+        f"trial {line.trial}": run_checks(results[line.trial], None)
         for line in summary.trials
         if line.excluded is None and line.trial in results
     }

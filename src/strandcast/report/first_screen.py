@@ -9,7 +9,7 @@ from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.verdict import Verdict
 from strandcast.report.causes import Cause
-from strandcast.report.checks import FAIL, NOT_RUN, WARN, CheckResult
+from strandcast.report.checks import FAIL, NOT_RUN, NUMBERS, OF_A_CAPTURE, WARN, CheckResult
 from strandcast.report.expected import expected_miss
 from strandcast.report.measures import best_guess_m, fit_window
 from strandcast.report.numbers import UNKNOWN, millimetres
@@ -95,14 +95,18 @@ def _of_a_capture(results: TrialResults) -> list[Headline]:
 
 
 def doubts(checks: Mapping[str, list[CheckResult]]) -> Doubts:
-    """Return what the checks found; their keys say whose they are, "" on a trial's own page."""
+    """Return what the checks found, by the number that it doubts; keys name trials, "" on their own page."""
     for state, style, mark in ((FAIL, "bad", "✕ Failed"), (WARN, "doubtful", "▲ Doubtful")):
-        named = {
-            of: [_in_words(each) for each in found if each.state == state] for of, found in checks.items()
-        }
-        texts = [f"{of}{', '.join(names)}" for of, names in named.items() if names]
-        if texts:
-            return Doubts(style, f"{mark}: {'; '.join(texts)}.")
+        named: dict[str, list[str]] = {}
+        for number in (*NUMBERS, *OF_A_CAPTURE.values()):
+            for trial, found in checks.items():
+                subject = f"{number} of {trial}" if trial else number
+                for each in found:
+                    if (each.state, each.doubted) == (state, number):
+                        named.setdefault(subject, []).append(_in_words(each))
+        if named:
+            texts = (f"{subject}: {', '.join(words)}" for subject, words in named.items())
+            return Doubts(style, f"{mark} for {'; for '.join(texts)}.")
     states = [each.state for found in checks.values() for each in found]
     idle = states.count(NOT_RUN)
     rest = f"; {idle} had nothing to check" if idle else ""

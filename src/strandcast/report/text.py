@@ -118,7 +118,7 @@ def capture_finding(estimate: Estimate, window: str) -> str:
 def warnings_of(results: TrialResults) -> list[tuple[str, str]]:
     """Return the warnings of all records, each with its file."""
     warnings = []
-    for name in ("manifest", "track_summary", "alignment", "estimate"):
+    for name in ("manifest", "camera", "track_summary", "alignment", "estimate"):
         record = results.get(name)
         warnings += [(FILES[name], text) for text in (record.warnings if record is not None else [])]
     motion = results.get("motion")

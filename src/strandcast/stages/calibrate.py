@@ -11,7 +11,12 @@ from strandcast.camera.distortion import FISHEYE
 from strandcast.camera.lens import calibrate_lens, calibrate_lens_video
 from strandcast.camera.lens_file import read_lens
 from strandcast.camera.picture import camera_picture
-from strandcast.camera.plane import PlaneGeometry, board_markers, plane_from_markers
+from strandcast.camera.plane import (
+    PlaneGeometry,
+    board_markers,
+    plane_from_markers,
+    unmeasured_offset_warnings,
+)
 from strandcast.camera.pose import PlacedMarker
 from strandcast.camera.printed_board import identify_board
 from strandcast.config.camera import Plane
@@ -63,6 +68,8 @@ def _by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
         on_board=settings.camera.plane.board is not None,
     )
     camera.warnings = warnings + camera.warnings
+    if settings.lab is None and "string_offset_m" not in settings.camera.model_fields_set:
+        camera.warnings += unmeasured_offset_warnings(camera)
     return camera, picture
 
 
@@ -77,21 +84,13 @@ def _plane_geometry(settings: Experiment) -> PlaneGeometry:
 
 
 def _lens(context: Context, files: Files) -> Lens:
-    camera, folder = context.settings.camera, context.folder.data
+    camera = context.settings.camera
     if camera.lens_file is not None:
         return read_lens(files.input("lens"), camera.lens_name, camera.distortion == FISHEYE)
     if camera.lens_video is not None:
         frames = _board_frames(files.input("lens"))
         return calibrate_lens_video(frames, camera.board, camera.distortion)
     paths = files.inputs("lens")
-    if not paths:
-        there = sorted(path.name for path in (folder / camera.lens_photos).parent.glob("*"))
-        raise StrandcastError(
-            "SC-C030",
-            f"no photo fits {camera.lens_photos!r}; there: {', '.join(there[:12]) or 'nothing'}",
-            file=folder,
-            field="camera.lens_photos",
-        )
     read = progress(read_photos_of(context, paths), "calibrate: photos", len(paths))
     photos = [(path.name, grey) for path, grey in zip(paths, read, strict=True)]
     return calibrate_lens(photos, camera.board, camera.distortion)
@@ -121,9 +120,6 @@ def _by_tracker(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
 
 def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:
     """Yield the experiment's photos, grey as the sensor recorded them."""
-    for path in paths:
-        if not path.is_file():
-            raise StrandcastError("SC-C031", "the photo is missing", file=path)
     for path, grey in zip(paths, given_pictures(context, paths, UNROTATED), strict=True):
         if grey is None:
             raise StrandcastError("SC-C031", "is not a readable picture", file=path)

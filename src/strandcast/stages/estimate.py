@@ -1,22 +1,28 @@
 """The string that explains the newest trials: estimate.json, ensemble.parquet, simulated.parquet."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from strandcast.arm.load import load_arm
 from strandcast.config.estimate import EstimateSettings
-from strandcast.core.strings import StringBatch
+from strandcast.core.strings import PARAMETERS, SPATIAL_RANGES, StringBatch
 from strandcast.dynamics.masses import MassLayout
+from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
 from strandcast.estimation.estimate import estimate
 from strandcast.estimation.measured import Throw
-from strandcast.records.estimate import ENSEMBLE, SIMULATED
+from strandcast.estimation.space import Space
+from strandcast.estimation.throws import TrialParts, parts_of_throws
+from strandcast.estimation.unknowns import space_of
+from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
 from strandcast.records.motion import Motion
-from strandcast.records.tables import read_arrow, write_table
+from strandcast.records.tables import read_arrow, read_facts, write_table
 from strandcast.records.track import TRACK, UNSURE, TrackSummary, is_in_space
-from strandcast.records.verdict import AFTER_MOTION_S
 from strandcast.seeds import rng
-from strandcast.stages.estimate_in_space import estimate_in_space
-from strandcast.stages.estimate_record import ensemble_table, estimate_record, servo_record, simulated_table
+from strandcast.stages.context import Context
+from strandcast.stages.estimate_record import ensemble_table, estimate_record, points_table, servo_record
 from strandcast.stages.files import past, recent
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import (
@@ -25,20 +31,33 @@ from strandcast.stages.past_trials import (
     read_members,
     read_trial,
     servo_of,
+    spatial_settings,
     string_model,
+    until_s,
 )
 from strandcast.stages.rig_offsets import rig_offsets_of
 from strandcast.stages.seen_weights import seen_weights
+from strandcast.stages.trials_in_space import (
+    TrialInSpace,
+    cable_of_trials,
+    fitted_parts,
+    parts_in_space,
+    read_trial_in_space,
+)
 
 # All chosen.
 DOUBT_M = 0.003  # standard deviation of a point at which its weight in E halves
 UNSURE_WEIGHT = 0.25  # of points that the tracker flags as unsure
-SAME_PASS_S = 0.1  # a planned hit and a closest approach this near belong to the same pass of the tip
+SOURCES = ("planned", "fitted", "predicted", "string", "predicted_string")  # of simulated points
+
+
+# The first arguments of `estimate`, and those that have names.
+_Fitted = tuple[Mapping[str, TrialParts], StringModel, Space, EstimateSettings, dict[str, Any]]
 
 
 def run(job: Job, files: Files) -> None:
     """Estimate the string after one trial: from the recent ones, starting from the estimate before."""
-    context, settings = job.context, job.context.settings.estimate
+    context = job.context
     if job.trial in context.settings.held_out:
         raise StrandcastError(
             "SC-E009",
@@ -47,54 +66,90 @@ def run(job: Job, files: Files) -> None:
             field="held_out",
             fix=f"predict it: strandcast predict {context.name} {job.trial} --from ESTIMATE.json",
         )
-    if is_in_space(read_arrow(files.input("track", job.trial), TRACK).column_names):
-        estimate_in_space(job, files)
-        return
-    if settings.marker_shift:
-        raise StrandcastError(
-            "SC-E008",
-            "estimate.marker_shift does not apply to a string in the plane",
-            file=context.file,
-            field="estimate.marker_shift",
-        )
-    arm = load_arm(files.input("arm")).planar()
-    model, layout = string_model(context, arm)
-    trials = [read_trial(files, number) for number in recent(job)]
-    if not np.isfinite(trials[-1].track.points_m[:, 1:]).any():
+    in_space = is_in_space(read_arrow(files.input("track", job.trial), TRACK).column_names)
+    refuse_settings_of_others(context, in_space=in_space)
+    numbers, before = recent(job), past(job)
+    trials: Any = [(read_trial_in_space if in_space else read_trial)(files, number) for number in numbers]
+    parts, model, space, settings, known = (_in_space if in_space else _in_plane)(files, trials)
+    layout, previous = space.layout, files.input("previous") if before else None
+    random = rng(context.name, context.settings.seed, job.trial, "estimate")
+    fit = estimate(
+        parts,
+        model,
+        space,
+        settings,
+        random,
+        previous=None if previous is None else read_members(previous, layout),
+        previous_roll="" if previous is None else str(read_facts(previous, ENSEMBLE).get("roll", "")),
+        older=len(before) + 1 - len(trials),
+        **known,
+    )
+    read = [files.input(role, n) for n in numbers for role in ("track", "alignment", "hand", "summary")]
+    record = estimate_record(context, settings, model, layout, numbers, fit, hashes_of(read))
+    if in_space:
+        record.fitted = fitted_parts(trials, parts[fit.roll])
+    else:
+        _add_what_the_rig_shows(record, files, trials, random)
+    paths_m = {"planned": fit.planned_m, "fitted": fit.fitted_m, **fit.paths_m}
+    paths = [(source, paths_m.get(source)) for source in SOURCES]
+    facts = {"roll": fit.roll} if in_space else {}
+    members = ensemble_table(fit.members, fit.member_values_m)
+    write_table(files.output("ensemble"), ENSEMBLE, members, facts)
+    write_table(files.output("simulated"), SIMULATED, points_table(paths, fit, trials[-1].track))
+    record.write(files.output("estimate"))
+
+
+def refuse_settings_of_others(context: Context, *, in_space: bool) -> None:
+    """Refuse what only filmed throws have for a string in space, and ranges of other parameters (SC-E008)."""
+    settings, known = context.settings.estimate, tuple(SPATIAL_RANGES if in_space else PARAMETERS)
+    ranges = settings.ranges if isinstance(settings.ranges, dict) else {}
+    wrong = {
+        "method": in_space and context.settings.method is not None,
+        "estimate.camera_offset_sd_m": in_space and settings.camera_offset_sd_m is not None,
+        "estimate.ranges": not set(ranges) <= set(known),
+    }
+    for field in [field for field, is_wrong in wrong.items() if is_wrong]:
+        what = f"{field} does not apply to a string in {'space' if in_space else 'the plane'}"
+        fix = f"give ranges of {', '.join(known)}" if field == "estimate.ranges" else "leave it out"
+        raise StrandcastError("SC-E008", what, file=context.file, field=field, fix=fix)
+
+
+def _in_space(files: Files, trials: list[TrialInSpace]) -> _Fitted:
+    model, space = cable_of_trials(files, trials)
+    parts = parts_in_space(files, trials, model.points)
+    return parts, model, space, spatial_settings(files.job.context), {"references": True}
+
+
+def _in_plane(files: Files, trials: list[Trial]) -> _Fitted:
+    context, newest = files.job.context, trials[-1]
+    settings = context.settings.estimate
+    model, layout = string_model(context, load_arm(files.input("arm")).planar())
+    if not np.isfinite(newest.track.points_m[:, 1:]).any():
         raise StrandcastError(
             "SC-T004",
             "no point of the string is in the track",
-            file=files.input("track", job.trial),
-            fix=f"check the track's report; exclude trial {job.trial} with a reason",
+            file=files.input("track", newest.number),
+            fix=f"check the track's report; exclude trial {newest.number} with a reason",
         )
-    before = past(job)
-    previous = read_members(files.input("previous"), layout) if before else None
-    throws = [throw_of(t, settings) for t in trials]
-    random = rng(context.name, context.settings.seed, job.trial, "estimate")
-    fit = estimate(
-        throws,
-        model,
-        layout,
-        settings,
-        random,
-        planned=_planned(trials[-1].motion, layout),
-        previous=previous,
-        older=len(before) + 1 - len(trials),
-        references=context.settings.target_m is None,
-    )
+    parts = parts_of_throws([throw_of(trial, settings) for trial in trials], model.places_m(), settings)
+    known = {"planned": _planned(newest.motion, layout), "references": context.settings.target_m is None}
+    return {"": parts}, model, space_of(settings, layout), settings, known
+
+
+def _add_what_the_rig_shows(
+    record: Estimate, files: Files, trials: list[Trial], random: np.random.Generator
+) -> None:
+    """Add to the record how the servos respond, and what is wrong with the declared weights and the arm."""
+    context, arm = files.job.context, load_arm(files.input("arm")).planar()
     response = servo_of(arm, trials)
-    servo = None if response is None else servo_record(arm, response)
-    read = [files.input(role, t.number) for t in trials for role in ("track", "alignment", "hand", "summary")]
-    record = estimate_record(context, model, layout, [t.number for t in trials], fit, servo, hashes_of(read))
-    seen = TrackSummary.read(files.input("summary", job.trial)).weights
-    weights = seen_weights(context, arm, throws, fit.E_m, seen, random)
+    record.servo = None if response is None else servo_record(arm, response)
+    seen = TrackSummary.read(files.input("summary", files.job.trial)).weights
+    throws = [throw_of(trial, context.settings.estimate) for trial in trials]
+    weights = seen_weights(context, arm, throws, record.E_m, seen, random)
     record.faults = weights.faults
     record.warnings += [*(fault.words for fault in weights.faults), *weights.warnings]
     record.rig_offsets = rig_offsets_of(arm, trials, files.inputs("cameras"), record)
     record.warnings += [] if record.rig_offsets is None else record.rig_offsets.warnings
-    write_table(files.output("ensemble"), ENSEMBLE, ensemble_table(fit.members, fit.member_values_m))
-    write_table(files.output("simulated"), SIMULATED, simulated_table(fit, trials[-1]))
-    record.write(files.output("estimate"))
 
 
 def throw_of(trial: Trial, settings: EstimateSettings) -> Throw:
@@ -102,34 +157,8 @@ def throw_of(trial: Trial, settings: EstimateSettings) -> Throw:
     track = trial.track
     confidence = 1.0 / (1.0 + (np.nan_to_num(track.sigma_m) / DOUBT_M) ** 2)
     confidence = np.where((track.flags & UNSURE) > 0, UNSURE_WEIGHT * confidence, confidence)
-    used = trial.frame_time_s <= _until_s(trial, settings)
+    used = trial.frame_time_s <= until_s(trial, settings)
     return Throw(trial.frame_time_s, track.detected_m(), trial.hand_time_s, trial.hand_pose, used, confidence)
-
-
-def _until_s(trial: Trial, settings: EstimateSettings) -> float:
-    """Return the robot time of the last frame that enters E.
-
-    Without a target, all frames of the motion do. A touch ends the free motion. After a miss, the closest
-    approach may belong to another pass of the tip than the planned one; the fit then uses the planned pass.
-    """
-    reach_m = settings.contact_radius_m
-    nearest, expected_s = trial.shortfall(reach_m or 0.0), _expected_s(trial)
-    if nearest is not None and reach_m is not None and nearest.miss_m <= reach_m:
-        return nearest.time_s
-    closest_s = None if nearest is None else nearest.time_s
-    known_s = [s for s in (closest_s, expected_s) if s is not None]
-    if settings.horizon_s is None or not known_s or trial.aim is None:
-        return trial.alignment.motion_end_s + AFTER_MOTION_S
-    if len(known_s) == 2 and abs(known_s[0] - known_s[1]) > SAME_PASS_S:
-        return known_s[1] + settings.horizon_s
-    return max(known_s) + settings.horizon_s
-
-
-def _expected_s(trial: Trial) -> float | None:
-    """Return the robot time at which the motion was planned to hit."""
-    if trial.motion is None or trial.motion.predicted is None:
-        return None
-    return trial.alignment.motion_start_s + trial.motion.predicted.hit_time_s
 
 
 def _planned(motion: Motion | None, layout: MassLayout) -> StringBatch | None:

@@ -8,6 +8,7 @@ from strandcast.arm.kinematics import hand_pose
 from strandcast.arm.load import PlanarArm
 from strandcast.arm.servo_response import HeldOut as Predicted
 from strandcast.arm.servo_response import Response
+from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
@@ -27,21 +28,19 @@ from strandcast.records.motion import StringSet
 from strandcast.records.track import AXES, Track
 from strandcast.seeds import seed_of
 from strandcast.stages.context import Context
-from strandcast.stages.past_trials import Trial
 
 
 def estimate_record(
     context: Context,
+    settings: EstimateSettings,
     model: StringModel,
     layout: MassLayout,
     trials: Sequence[int],
     fit: StringFit,
-    servo: ServoFit | None,
     planned_from: dict[str, str],
 ) -> Estimate:
     """Return estimate.json of the newest trial; `planned_from` has the hashes of the files that were read."""
-    settings, seed = context.settings.estimate, context.settings.seed
-    newest = trials[-1]
+    seed, newest = context.settings.seed, trials[-1]
     kept = [number for number, weight in zip(trials, fit.trial_weights, strict=True) if weight > 0]
     return Estimate(
         experiment=context.name,
@@ -87,7 +86,7 @@ def estimate_record(
         rejected=fit.rejected,
         converged=fit.converged,
         uncertainty=uncertainty_record(fit),
-        servo=servo,
+        servo=None,
         planned_from=planned_from,
         warnings=list(fit.warnings),
     )
@@ -184,12 +183,6 @@ def ensemble_table(strings: StringBatch, values_m: np.ndarray) -> dict[str, np.n
     columns |= {f"mass_{k + 1}": mass for k, mass in enumerate(strings.masses.T)}
     columns |= {f"weight_{k + 1}": mass for k, mass in enumerate(strings.free_masses.T)}
     return columns | strings.options()
-
-
-def simulated_table(fit: StringFit, trial: Trial) -> dict[str, np.ndarray]:
-    """Return the columns of simulated.parquet: the newest throw under the planned and the fitted string."""
-    paths = [("planned", fit.planned_m), ("fitted", fit.fitted_m)]
-    return points_table(paths, fit, trial.track)
 
 
 def points_table(

@@ -6,13 +6,13 @@ A role is a function that returns the files of one kind for a job, e.g.
 
 from collections.abc import Callable
 from functools import lru_cache
-from glob import escape
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from strandcast.config.bounded import load_toml, read_bounded
-from strandcast.records.listing import file_exists, files_matching
+from strandcast.errors import StrandcastError
+from strandcast.records.listing import entries_of, file_exists, files_matching
 from strandcast.stages.job import Job, Role
 
 Scope = Callable[[Job], list[int]]
@@ -156,18 +156,41 @@ def lens(job: Job) -> list[Path]:
         return [folder / given]
     if job.is_lab:
         return [folder / name for name in LAB_PHOTOS]
-    others = [path for path in _other_photos(folder, camera.lens_photos) if path not in plane(job)]
-    return files_matching(folder, camera.lens_photos) or others
+    others = [path for path in _other_photos(folder, camera.lens_photos) if path not in _of_the_plane(job)]
+    return files_matching(folder, camera.lens_photos) or others or [folder / camera.lens_photos]
 
 
 def plane(job: Job) -> list[Path]:
-    """Return the photo of the plane of motion; none with ``camera.scale: tracker``."""
+    """Return the photo of the plane of motion; none with ``camera.scale: tracker``.
+
+    Raises
+    ------
+    StrandcastError
+        SC-C031 several photos may be it, and the settings name none of them.
+    """
     camera, folder = job.context.settings.camera, job.context.folder.data
     if camera.scale == "tracker":
         return []
-    photo = folder / camera.plane_photo
-    others = [] if job.is_lab or file_exists(photo) else _other_photos(folder, escape(camera.plane_photo))
-    return (others or [photo])[:1]
+    photo, there = folder / camera.plane_photo, _of_the_plane(job)
+    if job.is_lab or ("plane_photo" in camera.model_fields_set and file_exists(photo)):
+        return [photo]
+    if len(there) > 1:
+        raise StrandcastError(
+            "SC-C031",
+            f"which photo shows the plane: {', '.join(path.name for path in there)}?",
+            file=photo.parent,
+            field="camera.plane_photo",
+            fix="name the one that was taken from where the camera filmed, e.g. camera.plane_photo: "
+            f"{there[0].relative_to(folder)}, or move the others to another folder",
+        )
+    return [path for path in there if path.stem.lower() == photo.stem.lower()] or [photo]
+
+
+def _of_the_plane(job: Job) -> list[Path]:
+    """Return the photos that may show the plane: their names begin with that of the settings."""
+    photo = job.context.folder.data / job.context.settings.camera.plane_photo
+    named = (path for path in entries_of(photo.parent) if path.suffix.lower() in PHOTO_SUFFIXES)
+    return sorted(path for path in named if path.stem.lower().startswith(photo.stem.lower()))
 
 
 def _other_photos(folder: Path, pattern: str) -> list[Path]:
@@ -205,8 +228,9 @@ SUPPLIED_FILES = {
 
 def supplied(job: Job, trial: int) -> bool:
     """Return whether a trial's track was measured elsewhere and supplied, or will be by the lab in space."""
-    captured, data = job.context.settings.lab_captures, job.context.folder.trial(trial).data
-    return captured or all(file_exists(data / name) for name in SUPPLIED_FILES.values())
+    folder = job.context.folder.trial(trial)
+    there = [file_exists(folder.data / name) for name in SUPPLIED_FILES.values()]
+    return job.context.settings.lab_captures or all(there) or (there[0] and not folder.videos())
 
 
 def lab_capture(job: Job) -> list[Path]:

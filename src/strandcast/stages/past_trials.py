@@ -9,11 +9,13 @@ import numpy as np
 from strandcast.alignment.joints import without_row_noise
 from strandcast.arm.load import Arm, PlanarArm
 from strandcast.arm.servo_response import Response, identify_response
+from strandcast.config.estimate import EstimateSettings
 from strandcast.core.objectives import Objective
 from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import FREE_END, MassLayout, mass_layout
 from strandcast.dynamics.model import StringModel
-from strandcast.estimation.cable_space import STEP_S, THROWN_POINTS, CableSpace, space_of_throw
+from strandcast.estimation.cable_space import THROWN_POINTS, CableSpace, space_of_cable
+from strandcast.estimation.unknowns import given_of
 from strandcast.records.alignment import Alignment, read_hand, read_hand_in_space
 from strandcast.records.content_hash import result_sha256
 from strandcast.records.estimate import ENSEMBLE
@@ -26,6 +28,8 @@ from strandcast.scoring.measured_misses import Shortfall
 from strandcast.scoring.score import tracked_shortfall
 from strandcast.stages.context import Context, free_length_m
 from strandcast.stages.job import Files
+
+SAME_PASS_S = 0.1  # a planned hit and a closest approach this near belong to the same pass of the tip; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +105,32 @@ def smooth_joints(
     return time_s, without_row_noise(time_s, log.q_rad[rows][:, columns])
 
 
+def until_s(trial: Trial, settings: EstimateSettings) -> float:
+    """Return the robot time of the last frame that enters E.
+
+    Without a target, all frames of the motion do. A touch ends the free motion. After a miss, the closest
+    approach may belong to another pass of the tip than the planned one; the fit then uses the planned pass.
+    """
+    reach_m = settings.contact_radius_m
+    nearest, expected_s = trial.shortfall(reach_m or 0.0), _expected_s(trial)
+    if nearest is not None and reach_m is not None and nearest.miss_m <= reach_m:
+        return nearest.time_s
+    closest_s = None if nearest is None else nearest.time_s
+    known_s = [s for s in (closest_s, expected_s) if s is not None]
+    if settings.horizon_s is None or not known_s or trial.aim is None:
+        return trial.alignment.motion_end_s + AFTER_MOTION_S
+    if len(known_s) == 2 and abs(known_s[0] - known_s[1]) > SAME_PASS_S:
+        return known_s[1] + settings.horizon_s
+    return max(known_s) + settings.horizon_s
+
+
+def _expected_s(trial: Trial) -> float | None:
+    """Return the robot time at which the motion was planned to hit."""
+    if trial.motion is None or trial.motion.predicted is None:
+        return None
+    return trial.alignment.motion_start_s + trial.motion.predicted.hit_time_s
+
+
 def hashes_of(results: Iterable[Path]) -> dict[str, str]:
     """Return the hashes of result files by their places in the experiment's results."""
     return {f"{path.parent.name}/{path.name}": result_sha256(path) for path in results}
@@ -126,14 +156,30 @@ def read_members(path: Path, layout: MassLayout) -> StringBatch:
 
 def thrown_cable(context: Context, arm: Arm) -> tuple[StringModel, CableSpace]:
     """Return the model of a string that is thrown in space, without its clamped length, and its unknowns."""
-    string, estimate = context.settings.string, context.settings.estimate
     length_m = free_length_m(context, arm.clamp.clamped_length_m)
-    return space_of_throw(
+    return cable_of(context, length_m, False, context.settings.string.points or THROWN_POINTS, taper=False)
+
+
+def cable_of(
+    context: Context, length_m: float, two_ends: bool, points: int, **wanted: bool
+) -> tuple[StringModel, CableSpace]:
+    """Return the model of the experiment's string in space, of this free length [m], and its unknowns."""
+    string, settings = context.settings.string, spatial_settings(context)
+    return space_of_cable(
         length_m,
-        string.points or THROWN_POINTS,
-        estimate.dt_s if "dt_s" in estimate.model_fields_set else STEP_S,
-        [min(weight.place_m, length_m) for weight in string.weights],
+        two_ends,
+        points=points,
+        step_s=settings.dt_s,
+        weight_places_m=[min(weight.place_m, length_m) for weight in string.weights],
+        stiff_sections_m=[(section.from_m, min(section.to_m, length_m)) for section in string.stiff_sections],
+        ranges=settings.ranges if isinstance(settings.ranges, dict) else None,
+        **given_of(settings) | wanted,
     )
+
+
+def spatial_settings(context: Context) -> EstimateSettings:
+    """Return the settings of the experiment's fits in space."""
+    return context.settings.estimate.in_space(thrown=context.settings.aims_in_space)
 
 
 def string_model(

@@ -10,10 +10,10 @@ from strandcast.arm.load import load_arm
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import STATUS
 from strandcast.errors import StrandcastError
-from strandcast.estimation.cable_space import ways
+from strandcast.estimation.cable_space import CableSpace
 from strandcast.estimation.evaluation import distances, evaluation_of_points, point_values, tip_error
 from strandcast.estimation.fit_objective import simulate_throw
-from strandcast.estimation.throws import PreparedThrow, prepare
+from strandcast.estimation.throws import PreparedThrow, parts_of_throws
 from strandcast.records.content_hash import result_sha256
 from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
 from strandcast.records.tables import read_arrow, read_facts, write_table
@@ -21,12 +21,12 @@ from strandcast.records.track import TRACK, Track, is_in_space
 from strandcast.stages.context import context_of
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.estimate import throw_of
-from strandcast.stages.estimate_in_space import read_trial_in_space
 from strandcast.stages.estimate_record import points_table
 from strandcast.stages.files import supplied
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import read_trial, string_model
 from strandcast.stages.run import run_stage
+from strandcast.stages.trials_in_space import read_trial_in_space
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,7 @@ def predict(root: Path, experiment: str, number: int, estimate_file: Path, out: 
         raise StrandcastError("SC-E009", what, file=estimate_file, fix="name another estimate")
     if not (throw.weight > 0).any():
         raise _other_string(files, "no point of this trial was measured")
-    seen_m = np.where(np.insert(throw.weight > 0, 0, True, axis=1)[..., None], throw.points_m, np.nan)
-    off_m = distances(seen_m, points_m[0], estimate.evaluation)
+    off_m = distances(throw.seen_m, points_m[0], estimate.evaluation)
     tip_m, file = tip_error(off_m), out / f"{files.job.folder.results.name}.parquet"
     seen = np.isfinite(tip_m)
     found = TrialPrediction(
@@ -101,7 +100,7 @@ def _in_space(files: Files, estimate: Estimate, estimate_file: Path) -> Read:
     roll = str(read_facts(estimate_file.with_name("ensemble.parquet"), ENSEMBLE)["roll"])
     series = trial.series.get(roll) or next(iter(trial.series.values()))
     unknowns = {fit.name for fit in estimate.parameters}
-    held = {how.needs for _, how in ways() if how.name in unknowns}
+    held = {how.needs for how in CableSpace.ways().values() if how.name in unknowns}
     pinned, far_clamp = "clamp" not in held, "two clamps" in held
     if pinned != series.pinned or far_clamp != (series.two_ends() and not pinned):
         raise _other_string(files, "the estimate is of a string that is driven at other ends")
@@ -119,10 +118,7 @@ def _in_plane(files: Files, estimate: Estimate, _: Path) -> Read:
     if (estimate.length_m, estimate.points) != (model.length_m, model.points):
         fitted = f"the estimate is of a string of {estimate.length_m:g} m as {estimate.points} points"
         raise _other_string(files, f"{fitted}, and not of {model.length_m:g} m as {model.points}")
-    shifted = settings.camera_offset_sd_m is not None
-    throw = prepare(
-        throw_of(trial, settings), model.places_m(), settings.start_shape, from_measured_hand=shifted
-    )
+    throw = parts_of_throws([throw_of(trial, settings)], model.places_m(), settings).newest
     return model, throw, trial.track, layout.stiff_joints()
 
 

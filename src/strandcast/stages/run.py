@@ -13,6 +13,7 @@ from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
 from strandcast.stages.made import Note
 from strandcast.stages.producers import Step, producers
+from strandcast.stages.raw_files import missing_file
 
 PAGES = ("report", "summary")  # they show what is missing
 
@@ -55,17 +56,18 @@ def _how_to_make(files: Files, step: Step) -> str:
 
 
 def _refuse_unmade(files: Files) -> None:
-    """Refuse inputs that another stage has not made yet; a stage reports missing raw files itself."""
+    """Refuse inputs that another stage has not made yet, and raw files that are not there."""
     inputs = (path for role in files.stage.inputs for path in files.inputs(role))
     missing = next((path for path in inputs if not path.is_file()), None)
     if missing is None:
         return
     context = files.job.context
     step = producers(context, range(1, files.job.trial + 1)).get(missing)
-    if step is not None:
-        raise StrandcastError(
-            "SC-W030",
-            f"{files.stage.name} needs this file, which has not been made yet",
-            file=missing,
-            fix=_how_to_make(files, step),
-        )
+    if step is None:
+        raise missing_file(context, missing)
+    raise StrandcastError(
+        "SC-W030",
+        f"{files.stage.name} needs this file, which has not been made yet",
+        file=missing,
+        fix=_how_to_make(files, step),
+    )

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.arm.load import PlanarArm
-from strandcast.estimation.estimate import estimate
+from strandcast.estimation.estimate import estimate_throws
 from strandcast.estimation.measured import Throw
 from strandcast.records.record import RigFault
 from strandcast.records.track import DetectedWeight
@@ -53,7 +53,7 @@ def seen_weights(
     new_m = [weight.place_m for weight in (*(weight for _, weight in displaced), *undeclared)]
     places_m = tuple(sorted(stay_m + new_m))
     settings = context.settings.estimate.model_copy(update={"profiles": False})
-    E_m = estimate(throws, *string_model(context, arm, places_m), settings, random).E_m
+    E_m = estimate_throws(throws, *string_model(context, arm, places_m), settings, random).E_m
     tried = (
         f"the fit's E is {1e3 * declared_E_m:.1f} mm, and {1e3 * E_m:.1f} mm with weights at {_mm(places_m)}"
     )

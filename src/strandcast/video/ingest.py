@@ -1,6 +1,7 @@
 """Inspection of a video before tracking: frames, time stamps, gaps, hash, completeness."""
 
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ RATE_TOLERANCE = 0.02  # chosen: relative difference of declared and stamped rat
 UNEVEN = 0.01  # chosen, of a frame interval: a tip at 10 m/s moves by 0.2 mm in 1 % of 2 ms
 SLOPE_SLACK = 0.25  # of a unit from first to last stamp: rounding changes a fitted clock by 0.08
 LEAST_RECURRENCES = 3  # of a rounding's pattern, without which a longer step is a missing frame
+ROUNDED_HZ = (600, 1000)  # QuickTime's and Matroska's units, which a copy in a finer one keeps
 
 
 def inspect_video(
@@ -150,18 +152,18 @@ class _EvenClock(NamedTuple):
 
     frame: np.ndarray  # (n,) number of each frame on it; missing ones are counted
     step: float
-    rounded_to: int
+    rounded_to: float
 
 
 def _even_clock(stamps: np.ndarray, base_s: float) -> _EvenClock | None:
     """Return the even clock that rounds to `stamps` [ticks]; None: they are exact, or uneven.
 
     Formats and phones round time stamps: 240 frames/s in QuickTime's 1/600 s last 2 or 3 units. A file that
-    was copied to another format keeps the coarser unit, the greatest that divides all stamps.
+    was copied to another format keeps the coarser unit: the greatest that divides all stamps, or one that the
+    stamps are multiples of, rounded once more.
     """
-    unit = int(np.gcd.reduce(stamps))
     numbered = np.concatenate([[0], np.cumsum(_spans(stamps, _usual_step(stamps)))])
-    for frame in (numbered, np.arange(len(stamps))):
+    for (unit, again), frame in product(_units(stamps, base_s), (numbered, np.arange(len(stamps)))):
         missing = frame[-1] + 1 - len(frame)
         if missing > MAX_MISSING * (frame[-1] + 1) or (np.diff(frame) == 0).any():
             continue
@@ -172,9 +174,17 @@ def _even_clock(stamps: np.ndarray, base_s: float) -> _EvenClock | None:
             return None
         # Steps of two lengths recur as rounding makes them; a single other one is a frame at another time.
         recurrences = len(stamps) * min(step % unit, -step % unit) / unit
-        if off <= 0.55 * unit and recurrences >= LEAST_RECURRENCES:
+        if off <= 0.55 * unit + again and recurrences >= LEAST_RECURRENCES:
             return _EvenClock(frame, step, unit)
     return None
+
+
+def _units(stamps: np.ndarray, base_s: float) -> list[tuple[float, float]]:
+    """Return the units that stamps may have been rounded to, and half a tick if they were rounded again."""
+    divisor = float(np.gcd.reduce(stamps))
+    coarse = [unit for rate_hz in ROUNDED_HZ if (unit := 1.0 / (rate_hz * base_s)) > divisor]
+    again = [unit for unit in coarse if (stamps == np.rint(np.rint(stamps / unit) * unit)).all()]
+    return [(divisor, 0.0), *((unit, 0.5) for unit in again)]
 
 
 def _usual(step: float, slack: float, base_s: float) -> float:
@@ -241,12 +251,15 @@ def _rate_notes(clock: _Clock) -> list[str]:
 
 
 def _usual_step(ticks: np.ndarray) -> float:
-    """Return the usual spacing of the time stamps [ticks]: the mean of those near the median.
+    """Return the usual spacing of the time stamps [ticks]: the mean of those near the median of pairs.
 
-    Time bases are coarse (500 frames/s at 1/16384 s steps by 32 or 33 ticks): the median is too inexact.
+    Time bases are coarse (500 frames/s at 1/16384 s steps by 32 or 33 ticks): the median is too inexact, and
+    of steps by 2 and 3 it would be either.
     """
     steps = np.diff(ticks).astype(np.float64)
-    median = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    rising = steps[steps > 0]
+    pairs = 0.5 * (rising[1:] + rising[:-1]) if len(rising) > 1 else rising
+    median = float(np.median(pairs)) if len(pairs) else 1.0
     near = steps[(steps >= 0.5 * median) & (steps <= GAP_FACTOR * median)]
     return float(near.mean()) if len(near) else median
 

@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING
 
 from strandcast.config.find import overlooked_experiments
 from strandcast.core.trial_names import TRIAL_NAMES, trial_number
-from strandcast.errors import StrandcastError, StrandcastErrors
+from strandcast.errors import StrandcastError, StrandcastErrors, single
 from strandcast.records.folders import TrialFolder, video_suffixes
 from strandcast.records.verified import READERS
 from strandcast.stages import files
 from strandcast.stages.context import Context, context_of, free_length_m
 from strandcast.stages.job import Job
 from strandcast.stages.producers import capture_command
+from strandcast.stages.raw_files import missing_file
 from strandcast.workflow.locks import refuse_if_held
+from strandcast.workflow.pending import input_problems
+from strandcast.workflow.targets import targets_of
 
 if TYPE_CHECKING:
     from strandcast.arm.load import PlanarArm
@@ -40,17 +43,23 @@ class Checked:
         try:
             check(*arguments)
         except StrandcastError as error:
-            self.errors += _single(error)
+            self.errors += single(error)
 
 
-def refusal(root: Path, name: str) -> StrandcastError | None:
-    """Return why an experiment cannot be run: settings, arm, a misnamed trial or another run; or None."""
+def refusal(root: Path, name: str, until: str | None = None, *, raw: bool = True) -> StrandcastError | None:
+    """Return why an experiment cannot be run up to a stage; or None.
+
+    Reasons are its settings, its arm, a misnamed trial, another run, and with `raw` its raw files.
+    """
     try:
         context = context_of(root, name)
         context.arm_file  # noqa: B018  (raises if there is none)
         if context.settings.lab is None:
-            context.folder.recorded_trials()
+            trials = context.folder.recorded_trials()
             refuse_gap(context)
+            targets = targets_of(name, until, root) if raw else []
+            if problems := input_problems(context, trials, targets):
+                return StrandcastErrors(problems)
         refuse_if_held(root, name)
     except StrandcastError as error:
         return error
@@ -80,22 +89,23 @@ def refuse_gap(context: Context) -> None:
         )
 
 
-def runnable(root: Path, names: list[str]) -> tuple[list[str], list[StrandcastError]]:
+def runnable(
+    root: Path, names: list[str], until: str | None = None, *, raw: bool = True
+) -> tuple[list[str], list[StrandcastError]]:
     """Return the experiments that can be run, and why others cannot: a bad one stops only itself.
+
+    `until` and `raw` are those of `refusal`.
 
     Raises
     ------
     StrandcastErrors
         None can be run.
     """
-    refused = {name: problem for name in names if (problem := refusal(root, name)) is not None}
+    found = {name: refusal(root, name, until, raw=raw) for name in names}
+    refused = {name: problem for name, problem in found.items() if problem is not None}
     if len(refused) == len(names):
-        raise StrandcastErrors([each for error in refused.values() for each in _single(error)])
+        raise StrandcastErrors([each for error in refused.values() for each in single(error)])
     return [name for name in names if name not in refused], list(refused.values())
-
-
-def _single(error: StrandcastError) -> list[StrandcastError]:
-    return error.problems if isinstance(error, StrandcastErrors) else [error]
 
 
 def check_experiment(root: Path, name: str) -> Checked:
@@ -167,12 +177,11 @@ def _as_captured(context: Context, track: Path) -> str:
     from strandcast.estimation.cable_space import POINTS
     from strandcast.records.tables import read_arrow
     from strandcast.records.track import TRACK, is_in_space
-    from strandcast.stages.estimate_in_space import refuse_settings_of_the_plane
+    from strandcast.stages.estimate import refuse_settings_of_others
 
     string = context.settings.string
     in_space = is_in_space(read_arrow(track, TRACK).column_names)
-    if in_space:
-        refuse_settings_of_the_plane(context)
+    refuse_settings_of_others(context, in_space=in_space)
     points, where = (string.points or POINTS, "space") if in_space else (string.n, "the plane")
     fitted = f"string of {string.length_m:g} m as {points} points, captured in {where}"
     return f"{fitted}: recordings are fitted; nothing is scored or planned"
@@ -181,11 +190,9 @@ def _as_captured(context: Context, track: Path) -> str:
 def _check_string(context: Context) -> None:
     """Check the lab's string, and the settings of a throw in space before it is thrown."""
     from strandcast.lab.strings import physical_string
+    from strandcast.stages.estimate import refuse_settings_of_others
 
-    if context.settings.aims_in_space:
-        from strandcast.stages.estimate_in_space import refuse_settings_of_the_plane
-
-        refuse_settings_of_the_plane(context)
+    refuse_settings_of_others(context, in_space=context.settings.aims_in_space)
     if context.settings.lab is not None:
         try:
             physical_string(context.settings)
@@ -231,21 +238,12 @@ def _check_photos(context: Context, found: Checked) -> None:
     supplied = [number for number in thrown if files.supplied(job, number)]
     if camera.scale == "tracker" or (thrown and supplied == thrown):
         return
-    lens = files.lens(job)
-    if not [path for path in lens if path.is_file()]:
-        name, what = camera.lens_video or camera.lens_photos, "there is no photo or video of the lens board"
-        fix = (
-            f"take 10 photos of it (strandcast boards {context.name} prints it), all over the picture; "
-            "motion capture needs none (strandcast import track)"
-        )
-        place = context.folder.data / name
-        problem = StrandcastError("SC-C030", what, file=place, field="camera.lens_photos", fix=fix)
-        (found.errors if thrown else found.warnings).append(problem)
-    photo = files.plane(job)[0]
-    try:
+    [photo] = files.plane(job)
+    needed = (*files.lens(job), photo, *files.background(job))
+    missing = [missing_file(context, path) for path in needed if not path.is_file()]
+    (found.errors if thrown else found.warnings).extend(missing)
+    if photo.is_file():
         _find_plane_markers(context, photo, found)
-    except StrandcastError as error:
-        (found.errors if thrown or photo.is_file() else found.warnings).extend(_single(error))
 
 
 def _find_plane_markers(context: Context, photo: Path, found: Checked) -> None:
@@ -306,12 +304,11 @@ def _problems_of_trial(context: Context, trial: TrialFolder) -> Iterator[Strandc
     elif not supplied:
         yield from _problems_of_video(context, trial)
         yield from _problems_of_log(context, trial)
-    needed = {name: supplied[0] for name in files.SUPPLIED_FILES.values() if supplied}
-    needed |= {other: one for one, other in LOG_FILES if one in there}
-    for name, beside in needed.items():
-        if name not in map(str.lower, there):
-            fix = "copy it from the computer that wrote the others, or import it: strandcast import --help"
-            yield _wrong(f"is missing beside {beside}", trial.data / name, fix)
+    needed = [*(files.SUPPLIED_FILES.values() if supplied else ())]
+    needed += [other for one, other in LOG_FILES if one in there]
+    yield from (
+        missing_file(context, trial.data / name) for name in needed if name not in map(str.lower, there)
+    )
 
 
 def unlogged_trials(root: Path, name: str) -> list[StrandcastError]:

@@ -5,18 +5,19 @@ A step runs again if a result that was asked for is missing, or if what it was m
 of an experiment.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from graphlib import TopologicalSorter
 from pathlib import Path
 
-from strandcast.errors import StrandcastError
+from strandcast.errors import StrandcastError, StrandcastErrors, single
 from strandcast.records.lineage import relative_to
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
 from strandcast.stages.made import changes_since_made
 from strandcast.stages.producers import Step, producers
+from strandcast.stages.raw_files import missing_file
 
 TARGET = Step("summary")
 
@@ -28,7 +29,7 @@ class StepState:
     Attributes
     ----------
     problem
-        Why its inputs cannot be listed, e.g. two videos; such a step fails.
+        Why it has not the inputs that it needs: one is missing, or there are two videos; such a step fails.
     why
         Reasons of its own, in words.
     after
@@ -58,7 +59,7 @@ def tasks_of(context: Context, trials: list[int], forced: Mapping[str, str]) -> 
     forced
         Files that are made again in any case, relative to the project, and why.
     """
-    found, makers = _leading_to_page(context, trials)
+    found, makers = _leading_to(context, trials)
     needs = {step: {makers[name] for name in task.inputs if name in makers} for step, task in found.items()}
     ordered = {step: found[step] for step in TopologicalSorter(needs).static_order()}
     _decide(context.folder.root, ordered, needs, forced)
@@ -70,10 +71,17 @@ def lost_results(context: Context, trials: list[int]) -> list[str]:
 
     A missing result that another missing one is made from is made on the way.
     """
-    found, _ = _leading_to_page(context, trials)
+    found, _ = _leading_to(context, trials)
     lost = {step: _lost(context.folder.root, task) for step, task in found.items() if task.problem is None}
     made_anyway = {name for step, names in lost.items() if names for name in found[step].inputs}
     return [name for names in lost.values() if made_anyway.isdisjoint(names) for name in names]
+
+
+def input_problems(context: Context, trials: list[int], targets: Iterable[str]) -> list[StrandcastError]:
+    """Return why a run cannot make some files: raw ones are missing, or it is open which one counts."""
+    tasks = _leading_to(context, trials, targets)[0].values()
+    problems = [each for task in tasks if task.problem is not None for each in single(task.problem)]
+    return list({(each.code, each.file): each for each in problems}.values())
 
 
 def _lost(root: Path, task: StepState) -> list[str]:
@@ -81,28 +89,34 @@ def _lost(root: Path, task: StepState) -> list[str]:
     return [name for name in task.outputs if name.startswith("results/") and not (root / name).exists()]
 
 
-def _leading_to_page(context: Context, trials: list[int]) -> tuple[dict[Step, StepState], dict[str, Step]]:
-    """Return the steps that lead to the page of an experiment, and which step makes which file."""
+def _leading_to(
+    context: Context, trials: list[int], targets: Iterable[str] | None = None
+) -> tuple[dict[Step, StepState], dict[str, Step]]:
+    """Return the steps that lead to some files, by default the experiment's page, and which makes what."""
     following = max(trials, default=0) + 1
     known = producers(context, range(1, following + 1))
     makers = {relative_to(context.folder.root, path): step for path, step in known.items()}
     found: dict[Step, StepState] = {}
-    waiting = [TARGET]
+    waiting = [TARGET] if targets is None else [makers[name] for name in targets if name in makers]
     while waiting:
         step = waiting.pop()
         if step not in found:
-            found[step] = _task(context, step, trials)
+            found[step] = _task(context, step, trials, makers)
             waiting.extend(makers[name] for name in found[step].inputs if name in makers)
     return found, makers
 
 
-def _task(context: Context, step: Step, trials: list[int]) -> StepState:
+def _task(context: Context, step: Step, trials: list[int], makers: Mapping[str, Step]) -> StepState:
     stage, root = STAGES[step.stage], context.folder.root
     job = Job(context, step.trial, tuple(trials) if step == TARGET else ())
     inputs: list[str] = []
-    problem = None
+    problem: StrandcastError | None = None
     try:
-        inputs = [relative_to(root, path) for paths in stage.input_files(job).values() for path in paths]
+        paths = [path for paths in stage.input_files(job).values() for path in paths]
+        inputs = [relative_to(root, path) for path in paths]
+        unmade = (path for path, name in zip(paths, inputs, strict=True) if name not in makers)
+        if missing := [missing_file(context, path) for path in unmade if not path.exists()]:
+            problem = StrandcastErrors(missing)
     except StrandcastError as error:
         problem = error
     outputs = [relative_to(root, path) for paths in stage.output_files(job).values() for path in paths]

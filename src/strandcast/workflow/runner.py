@@ -109,7 +109,7 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
     """
     refuse_elsewhere(root)
     names = list(dict.fromkeys(experiments or default_experiments(root)))
-    names, refused = runnable(root, names)
+    names, refused = runnable(root, names, options.until, raw=not options.report_only)
     overlooked = [] if experiments else overlooked_experiments(root)
     unlogged = [] if options.until else [each for name in names for each in unlogged_trials(root, name)]
     for message in (*map(str, refused), *(each.message("WARNING") for each in (*overlooked, *unlogged))):

@@ -18,7 +18,7 @@ import numpy as np
 from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import STIFF_BEND, StringBatch
 from strandcast.dynamics.masses import FREE_END, MassLayout
-from strandcast.estimation.estimate import estimate
+from strandcast.estimation.estimate import estimate_throws
 from strandcast.estimation.evaluation import evaluation_value
 from strandcast.estimation.fit import StringFit
 from strandcast.estimation.fit_objective import simulate_throw
@@ -98,7 +98,7 @@ def fitted(
     throws, random = [one.throws[k] for k in motions], np.random.default_rng(seed)
     layout = replace(layout or one.layout, tip=FREE_END if settings.free_end else 1.0)
     plain_mass = fits_plain_mass(settings)
-    return estimate(throws, one.model, layout, settings, random, plain_mass=plain_mass)
+    return estimate_throws(throws, one.model, layout, settings, random, plain_mass=plain_mass)
 
 
 def fits_plain_mass(settings: EstimateSettings) -> bool:

@@ -5,21 +5,26 @@ Two predictors without physics are the baseline. Published for such sequences (C
 """
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
+from strandcast.config.estimate import EstimateSettings
 from strandcast.core.jumps import GLITCH_M_S
 from strandcast.dynamics.parameters import Array
-from strandcast.estimation.cable_fit import CableFit, fit_by_roll, fit_cable
 from strandcast.estimation.cable_series import CableSeries, DrivenEnd, series_between
 from strandcast.estimation.cable_space import space_of_cable
+from strandcast.estimation.estimate import FoundString, find_string
+from strandcast.estimation.optimisers.optimiser import SearchStart
+from strandcast.estimation.windows import parts_by_roll
 from strandcast_studies.evidence.figure import Figure
 
 FRAME_S = 0.01
 DRIVEN_VERTICES = (0, 1, -2, -1)
 PUBLISHED_MM = 9.9
+SETTINGS, SEED = EstimateSettings().in_space(thrown=False), 1
 
 
 class Predictor(Protocol):
@@ -62,15 +67,16 @@ TRIVIAL: dict[str, Predictor] = {"shape_held": held, "carried_by_the_ends": carr
 class FittedCable:
     """Predicts with a fitted string in space."""
 
-    def __init__(self, fit: CableFit, places: Array, roll: str) -> None:
-        self.fit, self.places, self.roll = fit, places, roll
+    def __init__(self, fit: FoundString, places: Array) -> None:
+        self.fit, self.places = fit, places
 
     def __call__(self, start_m: Array, ends_m: Array) -> Array:
         """Return vertices (F, n, 3) [m]."""
         path = np.full((len(ends_m), start_m.shape[1], 3), np.nan)
         path[:2] = start_m
         path[:, DRIVEN_VERTICES] = ends_m
-        path[:, 1:-1] = self.fit.predict(series_of(path, self.places)[self.roll])
+        series = series_of(path, self.places)[self.fit.roll]
+        path[:, 1:-1] = series.predicted(self.fit.objective.model, self.fit.string)
         path[:, DRIVEN_VERTICES] = ends_m
         return path
 
@@ -129,8 +135,10 @@ def fitted_on(training: Array, *, friction_stick: bool = False) -> tuple[FittedC
     places, length_m = places_of(training.astype(float))
     sequences = [series_of(each, places) for each in training.astype(float)]
     model, space = space_of_cable(length_m, True, friction_stick=friction_stick)
-    roll, fit = fit_by_roll(sequences, lambda each: fit_cable(each, model, space))
-    return FittedCable(fit, places, roll), time.process_time() - before
+    parts = parts_by_roll(sequences, model.points, last=False)
+    random, start = partial(np.random.default_rng, SEED), SearchStart(None, len(sequences))
+    fit = find_string(parts, model, space, SETTINGS, random, start)
+    return FittedCable(fit, places), time.process_time() - before
 
 
 def held_out(cable: str, training: Array) -> list[Figure]:
@@ -144,7 +152,7 @@ def held_out(cable: str, training: Array) -> list[Figure]:
         for name, sticks in (("string", False), ("sticks", True)):
             predict, _ = fitted_on(halves[fitted], friction_stick=sticks)
             coordinate, distance = errors_m(predict, halves[predicted])
-            detail = {"distance_mm": 1e3 * distance, "fit_m": predict.fit.value_m}
+            detail = {"distance_mm": 1e3 * distance, "fit_m": predict.fit.log.best()[1]}
             note = f"fitted to every second training sequence ({fitted}), {predicted} ones predicted"
             about = f"deform_dlo.held_out.{cable}.{fitted}_to_{predicted}.{name}"
             figures.append(Figure(about, 1e3 * coordinate, "mm", None, note, detail))
@@ -156,7 +164,7 @@ def sticking(cable: str, training: Array, sequences: Array) -> Figure:
     fitted, _ = fitted_on(training, friction_stick=True)
     coordinate, _ = errors_m(fitted, sequences)
     note = "all vertices, driven ones counted as 0; fitted with friction that sticks"
-    about = {"unknowns": fitted.fit.values(), "fit_m": fitted.fit.value_m}
+    about = {"unknowns": fitted.fit.values(), "fit_m": fitted.fit.log.best()[1]}
     return Figure(f"deform_dlo.coordinate.{cable}.sticks", 1e3 * coordinate, "mm", None, note, about)
 
 
@@ -167,8 +175,8 @@ def predicted(cable: str, training: Array, sequences: Array) -> list[Figure]:
     about_fit = {
         "cpu_s": cpu_s,
         "unknowns": fitted.fit.values(),
-        "fit_m": fitted.fit.value_m,
-        "roll": fitted.roll,
+        "fit_m": fitted.fit.log.best()[1],
+        "roll": fitted.fit.roll,
     }
     figures = []
     for name, predict in {"string": fitted, **TRIVIAL}.items():

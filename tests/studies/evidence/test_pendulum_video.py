@@ -19,6 +19,7 @@ def test_added_noise_is_measured():
     np.testing.assert_allclose(np.sqrt((off**2).mean(axis=0)), [0.3, 0.15], rtol=0.05)
 
 
+@pytest.mark.thorough
 def test_period_frames_and_noise_of_the_real_pendulum(real_data):
     figures = {figure.name: figure for figure in pendulum.measure(real_data / "string_pendulum")}
     for name in ("period", "frames_lost", "not_seen"):

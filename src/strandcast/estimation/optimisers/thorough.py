@@ -11,7 +11,7 @@ from strandcast.estimation.descent import (
     descend,
     descent_batch,
 )
-from strandcast.estimation.evaluation import Array
+from strandcast.estimation.evaluation import Array, lengths
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
 from strandcast.estimation.optimisers.evolution import evolve
 from strandcast.estimation.optimisers.optimiser import SearchProblem
@@ -36,7 +36,7 @@ class _SquaredDistances:
 
     def __call__(self, chi: Array) -> Array:
         difference, weight = self.objective.residuals(chi)
-        distance = np.hypot(difference[..., 0], difference[..., 1])
+        distance = lengths(difference)
         near = 0.5 * distance**2 / SQUARES_BELOW_M
         cost = np.where(distance < SQUARES_BELOW_M, near, distance - 0.5 * SQUARES_BELOW_M) @ weight
         cost = cost + self.objective.space.penalty(chi)

@@ -21,12 +21,14 @@ from strandcast.arm.spatial import hand_path
 from strandcast.config.estimate import EstimateSettings
 from strandcast.config.plan import PlanSettings
 from strandcast.core.closest_approach import closest_approach
-from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
-from strandcast.estimation.cable_estimate import CableEstimate, PreviousCable, Rolls, estimate_cable
 from strandcast.estimation.cable_series import CableSeries
-from strandcast.estimation.cable_space import STEP_S, THROWN_POINTS, space_of_cable
+from strandcast.estimation.cable_space import THROWN_POINTS, space_of_cable
+from strandcast.estimation.estimate import estimate
+from strandcast.estimation.fit import StringFit
+from strandcast.estimation.unknowns import given_of
+from strandcast.estimation.windows import parts_of_series
 from strandcast.lab.driver import joint_log
 from strandcast.lab.strings import EMPTY_CLAMP
 from strandcast.lab.swing import LabSwing
@@ -41,7 +43,7 @@ from strandcast.planning.plan import plan_first, plan_next
 from strandcast.planning.rollouts import AFTER_END_S
 from strandcast.planning.start_strings import start_strings_in_space
 from strandcast.planning.task import PlanningTask
-from strandcast.stages.estimate_in_space import FASTEST_M_S, FITTED_AFTER_S, FITTED_BEFORE_S
+from strandcast.stages.trials_in_space import FASTEST_M_S, FITTED_AFTER_S, FITTED_BEFORE_S
 from strandcast_studies.benchmarks.loop.run import outcome, run_jobs, run_parser
 from strandcast_studies.benchmarks.loop.throw import FILMED_AFTER_S, FILMED_BEFORE_S, FRAME_RATE_HZ
 from strandcast_studies.benchmarks.space.drawn import SpaceCase, drawn_case
@@ -51,7 +53,7 @@ POINTS = THROWN_POINTS
 # Chosen: some twenty seconds of one core. These arms are slower than those of the plane, and on tuning seeds
 # motions of up to 1.3 s hit targets that shorter ones miss.
 PLAN = PlanSettings(screening=800, evaluations=1800, duration_s=(0.4, 1.3))
-ESTIMATE = EstimateSettings(evaluations=800, ensemble=8)
+ESTIMATE = EstimateSettings(evaluations=800, ensemble=8).in_space(thrown=True)
 HIT_RADIUS_M = 0.020
 JOINTS_SMOOTHED = 11  # samples of the joint log: its noise would shake the string; chosen
 
@@ -94,7 +96,7 @@ class SpaceOutcome:
 
 def task_of_case(case: SpaceCase) -> PlanningTask:
     """Return the planning task of a case."""
-    model = StringModel(case.string.length_m, POINTS, dt_s=STEP_S)
+    model = StringModel(case.string.length_m, POINTS, dt_s=ESTIMATE.dt_s)
     return PlanningTask(case.arm, model, case.target_m, HIT_RADIUS_M)
 
 
@@ -122,7 +124,7 @@ def run_case(
     plan = plan_first(task, first, PLAN, random)
     thrown: list[SpaceTrial] = []
     done: list[SpaceOutcome] = []
-    estimate: CableEstimate | None = None
+    fit: StringFit | None = None
     if rehearsed:
         cpu_s = time.process_time() - fitted_s, 0.0
         before = throw_in_space(case, plan, 0, np.random.default_rng([seed, 0, 9]))
@@ -136,16 +138,16 @@ def run_case(
         thrown.append(
             throw_in_space(case, plan, len(thrown) + 1, np.random.default_rng([seed, len(thrown), 9]))
         )
-        done.append(_outcome(plan, thrown[-1], estimate, cpu_s))
+        done.append(_outcome(plan, thrown[-1], fit, cpu_s))
         hit = thrown[-1].true_miss_m <= HIT_RADIUS_M and not every
         if hit or len(thrown) == trials:
             return done
         begin_s = time.process_time()
-        estimate = estimated(case, thrown, estimate, random, drag_along=drag_along)
+        fit = estimated(case, thrown, fit, random, drag_along=drag_along)
         fitted_s = time.process_time()
-        strings = _without_measurement(estimate.fit.members)
+        strings = fit.members.thrown()
         past = [trial.past for trial in thrown]
-        plan = plan_next(task, strings, past, PLAN, random, fit_E_m=estimate.fit.E_m)
+        plan = plan_next(task, strings, past, PLAN, random, fit_E_m=fit.E_m)
 
 
 def rehearse(case: SpaceCase, plan: PlannedMotion, random: np.random.Generator) -> PastTrial:
@@ -234,36 +236,27 @@ def _track(swing: LabSwing, motion_s: float, random: np.random.Generator) -> tup
 def estimated(
     case: SpaceCase,
     thrown: list[SpaceTrial],
-    before: CableEstimate | None,
+    before: StringFit | None,
     random: np.random.Generator,
     *,
     drag_along: bool,
-) -> CableEstimate:
+) -> StringFit:
     """Fit the string to all throws."""
     model, space = space_of_cable(
         case.string.length_m,
         False,
         points=POINTS,
-        step_s=STEP_S,
+        step_s=ESTIMATE.dt_s,
         weight_places_m=case.weight_places_m,
-        drag_along=drag_along,
-        taper=False,
+        **given_of(ESTIMATE) | {"drag_along": drag_along, "taper": False},
     )
-    previous = None
-    if before is not None:
-        values = dict(zip(space.names, before.fit.member_unknowns[0].tolist(), strict=True))
-        previous = PreviousCable(values, before.roll)
-    series: list[Rolls] = [{"measured": trial.series} for trial in thrown]
-    return estimate_cable(series, model, space, ESTIMATE, random, previous)
-
-
-def _without_measurement(members: StringBatch) -> StringBatch:
-    """Return fitted strings as the planner takes them."""
-    return members.thrown()
+    parts = parts_of_series([trial.series for trial in thrown], POINTS)
+    previous = None if before is None else before.members
+    return estimate({"": parts}, model, space, ESTIMATE, random, previous=previous, references=True)
 
 
 def _outcome(
-    plan: PlannedMotion, trial: SpaceTrial, estimate: CableEstimate | None, cpu_s: tuple[float, float]
+    plan: PlannedMotion, trial: SpaceTrial, fit: StringFit | None, cpu_s: tuple[float, float]
 ) -> SpaceOutcome:
     return SpaceOutcome(
         trial=trial.past.trial,
@@ -274,7 +267,7 @@ def _outcome(
         hit_probability=plan.hit_probability(HIT_RADIUS_M),
         simulated_hit_probability=plan.simulated_hit_probability(HIT_RADIUS_M),
         miss_rms_m=rms_of(plan.throws.miss_m),
-        fit_E_m=None if estimate is None else estimate.fit.E_m,
+        fit_E_m=None if fit is None else fit.E_m,
         tip_speed_m_s=plan.tip_speed_m_s,
         simulations=plan.simulations,
         flags=plan.flags,

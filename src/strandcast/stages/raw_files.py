@@ -1,0 +1,37 @@
+"""Raw files that stages read and no stage makes: what to do about one that is missing."""
+
+import shlex
+from pathlib import Path
+
+from strandcast.errors import StrandcastError
+from strandcast.records.listing import entries_of
+from strandcast.stages.context import Context
+
+MOST_NAMED = 12  # files beside a missing one
+
+
+def missing_file(context: Context, path: Path) -> StrandcastError:
+    """Return the problem of a raw file that is not there, with the setting that names it if there is one."""
+    camera, name = context.settings.camera, shlex.quote(context.name)
+    photos = (
+        f"take 10 photos of it (strandcast boards {name} prints it), all over the picture; motion capture "
+        "needs none (strandcast import track)"
+    )
+    named = (
+        (camera.lens_photos, "SC-C030", "camera.lens_photos", "photo or video of the lens board", photos),
+        (camera.lens_video, "SC-C030", "camera.lens_video", "video of the lens board", None),
+        (camera.lens_file, "SC-C050", "camera.lens_file", "file of the lens", None),
+        (camera.plane_photo, "SC-C031", "camera.plane_photo", "photo of the plane", None),
+        (context.settings.track.background_picture, "SC-T030", "track.background_picture", "picture", None),
+    )
+    for given, code, setting, what, fix in named:
+        if given is not None and path == context.folder.data / given:
+            beside = ", ".join(sorted(each.name for each in entries_of(path.parent))[:MOST_NAMED])
+            found = f"there is no {what}; there: {beside or 'nothing'}"
+            return StrandcastError(code, found, file=path, field=setting, fix=fix)
+    return StrandcastError(
+        "SC-V020",
+        f"{path.name} is missing",
+        file=path,
+        fix="copy it from the computer that wrote the others, or import it: strandcast import --help",
+    )
