@@ -15,7 +15,7 @@ from strandcast.errors import StrandcastError
 HEAD = "string: {length_m: 0.3}\ntarget_m: [0.5, 0.5]\n"
 EXAMPLE = Path(__file__).parents[2] / "config/experiments/demo.yaml"
 CHANGES = (
-    Renamed("plan.finer", "plan.mesh_refinement"),
+    Renamed("plan.finer", "plan.ensemble"),
     Renamed("track.hand", "track.tracker", {"pivot": "pendulum", "marker": "chain"}),
 )
 
@@ -25,12 +25,12 @@ def loaded(text: str):
 
 
 def test_old_names_and_values_are_translated_in_place():
-    data = loaded("arm: x\nplan:\n  ensemble: 4\n  finer: false\ntrack: {hand: pivot}\n")
+    data = loaded("arm: x\nplan:\n  screening: 64\n  finer: 4\ntrack: {hand: pivot}\n")
     lines = with_new_names(data, Path("e.yaml"), CHANGES)
-    assert dict(data["plan"]) == {"ensemble": 4, "mesh_refinement": False}
+    assert dict(data["plan"]) == {"screening": 64, "ensemble": 4}
     assert dict(data["track"]) == {"tracker": "pendulum"}
-    assert data["plan"].lc.data["mesh_refinement"][0] == 3
-    assert (lines[0].line, lines[0].what[:46]) == (3, "plan.finer is now called plan.mesh_refinement;")
+    assert data["plan"].lc.data["ensemble"][0] == 3
+    assert (lines[0].line, lines[0].what[:39]) == (3, "plan.finer is now called plan.ensemble;")
 
 
 def test_what_was_dropped_is_left_out_with_its_line(tmp_path, caplog):
@@ -50,9 +50,9 @@ def test_what_was_dropped_is_left_out_with_its_line(tmp_path, caplog):
 
 
 def test_new_names_pass_in_silence():
-    data = loaded("plan: {mesh_refinement: true}\n")
+    data = loaded("plan: {ensemble: 4}\n")
     assert with_new_names(data, Path("e.yaml"), CHANGES) == []
-    assert dict(data["plan"]) == {"mesh_refinement": True}
+    assert dict(data["plan"]) == {"ensemble": 4}
 
 
 @pytest.mark.parametrize("cameras", ["camera: {scale: arc}", "cameras: {left: {scale: arc}}"])
@@ -64,7 +64,7 @@ def test_a_setting_of_every_camera_is_translated(cameras):
 
 
 def test_both_names_are_refused():
-    data = loaded("plan:\n  finer: false\n  mesh_refinement: true\n")
+    data = loaded("plan:\n  finer: 4\n  ensemble: 4\n")
     with pytest.raises(StrandcastError) as caught:
         with_new_names(data, Path("e.yaml"), CHANGES)
     assert (caught.value.code, caught.value.line) == ("SC-F003", 2)
@@ -113,11 +113,11 @@ def test_settings_of_the_paper_have_no_effect_without_its_method(tmp_path, caplo
         ("estimate:\n  integrator: euler\nseed: 3\n", "estimate:\n  {}\nseed: 3\n"),
         (
             "plan: {planner: ensemble, finer: false, carry_residual: true}\n",
-            "plan: {mesh_refinement: false}\n",
+            "plan: {}\n",
         ),
         (
-            "plan: {finer:  true,  ensemble: 4}  # few\n",
             "plan: {mesh_refinement:  true,  ensemble: 4}  # few\n",
+            "plan: {ensemble: 4}  # few\n",
         ),
         ("plan:\n  scatter:\n    sway_rad: 0.1\n  ensemble: 4\n", "plan:\n  ensemble: 4\n"),
         ("estimate: {paper: {beta: 0.9}, free_end: false}\n", "estimate: {}\n"),

@@ -48,11 +48,11 @@ def test_stated_shares_hold_for_other_throws():
     assert calibrated["log_loss"] < simulated["log_loss"]
 
 
-def test_a_kind_with_few_throws_takes_those_of_a_similar_one():
+def test_motions_from_scratch_are_counted_as_first_ones():
     few = [throw._replace(kind="replanned") for throw in throws(5, 3)]
     made = fit(throws(100, 1) + few, "a test")
-    assert made.kinds["first"].throws == 100
-    assert made.kinds["replanned"].throws == 105
+    assert {kind: counted.throws for kind, counted in made.kinds.items()} == {"first": 105}
+    assert stated(few[0], made).within(0.02) == stated(few[0]._replace(kind="first"), made).within(0.02)
     assert set(fit(few, "a test").kinds) == set()
 
 
@@ -93,6 +93,8 @@ def test_only_motions_like_those_counted_are_calibrated(monkeypatch):
     assert few.quantile_m(0.5) == pytest.approx(said.quantile_m(0.5))
     many = miss_distribution("ensemble", "first", np.append(np.repeat(simulated_m, 2), 1.0))
     assert many.quantile_m(0.5) > 0.1
+    again = miss_distribution("ensemble", "replanned", simulated_m)
+    assert again.quantile_m(0.5) == said.quantile_m(0.5)
     assert miss_distribution("ensemble", "refined", simulated_m) is None
     assert miss_distribution("paper", "first", simulated_m) is None
 

@@ -9,15 +9,16 @@ from strandcast.arm.load import load_arm
 from strandcast.config.plan import PlanSettings
 from strandcast.dynamics.masses import mass_layout
 from strandcast.dynamics.model import StringModel
+from strandcast.planning.assessment import assess_rollouts
 from strandcast.planning.bezier import rest_heights
 from strandcast.planning.global_search import Encoding, screen
 from strandcast.planning.motion_descent import (
     LADDER,
     MotionResiduals,
     descend_motion,
+    miss_parts,
     motion_residuals,
     near_limits,
-    tip_offsets,
 )
 from strandcast.planning.paths import Curves, paths_of
 from strandcast.planning.rollouts import RolloutConditions, Rollouts
@@ -58,6 +59,8 @@ def test_a_descent_keeps_to_its_evaluations_and_never_gets_worse() -> None:
 def test_a_descent_from_the_minimum_stops_there() -> None:
     point, _, _ = descend_motion(bowl, np.zeros(5), 4, 200)
     again, _, tried = descend_motion(bowl, point, 4, 200)
+    flat = descend_motion(lambda points: MotionResiduals(0.0 * points, np.ones(len(points))), point, 4, 200)
+    assert flat[1:] == (1.0, 5)
     np.testing.assert_allclose(again, point, atol=1e-3)
     assert tried < 60
 
@@ -74,7 +77,8 @@ def test_offsets_are_as_long_as_the_misses_between_samples_too(task: PlanningTas
     places_m = np.array([[-0.2, 0.0, -0.03], [-0.1, 0.0, -0.03], [0.1, 0.0, -0.03]])
     points_m[0, :, 1] = task.target_m + places_m
     rollouts = Rollouts(points_m, np.zeros((1, 3, 3)), np.array([2]), 2e-3, 0.04, np.zeros((1, 3, 1, 2, 3)))
-    np.testing.assert_allclose(tip_offsets(task, rollouts), [[0.0, 0.0, -0.03]], atol=1e-12)
+    found = miss_parts(task, rollouts, assess_rollouts(task, rollouts))
+    np.testing.assert_allclose(found, [[0.0, 0.0, -0.03]], atol=1e-12)
     np.testing.assert_allclose(simulated_miss(task.aim, rollouts)[0], 0.03)
 
 

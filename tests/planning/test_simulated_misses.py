@@ -148,9 +148,7 @@ def with_objective(task: PlanningTask, objective: Objective) -> PlanningTask:
 
 
 def planned(task: PlanningTask, strings: StringBatch, objective: Objective, seed: int = 1) -> PlannedMotion:
-    settings = PlanSettings(
-        screening=64, evaluations=480, ensemble=2, disturbances=0.3, mesh_refinement=False
-    )
+    settings = PlanSettings(screening=64, evaluations=480, ensemble=2, disturbances=0.3)
     return plan_first(with_objective(task, objective), strings, settings, np.random.default_rng(seed))
 
 

@@ -30,7 +30,7 @@ from strandcast.planning.cost import CLEARANCE_M
 from strandcast.planning.describe import PlannedMotion
 from strandcast.planning.miss_calibration import MissCalibration, miss_distribution
 from strandcast.planning.past_trials import PastTrial
-from strandcast.planning.plan import REPLAN_FROM_MISS_M, plan_first, plan_next
+from strandcast.planning.plan import plan_first, plan_next
 from strandcast.planning.rollouts import (
     AFTER_END_S,
     RolloutConditions,
@@ -206,17 +206,20 @@ def test_a_target_off_the_plane_is_planned_within_the_limits(
     np.testing.assert_allclose(commanded.points_m[:, :, -1], points[:, :, -1], atol=0.02)
 
 
-@pytest.mark.parametrize(("probability", "attempts"), [(0.95, 1), (0.8, 3)])
-def test_a_search_in_space_is_repeated_until_the_simulation_is_almost_sure_of_a_hit(
+@pytest.mark.parametrize(("missed_m", "attempts"), [(0.0, 1), (0.002, 1), (0.1, 3)])
+def test_searches_in_space_end_where_the_calibration_leaves_little_to_gain(
     ur5e: PlanningTask,
     first_strings: StringBatch,
     first: PlannedMotion,
     monkeypatch: pytest.MonkeyPatch,
-    probability: float,
+    missed_m: float,
     attempts: int,
 ) -> None:
-    miss_m = 2.0 * ur5e.hit_radius_m * (np.arange(100) >= 100 * probability)
-    found = replace(first, throws=first.throws._replace(miss_m=miss_m), cost_m=0.03)
+    """So few throws were counted that no motion is stated to hit with nine in ten."""
+    miss = miss_distribution("ensemble", "first in space", np.full(8, missed_m))
+    assert miss is not None
+    assert miss.within(ur5e.hit_radius_m) < 0.9
+    found = replace(first, miss=miss)
     monkeypatch.setattr(plan_module, "search_globally", lambda _: (first.curve, 100))
     monkeypatch.setattr(
         plan_module, "predicted", lambda _, result: replace(found, simulations=result.simulations)
@@ -254,10 +257,10 @@ def test_a_rehearsal_shows_how_far_the_joints_go(
     assert plan.hit_probability(0.02) == plan.simulated_hit_probability(0.02)
 
 
-def test_after_a_bad_fit_and_a_far_miss_the_motion_stays_near_what_was_thrown(
+def test_after_a_bad_fit_the_motion_stays_near_what_was_thrown(
     ur5e: PlanningTask, first_strings: StringBatch, first: PlannedMotion
 ) -> None:
-    """The bias corrects the tip there; the plane's planner would trust the fitted strings elsewhere."""
+    """The bias corrects the tip there; elsewhere nothing does."""
     task = replace(ur5e, hit_radius_m=0.06)
     played = followed(task, first, 1.0)
     last = np.array([len(played.q_rad) - 1])
@@ -268,7 +271,7 @@ def test_after_a_bad_fit_and_a_far_miss_the_motion_stays_near_what_was_thrown(
     trial = replace(played, trial=1, frame_s=time_s, tip_m=tip_m, miss_m=float(away_m))
     random = np.random.default_rng(5)
     plan = plan_next(task, first_strings, [trial], SMALL, random, fit_E_m=0.02)
-    assert away_m > REPLAN_FROM_MISS_M
+    assert away_m > 0.02
     assert (plan.kind, plan.parent_trial) == ("refined", 1)
     assert plan.miss_m < 0.5 * away_m
 

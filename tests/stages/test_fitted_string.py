@@ -37,7 +37,6 @@ from strandcast.estimation.throws import PreparedThrow
 from strandcast.estimation.unknowns import prior_exponents, space_of
 from strandcast.planning.bezier import Curve, rest_heights, sample
 from strandcast.planning.describe import describe
-from strandcast.planning.mesh_refinement import refined_strings, refined_task
 from strandcast.planning.rollouts import RolloutConditions, Rollouts, commands, simulate_rollouts
 from strandcast.planning.search import SearchResult
 from strandcast.planning.task import PlanningTask
@@ -206,14 +205,3 @@ def test_an_unknown_from_outside_is_found_and_on_the_page(toy, project_root):
     record = record.model_copy(update={"options": StringSet.first_of(fit.best).options})
     page: Any = SimpleNamespace(results=SimpleNamespace(need=lambda _: record), caveat=None)
     assert any(row[0] == toy.words for row in parameters_panel(page).tables[0].rows)
-
-
-def test_a_refined_chain_is_as_stiff_along_the_string(project_root):
-    task = plane(project_root).task
-    space = space_of(EstimateSettings(), PIPED)
-    strings = space.strings(prior_exponents(space, MODEL, 2, np.random.default_rng(4)))
-    tapered = strings.with_values(taper=np.array([1.0, -2.0]))
-    refined = refined_strings(tapered)
-    assert refined_task(task).model.points == 2 * POINTS
-    coarse = tapered.applied().bend_factor
-    np.testing.assert_allclose(refined.applied().bend_factor, np.repeat(coarse, 2, axis=1))

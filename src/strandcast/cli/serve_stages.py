@@ -41,7 +41,7 @@ OF_A_JOB = {
 # jemalloc, which Arrow brings and does not use by default, would start a thread when it is loaded.
 NO_ALLOCATOR_THREAD = ("JE_ARROW_MALLOC_CONF", "background_thread:false")
 # What imports a library only when it is used, as every stage uses it.
-LATER = {"pyarrow": "pandas", "strandcast.stages.plan": "cma"}
+LATER = {"pyarrow": "pandas"}
 OUTPUT_LOST = 120  # Python's exit code
 DIES_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 

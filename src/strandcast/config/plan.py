@@ -29,7 +29,7 @@ class PlanSettings(PaperPlanner):
         "it if no motion within the limits is found.",
     )
     evaluations: Annotated[int, Field(ge=8, le=1_000_000)] = Field(
-        3000,
+        1500,
         description="Most motions in a search; for later motions two thirds. Raise it if the predicted "
         "miss is large although the target is within reach.",
     )
@@ -42,11 +42,6 @@ class PlanSettings(PaperPlanner):
         1.0,
         description="Scale of throw-to-throw disturbances; 1 is a typical rig. Raise it if repeated "
         "throws scatter more than predicted; lower it if less.",
-    )
-    mesh_refinement: bool = Field(
-        True,
-        description="Simulate every other string with twice as many points when searching new motions. "
-        "Set it to false to plan faster.",
     )
 
     @property

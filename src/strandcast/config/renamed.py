@@ -33,7 +33,8 @@ class Renamed:
 RENAMED: tuple[Renamed, ...] = (
     Renamed("track.hand", "track.tracker", {"marker": "chain", "pivot": "pendulum"}),
     Renamed("cameras.*.scale", "cameras.*.scale", {"arc": "tracker"}),
-    Renamed("plan.finer", "plan.mesh_refinement"),
+    Renamed("plan.finer", None),
+    Renamed("plan.mesh_refinement", None),
     Renamed("plan.carry_residual", None),
     Renamed("plan.bias_correction", None),
     Renamed("plan.scatter", None),

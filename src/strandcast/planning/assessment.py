@@ -100,13 +100,6 @@ def assess(
     return Assessment(np.where(finite, miss[0], FAILED_M), np.where(finite, index, 0), *facts)
 
 
-def side_by_side(lots: list[tuple[Assessment, int]]) -> tuple[Assessment, int]:
-    """Merge the assessments of P motions, each with its number of strings; return the strings' number too."""
-    columns = zip(*([column.reshape(-1, strings) for column in lot] for lot, strings in lots), strict=True)
-    merged = Assessment(*(np.concatenate(column, axis=1).ravel() for column in columns))
-    return merged, sum(strings for _, strings in lots)
-
-
 @njit(cache=True)
 def _check(
     rollouts: Rollouts, b: int, room: Room, hit: int, stride: int

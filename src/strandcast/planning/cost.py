@@ -29,27 +29,32 @@ CLEARANCE_M = 0.035
 
 def rollout_cost(assessment: Assessment, strings: int, step_s: float) -> np.ndarray:
     """Return (P,) rms miss over the strings, plus the price of everything else that spoils a throw [m]."""
-    miss, index, fold, outside, touch, hidden = (
-        getattr(assessment, name).reshape(-1, strings)
-        for name in ("miss_m", "hit_index", "fold", "outside_m", "touch_m", "hidden_m")
-    )
-    return np.asarray(
-        np.sqrt(np.mean(miss**2, axis=1))
-        + LATE_COST_M_S * step_s * index.mean(axis=1)
-        + FOLD_COST_M * np.maximum(0.0, fold - FREE_FOLD).mean(axis=1)
-        + OUTSIDE_COST * outside.mean(axis=1)
-        + TOUCH_COST * touch.mean(axis=1)
-        + HIDDEN_COST * hidden.mean(axis=1)
-    )
+    miss, index = assessment.miss_m.reshape(-1, strings), assessment.hit_index.reshape(-1, strings)
+    faults = fault_costs(assessment).reshape(len(miss), -1).sum(axis=1) / strings
+    late = LATE_COST_M_S * step_s * index.mean(axis=1)
+    return np.asarray(np.sqrt(np.mean(miss**2, axis=1)) + late + faults)
+
+
+def fault_costs(assessment: Assessment) -> np.ndarray:
+    """Return (B, 4) the prices of folding, leaving the workspace, touching the arm, hiding the tip [m]."""
+    fold = FOLD_COST_M * np.maximum(0.0, assessment.fold - FREE_FOLD)
+    places = OUTSIDE_COST * assessment.outside_m, TOUCH_COST * assessment.touch_m
+    return np.column_stack([fold, *places, HIDDEN_COST * assessment.hidden_m])
 
 
 def motion_costs(task: PlanningTask, paths: JointPaths) -> np.ndarray:
     """Return (P,) the price of breaking the arm's limits, plus a small one for fast joints [m]."""
     over = paths.excess(task.arm)
-    price = FORBIDDEN_M * (over > 0.0) + LIMIT_COST_M * over + EFFORT_COST_M_S_RAD * paths.effort_rad_s
-    if task.price_stops:
-        price = price + OUTSIDE_COST * roughly_outside_m(task.arm, paths.q, task.step_s, task.hanging_m)
-    return np.asarray(price)
+    return np.asarray(
+        FORBIDDEN_M * (over > 0.0) + LIMIT_COST_M * over + EFFORT_COST_M_S_RAD * paths.effort_rad_s
+    )
+
+
+def stop_cost(task: PlanningTask, paths: JointPaths) -> np.ndarray:
+    """Return (P,) the price of arm or string out of the arm's workspace after a stop; none in space [m]."""
+    if task.in_space:
+        return np.zeros(len(paths.q))
+    return OUTSIDE_COST * roughly_outside_m(task.arm, paths.q, task.step_s, task.hanging_m)
 
 
 def start_cost(task: PlanningTask, postures_rad: np.ndarray) -> np.ndarray:

@@ -170,6 +170,12 @@ def describe(
     )
 
 
+def most_likely(task: PlanningTask, plan: PlannedMotion) -> float:
+    """Return the probability of a hit that is stated of such a motion if no simulated throw misses."""
+    miss = _calibrated(task, plan.planner, plan.kind, np.zeros(1), NO_EVIDENCE)
+    return miss.within(task.hit_radius_m) if miss else 1.0
+
+
 def _calibrated(
     task: PlanningTask, planner: str, kind: str, simulated_miss_m: np.ndarray, evidence: Evidence
 ) -> MissDistribution | None:

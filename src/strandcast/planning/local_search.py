@@ -8,24 +8,21 @@ from scipy.spatial.transform import Rotation
 from strandcast.arm.yielding_joints import follow
 from strandcast.config.plan import PlanSettings
 from strandcast.core.strings import StringBatch
-from strandcast.planning.assessment import assess_rollouts
 from strandcast.planning.bezier import Curve
 from strandcast.planning.bias_correction import BiasCorrection, bias_correction, comparable
-from strandcast.planning.cost import CLEARANCE_M, motion_costs, rollout_cost
-from strandcast.planning.motion_descent import MotionResiduals, descend_motion, rollout_residuals
+from strandcast.planning.motion_descent import (
+    HEIGHT_RAD_S,
+    MotionResiduals,
+    descend_motion,
+    rollout_residuals,
+)
 from strandcast.planning.past_trials import PastTrial
 from strandcast.planning.paths import JointPaths, paths_of_any
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, Rollouts, simulate_rollouts
 from strandcast.planning.scenarios import crossed, disturbed
-from strandcast.planning.search import minimise
 from strandcast.planning.task import PlanningTask
-from strandcast.progress import Progress
 
-# Scale of the heights; the search's standard deviation at its start, wider after a wide miss. Chosen.
-HEIGHT_RAD_S, SPREAD = 0.15, 0.7
-NEAR_M, WIDEST = 0.04, 4.0
 CHANGE_COST_M_S_RAD = 0.008  # price of changing the heights [m per rad/s rms]; chosen
-DESCENT_RAD_S = 1.5  # unit of the heights in a descent, as in the first search
 SAME_SHAPE_M = 0.003  # rms, between the shape at the start and the model's at rest; the tracker's accuracy
 
 
@@ -125,53 +122,26 @@ def rollouts_near(
     return rollouts.with_bias(bias_m.reshape(-1, *bias_m.shape[2:]))
 
 
-def search_near(
-    task: PlanningTask, near: Neighbourhood, miss_m: float, settings: PlanSettings, rng: np.random.Generator
-) -> tuple[Curve, int]:
-    """Return the cheapest motion near the best trial, which missed by `miss_m`, and the number of rollouts.
-
-    The strings are not disturbed: this close to a tested motion all candidates scatter alike; disturbances
-    would only mask the bias (docs/explanation/throws.md, "Robustness near a motion").
-    """
+def search_near(task: PlanningTask, near: Neighbourhood, settings: PlanSettings) -> tuple[Curve, int]:
+    """Return the cheapest motion near the best trial, and the number of rollouts."""
     task, best = task.rough(), near.best
     inner = slice(2, -2) if not best.ramp_s else slice(1, None)
     shape = best.heights_rad_s[:, inner].shape
 
-    def curve(point: np.ndarray) -> Curve:
+    def curve(units: np.ndarray) -> Curve:
         heights = best.heights_rad_s.copy()
-        heights[:, inner] += point.reshape(shape) * HEIGHT_RAD_S
+        heights[:, inner] += units.reshape(shape) * HEIGHT_RAD_S
         return replace(best, heights_rad_s=heights)
 
-    def thrown(points: np.ndarray) -> tuple[JointPaths, Rollouts]:
-        curves = [curve(point) for point in points]
+    def residuals(points: np.ndarray) -> MotionResiduals:
+        curves = [curve(units) for units in points]
         paths = paths_of_any(curves, task.step_s, AFTER_END_S, task.dynamics)
-        return paths, rollouts_near(task, near, paths, np.array([c.heights_rad_s for c in curves]))
-
-    def residuals(units: np.ndarray) -> MotionResiduals:
-        paths, rollouts = thrown(units * DESCENT_RAD_S / HEIGHT_RAD_S)
-        found = rollout_residuals(task, rollouts, paths, len(near.strings))
-        change = CHANGE_COST_M_S_RAD * DESCENT_RAD_S * units / np.sqrt(units.shape[1])
+        rollouts = rollouts_near(task, near, paths, np.array([c.heights_rad_s for c in curves]))
+        found = rollout_residuals(task, rollouts, paths, len(near.strings), stops=True)
+        change = CHANGE_COST_M_S_RAD * HEIGHT_RAD_S * points / np.sqrt(points.shape[1])
         cost_m = found.cost_m + np.linalg.norm(change, axis=1)
         return MotionResiduals(np.hstack([found.parts_m, change]), cost_m)
 
-    def value(points: np.ndarray) -> np.ndarray:
-        paths, rollouts = thrown(points)
-        change = HEIGHT_RAD_S * np.sqrt(np.mean(points**2, axis=1))
-        price = motion_costs(task, paths)
-        assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
-        cost = rollout_cost(assessment, len(near.strings), task.step_s)
-        return np.asarray(cost + price + CHANGE_COST_M_S_RAD * change)
-
-    budget = 2 * settings.evaluations // 3
-    if task.in_space:
-        start = np.zeros(np.prod(shape))
-        units, _, tried = descend_motion(residuals, start, len(start), budget)
-        return curve(units * DESCENT_RAD_S / HEIGHT_RAD_S), tried * len(near.strings)
-    progress = Progress("plan: search near a trial", total=budget)
-    spread = SPREAD * float(np.clip(miss_m / NEAR_M, 1.0, WIDEST))
-
-    def report(tried: int, cost_m: float) -> None:
-        progress(tried, f"best cost {1000 * cost_m:.1f} mm")
-
-    point, _, tried = minimise(value, np.zeros(np.prod(shape)), spread, budget, rng, report)
-    return curve(point), tried * len(near.strings)
+    start = np.zeros(np.prod(shape))
+    units, _, tried = descend_motion(residuals, start, len(start), 2 * settings.evaluations // 3)
+    return curve(units), tried * len(near.strings)

@@ -29,6 +29,8 @@ FEW_FAIL = 0.05  # share of failed simulations that does not change what is stat
 FITTED = ("refined", "replanned")  # kinds of motions that are planned with strings fitted to throws
 COUNTED = "ensemble"  # the planner of the throws that were counted
 IN_SPACE = " in space"  # after the kinds of motions in space
+# A motion from scratch after a throw is searched for as a first one, and is counted as one.
+COUNTED_AS = {"replanned": "first", f"replanned{IN_SPACE}": f"first{IN_SPACE}"}
 LEVELS = tuple(np.round(np.arange(0.05, 0.951, 0.05), 2).tolist())  # shares whose ratios are kept
 # Above the last level the ratio's tail is a power law: the exponent of Student's t with four degrees of
 # freedom; below the first it falls linearly to zero, as distances in a plane at most do. Such a tail arises
@@ -147,7 +149,7 @@ def miss_distribution(
     evidence
         What the experiment's throws say.
     """
-    known = calibration().kinds.get(kind)
+    known = calibration().kinds.get(COUNTED_AS.get(kind, kind))
     if known is None or planner != COUNTED:
         return None
     return known.distribution(rms_of(simulated_miss_m), evidence)

@@ -1,7 +1,7 @@
-"""Gauss-Newton descent over motions of many joints, where CMA-ES would need more tries than there are.
+"""Gauss-Newton descent over motions.
 
-A motion of seven joints has some fifty unknowns, and the simulated tips say in which direction each of them
-moves the misses: a few derivatives lead further than a thousand random changes.
+The simulated tips say in which direction each height of the velocity curves moves the misses: a few
+derivatives lead further than a thousand random changes.
 """
 
 from collections.abc import Callable
@@ -10,23 +10,24 @@ from typing import NamedTuple
 import numpy as np
 
 from strandcast.arm.load import Arm
+from strandcast.core.objectives import AimedPoint, PointInSpace
 from strandcast.core.strings import StringBatch
-from strandcast.planning.assessment import assess_rollouts
+from strandcast.planning.assessment import Assessment, assess_rollouts
 from strandcast.planning.cost import (
     CLEARANCE_M,
     LIMIT_COST_M,
-    OUTSIDE_COST,
-    TOUCH_COST,
+    fault_costs,
     motion_costs,
     rollout_cost,
     start_cost,
+    stop_cost,
 )
 from strandcast.planning.paths import Curves, JointPaths, paths_of
 from strandcast.planning.rollouts import AFTER_END_S, RolloutConditions, Rollouts, rollouts_of_paths
-from strandcast.planning.simulated_misses import simulated_miss
 from strandcast.planning.task import PlanningTask
 
 # All chosen.
+HEIGHT_RAD_S = 1.5  # unit of the heights in a search
 STEP = 0.02  # of finite differences, in units of the search
 # Dampings tried at once, times the last one that was taken; relative to the mean curvature. Directions to
 # which no tip is sensitive must not be walked along, so all unknowns are damped the same.
@@ -44,36 +45,42 @@ class MotionResiduals(NamedTuple):
 
 
 def motion_residuals(
-    task: PlanningTask, strings: StringBatch, conditions: RolloutConditions, curves: Curves
+    task: PlanningTask,
+    strings: StringBatch,
+    conditions: RolloutConditions,
+    curves: Curves,
+    *,
+    stops: bool = False,
 ) -> MotionResiduals:
     """Simulate motions with every string, and return what there is to reduce.
 
-    The residuals are the offsets of the tips from the target, how far strings leave the workspace or come
-    into the arm, and how far joints go beyond their limits or come near them.
+    The residuals are the misses, what else spoils the throws, how far joints go beyond their limits or come
+    near them, and if `stops`, which takes time, how far a stop would take arm or string out of the workspace.
     """
     paths = paths_of(curves, task.step_s, AFTER_END_S, task.dynamics)
     rollouts = rollouts_of_paths(task, strings, conditions, paths)
-    found = rollout_residuals(task, rollouts, paths, len(strings))
+    found = rollout_residuals(task, rollouts, paths, len(strings), stops=stops)
     return found._replace(cost_m=found.cost_m + start_cost(task, curves.q0_rad))
 
 
 def rollout_residuals(
-    task: PlanningTask, rollouts: Rollouts, paths: JointPaths, strings: int
+    task: PlanningTask, rollouts: Rollouts, paths: JointPaths, strings: int, *, stops: bool
 ) -> MotionResiduals:
     """Return the residuals of motions that were simulated with so many strings, start postures apart."""
     assessment = assess_rollouts(task, rollouts, CLEARANCE_M)
-    cost_m = rollout_cost(assessment, strings, task.step_s) + motion_costs(task, paths)
-    of_strings = np.column_stack(
-        [tip_offsets(task, rollouts), OUTSIDE_COST * assessment.outside_m, TOUCH_COST * assessment.touch_m]
-    )
+    stops_m = stop_cost(task, paths) if stops else np.zeros(len(paths.q))
+    cost_m = rollout_cost(assessment, strings, task.step_s) + motion_costs(task, paths) + stops_m
+    of_strings = np.column_stack([miss_parts(task, rollouts, assessment), fault_costs(assessment)])
     over = LIMIT_COST_M * near_limits(paths, task.arm)
-    parts_m = np.hstack([of_strings.reshape(len(paths.q), -1) / np.sqrt(strings), over])
+    parts_m = np.hstack([of_strings.reshape(len(paths.q), -1) / np.sqrt(strings), over, stops_m[:, None]])
     return MotionResiduals(np.nan_to_num(parts_m, nan=1.0), cost_m)
 
 
-def tip_offsets(task: PlanningTask, rollouts: Rollouts) -> np.ndarray:
-    """Return (B, 3) from the target to the nearest place of each tip's path, between the samples too [m]."""
-    after = np.clip(simulated_miss(task.aim, rollouts)[1], 1, rollouts.last)
+def miss_parts(task: PlanningTask, rollouts: Rollouts, assessment: Assessment) -> np.ndarray:
+    """Return (B, 2 or 3) offsets of the tips from the point to hit, or of other aims (B, 1) misses [m]."""
+    aim, after = task.aim, np.clip(assessment.hit_index, 1, rollouts.last)
+    if not isinstance(aim, AimedPoint | PointInSpace) or getattr(aim, "has_velocity", False):
+        return assessment.miss_m[:, None]
     tip_m, each = rollouts.tip_m(), np.arange(len(after))
     start, way = tip_m[each, after - 1], tip_m[each, after] - tip_m[each, after - 1]
     along = ((task.target_m - start) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12)
@@ -112,6 +119,8 @@ def descend_motion(
         jacobian = (residuals(point + steps).parts_m - parts).T / STEP
         curvature, gradient = jacobian.T @ jacobian, jacobian.T @ parts[0]
         tried += free
+        if not gradient.any():  # nothing is missed
+            break
         improved = False
         while not improved and tried + len(LADDER) <= evaluations and damping <= MOST_DAMPING:
             dampings = damping * LADDER

@@ -35,8 +35,6 @@ class PlanningTask:
         The box in the plane that hand and string must not leave; the arm's by default, and in space always.
     objective
         The throw's objective in a plane; by default, and in space always, the tip hits the target.
-    price_stops
-        Whether a search also keeps arm and string in the arm's workspace if the arm is stopped on the way.
     """
 
     arm: Arm
@@ -45,7 +43,6 @@ class PlanningTask:
     hit_radius_m: float
     workspace: Box | None = None
     objective: Objective = HIT_THE_TARGET
-    price_stops: bool = False
 
     @property
     def in_space(self) -> bool:

@@ -23,6 +23,7 @@ from scipy.optimize import minimize
 
 from strandcast.core.shares import wilson
 from strandcast.planning.miss_calibration import (
+    COUNTED_AS,
     FILE,
     FITTED,
     IN_SPACE,
@@ -36,8 +37,6 @@ from strandcast.planning.miss_calibration import (
 )
 
 FEWEST = 19  # throws of a kind: of fewer, the next throw's miss exceeds all with more than 5 %
-# Kinds that are searched for in the same way may be counted together.
-SIMILAR = {"replanned": "first", f"replanned{IN_SPACE}": f"first{IN_SPACE}"}
 COUNTED = 0.9  # share of the counted motions; chosen: the few beyond it do not say how misses grow
 SHARES, BIN = (0.5, 0.9), 0.1
 
@@ -129,13 +128,12 @@ def kind_calibration(rms_m: np.ndarray, miss_m: np.ndarray, made_from: str = "")
 
 
 def fit(throws: list[CountedThrow], made_from: str) -> MissCalibration:
-    """Return the calibration of every kind with enough throws; a kind with few takes a similar one's too."""
+    """Return the calibration of every kind with enough throws."""
     by_kind: dict[str, list[CountedThrow]] = defaultdict(list)
     for throw in throws:
-        by_kind[throw.kind].append(throw)
+        by_kind[COUNTED_AS.get(throw.kind, throw.kind)].append(throw)
     kinds = {}
-    for kind, mine in by_kind.items():
-        counted = mine if len(mine) >= FEWEST else mine + by_kind.get(SIMILAR.get(kind, ""), [])
+    for kind, counted in by_kind.items():
         if len(counted) >= FEWEST:
             rms_m = np.array([np.hypot(throw.rms_m, throw.untested_m) for throw in counted])
             kinds[kind] = kind_calibration(rms_m, np.array([throw.miss_m for throw in counted]), made_from)
@@ -155,7 +153,7 @@ def stated(
     throw: CountedThrow, calibration: MissCalibration, evidence: Evidence = NO_EVIDENCE
 ) -> MissDistribution:
     """Return the calibrated distribution of a throw's miss."""
-    return calibration.kinds[throw.kind].distribution(throw.rms_m, evidence)
+    return calibration.kinds[COUNTED_AS.get(throw.kind, throw.kind)].distribution(throw.rms_m, evidence)
 
 
 def stated_run(
@@ -168,7 +166,7 @@ def stated_run(
     said: list[StatedThrow] = []
     surprises: tuple[float, ...] = ()
     for throw in run:
-        if throw.kind in calibration.kinds:
+        if COUNTED_AS.get(throw.kind, throw.kind) in calibration.kinds:
             evidence = NO_EVIDENCE if alone else Evidence(throw.untested_m, surprises)
             said.append((throw, stated(throw, calibration, evidence)))
             if throw.kind.removesuffix(IN_SPACE) in FITTED and throw.measured_m is not None:

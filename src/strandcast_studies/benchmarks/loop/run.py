@@ -50,7 +50,6 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "minima": {"start_string": "minima"},
     "small_search": {"plan": {"screening": 480, "evaluations": 800}},
     "four_strings": {"plan": {"ensemble": 4}},
-    "one_spacing": {"plan": {"mesh_refinement": False}},
     "undisturbed": {"plan": {"disturbances": 0.0}},
     "latest_only": {"estimate": {"trials": "latest"}},
 }
