@@ -82,8 +82,8 @@ def motion_times(
         what = f"{found.left_rad:.3f} rad off, which no lag of commands explains"
         raise _unlike(what, found, motion, file)
     unlike = (
-        f"the commanded joints stay {1e3 * found.left_rad:.1f} mrad rms from motion.json: the controller changes "
-        "its commands, or another motion was played"
+        f"the commanded joints stay {1e3 * found.left_rad:.1f} mrad rms from motion.json: the controller "
+        "changes its commands, or another motion was played"
     )
     return found.start_s, found.end_s, [unlike]
 
