@@ -289,6 +289,9 @@ def test_a_log_in_degrees_is_refused_with_that_hint(tmp_path):
     assert "--degrees" in refusal.value.fix
     import_joints(path, tmp_path, Reading(degrees=True))
     np.testing.assert_allclose(read_run(tmp_path)[1].q_rad, np.pi / 2)
+    path.write_text(path.read_text().replace("90.0", "1.57"))
+    with pytest.raises(StrandcastError, match=r"SC-I008.*no angle is beyond 1\.6 degrees\n.*leave out"):
+        import_joints(path, tmp_path, Reading(degrees=True))
 
 
 def test_a_bag_without_the_package_says_what_to_install(tmp_path):

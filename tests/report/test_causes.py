@@ -169,6 +169,14 @@ def test_a_lost_tip_is_named_with_the_frames_of_the_gap(good):
     assert f"frames {closest - 7} to {closest + 7}" in cause.fix
 
 
+def test_a_film_that_ends_before_the_motion_is_named(good):
+    end_s = float(good.robot_time_s()[-1])
+    bad = with_record(good, "verdict", miss_m=None, hit=None, reason="the track ends")
+    (cause,) = probable_causes(with_record(bad, "alignment", motion_end_s=end_s + 0.25))
+    assert cause.what.replace("\u00a0", " ") == "the film ends 250 ms before the motion does"
+    assert "frames" not in cause.fix
+
+
 def test_a_wrong_frame_rate_is_named_with_the_right_one(good):
     rate_hz = good.pieces["manifest"].video.frame_rate_hz
     bad = with_record(good, "alignment", drift=0.01, drift_se=1e-4)
@@ -185,7 +193,7 @@ def too_short(good) -> TrialResults:
 
 
 def test_nothing_after_a_named_fault_reads_as_safe(results, too_short):
-    words = caveat(probable_causes(too_short))
+    words = caveat(too_short)
     assert words == "after the named fault: not to be trusted; first correct string.length_m and run again"
     bound = [fit.model_copy(update={"at_bound": True}) for fit in too_short.pieces["estimate"].parameters]
     bad = with_record(too_short, "estimate", parameters=bound)
@@ -226,9 +234,11 @@ def test_a_miss_near_the_hit_radius_gets_a_question_mark(good, beyond_m, word):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_missing_optional_file_leaves_a_figure_out_without_alarm(results, tmp_path):
+@pytest.mark.parametrize("name", ["predicted.parquet", "motion.json"])
+def test_a_missing_optional_file_leaves_a_figure_out_without_alarm(results, tmp_path, name):
     folder = Path(shutil.copytree(results, tmp_path / "swing")) / "trial-03"
-    (folder / "predicted.parquet").unlink(missing_ok=True)
+    (folder / name).unlink(missing_ok=True)
+    assert read_results(folder).unread() == {}
     page = trial_page(folder, trial=3, experiment="swing")
     section = page[page.index('id="predicted"') :]
     section = section[: section.index("</section>")]

@@ -93,7 +93,7 @@ def test_the_next_step_follows_the_verdict(results: Path) -> None:
 
     def said(hit: bool, miss_m: float | None, motion: Motion | None, thrown: int | None = None) -> str:
         given = verdict.model_copy(update={"hit": hit, "miss_m": miss_m})
-        return next_step(replace(trial, pieces=trial.pieces | {"verdict": given}), [], motion, "play", thrown)
+        return next_step(replace(trial, pieces=trial.pieces | {"verdict": given}), motion, "play", thrown)
 
     assert said(True, 0.001, upcoming) == ("nothing, the target is hit.", None)
     text, command = said(True, verdict.hit_radius_m, upcoming)  # may as well be a miss

@@ -32,10 +32,12 @@ from strandcast.records.kept_motions import kept_motions
 from strandcast.records.motion import Motion
 from strandcast.records.tables import read_table, write_table
 from strandcast.records.track import TRACK
+from strandcast.report import causes
 from strandcast.report.expected import expected_miss
 from strandcast.stages.context import context_of
 from strandcast.stages.past_trials import read_trial
 from strandcast.stages.plan_inputs import first_inputs, measured_of, rehearsal_of
+from strandcast.stages.producers import first_of_all, play_command
 from strandcast.stages.rig import rig_state
 from strandcast.stages.run import files_of, run_stage
 from strandcast.workflow.verify import verify
@@ -91,6 +93,29 @@ def test_a_plan_says_what_it_expects_and_how_to_throw_it(
         costs.setdefault(what, []).append(float(cost))
     assert "search 3 of 3, 16 strings" in costs
     assert all(found == sorted(found, reverse=True) for found in costs.values())
+
+
+def test_the_motion_of_an_arm_without_a_driver_is_exported(root: Path) -> None:
+    write(root, "by-file", "target_m: [0.5, 0.5]\n" + SMALL)
+    arm = root / ARM
+    arm.write_text(arm.read_text().split("[driver]")[0])
+    command = play_command(context_of(root, "by-file"), 1)
+    assert command.startswith("strandcast export motion ")
+    assert command.endswith("by-file/trial-01/motion.json --as ros --out FILE")
+
+
+def test_a_fault_of_the_throw_before_is_said_instead_of_the_command_that_plays(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(root, "faulty", "target_m: [0.5, 0.5]\n" + SMALL)
+    context, seen = context_of(root, "faulty"), []
+    assert first_of_all(context, 1) is None
+    thrown = context.folder.trial(1).data
+    thrown.mkdir(parents=True)
+    (thrown / "video.mp4").write_bytes(b"")
+    monkeypatch.setattr(causes, "first_of_all", lambda found: seen.append(found.folder) or "first correct it")
+    assert first_of_all(context, 2) == "first correct it"
+    assert seen == [context.folder.trial(1).results]
 
 
 @pytest.mark.parametrize("name", ["video.mp4", "cam.avi", "joints.csv", "motion.json"])

@@ -93,7 +93,7 @@ class Arm(ABC):
     log_rate_hz
         Rate of the joint log and of the motion's points.
     driver, driver_settings
-        The player's driver.
+        The player's driver; None: motions are exported as files.
     """
 
     axes: ClassVar[int]
@@ -113,7 +113,7 @@ class Arm(ABC):
     tracking_rad: np.ndarray
     payload: Payload | None
     log_rate_hz: float
-    driver: str
+    driver: str | None
     driver_settings: dict[str, Any] = field(default_factory=dict)
 
     @property

@@ -167,9 +167,9 @@ class ServoKeys(Keys):
 
 
 class DriverKeys(Keys):
-    """The player's driver for this arm."""
+    """The player's driver for this arm; none: its motions are exported as files."""
 
-    name: str
+    name: str | None = None
     settings: dict[str, Any] = {}
 
 
@@ -189,7 +189,7 @@ class AnyArmKeys(Keys):
     payload: Payload | None = None
     workspace: WorkspaceKeys
     servo: ServoKeys
-    driver: DriverKeys
+    driver: DriverKeys = DriverKeys()
 
 
 class ArmKeys(AnyArmKeys):

@@ -16,7 +16,7 @@ from strandcast.config.schema import models_in
 
 HEAD = """# Settings of experiment.yaml
 
-Made from the declarations: `python -m strandcast.config.settings_page > docs/reference/settings.md`.
+<!-- made by: python -m strandcast.config.settings_page > docs/reference/settings.md -->
 
 Each setting with its default, the values that it takes where the default does not show them (x is a number,
 n a whole number), and what it means; a name ends in its unit. `strandcast check EXPERIMENT` reports every

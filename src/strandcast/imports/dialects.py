@@ -92,7 +92,8 @@ def recognise(table: NumberTable, dialect: str = "auto") -> tuple[str, JointMapp
         "SC-I004",
         f"the columns match no known joint log: {', '.join(table.names[:12])} …",
         file=table.path,
-        fix="give a column mapping: time, q, and if available qd, q_cmd, qd_cmd; time_unit, angle_unit",
+        fix="correct a misspelt column, or name the columns in a TOML file and give it with --columns: time, "
+        "q, and if available qd, q_cmd, qd_cmd; time_unit, angle_unit",
     )
 
 

@@ -24,6 +24,7 @@ from strandcast.records.motion import Motion
 from strandcast.records.record import refusal
 
 LARGEST_ANGLE_RAD = 20.0  # three turns: larger angles are degrees
+TURN_AS_DEGREES_RAD = np.radians(2.0 * np.pi)  # a whole turn in radians that is read as degrees
 OUTPUTS = 53  # bits that a float holds exactly; UR has 18
 COMMAND_MOVES_RAD = 1e-5  # chosen; above rounding
 FEWEST_COMMANDS = 10  # rows with commands, to compare them with the joints; chosen
@@ -247,7 +248,7 @@ def _log_of(source: _Source, sync_output: int | None) -> tuple[np.ndarray, Joint
     table.require_finite(np.column_stack([time_s, q]), [columns.time or "time", *columns.q])
     _refuse_unsorted(table, columns.time or "time", time_s)
     _refuse_clock(table, columns, time_s)
-    _refuse_degrees(table, columns, q)
+    _refuse_unit(table, columns, q)
     names = _names(table, len(columns.q), source.namings)
     keep = np.concatenate([[True], np.diff(time_s) > 0])
     doubled = np.flatnonzero(~keep)
@@ -347,7 +348,12 @@ def _refuse_clock(table: NumberTable, columns: JointMapping, time_s: np.ndarray)
         raise refusal("SC-I028", table.path, columns.time or "rate_hz", problem, fix)
 
 
-def _refuse_degrees(table: NumberTable, columns: JointMapping, q: np.ndarray) -> None:
+def _refuse_unit(table: NumberTable, columns: JointMapping, q: np.ndarray) -> None:
+    most_rad = float(np.abs(q).max())
+    if columns.angle_unit == "deg" and 0.0 < most_rad < TURN_AS_DEGREES_RAD:
+        what = f"no angle is beyond {np.degrees(most_rad):.1f} degrees"
+        fix = "if the log is in radians, leave out --degrees, or angle_unit: deg of the mapping"
+        raise refusal("SC-I008", table.path, columns.q[0], what, fix)
     largest = np.unravel_index(np.argmax(np.abs(q)), q.shape)
     if abs(q[largest]) > LARGEST_ANGLE_RAD:
         row, joint = int(largest[0]), columns.q[largest[1]]

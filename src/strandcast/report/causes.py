@@ -64,12 +64,16 @@ def probable_causes(results: TrialResults) -> list[Cause]:
     return found
 
 
-def caveat(causes: list[Cause]) -> str | None:
+def first_of_all(results: TrialResults) -> str | None:
+    """Return what must be done before anything that follows from a throw is used; None: nothing."""
+    causes = probable_causes(results)
+    return f"first {', then '.join(cause.first for cause in causes)}" if causes else None
+
+
+def caveat(results: TrialResults) -> str | None:
     """Return the words for all that was computed from a throw with faults; None for a throw without."""
-    if not causes:
-        return None
-    first = ", then ".join(cause.first for cause in causes)
-    return f"after the named fault: not to be trusted; first {first}"
+    first = first_of_all(results)
+    return None if first is None else f"after the named fault: not to be trusted; {first}"
 
 
 def clamp_to_tip_m(track: Track) -> Array:
@@ -132,6 +136,18 @@ def _lost_tip(results: TrialResults) -> Iterator[Cause]:
     if verdict.miss_m is not None or verdict.target_m is None:
         return
     time_s, tip = results.robot_time_s(), track.points_m[:, -1]
+    early_s = results.need("alignment").motion_end_s - time_s[-1]
+    if early_s > 0.0:
+        yield Cause(
+            f"the film ends {milliseconds(early_s, digits=0)} before the motion does",
+            f"{verdict.reason}; its last frame is {track.frame[-1]}",
+            "miss and hit are unknown; the fit knows the string before that frame alone",
+            "record until the string hangs still again, or copy the whole film. Then throw again",
+            "tracking",
+            "record the whole throw",
+            "Do not use as a throw with a known miss: the film ends before the motion does.",
+        )
+        return
     known = np.isfinite(tip).all(axis=1) & (track.flags[:, -1] == 0)
     window = np.flatnonzero(results.in_window())
     lost = window[~known[window]]

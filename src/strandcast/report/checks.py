@@ -12,7 +12,6 @@ from strandcast.report.causes import (
     caveat,
     least_slip_m,
     length_fault,
-    probable_causes,
     slip_in_clamp,
     slip_words,
     slipped,
@@ -63,7 +62,7 @@ def run_checks(results: TrialResults, next_motion: Path | None) -> list[CheckRes
     ]
     if not aimed:
         return [each._replace(doubted=OF_A_CAPTURE.get(each.doubted, each.doubted)) for each in checks]
-    found = _next_motion(next_motion, caveat(probable_causes(results)))
+    found = _next_motion(next_motion, caveat(results))
     return [*checks, found._replace(doubted=NEXT_THROW)]
 
 

@@ -12,7 +12,6 @@ from PIL import Image
 from strandcast.core.trial_names import trial_name
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.summary import ExperimentSummary, TrialSummary
-from strandcast.report.causes import probable_causes
 from strandcast.report.checks import run_checks
 from strandcast.report.facts import Facts
 from strandcast.report.first_screen import doubts, first_figures, next_step, readable_motion
@@ -54,7 +53,6 @@ def experiment_page(
     uncertain = summary.hit_trial is not None and uncertain_verdict(results.get(summary.hit_trial))
     page = ExperimentPageData(summary, results, folder, next_motion, facts)
     last, upcoming = page.last_counted, readable_motion(next_motion)
-    causes = [] if last is None else probable_causes(last)
     found = {
         f"trial {line.trial}": run_checks(results[line.trial], None)
         for line in summary.trials
@@ -70,7 +68,7 @@ def experiment_page(
         unread=summary.all_unread(),
         figures=[] if last is None else first_figures(last, upcoming),
         doubts=doubts(found) if found else None,
-        next_step=next_step(last, causes, upcoming, facts.play_command),
+        next_step=next_step(last, upcoming, facts.play_command),
         csv=_csv(summary),
         rows=[_row(line, trials, results) for line in summary.trials],
         sections=make_sections(panels_of("experiment"), page),

@@ -8,7 +8,7 @@ from strandcast.errors import StrandcastError
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.verdict import Verdict
-from strandcast.report.causes import Cause
+from strandcast.report.causes import first_of_all
 from strandcast.report.checks import FAIL, NOT_RUN, NUMBERS, OF_A_CAPTURE, WARN, CheckResult
 from strandcast.report.expected import expected_miss
 from strandcast.report.measures import best_guess_m, fit_window
@@ -123,7 +123,6 @@ def _in_words(check: CheckResult) -> str:
 
 def next_step(
     results: TrialResults | None,
-    causes: list[Cause],
     upcoming: Motion | None,
     command: str | None,
     thrown: int | None = None,
@@ -136,8 +135,9 @@ def next_step(
         return None
     if thrown is not None:
         return NextStep(f"trial {thrown} was thrown after this one.")
-    if causes:
-        return NextStep(f"first {', then '.join(cause.first for cause in causes)}; then throw again.")
+    first = first_of_all(results)
+    if first is not None:
+        return NextStep(f"{first}; then throw again.")
     verdict: Verdict | None = results.get("verdict")
     if verdict is not None and verdict.hit and not uncertain_verdict(results):
         return NextStep("nothing, the target is hit.")

@@ -81,7 +81,7 @@ FILES = {
 }
 
 
-OPTIONAL = {"predicted", "lab_truth"}  # results that a complete trial may lack
+OPTIONAL = {"motion", "predicted", "lab_truth"}  # results that a complete trial may lack
 
 
 @dataclass(frozen=True)
@@ -131,9 +131,7 @@ class TrialResults:
 
     def not_made(self) -> set[str]:
         """Return the results that a trial without video does not have."""
-        if self.supplied():
-            return {"manifest", "camera", "strobe", "clip", "motion"}
-        return set() if self.aimed() else {"motion"}
+        return {"manifest", "camera", "strobe", "clip"} if self.supplied() else set()
 
     def unread(self) -> dict[str, str]:
         """Return the results that should be there but could not be read, each with the reason."""

@@ -68,7 +68,7 @@ def trial_page(
         unread=results.unread(),
         figures=first_figures(results, upcoming),
         doubts=doubts({"": checks}),
-        next_step=next_step(results, causes, upcoming, facts.play_command, neighbours[1]),
+        next_step=next_step(results, upcoming, facts.play_command, neighbours[1]),
         lead=lead,
         key_figures=_key_figures(results),
         sections=sections,

@@ -40,9 +40,7 @@ def refuse_unread(context: Context, page: Path, unread: Mapping[str, str]) -> No
             "SC-H023",
             f"the page says what could not be read ({'; '.join(files)})",
             file=page,
-            fix="put the motion that was played beside the raw files, and import the log again: --replace"
-            if all(Path(file).name == "motion.json" for file in unread)
-            else f"restore these files, or delete them and make them again: strandcast run {context.name}",
+            fix=f"restore these files, or delete them and make them again: strandcast run {context.name}",
             exit_code=INTEGRITY,
         )
 

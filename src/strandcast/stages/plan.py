@@ -1,6 +1,5 @@
 """The next motion, made from the trials before it, and the throws that are expected of it."""
 
-import shlex
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,7 +32,7 @@ from strandcast.stages.plan_inputs import (
     refuse_without_target,
     rehearsal_of,
 )
-from strandcast.stages.producers import play_command
+from strandcast.stages.producers import first_of_all, play_command
 
 
 def run(job: Job, files: Files) -> None:
@@ -68,10 +67,11 @@ def _answer(job: Job, files: Files, motion: Motion) -> Iterator[str]:
     if most is not None:
         kind, who, share = most
         yield f"nearest to a limit: {who} uses {100 * share:.0f} % of its {kind}"
-    if not job.is_lab:
-        motion_file = shlex.quote(str(files.output("motion")))
+    first = first_of_all(job.context, job.trial)
+    if first is not None:
+        yield f"{first}; then throw again"
+    elif not job.is_lab:
         yield f"throw it: {play_command(job.context, job.trial)}"
-        yield f"without a driver: strandcast export motion {motion_file} --as ros --out FILE"
 
 
 def first_motion(context: Context, arm: Arm) -> Motion:

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
+from strandcast.arm.load import load_arm
 from strandcast.records.listing import file_exists
 from strandcast.stages import CALLED_BY_NAME, files
 from strandcast.stages.context import Context
@@ -79,10 +80,22 @@ def capture_command(context: Context, trial: int) -> str:
 
 
 def play_command(context: Context, trial: int) -> str:
-    """Return the command that throws a planned motion, on the arm or in the lab."""
+    """Return the command that throws a planned motion; exports it, if the arm has no driver."""
     if context.settings.lab is not None:
         return Step(lab_throw(context), trial).command(context.name)
     folder = context.folder.trial(trial)
     motion, arm = folder.results / "motion.json", context.arm_file
+    if load_arm(arm).driver is None:
+        return f"strandcast export motion {shlex.quote(str(motion))} --as ros --out FILE"
     options = [str(motion), "--arm", str(arm), "--out", str(folder.data)]
     return shlex.join(["strandcast", "play", *options])
+
+
+def first_of_all(context: Context, trial: int) -> str | None:
+    """Return what the trials before this one say must be done before it is thrown; None: nothing."""
+    from strandcast.report import causes, results  # heavy: not for every status
+
+    before = [each for each in context.counted(context.folder.recorded_trials()) if each < trial]
+    if not before:
+        return None
+    return causes.first_of_all(results.read_results(context.folder.trial(max(before)).results))

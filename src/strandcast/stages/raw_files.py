@@ -14,8 +14,9 @@ def missing_file(context: Context, path: Path) -> StrandcastError:
     """Return the problem of a raw file that is not there, with the setting that names it if there is one."""
     camera, name = context.settings.camera, shlex.quote(context.name)
     photos = (
-        f"take 10 photos of it (strandcast boards {name} prints it), all over the picture; motion capture "
-        "needs none (strandcast import track)"
+        "if it is there under another name, rename it or set camera.lens_photos; otherwise take 10 photos of "
+        f"it (strandcast boards {name} prints it), all over the picture; motion capture needs none "
+        "(strandcast import track)"
     )
     named = (
         (camera.lens_photos, "SC-C030", "camera.lens_photos", "photo or video of the lens board", photos),

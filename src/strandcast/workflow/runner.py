@@ -14,8 +14,10 @@ from strandcast.records.folders import ExperimentFolder, is_project, trial_folde
 from strandcast.records.known_hashes import remembered
 from strandcast.records.summary import ExperimentSummary, TrialSummary
 from strandcast.report.campaign import CampaignTally
+from strandcast.report.expected import expected_miss
+from strandcast.report.first_screen import readable_motion
 from strandcast.stages.context import context_of
-from strandcast.stages.producers import recording_advice
+from strandcast.stages.producers import first_of_all, recording_advice
 from strandcast.stages.run import run_stage
 from strandcast.workflow.campaign import write_campaign
 from strandcast.workflow.check import runnable, unlogged_trials
@@ -216,7 +218,7 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
             lines += _fitted(page.parent / trial_name(trial.trial), trial)
             continue
         verdict = {True: "HIT ", False: "miss", None: "UNKNOWN:"}[trial.hit]
-        near = "tip not tracked"
+        near = "(the tip was not tracked to the target)"
         if trial.miss_m is not None:
             sigma = "" if trial.miss_sigma_m is None else f" ± {1000 * trial.miss_sigma_m:.1f}"
             near = f"{1000 * trial.miss_m:.1f}{sigma} mm from the target"
@@ -229,9 +231,15 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
     if summary.next_motion_sha256 is not None:
         number = summary.trials[-1].trial + 1 if summary.trials else 1
         following = ExperimentFolder(root, summary.experiment).trial(number)
-        step = str(following.results / "motion.json")
+        context = context_of(root, summary.experiment)
+        motion = following.results / "motion.json"
+        expected = expected_miss(readable_motion(motion))
+        step = str(motion) if expected is None else f"{motion}, {expected.likely()}"
+        first = first_of_all(context, number)
         if following.raw_files():  # it was thrown
-            step = recording_advice(context_of(root, summary.experiment), number)
+            step = recording_advice(context, number)
+        elif first is not None:
+            step = f"{first}; then throw again"
         lines.append(f"  next:   {step}")
     lines.append(f"  report: {page}")
     return [*lines, *(f"  film:   {film}" for film in films(root, summary.experiment))]

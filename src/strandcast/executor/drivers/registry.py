@@ -19,9 +19,17 @@ DRIVERS: Registry[Callable[[Arm, Motion], Driver]] = Registry(
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def driver_named(name: str, arm: Arm, motion: Motion) -> Driver:
+def driver_of(arm: Arm, motion: Motion) -> Driver:
     """Return the driver that an arm's file names, for a motion (SC-W021: there is none)."""
-    return DRIVERS.get(name, arm.path)(arm, motion)
+    if arm.driver is None:
+        raise StrandcastError(
+            "SC-W021",
+            "the arm has no driver",
+            file=arm.path,
+            field="driver.name",
+            fix="strandcast export motion writes the motion as a file for its own software",
+        )
+    return DRIVERS.get(arm.driver, arm.path)(arm, motion)
 
 
 def driver_settings(model: type[Model], arm: Arm, fix: str) -> Model:

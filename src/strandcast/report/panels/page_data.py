@@ -7,7 +7,7 @@ from typing import Any
 
 from strandcast.records.motion import Motion
 from strandcast.records.summary import ExperimentSummary
-from strandcast.report.causes import caveat, probable_causes
+from strandcast.report.causes import caveat
 from strandcast.report.facts import Facts
 from strandcast.report.results import TrialResults
 
@@ -34,7 +34,7 @@ class TrialPageData:
     @property
     def caveat(self) -> str | None:
         """Return what to say of all that follows from this throw if it has a fault."""
-        return caveat(probable_causes(self.results))
+        return caveat(self.results)
 
     def need(self, name: str) -> Any:
         """Return a result of the trial, or raise the problem that kept it from being read."""
@@ -70,7 +70,7 @@ class ExperimentPageData:
     @property
     def caveat(self) -> str | None:
         """Return what to say of the next motion if the last trial that counts has a fault."""
-        return None if self.last_counted is None else caveat(probable_causes(self.last_counted))
+        return None if self.last_counted is None else caveat(self.last_counted)
 
     @property
     def last_counted(self) -> TrialResults | None:
