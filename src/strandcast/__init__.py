@@ -33,4 +33,4 @@ def open(root: str | Path = ".") -> Project:
     """Return a project by its folder, the one that holds data/ and results/; see docs/reference/api.md."""
     from strandcast.api import Project  # heavy too
 
-    return Project(Path(root))
+    return Project(root)

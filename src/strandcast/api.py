@@ -48,7 +48,8 @@ class Project:
         SC-W001 the folder holds none of data/, results/ and config/; SC-F001 there is no such experiment.
     """
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: str | Path) -> None:
+        root = Path(root)
         if not any((root / name).is_dir() for name in ("data", "results", "config")):
             what = "is no project: it holds none of data/, results/ and config/"
             raise StrandcastError("SC-W001", what, file=root, fix="give the folder that holds data/")

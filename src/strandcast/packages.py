@@ -45,7 +45,6 @@ def _opencv(cv2: Any) -> None:
 
 PROBES: dict[str, Probe] = {
     "av": Probe("av", lambda av: av.VideoFrame(16, 16, "gray").to_ndarray()),
-    "cma": Probe("cma", lambda cma: cma.CMAEvolutionStrategy([0.0, 0.0], 1.0, {"verbose": -9}).ask()),
     "filelock": Probe("filelock", lambda filelock: filelock.FileLock("unused")),
     "jinja2": Probe("jinja2", lambda jinja2: jinja2.Template("{{ 1 }}").render()),
     "matplotlib": Probe("matplotlib.figure", lambda figure: figure.Figure().savefig(io.BytesIO())),

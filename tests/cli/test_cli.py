@@ -224,7 +224,7 @@ def test_a_stage_imports_only_what_it_needs():
         "align": {"cv2", "pandas", "matplotlib", "av"},
         "estimate": {"cv2", "pandas", "av", "skimage"},
         "plan": {"cv2", "pandas", "av", "skimage"},
-        "report": {"pandas", "av", "cma", "skimage"},
+        "report": {"pandas", "av", "skimage"},
     }
     first, then = list(forbidden)[:3], list(forbidden)[3:]
     order = ["+numpy", "+pydantic", "+pyarrow", *first, "+numba", "+scipy.optimize", *then]

@@ -11,7 +11,6 @@ from strandcast import __version__
 # same bytes however it is run.
 LIBRARIES = (
     "av",
-    "cma",
     "mujoco-core",
     "numba",
     "numpy",

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from gymnasium import spaces
 
-from strandcast.core.cma_es import cma_es
+from strandcast_studies.benchmarks.agents.cma_es import cma_es
 from strandcast_studies.benchmarks.agents.env import REFUSED_M, Observation
 
 # Chosen, not tuned. CMA-ES begins at the best of a share of random throws.
