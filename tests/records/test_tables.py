@@ -76,17 +76,17 @@ def test_units_facts_and_text_columns(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads, on Linux")
-def test_reading_a_table_starts_no_threads(tmp_path):
+def test_reading_a_table_starts_no_threads_and_loads_no_pandas(tmp_path):
     write_table(tmp_path / "hand.parquet", HAND, hand_columns())
     script = """if True:
         import os, sys
-        from strandcast.records.tables import read_parquet
+        from strandcast.records.tables import arrow_sha256, read_parquet
         before = len(os.listdir("/proc/self/task"))
-        read_parquet(sys.argv[1])
-        print(len(os.listdir("/proc/self/task")) - before)
+        arrow_sha256(read_parquet(sys.argv[1]))
+        print(len(os.listdir("/proc/self/task")) - before, "pandas" in sys.modules)
     """
     line = [sys.executable, "-c", script, str(tmp_path / "hand.parquet")]
-    assert subprocess.run(line, capture_output=True, text=True, check=True).stdout == "0\n"
+    assert subprocess.run(line, capture_output=True, text=True, check=True).stdout == "0 False\n"
 
 
 def test_same_columns_same_bytes(tmp_path):

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
 
 from strandcast.config.estimate import EstimateSettings, Ranges
 from strandcast.core.strings import (
@@ -127,6 +126,8 @@ def prior_exponents(
     In space all ranges are plausible; turns are near zero.
     """
     if not space.in_plane:
+        from scipy.stats import qmc  # takes half a second: only for a search that needs it
+
         drawn = space.without_turns(qmc.LatinHypercube(space.dimension, rng=rng).random(count))
         return np.asarray(np.clip(drawn + scatter * rng.standard_normal(drawn.shape), 0.0, 1.0))
     stiff = space.layout.stiff

@@ -170,7 +170,10 @@ def scattered(shape: tuple[int, ...], at: Any, values: Any, fill: float = np.nan
 def _to_numpy(column: pa.ChunkedArray) -> np.ndarray:
     if pa.types.is_string(column.type):
         return np.array(column.to_pylist(), dtype=object)
-    return np.asarray(column.combine_chunks().to_numpy(zero_copy_only=False))
+    array = column.combine_chunks()
+    if array.null_count or pa.types.is_boolean(array.type):
+        return np.asarray(array.to_numpy(zero_copy_only=False))
+    return np.from_dlpack(array)  # to_numpy would load pandas, which takes a second
 
 
 def read_parquet(path: str | Path) -> pa.Table:

@@ -10,7 +10,6 @@ from PIL import Image
 from strandcast.camera.distortion import FISHEYE
 from strandcast.camera.lens import calibrate_lens, calibrate_lens_video
 from strandcast.camera.lens_file import read_lens
-from strandcast.camera.picture import camera_picture
 from strandcast.camera.plane import (
     PlaneGeometry,
     board_markers,
@@ -42,6 +41,8 @@ UNROTATED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIEN
 
 def run(job: Job, files: Files) -> None:
     """Write the camera's picture and record."""
+    from strandcast.camera.picture import camera_picture  # heavy: others read photos with this module
+
     warn_of_former(job.context)
     fit = _by_tracker if job.context.settings.camera.scale == "tracker" else _by_markers
     camera, picture = fit(job.context, files)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from strandcast.config.experiment import Experiment
 from strandcast.config.find import find_arm, find_experiment
 from strandcast.config.load import load_experiment
+from strandcast.core.strings import PARAMETERS, SPATIAL_RANGES
 from strandcast.errors import StrandcastError
 from strandcast.records.folders import ExperimentFolder
 from strandcast.records.manifest import Manifest
@@ -77,6 +78,21 @@ def refuse_other_target(context: Context, in_space: bool) -> None:
             fix="give the target x, y and z in space, x and y in a plane; or leave it out: then captures are "
             "fitted and predicted, and nothing is planned",
         )
+
+
+def refuse_settings_of_others(context: Context, *, in_space: bool) -> None:
+    """Refuse what only filmed throws have for a string in space, and ranges of other parameters (SC-E008)."""
+    settings, known = context.settings.estimate, tuple(SPATIAL_RANGES if in_space else PARAMETERS)
+    ranges = settings.ranges if isinstance(settings.ranges, dict) else {}
+    wrong = {
+        "method": in_space and context.settings.method is not None,
+        "estimate.camera_offset_sd_m": in_space and settings.camera_offset_sd_m is not None,
+        "estimate.ranges": not set(ranges) <= set(known),
+    }
+    for field in [field for field, is_wrong in wrong.items() if is_wrong]:
+        what = f"{field} does not apply to a string in {'space' if in_space else 'the plane'}"
+        fix = f"give ranges of {', '.join(known)}" if field == "estimate.ranges" else "leave it out"
+        raise StrandcastError("SC-E008", what, file=context.file, field=field, fix=fix)
 
 
 def aimed_at(context: Context, manifest: Manifest) -> NDArray[np.float64] | None:

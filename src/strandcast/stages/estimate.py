@@ -7,7 +7,7 @@ import numpy as np
 
 from strandcast.arm.load import load_arm
 from strandcast.config.estimate import EstimateSettings
-from strandcast.core.strings import PARAMETERS, SPATIAL_RANGES, StringBatch
+from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
@@ -21,7 +21,7 @@ from strandcast.records.motion import Motion
 from strandcast.records.tables import read_arrow, read_facts, write_table
 from strandcast.records.track import TRACK, UNSURE, TrackSummary, is_in_space
 from strandcast.seeds import rng
-from strandcast.stages.context import Context
+from strandcast.stages.context import refuse_settings_of_others
 from strandcast.stages.estimate_record import ensemble_table, estimate_record, points_table, servo_record
 from strandcast.stages.files import past, recent
 from strandcast.stages.job import Files, Job
@@ -97,21 +97,6 @@ def run(job: Job, files: Files) -> None:
     write_table(files.output("ensemble"), ENSEMBLE, members, facts)
     write_table(files.output("simulated"), SIMULATED, points_table(paths, fit, trials[-1].track))
     record.write(files.output("estimate"))
-
-
-def refuse_settings_of_others(context: Context, *, in_space: bool) -> None:
-    """Refuse what only filmed throws have for a string in space, and ranges of other parameters (SC-E008)."""
-    settings, known = context.settings.estimate, tuple(SPATIAL_RANGES if in_space else PARAMETERS)
-    ranges = settings.ranges if isinstance(settings.ranges, dict) else {}
-    wrong = {
-        "method": in_space and context.settings.method is not None,
-        "estimate.camera_offset_sd_m": in_space and settings.camera_offset_sd_m is not None,
-        "estimate.ranges": not set(ranges) <= set(known),
-    }
-    for field in [field for field, is_wrong in wrong.items() if is_wrong]:
-        what = f"{field} does not apply to a string in {'space' if in_space else 'the plane'}"
-        fix = f"give ranges of {', '.join(known)}" if field == "estimate.ranges" else "leave it out"
-        raise StrandcastError("SC-E008", what, file=context.file, field=field, fix=fix)
 
 
 def _in_space(files: Files, trials: list[TrialInSpace]) -> _Fitted:

@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from strandcast.arm.load import load_arm
 from strandcast.records.listing import file_exists
 from strandcast.stages import CALLED_BY_NAME, files
 from strandcast.stages.context import Context
@@ -83,6 +82,8 @@ def play_command(context: Context, trial: int) -> str:
     """Return the command that throws a planned motion; exports it, if the arm has no driver."""
     if context.settings.lab is not None:
         return Step(lab_throw(context), trial).command(context.name)
+    from strandcast.arm.load import load_arm  # heavy: not for every status
+
     folder = context.folder.trial(trial)
     motion, arm = folder.results / "motion.json", context.arm_file
     if load_arm(arm).driver is None:
@@ -93,7 +94,7 @@ def play_command(context: Context, trial: int) -> str:
 
 def first_of_all(context: Context, trial: int) -> str | None:
     """Return what the trials before this one say must be done before it is thrown; None: nothing."""
-    from strandcast.report import causes, results  # heavy: not for every status
+    from strandcast.report import causes, results  # heavy too
 
     before = [each for each in context.counted(context.folder.recorded_trials()) if each < trial]
     if not before:

@@ -12,7 +12,7 @@ from strandcast.errors import StrandcastError, StrandcastErrors, single
 from strandcast.records.folders import TrialFolder, video_suffixes
 from strandcast.records.verified import READERS
 from strandcast.stages import files
-from strandcast.stages.context import Context, context_of, free_length_m
+from strandcast.stages.context import Context, context_of, free_length_m, refuse_settings_of_others
 from strandcast.stages.job import Job
 from strandcast.stages.producers import capture_command
 from strandcast.stages.raw_files import missing_file
@@ -177,7 +177,6 @@ def _as_captured(context: Context, track: Path) -> str:
     from strandcast.estimation.cable_space import POINTS
     from strandcast.records.tables import read_arrow
     from strandcast.records.track import TRACK, is_in_space
-    from strandcast.stages.estimate import refuse_settings_of_others
 
     string = context.settings.string
     in_space = is_in_space(read_arrow(track, TRACK).column_names)
@@ -190,7 +189,6 @@ def _as_captured(context: Context, track: Path) -> str:
 def _check_string(context: Context) -> None:
     """Check the lab's string, and the settings of a throw in space before it is thrown."""
     from strandcast.lab.strings import physical_string
-    from strandcast.stages.estimate import refuse_settings_of_others
 
     refuse_settings_of_others(context, in_space=context.settings.aims_in_space)
     if context.settings.lab is not None:

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import qmc
 
 from strandcast.estimation.descent import GaussNewtonModel, apart, descend, descent_batch
 from strandcast.estimation.fit_objective import EvaluationLog
@@ -21,6 +20,8 @@ def search_screened(problem: SearchProblem, log: EvaluationLog) -> bool:
     With dry friction, a string without is fitted before, and one more descent starts from it: two unknowns
     more make the search miss what it finds without them.
     """
+    from scipy.stats import qmc  # takes half a second: only for a search that needs it
+
     objective, space = problem.objective, problem.objective.space
     # Turns and curls start near zero, where clamps and cables are made to be.
     draw = space.without_turns(qmc.Sobol(space.dimension, rng=problem.rng).random(SCREENED))
