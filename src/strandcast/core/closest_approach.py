@@ -6,6 +6,7 @@ import numpy as np
 
 GAP_STEPS = 2.5  # a step of more than this many usual ones is a gap: one lost frame is bridged, two are not
 GAP_SAMPLES = 50  # of the path across a gap; chosen, not sensitive
+NEVER_TRACKED = "the tip was not tracked in two neighbouring frames of the throw"
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ def closest_approach(
     Parameters
     ----------
     time_s, tip_m
-        (F,) rising, (F, 2 or 3): the tracked samples within the window, at least two.
+        (F,) rising, (F, 2 or 3): the tracked samples within the window.
     target_m
         (2,), or (3,) in space, or (2, 2): both ends of a bar.
     usual_step_s
@@ -47,6 +48,8 @@ def closest_approach(
     answer where the path could have been closest there, that is, where the best tracked place is at the edge
     of a gap, or a cubic through both edges comes nearer.
     """
+    if len(tip_m) < 2:
+        return None, NEVER_TRACKED
     away_m = np.linalg.norm(tip_m - nearest_of_bar(tip_m, np.atleast_2d(target_m)), axis=1)
     clear = int(np.argmax(away_m > touch_m))
     if away_m[clear] <= touch_m or clear == len(tip_m) - 1:
@@ -59,7 +62,7 @@ def closest_approach(
     gaps = np.diff(time_s) > GAP_STEPS * usual_step_s
     distance = np.where(gaps, np.inf, [found.distance_m for found in approaches])
     if not np.isfinite(distance).any():
-        return None, "the tip was not tracked in two neighbouring frames of the throw"
+        return None, NEVER_TRACKED
     best = approaches[int(np.argmin(distance))]
     sample = best.index + round(best.share) if best.share in (0.0, 1.0) else None
     for gap in np.flatnonzero(gaps):
