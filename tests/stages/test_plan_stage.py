@@ -37,7 +37,7 @@ from strandcast.report.expected import expected_miss
 from strandcast.stages.context import context_of
 from strandcast.stages.past_trials import read_trial
 from strandcast.stages.plan_inputs import first_inputs, measured_of, rehearsal_of
-from strandcast.stages.producers import first_of_all, play_command
+from strandcast.stages.producers import play_command, to_correct_first
 from strandcast.stages.rig import rig_state
 from strandcast.stages.run import files_of, run_stage
 from strandcast.workflow.verify import verify
@@ -109,12 +109,14 @@ def test_a_fault_of_the_throw_before_is_said_instead_of_the_command_that_plays(
 ) -> None:
     write(root, "faulty", "target_m: [0.5, 0.5]\n" + SMALL)
     context, seen = context_of(root, "faulty"), []
-    assert first_of_all(context, 1) is None
+    assert to_correct_first(context, 1) is None
     thrown = context.folder.trial(1).data
     thrown.mkdir(parents=True)
     (thrown / "video.mp4").write_bytes(b"")
-    monkeypatch.setattr(causes, "first_of_all", lambda found: seen.append(found.folder) or "first correct it")
-    assert first_of_all(context, 2) == "first correct it"
+    monkeypatch.setattr(
+        causes, "to_correct_first", lambda found: seen.append(found.folder) or "first correct it"
+    )
+    assert to_correct_first(context, 2) == "first correct it"
     assert seen == [context.folder.trial(1).results]
 
 

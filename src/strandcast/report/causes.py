@@ -64,7 +64,7 @@ def probable_causes(results: TrialResults) -> list[Cause]:
     return found
 
 
-def first_of_all(results: TrialResults) -> str | None:
+def to_correct_first(results: TrialResults) -> str | None:
     """Return what must be done before anything that follows from a throw is used; None: nothing."""
     causes = probable_causes(results)
     return f"first {', then '.join(cause.first for cause in causes)}" if causes else None
@@ -72,7 +72,7 @@ def first_of_all(results: TrialResults) -> str | None:
 
 def caveat(results: TrialResults) -> str | None:
     """Return the words for all that was computed from a throw with faults; None for a throw without."""
-    first = first_of_all(results)
+    first = to_correct_first(results)
     return None if first is None else f"after the named fault: not to be trusted; {first}"
 
 

@@ -8,7 +8,7 @@ from strandcast.errors import StrandcastError
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.verdict import Verdict
-from strandcast.report.causes import first_of_all
+from strandcast.report.causes import to_correct_first
 from strandcast.report.checks import FAIL, NOT_RUN, NUMBERS, OF_A_CAPTURE, WARN, CheckResult
 from strandcast.report.expected import expected_miss
 from strandcast.report.measures import best_guess_m, fit_window
@@ -135,7 +135,7 @@ def next_step(
         return None
     if thrown is not None:
         return NextStep(f"trial {thrown} was thrown after this one.")
-    first = first_of_all(results)
+    first = to_correct_first(results)
     if first is not None:
         return NextStep(f"{first}; then throw again.")
     verdict: Verdict | None = results.get("verdict")

@@ -32,7 +32,7 @@ from strandcast.stages.plan_inputs import (
     refuse_without_target,
     rehearsal_of,
 )
-from strandcast.stages.producers import first_of_all, play_command
+from strandcast.stages.producers import play_command, to_correct_first
 
 
 def run(job: Job, files: Files) -> None:
@@ -67,7 +67,7 @@ def _answer(job: Job, files: Files, motion: Motion) -> Iterator[str]:
     if most is not None:
         kind, who, share = most
         yield f"nearest to a limit: {who} uses {100 * share:.0f} % of its {kind}"
-    first = first_of_all(job.context, job.trial)
+    first = to_correct_first(job.context, job.trial)
     if first is not None:
         yield f"{first}; then throw again"
     elif not job.is_lab:

@@ -92,11 +92,11 @@ def play_command(context: Context, trial: int) -> str:
     return shlex.join(["strandcast", "play", *options])
 
 
-def first_of_all(context: Context, trial: int) -> str | None:
+def to_correct_first(context: Context, trial: int) -> str | None:
     """Return what the trials before this one say must be done before it is thrown; None: nothing."""
     from strandcast.report import causes, results  # heavy too
 
     before = [each for each in context.counted(context.folder.recorded_trials()) if each < trial]
     if not before:
         return None
-    return causes.first_of_all(results.read_results(context.folder.trial(max(before)).results))
+    return causes.to_correct_first(results.read_results(context.folder.trial(max(before)).results))

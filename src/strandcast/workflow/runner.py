@@ -17,7 +17,7 @@ from strandcast.report.campaign import CampaignTally
 from strandcast.report.expected import expected_miss
 from strandcast.report.first_screen import readable_motion
 from strandcast.stages.context import context_of
-from strandcast.stages.producers import first_of_all, recording_advice
+from strandcast.stages.producers import recording_advice, to_correct_first
 from strandcast.stages.run import run_stage
 from strandcast.workflow.campaign import write_campaign
 from strandcast.workflow.check import runnable, unlogged_trials
@@ -235,7 +235,7 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
         motion = following.results / "motion.json"
         expected = expected_miss(readable_motion(motion))
         step = str(motion) if expected is None else f"{motion}, {expected.likely()}"
-        first = first_of_all(context, number)
+        first = to_correct_first(context, number)
         if following.raw_files():  # it was thrown
             step = recording_advice(context, number)
         elif first is not None:

@@ -15,7 +15,7 @@ from strandcast.records.lineage import relative_to
 from strandcast.records.record import read_json
 from strandcast.records.verdict import Verdict
 from strandcast.stages.context import Context, context_of
-from strandcast.stages.producers import Step, first_of_all, play_command, recording_advice, steps_of
+from strandcast.stages.producers import Step, play_command, recording_advice, steps_of, to_correct_first
 from strandcast.workflow.locks import living_owner
 from strandcast.workflow.pending import StepState, tasks_of
 from strandcast.workflow.verify import Finding, verify
@@ -247,7 +247,7 @@ def _next_steps(context: Context, trials: list[TrialStatus], damaged: list[Findi
     if context.settings.lab is None and not filmless:
         motion = context.folder.trial(following).results / "motion.json"
         if motion.is_file() and not context.folder.trial(following).raw_files():
-            first = first_of_all(context, following)
+            first = to_correct_first(context, following)
             yield play_command(context, following) if first is None else f"# {first}; then throw again"
             return
     if not unmade and not filmless:
