@@ -5,11 +5,13 @@ import shutil
 from html import unescape
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from strandcast.core.trial_names import trial_name
-from strandcast.records.estimate import CARRIED, HANGING, UNDER_PREVIOUS, Estimate, HeldOutError
+from strandcast.records.estimate import CARRIED, HANGING, SIMULATED, UNDER_PREVIOUS, Estimate, HeldOutError
 from strandcast.records.summary import ExperimentSummary
+from strandcast.records.tables import read_table, write_table
 from strandcast.report.campaign import Campaign, CampaignExperiment
 from strandcast.report.campaign_page import campaign_page
 from strandcast.report.experiment_page import experiment_page
@@ -37,6 +39,9 @@ def captured(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         without_target("swing", trial, 0.02).write(folder / "verdict.json")
         held_out = [HeldOutError(what=UNDER_PREVIOUS, E_m=0.0123)] if trial == 2 else []
         held_out += [HeldOutError(what=HANGING, E_m=0.0871), HeldOutError(what=CARRIED, E_m=0.0642)]
+        columns = dict(read_table(folder / "simulated.parquet", SIMULATED))
+        columns["source"] = np.where(columns["source"] == "planned", "predicted", columns["source"])
+        write_table(folder / "simulated.parquet", SIMULATED, columns)
         fitted = Estimate.read(folder / "estimate.json")
         fitted.model_copy(update={"held_out": held_out, "E_planned_m": None}).write(folder / "estimate.json")
     return root
@@ -68,6 +73,8 @@ def false_words(page: str) -> list[str]:
 def test_a_captures_page_shows_fit_and_prediction_and_no_false_word(captured: Path) -> None:
     page = trial_page(captured / "trial-02", trial=2, experiment="swing", previous=captured / "trial-01")
     text = words_of(page)
+    assert "could not be made" not in text
+    assert "predicted by the fit before" in text
     assert "could not be made" not in page
     assert "NO TARGET" in text
     assert "UNKNOWN" not in text

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from strandcast.records.estimate import RigOffsets
+from strandcast.records.manifest import Manifest
 from strandcast.records.record import RigFault
 from strandcast.report.causes import caveat, probable_causes, slip_in_clamp
 from strandcast.report.checks import WARN, run_checks
@@ -231,6 +232,19 @@ def test_a_miss_near_the_hit_radius_gets_a_question_mark(good, beyond_m, word):
     fields = {"miss_m": radius_m + beyond_m, "miss_sigma_m": 0.002, "hit": beyond_m < 0}
     near = with_record(good, "verdict", **fields)
     assert verdict_badge(near.get("verdict"), None, uncertain=uncertain_verdict(near)).word == word
+
+
+def test_a_plan_is_not_taken_for_what_was_played(results, tmp_path):
+    """The log names no motion: the plan that lies in the folder may be another one."""
+    folder = Path(shutil.copytree(results, tmp_path / "swing")) / "trial-03"
+    manifest = Manifest.read(folder / "manifest.json")
+    assert read_results(folder).get("motion") is not None
+    manifest.model_copy(update={"motion_sha256": None}).write(folder / "manifest.json")
+    found = read_results(folder)
+    assert (found.get("motion"), found.get("predicted"), found.unread()) == (None, None, {})
+    words = trial_page(folder, trial=3, experiment="swing")
+    assert "nothing was predicted" in words
+    assert "predicted range" not in words
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -87,6 +87,12 @@ def test_a_plan_says_what_it_expects_and_how_to_throw_it(
     again = {each.file.parent.name for each in verify(root, "hopeless")}
     assert again == {"trial-01"}
     assert len(kept_motions(ExperimentFolder(root, "hopeless"), 1)) == 2
+    shutil.move(root / ARM, root / "moved.toml")
+    missing = [each for each in verify(root, "hopeless") if each.state == "missing"]
+    assert len(missing) == 1  # for the plan; a kept motion needs nothing
+    shutil.rmtree(root / "results/hopeless/trial-01")
+    assert verify(root, "hopeless") == []
+    shutil.move(root / "moved.toml", root / ARM)
     # Within one round of a search the best cost never rises.
     costs: dict[str, list[float]] = {}
     for what, cost in re.findall(r"plan: (search \d of \d, \d+ strings): .*best cost ([\d.]+) mm", said):

@@ -72,6 +72,8 @@ def test_coarse_time_stamps_give_the_exact_rate(tmp_path):
         (240, 120, Fraction(1, 600), "mov"),
         (Fraction(240_000, 1001), 600, Fraction(1, 600), "mov"),
         (400, 120, Fraction(1, 600), "mov"),
+        (500, 200, Fraction(1, 600), "mov"),  # one step of six is of two units: none is missing
+        (560, 200, Fraction(1, 600), "mov"),
         (240, 120, Fraction(1, 1000), "mkv"),
         (400, 120, Fraction(1, 1000), "mkv"),
         (750, 120, Fraction(1, 1000), "mkv"),

@@ -18,7 +18,7 @@ from strandcast.report.causes import (
 )
 from strandcast.report.measures import fitted_rows
 from strandcast.report.numbers import millimetres, milliseconds, percent
-from strandcast.report.results import FILES, OPTIONAL, TrialResults
+from strandcast.report.results import FILES, TrialResults
 from strandcast.report.rig_limits import MOST_DRIFT, MOST_LENS_RMS_PX, MOST_PLANE_RMS_PX
 from strandcast.report.text import warnings_of
 
@@ -68,7 +68,7 @@ def run_checks(results: TrialResults, next_motion: Path | None) -> list[CheckRes
 
 def _read(results: TrialResults) -> CheckResult:
     """Return whether all results could be read."""
-    needed = [name for name in FILES if name not in OPTIONAL | results.not_made() or name in results.pieces]
+    needed = [name for name in FILES if name not in results.not_made() or name in results.pieces]
     bad = [
         f"{results.file(name).removeprefix('../')}: {results.problems[name].what}"
         for name in needed
@@ -239,9 +239,14 @@ def _fit(results: TrialResults) -> CheckOutcome:
 
 
 def _points_counted(results: TrialResults) -> str:
-    """Return in words how many points of the frames of the fit were measured without a flag."""
+    """Return in words how many points of the frames of the fit were tracked without a flag, in a video."""
     track = results.get("track")
-    if track is None or results.get("alignment") is None or not (rows := fitted_rows(results)).any():
+    if (
+        track is None
+        or results.supplied()
+        or results.get("alignment") is None
+        or not (rows := fitted_rows(results)).any()
+    ):
         return ""
     points_m, flags = track.points_m[rows, 1:], track.flags[rows, 1:]
     sure = np.isfinite(points_m).all(axis=2) & (flags == 0)

@@ -81,6 +81,7 @@ FILES = {
 }
 
 
+ABSENT = "is not there"  # in the problem of a file that is missing
 OPTIONAL = {"motion", "predicted", "lab_truth"}  # results that a complete trial may lack
 
 
@@ -89,6 +90,7 @@ class TrialResults:
     """The results in one trial's folder, by the names of `FILES`."""
 
     folder: Path
+    excluded: bool = False  # also of a trial that is held out
     pieces: dict[str, Any] = field(default_factory=dict)  # results that could be read
     problems: dict[str, StrandcastError] = field(default_factory=dict)  # why the others could not
     made_by: dict[str, dict[str, str]] = field(default_factory=dict)  # versions of each record and table
@@ -130,14 +132,19 @@ class TrialResults:
         return track is not None and track.points_m.shape[2] == len(AXES)
 
     def not_made(self) -> set[str]:
-        """Return the results that a trial without video does not have."""
-        return {"manifest", "camera", "strobe", "clip"} if self.supplied() else set()
+        """Return the results that this trial may lack: those of a video, or all if it is excluded."""
+        if self.excluded:
+            return set(FILES)
+        return OPTIONAL | ({"manifest", "camera", "strobe", "clip"} if self.supplied() else set())
 
     def unread(self) -> dict[str, str]:
         """Return the results that should be there but could not be read, each with the reason."""
-        there = (name for name in self.problems if name not in self.not_made() or self.path(name).exists())
-        needed = (name for name in there if name not in OPTIONAL or self.path(name).exists())
-        return {FILES[name].removeprefix("../"): self.problems[name].what for name in needed}
+        absent = {name for name in self.not_made() & set(self.problems) if ABSENT in self.problems[name].what}
+        return {
+            FILES[name].removeprefix("../"): problem.what
+            for name, problem in self.problems.items()
+            if name not in absent
+        }
 
     def robot_time_s(self) -> Array:
         """Return the robot time (F,) of the track's frames."""
@@ -155,9 +162,9 @@ class TrialResults:
         return (time_s >= start_s) & (time_s <= end_s)
 
 
-def read_results(folder: Path) -> TrialResults:
+def read_results(folder: Path, *, excluded: bool = False) -> TrialResults:
     """Read all results of one trial; a missing or damaged file becomes a problem, never an exception."""
-    results = TrialResults(Path(folder))
+    results = TrialResults(Path(folder), excluded)
     readers: dict[str, Callable[[Path], Any]] = {
         "verdict": Verdict.read,
         "manifest": Manifest.read,
@@ -171,8 +178,8 @@ def read_results(folder: Path) -> TrialResults:
         "estimate": Estimate.read,
         "ensemble": lambda path: read_table(path, ENSEMBLE),
         "simulated": _read_simulated,
-        "motion": Motion.read,
-        "predicted": read_predicted,
+        "motion": lambda path: _of_what_was_played(results, Motion.read(path)),
+        "predicted": lambda path: _of_what_was_played(results, read_predicted(path)),
         "lab_truth": _read_lab_truth,
     }
     for name, read in readers.items():
@@ -184,6 +191,14 @@ def read_results(folder: Path) -> TrialResults:
             problem.file = results.file(name)  # the page must not depend on where the folder is
             results.problems[name] = problem
     return results
+
+
+def _of_what_was_played(results: TrialResults, planned: Any) -> Any:
+    """Return what was planned for a throw, unless it is not known what was played."""
+    manifest = results.get("manifest")
+    if manifest is not None and manifest.motion_sha256 is None:
+        raise StrandcastError("SC-R001", f"the motion that was played {ABSENT}")
+    return planned
 
 
 def _made_by(name: str, results: TrialResults) -> dict[str, dict[str, str]]:

@@ -46,12 +46,14 @@ def trial_page(
     before and after this one that have pages, too.
     """
     facts = facts or Facts()
-    results = read_results(folder)
+    excluded = facts.excluded.get(trial)
+    results = read_results(folder, excluded=excluded is not None)
     before = None if previous is None else read_results(previous)
     page = TrialPageData(results, before, next_motion, facts)
     causes = probable_causes(results)
     named = {cause.anchor for cause in causes}
-    lead, sections = without_lead(make_sections(panels_of("trial"), page, unfolded=named))
+    made = make_sections(panels_of("trial"), page, unfolded=named)
+    lead, sections = without_lead([each for each in made if excluded is None or not each.optional])
     checks = run_checks(results, next_motion)
     verdict, upcoming = results.get("verdict"), readable_motion(next_motion)
     groups = version_groups({folder.name: results})
@@ -61,14 +63,14 @@ def trial_page(
         experiment=experiment,
         trial=trial,
         title=facts.title,
-        excluded=facts.excluded.get(trial),
-        badge=verdict_badge(verdict, facts.excluded.get(trial), uncertain=uncertain_verdict(results)),
+        excluded=excluded,
+        badge=verdict_badge(verdict, excluded, uncertain=uncertain_verdict(results)),
         outcome=outcome(results),
         causes=causes,
         unread=results.unread(),
         figures=first_figures(results, upcoming),
         doubts=doubts({"": checks}),
-        next_step=next_step(results, upcoming, facts.play_command, neighbours[1]),
+        next_step=None if excluded else next_step(results, upcoming, facts.play_command, neighbours[1]),
         lead=lead,
         key_figures=_key_figures(results),
         sections=sections,
@@ -97,7 +99,7 @@ def _key_figures(results: TrialResults) -> list[KeyFigure]:
     figures = [
         KeyFigure(name, UNKNOWN if (record := results.get(source)) is None else text_of(record))
         for name, source, text_of in (KEY_FIGURES if results.aimed() else CAPTURE_FIGURES)
-        if source not in results.not_made()
+        if source in results.pieces or source not in results.not_made()
     ]
     if results.get("estimate") is not None:
         figures.append(KeyFigure("E and both distances are over", fit_window(results)))

@@ -8,16 +8,9 @@ from strandcast.stages import files
 from strandcast.stages.files import Scope, played_motions
 from strandcast.stages.job import Job, Role
 
-TRIAL_FILES = (
-    "track.parquet",
-    "track.json",
-    "alignment.json",
-    "hand.parquet",
-    "verdict.json",
-    "estimate.json",
-    "ensemble.parquet",
-    "simulated.parquet",
-)
+MEASURED_FILES = ("track.parquet", "track.json", "alignment.json", "hand.parquet", "verdict.json")
+FITTED_FILES = ("estimate.json", "ensemble.parquet", "simulated.parquet")
+TRIAL_FILES = (*MEASURED_FILES, *FITTED_FILES)
 BY_CAMERA = ("manifest.json", "strobe.webp", "clip.json")
 # Files that a page shows if they exist, also of excluded and supplied trials.
 MOTION_FILES = ("motion.json", "predicted.parquet")
@@ -25,11 +18,11 @@ ON_PAGE = (*TRIAL_FILES, *BY_CAMERA, *MOTION_FILES, "lab_truth.parquet")
 
 
 def shown(scope: Scope) -> Role:
-    """Return the role of the results that a page shows of trials that are not excluded."""
+    """Return the role of the results that a page shows of trials that are not excluded, or held out."""
 
     def found(job: Job) -> list[Path]:
-        trials = job.context.counted(scope(job))
-        paths = [path for number in trials for path in _shown_of(job, number)]
+        excluded = {each.trial for each in job.context.settings.excluded}
+        paths = [path for number in scope(job) if number not in excluded for path in _shown_of(job, number)]
         return list(dict.fromkeys(paths))
 
     return found
@@ -38,7 +31,8 @@ def shown(scope: Scope) -> Role:
 def _shown_of(job: Job, trial: int) -> list[Path]:
     context = job.context
     by_camera = not files.supplied(job, trial)
-    names = [*TRIAL_FILES, *(BY_CAMERA if by_camera else [])]
+    names = [*MEASURED_FILES, *(BY_CAMERA if by_camera else [])]
+    names += [] if trial in context.settings.held_out else FITTED_FILES
     names += ["lab_truth.parquet"] if job.is_lab else []
     names += MOTION_FILES if _is_played(job, trial) else []
     camera = files.cameras(job) if by_camera else []

@@ -32,7 +32,7 @@ from strandcast.stages.plan_inputs import (
     refuse_without_target,
     rehearsal_of,
 )
-from strandcast.stages.producers import play_command, to_correct_first
+from strandcast.stages.producers import play_command
 
 
 def run(job: Job, files: Files) -> None:
@@ -67,10 +67,11 @@ def _answer(job: Job, files: Files, motion: Motion) -> Iterator[str]:
     if most is not None:
         kind, who, share = most
         yield f"nearest to a limit: {who} uses {100 * share:.0f} % of its {kind}"
-    first = to_correct_first(job.context, job.trial)
-    if first is not None:
-        yield f"{first}; then throw again"
-    elif not job.is_lab:
+    if job.is_lab:
+        return
+    if past(job):  # their pages may name a fault, which is to be corrected before
+        yield f"what to do next: strandcast status {job.context.name}"
+    else:
         yield f"throw it: {play_command(job.context, job.trial)}"
 
 

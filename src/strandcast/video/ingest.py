@@ -163,15 +163,20 @@ def _even_clock(stamps: np.ndarray, base_s: float) -> _EvenClock | None:
     stamps are multiples of, rounded once more.
     """
     numbered = np.concatenate([[0], np.cumsum(_spans(stamps, _usual_step(stamps)))])
-    for (unit, again), frame in product(_units(stamps, base_s), (numbered, np.arange(len(stamps)))):
+    every = np.arange(len(stamps))
+    complete = np.array_equal(numbered, every)
+    for (unit, again), frame in product(_units(stamps, base_s), (every, numbered)):
         missing = frame[-1] + 1 - len(frame)
         if missing > MAX_MISSING * (frame[-1] + 1) or (np.diff(frame) == 0).any():
             continue
         fitted = float(np.polyfit(frame, stamps, 1)[0])
         step = _usual(fitted, SLOPE_SLACK * unit / frame[-1], base_s)
         off = 0.5 * min(np.ptp(stamps - each * frame) for each in (fitted, step))
-        if off < UNEVEN * step and frame is numbered:
+        if off < UNEVEN * step and (complete or frame is numbered):
             return None
+        # 500 frames/s in 1/600 s look like 600 of which every sixth is missing: a whole rate is likelier.
+        if frame is every and not complete and step == fitted:
+            continue
         # Steps of two lengths recur as rounding makes them; a single other one is a frame at another time.
         recurrences = len(stamps) * min(step % unit, -step % unit) / unit
         if off <= 0.55 * unit + again and recurrences >= LEAST_RECURRENCES:

@@ -33,11 +33,14 @@ def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
     """Return what is wrong with an experiment's files; with `raw`, videos and joint logs are hashed too."""
     folder = ExperimentFolder(root, experiment)
     trials = [folder.trial(number) for number in _numbers(folder)]
-    kept = sorted(folder.motions.glob("*"))
-    places = [folder.results, folder.results / "cameras", *kept, *(trial.results for trial in trials)]
+    places = [folder.results, folder.results / "cameras", *(trial.results for trial in trials)]
     lineages: list[Lineage] = []
     findings = [finding for place in places for finding in _verify_results(place, lineages)]
     findings += _missing(root, lineages)
+    # A kept motion stays what it is, whatever becomes of what it was planned from.
+    findings += [
+        finding for place in sorted(folder.motions.glob("*")) for finding in _verify_results(place, [])
+    ]
     rehearsal = TrialFolder(folder.rehearsal, folder.results / folder.rehearsal.name, 0)
     for trial in (rehearsal, *trials):
         findings += _verify_raw_records(trial)

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from strandcast.errors import StrandcastError
 from strandcast.report.drawing import Drawing, drawing, to_svg
-from strandcast.report.results import FILES, OPTIONAL
+from strandcast.report.results import ABSENT, FILES, OPTIONAL
 
 log = logging.getLogger(__name__)
 
@@ -91,7 +91,7 @@ def make_section(panel: Panel, page: Any) -> PageSection:
             shape = made.drawing
             markup = to_svg(shape, panel.name) if isinstance(shape, Drawing) else shape or Markup()
     except StrandcastError as problem:
-        optional = _optional_is_missing(problem)
+        optional = ABSENT in problem.what and _may_lack(page, Path(problem.file or "").name)
         if optional:
             problem.fix = (
                 "none needed: only this figure needs the file, everything else is complete without it"
@@ -104,9 +104,10 @@ def make_section(panel: Panel, page: Any) -> PageSection:
     return PageSection(panel, made, markup)
 
 
-def _optional_is_missing(problem: StrandcastError) -> bool:
-    name = Path(problem.file or "").name
-    return "is not there" in problem.what and name in {FILES[each] for each in OPTIONAL}
+def _may_lack(page: Any, file: str) -> bool:
+    """Return whether what a page shows is complete without a file."""
+    names = page.results.not_made() if hasattr(page, "results") else OPTIONAL
+    return file in {Path(FILES[name]).name for name in names}
 
 
 def make_sections(panels: list[Panel], page: Any, unfolded: Collection[str] = ()) -> list[PageSection]:

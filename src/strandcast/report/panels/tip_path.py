@@ -12,8 +12,12 @@ from strandcast.report.panels.content import PanelContent
 from strandcast.report.panels.page_data import TrialPageData
 
 LABEL_GAP = 0.05  # between labelled instants, as a fraction of the path's extent: labels do not overlap
-STYLES = {"planned": draw.PLANNED, "fitted": draw.FITTED}
-NAMES = {"planned": "simulated, as planned", "fitted": "simulated, fitted"}
+STYLES = {"planned": draw.PLANNED, "predicted": draw.PLANNED, "fitted": draw.FITTED}
+NAMES = {
+    "planned": "simulated, as planned",
+    "predicted": "predicted by the fit before",
+    "fitted": "simulated, fitted",
+}
 
 
 def tip_path(page: TrialPageData) -> PanelContent:
