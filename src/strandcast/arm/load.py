@@ -493,7 +493,7 @@ def _read_keys(path: Path, keys: type[FileKeys]) -> FileKeys:
                     problem["msg"] + _value(problem),
                     file=path,
                     field=".".join(map(str, problem["loc"])),
-                    fix="see config/arms/planar3.toml, which explains every key",
+                    fix="`strandcast docs reference/arm-file` explains every key",
                 )
                 for problem in error.errors()
             ]

@@ -364,7 +364,7 @@ def _check_single(far_m: np.ndarray, frame: np.ndarray, places_m: np.ndarray, fi
 def _wrong_size(file: Path, what: str) -> StrandcastError:
     fix = (
         "give metres from the clamp on, the origin at the arm's; "
-        "for a capture, check the markers' places, and length_unit in the file of --columns"
+        "for a capture, check the markers' places, and its unit: --length-unit, or length_unit in a mapping"
     )
     return refusal("SC-I027", file, "x_m, y_m", what, fix)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from strandcast.errors import INTEGRITY, StrandcastError
 from strandcast.records.joint_log import JointLog, Run, read_run
-from strandcast.records.manifest import LogFacts, Manifest, VideoFacts
+from strandcast.records.manifest import LogFacts, Manifest
 from strandcast.records.motion import Motion
 from strandcast.records.record import read_json
 from strandcast.stages.job import Files, Job
@@ -18,10 +18,11 @@ def run(job: Job, files: Files) -> None:
     path = job.folder.video()
     with unchanged(path):
         video = inspect_video(path, camera.frame_rate_hz, camera.missing_policy)
-    _refuse_video_of_another_trial(path, video, files.inputs("others"))
     record, planned = files.optional("run"), files.optional("motion")
     played_run, joint_log = read_run(record.parent) if record else (None, None)
     log = None if played_run is None or joint_log is None else _log_facts(played_run, joint_log)
+    hashes = {"video": video.sha256} | ({"joint_log": log.sha256} if log and not job.is_lab else {})
+    _refuse_files_of_another_trial(job, path, hashes, files.inputs("others"))
     check_recorded(path, video, played_run)
     check_cover(path, video, played_run)
     played = Motion.read(planned) if planned else None
@@ -45,18 +46,23 @@ def run(job: Job, files: Files) -> None:
     ).write(files.output("manifest"))
 
 
-def _refuse_video_of_another_trial(path: Path, video: VideoFacts, manifests: list[Path]) -> None:
+def _refuse_files_of_another_trial(
+    job: Job, video: Path, hashes: dict[str, str], manifests: list[Path]
+) -> None:
+    """Refuse a video or a joint log that another trial has, byte for byte, by the names of the manifest."""
     for other in manifests:
-        if read_json(other).get("video", {}).get("sha256") == video.sha256:
-            raise StrandcastError(
-                "SC-V023",
-                f"is the video of {other.parent.name}, byte for byte",
-                file=path,
-                cost="another throw would be tracked",
-                fix="copy this trial's own video from the camera; "
-                f"if the two were exchanged and are right now, delete {other}",
-                exit_code=INTEGRITY,
-            )
+        record = read_json(other)
+        for kind, sha256 in hashes.items():
+            if (record.get(kind) or {}).get("sha256") == sha256:
+                raise StrandcastError(
+                    "SC-V023",
+                    f"is the {kind.replace('_', ' ')} of {other.parent.name}, byte for byte",
+                    file=video if kind == "video" else job.folder.data / "joints.csv",
+                    cost="another throw would be tracked, or one throw counted twice",
+                    fix="copy this trial's own file; exclude or remove a trial that is there twice; "
+                    f"if the two were exchanged and are right now, delete {other}",
+                    exit_code=INTEGRITY,
+                )
 
 
 def _log_facts(run_record: Run, log: JointLog) -> LogFacts:
