@@ -10,8 +10,10 @@ from strandcast.config.paper import PaperSearch
 from strandcast.core.strings import DRAG_ALONG, PARAMETERS, REST_CURL, StringBatch
 from strandcast.dynamics.parameters import RANGES
 from strandcast.errors import StrandcastError
+from strandcast.estimation import cross_validation
 from strandcast.estimation.cross_validation import CHOSEN, REFITTED
 from strandcast.estimation.estimate import estimate_throws, without_model
+from strandcast.estimation.fit_objective import EvaluationLog
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.optimisers.registry import OPTIMISERS
 from strandcast.estimation.unknowns import space_of
@@ -70,6 +72,15 @@ def test_the_fit_reports_itself_correctly(fit):
     assert 1e-7 < fit.step_change_m < fit.E_m
     assert fit.convergence[0][-1] <= fit.evaluations
     assert fit.convergence[1][-1] == fit.member_values_m[0]
+
+
+def test_parts_are_held_out_only_if_their_fits_move(monkeypatch):
+    objective = objective_of([observed_throw(1.0)], QUICK)
+    log = EvaluationLog(objective.cost)
+    log(np.full((1, objective.space.dimension), 0.5))
+    assert np.isfinite(cross_validation.refitted(objective, log, 400).E_m)
+    monkeypatch.setattr(cross_validation, "descend", lambda own, model, now, most: now)
+    assert np.isnan(cross_validation.refitted(objective, log, 400).E_m)
 
 
 def test_drag_along_the_string_is_fitted_where_it_explains_the_throw_better():

@@ -30,7 +30,8 @@ def refitted(objective: FitObjective, log: EvaluationLog, evaluations: int) -> H
     """Leave each part out of the fit, and evaluate it under the string that is fitted without it.
 
     These fits start at the result of the whole one and share `evaluations`. After few steps they still depend
-    on the part that was left out, so that the error is too small. NaN if no step is affordable.
+    on the part that was left out, so that the error is too small. NaN if no step is affordable, or none of
+    the fits moves: then no part is held out.
     """
     best, ends = log.best()[0], []
     if evaluations // PARTS - 1 < len(best) + 1 + len(LADDER):
@@ -42,7 +43,8 @@ def refitted(objective: FitObjective, log: EvaluationLog, evaluations: int) -> H
         now = descent_batch(best[None], own(best[None]))
         ends.append(descend(own, GaussNewtonModel(fold), now, evaluations // PARTS - 1).chi[0])
         log.count += own.count
-    return HeldOutEvaluation(REFITTED, _mean(objective, parts, ends))
+    moved = any((end != best).any() for end in ends)
+    return HeldOutEvaluation(REFITTED, _mean(objective, parts, ends) if moved else float("nan"))
 
 
 def reselected(objective: FitObjective, log: EvaluationLog) -> HeldOutEvaluation:
