@@ -2,8 +2,6 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -19,8 +17,8 @@ def test_a_file_that_another_trial_has_is_refused(tmp_path: Path, kind: str, wor
     other = tmp_path / "trial-01" / "manifest.json"
     other.parent.mkdir()
     other.write_text(json.dumps({"video": {"sha256": "a"}, "joint_log": None} | {kind: {"sha256": "b"}}))
-    job: Any = SimpleNamespace(folder=SimpleNamespace(data=tmp_path))
-    mine = {"video": "c", "joint_log": "c"}
-    _refuse_files_of_another_trial(job, Path("film.mp4"), mine, [other])
+    own = {"video": (Path("film.mp4"), "c"), "joint_log": (Path("joints.csv"), "c")}
+    _refuse_files_of_another_trial(own, [other])
+    own[kind] = own[kind][0], "b"
     with pytest.raises(StrandcastError, match=f"SC-V023.*{words}"):
-        _refuse_files_of_another_trial(job, Path("film.mp4"), mine | {kind: "b"}, [other])
+        _refuse_files_of_another_trial(own, [other])

@@ -230,7 +230,7 @@ def _every_frame(track: Track) -> Track:
 
 def _read_picture(path: Path, lineage: Lineage | None) -> bytes:
     if not path.is_file():
-        raise StrandcastError("SC-W030", "the picture is missing", file=path, fix="track the trial again")
+        raise StrandcastError("SC-W030", f"the picture {ABSENT}", file=path, fix="track the trial again")
     check_picture(path, lineage)
     return path.read_bytes()
 

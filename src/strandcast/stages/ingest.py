@@ -21,8 +21,10 @@ def run(job: Job, files: Files) -> None:
     record, planned = files.optional("run"), files.optional("motion")
     played_run, joint_log = read_run(record.parent) if record else (None, None)
     log = None if played_run is None or joint_log is None else _log_facts(played_run, joint_log)
-    hashes = {"video": video.sha256} | ({"joint_log": log.sha256} if log and not job.is_lab else {})
-    _refuse_files_of_another_trial(job, path, hashes, files.inputs("others"))
+    own = {"video": (path, video.sha256)}
+    if record is not None and log is not None and not job.is_lab:
+        own["joint_log"] = record.with_name(log.file), log.sha256
+    _refuse_files_of_another_trial(own, files.inputs("others"))
     check_recorded(path, video, played_run)
     check_cover(path, video, played_run)
     played = Motion.read(planned) if planned else None
@@ -46,18 +48,16 @@ def run(job: Job, files: Files) -> None:
     ).write(files.output("manifest"))
 
 
-def _refuse_files_of_another_trial(
-    job: Job, video: Path, hashes: dict[str, str], manifests: list[Path]
-) -> None:
-    """Refuse a video or a joint log that another trial has, byte for byte, by the names of the manifest."""
+def _refuse_files_of_another_trial(own: dict[str, tuple[Path, str]], manifests: list[Path]) -> None:
+    """Refuse a video or a joint log that another trial has: each with its hash, by the manifest's name."""
     for other in manifests:
         record = read_json(other)
-        for kind, sha256 in hashes.items():
+        for kind, (path, sha256) in own.items():
             if (record.get(kind) or {}).get("sha256") == sha256:
                 raise StrandcastError(
                     "SC-V023",
                     f"is the {kind.replace('_', ' ')} of {other.parent.name}, byte for byte",
-                    file=video if kind == "video" else job.folder.data / "joints.csv",
+                    file=path,
                     cost="another throw would be tracked, or one throw counted twice",
                     fix="copy this trial's own file; exclude or remove a trial that is there twice; "
                     f"if the two were exchanged and are right now, delete {other}",
