@@ -171,9 +171,9 @@ def _to_numpy(column: pa.ChunkedArray) -> np.ndarray:
     if pa.types.is_string(column.type):
         return np.array(column.to_pylist(), dtype=object)
     array = column.combine_chunks()
-    if array.null_count or pa.types.is_boolean(array.type):
-        return np.asarray(array.to_numpy(zero_copy_only=False))
-    return np.from_dlpack(array)  # to_numpy would load pandas, which takes a second
+    if not array.null_count and (pa.types.is_integer(array.type) or pa.types.is_floating(array.type)):
+        return np.from_dlpack(array)  # to_numpy would load pandas, which takes a second
+    return np.asarray(array.to_numpy(zero_copy_only=False))
 
 
 def read_parquet(path: str | Path) -> pa.Table:
