@@ -51,7 +51,7 @@ RUN_BY = {  # the beginning of a command, and the test or script that runs it el
 }
 QUICK = """
 estimate: {evaluations: 100, ensemble: 2, profiles: false}
-plan: {screening: 16, evaluations: 16, ensemble: 1}
+plan: {screening: 64, evaluations: 240, ensemble: 1}
 """
 CAPTURE = """\
 import strandcast

@@ -342,6 +342,19 @@ def test_a_motion_unlikely_to_hit_gives_way_to_one_that_has_hit(
     assert "repeats trial 1's motion: no change was found likelier to hit" in said
 
 
+def test_a_motion_that_the_player_refuses_is_a_last_resort(
+    task: PlanningTask, first: PlannedMotion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stop on the way would take it out of the workspace."""
+    other = replace(first, curve=replace(first.curve, heights_rad_s=0.9 * first.curve.heights_rad_s))
+    refused = {id(first.curve)}
+    monkeypatch.setattr(plan_module, "stopped_outside_m", lambda _, curve: float(id(curve) in refused))
+    assert plan_module.likeliest(task, [lambda: first, lambda: other]).curve is other.curve
+    refused.add(id(other.curve))
+    monkeypatch.setattr(plan_module, "most_likely", lambda *_: 2.0)
+    assert plan_module.likeliest(task, [lambda: first, lambda: other]).curve is first.curve
+
+
 def test_a_motion_from_nothing_is_taken_where_those_near_the_trial_miss(
     task: PlanningTask,
     strings: StringBatch,

@@ -14,7 +14,7 @@ from strandcast.core.disturbances import TYPICAL_SIZES
 from strandcast.core.strings import StringBatch
 from strandcast.errors import StrandcastError
 from strandcast.planning.bezier import Curve
-from strandcast.planning.describe import PlannedMotion, describe, most_likely
+from strandcast.planning.describe import PlannedMotion, describe, most_likely, stopped_outside_m
 from strandcast.planning.global_search import search_globally
 from strandcast.planning.local_search import (
     Neighbourhood,
@@ -141,15 +141,22 @@ def plan_next(
 
 
 def likeliest(task: PlanningTask, candidates: Sequence[Candidate]) -> PlannedMotion:
-    """Return the candidate that is likeliest to hit; the rest is left out once it can add little to that."""
+    """Return the candidate that is likeliest to hit; the rest is left out once it can add little to that.
+
+    One that the player refuses, because a stop on the way would leave the workspace, is a last resort.
+    """
+
+    def rank(plan: PlannedMotion) -> tuple[bool, float]:
+        return stopped_outside_m(task, plan.curve) == 0.0, plan.hit_probability(task.hit_radius_m)
+
     plans: list[PlannedMotion] = []
     for number, candidate in enumerate(candidates, 1):
         plans.append(candidate())
-        likely = plans[-1].hit_probability(task.hit_radius_m)
+        stays, likely = rank(plans[-1])
         print_line(f"plan: motion {number}, {plans[-1].kind}: {100 * likely:.0f} % likely to hit")
-        if likely > most_likely(task, plans[-1]) - WORTH_A_SEARCH:
+        if stays and likely > most_likely(task, plans[-1]) - WORTH_A_SEARCH:
             break
-    best = max(plans, key=lambda plan: plan.hit_probability(task.hit_radius_m))
+    best = max(plans, key=rank)
     return replace(best, simulations=sum(plan.simulations for plan in plans))
 
 
