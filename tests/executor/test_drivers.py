@@ -8,7 +8,7 @@ import pytest
 
 from strandcast.arm.load import load_arm
 from strandcast.errors import StrandcastError
-from strandcast.executor.drivers.registry import driver_of
+from strandcast.executor.drivers.registry import driver_of_arm
 from strandcast.records.motion import Motion, Robot, StartPosture, points_of
 
 
@@ -32,7 +32,7 @@ def motion() -> Motion:
 def test_the_lab_provides_its_driver(project_root, monkeypatch, motion):
     monkeypatch.chdir(project_root)
     arm = load_arm("config/arms/planar3.toml").planar()
-    driver = driver_of(arm, motion)
+    driver = driver_of_arm(arm, motion)
     assert (driver.name, driver.rate_hz) == ("lab", 500)
 
 
@@ -41,14 +41,14 @@ def test_an_unknown_driver_is_reported_with_the_installed_ones(project_root, mot
     with pytest.raises(
         StrandcastError, match=r"there is no arm driver 'ur12'; available: franka, lab, ur"
     ) as caught:
-        driver_of(arm, motion)
+        driver_of_arm(arm, motion)
     assert caught.value.exit_code == 3
 
 
 def test_an_arm_without_a_driver_plays_nothing(project_root, motion):
     arm = dataclasses.replace(load_arm(project_root / "config/arms/planar3.toml").planar(), driver=None)
     with pytest.raises(StrandcastError, match=r"SC-W021.*the arm has no driver\n.*export motion"):
-        driver_of(arm, motion)
+        driver_of_arm(arm, motion)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_without_the_vendors_package_the_error_says_what_to_install(
 ):
     arm = load_arm(project_root / "config/arms" / file).planar()
     arm = dataclasses.replace(arm, driver_settings=arm.driver_settings | {"host": "192.0.2.7"})
-    driver = driver_of(arm, motion)
+    driver = driver_of_arm(arm, motion)
     assert (driver.name, driver.address, driver.streams) == (name, "192.0.2.7", True)
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(StrandcastError) as caught:

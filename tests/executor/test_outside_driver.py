@@ -8,7 +8,7 @@ import pytest
 
 from strandcast.arm.load import load_arm
 from strandcast.errors import StrandcastError
-from strandcast.executor.drivers.registry import DRIVERS, driver_of
+from strandcast.executor.drivers.registry import DRIVERS, driver_of_arm
 from strandcast.executor.play import play
 from strandcast.executor.preflight import run_preflight
 from strandcast.records.joint_log import read_run
@@ -47,7 +47,7 @@ def toy_arm(project_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 def test_the_example_of_the_page_plays_a_motion(toy_arm: Path, tmp_path: Path) -> None:
     arm = load_arm(toy_arm).planar()
     make_motion(arm).write(tmp_path / "planned.json")
-    driver = driver_of(arm, Motion.read(tmp_path / "planned.json"))
+    driver = driver_of_arm(arm, Motion.read(tmp_path / "planned.json"))
     assert (driver.name, driver.streams) == ("toy", False)
     clock = VirtualClock()
     preflight = run_preflight(tmp_path / "planned.json", arm, driver, tmp_path / "trial-01", clock=clock)
@@ -63,7 +63,7 @@ def test_the_example_of_the_page_plays_a_motion(toy_arm: Path, tmp_path: Path) -
 def test_the_checks_of_the_player_hold_for_a_driver_from_outside(toy_arm: Path, tmp_path: Path) -> None:
     arm = load_arm(toy_arm).planar()
     make_motion(arm).write(tmp_path / "planned.json")
-    driver = driver_of(arm, Motion.read(tmp_path / "planned.json"))
+    driver = driver_of_arm(arm, Motion.read(tmp_path / "planned.json"))
     clock = VirtualClock()
     preflight = run_preflight(tmp_path / "planned.json", arm, driver, tmp_path / "trial-01", clock=clock)
     driver.move_to_start(preflight.motion.trajectory().q_rad[0] + 0.1)

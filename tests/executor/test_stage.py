@@ -26,7 +26,7 @@ class Keyboard(io.StringIO):
 @pytest.fixture
 def driver(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> PerfectArm:
     driver = PerfectArm()
-    monkeypatch.setattr(stage, "driver_of", lambda arm, motion: driver)
+    monkeypatch.setattr(stage, "driver_of_arm", lambda arm, motion: driver)
     monkeypatch.chdir(tmp_path)
     make_motion(load_arm(ARM).planar()).write(tmp_path / "motion.json")
     return driver

@@ -146,17 +146,17 @@ def likeliest(task: PlanningTask, candidates: Sequence[Candidate]) -> PlannedMot
     One that the player refuses, because a stop on the way would leave the workspace, is a last resort.
     """
 
-    def rank(plan: PlannedMotion) -> tuple[bool, float]:
+    def preference(plan: PlannedMotion) -> tuple[bool, float]:
         return stopped_outside_m(task, plan.curve) == 0.0, plan.hit_probability(task.hit_radius_m)
 
     plans: list[PlannedMotion] = []
     for number, candidate in enumerate(candidates, 1):
         plans.append(candidate())
-        stays, likely = rank(plans[-1])
+        stays, likely = preference(plans[-1])
         print_line(f"plan: motion {number}, {plans[-1].kind}: {100 * likely:.0f} % likely to hit")
         if stays and likely > most_likely(task, plans[-1]) - WORTH_A_SEARCH:
             break
-    best = max(plans, key=rank)
+    best = max(plans, key=preference)
     return replace(best, simulations=sum(plan.simulations for plan in plans))
 
 

@@ -82,7 +82,7 @@ FILES = {
 
 
 ABSENT = "is not there"  # in the problem of a file that is missing
-OPTIONAL = {"motion", "predicted", "lab_truth"}  # results that a complete trial may lack
+OPTIONAL = {"motion", "predicted", "lab_truth"}  # not needed for a complete trial
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class TrialResults:
         return track is not None and track.points_m.shape[2] == len(AXES)
 
     def not_made(self) -> set[str]:
-        """Return the results that this trial may lack: those of a video, or all if it is excluded."""
+        """Return the results that this trial need not have: those of a video, or all if it is excluded."""
         if self.excluded:
             return set(FILES)
         return OPTIONAL | ({"manifest", "camera", "strobe", "clip"} if self.supplied() else set())

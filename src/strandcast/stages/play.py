@@ -10,7 +10,7 @@ from strandcast.config.find import find_experiment, named_arm
 from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
 from strandcast.executor.drivers.protocol import Driver
-from strandcast.executor.drivers.registry import driver_of
+from strandcast.executor.drivers.registry import driver_of_arm
 from strandcast.executor.dry_run_report import dry_run_report
 from strandcast.executor.play import play
 from strandcast.executor.preflight import PlayOptions, Preflight, read_motion, run_preflight
@@ -48,7 +48,7 @@ def run(
     """
     arm = load_arm(named_arm(arm_file, project_root()))
     motion = read_motion(motion_path)
-    driver = driver_of(arm, motion)
+    driver = driver_of_arm(arm, motion)
     if hanging_m is None:
         hanging_m = _hanging_m(motion_path, motion, driver)
     preflight = run_preflight(motion_path, arm, driver, out, replace(options, hanging_m=hanging_m))

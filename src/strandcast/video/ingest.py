@@ -174,7 +174,7 @@ def _even_clock(stamps: np.ndarray, base_s: float) -> _EvenClock | None:
         off = 0.5 * min(np.ptp(stamps - each * frame) for each in (fitted, step))
         if off < UNEVEN * step and (complete or frame is numbered):
             return None
-        # 500 frames/s in 1/600 s look like 600 of which every sixth is missing: a whole rate is likelier.
+        # 500 frames/s in 1/600 s look like 600 with every sixth frame missing: a whole rate is more probable.
         if frame is every and not complete and step == fitted:
             continue
         # Steps of two lengths recur as rounding makes them; a single other one is a frame at another time.

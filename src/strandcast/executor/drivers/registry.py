@@ -19,7 +19,7 @@ DRIVERS: Registry[Callable[[Arm, Motion], Driver]] = Registry(
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def driver_of(arm: Arm, motion: Motion) -> Driver:
+def driver_of_arm(arm: Arm, motion: Motion) -> Driver:
     """Return the driver that an arm's file names, for a motion (SC-W021: there is none)."""
     if arm.driver is None:
         raise StrandcastError(

@@ -91,7 +91,7 @@ def make_section(panel: Panel, page: Any) -> PageSection:
             shape = made.drawing
             markup = to_svg(shape, panel.name) if isinstance(shape, Drawing) else shape or Markup()
     except StrandcastError as problem:
-        optional = ABSENT in problem.what and _may_lack(page, Path(problem.file or "").name)
+        optional = ABSENT in problem.what and _is_optional(page, Path(problem.file or "").name)
         if optional:
             problem.fix = (
                 "none needed: only this figure needs the file, everything else is complete without it"
@@ -104,7 +104,7 @@ def make_section(panel: Panel, page: Any) -> PageSection:
     return PageSection(panel, made, markup)
 
 
-def _may_lack(page: Any, file: str) -> bool:
+def _is_optional(page: Any, file: str) -> bool:
     """Return whether what a page shows is complete without a file."""
     names = page.results.not_made() if hasattr(page, "results") else OPTIONAL
     return file in {Path(FILES[name]).name for name in names}
