@@ -6,6 +6,7 @@ import pytest
 from strandcast.core.objectives import Objective, PointObjective, SegmentObjective
 from strandcast.records.alignment import Alignment
 from strandcast.records.camera import PlaneError
+from strandcast.records.summary import miss_in_words
 from strandcast.records.track import PREDICTED, Track
 from strandcast.scoring.score import Aim, score_throw
 
@@ -232,3 +233,23 @@ def test_a_bar_is_missed_by_the_distance_of_path_and_bar():
     bar_there = SegmentObjective(kind="segment", ends_m=((0.0, -1.0), (0.0, 1.0)))
     hidden = scored(bar_there, fly_by(keep=gap))
     assert hidden.miss_m is None
+
+
+@pytest.mark.parametrize(
+    ("miss_m", "sigma_m", "words"),
+    [
+        (0.0077, 0.0005, "HIT  7.7 ± 0.5 mm from the target"),
+        (0.0195, 0.0005, "HIT? 19.5 ± 0.5 mm from the target"),
+        (0.0205, 0.0005, "miss? 20.5 ± 0.5 mm from the target"),
+        (0.1229, None, "miss 122.9 mm from the target"),
+    ],
+)
+def test_a_miss_near_the_hit_radius_is_an_uncertain_one_in_the_terminal_too(
+    miss_m: float, sigma_m: float | None, words: str
+) -> None:
+    aim = Aim("e", 1, PointObjective().aimed_at((0.0, 0.0)), (0.0, 0.0), 0.02)
+    verdict = score_throw(fly_by(), alignment(), aim, 0.3)
+    throw = verdict.model_copy(
+        update={"miss_m": miss_m, "miss_sigma_m": sigma_m, "hit": miss_m <= verdict.hit_radius_m}
+    )
+    assert miss_in_words(throw, verdict.hit_radius_m) == words

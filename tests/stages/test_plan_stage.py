@@ -334,7 +334,9 @@ def test_the_state_of_the_rig_needs_two_trials(root: Path) -> None:
     assert printed == "What the arm's file states wrongly is estimated from two trials with a joint log on.\n"
 
 
-def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(root: Path) -> None:
+def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(
+    root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = "target_m: [0.5, 0.5]\nlab: {string: paper-1, rehearsal: false}\n"
     write(root, "blind", text + "estimate: {evaluations: 100, profiles: false}\n" + SMALL)
     run_stage("plan", root, "blind", 1)
@@ -347,6 +349,7 @@ def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(root: Path) ->
     write_table(track, TRACK, columns, {"source": "test"})
     for stage in ("register_track", "score", "estimate"):
         run_stage(stage, root, "blind", 1)
+    assert "score: trial 1: UNKNOWN: (the tip was not tracked to the target)\n" in capsys.readouterr().err
     # Neither fit nor planner see the noise of the log's rows, second differences of 1.2 mrad.
     trial = read_trial(files_of("estimate", root, "blind", 1), 1)
     for rows, raw_rows in (

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from strandcast.records.record import Migration, Part, Record
+from strandcast.records.verdict import Verdict
 
 
 class TrialSummary(Part):
@@ -29,6 +30,20 @@ class TrialSummary(Part):
     servo_residual_rad: float | None = None  # rms that the servo's model leaves, of the worst joint
     excluded: str | None = None  # the reason
     unread: dict[str, str] = {}  # results that could not be read -> why
+
+
+def too_near(throw: Verdict | TrialSummary, hit_radius_m: float) -> bool:
+    """Return whether a miss is within two standard deviations of the hit radius; unknown ones count as 0."""
+    return throw.miss_m is not None and abs(throw.miss_m - hit_radius_m) < 2 * (throw.miss_sigma_m or 0.0)
+
+
+def miss_in_words(throw: Verdict | TrialSummary, hit_radius_m: float) -> str:
+    """Return whether a throw at a target hit, with a question mark if that is uncertain, and its miss."""
+    if throw.miss_m is None:
+        return "UNKNOWN: (the tip was not tracked to the target)"
+    outcome = ("HIT" if throw.hit else "miss") + ("?" if too_near(throw, hit_radius_m) else "")
+    sigma = "" if throw.miss_sigma_m is None else f" ± {1000 * throw.miss_sigma_m:.1f}"
+    return f"{outcome:4} {1000 * throw.miss_m:.1f}{sigma} mm from the target"
 
 
 class VersionGroup(Part):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from strandcast.core.shares import wilson
-from strandcast.records.summary import ExperimentSummary, TrialSummary
+from strandcast.records.summary import ExperimentSummary, TrialSummary, too_near
 from strandcast.report.numbers import counted, millimetres, scaled
 from strandcast.report.rig_limits import (
     LEAST_MARKER_FRACTION,
@@ -17,7 +17,6 @@ from strandcast.report.rig_limits import (
     MOST_PLANE_RMS_PX,
     MOST_SERVO_RESIDUAL_RAD,
 )
-from strandcast.report.text import too_near
 
 # Iglewicz & Hoaglin, "How to Detect and Handle Outliers", 1993: |robust z| > 3.5, σ = 1.4826 · MAD.
 MOST_ROBUST_Z, SIGMA_PER_MAD = 3.5, 1.4826

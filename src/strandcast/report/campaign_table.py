@@ -6,11 +6,11 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from strandcast.core.trial_names import trial_name
-from strandcast.records.summary import TrialSummary
+from strandcast.records.summary import TrialSummary, too_near
 from strandcast.report.campaign import RIG_QUANTITIES, Campaign, CampaignThrow
 from strandcast.report.numbers import UNKNOWN, signed
 from strandcast.report.pages import csv_link
-from strandcast.report.text import NO_TARGET, Badge, too_near, verdict_badge
+from strandcast.report.text import NO_TARGET, Badge, verdict_badge
 
 HEADS = (
     *(

@@ -8,7 +8,7 @@ from strandcast.records.camera import Camera
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.manifest import Manifest
 from strandcast.records.motion import Motion
-from strandcast.records.summary import TrialSummary
+from strandcast.records.summary import TrialSummary, too_near
 from strandcast.records.track import TrackSummary
 from strandcast.records.verdict import Verdict
 from strandcast.report.causes import probable_causes
@@ -52,11 +52,6 @@ def verdict_badge(
     if uncertain:
         return Badge("HIT?" if verdict.hit else "MISS?", "◐", "doubtful")
     return Badge("HIT", "●", "hit") if verdict.hit else Badge("MISS", "▲", "miss")
-
-
-def too_near(throw: Verdict | TrialSummary, hit_radius_m: float) -> bool:
-    """Return whether a miss is within two standard deviations of the hit radius; unknown ones count as 0."""
-    return throw.miss_m is not None and abs(throw.miss_m - hit_radius_m) < 2 * (throw.miss_sigma_m or 0.0)
 
 
 def uncertain_verdict(results: TrialResults | None) -> bool:

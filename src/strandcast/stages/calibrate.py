@@ -21,7 +21,7 @@ from strandcast.camera.printed_board import identify_board
 from strandcast.config.camera import Plane
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
-from strandcast.progress import print_line, progress
+from strandcast.progress import progress
 from strandcast.records.camera import Camera, Lens
 from strandcast.records.files import atomic_write
 from strandcast.records.lineage import note_picture
@@ -50,8 +50,6 @@ def run(job: Job, files: Files) -> None:
         Image.fromarray(camera_picture(picture, camera)).save(temporary, "WEBP", quality=82, method=4)
     note_picture(files.output("picture"))
     camera.write(files.output("camera"))
-    for text in camera.lens.warnings + camera.warnings:
-        print_line(f"warning: {text}")
 
 
 def _by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:

@@ -1,12 +1,15 @@
 """Run a stage with the files that it declares."""
 
 import importlib
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
 from strandcast.errors import INTEGRITY, StrandcastError
+from strandcast.progress import print_line
 from strandcast.records.lineage import made_by_stage
 from strandcast.stages.context import context_of
 from strandcast.stages.declarations import STAGES
@@ -40,6 +43,16 @@ def run_stage(stage: str, root: Path, experiment: str, trial: int = 0, trials: S
                 note.write()
             raise
     note.write()
+    for warning in _warnings(files):
+        print_line(f"{stage}: warning: {warning}")
+
+
+def _warnings(files: Files) -> Iterator[str]:
+    """Yield the warnings in the records that a stage has written."""
+    for path in chain.from_iterable(files.stage.output_files(files.job).values()):
+        if path.suffix == ".json" and path.is_file():
+            record = json.loads(path.read_bytes())
+            yield from (*(record.get("lens") or {}).get("warnings", ()), *record.get("warnings", ()))
 
 
 def _how_to_make(files: Files, step: Step) -> str:

@@ -1,7 +1,9 @@
 """By how much a throw missed its objective: verdict.json."""
 
+from strandcast.progress import print_line
 from strandcast.records.alignment import Alignment
 from strandcast.records.camera import Camera
+from strandcast.records.summary import miss_in_words
 from strandcast.records.track import TrackSummary, read_track
 from strandcast.records.verdict import Verdict
 from strandcast.scoring.score import Aim, score_throw, without_target
@@ -10,7 +12,10 @@ from strandcast.stages.job import Files, Job
 
 def run(job: Job, files: Files) -> None:
     """Score one trial."""
-    verdict_of(job, files).write(files.output("verdict"))
+    verdict = verdict_of(job, files)
+    verdict.write(files.output("verdict"))
+    if verdict.target_m is not None:
+        print_line(f"score: trial {job.trial}: {miss_in_words(verdict, verdict.hit_radius_m)}")
 
 
 def verdict_of(job: Job, files: Files) -> Verdict:

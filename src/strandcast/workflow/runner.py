@@ -12,7 +12,7 @@ from strandcast.errors import ENVIRONMENT, INTEGRITY, StrandcastError
 from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
 from strandcast.records.folders import ExperimentFolder, is_project, trial_folders, video_suffixes
 from strandcast.records.known_hashes import remembered
-from strandcast.records.summary import ExperimentSummary, TrialSummary
+from strandcast.records.summary import ExperimentSummary, TrialSummary, miss_in_words
 from strandcast.report.campaign import CampaignTally
 from strandcast.report.expected import expected_miss
 from strandcast.report.first_screen import readable_motion
@@ -217,13 +217,9 @@ def table(root: Path, summary: ExperimentSummary) -> list[str]:
         if summary.target_m is None:
             lines += _fitted(page.parent / trial_name(trial.trial), trial)
             continue
-        verdict = {True: "HIT ", False: "miss", None: "UNKNOWN:"}[trial.hit]
-        near = "(the tip was not tracked to the target)"
-        if trial.miss_m is not None:
-            sigma = "" if trial.miss_sigma_m is None else f" ± {1000 * trial.miss_sigma_m:.1f}"
-            near = f"{1000 * trial.miss_m:.1f}{sigma} mm from the target"
+        near = miss_in_words(trial, summary.hit_radius_m)
         fit = "" if trial.E_m is None else f"; fitted to {1000 * trial.E_m:.1f} mm"
-        lines.append(f"  trial {trial.trial}: {verdict} {near}{fit}")
+        lines.append(f"  trial {trial.trial}: {near}{fit}")
     if summary.target_m is None and not summary.trials:
         lines.append(
             f"  no recording yet; import one: strandcast import track {summary.experiment} 1 FILE.csv"
