@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from pydantic import ValidationError
 from threadpoolctl import threadpool_limits
 
 from strandcast.arm.load import Arm, load_arm
@@ -274,7 +275,12 @@ class FittedString:
 def _job(context: Context, stage: str, trial: int, settings: dict[str, Any]) -> tuple[Job, Files]:
     """Return the job of a stage with some settings replaced, which are validated as those of a file."""
     if settings:
-        changed = Experiment.model_validate(context.settings.model_dump() | settings)
+        try:
+            changed = Experiment.model_validate(context.settings.model_dump() | settings)
+        except ValidationError as error:
+            first = error.errors()[0]
+            field = ".".join(map(str, first["loc"])) or ", ".join(settings)
+            raise StrandcastError("SC-F003", first["msg"], file=context.file, field=field) from None
         context = replace(context, settings=changed)
     job = Job(context, trial)
     return job, Files(STAGES[stage], job)

@@ -86,3 +86,13 @@ def test_importing_strandcast_loads_no_library() -> None:
     code = f"import sys, strandcast; strandcast.open; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("settings", "field"),
+    [({"hit_radius_m": -1.0}, "hit_radius_m"), ({"target": (0.6, 0.4)}, "target")],
+)
+def test_settings_that_are_invalid_are_refused_as_those_of_a_file(trial, settings, field) -> None:
+    with pytest.raises(StrandcastError, match=field) as caught:
+        trial.score(**settings)
+    assert caught.value.code == "SC-F003"

@@ -63,14 +63,13 @@ def _rig_state(context: Context) -> RigState:
     files = Files(STAGES["plan"], Job(context, last + 1))
     arm = load_arm(files.input("arm")).planar()
     trials = [read_trial(files, number) for number in context.counted_before(last + 1)]
-    trials = [trial for trial in trials if trial.motion is not None]
     task, _ = next_inputs(context, arm, files.input("ensemble"))
     estimate = Estimate.read(files.input("estimate"))
     cameras = filming(Job(context, last))
     return RigState(
         [trial.number for trial in trials],
         rig_offsets_of(arm, trials, cameras, estimate),
-        repeats([past_trial_of(trial, task) for trial in trials]),
+        repeats([past_trial_of(trial, task) for trial in trials if trial.motion is not None]),
     )
 
 

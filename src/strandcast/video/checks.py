@@ -133,11 +133,9 @@ def _against_log(facts: VideoFacts, log: LogFacts) -> list[str]:
     logged_s = log.end_s - log.start_s
     if logged_s <= 0 or _filmed_s(facts) < SLOW_MOTION * logged_s:
         return []
-    fitting_hz = float(f"{facts.packets / logged_s:.2g}")
     return [
         f"{facts.file} lasts {_filmed_s(facts):.1f} s at its {facts.frame_rate_hz:.6g} frames/s, the joint "
-        f"log {logged_s:.1f} s: if it is a slow-motion export (about {fitting_hz:g} frames/s would fit), "
-        "give camera.frame_rate_hz in experiment.yaml"
+        f"log {logged_s:.1f} s: if it is a slow-motion export, give the rate of filming in camera.frame_rate_hz"
     ]
 
 
