@@ -41,8 +41,8 @@ def rate_words(detections: Detections, ratio: float) -> tuple[str, str]:
     return (
         f"with the camera's clock taken {ratio:.4g} times as fast ({kind}the video's times say "
         f"{nominal_hz:.4g} frames/s, the hand's motion {true_hz:.4g})",
-        f"set the true rate, camera.frame_rate_hz: {_round_rate(true_hz):g}; where other films of this camera "
-        "have another, use the original of this one",
+        f"set the true rate, camera.frame_rate_hz: {_round_rate(true_hz):g}; where other films of this "
+        "camera have another, use the original of this one",
     )
 
 

@@ -135,7 +135,8 @@ def _against_log(facts: VideoFacts, log: LogFacts) -> list[str]:
         return []
     return [
         f"{facts.file} lasts {_filmed_s(facts):.1f} s at its {facts.frame_rate_hz:.6g} frames/s, the joint "
-        f"log {logged_s:.1f} s: if it is a slow-motion export, give the rate of filming in camera.frame_rate_hz"
+        f"log {logged_s:.1f} s: if it is a slow-motion export, give the rate of filming in "
+        "camera.frame_rate_hz"
     ]
 
 
