@@ -28,7 +28,7 @@ def detection(end_m, half_m=0.002, value=0.9, open_share=1.0):
         0,
     )
     appearance = Appearance(half_m=0.001, contrast=60.0, polarity=1.0, noise=2.0, level=140.0)
-    return Detection(0, appearance, fit, end_m, half_m, 176.0)
+    return Detection(0, appearance, fit, end_m, half_m, 176.0, (176.0, 176.0))
 
 
 def test_a_thin_end_is_no_bead():

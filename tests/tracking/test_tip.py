@@ -58,6 +58,25 @@ def test_a_bead_with_bare_string_beyond_it_is_not_at_the_tip(scene, bare_m, half
     assert end_m == pytest.approx(max(0.0, 0.009 - bare_m), abs=0.002)
 
 
+@pytest.mark.parametrize("sides", [(140.0, 140.0), (140.0, 95.0), (95.0, 140.0)])
+def test_a_bead_paler_than_the_string_is_seen_whole_whichever_side_is_dark(scene, sides):
+    """As a nut under a lamp: the string changes the picture by 120 grey levels, each side by 40 or 85."""
+    image, background = drawn(scene, -0.1)
+    middle = scene.to_pixels(np.array([0.0, -0.106]))
+    rows, columns = np.mgrid[: scene.HEIGHT, : scene.WIDTH]
+    inside = np.hypot(columns - middle[0], rows - middle[1]) < 6.0
+    for level, side in zip(sides, (rows < middle[1], rows >= middle[1]), strict=True):
+        image[inside & side] = level
+    window = seen(scene, cv2.GaussianBlur(image, (0, 0), 0.6), background)
+    scale = window.plane.metre_per_pixel
+    end_m, half_px = end_of_string(window, *straight(), DARK, 0.03)
+    assert half_px == pytest.approx(6.0, abs=0.8)
+    assert end_m == pytest.approx(0.006 + 6.0 * scale, abs=1.2 * scale)
+    bead = Beads(*np.array([[0.206], [6.0 * scale], [min(sides)], [max(sides)]]))
+    centre = bead_centre(window, np.array([0.0, -0.1 - end_m + half_px * scale]), bead, 0)
+    assert np.linalg.norm(centre - [0.0, -0.106]) < 1.0 * scale
+
+
 def test_a_string_that_goes_on_has_no_end(scene):
     assert np.isnan(end_of_string(seen(scene, *drawn(scene, -0.2)), *straight(), DARK, 0.018)[0])
 
@@ -90,14 +109,15 @@ def test_a_string_in_front_of_a_greyer_patch_does_not_end_there(scene):
 def test_ball_is_found_to_a_tenth_of_a_pixel_even_beside_the_arm(scene, arm):
     window = seen(scene, *drawn(scene, -0.1, ball_px=6.0, arm=arm))
     scale = window.plane.metre_per_pixel
-    centre = bead_centre(window, np.array([0.006, -0.094]), 6.0 * scale, 60.0)
+    bead = Beads(np.array([0.2]), np.array([6.0 * scale]), np.array([60.0]), np.array([60.0]))
+    centre = bead_centre(window, np.array([0.006, -0.094]), bead, 0)
     assert np.linalg.norm(centre - [0.0, -0.1]) < 0.25 * scale
 
 
 def test_balls_that_are_not_there_give_no_pins(scene):
     window = seen(scene, *drawn(scene, -0.1, ball_px=6.0))
     radius_m = 6.0 * window.plane.metre_per_pixel
-    beads = Beads(np.array([0.06, 0.2]), np.full(2, radius_m), np.full(2, 60.0))
+    beads = Beads(np.array([0.06, 0.2]), np.full(2, radius_m), np.full(2, 60.0), np.full(2, 60.0))
     unknown = np.full((2, 2), np.nan)
     pins = pin_beads(window, *straight(), beads, unknown)
     assert pins.place_m.tolist() == [0.2]
@@ -121,7 +141,7 @@ def test_the_visible_end_shows_how_much_string_the_hand_hides(scene, hold_tip, l
     appearance = Appearance(half_m=scene.SCALE_M, contrast=80.0, tip_excess_m=scene.SCALE_M, polarity=-1.0)
     hides = HandBox(0.0, 0.1, -np.pi / 2, 0.0, -0.05, 0.1 - nodes[10, 1] - 0.002, 0.05)
     start = 0.3 * bulge - np.pi / 2
-    no_beads = Beads(np.zeros(0), np.zeros(0), np.zeros(0))
+    no_beads = Beads(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
     expected = PredictedChain(root, start, start, np.full(35, 1.0), np.zeros((0, 2)))
     string = ChainModel(link_m, appearance, no_beads)
     fit = fit_frame(seen(scene, image, background, hides), string, expected, NARROW_PX, hold_tip)

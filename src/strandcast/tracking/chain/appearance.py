@@ -11,7 +11,8 @@ class Appearance(NamedTuple):
     half_m: float  # half its visible width, including the lens blur
     contrast: float  # line score of a clear piece of string
     tip_excess_m: float = 0.0  # from the string's end to the last that is visible of it, or of the bead there
-    bead_level: float = float("nan")  # of the bead at the end; NaN if there is none
+    bead_level: float = float("nan")  # of the bead at the end, its lowest; NaN if there is none
+    bead_highest: float = float("nan")  # its highest: a nut has a bright and a dark side
     bead_m: float = 0.0  # the bead's radius
     beyond_m: float = 0.0  # length of string beyond the bead's centre
     polarity: float = 0.0  # 1 if the string is brighter than the background, -1 if darker, 0 if both occur

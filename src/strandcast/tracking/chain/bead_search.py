@@ -20,7 +20,8 @@ class Beads(NamedTuple):
 
     place_m: np.ndarray  # along the string, (B,)
     radius_m: np.ndarray  # (B,)
-    level: np.ndarray  # grey level, (B,)
+    level: np.ndarray  # the lowest grey level, (B,)
+    highest: np.ndarray  # the highest, (B,)
 
 
 @njit(cache=True, inline="always")
@@ -43,7 +44,7 @@ def pin_beads(
     for b in range(len(beads.place_m)):
         known = np.isfinite(expected_m[b, 0])
         expected = expected_m[b] if known else place_on(nodes, heading, beads.place_m[b])
-        centre = bead_centre(window, expected, beads.radius_m[b], beads.level[b])
+        centre = bead_centre(window, expected, beads, b)
         if np.hypot(centre[0] - expected[0], centre[1] - expected[1]) < BEAD_REACH_PX * scale:
             place_m[count] = beads.place_m[b]
             point_m[count, 0], point_m[count, 1] = centre[0], centre[1]
@@ -67,16 +68,16 @@ def behind_bead(place_m: float, beads: Beads) -> bool:
 
 
 @njit(cache=True)
-def bead_centre(window: SearchWindow, guess: np.ndarray, radius_m: float, bead_level: float) -> np.ndarray:
-    """Return the centre (2,) (m) of the bead near `guess` by mean shift; NaN if too little of it is visible.
+def bead_centre(window: SearchWindow, guess: np.ndarray, beads: Beads, b: int) -> np.ndarray:
+    """Return the centre (2,) (m) of bead `b` near `guess` by mean shift; NaN if too little of it is visible.
 
-    A pixel's weight grows with its change and its similarity to the bead's grey: the arm has no pull.
+    A pixel's weight grows with its change and its similarity to the bead's greys: the arm has no pull.
     """
     u, v = to_pixel(guess[0], guess[1], window.plane)
-    radius = radius_m / window.plane.metre_per_pixel
+    radius = beads.radius_m[b] / window.plane.metre_per_pixel
     reach = radius + BEAD_REACH_PX
     for _ in range(24):
-        total, sum_u, sum_v = bead_moments(window, u, v, reach, bead_level)
+        total, sum_u, sum_v = bead_moments(window, u, v, reach, beads.level[b], beads.highest[b])
         if total < 0.3 * 3.14159 * radius * radius:
             return np.full(2, np.nan)
         new_u, new_v = sum_u / total, sum_v / total
@@ -93,7 +94,7 @@ def bead_centre(window: SearchWindow, guess: np.ndarray, radius_m: float, bead_l
 
 @njit(cache=True)
 def bead_moments(
-    window: SearchWindow, u: float, v: float, reach: float, bead_level: float
+    window: SearchWindow, u: float, v: float, reach: float, lowest: float, highest: float
 ) -> tuple[float, float, float]:
     """Return the summed weight of the bead's pixels within `reach` of (u, v), and its first moments."""
     image, background, left, top = window.image, window.background, window.left, window.top
@@ -104,8 +105,8 @@ def bead_moments(
             if squared >= reach * reach:
                 continue
             level, was = float(image[i - top, j - left]), float(background[i, j])
-            depth = abs(bead_level - was)
-            off = 2.0 * abs(level - bead_level) / max(depth, 20.0)
+            depth = min(abs(lowest - was), abs(highest - was))
+            off = 2.0 * max(lowest - level, level - highest, 0.0) / max(depth, 20.0)
             share = max(0.0, min(1.0, abs(level - was) / max(depth, 1.0)) - off)
             if squared > (reach - 1.0) ** 2:
                 share *= reach - np.sqrt(squared)

@@ -21,19 +21,19 @@ def track_beads(frames: StringFrames, fits: list[FrameFit | None], beads: Beads)
         window = frames.window(index) if fit is not None and len(beads.place_m) else None
         if fit is None or window is None:
             continue
-        for b, (place_m, radius_m, level) in enumerate(zip(*beads, strict=True)):
+        for b, place_m in enumerate(beads.place_m):
             expected = place_on(fit.nodes(), fit.heading, place_m)
-            found = bead_centre(window, expected, radius_m, level)
+            found = bead_centre(window, expected, beads, b)
             if np.hypot(*(found - expected)) < FAR_PX * window.plane.metre_per_pixel:
                 centres[index, b] = found
     for b in range(len(beads.place_m)):
         for order in (range(len(fits)), range(len(fits) - 1, -1, -1)):
-            _continue(frames, centres[:, b], beads.radius_m[b], beads.level[b], order)
+            _continue(frames, centres[:, b], beads, b, order)
     return centres
 
 
-def _continue(frames: StringFrames, centres: np.ndarray, radius_m: float, level: float, order: range) -> None:
-    """Find a bead in frames that follow one in which it was found, in place (F, 2)."""
+def _continue(frames: StringFrames, centres: np.ndarray, beads: Beads, b: int, order: range) -> None:
+    """Find bead `b` in frames that follow one in which it was found, in place (F, 2)."""
     for index in order[1:]:
         last = centres[index - order.step]
         if np.isfinite(centres[index, 0]) or not np.isfinite(last[0]):
@@ -44,6 +44,6 @@ def _continue(frames: StringFrames, centres: np.ndarray, radius_m: float, level:
         before = index - 2 * order.step
         known = 0 <= before < len(centres) and np.isfinite(centres[before, 0])
         expected = 2 * last - centres[before] if known else last
-        found = bead_centre(window, expected, radius_m, level)
+        found = bead_centre(window, expected, beads, b)
         if np.hypot(*(found - expected)) < BEAD_REACH_PX * window.plane.metre_per_pixel:
             centres[index] = found

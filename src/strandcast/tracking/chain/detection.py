@@ -11,8 +11,10 @@ from strandcast.tracking.chain.fit import NARROW_PX, ChainModel, FrameFit, Predi
 from strandcast.tracking.chain.frames import FrameInput
 from strandcast.tracking.chain.measure import LEAST_CONTRAST, level_at, measure_appearance, noise_of
 from strandcast.tracking.chain.motion import still_half_px
-from strandcast.tracking.chain.tip import end_of_string
+from strandcast.tracking.chain.search_window import levels_at
+from strandcast.tracking.chain.tip import BEAD_TIMES, end_of_string
 from strandcast.tracking.chain.tracker import GOOD, find_string
+from strandcast.tracking.pixel_map import to_pixel
 
 # All chosen on the drawn and lab videos of the tracking benchmark.
 NOISE_TIMES = 5.0  # a line this many times the noise is taken for the string while its contrast is unknown
@@ -23,14 +25,14 @@ ENDS_AGREE_M = 0.003  # ends within about this agree
 ALONE = 1.5  # an end alone counts as 1, two in the same place as 2
 LENGTH_SHARE = 0.04  # ends farther off than this share of the given length, which may be wrong, count less
 FOUND = 0.35  # mean reward of a path that is the string
-BEAD_TIMES = 1.6  # wider than this, in the string's own widths plus a pixel, is a bead at the tip
 HIDES = 2.0  # radii: a weight declared farther from the end than this is not the one seen there
+UNEVEN = 0.3  # of the string's contrast, by which the sides of a bead differ that has no one grey level
 BEAD_FRAMES, BEAD_SHARE = 3, 0.6  # frames, and share of those with a clear end, that must show a bead there
 # From the string's end to its last visible pixel, in half its visible width. Measured on two renderers' films
 # (docs/explanation/sure-misses.md): 0.1 to 0.3 where it is cut, 0.7 to 1.1 where round, 1.8 where frayed.
 END_WIDTHS = 0.6
 OPEN_SHARE = 0.9  # of the largest open share, from which a frame shows the string's end well
-NO_BEADS, NO_PLACES = Beads(np.zeros(0), np.zeros(0), np.zeros(0)), np.zeros((0, 2))
+NO_BEADS, NO_PLACES = Beads(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0)), np.zeros((0, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,7 @@ class Detection:
     end_m: float  # how far beyond the chain's tip the string ends; NaN if that is not clear
     end_half_m: float  # half its width near that end
     end_level: float  # grey level half that width before the end
+    end_levels: tuple[float, float]  # the least and the largest there and halfway to that width around it
 
 
 def detect_string(
@@ -98,8 +101,15 @@ def _with_end(
     end_m, half_px = end_of_string(given.window, nodes, fit.heading, appearance, reach_m)
     half_m = half_px * given.window.plane.metre_per_pixel
     along = np.array([np.cos(fit.heading[-1]), np.sin(fit.heading[-1])])
-    level = level_at(given.window, nodes[-1] + (end_m - half_m) * along) if np.isfinite(end_m) else np.nan
-    return Detection(frame, appearance, fit, end_m, half_m, level)
+    level, least, most = np.nan, np.nan, np.nan
+    if np.isfinite(end_m):
+        middle = nodes[-1] + (end_m - half_m) * along
+        level = level_at(given.window, middle)
+        across = np.array([-along[1], along[0]])
+        places = middle + 0.5 * half_m * np.array([0 * along, along, -along, across, -across])
+        levels = [levels_at(given.window, *to_pixel(x, y, given.window.plane))[0] for x, y in places]
+        least, most = min(levels), max(levels)
+    return Detection(frame, appearance, fit, end_m, half_m, level, (least, most))
 
 
 def learn_appearance(detections: list[Detection], pixel_m: float, beyond_m: float = math.inf) -> Appearance:
@@ -126,10 +136,18 @@ def learn_appearance(detections: list[Detection], pixel_m: float, beyond_m: floa
         return appearance._replace(tip_excess_m=END_WIDTHS * half_m)
     half_m = float(np.median([one.end_half_m for one in wide]))
     level = float(np.median([one.end_level for one in wide]))
+    levels = np.median([one.end_levels for one in wide], axis=0)
+    if levels[1] - levels[0] < UNEVEN * appearance.contrast:
+        levels[:] = level
     if beyond_m >= HIDES * half_m:
         beyond_m = 0.0
-    excess_m = max(half_m - beyond_m, 0.0)
-    return appearance._replace(tip_excess_m=excess_m, bead_level=level, bead_m=half_m, beyond_m=beyond_m)
+    return appearance._replace(
+        tip_excess_m=max(half_m - beyond_m, 0.0),
+        bead_level=float(levels[0]),
+        bead_highest=float(levels[1]),
+        bead_m=half_m,
+        beyond_m=beyond_m,
+    )
 
 
 def visible_length(detections: list[Detection], appearance: Appearance, given_m: float) -> float:

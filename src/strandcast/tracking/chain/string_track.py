@@ -12,13 +12,14 @@ from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.bead_search import Beads
 from strandcast.tracking.chain.bidirectional import chain_of, clamp_paths, survey, track_bidirectional
 from strandcast.tracking.chain.clamp_fit import ClampFit, fit_clamp
-from strandcast.tracking.chain.detection import BEAD_TIMES, learn_appearance, visible_length
+from strandcast.tracking.chain.detection import learn_appearance, visible_length
 from strandcast.tracking.chain.fit import ChainModel, FrameFit
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.links import place_on
 from strandcast.tracking.chain.measure import level_at
 from strandcast.tracking.chain.point_uncertainty import FramePoints, frame_points
 from strandcast.tracking.chain.refine import refine
+from strandcast.tracking.chain.tip import BEAD_TIMES
 from strandcast.tracking.chain.tracker import ChainTracker
 from strandcast.tracking.tracker import StringHint
 
@@ -127,17 +128,17 @@ def attachments_of(frames: StringFrames, first: FirstPass) -> Attachments:
     )
 
 
-def tip_bead(appearance: Appearance, length_m: float) -> list[tuple[float, float, float]]:
-    """Return place, radius and grey level of the bead at the string's end, if there is one."""
+def tip_bead(appearance: Appearance, length_m: float) -> list[tuple[float, float, float, float]]:
+    """Return place, radius and grey levels of the bead at the string's end, if there is one."""
     if not appearance.has_bead:
         return []
-    return [(length_m - appearance.beyond_m, appearance.bead_m, appearance.bead_level)]
+    levels = appearance.bead_level, appearance.bead_highest
+    return [(length_m - appearance.beyond_m, appearance.bead_m, *levels)]
 
 
-def beads_of(rows: list[tuple[float, float, float]]) -> Beads:
+def beads_of(rows: list[tuple[float, float, float, float]]) -> Beads:
     """Return beads from their places, radii and grey levels."""
-    place_m, radius_m, level = np.array(rows).reshape(-1, 3).T.copy()
-    return Beads(place_m, radius_m, level)
+    return Beads(*np.array(rows).reshape(-1, 4).T.copy())
 
 
 def all_beads(frames: StringFrames, first: FirstPass, attachments: Attachments, clamp_fit: ClampFit) -> Beads:
@@ -147,10 +148,12 @@ def all_beads(frames: StringFrames, first: FirstPass, attachments: Attachments, 
     least_m = BEAD_TIMES * first.appearance.half_m  # a smaller weight cannot be tracked as a bead
     weights = [w for w in attachments.weights if w.half_width_m > least_m and w.place_m < length_m - at_tip_m]
     shift_m = length_m - first.length_m
-    inner = [
-        (w.place_m, w.half_width_m, bead_level(frames, first.fits, w.place_m - shift_m)) for w in weights
+    levels = [bead_level(frames, first.fits, w.place_m - shift_m) for w in weights]
+    known = [
+        (w.place_m, w.half_width_m, level, level)
+        for w, level in zip(weights, levels, strict=True)
+        if np.isfinite(level)
     ]
-    known = [bead for bead in inner if np.isfinite(bead[2])]
     return beads_of([*known, *tip_bead(first.appearance, length_m)])
 
 
