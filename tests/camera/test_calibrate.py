@@ -28,6 +28,7 @@ from strandcast.report.panels.page_data import ExperimentPageData
 from strandcast.stages.cameras import read_camera, warn_of_former
 from strandcast.stages.context import context_of
 from strandcast.stages.run import run_stage
+from strandcast.workflow.check import check_experiment
 
 BOARD = Board(squares_x=7, squares_y=5, square_m=0.035, marker_m=0.026, dictionary="DICT_5X5_100")
 MARKERS = [
@@ -197,7 +198,7 @@ def test_a_distance_of_the_string_that_is_not_given_is_asked_for(root, lens):
         assert all(2.0 < float(re.search(r"up to ([\d.]+) mm", text)[1]) < 4.5 for text in warnings)
 
 
-def test_a_legacy_board_in_the_plane_is_recognised_and_the_warning_printed(
+def test_a_legacy_board_white_on_black_in_the_plane_is_recognised_and_the_warnings_printed(
     root, tmp_path, photograph, looking, lens, capsys
 ):
     legacy = BOARD.model_copy(update={"squares_y": 4, "legacy": True})
@@ -209,7 +210,8 @@ def test_a_legacy_board_in_the_plane_is_recognised_and_the_warning_printed(
     )
     pose = looking(0.06, -0.1, 0.03, (0.12, 0.07), 0.5)
     folder = root / "data" / "own"
-    cv2.imwrite(str(folder / "calibration" / "plane.png"), photograph(texture, to_texture, lens, *pose))
+    negative = 255 - photograph(texture, to_texture, lens, *pose)
+    cv2.imwrite(str(folder / "calibration" / "plane.png"), negative)
     write_lens(folder / "lens.yaml", lens)
     board = "squares_x: 7, squares_y: 4, square_m: 0.035, marker_m: 0.026, dictionary: DICT_5X5_100"
     (folder / "experiment.yaml").write_text(
@@ -219,8 +221,11 @@ def test_a_legacy_board_in_the_plane_is_recognised_and_the_warning_printed(
     run_stage("calibrate", root, "own")
     camera = Camera.read(root / "results" / "own" / "cameras" / "main.json")
     assert camera.plane_rms_px < 0.2
-    assert "set camera.plane.board.legacy to true" in camera.warnings[0]
-    assert f"warning: {camera.warnings[0]}" in capsys.readouterr().err
+    assert "white on black" in camera.warnings[0]
+    assert "set camera.plane.board.legacy to true" in camera.warnings[1]
+    printed = capsys.readouterr().err
+    assert all(f"warning: {words}" in printed for words in camera.warnings[:2])
+    assert [fact for fact in check_experiment(root, "own").facts if "legacy" in fact]
     places = np.array([[0.0, 0.0], [0.245, 0.14]])
     truth = camera.model_copy(
         update={"rotation": pose[0].tolist(), "translation_m": pose[1].tolist(), "lens": lens}

@@ -9,6 +9,8 @@ from strandcast.camera.distinct_poses import pose_groups
 from strandcast.camera.distortion import MODELS, choose_model, fit_lens, smallest_as_good
 from strandcast.camera.lens import calibrate_lens
 from strandcast.camera.lens_error import lens_covariance, repeat_inflation
+from strandcast.camera.markers import detect_markers, marker_detector, opencv_board
+from strandcast.camera.printed_board import identify_board
 from strandcast.camera.views import BoardCorners, board_corners
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
@@ -125,7 +127,8 @@ def test_wrong_board_declarations_are_named(photos):
         )
         assert caught.value.fix == "set squares_x: 7 and squares_y: 5"
     with pytest.raises(
-        StrandcastError, match="from DICT_5X5_1000 or a subset of it, not from DICT_7X7_50"
+        StrandcastError,
+        match="from DICT_5X5_50 or a larger one of its kind, not from DICT_7X7_50",
     ) as caught:
         calibrate_lens(
             photos[:3],
@@ -136,6 +139,32 @@ def test_wrong_board_declarations_are_named(photos):
     with pytest.raises(StrandcastError, match="mirrored") as caught:
         calibrate_lens(mirrored, BOARD)
     assert caught.value.code == "SC-C023"
+
+
+def test_a_row_that_is_declared_and_not_there_is_named(photos):
+    with pytest.raises(StrandcastError, match="the board has 7 x 5 squares, not 7 x 6") as caught:
+        calibrate_lens(photos, BOARD.model_copy(update={"squares_y": 6}))
+    assert caught.value.fix == "set squares_x: 7 and squares_y: 5"
+
+
+def test_a_row_whose_markers_are_not_detected_is_not_taken_for_absent():
+    drawn = opencv_board(BOARD).generateImage((840, 600), marginSize=60)
+    drawn[444:] = cv2.GaussianBlur(drawn, (0, 0), 10)[444:]  # the last row, of 96 px
+    assert detect_markers(drawn, marker_detector(BOARD.dictionary))[0].max() < 14
+    assert identify_board([("blurred.png", drawn)], BOARD).warnings == []
+
+
+def test_markers_of_another_size_are_named_with_the_right_one(photos):
+    found = calibrate_lens(photos, BOARD.model_copy(update={"marker_m": 0.02}))
+    assert re.search(r"measure about 2[56]\.\d mm, not 20: .*marker_m to 0\.02[56]\d", found.warnings[0])
+
+
+def test_a_dictionary_with_too_few_markers_is_named(tmp_path, photograph, looking, lens):
+    board = BOARD.model_copy(update={"first_id": 60})
+    pictures = board_photos(board, tmp_path, photograph, looking, lens, VIEWS[:3])
+    with pytest.raises(StrandcastError, match="from DICT_5X5_100 or a larger one of its kind, not") as caught:
+        calibrate_lens(pictures, BOARD.model_copy(update={"dictionary": "DICT_5X5_50"}))
+    assert caught.value.fix == "set camera.board.dictionary to DICT_5X5_100"
 
 
 def test_a_board_white_on_black_is_taken_with_a_warning(photos):

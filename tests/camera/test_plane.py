@@ -78,7 +78,9 @@ def test_a_mirrored_picture_is_named(photo, lens):
 
 
 def test_a_wrong_dictionary_is_named(photo, lens):
-    with pytest.raises(StrandcastError, match="from DICT_4X4_1000 or a subset of it, not from DICT_6X6_50"):
+    with pytest.raises(
+        StrandcastError, match="from DICT_4X4_50 or a larger one of its kind, not from DICT_6X6_50"
+    ):
         plane_from_markers(photo, lens, MARKERS, "DICT_6X6_50")
 
 
@@ -168,9 +170,12 @@ def test_the_size_is_measured_to_one_part_in_a_thousand(photo, lens):
 
 def test_one_marker_of_another_size_is_named(photo, lens):
     odd = [dataclasses.replace(m, size_m=0.072) if m.marker == 2 else m for m in MARKERS]
-    problem = refusal(photo, lens, odd)
-    assert problem.code == "SC-C027"
-    assert re.search(r"marker 2 measures (79|80)\.\d mm relative to the others, \+1[01]\.\d%", problem.what)
+    [warning] = [
+        text for text in plane_from_markers(photo, lens, odd, DICTIONARY).warnings if "marker 2" in text
+    ]
+    assert re.search(
+        r"measures (79|80)\.\d mm relative to the others, \+1[01]\.\d%.*: about 0\.\d mm", warning
+    )
 
 
 def test_a_marker_in_front_of_the_plane_is_named(photograph, paint_markers, looking, lens):
@@ -220,7 +225,7 @@ def test_a_slightly_misplaced_marker_gives_a_warning_with_the_error(photo, lens)
     found = plane_from_markers(photo, lens, misplaced, DICTIONARY)
     assert len(found.warnings) == 1
     assert re.search(
-        r"marker 2 is at .* (1\.[89]|2\.[012]) mm from the given position: up to [01]\.\d mm",
+        r"marker 2 is at .* (1\.[89]|2\.[012]) mm from the given position: about [01]\.\d mm",
         found.warnings[0],
     )
     off = {fit.marker: fit.off_m for fit in found.plane_markers}
@@ -302,8 +307,8 @@ def test_narrow_margins_of_white_are_named(photograph, paint_markers, looking, l
     assert warnings(1.0) == []
     (words,) = warnings(0.75)
     assert re.match(r"markers \[0, 1, 2, 3, 4\] have 0\.[78] cells of white around them", words)
-    with pytest.raises(StrandcastError, match="SC-C027.*less than a cell of white"):
-        warnings(0.6)  # the outline of the white is taken for that of a marker
+    # The outline of the white is taken for that of a marker.
+    assert "another print, less than a cell of white" in " ".join(warnings(0.6))
 
 
 def test_a_negative_is_named(photo, lens):

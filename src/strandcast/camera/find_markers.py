@@ -8,8 +8,10 @@ import numpy as np
 from strandcast.camera.marker_sides import refine_square
 from strandcast.camera.markers import (
     FAMILIES,
+    SIZES,
     detect_markers,
     eight_bit,
+    enough,
     marker_cells,
     marker_detector,
     same_family,
@@ -20,7 +22,7 @@ from strandcast.errors import StrandcastError
 MIN_MARKERS = 2
 MARGIN = 1.2  # cells; as far as white is looked for
 LEAST_MARGIN = 0.95  # cells; with 0.6, the corners of sides of 24 px are 0.3 px off, with 0.3, 0.7
-SMALLER_SIZES = (50, 100, 250)
+MOST_NAMED = 6  # chosen: markers in a message; a board has many
 MUCH_LARGER = 5  # chosen: dictionary size over the size that is enough, from which to warn
 
 
@@ -65,7 +67,7 @@ def find_markers(
         for marker, four in zip(found, refined, strict=True)
     }
     missing = sorted(set(wanted) - set(found.tolist()))
-    warnings = [f"markers {missing} of the plane were not detected"] if missing else []
+    warnings = [f"{_listed(missing)} of the plane were not detected"] if missing else []
     return found, np.array(refined), warnings + _too_narrow(margins) + _too_large(dictionary, max(wanted))
 
 
@@ -94,13 +96,17 @@ def white_margin(grey: np.ndarray, corners_px: np.ndarray, cells: int) -> float:
     return narrowest
 
 
+def _listed(markers: list[int]) -> str:
+    return f"markers {markers}" if len(markers) <= MOST_NAMED else f"{len(markers)} markers"
+
+
 def _too_narrow(margins: dict[int, float]) -> list[str]:
     """Warn of markers with too little white around them."""
     narrow = {marker: margin for marker, margin in margins.items() if margin < LEAST_MARGIN}
     if not narrow:
         return []
     return [
-        f"markers {sorted(narrow)} have {min(narrow.values()):.1f} cells of white around them: with less "
+        f"{_listed(sorted(narrow))} have {min(narrow.values()):.1f} cells of white around them: with less "
         "than one, a corner may be a pixel off, and a marker not be detected; print them with a wider margin"
     ]
 
@@ -109,7 +115,7 @@ def _too_large(dictionary: str, largest: int) -> list[str]:
     """Warn if only the first few markers of a large dictionary are used: a smaller one is safer."""
     family, _, count = dictionary.rpartition("_")
     most = int(count) / MUCH_LARGER if count.isdigit() else 0
-    smaller = [size for size in SMALLER_SIZES if largest < size <= most]
+    smaller = [size for size in SIZES if largest < size <= most]
     if not smaller:
         return []
     return [
@@ -157,7 +163,7 @@ def _not_found(
         if same_family(other, dictionary):
             continue
         if len(_detected(grey, other, wanted)) >= min(MIN_MARKERS + 1, len(wanted)):
-            what = f"the markers are from {other} or a subset of it, not from {dictionary}"
+            what = f"the markers are from {''.join(enough(other, max(wanted)))}, not from {dictionary}"
             fix = "if this is a photo of the lens board, give that of the plane; else correct the dictionary"
             return StrandcastError("SC-C016", what, file=file, field="camera.plane.dictionary", fix=fix)
     others = f"; other ids detected: {sorted(set(found) - set(wanted))}" if set(found) - set(wanted) else ""

@@ -7,6 +7,7 @@ from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 
 BLACK_BORDER_CELLS = 1
+SIZES = (50, 100, 250, 1000)  # of the dictionaries of a family
 # The largest dictionary of each family; smaller ones are its first markers.
 FAMILIES = (
     "DICT_4X4_1000",
@@ -34,6 +35,14 @@ def dictionary_named(name: str) -> cv2.aruco.Dictionary:
 def same_family(one: str, other: str) -> bool:
     """Return whether dictionaries start with the same markers, as ``DICT_4X4_50`` and ``DICT_4X4_250``."""
     return one == other or (one[5].isdigit() and one.rpartition("_")[0] == other.rpartition("_")[0])
+
+
+def enough(family: str, last_id: int) -> tuple[str, str]:
+    """Return the smallest dictionary like a `FAMILIES` one with an id, and words on larger ones."""
+    for size in SIZES[:-1] * family.endswith(f"_{SIZES[-1]}"):
+        if size > last_id:
+            return f"{family.rpartition('_')[0]}_{size}", " or a larger one of its kind"
+    return family, ""
 
 
 def opencv_board(board: Board) -> cv2.aruco.CharucoBoard:

@@ -73,20 +73,25 @@ def check_markers(layout: MarkerLayout) -> tuple[SizeFit, list[str]]:
     if by_size and off > max(SIZE_ERROR, SIGNIFICANT * size.error) and costs:
         raise _wrong_size(layout, size)
     poor = layout.fit.rms_px > POOR_PX
-    if poor:
+    if poor and not layout.on_board:
         _refuse_rearranged(layout)
     return size, _size_warnings(layout, size) + _place_warnings(layout, poor)
 
 
 def _wrong_size(layout: MarkerLayout, size: SizeFit) -> StrandcastError:
     given_m = float(np.median([marker.size_m for marker in layout.markers]))
-    reach_m = _reach_m(layout.workspace)
+    reach_m, right_m = _reach_m(layout.workspace), given_m * size.ratio
+    fix = "measure the printed black squares and the distances of their centres; sizes are metres"
+    if layout.on_board:
+        times = f"{1.0 / size.ratio:.4f} times what it is"
+        fix = f"measure both: set marker_m to {right_m:.5f}, or square_m to {times}"
     return layout.error(
-        f"the markers measure {given_m * size.ratio * 1e3:.4g} mm relative to their distances, "
+        f"the markers measure {right_m * 1e3:.4g} mm relative to their distances, "
         f"{size.ratio - 1.0:+.1%} from the given size ({given_m * 1e3:g} mm){_unit_hint(size.ratio)}",
-        f"if the positions are wrong, {abs(1.0 / size.ratio - 1.0) * reach_m * 1e3:.0f} mm at "
+        f"if the {'squares' if layout.on_board else 'positions'} are wrong, "
+        f"{abs(1.0 / size.ratio - 1.0) * reach_m * 1e3:.0f} mm at "
         f"{reach_m:.2f} m from the centre; if only the size is wrong, little",
-        "measure the printed black squares and the distances of their centres; sizes are metres",
+        fix,
         of_size=True,
     )
 
@@ -130,8 +135,8 @@ def _place_warnings(layout: MarkerLayout, poor: bool) -> list[str]:
     best = int(np.argmin([each.rms_px for each in without]))
     cost_m = layout.cost_m(without[best])
     if without[best].rms_px < 0.5 * fit.rms_px and cost_m > WARNING_M:
-        _refuse_other_size(layout, best, without[best], cost_m)
-        return _misplaced(layout, best, without[best], cost_m)
+        found = layout, best, without[best], cost_m
+        return _of_other_size(*found) or _misplaced(*found)
     return _does_not_fit(layout) if poor else []
 
 
@@ -140,23 +145,24 @@ def _fit_without(layout: MarkerLayout, out: int) -> PoseFit:
     return fit_pose(world_m, corners_px, layout.camera.lens)
 
 
-def _refuse_other_size(layout: MarkerLayout, out: int, others: PoseFit, cost_m: float) -> None:
-    """Refuse a marker that is larger or smaller than declared, measured in the others' pose."""
+def _of_other_size(layout: MarkerLayout, out: int, others: PoseFit, cost_m: float) -> list[str]:
+    """Return a warning about a marker that has another size in the others' pose, or refuse it."""
     marker, camera = layout.markers[out], posed(layout.camera, others)
     corners_m = pixel_to_metre(camera, layout.corners_px[out])
     side_m = float(np.linalg.norm(np.roll(corners_m, -1, axis=0) - corners_m, axis=1).mean())
     ratio = side_m / marker.size_m
     sigma = others.corner_sigma_px() * camera.scale_m_per_px / side_m
     if abs(ratio - 1.0) < max(ONE_SIZE_ERROR, 2.0 * SIGNIFICANT * sigma):
-        return
+        return []
     eye_m = float(-(others.rotation.T @ others.shift_m)[2])
     nearer_m = eye_m * (1.0 - 1.0 / ratio)
-    raise layout.error(
+    return _weighed(
+        layout,
         f"marker {marker.marker} measures {side_m * 1e3:.1f} mm relative to the others, "
         f"{ratio - 1.0:+.1%} from the given size: another print, less than a cell of white around it, or it "
         f"is {abs(nearer_m) * 1e3:.0f} mm "
         f"{'in front of' if nearer_m > 0 else 'behind'} their plane",
-        f"up to {cost_m * 1e3:.1f} mm at the string",
+        cost_m,
         "put all markers in one plane, printed at one size",
         of_size=True,
     )
@@ -166,14 +172,13 @@ def _misplaced(layout: MarkerLayout, out: int, others: PoseFit, cost_m: float) -
     marker = layout.markers[out]
     x_m, y_m = pixel_to_metre(posed(layout.camera, others), layout.corners_px[out]).mean(axis=0)
     off_m = float(np.hypot(x_m - marker.x_m, y_m - marker.y_m))
-    what = (
+    return _weighed(
+        layout,
         f"marker {marker.marker} is at ({x_m:.4f}, {y_m:.4f}) m relative to the others, "
-        f"{off_m * 1e3:.1f} mm from the given position"
+        f"{off_m * 1e3:.1f} mm from the given position",
+        cost_m,
+        "correct its position or rotation in the experiment",
     )
-    cost = f"up to {cost_m * 1e3:.1f} mm at the string"
-    if cost_m < ERROR_M and off_m < 2.0 * ERROR_M:
-        return [f"{what}: {cost}"]
-    raise layout.error(what, cost, "correct its position or rotation in the experiment")
 
 
 def _does_not_fit(layout: MarkerLayout) -> list[str]:
@@ -181,13 +186,20 @@ def _does_not_fit(layout: MarkerLayout) -> list[str]:
     worst = layout.markers[int(np.argmax(square))].marker
     rms_px = layout.fit.rms_px
     measure = "measure the markers' positions and rotations again"
-    cost_m = rms_px * layout.camera.scale_m_per_px
-    what = f"the markers fit their positions with a residual of {rms_px:.1f} px rms, marker {worst} worst"
+    return _weighed(
+        layout,
+        f"the markers fit their positions with a residual of {rms_px:.1f} px rms, marker {worst} worst",
+        rms_px * layout.camera.scale_m_per_px,
+        f"{'flatten the board' if layout.on_board else measure}; is the lens this camera's?",
+    )
+
+
+def _weighed(layout: MarkerLayout, what: str, cost_m: float, fix: str, *, of_size: bool = False) -> list[str]:
+    """Return a warning, or refuse the markers if it costs too much."""
     cost = f"about {cost_m * 1e3:.1f} mm at the string"
-    fix = f"{'flatten the board' if layout.on_board else measure}; is the lens this camera's?"
     if cost_m < ERROR_M:
         return [f"{what}: {cost}; {fix}"]
-    raise layout.error(what, cost, fix)
+    raise layout.error(what, cost, fix, of_size=of_size)
 
 
 def _refuse_rearranged(layout: MarkerLayout) -> None:

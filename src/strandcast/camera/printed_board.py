@@ -7,7 +7,14 @@ from itertools import product
 import cv2
 import numpy as np
 
-from strandcast.camera.markers import FAMILIES, detect_markers, eight_bit, marker_detector, same_family
+from strandcast.camera.markers import (
+    FAMILIES,
+    detect_markers,
+    eight_bit,
+    enough,
+    marker_detector,
+    opencv_board,
+)
 from strandcast.config.camera import Board
 from strandcast.errors import StrandcastError
 
@@ -17,9 +24,15 @@ MAJORITY = 0.5  # chosen: least share of the markers that fit one order
 SQUARES = range(3, 51)  # in a row, as `Board`
 REFERENCES = 12  # chosen: markers of a photo from which the others are counted
 OFF_LATTICE = 0.3  # chosen: squares; an oblique view stretches a step to the next marker by less
+OTHER_SIZE = 0.08  # chosen: relative, of the markers; blur makes small ones up to 0.06 smaller
+DRAWN_PX = 16  # chosen: of a square, in the drawing with which a photo is compared
+LEAST_SEEN = 3  # chosen: squares of a row in a photo
+PRINTED = 0.4  # chosen: least correlation of a row that is printed with its drawing
 
 Photos = Sequence[tuple[str, np.ndarray]]
-Patch = tuple[np.ndarray, np.ndarray]  # ids (m,), and their columns and rows (m, 2) from any one of them
+SeenAs = Callable[[np.ndarray], np.ndarray]
+# Ids (m,), their columns and rows (m, 2) from any one of them, and a square's side in sides of a marker.
+Patch = tuple[np.ndarray, np.ndarray, float]
 
 
 @dataclass(frozen=True)
@@ -39,6 +52,8 @@ class PrintedBoard:
 class MarkerOrder:
     """The squares per row, the number that id 0 has in the order, and the first and last row of a board.
 
+    Where it was read from photos, also a square's side in sides of a marker.
+
     Markers are numbered row by row over the white squares (column + row odd) of a pattern that begins with a
     black square: marker k lies on square 2 k + 1 of an odd row length.
     """
@@ -46,6 +61,11 @@ class MarkerOrder:
     squares_x: int
     number_of_id_0: int
     rows: tuple[int, int]
+    square_in_markers: float = np.nan
+
+    def last_id(self) -> int:
+        """Return the id of the last marker of the last row."""
+        return (self.rows[1] + 1) * self.squares_x // 2 - self.number_of_id_0 - 1
 
     @classmethod
     def declared(cls, board: Board) -> "MarkerOrder":
@@ -73,7 +93,7 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
     StrandcastError
         SC-C016 the board has other squares or another dictionary; SC-C023 the photos are mirrored.
     """
-    others = [name for name in FAMILIES if not same_family(name, board.dictionary)]
+    others = [name for name in FAMILIES if name != board.dictionary]
     for name, seen_as in (
         *product([board.dictionary], (_as_it_is, _negative, _mirrored)),
         *product(others, (_as_it_is, _negative)),
@@ -82,8 +102,10 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
         if order is None:
             continue
         if name != board.dictionary:
-            what = f"the board's markers are from {name} or a subset of it, not from {board.dictionary}"
-            raise StrandcastError("SC-C016", what, field=f"{field}.dictionary")
+            right, larger = enough(name, order.last_id())
+            what = f"the board's markers are from {right}{larger}, not from {board.dictionary}"
+            fix = f"set {field}.dictionary to {right}"
+            raise StrandcastError("SC-C016", what, field=f"{field}.dictionary", fix=fix)
         if seen_as is _mirrored:
             fix = "turn mirroring off in the camera's software, or remove the mirror"
             raise StrandcastError("SC-C023", "the board photos are mirrored", file=photos[0][0], fix=fix)
@@ -91,10 +113,17 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
         warnings = [
             "the board is white on black, or its photos are negatives: taken as such"
         ] * white_on_black
-        if not order.within(MarkerOrder.declared(board)):
+        warnings += _of_other_size(order, board, field)
+        declared = MarkerOrder.declared(board)
+        if not (order.within(declared) and declared.within(order)):
             order = _order(photos, board, name, seen_as) or order  # its outer rows may be cut off in a few
+        if not order.within(declared):
             board, differences = _as_printed(order, board, field)
             warnings += differences
+        elif order.last_id() < declared.last_id() and _is_absent(
+            order.rows[1] + 1 - declared.rows[0], photos, board, seen_as
+        ):
+            raise _other_squares(board, board.squares_x, order.rows[1] - declared.rows[0] + 1, field)
         return PrintedBoard(board, warnings, white_on_black)
     return PrintedBoard(board, [])
 
@@ -119,11 +148,7 @@ def _as_printed(order: MarkerOrder, board: Board, field: str) -> tuple[Board, li
     first_id = top * x // 2 - order.number_of_id_0
     if x != board.squares_x or y > board.squares_y or first_id < 0:
         y += y % 2 * white_first  # boards that begin with a white square have an even number of rows
-        what = f"the board has {x} x {y} squares, not {board.squares_x} x {board.squares_y}"
-        if (x, y) == (board.squares_x + 1, board.squares_y + 1):
-            what += ": squares are counted, not the corners between them"
-        fix = f"set squares_x: {x} and squares_y: {y}"
-        raise StrandcastError("SC-C016", what, field=field, fix=fix)
+        raise _other_squares(board, x, y, field)
     legacy = board.legacy if board.squares_y % 2 else bool(white_first)
     warnings = []
     if legacy != board.legacy:
@@ -135,9 +160,58 @@ def _as_printed(order: MarkerOrder, board: Board, field: str) -> tuple[Board, li
     return board.model_copy(update={"legacy": legacy, "first_id": first_id}), warnings
 
 
-def _order(
-    photos: Photos, board: Board, dictionary: str, seen_as: Callable[[np.ndarray], np.ndarray]
-) -> MarkerOrder | None:
+def _other_squares(board: Board, x: int, y: int, field: str) -> StrandcastError:
+    what = f"the board has {x} x {y} squares, not {board.squares_x} x {board.squares_y}"
+    if (x, y) == (board.squares_x + 1, board.squares_y + 1):
+        what += ": squares are counted, not the corners between them"
+    return StrandcastError("SC-C016", what, field=field, fix=f"set squares_x: {x} and squares_y: {y}")
+
+
+def _of_other_size(order: MarkerOrder, board: Board, field: str) -> list[str]:
+    """Return a warning if markers or squares have not the declared size."""
+    marker_m, square_m = board.square_m / order.square_in_markers, board.marker_m * order.square_in_markers
+    if abs(board.marker_m / marker_m - 1.0) < OTHER_SIZE:
+        return []
+    return [
+        f"beside squares of {1e3 * board.square_m:g} mm, the board's markers measure about "
+        f"{1e3 * marker_m:.1f} mm, not {1e3 * board.marker_m:g}: measure both, and set {field}.marker_m to "
+        f"{marker_m:.4f} or square_m to {square_m:.4f}"
+    ]
+
+
+def _is_absent(row: int, photos: Photos, board: Board, seen_as: SeenAs) -> bool:
+    """Return whether photos show the place of a row of the board, and something else is there."""
+    pattern, detector = opencv_board(board), marker_detector(board.dictionary)
+    width, height = board.squares_x * DRAWN_PX, board.squares_y * DRAWN_PX
+    drawn = pattern.generateImage((width, height))
+    inside = slice(row * DRAWN_PX, (row + 1) * DRAWN_PX)
+    places = np.asarray(pattern.getObjPoints()).mean(axis=1)[:, :2] * DRAWN_PX / board.square_m
+    likeness = []
+    for grey in (eight_bit(seen_as(grey)) for _, grey in photos):
+        ids, corners_px = detect_markers(grey, detector)
+        on_board = np.isin(ids, pattern.getIds())
+        if on_board.sum() < LEAST_MARKERS:
+            continue
+        to_drawing, _ = cv2.findHomography(
+            corners_px[on_board].mean(axis=1),
+            places[ids[on_board] - board.first_id],
+            cv2.RANSAC,
+            0.5 * DRAWN_PX,
+        )
+        if to_drawing is None:
+            continue
+        shown, whole = (
+            cv2.warpPerspective(each, to_drawing, (width, height))[inside]
+            for each in (grey, np.full_like(grey, 255))
+        )
+        seen = whole.min(axis=0) == 255
+        if seen.sum() >= LEAST_SEEN * DRAWN_PX:
+            row_drawn, row_shown = (np.ascontiguousarray(each[:, seen]) for each in (drawn[inside], shown))
+            likeness.append(float(cv2.matchTemplate(row_shown, row_drawn, cv2.TM_CCOEFF_NORMED)[0, 0]))
+    return max(likeness, default=1.0) < PRINTED
+
+
+def _order(photos: Photos, board: Board, dictionary: str, seen_as: SeenAs) -> MarkerOrder | None:
     """Return the order that most markers fit, the declared one among equals; None if it is not clear."""
     detector = marker_detector(dictionary)
     detected = (detect_markers(seen_as(grey), detector) for _, grey in photos)
@@ -152,11 +226,12 @@ def _order(
     is_declared = (squares_x == board.squares_x) & (number_of_id_0 == number)
     if is_declared[best].any():
         best = np.flatnonzero(is_declared)
-    if len(best) > 1 or fitting[best[0]] < MAJORITY * sum(len(ids) for ids, _ in patches):
+    if len(best) > 1 or fitting[best[0]] < MAJORITY * sum(len(ids) for ids, *_ in patches):
         return None
     order = squares_x[best], number_of_id_0[best]
     rows = np.concatenate([_squares(each[0], *order)[0, _fitting(each, *order)[0], 1] for each in patches])
-    return MarkerOrder(int(order[0][0]), int(order[1][0]), (int(rows.min()), int(rows.max())))
+    sizes = float(np.median([each[2] for each in patches]))
+    return MarkerOrder(int(order[0][0]), int(order[1][0]), (int(rows.min()), int(rows.max())), sizes)
 
 
 def _squares(ids: np.ndarray, squares_x: np.ndarray, number_of_id_0: np.ndarray) -> np.ndarray:
@@ -169,7 +244,7 @@ def _squares(ids: np.ndarray, squares_x: np.ndarray, number_of_id_0: np.ndarray)
 
 def _fitting(patch: Patch, squares_x: np.ndarray, number_of_id_0: np.ndarray) -> np.ndarray:
     """Return which markers of a patch fit several orders (h,), where most of them do: (h, m)."""
-    ids, cells = patch
+    ids, cells, _ = patch
     shifts = _squares(ids, squares_x, number_of_id_0) - cells
     references = np.unique(np.linspace(0, len(ids) - 1, REFERENCES).astype(int))
     same = (shifts[:, references, None] == shifts[:, None]).all(axis=-1)  # (h, references, m)
@@ -189,7 +264,10 @@ def _patches(ids: np.ndarray, corners_px: np.ndarray) -> list[Patch]:
     sides = np.einsum("iab,ijb->ija", axes, centre[None] - centre[:, None])  # from i to j, in sides of i
     far = np.abs(sides).max(axis=2)
     np.fill_diagonal(far, np.inf)
-    squares = sides / np.median(far.min(axis=1))  # the nearest is the diagonal neighbour
+    each, nearest = np.arange(len(ids)), far.argmin(axis=1)  # the diagonal neighbour
+    apart = np.linalg.norm(sides, axis=2)
+    square = float(np.median(np.sqrt(0.5 * apart[each, nearest] * apart[nearest, each])))
+    squares = sides / square
     steps = np.rint(squares).astype(int)
     near = (np.abs(steps).max(axis=2) <= 2) & (steps.sum(axis=2) % 2 == 0) & (steps != 0).any(axis=2)
     near &= (np.abs(squares - steps) < OFF_LATTICE * np.abs(steps).max(axis=2, keepdims=True)).all(axis=2)
@@ -204,5 +282,5 @@ def _patches(ids: np.ndarray, corners_px: np.ndarray) -> list[Patch]:
                 free[neighbour] = False
                 queue.append(int(neighbour))
         if len(cells) >= LEAST_MARKERS:
-            patches.append((ids[list(cells)], np.array(list(cells.values()))))
+            patches.append((ids[list(cells)], np.array(list(cells.values())), square))
     return patches

@@ -44,7 +44,7 @@ def run(job: Job, files: Files) -> None:
     from strandcast.camera.picture import camera_picture  # heavy: others read photos with this module
 
     warn_of_former(job.context)
-    fit = _by_tracker if job.context.settings.camera.scale == "tracker" else _by_markers
+    fit = _by_tracker if job.context.settings.camera.scale == "tracker" else camera_by_markers
     camera, picture = fit(job.context, files)
     with atomic_write(files.output("picture")) as temporary:
         Image.fromarray(camera_picture(picture, camera)).save(temporary, "WEBP", quality=82, method=4)
@@ -52,13 +52,13 @@ def run(job: Job, files: Files) -> None:
     camera.write(files.output("camera"))
 
 
-def _by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
+def camera_by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarray]:
     """Fit the lens to photos or a video of the board, the plane to a photo of its markers or board."""
     settings, plane = context.settings, files.input("plane")
     [picture] = read_photos_of(context, [plane])
-    markers, dictionary, warnings = plane_markers_of(settings.camera.plane, picture, str(plane))
+    markers, dictionary, shown, warnings = plane_markers_of(settings.camera.plane, picture, str(plane))
     camera = plane_from_markers(
-        picture,
+        shown,
         _lens(context, files),
         markers,
         dictionary,
@@ -127,16 +127,16 @@ def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:
 
 def plane_markers_of(
     plane: Plane, picture: np.ndarray, file: str
-) -> tuple[list[PlacedMarker], str, list[str]]:
-    """Return the plane's markers, their dictionary, and a warning if its board has other ones.
+) -> tuple[list[PlacedMarker], str, np.ndarray, list[str]]:
+    """Return the plane's markers, their dictionary, the picture with them black on white, and warnings.
 
     The markers are single ones, or those of the board lying in the plane, in the pattern and with the ids
-    that the plane's `picture` (height, width) in `file` shows.
+    that the plane's `picture` (height, width) in `file` shows; a warning names what is declared otherwise.
     """
     if plane.board is None:
         single = [PlacedMarker(m.id, m.x_m, m.y_m, plane.size_m, m.angle_rad) for m in plane.markers]
-        return single, plane.dictionary, []
+        return single, plane.dictionary, picture, []
     placed = plane.board
     printed = identify_board([(file, picture)], placed, "camera.plane.board")
     markers = board_markers(printed.board, placed.x_m, placed.y_m, placed.angle_rad)
-    return markers, placed.dictionary, [] if printed.white_on_black else printed.warnings
+    return markers, placed.dictionary, printed.black_on_white(picture), printed.warnings

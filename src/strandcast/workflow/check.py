@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING
 from strandcast.config.find import overlooked_experiments
 from strandcast.core.trial_names import TRIAL_NAMES, trial_number
 from strandcast.errors import StrandcastError, StrandcastErrors, single
+from strandcast.records.camera import Camera
 from strandcast.records.folders import TrialFolder, video_suffixes
 from strandcast.records.verified import READERS
 from strandcast.stages import files
 from strandcast.stages.context import Context, context_of, free_length_m, refuse_settings_of_others
-from strandcast.stages.job import Job
+from strandcast.stages.declarations import STAGES
+from strandcast.stages.job import Files, Job
+from strandcast.stages.made import changes_since_made
 from strandcast.stages.producers import capture_command
 from strandcast.stages.raw_files import missing_file
 from strandcast.workflow.locks import refuse_if_held
@@ -241,25 +244,31 @@ def _check_photos(context: Context, found: Checked) -> None:
     missing = [missing_file(context, path) for path in needed if not path.is_file()]
     (found.errors if thrown else found.warnings).extend(missing)
     if photo.is_file():
-        _find_plane_markers(context, photo, found)
+        found.attempt(_check_calibration, Files(STAGES["calibrate"], job), photo, found)
 
 
-def _find_plane_markers(context: Context, photo: Path, found: Checked) -> None:
+def _check_calibration(calibration: Files, photo: Path, found: Checked) -> None:
+    """Check what the photos tell: all of it if those of the lens are there, else only the plane's markers."""
     from strandcast.camera.find_markers import find_markers
-    from strandcast.stages.calibrate import plane_markers_of, read_photos_of
+    from strandcast.stages.calibrate import camera_by_markers, plane_markers_of, read_photos_of
 
-    [picture] = read_photos_of(context, [photo])
-    markers, dictionary, _ = plane_markers_of(context.settings.camera.plane, picture, str(photo))
-    wanted = {marker.marker: marker for marker in markers}
-    ids, _, warnings = find_markers(picture, wanted, dictionary, str(photo))
-    missing = sorted(set(wanted) - {int(marker) for marker in ids})
-    # The first is that of the missing ones, which follows with its fix.
-    found.facts += [f"warning: {words}" for words in warnings[bool(missing) :]]
-    found.facts.append(f"{len(ids)} of {len(wanted)} plane markers are in {photo}")
-    if missing:
-        what = f"the plane's markers {', '.join(map(str, missing))} are not seen"
-        cost = "the plane is measured with the others, less precisely"
-        found.warnings.append(StrandcastError("SC-C025", what, file=photo, cost=cost))
+    context = calibration.job.context
+    if not all(path.is_file() for path in calibration.inputs("lens")):
+        [picture] = read_photos_of(context, [photo])
+        markers, dictionary, shown, warnings = plane_markers_of(
+            context.settings.camera.plane, picture, str(photo)
+        )
+        wanted = {marker.marker: marker for marker in markers}
+        ids, _, of_markers = find_markers(shown, wanted, dictionary, str(photo))
+        count, warnings = len(ids), warnings + of_markers
+    else:
+        if changes_since_made(calibration):
+            camera, _ = camera_by_markers(context, calibration)
+        else:
+            camera = Camera.read(calibration.output("camera"))
+        count, warnings = len(camera.plane_markers), camera.lens.warnings + camera.warnings
+    found.facts += [f"warning: {words}" for words in warnings]
+    found.facts.append(f"{count} plane markers are in {photo}")
 
 
 def _check_folders(context: Context, found: Checked) -> None:
