@@ -34,6 +34,8 @@ MAX_FOLDS = 6  # chosen: of the cross-validation
 FOLD_MARGIN = 1.1  # chosen: distance from the picture's centre, relative to the corners', without folding
 TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
 EQUIVALENT_RMS = 1.01  # chosen: relative to the best rms; less is not worth a coefficient
+NARROW = 0.7  # chosen: focal lengths above, in widths of the picture, are no fisheye lens; 71 degrees
+FISHEYE_MAX_RMS = 0.8  # chosen: median rms of a photo under a fisheye lens relative to the best polynomial
 RATIONAL_MAX_RMS = 0.95  # chosen: held-out rms of the rational model relative to the best polynomial
 
 
@@ -120,6 +122,16 @@ def _fit_fisheye(views: Sequence[BoardCorners], size: tuple[int, int], start: Le
     square = float((np.concatenate(residuals) ** 2).sum(axis=1).mean())
     turns, shifts = list(poses[:, :3]), list(poses[:, 3:])
     return LensFit(FISHEYE, square**0.5, matrix, distortion, errors, turns, shifts, residuals)
+
+
+def is_wide(views: Sequence[BoardCorners], size: tuple[int, int]) -> bool:
+    """Return whether a fisheye lens fits most photos better than any polynomial does."""
+    polynomial = fit_lens(views, size, LARGEST_POLYNOMIAL)
+    if polynomial.matrix[0, 0] > NARROW * size[0]:
+        return False
+    fits = polynomial, fit_lens(views, size, FISHEYE)
+    bent, wide = (np.median([(off**2).sum(axis=1).mean() for off in fit.residuals_px]) for fit in fits)
+    return bool(wide < FISHEYE_MAX_RMS**2 * bent)
 
 
 def choose_model(

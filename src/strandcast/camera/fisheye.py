@@ -123,7 +123,7 @@ def calibrate(
     ]
     best = min(starts, key=lambda unknowns: float((_residuals(unknowns, views) ** 2).sum()))
     fit = least_squares(
-        _residuals, best, jac=_slopes, args=(views,), x_scale="jac", xtol=REFINED, ftol=REFINED
+        _residuals, best, jac=_slopes, args=(views,), method="lm", x_scale="jac", xtol=REFINED, ftol=REFINED
     )
     variance = (fit.fun**2).sum() / max(len(fit.fun) - len(fit.x), 1)
     slopes = np.asarray(fit.jac)

@@ -17,6 +17,7 @@ from strandcast.camera.distortion import (
     choose_model,
     fit_lens,
     folds_picture,
+    is_wide,
 )
 from strandcast.camera.frames import choose_frames
 from strandcast.camera.lens_error import lens_covariance, repeat_inflation
@@ -58,7 +59,8 @@ def calibrate_lens(images: Sequence[tuple[str, np.ndarray]], board: Board, model
         The board as printed; a wrong `legacy` or `first_id` is corrected (`identify_board`).
     model
         ``none``, ``k1``, ``k1k2``, ``k1k2p1p2``, ``k1k2k3p1p2``, ``rational``, ``fisheye``, or ``auto``:
-        one but the last, chosen by cross-validation (`distortion.choose_model`).
+        the last where it fits better than any polynomial (`distortion.is_wide`), else one of the others,
+        chosen by cross-validation (`distortion.choose_model`).
 
     Returns
     -------
@@ -103,7 +105,7 @@ def calibrate_lens_video(frames: Iterable[tuple[str, np.ndarray]], board: Board,
 
 def _models(model: str) -> list[str]:
     if model == "auto":
-        return list(MODELS)
+        return [*MODELS, FISHEYE]
     if model not in (*MODELS, FISHEYE):
         fix = f"use one of auto, {', '.join((*MODELS, FISHEYE))}"
         what = f"there is no distortion model {model!r}"
@@ -147,6 +149,8 @@ def _fit_without_outliers(
 ) -> tuple[list[BoardCorners], np.ndarray, LensFit, list[ModelTrial]]:
     """Reject outlying photos, the worst first; then choose the model and fit. Also return the poses."""
     used = list(usable)
+    if FISHEYE in models and len(models) > 1 and len(used) >= MIN_VIEWS:
+        models = [FISHEYE] if is_wide(used, size) else list(MODELS)
     trial_model = LARGEST_POLYNOMIAL if LARGEST_POLYNOMIAL in models else models[0]
     while True:
         if len(used) < MIN_VIEWS:

@@ -161,8 +161,8 @@ class CameraSettings(Section):
     distortion: Literal["auto", "none", "k1", "k1k2", "k1k2p1p2", "k1k2k3p1p2", "rational", "fisheye"] = (
         Field(
             "auto",
-            description="Free coefficients of the lens; auto takes the smallest model that predicts unseen "
-            "photos well, but never fisheye. Set that for a view of more than some 110 degrees.",
+            description="Free coefficients of the lens; auto takes fisheye where no polynomial fits as well, "
+            "else the smallest model that predicts unseen photos well.",
         )
     )
     plane_photo: Below = Field(
