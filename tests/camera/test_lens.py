@@ -154,6 +154,13 @@ def test_a_row_whose_markers_are_not_detected_is_not_taken_for_absent():
     assert identify_board([("blurred.png", drawn)], BOARD).warnings == []
 
 
+def test_a_board_that_is_cut_off_in_the_only_photo_is_named():
+    drawn = opencv_board(BOARD).generateImage((840, 600), marginSize=60)[:, 150:]  # without a column
+    swapped = BOARD.model_copy(update={"squares_x": 5, "squares_y": 7})
+    with pytest.raises(StrandcastError, match="the board has 7 x 5 squares, not 5 x 7"):
+        identify_board([("plane.png", drawn)], swapped)
+
+
 def test_markers_of_another_size_are_named_with_the_right_one(photos):
     found = calibrate_lens(photos, BOARD.model_copy(update={"marker_m": 0.02}))
     assert re.search(r"measure about 2[56]\.\d mm, not 20: .*marker_m to 0\.02[56]\d", found.warnings[0])

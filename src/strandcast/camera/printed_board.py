@@ -212,7 +212,10 @@ def _is_absent(row: int, photos: Photos, board: Board, seen_as: SeenAs) -> bool:
 
 
 def _order(photos: Photos, board: Board, dictionary: str, seen_as: SeenAs) -> MarkerOrder | None:
-    """Return the order that most markers fit, the declared one among equals; None if it is not clear."""
+    """Return the order that most markers fit; among equals the declared one, then one with its first id.
+
+    None if it is not clear.
+    """
     detector = marker_detector(dictionary)
     detected = (detect_markers(seen_as(grey), detector) for _, grey in photos)
     patches = [patch for ids, corners_px in detected for patch in _patches(ids, corners_px)]
@@ -220,12 +223,12 @@ def _order(photos: Photos, board: Board, dictionary: str, seen_as: SeenAs) -> Ma
         return None
     squares_x, number_of_id_0 = np.array([(x, number) for x in SQUARES for number in range(x)]).T
     fitting = sum(_fitting(patch, squares_x, number_of_id_0).sum(axis=1) for patch in patches)
-    declared = MarkerOrder.declared(board)
+    top = MarkerOrder.declared(board).rows[0]
     best = np.flatnonzero(fitting == fitting.max())
-    number = declared.number_of_id_0 % board.squares_x
-    is_declared = (squares_x == board.squares_x) & (number_of_id_0 == number)
-    if is_declared[best].any():
-        best = np.flatnonzero(is_declared)
+    as_declared = number_of_id_0 == (top * (squares_x // 2) - board.first_id) % squares_x
+    for likely in (as_declared & (squares_x == board.squares_x), as_declared):
+        if likely[best].any():
+            best = best[likely[best]]
     if len(best) > 1 or fitting[best[0]] < MAJORITY * sum(len(ids) for ids, *_ in patches):
         return None
     order = squares_x[best], number_of_id_0[best]
