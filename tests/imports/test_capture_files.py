@@ -12,7 +12,7 @@ from strandcast.cli.app import app
 from strandcast.errors import StrandcastError
 from strandcast.imports.capture import CapturedTrial, import_capture
 from strandcast.imports.capture_mapping import capture_mapping_of
-from strandcast.imports.capture_table import read_capture, times_of
+from strandcast.imports.capture_table import read_capture, times_of, with_units
 from strandcast.records.track import read_track
 
 RATE_HZ, ROWS, LENGTH_M = 240.0, 48, 0.8
@@ -115,6 +115,19 @@ def trc():
     return "\n".join(lines) + "\n"
 
 
+def vicon_with_all_tables():
+    """Return joint angles and a modelled point in a table of their own, as Nexus exports them before."""
+    rows = ["Model Outputs", "240", ",,knee,,,com,,", "Frame,Sub Frame,X,Y,Z,X,Y,Z", ",,deg,deg,deg,mm,mm,mm"]
+    rows += [f"{101 + k},0,1,2,3,4,5,6" for k in range(ROWS)]
+    return "\n".join(rows) + "\n\n" + vicon()
+
+
+def qualisys_later():
+    """Return version 2.0.0 of QTM's format, on an external time base, with NULL for gaps."""
+    text = "FILE_VERSION\t2.0.0\n" + qualisys().replace("FREQUENCY\t240", "FREQUENCY\tEXT")
+    return text.replace("\t0.000000" * 3, "\tNULL" * 3)
+
+
 FILES = {
     "optitrack.csv": (optitrack, None),
     "optitrack-new.csv": (lambda: optitrack("1.25"), None),
@@ -122,6 +135,11 @@ FILES = {
     "qualisys.tsv": (qualisys, None),
     "qualisys-bare.tsv": (lambda: qualisys(header=False), None),
     "take.trc": (trc, "y"),  # the format names no axis
+    "optitrack-comma.csv": (lambda: optitrack().replace("Take 1", "swing, fast"), None),
+    "vicon-tables.csv": (vicon_with_all_tables, None),
+    "vicon.txt": (lambda: vicon().replace(",", "\t"), None),
+    "qualisys-later.tsv": (qualisys_later, None),
+    "qualisys-commas.tsv": (lambda: qualisys().replace(".", ","), None),
 }
 
 
@@ -139,6 +157,25 @@ def test_what_the_file_says_need_not_be_given(tmp_path, name):
     expected[GAP, 2] = np.nan
     np.testing.assert_allclose(track.points_m, expected, atol=1e-6)
     assert [("up" in each) for each in summary.warnings] == ([] if up else [True])
+
+
+def test_a_header_without_its_first_line_needs_the_unit_alone(tmp_path):
+    (tmp_path / "take.csv").write_text(optitrack().split("\r\n", 2)[2])
+    table = read_capture(tmp_path / "take.csv")
+    assert table.points() == ["hand", "string:tip", "string:middle"]
+    assert (table.maker, table.time, table.length_unit) == ("OptiTrack", ("time", 1.0), None)
+
+
+@pytest.mark.parametrize("word", ["in", "inches"])
+def test_inches_are_a_unit_and_an_unknown_one_is_named(tmp_path, word):
+    mapping = capture_mapping_of("hand", ["0.8:string:tip"], up="y")
+    (tmp_path / "take.trc").write_text(trc().replace("\t3\tmm", f"\t3\t{word}"))
+    assert with_units(read_capture(tmp_path / "take.trc"), mapping)[0].unit_m() == 0.0254
+    (tmp_path / "take.trc").write_text(trc().replace("\t3\tmm", "\t3\tum"))
+    table = read_capture(tmp_path / "take.trc")
+    with pytest.raises(StrandcastError, match="SC-I011.*unit of length is 'um'"):
+        with_units(table, mapping)
+    assert with_units(table, mapping.model_copy(update={"length_unit": "mm"}))[0].unit_m() == 1e-3
 
 
 def test_a_body_tracked_with_its_orientation_is_named_once(tmp_path):
@@ -162,6 +199,15 @@ def test_a_body_of_six_axes_has_a_quaternion(tmp_path):
     assert np.isnan(q[2]).all()
     assert np.isnan(table.column("hand.x")[2])
     np.testing.assert_allclose(times_of(table, capture_mapping_of("hand", ["0.8:hand"])), [0.0, 0.01, 0.02])
+
+
+def test_an_empty_column_between_bodies_is_no_number_of_theirs(tmp_path):
+    rows = ["NO_OF_FRAMES\t3", "FREQUENCY\t100", "DATA_INCLUDED\t6D", "BODY_NAMES\tone\ttwo"]
+    rows += [f"{k}\t{0.01 * k}\t" + "\t".join(["1"] * 16) + "\t\t" + "\t".join(["2"] * 16) for k in range(3)]
+    (tmp_path / "6d.tsv").write_text("\n".join(rows) + "\n")
+    table = read_capture(tmp_path / "6d.tsv")
+    assert table.columns(["time", "one.z", "two.x", "two.Rot[8]"])[2].tolist() == [0.02, 1, 2, 2]
+    assert table.listed().startswith("one, two, frame, time, one.roll")
 
 
 @pytest.mark.parametrize("name", FILES)

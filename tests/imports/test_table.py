@@ -46,8 +46,8 @@ def test_comments_blank_lines_bom_and_closing_separators_are_taken(tmp_path):
     [
         pytest.param("t,q\n0,1\n0.1,2,3\n", 3, "3 cells, the header has 2", id="row31-extra-value"),
         ("t,q\n0,1\n0.1\n", 3, "1 cells, the header has 2"),
-        pytest.param("t;q\n0,1;1,5\n", 2, "decimal comma", id="row30-decimal-comma"),
-        pytest.param("1;0,5\n2;0,7\n", 1, "decimal comma", id="row30-no-header"),
+        pytest.param("t;q\n0,1;1,5\n0.2;1\n", 2, "decimal comma, and other", id="row30-decimal-comma"),
+        ("t,q\n20.11.2026 12:00:01.5,0\n", 2, "neither a number nor a time as in ISO 8601"),
         ("t,q\n0,1\n0.1,abc\n", 3, "'abc' is not a number"),
         pytest.param("t,q\n0,1\n0.1,inf\n", 3, "not a finite number", id="row36-infinite"),
         pytest.param("t,q\n0,1\n0.1\0\0\0,2\n", 3, "NUL bytes from byte 11 on", id="row32-NUL"),
@@ -70,6 +70,18 @@ def test_what_does_not_fit_is_one_message_with_the_line(tmp_path, text, line, wo
     assert refusal.value.line == line
     assert refusal.value.file.endswith("log.csv")
     assert refusal.value.fix
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_commas_are_decimal_where_they_do_not_separate_and_no_number_has_a_point(tmp_path, separator):
+    text = "\n".join(separator.join(row) for row in (["t", "q"], ["0,1", "-1,5"], ["0,2", "1e-3"]))
+    assert read_all(tmp_path, text).values.tolist() == [[0.1, -1.5], [0.2, 0.001]]
+    assert read_all(tmp_path, "0,1;1,5;2,5\n0,2;1,5;2,5\n").values[1].tolist() == [0.2, 1.5, 2.5]
+
+
+def test_times_of_the_day_go_on_after_midnight(tmp_path):
+    table = table_of(tmp_path, "t,q\n23:59:59.5,0\nnan,0\n00:00:00.25,0\n")
+    assert table.times("t", 1.0).tolist()[::2] == [86399.5, 86400.25]
 
 
 def test_only_a_last_line_without_an_end_may_be_cut(tmp_path):
@@ -114,6 +126,14 @@ def test_a_name_that_two_columns_have_is_refused_where_they_differ_and_it_is_use
         table.column("q")
     assert table.columns(["t", "q@3"]).tolist() == [[0, 2]]
     assert table_of(tmp_path, "t,q,q\n0,1,1\n").column("q").tolist() == [1]
+
+
+def test_names_in_a_message_are_whole_the_likely_ones_first(tmp_path):
+    names = [f"Subject:Segment{k:03d}:virtual" for k in range(100)] + ["tip"]
+    table = table_of(tmp_path, ",".join(names) + "\n" + ",".join(["0"] * len(names)) + "\n")
+    assert table.listed() == ", ".join(names)
+    with pytest.raises(StrandcastError, match="the columns are tip, Subject:.*virtual and 8[0-9] more"):
+        table.column("tipp")
 
 
 def test_a_file_of_any_size_is_refused_before_it_is_read(tmp_path):

@@ -48,10 +48,11 @@ def read_c3d(path: Path) -> NumberTable:
     except Exception as error:
         what = f"cannot be read as C3D ({type(error).__name__}: {error})"
         raise refusal("SC-I001", path, None, what, "export it again") from None
-    if not points.size or not rate_hz > 0:
-        what = f"has {len(points)} points at {rate_hz:g} frames per second"
+    if not points.size:
+        what = f"has {len(points)} points in {points.shape[1]} frames"
         raise refusal("SC-I001", path, None, what, "export the markers' trajectories with it")
-    units = {unit_named(str(unit)) for unit in about.get("UNITS", []) if str(unit).strip()}
+    said = {str(unit).strip() for unit in about.get("UNITS", []) if str(unit).strip()}
+    units = {unit_named(unit) or unit for unit in said}
     screen = str(next(iter(about.get("Y_SCREEN", [])), "")).strip().lower()
     names += [f"point {k + 1}" for k in range(len(names), len(points))]
     values = np.where(seen[..., None], points, np.nan)
@@ -62,7 +63,7 @@ def read_c3d(path: Path) -> NumberTable:
         1 + np.arange(points.shape[1]),
         True,
         maker="C3D",
-        rate_hz=rate_hz,
+        rate_hz=rate_hz if rate_hz > 0 else None,
         length_unit=units.pop() if len(units) == 1 else None,
         # Qualisys writes -Z where z points up: a minus is no evidence.
         up=screen[1:] if screen in ("+x", "+y", "+z") else None,

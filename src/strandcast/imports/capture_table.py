@@ -8,7 +8,7 @@ import pyarrow as pa
 from strandcast.imports.c3d_files import SUFFIX, read_c3d
 from strandcast.imports.capture_dialects import read_capture_csv
 from strandcast.imports.capture_mapping import CaptureMapping
-from strandcast.imports.mapping import LENGTH_UNITS, TIME_UNITS
+from strandcast.imports.mapping import LENGTH_UNITS, TIME_UNITS, unit_named
 from strandcast.imports.table import NumberTable, read_numbers
 from strandcast.records.record import refusal
 from strandcast.records.tables import read_parquet
@@ -51,15 +51,18 @@ def with_units(table: NumberTable, mapping: CaptureMapping) -> tuple[CaptureMapp
         SC-I027 another unit of length than the file's; SC-I011 neither gives the unit, or the axis up, of a
         capture in space.
     """
-    unit, notes = mapping.length_unit or table.length_unit, []
-    if table.length_unit is not None and table.length_unit.lower() != unit:
+    known, notes = unit_named(table.length_unit), []
+    unit = mapping.length_unit or known
+    if known is not None and known != unit:
         what = f"is {unit}, the file says {table.length_unit}"
         raise refusal("SC-I027", table.path, "length_unit", what, "leave it out, or give the file's unit")
-    if not mapping.in_space:
+    if not mapping.in_space and not table.length_unit:
         unit = unit or "m"
-    if unit not in LENGTH_UNITS:
+    if unit is None:
         fix = f"give --length-unit ({', '.join(LENGTH_UNITS)}), or length_unit in a mapping"
-        raise refusal("SC-I011", table.path, "length_unit", "the file does not say its unit of length", fix)
+        what = "the file does not say its unit of length"
+        what = f"the file's unit of length is {table.length_unit!r}" if table.length_unit else what
+        raise refusal("SC-I011", table.path, "length_unit", what, fix)
     found: dict[str, object] = {"length_unit": unit}
     if mapping.in_space and mapping.up is None:
         if table.up is None:
@@ -105,7 +108,7 @@ def _own_times(table: NumberTable, mapping: CaptureMapping) -> tuple[str, np.nda
     if rate_hz is not None:
         return "rate_hz", np.arange(len(table.values)) / rate_hz
     if DEFAULT_TIME not in table.names:
-        what = f"no column of the time is named, and the file has no rate; it has {table.listed()}"
+        what = f"no column of the time is named, and the file has no rate; it has {table.listed('time')}"
         fix = "give --time COLUMN and, if it is not in s, --time-unit; or --rate"
         raise refusal("SC-I011", table.path, "time", what, fix)
     return DEFAULT_TIME, table.times(DEFAULT_TIME, TIME_UNITS[mapping.time_unit])

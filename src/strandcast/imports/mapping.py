@@ -10,17 +10,17 @@ from strandcast.errors import StrandcastError, StrandcastErrors
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE_UNITS = {"rad": 1.0, "deg": 0.017453292519943295}
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 AngleUnit = Literal["rad", "deg"]
-LengthUnit = Literal["m", "cm", "mm"]
+LengthUnit = Literal["m", "cm", "mm", "in"]
 
 
 def unit_named(text: str | None) -> str | None:
     """Return the length unit of a capture file's words, e.g. ``Millimeters``; None if they name none."""
-    unit = (text or "").strip().lower()
-    unit = {"meters": "m", "centimeters": "cm", "millimeters": "mm"}.get(unit, unit)
+    unit = (text or "").strip().lower().removesuffix("s").replace("metre", "meter")
+    unit = {"meter": "m", "centimeter": "cm", "millimeter": "mm", "inch": "in", "inche": "in"}.get(unit, unit)
     return unit if unit in LENGTH_UNITS else None
 
 

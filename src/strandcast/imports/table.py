@@ -1,6 +1,8 @@
 """Tables of numbers that importers read columns from."""
 
 from dataclasses import dataclass, field
+from difflib import SequenceMatcher
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ from strandcast.errors import StrandcastError
 from strandcast.records.csv_cells import Cells, read_cells
 from strandcast.records.record import refusal
 
-MOST_LISTED = 60  # names in a message; chosen
+MOST_LISTED = 450  # characters of names in a message, which may have 600
 
 
 @dataclass(frozen=True)
@@ -49,11 +51,16 @@ class NumberTable:
         stems = dict.fromkeys(name.removesuffix(".x") for name in self.names if name.endswith(".x"))
         return [stem for stem in stems if {f"{stem}.y", f"{stem}.z"} <= there]
 
-    def listed(self) -> str:
-        """Return its columns in words, those of points by the point's name."""
+    def listed(self, near: str | None = None) -> str:
+        """Return its columns in words, points by their names; if `near` is given, some that are like it."""
         points = self.points()
         parts = {f"{point}.{part}" for point in points for part in ("x", "y", "z", "qw", "qx", "qy", "qz")}
-        return ", ".join([*points, *(name for name in self.names if name not in parts)][:MOST_LISTED])
+        names = [*points, *(name for name in self.names if name and name not in parts)]
+        if near is None or len(", ".join(names)) <= MOST_LISTED:
+            return ", ".join(names)
+        names.sort(key=lambda name: SequenceMatcher(None, near, name).ratio(), reverse=True)
+        kept = max(sum(end <= MOST_LISTED for end in accumulate(len(name) + 2 for name in names)), 1)
+        return f"{', '.join(names[:kept])} and {len(names) - kept} more"
 
     def column(self, name: str) -> np.ndarray:
         """Return one column (rows,) by its name, or by its number from 1 where the file has no header.
@@ -74,7 +81,7 @@ class NumberTable:
             what = "the header names this column twice"
             fix = f"give one of {', '.join(f'{name}@{k + 1}' for k in found)}"
         else:
-            what = f"there is no column {name!r}; the columns are {self.listed()}"
+            what = f"there is no column {name!r}; the columns are {self.listed(name)}"
             fix = "name the columns as the file's header does, or number them from 1 if it has none"
         raise StrandcastError("SC-I004", what, file=self.path, field=name, fix=fix)
 

@@ -17,15 +17,21 @@ COMMENT = ("#", "%")
 LARGEST_FILE_BYTES = 256 << 20  # 16 times a log of 60 s at 1 kHz; its cells take ten times as much memory
 LONGEST_NAME = 200  # characters of a column's name; chosen, ROS' nested names have some 80
 LONGEST_QUOTE = 40  # characters of a cell in a message; chosen, one line of a terminal
-EMPTY = frozenset({"", "nan", "na"})
+EMPTY = frozenset({"", "nan", "na", "null", "none"})
+POINT = re.compile(r"\d\.\d")
+HEAD_LINES = 50  # by which the separator is chosen
 # Not str.splitlines: a damaged byte such as a form feed would split one row into two.
 UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+DAY_S = 86400.0
 LINE_END = re.compile(r"\r\n|\n|\r")
 
 
 @dataclass(frozen=True)
 class Cells:
-    """The text of a CSV file's cells, the line of each row, and the code of its errors."""
+    """The text of a CSV file's cells, the line of each row, and the code of its errors.
+
+    `has_decimal_commas` where commas do not separate the cells, and no number has a point.
+    """
 
     path: Path
     names: list[str]
@@ -34,6 +40,7 @@ class Cells:
     has_header: bool
     code: str
     last_line_ends: bool = True  # False: the file stops within its last line, or without a line end
+    has_decimal_commas: bool = False
 
     def without_cut_line(self) -> "tuple[Cells, list[str]]":
         """Return the cells without a last line that was cut, and a warning of it.
@@ -70,9 +77,18 @@ class Cells:
         )
 
     def instants(self, k: int) -> np.ndarray | None:
-        """Return a column of ISO 8601 times (rows,) as seconds, NaN where empty; else None."""
+        """Return a column of ISO 8601 times (rows,) as seconds, NaN where empty; else None.
+
+        Times of the day go on after midnight.
+        """
         found = [math.nan if row[k].lower() in EMPTY else instant_s(row[k]) for row in self.rows]
-        return None if None in found else np.array(found, float)
+        if None in found:
+            return None
+        times_s = np.array(found, float)
+        if not any(row[k][4:5] == "-" for row in self.rows):
+            known = np.isfinite(times_s)
+            times_s[known] = np.unwrap(times_s[known], period=DAY_S)
+        return times_s
 
     def integers(self, name: str) -> np.ndarray:
         """Return one column (rows,) exactly, as 64-bit integers; empty cells become 0."""
@@ -87,11 +103,15 @@ class Cells:
 
     def _number(self, row: int, column: int, cell: str) -> float:
         try:
-            value = float(_plain(cell))
+            value = float(_plain(cell.replace(",", ".") if self.has_decimal_commas else cell))
         except ValueError:
             if _has_decimal_comma(cell):
-                what = f"{_quoted(cell)} has a decimal comma"
+                what = f"{_quoted(cell)} has a decimal comma, and other numbers have points"
                 raise self._refusal(row, self.names[column], what, "export with decimal points") from None
+            if cell.count(":") > 1:
+                what = f"{_quoted(cell)} is neither a number nor a time as in ISO 8601"
+                fix = "write times as 2026-11-20T17:01:02.003 or 17:01:02.003, or give seconds"
+                raise self._refusal(row, self.names[column], what, fix) from None
             raise self._not_a(row, self.names[column], cell, "number") from None
         if not math.isfinite(value):
             raise self._not_a(row, self.names[column], cell, "finite number")
@@ -114,22 +134,22 @@ def read_cells(path: str | Path, code: str) -> Cells:
     ----------
     code
         Code of the errors, with file and line: a missing or empty file, NUL bytes; from `Cells`, a line with
-        another number of cells, or a cell that is not a number (a decimal comma is reported as such), or
-        quotation marks that do not enclose a cell.
+        another number of cells, or a cell that is not a number (a decimal comma where others have points is
+        reported as such), or quotation marks that do not enclose a cell.
     """
     path = Path(path)
     text = read_text(path, code)
-    rows, lines = _split(path, text, code)
+    rows, lines, commas = _split(path, text, code)
     ends = text.endswith(("\n", "\r"))
     if all(_is_number(cell) or instant_s(cell) is not None for cell in rows[0]):
-        return Cells(path, [str(k + 1) for k in range(len(rows[0]))], rows, lines, False, code, ends)
+        return Cells(path, [str(k + 1) for k in range(len(rows[0]))], rows, lines, False, code, ends, commas)
     longest = max(rows[0], key=len)
     if len(longest) > LONGEST_NAME:
         what = f"the header has a column's name of {len(longest)} characters, {_quoted(longest)}"
         raise refusal(code, path, None, what, "name it shortly, or export the file again", lines[0])
     if len(rows) == 1:
         raise refusal(code, path, None, "the file has a header and no rows", "export or copy it again")
-    return Cells(path, rows[0], rows[1:], lines[1:], True, code, ends)
+    return Cells(path, rows[0], rows[1:], lines[1:], True, code, ends, commas)
 
 
 def read_text(path: Path, code: str) -> str:
@@ -165,8 +185,19 @@ def _utf16(data: bytes) -> str:
     return "utf-16-be" if data[:1] == b"\0" else "utf-16-le"
 
 
-def _split(path: Path, text: str, code: str) -> tuple[list[list[str]], list[int]]:
-    """Return the cells of all lines that are not empty, and the lines' numbers."""
+def separator_of(lines: list[str]) -> str:
+    """Return the tab or semicolon that most of the first lines have, else the comma."""
+    head = lines[:HEAD_LINES]
+    return next((mark for mark in "\t;" if 2 * sum(mark in line for line in head) > len(head)), ",")
+
+
+def has_decimal_commas(lines: list[str], separator: str) -> bool:
+    """Return whether commas in a file's numbers are decimal ones."""
+    return separator != "," and not any(map(POINT.search, lines))
+
+
+def _split(path: Path, text: str, code: str) -> tuple[list[list[str]], list[int], bool]:
+    """Return the cells of all lines that are not empty, the lines' numbers, and `has_decimal_commas`."""
     kept = [
         (number, line)
         for number, line in enumerate(LINE_END.split(text), 1)
@@ -175,13 +206,13 @@ def _split(path: Path, text: str, code: str) -> tuple[list[list[str]], list[int]
     if not kept:
         raise refusal(code, path, None, "the file is empty: it has no rows", "export or copy it again")
     numbers, lines = [number for number, _ in kept], [line for _, line in kept]
-    delimiter = max(";\t,", key=lines[0].count)
+    delimiter = separator_of(lines)
     if delimiter not in lines[0]:
-        return [line.split() for line in lines], numbers  # UR's record.py: blanks
+        return [line.split() for line in lines], numbers, False  # UR's record.py: blanks
     cells = [split_line(path, line, number, delimiter, code) for number, line in kept]
     if all(row and row[-1] == "" for row in cells):
         cells = [row[:-1] for row in cells]  # every line ends in a separator
-    return cells, numbers
+    return cells, numbers, has_decimal_commas(lines[1:], delimiter)
 
 
 def split_line(path: Path, line: str, number: int, delimiter: str, code: str) -> list[str]:
