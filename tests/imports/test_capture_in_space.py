@@ -246,3 +246,46 @@ def test_gaps_stay_gaps(tmp_path, named):
     assert summary.tracked_fraction == pytest.approx(1.0 - 0.25 * (named["t"] < 0.2).mean())
     assert any("were not measured for 0.1" in each for each in summary.warnings)
     assert len(read_table(tmp_path / "out/hand.parquet", HAND)["x_m"]) == (~lost).sum()
+
+
+def test_a_marker_that_jumps_to_zero_was_not_measured_there(tmp_path, named):
+    lost = (named["t"] > 0.2) & (named["t"] < 0.4)
+    zeros = named | {name: np.where(lost, 0.0, named[name]) for name in ("m2.x", "m2.y", "m2.z")}
+    summary = imported(tmp_path, zeros, captures.mapping_data())
+    track = read_track(tmp_path / "out/track.parquet", 4)
+    assert np.isnan(track.points_m[:, 2]).any(axis=1).tolist() == lost.tolist()
+    said = " ".join(summary.warnings)
+    assert re.search(f"{lost.sum()} rows of m2.x, m2.y, m2.z are exactly 0", said)
+    assert re.search(r"not measured for long.*: m2 for 0.2[0-9]* s after 0.[12]", said)
+    still = named | {f"hand_behind.{axis}": np.zeros_like(lost, float) for axis in "xyz"}
+    imported(tmp_path, still, captures.mapping_data())  # a place at the origin
+
+
+def test_exchanged_markers_are_refused_and_a_hand_that_jumps_is_warned_of(tmp_path, named):
+    late = named["t"] >= 0.3
+
+    def exchanged(one, other):
+        pairs = [(f"{one}.{axis}", f"{other}.{axis}") for axis in "xyz"]
+        pairs += [pair[::-1] for pair in pairs]
+        return named | {to: np.where(late, named[source], named[to]) for to, source in pairs}
+
+    with pytest.raises(StrandcastError, match=r"SC-I029.*points 2 and 3 .* from frame 15 on, at 0.300 s"):
+        imported(tmp_path, exchanged("m2", "m3"), captures.mapping_data())
+    gap = exchanged("m2", "m3")
+    gap["m2.x"] = np.where(np.abs(named["t"] - 0.29) < 0.02, np.nan, gap["m2.x"])
+    with pytest.raises(StrandcastError, match="SC-I029.*points 2 and 3"):
+        imported(tmp_path, gap, captures.mapping_data())
+    moved = {name: np.where(late, named[name] + 150.0, named[name]) for name in ("hand.x", "m1.x", "m2.x")}
+    said = imported(tmp_path, named | moved, captures.mapping_data()).warnings
+    assert any("the hand jumps by more than 5 m/s 1 times, first in frame 15" in each for each in said)
+
+
+def test_a_rate_is_compared_with_the_column_of_the_time_and_held_rows_are_left_out(tmp_path, named):
+    data = captures.mapping_data()
+    with pytest.raises(StrandcastError, match="SC-I028.*is 60, the file's column t has 50 rows per second"):
+        imported(tmp_path, named, data | {"time": None, "rate_hz": 60.0})
+    time_s = np.arange(4 * len(named["t"])) * 0.005
+    held = {name: np.repeat(column, 4) for name, column in named.items()} | {"t": time_s}
+    assert any("the markers change 50 times" in each for each in imported(tmp_path, held, data).warnings)
+    track = read_track(tmp_path / "out/track.parquet", 4)
+    np.testing.assert_allclose(track.camera_time_s, named["t"], atol=1e-9)

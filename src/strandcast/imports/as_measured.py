@@ -1,4 +1,4 @@
-"""Joint logs as the arm moved: without whole turns that an angle jumped by, and without rows held over."""
+"""Logs and captures as measured: without whole turns that an angle jumped by, and without rows held over."""
 
 from dataclasses import replace
 
@@ -21,16 +21,22 @@ def as_measured(log: JointLog, motion: Motion | None) -> tuple[JointLog, list[st
     recorder that is faster than the controller repeats each value, the later the farther from its time.
     """
     log, notes = _in_one_turn(log, motion)
-    usual, first = _held(log.q_rad)
-    if usual < 2.0:
+    first, held = not_held(log.time_s, log.q_rad, "joints")
+    if not held:
         return log, notes
     names = ("time_s", "q_rad", "qd_rad_s", "q_cmd_rad", "qd_cmd_rad_s", "since_start_s", "flags")
-    kept = replace(log, **{name: getattr(log, name)[first] for name in names})
-    rate_hz = 1.0 / float(np.median(np.diff(log.time_s)))
-    return kept, [
-        *notes,
-        f"the joints change {rate_hz / usual:.4g} times per second, in {rate_hz:.4g} rows: each value is "
-        f"taken at its first row, and {len(log.time_s) - len(kept.time_s)} rows that repeat it are left out",
+    return replace(log, **{name: getattr(log, name)[first] for name in names}), notes + held
+
+
+def not_held(time_s: np.ndarray, values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
+    """Return the rows at which values (T, n) at times (T,) come, and a note if others only repeat them."""
+    usual, first = _held(np.nan_to_num(values))
+    if usual < 2.0:
+        return np.arange(len(values)), []
+    rate_hz = 1.0 / float(np.median(np.diff(time_s)))
+    return first, [
+        f"the {what} change {rate_hz / usual:.4g} times per second, in {rate_hz:.4g} rows: each value is "
+        f"taken at its first row, and {len(values) - len(first)} rows that repeat it are left out"
     ]
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from strandcast.arm.load import PlanarArm
 from strandcast.errors import StrandcastError
 from strandcast.imports.capture_mapping import CaptureMapping, CaptureMarker, DrivenBody, columns_of
-from strandcast.imports.capture_table import read_capture, times_of, with_units
+from strandcast.imports.capture_table import as_measured, read_capture, times_of, with_units
 from strandcast.imports.mapping import ANGLE_UNITS
 from strandcast.imports.table import NumberTable
 from strandcast.imports.throw_in_space import Placement, ThrownBy, place_capture, placement_warnings
-from strandcast.imports.track_checks import FEWEST, check_directions, check_track, paths_of
+from strandcast.imports.track_checks import FEWEST, LONG_GAP_S, check_directions, check_track, paths_of
 from strandcast.records.alignment import HAND, Alignment, EndPath, end_columns
 from strandcast.records.files import sha256_file
 from strandcast.records.record import refusal
@@ -70,13 +70,14 @@ def import_capture(
     """
     table = read_capture(path)
     mapping, warnings = with_units(table, mapping)
-    time_s = times_of(table, mapping)
+    table, time_s, notes = as_measured(table, mapping, times_of(table, mapping))
     markers = sorted(mapping.markers, key=lambda marker: marker.place_m)
     markers_m = np.stack([_position(table, mapping, marker.position) for marker in markers], axis=1)
     index, doubts = _points_of(markers, mapping.in_space, known, table.path)
     _refuse_unseen_or_same(markers_m, markers, table.path)
     ends: list[EndPath] = []
-    sigma_m, warnings = mapping.sigma_m, [*table.notes, *warnings, *doubts]
+    sigma_m, warnings = mapping.sigma_m, [*table.notes, *warnings, *notes, *doubts]
+    warnings += _gaps(markers_m, markers, time_s)
     if known.thrown is not None:
         place = _placed(table, mapping, known, known.thrown, time_s, markers_m[:, -1])
         markers_m, warnings = place.placed(markers_m), warnings + placement_warnings(place)
@@ -228,6 +229,21 @@ def _refuse_unseen_or_same(markers_m: np.ndarray, markers: list[CaptureMarker], 
             names = f"{_words(markers[one])} and {_words(markers[other])}"
             what = f"{names} are the same marker in all {len(apart_m)} rows"
             raise _misplaced(file, what, "name each marker once, with its own columns")
+
+
+def _gaps(markers_m: np.ndarray, markers: list[CaptureMarker], time_s: np.ndarray) -> list[str]:
+    """Return a warning of the markers (F, m, 2 or 3) that were not measured for long."""
+    long = []
+    for marker, place_m in zip(markers, np.moveaxis(markers_m, 1, 0), strict=True):
+        seen = np.flatnonzero(np.isfinite(place_m).all(axis=1))
+        seen_s = time_s[[0, *seen, -1]] - time_s[0]
+        k = int(np.argmax(np.diff(seen_s)))
+        if seen_s[k + 1] - seen_s[k] > LONG_GAP_S:
+            length = f"{seen_s[k + 1] - seen_s[k]:.2f} s after {seen_s[k]:.2f} s"
+            lost = len(time_s) - len(seen)
+            long.append(f"{', '.join(marker.position)} for {length} ({lost} of {len(time_s)} rows in all)")
+    words = "markers were not measured for long, by seconds from the beginning"
+    return [f"{words}: {'; '.join(long)}"] if long else []
 
 
 def _misplaced(file: Path, what: str, fix: str) -> StrandcastError:

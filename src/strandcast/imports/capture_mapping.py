@@ -25,8 +25,16 @@ PLANE, SPACE = 2, 3
 
 
 def columns_of(names: list[str]) -> list[str]:
-    """Return the columns of a position: two, or three, which one name may stand for."""
-    return [f"{names[0]}.{axis}" for axis in "xyz"] if len(names) == 1 else names
+    """Return the columns of a position: two, or three, which one name may stand for.
+
+    ``NAME@5`` is the point NAME whose first column is the fifth.
+    """
+    if len(names) > 1:
+        return names
+    name, at, first = names[0].rpartition("@")
+    if at and first.isdecimal():
+        return [f"{name}.{axis}@{int(first) + k}" for k, axis in enumerate("xyz")]
+    return [f"{names[0]}.{axis}" for axis in "xyz"]
 
 
 class DrivenBody(Mapping):
@@ -124,9 +132,7 @@ class CaptureMapping(Mapping):
             raise ValueError("far is the second body: give hand, too")
         if len({body.behind is None and body.quaternion is None for body in bodies}) > 1:
             raise ValueError("hand and far both need a direction, or both are only a point")
-        places = [each.position for each in self.markers]
-        places += [each for body in bodies for each in (body.position, body.behind) if each is not None]
-        if len({len(columns_of(names)) for names in places}) > 1:
+        if len({len(columns) for columns in self.positions()}) > 1:
             raise ValueError("name as many columns of each body as of the markers: two, or three in space")
         of_space = [name for name in ("up", "far") if getattr(self, name) is not None]
         of_space += ["handedness"] if self.handedness == "left" else []
@@ -144,6 +150,12 @@ class CaptureMapping(Mapping):
     def in_space(self) -> bool:
         """Whether the markers have three coordinates."""
         return len(columns_of(self.markers[0].position)) == SPACE
+
+    def positions(self) -> list[list[str]]:
+        """Return the columns of each marker and body, and of the points behind these."""
+        bodies = [body for body in (self.hand, self.far) if body is not None]
+        places = [each.position for each in self.markers] + [body.position for body in bodies]
+        return [columns_of(each) for each in places + [body.behind for body in bodies if body.behind]]
 
     def unit_m(self) -> float:
         """Return the unit of lengths [m]; see `capture_table.with_units`."""

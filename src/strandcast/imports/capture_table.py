@@ -1,10 +1,13 @@
 """Motion captures as tables of numbers, CSV, Parquet or C3D, with the units and times of each."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
+from strandcast.core.jumps import GLITCH_M_S
+from strandcast.imports.as_measured import not_held
 from strandcast.imports.c3d_files import SUFFIX, read_c3d
 from strandcast.imports.capture_dialects import read_capture_csv
 from strandcast.imports.capture_mapping import CaptureMapping
@@ -15,6 +18,7 @@ from strandcast.records.tables import read_parquet
 
 DEFAULT_TIME = "t"
 RATES_DIFFER = 1e-3
+CLOCKS_DIFFER = 1e-2  # of a rate and a column of rounded times
 
 
 def read_capture(path: str | Path) -> NumberTable:
@@ -106,9 +110,60 @@ def _own_times(table: NumberTable, mapping: CaptureMapping) -> tuple[str, np.nda
     if table.time is not None:
         return table.time[0], table.times(*table.time)
     if rate_hz is not None:
+        _refuse_another_clock(table, mapping, rate_hz)
         return "rate_hz", np.arange(len(table.values)) / rate_hz
     if DEFAULT_TIME not in table.names:
         what = f"no column of the time is named, and the file has no rate; it has {table.listed('time')}"
         fix = "give --time COLUMN and, if it is not in s, --time-unit; or --rate"
         raise refusal("SC-I011", table.path, "time", what, fix)
     return DEFAULT_TIME, table.times(DEFAULT_TIME, TIME_UNITS[mapping.time_unit])
+
+
+def _refuse_another_clock(table: NumberTable, mapping: CaptureMapping, rate_hz: float) -> None:
+    """Refuse a rate beside a rising column t that has another."""
+    if table.rate_hz is not None or DEFAULT_TIME not in table.names:
+        return
+    time_s = table.times(DEFAULT_TIME, TIME_UNITS[mapping.time_unit])
+    if (np.diff(time_s) > 0).all() and abs(_rate_hz(time_s) / rate_hz - 1.0) > CLOCKS_DIFFER:
+        what = f"is {rate_hz:g}, the file's column {DEFAULT_TIME} has {_rate_hz(time_s):.4g} rows per second"
+        raise refusal("SC-I028", table.path, "rate_hz", what, "leave --rate out, or give --time-unit")
+
+
+def _rate_hz(time_s: np.ndarray) -> float:
+    """Return the rows per second of times that may be rounded and have gaps."""
+    steps = np.diff(time_s)
+    return 1.0 / float(steps[steps < 1.5 * np.median(steps)].mean())
+
+
+def as_measured(
+    table: NumberTable, mapping: CaptureMapping, time_s: np.ndarray
+) -> tuple[NumberTable, np.ndarray, list[str]]:
+    """Return a table and times without what was not measured, and remarks.
+
+    A point that jumps to 0, 0, 0 or from there was not measured there; rows held over are left out.
+    """
+    rate_hz, notes = _rate_hz(time_s), []
+    if table.rate_hz is not None and abs(rate_hz / table.rate_hz - 1.0) > CLOCKS_DIFFER:
+        notes.append(
+            f"the file says {table.rate_hz:g} rows per second, and its times are those of {rate_hz:.4g}, "
+            "which are used"
+        )
+    values = table.values.copy()
+    places = [[table.index(name) for name in columns] for columns in mapping.positions()]
+    for columns, numbers in zip(mapping.positions(), places, strict=True):
+        place_m = table.columns(columns) * mapping.unit_m()
+        if (missing := _jumps_to_zero(place_m, time_s)).any():
+            values[np.ix_(missing, np.array(numbers))] = np.nan
+            words = f"{missing.sum()} rows of {', '.join(columns)} are exactly 0"
+            notes.append(f"{words}, far from the rows around: not measured")
+    first, held = not_held(time_s, values[:, np.unique(np.concatenate(places))], "markers")
+    return replace(table, values=values[first], lines=table.lines[first]), time_s[first], notes + held
+
+
+def _jumps_to_zero(place_m: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+    """Return (rows,) in which a place (rows, 2 or 3) is exactly 0, and is not reached or left by a motion."""
+    zero = (place_m == 0.0).all(axis=1)
+    edge = np.diff(zero.astype(int)) != 0
+    run = np.concatenate([[0], np.cumsum(edge)])
+    jumps = edge & (np.hypot.reduce(np.diff(place_m, axis=0), axis=1) > GLITCH_M_S * np.diff(time_s))
+    return np.asarray(zero & (np.isin(run, run[:-1][jumps]) | np.isin(run, run[1:][jumps])))

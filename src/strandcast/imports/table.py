@@ -67,19 +67,21 @@ class NumberTable:
 
         ``NAME@3`` is the third column. A name that several columns have is an error unless they are equal.
         """
-        k = self._index(name)
+        k = self.index(name)
         if k in self.problems:
             raise self.problems[k]
         return self.values[:, k]
 
-    def _index(self, name: str) -> int:
+    def index(self, name: str) -> int:
+        """Return the number of a column from 0; see `column`."""
         found = [k for k, each in enumerate(self.names) if name in (each, f"{each}@{k + 1}")]
         values = self.values
         if found and all(np.array_equal(values[:, found[0]], values[:, k], equal_nan=True) for k in found):
             return found[0]
         if found:
             what = "the header names this column twice"
-            fix = f"give one of {', '.join(f'{name}@{k + 1}' for k in found)}"
+            stem = name.removesuffix(".x")  # of a point, whose name stands for its three columns
+            fix = f"give one of {', '.join(f'{stem}@{k + 1}' for k in found)}"
         else:
             what = f"there is no column {name!r}; the columns are {self.listed(name)}"
             fix = "name the columns as the file's header does, or number them from 1 if it has none"
@@ -91,7 +93,7 @@ class NumberTable:
 
     def times(self, name: str, unit_s: float) -> np.ndarray:
         """Return a column of times (rows,) [s]: numbers in a unit, or ISO 8601."""
-        return self.column(name) * (1.0 if self._index(name) in self.instants else unit_s)
+        return self.column(name) * (1.0 if self.index(name) in self.instants else unit_s)
 
     def require_finite(self, values: np.ndarray, names: list[str]) -> None:
         """Refuse columns (rows, len(names)) that have an empty cell."""

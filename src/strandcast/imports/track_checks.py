@@ -1,6 +1,7 @@
 """The meaning of a track measured elsewhere: units, clocks, axes; each problem with its number."""
 
 from collections.abc import Mapping
+from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,7 +28,7 @@ MIRRORED_RAD = 0.3  # within which a mirrored string leaves the hand along its a
 FARTHEST_M = 1e6  # so that squares stay numbers
 FEWEST = 3  # frames to compare
 # All chosen.
-LONG_GAP_S = 0.1  # of a driven end; its path is interpolated
+LONG_GAP_S = 0.1  # of a marker, or of a driven end, whose path is interpolated
 BACKWARDS_DEG, ALONG_DEG = 120.0, 60.0
 NEAR_END = 0.1  # of the length: there, a string still has the end's direction
 RISES, ASIDE = 0.2, 4.0  # of the farthest marker, above the ends; times as far aside as down
@@ -91,6 +92,7 @@ def check_track(
     robot_s = alignment.robot_time_s(track.camera_time_s)
     times_s = {f"{name} path of the hand": path.time_s for name, path in paths.items()}
     check_overlap(robot_s, times_s, alignment, file)
+    _refuse_exchanged(track, file)
     warnings += _check_hand(track, robot_s, paths, file)
     path = next(iter(paths.values()))
     ends, places_m = path.at(robot_s).ends, summary.places_m()
@@ -200,7 +202,7 @@ def check_clock(track: Track, file: Path) -> list[str]:
     usual_s = float(np.median(steps))
     problem = clock_problem(time_s)
     if problem is not None:
-        fix = "give seconds; for a capture, set time_unit in the file of --columns"
+        fix = "give seconds; for a capture, --time-unit (time_unit in a mapping)"
         raise refusal("SC-I028", file, "camera_time_s", problem, fix)
     longest = int(np.argmax(steps))
     if steps[longest] > LONG_STEP * usual_s:
@@ -389,15 +391,45 @@ def _mirrored(string_m: np.ndarray, angle_rad: np.ndarray) -> list[str]:
     ]
 
 
+def _refuse_exchanged(track: Track, file: Path) -> None:
+    """Refuse two points that go on from each other's place: their labels were exchanged."""
+    seen = np.isfinite(track.points_m).all(axis=2)
+    for pair in combinations(np.flatnonzero(seen.any(axis=0)).tolist(), 2):
+        rows = np.flatnonzero(seen[:, pair].all(axis=1))
+        time_s, place_m = track.camera_time_s[rows], track.points_m[rows][:, pair]
+        step_s = np.diff(time_s)[:, None, None]
+        velocity = np.diff(place_m, axis=0) / step_s
+        expected_m = place_m[1:-1] + velocity[:-1] * step_s[1:]
+        as_is, exchanged = (
+            np.linalg.norm(each - expected_m, axis=2).sum(axis=1) for each in (place_m[2:], place_m[2:, ::-1])
+        )
+        moved = (as_is > 2.0 * OFF_HAND_M) & (step_s[1:, 0, 0] <= LONG_GAP_S)
+        if (found := moved & (exchanged < EXPLAINS * as_is)).any():
+            k = int(np.argmax(found)) + 2
+            what = (
+                f"points {pair[0]} and {pair[1]} (0: the hand) are exchanged from frame "
+                f"{track.frame[rows[k]]} on, at {time_s[k]:.3f} s ({found.sum()} such changes)"
+            )
+            fix = "exchange their labels there and import again, or leave these cells empty"
+            raise refusal("SC-I029", file, "point", what, fix)
+
+
 def _check_jumps(track: Track) -> list[str]:
-    found = jumps(track.camera_time_s, track.points_m[:, 1:])
-    if not found.any():
-        return []
-    row, point = np.argwhere(found)[0]
-    return [
-        f"markers jump by more than {GLITCH_M_S:g} m/s {found.sum()} times, first point {point + 1} in frame "
-        f"{track.frame[row + 1]}: these frames of a marker do not enter E"
-    ]
+    found = jumps(track.camera_time_s, track.points_m)
+    words = f"by more than {GLITCH_M_S:g} m/s"
+    warnings = []
+    if (of_hand := found[:, 0]).any():
+        warnings.append(
+            f"the hand jumps {words} {of_hand.sum()} times, first in frame "
+            f"{track.frame[np.argmax(of_hand) + 1]}: was it exchanged with another marker?"
+        )
+    if found[:, 1:].any():
+        row, point = np.argwhere(found[:, 1:])[0]
+        warnings.append(
+            f"markers jump {words} {found[:, 1:].sum()} times, first point {point + 1} in frame "
+            f"{track.frame[row + 1]}: these frames of a marker do not enter E"
+        )
+    return warnings
 
 
 def _check_up(points_m: np.ndarray, share: np.ndarray, ends: list[EndPath]) -> list[str]:
