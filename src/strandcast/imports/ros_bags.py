@@ -1,13 +1,11 @@
 """Joint logs from ROS bags: rosbag1, rosbag2 (SQLite, MCAP), read by the optional package `rosbags`."""
 
 import hashlib
-import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from traceback import extract_tb
 from typing import Any, Literal
 
 import numpy as np
@@ -135,20 +133,33 @@ def _opened(path: Path) -> Iterator[Any]:
         raise refusal("SC-I001", path, None, "the bag is missing", "check the path")
     try:
         types = typesys.get_typestore(typesys.Stores.LATEST)  # for bags without their own
-        with highlevel.AnyReader([path], default_typestore=types) as reader:
+        with _other_channels_left_out(), highlevel.AnyReader([path], default_typestore=types) as reader:
             yield reader
     except StrandcastError:
         raise
     except Exception as error:  # damaged bags end in whatever their storage raises
-        what = f"{type(error).__name__}: {error}"
+        what = f"the bag cannot be read ({type(error).__name__}: {error})"
         fix = "copy it again; a bag that was not closed: `rosbag reindex` or `ros2 bag reindex`"
-        if isinstance(error, KeyError) and "get_msgdef" in [f.name for f in extract_tb(error.__traceback__)]:
-            # One channel of another encoding than ROS' keeps rosbags from reading any.
-            what = f"a channel beside ROS' is encoded as {error.args[0]}, which rosbags does not read"
-            copied = str(path.with_name(f"joints-{path.name}"))
-            command = shlex.join(["mcap", "filter", str(path), "-o", copied, "-y", ".*joint.*"])
-            fix = f"copy the joints' topics to a file of their own: {command}"
-        raise refusal("SC-I001", path, None, f"the bag cannot be read ({what})", fix) from None
+        raise refusal("SC-I001", path, None, what, fix) from None
+
+
+@contextmanager
+def _other_channels_left_out() -> Iterator[None]:
+    """Let rosbags read MCAP files that have channels of other encodings than ROS' beside."""
+    storage: Any = import_module("rosbags.rosbag2.storage_mcap")
+    definition_of = storage.get_msgdef
+
+    def known_definition_of(schema: Any) -> Any:
+        try:
+            return definition_of(schema)
+        except KeyError:
+            return definition_of(None)
+
+    storage.get_msgdef = known_definition_of
+    try:
+        yield
+    finally:
+        storage.get_msgdef = definition_of
 
 
 def _topic(path: Path, reader: Any, wanted: str | None) -> str:

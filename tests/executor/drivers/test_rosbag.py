@@ -301,30 +301,25 @@ def test_a_damaged_bag_is_refused_or_read(tmp_path, kind):
     assert fuzz(reader, 300, tmp_path).faults(reader) == []
 
 
-def test_a_channel_that_is_not_ros_is_named_with_the_command_that_leaves_it_out(tmp_path):
-    """A JSON channel beside JointState; without it, as the command copies the file, the log is read."""
+def test_channels_that_are_not_of_ros_are_left_out(tmp_path):
     mcap = pytest.importorskip("mcap.writer", reason="mcap is not installed: make test-drivers")
     from mcap.reader import make_reader
 
     (bag,) = write_bag(tmp_path, "mcap", joint_states()).glob("*.mcap")
-    for name in ("log.mcap", "joints-log.mcap"):
-        with bag.open("rb") as recorded, (tmp_path / name).open("wb") as file:
-            writer = mcap.Writer(file, compression=mcap.CompressionType.NONE)
-            writer.start(profile="ros2")
-            if name == "log.mcap":
-                note = writer.register_schema("note", "jsonschema", b"{}")
-                channel = writer.register_channel("/note", "json", note)
-                writer.add_message(channel, log_time=START_NS, data=b"{}", publish_time=START_NS)
-            channel = 0
-            for schema, topic, message in make_reader(recorded).iter_messages():
-                if not channel:
-                    joint_state = writer.register_schema(schema.name, schema.encoding, schema.data)
-                    channel = writer.register_channel(topic.topic, topic.message_encoding, joint_state)
-                writer.add_message(channel, message.log_time, message.data, message.publish_time)
-            writer.finish()
-    with pytest.raises(StrandcastError, match="SC-I001.*encoded as jsonschema") as refusal:
-        import_joints(tmp_path / "log.mcap", tmp_path / "refused", namings=[ARM])
-    assert refusal.value.fix.count("mcap filter") == 1
-    assert "joints-log.mcap" in refusal.value.fix
-    import_joints(tmp_path / "joints-log.mcap", tmp_path / "trial", namings=[ARM])
-    assert read_run(tmp_path / "trial")[1].joint_names == ARM
+    with bag.open("rb") as recorded, (tmp_path / "log.mcap").open("wb") as file:
+        writer = mcap.Writer(file, compression=mcap.CompressionType.NONE)
+        writer.start(profile="ros2")
+        for encoding, kind in (("jsonschema", "json"), ("protobuf", "protobuf")):
+            note = writer.register_schema("note", encoding, b"{}")
+            channel = writer.register_channel(f"/{kind}", kind, note)
+            writer.add_message(channel, log_time=START_NS, data=b"{}", publish_time=START_NS)
+        channel = 0
+        for schema, topic, message in make_reader(recorded).iter_messages():
+            if not channel:
+                joint_state = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channel = writer.register_channel(topic.topic, topic.message_encoding, joint_state)
+            writer.add_message(channel, message.log_time, message.data, message.publish_time)
+        writer.finish()
+    for name, path in (("plain", bag), ("beside", tmp_path / "log.mcap")):
+        import_joints(path, tmp_path / name, namings=[ARM])
+    assert (tmp_path / "plain/joints.csv").read_bytes() == (tmp_path / "beside/joints.csv").read_bytes()
