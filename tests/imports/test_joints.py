@@ -228,6 +228,41 @@ def test_rows_of_a_slow_joint_are_not_held(tmp_path, seed):
     assert import_joints(log_file(tmp_path, text), tmp_path, READING).rows == 1000
 
 
+def test_measured_joints_that_follow_other_commands_are_refused(tmp_path):
+    time_s, q = swinging(250)
+    rows = [["t", "a", "b", "ca", "cb"], *np.column_stack([time_s, q[:, ::-1], q]).tolist()]
+    path = log_file(tmp_path, "\n".join(",".join(map(str, row)) for row in rows))
+    both = Reading(mapping=JointMapping(time="t", q=["a", "b"], q_cmd=["ca", "cb"]))
+    with pytest.raises(StrandcastError, match="SC-I006.*measured joint_1 follows the command of joint_2"):
+        import_joints(path, tmp_path / "o", both)
+    right = Reading(mapping=JointMapping(time="t", q=["b", "a"], q_cmd=["ca", "cb"]))
+    import_joints(path, tmp_path / "o", right)
+
+
+def test_measured_joints_are_in_the_turn_of_their_commands(tmp_path):
+    text = "t,a,b,ca,cb\n" + "".join(f"{0.01 * k},{0.1 * k - 2 * np.pi},0,{0.1 * k},0\n" for k in range(20))
+    both = Reading(mapping=JointMapping(time="t", q=["a", "b"], q_cmd=["ca", "cb"]))
+    run = import_joints(log_file(tmp_path, text), tmp_path, both)
+    np.testing.assert_allclose(read_run(tmp_path)[1].q_rad[:, 0], 0.1 * np.arange(20), atol=1e-9)
+    assert any("whole turns" in warning for warning in run.warnings)
+
+
+def test_a_rate_is_compared_with_the_times(tmp_path):
+    path = log_file(tmp_path, "t,a,b\n" + "".join(f"{0.01 * k},0.1,0.2\n" for k in range(20)))
+    with pytest.raises(StrandcastError, match="SC-I028.*those of 100 rows per second, the rate is 50"):
+        import_joints(path, tmp_path / "o", replace(READING, rate_hz=50.0))
+    run = import_joints(path, tmp_path / "o", replace(READING, rate_hz=200.0))
+    assert any("has 100 rows per second by its times, not 200" in warning for warning in run.warnings)
+
+
+def test_lists_in_cells_are_columns(tmp_path):
+    text = "timestamp,actual_q\n" + "".join(
+        f'{0.01 * k},"[0.1, {0.2 + k}, 3, 4, 5, 6.0]"\n' for k in range(5)
+    )
+    import_joints(log_file(tmp_path, text), tmp_path)
+    np.testing.assert_allclose(read_run(tmp_path)[1].q_rad[4], [0.1, 4.2, 3, 4, 5, 6])
+
+
 def test_an_angle_that_wraps_goes_on(tmp_path):
     time_s, q = swinging(250)
     q[:, 0] += 2.7  # swings beyond π

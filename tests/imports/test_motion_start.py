@@ -131,6 +131,15 @@ def test_constant_offsets_of_commands_are_named(arm, off_rad):
         motion_times(log, motion, arm)
 
 
+def test_constant_offsets_of_measured_joints_are_warned_of_and_move_no_start(arm):
+    motion = swing(arm)
+    log = log_of(arm, motion, False)
+    log.q_rad[:, 1] += 0.05
+    start_s, _, (warning,) = motion_times(log, motion, arm)
+    assert start_s == pytest.approx(START_S, abs=5e-4)
+    assert "constant offsets, joint_2 by 50" in warning
+
+
 @pytest.mark.parametrize("commanded", [True, False])
 @pytest.mark.parametrize(("begins_s", "ends_s"), [(0.0, 0.28), (0.06, 5.0), (0.05, 0.35)])
 def test_the_start_is_found_in_a_log_that_lacks_a_part_of_the_throw(arm, commanded, begins_s, ends_s):

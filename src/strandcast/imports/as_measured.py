@@ -41,18 +41,21 @@ def not_held(time_s: np.ndarray, values: np.ndarray, what: str) -> tuple[np.ndar
 
 
 def _in_one_turn(log: JointLog, motion: Motion | None) -> tuple[JointLog, list[str]]:
-    """Return the log with angles that do not jump, in the turn of the motion."""
+    """Return the log with angles that do not jump, in the turn of the motion, or of their commands."""
     log = replace(log, q_rad=log.q_rad.copy(), q_cmd_rad=log.q_cmd_rad.copy())
     moved = np.zeros(len(log.joint_names), bool)
-    for angles in (log.q_rad, log.q_cmd_rad):
-        for k, joint in enumerate(log.joint_names):
+    for k, joint in enumerate(log.joint_names):
+        level = None
+        if motion is not None and joint in motion.joint_names:
+            level = motion.trajectory().q_rad[:, motion.joint_names.index(joint)].mean()
+        for angles in (log.q_cmd_rad, log.q_rad):
             known = np.isfinite(angles[:, k])
             if not known.any():
                 continue
             path = np.unwrap(angles[known, k])
-            if motion is not None and joint in motion.joint_names:
-                planned = motion.trajectory().q_rad[:, motion.joint_names.index(joint)]
-                path += TURN_RAD * np.round((planned.mean() - np.median(path)) / TURN_RAD)
+            if level is not None:
+                path += TURN_RAD * np.round((level - np.median(path)) / TURN_RAD)
+            level = np.median(path)
             # Rounding must not change the angles of other joints.
             shift = np.round((path - angles[known, k]) / TURN_RAD)
             moved[k] |= shift.any()

@@ -37,17 +37,20 @@ def libfranka(table: NumberTable) -> JointMapping | None:
 
 
 def ur_rtde(table: NumberTable) -> JointMapping | None:
-    """Read ur_rtde and UR's record.py: ``timestamp``, ``actual_q_0`` …, ``target_q_0`` …."""
-    joints = _counted(table, r"actual_q_(\d+)")
+    """Read ur_rtde and UR's record.py: ``timestamp``, ``actual_q_0`` or ``actual_q[0]`` …, ``target_q_0``."""
+    joints = _counted(table, r"actual_q[_\[](\d+)\]?")
     if not joints:
         return None
-    numbers = range(len(joints))
+
+    def alike(quantity: str) -> list[str]:
+        return _if_present(table, [name.replace("actual_q", quantity, 1) for name in joints])
+
     return JointMapping(
         time="timestamp" if "timestamp" in table.names else None,
         q=joints,
-        qd=_if_present(table, [f"actual_qd_{k}" for k in numbers]),
-        q_cmd=_if_present(table, [f"target_q_{k}" for k in numbers]),
-        qd_cmd=_if_present(table, [f"target_qd_{k}" for k in numbers]),
+        qd=alike("actual_qd"),
+        q_cmd=alike("target_q"),
+        qd_cmd=alike("target_qd"),
         outputs=UR_OUTPUTS if UR_OUTPUTS in table.names else None,
     )
 

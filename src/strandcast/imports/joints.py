@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from strandcast.arm.load import Arm
 from strandcast.errors import StrandcastError
@@ -14,7 +15,7 @@ from strandcast.imports.clock import clock_problem
 from strandcast.imports.coverage import coverage_warnings, refuse_partial_motion, timing_warnings
 from strandcast.imports.dialects import recognise
 from strandcast.imports.mapping import ANGLE_UNITS, TIME_UNITS, JointMapping
-from strandcast.imports.motion_start import motion_times, played_plan
+from strandcast.imports.motion_start import CLEARLY_LESS, LARGEST_LEFT_RAD, motion_times, played_plan
 from strandcast.imports.ros_bags import BagChoice, is_bag, read_bag, sha256_bag
 from strandcast.imports.table import NumberTable, read_numbers
 from strandcast.records.files import sha256_file
@@ -27,6 +28,7 @@ LARGEST_ANGLE_RAD = 20.0  # three turns: larger angles are degrees
 TURN_AS_DEGREES_RAD = np.radians(2.0 * np.pi)  # a whole turn in radians that is read as degrees
 OUTPUTS = 53  # bits that a float holds exactly; UR has 18
 COMMAND_MOVES_RAD = 1e-5  # chosen; above rounding
+RATES_DIFFER = 0.1  # of a stated rate and that of the times, which may jitter; chosen
 FEWEST_COMMANDS = 10  # rows with commands, to compare them with the joints; chosen
 NO_MOTION = (
     "there is no motion.json in the trial's folder: the motion's start is known from the commanded joints at "
@@ -143,6 +145,7 @@ def import_joints(
     if len(measured.time_s) < len(log.time_s):
         time_s, nominal_hz = measured.time_s, None
     log = measured
+    _refuse_exchanged_joints(log, str(path))
     if played is not None:
         taken = played_plan(log, motion, played.plans, played.arm)
         motion = motion if taken is None else played.plans[taken]
@@ -165,6 +168,10 @@ def import_joints(
     if motion is None:
         warnings.append(NO_MOTION)
     timing = timing_of(time_s, nominal_hz)
+    if nominal_hz and _rate_hz(time_s) < (1.0 - RATES_DIFFER) * nominal_hz:
+        warnings.append(
+            f"the log has {_rate_hz(time_s):.4g} rows per second by its times, not {nominal_hz:g}"
+        )
     folder = Path(folder)
     # run.json marks an import as complete: it must not lie beside half of another one.
     (folder / "run.json").unlink(missing_ok=True)
@@ -210,6 +217,24 @@ def _exchanged_columns(log: JointLog) -> list[str]:
         f"the measured joints move {1e3 * lead_s:.0f} ms before their commands: the columns of measured and "
         "commanded joints are probably exchanged"
     ]
+
+
+def _refuse_exchanged_joints(log: JointLog, file: str) -> None:
+    """Refuse measured joints that follow the commands of other joints."""
+    known = np.isfinite(log.q_cmd_rad).all(axis=1)
+    if known.sum() < FEWEST_COMMANDS:
+        return
+    off_rad = log.q_rad[known][:, :, None] - log.q_cmd_rad[known][:, None]
+    rms_rad = np.sqrt((off_rad**2).mean(axis=0))
+    joints, commands = linear_sum_assignment(rms_rad**2)
+    if np.diag(rms_rad).max() > LARGEST_LEFT_RAD and (
+        rms_rad[joints, commands].max() < CLEARLY_LESS**2 * np.diag(rms_rad).max()
+    ):
+        names = log.joint_names
+        pairs = zip(joints, commands, strict=True)
+        others = [f"{names[j]} follows the command of {names[c]}" for j, c in pairs if j != c]
+        fix = "name the columns of q and q_cmd in the order of the joints, from the base on"
+        raise StrandcastError("SC-I006", f"the measured {', '.join(others)}", file=file, field="q", fix=fix)
 
 
 def _rehearsal_of_no_motion(folder: Path, plans: Mapping[Path, Motion]) -> StrandcastError:
@@ -343,9 +368,19 @@ def _refuse_unsorted(table: NumberTable, name: str, time_s: np.ndarray) -> None:
 
 def _refuse_clock(table: NumberTable, columns: JointMapping, time_s: np.ndarray) -> None:
     problem = clock_problem(time_s)
+    fix = "give the unit of the time (time_unit in a mapping), and cut the log to the throw"
+    if problem is None and columns.time is not None and columns.rate_hz is not None:
+        rate_hz = _rate_hz(time_s)
+        if rate_hz > (1.0 + RATES_DIFFER) * columns.rate_hz:
+            problem = f"the times are those of {rate_hz:.4g} rows per second, the rate is {columns.rate_hz:g}"
+            fix = "give the unit of the times (time_unit in a mapping), or leave --rate out"
     if problem is not None:
-        fix = "give the unit of the time (time_unit in a mapping), and cut the log to the throw"
         raise refusal("SC-I028", table.path, columns.time or "rate_hz", problem, fix)
+
+
+def _rate_hz(time_s: np.ndarray) -> float:
+    steps = np.diff(time_s)
+    return 1.0 / float(np.median(steps[steps > 0]))
 
 
 def _refuse_unit(table: NumberTable, columns: JointMapping, q: np.ndarray) -> None:

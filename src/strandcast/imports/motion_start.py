@@ -1,6 +1,7 @@
 """Start of a played motion on the log's clock: its trajectory is matched with the logged joints."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -76,7 +77,9 @@ def motion_times(
         matches = {path: _match(log, each, arm) for path, each in same.items()}
         left_rad = {path: match.left_rad for path, match in matches.items() if match.is_whole}
         _refuse_another_motion(found.left_rad, left_rad, file)
-    if found.left_rad <= ALIKE_RAD or not _commanded(log, motion.joint_names).any():
+    if not _commanded(log, motion.joint_names).any():
+        return _without_offsets(log, motion, arm, found)
+    if found.left_rad <= ALIKE_RAD:
         return found.start_s, found.end_s, []
     if not _is_like(found):
         what = f"{found.left_rad:.3f} rad off, which no lag of commands explains"
@@ -89,14 +92,12 @@ def motion_times(
 
 
 def _unlike(what: str, found: Match, motion: Motion, file: str | None) -> StrandcastError:
-    fix = "put the motion that was played beside the raw files, and check the joints' order, units and zeros"
-    if found.level_rad <= LARGEST_LEFT_RAD:
-        shifted = [
-            f"{name} by {1e3 * offset:.1f} mrad"
-            for name, offset in zip(motion.joint_names, found.offset_rad, strict=True)
-            if abs(offset) > LARGEST_LEFT_RAD
-        ]
-        what += f", but for constant offsets they are the motion's: {', '.join(shifted)}"
+    fix = (
+        "put the motion that was played beside the raw files, and check the joints' order, units and zeros, "
+        "and --rate"
+    )
+    if shifted := _shifted(found, motion):
+        what += f", but for constant offsets they are the motion's: {shifted}"
         fix = (
             "give the arm's file and the controller the same zeros of the joints, and record the throw again"
         )
@@ -107,6 +108,29 @@ def _unlike(what: str, found: Match, motion: Motion, file: str | None) -> Strand
         cost="clock and fit would belong to another throw",
         fix=fix,
     )
+
+
+def _shifted(found: Match, motion: Motion) -> str:
+    """Return the constant offsets in words, if they explain by how much the joints are off."""
+    if found.level_rad > LARGEST_LEFT_RAD:
+        return ""
+    pairs = zip(motion.joint_names, found.offset_rad, strict=True)
+    large = [f"{name} by {1e3 * off:.1f} mrad" for name, off in pairs if abs(off) > LARGEST_LEFT_RAD]
+    return ", ".join(large)
+
+
+def _without_offsets(log: JointLog, motion: Motion, arm: Arm, found: Match) -> tuple[float, float, list[str]]:
+    """Return start and end of a motion that measured joints follow but for constant offsets; a warning."""
+    if not (shifted := _shifted(found, motion)):
+        return found.start_s, found.end_s, []
+    q_rad = log.q_rad.copy()
+    q_rad[:, [log.joint_names.index(name) for name in motion.joint_names]] -= found.offset_rad
+    again = _match(replace(log, q_rad=q_rad), motion, arm)
+    warning = (
+        f"the measured joints are the motion's but for constant offsets, {shifted}: the hand is placed by "
+        "the log; compare the zeros of the joints in the arm's file and in the controller"
+    )
+    return again.start_s, again.end_s, [warning]
 
 
 def played_plan(log: JointLog, beside: Motion | None, plans: Mapping[Path, Motion], arm: Arm) -> Path | None:

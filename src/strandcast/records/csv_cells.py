@@ -212,7 +212,21 @@ def _split(path: Path, text: str, code: str) -> tuple[list[list[str]], list[int]
     cells = [split_line(path, line, number, delimiter, code) for number, line in kept]
     if all(row and row[-1] == "" for row in cells):
         cells = [row[:-1] for row in cells]  # every line ends in a separator
+    if len(cells) > 1 and any(map(_listed, cells[1])):
+        sizes = [len(_listed(cell)) for cell in cells[1]]
+        head = [
+            f"{cell}[{k}]" if size else cell
+            for cell, size in zip(cells[0], sizes, strict=False)
+            for k in range(max(size, 1))
+        ]
+        first = cells[0] if any(map(_listed, cells[0])) else head
+        cells = [[part for cell in row for part in _listed(cell) or [cell]] for row in [first, *cells[1:]]]
     return cells, numbers, has_decimal_commas(lines[1:], delimiter)
+
+
+def _listed(cell: str) -> list[str]:
+    """Return the numbers of a cell that is a list, as Python writes it."""
+    return re.split(r"[,\s]+", cell[1:-1].strip()) if cell[:1] + cell[-1:] == "[]" else []
 
 
 def split_line(path: Path, line: str, number: int, delimiter: str, code: str) -> list[str]:
