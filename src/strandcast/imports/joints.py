@@ -168,10 +168,9 @@ def import_joints(
     if motion is None:
         warnings.append(NO_MOTION)
     timing = timing_of(time_s, nominal_hz)
-    if nominal_hz and _rate_hz(time_s) < (1.0 - RATES_DIFFER) * nominal_hz:
-        warnings.append(
-            f"the log has {_rate_hz(time_s):.4g} rows per second by its times, not {nominal_hz:g}"
-        )
+    rate_hz = _rate_hz(time_s)
+    if nominal_hz and rate_hz < (1.0 - RATES_DIFFER) * nominal_hz:
+        warnings.append(f"the log has {rate_hz:.4g} rows per second by its times, not {nominal_hz:g}")
     folder = Path(folder)
     # run.json marks an import as complete: it must not lie beside half of another one.
     (folder / "run.json").unlink(missing_ok=True)

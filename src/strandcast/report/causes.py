@@ -137,15 +137,16 @@ def _lost_tip(results: TrialResults) -> Iterator[Cause]:
         return
     time_s, tip = results.robot_time_s(), track.points_m[:, -1]
     early_s = results.need("alignment").motion_end_s - time_s[-1]
+    recording, lost_by = ("capture", "the capture") if results.supplied() else ("film", "the tracker")
     if early_s > 0.0:
         yield Cause(
-            f"the film ends {milliseconds(early_s, digits=0)} before the motion does",
+            f"the {recording} ends {milliseconds(early_s, digits=0)} before the motion does",
             f"{verdict.reason}; its last frame is {track.frame[-1]}",
             "miss and hit are unknown; the fit knows the string before that frame alone",
-            "record until the string hangs still again, or copy the whole film. Then throw again",
+            f"record until the string hangs still again, or copy the whole {recording}. Then throw again",
             "tracking",
             "record the whole throw",
-            "Do not use as a throw with a known miss: the film ends before the motion does.",
+            f"Do not use as a throw with a known miss: the {recording} ends before the motion does.",
         )
         return
     known = np.isfinite(tip).all(axis=1) & (track.flags[:, -1] == 0)
@@ -158,6 +159,8 @@ def _lost_tip(results: TrialResults) -> Iterator[Cause]:
     )
     gap = _gap_near(known, tip, np.array(verdict.target_m))
     fix = "the string’s end must be in the picture, uncovered and sharp from rest to the target"
+    if recording == "capture":
+        fix = "two cameras or more must see the string’s end, uncovered, from rest to the target"
     if gap is not None:
         before, after = gap
         start_s = results.need("alignment").motion_start_s
@@ -175,17 +178,17 @@ def _lost_tip(results: TrialResults) -> Iterator[Cause]:
             f"{nowhere} of the frames between, and doubtful in the other {after - before - 1 - nowhere}"
         )
         evidence += _blur(results, speed_m_s)
-        fix = (
-            f"look at frames {track.frame[before]} to {track.frame[after]} of the film: clear away what "
-            "stands "
-            "before or behind the string there, or move the camera so that the place is in the picture; "
-            "if the "
-            "tip is only a streak there, expose for a shorter time with more light"
-        )
+        if recording == "film":
+            fix = (
+                "clear away what stands before or behind the string there, or move the camera so that the "
+                "place is in the picture; if the tip is only a streak there, expose for a shorter time with "
+                "more light"
+            )
+        fix = f"look at frames {track.frame[before]} to {track.frame[after]} of the {recording}: {fix}"
     if verdict.wanted is None and results.need("track_summary").choices.get("target_seen") is False:
         evidence += ". The target itself was not found in the picture either: something covers it"
     yield Cause(
-        "the tracker lost the string’s tip where it comes nearest to the target",
+        f"{lost_by} lost the string’s tip where it comes nearest to the target",
         evidence,
         "miss and hit are unknown; the fit does not use these frames",
         f"{fix}. Then throw again",
