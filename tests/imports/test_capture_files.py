@@ -122,6 +122,14 @@ def vicon_with_all_tables():
     return "\n".join(rows) + "\n\n" + vicon()
 
 
+def optitrack_with_time_code():
+    """Return version 1.24 with a third column of the time code."""
+    rows = [row.split(",") for row in optitrack("1.24").split("\r\n")]
+    for row in rows[2:-1]:
+        row.insert(2, "TimeCode" if row[0] == "Frame" else "15:26:46:12.02" if row[0] else "")
+    return "\r\n".join(",".join(row) for row in rows)
+
+
 def qualisys_later():
     """Return version 2.0.0 of QTM's format, on an external time base, with NULL for gaps."""
     text = "FILE_VERSION\t2.0.0\n" + qualisys().replace("FREQUENCY\t240", "FREQUENCY\tEXT")
@@ -135,6 +143,8 @@ FILES = {
     "qualisys.tsv": (qualisys, None),
     "qualisys-bare.tsv": (lambda: qualisys(header=False), None),
     "take.trc": (trc, "y"),  # the format names no axis
+    "optitrack-1.22.csv": (lambda: re.sub(",ID,.*\r\n", "", optitrack("1.22")), None),
+    "optitrack-1.24.csv": (optitrack_with_time_code, None),
     "optitrack-comma.csv": (lambda: optitrack().replace("Take 1", "swing, fast"), None),
     "vicon-tables.csv": (vicon_with_all_tables, None),
     "vicon.txt": (lambda: vicon().replace(",", "\t"), None),
@@ -257,14 +267,14 @@ def test_the_command_names_what_the_file_has_and_takes_two_columns_in_a_plane(
     np.testing.assert_allclose(track.points_m[0, 4], WORLD_M["middle"][0, ::2], atol=1e-6)
 
 
-def write_c3d(path, units=("mm",), screen="+Z"):
+def write_c3d(path, units=("mm",), screen="+Z", rate_hz=RATE_HZ):
     import ezc3d
 
     file = ezc3d.c3d()
     names = ["hand", "string:tip", "string:middle"]
     place = np.stack([seen(name.split(":")[-1], 1e3, False).T for name in names], axis=1)
     gaps = np.isnan(place).any(axis=0)
-    file["parameters"]["POINT"]["RATE"]["value"] = [RATE_HZ]
+    file["parameters"]["POINT"]["RATE"]["value"] = [rate_hz]
     file["parameters"]["POINT"]["LABELS"]["value"] = names
     file["parameters"]["POINT"]["UNITS"]["value"] = list(units)
     if screen:
@@ -294,6 +304,17 @@ def test_a_c3d_file_gives_rate_unit_and_axis(tmp_path, units, screen):
     np.testing.assert_allclose(track.camera_time_s, np.arange(ROWS) / RATE_HZ, atol=1e-9)
     assert np.isnan(track.points_m[GAP, 2]).all()
     np.testing.assert_allclose(track.points_m[:, 1], WORLD_M["middle"], atol=1e-6)
+
+
+@needs_ezc3d
+def test_a_c3d_file_of_no_rate_needs_one(tmp_path):
+    write_c3d(tmp_path / "take.c3d", rate_hz=1.1e-30)  # ezc3d writes no 0
+    data = (tmp_path / "take.c3d").read_bytes()
+    (tmp_path / "take.c3d").write_bytes(data.replace(np.float32(1.1e-30).tobytes(), bytes(4)))
+    table = read_capture(tmp_path / "take.c3d")
+    with pytest.raises(StrandcastError, match="SC-I011.*no rate"):
+        times_of(table, capture_mapping_of("hand", ["0.8:string:tip"]))
+    assert times_of(table, capture_mapping_of("hand", ["0.8:string:tip"], rate_hz=100.0))[1] == 0.01
 
 
 @needs_ezc3d

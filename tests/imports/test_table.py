@@ -128,6 +128,15 @@ def test_a_name_that_two_columns_have_is_refused_where_they_differ_and_it_is_use
     assert table_of(tmp_path, "t,q,q\n0,1,1\n").column("q").tolist() == [1]
 
 
+@pytest.mark.parametrize("form", ["{}.{}", "{}_{}", "{} {}"])
+def test_a_point_has_its_columns_whatever_parts_name_and_axis(tmp_path, form):
+    names = [form.format(point, axis) for point in ("tip", "hand") for axis in "xyz"]
+    table = table_of(tmp_path, ",".join(["t", *names]) + "\n0,1,2,3,4,5,6\n")
+    assert table.points() == ["tip", "hand"]
+    assert table.listed() == "tip, hand, t"
+    assert table.columns(["hand.x", "tip.z"]).tolist() == [[4, 3]]
+
+
 def test_names_in_a_message_are_whole_the_likely_ones_first(tmp_path):
     names = [f"Subject:Segment{k:03d}:virtual" for k in range(100)] + ["tip"]
     table = table_of(tmp_path, ",".join(names) + "\n" + ",".join(["0"] * len(names)) + "\n")

@@ -141,7 +141,7 @@ def import_track(
         ),
     ] = None,
     length_unit: Annotated[
-        str | None, typer.Option(help="m, cm or mm, where the file does not say it.")
+        str | None, typer.Option(help="m, cm, mm or in, where the file does not say it.")
     ] = None,
     time_unit: Annotated[str | None, typer.Option(help="Unit of --time: s (default), ms, us or ns.")] = None,
     rate: Annotated[

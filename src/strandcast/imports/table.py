@@ -1,5 +1,6 @@
 """Tables of numbers that importers read columns from."""
 
+import re
 from dataclasses import dataclass, field
 from difflib import SequenceMatcher
 from itertools import accumulate
@@ -12,6 +13,15 @@ from strandcast.records.csv_cells import Cells, read_cells
 from strandcast.records.record import refusal
 
 MOST_LISTED = 450  # characters of names in a message, which may have 600
+
+
+PART = re.compile(r"(.+)[._ ](q[wxyz]|[xyz])", re.IGNORECASE)
+
+
+def _part_of(name: str) -> tuple[str, str] | None:
+    """Return whose coordinate a column is by its name, and which, for NAME.x, NAME_X and the like."""
+    match = PART.fullmatch(name)
+    return match and (match[1], match[2].lower())
 
 
 @dataclass(frozen=True)
@@ -46,16 +56,17 @@ class NumberTable:
     up: str | None = None
 
     def points(self) -> list[str]:
-        """Return the names of points that have columns NAME.x, NAME.y and NAME.z, each once."""
-        there = set(self.names)
-        stems = dict.fromkeys(name.removesuffix(".x") for name in self.names if name.endswith(".x"))
-        return [stem for stem in stems if {f"{stem}.y", f"{stem}.z"} <= there]
+        """Return the names of points that have columns NAME.x, NAME.y and NAME.z, or NAME_X …, each once."""
+        parts: dict[str, set[str]] = {}
+        for stem, part in filter(None, map(_part_of, self.names)):
+            parts.setdefault(stem, set()).add(part)
+        return [stem for stem, found in parts.items() if {"x", "y", "z"} <= found]
 
     def listed(self, near: str | None = None) -> str:
         """Return its columns in words, points by their names; if `near` is given, some that are like it."""
         points = self.points()
-        parts = {f"{point}.{part}" for point in points for part in ("x", "y", "z", "qw", "qx", "qy", "qz")}
-        names = [*points, *(name for name in self.names if name and name not in parts)]
+        others = [name for name in self.names if name and (_part_of(name) or ("",))[0] not in points]
+        names = points + others
         if near is None or len(", ".join(names)) <= MOST_LISTED:
             return ", ".join(names)
         names.sort(key=lambda name: SequenceMatcher(None, near, name).ratio(), reverse=True)
@@ -75,6 +86,8 @@ class NumberTable:
     def index(self, name: str) -> int:
         """Return the number of a column from 0; see `column`."""
         found = [k for k, each in enumerate(self.names) if name in (each, f"{each}@{k + 1}")]
+        if not found and (part := _part_of(name)):
+            found = [k for k, each in enumerate(self.names) if _part_of(each) == part]
         values = self.values
         if found and all(np.array_equal(values[:, found[0]], values[:, k], equal_nan=True) for k in found):
             return found[0]
