@@ -318,6 +318,19 @@ def test_a_c3d_file_of_no_rate_needs_one(tmp_path):
 
 
 @needs_ezc3d
+def test_all_points_of_a_large_c3d_file_have_their_names(tmp_path):
+    import ezc3d
+
+    file = ezc3d.c3d()
+    names = [f"marker {k}" for k in range(300)]
+    file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+    file["parameters"]["POINT"]["LABELS"]["value"] = names
+    file["data"]["points"] = np.ones((4, len(names), 3))
+    file.write(str(tmp_path / "take.c3d"))
+    assert read_capture(tmp_path / "take.c3d").points() == names
+
+
+@needs_ezc3d
 def test_a_damaged_c3d_file_is_refused(tmp_path):
     (tmp_path / "take.c3d").write_bytes(b"\x02\x50" + bytes(600))
     with pytest.raises(StrandcastError, match="SC-I001"):

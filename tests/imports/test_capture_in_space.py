@@ -248,6 +248,15 @@ def test_gaps_stay_gaps(tmp_path, named):
     assert len(read_table(tmp_path / "out/hand.parquet", HAND)["x_m"]) == (~lost).sum()
 
 
+def test_instants_of_a_parquet_file_are_seconds(tmp_path, named):
+    stamped = named | {
+        "t": pd.Timestamp("2026-11-20 23:59:59.9", tz="UTC") + pd.to_timedelta(named["t"], "s")
+    }
+    imported(tmp_path, stamped, captures.mapping_data(), name="capture.parquet")
+    track = read_track(tmp_path / "out/track.parquet", 4)
+    np.testing.assert_allclose(np.diff(track.camera_time_s), np.diff(named["t"]), atol=1e-6)
+
+
 def test_a_marker_that_jumps_to_zero_was_not_measured_there(tmp_path, named):
     lost = (named["t"] > 0.2) & (named["t"] < 0.4)
     zeros = named | {name: np.where(lost, 0.0, named[name]) for name in ("m2.x", "m2.y", "m2.z")}

@@ -35,10 +35,10 @@ def test_columns_by_number_without_a_header(tmp_path):
 
 
 def test_comments_blank_lines_bom_and_closing_separators_are_taken(tmp_path):
-    table = table_of(tmp_path, "\ufeff# rig 2\nt,a,\n\n0,1,\n1,,\n")
+    table = table_of(tmp_path, "\ufeff# rig 2\nsep=,\nt,a,\n\n0,1,\n1,,\n")
     assert table.names == ["t", "a"]
     np.testing.assert_array_equal(table.column("a"), [1, np.nan])
-    assert table.lines.tolist() == [4, 5]
+    assert table.lines.tolist() == [5, 6]
 
 
 @pytest.mark.parametrize(

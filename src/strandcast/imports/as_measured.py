@@ -30,7 +30,7 @@ def as_measured(log: JointLog, motion: Motion | None) -> tuple[JointLog, list[st
 
 def not_held(time_s: np.ndarray, values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     """Return the rows at which values (T, n) at times (T,) come, and a note if others only repeat them."""
-    usual, first = _held(np.nan_to_num(values))
+    usual, first = _held(np.where(np.isfinite(values), values, 0.0))
     if usual < 2.0:
         return np.arange(len(values)), []
     rate_hz = 1.0 / float(np.median(np.diff(time_s)))

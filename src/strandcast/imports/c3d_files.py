@@ -1,5 +1,6 @@
 """Motion captures in C3D files, read by the optional package `ezc3d`."""
 
+import re
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,12 @@ def read_c3d(path: Path) -> NumberTable:
         about = {name: each["value"] for name, each in file["parameters"]["POINT"].items() if "value" in each}
         points = np.moveaxis(file["data"]["points"][:3], 0, 2)  # (points, rows, 3)
         seen = file["data"]["meta_points"]["residuals"][0] >= 0.0
-        names = [str(label).strip() for label in about["LABELS"][: len(points)]]
+        # An array has 255 labels at most: the next ones are in LABELS2.
+        parts = sorted(
+            (name for name in about if re.fullmatch(r"LABELS\d*", name)), key=lambda n: (len(n), n)
+        )
+        labels = [str(label).strip() for name in parts for label in about[name]]
+        names = labels[: len(points)]
         rate_hz = float(about["RATE"][0])
     # The library raises what its numbers lead to.
     except Exception as error:

@@ -36,14 +36,19 @@ def read_capture(path: str | Path) -> NumberTable:
 
 def _read_parquet_numbers(path: Path) -> NumberTable:
     table = read_parquet(path)
-    kept = [
-        name
-        for name, kind in zip(table.column_names, table.schema.types, strict=True)
-        if pa.types.is_floating(kind) or pa.types.is_integer(kind)
-    ]
-    values = [table.column(name).cast(pa.float64(), safe=False).to_numpy() for name in kept]
+    kept, values, instants = [], [], set()
+    for name, kind in zip(table.column_names, table.schema.types, strict=True):
+        column, unit_s = table.column(name), 1.0
+        if pa.types.is_timestamp(kind):
+            instants.add(len(kept))
+            column, unit_s = column.cast(pa.timestamp("ns"), safe=False).cast(pa.int64()), 1e-9
+        elif not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+            continue
+        kept.append(name)
+        values.append(unit_s * column.cast(pa.float64(), safe=False).to_numpy())
     rows = table.num_rows
-    return NumberTable(path, kept, np.array(values).reshape(len(kept), rows).T, 1 + np.arange(rows), True)
+    columns = np.array(values).reshape(len(kept), rows).T
+    return NumberTable(path, kept, columns, 1 + np.arange(rows), True, instants=frozenset(instants))
 
 
 def with_units(table: NumberTable, mapping: CaptureMapping) -> tuple[CaptureMapping, list[str]]:

@@ -13,7 +13,7 @@ import numpy as np
 from strandcast.errors import StrandcastError
 from strandcast.records.record import refusal
 
-COMMENT = ("#", "%")
+COMMENT = ("#", "%", "sep=")  # the last one names the separator to Excel
 LARGEST_FILE_BYTES = 256 << 20  # 16 times a log of 60 s at 1 kHz; its cells take ten times as much memory
 LONGEST_NAME = 200  # characters of a column's name; chosen, ROS' nested names have some 80
 LONGEST_QUOTE = 40  # characters of a cell in a message; chosen, one line of a terminal
@@ -127,7 +127,7 @@ class Cells:
 def read_cells(path: str | Path, code: str) -> Cells:
     """Read a CSV file of numbers, UTF-8 or UTF-16: comma, semicolon, tab or blanks, with a header or without.
 
-    Lines that begin with # or % are comments.
+    Lines that begin with # or % are comments, and so is Excel's sep=.
     Without a header the columns are named by their numbers, "1", "2" ….
 
     Parameters
