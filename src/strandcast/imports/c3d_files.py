@@ -44,9 +44,7 @@ def read_c3d(path: Path) -> NumberTable:
         points = np.moveaxis(file["data"]["points"][:3], 0, 2)  # (points, rows, 3)
         seen = file["data"]["meta_points"]["residuals"][0] >= 0.0
         # An array has 255 labels at most: the next ones are in LABELS2.
-        parts = sorted(
-            (name for name in about if re.fullmatch(r"LABELS\d*", name)), key=lambda n: (len(n), n)
-        )
+        parts = sorted(name for name in about if re.fullmatch(r"LABELS\d?", name))
         labels = [str(label).strip() for name in parts for label in about[name]]
         names = labels[: len(points)]
         rate_hz = float(about["RATE"][0])

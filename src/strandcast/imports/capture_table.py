@@ -36,7 +36,8 @@ def read_capture(path: str | Path) -> NumberTable:
 
 def _read_parquet_numbers(path: Path) -> NumberTable:
     table = read_parquet(path)
-    kept, values, instants = [], [], set()
+    kept: list[str] = []
+    values, instants = [], set()
     for name, kind in zip(table.column_names, table.schema.types, strict=True):
         column, unit_s = table.column(name), 1.0
         if pa.types.is_timestamp(kind):
