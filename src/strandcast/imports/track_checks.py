@@ -396,7 +396,8 @@ def _refuse_exchanged(track: Track, file: Path) -> None:
     seen = np.isfinite(track.points_m).all(axis=2)
     for pair in combinations(np.flatnonzero(seen.any(axis=0)).tolist(), 2):
         rows = np.flatnonzero(seen[:, pair].all(axis=1))
-        time_s, place_m = track.camera_time_s[rows], track.points_m[rows][:, pair]
+        time_s = track.camera_time_s[rows]
+        place_m = np.clip(track.points_m[rows][:, pair], -FARTHEST_M, FARTHEST_M)
         step_s = np.diff(time_s)[:, None, None]
         velocity = np.diff(place_m, axis=0) / step_s
         expected_m = place_m[1:-1] + velocity[:-1] * step_s[1:]
