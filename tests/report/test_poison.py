@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from markupsafe import Markup
 from pydantic import ValidationError
 
 from strandcast.core.trial_names import trial_name
@@ -20,6 +21,7 @@ from strandcast.records.record import Record
 from strandcast.report.experiment_page import experiment_page
 from strandcast.report.facts import Facts
 from strandcast.report.pages import page_script
+from strandcast.report.panels import content
 from strandcast.report.summary import summarise
 from strandcast.report.trial_page import trial_page
 
@@ -118,9 +120,14 @@ def pages(
     trial = trial_page(
         folder / "trial-03", trial=3, experiment=POISON, previous=odd, next_motion=next_motion, facts=facts
     )
+    with pytest.MonkeyPatch.context() as patch:  # the figures are on the page before
+        patch.setattr(
+            content, "to_svg", lambda drawn, _: Markup('<svg aria-label="{}"></svg>').format(drawn.alt)
+        )
+        excluded = trial_page(folder / "trial-02", trial=2, experiment=POISON, facts=facts)
     return {
         "trial": trial,
-        "excluded": trial_page(folder / "trial-02", trial=2, experiment=POISON, facts=facts),
+        "excluded": excluded,
         "experiment": experiment_page(summary, trials, next_motion=next_motion, facts=facts),
     }
 

@@ -2,14 +2,13 @@
 
 import re
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.forked import run_module
 
 from strandcast.arm.load import load_arm
 from strandcast.arm.servo import Servo, respond
@@ -317,26 +316,17 @@ def test_a_plan_that_cannot_be_made_names_file_field_and_fix(root: Path, text: s
     assert words in str(caught.value)
 
 
-def test_the_state_of_the_rig_needs_two_trials(root: Path) -> None:
+def test_the_state_of_the_rig_needs_a_fitted_string(root: Path) -> None:
     text = "target_m: [0.5, 0.5]\nlab: {string: paper-1, rehearsal: false}\n"
-    write(root, "rig", text + "estimate: {evaluations: 100, profiles: false}\n" + SMALL)
-    planned(root, "rig")
+    write(root, "rig", text)
     with pytest.raises(StrandcastError, match="rig needs a fitted string"):
         rig_state(context_of(root, "rig"))
-    throw(root, "rig", 1, LoopRig())
-    for stage in ("register_track", "score", "estimate"):
-        run_stage(stage, root, "rig", 1)
-    state = rig_state(context_of(root, "rig"))
-    assert (state.trials, state.offsets, state.repeats) == ([1], None, [])
-    line = [sys.executable, "-m", "strandcast", "rig", "rig"]
-    (root / "Snakefile").touch()
-    printed = subprocess.run(line, cwd=root, capture_output=True, text=True, check=True).stdout
-    assert printed == "What the arm's file states wrongly is estimated from two trials with a joint log on.\n"
 
 
 def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(
     root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """And one throw tells nothing of the rig."""
     text = "target_m: [0.5, 0.5]\nlab: {string: paper-1, rehearsal: false}\n"
     write(root, "blind", text + "estimate: {evaluations: 100, profiles: false}\n" + SMALL)
     run_stage("plan", root, "blind", 1)
@@ -358,6 +348,11 @@ def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(
     ):
         assert np.diff(raw_rows, n=2, axis=0).std() > 1e-3
         assert np.diff(rows, n=2, axis=0).std() < 2e-4
+    state = rig_state(context_of(root, "blind"))
+    assert (state.trials, state.offsets, state.repeats) == ([1], None, [])
+    (root / "Snakefile").touch()
+    printed = run_module(root, "strandcast", "rig", "blind").stdout
+    assert printed == "What the arm's file states wrongly is estimated from two trials with a joint log on.\n"
     fitted = Estimate.read(root / "results/blind/trial-01/estimate.json")
     assert (fitted.tip_error_m, fitted.E_points_m[-1]) == (None, None)
     run_stage("plan", root, "blind", 2)

@@ -43,6 +43,9 @@ BUDGET = """\
 plan: {screening: 200, evaluations: 240, ensemble: 4, duration_s: [0.5, 1.0]}
 estimate: {evaluations: 300, ensemble: 4}
 """
+QUICK = (
+    "plan: {screening: 40, evaluations: 60, ensemble: 2, duration_s: [0.5, 1.0]}\n"  # a motion, hit or miss
+)
 LAB = "lab: {string: {linear_density_kg_m: 0.006}}\n"
 YAML = """\
 string: {{length_m: 0.41}}
@@ -63,14 +66,14 @@ def write(
 ) -> Path:
     file = root / "data" / name / "experiment.yaml"
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(YAML.format(arm=arm, target=target) + BUDGET + more)
+    file.write_text(YAML.format(arm=arm, target=target) + QUICK + more)
     return file
 
 
-def test_the_first_motion_is_planned_and_passes_the_checks_before_a_throw(root: Path) -> None:
-    write(root, "first")
-    run_stage("plan", root, "first", 1)
-    path = root / "results/first/trial-01/motion.json"
+def test_the_first_motion_is_planned_and_passes_the_checks_before_a_throw(
+    root: Path, captured: Path, tmp_path: Path
+) -> None:
+    path = root / "results/cast/trial-01/motion.json"
     motion, arm = Motion.read(path), load_arm(root / "config/arms/ur5e-space.toml")
     assert motion.target_m == [0.5, 0.6, 0.6]
     assert motion.joint_names == list(arm.joints)
@@ -80,7 +83,7 @@ def test_the_first_motion_is_planned_and_passes_the_checks_before_a_throw(root: 
     assert throws.tip_m.shape[2] == 3
     assert throws.motion_sha256 == motion.content_sha256()
     options = PlayOptions(hanging_m=0.41)
-    preflight = run_preflight(path, arm, PerfectArm(), root / "data/first/trial-01", options)
+    preflight = run_preflight(path, arm, PerfectArm(), tmp_path / "trial-01", options)
     report = "\n".join(dry_run_report(preflight))
     assert "workspace x -1.50 to 1.50, y -1.50 to 1.50, z -0.70 to 1.70 m" in report
     # The hand's box in the report holds the planned path.
@@ -164,7 +167,7 @@ def test_a_string_with_pipes_is_refused_in_space(root: Path) -> None:
 
 def test_what_only_films_have_is_refused_before_the_throw(root: Path) -> None:
     file = write(root, "fitted", LAB)
-    file.write_text(file.read_text().replace("ensemble: 4}\nlab", "camera_offset_sd_m: 0.01}\nlab"))
+    file.write_text(file.read_text().replace("lab:", "estimate: {camera_offset_sd_m: 0.01}\nlab:"))
     [error] = check_experiment(root, "fitted").errors
     assert (error.code, error.file, error.field) == ("SC-E008", str(file), "estimate.camera_offset_sd_m")
 
@@ -184,7 +187,9 @@ def test_the_lab_does_not_replace_the_files_of_a_real_arm(root: Path, captured: 
 
 
 def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None:
-    write(root, "rehearsed", LAB)
+    write(root, "rehearsed", LAB).write_text(
+        YAML.format(arm="ur5e-space", target="[0.5, 0.6, 0.6]") + BUDGET + LAB
+    )
     run_stage("lab_rehearse", root, "rehearsed")
     first = Motion.read(root / "data/rehearsed/rehearsal/motion.json")
     run_stage("plan", root, "rehearsed", 1)
