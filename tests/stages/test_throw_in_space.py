@@ -43,9 +43,8 @@ BUDGET = """\
 plan: {screening: 200, evaluations: 240, ensemble: 4, duration_s: [0.5, 1.0]}
 estimate: {evaluations: 300, ensemble: 4}
 """
-QUICK = (
-    "plan: {screening: 40, evaluations: 60, ensemble: 2, duration_s: [0.5, 1.0]}\n"  # a motion, hit or miss
-)
+# A motion, hit or miss.
+QUICK = "plan: {screening: 40, evaluations: 60, ensemble: 2, duration_s: [0.5, 1.0]}\n"
 LAB = "lab: {string: {linear_density_kg_m: 0.006}}\n"
 YAML = """\
 string: {{length_m: 0.41}}
@@ -187,9 +186,8 @@ def test_the_lab_does_not_replace_the_files_of_a_real_arm(root: Path, captured: 
 
 
 def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None:
-    write(root, "rehearsed", LAB).write_text(
-        YAML.format(arm="ur5e-space", target="[0.5, 0.6, 0.6]") + BUDGET + LAB
-    )
+    file = write(root, "rehearsed", LAB)
+    file.write_text(file.read_text().replace(QUICK, BUDGET))
     run_stage("lab_rehearse", root, "rehearsed")
     first = Motion.read(root / "data/rehearsed/rehearsal/motion.json")
     run_stage("plan", root, "rehearsed", 1)
