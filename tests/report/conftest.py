@@ -45,6 +45,7 @@ from strandcast.records.track import TRACK, Track, TrackSummary
 from strandcast.records.verdict import Verdict
 from strandcast.report.measures import path_distance_m
 from strandcast.report.panels import content
+from strandcast.report.trial_page import trial_page
 from strandcast.video.small import small_video
 
 N = 10
@@ -532,6 +533,13 @@ def fast_results(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     folder = Path(shutil.copytree(results, tmp_path_factory.mktemp("fast") / "swing"))
     build_trial(folder / "trial-03", "swing", 3, 10 * FRAME_RATE_HZ)
     return folder
+
+
+@pytest.fixture(scope="session")
+def drawn(results: Path) -> str:
+    """Return the page of trial 3 with its next motion, for the files whose tests look at a usual page."""
+    next_motion = results / "trial-04" / "motion.json"
+    return trial_page(results / "trial-03", trial=3, experiment="swing", next_motion=next_motion)
 
 
 @pytest.fixture

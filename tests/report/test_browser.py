@@ -16,7 +16,6 @@ from strandcast.report.comparison import TrialRecords, compare, read_records
 from strandcast.report.comparison_page import comparison_page
 from strandcast.report.experiment_page import experiment_page
 from strandcast.report.summary import summarise
-from strandcast.report.trial_page import trial_page
 
 from .campaigns import campaign_in_memory
 from .chromium import Browser, Page
@@ -28,11 +27,10 @@ VIOLATIONS = """axe.run().then(found =>
 
 
 @pytest.fixture(scope="module")
-def page(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(drawn: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the page of a trial."""
     path = tmp_path_factory.mktemp("pages") / "report.html"
-    next_motion = results / "trial-04" / "motion.json"
-    write_text(path, trial_page(results / "trial-03", trial=3, experiment="swing", next_motion=next_motion))
+    write_text(path, drawn)
     return path
 
 

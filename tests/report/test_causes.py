@@ -234,6 +234,7 @@ def test_a_miss_near_the_hit_radius_gets_a_question_mark(good, beyond_m, word):
     assert verdict_badge(near.get("verdict"), None, uncertain=uncertain_verdict(near)).word == word
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_plan_is_not_taken_for_what_was_played(results, tmp_path):
     """The log names no motion: the plan that lies in the folder may be another one."""
     folder = Path(shutil.copytree(results, tmp_path / "swing")) / "trial-03"

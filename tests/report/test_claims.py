@@ -46,7 +46,6 @@ from strandcast.report.panels.viewer import film_of
 from strandcast.report.results import read_results
 from strandcast.report.summary import summarise
 from strandcast.report.text import outcome
-from strandcast.report.trial_page import trial_page
 from strandcast.report.typeset import quantity, typeset, unit
 
 from .conftest import START_S
@@ -278,14 +277,8 @@ def test_names_and_units_are_typeset() -> None:
     assert quantity("bead_at_tip", True) == ("bead at tip", "yes")
 
 
-@pytest.fixture(scope="module")
-def page(results: Path) -> str:
-    """Return the page of a trial."""
-    return trial_page(results / "trial-03", trial=3, experiment="swing")
-
-
-def test_no_raw_key_or_unit_is_on_a_page(page: str) -> None:
-    text = re.sub(r"<[^>]*>", " ", page[page.index("<main") : page.index('id="provenance"')])
+def test_no_raw_key_or_unit_is_on_a_page(drawn: str) -> None:
+    text = re.sub(r"<[^>]*>", " ", drawn[drawn.index("<main") : drawn.index('id="provenance"')])
     assert not re.search(r"\b(rest_curl|clamp_offset|grasp_m|threshold_grey|k_s|C_c2)\b|s2/m2", text)
     assert "In the paper" not in text
     assert "Table 4" not in text
@@ -402,9 +395,9 @@ def test_the_outcome_gives_the_miss_and_the_prediction(results: Path, tmp_path: 
     assert "predicted" not in text
 
 
-def test_every_table_is_a_csv_within_the_page(page: str) -> None:
-    links = re.findall(r'download="([^"]*)" href="data:text/csv;charset=utf-8,([^"]*)"', page)
-    assert len(links) == page.count("<thead>")
+def test_every_table_is_a_csv_within_the_page(drawn: str) -> None:
+    links = re.findall(r'download="([^"]*)" href="data:text/csv;charset=utf-8,([^"]*)"', drawn)
+    assert len(links) == drawn.count("<thead>")
     text = dict(links)["checks.csv"]
     lines = list(csv.reader(io.StringIO(unquote(text))))
     assert lines[0] == ["check", "result", "found", "expected", "bears on"]

@@ -13,7 +13,6 @@ from strandcast.report.experiment_page import experiment_page
 from strandcast.report.first_screen import doubts, next_step
 from strandcast.report.results import read_results
 from strandcast.report.summary import summarise
-from strandcast.report.trial_page import trial_page
 
 from .chromium import Browser
 
@@ -24,10 +23,9 @@ SHOWN = "document.getElementById('{}').checkVisibility({{contentVisibilityAuto: 
 
 
 @pytest.fixture(scope="module")
-def page(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(drawn: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("first") / "report.html"
-    next_motion = results / "trial-04" / "motion.json"
-    write_text(path, trial_page(results / "trial-03", trial=3, experiment="swing", next_motion=next_motion))
+    write_text(path, drawn)
     return path
 
 
