@@ -12,13 +12,15 @@ import pytest
 from filelock import FileLock
 from tests.faults.small import make_whole
 from tests.report.chromium import Browser, chromium
+from threadpoolctl import threadpool_limits
 
 from strandcast.arm.load import SpatialArm, clamp_frame, load_arm
 from strandcast.video.ingest import inspect_video
 from strandcast.video.reader import open_video
 
 # Small matrices: more threads only spin, and take the other core's time (the workflow's jobs have one too).
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# What is loaded later, and in other processes, reads the variable; numpy was loaded by the imports above.
+threadpool_limits(int(os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")))
 # Compiling keeps millions of objects: at Python's threshold, a tenth of its time is a search for cycles.
 gc.set_threshold(50_000, 20, 50)
 
