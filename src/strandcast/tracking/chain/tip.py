@@ -24,9 +24,10 @@ END_PX = 5.0  # largest distance from the chain's tip to the string's visible en
 REACHES, REACHES_PX = 1.2, 1.0
 LEAST_DEPTH = 0.45  # of the usual difference between string and background, below which no end is visible
 BEAD_TIMES = 1.6  # wider than this, in the string's own widths plus a pixel, is a bead at the tip
-# A bead that changes the image less than half of what the string does is seen in this many places beyond it,
-# by more than this many times the noise and this share of half the string's change.
-DIM_RUN, DIM_NOISE, DIM_SHARE = 6, 5.0, 0.4
+# A bead, or a side of it, that changes the image less than half of what the string does is seen by more than
+# this share of that half, and this many times the noise.
+PALE, PALE_NOISE = 0.4, 5.0
+PALE_RIM_PX, PALE_TAIL_PX = 1.0, 3.0  # so much wider or longer than the rest; blur makes up to a pixel
 OUTSIDE_RUN = 4  # places without string that make an end
 BAND = 4  # samples to each side of the chain, within which the string is
 
@@ -74,29 +75,32 @@ def end_of_string(
     places, normals = end.places[first:after], end.normals[first:after]
     pitch_m, half = STEP_PX * window.plane.metre_per_pixel, int(np.ceil(WIDEST_PX / STEP_PX))
     _, difference = sample_across(window, places, normals, pitch_m, half, 0, appearance.polarity)
-    last = end.last - first
-    changed = best_in_band(difference[:, half - BAND : half + BAND + 1])
-    dim = np.median(changed[last + 2 : last + 2 + DIM_RUN]) if last + 2 < len(changed) else 0.0
-    if dim > max(DIM_NOISE * appearance.noise, DIM_SHARE * end.threshold):
-        further = last_above(changed, 0.5 * dim)
-        dim_px, beyond_px = widest_before(difference[: further + 1], 0.5 * dim), (further - last) * ALONG_PX
-        string_px = appearance.half_m / window.plane.metre_per_pixel
-        # Wider than the string, and no longer than it is wide.
-        if dim_px > BEAD_TIMES * string_px + 1.0 and beyond_px < 2.0 * dim_px + string_px:
-            return end.end_m + beyond_px * window.plane.metre_per_pixel, dim_px
-    return end.end_m, widest_before(difference[: last + 1], end.threshold)
+    last, pale = end.last - first, max(PALE_NOISE * appearance.noise, PALE * end.threshold)
+    width_px, _ = widest_before(difference[: last + 1], end.threshold)
+    further = last_above(best_in_band(difference[:, half - BAND : half + BAND + 1]), pale)
+    pale_px, string_px = widest_before(difference[: further + 1], pale)
+    beyond_px = (further - last) * ALONG_PX
+    is_bead = (
+        pale_px > BEAD_TIMES * string_px + 1.0 and beyond_px < 2.0 * pale_px + string_px
+    )  # as long as wide
+    if is_bead and (pale_px > width_px + PALE_RIM_PX or beyond_px > PALE_TAIL_PX):
+        return end.end_m + beyond_px * window.plane.metre_per_pixel, pale_px
+    return end.end_m, width_px
 
 
 @njit(cache=True)
-def widest_before(difference: np.ndarray, threshold: float) -> float:
-    """Return half the largest width of profiles (K, W), or that of the last if the widest is not the end."""
+def widest_before(difference: np.ndarray, threshold: float) -> tuple[float, float]:
+    """Return half the largest width of profiles (K, W) and their median.
+
+    The first is that of the last ones if the widest is not at the end.
+    """
     half_px = np.empty(len(difference))
     for i in range(len(difference)):
         half_px[i] = 0.5 * STEP_PX * (difference[i] > threshold).sum()
     widest = half_px.max()
     centre = np.median(np.flatnonzero(half_px == widest))
     bare = int(centre + (REACHES * widest + REACHES_PX) / ALONG_PX)
-    return float(widest if bare >= len(half_px) else half_px[bare:].max())
+    return widest if bare >= len(half_px) else half_px[bare:].max(), float(np.median(half_px))
 
 
 @njit(cache=True)
