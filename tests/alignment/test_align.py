@@ -16,7 +16,7 @@ START = np.array([0.5, 0.2, 0.1])
     ("recipe", "trials"),
     [
         pytest.param(Recipe(), 20, marks=pytest.mark.thorough),
-        (Recipe(faults=WORN), 6),
+        (Recipe(faults=WORN), 10),
         pytest.param(Recipe(faults=HALF_BLIND), 10, marks=pytest.mark.thorough),
     ],
 )
