@@ -162,7 +162,8 @@ class CameraSettings(Section):
         Field(
             "auto",
             description="Free coefficients of the lens; auto takes fisheye where no polynomial fits as well, "
-            "else the smallest model that predicts unseen photos well.",
+            "else the smallest model that predicts unseen photos well. Set it if the photos leave edges of "
+            "the picture empty.",
         )
     )
     plane_photo: Below = Field(
