@@ -51,6 +51,7 @@ def run(root: Path, line: list[str], first_core: bool = False, **variables: str)
             env=environment(**variables),
             capture_output=True,
             text=True,
+            errors="replace",  # a hostile locale's ± is no UTF-8
             check=False,
         )
     finally:

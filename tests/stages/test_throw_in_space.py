@@ -356,7 +356,7 @@ def test_the_lab_throws_in_space_until_it_hits_by_commands_alone(tmp_path: Path)
     # The capture places the tip to some millimetres, by the joints' zeros of 1 mrad.
     assert [verdict.miss_m for verdict in verdicts] == pytest.approx(true_m, abs=6e-3)
     for trial, verdict in enumerate(verdicts, start=1):
-        assert f"trial {trial}: {'HIT ' if verdict.hit else 'miss'}" in said
+        assert f"trial {trial}: {'HIT' if verdict.hit else 'miss'}" in said
     assert true_m[1] < true_m[0]
     assert verdicts[-1].hit or count == 3
     estimates = [Estimate.read(results / f"trial-{trial:02d}" / "estimate.json") for trial in (1, 2)]
