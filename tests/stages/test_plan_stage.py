@@ -326,7 +326,7 @@ def test_the_state_of_the_rig_needs_a_fitted_string(root: Path) -> None:
 def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(
     root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """And one throw tells nothing of the rig."""
+    """One throw is also too few to examine the rig."""
     text = "target_m: [0.5, 0.5]\nlab: {string: paper-1, rehearsal: false}\n"
     write(root, "blind", text + "estimate: {evaluations: 100, profiles: false}\n" + SMALL)
     run_stage("plan", root, "blind", 1)

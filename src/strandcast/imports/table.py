@@ -19,7 +19,7 @@ PART = re.compile(r"(.+)[._ ](q[wxyz]|[xyz])", re.IGNORECASE)
 
 
 def _part_of(name: str) -> tuple[str, str] | None:
-    """Return whose coordinate a column is by its name, and which, for NAME.x, NAME_X and the like."""
+    """Return the point and the axis that a column is of, for NAME.x, NAME_X and the like."""
     match = PART.fullmatch(name)
     return match and (match[1], match[2].lower())
 
@@ -93,7 +93,7 @@ class NumberTable:
             return found[0]
         if found:
             what = "the header names this column twice"
-            stem = name.removesuffix(".x")  # of a point, whose name stands for its three columns
+            stem = name.removesuffix(".x")  # the name of a point stands for its three columns
             fix = f"give one of {', '.join(f'{stem}@{k + 1}' for k in found)}"
         else:
             what = f"there is no column {name!r}; the columns are {self.listed(name)}"

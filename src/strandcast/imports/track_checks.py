@@ -28,7 +28,7 @@ MIRRORED_RAD = 0.3  # within which a mirrored string leaves the hand along its a
 FARTHEST_M = 1e6  # so that squares stay numbers
 FEWEST = 3  # frames to compare
 # All chosen.
-LONG_GAP_S = 0.1  # of a marker, or of a driven end, whose path is interpolated
+LONG_GAP_S = 0.1  # of a marker, or of a driven end: the path between is interpolated
 BACKWARDS_DEG, ALONG_DEG = 120.0, 60.0
 NEAR_END = 0.1  # of the length: there, a string still has the end's direction
 RISES, ASIDE = 0.2, 4.0  # of the farthest marker, above the ends; times as far aside as down

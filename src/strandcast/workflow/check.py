@@ -248,7 +248,7 @@ def _check_photos(context: Context, found: Checked) -> None:
 
 
 def _check_calibration(calibration: Files, photo: Path, found: Checked) -> None:
-    """Check what the photos tell: all of it if those of the lens are there, else only the plane's markers."""
+    """Calibrate if the photos of the lens are there, else find only the plane's markers."""
     from strandcast.camera.find_markers import find_markers
     from strandcast.stages.calibrate import camera_by_markers, plane_markers_of, read_photos_of
 
