@@ -126,6 +126,18 @@ def test_settings_of_the_paper_have_no_effect_without_its_method(tmp_path, caplo
             "estimate: {search: paper, reading: sign}\nplan:\n  planner: paper\n",
             "estimate: {reading: sign}\nplan:\n  {}\n",
         ),
+        (
+            "estimate: {evaluations: 900, drag_along: false, friction_stick: true}\n",
+            "estimate: {evaluations: 900, forces: [rest_curl, friction_stick, taper]}\n",
+        ),
+        (
+            "estimate:\n  rest_curl: true  # as ever\n  drag_along: auto\nseed: 3\n",
+            "estimate:\n  {}\nseed: 3\n",
+        ),
+        (
+            "estimate:\n  rest_curl: false  # a chain\n  w: 0.2\n",
+            "estimate:\n  forces: [drag_along, taper]  # a chain\n  w: 0.2\n",
+        ),
         ("estimate: {search: 'cma'}\r\n", "estimate: {search: thorough}\r\n"),
     ],
 )
@@ -139,3 +151,16 @@ def test_fix_writes_former_settings_as_they_are_now_and_nothing_else(tmp_path, c
     load_experiment(file)
     assert not caplog.text
     assert fix_names(file) == 0
+
+
+def test_a_force_is_not_taken_twice(tmp_path):
+    file = tmp_path / "e.yaml"
+    file.write_text(HEAD + "estimate: {forces: auto, marker_shift: true}\n")
+    with pytest.raises(StrandcastError, match=r"SC-F003.*estimate\.marker_shift"):
+        load_experiment(file)
+
+
+def test_a_force_of_a_capture_is_added_to_what_was_fitted(tmp_path):
+    file = tmp_path / "e.yaml"
+    file.write_text("string: {length_m: 0.3}\nestimate: {friction_stick: true, marker_shift: false}\n")
+    assert load_experiment(file).estimate.forces == ["rest_curl", "friction_stick", "taper"]

@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from strandcast.config.estimate import EstimateSettings
+from strandcast.core.strings import FORCES
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.dynamics.spatial.clamps import clamp_poses
@@ -103,7 +104,7 @@ def test_few_markers_off_the_mass_points_are_enough_from_rest(places):
 
 
 def test_taper_and_the_place_of_the_only_marker_are_found():
-    model, space = space_of_cable(LENGTH_M, False, marker_shift=True)
+    model, space = space_of_cable(LENGTH_M, False, forces={"taper", "rest_curl", "marker_shift"})
     truth = TRUTH | {"taper": 1.2, "marker_shift": -0.05}
     chi = space.exponents(np.array([truth[name] for name in space.names]))
 
@@ -122,8 +123,7 @@ def test_taper_and_the_place_of_the_only_marker_are_found():
 
 
 def test_the_unknowns_of_a_string_are_read_from_it():
-    every = {"friction_stick": True, "marker_shift": True, "drag_along": True}
-    _, space = space_of_cable(LENGTH_M, True, weight_places_m=[0.3], **every)
+    _, space = space_of_cable(LENGTH_M, True, weight_places_m=[0.3], forces=set(FORCES))
     chi = np.random.default_rng(2).uniform(0.1, 0.9, (3, space.dimension))
     np.testing.assert_allclose(space.chi_of(space.strings(chi)), chi, atol=1e-9)
 
@@ -141,7 +141,7 @@ def test_weights_of_unknown_mass_are_found():
 def test_friction_that_sticks_is_found_and_predicts():
     two_ends, truth = True, TRUTH | {"friction_turn_rad": 1.0, "stick_turn_rad": 0.1}
     plain_model, plain_space = space_of_cable(LENGTH_M, two_ends)
-    model, space = space_of_cable(LENGTH_M, two_ends, friction_stick=True)
+    model, space = space_of_cable(LENGTH_M, two_ends, forces={"friction_stick"})
     chi = space.exponents(np.array([truth[name] for name in space.names]))
 
     def rubbed(phase: float) -> CableSeries:
@@ -157,7 +157,7 @@ def test_friction_that_sticks_is_found_and_predicts():
 
 @pytest.mark.thorough
 def test_ends_that_are_points_do_not_rub():
-    model, space = space_of_cable(LENGTH_M, True, pinned=True, friction_stick=True)
+    model, space = space_of_cable(LENGTH_M, True, pinned=True, forces={"friction_stick"})
     strings = space.strings(np.full(space.dimension, 0.5))
     time_s, ends = np.array([0.0, 0.4]), np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
 

@@ -96,7 +96,9 @@ def test_drag_along_the_string_is_fitted_where_it_explains_the_throw_better():
     def fitted(settings, previous):
         return estimate_throws([throw], MODEL, LAYOUT, settings, np.random.default_rng(3), previous=previous)
 
-    once, auto = (fitted(few.model_copy(update={"drag_along": along}), light) for along in (False, "auto"))
+    once, auto = (
+        fitted(few.model_copy(update={"forces": forces}), light) for forces in (["rest_curl"], "auto")
+    )
     assert 0.2 < auto.best[DRAG_ALONG][0] < 0.6
     assert auto.E_m < 0.9 * once.E_m
     again = fitted(few, auto.members)
@@ -230,7 +232,7 @@ def search_that_knows(monkeypatch, string, **changes):
         return True
 
     monkeypatch.setattr(OPTIMISERS, "_entries", OPTIMISERS.known() | {"known": know})
-    return EstimateSettings(search="known", profiles=False, drag_along=False, **changes)
+    return EstimateSettings(search="known", profiles=False, forces=["rest_curl"], **changes)
 
 
 def test_a_bound_that_costs_nothing_is_no_warning(monkeypatch):
@@ -246,7 +248,7 @@ def test_a_rigid_clamp_is_no_stiff_string(monkeypatch):
     rigid = known_string()
     rigid.parameters[0, PARAMETERS.index("k_ph")] = 200.0
     settings = search_that_knows(monkeypatch, rigid)
-    monkeypatch.setattr("strandcast.estimation.estimate.PAYS", np.inf)
+    monkeypatch.setattr("strandcast.estimation.search.PAYS", np.inf)
     found = estimate_throws([observed_throw(1.0)], MODEL, LAYOUT, settings, np.random.default_rng(3))
     assert found.space.bounds[PARAMETERS.index("k_ph"), 1] > 200.0
     assert not any("stiff" in warning or "masses" in warning for warning in found.warnings)

@@ -77,13 +77,14 @@ def test_free_swing_predicts_the_driven_series(real_data, cable, record_property
 def test_dry_friction_explains_the_swing_of_a_bare_cable(real_data):
     """The swing stops instead of fading; the effect on the driven series depends on the fitted string."""
     folder = real_data / "pac_cable"
+    plain = ["rest_curl", "drag_along"]
     damped_m, rubbed_m = (
         np.median(
             [
-                fitted_and_predicted(folder, "black_short_unweighted", seed, bend_friction=rubs)[0].E_m
+                fitted_and_predicted(folder, "black_short_unweighted", seed, forces=forces)[0].E_m
                 for seed in (1, 2, 3)
             ]
         )
-        for rubs in (False, True)
+        for forces in (plain, [*plain, "bend_friction"])
     )
     assert rubbed_m < damped_m

@@ -36,7 +36,7 @@ def linear(frames=400, points=3, seed=0):
     def residuals(chi):
         return noise - np.einsum("bd,rcd->brc", chi - 0.4, slopes), np.full(frames * points, 1.0)
 
-    space = space_of(EstimateSettings(rest_curl=False), LAYOUT)
+    space = space_of(EstimateSettings(forces="paper"), LAYOUT)
     flat = SimpleNamespace(bounds=space.bounds[:2], prior_sd=np.full(2, np.inf))
     throw = SimpleNamespace(weight=np.ones((frames, points)))
     return SimpleNamespace(residuals=residuals, space=flat, throws=(throw,)), slopes
@@ -66,7 +66,7 @@ def test_correlated_errors_count_once():
 
 def test_the_common_scale_of_masses_is_unobservable_and_fixed():
     assert gauge_direction(space_of(EstimateSettings(), LAYOUT)) is None
-    settings = EstimateSettings(bend_friction=True)
+    settings = EstimateSettings(forces=["rest_curl", "bend_friction"])
     objective = objective_of([observed_throw(1.0)], settings, plain_mass=True)
     direction = gauge_direction(objective.space)
     assert objective.space.names[-3:] == (PLAIN_MASS, REST_CURL, BEND_FRICTION)
@@ -87,7 +87,7 @@ def test_the_common_scale_of_masses_is_unobservable_and_fixed():
 
 
 def test_profiles_and_deviations_of_a_throw():
-    settings = EstimateSettings(rest_curl=False)
+    settings = EstimateSettings(forces="paper")
     objective = objective_of([observed_throw(1.0)], settings)
     log = EvaluationLog(objective.cost)
     start = objective.space.exponents(np.concatenate([TRUTH, [MASS]]))[None]

@@ -43,10 +43,7 @@ def test_every_unknown_survives_the_round_trip():
     settings = EstimateSettings(
         clamp_offset=True,
         camera_offset_sd_m=0.002,
-        stiff_bend=True,
-        bend_friction=True,
-        friction_stick=True,
-        drag_along=True,
+        forces=["rest_curl", "stiff_bend", "friction_stick", "drag_along"],
     )
     space = space_of(settings, PIPED)
     chi = np.random.default_rng(0).random((5, space.dimension))
@@ -62,19 +59,19 @@ def test_every_unknown_survives_the_round_trip():
 
 def test_only_the_joints_of_the_pipe_are_stiff():
     np.testing.assert_array_equal(PIPED.stiff_joints(), [False, False, True, True, False, False])
-    space = space_of(EstimateSettings(stiff_bend=True), PIPED)
+    space = space_of(EstimateSettings(forces=["stiff_bend"]), PIPED)
     strings = space.strings(np.full((1, space.dimension), 0.5))
     factor = strings.applied().bend_factor[0]
     assert factor[2] == factor[3] == pytest.approx(np.sqrt(1e3))
     np.testing.assert_array_equal(factor[[0, 1, 4, 5]], 1.0)
     assert (
-        STIFF_BEND not in space_of(EstimateSettings(stiff_bend=True), LAYOUT).names
+        STIFF_BEND not in space_of(EstimateSettings(forces=["stiff_bend"]), LAYOUT).names
     )  # no pipe, nothing to fit
 
 
 def test_friction_is_drawn_only_if_declared_and_stays_plausible():
     assert BEND_FRICTION not in space_of(EstimateSettings(), LAYOUT).names
-    space = space_of(EstimateSettings(bend_friction=True), LAYOUT)
+    space = space_of(EstimateSettings(forces=["bend_friction"]), LAYOUT)
     drawn = space.strings(prior_exponents(space, MODEL, 200, np.random.default_rng(2), scatter=0.0))
     held_rad = drawn[BEND_FRICTION] / drawn.parameters[:, PARAMETERS.index("k_h")]
     assert held_rad.min() == pytest.approx(1e-3, rel=0.1)
@@ -84,11 +81,11 @@ def test_friction_is_drawn_only_if_declared_and_stays_plausible():
 
 
 def test_friction_that_sticks_is_friction():
-    space = space_of(EstimateSettings(friction_stick=True), LAYOUT)
+    space = space_of(EstimateSettings(forces=["friction_stick"]), LAYOUT)
     strings = space.strings(np.full((2, space.dimension), 0.5))
     assert strings[BEND_FRICTION].all()
     assert strings[FRICTION_STICK] == pytest.approx([0.1, 0.1])
-    without = space_of(EstimateSettings(bend_friction=True), LAYOUT)
+    without = space_of(EstimateSettings(forces=["bend_friction"]), LAYOUT)
     assert FRICTION_STICK not in without.names
 
 
@@ -99,7 +96,8 @@ def test_dry_friction_is_found_where_damping_cannot_replace_it():
     throw = Throw(TIME_S, points + noise, TIME_S, pose, TIME_S < 0.55)
     found = {}
     for friction in (False, True):
-        settings = EstimateSettings(evaluations=1500, bend_friction=friction, ensemble=2, profiles=False)
+        forces = ["rest_curl", "drag_along"] + ["bend_friction"] * friction
+        settings = EstimateSettings(evaluations=1500, forces=forces, ensemble=2, profiles=False)
         # One search may end in another minimum, depending on the processor's rounding.
         searches = [
             estimate_throws([throw], MODEL, LAYOUT, settings, np.random.default_rng(k)) for k in (3, 4, 5)

@@ -38,7 +38,7 @@ BAR = {
     "min_trials": 2,
     "seed": 11,
     "workspace_m": {"x_m": [-0.95, 1.45], "y_m": [-0.55, 0.95]},
-    "estimate": {"stiff_bend": True, "evaluations": 2000},
+    "estimate": {"forces": ["rest_curl", "drag_along", "stiff_bend"], "evaluations": 2000},
     "plan": {"screening": 300, "evaluations": 600},
     "align": {"led": {"x_m": -0.60, "y_m": 0.40}},
     "lab": {"string": "paper-4", "led": True, "servo": "stiff"},

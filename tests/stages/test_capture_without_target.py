@@ -91,7 +91,7 @@ def test_summary_and_table_name_the_fit(captured: Path) -> None:
 def test_the_place_of_the_markers_is_fitted_in_the_plane_too(captured: Path, tmp_path: Path) -> None:
     root = Path(shutil.copytree(captured, tmp_path / "project", symlinks=True))
     file = root / "data" / "swung" / "experiment.yaml"
-    file.write_text(file.read_text().replace("{evaluations", "{marker_shift: true, evaluations"))
+    file.write_text(file.read_text().replace("{evaluations", "{forces: [marker_shift], evaluations"))
     run_stage("estimate", root, "swung", 1)
     shift = Estimate.read(result(root, 1, "estimate.json")).options["marker_shift"]
     assert abs(shift) < 0.05  # declared where they are

@@ -134,9 +134,9 @@ def test_check_says_what_a_capture_in_space_is_and_refuses_what_only_films_have(
 EVERY = """\
 estimate:
   {search: thorough, evaluations: 200, ensemble: 3, trials: latest, older_trials_weight: 0.5, w: 0.1,
-   dt_s: 0.0025, ranges: {bending_length: [0.02, 1.0]}, start_shape: hanging, rest_curl: false,
-   clamp_offset_sd_rad: 0.05, stiff_bend: true, bend_friction: true, marker_shift: true, drag_along: auto,
-   horizon_s: 0.1}
+   dt_s: 0.0025, ranges: {bending_length: [0.02, 1.0]}, start_shape: hanging,
+   forces: [stiff_bend, bend_friction, marker_shift, drag_along],
+   clamp_offset_sd_rad: 0.05, horizon_s: 0.1}
 """
 
 
@@ -249,7 +249,7 @@ def test_ranges_of_the_plane_and_targets_are_refused(captured):
 def test_friction_that_sticks_is_fitted_on_request(tmp_path, project_root):
     root = project(tmp_path, project_root, captures.LENGTH_M)
     settings = root / "data" / "cable" / "experiment.yaml"
-    settings.write_text(settings.read_text().replace("120}", "120, friction_stick: true}"))
+    settings.write_text(settings.read_text().replace("120}", "120, forces: [friction_stick]}"))
     mapping = check_mapping(captures.mapping_data(two_ends=True), CaptureMapping)
     named = captures.columns(0.2, seconds=0.6, two_ends=True)
     import_track.run(root, "cable", 1, captures.write_csv(root / "c.csv", named), mapping)

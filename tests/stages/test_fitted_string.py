@@ -16,6 +16,7 @@ from strandcast.core.box import Box
 from strandcast.core.strings import (
     BEND_FRICTION,
     CLAMP_OFFSET,
+    FORCES,
     FRICTION_STICK,
     REST_CURL,
     REST_TORSION,
@@ -78,8 +79,7 @@ def plane(project_root: Path) -> World:
     arm = load_arm(project_root / "config/arms/planar3.toml").planar()
     workspace = Box(x_m=(-0.75, 1.25), y_m=(-0.32, 0.80))
     task = PlanningTask(arm, MODEL, np.array([0.50, 0.50]), 0.02, workspace)
-    switches = {name: True for row in UNKNOWNS.values() for name in row.switches}
-    settings = EstimateSettings(**switches | {"camera_offset_sd_m": 0.005})
+    settings = EstimateSettings(forces=list(FORCES), clamp_offset=True, camera_offset_sd_m=0.005)
     space = space_of(settings, PIPED)
     fitted = space.strings(prior_exponents(space, MODEL, 2, np.random.default_rng(4)))
     heights = rest_heights(np.array([[3.0, 2.0, -1.0], [2.0, 4.0, 1.0], [-2.0, 3.0, 5.0]]))
@@ -90,9 +90,8 @@ def plane(project_root: Path) -> World:
 
 def space(project_root: Path) -> World:
     arm = load_arm(project_root / "config/arms/ur5e-space.toml").spatial()
-    every = {"drag_along": True, "friction_stick": True, "marker_shift": True, "stiff_bend": True}
     places = {"weight_places_m": [0.2], "stiff_sections_m": [(0.1, 0.15)]}
-    model, box = space_of_cable(LENGTH_M, False, points=POINTS, **places, **every)
+    model, box = space_of_cable(LENGTH_M, False, points=POINTS, **places, forces=set(FORCES))
     task = PlanningTask(arm, model, np.array([0.55, 0.75, 0.55]), 0.02)
     chi = np.random.default_rng(4).uniform(0.4, 0.6, (2, box.dimension))
     # Curls of fits do not turn, but records know helices.
@@ -113,13 +112,17 @@ def world(request, project_root) -> World:
 
 
 def test_the_options_of_the_experiment_are_fitted():
-    for name in ("rest_curl", "clamp_offset", "stiff_bend", "bend_friction", "friction_stick"):
-        for wanted in (True, False):
-            settings = EstimateSettings.model_validate({name: wanted})
-            fitted = {"rest_curl": REST_CURL, "clamp_offset": CLAMP_OFFSET, "stiff_bend": STIFF_BEND}
-            fitted["friction_stick"] = FRICTION_STICK
-            unknown = fitted.get(name, BEND_FRICTION)
-            assert (unknown in space_of(settings, PIPED).names) is wanted
+    every = (REST_CURL, STIFF_BEND, BEND_FRICTION, FRICTION_STICK)
+    for force, *unknowns in (
+        ("rest_curl", REST_CURL),
+        ("stiff_bend", STIFF_BEND),
+        ("bend_friction", BEND_FRICTION),
+        ("friction_stick", BEND_FRICTION, FRICTION_STICK),
+    ):
+        names = space_of(EstimateSettings(forces=[force]), PIPED).names
+        assert set(every) & set(names) == set(unknowns)
+    for wanted in (True, False):
+        assert (CLAMP_OFFSET in space_of(EstimateSettings(clamp_offset=wanted), PIPED).names) is wanted
 
 
 FITTED = [
@@ -168,7 +171,6 @@ def toy(monkeypatch) -> Unknown:
         "heaviness of the tip",
         range=bounds,
         in_space=Way("tip_heaviness", bounds),
-        when="always",
         absent=1.0,
         apply=heavier_tip,
     )
@@ -198,7 +200,7 @@ def test_an_unknown_from_outside_is_found_and_on_the_page(toy, project_root):
     string = StringBatch(parameters, point_masses(layout, np.zeros((1, 0))), {toy.name: np.array([12.0])})
     points_m = simulate_batch(model, string, HandPath(time_s, pose), time_s)[0][0]
     throw = Throw(time_s, points_m, time_s, pose, time_s < 0.55)
-    settings = EstimateSettings(evaluations=800, drag_along=False, profiles=False, ensemble=2)
+    settings = EstimateSettings(evaluations=800, forces=["rest_curl"], profiles=False, ensemble=2)
     fit = estimate_throws([throw], model, layout, settings, np.random.default_rng(3))
     assert fit.best[toy.name][0] == pytest.approx(12.0, rel=0.5)
     record = Estimate.read(project_root / "tests/records/estimate-v1.json")

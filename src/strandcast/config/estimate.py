@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from strandcast.config.paper import PaperFit
-from strandcast.core.strings import PARAMETERS, SPATIAL_RANGES
+from strandcast.core.strings import PARAMETERS, SPATIAL_RANGES, ForceName
 
 PluginName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,40}$")]
 # Chosen: a third found fewer of the true strings, twice as many hardly more (docs/explanation/claims.md).
@@ -24,11 +24,10 @@ IN_SPACE: dict[str, Any] = {
     "dt_s": 2e-3,
     "clamp_offset": True,
     "clamp_offset_sd_rad": None,
-    "drag_along": False,
     "horizon_s": None,
     "profiles": False,
 }
-THROWN_IN_SPACE = IN_SPACE | {"evaluations": 500, "drag_along": True}
+THROWN_IN_SPACE = IN_SPACE | {"evaluations": 500}
 
 
 def known_parameters(names: Iterable[str], known: Collection[str] = PARAMETERS) -> None:
@@ -83,9 +82,10 @@ class EstimateSettings(PaperFit):
         description="Shape at the start: as observed, or hanging at rest (of captures in space: what begins "
         "with the recording). Use hanging if the first frames do not show the string well.",
     )
-    rest_curl: bool = Field(
-        True,
-        description="Fit a constant rest curvature. Set it to false for a chain or the paper's model.",
+    forces: Literal["auto", "paper"] | list[ForceName] = Field(
+        "auto",
+        description="Optional parts of the model: auto tries them and keeps those that predict better what "
+        "was not fitted; paper has none; or a list of those to fit. Give it to fit the same ones everywhere.",
     )
     clamp_offset: bool = Field(
         False,
@@ -101,31 +101,6 @@ class EstimateSettings(PaperFit):
         None,
         description="Of films: fit an offset of the camera from the robot, with this standard deviation "
         "before the fit. Set it if the tracked hand stays at a distance from the arm's kinematics.",
-    )
-    stiff_bend: bool = Field(
-        False,
-        description="Fit how much stiffer the stiff sections are than the string. Set it if they bend a "
-        "little, like heat-shrink tubing.",
-    )
-    bend_friction: bool = Field(
-        False,
-        description="Fit a dry friction of bending. Set it for thick cables, which stop swinging abruptly.",
-    )
-    friction_stick: bool = Field(
-        False,
-        description="Fit dry friction that sticks, and the bend over which it builds up. Set it for "
-        "cables that rest bent, or are stiffer in small motions.",
-    )
-    marker_shift: bool = Field(
-        False,
-        description="Fit a common shift of all markers along the string. Set it for few markers with "
-        "uncertain places.",
-    )
-    drag_along: bool | Literal["auto"] = Field(
-        "auto",
-        description="Fit a smaller air drag along the string than across: always (throws in space), never "
-        "(captures in space), or where it explains the throws better (auto). Set it to false for the paper's "
-        "model.",
     )
     horizon_s: Annotated[float, Field(ge=0, le=60)] | None = Field(
         0.03,

@@ -98,7 +98,7 @@ PRESET: dict[str, Any] = {
         "trials": "latest",  # section VI: the manipulation just made
         "evaluation": "hand",  # section VI: images centred on the grasping point
         "start_shape": "hanging",  # not given: the paper does not mention the string's first shape
-        "rest_curl": False,  # no such parameter in Table 1
+        "forces": "paper",  # no such parameters in Table 1
         "free_end": False,  # the paper's plain points are alike
         "horizon_s": None,  # "the total number of images taken": the whole motion
         "joints": "measured",  # section VI: "the profile of each joint angle" is captured

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from ruamel.yaml.comments import CommentedMap
 
 from strandcast.config.paper import PAPERS
+from strandcast.core.strings import FORCES, ForceName
 from strandcast.errors import StrandcastError
 
 
@@ -87,7 +88,7 @@ def with_new_names(
     StrandcastError
         SC-F003 a setting is given under both names.
     """
-    asked = _with_method(data)
+    asked = [*_with_method(data), *_with_forces(data, file)]
     changes = (*(RENAMED if renamed is None else renamed), *([] if "method" in data else OF_THE_PAPER))
     changed = (
         _changed(section, change, file)
@@ -114,6 +115,46 @@ def _with_method(data: CommentedMap) -> list[Change]:
                     data.insert(0, "method", "paper")
                     data.lc.data["method"] = place
     return found
+
+
+def _with_forces(data: CommentedMap, file: Path) -> list[Change]:
+    """Write the settings that had one force each as `estimate.forces`."""
+    changes: list[Change] = []
+    for section in _sections(data, ["estimate"]):
+        given = {name: section[name] for name in FORCES if name in section}
+        if given and "forces" in section:
+            raise _both(f"estimate.{next(iter(given))}", "estimate.forces", section, file)
+        usual = [name for name in FORCES if _usual(name, aimed="target_m" in data)]
+        said = {name: name in usual if value == "auto" else bool(value) for name, value in given.items()}
+        wanted = [name for name in FORCES if said.get(name, name in usual)]
+        new = "forces" if wanted != usual else None
+        value = f"[{', '.join(wanted)}]" if new else "auto"
+        for name in given:
+            position, place = list(section).index(name), section.lc.data[name]
+            del section[name]
+            if new and not changes:
+                section.insert(position, new, wanted)
+                section.lc.data[new] = place
+            what = f"estimate.{name} is now estimate.forces: {value}; the next version refuses it"
+            now = None if changes else new
+            changes.append(Change(what, place[0], place[1], now, value, leaves_none=not section))
+    return changes
+
+
+def _usual(name: ForceName, *, aimed: bool) -> bool:
+    """Whether a force was fitted or tried by default before there was `estimate.forces`."""
+    return name in ("rest_curl", "taper") or (aimed and name == "drag_along")
+
+
+def _both(old: str, new: str, section: CommentedMap, file: Path) -> StrandcastError:
+    return StrandcastError(
+        "SC-F003",
+        f"{old} is the old name of {new}, which is given too",
+        file=file,
+        line=section.lc.data[old.split(".")[-1]][0] + 1,
+        field=old,
+        fix=f"remove {old}",
+    )
 
 
 def _sections(node: Any, path: Sequence[str]) -> Iterator[CommentedMap]:
@@ -148,14 +189,7 @@ def _changed(section: CommentedMap, change: Renamed, file: Path) -> Change | Non
         section[old] = now
         return Change(f"{change.old}: {value} was dropped; {now} is used: write that", line, column, new, now)
     if new in section:
-        raise StrandcastError(
-            "SC-F003",
-            f"{change.old} is the old name of {change.new}, which is given too",
-            file=file,
-            line=line + 1,
-            field=change.old,
-            fix=f"remove {change.old}",
-        )
+        raise _both(change.old, change.new, section, file)
     position = list(section).index(old)
     del section[old]
     section.insert(position, new, now)

@@ -46,7 +46,7 @@ TAPER, MARKER_SHIFT = "taper", "marker_shift"
 
 Range = tuple[float, float]
 OF_PRIOR: Range = (-np.inf, np.inf)
-When = Literal["always", "auto", "never"]
+When = Literal["fitted", "tried", "never"]
 Ends = Literal["any", "clamp", "one clamp", "two clamps"]  # how a string in space has to be held
 
 
@@ -58,12 +58,39 @@ class Cable(NamedTuple):
     bending: np.ndarray
 
 
+class Force(NamedTuple):
+    """An optional part of the model: what a fit makes of it unless `estimate.forces` names the parts.
+
+    One that is tried is kept where it predicts better what was not fitted. Throws are at a target.
+    """
+
+    words: str
+    throws: When
+    captures: When
+    throws_in_space: When
+    captures_in_space: When
+
+
+ForceName = Literal[
+    "rest_curl", "drag_along", "friction_stick", "stiff_bend", "bend_friction", "marker_shift", "taper"
+]
+FORCES: dict[ForceName, Force] = {
+    "rest_curl": Force("rest curl", "fitted", "fitted", "fitted", "fitted"),
+    "drag_along": Force("less drag along the string", "tried", "tried", "fitted", "tried"),
+    # A thrown cord shows no friction, and its pipes hardly bend: not worth the time between two throws.
+    "friction_stick": Force("friction that sticks", "never", "tried", "never", "tried"),
+    "stiff_bend": Force("stiff sections that bend", "never", "tried", "never", "tried"),
+    "bend_friction": Force("friction that does not stick", "never", "never", "never", "never"),
+    "marker_shift": Force("shift of the markers", "never", "never", "never", "tried"),
+    "taper": Force("stiffness that changes along the string", "never", "never", "never", "fitted"),
+}
+
+
 class Way(NamedTuple):
     """How an unknown is fitted in the plane or in space: name, range, and what is fitted over its value."""
 
     name: str
     range: Range
-    when: When = "always"
     needs: Ends = "any"
     per: Callable[[Cable], float | np.ndarray] = lambda _: 1.0
 
@@ -77,8 +104,8 @@ class Unknown:
     unit: str = "1"
     range: Range | None = None  # of fits in the plane, OF_PRIOR: that of its prior; None: not fitted there
     in_space: Way | None = None
-    when: When = "never"  # it is fitted in the plane, unless these settings of the estimate say (space: too)
-    switches: tuple[str, ...] = ()
+    forces: tuple[str, ...] = ()  # it is part of; none: it is always fitted, or where this setting says so
+    switch: str | None = None
     sd: str | None = None  # the setting with the standard deviation of its prior about zero, if it has one
     stiff_sections: bool = False  # whether only strings with stiff sections have it
     starts: tuple[float, ...] = ()  # of a search for it from strings without it; none: mid-range
@@ -88,6 +115,10 @@ class Unknown:
     thrown: bool = True  # whether a throw depends on it; otherwise it concerns the measurement
     # Works values (B,) into parameters, masses or bending; None: kernels, or what compares points, read it.
     apply: Callable[[StringBatch, np.ndarray], StringBatch] | None = None
+
+    def is_in(self, stiff_sections: int) -> bool:
+        """Whether a string with so many stiff sections has it."""
+        return stiff_sections > 0 or not self.stiff_sections
 
 
 def side(name: str, which: str) -> str:
@@ -122,16 +153,16 @@ def _tapered(strings: StringBatch, values: np.ndarray) -> StringBatch:
     return replace(strings, bend_factor=strings.bend_factor * np.exp(values[:, None] * along))
 
 
-_CLAMP: dict[str, Any] = {"switches": ("clamp_offset",), "sd": "clamp_offset_sd_rad"}
-_CAMERA = (("camera_offset_sd_m",), "camera_offset_sd_m")
+_CLAMP: dict[str, Any] = {"switch": "clamp_offset", "sd": "clamp_offset_sd_rad"}
+_CAMERA: dict[str, Any] = {"switch": "camera_offset_sd_m", "sd": "camera_offset_sd_m"}
 
 # In the order of files. Ranges are chosen; in space they scale with the string's length.
 _ROWS = [
     # Bend at rest; between two clamps it is hardly observable.
-    Unknown(REST_CURL, "rest curl", "rad/m", (-15.0, 15.0), switches=("rest_curl",), axes=2),
+    Unknown(REST_CURL, "rest curl", "rad/m", (-15.0, 15.0), forces=("rest_curl",), axes=2),
     *_turns(
-        *(REST_CURL, "curl", "rad/m", 3, (-3.0, 3.0), "always", "one clamp", _length_m),
-        switches=("rest_curl",),
+        *(REST_CURL, "curl", "rad/m", 3, (-3.0, 3.0), "one clamp", _length_m),
+        forces=("rest_curl",),
     ),
     # Turns of the clamp against the arm's file, and of a second clamp at the string's end.
     Unknown(
@@ -139,18 +170,18 @@ _ROWS = [
         axes=2,
         **_CLAMP,
     ),
-    *_turns(*(CLAMP_OFFSET, "clamp", "rad", 3, (-0.8, 0.8), "always", "clamp"), **_CLAMP),
-    *_turns(*(FAR_OFFSET, "far", "rad", 0, (-0.8, 0.8), "always", "two clamps"), **_CLAMP),
+    *_turns(*(CLAMP_OFFSET, "clamp", "rad", 3, (-0.8, 0.8), "clamp"), **_CLAMP),
+    *_turns(*(FAR_OFFSET, "far", "rad", 0, (-0.8, 0.8), "two clamps"), **_CLAMP),
     # Relative change of the rest length.
     Unknown(LENGTH_CHANGE, in_space=Way(LENGTH_CHANGE, (-0.08, 0.04)), axes=3),
     # Turn of the rest curl about the string, per length, from left to up: at rest the string is a helix.
     Unknown(REST_TORSION, unit="rad/m"),
     # Offset of the camera's positions from the robot's.
-    *(Unknown(name, "", "m", OF_PRIOR, None, "never", *_CAMERA, thrown=False) for name in CAMERA_OFFSET),
+    *(Unknown(name, "", "m", OF_PRIOR, None, thrown=False, **_CAMERA) for name in CAMERA_OFFSET),
     Unknown(
         *(STIFF_BEND, "stiffness of the stiff sections", "1", (1.0, 1e3)),
-        Way(STIFF_BEND, (1.0, 1e3), "never"),
-        switches=("stiff_bend",),
+        Way(STIFF_BEND, (1.0, 1e3)),
+        forces=("stiff_bend",),
         stiff_sections=True,
         absent=1.0,
         apply=_stiff_sections,
@@ -158,31 +189,31 @@ _ROWS = [
     # Dry friction of a joint; in space, the turn over the length that it holds against bending.
     Unknown(
         *(BEND_FRICTION, "bend friction", "N m/kg", (1e-4, 1e2)),
-        Way("friction_turn_rad", (0.01, 3.0), "never", per=_held_by_friction),
-        switches=("bend_friction", "friction_stick"),
+        Way("friction_turn_rad", (0.01, 3.0), per=_held_by_friction),
+        forces=("bend_friction", "friction_stick"),
     ),
     # Bend per length over which dry friction builds up, so that it holds a string at rest where it stopped;
     # absent: friction acts like a damper at small rates. Real cables, 20 mm thick: 0.02 to 0.25.
     Unknown(
         *(FRICTION_STICK, "bend over which friction builds up", "rad/m", (0.01, 1.0)),
-        Way("stick_turn_rad", (0.005, 0.5), "never", per=_length_m),
-        switches=("friction_stick",),
+        Way("stick_turn_rad", (0.005, 0.5), per=_length_m),
+        forces=("friction_stick",),
     ),
     # From skin friction alone to as much as across, like where it is absent; fast strings show it.
     Unknown(
         *(DRAG_ALONG, "drag along the string over that across it", "1", (0.02, 1.0)),
-        Way(DRAG_ALONG, (0.05, 1.0), "never"),
-        switches=("drag_along",),
+        Way(DRAG_ALONG, (0.05, 1.0)),
+        forces=("drag_along",),
         starts=(1.0, 0.3),
         bounds_are_physical=True,
     ),
     # Logarithm of the ratio of bending at the last joint to that at the hand; it changes exponentially.
-    Unknown(TAPER, in_space=Way(TAPER, (-3.0, 3.0), needs="one clamp"), apply=_tapered),
+    Unknown(TAPER, in_space=Way(TAPER, (-3.0, 3.0), needs="one clamp"), forces=("taper",), apply=_tapered),
     # By which all markers between mass points are farther along the string than declared, over its length.
     Unknown(
         *(MARKER_SHIFT, "shift of the markers", "1", (-0.1, 0.1)),
-        Way(MARKER_SHIFT, (-0.1, 0.1), "never"),
-        switches=("marker_shift",),
+        Way(MARKER_SHIFT, (-0.1, 0.1)),
+        forces=("marker_shift",),
         thrown=False,
     ),
 ]

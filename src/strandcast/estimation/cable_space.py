@@ -26,7 +26,7 @@ from strandcast.dynamics.masses import mass_layout, point_masses
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import GRAVITY_M_S2, MASS_RANGE, Array
 from strandcast.estimation.space import Space
-from strandcast.estimation.unknowns import options_of
+from strandcast.estimation.unknowns import forces_of, options_of
 
 # All chosen.
 POINTS = 20
@@ -147,8 +147,7 @@ def space_of_cable(
     ranges
         Ranges to use instead, by name.
     wanted
-        Which optional unknowns are fitted, and deviations of priors, by the settings of the estimate or, of
-        unknowns without any, by their names; those not named as their rows say.
+        See `strandcast.estimation.unknowns.given_of`; by default what is fitted to captures.
     """
     model = StringModel(length_m, points, reading="strain", dt_s=step_s)
     layout = mass_layout(length_m, points, list(weight_places_m), list(stiff_sections_m))
@@ -156,7 +155,8 @@ def space_of_cable(
     unknowns = dict(SPATIAL_RANGES)
     if pinned:
         del unknowns["clamp_stiffness"]
-    options, sd = options_of(CableSpace, wanted, layout, held)
+    given = {"forces": forces_of("auto", in_plane=False, thrown=False)[0]} | wanted
+    options, sd = options_of(CableSpace, given, layout, held)
     unknowns |= options
     unknowns |= {f"weight_{k + 1}": MASS_RANGE["wide"] for k in range(layout.count)}
     unknowns |= {name: range for name, range in (ranges or {}).items() if name in unknowns}

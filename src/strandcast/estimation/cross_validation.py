@@ -1,18 +1,23 @@
 """Cross-validation: each part of the newest throw is left out of the fit once, and predicted by it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from strandcast.core.strings import ForceName
 from strandcast.estimation.descent import LADDER, GaussNewtonModel, descend, descent_batch
 from strandcast.estimation.evaluation import Array, evaluation_of_points
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
-from strandcast.estimation.throws import PreparedThrow
+from strandcast.estimation.throws import PreparedThrow, TrialParts
 from strandcast.records.estimate import LAST_PART
 
 # Chosen.
 PARTS = 4
 CHOSEN_FROM = 32  # best candidates of a search
+FEWEST_GROUPS = 3  # of which one is left out at a time
+FOLD_ROUNDS = 12  # of a descent
 
 REFITTED = f"each of {PARTS} parts of the throw, from a fit to the others"
 CHOSEN = f"each of {PARTS} parts of the throw, from the best of the strings tried for the others"
@@ -24,6 +29,35 @@ class HeldOutEvaluation:
 
     what: str
     E_m: float
+
+
+@dataclass(frozen=True)
+class TriedForce:
+    """An optional force that was tried, and what it is worth.
+
+    Attributes
+    ----------
+    name, kept
+        See `strandcast.core.strings.FORCES`; whether it is in the fit.
+    cost_m
+        Cost of the best string without and with it; None: it is kept from the estimate before.
+    held_out_m, gain_sd_m
+        E of parts that were not fitted, without and with it, and the standard error of the difference. None:
+        the cost fell too little.
+    """
+
+    name: ForceName
+    kept: bool
+    cost_m: tuple[float, float] | None = None
+    held_out_m: tuple[float, float] | None = None
+    gain_sd_m: float | None = None
+
+
+class Fold(NamedTuple):
+    """A fit that leaves data out, and what it leaves out."""
+
+    rest: FitObjective
+    left_out: tuple[PreparedThrow, ...]
 
 
 def refitted(objective: FitObjective, log: EvaluationLog, evaluations: int) -> HeldOutEvaluation:
@@ -60,6 +94,43 @@ def reselected(objective: FitObjective, log: EvaluationLog) -> HeldOutEvaluation
         error = evaluation_of_points(objective.point_values(rest, simulated), objective.w)
         ends.append(tried[int(np.argmin(np.where(np.isfinite(error), error, np.inf)))])
     return HeldOutEvaluation(CHOSEN, _mean(objective, parts, ends))
+
+
+def folds_of(objective: FitObjective, parts: TrialParts) -> list[Fold]:
+    """Return fits that leave trials out, each once.
+
+    With too few trials, parts of the fit are left out, e.g. windows of a long recording; with too few of
+    these, quarters of each.
+    """
+    throws, shares, first = objective.throws, objective.shares, parts.trials - len(parts.whole)
+    for groups, whole in ((parts.trial - first, parts.whole), (np.arange(len(throws)), throws)):
+        if len(whole) >= FEWEST_GROUPS:
+            folds = []
+            for out in np.array_split(np.arange(len(whole)), PARTS):
+                kept = ~np.isin(groups, out)
+                if kept.any() and len(out):
+                    rest = tuple(throw for throw, row in zip(throws, kept, strict=True) if row)
+                    fit = replace(objective, throws=rest, shares=shares[kept] / shares[kept].sum())
+                    folds.append(Fold(fit, tuple(whole[row] for row in out)))
+            return folds
+    folds = []
+    for k in range(PARTS):
+        left = tuple(throw.part(k, PARTS) for throw in throws)
+        rest = tuple(_without(throw, part) for throw, part in zip(throws, left, strict=True))
+        folds.append(Fold(replace(objective, throws=rest), left))
+    return folds
+
+
+def fold_errors(folds: Sequence[Fold], chi: Array) -> Array:
+    """Return E of all that the folds leave out (K,) [m], by descents from the whole fit `chi` (d,)."""
+    errors = []
+    for fold, left in folds:
+        log = EvaluationLog(fold.cost)
+        now = descent_batch(chi[None], log(chi[None]))
+        effort = FOLD_ROUNDS * (len(chi) + 1 + len(LADDER))
+        string = fold.space.strings(descend(log, GaussNewtonModel(fold), now, effort, FOLD_ROUNDS).chi)
+        errors += [float(fold.value(throw, string, 0.0)[0]) for throw in left]
+    return np.array(errors)
 
 
 def last_part(whole: FitObjective, newest: PreparedThrow, first: int, chi: Array) -> HeldOutEvaluation:

@@ -1,6 +1,6 @@
 """Estimate the string from its trials so far, in the plane or in space."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -8,43 +8,45 @@ from typing import Any
 import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
-from strandcast.core.strings import UNKNOWNS, StringBatch, Unknown
+from strandcast.core.strings import ForceName, StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.estimation import cross_validation
-from strandcast.estimation.cross_validation import HeldOutEvaluation
+from strandcast.estimation.cross_validation import HeldOutEvaluation, TriedForce
 from strandcast.estimation.descent import GaussNewtonModel
-from strandcast.estimation.ensemble import distant_members, near_samples
+from strandcast.estimation.ensemble import near_samples
 from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, tip_error
-from strandcast.estimation.fit import PAYS, StringFit, fit_of
+from strandcast.estimation.fit import StringFit, fit_of
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
+from strandcast.estimation.forces import kept_forces, with_forces_that_pay
 from strandcast.estimation.measured import Throw
-from strandcast.estimation.optimisers.optimiser import SearchProblem, SearchStart
-from strandcast.estimation.optimisers.registry import OPTIMISERS
+from strandcast.estimation.optimisers.optimiser import SearchStart
+from strandcast.estimation.search import (
+    CROSS_VALIDATION_SHARE,
+    NEAR_SAMPLES,
+    search,
+    search_in_wide_enough_ranges,
+)
 from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow, TrialParts, parts_of_throws
 from strandcast.estimation.uncertainty import RISE, uncertainty_of
-from strandcast.estimation.unknowns import given_of, space_of, when_fitted, widened
-from strandcast.progress import Progress
+from strandcast.estimation.unknowns import forces_of, space_of
 from strandcast.records.estimate import CARRIED, HANGING, TIP_UNDER_PREVIOUS, UNDER_PREVIOUS
-
-# Chosen.
-NEAR_SAMPLES = 64
-CROSS_VALIDATION_SHARE = 0.08  # of the evaluations
 
 Random = Callable[[], np.random.Generator]
 
 
 @dataclass(frozen=True, eq=False)
 class FoundString:
-    """The end of a search: the roll of the driven ends, what was minimised, and all candidates tried."""
+    """The end of a search: the roll of the driven ends, what was minimised, all candidates, tried forces."""
 
     roll: str
     objective: FitObjective
     log: EvaluationLog
+    forces: tuple[TriedForce, ...] = ()
 
     @property
     def string(self) -> StringBatch:
@@ -75,8 +77,8 @@ def estimate_throws(
         SC-E002 a throw has no used frame on the hand's path; those of `estimate`.
     """
     parts = parts_of_throws(throws, model.places_m(), settings)
-    space = space_of(settings, layout, plain_mass=plain_mass)
-    return estimate({"": parts}, model, space, settings, rng, **known)
+    space, tried = space_of(settings, layout, plain_mass=plain_mass), forces_of(settings.forces)[1]
+    return estimate({"": parts}, model, space, settings, rng, tried=tried, **known)
 
 
 def estimate(
@@ -86,6 +88,7 @@ def estimate(
     settings: EstimateSettings,
     rng: np.random.Generator,
     *,
+    tried: Sequence[ForceName] = (),
     planned: StringBatch | None = None,
     previous: StringBatch | None = None,
     previous_roll: str = "",
@@ -101,6 +104,8 @@ def estimate(
         `strandcast.estimation.cable_series.ROLLS`; the one that fits best is kept.
     model, space
         The string model, and the box of its unknowns.
+    tried
+        Optional forces that are kept where they pay, see `strandcast.estimation.forces`.
     planned
         The string with which the newest throw was planned (a batch of one), for `E_planned_m`.
     previous, previous_roll
@@ -122,7 +127,7 @@ def estimate(
     random: Random = lambda: rng  # noqa: E731
     if not space.in_plane:
         random = partial(np.random.default_rng, int(rng.integers(2**31)))
-    found = find_string(trials, model, space, settings, random, start)
+    found = find_string(trials, model, space, settings, random, start, tried)
     objective, log, parts = found.objective, found.log, trials[found.roll]
     _refuse_invalid(log)
     whole = replace(objective, throws=(parts.newest.fitted(),), shares=np.ones(1))
@@ -158,7 +163,7 @@ def estimate(
     if parts.newest.places is not None:
         predictions |= _paths("fitted", model, parts.newest, fit.best)
     doubts = [*fit.warnings, *doubts, *_worse_than_before(fit)]
-    return replace(fit, roll=found.roll, paths_m=predictions, warnings=tuple(doubts))
+    return replace(fit, roll=found.roll, forces=found.forces, paths_m=predictions, warnings=tuple(doubts))
 
 
 def find_string(
@@ -168,9 +173,12 @@ def find_string(
     settings: EstimateSettings,
     random: Random,
     start: SearchStart,
+    tried: Sequence[ForceName] = (),
 ) -> FoundString:
     """Search the string that explains the trials best; see `estimate`. Each roll's search has a `random`."""
-    searches = []
+    kept, searches = kept_forces(tried, space, start.previous), []
+    for force in kept:
+        space = space.with_force(force)
     for roll, parts in trials.items():
         objective = FitObjective(
             model,
@@ -181,109 +189,14 @@ def find_string(
             settings.evaluation,
             overstretched_allowed=settings.ranges == "paper" or not space.in_plane,
         )
-        searches.append(FoundString(roll, *_search_all(objective, settings, random(), start)))
-    return min(searches, key=lambda each: each.log.best()[1])
-
-
-def _search_all(
-    objective: FitObjective, settings: EstimateSettings, rng: np.random.Generator, start: SearchStart
-) -> tuple[FitObjective, EvaluationLog]:
-    """Search; then with each unknown that is kept only where it pays, and in wider ranges."""
-    previous, given = start.previous, given_of(settings)
-    ways = {} if settings.search == "paper" else objective.space.ways()
-    rows = [(UNKNOWNS[name], how.when) for name, how in ways.items()]
-    tried = [row for row, default in rows if when_fitted(row, given, default) == "auto"]
-    kept_before = [row for row in tried if previous is not None and previous[row.name].any()]
-    for row in kept_before:
-        objective = replace(objective, space=objective.space.with_unknown(row))
-    objective, log = _search_in_wide_enough_ranges(objective, settings, rng, start)
-    for row in tried:
-        if row not in kept_before:
-            objective, log = _with_unknown_if_it_pays(row, objective, log, settings, rng, start)
-    return objective, log
-
-
-def _search_in_wide_enough_ranges(
-    objective: FitObjective, settings: EstimateSettings, rng: np.random.Generator, start: SearchStart
-) -> tuple[FitObjective, EvaluationLog]:
-    """Search; where a stiffness ended at its upper bound, search wider ranges while that pays.
-
-    A fit at a bound says little of where the best string beyond it lies: the wider search starts again.
-    """
-    budget = _search_budget(objective, settings)
-    log = search(objective, settings, rng, start, budget)
-    while settings.ranges == "wide" and np.isfinite(log.best()[1]):
-        best, value = log.best()
-        space = widened(objective.space, best)
-        if space is None:
-            break
-        wider = replace(objective, space=space)
-        own_rng = rng.spawn(1)[0]  # what follows does not depend on a search that did not pay
-        beyond = search(wider, settings, own_rng, replace(start, previous=None), budget)
-        if beyond.best()[1] > PAYS * value:
-            break
-        objective, log = wider, beyond
-    return objective, log
-
-
-def _with_unknown_if_it_pays(
-    row: Unknown,
-    objective: FitObjective,
-    log: EvaluationLog,
-    settings: EstimateSettings,
-    rng: np.random.Generator,
-    start: SearchStart,
-) -> tuple[FitObjective, EvaluationLog]:
-    """Search with one more unknown, from the strings that were found without it.
-
-    A search from nothing with one more unknown finds what it found without it less surely.
-    """
-    chi, values = log.all()
-    if not np.isfinite(values).any():
-        return objective, log
-    found = objective.space.strings(chi[distant_members(chi, values, settings.ensemble)])
-    freer = replace(objective, space=objective.space.with_unknown(row))
-    middle = freer.space.strings(np.full((1, freer.space.dimension), 0.5))
-    first = row.starts or (float(middle[row.name][0]),)
-    starts = found.take(np.tile(np.arange(len(found)), len(first)))
-    starts = starts.with_values(**{row.name: np.repeat(first, len(found))})
-    own_rng = rng.spawn(1)[0]  # what follows does not depend on a search that did not pay
-    budget = _search_budget(objective, settings)
-    beyond = search(freer, settings, own_rng, replace(start, previous=starts), budget)
-    gain = beyond.best()[1] / log.best()[1]
-    if gain >= PAYS:
-        return objective, log
-    # Whether independent searches agree shows in those without it: only one of the others began with theirs.
-    beyond.ends = [gain * end for end in log.ends]
-    return freer, beyond
-
-
-def search(
-    objective: FitObjective,
-    settings: EstimateSettings,
-    rng: np.random.Generator,
-    start: SearchStart,
-    evaluations: int,
-) -> EvaluationLog:
-    """Run the search of the settings with at most so many simulations; the log holds all strings tried."""
-    progress = Progress("estimate", evaluations)
-
-    def report(count: int, best: float) -> None:
-        more = f", {count - evaluations} more for the uncertainty" if count > evaluations else ""
-        progress(min(count, evaluations), f"best cost {1e3 * best:.2f} mm{more}")
-
-    searched = replace(objective, model=replace(objective.model, precision=objective.space.precision))
-    log = EvaluationLog(searched.cost, report)
-    problem = SearchProblem(searched, settings, start, rng, evaluations)
-    log.converged = OPTIMISERS.get(settings.search)(problem, log)
-    return log
-
-
-def _search_budget(objective: FitObjective, settings: EstimateSettings) -> int:
-    """Return the evaluations left for the search itself."""
-    if settings.search == "paper" or not objective.space.in_plane:
-        return settings.evaluations
-    return max(int((1.0 - CROSS_VALIDATION_SHARE) * settings.evaluations) - NEAR_SAMPLES, NEAR_SAMPLES)
+        rng = random()
+        searches.append((roll, rng, *search_in_wide_enough_ranges(objective, settings, rng, start)))
+    roll, rng, objective, log = min(searches, key=lambda each: each[-1].best()[1])
+    left = [force for force in tried if force not in kept]
+    problem = objective, log, trials[roll], settings, rng, start
+    objective, log, forces = with_forces_that_pay(left, *problem)
+    forces += [TriedForce(force, kept=True) for force in kept]
+    return FoundString(roll, objective, log, tuple(forces))
 
 
 def _paths(name: str, model: StringModel, throw: PreparedThrow, string: StringBatch) -> dict[str, Array]:

@@ -9,7 +9,7 @@ from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import PARAMETERS, UNKNOWNS, StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import OK
-from strandcast.estimation.cross_validation import HeldOutEvaluation
+from strandcast.estimation.cross_validation import HeldOutEvaluation, TriedForce
 from strandcast.estimation.descent import GaussNewtonModel, descend, descent_batch
 from strandcast.estimation.ensemble import distant_members
 from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, rmse, tip_error
@@ -67,6 +67,8 @@ class StringFit:
         Weight of each throw in the fit, in the order given.
     warnings
         Reasons to doubt the estimate.
+    forces
+        Optional forces that were tried.
     roll
         Of the driven ends, see `strandcast.estimation.cable_series.ROLLS`; none in the plane.
     paths_m
@@ -104,6 +106,7 @@ class StringFit:
     trial_weights: Array
     warnings: tuple[str, ...]
     roll: str = ""
+    forces: tuple[TriedForce, ...] = ()
     paths_m: Mapping[str, Array] = field(default_factory=dict)
 
 

@@ -13,6 +13,7 @@ from strandcast.core.strings import (
     PLAIN_MASS,
     UNITS,
     UNKNOWNS,
+    ForceName,
     StringBatch,
     Unknown,
     Way,
@@ -66,13 +67,24 @@ class Space:
     def ways() -> dict[str, Way]:
         """Return how each unknown is fitted that can be fitted here, by its name in files, in order."""
         rows = [(row, row.range) for row in UNKNOWNS.values()]
-        return {row.name: Way(row.name, range_, row.when) for row, range_ in rows if range_ is not None}
+        return {row.name: Way(row.name, range_) for row, range_ in rows if range_ is not None}
 
-    def with_unknown(self, row: Unknown) -> Self:
-        """Return the box with one more unknown, which can be fitted here."""
-        how = self.ways()[row.name]
-        names, prior_sd = (*self.names, how.name), np.append(self.prior_sd, np.inf)
-        return replace(self, names=names, bounds=np.vstack([self.bounds, how.range]), prior_sd=prior_sd)
+    def unknowns_of(self, force: ForceName) -> list[Unknown]:
+        """Return the unknowns of an optional force that can be fitted here."""
+        rows = [UNKNOWNS[name] for name in self.ways()]
+        return [row for row in rows if force in row.forces and row.is_in(self.layout.stiff)]
+
+    def with_force(self, force: ForceName) -> Self:
+        """Return the box with the unknowns of one more optional force."""
+        hows = [self.ways()[row.name] for row in self.unknowns_of(force)]
+        hows = [how for how in hows if how.name not in self.names]
+        at = len(self.names) - (0 if self.in_plane else self.layout.count)  # weights are the last in space
+        return replace(
+            self,
+            names=(*self.names[:at], *(how.name for how in hows), *self.names[at:]),
+            bounds=np.insert(self.bounds, [at], [how.range for how in hows], axis=0),
+            prior_sd=np.insert(self.prior_sd, [at], [np.inf for _ in hows]),
+        )
 
     def without_turns(self, chi: Array) -> Array:
         """Return exponents (B, d) with all unknowns that may be negative at zero."""

@@ -97,8 +97,8 @@ class TrialParts(NamedTuple):
         The parts that are fitted, and (P,) the number of the trial of each, 0 to `trials` - 1.
     trials
         How many trials there are, also without a fitted part.
-    newest
-        The whole newest trial.
+    whole
+        The whole trials of the fit, with or without a fitted part, the newest last.
     before
         The same without the last part of the newest trial; None: parts of it are left out in other ways.
     """
@@ -106,8 +106,13 @@ class TrialParts(NamedTuple):
     throws: tuple[PreparedThrow, ...]
     trial: np.ndarray
     trials: int
-    newest: PreparedThrow
+    whole: tuple[PreparedThrow, ...]
     before: TrialParts | None = None
+
+    @property
+    def newest(self) -> PreparedThrow:
+        """The whole newest trial."""
+        return self.whole[-1]
 
     def shares(self, older_trials_weight: float) -> Array:
         """Return the shares (P,) in E, by the weight of a trial relative to the next one."""
@@ -120,11 +125,11 @@ def parts_of_throws(throws: Sequence[Throw], places_m: Array, settings: Estimate
     shifted = settings.camera_offset_sd_m is not None
     kept = throws[-1:] if settings.trials == "latest" else throws
     prepared = [prepare(throw, places_m, settings.start_shape, from_measured_hand=shifted) for throw in kept]
-    if settings.marker_shift:
+    if "marker_shift" in settings.forces:
         places = places_m[1:] / places_m[-1]
         prepared = [replace(throw, places=places) for throw in prepared]
     trial = np.arange(len(throws) - len(kept), len(throws))
-    return TrialParts(tuple(throw.fitted() for throw in prepared), trial, len(throws), prepared[-1])
+    return TrialParts(tuple(throw.fitted() for throw in prepared), trial, len(throws), tuple(prepared))
 
 
 def prepare(

@@ -1,6 +1,6 @@
 """The unknown numbers of the string, their ranges and priors, and plausible strings to start from."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,11 +9,13 @@ import numpy as np
 from strandcast.config.estimate import EstimateSettings, Ranges
 from strandcast.core.strings import (
     BEND_FRICTION,
+    FORCES,
     OF_PRIOR,
     PARAMETERS,
     PLAIN_MASS,
     UNKNOWNS,
     Ends,
+    ForceName,
     Range,
     Unknown,
     When,
@@ -45,13 +47,32 @@ def bounds_of(ranges: Ranges) -> Array:
     return bounds
 
 
-def space_of(settings: EstimateSettings, layout: MassLayout, *, plain_mass: bool | None = None) -> Space:
+def forces_of(
+    wanted: str | Collection[str], *, in_plane: bool = True, thrown: bool = True
+) -> tuple[set[str], list[ForceName]]:
+    """Return which optional forces are fitted, and which are tried, as `estimate.forces` wants them.
+
+    `thrown`: at a target, not captured.
+    """
+    if wanted != "auto":
+        return set() if wanted == "paper" else set(wanted), []
+    kind = ("throws" if thrown else "captures") + ("" if in_plane else "_in_space")
+    when: dict[ForceName, When] = {name: getattr(force, kind) for name, force in FORCES.items()}
+    tried = [name for name in when if when[name] == "tried"]
+    return {name for name in when if when[name] == "fitted"}, tried
+
+
+def space_of(
+    settings: EstimateSettings, layout: MassLayout, *, thrown: bool = True, plain_mass: bool | None = None
+) -> Space:
     """Return the box of all unknowns.
 
     Parameters
     ----------
     settings, layout
         The options to fit; where the free masses sit.
+    thrown
+        See `forces_of`.
     plain_mass
         Whether to fit the common mass of the plain points; None: only in the paper's search. Only ratios of
         masses can be known, so every other search fixes it at 1.
@@ -59,7 +80,7 @@ def space_of(settings: EstimateSettings, layout: MassLayout, *, plain_mass: bool
     mass_range = MASS_RANGE[settings.ranges if isinstance(settings.ranges, str) else "wide"]
     if plain_mass is None:
         plain_mass = settings.search == "paper" and layout.count > 0
-    options, sd = options_of(Space, given_of(settings), layout)
+    options, sd = options_of(Space, given_of(settings, thrown=thrown), layout)
     if plain_mass:
         options = {PLAIN_MASS: mass_range} | options
     names = (*PARAMETERS, *(f"weight_{k + 1}" for k in range(layout.count)), *options)
@@ -71,17 +92,15 @@ def space_of(settings: EstimateSettings, layout: MassLayout, *, plain_mass: bool
 def options_of(
     box: type[Space], given: Mapping[str, Any], layout: MassLayout, held: Sequence[Ends] = ("any",)
 ) -> tuple[dict[str, Range], dict[str, float]]:
-    """Return ranges and deviations of the priors of the unknowns that are always fitted in a kind of box.
+    """Return ranges and deviations of the priors of the unknowns that are fitted from the start.
 
-    `given`: see `when_fitted`; `held`: how the string is.
+    `given`: see `given_of`; what is not given is fitted. `held`: how the string is.
     """
     ranges: dict[str, Range] = {}
     sd: dict[str, float] = {}
     for name, how in box.ways().items():
         row = UNKNOWNS[name]
-        if how.needs not in held or when_fitted(row, given, how.when) != "always":
-            continue
-        if row.stiff_sections and not layout.stiff:
+        if how.needs not in held or not _is_wanted(row, given) or not row.is_in(layout.stiff):
             continue
         if row.sd is not None and given.get(row.sd) is not None:
             sd[how.name] = given[row.sd]
@@ -91,20 +110,17 @@ def options_of(
     return ranges, sd
 
 
-def given_of(settings: EstimateSettings) -> dict[str, Any]:
-    """Return the settings that say which unknowns are fitted, and the deviations of their priors."""
-    names = {name for row in UNKNOWNS.values() for name in (*row.switches, row.sd) if name is not None}
-    return {name: getattr(settings, name) for name in names}
+def given_of(settings: EstimateSettings, *, in_plane: bool = True, thrown: bool = True) -> dict[str, Any]:
+    """Return what says which unknowns are fitted from the start, and the deviations of their priors."""
+    names = {name for row in UNKNOWNS.values() for name in (row.switch, row.sd) if name is not None}
+    forces, _ = forces_of(settings.forces, in_plane=in_plane, thrown=thrown)
+    return {name: getattr(settings, name) for name in names} | {"forces": forces}
 
 
-def when_fitted(row: Unknown, given: Mapping[str, Any], default: When) -> When:
-    """Return when an unknown is fitted, as its settings say; those not given leave it at the default."""
-    said = [given[name] for name in (row.name, *row.switches) if name in given]
-    if not said:
-        return default
-    if "auto" in said:
-        return "auto"
-    return "never" if all(value in (False, None) for value in said) else "always"
+def _is_wanted(row: Unknown, given: Mapping[str, Any]) -> bool:
+    if row.forces:
+        return not given["forces"].isdisjoint(row.forces)
+    return row.switch is None or given.get(row.switch, True) not in (False, None)
 
 
 def widened(space: Space, chi: Array) -> Space | None:

@@ -57,7 +57,7 @@ def parts_of_series(
         tuple(series[row].prepared(first, end, points, start_shape) for row, first, end in parts),
         np.array([row for row, _, _ in parts]) + skipped,
         len(series) + skipped,
-        newest.prepared(0, len(newest.time_s), points, start_shape),
+        tuple(each.prepared(0, len(each.time_s), points, start_shape) for each in series),
         parts_of_series(before, points, start_shape, skipped=skipped, last=False) if last else None,
     )
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from strandcast.core.strings import FORCES, ForceName
 from strandcast.records.motion import StringSet
 from strandcast.records.record import Migration, Part, Record, RigFault
 from strandcast.records.tables import Column, TableSpec
@@ -125,6 +126,25 @@ class HeldOutError(Part):
     E_m: float
 
 
+class ForceTried(Part):
+    """An optional force that the fit tried, see `strandcast.core.strings.FORCES`, and what it is worth.
+
+    Costs of the best string and E of parts that were not fitted, without and with it; and the standard error
+    of that difference. None: it is kept from the estimate before, or the cost fell too little.
+    """
+
+    name: ForceName
+    kept: bool
+    cost_m: list[float] | None = None
+    held_out_m: list[float] | None = None
+    gain_sd_m: float | None = None
+
+    @property
+    def words(self) -> str:
+        """The force in words."""
+        return FORCES[self.name].words
+
+
 class RigOffset(Part):
     """One number of the arm's file: its deviation from the file, the same in all trials [m or rad].
 
@@ -195,6 +215,7 @@ class Estimate(Record):
     parameters: list[ParameterFit]
     weights: list[WeightFit]
     options: dict[str, float] = {}  # other fitted numbers, e.g. rest curl, clamp angle
+    forces: list[ForceTried] = []
     frames_used: int
     window_s: list[float] | None = None  # robot time of the first and the last of them
     # In space, what was fitted of each trial; `frames_used`, `window_s` and E are of the whole newest one.

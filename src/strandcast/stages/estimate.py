@@ -15,7 +15,7 @@ from strandcast.estimation.estimate import estimate
 from strandcast.estimation.measured import Throw
 from strandcast.estimation.space import Space
 from strandcast.estimation.throws import TrialParts, parts_of_throws
-from strandcast.estimation.unknowns import space_of
+from strandcast.estimation.unknowns import forces_of, space_of
 from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.tables import read_arrow, read_facts, write_table
@@ -102,7 +102,10 @@ def run(job: Job, files: Files) -> None:
 def _in_space(files: Files, trials: list[TrialInSpace]) -> _Fitted:
     model, space = cable_of_trials(files, trials)
     parts = parts_in_space(files, trials, model.points)
-    return parts, model, space, spatial_settings(files.job.context), {"references": True}
+    context = files.job.context
+    settings = spatial_settings(context)
+    _, tried = forces_of(settings.forces, in_plane=False, thrown=context.settings.aims_in_space)
+    return parts, model, space, settings, {"references": True, "tried": tried}
 
 
 def _in_plane(files: Files, trials: list[Trial]) -> _Fitted:
@@ -117,8 +120,13 @@ def _in_plane(files: Files, trials: list[Trial]) -> _Fitted:
             fix=f"check the track's report; exclude trial {newest.number} with a reason",
         )
     parts = parts_of_throws([throw_of(trial, settings) for trial in trials], model.places_m(), settings)
-    known = {"planned": _planned(newest.motion, layout), "references": context.settings.target_m is None}
-    return {"": parts}, model, space_of(settings, layout), settings, known
+    thrown = context.settings.target_m is not None
+    known = {
+        "planned": _planned(newest.motion, layout),
+        "references": not thrown,
+        "tried": forces_of(settings.forces, thrown=thrown)[1],
+    }
+    return {"": parts}, model, space_of(settings, layout, thrown=thrown), settings, known
 
 
 def _add_what_the_rig_shows(

@@ -157,23 +157,25 @@ def read_members(path: Path, layout: MassLayout) -> StringBatch:
 def thrown_cable(context: Context, arm: Arm) -> tuple[StringModel, CableSpace]:
     """Return the model of a string that is thrown in space, without its clamped length, and its unknowns."""
     length_m = free_length_m(context, arm.clamp.clamped_length_m)
-    return cable_of(context, length_m, False, context.settings.string.points or THROWN_POINTS, taper=False)
+    return cable_of(context, length_m, False, context.settings.string.points or THROWN_POINTS)
 
 
 def cable_of(
-    context: Context, length_m: float, two_ends: bool, points: int, **wanted: bool
+    context: Context, length_m: float, two_ends: bool, points: int, *, pinned: bool = False
 ) -> tuple[StringModel, CableSpace]:
     """Return the model of the experiment's string in space, of this free length [m], and its unknowns."""
     string, settings = context.settings.string, spatial_settings(context)
+    thrown = context.settings.aims_in_space
     return space_of_cable(
         length_m,
         two_ends,
+        pinned=pinned,
         points=points,
         step_s=settings.dt_s,
         weight_places_m=[min(weight.place_m, length_m) for weight in string.weights],
         stiff_sections_m=[(section.from_m, min(section.to_m, length_m)) for section in string.stiff_sections],
         ranges=settings.ranges if isinstance(settings.ranges, dict) else None,
-        **given_of(settings) | wanted,
+        **given_of(settings, in_plane=False, thrown=thrown),
     )
 
 

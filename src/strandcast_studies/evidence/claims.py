@@ -52,11 +52,11 @@ HOW = {
             "search": "paper",
             "ranges": "paper",
             "evaluation": "hand",
-            "rest_curl": False,
+            "forces": "paper",
             "free_end": False,
         }
     ),
-    "papers_search": OURS.model_copy(update={"search": "paper"}),
+    "papers_search": OURS.model_copy(update={"search": "paper", "forces": ["rest_curl"]}),
     "papers_ranges": OURS.model_copy(update={"ranges": "paper"}),
     "ours": PROFILED,
 }
@@ -117,7 +117,7 @@ def pipe_rows(one: Specimen, seed: int) -> list[Row]:
     """Return the fits of each of two throws with every variant, and their predictions of the other throw."""
     rows = []
     for name, variant in VARIANTS.items():
-        settings = OURS.model_copy(update={"stiff_bend": variant.stiffness})
+        settings = OURS.model_copy(update={"forces": ["rest_curl"] + ["stiff_bend"] * variant.stiffness})
         for motion, other in permutations(range(2)):
             fit = fitted(one, [motion], settings, seed, variant.layout(one.layout))
             values = dict(zip(fit.space.names, fit.space.values(fit.chi), strict=True))

@@ -134,7 +134,8 @@ def fitted_on(training: Array, *, friction_stick: bool = False) -> tuple[FittedC
     before = time.process_time()
     places, length_m = places_of(training.astype(float))
     sequences = [series_of(each, places) for each in training.astype(float)]
-    model, space = space_of_cable(length_m, True, friction_stick=friction_stick)
+    forces = ["rest_curl", "taper"] + ["friction_stick"] * friction_stick
+    model, space = space_of_cable(length_m, True, forces=set(forces))
     parts = parts_by_roll(sequences, model.points, last=False)
     random, start = partial(np.random.default_rng, SEED), SearchStart(None, len(sequences))
     fit = find_string(parts, model, space, SETTINGS, random, start)

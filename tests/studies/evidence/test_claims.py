@@ -52,7 +52,7 @@ def test_a_heavy_pipe_without_mass_is_not_explained(thrown: Specimen) -> None:
     errors = {}
     for name in ("stiffness", "mass"):
         variant = claims.VARIANTS[name]
-        settings = QUICK.model_copy(update={"stiff_bend": variant.stiffness})
+        settings = QUICK.model_copy(update={"forces": ["rest_curl"] + ["stiff_bend"] * variant.stiffness})
         fit = claims.fitted(thrown, [0], settings, 1, variant.layout(thrown.layout))
         errors[name] = claims.error_m(thrown, 0, fit.best)
     assert errors["mass"] < 0.7 * errors["stiffness"]

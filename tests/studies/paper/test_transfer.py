@@ -120,7 +120,7 @@ def thrown(root: Path, name: str, turn_rad: float, strings: StringBatch) -> None
 @pytest.fixture(scope="module")
 def strings() -> StringBatch:
     """Return a string, and the same with another weight."""
-    space = space_of(EstimateSettings(rest_curl=False), LAYOUT)
+    space = space_of(EstimateSettings(forces="paper"), LAYOUT)
     chi = prior_exponents(space, MODEL, 1, np.random.default_rng(2))
     heavy = chi.copy()
     heavy[0, 10] = min(heavy[0, 10] + 0.3, 1.0)

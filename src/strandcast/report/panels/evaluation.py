@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from strandcast.records.estimate import UNDER_PREVIOUS, Estimate
+from strandcast.records.estimate import UNDER_PREVIOUS, Estimate, ForceTried
 from strandcast.report import drawing as draw
 from strandcast.report.measures import GUESSES, fit_window
 from strandcast.report.numbers import millimetres
@@ -69,6 +69,17 @@ def _held_out(what: str, aimed: bool) -> str:
     return words if aimed else words.replace("throw", "trial")
 
 
+def _tried(force: ForceTried) -> str:
+    """Return in words what an optional force is worth."""
+    kept = "kept" if force.kept else "left out"
+    if force.cost_m is None:
+        return f"{kept}, as in the estimate before"
+    if force.held_out_m is None or force.gain_sd_m is None:
+        return f"{kept}: the cost falls by {1.0 - force.cost_m[1] / force.cost_m[0]:.1%}"
+    before, after, sd = (millimetres(m, digits=2) for m in (*force.held_out_m, force.gain_sd_m))
+    return f"{kept}: E of what was not fitted {before} without, {after} with it, ± {sd}"
+
+
 def _table(estimate: Estimate, window: str, aimed: bool) -> Table:
     planned = "E of this trial with the parameters that planned it (w = 0)"
     simulations = "simulations; of these rejected (diverged or overstretched)"
@@ -83,6 +94,7 @@ def _table(estimate: Estimate, window: str, aimed: bool) -> Table:
         [simulations, f"{estimate.evaluations}; {estimate.rejected}"],
         ["the search converged", {None: "not known", True: "yes", False: "no"}[estimate.converged]],
         ["trials in the fit", ", ".join(map(str, estimate.trials_used))],
+        *([f"tried: {tried.words}", _tried(tried)] for tried in estimate.forces),
         *([] if (read := estimate.fitted_in_words()) is None else [["read by the fit", read]]),
     ]
     caption = (

@@ -248,7 +248,7 @@ def estimated(
         points=POINTS,
         step_s=ESTIMATE.dt_s,
         weight_places_m=case.weight_places_m,
-        **given_of(ESTIMATE) | {"drag_along": drag_along, "taper": False},
+        **given_of(ESTIMATE) | {"forces": {"rest_curl"} | ({"drag_along"} if drag_along else set())},
     )
     parts = parts_of_series([trial.series for trial in thrown], POINTS)
     previous = None if before is None else before.members
