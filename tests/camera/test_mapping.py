@@ -3,7 +3,13 @@ import numpy as np
 import pytest
 
 from strandcast.camera.flat import flat_camera
-from strandcast.camera.mapping import metre_per_pixel, metre_to_pixel, pixel_per_metre, pixel_to_metre
+from strandcast.camera.mapping import (
+    leaves_picture,
+    metre_per_pixel,
+    metre_to_pixel,
+    pixel_per_metre,
+    pixel_to_metre,
+)
 from strandcast.records.camera import Camera, Lens
 
 
@@ -98,3 +104,16 @@ def test_flat_camera_is_a_plain_scale():
     camera = flat_camera(550, 310, 0.002, (250.0, -40.0))
     np.testing.assert_allclose(pixel_to_metre(camera, np.array([260.0, -20.0])), (0.02, -0.04), atol=1e-12)
     assert metre_per_pixel(camera, np.array([0.0, 0.0])) == pytest.approx(0.002)
+
+
+def test_a_string_leaves_the_picture_where_its_next_point_would_be_outside(camera):
+    edge = pixel_to_metre(camera, np.array([camera.lens.width_px - 20.0, 200.0]), camera.string_offset_m)
+    inwards = pixel_to_metre(camera, np.array([camera.lens.width_px - 60.0, 200.0]), camera.string_offset_m)
+    step = edge - inwards
+    string = inwards + step * np.arange(-2, 4)[:, None]
+    leaving, hidden, whole = string.copy(), string - 4.0 * step, string - 6.0 * step
+    leaving[4:] = hidden[4:] = np.nan
+    nothing = np.full_like(string, np.nan)
+    np.testing.assert_array_equal(
+        leaves_picture(camera, np.stack([whole, hidden, leaving, nothing, leaving])), [2, 4]
+    )

@@ -7,7 +7,7 @@ from strandcast.core.objectives import Objective, PointObjective, SegmentObjecti
 from strandcast.records.alignment import Alignment
 from strandcast.records.camera import PlaneError
 from strandcast.records.summary import miss_in_words
-from strandcast.records.track import PREDICTED, Track
+from strandcast.records.track import OCCLUDED, PREDICTED, Track
 from strandcast.scoring.score import Aim, score_throw
 
 STEP_S = 0.002
@@ -121,6 +121,25 @@ def test_a_path_that_turns_at_a_contact_is_not_smoothed():
     slower.sigma_m[99:102, 2] = 0.003
     assert verdict(slower).miss_sigma_m > 0.002
     assert verdict(slower).closest_m == pytest.approx([-SPEED_M_S * STEP_S / 2, 0.013])
+
+
+def test_a_tip_that_is_hidden_for_a_few_frames_has_a_miss_with_the_doubt_of_what_it_struck():
+    """Behind the target for 10 ms it may have passed, or have turned at the target."""
+    track = fly_by()
+    track.sigma_m[:] = 0.0003
+    hidden = slice(99, 103)
+    track.flags[hidden, 2] = OCCLUDED
+    passed = verdict(track)
+    assert passed.miss_m == pytest.approx(0.013, abs=1e-6)
+    assert 0.0003 < passed.miss_sigma_m < 0.0015
+    after = np.arange(101, 200)
+    track.points_m[after, 2, 0] = -SPEED_M_S * STEP_S * (after - 100.5)
+    turned = verdict(track)
+    assert turned.miss_m is not None
+    assert abs(turned.miss_m - np.hypot(0.013, SPEED_M_S * STEP_S / 2)) < 2 * turned.miss_sigma_m
+    assert turned.miss_sigma_m > 0.005
+    track.flags[98:104, 2] = OCCLUDED  # longer than that
+    assert verdict(track).miss_m is None
 
 
 def test_a_throw_that_begins_at_its_target_hits_only_if_it_comes_back():

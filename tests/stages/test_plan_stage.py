@@ -339,7 +339,7 @@ def test_a_motion_is_planned_after_a_throw_whose_tip_was_not_seen(
     write_table(track, TRACK, columns, {"source": "test"})
     for stage in ("register_track", "score", "estimate"):
         run_stage(stage, root, "blind", 1)
-    assert "score: trial 1: UNKNOWN: (the tip was not tracked to the target)\n" in capsys.readouterr().err
+    assert "score: trial 1: the tip was tracked in 0 frames of the throw only\n" in capsys.readouterr().err
     # Neither fit nor planner see the noise of the log's rows, second differences of 1.2 mrad.
     trial = read_trial(files_of("estimate", root, "blind", 1), 1)
     for rows, raw_rows in (

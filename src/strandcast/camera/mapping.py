@@ -47,6 +47,20 @@ def pixel_to_metre(camera: Camera, uv_px: np.ndarray, offset_m: float = 0.0) -> 
     return np.where(reach > 0, eye[:2] + reach * directions[..., :2], np.nan)
 
 
+def leaves_picture(camera: Camera, points_m: np.ndarray) -> np.ndarray:
+    """Return the rows of a string's points (F, n + 1, 2) in which the first that is not seen is outside.
+
+    Where the string goes straight on from the last points that are seen.
+    """
+    seen = np.isfinite(points_m).all(axis=2)
+    last = np.argmin(seen, axis=1) - 1
+    rows = np.flatnonzero(~seen[:, -1] & (last > 0))
+    next_m = 2.0 * points_m[rows, last[rows]] - points_m[rows, last[rows] - 1]
+    pixel = metre_to_pixel(camera, next_m, camera.string_offset_m)
+    inside = (pixel >= 0.0) & (pixel < [camera.lens.width_px, camera.lens.height_px])
+    return rows[~inside.all(axis=1)]
+
+
 def pixel_per_metre(camera: Camera, xy_m: np.ndarray, offset_m: float = 0.0) -> np.ndarray:
     """Return the Jacobian (..., 2, 2) [px/m] of `metre_to_pixel` at points (..., 2): d(u, v) / d(x, y)."""
     xy_m, step_m = np.asarray(xy_m, float), 1e-5

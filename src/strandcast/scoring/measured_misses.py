@@ -28,6 +28,7 @@ AROUND_S = 0.0101  # five frames to each side at 500 frames/s
 CUBIC = 4  # coefficients
 LEAST_SURE = 6  # frames: two more than that; a third of them on each side
 FITS = 2.0  # rms in standard errors; chosen
+LONGEST_S = 0.035  # of a gap with the frames on both sides
 
 
 class TrackedThrow(NamedTuple):
@@ -191,16 +192,19 @@ def _across_gaps(
 
 def nearest(throw: TrackedThrow, target_m: np.ndarray) -> Measured:
     """Return the tip's closest approach to a place (2 or 3,) or bar (2, 2), between the frames too."""
-    rows = np.flatnonzero(np.isfinite(throw.points_m[:, -1]).all(axis=1))
-    tip_m, sigma_m = smoothed(throw.time_s[rows], throw.points_m[rows, -1], throw.sigma_m[rows, -1])
+    seen = np.isfinite(throw.points_m[:, -1]).all(axis=1)
+    tip_m, sigma_m = throw.points_m[:, -1].copy(), throw.sigma_m[:, -1].copy()
+    tip_m[seen], sigma_m[seen] = smoothed(throw.time_s[seen], tip_m[seen], sigma_m[seen])
+    tip_m, sigma_m = bridged(throw.time_s, tip_m, sigma_m)
+    rows = np.flatnonzero(np.isfinite(tip_m).all(axis=1))
     found, reason = closest_approach(
-        throw.time_s[rows], tip_m, target_m, throw.step_s, throw.window_s, throw.touch_m
+        throw.time_s[rows], tip_m[rows], target_m, throw.step_s, throw.window_s, throw.touch_m
     )
     if found is None:
         return None, reason
     before, after, share = rows[found.index], rows[found.index + 1], found.share
-    parts_m = np.array([1 - share, share]) * sigma_m[[found.index, found.index + 1]]
-    alike = (sigma_m[[found.index, found.index + 1]] != throw.sigma_m[[before, after], -1]).any()
+    parts_m = np.array([1 - share, share]) * sigma_m[[before, after]]
+    alike = (sigma_m[[before, after]] != throw.sigma_m[[before, after], -1]).any()
     return Shortfall(
         found.distance_m,
         float(parts_m.sum() if alike else np.hypot(*parts_m)),
@@ -225,13 +229,43 @@ def smoothed(time_s: np.ndarray, path_m: np.ndarray, sigma_m: np.ndarray) -> tup
         surer = sigma_m[near] < sigma_m[k]
         if surer.sum() < LEAST_SURE or min(surer[near < k].sum(), surer[near > k].sum()) < LEAST_SURE // 3:
             continue
-        powers = ((time_s[near] - time_s[k]) / AROUND_S)[:, None] ** np.arange(CUBIC)
-        shares = np.linalg.pinv(powers / sigma_m[near, None]) / sigma_m[near]
+        powers, shares = _polynomial(time_s[near] - time_s[k], sigma_m[near], CUBIC)
         off = np.linalg.norm(path_m[near] - powers @ (shares @ path_m[near]), axis=1) / sigma_m[near]
         most_m = float(np.abs(shares[0]) @ sigma_m[near])
         if most_m < sigma_m[k] and np.sqrt(np.mean(off[surer] ** 2)) <= FITS:
             path[k], sigma[k] = shares[0] @ path_m[near], most_m
     return path, sigma
+
+
+def bridged(time_s: np.ndarray, path_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a path (F, 2 or 3) and its sigma (F,), with the frames of gaps of up to `AROUND_S`.
+
+    A cubic is fitted to the frames on both sides. Whether the tip struck what hid it, e.g. the target, is not
+    seen: sigma includes how far straight lines through the frames of either side are apart.
+    """
+    path, sigma = path_m.copy(), sigma_m.copy()
+    known = np.isfinite(path_m).all(axis=1) & (sigma_m > 0.0)
+    for k in np.flatnonzero(~known):
+        before, after = np.flatnonzero(known[:k])[-LEAST_SURE:], k + np.flatnonzero(known[k:])[:LEAST_SURE]
+        near = np.concatenate([before, after])
+        if len(near) < 2 * LEAST_SURE or time_s[after[0]] - time_s[before[-1]] > AROUND_S:
+            continue
+        if time_s[near[-1]] - time_s[near[0]] > LONGEST_S:
+            continue
+        lines_m = [
+            _polynomial(time_s[side] - time_s[k], sigma_m[side], 2)[1][0] @ path_m[side]
+            for side in (before, after)
+        ]
+        _, shares = _polynomial(time_s[near] - time_s[k], sigma_m[near], CUBIC)
+        path[k] = shares[0] @ path_m[near]
+        sigma[k] = np.hypot(np.abs(shares[0]) @ sigma_m[near], np.linalg.norm(lines_m[1] - lines_m[0]))
+    return path, sigma
+
+
+def _polynomial(away_s: np.ndarray, sigma_m: np.ndarray, coefficients: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return powers (F, c) of times, and shares (c, F) of values with these sigmas in the coefficients."""
+    powers = (away_s / AROUND_S)[:, None] ** np.arange(coefficients)
+    return powers, np.linalg.pinv(powers / sigma_m[:, None]) / sigma_m
 
 
 def least(throw: TrackedThrow, miss_m: np.ndarray, sigma_m: np.ndarray) -> Measured:

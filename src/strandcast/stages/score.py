@@ -1,5 +1,6 @@
 """By how much a throw missed its objective: verdict.json."""
 
+from strandcast.camera.mapping import leaves_picture
 from strandcast.progress import print_line
 from strandcast.records.alignment import Alignment
 from strandcast.records.camera import Camera
@@ -15,7 +16,8 @@ def run(job: Job, files: Files) -> None:
     verdict = verdict_of(job, files)
     verdict.write(files.output("verdict"))
     if verdict.target_m is not None:
-        print_line(f"score: trial {job.trial}: {miss_in_words(verdict, verdict.hit_radius_m)}")
+        words = miss_in_words(verdict, verdict.hit_radius_m)
+        print_line(f"score: trial {job.trial}: {words if verdict.reason is None else verdict.reason}")
 
 
 def verdict_of(job: Job, files: Files) -> Verdict:
@@ -29,4 +31,10 @@ def verdict_of(job: Job, files: Files) -> Verdict:
     cameras = [Camera.read(path) for path in files.inputs("cameras")]
     plane_error = cameras[0].plane_error if cameras else None
     aim = Aim(job.context.name, job.trial, settings.aim, settings.target_m, settings.hit_radius_m)
-    return score_throw(track, alignment, aim, summary.length_m, plane_error, summary.tip_sigma_m)
+    verdict = score_throw(track, alignment, aim, summary.length_m, plane_error, summary.tip_sigma_m)
+    if verdict.reason is not None and cameras and track.points_m.shape[2] == 2:
+        outside = track.frame[leaves_picture(cameras[0], track.points_m)]
+        if len(outside):
+            frames = f"{len(outside)} frames, {outside[0]} to {outside[-1]}"
+            verdict.reason += f"; the string leaves the picture in {frames}: move the camera back, or aim it"
+    return verdict
