@@ -90,6 +90,13 @@ def test_the_same_videos_undamaged_are_taken(trial: Trial, make):
     assert len(found.frames) == 60
 
 
+def test_the_second_part_of_a_film_is_named(trial: Trial):
+    write_film(trial.folder / "video.mp4")
+    write_film(trial.folder / "video-2.mp4")
+    (warning,) = (text for text in trial.ingest().warnings if "video-2" in text)
+    assert warning.startswith("video-2.mp4 not read, only video.mp4: join the parts")
+
+
 def test_row1_a_missing_video_lists_what_is_there(trial: Trial):
     write_film(trial.folder / "vidoe.mp4")
     error = trial.outcome().refused("SC-V020")

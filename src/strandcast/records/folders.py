@@ -158,6 +158,11 @@ class TrialFolder:
         found += sorted(photron, key=lambda path: PHOTRON.index(path.suffix.lower()))[-1:]
         return found + [path for path in there if not path.suffix and folder_exists(path)]
 
+    def other_films(self) -> list[str]:
+        """Return the names of other films among the raw files, which are not read."""
+        films = [path for path in self.raw_files() if path.suffix.lower() in video_suffixes()]
+        return [path.name for path in films if path.stem.lower() != "video"]
+
     def raw_files(self) -> list[Path]:
         """Return what lies in the folder of raw files: a real trial that has any was thrown."""
         return sorted(path for path in entries_of(self.data) if not path.name.startswith("."))

@@ -37,6 +37,9 @@ def run(job: Job, files: Files) -> None:
             cost="the fit would be made for another motion",
             exit_code=INTEGRITY,
         )
+    warnings = warnings_of(video, log) + _log_warnings(log) + _foreign(played, context.name, job.trial)
+    if others := job.folder.other_films():
+        warnings.append(f"{', '.join(others)} not read, only {path.name}: join the parts of a throw's film")
     Manifest(
         experiment=context.name,
         trial=job.trial,
@@ -44,7 +47,7 @@ def run(job: Job, files: Files) -> None:
         joint_log=log,
         motion_sha256=motion,
         target_m=None if played is None else played.target_m,
-        warnings=warnings_of(video, log) + _log_warnings(log) + _foreign(played, context.name, job.trial),
+        warnings=warnings,
     ).write(files.output("manifest"))
 
 
