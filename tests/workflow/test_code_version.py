@@ -50,7 +50,7 @@ def test_the_description_of_a_setting_does_not_count_and_its_default_does(versio
 
 def test_an_edit_in_another_room_does_not_count_and_one_of_a_pages_template_does(version_of):
     before = version_of("score")
-    after = version_of("score", "camera/mapping.py", "def ", "_CHANGED = 1\n\n\ndef ")
+    after = version_of("score", "camera/tilt.py", "def ", "_CHANGED = 1\n\n\ndef ")
     assert after == before
     report = version_of("report")
     assert report != before
