@@ -385,7 +385,7 @@ def test_the_outcome_gives_the_miss_and_the_prediction(results: Path, tmp_path: 
     motion.model_copy(update={"predicted": quantiles}).write(folder / "motion.json")
     text = outcome(read_results(folder)).replace("\u00a0", " ")
     assert f"The tip passed {1e3 * verdict.miss_m:.1f} ± 0.9 mm from the target" in text
-    assert " mm, more than predicted: " in text
+    assert "; more than predicted." in text
     near = verdict.model_copy(update={"miss_m": 0.0195})
     near.write(folder / "verdict.json")
     assert "too near to its edge to be certain" in outcome(read_results(folder))

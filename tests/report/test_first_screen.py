@@ -99,4 +99,4 @@ def test_the_next_step_follows_the_verdict(results: Path) -> None:
     assert command == "play"
     assert said(False, 0.1, upcoming).command == "play"
     assert "plan the next motion" in said(False, 0.1, None).text
-    assert said(False, 0.1, upcoming, thrown=4).text == "trial 4 was thrown after this one."
+    assert said(False, 0.1, upcoming, thrown=4).text == "see trial 4, which was thrown after this one."

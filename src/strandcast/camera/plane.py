@@ -126,9 +126,8 @@ def unmeasured_offset_warnings(camera: Camera) -> list[str]:
     if most_m < WORST_WARNING_M:
         return []
     return [
-        "camera.string_offset_m is not given: the string is taken to move in the markers' plane; "
-        f"{1e3 * LIKELY_OFFSET_M:g} mm in front of it, it would be measured up to {1e3 * most_m:.1f} mm off: "
-        "measure the distance and set it, 0.0 if there is none"
+        f"camera.string_offset_m is not given: {1e3 * LIKELY_OFFSET_M:g} mm of it move the string by up to "
+        f"{1e3 * most_m:.1f} mm; it is taken to be 0: measure the distance and set it, 0.0 if there is none"
     ]
 
 

@@ -61,11 +61,11 @@ def first_figures(results: TrialResults, upcoming: Motion | None) -> list[Headli
 
 def _of_the_miss(verdict: Verdict | None) -> Headline:
     if verdict is None or verdict.miss_m is None:
-        return Headline("miss", UNKNOWN, "the closest approach was not seen")
+        return Headline("miss distance", UNKNOWN, "the closest approach was not seen")
     return Headline(
-        "miss",
+        "miss distance",
         millimetres(verdict.miss_m, verdict.miss_sigma_m),
-        f"a hit is within {millimetres(verdict.hit_radius_m)}",
+        f"± one standard error; a hit is within {millimetres(verdict.hit_radius_m)}",
     )
 
 
@@ -134,7 +134,7 @@ def next_step(
     if results is None or not results.aimed():
         return None
     if thrown is not None:
-        return NextStep(f"trial {thrown} was thrown after this one.")
+        return NextStep(f"see trial {thrown}, which was thrown after this one.")
     first = to_correct_first(results)
     if first is not None:
         return NextStep(f"{first}; then throw again.")

@@ -80,11 +80,11 @@ def outcome(results: TrialResults) -> str:
     motion: Motion | None = results.get("motion")
     aimed = motion is None or motion.target_m == verdict.target_m
     expected = expected_miss(motion) if aimed else None
-    text += "" if expected is None else f", {expected.compared(verdict.miss_m)}"
     beyond_m = verdict.miss_m - verdict.hit_radius_m
-    text += f": {millimetres(abs(beyond_m))} {'outside' if beyond_m > 0 else 'inside'} the hit radius"
+    text += f", {millimetres(abs(beyond_m))} {'outside' if beyond_m > 0 else 'inside'} the hit radius"
     if uncertain_verdict(results):
         text += ", too near to its edge to be certain"
+    text += "" if expected is None else f"; {expected.compared(verdict.miss_m)}"
     if aimed or motion is None:
         return f"{text}."
     return f"{text}. The motion was planned for another target, at {place(motion.target_m)}."

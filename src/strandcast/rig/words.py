@@ -101,8 +101,8 @@ def _words(arm: PlanarArm, value: np.ndarray) -> Iterator[tuple[str, bool, str, 
             f"clamp, {name}",
             False,
             f"the clamp is {{size}} {side[0] if off_m > 0 else side[1]} where the arm's file has it",
-            f"measure it; clamp.offset_m[{k}] in {toml} is {now} (if the ruler confirms it: place_m of "
-            f"markers.hand{other})",
+            f"measure it; clamp.offset_m[{k}] in {toml} is {now} (if a ruler says "
+            f"{stated_m:.4f}: correct place_m of markers.hand{other})",
         )
     for k, off_rad in enumerate(zeros):
         plane = ", or the markers of the plane are turned by that angle" if k == 0 else ""
