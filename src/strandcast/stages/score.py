@@ -1,6 +1,5 @@
 """By how much a throw missed its objective: verdict.json."""
 
-from strandcast.camera.mapping import leaves_picture
 from strandcast.progress import print_line
 from strandcast.records.alignment import Alignment
 from strandcast.records.camera import Camera
@@ -33,6 +32,8 @@ def verdict_of(job: Job, files: Files) -> Verdict:
     aim = Aim(job.context.name, job.trial, settings.aim, settings.target_m, settings.hit_radius_m)
     verdict = score_throw(track, alignment, aim, summary.length_m, plane_error, summary.tip_sigma_m)
     if verdict.reason is not None and cameras and track.points_m.shape[2] == 2:
+        from strandcast.camera.mapping import leaves_picture  # loads OpenCV: only where it is asked for
+
         outside = track.frame[leaves_picture(cameras[0], track.points_m)]
         if len(outside):
             frames = f"{len(outside)} frames, {outside[0]} to {outside[-1]}"
