@@ -127,9 +127,8 @@ TRIAL_PANELS = [
         strobe_picture,
         leads=True,
         needs=("strobe", "verdict"),
-        caption="Large ring: the target. Dashed: the fitted string at the instants of the picture, with the "
-        "measured points as small rings, or, if the picture’s instants are unknown, the fitted tip’s path "
-        "beside the measured one (solid).",
+        caption="Large ring: the target. Small rings: measured points. Dashed: the fitted string at the same "
+        "instants (if these are unknown, the tip’s path as fitted, and as measured: solid).",
         good="rings and dashes lie on the string of the picture.",
         bad="they lie beside it everywhere (camera or alignment), or at some instants (tracking).",
         shown=_from_video,
