@@ -128,7 +128,7 @@ def test_settings_of_the_paper_have_no_effect_without_its_method(tmp_path, caplo
         ),
         (
             "estimate: {evaluations: 900, drag_along: false, friction_stick: true}\n",
-            "estimate: {evaluations: 900, forces: [rest_curl, friction_stick, taper]}\n",
+            "estimate: {evaluations: 900, forces: [rest_curl, friction_stick]}\n",
         ),
         (
             "estimate:\n  rest_curl: true  # as ever\n  drag_along: auto\nseed: 3\n",
@@ -136,7 +136,7 @@ def test_settings_of_the_paper_have_no_effect_without_its_method(tmp_path, caplo
         ),
         (
             "estimate:\n  rest_curl: false  # a chain\n  w: 0.2\n",
-            "estimate:\n  forces: [drag_along, taper]  # a chain\n  w: 0.2\n",
+            "estimate:\n  forces: [drag_along]  # a chain\n  w: 0.2\n",
         ),
         ("estimate: {search: 'cma'}\r\n", "estimate: {search: thorough}\r\n"),
     ],

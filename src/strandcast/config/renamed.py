@@ -143,7 +143,7 @@ def _with_forces(data: CommentedMap, file: Path) -> list[Change]:
 
 def _usual(name: ForceName, *, aimed: bool) -> bool:
     """Whether a force was fitted or tried by default before there was `estimate.forces`."""
-    return name in ("rest_curl", "taper") or (aimed and name == "drag_along")
+    return name in ("rest_curl", "drag_along" if aimed else "taper")
 
 
 def _both(old: str, new: str, section: CommentedMap, file: Path) -> StrandcastError:
