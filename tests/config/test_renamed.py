@@ -164,3 +164,18 @@ def test_a_force_of_a_capture_is_added_to_what_was_fitted(tmp_path):
     file = tmp_path / "e.yaml"
     file.write_text("string: {length_m: 0.3}\nestimate: {friction_stick: true, marker_shift: false}\n")
     assert load_experiment(file).estimate.forces == ["rest_curl", "friction_stick", "taper"]
+
+
+@pytest.mark.parametrize(
+    ("old", "forces"),
+    [
+        ("method: paper\nestimate: {drag_along: false}\n", "paper"),
+        ("method: paper\nestimate: {rest_curl: true}\n", ["rest_curl"]),
+        ("estimate: {drag_along: true}\n", ["rest_curl", "drag_along"]),
+        ("estimate: {friction_stick: false}\n", "auto"),
+    ],
+)
+def test_former_forces_stay_what_they_were(tmp_path, old, forces):
+    file = tmp_path / "e.yaml"
+    file.write_text(HEAD + old)
+    assert load_experiment(file).estimate.forces == forces

@@ -10,7 +10,9 @@ from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import FORCES
 from strandcast.estimation.cable_series import CableSeries
 from strandcast.estimation.cable_space import space_of_cable
+from strandcast.estimation.cross_validation import folds_of
 from strandcast.estimation.estimate import find_string
+from strandcast.estimation.fit_objective import FitObjective
 from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.unknowns import forces_of
 from strandcast.estimation.windows import parts_of_series
@@ -60,3 +62,16 @@ def test_the_settings_say_which_forces_are_fitted_and_which_are_tried() -> None:
     captured, tried = forces_of("auto", in_plane=False, thrown=False)
     assert captured == {"rest_curl", "taper"}
     assert tried == ["drag_along", "friction_stick", "stiff_bend", "marker_shift"]
+
+
+def test_a_window_that_is_left_out_is_in_no_other() -> None:
+    model, box = space_of_cable(LENGTH_M, False)
+    long = series(False, 0.0)
+    parts = parts_of_series([long], model.points, last=False)
+    halves = tuple(long.prepared(first, first + 90, model.points) for first in (0, 30, 60))
+    parts = parts._replace(throws=halves, trial=np.zeros(3, dtype=int))
+    objective = FitObjective(model, box, halves, np.full(3, 1.0 / 3.0), 0.0, "world", True)
+    for rest, left_out in folds_of(objective, parts):
+        out = np.concatenate([throw.frames for throw in left_out])
+        for throw in rest.throws:
+            assert not np.isin(throw.frames[throw.weight.any(axis=1)], out).any()

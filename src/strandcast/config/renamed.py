@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from ruamel.yaml.comments import CommentedMap
 
 from strandcast.config.paper import PAPERS
-from strandcast.core.strings import FORCES, ForceName
+from strandcast.core.strings import FORCES
 from strandcast.errors import StrandcastError
 
 
@@ -124,11 +124,20 @@ def _with_forces(data: CommentedMap, file: Path) -> list[Change]:
         given = {name: section[name] for name in FORCES if name in section}
         if given and "forces" in section:
             raise _both(f"estimate.{next(iter(given))}", "estimate.forces", section, file)
-        usual = [name for name in FORCES if _usual(name, aimed="target_m" in data)]
-        said = {name: name in usual if value == "auto" else bool(value) for name, value in given.items()}
-        wanted = [name for name in FORCES if said.get(name, name in usual)]
-        new = "forces" if wanted != usual else None
-        value = f"[{', '.join(wanted)}]" if new else "auto"
+        paper, aimed = data.get("method") == "paper", "target_m" in data
+        by_itself = {
+            name: "never" if paper else force.throws if aimed else force.captures_in_space
+            for name, force in FORCES.items()
+        }
+        usual = {name for name in FORCES if by_itself[name] == "fitted"}
+        usual |= {"drag_along"} if aimed and not paper else set()
+        wanted = [name for name in FORCES if given.get(name, name in usual)]
+        differs = any(
+            (value is True and by_itself[name] != "fitted") or (value is False and by_itself[name] != "never")
+            for name, value in given.items()
+        )
+        new = "forces" if differs else None
+        value = f"[{', '.join(wanted)}]" if new else "paper" if paper else "auto"
         for name in given:
             position, place = list(section).index(name), section.lc.data[name]
             del section[name]
@@ -139,11 +148,6 @@ def _with_forces(data: CommentedMap, file: Path) -> list[Change]:
             now = None if changes else new
             changes.append(Change(what, place[0], place[1], now, value, leaves_none=not section))
     return changes
-
-
-def _usual(name: ForceName, *, aimed: bool) -> bool:
-    """Whether a force was fitted or tried by default before there was `estimate.forces`."""
-    return name in ("rest_curl", "drag_along" if aimed else "taper")
 
 
 def _both(old: str, new: str, section: CommentedMap, file: Path) -> StrandcastError:

@@ -108,8 +108,13 @@ def folds_of(objective: FitObjective, parts: TrialParts) -> list[Fold]:
             folds = []
             for out in np.array_split(np.arange(len(whole)), PARTS):
                 kept = ~np.isin(groups, out)
-                if kept.any() and len(out):
-                    rest = tuple(throw for throw, row in zip(throws, kept, strict=True) if row)
+                rows = list(zip(throws, kept, parts.trial, strict=True))
+                if shares[kept].sum() > 0.0 and len(out):
+                    unread = {
+                        number: np.concatenate([t.frames for t, k, n in rows if not k and n == number])
+                        for number in np.unique(parts.trial[~kept])
+                    }
+                    rest = tuple(_unread(t, unread.get(number)) for t, k, number in rows if k)
                     fit = replace(objective, throws=rest, shares=shares[kept] / shares[kept].sum())
                     folds.append(Fold(fit, tuple(whole[row] for row in out)))
             return folds
@@ -119,6 +124,13 @@ def folds_of(objective: FitObjective, parts: TrialParts) -> list[Fold]:
         rest = tuple(_without(throw, part) for throw, part in zip(throws, left, strict=True))
         folds.append(Fold(replace(objective, throws=rest), left))
     return folds
+
+
+def _unread(throw: PreparedThrow, frames: np.ndarray | None) -> PreparedThrow:
+    """Return a throw without the weights of frames of its trial, which other parts of it may have too."""
+    if frames is None:
+        return throw
+    return replace(throw, weight=np.where(np.isin(throw.frames, frames)[:, None], 0.0, throw.weight))
 
 
 def fold_errors(folds: Sequence[Fold], chi: Array) -> Array:

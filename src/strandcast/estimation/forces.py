@@ -17,6 +17,8 @@ from strandcast.estimation.search import search, search_budget
 from strandcast.estimation.space import Space
 from strandcast.estimation.throws import TrialParts
 
+FEWEST_COMPARED = 3  # parts that were not fitted; chosen
+
 
 def kept_forces(tried: Sequence[ForceName], space: Space, previous: StringBatch | None) -> list[ForceName]:
     """Return which of the forces that are tried the estimate before has kept."""
@@ -25,7 +27,8 @@ def kept_forces(tried: Sequence[ForceName], space: Space, previous: StringBatch 
     return [
         force
         for force in tried
-        if any((previous[row.name] != row.absent).any() for row in space.unknowns_of(force))
+        if (rows := space.unknowns_of(force))
+        and all((previous[row.name] != row.absent).any() for row in rows)
     ]
 
 
@@ -97,16 +100,20 @@ def _search_with(
 def _judged(found: _Search, objective: FitObjective, log: EvaluationLog, parts: TrialParts) -> TriedForce:
     """Return what a force is worth beside the search without it."""
     cost_m = log.best()[1], found.log.best()[1]
-    if cost_m[1] >= PAYS * cost_m[0]:
-        return TriedForce(found.force, False, cost_m)
+    if not cost_m[1] < PAYS * cost_m[0]:
+        return TriedForce(found.force, False, cost_m if np.isfinite(cost_m[1]) else None)
     without_m, with_m = (
         fold_errors(folds_of(each, parts), own.best()[0])
         for each, own in ((objective, log), (found.objective, found.log))
     )
-    gain_m = without_m - with_m
+    known = np.isfinite(without_m) & np.isfinite(with_m)  # a string may fail in a trial that was not fitted
+    if known.sum() < FEWEST_COMPARED:
+        return TriedForce(found.force, False, cost_m)
+    gain_m = (without_m - with_m)[known]
     gain_sd_m = float(gain_m.std(ddof=1) / np.sqrt(len(gain_m)))
     kept = found.log.converged and bool(gain_m.mean() > gain_sd_m)
-    return TriedForce(found.force, kept, cost_m, (float(without_m.mean()), float(with_m.mean())), gain_sd_m)
+    held_out_m = float(without_m[known].mean()), float(with_m[known].mean())
+    return TriedForce(found.force, kept, cost_m, held_out_m, gain_sd_m)
 
 
 def _starts(rows: Sequence[Unknown], found: StringBatch) -> StringBatch:

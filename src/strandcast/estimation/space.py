@@ -78,6 +78,8 @@ class Space:
         """Return the box with the unknowns of one more optional force."""
         hows = [self.ways()[row.name] for row in self.unknowns_of(force)]
         hows = [how for how in hows if how.name not in self.names]
+        if not hows:
+            return self
         at = len(self.names) - (0 if self.in_plane else self.layout.count)  # weights are the last in space
         return replace(
             self,

@@ -244,8 +244,9 @@ def bridged(time_s: np.ndarray, path_m: np.ndarray, sigma_m: np.ndarray) -> tupl
     seen: sigma includes how far straight lines through the frames of either side are apart.
     """
     path, sigma = path_m.copy(), sigma_m.copy()
-    known = np.isfinite(path_m).all(axis=1) & (sigma_m > 0.0)
-    for k in np.flatnonzero(~known):
+    seen = np.isfinite(path_m).all(axis=1)
+    known = seen & (sigma_m > 0.0)
+    for k in np.flatnonzero(~seen):
         before, after = np.flatnonzero(known[:k])[-LEAST_SURE:], k + np.flatnonzero(known[k:])[:LEAST_SURE]
         near = np.concatenate([before, after])
         if len(near) < 2 * LEAST_SURE or time_s[after[0]] - time_s[before[-1]] > AROUND_S:
