@@ -1,5 +1,6 @@
 """An optional force is kept where it predicts better what was not fitted, and only there."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -7,12 +8,13 @@ import pytest
 from tests.estimation.test_cable_fit import LENGTH_M, PLACES, TRUTH, series
 
 from strandcast.config.estimate import EstimateSettings
-from strandcast.core.strings import FORCES
+from strandcast.core.strings import BEND_FRICTION, FORCES
+from strandcast.estimation import forces
 from strandcast.estimation.cable_series import CableSeries
 from strandcast.estimation.cable_space import space_of_cable
 from strandcast.estimation.cross_validation import folds_of
 from strandcast.estimation.estimate import find_string
-from strandcast.estimation.fit_objective import FitObjective
+from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
 from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.unknowns import forces_of
 from strandcast.estimation.windows import parts_of_series
@@ -71,7 +73,37 @@ def test_a_window_that_is_left_out_is_in_no_other() -> None:
     halves = tuple(long.prepared(first, first + 90, model.points) for first in (0, 30, 60))
     parts = parts._replace(throws=halves, trial=np.zeros(3, dtype=int))
     objective = FitObjective(model, box, halves, np.full(3, 1.0 / 3.0), 0.0, "world", True)
-    for rest, left_out in folds_of(objective, parts):
+    folds = folds_of(objective, parts)
+    assert len(folds) == 3
+    for rest, left_out in folds:
         out = np.concatenate([throw.frames for throw in left_out])
         for throw in rest.throws:
             assert not np.isin(throw.frames[throw.weight.any(axis=1)], out).any()
+    newest = replace(objective, shares=np.array([0.0, 0.0, 1.0]))
+    assert all(np.isfinite(rest.shares).all() for rest, _ in folds_of(newest, parts))
+
+
+def test_a_string_that_fails_where_it_was_not_fitted_is_not_compared_there(monkeypatch) -> None:
+    """With too little to compare, the force is left out, and the fit goes on."""
+    model, box = space_of_cable(LENGTH_M, False)
+    parts = parts_of_series([series(False, 0.0)], model.points, last=False)
+    objective = FitObjective(model, box, parts.throws, parts.shares(1.0), 0.0, "world", True)
+    log, better = EvaluationLog(objective.cost), EvaluationLog(objective.cost)
+    log.found, better.found, better.converged = (np.zeros(2), 2e-3), (np.zeros(2), 1e-3), True
+    found = forces._Search("drag_along", objective, better)
+    errors = iter([np.array([np.inf, 3.0, 3.1, 2.9]), np.array([1.0, 1.0, 1.1, 1.0])])
+    monkeypatch.setattr(forces, "fold_errors", lambda folds, chi: next(errors))
+    assert forces._judged(found, objective, log, parts).held_out_m == pytest.approx((3.0, 3.1 / 3))
+    errors = iter([np.array([np.inf, np.inf, 3.0, 3.0]), np.array([1.0, 1.0, 1.0, 1.0])])
+    left_out = forces._judged(found, objective, log, parts)
+    assert (left_out.kept, left_out.held_out_m) == (False, None)
+
+
+def test_a_force_is_only_kept_from_a_fit_that_had_all_of_it() -> None:
+    _, box = space_of_cable(LENGTH_M, False)
+    plain = box.strings(np.full((1, box.dimension), 0.5))
+    rubs = plain.with_values(**{BEND_FRICTION: np.ones(1)})
+    sticks = rubs.with_values(friction_stick_rad_m=np.ones(1))
+    kept = [forces.kept_forces(["friction_stick"], box, each) for each in (None, plain, rubs, sticks)]
+    assert kept == [[], [], [], ["friction_stick"]]
+    assert box.with_force("taper") is box

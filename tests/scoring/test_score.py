@@ -8,6 +8,7 @@ from strandcast.records.alignment import Alignment
 from strandcast.records.camera import PlaneError
 from strandcast.records.summary import miss_in_words
 from strandcast.records.track import OCCLUDED, PREDICTED, Track
+from strandcast.scoring.measured_misses import bridged
 from strandcast.scoring.score import Aim, score_throw
 
 STEP_S = 0.002
@@ -140,6 +141,13 @@ def test_a_tip_that_is_hidden_for_a_few_frames_has_a_miss_with_the_doubt_of_what
     assert turned.miss_sigma_m > 0.005
     track.flags[98:104, 2] = OCCLUDED  # longer than that
     assert verdict(track).miss_m is None
+
+
+def test_only_frames_without_a_place_are_bridged():
+    time_s = np.arange(20) * STEP_S
+    path_m = np.column_stack([time_s, np.zeros(20)])
+    path_m[10, 1], sigma_m = 0.09, np.where(np.arange(20) == 10, 0.0, 0.001)
+    np.testing.assert_array_equal(bridged(time_s, path_m, sigma_m)[0], path_m)
 
 
 def test_a_throw_that_begins_at_its_target_hits_only_if_it_comes_back():

@@ -16,7 +16,7 @@ from strandcast.records.estimate import LAST_PART
 # Chosen.
 PARTS = 4
 CHOSEN_FROM = 32  # best candidates of a search
-FEWEST_GROUPS = 3  # of which one is left out at a time
+FEWEST_GROUPS = 3  # trials or windows, to leave some out at a time
 FOLD_ROUNDS = 12  # of a descent
 
 REFITTED = f"each of {PARTS} parts of the throw, from a fit to the others"

@@ -28,7 +28,7 @@ AROUND_S = 0.0101  # five frames to each side at 500 frames/s
 CUBIC = 4  # coefficients
 LEAST_SURE = 6  # frames: two more than that; a third of them on each side
 FITS = 2.0  # rms in standard errors; chosen
-LONGEST_S = 0.035  # of a gap with the frames on both sides
+LONGEST_S = 0.035  # of a gap with the frames on both sides; chosen
 
 
 class TrackedThrow(NamedTuple):
@@ -249,9 +249,9 @@ def bridged(time_s: np.ndarray, path_m: np.ndarray, sigma_m: np.ndarray) -> tupl
     for k in np.flatnonzero(~seen):
         before, after = np.flatnonzero(known[:k])[-LEAST_SURE:], k + np.flatnonzero(known[k:])[:LEAST_SURE]
         near = np.concatenate([before, after])
-        if len(near) < 2 * LEAST_SURE or time_s[after[0]] - time_s[before[-1]] > AROUND_S:
+        if len(near) < 2 * LEAST_SURE or np.ptp(time_s[near]) > LONGEST_S:
             continue
-        if time_s[near[-1]] - time_s[near[0]] > LONGEST_S:
+        if time_s[after[0]] - time_s[before[-1]] > AROUND_S:
             continue
         lines_m = [
             _polynomial(time_s[side] - time_s[k], sigma_m[side], 2)[1][0] @ path_m[side]
