@@ -93,7 +93,7 @@ def test_a_string_that_fails_where_it_was_not_fitted_is_not_compared_there(monke
     found = forces._Search("drag_along", objective, better)
     errors = iter([np.array([np.inf, 3.0, 3.1, 2.9]), np.array([1.0, 1.0, 1.1, 1.0])])
     monkeypatch.setattr(forces, "fold_errors", lambda folds, chi: next(errors))
-    assert forces._judged(found, objective, log, parts).held_out_m == pytest.approx((3.0, 3.1 / 3))
+    assert forces._judged(found, objective, log, parts).held_out_m == pytest.approx([3.0, 3.1 / 3])
     errors = iter([np.array([np.inf, np.inf, 3.0, 3.0]), np.array([1.0, 1.0, 1.0, 1.0])])
     left_out = forces._judged(found, objective, log, parts)
     assert (left_out.kept, left_out.held_out_m) == (False, None)

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strandcast.core.strings import ForceName
 from strandcast.estimation.descent import LADDER, GaussNewtonModel, descend, descent_batch
 from strandcast.estimation.evaluation import Array, evaluation_of_points
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
@@ -29,28 +28,6 @@ class HeldOutEvaluation:
 
     what: str
     E_m: float
-
-
-@dataclass(frozen=True)
-class TriedForce:
-    """An optional force that was tried, and what it is worth.
-
-    Attributes
-    ----------
-    name, kept
-        See `strandcast.core.strings.FORCES`; whether it is in the fit.
-    cost_m
-        Cost of the best string without and with it; None: it is kept from the estimate before.
-    held_out_m, gain_sd_m
-        E of parts that were not fitted, without and with it, and the standard error of the difference. None:
-        the cost fell too little.
-    """
-
-    name: ForceName
-    kept: bool
-    cost_m: tuple[float, float] | None = None
-    held_out_m: tuple[float, float] | None = None
-    gain_sd_m: float | None = None
 
 
 class Fold(NamedTuple):

@@ -15,7 +15,7 @@ from strandcast.dynamics.simulate import simulate_batch
 from strandcast.dynamics.spatial.clamps import POSE
 from strandcast.errors import FAILED_TRIALS, StrandcastError
 from strandcast.estimation import cross_validation
-from strandcast.estimation.cross_validation import HeldOutEvaluation, TriedForce
+from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.estimation.descent import GaussNewtonModel
 from strandcast.estimation.ensemble import near_samples
 from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, tip_error
@@ -34,7 +34,7 @@ from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow, TrialParts, parts_of_throws
 from strandcast.estimation.uncertainty import RISE, uncertainty_of
 from strandcast.estimation.unknowns import forces_of, space_of
-from strandcast.records.estimate import CARRIED, HANGING, TIP_UNDER_PREVIOUS, UNDER_PREVIOUS
+from strandcast.records.estimate import CARRIED, HANGING, TIP_UNDER_PREVIOUS, UNDER_PREVIOUS, ForceTried
 
 Random = Callable[[], np.random.Generator]
 
@@ -46,7 +46,7 @@ class FoundString:
     roll: str
     objective: FitObjective
     log: EvaluationLog
-    forces: tuple[TriedForce, ...] = ()
+    forces: tuple[ForceTried, ...] = ()
 
     @property
     def string(self) -> StringBatch:
@@ -195,7 +195,7 @@ def find_string(
     left = [force for force in tried if force not in kept]
     problem = objective, log, trials[roll], settings, rng, start
     objective, log, forces = with_forces_that_pay(left, *problem)
-    forces += [TriedForce(force, kept=True) for force in kept]
+    forces += [ForceTried(name=force, kept=True) for force in kept]
     return FoundString(roll, objective, log, tuple(forces))
 
 

@@ -9,7 +9,7 @@ from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import PARAMETERS, UNKNOWNS, StringBatch
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import OK
-from strandcast.estimation.cross_validation import HeldOutEvaluation, TriedForce
+from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.estimation.descent import GaussNewtonModel, descend, descent_batch
 from strandcast.estimation.ensemble import distant_members
 from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, rmse, tip_error
@@ -18,6 +18,7 @@ from strandcast.estimation.space import AT_BOUND, Space
 from strandcast.estimation.throws import PreparedThrow
 from strandcast.estimation.uncertainty import Uncertainty
 from strandcast.estimation.unknowns import BENDING, bounds_of
+from strandcast.records.estimate import ForceTried
 
 # Independent searches agree if at least two end this near to the best cost. In an exact world they did where
 # the true string was found, and not where it was missed (docs/explanation/claims.md).
@@ -106,7 +107,7 @@ class StringFit:
     trial_weights: Array
     warnings: tuple[str, ...]
     roll: str = ""
-    forces: tuple[TriedForce, ...] = ()
+    forces: tuple[ForceTried, ...] = ()
     paths_m: Mapping[str, Array] = field(default_factory=dict)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from strandcast.config.estimate import EstimateSettings
 from strandcast.core.strings import ForceName, StringBatch, Unknown
-from strandcast.estimation.cross_validation import TriedForce, fold_errors, folds_of
+from strandcast.estimation.cross_validation import fold_errors, folds_of
 from strandcast.estimation.ensemble import distant_members
 from strandcast.estimation.fit import PAYS
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective
@@ -16,6 +16,7 @@ from strandcast.estimation.optimisers.optimiser import SearchStart
 from strandcast.estimation.search import search, search_budget
 from strandcast.estimation.space import Space
 from strandcast.estimation.throws import TrialParts
+from strandcast.records.estimate import ForceTried
 
 FEWEST_COMPARED = 3  # parts that were not fitted; chosen
 
@@ -48,13 +49,13 @@ def with_forces_that_pay(
     settings: EstimateSettings,
     rng: np.random.Generator,
     start: SearchStart,
-) -> tuple[FitObjective, EvaluationLog, list[TriedForce]]:
+) -> tuple[FitObjective, EvaluationLog, list[ForceTried]]:
     """Add one force after the other to a search, the one that lowers the cost most first, while that pays.
 
     A force that lowers the cost too little is tried once; one that stands for another's effect is tried again
     beside it. `parts`: of the trials.
     """
-    found: list[TriedForce] = []
+    found: list[ForceTried] = []
     left = [force for force in tried if objective.space.unknowns_of(force)]
     # A search that has not converged gains by any that follows.
     while left and log.converged and np.isfinite(log.best()[1]):
@@ -97,23 +98,23 @@ def _search_with(
     return _Search(force, freer, search(freer, settings, own_rng, starts, search_budget(objective, settings)))
 
 
-def _judged(found: _Search, objective: FitObjective, log: EvaluationLog, parts: TrialParts) -> TriedForce:
+def _judged(found: _Search, objective: FitObjective, log: EvaluationLog, parts: TrialParts) -> ForceTried:
     """Return what a force is worth beside the search without it."""
-    cost_m = log.best()[1], found.log.best()[1]
+    cost_m = [log.best()[1], found.log.best()[1]]
     if not cost_m[1] < PAYS * cost_m[0]:
-        return TriedForce(found.force, False, cost_m if np.isfinite(cost_m[1]) else None)
+        return ForceTried(name=found.force, kept=False, cost_m=cost_m if np.isfinite(cost_m[1]) else None)
     without_m, with_m = (
         fold_errors(folds_of(each, parts), own.best()[0])
         for each, own in ((objective, log), (found.objective, found.log))
     )
     known = np.isfinite(without_m) & np.isfinite(with_m)  # a string may fail in a trial that was not fitted
     if known.sum() < FEWEST_COMPARED:
-        return TriedForce(found.force, False, cost_m)
+        return ForceTried(name=found.force, kept=False, cost_m=cost_m)
     gain_m = (without_m - with_m)[known]
     gain_sd_m = float(gain_m.std(ddof=1) / np.sqrt(len(gain_m)))
     kept = found.log.converged and bool(gain_m.mean() > gain_sd_m)
-    held_out_m = float(without_m[known].mean()), float(with_m[known].mean())
-    return TriedForce(found.force, kept, cost_m, held_out_m, gain_sd_m)
+    held_out_m = [float(without_m[known].mean()), float(with_m[known].mean())]
+    return ForceTried(name=found.force, kept=kept, cost_m=cost_m, held_out_m=held_out_m, gain_sd_m=gain_sd_m)
 
 
 def _starts(rows: Sequence[Unknown], found: StringBatch) -> StringBatch:

@@ -1,7 +1,6 @@
 """The estimate as files: the record estimate.json, the tables of ensemble.parquet and simulated.parquet."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from strandcast.estimation.uncertainty import RISE
 from strandcast.records.estimate import (
     ConvergenceStep,
     Estimate,
-    ForceTried,
     HeldOutError,
     ParameterFit,
     ParameterUncertainty,
@@ -69,7 +67,7 @@ def estimate_record(
             for k, name in enumerate(fit.space.names)
             if k >= len(fit.space.parameter_units) + layout.count
         },
-        forces=[ForceTried(**asdict(force)) for force in fit.forces],
+        forces=list(fit.forces),
         frames_used=fit.frames_used,
         window_s=list(fit.window_s),
         E_planned_m=_finite(fit.E_planned_m),
