@@ -161,6 +161,28 @@ def test_a_board_that_is_cut_off_in_the_only_photo_is_named():
         identify_board([("plane.png", drawn)], swapped)
 
 
+@pytest.mark.parametrize("legacy", [True, False])
+@pytest.mark.parametrize(("squares_x", "squares_y"), [(7, 6), (5, 4), (6, 6)])
+@pytest.mark.parametrize("cut", ["left", "right", "top", "bottom"])
+def test_a_board_that_is_cut_off_has_its_own_pattern(legacy, squares_x, squares_y, cut):
+    squares = dict(zip(SQUARES, (squares_x, squares_y), strict=True))
+    board = BOARD.model_copy(update={**squares, "legacy": legacy})
+    drawn = opencv_board(board).generateImage((100 * squares_x, 100 * squares_y))
+    drawn = cv2.copyMakeBorder(drawn, *[60] * 4, cv2.BORDER_CONSTANT, value=255)
+    drawn = cv2.copyMakeBorder(drawn, *[80] * 4, cv2.BORDER_CONSTANT, value=120)  # the table below the paper
+    side = {
+        "left": np.s_[:, 140 + 80 :],
+        "right": np.s_[:, : -140 - 80],
+        "top": np.s_[140 + 80 :],
+        "bottom": np.s_[: -140 - 80],
+    }
+    printed = identify_board(
+        [("plane.png", drawn[side[cut]])], board.model_copy(update={"legacy": not legacy})
+    )
+    assert printed.board == board
+    assert identify_board([("plane.png", drawn[side[cut]])], board).board == board
+
+
 def test_markers_of_another_size_are_named_with_the_right_one(photos):
     found = calibrate_lens(photos, BOARD.model_copy(update={"marker_m": 0.02}))
     assert re.search(r"measure about 2[56]\.\d mm, not 20: .*marker_m to 0\.02[56]\d", found.warnings[0])

@@ -26,8 +26,8 @@ REFERENCES = 12  # chosen: markers of a photo from which the others are counted
 OFF_LATTICE = 0.3  # chosen: squares; an oblique view stretches a step to the next marker by less
 OTHER_SIZE = 0.07  # chosen: relative, of the markers; blur makes small ones up to 0.06 smaller
 DRAWN_PX = 16  # chosen: of a square, in the drawing with which a photo is compared
-LEAST_SEEN = 3  # chosen: squares of a row in a photo
-PRINTED = 0.4  # chosen: least correlation of a row that is printed with its drawing
+LEAST_SEEN = 3  # chosen: squares of a row or column in a photo
+PRINTED = 0.4  # chosen: least correlation of a row or column that is printed with its drawing
 
 Photos = Sequence[tuple[str, np.ndarray]]
 SeenAs = Callable[[np.ndarray], np.ndarray]
@@ -50,36 +50,49 @@ class PrintedBoard:
 
 @dataclass(frozen=True)
 class MarkerOrder:
-    """The squares per row, the number that id 0 has in the order, and the first and last row of a board.
+    """The squares per row, the number that id 0 has in the order, and the rows and columns seen (from, to).
 
-    Where it was read from photos, also a square's side in sides of a marker.
-
-    Markers are numbered row by row over the white squares (column + row odd) of a pattern that begins with a
-    black square: marker k lies on square 2 k + 1 of an odd row length.
+    Also a square's side in sides of a marker. Markers are numbered row by row over the white squares (column
+    + row odd) of a pattern that begins with a black square: marker k lies on square 2 k + 1 of an odd row
+    length.
     """
 
     squares_x: int
     number_of_id_0: int
     rows: tuple[int, int]
-    square_in_markers: float = np.nan
+    columns: tuple[int, int]
+    square_in_markers: float
 
     def last_id(self) -> int:
         """Return the id of the last marker of the last row."""
         return (self.rows[1] + 1) * self.squares_x // 2 - self.number_of_id_0 - 1
 
-    @classmethod
-    def declared(cls, board: Board) -> "MarkerOrder":
-        """Return the order of a board; OpenCV's legacy pattern begins with the second row."""
-        top = int(board.legacy and board.squares_y % 2 == 0)
-        number_of_id_0 = top * (board.squares_x // 2) - board.first_id
-        return cls(board.squares_x, number_of_id_0, (top, top + board.squares_y - 1))
+    def first_id(self, top: int) -> int:
+        """Return the first id of a board whose first row is a row of the order."""
+        return top * self.squares_x // 2 - self.number_of_id_0
 
-    def within(self, other: "MarkerOrder") -> bool:
-        """Return whether every id has the same place in another order, and its rows are there."""
-        ahead, off = divmod(other.number_of_id_0 - self.number_of_id_0, self.squares_x)
-        first, last = (row + 2 * ahead for row in self.rows)  # two rows have squares_x markers
-        inside = other.rows[0] <= first <= last <= other.rows[1]
-        return self.squares_x == other.squares_x and not off and inside
+
+@dataclass(frozen=True)
+class Candidate:
+    """A board with the declared squares on which the markers seen are in their places.
+
+    Attributes
+    ----------
+    board
+        With its own pattern and first id.
+    unseen_rows, unseen_columns
+        Rows and columns of it in which no marker was seen.
+    """
+
+    board: Board
+    unseen_rows: list[int]
+    unseen_columns: list[int]
+
+    def is_absent(self, photos: Photos, seen_as: SeenAs) -> bool:
+        """Return whether photos show something else where a row or column of it would be."""
+        rows = ((row, None) for row in self.unseen_rows)
+        columns = ((None, column) for column in self.unseen_columns)
+        return any(_is_absent(place, photos, self.board, seen_as) for place in (*rows, *columns))
 
 
 def identify_board(photos: Photos, board: Board, field: str = "camera.board") -> PrintedBoard:
@@ -98,11 +111,12 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
         *product([board.dictionary], (_as_it_is, _negative, _mirrored)),
         *product(others, (_as_it_is, _negative)),
     ):
-        order = _order(photos[:TRIED], board, name, seen_as)
-        if order is None:
+        orders = _orders(photos[:TRIED], board, name, seen_as)
+        candidates = _candidates(orders, board)
+        if len(orders) != 1 and not (candidates and name == board.dictionary):
             continue
         if name != board.dictionary:
-            right, larger = enough(name, order.last_id())
+            right, larger = enough(name, orders[0].last_id())
             what = f"the board's markers are from {right}{larger}, not from {board.dictionary}"
             fix = f"set {field}.dictionary to {right}"
             raise StrandcastError("SC-C016", what, field=f"{field}.dictionary", fix=fix)
@@ -113,19 +127,41 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
         warnings = [
             "the board is white on black, or its photos are negatives: taken as such"
         ] * white_on_black
-        warnings += _of_other_size(order, board, field)
-        declared = MarkerOrder.declared(board)
-        if not (order.within(declared) and declared.within(order)):
-            order = _order(photos, board, name, seen_as) or order  # its outer rows may be cut off in a few
-        if not order.within(declared):
-            board, differences = _as_printed(order, board, field)
-            warnings += differences
-        elif order.last_id() < declared.last_id() and _is_absent(
-            order.rows[1] + 1 - declared.rows[0], photos, board, seen_as
-        ):
-            raise _other_squares(board, board.squares_x, order.rows[1] - declared.rows[0] + 1, field)
-        return PrintedBoard(board, warnings, white_on_black)
+        warnings += _of_other_size(orders[0], board, field)
+        if len(candidates) != 1 or candidates[0].board != board:
+            orders = _orders(photos, board, name, seen_as) or orders  # a few may not show its outer rows
+            candidates = _candidates(orders, board)
+        if not candidates:
+            raise _of_other_squares(orders[0], board, field)
+        printed = next((each for each in candidates if not each.is_absent(photos, seen_as)), candidates[0])
+        below = [row for row in printed.unseen_rows if row > orders[0].rows[1] - orders[0].rows[0]]
+        if below and _is_absent((below[0], None), photos, printed.board, seen_as):
+            raise _other_squares(board, board.squares_x, below[0], field)
+        return PrintedBoard(
+            printed.board, warnings + _differences(printed.board, board, field), white_on_black
+        )
     return PrintedBoard(board, [])
+
+
+def _candidates(orders: Sequence[MarkerOrder], board: Board) -> list[Candidate]:
+    """Return the boards with the declared squares that have one of several orders, the likeliest first."""
+    found = []
+    for order in orders:
+        (first, last), (left, right) = order.rows, order.columns
+        for top in range(last - board.squares_y + 1, first + 1):
+            white_first = top % 2  # as OpenCV's legacy pattern with an even number of rows
+            same_squares = order.squares_x == board.squares_x and not (white_first and board.squares_y % 2)
+            if not same_squares or order.first_id(top) < 0:
+                continue
+            legacy = bool(white_first) if board.squares_y % 2 == 0 else board.legacy
+            rows = [row for row in range(board.squares_y) if not first <= row + top <= last]
+            columns = [column for column in range(board.squares_x) if not left <= column <= right]
+            pattern = {"legacy": legacy, "first_id": order.first_id(top)}
+            found.append(Candidate(board.model_copy(update=pattern), rows, columns))
+    return sorted(
+        found,
+        key=lambda each: (abs(each.board.first_id - board.first_id), each.board.legacy != board.legacy),
+    )
 
 
 def _as_it_is(grey: np.ndarray) -> np.ndarray:
@@ -140,24 +176,24 @@ def _mirrored(grey: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(grey[:, ::-1])
 
 
-def _as_printed(order: MarkerOrder, board: Board, field: str) -> tuple[Board, list[str]]:
-    """Return the board with the ids and pattern of an order, and warnings; refuse other squares (SC-C016)."""
-    x, y = order.squares_x, order.rows[1] - order.rows[0] + 1
-    white_first = order.rows[0] % 2
-    top = order.rows[0] - (white_first if board.squares_y % 2 else 0)  # then the row above was cut off
-    first_id = top * x // 2 - order.number_of_id_0
-    if x != board.squares_x or y > board.squares_y or first_id < 0:
-        y += y % 2 * white_first  # boards that begin with a white square have an even number of rows
-        raise _other_squares(board, x, y, field)
-    legacy = board.legacy if board.squares_y % 2 else bool(white_first)
+def _differences(printed: Board, board: Board, field: str) -> list[str]:
+    """Return warnings about a printed board's pattern and first id that are not the declared ones."""
     warnings = []
-    if legacy != board.legacy:
-        has = "has" if legacy else "does not have"
-        hint = f"set {field}.legacy to {str(legacy).lower()}"
+    if printed.legacy != board.legacy:
+        has = "has" if printed.legacy else "does not have"
+        hint = f"set {field}.legacy to {str(printed.legacy).lower()}"
         warnings.append(f"the board {has} the legacy pattern (OpenCV before 4.6): {hint}")
-    if first_id != board.first_id:
-        warnings.append(f"the board's ids begin at {first_id}: set {field}.first_id to {first_id}")
-    return board.model_copy(update={"legacy": legacy, "first_id": first_id}), warnings
+    if printed.first_id != board.first_id:
+        hint = f"set {field}.first_id to {printed.first_id}"
+        warnings.append(f"the board's ids begin at {printed.first_id}: {hint}")
+    return warnings
+
+
+def _of_other_squares(order: MarkerOrder, board: Board, field: str) -> StrandcastError:
+    """Return the refusal of a board with other squares than the declared ones, as its order has them."""
+    x, y = order.squares_x, order.rows[1] - order.rows[0] + 1
+    y += y % 2 * (order.rows[0] % 2)  # boards that begin with a white square have an even number of rows
+    return _other_squares(board, x, y, field)
 
 
 def _other_squares(board: Board, x: int, y: int, field: str) -> StrandcastError:
@@ -179,12 +215,18 @@ def _of_other_size(order: MarkerOrder, board: Board, field: str) -> list[str]:
     ]
 
 
-def _is_absent(row: int, photos: Photos, board: Board, seen_as: SeenAs) -> bool:
-    """Return whether photos show the place of a row of the board, and something else is there."""
+def _is_absent(place: tuple[int | None, int | None], photos: Photos, board: Board, seen_as: SeenAs) -> bool:
+    """Return whether photos show where a board's row or column would be, and something else is there.
+
+    `place` is (row, None) or (None, column).
+    """
     pattern, detector = opencv_board(board), marker_detector(board.dictionary)
     width, height = board.squares_x * DRAWN_PX, board.squares_y * DRAWN_PX
     drawn = pattern.generateImage((width, height))
-    inside = slice(row * DRAWN_PX, (row + 1) * DRAWN_PX)
+    row, column = (
+        slice(None) if each is None else slice(each * DRAWN_PX, (each + 1) * DRAWN_PX) for each in place
+    )
+    across = 0 if place[1] is None else 1  # the axis along which the row or column is one square wide
     places = np.asarray(pattern.getObjPoints()).mean(axis=1)[:, :2] * DRAWN_PX / board.square_m
     likeness = []
     for grey in (eight_bit(seen_as(grey)) for _, grey in photos):
@@ -201,40 +243,45 @@ def _is_absent(row: int, photos: Photos, board: Board, seen_as: SeenAs) -> bool:
         if to_drawing is None:
             continue
         shown, whole = (
-            cv2.warpPerspective(each, to_drawing, (width, height))[inside]
+            cv2.warpPerspective(each, to_drawing, (width, height))[row, column]
             for each in (grey, np.full_like(grey, 255))
         )
-        seen = whole.min(axis=0) == 255
+        seen = whole.min(axis=across) == 255
         if seen.sum() >= LEAST_SEEN * DRAWN_PX:
-            row_drawn, row_shown = (np.ascontiguousarray(each[:, seen]) for each in (drawn[inside], shown))
-            likeness.append(float(cv2.matchTemplate(row_shown, row_drawn, cv2.TM_CCOEFF_NORMED)[0, 0]))
+            parts = (np.compress(seen, each, axis=1 - across) for each in (shown, drawn[row, column]))
+            likeness.append(float(cv2.matchTemplate(*parts, cv2.TM_CCOEFF_NORMED)[0, 0]))
     return max(likeness, default=1.0) < PRINTED
 
 
-def _order(photos: Photos, board: Board, dictionary: str, seen_as: SeenAs) -> MarkerOrder | None:
-    """Return the order that most markers fit; among equals the declared one, then one with its first id.
+def _orders(photos: Photos, board: Board, dictionary: str, seen_as: SeenAs) -> list[MarkerOrder]:
+    """Return the orders that most markers fit; none if it is not clear.
 
-    None if it is not clear.
+    Several if an outer column is in no photo: then those with the declared squares in a row, or first id.
     """
     detector = marker_detector(dictionary)
     detected = (detect_markers(seen_as(grey), detector) for _, grey in photos)
     patches = [patch for ids, corners_px in detected for patch in _patches(ids, corners_px)]
     if not patches:
-        return None
+        return []
     squares_x, number_of_id_0 = np.array([(x, number) for x in SQUARES for number in range(x)]).T
     fitting = sum(_fitting(patch, squares_x, number_of_id_0).sum(axis=1) for patch in patches)
-    top = MarkerOrder.declared(board).rows[0]
     best = np.flatnonzero(fitting == fitting.max())
-    as_declared = number_of_id_0 == (top * (squares_x // 2) - board.first_id) % squares_x
-    for likely in (as_declared & (squares_x == board.squares_x), as_declared):
-        if likely[best].any():
-            best = best[likely[best]]
-    if len(best) > 1 or fitting[best[0]] < MAJORITY * sum(len(ids) for ids, *_ in patches):
-        return None
-    order = squares_x[best], number_of_id_0[best]
-    rows = np.concatenate([_squares(each[0], *order)[0, _fitting(each, *order)[0], 1] for each in patches])
-    sizes = float(np.median([each[2] for each in patches]))
-    return MarkerOrder(int(order[0][0]), int(order[1][0]), (int(rows.min()), int(rows.max())), sizes)
+    if fitting[best[0]] < MAJORITY * sum(len(ids) for ids, *_ in patches):
+        return []
+    top = int(board.legacy and board.squares_y % 2 == 0)
+    with_its_ids = number_of_id_0 == (top * (squares_x // 2) - board.first_id) % squares_x
+    kinds = (each[best] for each in (squares_x == board.squares_x, with_its_ids) if each[best].any())
+    best = best[next(kinds, slice(None))]
+    return [_as_order(patches, squares_x[[each]], number_of_id_0[[each]]) for each in best]
+
+
+def _as_order(patches: Sequence[Patch], squares_x: np.ndarray, number_of_id_0: np.ndarray) -> MarkerOrder:
+    """Return an order (arrays of one) with the rows and columns of the markers that fit it."""
+    order = squares_x, number_of_id_0
+    places = np.concatenate([_squares(each[0], *order)[0, _fitting(each, *order)[0]] for each in patches])
+    columns, rows = ((int(each.min()), int(each.max())) for each in places.T)
+    size = float(np.median([each[2] for each in patches]))
+    return MarkerOrder(int(squares_x[0]), int(number_of_id_0[0]), rows, columns, size)
 
 
 def _squares(ids: np.ndarray, squares_x: np.ndarray, number_of_id_0: np.ndarray) -> np.ndarray:
