@@ -1,18 +1,23 @@
 """Files of capture systems as each maker writes them: names, units, rate, axes and gaps are the file's."""
 
 import re
+from datetime import timedelta
+from decimal import Decimal
 from importlib.util import find_spec
 from types import SimpleNamespace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
 from strandcast.cli.app import app
 from strandcast.errors import StrandcastError
 from strandcast.imports.capture import CapturedTrial, import_capture
-from strandcast.imports.capture_mapping import capture_mapping_of
+from strandcast.imports.capture_mapping import CaptureMapping, capture_mapping_of
 from strandcast.imports.capture_table import read_capture, times_of, with_units
+from strandcast.imports.mapping import check_mapping
 from strandcast.records.track import read_track
 
 RATE_HZ, ROWS, LENGTH_M = 240.0, 48, 0.8
@@ -169,6 +174,77 @@ def test_what_the_file_says_need_not_be_given(tmp_path, name):
     assert [("up" in each) for each in summary.warnings] == ([] if up else [True])
 
 
+def qualisys_smpte():
+    lines = qualisys().split("\n")
+    return "\n".join(
+        re.sub(r"^(Frame\tTime|\d+\t[\d.]+)", r"\1\t" + ("SMPTE" if "Frame" in line else "01:02:03:04"), line)
+        if line.count("\t") > 8
+        else line
+        for line in lines
+    )
+
+
+def test_a_column_of_smpte_times_is_no_marker(tmp_path):
+    (tmp_path / "take.tsv").write_text(qualisys_smpte())
+    table = read_capture(tmp_path / "take.tsv")
+    np.testing.assert_allclose(table.column("hand.z"), 1500.0)
+    assert table.names[:3] == ["frame", "time", "smpte"]
+
+
+@pytest.mark.parametrize("cut", [2, 70])  # characters of the last number, or whole cells
+def test_the_last_row_of_a_take_that_was_cut_is_left_out(tmp_path, cut):
+    (tmp_path / "take.csv").write_text(optitrack()[: -2 - cut], newline="")
+    table = read_capture(tmp_path / "take.csv")
+    assert len(table.values) == ROWS - 1
+    assert "was cut" in table.notes[0]
+
+
+def test_eulers_angles_are_named(tmp_path):
+    text = optitrack().replace("Rotation Type,Quaternion", "Rotation Type,XYZ")
+    (tmp_path / "take.csv").write_text(text, newline="")
+    body = {"position": ["hand"], "quaternion": ["hand"], "leaves": [0, 0, -1]}
+    mapping = check_mapping(
+        {"hand": body, "markers": [{"place_m": 0.8, "position": ["string:tip"]}]}, CaptureMapping
+    )
+    with pytest.raises(StrandcastError, match="angles of hand about three axes") as caught:
+        import_capture(tmp_path / "take.csv", tmp_path / "out", mapping, CapturedTrial("e", 1, LENGTH_M, 8))
+    assert caught.value.fix == "export quaternions"
+
+
+def plain(name, first, places=tuple(range(ROWS))):
+    """Return a CSV of no maker, with one column before the markers."""
+    lines = [",".join([name, *(f"{each}.{axis}" for each in WORLD_M for axis in "xyz")])]
+    lines += [",".join([first(k), *cells(np.hstack([each[k] for each in WORLD_M.values()]))]) for k in places]
+    return "\n".join(lines) + "\n"
+
+
+def test_rounded_times_are_those_of_the_even_clock(tmp_path):
+    rows = "".join(f"{k / RATE_HZ:.3f},0,0,{k}\n" for k in range(500))
+    (tmp_path / "take.csv").write_text("t,tip.x,tip.y,tip.z\n" + rows)
+    time_s, notes = times_of(read_capture(tmp_path / "take.csv"), capture_mapping_of("tip", ["0.8:tip"]))
+    np.testing.assert_allclose(time_s, np.arange(500) / RATE_HZ, atol=1e-9)
+    assert notes == ["its times are rounded to 0.001 s: those of 240 rows per second are used"]
+
+
+@pytest.mark.parametrize("name", ["Frame", "frame_no", "FRAME #"])
+def test_rows_that_are_missing_between_numbered_frames_take_their_time(tmp_path, name):
+    kept = [k for k in range(ROWS) if k not in (20, 21, 30)]
+    (tmp_path / "take.csv").write_text(plain(name, lambda k: str(100 + k), kept))
+    mapping = capture_mapping_of("hand", ["0.8:tip"], rate_hz=RATE_HZ)
+    time_s, _ = times_of(read_capture(tmp_path / "take.csv"), mapping)
+    np.testing.assert_allclose(time_s - time_s[0], np.array(kept) / RATE_HZ)
+
+
+@pytest.mark.parametrize("kind", [pa.duration("us"), pa.decimal128(12, 6)])
+def test_durations_and_decimals_of_parquet_are_times(tmp_path, kind):
+    times = [timedelta(microseconds=k * 4000) for k in range(4)]
+    if pa.types.is_decimal(kind):
+        times = [Decimal(k * 4) / 1000 for k in range(4)]
+    pq.write_table(pa.table({"t": pa.array(times, kind)}), tmp_path / "take.parquet")
+    table = read_capture(tmp_path / "take.parquet")
+    np.testing.assert_allclose(table.times("t", 1.0), 0.004 * np.arange(4))
+
+
 def test_a_header_without_its_first_line_needs_the_unit_alone(tmp_path):
     (tmp_path / "take.csv").write_text(optitrack().split("\r\n", 2)[2])
     table = read_capture(tmp_path / "take.csv")
@@ -208,7 +284,9 @@ def test_a_body_of_six_axes_has_a_quaternion(tmp_path):
     np.testing.assert_allclose(q[:2], [[np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]] * 2, atol=1e-6)
     assert np.isnan(q[2]).all()
     assert np.isnan(table.column("hand.x")[2])
-    np.testing.assert_allclose(times_of(table, capture_mapping_of("hand", ["0.8:hand"])), [0.0, 0.01, 0.02])
+    np.testing.assert_allclose(
+        times_of(table, capture_mapping_of("hand", ["0.8:hand"]))[0], [0.0, 0.01, 0.02]
+    )
 
 
 def test_an_empty_column_between_bodies_is_no_number_of_theirs(tmp_path):
@@ -314,7 +392,7 @@ def test_a_c3d_file_of_no_rate_needs_one(tmp_path):
     table = read_capture(tmp_path / "take.c3d")
     with pytest.raises(StrandcastError, match="SC-I011.*no rate"):
         times_of(table, capture_mapping_of("hand", ["0.8:string:tip"]))
-    assert times_of(table, capture_mapping_of("hand", ["0.8:string:tip"], rate_hz=100.0))[1] == 0.01
+    assert times_of(table, capture_mapping_of("hand", ["0.8:string:tip"], rate_hz=100.0))[0][1] == 0.01
 
 
 @needs_ezc3d

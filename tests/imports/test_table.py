@@ -79,6 +79,38 @@ def test_commas_are_decimal_where_they_do_not_separate_and_no_number_has_a_point
     assert read_all(tmp_path, "0,1;1,5;2,5\n0,2;1,5;2,5\n").values[1].tolist() == [0.2, 1.5, 2.5]
 
 
+@pytest.mark.parametrize("form", ["{} {}", '"{}","{}"'])
+def test_decimal_commas_between_blanks_and_in_quotation_marks_are_read(tmp_path, form):
+    text = "".join(form.format(*row) + "\n" for row in (["t", "q"], ["0,1", "-1,5"], ["0,25", "1,25"]))
+    assert table_of(tmp_path, text).values.tolist() == [[0.1, -1.5], [0.25, 1.25]]
+
+
+@pytest.mark.parametrize("head", ["%time,frame_id,q", "# made by a recorder, 2\n# t, frame_id, q"])
+def test_names_in_the_comment_above_the_rows_are_the_header(tmp_path, head):
+    table = table_of(tmp_path, f"{head}\n17,world,0.5\n18,world,0.7\n")
+    assert table.names[1:] == ["frame_id", "q"]
+    assert table.column("q").tolist() == [0.5, 0.7]
+    assert table_of(tmp_path, "# a, b\nt,q\n17,0.5\n").names == ["t", "q"]
+
+
+@pytest.mark.parametrize(
+    ("times", "seconds"),
+    [(("59:59.998", "00:00.004"), 0.006), (("9:59:59.5", "10:00:00.5"), 1.0)],
+)
+def test_minutes_and_seconds_and_short_hours_are_times(tmp_path, times, seconds):
+    table = table_of(tmp_path, "t,q\n" + "".join(f"{each},0\n" for each in times))
+    assert np.diff(table.times("t", 1.0)).tolist() == pytest.approx([seconds])
+
+
+def test_a_last_number_that_was_cut_is_left_out(tmp_path):
+    rows = "t,q\n" + "".join(f"{k},0.{k:06d}\n" for k in range(12))
+    table = table_of(tmp_path, rows + "12,0.28")
+    assert len(table.values) == 12
+    assert "line 14, the last, was cut ('0.28' has fewer decimals" in table.notes[0]
+    for whole in (rows + "12,0.28\n", rows + "12,0.280000", rows + "12,"):
+        assert len(table_of(tmp_path, whole).values) == 13
+
+
 def test_times_of_the_day_go_on_after_midnight(tmp_path):
     table = table_of(tmp_path, "t,q\n23:59:59.5,0\nnan,0\n00:00:00.25,0\n")
     assert table.times("t", 1.0).tolist()[::2] == [86399.5, 86400.25]

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import tifffile
@@ -51,6 +52,19 @@ def test_pictures_come_in_the_order_of_their_numbers(tmp_path, suffix, kind, iso
     found, _ = read(tmp_path / "video", isolated)
     assert found.dtype == kind
     np.testing.assert_array_equal(found, true)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_tiffs_of_lzw_as_opencv_writes_them_are_read(tmp_path, kind):
+    true = RNG.integers(0, np.iinfo(kind).max, (3, 24, 32)).astype(kind)
+    (tmp_path / "video").mkdir()
+    for k, picture in enumerate(true):
+        cv2.imwrite(str(tmp_path / "video" / f"f_{k}.tif"), picture)
+    np.testing.assert_array_equal(read(tmp_path / "video")[0], true)
+    deep_colour = RNG.integers(0, 65535, (24, 32, 3)).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / "video" / "f_3.tif"), deep_colour)
+    with pytest.raises(StrandcastError, match="compressed TIFF of uint16 with 3 dimensions"):
+        read(tmp_path / "video")
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])

@@ -8,10 +8,10 @@ from strandcast.records.joint_log import JointLog
 from strandcast.records.motion import Motion
 
 TURN_RAD = 2.0 * np.pi
-# Held values last the same number of rows each time, two or more; a slow joint's counts change at random.
-FAST = 0.25  # of the largest change of a joint between two rows: smaller ones may be missing by chance
-ALIKE = 0.9  # of the fast changes come after as many rows as usual, or one more or less: clocks that beat
-FEWEST = 10
+FAST = 0.25  # of a large change of a joint between two rows: smaller ones may be missing by chance
+LARGE = 10  # the tenth largest: a spike or a gap is no motion
+COUNTS = 4  # of the smallest change: a slow joint's counts change at random
+HELD = 0.1  # chosen: share of fast changes after a row that was held
 
 
 def as_measured(log: JointLog, motion: Motion | None) -> tuple[JointLog, list[str]]:
@@ -30,8 +30,8 @@ def as_measured(log: JointLog, motion: Motion | None) -> tuple[JointLog, list[st
 
 def not_held(time_s: np.ndarray, values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     """Return the rows at which values (T, n) at times (T,) come, and a note if others only repeat them."""
-    usual, first = _held(np.where(np.isfinite(values), values, 0.0))
-    if usual < 2.0:
+    usual, first = _held(values)
+    if usual <= 1.0:
         return np.arange(len(values)), []
     rate_hz = 1.0 / float(np.median(np.diff(time_s)))
     return first, [
@@ -66,17 +66,23 @@ def _in_one_turn(log: JointLog, motion: Motion | None) -> tuple[JointLog, list[s
     return log, [f"whole turns (2π) were added to {joints}: the same posture"]
 
 
-def _held(q_rad: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return for how many rows values (T, J) are held, 1 if they are not, and the rows at which they come."""
-    step = np.abs(np.diff(q_rad, axis=0)).max(axis=1, initial=0.0)
+def _held(values: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return for how many rows values (T, n) are held, 1 if they are not, and the rows at which they come."""
+    every = 1.0, np.arange(len(values))
+    steps = np.abs(np.diff(values, axis=0))
+    steps[np.isnan(steps)] = 0.0  # at the edges of a gap
+    smallest = np.where(steps > 0.0, steps, np.inf).min(axis=0, initial=np.inf)
+    step, counts = steps.max(axis=1, initial=0.0), (steps / smallest).max(axis=1, initial=0.0)
     new = np.concatenate([[0], 1 + np.flatnonzero(step)])
-    rows = np.diff(new)
-    fast = rows[step[new[1:] - 1] > FAST * step.max(initial=0.0)]
-    alike = np.abs(fast - np.median(fast)) <= 1 if len(fast) >= FEWEST else np.zeros(0, bool)
-    if not len(alike) or min(alike.mean(), (fast >= 2).mean()) < ALIKE:
-        return 1.0, np.arange(len(q_rad))
-    usual = float(fast[alike].mean())
+    if len(new) <= LARGE:
+        return every
+    rows, large = np.diff(new), np.sort(step)[-LARGE]
+    fast = rows[((step > FAST * large) & (counts > COUNTS))[new[1:] - 1]]
+    usually = fast[fast <= 2.0 * np.median(fast) + 1.0] if len(fast) >= LARGE else np.ones(1)
+    if (usually > 1).mean() < HELD:
+        return every
+    usual = float(usually.mean())
     # At rest a value comes again without a change.
-    again = np.maximum(np.round(np.append(rows, len(q_rad) - new[-1]) / usual), 1).astype(int)
+    again = np.maximum(np.round(np.append(rows, len(values) - new[-1]) / usual), 1).astype(int)
     first = [at + np.round(usual * np.arange(times)) for at, times in zip(new, again, strict=True)]
-    return usual, np.minimum(np.concatenate(first), len(q_rad) - 1).astype(int)
+    return usual, np.minimum(np.concatenate(first), len(values) - 1).astype(int)

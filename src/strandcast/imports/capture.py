@@ -70,13 +70,14 @@ def import_capture(
     """
     table = read_capture(path)
     mapping, warnings = with_units(table, mapping)
-    table, time_s, notes = as_measured(table, mapping, times_of(table, mapping))
+    time_s, rounded = times_of(table, mapping)
+    table, time_s, notes = as_measured(table, mapping, time_s)
     markers = sorted(mapping.markers, key=lambda marker: marker.place_m)
     markers_m = np.stack([_position(table, mapping, marker.position) for marker in markers], axis=1)
     index, doubts = _points_of(markers, mapping.in_space, known, table.path)
     _refuse_unseen_or_same(markers_m, markers, table.path)
     ends: list[EndPath] = []
-    sigma_m, warnings = mapping.sigma_m, [*table.notes, *warnings, *notes, *doubts]
+    sigma_m, warnings = mapping.sigma_m, [*table.notes, *warnings, *rounded, *notes, *doubts]
     warnings += _gaps(markers_m, markers, time_s)
     if known.thrown is not None:
         place = _placed(table, mapping, known, known.thrown, time_s, markers_m[:, -1])
@@ -329,6 +330,9 @@ def _end(table: NumberTable, mapping: CaptureMapping, body: DrivenBody, name: st
 
 def _rotations(table: NumberTable, names: list[str], name: str) -> np.ndarray:
     """Return the rotations (rows, 3, 3) of quaternions w, x, y, z from the body's axes to the file's."""
+    if len(names) == 1 and f"{names[0]}.rx" in table.names and f"{names[0]}.qx" not in table.names:
+        what = f"the file has angles of {names[0]} about three axes, in an order that programs define unlike"
+        raise refusal("SC-I004", table.path, f"{name}.quaternion", what, "export quaternions")
     q = table.columns([f"{names[0]}.q{axis}" for axis in "wxyz"] if len(names) == 1 else names)
     length = np.linalg.norm(q, axis=1)
     wrong = np.abs(length - 1.0) > OF_LENGTH_ONE

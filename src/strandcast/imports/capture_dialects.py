@@ -56,7 +56,8 @@ def read_capture_csv(path: Path) -> NumberTable | None:
     StrandcastError
         SC-I001: a known header over rows that do not fit it.
     """
-    lines = LINE_END.split(read_text(path, "SC-I001"))
+    text = read_text(path, "SC-I001")
+    lines = LINE_END.split(text)
     separator = separator_of([line for line in lines if line.strip()])
     rows = [split_line(path, line, k, separator, "SC-I001") for k, line in enumerate(lines, 1)]
     for dialect in DIALECTS:
@@ -67,18 +68,21 @@ def read_capture_csv(path: Path) -> NumberTable | None:
             raise refusal("SC-I001", path, None, what, "export it again, as CSV or C3D") from error
         if layout is not None:
             commas = has_decimal_commas(lines[layout.tables[0][0] :], separator)
-            return _table(path, rows, layout, commas)
+            return _table(path, rows, layout, commas, text.endswith(("\n", "\r")))
     return None
 
 
-def _table(path: Path, rows: Rows, layout: Layout, commas: bool) -> NumberTable:
+def _table(path: Path, rows: Rows, layout: Layout, commas: bool, ends: bool) -> NumberTable:
     bodies = [_body(rows, first, len(names)) for first, names in layout.tables]
     names = [name for _, each in layout.tables for name in each]
     beside = [list(chain(*parts)) for parts in zip(*(body for _, body in bodies), strict=True)]
     if not beside:
         raise refusal("SC-I001", path, None, "the file has a header and no rows", "export it again")
+    if not ends and len(rows[-1]) < len(rows[-2]):  # rows of equal width, of which the last was cut
+        beside[-1] = rows[-1]
     lines = [bodies[0][0] + 1 + k for k in range(len(beside))]
-    table = table_of(Cells(path, names, beside, lines, True, "SC-I001", has_decimal_commas=commas), [])
+    cells = Cells(path, names, beside, lines, True, "SC-I001", ends, commas)
+    table = table_of(*cells.without_cut_line())
     if layout.zero_is_missing:
         _empty_zeros(table)
     time = None
@@ -88,7 +92,7 @@ def _table(path: Path, rows: Rows, layout: Layout, commas: bool) -> NumberTable:
         time = "frame", 1.0 / layout.rate_hz
     return replace(
         _with_quaternions(table),
-        notes=layout.notes,
+        notes=layout.notes + table.notes,
         time=time,
         rate_hz=layout.rate_hz,
         length_unit=layout.unit,
@@ -174,10 +178,11 @@ def qualisys(rows: Rows) -> Layout | None:
     facts = {row[0]: row[1:] for row in rows[:at]}
     bodies = "BODY_NAMES" in facts
     named = [name for name in facts["BODY_NAMES" if bodies else "MARKER_NAMES"] if name]
-    at += any(cell.lower() not in EMPTY and _number(cell) is None for cell in rows[at])
+    heads = [cell.lower() for cell in rows[at]]
+    at += any(cell not in EMPTY and _number(cell) is None for cell in heads)
     parts = BODY_6D if bodies else ["x", "y", "z"]
     names = [f"{name}.{part}" for name in named for part in parts]
-    lead = ["frame", "time"]
+    lead = ["frame", "time"] + ["smpte"] * ("smpte" in heads)
     if (
         bodies
         and len(named) > 1

@@ -1,11 +1,13 @@
 """Motion captures as tables of numbers, CSV, Parquet or C3D, with the units and times of each."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
+from strandcast.core.even_clock import even_clock
 from strandcast.core.jumps import GLITCH_M_S
 from strandcast.imports.as_measured import not_held
 from strandcast.imports.c3d_files import SUFFIX, read_c3d
@@ -17,6 +19,8 @@ from strandcast.records.record import refusal
 from strandcast.records.tables import read_parquet
 
 DEFAULT_TIME = "t"
+FRAME = re.compile(r"frames?[\s_.#]*(no|nr|num|number|index|id)?\.?", re.IGNORECASE)
+MICROSECOND_S = 1e-6
 RATES_DIFFER = 1e-3
 CLOCKS_DIFFER = 1e-2  # of a rate and a column of rounded times
 
@@ -43,7 +47,10 @@ def _read_parquet_numbers(path: Path) -> NumberTable:
         if pa.types.is_timestamp(kind):
             instants.add(len(kept))
             column, unit_s = column.cast(pa.timestamp("ns"), safe=False).cast(pa.int64()), 1e-9
-        elif not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+        elif pa.types.is_duration(kind):
+            instants.add(len(kept))
+            column, unit_s = column.cast(pa.duration("ns"), safe=False).cast(pa.int64()), 1e-9
+        elif not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
             continue
         kept.append(name)
         values.append(unit_s * column.cast(pa.float64(), safe=False).to_numpy())
@@ -86,8 +93,10 @@ def with_units(table: NumberTable, mapping: CaptureMapping) -> tuple[CaptureMapp
     return mapping.model_copy(update=found), notes
 
 
-def times_of(table: NumberTable, mapping: CaptureMapping) -> np.ndarray:
+def times_of(table: NumberTable, mapping: CaptureMapping) -> tuple[np.ndarray, list[str]]:
     """Return the times (rows,) [s] of a capture, which rise: by the mapping, else by the file's own clock.
+
+    Rounded times are those of the even clock that they fit, with a remark.
 
     Raises
     ------
@@ -105,7 +114,12 @@ def times_of(table: NumberTable, mapping: CaptureMapping) -> np.ndarray:
         raise table.refusal(back[0] + 1, column, "time does not rise here", fix, "SC-I007")
     if len(time_s) < 3:
         raise refusal("SC-I001", table.path, None, f"{len(time_s)} rows are no motion", "export it again")
-    return time_s
+    even = even_clock(np.rint((time_s - time_s[0]) / MICROSECOND_S).astype(np.int64), MICROSECOND_S)
+    if even is None:
+        return time_s, []
+    unit_s, step_s = even.rounded_to * MICROSECOND_S, even.step * MICROSECOND_S
+    note = f"its times are rounded to {unit_s:g} s: those of {1.0 / step_s:.6g} rows per second are used"
+    return time_s[0] + step_s * even.frame, [note]
 
 
 def _own_times(table: NumberTable, mapping: CaptureMapping) -> tuple[str, np.ndarray]:
@@ -117,6 +131,8 @@ def _own_times(table: NumberTable, mapping: CaptureMapping) -> tuple[str, np.nda
         return table.time[0], table.times(*table.time)
     if rate_hz is not None:
         _refuse_another_clock(table, mapping, rate_hz)
+        if (numbered := next(filter(FRAME.fullmatch, table.names), None)) is not None:
+            return numbered, table.times(numbered, 1.0 / rate_hz)
         return "rate_hz", np.arange(len(table.values)) / rate_hz
     if DEFAULT_TIME not in table.names:
         what = f"no column of the time is named, and the file has no rate; it has {table.listed('time')}"

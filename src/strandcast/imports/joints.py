@@ -1,5 +1,6 @@
 """Import a joint log, a CSV with known or named columns or a ROS bag, as joints.csv and run.json."""
 
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -26,6 +27,7 @@ from strandcast.records.record import refusal
 
 LARGEST_ANGLE_RAD = 20.0  # three turns: larger angles are degrees
 TURN_AS_DEGREES_RAD = np.radians(2.0 * np.pi)  # a whole turn in radians that is read as degrees
+DEGREES = re.compile(r"(?:[_.\s(\[]deg(rees?)?|°)[)\]]?$", re.IGNORECASE)  # the end of a column's name
 OUTPUTS = 53  # bits that a float holds exactly; UR has 18
 COMMAND_MOVES_RAD = 1e-5  # chosen; above rounding
 RATES_DIFFER = 0.1  # of a stated rate and that of the times, which may jitter; chosen
@@ -256,6 +258,10 @@ def _source(path: Path, reading: Reading, namings: Sequence[list[str]]) -> _Sour
         return _Source("bag", bag.table, columns, [bag.names], sha256_bag(path), bag.clock, bag.notes)
     table = read_numbers(path)
     name, columns = ("mapping", reading.mapping) if reading.mapping else recognise(table, reading.dialect)
+    in_degrees = [each for each in columns.q if DEGREES.search(each)]
+    if reading.mapping and len(in_degrees) == len(columns.q) and columns.angle_unit == "rad":
+        table.notes.append(f"the angles are taken as degrees, as their names say ({in_degrees[0]})")
+        unit["angle_unit"] = "deg"
     columns = columns.model_copy(update=unit)
     clock = (
         f"the column {columns.time!r} of the log" if columns.time else f"{columns.rate_hz} rows per second"

@@ -22,7 +22,9 @@ POINT = re.compile(r"\d\.\d")
 HEAD_LINES = 50  # by which the separator is chosen
 # Not str.splitlines: a damaged byte such as a form feed would split one row into two.
 UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-DAY_S = 86400.0
+ROWS_ABOVE = 10  # chosen: of which all have more decimals than a last number that was cut
+HOUR_S, DAY_S = 3600.0, 86400.0
+MINUTES = re.compile(r"(\d\d):(\d\d\.\d+)")
 LINE_END = re.compile(r"\r\n|\n|\r")
 
 
@@ -45,13 +47,20 @@ class Cells:
     def without_cut_line(self) -> "tuple[Cells, list[str]]":
         """Return the cells without a last line that was cut, and a warning of it.
 
-        A writer that is stopped leaves a line without an end and with too few cells; a line with too few
-        cells elsewhere is damage.
+        A writer that is stopped leaves a line without an end and with too few cells, or within a number that
+        has fewer decimals than those above it; a line with too few cells elsewhere is damage.
         """
-        if self.last_line_ends or len(self.rows) < 2 or len(self.rows[-1]) >= len(self.names):
+        if self.last_line_ends or len(self.rows) < 2 or len(self.rows[-1]) > len(self.names):
             return self, []
-        cells = f"{len(self.rows[-1])} of {len(self.names)} cells"
-        left_out = f"line {self.lines[-1]}, the last, was cut ({cells}) and is left out"
+        last = self.rows[-1]
+        cut = f"{len(last)} of {len(self.names)} cells"
+        if len(last) == len(self.names):
+            at = max((k for k, cell in enumerate(last) if cell), default=0)
+            above = [_decimals(row[at]) for row in self.rows[:-1] if row[at : at + 1] > [""]]
+            if len(above) < ROWS_ABOVE or _decimals(last[at]) >= min(above):
+                return self, []
+            cut = f"{_quoted(last[at])} has fewer decimals than all above"
+        left_out = f"line {self.lines[-1]}, the last, was cut ({cut}) and is left out"
         return replace(self, rows=self.rows[:-1], lines=self.lines[:-1]), [left_out]
 
     def require_even(self) -> None:
@@ -79,7 +88,7 @@ class Cells:
     def instants(self, k: int) -> np.ndarray | None:
         """Return a column of ISO 8601 times (rows,) as seconds, NaN where empty; else None.
 
-        Times of the day go on after midnight.
+        Times of the day go on after midnight, minutes and seconds after the full hour.
         """
         found = [math.nan if row[k].lower() in EMPTY else instant_s(row[k]) for row in self.rows]
         if None in found:
@@ -87,7 +96,8 @@ class Cells:
         times_s = np.array(found, float)
         if not any(row[k][4:5] == "-" for row in self.rows):
             known = np.isfinite(times_s)
-            times_s[known] = np.unwrap(times_s[known], period=DAY_S)
+            is_in_hour = all(row[k].count(":") < 2 for row in self.rows)
+            times_s[known] = np.unwrap(times_s[known], period=HOUR_S if is_in_hour else DAY_S)
         return times_s
 
     def integers(self, name: str) -> np.ndarray:
@@ -127,7 +137,7 @@ class Cells:
 def read_cells(path: str | Path, code: str) -> Cells:
     """Read a CSV file of numbers, UTF-8 or UTF-16: comma, semicolon, tab or blanks, with a header or without.
 
-    Lines that begin with # or % are comments, and so is Excel's sep=.
+    Lines that begin with # or % are comments, and so is Excel's sep=; names above numbers may be one.
     Without a header the columns are named by their numbers, "1", "2" ….
 
     Parameters
@@ -141,7 +151,7 @@ def read_cells(path: str | Path, code: str) -> Cells:
     text = read_text(path, code)
     rows, lines, commas = _split(path, text, code)
     ends = text.endswith(("\n", "\r"))
-    if all(_is_number(cell) or instant_s(cell) is not None for cell in rows[0]):
+    if all(map(_is_value, rows[0])):
         return Cells(path, [str(k + 1) for k in range(len(rows[0]))], rows, lines, False, code, ends, commas)
     longest = max(rows[0], key=len)
     if len(longest) > LONGEST_NAME:
@@ -197,19 +207,33 @@ def has_decimal_commas(lines: list[str], separator: str) -> bool:
 
 
 def _split(path: Path, text: str, code: str) -> tuple[list[list[str]], list[int], bool]:
-    """Return the cells of all lines that are not empty, the lines' numbers, and `has_decimal_commas`."""
-    kept = [
-        (number, line)
-        for number, line in enumerate(LINE_END.split(text), 1)
-        if line.strip() and not line.lstrip().startswith(COMMENT)
-    ]
+    """Return the cells of all lines that are not empty, the lines' numbers, and `has_decimal_commas`.
+
+    The comment above the rows is their header if it has a name for each of their cells, and they have none.
+    """
+    filled = [(number, line) for number, line in enumerate(LINE_END.split(text), 1) if line.strip()]
+    kept = [each for each in filled if not each[1].lstrip().startswith(COMMENT)]
     if not kept:
         raise refusal(code, path, None, "the file is empty: it has no rows", "export or copy it again")
-    numbers, lines = [number for number, _ in kept], [line for _, line in kept]
-    delimiter = separator_of(lines)
-    if delimiter not in lines[0]:
-        return [line.split() for line in lines], numbers, False  # UR's record.py: blanks
-    cells = [split_line(path, line, number, delimiter, code) for number, line in kept]
+    delimiter = separator_of([line for _, line in kept])
+
+    def split(numbered: tuple[int, str]) -> list[str]:
+        number, line = numbered
+        # UR's record.py: blanks
+        return split_line(path, line, number, delimiter, code) if separated else line.split()
+
+    separated = delimiter in kept[0][1]
+    first = split(kept[0])
+    if filled[0] != kept[0] and len(first) > 1 and 2 * sum(map(_is_value, first)) > len(first):
+        number, comment = filled[filled.index(kept[0]) - 1]
+        above = number, comment.lstrip().lstrip("#%")
+        if len(split(above)) == len(first) and not any(map(_is_value, split(above))):
+            kept.insert(0, above)
+    numbers, cells = [number for number, _ in kept], [split(each) for each in kept]
+    rows = [line for _, line in kept[1:]]
+    commas = has_decimal_commas(rows, "" if not separated or '"' in "".join(rows[:1]) else delimiter)
+    if not separated:
+        return cells, numbers, commas
     if all(row and row[-1] == "" for row in cells):
         cells = [row[:-1] for row in cells]  # every line ends in a separator
     if len(cells) > 1 and any(map(_listed, cells[1])):
@@ -221,7 +245,7 @@ def _split(path: Path, text: str, code: str) -> tuple[list[list[str]], list[int]
         ]
         first = cells[0] if any(map(_listed, cells[0])) else head
         cells = [[part for cell in row for part in _listed(cell) or [cell]] for row in [first, *cells[1:]]]
-    return cells, numbers, has_decimal_commas(lines[1:], delimiter)
+    return cells, numbers, commas
 
 
 def _listed(cell: str) -> list[str]:
@@ -244,7 +268,13 @@ def split_line(path: Path, line: str, number: int, delimiter: str, code: str) ->
 
 
 def instant_s(cell: str) -> float | None:
-    """Return the seconds of an ISO 8601 time, with a date (UTC if it has no zone) or without; else None."""
+    """Return the seconds of an ISO 8601 time, with a date (UTC if it has no zone) or without; else None.
+
+    Two numbers of which the last has decimals are minutes and seconds; hours may have one digit.
+    """
+    cell = f"0{cell}" if cell[1:2] == ":" else cell
+    if match := MINUTES.fullmatch(cell):
+        return 60.0 * float(match[1]) + float(match[2])
     try:
         if cell[2:3] == ":":
             at = datetime.combine(datetime(1970, 1, 1, tzinfo=UTC), time.fromisoformat(cell))
@@ -272,12 +302,17 @@ def _quoted(text: str) -> str:
     return repr(_shortened(text))
 
 
-def _is_number(cell: str) -> bool:
+def _is_value(cell: str) -> bool:
+    """Return whether a cell is a number, a time, or empty."""
     try:
         float(_plain(cell))
     except ValueError:
-        return cell == "" or _has_decimal_comma(cell)
+        return cell == "" or _has_decimal_comma(cell) or instant_s(cell) is not None
     return True
+
+
+def _decimals(cell: str) -> int:
+    return len(cell) - 1 - max(cell.rfind("."), cell.rfind(",")) if {*cell} & {*".,"} else 0
 
 
 def _has_decimal_comma(cell: str) -> bool:

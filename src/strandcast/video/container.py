@@ -110,8 +110,13 @@ class Packets:
     breaks_off: str | None = None
 
     def add(self, packet: av.Packet) -> None:
-        """Count a packet; set `breaks_off` if the video ends with it."""
-        stamp = packet.pts if packet.pts is not None else packet.dts
+        """Count a packet; set `breaks_off` if the video ends with it.
+
+        An AVI has no times but the order of its packets: where some are empty, FFmpeg guesses the
+        presentation times of H.264 wrongly.
+        """
+        in_avi = packet.stream.container.format.name == "avi"
+        stamp = packet.dts if packet.pts is None or (in_avi and packet.dts is not None) else packet.pts
         if packet.is_corrupt:
             self.breaks_off = "the last frame is cut"
         elif packet.is_discard or _is_empty(packet):
@@ -185,7 +190,8 @@ def _promised_frames(
     if not steps:
         return int(duration_s * float(rate) + 0.5)
     step = median(steps)
-    first = max(container.start_time or 0, 0) / av.time_base
+    # Matroska's duration is that from 0, not from the first frame.
+    first = 0.0 if "matroska" in container.format.name else max(container.start_time or 0, 0) / av.time_base
     left_s = duration_s - (float(stream.time_base) * (stamps[-1] + step) - first)
     return len(stamps) + max(0, int(left_s / (float(stream.time_base) * step) + 0.5))
 

@@ -1,12 +1,11 @@
 """Inspection of a video before tracking: frames, time stamps, gaps, hash, completeness."""
 
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
+from strandcast.core.even_clock import MAX_MISSING, UNEVEN, even_clock, frame_steps, usual_step
 from strandcast.errors import StrandcastError
 from strandcast.records.manifest import Gap, VideoFacts
 from strandcast.video.files import check_video_path, damaged, video_sha256
@@ -14,13 +13,7 @@ from strandcast.video.isolated import ProcessLimits, probe_isolated
 from strandcast.video.registry import probe
 from strandcast.video.source import Contents
 
-GAP_FACTOR = 1.5  # chosen: frame interval relative to the usual one above which frames are missing
-MAX_MISSING = 0.2  # chosen: largest share of frames missing in gaps
 RATE_TOLERANCE = 0.02  # chosen: relative difference of declared and stamped rate without a note
-UNEVEN = 0.01  # chosen, of a frame interval: a tip at 10 m/s moves by 0.2 mm in 1 % of 2 ms
-SLOPE_SLACK = 0.25  # of a unit from first to last stamp: rounding changes a fitted clock by 0.08
-LEAST_RECURRENCES = 3  # of a rounding's pattern, without which a longer step is a missing frame
-ROUNDED_HZ = (600, 1000)  # QuickTime's and Matroska's units, which a copy in a finer one keeps
 
 
 def inspect_video(
@@ -130,8 +123,8 @@ def _clock(contents: Contents, frame_rate_hz: float | None, path: str | Path) ->
         )
     stamps = np.asarray(contents.ticks, dtype=np.int64)
     stamps -= stamps[0]
-    even = _even_clock(stamps, contents.time_base_s or 1.0)
-    ticks, step, unit = (stamps, _usual_step(stamps), 1.0) if even is None else (even.frame, 1.0, even.step)
+    even = even_clock(stamps, contents.time_base_s or 1.0)
+    ticks, step, unit = (stamps, usual_step(stamps), 1.0) if even is None else (even.frame, 1.0, even.step)
     base_s = None if contents.time_base_s is None else unit * contents.time_base_s
     stamped_hz = None if base_s is None else 1.0 / (step * base_s)
     rate_hz = frame_rate_hz or stamped_hz
@@ -145,59 +138,6 @@ def _clock(contents: Contents, frame_rate_hz: float | None, path: str | Path) ->
     rounded = None if even is None else even.rounded_to * (contents.time_base_s or 1.0)
     gaps = _gaps(ticks, step, rate_hz)
     return _Clock(ticks, true or 1.0 / (rate_hz * step), rate_hz, stamped_hz, gaps, rounded)
-
-
-class _EvenClock(NamedTuple):
-    """A clock that ticks once per frame, in units of the time stamps that it was rounded to."""
-
-    frame: np.ndarray  # (n,) number of each frame on it; missing ones are counted
-    step: float
-    rounded_to: float
-
-
-def _even_clock(stamps: np.ndarray, base_s: float) -> _EvenClock | None:
-    """Return the even clock that rounds to `stamps` [ticks]; None: they are exact, or uneven.
-
-    Formats and phones round time stamps: 240 frames/s in QuickTime's 1/600 s last 2 or 3 units. A file that
-    was copied to another format keeps the coarser unit: the greatest that divides all stamps, or one that the
-    stamps are multiples of, rounded once more.
-    """
-    numbered = np.concatenate([[0], np.cumsum(_spans(stamps, _usual_step(stamps)))])
-    every = np.arange(len(stamps))
-    complete = np.array_equal(numbered, every)
-    for (unit, again), frame in product(_units(stamps, base_s), (every, numbered)):
-        missing = frame[-1] + 1 - len(frame)
-        if missing > MAX_MISSING * (frame[-1] + 1) or (np.diff(frame) == 0).any():
-            continue
-        fitted = float(np.polyfit(frame, stamps, 1)[0])
-        step = _usual(fitted, SLOPE_SLACK * unit / frame[-1], base_s)
-        off = 0.5 * min(np.ptp(stamps - each * frame) for each in (fitted, step))
-        if off < UNEVEN * step and (complete or frame is numbered):
-            return None
-        # 500 frames/s in 1/600 s look like 600 with every sixth frame missing: a whole rate is more probable.
-        if frame is every and not complete and step == fitted:
-            continue
-        # Steps of two lengths recur as rounding makes them; a single other one is a frame at another time.
-        recurrences = len(stamps) * min(step % unit, -step % unit) / unit
-        if off <= 0.55 * unit + again and recurrences >= LEAST_RECURRENCES:
-            return _EvenClock(frame, step, unit)
-    return None
-
-
-def _units(stamps: np.ndarray, base_s: float) -> list[tuple[float, float]]:
-    """Return the units that stamps may have been rounded to, and half a tick if they were rounded again."""
-    divisor = float(np.gcd.reduce(stamps))
-    coarse = [unit for rate_hz in ROUNDED_HZ if (unit := 1.0 / (rate_hz * base_s)) > divisor]
-    again = [unit for unit in coarse if (stamps == np.rint(np.rint(stamps / unit) * unit)).all()]
-    return [(divisor, 0.0), *((unit, 0.5) for unit in again)]
-
-
-def _usual(step: float, slack: float, base_s: float) -> float:
-    """Return the step of a whole rate, or of NTSC's 1000/1001 of one, within `slack`; else `step` [ticks]."""
-    rate_hz = 1.0 / (step * base_s)
-    steps = [1.0 / (each * base_s) for each in (round(rate_hz), round(1.001 * rate_hz) / 1.001) if each > 0]
-    near = min(steps, key=lambda each: abs(each - step), default=step)
-    return float(near if abs(near - step) <= slack else step)
 
 
 def _refuse_other_rate(given_hz: float, camera_hz: float, path: str | Path) -> None:
@@ -255,39 +195,19 @@ def _rate_notes(clock: _Clock) -> list[str]:
     ]
 
 
-def _usual_step(ticks: np.ndarray) -> float:
-    """Return the usual spacing of the time stamps [ticks]: the mean of those near the median of pairs.
-
-    Time bases are coarse (500 frames/s at 1/16384 s steps by 32 or 33 ticks): the median is too inexact, and
-    of steps by 2 and 3 it would be either.
-    """
-    steps = np.diff(ticks).astype(np.float64)
-    rising = steps[steps > 0]
-    pairs = 0.5 * (rising[1:] + rising[:-1]) if len(rising) > 1 else rising
-    median = float(np.median(pairs)) if len(pairs) else 1.0
-    near = steps[(steps >= 0.5 * median) & (steps <= GAP_FACTOR * median)]
-    return float(near.mean()) if len(near) else median
-
-
-def _spans(ticks: np.ndarray, step: float) -> np.ndarray:
-    """Return the frames from each time stamp to the next, in whole numbers; 0 for equal stamps."""
-    spans = np.diff(ticks) / step
-    return np.where(spans > GAP_FACTOR, spans + 0.5, spans > 0).astype(np.int64)
-
-
 def _gaps(ticks: np.ndarray, step: float, rate_hz: float) -> list[Gap]:
     spans = np.diff(ticks) / step
     return [
         Gap(index=int(index), duration_s=float(spans[index] / rate_hz), missing=int(frames) - 1)
-        for index, frames in enumerate(_spans(ticks, step))
+        for index, frames in enumerate(frame_steps(ticks, step))
         if frames > 1
     ]
 
 
 def _uneven_notes(clock: _Clock) -> list[str]:
-    step = _usual_step(clock.ticks)
+    step = usual_step(clock.ticks)
     steps = np.diff(clock.ticks)
-    single = steps[_spans(clock.ticks, step) <= 1]
+    single = steps[frame_steps(clock.ticks, step) <= 1]
     if clock.stamped_hz is None or not len(single) or np.ptp(single) <= 2 * UNEVEN * step:
         return []
     low_ms, high_ms = (1e3 * clock.time_base_s * float(steps) for steps in (single.min(), single.max()))

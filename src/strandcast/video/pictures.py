@@ -163,7 +163,7 @@ def _page(tiff: tifffile.TiffFile, number: int, file: Path) -> tuple[Grey, int]:
     try:
         page = tiff.pages[number]
         check_pixels(page.shape[1], page.shape[0], file)
-        grey = page.asarray()
+        grey = _pixels(page, number, file)
     except (StrandcastError, MemoryError):
         raise
     except Exception as error:  # tifffile and its codecs raise exceptions of any kind
@@ -173,6 +173,21 @@ def _page(tiff: tifffile.TiffFile, number: int, file: Path) -> tuple[Grey, int]:
     if grey.ndim == 3:
         grey = cv2.cvtColor(np.ascontiguousarray(grey[..., :3]), cv2.COLOR_RGB2GRAY)
     return grey, 255 if grey.dtype == np.uint8 else 65535
+
+
+def _pixels(page: tifffile.TiffPage | tifffile.TiffFrame, number: int, file: Path) -> np.ndarray:
+    """Return a page's pixels, by Pillow where tifffile has not the decompression: LZW and the like."""
+    try:
+        return np.asarray(page.asarray())
+    except ValueError as error:
+        if "imagecodecs" not in str(error):
+            raise
+    with Image.open(file, formats=["TIFF"]) as picture:
+        picture.seek(number)
+        pixels = np.asarray(picture)
+    if pixels.dtype != page.dtype:  # Pillow reduces colours of 16 bits to 8
+        raise _unsupported(file, f"compressed TIFF of {page.dtype} with {page.ndim} dimensions")
+    return pixels
 
 
 def _unsupported(file: Path, kind: str) -> StrandcastError:
