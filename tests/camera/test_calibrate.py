@@ -16,15 +16,17 @@ from strandcast.camera.flat import flat_camera
 from strandcast.camera.frames import choose_frames, corner_sharpness
 from strandcast.camera.lens import calibrate_lens
 from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
+from strandcast.camera.markers import opencv_board
 from strandcast.camera.plane import PlaneGeometry, plane_from_markers
 from strandcast.camera.pose import PlacedMarker
 from strandcast.camera.views import find_board
-from strandcast.config.camera import Board
+from strandcast.config.camera import Board, CameraSettings
 from strandcast.errors import StrandcastError
 from strandcast.records.camera import Camera, Lens
 from strandcast.records.summary import ExperimentSummary
 from strandcast.report.panels.camera_picture import camera_picture
 from strandcast.report.panels.page_data import ExperimentPageData
+from strandcast.stages.calibrate import plane_markers_of
 from strandcast.stages.cameras import read_camera, warn_of_former
 from strandcast.stages.context import context_of
 from strandcast.stages.run import run_stage
@@ -233,6 +235,19 @@ def test_a_legacy_board_white_on_black_in_the_plane_is_recognised_and_the_warnin
     assert np.abs(pixel_to_metre(camera, metre_to_pixel(truth, places)) - places).max() < 3e-4
 
 
+def test_the_plane_has_the_lens_boards_pattern_where_it_is_cut_off():
+    printed = BOARD.model_copy(update={"first_id": 12})
+    drawn = opencv_board(printed).generateImage((760, 560), marginSize=30)
+    cut = drawn[:400]  # without the last row, below which the world begins
+    camera = CameraSettings(board=BOARD, plane={"board": {**BOARD.model_dump(), "x_m": 0.0, "y_m": 0.0}})
+    alone, *_, doubts = plane_markers_of(camera, cut, "plane.png")
+    assert "plane.png does not show all of the board" in doubts[-1]
+    known, *_, none = plane_markers_of(camera, cut, "plane.png", printed)
+    assert none == []
+    assert known == alone
+    assert [each.marker for each in known] == [*range(12, 12 + 17)]
+
+
 def test_missing_files_are_named(root):
     with pytest.raises(StrandcastError, match=r"no photo or video of the lens board; there: plane\.png"):
         run_stage("calibrate", root, "own")
@@ -273,7 +288,7 @@ def test_sharp_and_different_frames_are_chosen(frames):
     ],
 )
 def test_weak_photos_give_a_warning_with_the_error_at_the_string(board_seen, plane_photo, views, words):
-    found = calibrate_lens([(str(k), board_seen(view, k)) for k, view in enumerate(views)], BOARD)
+    found, _ = calibrate_lens([(str(k), board_seen(view, k)) for k, view in enumerate(views)], BOARD)
     assert any(words in weakness for weakness in found.weaknesses)
     known = PlaneGeometry(0.02, 1e-3, None, ((-0.55, 0.55), (-0.25, 0.3)))
     try:

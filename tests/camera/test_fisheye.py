@@ -46,7 +46,7 @@ def photos(tmp_path_factory, photograph, looking, wide) -> list[tuple[str, np.nd
 
 @pytest.fixture(scope="module")
 def found(photos) -> Lens:
-    return calibrate_lens(photos, BOARD)  # it is chosen: no polynomial fits
+    return calibrate_lens(photos, BOARD)[0]  # it is chosen: no polynomial fits
 
 
 def test_pixels_and_rays_are_those_of_opencv(wide):

@@ -51,7 +51,7 @@ def photos(tmp_path_factory, photograph, looking, lens) -> list[tuple[str, np.nd
 
 
 def test_a_known_lens_is_recovered_within_its_standard_errors(photos, lens):
-    found = calibrate_lens(photos, BOARD)
+    found, _ = calibrate_lens(photos, BOARD)
     assert found.rms_px < 0.15
     assert all(view.used and view.corners >= 12 for view in found.views)
     truth = {"fx_px": (0, 0), "fy_px": (1, 1), "cx_px": (0, 2), "cy_px": (1, 2)}
@@ -64,7 +64,7 @@ def test_a_known_lens_is_recovered_within_its_standard_errors(photos, lens):
 
 
 def test_the_stored_residuals_give_the_rms(photos):
-    found = calibrate_lens(photos, BOARD)
+    found, _ = calibrate_lens(photos, BOARD)
     all_residuals = np.concatenate([np.array(view.residuals_px) for view in found.views])
     assert all_residuals.shape[1] == 4
     assert np.sqrt((all_residuals[:, 2:] ** 2).sum(axis=1).mean()) == pytest.approx(found.rms_px, rel=1e-3)
@@ -77,7 +77,7 @@ def test_a_photo_of_a_bent_board_is_rejected_with_a_reason(photos):
     name, picture = photos[2]
     u, v = np.meshgrid(np.arange(960, dtype=np.float32), np.arange(540, dtype=np.float32))
     bent = cv2.remap(picture, u + 6.0 * np.sin(v / 60.0), v + 6.0 * np.sin(u / 50.0), cv2.INTER_LINEAR)
-    found = calibrate_lens([*photos[:2], (name, bent), *photos[3:]], BOARD)
+    found, _ = calibrate_lens([*photos[:2], (name, bent), *photos[3:]], BOARD)
     assert [view.used for view in found.views] == [True, True, False, True, True, True]
     assert "px rms, the others'" in found.views[2].reason
     assert found.rms_px < 0.15
@@ -87,7 +87,7 @@ def test_a_photo_with_too_few_corners_is_rejected_with_a_reason(photos):
     name, picture = photos[0]
     covered = picture.copy()
     covered[:, 300:] = 128
-    found = calibrate_lens([(name, covered), *photos[1:]], BOARD)
+    found, _ = calibrate_lens([(name, covered), *photos[1:]], BOARD)
     assert not found.views[0].used
     assert found.views[0].reason == "fewer than 8 of the board's 24 corners were detected"
 
@@ -106,7 +106,7 @@ def test_too_few_photos_sizes_and_boards_are_refused(photos):
 
 
 def test_few_similar_photos_give_a_small_model_and_a_warning(photos):
-    found = calibrate_lens(photos[:3], BOARD)
+    found, _ = calibrate_lens(photos[:3], BOARD)
     assert found.model in ("none", "k1", "k1k2")
     assert "only 3 photos of the board" in found.weaknesses[0]
     assert any("cover" in words for words in found.weaknesses)
@@ -183,8 +183,23 @@ def test_a_board_that_is_cut_off_has_its_own_pattern(legacy, squares_x, squares_
     assert identify_board([("plane.png", drawn[side[cut]])], board).board == board
 
 
+def test_a_row_too_many_of_which_the_photo_has_a_part_is_named():
+    drawn = opencv_board(BOARD).generateImage((840, 600), marginSize=60)  # 60 px of a row's 96
+    more = BOARD.model_copy(update={"squares_y": 6})
+    with pytest.raises(StrandcastError, match="the board has 7 x 5 squares, not 7 x 6"):
+        identify_board([("plane.png", drawn)], more)
+    assert identify_board([("plane.png", drawn)], BOARD).is_shown
+
+
+def test_what_is_found_of_the_board_is_the_fix_where_no_photo_can_be_used(photos):
+    in_inches = BOARD.model_copy(update={"square_m": 0.035 * 25.4})
+    with pytest.raises(StrandcastError, match="0 usable board photos") as caught:
+        calibrate_lens(photos[:3], in_inches)
+    assert re.search(r"set camera.board.marker_m to .* or square_m to 0\.03[45]", caught.value.fix)
+
+
 def test_markers_of_another_size_are_named_with_the_right_one(photos):
-    found = calibrate_lens(photos, BOARD.model_copy(update={"marker_m": 0.02}))
+    found, _ = calibrate_lens(photos, BOARD.model_copy(update={"marker_m": 0.02}))
     assert re.search(r"measure about 2[56]\.\d mm, not 20: .*marker_m to 0\.02[56]\d", found.warnings[0])
 
 
@@ -197,15 +212,16 @@ def test_a_dictionary_with_too_few_markers_is_named(tmp_path, photograph, lookin
 
 
 def test_a_board_white_on_black_is_taken_with_a_warning(photos):
-    found = calibrate_lens([(name, 255 - picture) for name, picture in photos], BOARD)
+    found, _ = calibrate_lens([(name, 255 - picture) for name, picture in photos], BOARD)
     assert ["white on black" in words for words in found.warnings] == [True]
-    assert found.matrix[0][0] == pytest.approx(calibrate_lens(photos, BOARD).matrix[0][0], rel=1e-3)
+    assert found.matrix[0][0] == pytest.approx(calibrate_lens(photos, BOARD)[0].matrix[0][0], rel=1e-3)
 
 
 def test_ids_that_begin_elsewhere_are_found(tmp_path, photograph, looking, lens):
     board = BOARD.model_copy(update={"first_id": 12})
     pictures = board_photos(board, tmp_path, photograph, looking, lens, VIEWS[:3])
-    right, wrong = calibrate_lens(pictures, board), calibrate_lens(pictures, BOARD)
+    (right, _), (wrong, printed) = calibrate_lens(pictures, board), calibrate_lens(pictures, BOARD)
+    assert printed == board
     assert right.warnings == []
     assert wrong.warnings == ["the board's ids begin at 12: set camera.board.first_id to 12"]
     assert wrong.matrix == right.matrix
@@ -222,8 +238,8 @@ def test_the_legacy_pattern_is_found(tmp_path, photograph, looking, lens, printe
         legacy=printed_legacy,
     )
     pictures = board_photos(board, tmp_path, photograph, looking, lens, VIEWS[:3])
-    right = calibrate_lens(pictures, board)
-    wrong = calibrate_lens(pictures, board.model_copy(update={"legacy": not printed_legacy}))
+    right, _ = calibrate_lens(pictures, board)
+    wrong, _ = calibrate_lens(pictures, board.model_copy(update={"legacy": not printed_legacy}))
     assert right.warnings == []
     assert wrong.legacy is printed_legacy
     assert f"set camera.board.legacy to {str(printed_legacy).lower()}" in wrong.warnings[0]
@@ -231,11 +247,11 @@ def test_the_legacy_pattern_is_found(tmp_path, photograph, looking, lens, printe
 
 
 def test_a_partly_covered_board_gives_its_visible_corners(photos):
-    whole = calibrate_lens(photos, BOARD)
+    whole, _ = calibrate_lens(photos, BOARD)
     covered = [(name, picture.copy()) for name, picture in photos]
     for k, (_, picture) in enumerate(covered):
         cv2.circle(picture, (300 + 60 * k, 270), 70, 90, -1)
-    found = calibrate_lens(covered, BOARD)
+    found, _ = calibrate_lens(covered, BOARD)
     assert sum(view.corners for view in found.views) < sum(view.corners for view in whole.views) - 10
     assert found.rms_px < 0.15
     error = found.standard_errors["fx_px"]
@@ -344,7 +360,7 @@ def test_the_real_photos_give_the_published_lens_within_the_standard_errors(real
     photos = [
         (f"img_0{k}.jpg", cv2.imread(str(folder / f"img_0{k}.jpg"), cv2.IMREAD_GRAYSCALE)) for k in range(4)
     ]
-    found = calibrate_lens(photos, PUBLISHED)
+    found, _ = calibrate_lens(photos, PUBLISHED)
     assert found.rms_px <= 0.2
     published = {"fx_px": 452.511, "fy_px": 456.767, "cx_px": 317.703, "cy_px": 277.752}
     for (row, column), (name, value) in zip(((0, 0), (1, 1), (0, 2), (1, 2)), published.items(), strict=True):
@@ -361,7 +377,7 @@ def test_the_published_model_gives_the_published_numbers(real_data):
     photos = [
         (f"img_0{k}.jpg", cv2.imread(str(folder / f"img_0{k}.jpg"), cv2.IMREAD_GRAYSCALE)) for k in range(4)
     ]
-    found = calibrate_lens(
+    found, _ = calibrate_lens(
         photos,
         PUBLISHED,
         model="k1k2k3p1p2",
@@ -383,5 +399,5 @@ def test_a_real_board_that_is_partly_covered(real_data):
 
 
 def test_record_round_trip(photos, tmp_path):
-    found = calibrate_lens(photos, BOARD)
+    found, _ = calibrate_lens(photos, BOARD)
     assert Lens.model_validate_json(found.model_dump_json()) == found

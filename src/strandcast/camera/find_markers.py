@@ -53,6 +53,10 @@ def find_markers(
         raise StrandcastError("SC-C022", what, field="camera.plane.markers", cost=cost, fix=fix)
     ids, corners_px = detect_markers(grey, marker_detector(dictionary))
     mine = np.array([place for place, marker in enumerate(ids) if marker in wanted], int)
+    if MIN_MARKERS <= len({*ids[mine]}) < len(wanted):
+        mirrored = _detected(np.ascontiguousarray(grey[:, ::-1]), dictionary, wanted)
+        if len(mirrored) > len({*ids[mine]}):  # markers of large dictionaries are others' mirror images
+            raise _is_mirrored(f"found {sorted({*ids[mine].tolist()})}", mirrored, file)
     _refuse_twice(ids[mine], corners_px[mine], wanted, file)
     if len(mine) < MIN_MARKERS:
         raise _not_found(grey, wanted, dictionary, ids.tolist(), file)
@@ -153,9 +157,7 @@ def _not_found(
     counts = f"needed {sorted(wanted)}, found {mine}"
     mirrored = _detected(np.ascontiguousarray(grey[:, ::-1]), dictionary, wanted)
     if len(mirrored) >= MIN_MARKERS:
-        what = f"the picture is mirrored ({counts}; its mirror image shows {mirrored})"
-        fix = "turn mirroring off in the camera's software, or remove the mirror"
-        return StrandcastError("SC-C023", what, file=file, cost="x would point to the left", fix=fix)
+        return _is_mirrored(counts, mirrored, file)
     if len(_detected(cv2.bitwise_not(eight_bit(grey)), dictionary, wanted)) >= MIN_MARKERS:
         fix = "export it without inversion; markers are black on white"
         return StrandcastError("SC-C023", f"the picture is a negative ({counts})", file=file, fix=fix)
@@ -169,6 +171,12 @@ def _not_found(
     others = f"; other ids detected: {sorted(set(found) - set(wanted))}" if set(found) - set(wanted) else ""
     what = f"too few markers of the plane: {counts}{others}"
     return StrandcastError("SC-C025", what, file=file, field="camera.plane.markers")
+
+
+def _is_mirrored(counts: str, mirrored: list[int], file: str | None) -> StrandcastError:
+    what = f"the picture is mirrored ({counts}; its mirror image shows {mirrored})"
+    fix = "turn mirroring off in the camera's software, or remove the mirror"
+    return StrandcastError("SC-C023", what, file=file, cost="x would point to the left", fix=fix)
 
 
 def _detected(grey: np.ndarray, dictionary: str, wanted: dict[int, PlacedMarker]) -> list[int]:

@@ -44,19 +44,22 @@ MIN_BOARD_SHARE = 0.25
 MIN_TILT_SPREAD_RAD = np.radians(15.0)
 MIN_REACH = 0.7
 MIN_COVERAGE = 0.5
+LARGE_RMS_PX = 1.0
 
 BoardViews = list[tuple[BoardView, BoardCorners | None]]
 
 
-def calibrate_lens(images: Sequence[tuple[str, np.ndarray]], board: Board, model: str = "auto") -> Lens:
-    """Fit a lens to photos of a ChArUco board.
+def calibrate_lens(
+    images: Sequence[tuple[str, np.ndarray]], board: Board, model: str = "auto"
+) -> tuple[Lens, Board]:
+    """Fit a lens to photos of a ChArUco board; also return the board as printed.
 
     Parameters
     ----------
     images
         (name, grey picture (height, width)), at least three usable ones with different tilts of the board.
     board
-        The board as printed; a wrong `legacy` or `first_id` is corrected (`identify_board`).
+        As declared; a wrong `legacy` or `first_id` is corrected (`identify_board`).
     model
         ``none``, ``k1``, ``k1k2``, ``k1k2p1p2``, ``k1k2k3p1p2``, ``rational``, ``fisheye``, or ``auto``:
         the last where it fits better than any polynomial (`distortion.is_wide`), else one of the others,
@@ -79,10 +82,12 @@ def calibrate_lens(images: Sequence[tuple[str, np.ndarray]], board: Board, model
     check_sizes(images)
     printed = identify_board(images, board)
     found = [board_corners(name, printed.black_on_white(grey), printed.board) for name, grey in images]
-    return _lens(found, images[0][1].shape, models, printed)
+    return _lens(found, images[0][1].shape, models, printed), printed.board
 
 
-def calibrate_lens_video(frames: Iterable[tuple[str, np.ndarray]], board: Board, model: str = "auto") -> Lens:
+def calibrate_lens_video(
+    frames: Iterable[tuple[str, np.ndarray]], board: Board, model: str = "auto"
+) -> tuple[Lens, Board]:
     """Fit a lens to a video of a slowly moving ChArUco board; as `calibrate_lens`.
 
     Parameters
@@ -100,7 +105,7 @@ def calibrate_lens_video(frames: Iterable[tuple[str, np.ndarray]], board: Board,
     printed = identify_board(first, board)
     pictures = ((name, printed.black_on_white(grey)) for name, grey in chain(first, frames))
     found = choose_frames(pictures, printed.board)
-    return _lens(found, first[0][1].shape, models, printed)
+    return _lens(found, first[0][1].shape, models, printed), printed.board
 
 
 def _models(model: str) -> list[str]:
@@ -117,7 +122,7 @@ def _lens(found: BoardViews, shape: tuple[int, ...], models: list[str], printed:
     size = (shape[1], shape[0])
     views = {view.file: view for view, _ in found}
     usable = [corners for _, corners in found if corners is not None]
-    used, groups, fit, trials = _fit_without_outliers(usable, views, size, models)
+    used, groups, fit, trials = _fit_without_outliers(usable, views, size, models, printed.warnings)
     for corners, rotation, residuals in zip(used, fit.rotations, fit.residuals_px, strict=True):
         view = views[corners.name]
         view.residuals_px = np.column_stack([corners.picture_px, residuals]).round(4).tolist()
@@ -145,7 +150,11 @@ def _lens(found: BoardViews, shape: tuple[int, ...], models: list[str], printed:
 
 
 def _fit_without_outliers(
-    usable: list[BoardCorners], views: dict[str, BoardView], size: tuple[int, int], models: list[str]
+    usable: list[BoardCorners],
+    views: dict[str, BoardView],
+    size: tuple[int, int],
+    models: list[str],
+    doubts: list[str],
 ) -> tuple[list[BoardCorners], np.ndarray, LensFit, list[ModelTrial]]:
     """Reject outlying photos, the worst first; then choose the model and fit. Also return the poses."""
     used = list(usable)
@@ -154,7 +163,7 @@ def _fit_without_outliers(
     trial_model = LARGEST_POLYNOMIAL if LARGEST_POLYNOMIAL in models else models[0]
     while True:
         if len(used) < MIN_VIEWS:
-            raise _too_few(views)
+            raise _too_few(views, doubts)
         groups = _refuse_repeated_poses(used)
         rms_px = [rms(residuals) for residuals in fit_lens(used, size, trial_model).residuals_px]
         worst = int(np.argmax(rms_px))
@@ -178,7 +187,7 @@ def _standard_errors(fit: LensFit, inflation: np.ndarray) -> dict[str, float]:
     }
 
 
-def _too_few(views: dict[str, BoardView]) -> StrandcastError:
+def _too_few(views: dict[str, BoardView], doubts: list[str]) -> StrandcastError:
     usable = sum(view.reason is None for view in views.values())
     reasons = Counter(view.reason for view in views.values() if view.reason)
     left_out = "; ".join(f"in {count} of {len(views)}, {why}" for why, count in reasons.most_common(LISTED))
@@ -187,7 +196,8 @@ def _too_few(views: dict[str, BoardView]) -> StrandcastError:
         f"{usable} usable board photos; at least {MIN_VIEWS} are needed ({left_out or 'no others given'})",
         field="camera.board",
         cost="ignoring a typical lens (k1 = -0.12) costs 4 mm on average and 6 mm at the edges",
-        fix="check the board's dictionary, squares and sizes, then take more photos, sharp and tilted",
+        fix="; ".join(doubts)
+        or "check the board's dictionary, squares and sizes, then take more photos, sharp and tilted",
     )
 
 
@@ -265,6 +275,11 @@ def _weaknesses(fit: LensFit, groups: np.ndarray, coverage: Coverage, size: tupl
         (
             focal_share > MAX_FOCAL_ERROR,
             f"the focal length is uncertain by {focal_share:.1%}: add photos with the board tilted",
+        ),
+        (
+            fit.rms_px > LARGE_RMS_PX,
+            f"its corners are off by {fit.rms_px:.1f} px rms, of a flat board in sharp photos by 0.1 to "
+            "0.5: a bent board, or a lens that no model fits",
         ),
         (
             folds_picture(fit, corners_px),

@@ -196,10 +196,14 @@ def _does_not_fit(layout: MarkerLayout) -> list[str]:
 
 def _weighed(layout: MarkerLayout, what: str, cost_m: float, fix: str, *, of_size: bool = False) -> list[str]:
     """Return a warning, or refuse the markers if it costs too much."""
-    cost = f"about {cost_m * 1e3:.1f} mm at the string"
+    cost = f"about {_millimetres(cost_m)} at the string"
     if cost_m < ERROR_M:
         return [f"{what}: {cost}; {fix}"]
     raise layout.error(what, cost, fix, of_size=of_size)
+
+
+def _millimetres(cost_m: float) -> str:
+    return f"{cost_m * 1e3:.1f} mm" if cost_m < 1.0 else "more than a metre"
 
 
 def _refuse_rearranged(layout: MarkerLayout) -> None:
@@ -213,7 +217,7 @@ def _refuse_rearranged(layout: MarkerLayout) -> None:
         return
     raise layout.error(
         f"{words}: then the corners fit with {fit.rms_px:.2f} px rms, as given with {layout.fit.rms_px:.1f}",
-        f"up to {layout.cost_m(fit) * 1e3:.0f} mm at the string",
+        f"up to {_millimetres(layout.cost_m(fit))} at the string",
         "correct the positions in the experiment, or the markers in the plane",
     )
 

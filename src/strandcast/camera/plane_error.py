@@ -24,10 +24,14 @@ def grid_over(box: PlaneBox) -> np.ndarray:
 
 
 def worst_difference_m(one: Camera, other: Camera, box: PlaneBox) -> float:
-    """Return the largest distance [m] between positions that two cameras assign to the same pixels."""
+    """Return the largest distance [m] between positions that two cameras assign to the same pixels.
+
+    Infinite where one of them sees none of the positions.
+    """
     places = grid_over(box)
     mapped = pixel_to_metre(other, metre_to_pixel(one, places, one.string_offset_m), one.string_offset_m)
-    return float(np.nanmax(np.linalg.norm(mapped - places, axis=-1)))
+    off_m = np.linalg.norm(mapped - places, axis=-1)
+    return float(off_m[np.isfinite(off_m)].max(initial=0.0)) if np.isfinite(off_m).any() else np.inf
 
 
 def place_sd_m(fit: PoseFit, scale_m_per_px: float) -> float:

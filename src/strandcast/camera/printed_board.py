@@ -26,7 +26,7 @@ REFERENCES = 12  # chosen: markers of a photo from which the others are counted
 OFF_LATTICE = 0.3  # chosen: squares; an oblique view stretches a step to the next marker by less
 OTHER_SIZE = 0.07  # chosen: relative, of the markers; blur makes small ones up to 0.06 smaller
 DRAWN_PX = 16  # chosen: of a square, in the drawing with which a photo is compared
-LEAST_SEEN = 3  # chosen: squares of a row or column in a photo
+LEAST_SEEN = 1.5  # chosen: area in squares of a row or column in a photo
 PRINTED = 0.4  # chosen: least correlation of a row or column that is printed with its drawing
 
 Photos = Sequence[tuple[str, np.ndarray]]
@@ -42,6 +42,7 @@ class PrintedBoard:
     board: Board
     warnings: list[str]
     white_on_black: bool = False
+    is_shown: bool = True  # all its rows and columns are in a photo
 
     def black_on_white(self, grey: np.ndarray) -> np.ndarray:
         """Return a photo (height, width) with the board black on white."""
@@ -88,11 +89,11 @@ class Candidate:
     unseen_rows: list[int]
     unseen_columns: list[int]
 
-    def is_absent(self, photos: Photos, seen_as: SeenAs) -> bool:
-        """Return whether photos show something else where a row or column of it would be."""
-        rows = ((row, None) for row in self.unseen_rows)
-        columns = ((None, column) for column in self.unseen_columns)
-        return any(_is_absent(place, photos, self.board, seen_as) for place in (*rows, *columns))
+    def likeness(self, photos: Photos, seen_as: SeenAs) -> list[float]:
+        """Return that of each row and column of it without a marker (`_likeness`)."""
+        rows = [(row, None) for row in self.unseen_rows]
+        columns = [(None, column) for column in self.unseen_columns]
+        return [_likeness(place, photos, self.board, seen_as) for place in (*rows, *columns)]
 
 
 def identify_board(photos: Photos, board: Board, field: str = "camera.board") -> PrintedBoard:
@@ -106,12 +107,10 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
     StrandcastError
         SC-C016 the board has other squares or another dictionary; SC-C023 the photos are mirrored.
     """
-    others = [name for name in FAMILIES if name != board.dictionary]
-    for name, seen_as in (
-        *product([board.dictionary], (_as_it_is, _negative, _mirrored)),
-        *product(others, (_as_it_is, _negative)),
-    ):
-        orders = _orders(photos[:TRIED], board, name, seen_as)
+    dictionaries = [board.dictionary, *(name for name in FAMILIES if name != board.dictionary)]
+    few = photos[:: max(len(photos) // TRIED, 1)][:TRIED]
+    for name, seen_as in product(dictionaries, (_as_it_is, _negative, _mirrored)):
+        orders = _orders(few, board, name, seen_as)
         candidates = _candidates(orders, board)
         if len(orders) != 1 and not (candidates and name == board.dictionary):
             continue
@@ -133,13 +132,14 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
             candidates = _candidates(orders, board)
         if not candidates:
             raise _of_other_squares(orders[0], board, field)
-        printed = next((each for each in candidates if not each.is_absent(photos, seen_as)), candidates[0])
+        likeness = [each.likeness(photos, seen_as) for each in candidates]
+        best = next((k for k, each in enumerate(likeness) if min(each, default=1.0) >= PRINTED), 0)
+        printed = candidates[best]
         below = [row for row in printed.unseen_rows if row > orders[0].rows[1] - orders[0].rows[0]]
-        if below and _is_absent((below[0], None), photos, printed.board, seen_as):
+        if below and likeness[best][printed.unseen_rows.index(below[0])] < PRINTED:
             raise _other_squares(board, board.squares_x, below[0], field)
-        return PrintedBoard(
-            printed.board, warnings + _differences(printed.board, board, field), white_on_black
-        )
+        warnings += _differences(printed.board, board, field)
+        return PrintedBoard(printed.board, warnings, white_on_black, np.inf not in likeness[best])
     return PrintedBoard(board, [])
 
 
@@ -193,14 +193,20 @@ def _of_other_squares(order: MarkerOrder, board: Board, field: str) -> Strandcas
     """Return the refusal of a board with other squares than the declared ones, as its order has them."""
     x, y = order.squares_x, order.rows[1] - order.rows[0] + 1
     y += y % 2 * (order.rows[0] % 2)  # boards that begin with a white square have an even number of rows
+    if x == board.squares_y:  # exchanged; a photo may not show all rows
+        y = max(y, board.squares_x)
     return _other_squares(board, x, y, field)
 
 
 def _other_squares(board: Board, x: int, y: int, field: str) -> StrandcastError:
     what = f"the board has {x} x {y} squares, not {board.squares_x} x {board.squares_y}"
+    fix = f"set squares_x: {x} and squares_y: {y}"
     if (x, y) == (board.squares_x + 1, board.squares_y + 1):
         what += ": squares are counted, not the corners between them"
-    return StrandcastError("SC-C016", what, field=field, fix=f"set squares_x: {x} and squares_y: {y}")
+    elif x != board.squares_x and y < board.squares_y:
+        what += f", if a photo shows all of its {y} rows"
+        fix = f"set squares_x: {x}, and squares_y to the rows of the board"
+    return StrandcastError("SC-C016", what, field=field, fix=fix)
 
 
 def _of_other_size(order: MarkerOrder, board: Board, field: str) -> list[str]:
@@ -215,8 +221,8 @@ def _of_other_size(order: MarkerOrder, board: Board, field: str) -> list[str]:
     ]
 
 
-def _is_absent(place: tuple[int | None, int | None], photos: Photos, board: Board, seen_as: SeenAs) -> bool:
-    """Return whether photos show where a board's row or column would be, and something else is there.
+def _likeness(place: tuple[int | None, int | None], photos: Photos, board: Board, seen_as: SeenAs) -> float:
+    """Return the correlation of a board's row or column with what photos show there; infinite: it is in none.
 
     `place` is (row, None) or (None, column).
     """
@@ -226,7 +232,6 @@ def _is_absent(place: tuple[int | None, int | None], photos: Photos, board: Boar
     row, column = (
         slice(None) if each is None else slice(each * DRAWN_PX, (each + 1) * DRAWN_PX) for each in place
     )
-    across = 0 if place[1] is None else 1  # the axis along which the row or column is one square wide
     places = np.asarray(pattern.getObjPoints()).mean(axis=1)[:, :2] * DRAWN_PX / board.square_m
     likeness = []
     for grey in (eight_bit(seen_as(grey)) for _, grey in photos):
@@ -246,11 +251,12 @@ def _is_absent(place: tuple[int | None, int | None], photos: Photos, board: Boar
             cv2.warpPerspective(each, to_drawing, (width, height))[row, column]
             for each in (grey, np.full_like(grey, 255))
         )
-        seen = whole.min(axis=across) == 255
-        if seen.sum() >= LEAST_SEEN * DRAWN_PX:
-            parts = (np.compress(seen, each, axis=1 - across) for each in (shown, drawn[row, column]))
-            likeness.append(float(cv2.matchTemplate(*parts, cv2.TM_CCOEFF_NORMED)[0, 0]))
-    return max(likeness, default=1.0) < PRINTED
+        inside = whole == 255
+        if inside.sum() >= LEAST_SEEN * DRAWN_PX**2:
+            seen = np.stack([shown[inside], drawn[row, column][inside]]).astype(float)
+            seen -= seen.mean(axis=1, keepdims=True)
+            likeness.append(float(seen[0] @ seen[1] / max(np.prod(np.linalg.norm(seen, axis=1)), 1.0)))
+    return max(likeness, default=np.inf)
 
 
 def _orders(photos: Photos, board: Board, dictionary: str, seen_as: SeenAs) -> list[MarkerOrder]:

@@ -18,7 +18,7 @@ from strandcast.camera.plane import (
 )
 from strandcast.camera.pose import PlacedMarker
 from strandcast.camera.printed_board import identify_board
-from strandcast.config.camera import Plane
+from strandcast.config.camera import Board, CameraSettings
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
 from strandcast.progress import progress
@@ -34,6 +34,10 @@ from strandcast.tracking.registry import TRACKERS
 from strandcast.video.ingest import inspect_video
 from strandcast.video.reader import open_video
 
+PARTLY = (
+    "squares_x, squares_y, first_id and legacy of camera.plane.board are not checked where it is cut off; a "
+    "wrong one would move the world by whole squares"
+)
 SEARCHED_FRAMES = 150  # frames of a lens video in which the board is searched; chosen, not sensitive
 # As the sensor recorded it: a phone's orientation tag would rotate the lens model too.
 UNROTATED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
@@ -56,10 +60,11 @@ def camera_by_markers(context: Context, files: Files) -> tuple[Camera, np.ndarra
     """Fit the lens to photos or a video of the board, the plane to a photo of its markers or board."""
     settings, plane = context.settings, files.input("plane")
     [picture] = read_photos_of(context, [plane])
-    markers, dictionary, shown, warnings = plane_markers_of(settings.camera.plane, picture, str(plane))
+    lens, printed = _lens(context, files)
+    markers, dictionary, shown, warnings = plane_markers_of(settings.camera, picture, str(plane), printed)
     camera = plane_from_markers(
         shown,
-        _lens(context, files),
+        lens,
         markers,
         dictionary,
         file=str(plane),
@@ -82,10 +87,11 @@ def _plane_geometry(settings: Experiment) -> PlaneGeometry:
     )
 
 
-def _lens(context: Context, files: Files) -> Lens:
+def _lens(context: Context, files: Files) -> tuple[Lens, Board | None]:
+    """Return the lens, and the board as its photos show it."""
     camera = context.settings.camera
     if camera.lens_file is not None:
-        return read_lens(files.input("lens"), camera.lens_name, camera.distortion == FISHEYE)
+        return read_lens(files.input("lens"), camera.lens_name, camera.distortion == FISHEYE), None
     if camera.lens_video is not None:
         frames = _board_frames(files.input("lens"))
         return calibrate_lens_video(frames, camera.board, camera.distortion)
@@ -126,17 +132,25 @@ def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:
 
 
 def plane_markers_of(
-    plane: Plane, picture: np.ndarray, file: str
+    camera: CameraSettings, picture: np.ndarray, file: str, printed: Board | None = None
 ) -> tuple[list[PlacedMarker], str, np.ndarray, list[str]]:
     """Return the plane's markers, their dictionary, the picture with them black on white, and warnings.
 
     The markers are single ones, or those of the board lying in the plane, in the pattern and with the ids
     that the plane's `picture` (height, width) in `file` shows; a warning names what is declared otherwise.
+    `printed` is the lens photos' board as they show it: the plane's, where it is declared alike.
     """
+    plane = camera.plane
     if plane.board is None:
         single = [PlacedMarker(m.id, m.x_m, m.y_m, plane.size_m, m.angle_rad) for m in plane.markers]
         return single, plane.dictionary, picture, []
-    placed = plane.board
-    printed = identify_board([(file, picture)], placed, "camera.plane.board")
-    markers = board_markers(printed.board, placed.x_m, placed.y_m, placed.angle_rad)
-    return markers, placed.dictionary, printed.black_on_white(picture), printed.warnings
+    placed, known = plane.board, camera.board.model_dump()
+    is_lens_board = printed is not None and known.items() <= placed.model_dump().items()
+    if printed is not None and is_lens_board:
+        placed = placed.model_copy(update=printed.model_dump())
+    shown = identify_board([(file, picture)], placed, "camera.plane.board")
+    warnings = shown.warnings
+    if not (shown.is_shown or is_lens_board):
+        warnings = [*warnings, f"{file} does not show all of the board: {PARTLY}"]
+    markers = board_markers(shown.board, placed.x_m, placed.y_m, placed.angle_rad)
+    return markers, placed.dictionary, shown.black_on_white(picture), warnings

@@ -255,9 +255,7 @@ def _check_calibration(calibration: Files, photo: Path, found: Checked) -> None:
     context = calibration.job.context
     if not all(path.is_file() for path in calibration.inputs("lens")):
         [picture] = read_photos_of(context, [photo])
-        markers, dictionary, shown, warnings = plane_markers_of(
-            context.settings.camera.plane, picture, str(photo)
-        )
+        markers, dictionary, shown, warnings = plane_markers_of(context.settings.camera, picture, str(photo))
         wanted = {marker.marker: marker for marker in markers}
         ids, _, of_markers = find_markers(shown, wanted, dictionary, str(photo))
         count, warnings = len(ids), warnings + of_markers
