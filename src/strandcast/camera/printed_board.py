@@ -203,7 +203,7 @@ def _other_squares(board: Board, x: int, y: int, field: str) -> StrandcastError:
     fix = f"set squares_x: {x} and squares_y: {y}"
     if (x, y) == (board.squares_x + 1, board.squares_y + 1):
         what += ": squares are counted, not the corners between them"
-    elif x != board.squares_x and y < board.squares_y:
+    elif x != board.squares_x and y < board.squares_y and (y, x) != (board.squares_x, board.squares_y):
         what += f", if a photo shows all of its {y} rows"
         fix = f"set squares_x: {x}, and squares_y to the rows of the board"
     return StrandcastError("SC-C016", what, field=field, fix=fix)
