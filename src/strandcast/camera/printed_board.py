@@ -232,7 +232,7 @@ def _likeness(place: tuple[int | None, int | None], photos: Photos, board: Board
     row, column = (
         slice(None) if each is None else slice(each * DRAWN_PX, (each + 1) * DRAWN_PX) for each in place
     )
-    places = np.asarray(pattern.getObjPoints()).mean(axis=1)[:, :2] * DRAWN_PX / board.square_m
+    places = np.asarray(pattern.getObjPoints())[:, :, :2] * DRAWN_PX / board.square_m
     likeness = []
     for grey in (eight_bit(seen_as(grey)) for _, grey in photos):
         ids, corners_px = detect_markers(grey, detector)
@@ -240,8 +240,8 @@ def _likeness(place: tuple[int | None, int | None], photos: Photos, board: Board
         if on_board.sum() < LEAST_MARKERS:
             continue
         to_drawing, _ = cv2.findHomography(
-            corners_px[on_board].mean(axis=1),
-            places[ids[on_board] - board.first_id],
+            corners_px[on_board].reshape(-1, 2),
+            places[ids[on_board] - board.first_id].reshape(-1, 2),
             cv2.RANSAC,
             0.5 * DRAWN_PX,
         )
