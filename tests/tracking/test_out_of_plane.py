@@ -67,6 +67,8 @@ def test_a_clamp_in_another_place_and_a_slip_are_no_sway(scene):
     shaken = strings._replace(path_m=path_m + 0.004 * np.tile([-1, 1], 30))
     assert measure_out_of_plane(shaken, 0.3, scene.flat_camera(), 6e-3).length_range_m > 6e-3
     assert measure_out_of_plane(shaken, 0.3, scene.flat_camera(), 9e-3) is None
+    folded = strings._replace(path_m=0.3 - 0.05 * (direction_rad < -1.8))  # in three frames of sixty
+    assert measure_out_of_plane(folded, 0.3, scene.flat_camera()).length_range_m < 1e-6
     slipped = strings._replace(path_m=0.3 + np.repeat([0.0, 0.02], 30))
     assert measure_out_of_plane(slipped, 0.3, scene.flat_camera()) is None
     few = ApparentStrings(nodes_m[:19], path_m[:19], direction_rad[:19])

@@ -86,7 +86,8 @@ def measure_out_of_plane(
     # A clamp that is not where the arm's file says changes the path with the string's direction at the hand.
     turned = np.column_stack([np.cos(strings.direction_rad), np.sin(strings.direction_rad)])
     turned -= turned.mean(axis=0)
-    change_m = change_m - turned @ np.linalg.lstsq(turned, change_m, rcond=None)[0]
+    in_place_m = change_m - turned @ np.linalg.lstsq(turned, change_m, rcond=None)[0]
+    change_m = min(change_m, in_place_m, key=between_deciles)  # a fold in a few frames turns the fit
     range_m = between_deciles(change_m)
     if range_m < least_m:
         return None
