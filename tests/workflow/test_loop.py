@@ -590,6 +590,27 @@ def test_a_run_makes_all_missing_results_again(rig, tmp_path):
     assert result_hashes(root) == before
 
 
+def test_raw_files_that_changed_or_are_gone_are_named_before_results_are_made_again(rig, tmp_path):
+    root = Path(shutil.copytree(rig, tmp_path / "project"))
+    folder = root / "data" / "rig" / "trial-01"
+    for path in (folder / "joints.csv", folder / "video.mp4"):
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 1
+        path.write_bytes(content)
+    assert {each.file.name for each in verify(root, "rig") if each.state == "damaged"} == {
+        "joints.csv",
+        "video.mp4",
+    }
+    run = run_module(root, "strandcast", "run", "rig", "--dry-run")
+    assert "WARNING: data/rig/trial-01/video.mp4 is not the file that results were made from" in run.stderr
+    shutil.rmtree(folder)
+    motion = (root / "results" / "rig" / "trial-01" / "motion.json").read_bytes()
+    run = run_module(root, "strandcast", "run", "rig")
+    assert run.returncode != 0
+    assert "SC-W036" in run.stderr
+    assert (root / "results" / "rig" / "trial-01" / "motion.json").read_bytes() == motion
+
+
 def test_status_waits_for_a_run_that_lives(rig, tmp_path):
     root = Path(shutil.copytree(rig, tmp_path / "project"))
     with locks.lease(root, "rig"):

@@ -18,6 +18,7 @@ from strandcast.stages.code_version import code_version, settings
 from strandcast.stages.job import Files
 
 MOST_CHANGES = 3  # that are named; chosen
+CHANGED = " changed"  # after the name of a file
 UNKNOWN = "there is no note of what it was made from"
 
 
@@ -55,7 +56,7 @@ def changes_since_made(files: Files) -> list[str]:
     known = {name: sha256 for name, sha256 in note["inputs"].items() if name in inputs}
     results = {name: sha256 for name, sha256 in note["outputs"].items() if name.startswith("results/")}
     return [
-        *(f"{name} changed" for name in changed_inputs(root, known)[:MOST_CHANGES]),
+        *(f"{name}{CHANGED}" for name in changed_inputs(root, known)[:MOST_CHANGES]),
         *_changed_facts(note, _facts(files)),
         *(f"{name} is a new input" for name in added[:MOST_CHANGES]),
         *(f"{name} is no longer an input" for name in gone[:MOST_CHANGES]),
@@ -108,7 +109,7 @@ def _changed_facts(before: dict[str, Any], now: dict[str, Any]) -> Iterator[str]
     if len(changed) > MOST_CHANGES:
         yield f"{len(changed) - MOST_CHANGES} other settings changed"
     if before["trials"] != now["trials"]:
-        yield f"there are other trials: {', '.join(map(str, now['trials']))}"
+        yield f"there are other trials: {', '.join(map(str, now['trials'])) or 'none'}"
     if before["code"] != now["code"]:
         yield "the code of this stage changed"
 

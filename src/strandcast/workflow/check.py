@@ -75,9 +75,17 @@ def refuse_gap(context: Context) -> None:
     Raises
     ------
     StrandcastError
-        SC-W036 a trial that counts has no raw files, and a later one has.
+        SC-W036 a trial that counts has no raw files, and a later one has; or none has, and pages are there.
     """
-    thrown = context.folder.thrown_trials()
+    thrown, reported = context.folder.thrown_trials(), context.folder.reported_trials()
+    if reported and not thrown:
+        raise StrandcastError(
+            "SC-W036",
+            f"results of {len(reported)} trials are there, and raw files of none",
+            file=context.folder.data,
+            cost="their motions would be planned again, as if nothing had been thrown",
+            fix=f"copy the trials' folders there, or remove {context.folder.results} to begin again",
+        )
     missing = sorted(set(context.counted(range(1, max(thrown, default=0)))) - set(thrown))
     if missing:
         entries = [f"{{trial: {number}, reason: not thrown}}" for number in missing]

@@ -10,12 +10,13 @@ from dataclasses import dataclass, field
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+from strandcast.core.trial_names import in_trial_order
 from strandcast.errors import StrandcastError, StrandcastErrors, single
 from strandcast.records.lineage import relative_to
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
-from strandcast.stages.made import changes_since_made
+from strandcast.stages.made import CHANGED, changes_since_made
 from strandcast.stages.producers import Step, producers
 from strandcast.stages.raw_files import missing_file
 
@@ -75,6 +76,13 @@ def lost_results(context: Context, trials: list[int]) -> list[str]:
     lost = {step: _lost(context.folder.root, task) for step, task in found.items() if task.problem is None}
     made_anyway = {name for step, names in lost.items() if names for name in found[step].inputs}
     return [name for names in lost.values() if made_anyway.isdisjoint(names) for name in names]
+
+
+def changed_raw_files(context: Context, trials: list[int]) -> list[str]:
+    """Return the raw files that are not those that results were made from."""
+    reasons = {why for task in tasks_of(context, trials, {}).values() for why in task.why}
+    changed = (why.removesuffix(CHANGED) for why in reasons if why.endswith(CHANGED))
+    return in_trial_order(name for name in changed if name.startswith("data/"))
 
 
 def input_problems(context: Context, trials: list[int], targets: Iterable[str]) -> list[StrandcastError]:

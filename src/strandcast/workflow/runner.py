@@ -26,7 +26,7 @@ from strandcast.workflow.engine import compiling_ahead, run_snakemake
 from strandcast.workflow.events import RunState, StageRun, past_durations
 from strandcast.workflow.host import check_host
 from strandcast.workflow.pages import render_pages
-from strandcast.workflow.pending import lost_results
+from strandcast.workflow.pending import changed_raw_files, lost_results
 from strandcast.workflow.project import DEFAULT_PROFILE, executor_of, profile
 from strandcast.workflow.slurm import SLURM, require_slurm, status_options
 from strandcast.workflow.status import is_fresh, known_trials
@@ -35,6 +35,7 @@ from strandcast.workflow.verify import Finding, verify
 
 LEAST_CORES = 2
 DAMAGED = ("damaged", "misplaced")
+REPLACED = "is not the file that results were made from: they are made again from what it is now"
 
 
 class RunOptions(NamedTuple):
@@ -142,6 +143,8 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
         lost: list[str] = []
         for context in (experiment(name, root) for name in sound):
             trials, more = known_trials(context)
+            for raw in changed_raw_files(context, trials):
+                print(f"WARNING: {raw} {REPLACED}", file=sys.stderr, flush=True)
             page = context.folder.results / "report.html"
             # Snakemake does not ask for a trial that it does not know of yet if the page is there.
             outdated += [page] if more and page.is_file() else []

@@ -44,7 +44,7 @@ def verify(root: Path, experiment: str, *, raw: bool = True) -> list[Finding]:
     rehearsal = TrialFolder(folder.rehearsal, folder.results / folder.rehearsal.name, 0)
     for trial in (rehearsal, *trials):
         findings += _verify_raw_records(trial)
-        findings += _verify_raw_bytes(trial) if raw else []
+        findings += [*_verify_played(trial), *_verify_video(trial)] if raw else []
     return sorted(findings, key=lambda finding: ORDER.index(finding.state))
 
 
@@ -111,10 +111,8 @@ def _verify_raw_records(trial: TrialFolder) -> Iterator[Finding]:
                 yield found
 
 
-def _verify_raw_bytes(trial: TrialFolder) -> Iterator[Finding]:
-    """Check a trial's raw files against each other and against the manifest."""
-    from strandcast.video.checks import check_same
-
+def _verify_played(trial: TrialFolder) -> Iterator[Finding]:
+    """Check a trial's log and motion against what the run says of them."""
     run: Run | None = None
     try:
         if (trial.data / "run.json").is_file():
@@ -128,9 +126,18 @@ def _verify_raw_bytes(trial: TrialFolder) -> Iterator[Finding]:
             expected = trial.data / "predicted.parquet"
             if expected.is_file() and read_predicted(expected).motion_sha256 not in ("", sha256):
                 yield Finding(expected, "misplaced", "was predicted for another motion")
+    except StrandcastError as problem:
+        yield _finding(Path(problem.file or trial.data), problem)
+
+
+def _verify_video(trial: TrialFolder) -> Iterator[Finding]:
+    """Check a trial's video against the manifest."""
+    from strandcast.video.checks import check_same
+
+    try:
         manifest = trial.results / "manifest.json"
         if manifest.is_file():
-            facts = Manifest.read(manifest).video
+            facts = Manifest.read(manifest, inputs=False).video
             if (trial.data / facts.file).exists():
                 check_same(trial.data / facts.file, facts)
     except StrandcastError as problem:
