@@ -109,7 +109,7 @@ def import_track(
     experiment: ExperimentName,
     trial: TrialNumber,
     capture: Annotated[
-        Path, typer.Argument(metavar="CAPTURE", help="CSV, Parquet or C3D with one row per sample.")
+        Path, typer.Argument(metavar="CAPTURE", help="CSV, TSV, TRC, C3D or Parquet with one row per sample.")
     ],
     time: Annotated[
         str | None, typer.Option(help="Column of the time; by default the file's own clock, else t.")

@@ -13,6 +13,7 @@ from strandcast.imports.table import NumberTable
 from strandcast.records.record import refusal
 from strandcast.records.tables import MOST_BYTES
 
+C3D = "C3D"
 SUFFIX = ".c3d"
 
 
@@ -66,7 +67,7 @@ def read_c3d(path: Path) -> NumberTable:
         np.moveaxis(values, 1, 0).reshape(points.shape[1], -1),
         1 + np.arange(points.shape[1]),
         True,
-        maker="C3D",
+        maker=C3D,
         rate_hz=rate_hz if rate_hz > 0 else None,
         length_unit=units.pop() if len(units) == 1 else None,
         # Qualisys writes -Z where z points up: a minus is no evidence.

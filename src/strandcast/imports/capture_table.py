@@ -10,7 +10,7 @@ import pyarrow as pa
 from strandcast.core.even_clock import even_clock
 from strandcast.core.jumps import GLITCH_M_S
 from strandcast.imports.as_measured import not_held
-from strandcast.imports.c3d_files import SUFFIX, read_c3d
+from strandcast.imports.c3d_files import C3D, SUFFIX, read_c3d
 from strandcast.imports.capture_dialects import read_capture_csv
 from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.mapping import LENGTH_UNITS, TIME_UNITS, unit_named
@@ -88,7 +88,8 @@ def with_units(table: NumberTable, mapping: CaptureMapping) -> tuple[CaptureMapp
                 "give --up z (or y …), or up in a mapping",
             )
             raise refusal("SC-I011", table.path, "up", what, fix)
-        notes.append(f"{table.up} is taken to point up, as usual in files of {table.maker}; else give --up")
+        why = "as the file says" if table.maker == C3D else f"as usual in files of {table.maker}"
+        notes.append(f"{table.up} is taken to point up, {why}; else give --up")
         found["up"] = table.up
     return mapping.model_copy(update=found), notes
 
