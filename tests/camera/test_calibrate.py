@@ -19,6 +19,7 @@ from strandcast.camera.mapping import metre_to_pixel, pixel_to_metre
 from strandcast.camera.markers import opencv_board
 from strandcast.camera.plane import PlaneGeometry, plane_from_markers
 from strandcast.camera.pose import PlacedMarker
+from strandcast.camera.printed_board import PrintedBoard
 from strandcast.camera.views import find_board
 from strandcast.config.camera import Board, CameraSettings
 from strandcast.errors import StrandcastError
@@ -236,16 +237,23 @@ def test_a_legacy_board_white_on_black_in_the_plane_is_recognised_and_the_warnin
 
 
 def test_the_plane_has_the_lens_boards_pattern_where_it_is_cut_off():
-    printed = BOARD.model_copy(update={"first_id": 12})
-    drawn = opencv_board(printed).generateImage((760, 560), marginSize=30)
-    cut = drawn[:400]  # without the last row, below which the world begins
-    camera = CameraSettings(board=BOARD, plane={"board": {**BOARD.model_dump(), "x_m": 0.0, "y_m": 0.0}})
-    alone, *_, doubts = plane_markers_of(camera, cut, "plane.png")
+    declared = BOARD.model_copy(update={"squares_y": 6})
+    printed = declared.model_copy(update={"first_id": 12})
+    drawn = opencv_board(printed).generateImage((760, 660), marginSize=30)
+    cut = drawn[30:500]  # without the last row, below which the world begins, and what is above the first
+
+    def settings(board: Board) -> CameraSettings:
+        return CameraSettings(board=board, plane={"board": {**board.model_dump(), "x_m": 0.0, "y_m": 0.0}})
+
+    with pytest.raises(StrandcastError, match="is cut off in the photo, which fits first_id"):
+        plane_markers_of(settings(declared), cut, "plane.png")
+    alone, *_, doubts = plane_markers_of(settings(printed), cut, "plane.png")
     assert "plane.png does not show all of the board" in doubts[-1]
-    known, *_, none = plane_markers_of(camera, cut, "plane.png", printed)
+    of_lens = PrintedBoard(printed, [], is_shown=True)
+    known, *_, none = plane_markers_of(settings(declared), cut, "plane.png", of_lens)
     assert none == []
     assert known == alone
-    assert [each.marker for each in known] == [*range(12, 12 + 17)]
+    assert [each.marker for each in known] == [*range(12, 12 + 21)]
 
 
 def test_missing_files_are_named(root):

@@ -191,6 +191,13 @@ def test_a_row_too_many_of_which_the_photo_has_a_part_is_named():
     assert identify_board([("plane.png", drawn)], BOARD).is_shown
 
 
+def test_a_board_whose_first_rows_are_covered_is_not_another_one():
+    drawn = opencv_board(BOARD).generateImage((760, 560), marginSize=30)
+    drawn[:230] = 120  # the first two rows of five; a board with other ids could end below the picture
+    [found] = [identify_board([("plane.png", drawn[:545])], BOARD)]
+    assert found.board == BOARD or found.is_open
+
+
 def test_what_is_found_of_the_board_is_the_fix_where_no_photo_can_be_used(photos):
     in_inches = BOARD.model_copy(update={"square_m": 0.035 * 25.4})
     with pytest.raises(StrandcastError, match="0 usable board photos") as caught:
@@ -221,7 +228,7 @@ def test_ids_that_begin_elsewhere_are_found(tmp_path, photograph, looking, lens)
     board = BOARD.model_copy(update={"first_id": 12})
     pictures = board_photos(board, tmp_path, photograph, looking, lens, VIEWS[:3])
     (right, _), (wrong, printed) = calibrate_lens(pictures, board), calibrate_lens(pictures, BOARD)
-    assert printed == board
+    assert printed.board == board
     assert right.warnings == []
     assert wrong.warnings == ["the board's ids begin at 12: set camera.board.first_id to 12"]
     assert wrong.matrix == right.matrix

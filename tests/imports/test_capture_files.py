@@ -235,6 +235,21 @@ def test_rows_that_are_missing_between_numbered_frames_take_their_time(tmp_path,
     np.testing.assert_allclose(time_s - time_s[0], np.array(kept) / RATE_HZ)
 
 
+@pytest.mark.parametrize("numbers", ["0", "4 * k", "'world'"])  # no numbers of the rows
+def test_a_column_named_frame_that_does_not_number_the_rows_is_none(tmp_path, numbers):
+    (tmp_path / "take.csv").write_text(plain("frame", lambda k: str(eval(numbers, {"k": k}))))
+    time_s, _ = times_of(
+        read_capture(tmp_path / "take.csv"), capture_mapping_of("hand", ["0.8:tip"], rate_hz=RATE_HZ)
+    )
+    np.testing.assert_allclose(time_s, np.arange(ROWS) / RATE_HZ)
+
+
+def test_times_in_another_unit_than_stated_are_no_clock(tmp_path):
+    (tmp_path / "take.csv").write_text(plain("t", lambda k: f"{k / RATE_HZ:.6f}"))
+    mapping = capture_mapping_of("hand", ["0.8:tip"], time_unit="us")
+    assert times_of(read_capture(tmp_path / "take.csv"), mapping)[0][1] == pytest.approx(4.167e-9)
+
+
 @pytest.mark.parametrize("kind", [pa.duration("us"), pa.decimal128(12, 6)])
 def test_durations_and_decimals_of_parquet_are_times(tmp_path, kind):
     times = [timedelta(microseconds=k * 4000) for k in range(4)]

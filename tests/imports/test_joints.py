@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from strandcast.errors import ENVIRONMENT, StrandcastError, StrandcastErrors
+from strandcast.imports.as_measured import not_held
 from strandcast.imports.coverage import coverage_warnings
 from strandcast.imports.joints import Reading, import_joints
 from strandcast.imports.mapping import JointMapping, load_mapping
@@ -205,6 +206,27 @@ def test_held_rows_are_taken_at_their_true_rate(tmp_path, held_hz, rate_hz, spik
     late_rad = np.abs(np.interp(log.time_s, new_s, q[:, 0]) - log.q_rad[:, 0])[moving]
     # The first row is at most one row late; held rows are up to a whole hold.
     assert late_rad.max() < 1.1 * np.abs(np.gradient(q[:, 0], new_s)[new_s > 0.5]).max() / rate_hz
+
+
+def test_rows_around_gaps_are_kept():
+    time_s = np.arange(240) / 240.0
+    values = np.column_stack([np.sin(7.0 * time_s), np.cos(9.0 * time_s)])
+    values[::8] = np.nan
+    assert not_held(time_s, values, "markers")[1] == []
+    values[np.random.default_rng(0).random(240) < 0.1, 1] = np.nan
+    assert not_held(time_s, values, "markers")[1] == []
+
+
+def test_a_stated_unit_of_angles_is_used(tmp_path):
+    text = "t,a_deg,v_rad_s\n" + "".join(f"{0.002 * k:.3f},{0.1 * k:.2f},1\n" for k in range(30))
+    for columns in (
+        JointMapping(time="t", q=["a_deg"], angle_unit="rad"),
+        JointMapping(time="t", q=["a_deg"], qd=["v_rad_s"]),
+    ):
+        import_joints(log_file(tmp_path, text), tmp_path, Reading(mapping=columns))
+        assert read_run(tmp_path)[1].q_rad[-1, 0] == pytest.approx(2.9)
+    import_joints(log_file(tmp_path, text), tmp_path, Reading(mapping=JointMapping(time="t", q=["a_deg"])))
+    assert read_run(tmp_path)[1].q_rad[-1, 0] == pytest.approx(np.radians(2.9))
 
 
 def test_angles_whose_names_end_in_deg_are_degrees(tmp_path):

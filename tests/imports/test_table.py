@@ -86,6 +86,16 @@ def test_decimal_commas_between_blanks_and_in_quotation_marks_are_read(tmp_path,
 
 
 @pytest.mark.parametrize("head", ["%time,frame_id,q", "# made by a recorder, 2\n# t, frame_id, q"])
+def test_thousands_in_quotation_marks_are_no_decimals(tmp_path):
+    with pytest.raises(StrandcastError, match="'1,000' has a decimal comma"):
+        read_all(tmp_path, 't,q\n"0","1,000"\n"1","2,000"\n')
+
+
+def test_columns_may_be_numbered_where_a_comment_names_them(tmp_path):
+    table = table_of(tmp_path, "# t q1\n0.0 0.5\n0.1 0.7\n")
+    assert table.column("2").tolist() == table.column("q1").tolist() == [0.5, 0.7]
+
+
 def test_names_in_the_comment_above_the_rows_are_the_header(tmp_path, head):
     table = table_of(tmp_path, f"{head}\n17,world,0.5\n18,world,0.7\n")
     assert table.names[1:] == ["frame_id", "q"]
@@ -107,7 +117,7 @@ def test_a_last_number_that_was_cut_is_left_out(tmp_path):
     table = table_of(tmp_path, rows + "12,0.28")
     assert len(table.values) == 12
     assert "line 14, the last, was cut ('0.28' has fewer decimals" in table.notes[0]
-    for whole in (rows + "12,0.28\n", rows + "12,0.280000", rows + "12,"):
+    for whole in (*(rows + f"12,{last}" for last in ("0.28\n", "0.280000", "", "0", "1e-07", "nan")),):
         assert len(table_of(tmp_path, whole).values) == 13
 
 

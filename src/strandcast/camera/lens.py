@@ -51,7 +51,7 @@ BoardViews = list[tuple[BoardView, BoardCorners | None]]
 
 def calibrate_lens(
     images: Sequence[tuple[str, np.ndarray]], board: Board, model: str = "auto"
-) -> tuple[Lens, Board]:
+) -> tuple[Lens, PrintedBoard]:
     """Fit a lens to photos of a ChArUco board; also return the board as printed.
 
     Parameters
@@ -82,12 +82,12 @@ def calibrate_lens(
     check_sizes(images)
     printed = identify_board(images, board)
     found = [board_corners(name, printed.black_on_white(grey), printed.board) for name, grey in images]
-    return _lens(found, images[0][1].shape, models, printed), printed.board
+    return _lens(found, images[0][1].shape, models, printed), printed
 
 
 def calibrate_lens_video(
     frames: Iterable[tuple[str, np.ndarray]], board: Board, model: str = "auto"
-) -> tuple[Lens, Board]:
+) -> tuple[Lens, PrintedBoard]:
     """Fit a lens to a video of a slowly moving ChArUco board; as `calibrate_lens`.
 
     Parameters
@@ -105,7 +105,7 @@ def calibrate_lens_video(
     printed = identify_board(first, board)
     pictures = ((name, printed.black_on_white(grey)) for name, grey in chain(first, frames))
     found = choose_frames(pictures, printed.board)
-    return _lens(found, first[0][1].shape, models, printed), printed.board
+    return _lens(found, first[0][1].shape, models, printed), printed
 
 
 def _models(model: str) -> list[str]:
@@ -122,7 +122,7 @@ def _lens(found: BoardViews, shape: tuple[int, ...], models: list[str], printed:
     size = (shape[1], shape[0])
     views = {view.file: view for view, _ in found}
     usable = [corners for _, corners in found if corners is not None]
-    used, groups, fit, trials = _fit_without_outliers(usable, views, size, models, printed.warnings)
+    used, groups, fit, trials = _fit_without_outliers(usable, views, size, models, printed.of_size)
     for corners, rotation, residuals in zip(used, fit.rotations, fit.residuals_px, strict=True):
         view = views[corners.name]
         view.residuals_px = np.column_stack([corners.picture_px, residuals]).round(4).tolist()
@@ -154,7 +154,7 @@ def _fit_without_outliers(
     views: dict[str, BoardView],
     size: tuple[int, int],
     models: list[str],
-    doubts: list[str],
+    of_size: Sequence[str],
 ) -> tuple[list[BoardCorners], np.ndarray, LensFit, list[ModelTrial]]:
     """Reject outlying photos, the worst first; then choose the model and fit. Also return the poses."""
     used = list(usable)
@@ -163,7 +163,7 @@ def _fit_without_outliers(
     trial_model = LARGEST_POLYNOMIAL if LARGEST_POLYNOMIAL in models else models[0]
     while True:
         if len(used) < MIN_VIEWS:
-            raise _too_few(views, doubts)
+            raise _too_few(views, of_size)
         groups = _refuse_repeated_poses(used)
         rms_px = [rms(residuals) for residuals in fit_lens(used, size, trial_model).residuals_px]
         worst = int(np.argmax(rms_px))
@@ -187,7 +187,7 @@ def _standard_errors(fit: LensFit, inflation: np.ndarray) -> dict[str, float]:
     }
 
 
-def _too_few(views: dict[str, BoardView], doubts: list[str]) -> StrandcastError:
+def _too_few(views: dict[str, BoardView], of_size: Sequence[str]) -> StrandcastError:
     usable = sum(view.reason is None for view in views.values())
     reasons = Counter(view.reason for view in views.values() if view.reason)
     left_out = "; ".join(f"in {count} of {len(views)}, {why}" for why, count in reasons.most_common(LISTED))
@@ -196,7 +196,7 @@ def _too_few(views: dict[str, BoardView], doubts: list[str]) -> StrandcastError:
         f"{usable} usable board photos; at least {MIN_VIEWS} are needed ({left_out or 'no others given'})",
         field="camera.board",
         cost="ignoring a typical lens (k1 = -0.12) costs 4 mm on average and 6 mm at the edges",
-        fix="; ".join(doubts)
+        fix="; ".join(of_size)
         or "check the board's dictionary, squares and sizes, then take more photos, sharp and tilted",
     )
 
@@ -278,7 +278,7 @@ def _weaknesses(fit: LensFit, groups: np.ndarray, coverage: Coverage, size: tupl
         ),
         (
             fit.rms_px > LARGE_RMS_PX,
-            f"its corners are off by {fit.rms_px:.1f} px rms, of a flat board in sharp photos by 0.1 to "
+            f"its corners are off by {fit.rms_px:.1f} px rms, where sharp photos of a flat board give 0.1 to "
             "0.5: a bent board, or a lens that no model fits",
         ),
         (

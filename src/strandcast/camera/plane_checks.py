@@ -203,7 +203,7 @@ def _weighed(layout: MarkerLayout, what: str, cost_m: float, fix: str, *, of_siz
 
 
 def _millimetres(cost_m: float) -> str:
-    return f"{cost_m * 1e3:.1f} mm" if cost_m < 1.0 else "more than a metre"
+    return f"{min(cost_m, 1.0) * 1e3:.1f} mm{' and more' * (cost_m > 1.0)}"
 
 
 def _refuse_rearranged(layout: MarkerLayout) -> None:

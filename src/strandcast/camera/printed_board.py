@@ -33,16 +33,30 @@ Photos = Sequence[tuple[str, np.ndarray]]
 SeenAs = Callable[[np.ndarray], np.ndarray]
 # Ids (m,), their columns and rows (m, 2) from any one of them, and a square's side in sides of a marker.
 Patch = tuple[np.ndarray, np.ndarray, float]
+# A photo in 8 bits as it is searched, the ids (m,) of its markers and their corners (m, 4, 2).
+Seen = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
 class PrintedBoard:
-    """The board as printed, and warnings where it is not as declared."""
+    """The board as printed, and warnings where it is not as declared.
+
+    Attributes
+    ----------
+    of_size
+        The warnings about the sizes of markers and squares.
+    is_shown
+        All its rows and columns are in a photo.
+    is_open
+        It is not the declared one, and its rows and columns that no photo shows might be others.
+    """
 
     board: Board
     warnings: list[str]
     white_on_black: bool = False
-    is_shown: bool = True  # all its rows and columns are in a photo
+    of_size: Sequence[str] = ()
+    is_shown: bool = False
+    is_open: bool = False
 
     def black_on_white(self, grey: np.ndarray) -> np.ndarray:
         """Return a photo (height, width) with the board black on white."""
@@ -89,11 +103,16 @@ class Candidate:
     unseen_rows: list[int]
     unseen_columns: list[int]
 
-    def likeness(self, photos: Photos, seen_as: SeenAs) -> list[float]:
+    def likeness(self, seen: Sequence[Seen]) -> list[float]:
         """Return that of each row and column of it without a marker (`_likeness`)."""
         rows = [(row, None) for row in self.unseen_rows]
         columns = [(None, column) for column in self.unseen_columns]
-        return [_likeness(place, photos, self.board, seen_as) for place in (*rows, *columns)]
+        return [_likeness(place, seen, self.board) for place in (*rows, *columns)]
+
+    def below(self) -> list[int]:
+        """Return the numbers of the rows below the last seen one, in `unseen_rows`."""
+        last = max({*range(self.board.squares_y)}.difference(self.unseen_rows))
+        return [k for k, row in enumerate(self.unseen_rows) if row > last]
 
 
 def identify_board(photos: Photos, board: Board, field: str = "camera.board") -> PrintedBoard:
@@ -126,20 +145,31 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
         warnings = [
             "the board is white on black, or its photos are negatives: taken as such"
         ] * white_on_black
-        warnings += _of_other_size(orders[0], board, field)
+        of_size = _of_other_size(orders[0], board, field)
         if len(candidates) != 1 or candidates[0].board != board:
             orders = _orders(photos, board, name, seen_as) or orders  # a few may not show its outer rows
             candidates = _candidates(orders, board)
         if not candidates:
             raise _of_other_squares(orders[0], board, field)
-        likeness = [each.likeness(photos, seen_as) for each in candidates]
-        best = next((k for k, each in enumerate(likeness) if min(each, default=1.0) >= PRINTED), 0)
+        is_cut_off = any(each.unseen_rows or each.unseen_columns for each in candidates)
+        seen = [_seen(grey, name, seen_as) for _, grey in photos] if is_cut_off else []
+        likeness = [each.likeness(seen) for each in candidates]
+        possible = [k for k, each in enumerate(likeness) if min(each, default=1.0) >= PRINTED]
+        best = possible[0] if possible else 0
         printed = candidates[best]
-        below = [row for row in printed.unseen_rows if row > orders[0].rows[1] - orders[0].rows[0]]
-        if below and likeness[best][printed.unseen_rows.index(below[0])] < PRINTED:
-            raise _other_squares(board, board.squares_x, below[0], field)
-        warnings += _differences(printed.board, board, field)
-        return PrintedBoard(printed.board, warnings, white_on_black, np.inf not in likeness[best])
+        for k in printed.below():
+            if likeness[best][k] < PRINTED:
+                raise _other_squares(board, board.squares_x, printed.unseen_rows[k], field)
+        is_shown = np.inf not in likeness[best]
+        is_rival = len(possible) > 1 or any(each.board == board for each in candidates)
+        return PrintedBoard(
+            printed.board,
+            [*warnings, *of_size, *_differences(printed.board, board, field)],
+            white_on_black,
+            of_size,
+            is_shown,
+            is_open=printed.board != board and is_rival and not is_shown,
+        )
     return PrintedBoard(board, [])
 
 
@@ -221,12 +251,17 @@ def _of_other_size(order: MarkerOrder, board: Board, field: str) -> list[str]:
     ]
 
 
-def _likeness(place: tuple[int | None, int | None], photos: Photos, board: Board, seen_as: SeenAs) -> float:
+def _seen(grey: np.ndarray, dictionary: str, seen_as: SeenAs) -> Seen:
+    grey = eight_bit(seen_as(grey))
+    return grey, *detect_markers(grey, marker_detector(dictionary))
+
+
+def _likeness(place: tuple[int | None, int | None], seen: Sequence[Seen], board: Board) -> float:
     """Return the correlation of a board's row or column with what photos show there; infinite: it is in none.
 
     `place` is (row, None) or (None, column).
     """
-    pattern, detector = opencv_board(board), marker_detector(board.dictionary)
+    pattern = opencv_board(board)
     width, height = board.squares_x * DRAWN_PX, board.squares_y * DRAWN_PX
     drawn = pattern.generateImage((width, height))
     row, column = (
@@ -234,8 +269,7 @@ def _likeness(place: tuple[int | None, int | None], photos: Photos, board: Board
     )
     places = np.asarray(pattern.getObjPoints())[:, :, :2] * DRAWN_PX / board.square_m
     likeness = []
-    for grey in (eight_bit(seen_as(grey)) for _, grey in photos):
-        ids, corners_px = detect_markers(grey, detector)
+    for grey, ids, corners_px in seen:
         on_board = np.isin(ids, pattern.getIds())
         if on_board.sum() < LEAST_MARKERS:
             continue
@@ -253,9 +287,9 @@ def _likeness(place: tuple[int | None, int | None], photos: Photos, board: Board
         )
         inside = whole == 255
         if inside.sum() >= LEAST_SEEN * DRAWN_PX**2:
-            seen = np.stack([shown[inside], drawn[row, column][inside]]).astype(float)
-            seen -= seen.mean(axis=1, keepdims=True)
-            likeness.append(float(seen[0] @ seen[1] / max(np.prod(np.linalg.norm(seen, axis=1)), 1.0)))
+            both = np.stack([shown[inside], drawn[row, column][inside]]).astype(float)
+            both -= both.mean(axis=1, keepdims=True)
+            likeness.append(float(both[0] @ both[1] / max(np.prod(np.linalg.norm(both, axis=1)), 1.0)))
     return max(likeness, default=np.inf)
 
 

@@ -10,7 +10,7 @@ from strandcast.records.motion import Motion
 TURN_RAD = 2.0 * np.pi
 FAST = 0.25  # of a large change of a joint between two rows: smaller ones may be missing by chance
 LARGE = 10  # the tenth largest: a spike or a gap is no motion
-COUNTS = 4  # of the smallest change: a slow joint's counts change at random
+COUNTS = 10  # of the smallest change: a slow joint's counts change at random
 HELD = 0.1  # chosen: share of fast changes after a row that was held
 
 
@@ -70,14 +70,15 @@ def _held(values: np.ndarray) -> tuple[float, np.ndarray]:
     """Return for how many rows values (T, n) are held, 1 if they are not, and the rows at which they come."""
     every = 1.0, np.arange(len(values))
     steps = np.abs(np.diff(values, axis=0))
-    steps[np.isnan(steps)] = 0.0  # at the edges of a gap
+    at_gap = np.diff(np.isnan(values), axis=0).any(axis=1)
+    steps[np.isnan(steps)] = 0.0
     smallest = np.where(steps > 0.0, steps, np.inf).min(axis=0, initial=np.inf)
     step, counts = steps.max(axis=1, initial=0.0), (steps / smallest).max(axis=1, initial=0.0)
-    new = np.concatenate([[0], 1 + np.flatnonzero(step)])
+    new = np.concatenate([[0], 1 + np.flatnonzero((step > 0.0) | at_gap)])
     if len(new) <= LARGE:
         return every
     rows, large = np.diff(new), np.sort(step)[-LARGE]
-    fast = rows[((step > FAST * large) & (counts > COUNTS))[new[1:] - 1]]
+    fast = rows[((step > FAST * large) & (counts > COUNTS) & ~at_gap)[new[1:] - 1]]
     usually = fast[fast <= 2.0 * np.median(fast) + 1.0] if len(fast) >= LARGE else np.ones(1)
     if (usually > 1).mean() < HELD:
         return every

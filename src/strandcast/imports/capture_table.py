@@ -19,7 +19,7 @@ from strandcast.records.record import refusal
 from strandcast.records.tables import read_parquet
 
 DEFAULT_TIME = "t"
-FRAME = re.compile(r"frames?[\s_.#]*(no|nr|num|number|index|id)?\.?", re.IGNORECASE)
+FRAME = re.compile(r"frames?[\s_.#]*(no|nr|num|number|index)?\.?", re.IGNORECASE)
 MICROSECOND_S = 1e-6
 RATES_DIFFER = 1e-3
 CLOCKS_DIFFER = 1e-2  # of a rate and a column of rounded times
@@ -115,7 +115,8 @@ def times_of(table: NumberTable, mapping: CaptureMapping) -> tuple[np.ndarray, l
         raise table.refusal(back[0] + 1, column, "time does not rise here", fix, "SC-I007")
     if len(time_s) < 3:
         raise refusal("SC-I001", table.path, None, f"{len(time_s)} rows are no motion", "export it again")
-    even = even_clock(np.rint((time_s - time_s[0]) / MICROSECOND_S).astype(np.int64), MICROSECOND_S)
+    stamps = np.rint((time_s - time_s[0]) / MICROSECOND_S).astype(np.int64)
+    even = even_clock(stamps, MICROSECOND_S) if np.diff(stamps).min() > 0 else None
     if even is None:
         return time_s, []
     unit_s, step_s = even.rounded_to * MICROSECOND_S, even.step * MICROSECOND_S
@@ -132,7 +133,7 @@ def _own_times(table: NumberTable, mapping: CaptureMapping) -> tuple[str, np.nda
         return table.time[0], table.times(*table.time)
     if rate_hz is not None:
         _refuse_another_clock(table, mapping, rate_hz)
-        if (numbered := next(filter(FRAME.fullmatch, table.names), None)) is not None:
+        if (numbered := _frames(table)) is not None:
             return numbered, table.times(numbered, 1.0 / rate_hz)
         return "rate_hz", np.arange(len(table.values)) / rate_hz
     if DEFAULT_TIME not in table.names:
@@ -140,6 +141,16 @@ def _own_times(table: NumberTable, mapping: CaptureMapping) -> tuple[str, np.nda
         fix = "give --time COLUMN and, if it is not in s, --time-unit; or --rate"
         raise refusal("SC-I011", table.path, "time", what, fix)
     return DEFAULT_TIME, table.times(DEFAULT_TIME, TIME_UNITS[mapping.time_unit])
+
+
+def _frames(table: NumberTable) -> str | None:
+    """Return the column that numbers the rows, of which some may be missing; None if there is none."""
+    for name in filter(FRAME.fullmatch, table.names):
+        number = table.values[:, table.names.index(name)]
+        steps = np.diff(number)
+        if len(steps) and (steps >= 1.0).all() and np.median(steps) == 1.0 and (number % 1.0 == 0.0).all():
+            return name
+    return None
 
 
 def _refuse_another_clock(table: NumberTable, mapping: CaptureMapping, rate_hz: float) -> None:

@@ -27,7 +27,7 @@ from strandcast.records.record import refusal
 
 LARGEST_ANGLE_RAD = 20.0  # three turns: larger angles are degrees
 TURN_AS_DEGREES_RAD = np.radians(2.0 * np.pi)  # a whole turn in radians that is read as degrees
-DEGREES = re.compile(r"(?:[_.\s(\[]deg(rees?)?|°)[)\]]?$", re.IGNORECASE)  # the end of a column's name
+DEGREES = re.compile(r"[_.\s(\[]deg(rees?)?([_.\s)\]/]|$)|°", re.IGNORECASE)  # in a column's name
 OUTPUTS = 53  # bits that a float holds exactly; UR has 18
 COMMAND_MOVES_RAD = 1e-5  # chosen; above rounding
 RATES_DIFFER = 0.1  # of a stated rate and that of the times, which may jitter; chosen
@@ -258,9 +258,8 @@ def _source(path: Path, reading: Reading, namings: Sequence[list[str]]) -> _Sour
         return _Source("bag", bag.table, columns, [bag.names], sha256_bag(path), bag.clock, bag.notes)
     table = read_numbers(path)
     name, columns = ("mapping", reading.mapping) if reading.mapping else recognise(table, reading.dialect)
-    in_degrees = [each for each in columns.q if DEGREES.search(each)]
-    if reading.mapping and len(in_degrees) == len(columns.q) and columns.angle_unit == "rad":
-        table.notes.append(f"the angles are taken as degrees, as their names say ({in_degrees[0]})")
+    if "angle_unit" not in columns.model_fields_set | unit.keys() and _are_named_degrees(columns):
+        table.notes.append(f"the angles are taken as degrees, as their names say ({columns.q[0]})")
         unit["angle_unit"] = "deg"
     columns = columns.model_copy(update=unit)
     clock = (
@@ -268,6 +267,10 @@ def _source(path: Path, reading: Reading, namings: Sequence[list[str]]) -> _Sour
     )
     notes = table.notes + ([UNNAMED.format(len(table.names))] if name == "ur" else [])
     return _Source(name, table, columns, namings, sha256_file(path), clock, notes)
+
+
+def _are_named_degrees(columns: JointMapping) -> bool:
+    return all(map(DEGREES.search, (*columns.q, *columns.qd, *columns.q_cmd, *columns.qd_cmd)))
 
 
 def _log_of(source: _Source, sync_output: int | None) -> tuple[np.ndarray, JointLog]:
@@ -390,7 +393,8 @@ def _rate_hz(time_s: np.ndarray) -> float:
 
 def _refuse_unit(table: NumberTable, columns: JointMapping, q: np.ndarray) -> None:
     most_rad = float(np.abs(q).max())
-    if columns.angle_unit == "deg" and 0.0 < most_rad < TURN_AS_DEGREES_RAD:
+    is_small = 0.0 < most_rad < TURN_AS_DEGREES_RAD and not _are_named_degrees(columns)
+    if columns.angle_unit == "deg" and is_small:
         what = f"no angle is beyond {np.degrees(most_rad):.1f} degrees"
         fix = "if the log is in radians, leave out --degrees, or angle_unit: deg of the mapping"
         raise refusal("SC-I008", table.path, columns.q[0], what, fix)

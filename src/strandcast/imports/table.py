@@ -86,6 +86,8 @@ class NumberTable:
     def index(self, name: str) -> int:
         """Return the number of a column from 0; see `column`."""
         found = [k for k, each in enumerate(self.names) if name in (each, f"{each}@{k + 1}")]
+        if not found and name.isdecimal() and 0 < int(name) <= len(self.names):
+            return int(name) - 1
         if not found and (part := _part_of(name)):
             found = [k for k, each in enumerate(self.names) if _part_of(each) == part]
         values = self.values

@@ -22,6 +22,7 @@ POINT = re.compile(r"\d\.\d")
 HEAD_LINES = 50  # by which the separator is chosen
 # Not str.splitlines: a damaged byte such as a form feed would split one row into two.
 UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+THOUSANDS = 3  # digits after a comma in 1,000
 ROWS_ABOVE = 10  # chosen: of which all have more decimals than a last number that was cut
 HOUR_S, DAY_S = 3600.0, 86400.0
 MINUTES = re.compile(r"(\d\d):(\d\d\.\d+)")
@@ -57,7 +58,7 @@ class Cells:
         if len(last) == len(self.names):
             at = max((k for k, cell in enumerate(last) if cell), default=0)
             above = [_decimals(row[at]) for row in self.rows[:-1] if row[at : at + 1] > [""]]
-            if len(above) < ROWS_ABOVE or _decimals(last[at]) >= min(above):
+            if len(above) < ROWS_ABOVE or not 0 < _decimals(last[at]) < min(above):
                 return self, []
             cut = f"{_quoted(last[at])} has fewer decimals than all above"
         left_out = f"line {self.lines[-1]}, the last, was cut ({cut}) and is left out"
@@ -231,7 +232,9 @@ def _split(path: Path, text: str, code: str) -> tuple[list[list[str]], list[int]
             kept.insert(0, above)
     numbers, cells = [number for number, _ in kept], [split(each) for each in kept]
     rows = [line for _, line in kept[1:]]
-    commas = has_decimal_commas(rows, "" if not separated or '"' in "".join(rows[:1]) else delimiter)
+    in_cells = [cell for row in cells[1:] for cell in row if "," in cell and separated]
+    has_no_thousands = any(len(cell.rpartition(",")[2]) != THOUSANDS for cell in in_cells)
+    commas = has_decimal_commas(rows, "" if not separated or has_no_thousands else delimiter)
     if not separated:
         return cells, numbers, commas
     if all(row and row[-1] == "" for row in cells):
@@ -312,7 +315,9 @@ def _is_value(cell: str) -> bool:
 
 
 def _decimals(cell: str) -> int:
-    return len(cell) - 1 - max(cell.rfind("."), cell.rfind(",")) if {*cell} & {*".,"} else 0
+    """Return the digits after a number's point; 0 if it has none, or an exponent."""
+    match = re.fullmatch(r"[+-]?\d*[.,](\d+)", cell)
+    return len(match[1]) if match else 0
 
 
 def _has_decimal_comma(cell: str) -> bool:

@@ -17,7 +17,7 @@ from strandcast.camera.plane import (
     unmeasured_offset_warnings,
 )
 from strandcast.camera.pose import PlacedMarker
-from strandcast.camera.printed_board import identify_board
+from strandcast.camera.printed_board import PrintedBoard, identify_board
 from strandcast.config.camera import Board, CameraSettings
 from strandcast.config.experiment import Experiment
 from strandcast.errors import StrandcastError
@@ -87,7 +87,7 @@ def _plane_geometry(settings: Experiment) -> PlaneGeometry:
     )
 
 
-def _lens(context: Context, files: Files) -> tuple[Lens, Board | None]:
+def _lens(context: Context, files: Files) -> tuple[Lens, PrintedBoard | None]:
     """Return the lens, and the board as its photos show it."""
     camera = context.settings.camera
     if camera.lens_file is not None:
@@ -132,25 +132,33 @@ def read_photos_of(context: Context, paths: list[Path]) -> Iterator[np.ndarray]:
 
 
 def plane_markers_of(
-    camera: CameraSettings, picture: np.ndarray, file: str, printed: Board | None = None
+    camera: CameraSettings, picture: np.ndarray, file: str, of_lens: PrintedBoard | None = None
 ) -> tuple[list[PlacedMarker], str, np.ndarray, list[str]]:
     """Return the plane's markers, their dictionary, the picture with them black on white, and warnings.
 
     The markers are single ones, or those of the board lying in the plane, in the pattern and with the ids
     that the plane's `picture` (height, width) in `file` shows; a warning names what is declared otherwise.
-    `printed` is the lens photos' board as they show it: the plane's, where it is declared alike.
+    `of_lens` is the lens photos' board as they show it: the plane's, where both are declared alike and the
+    plane's is cut off.
     """
     plane = camera.plane
     if plane.board is None:
         single = [PlacedMarker(m.id, m.x_m, m.y_m, plane.size_m, m.angle_rad) for m in plane.markers]
         return single, plane.dictionary, picture, []
-    placed, known = plane.board, camera.board.model_dump()
-    is_lens_board = printed is not None and known.items() <= placed.model_dump().items()
-    if printed is not None and is_lens_board:
-        placed = placed.model_copy(update=printed.model_dump())
+    placed, declared = plane.board, camera.board.model_dump()
+    proven = of_lens is not None and of_lens.is_shown and declared.items() <= placed.model_dump().items()
+    if of_lens is not None and proven:
+        placed = placed.model_copy(update=of_lens.board.model_dump())
     shown = identify_board([(file, picture)], placed, "camera.plane.board")
-    warnings = shown.warnings
-    if not (shown.is_shown or is_lens_board):
+    use_proven = proven and not shown.is_shown
+    board: Board = placed if use_proven else shown.board
+    warnings = [*(shown.of_size if use_proven else shown.warnings)]
+    if shown.is_open and not proven:
+        fits = f"first_id: {board.first_id} and legacy: {str(board.legacy).lower()}"
+        what = f"the board is cut off in the photo, which fits {fits} better than what is declared"
+        fix = "photograph the whole board, or correct these"
+        raise StrandcastError("SC-C016", what, file=file, field="camera.plane.board", fix=fix)
+    if not (shown.is_shown or proven):
         warnings = [*warnings, f"{file} does not show all of the board: {PARTLY}"]
-    markers = board_markers(shown.board, placed.x_m, placed.y_m, placed.angle_rad)
+    markers = board_markers(board, placed.x_m, placed.y_m, placed.angle_rad)
     return markers, placed.dictionary, shown.black_on_white(picture), warnings

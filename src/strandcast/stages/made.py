@@ -18,7 +18,6 @@ from strandcast.stages.code_version import code_version, settings
 from strandcast.stages.job import Files
 
 MOST_CHANGES = 3  # that are named; chosen
-CHANGED = " changed"  # after the name of a file
 UNKNOWN = "there is no note of what it was made from"
 
 
@@ -56,12 +55,20 @@ def changes_since_made(files: Files) -> list[str]:
     known = {name: sha256 for name, sha256 in note["inputs"].items() if name in inputs}
     results = {name: sha256 for name, sha256 in note["outputs"].items() if name.startswith("results/")}
     return [
-        *(f"{name}{CHANGED}" for name in changed_inputs(root, known)[:MOST_CHANGES]),
+        *(f"{name} changed" for name in changed_inputs(root, known)[:MOST_CHANGES]),
         *_changed_facts(note, _facts(files)),
         *(f"{name} is a new input" for name in added[:MOST_CHANGES]),
         *(f"{name} is no longer an input" for name in gone[:MOST_CHANGES]),
         *(f"{name} is not the one that was made" for name in changed_inputs(root, results)[:MOST_CHANGES]),
     ]
+
+
+def changed_files(files: Files) -> list[str]:
+    """Return the inputs of a job that are not those that its results were made from."""
+    note = _read(_place(files))
+    inputs = {relative_to(files.job.context.folder.root, path) for path in _inputs(files)}
+    known = {} if note is None else {name: note["inputs"][name] for name in inputs & note["inputs"].keys()}
+    return changed_inputs(files.job.context.folder.root, known)
 
 
 def _place(files: Files) -> Path:

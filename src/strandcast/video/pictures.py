@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -175,6 +176,11 @@ def _page(tiff: tifffile.TiffFile, number: int, file: Path) -> tuple[Grey, int]:
     return grey, 255 if grey.dtype == np.uint8 else 65535
 
 
+@lru_cache(maxsize=1)  # to find a page takes as long as all before it
+def _opened(file: Path, changed_ns: int) -> Image.Image:
+    return Image.open(file, formats=["TIFF"])
+
+
 def _pixels(page: tifffile.TiffPage | tifffile.TiffFrame, number: int, file: Path) -> np.ndarray:
     """Return a page's pixels, by Pillow where tifffile has not the decompression: LZW and the like."""
     try:
@@ -182,9 +188,9 @@ def _pixels(page: tifffile.TiffPage | tifffile.TiffFrame, number: int, file: Pat
     except ValueError as error:
         if "imagecodecs" not in str(error):
             raise
-    with Image.open(file, formats=["TIFF"]) as picture:
-        picture.seek(number)
-        pixels = np.asarray(picture)
+    picture = _opened(file, file.stat().st_mtime_ns)
+    picture.seek(number)
+    pixels = np.asarray(picture)
     if pixels.dtype != page.dtype:  # Pillow reduces colours of 16 bits to 8
         raise _unsupported(file, f"compressed TIFF of {page.dtype} with {page.ndim} dimensions")
     return pixels

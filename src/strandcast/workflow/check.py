@@ -60,6 +60,8 @@ def refusal(root: Path, name: str, until: str | None = None, *, raw: bool = True
         if context.settings.lab is None:
             trials = context.folder.recorded_trials()
             refuse_gap(context)
+            if raw:
+                refuse_lost_trials(context)
             targets = targets_of(name, until, root) if raw else []
             if problems := input_problems(context, trials, targets):
                 return StrandcastErrors(problems)
@@ -69,23 +71,28 @@ def refusal(root: Path, name: str, until: str | None = None, *, raw: bool = True
     return None
 
 
+def refuse_lost_trials(context: Context) -> None:
+    """Refuse an experiment with pages of trials that count, and no raw files at all (SC-W036)."""
+    reported = context.counted(context.folder.reported_trials())
+    if reported and not context.folder.thrown_trials():
+        raise StrandcastError(
+            "SC-W036",
+            f"the results of {len(reported)} trial{'s' * (len(reported) > 1)} are there, and no raw files",
+            file=context.folder.data,
+            cost="their motions would be planned again, as if nothing had been thrown",
+            fix=f"copy the trials' folders there, or move {context.folder.results} away to begin again",
+        )
+
+
 def refuse_gap(context: Context) -> None:
     """Refuse recorded trials with a number missing between: later fits and plans would wait for that trial.
 
     Raises
     ------
     StrandcastError
-        SC-W036 a trial that counts has no raw files, and a later one has; or none has, and pages are there.
+        SC-W036 a trial that counts has no raw files, and a later one has.
     """
-    thrown, reported = context.folder.thrown_trials(), context.folder.reported_trials()
-    if reported and not thrown:
-        raise StrandcastError(
-            "SC-W036",
-            f"results of {len(reported)} trials are there, and raw files of none",
-            file=context.folder.data,
-            cost="their motions would be planned again, as if nothing had been thrown",
-            fix=f"copy the trials' folders there, or remove {context.folder.results} to begin again",
-        )
+    thrown = context.folder.thrown_trials()
     missing = sorted(set(context.counted(range(1, max(thrown, default=0)))) - set(thrown))
     if missing:
         entries = [f"{{trial: {number}, reason: not thrown}}" for number in missing]
@@ -284,6 +291,7 @@ def _check_folders(context: Context, found: Checked) -> None:
     found.errors += misnamed
     if not misnamed:  # each may be the missing one
         found.attempt(refuse_gap, context)
+        found.attempt(refuse_lost_trials, context)
     reported = {each.file for each in misnamed}
     numbers = folder.thrown_trials()
     for path in sorted(folder.data.glob("[tT][rR][iI][aA][lL]*")):

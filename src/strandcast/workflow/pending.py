@@ -16,7 +16,7 @@ from strandcast.records.lineage import relative_to
 from strandcast.stages.context import Context
 from strandcast.stages.declarations import STAGES
 from strandcast.stages.job import Files, Job
-from strandcast.stages.made import CHANGED, changes_since_made
+from strandcast.stages.made import changed_files, changes_since_made
 from strandcast.stages.producers import Step, producers
 from strandcast.stages.raw_files import missing_file
 
@@ -80,8 +80,8 @@ def lost_results(context: Context, trials: list[int]) -> list[str]:
 
 def changed_raw_files(context: Context, trials: list[int]) -> list[str]:
     """Return the raw files that are not those that results were made from."""
-    reasons = {why for task in tasks_of(context, trials, {}).values() for why in task.why}
-    changed = (why.removesuffix(CHANGED) for why in reasons if why.endswith(CHANGED))
+    tasks = _leading_to(context, trials)[0].values()
+    changed = {name for task in tasks if task.problem is None for name in changed_files(task.files)}
     return in_trial_order(name for name in changed if name.startswith("data/"))
 
 

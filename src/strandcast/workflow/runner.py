@@ -35,7 +35,7 @@ from strandcast.workflow.verify import Finding, verify
 
 LEAST_CORES = 2
 DAMAGED = ("damaged", "misplaced")
-REPLACED = "is not the file that results were made from: they are made again from what it is now"
+REPLACED = "is not the file that results were made from: what is made again takes it as it is now"
 
 
 class RunOptions(NamedTuple):
@@ -128,6 +128,9 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
             name for name in names if options.until is not None or not is_fresh(experiment(name, root))
         ]
         findings = {name: verify(root, name, raw=False) for name in waiting}
+        for context in (experiment(name, root) for name in waiting):
+            for raw in changed_raw_files(context, known_trials(context)[0]):
+                print(f"WARNING: {raw} {REPLACED}", file=sys.stderr, flush=True)
     damaged = {
         name: wrong
         for name, found in findings.items()
@@ -143,8 +146,6 @@ def run_experiments(root: Path, experiments: list[str], options: RunOptions) -> 
         lost: list[str] = []
         for context in (experiment(name, root) for name in sound):
             trials, more = known_trials(context)
-            for raw in changed_raw_files(context, trials):
-                print(f"WARNING: {raw} {REPLACED}", file=sys.stderr, flush=True)
             page = context.folder.results / "report.html"
             # Snakemake does not ask for a trial that it does not know of yet if the page is there.
             outdated += [page] if more and page.is_file() else []
