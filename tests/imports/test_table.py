@@ -85,7 +85,6 @@ def test_decimal_commas_between_blanks_and_in_quotation_marks_are_read(tmp_path,
     assert table_of(tmp_path, text).values.tolist() == [[0.1, -1.5], [0.25, 1.25]]
 
 
-@pytest.mark.parametrize("head", ["%time,frame_id,q", "# made by a recorder, 2\n# t, frame_id, q"])
 def test_thousands_in_quotation_marks_are_no_decimals(tmp_path):
     with pytest.raises(StrandcastError, match="'1,000' has a decimal comma"):
         read_all(tmp_path, 't,q\n"0","1,000"\n"1","2,000"\n')
@@ -96,6 +95,7 @@ def test_columns_may_be_numbered_where_a_comment_names_them(tmp_path):
     assert table.column("2").tolist() == table.column("q1").tolist() == [0.5, 0.7]
 
 
+@pytest.mark.parametrize("head", ["%time,frame_id,q", "# made by a recorder, 2\n# t, frame_id, q"])
 def test_names_in_the_comment_above_the_rows_are_the_header(tmp_path, head):
     table = table_of(tmp_path, f"{head}\n17,world,0.5\n18,world,0.7\n")
     assert table.names[1:] == ["frame_id", "q"]
