@@ -26,7 +26,7 @@ REFERENCES = 12  # chosen: markers of a photo from which the others are counted
 OFF_LATTICE = 0.3  # chosen: squares; an oblique view stretches a step to the next marker by less
 OTHER_SIZE = 0.07  # chosen: relative, of the markers; blur makes small ones up to 0.06 smaller
 DRAWN_PX = 16  # chosen: of a square, in the drawing with which a photo is compared
-LEAST_SEEN = 1.5  # chosen: area in squares of a row or column in a photo
+LEAST_SEEN = 0.4  # chosen: share of a row or column in a photo; of less, a small shift is its neighbour
 PRINTED = 0.4  # chosen: least correlation of a row or column that is printed with its drawing
 
 Photos = Sequence[tuple[str, np.ndarray]]
@@ -286,7 +286,7 @@ def _likeness(place: tuple[int | None, int | None], seen: Sequence[Seen], board:
             for each in (grey, np.full_like(grey, 255))
         )
         inside = whole == 255
-        if inside.sum() >= LEAST_SEEN * DRAWN_PX**2:
+        if inside.mean() >= LEAST_SEEN:
             both = np.stack([shown[inside], drawn[row, column][inside]]).astype(float)
             both -= both.mean(axis=1, keepdims=True)
             likeness.append(float(both[0] @ both[1] / max(np.prod(np.linalg.norm(both, axis=1)), 1.0)))
