@@ -83,12 +83,12 @@ class MarkerOrder:
         return (self.rows[1] + 1) * self.squares_x // 2 - self.number_of_id_0 - 1
 
     def first_id(self, top: int) -> int:
-        """Return the first id of a board whose first row is a row of the order."""
+        """Return the first id of a board that begins with a row of the order."""
         return top * self.squares_x // 2 - self.number_of_id_0
 
 
 @dataclass(frozen=True)
-class Candidate:
+class PossibleBoard:
     """A board with the declared squares on which the markers seen are in their places.
 
     Attributes
@@ -173,7 +173,7 @@ def identify_board(photos: Photos, board: Board, field: str = "camera.board") ->
     return PrintedBoard(board, [])
 
 
-def _candidates(orders: Sequence[MarkerOrder], board: Board) -> list[Candidate]:
+def _candidates(orders: Sequence[MarkerOrder], board: Board) -> list[PossibleBoard]:
     """Return the boards with the declared squares that have one of several orders, the likeliest first."""
     found = []
     for order in orders:
@@ -187,7 +187,7 @@ def _candidates(orders: Sequence[MarkerOrder], board: Board) -> list[Candidate]:
             rows = [row for row in range(board.squares_y) if not first <= row + top <= last]
             columns = [column for column in range(board.squares_x) if not left <= column <= right]
             pattern = {"legacy": legacy, "first_id": order.first_id(top)}
-            found.append(Candidate(board.model_copy(update=pattern), rows, columns))
+            found.append(PossibleBoard(board.model_copy(update=pattern), rows, columns))
     return sorted(
         found,
         key=lambda each: (abs(each.board.first_id - board.first_id), each.board.legacy != board.legacy),

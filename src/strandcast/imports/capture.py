@@ -331,7 +331,7 @@ def _end(table: NumberTable, mapping: CaptureMapping, body: DrivenBody, name: st
 def _rotations(table: NumberTable, names: list[str], name: str) -> np.ndarray:
     """Return the rotations (rows, 3, 3) of quaternions w, x, y, z from the body's axes to the file's."""
     if len(names) == 1 and f"{names[0]}.rx" in table.names and f"{names[0]}.qx" not in table.names:
-        what = f"the file has angles of {names[0]} about three axes, whose order programs define differently"
+        what = f"the file has angles of {names[0]} about three axes, and programs order these differently"
         raise refusal("SC-I004", table.path, f"{name}.quaternion", what, "export quaternions")
     q = table.columns([f"{names[0]}.q{axis}" for axis in "wxyz"] if len(names) == 1 else names)
     length = np.linalg.norm(q, axis=1)

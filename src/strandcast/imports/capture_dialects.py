@@ -78,7 +78,7 @@ def _table(path: Path, rows: Rows, layout: Layout, commas: bool, ends: bool) -> 
     beside = [list(chain(*parts)) for parts in zip(*(body for _, body in bodies), strict=True)]
     if not beside:
         raise refusal("SC-I001", path, None, "the file has a header and no rows", "export it again")
-    if not ends and len(rows[-1]) < len(rows[-2]):  # rows of equal width, of which the last was cut
+    if not ends and len(rows[-1]) < len(rows[-2]):  # the last row was cut
         beside[-1] = rows[-1]
     lines = [bodies[0][0] + 1 + k for k in range(len(beside))]
     cells = Cells(path, names, beside, lines, True, "SC-I001", ends, commas)

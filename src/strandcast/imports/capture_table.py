@@ -144,7 +144,7 @@ def _own_times(table: NumberTable, mapping: CaptureMapping) -> tuple[str, np.nda
 
 
 def _frames(table: NumberTable) -> str | None:
-    """Return the column that numbers the rows, of which some may be missing; None if there is none."""
+    """Return the column that numbers the rows, where some may be missing; None if there is none."""
     for name in filter(FRAME.fullmatch, table.names):
         number = table.values[:, table.names.index(name)]
         steps = np.diff(number)

@@ -23,7 +23,7 @@ HEAD_LINES = 50  # by which the separator is chosen
 # Not str.splitlines: a damaged byte such as a form feed would split one row into two.
 UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 THOUSANDS = 3  # digits after a comma in 1,000
-ROWS_ABOVE = 10  # chosen: of which all have more decimals than a last number that was cut
+ROWS_ABOVE = 10  # chosen: all have more decimals than a last number that was cut
 HOUR_S, DAY_S = 3600.0, 86400.0
 MINUTES = re.compile(r"(\d\d):(\d\d\.\d+)")
 LINE_END = re.compile(r"\r\n|\n|\r")
@@ -273,7 +273,7 @@ def split_line(path: Path, line: str, number: int, delimiter: str, code: str) ->
 def instant_s(cell: str) -> float | None:
     """Return the seconds of an ISO 8601 time, with a date (UTC if it has no zone) or without; else None.
 
-    Two numbers of which the last has decimals are minutes and seconds; hours may have one digit.
+    Two numbers, the last with decimals, are minutes and seconds; hours may have one digit.
     """
     cell = f"0{cell}" if cell[1:2] == ":" else cell
     if match := MINUTES.fullmatch(cell):

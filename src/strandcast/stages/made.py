@@ -52,10 +52,9 @@ def changes_since_made(files: Files) -> list[str]:
     inputs = {relative_to(root, path) for path in _inputs(files)}
     added = in_trial_order(name for name in inputs - note["inputs"].keys() if (root / name).is_file())
     gone = in_trial_order(note["inputs"].keys() - inputs)
-    known = {name: sha256 for name, sha256 in note["inputs"].items() if name in inputs}
     results = {name: sha256 for name, sha256 in note["outputs"].items() if name.startswith("results/")}
     return [
-        *(f"{name} changed" for name in changed_inputs(root, known)[:MOST_CHANGES]),
+        *(f"{name} changed" for name in _changed(root, note, inputs)[:MOST_CHANGES]),
         *_changed_facts(note, _facts(files)),
         *(f"{name} is a new input" for name in added[:MOST_CHANGES]),
         *(f"{name} is no longer an input" for name in gone[:MOST_CHANGES]),
@@ -65,10 +64,12 @@ def changes_since_made(files: Files) -> list[str]:
 
 def changed_files(files: Files) -> list[str]:
     """Return the inputs of a job that are not those that its results were made from."""
-    note = _read(_place(files))
-    inputs = {relative_to(files.job.context.folder.root, path) for path in _inputs(files)}
-    known = {} if note is None else {name: note["inputs"][name] for name in inputs & note["inputs"].keys()}
-    return changed_inputs(files.job.context.folder.root, known)
+    note, root = _read(_place(files)), files.job.context.folder.root
+    return [] if note is None else _changed(root, note, {relative_to(root, path) for path in _inputs(files)})
+
+
+def _changed(root: Path, note: dict[str, Any], inputs: set[str]) -> list[str]:
+    return changed_inputs(root, {name: note["inputs"][name] for name in inputs & note["inputs"].keys()})
 
 
 def _place(files: Files) -> Path:
