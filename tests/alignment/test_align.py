@@ -16,7 +16,7 @@ START = np.array([0.5, 0.2, 0.1])
     ("recipe", "trials"),
     [
         pytest.param(Recipe(), 20, marks=pytest.mark.thorough),
-        (Recipe(faults=WORN), 10),
+        pytest.param(Recipe(faults=WORN), 10, marks=pytest.mark.thorough),
         pytest.param(Recipe(faults=HALF_BLIND), 10, marks=pytest.mark.thorough),
     ],
 )
@@ -103,6 +103,7 @@ def test_a_rate_that_is_one_percent_off_is_not_absorbed_by_the_rigs_constants(th
     assert found.drift == pytest.approx(0.0101, abs=5e-4)
 
 
+@pytest.mark.thorough
 def test_one_joint_with_a_wrong_zero_is_named_and_no_other(throw, fit):
     trial = throw(5)
     q_rad = trial.log.q_rad.copy()

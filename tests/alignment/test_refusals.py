@@ -75,7 +75,10 @@ def test_the_sign_of_a_joint(good, refusal, joint):
 @pytest.mark.parametrize(
     ("longer_m", "words"),
     [
-        ([0.05, 0, 0], "the link after joint_1 is 350 mm by the file, and 300 mm by the video"),
+        pytest.param(
+            *([0.05, 0, 0], "the link after joint_1 is 350 mm by the file, and 300 mm by the video"),
+            marks=pytest.mark.thorough,
+        ),
         pytest.param(
             *([0, -0.02, 0], "the link after joint_2 is 230 mm by the file, and 250 mm by the video"),
             marks=pytest.mark.thorough,
@@ -138,7 +141,7 @@ def test_a_wrong_frame_rate(good, refusal, said_hz, word):
     assert "camera.frame_rate_hz: 500;" in found.fix
 
 
-@pytest.mark.parametrize(("seed", "ramp_s"), [(5, 0.5), (0, 0.45)])
+@pytest.mark.parametrize(("seed", "ramp_s"), [pytest.param(5, 0.5, marks=pytest.mark.thorough), (0, 0.45)])
 def test_a_speed_ramp_is_refused(throw, refusal, seed, ramp_s):
     """Every eighth frame of the first and last part, evenly stamped; the hand moves in some of it."""
     trial = throw(seed, frame_rate_hz=240.0)

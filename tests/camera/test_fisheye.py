@@ -88,6 +88,7 @@ def test_the_plane_is_mapped_through_it(found, wide, photograph, paint_markers, 
     assert pixel_to_metre(truth, metre_to_pixel(truth, places)) == pytest.approx(places, abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_second_camera_is_placed_by_boards(tmp_path, photograph, looking, wide):
     poses = [looking(*view[:4], 0.3) for view in VIEWS[:4]]
     seconds = [(BETWEEN[0] @ turn, BETWEEN[0] @ shift + BETWEEN[1]) for turn, shift in poses]

@@ -23,6 +23,7 @@ NOISE_M = 5e-4
 RUBBED = TRUTH | {"friction_turn_rad": 1.0, "stick_turn_rad": 0.1}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("true", [[], ["friction_stick"]], ids=["plain", "rubbed"])
 def test_friction_is_kept_where_the_cable_has_it_and_only_there(true: list[str]) -> None:
     """E of what was not fitted: 1.81 instead of 2.11 ± 0.21 mm, or the cost is lowered by less than 1 %."""

@@ -66,9 +66,10 @@ def test_the_lock_holds_the_extra_and_no_workflow(project_root):
     ("command", "says"),
     [
         ("play planned.json --arm arm.toml --out out --hanging 0.3", "dry run: nothing was sent"),
-        (
+        pytest.param(
             "export motion planned.json --as ros --arm arm.toml --out goal.json --hanging 0.3",
             "goal.json",
+            marks=pytest.mark.thorough,
         ),
     ],
 )

@@ -277,6 +277,7 @@ def test_planning_gives_the_same_bytes_on_one_core_or_two(
     assert written[0] != written[1]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("fitted_joints")
 def test_after_a_motion_without_control_heights_the_plan_is_from_scratch(
     task: PlanningTask, strings: StringBatch, trial: PastTrial

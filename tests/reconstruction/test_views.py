@@ -164,6 +164,7 @@ def test_a_fault_of_the_set_up_is_warned_of(fault):
     assert "left and right" in warning
 
 
+@pytest.mark.thorough
 def test_an_uncertain_clock_makes_fast_points_uncertain():
     sure = reconstruct_in_space(views_of(clock("left"), LATE), LENGTH_M).track
     late = clock("right", offset_s=0.0137, drift=4e-5, sigma_s=2e-3)
@@ -272,6 +273,7 @@ def test_two_experiments_become_one_in_space(project):
     assert np.abs(hand["z_m"] - 0.25).max() < 2e-3  # the hand moves level
 
 
+@pytest.mark.thorough
 def test_what_both_cameras_doubt_about_the_tip_stays_in_doubt(project):
     views = [("left", 1), ("right", 1)]
     summary = import_views.run(project, "space", 1, views)
@@ -314,6 +316,7 @@ def test_what_cannot_be_joined_is_refused(project):
         import_views.run(project, "space", 1, [("left", 1), ("right", 1)])
 
 
+@pytest.mark.thorough
 def test_boards_correct_a_camera_that_the_markers_misplace(project, monkeypatch):
     moved = RIGHT.model_copy(update={"translation_m": [0.0, 0.006, 2.2]})
     moved.write(ExperimentFolder(project, "right").camera("main"))

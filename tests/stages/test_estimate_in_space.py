@@ -140,6 +140,7 @@ estimate:
 """
 
 
+@pytest.mark.thorough
 def test_the_settings_of_the_fit_work_in_space_too(captured, tmp_path):
     root = Path(shutil.copytree(captured, tmp_path / "project", symlinks=True))
     sections = "stiff_sections: [{from_m: 0.3, to_m: 0.4}]"

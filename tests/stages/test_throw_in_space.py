@@ -185,6 +185,7 @@ def test_the_lab_does_not_replace_the_files_of_a_real_arm(root: Path, captured: 
     assert {path: path.read_bytes() for path in (project / "data/cast").glob("*/*")} == before
 
 
+@pytest.mark.thorough
 def test_the_first_motion_is_planned_again_after_a_rehearsal(root: Path) -> None:
     file = write(root, "rehearsed", LAB)
     file.write_text(file.read_text().replace(QUICK, BUDGET))

@@ -41,6 +41,7 @@ def apart_mm(peer, parameters, *reference, frames=None, **settings):
     return 1e3 * np.sqrt((apart[:frames] ** 2).sum(-1).mean())
 
 
+@pytest.mark.thorough
 def test_numpy_converges_to_ours():
     varied = with_values(MILD, k_sh=0.02, c_sh=0.005, c1=0.1, c2=0.2)
     apart = [apart_mm(NumpyString(CAST, varied[None], dt_s), varied, 1e-4) for dt_s in (2.5e-4, 1.25e-4)]

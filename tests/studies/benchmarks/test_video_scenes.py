@@ -102,6 +102,7 @@ def test_hidden_parts_are_recorded(folder, frames):
     assert truth.visible(np.array([0.0])).sum() == 0
 
 
+@pytest.mark.thorough
 def test_the_tip_speed_is_in_the_cases_range(folder):
     case, _ = read_case(folder)
     truth = Truth.read(folder)
@@ -138,6 +139,7 @@ def test_an_existing_video_is_not_filmed_again(folder, work, monkeypatch):
     assert film_case(video_cases.quick()[0], load_arm(ARM_FILE).planar(), work) == folder
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("codec", CODECS, ids=lambda codec: codec.encoder)
 def test_speed_is_measured_on_the_frames_as_they_are(codec, frames, tmp_path):
     path = tmp_path / f"v{codec.suffix}"

@@ -18,6 +18,7 @@ def thrown() -> Specimen:
         return specimen(PAPER_STRINGS["paper-6"], claims.TARGETS_M[:1], np.random.default_rng(1))
 
 
+@pytest.mark.thorough
 def test_masses_are_in_plain_points(thrown: Specimen) -> None:
     # 7 g/m times 30 mm are 0.21 g for a plain point; the pipe has 2.5 g.
     assert thrown.plain_kg == pytest.approx(0.21e-3)

@@ -48,6 +48,7 @@ def test_correlation_times_of_white_and_of_slow_noise():
     assert pac_mass.correlation_frames(slow) == pytest.approx(19.0, rel=0.15)  # (1 + rho) / (1 - rho)
 
 
+@pytest.mark.thorough
 def test_the_weight_of_the_real_cables_is_within_its_interval(real_data):
     """Without the lever the weight would be 50 % too large; the stiffness is that of both lengths."""
     folder = real_data / "pac_cable"

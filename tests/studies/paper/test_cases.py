@@ -54,6 +54,7 @@ def test_every_target_is_out_of_the_arms_reach_and_within_the_strings(plan, proj
             assert arm.chain.lengths_m.sum() < away < arm.chain.lengths_m.sum() + one.string.length_m
 
 
+@pytest.mark.thorough
 def test_all_experiments_can_be_loaded(plan, tmp_path):
     chosen = [*cases(plan), *cases(plan, quick=True)]
     assert len(set(chosen)) == len(chosen) == 2 * (10 * plan.seeds + len(plan.quick.strings))

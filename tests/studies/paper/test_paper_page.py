@@ -66,6 +66,7 @@ def rows(page: str, *begin: str) -> list[list[str]]:
     return [row for row in Text(page).rows if row[: len(begin)] == list(begin)]
 
 
+@pytest.mark.thorough
 def test_unfinished_runs_do_not_count_and_failed_ones_do(paper):
     summary = paper[0]
     assert [run.string for run in chosen(summary.experiments, "default", "own")] == [1, 5]
@@ -87,6 +88,7 @@ def test_an_excluded_trial_is_no_miss(paper):
     assert summarise_paper([], 0.02).rates == []
 
 
+@pytest.mark.thorough
 def test_every_section_is_there_and_only_runs_that_are_not_done_have_boxes(page):
     found = [attributes["id"].removesuffix("-title") for tag, attributes in Text(page).tags if tag == "h2"]
     assert set(found) == SECTIONS
