@@ -7,10 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from strandcast.arm.limits import differences, peaks, place_speeds, torques, violations
+from strandcast.arm.joint_limits import Stop
+from strandcast.arm.limits import differences, peaks, torques, violations
 from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.arm.settings import Payload
+from strandcast.arm.whole_arm import whole_arm
 from strandcast.core.trajectory import JointTrajectory
+from strandcast.records.motion import WHOLE_ARM
 
 
 @pytest.fixture
@@ -109,23 +112,72 @@ def test_flange_clamp_and_elbow_move_as_in_the_urdf(project_root: Path, name: st
     np.testing.assert_allclose(places_m[:, 1], arm.hand_m(q), atol=1e-12)
 
 
-def test_a_tool_or_an_elbow_that_is_too_fast_is_a_violation(arm: PlanarArm) -> None:
+def limited(arm: PlanarArm, **limits: float) -> PlanarArm:
+    """Return the arm with limits of `WHOLE_ARM`, by name with underscores."""
+    values = [limits.get(name.replace(" ", "_"), np.inf) for name in WHOLE_ARM]
+    return dataclasses.replace(arm, limits=dataclasses.replace(arm.limits, whole_arm=np.array(values)))
+
+
+def test_a_limit_of_the_whole_arm_that_is_exceeded_is_a_violation(arm: PlanarArm) -> None:
     motion = still([0.5, 0.0, 0.0], 5)
     motion.q_rad[:, 0] += 2.0 * motion.time_s
     motion.qd_rad_s[:, 0] = 2.0
     tool_m_s = 2.0 * np.linalg.norm(arm.hand_m(motion.q_rad[0]) - arm.chain.origin_m)
     elbow_m_s = 2.0 * arm.chain.lengths_m[0]
-    assert peaks(arm, motion)["places_m_s"] == pytest.approx([tool_m_s, tool_m_s, elbow_m_s], rel=1e-4)
-    assert place_speeds(arm, np.stack([motion.q_rad] * 2), motion.time_s).shape == (2, 4, 3)
+    assert peaks(arm, motion)["whole_arm"][:3] == pytest.approx([tool_m_s, tool_m_s, elbow_m_s], rel=1e-4)
+    assert whole_arm(arm, np.stack([motion.q_rad] * 2), motion.time_s).shape == (2, 4, 8)
 
-    def too_fast(*places_m_s: float) -> list[str]:
-        limited = dataclasses.replace(arm.limits, places_m_s=np.array(places_m_s))
-        found = violations(dataclasses.replace(arm, limits=limited), motion)
-        return [str(one) for one in found if one.kind == "speed"]
+    def of_arm(**limits: float) -> list[str]:
+        return [str(one) for one in violations(limited(arm, **limits), motion) if one.joint == "arm"]
 
-    assert too_fast(np.inf, np.inf, np.inf) == []
-    flange, clamp = too_fast(1.0, 1.0, np.inf)
-    assert flange.startswith("flange: speed ")
-    assert clamp.startswith(f"clamp: speed {tool_m_s:.3g} m/s at ")
-    assert clamp.endswith(" s, limit 1 m/s")
-    assert [one.split(":")[0] for one in too_fast(np.inf, np.inf, 0.5)] == ["elbow"]
+    assert of_arm() == []
+    (found,) = of_arm(clamp_speed=1.0)
+    assert found.startswith(f"arm: clamp speed {tool_m_s:.3g} m/s at ")
+    assert found.endswith(" s, limit 1 m/s")
+    (found,) = of_arm(elbow_speed=0.5, momentum=9.0)
+    assert found.startswith("arm: elbow speed ")
+
+
+@pytest.mark.parametrize("name", ["planar3", "ur5e-space", "fr3-space"])
+def test_power_and_momentum_are_those_of_mujoco(project_root: Path, name: str) -> None:
+    arm = load_arm(project_root / f"config/arms/{name}.toml")
+    arm = dataclasses.replace(arm, payload=Payload(mass_kg=0.5, centre_m=(0.02, 0.01, 0.03)))
+    time_s, phase = np.arange(40) * 1e-3, np.arange(1.0, len(arm.joints) + 1)
+    middle = 0.5 * (
+        arm.limits.lower_rad + arm.limits.upper_rad
+    )  # beyond its range, MuJoCo pushes a joint back
+    q = middle + 0.2 * np.sin(np.outer(9.0 * time_s, phase))
+    found = whole_arm(arm, q, time_s)
+    model = arm.model_with_payload()
+    data = mujoco.MjData(model)
+    at = [int(model.joint(joint).dofadr[0]) for joint in arm.joints]
+    moving = model.body_rootid[model.body(arm.clamp.link).id]
+    qd = np.diff(q, axis=0) / 1e-3
+    qdd = np.gradient(qd, axis=0) / 1e-3
+    for k in range(1, len(qd) - 1):
+        data.qpos[:] = arm.coordinates(0.5 * (q[k] + q[k + 1]))
+        data.qvel[at], data.qacc[at] = qd[k], qdd[k]
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        momentum = np.linalg.norm(data.subtree_linvel[moving] * model.body_subtreemass[moving])
+        power = abs(sum(data.qfrc_inverse[at] * qd[k]))
+        assert found[k, 4] == pytest.approx(momentum, rel=1e-4)
+        assert found[k, 3] == pytest.approx(power, rel=1e-4, abs=1e-3)
+
+
+def test_a_stop_takes_the_longer_of_soft_stop_and_the_controllers_own(arm: PlanarArm) -> None:
+    time_s = np.arange(5) * 1e-3
+    q = np.array([0.3, 0.0, 0.0]) + np.outer(time_s, [3.0, 0.0, 0.0])
+    brake = Stop(np.full(3, 30.0), np.full(3, 600.0), np.zeros(3))
+    arm = dataclasses.replace(arm, stop=brake)
+    radius_m = np.linalg.norm(arm.hand_m(q[0]) - arm.chain.origin_m)
+    # 3 rad/s ends in 3 / 30 + 30 / 600 s, on average at half of the speed.
+    seconds, tool_m, elbow_m = whole_arm(arm, q, time_s)[2, 5:]
+    assert seconds == pytest.approx(0.15)
+    chord = 2 * 2 * np.sin(0.225 / 4)
+    assert (tool_m, elbow_m) == pytest.approx((chord * radius_m, chord * arm.chain.lengths_m[0]), rel=1e-6)
+    controllers = dataclasses.replace(brake, distance_rad=np.array([0.9, 0.0, 0.0]))
+    slower = whole_arm(dataclasses.replace(arm, stop=controllers), q, time_s)[2, 5]
+    full_rad_s = arm.limits.velocity_rad_s[0]
+    assert slower == pytest.approx(max(0.15, 2 * 0.9 * 3.0 / full_rad_s**2))
+    assert whole_arm(arm, np.repeat(q[:1], 5, axis=0), time_s).max() == 0.0

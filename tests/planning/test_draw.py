@@ -50,8 +50,9 @@ def test_draws_keep_a_jerk_limit(arm: PlanarArm) -> None:
         assert violations(smooth, motion) == []
 
 
-def test_draws_keep_the_speed_of_tool_and_elbow(arm: PlanarArm) -> None:
-    slow = replace(arm, limits=replace(arm.limits, places_m_s=np.array([1.0, 1.2, 0.4])))
+def test_draws_keep_the_limits_of_the_whole_arm(arm: PlanarArm) -> None:
+    whole_arm = np.array([1.0, 1.2, 0.4, 6.0, 0.4, 0.1, 0.05, 0.02])
+    slow = replace(arm, limits=replace(arm.limits, whole_arm=whole_arm))
     for curve in drawn(slow, "rest", count=10):
         motion = sample(curve, STEP_S)
         assert violations(slow, motion) == []

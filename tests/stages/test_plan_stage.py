@@ -78,7 +78,7 @@ def test_a_plan_says_what_it_expects_and_how_to_throw_it(
     words = str(expected_miss(motion)).replace("\u00a0", " ")
     assert f"plan: predicted miss {words}, within 0 mm of the target\n" in said
     kind, who, share = max(motion.limits_used(), key=lambda used: used[2])
-    assert f"plan: nearest to a limit: {who} uses {100 * share:.0f} % of its {kind}\n" in said
+    assert f"plan: nearest to a limit of {kind}: {who}, {100 * share:.0f} % used\n" in said
     assert "plan: throw it: strandcast play " in said
     # A kept motion stays what it is, whatever becomes of what it was planned from.
     with (root / ARM).open("a") as file:

@@ -42,6 +42,10 @@ class Dynamics(ABC):
         Dry friction, of uncertain direction, is taken to oppose the motion.
         """
 
+    @abstractmethod
+    def momentum(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Return the momentum (T,) of the moving links [kg m/s] for angles and speeds (T, J)."""
+
 
 @dataclass(frozen=True, eq=False)
 class PlanarDynamics(Dynamics):
@@ -71,6 +75,14 @@ class PlanarDynamics(Dynamics):
         if not len(self.links):
             return np.zeros_like(q)
         return np.asarray(chain_torques(q, qd, qdd, self.links, self.gravity_m_s2))
+
+    def momentum(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Return the momentum (T,) [kg m/s], see `Dynamics.momentum`."""
+        smooth, still = self.links.copy(), np.zeros_like(q)
+        smooth[:, DRY] = 0.0
+        # What holds links at rest against a unit of gravity is how their first moment changes with angles.
+        parts = [(chain_torques(q, still, still, smooth, unit) * qd).sum(axis=1) for unit in np.eye(2)]
+        return np.asarray(np.hypot(*parts))
 
 
 # For an arm without torque limits.

@@ -1,4 +1,4 @@
-"""Limits of the moving joints, of tool and elbow, and of a stop before the motion's end."""
+"""Limits of the moving joints, of the arm as a whole, and of a stop before the motion's end."""
 
 from dataclasses import dataclass
 
@@ -13,8 +13,8 @@ class Limits:
     ----------
     lower_rad, upper_rad, velocity_rad_s, acceleration_rad_s2, jerk_rad_s3, torque_n_m
         Usable range of each joint.
-    places_m_s
-        (3,) speeds of flange, clamp and elbow (see `Arm.limited_places`).
+    whole_arm
+        (8,) of `strandcast.records.motion.WHOLE_ARM`.
     """
 
     lower_rad: np.ndarray
@@ -23,12 +23,12 @@ class Limits:
     acceleration_rad_s2: np.ndarray
     jerk_rad_s3: np.ndarray
     torque_n_m: np.ndarray
-    places_m_s: np.ndarray
+    whole_arm: np.ndarray
 
     @property
-    def of_places(self) -> bool:
-        """Whether the speed of flange, clamp or elbow is limited."""
-        return bool(np.isfinite(self.places_m_s).any())
+    def of_whole_arm(self) -> np.ndarray:
+        """(8,) which quantities of the whole arm are limited."""
+        return np.asarray(np.isfinite(self.whole_arm))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from strandcast.arm.link_masses import massless_joints
 from strandcast.arm.load import Arm
+from strandcast.arm.whole_arm import MOMENTUM, POWER, whole_arm
 from strandcast.core.trajectory import JointTrajectory
-from strandcast.records.motion import PLACES
+from strandcast.records.motion import WHOLE_ARM
 
 ROUNDING = 1e-9  # relative, of the limit
 
@@ -35,7 +37,7 @@ UNITS = {
     "acceleration": "rad/s²",
     "jerk": "rad/s³",
     "torque": "N m",
-    "speed": "m/s",
+    **WHOLE_ARM,
 }
 
 
@@ -66,19 +68,13 @@ def violations(arm: Arm, motion: JointTrajectory) -> list[Violation]:
     for kind, when, value, limit in checks:
         for violation in _beyond(arm.joints, kind, when, value, limit):
             found.setdefault((violation.joint, kind), violation)
-    if not limits.of_places:
-        return list(found.values())
     between_s = 0.5 * (at_s[1:] + at_s[:-1])
+    of_arm = whole_arm(arm, q, at_s, limits.of_whole_arm)
+    columns = zip(WHOLE_ARM, of_arm.T[:, :, None], limits.whole_arm[:, None], strict=True)
     return [
         *found.values(),
-        *_beyond(PLACES, "speed", between_s, place_speeds(arm, q, at_s), limits.places_m_s),
+        *(each for name, *column in columns for each in _beyond(("arm",), name, between_s, *column)),
     ]
-
-
-def place_speeds(arm: Arm, q: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-    """Return the speeds (..., T - 1, 3) of flange, clamp and elbow [m/s] between angles (..., T, J) [rad]."""
-    moved_m = np.linalg.norm(np.diff(arm.limited_places(q), axis=-3), axis=-1)
-    return np.asarray(moved_m / np.diff(time_s)[:, None])
 
 
 def differences(motion: JointTrajectory) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -110,15 +106,21 @@ def _beyond(
 
 
 def peaks(arm: Arm, motion: JointTrajectory) -> dict[str, np.ndarray]:
-    """Return the largest speed, acceleration, jerk and torque of a motion, (J,); and speeds of `PLACES`."""
+    """Return the largest speed, acceleration, jerk and torque of a motion, (J,), and of `WHOLE_ARM`, (8,).
+
+    Power and momentum of an arm without masses are NaN: not known.
+    """
     q, qd, qdd = motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2
     jerk = np.diff(qdd, axis=0) / np.diff(motion.time_s)[:, None]
+    of_arm = whole_arm(arm, q, motion.time_s).max(axis=0)
+    if massless_joints(arm):
+        of_arm[[POWER, MOMENTUM]] = np.nan
     return {
         "velocity_rad_s": np.abs(qd).max(axis=0),
         "acceleration_rad_s2": np.abs(qdd).max(axis=0),
         "jerk_rad_s3": np.abs(jerk).max(axis=0),
         "torque_n_m": np.abs(torques(arm, q, qd, qdd)).max(axis=0),
-        "places_m_s": place_speeds(arm, q, motion.time_s).max(axis=0),
+        "whole_arm": of_arm,
     }
 
 

@@ -531,7 +531,6 @@ def _limits(keys: AnyArmKeys, urdf: list[JointLimit]) -> Limits:
     upper = [np.inf if limit.upper_rad is None else limit.upper_rad for limit in urdf]
     jerk = keys.limits.jerk_rad_s3 or [np.inf] * len(urdf)
     torque = [limit.effort_n_m * margins.torque if margins.torque else np.inf for limit in urdf]  # type: ignore[operator]
-    tool_m_s, elbow_m_s = (x or np.inf for x in (keys.limits.tool_speed_m_s, keys.limits.elbow_speed_m_s))
     return Limits(
         lower_rad=np.array(lower) + margins.position_rad,
         upper_rad=np.array(upper) - margins.position_rad,
@@ -539,7 +538,7 @@ def _limits(keys: AnyArmKeys, urdf: list[JointLimit]) -> Limits:
         acceleration_rad_s2=np.array(keys.limits.acceleration_rad_s2) * margins.acceleration,
         jerk_rad_s3=np.array(jerk) * margins.jerk,
         torque_n_m=np.array(torque),
-        places_m_s=np.array([tool_m_s, tool_m_s, elbow_m_s]) * margins.velocity,
+        whole_arm=np.array([limit or np.inf for limit in keys.limits.of_whole_arm()]) * margins.velocity,
     )
 
 

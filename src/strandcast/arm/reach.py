@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.arm.stop import SoftStop
+from strandcast.arm.stop import SoftStop, turned_in_stop
 from strandcast.core.trajectory import JointTrajectory
 
 # Chosen; not sensitive: the hand moves some centimetres in between.
@@ -77,14 +77,7 @@ def roughly_outside_m(arm: Arm, q: np.ndarray, step_s: float, hanging_m: float) 
     qd = np.gradient(q, step_s, axis=1)
     qdd = np.gradient(qd, step_s, axis=1)[:, ::every]
     q, qd = q[:, ::every], qd[:, ::every]
-    brake, jerk = arm.stop.acceleration_rad_s2, arm.stop.jerk_rad_s3
-    # First the acceleration of a joint is removed, then the joint brakes.
-    pushed = np.minimum(np.maximum(qdd * np.sign(qd), 0.0), brake)
-    speed = np.abs(qd) + pushed**2 / (2.0 * jerk)
-    soft = np.abs(qd) * pushed / jerk + pushed**3 / (3.0 * jerk**2)
-    soft += speed**2 / (2.0 * brake) + speed * brake / (2.0 * jerk)
-    hard = arm.stop.distance_rad * np.abs(qd) / arm.limits.velocity_rad_s
-    further = np.sign(qd) * np.maximum(soft, hard)
+    further, _ = turned_in_stop(arm.stop, arm.limits.velocity_rad_s, qd, qdd)
     hands = _resting_hands(arm, q, np.minimum(further, 0.0), np.maximum(further, 0.0))
     workspace = arm.box_m
     beyond = np.maximum(workspace[:, 0] - hands, hands - workspace[:, 1]) + hanging_m

@@ -95,12 +95,28 @@ class LimitsKeys(Keys):
         Of flange and clamp.
     elbow_speed_m_s
         Of the place where the forearm begins: the further one of the two longest links.
+    power_w
+        Of all joints together.
+    momentum_kg_m_s
+        Of all moving links and the payload.
+    stopping_time_s, stopping_distance_m
+        Until the arm rests, and how far tool and elbow go until then.
     """
 
     acceleration_rad_s2: list[Positive]
     jerk_rad_s3: list[Positive] | None = None
     tool_speed_m_s: Positive | None = None
     elbow_speed_m_s: Positive | None = None
+    power_w: Positive | None = None
+    momentum_kg_m_s: Positive | None = None
+    stopping_time_s: Positive | None = None
+    stopping_distance_m: Positive | None = None
+
+    def of_whole_arm(self) -> tuple[float | None, ...]:
+        """Return the limits of `strandcast.records.motion.WHOLE_ARM`; None: no limit."""
+        tool, metres = self.tool_speed_m_s, self.stopping_distance_m
+        stopping = self.stopping_time_s, metres, metres
+        return tool, tool, self.elbow_speed_m_s, self.power_w, self.momentum_kg_m_s, *stopping
 
 
 class MarginsKeys(Keys):

@@ -61,6 +61,13 @@ class SpatialDynamics(Dynamics):
         needed += self.viscous * qd + self.armature * qdd
         return np.asarray(needed + np.copysign(self.dry, needed))
 
+    def momentum(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Return the momentum (T,) [kg m/s], see `Dynamics.momentum`."""
+        links, still = (self.axes, self.mass_kg, self.centre_m, self.inertia_kg_m2), np.zeros_like(q)
+        # As in a plane.
+        parts = [(newton_euler(q, still, still, *links, unit) * qd).sum(axis=1) for unit in np.eye(3)]
+        return np.asarray(np.linalg.norm(parts, axis=0))
+
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return (J, J) [kg m²] of the links at angles (J,), without motors."""
         links = self.axes, self.mass_kg, self.centre_m, self.inertia_kg_m2

@@ -1,7 +1,9 @@
-"""The soft stop: from any command to rest within limits of acceleration and jerk (ruckig, velocity mode)."""
+"""How an arm comes to rest: the soft stop (ruckig, velocity mode), and an upper bound of it for searches."""
 
 import numpy as np
 import ruckig
+
+from strandcast.arm.joint_limits import Stop
 
 
 class SoftStop:
@@ -44,3 +46,30 @@ class SoftStop:
     def resting_place(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
         """Return the angles at which the arm would come to rest: (T, J) from (T, J) each."""
         return np.array([self.at(self.begin(*row) + 1.0)[0] for row in zip(q, qd, qdd, strict=True)])
+
+
+def turned_in_stop(
+    stop: Stop, full_rad_s: np.ndarray, qd: np.ndarray, qdd: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far each joint turns until it rests [rad], and how long that takes [s]; (..., J) each.
+
+    The further and the longer of two stops: the soft stop, and the controller's own, if the arm's file gives
+    its angle at full speed (it grows with the square of the speed; assuming proportionality is conservative).
+
+    Parameters
+    ----------
+    full_rad_s
+        (J,) full speed.
+    qd, qdd
+        (..., J) speeds [rad/s] and accelerations [rad/s²] when the stop begins.
+    """
+    brake, jerk = stop.acceleration_rad_s2, stop.jerk_rad_s3
+    # First the acceleration of a joint is removed, then the joint brakes.
+    pushed = np.minimum(np.maximum(qdd * np.sign(qd), 0.0), brake)
+    speed = np.abs(qd) + pushed**2 / (2.0 * jerk)
+    soft = np.abs(qd) * pushed / jerk + pushed**3 / (3.0 * jerk**2)
+    soft += speed**2 / (2.0 * brake) + speed * brake / (2.0 * jerk)
+    soft_s = np.where(speed > brake**2 / jerk, speed / brake + brake / jerk, 2.0 * np.sqrt(speed / jerk))
+    share = np.abs(qd) / full_rad_s
+    hard, hard_s = stop.distance_rad * share, 2.0 * stop.distance_rad / full_rad_s * share
+    return np.sign(qd) * np.maximum(soft, hard), np.maximum(pushed / jerk + soft_s, hard_s)

@@ -4,10 +4,11 @@ import numpy as np
 
 from strandcast.arm.link_masses import massless_joints, torque_gap
 from strandcast.arm.load import Arm
+from strandcast.arm.whole_arm import MOMENTUM, POWER
 from strandcast.executor.checks import box_words
 from strandcast.executor.preflight import Preflight
 from strandcast.executor.streaming.safety_monitor import GAP_TICKS
-from strandcast.records.motion import PLACES
+from strandcast.records.motion import WHOLE_ARM
 
 PEAKS = (
     ("velocity_rad_s", "speed", "rad/s"),
@@ -39,9 +40,11 @@ def dry_run_report(preflight: Preflight) -> list[str]:
         lines.append(
             f"  peak {word} [{unit}] (share of the limit): {', '.join(of) if known else 'not known'}"
         )
-    speeds = zip(PLACES, preflight.peaks["places_m_s"], limits.places_m_s, strict=True)
-    fastest = [f"{name} {_share(peak, limit)}" for name, peak, limit in speeds]
-    lines.append(f"  peak speed [m/s] (share of the limit): {', '.join(fastest)}")
+    of_arm = zip(WHOLE_ARM.items(), preflight.peaks["whole_arm"], limits.whole_arm, strict=True)
+    lines += [
+        f"  {name} [{unit}] (share of the limit): {_share(peak, limit)}"
+        for (name, unit), peak, limit in of_arm
+    ]
     string = f"with {options.hanging_m:.2f} m of string" if options.hanging_m else "without a string"
     lines += [
         f"  hand: {box_words(reach.hand_m)}",
@@ -53,6 +56,9 @@ def dry_run_report(preflight: Preflight) -> list[str]:
 
 
 def _share(peak: float, limit: float) -> str:
+    """Return a peak and its share of the limit; NaN: not known."""
+    if np.isnan(peak):
+        return "not known"
     return f"{peak:.3g} ({100 * peak / limit:.0f} %)" if np.isfinite(limit) else f"{peak:.3g} (no limit)"
 
 
@@ -88,6 +94,8 @@ def unchecked_limits(arm: Arm) -> list[str]:
     gap = torque_gap(arm)
     if gap is not None:
         lines.append(f"warning: {gap}")
+    if arm.limits.of_whole_arm[[POWER, MOMENTUM]].any() and massless_joints(arm):
+        lines.append(f"warning: power and momentum are not checked: {arm.urdf_path.name} has no masses")
     if not arm.stop.distance_rad.any():
         lines.append(
             f"warning: the stopping distance of the controller is not known: {arm.path} has no "

@@ -10,8 +10,8 @@ import numpy as np
 from numba import njit
 
 from strandcast.arm.dynamics import NO_DYNAMICS, Dynamics, chain_torques
-from strandcast.arm.limits import place_speeds
 from strandcast.arm.load import Arm
+from strandcast.arm.whole_arm import whole_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.planning.bezier import Curve, sample, whole_steps
 from strandcast.threads import over_ranges
@@ -89,12 +89,12 @@ class JointPaths:
     def excesses(self, arm: Arm) -> list[np.ndarray]:
         """Return by how much motions exceed every kind of limit; 1 = the limit.
 
-        (P, J) each of the joints', and (P, 3) of flange, clamp and elbow if any is limited.
+        (P, J) each of the joints', and (P, 8) of the arm as a whole if anything of it is limited.
         """
         limits = arm.limits
         span = limits.upper_rad - limits.lower_rad
         room = np.where(np.isfinite(span), span, np.pi)
-        places = [self.place_shares(arm) - WITHIN] if limits.of_places else []
+        of_arm = [self.whole_arm_shares(arm) - WITHIN] if limits.of_whole_arm.any() else []
         return [
             (self.high - limits.upper_rad) / room,
             (limits.lower_rad - self.low) / room,
@@ -102,13 +102,14 @@ class JointPaths:
             self.acceleration / limits.acceleration_rad_s2 - WITHIN,
             self.jerk / limits.jerk_rad_s3 - WITHIN,
             self.torque / limits.torque_n_m - WITHIN,
-            *places,
+            *of_arm,
         ]
 
-    def place_shares(self, arm: Arm) -> np.ndarray:
-        """Return (P, 3) the greatest speeds of flange, clamp and elbow, relative to their limits."""
-        speeds_m_s = place_speeds(arm, self.q, self.step_s * np.arange(self.q.shape[1]))
-        return np.asarray(speeds_m_s.max(axis=1) / arm.limits.places_m_s)
+    def whole_arm_shares(self, arm: Arm) -> np.ndarray:
+        """Return (P, 8) the greatest values of `WHOLE_ARM`, relative to their limits."""
+        time_s = self.step_s * np.arange(self.q.shape[1])
+        values = whole_arm(arm, self.q, time_s, arm.limits.of_whole_arm)
+        return np.asarray(values.max(axis=1) / arm.limits.whole_arm)
 
 
 def paths_of(

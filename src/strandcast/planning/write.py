@@ -98,14 +98,19 @@ def _prediction(plan: PlannedMotion, hit_radius_m: float, limits: Limits) -> Pre
         lowest_rad=plan.motion.q_rad.min(axis=0).tolist(),
         highest_rad=plan.motion.q_rad.max(axis=0).tolist(),
         limits={
-            column.name: [float(x) if np.isfinite(x) else None for x in getattr(limits, column.name)]
+            column.name: _known(getattr(limits, column.name))
             for column in fields(limits)
-            if column.name != "places_m_s" or limits.of_places
+            if column.name != "whole_arm" or limits.of_whole_arm.any()
         },
-        **({"peak_places_m_s": plan.peaks["places_m_s"].tolist()} if limits.of_places else {}),
+        **({"peak_whole_arm": _known(plan.peaks["whole_arm"])} if limits.of_whole_arm.any() else {}),
         workspace_room_m=plan.room_m,
         peak_tip_speed_m_s=float(np.hypot.reduce(np.gradient(plan.tip_m, plan.time_s, axis=0), axis=1).max()),
         time_s=plan.time_s.tolist(),
         hand_m=plan.hand_m.tolist(),
         tip_m=plan.tip_m.tolist(),
     )
+
+
+def _known(values: np.ndarray) -> list[float | None]:
+    """Return numbers for a file: None where there is none."""
+    return [float(x) if np.isfinite(x) else None for x in values]

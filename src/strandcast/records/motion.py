@@ -90,7 +90,17 @@ class OmitsUnset(Part):
         return {name: value for name, value in dump(self).items() if name in self.model_fields_set}
 
 
-PLACES = ("flange", "clamp", "elbow")  # on an arm, where a controller may limit the speed
+# What a controller may limit of the arm as a whole, and its unit.
+WHOLE_ARM = {
+    "flange speed": "m/s",
+    "clamp speed": "m/s",
+    "elbow speed": "m/s",
+    "power": "W",
+    "momentum": "kg m/s",
+    "stopping time": "s",
+    "tool's stopping distance": "m",
+    "elbow's stopping distance": "m",
+}
 
 
 class Prediction(OmitsUnset):
@@ -112,7 +122,7 @@ class Prediction(OmitsUnset):
     peak_acceleration_rad_s2: list[float]
     peak_jerk_rad_s3: list[float] = []
     peak_torque_n_m: list[float] = []
-    peak_places_m_s: list[float] = []  # speeds of `PLACES`; of an arm that limits them
+    peak_whole_arm: list[float | None] = []  # of `WHOLE_ARM`, if any of it is limited; null: not known
     lowest_rad: list[float] = []
     highest_rad: list[float] = []
     # Upper limits of the peaks by name, less their margins; null where there is no limit.
@@ -194,10 +204,10 @@ class Motion(Record):
             ("acceleration", self.joint_names, predicted.peak_acceleration_rad_s2, "acceleration_rad_s2"),
             ("jerk", self.joint_names, predicted.peak_jerk_rad_s3, "jerk_rad_s3"),
             ("torque", self.joint_names, predicted.peak_torque_n_m, "torque_n_m"),
-            ("tool or elbow speed", PLACES, predicted.peak_places_m_s, "places_m_s"),
+            ("the whole arm", [*WHOLE_ARM], predicted.peak_whole_arm, "whole_arm"),
         ):
             triples = zip(names, peaks, predicted.limits.get(limit, []), strict=False)
-            if used := [(peak / most, name) for name, peak, most in triples if most]:
+            if used := [(peak / most, name) for name, peak, most in triples if most and peak is not None]:
                 share, name = max(used)
                 found.append((kind, name, share))
         return found

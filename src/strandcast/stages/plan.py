@@ -66,7 +66,7 @@ def _answer(job: Job, files: Files, motion: Motion) -> Iterator[str]:
     most = max(motion.limits_used(), key=lambda used: used[2], default=None)
     if most is not None:
         kind, who, share = most
-        yield f"nearest to a limit: {who} uses {100 * share:.0f} % of its {kind}"
+        yield f"nearest to a limit of {kind}: {who}, {100 * share:.0f} % used"
     if job.is_lab:
         return
     if past(job):  # their pages may name a fault, which is to be corrected before

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strandcast.arm.limits import place_speeds
 from strandcast.arm.load import Arm
-from strandcast.records.motion import PLACES
+from strandcast.arm.whole_arm import POWER, whole_arm
+from strandcast.records.motion import WHOLE_ARM
 
 SOON_S = 1e-4  # over which a place's speed is taken; chosen
-OVERSHOOT = 1.1  # chosen: measured speed over the limit (less margins)
+OVERSHOOT = 1.1  # chosen: what is measured over the limit (less margins)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +29,9 @@ class SafetyBounds:
         (J,) of the soft stop.
     outside
         Returns whether the arm is outside the workspace at (J,) measured angles; None: not monitored.
-    too_fast
-        Returns which place on the arm is faster than allowed, and how fast [m/s], at (J,) measured angles and
-        speeds, or None; None: not monitored.
+    beyond
+        Returns which limit of the whole arm is exceeded, and by what value, at (J,) measured angles and
+        speeds, or None; None: not monitored. A measured state has no acceleration: no power is monitored.
     """
 
     lag_s: np.ndarray
@@ -40,7 +40,7 @@ class SafetyBounds:
     stop_acceleration_rad_s2: np.ndarray
     stop_jerk_rad_s3: np.ndarray
     outside: Callable[[np.ndarray], bool] | None = None
-    too_fast: Callable[[np.ndarray, np.ndarray], tuple[str, float] | None] | None = None
+    beyond: Callable[[np.ndarray, np.ndarray], str | None] | None = None
 
 
 def safety_bounds(arm: Arm) -> SafetyBounds:
@@ -51,12 +51,14 @@ def safety_bounds(arm: Arm) -> SafetyBounds:
         hand_m = arm.hand_m(q)
         return not ((low <= hand_m) & (hand_m <= high)).all()
 
-    most_m_s = OVERSHOOT * arm.limits.places_m_s
+    limit, monitored = OVERSHOOT * arm.limits.whole_arm, arm.limits.of_whole_arm
+    monitored[POWER] = False
 
-    def too_fast(q: np.ndarray, qd: np.ndarray) -> tuple[str, float] | None:
-        speeds_m_s = place_speeds(arm, np.stack([q, q + SOON_S * qd]), np.array([0.0, SOON_S]))[0]
-        k = int(np.argmax(speeds_m_s - most_m_s))
-        return (PLACES[k], float(speeds_m_s[k])) if speeds_m_s[k] > most_m_s[k] else None
+    def beyond(q: np.ndarray, qd: np.ndarray) -> str | None:
+        values = whole_arm(arm, np.stack([q, q + SOON_S * qd]), np.array([0.0, SOON_S]), monitored)[0]
+        k = int(np.argmax(values / limit))
+        name, unit = [*WHOLE_ARM.items()][k]
+        return f"{name} {values[k]:.3g} {unit}, limit {limit[k]:.3g}" if values[k] > limit[k] else None
 
     return SafetyBounds(
         lag_s=arm.servo.lag_s,
@@ -65,5 +67,5 @@ def safety_bounds(arm: Arm) -> SafetyBounds:
         stop_acceleration_rad_s2=arm.stop.acceleration_rad_s2,
         stop_jerk_rad_s3=arm.stop.jerk_rad_s3,
         outside=outside,
-        too_fast=too_fast if arm.limits.of_places else None,
+        beyond=beyond if monitored.any() else None,
     )
