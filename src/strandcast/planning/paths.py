@@ -11,6 +11,7 @@ from numba import njit
 
 from strandcast.arm.dynamics import NO_DYNAMICS, Dynamics, chain_torques
 from strandcast.arm.load import Arm
+from strandcast.arm.reach import ROUGHLY_EVERY_S
 from strandcast.arm.whole_arm import whole_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.planning.bezier import Curve, sample, whole_steps
@@ -107,8 +108,9 @@ class JointPaths:
 
     def whole_arm_shares(self, arm: Arm) -> np.ndarray:
         """Return (P, 8) the greatest values of `WHOLE_ARM`, relative to their limits."""
-        time_s = self.step_s * np.arange(self.q.shape[1])
-        values = whole_arm(arm, self.q, time_s, arm.limits.of_whole_arm)
+        every = max(1, round(ROUGHLY_EVERY_S / self.step_s))
+        q = self.q[:, ::every]
+        values = whole_arm(arm, q, every * self.step_s * np.arange(q.shape[1]), arm.limits.of_whole_arm)
         return np.asarray(values.max(axis=1) / arm.limits.whole_arm)
 
 
