@@ -223,9 +223,8 @@ def _scale_by_marker(scale: np.ndarray, marker: np.ndarray, markers: int) -> np.
 
 def _minimise(problem: ClockProblem, x: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return the x of least cost: Gauss-Newton with soft-l1 weights; steps that overshoot are halved."""
-    cost = _cost(problem, x, sigma)
+    cost, off = _cost(problem, x, sigma)
     for _ in range(MOST_STEPS):
-        off = problem.residual(x) / sigma
         slope = problem.jacobian(x)[1] / sigma[:, :, None]
         weight = 1.0 / np.sqrt(1.0 + (off / LOSS_SCALE) ** 2)
         more, more_slope = problem.event_residual(x)
@@ -234,18 +233,21 @@ def _minimise(problem: ClockProblem, x: np.ndarray, sigma: np.ndarray) -> np.nda
             flat.T @ (weight.reshape(-1, 1) * flat) + more_slope.T @ more_slope + np.diag(problem.prior()),
             flat.T @ (weight * off).ravel() + more_slope.T @ more - problem.prior() * (x - problem.expected),
         )
-        while (moved := _cost(problem, x + step, sigma)) > cost and np.abs(step).max() > SMALLEST_STEP:
+        moved, there = _cost(problem, x + step, sigma)
+        while moved > cost and np.abs(step).max() > SMALLEST_STEP:
             step *= 0.5
+            moved, there = _cost(problem, x + step, sigma)
         if moved <= cost:
-            x, cost = x + step, moved
+            x, cost, off = x + step, moved, there
         if np.abs(step).max() <= SMALLEST_STEP:
             break
     return x
 
 
-def _cost(problem: ClockProblem, x: np.ndarray, sigma: np.ndarray) -> float:
+def _cost(problem: ClockProblem, x: np.ndarray, sigma: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the cost, and the residuals (m, 3) in standard deviations."""
     off = problem.residual(x) / sigma
     loss = LOSS_SCALE**2 * (np.sqrt(1.0 + (off / LOSS_SCALE) ** 2) - 1.0)
     more = problem.event_residual(x)[0]
     away = problem.prior() * (x - problem.expected) ** 2
-    return float(loss.sum() + 0.5 * (away.sum() + more @ more))
+    return float(loss.sum() + 0.5 * (away.sum() + more @ more)), off

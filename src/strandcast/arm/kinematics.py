@@ -44,7 +44,11 @@ def link_angles(chain: PlanarChain, q: np.ndarray) -> np.ndarray:
 
 def link_points(chain: PlanarChain, q: np.ndarray) -> np.ndarray:
     """Return positions (..., J+1, 2) of the joints and the last link's end [m] from angles (..., J) [rad]."""
-    angles = link_angles(chain, q)
+    return _points(chain, link_angles(chain, q))
+
+
+def _points(chain: PlanarChain, angles: np.ndarray) -> np.ndarray:
+    """Return the same from the links' directions (..., J) [rad]."""
     steps = chain.lengths_m[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     points = np.empty((*angles.shape[:-1], angles.shape[-1] + 1, 2))
     points[..., 0, :] = chain.origin_m
@@ -64,10 +68,11 @@ def hand_pose(chain: PlanarChain, clamp: Clamp, q: np.ndarray) -> Pose:
     -------
     Poses (...): where the string leaves the clamp, and the direction in which it leaves, not wrapped.
     """
-    angle = link_angles(chain, q)[..., -1]
+    angles = link_angles(chain, q)
+    angle = angles[..., -1]
     along, left = clamp.offset_m
     cos, sin = np.cos(angle), np.sin(angle)
-    x, y = np.moveaxis(link_points(chain, q)[..., -1, :], -1, 0)
+    x, y = np.moveaxis(_points(chain, angles)[..., -1, :], -1, 0)
     position_m = np.stack([x + along * cos - left * sin, y + along * sin + left * cos], axis=-1)
     return Pose(position_m, angle + clamp.angle_rad)
 
