@@ -1,6 +1,7 @@
 """A motion's torques and limit violations, against numbers that can be computed by hand."""
 
 import dataclasses
+import shutil
 from pathlib import Path
 
 import mujoco
@@ -11,8 +12,10 @@ from strandcast.arm.joint_limits import Stop
 from strandcast.arm.limits import differences, peaks, torques, violations
 from strandcast.arm.load import PlanarArm, load_arm
 from strandcast.arm.settings import Payload
+from strandcast.arm.stop import SoftStop, turned_in_stop
 from strandcast.arm.whole_arm import whole_arm
 from strandcast.core.trajectory import JointTrajectory
+from strandcast.errors import StrandcastErrors
 from strandcast.records.motion import WHOLE_ARM
 
 
@@ -168,16 +171,48 @@ def test_power_and_momentum_are_those_of_mujoco(project_root: Path, name: str) -
 def test_a_stop_takes_the_longer_of_soft_stop_and_the_controllers_own(arm: PlanarArm) -> None:
     time_s = np.arange(5) * 1e-3
     q = np.array([0.3, 0.0, 0.0]) + np.outer(time_s, [3.0, 0.0, 0.0])
-    brake = Stop(np.full(3, 30.0), np.full(3, 600.0), np.zeros(3))
-    arm = dataclasses.replace(arm, stop=brake)
-    radius_m = np.linalg.norm(arm.hand_m(q[0]) - arm.chain.origin_m)
+    radii_m = np.linalg.norm(arm.hand_m(q[0]) - arm.chain.origin_m), arm.chain.lengths_m[0]
+
+    def stopped(distance_rad: float, seconds: float) -> np.ndarray:
+        own = np.array([distance_rad, 0.0, 0.0]), np.array([seconds, 0.0, 0.0])
+        stop = Stop(np.full(3, 30.0), np.full(3, 600.0), *own)
+        return whole_arm(dataclasses.replace(arm, stop=stop), q, time_s)[2, 5:]
+
     # 3 rad/s ends in 3 / 30 + 30 / 600 s, on average at half of the speed.
-    seconds, tool_m, elbow_m = whole_arm(arm, q, time_s)[2, 5:]
-    assert seconds == pytest.approx(0.15)
-    chord = 2 * 2 * np.sin(0.225 / 4)
-    assert (tool_m, elbow_m) == pytest.approx((chord * radius_m, chord * arm.chain.lengths_m[0]), rel=1e-6)
-    controllers = dataclasses.replace(brake, distance_rad=np.array([0.9, 0.0, 0.0]))
-    slower = whole_arm(dataclasses.replace(arm, stop=controllers), q, time_s)[2, 5]
-    full_rad_s = arm.limits.velocity_rad_s[0]
-    assert slower == pytest.approx(max(0.15, 2 * 0.9 * 3.0 / full_rad_s**2))
+    assert stopped(0.0, 0.0) == pytest.approx((0.15, 0.225 * radii_m[0], 0.225 * radii_m[1]), rel=2e-3)
+    share = 3.0 / arm.limits.velocity_rad_s[0]
+    slow = 0.5 * share, 0.9 * share * radii_m[0], 0.9 * share * radii_m[1]
+    assert stopped(0.9, 0.5) == pytest.approx(slow, rel=2e-3)
     assert whole_arm(arm, np.repeat(q[:1], 5, axis=0), time_s).max() == 0.0
+
+
+def test_the_bound_of_a_soft_stop_is_close_to_it(arm: PlanarArm) -> None:
+    random = np.random.default_rng(4)
+    qd, qdd = random.uniform(-5.0, 5.0, (200, 3)), random.uniform(-60.0, 60.0, (200, 3))
+    qd[0] = 0.0
+    stop = Stop(np.full(3, 90.0), np.full(3, 4000.0), np.zeros(3), np.zeros(3))
+    turned, seconds = turned_in_stop(stop, arm.limits.velocity_rad_s, qd, qdd)
+    soft = SoftStop(stop.acceleration_rad_s2, stop.jerk_rad_s3)
+    true = soft.resting_place(np.zeros_like(qd), qd, qdd)
+    onward = np.sign(true) == np.sign(turned)  # not where it swings back
+    assert onward.mean() > 0.9
+    assert (np.abs(turned) >= np.abs(true) - 1e-9)[onward].all()
+    assert np.median(np.abs(turned) / np.abs(true)) < 1.2
+    longest = np.array([soft.begin(np.zeros(3), *row) for row in zip(qd, qdd, strict=True)])
+    assert np.median(seconds.max(axis=1) / longest) == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_limits_of_the_whole_arm_are_read_each_at_its_place(project_root: Path, tmp_path: Path) -> None:
+    arms = project_root / "config/arms"
+    text = (arms / "ur5e-space.toml").read_text(encoding="utf-8")
+    given = ("tool_speed_m_s = 1", "elbow_speed_m_s = 2", "power_w = 3", "momentum_kg_m_s = 4")
+    own = "\n".join(("[limits]", *given, "stopping_time_s = 5", "stopping_distance_m = 6"))
+    (tmp_path / "arm.toml").write_text(text.replace("[limits]", own), encoding="utf-8")
+    for name in ("ur5e-space", "ur5e-example"):
+        shutil.copy(arms / f"{name}.urdf", tmp_path)
+    arm = load_arm(tmp_path / "arm.toml")
+    assert arm.limits.whole_arm / arm.limits.whole_arm[0] == pytest.approx([1, 1, 2, 3, 4, 5, 6, 6])
+    massless = text.replace("ur5e-space.urdf", "ur5e-example.urdf").replace("[limits]", own)
+    (tmp_path / "arm.toml").write_text(massless, encoding="utf-8")
+    with pytest.raises(StrandcastErrors, match="limits.power_w: not known: the URDF gives no mass"):
+        load_arm(tmp_path / "arm.toml")

@@ -20,7 +20,7 @@ REACH_M = 0.70
 @pytest.fixture
 def arm(project_root: Path) -> PlanarArm:
     arm = load_arm(project_root / "config/arms/planar3.toml").planar()
-    stop = Stop(np.full(3, 50.0), np.full(3, 5000.0), np.zeros(3))
+    stop = Stop(np.full(3, 50.0), np.full(3, 5000.0), np.zeros(3), np.zeros(3))
     return dataclasses.replace(arm, stop=stop)
 
 

@@ -75,9 +75,12 @@ def test_a_tool_that_is_too_fast_stops_the_arm(project_root: Path) -> None:
     arm = load_arm(project_root / "config" / "arms" / "planar3.toml")
     limits = replace(arm.limits, whole_arm=np.array([np.inf, 1.0, *[np.inf] * 6]))
     bounds = safety_bounds(replace(arm, limits=limits, tracking_rad=np.full(3, 9.0)))
-    assert safety_bounds(arm).beyond is None
+    assert safety_bounds(arm).too_fast is None
     q = np.array([0.5, 0.0, 0.0])
-    for speed_rad_s, said in ((1.5, None), (1.7, "clamp speed 1.19 m/s, limit 1.1")):  # 0.7 m from the joint
+    for speed_rad_s, said in (
+        (1.5, None),
+        (1.7, "clamp speed 1.19 m/s, allowed 1.1 m/s"),
+    ):  # 0.7 m from the joint
         monitor = SafetyMonitor(bounds, list(arm.joints), PERIOD_S)
         seen = state(q_rad=q, qd_rad_s=np.array([speed_rad_s, 0.0, 0.0]))
         assert [monitor.problem(seen, 0.0, LogBuffer(2, 3)) for _ in range(2)] == [None, said]

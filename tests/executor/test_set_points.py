@@ -33,7 +33,7 @@ def planned(count: int, seed: int) -> list[tuple[PlanarArm, JointTrajectory]]:
     """Return motions within the limits of three arms, one also with a slow tool, some of them at a limit."""
     found = []
     arms = [load_arm(ARMS / f"{name}.toml").planar() for name in ("planar3", "ur5e-example", "fr3-example")]
-    slow = replace(arms[0].limits, places_m_s=np.array([0.9, 1.0, 0.5]))
+    slow = replace(arms[0].limits, whole_arm=np.array([0.9, 1.0, 0.5, *[np.inf] * 5]))
     for arm in (*arms, replace(arms[0], limits=slow)):
         bounds = JointBounds(arm, 0.002, arm.dynamics)
         prior = CurvePrior("rest", (0.3, 0.9), 6, 60.0)
@@ -182,7 +182,7 @@ def worst_share(arm: PlanarArm, columns: Columns) -> float:
         for order, limit in enumerate(most, 1):
             shares.append((np.abs(np.diff(q, order, axis=0)) * rate_hz**order / limit).max())
         clamp_m_s = np.linalg.norm(np.diff(arm.hand_m(q), axis=0), axis=1) * rate_hz
-        shares.append(clamp_m_s.max() / limits.places_m_s[1])
+        shares.append(clamp_m_s.max() / limits.whole_arm[1])
         shares.append(1.0 + np.maximum(q - limits.upper_rad, limits.lower_rad - q).max())
     by_points = np.abs(np.diff(columns[1], axis=0)) / np.diff(columns[0])[:, None]
     return float(max(*shares, (by_points / limits.velocity_rad_s).max()))

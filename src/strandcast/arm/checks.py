@@ -5,7 +5,7 @@ import numpy as np
 
 from strandcast.arm.extract import joints_out_of_order, joints_out_of_plane
 from strandcast.arm.settings import AnyArmKeys, ArmKeys, SpatialArmKeys
-from strandcast.arm.urdf import JointLimit
+from strandcast.arm.urdf import JointLimit, massless
 
 Problem = tuple[str, str, str]  # field, what is wrong, fix
 
@@ -46,6 +46,7 @@ def number_problems(keys: AnyArmKeys, urdf: dict[str, JointLimit]) -> list[Probl
         "stop.acceleration_rad_s2": keys.stop.acceleration_rad_s2,
         "stop.jerk_rad_s3": keys.stop.jerk_rad_s3,
         "stop.distance_rad": keys.stop.distance_rad,
+        "stop.time_s": keys.stop.time_s,
         "guard.tracking_rad": keys.guard.tracking_rad,
         "servo.delay_s": keys.servo.delay_s,
         "servo.natural_frequency_rad_s": keys.servo.natural_frequency_rad_s,
@@ -85,6 +86,17 @@ def _limit_problems(keys: AnyArmKeys, name: str, limit: JointLimit) -> list[Prob
     if limit.kind == "revolute" and not missing and limit.upper_rad - limit.lower_rad <= room:  # type: ignore[operator]
         found.append((where, f"leaves no range within margins.position_rad = {room / 2}", "widen it"))
     return found
+
+
+def mass_problems(keys: AnyArmKeys, model: mujoco.MjModel) -> list[Problem]:
+    """Return limits of power and momentum that depend on masses which the URDF does not give."""
+    names = massless(model, tuple(keys.throw.joints))
+    what = f"not known: the URDF gives no mass to what {', '.join(names)} turns"
+    return [
+        (f"limits.{key}", what, "give the URDF <inertial>, or leave the limit out")
+        for key in ("power_w", "momentum_kg_m_s")
+        if names and getattr(keys.limits, key)
+    ]
 
 
 def geometry_problems(keys: ArmKeys, model: mujoco.MjModel, plane: np.ndarray) -> list[Problem]:

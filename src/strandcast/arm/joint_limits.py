@@ -26,7 +26,7 @@ class Limits:
     whole_arm: np.ndarray
 
     @property
-    def of_whole_arm(self) -> np.ndarray:
+    def whole_arm_limited(self) -> np.ndarray:
         """(8,) which quantities of the whole arm are limited."""
         return np.asarray(np.isfinite(self.whole_arm))
 
@@ -39,10 +39,12 @@ class Stop:
     ----------
     acceleration_rad_s2, jerk_rad_s3
         (J,) of the player's soft stop, finite.
-    distance_rad
-        (J,) how far each joint still turns while the controller itself stops it from full speed, or zero.
+    distance_rad, time_s
+        (J,) how far each joint still turns, and how long, while the controller itself stops it from full
+        speed, or zero.
     """
 
     acceleration_rad_s2: np.ndarray
     jerk_rad_s3: np.ndarray
     distance_rad: np.ndarray
+    time_s: np.ndarray

@@ -16,7 +16,7 @@ ROUNDING = 1e-9  # relative, of the limit
 
 @dataclass(frozen=True)
 class Violation:
-    """The instant at which a joint, or a place on the arm, exceeds its limit of one kind the most."""
+    """The instant at which a joint, or the whole arm, exceeds its limit of one kind the most."""
 
     joint: str
     kind: str
@@ -69,7 +69,7 @@ def violations(arm: Arm, motion: JointTrajectory) -> list[Violation]:
         for violation in _beyond(arm.joints, kind, when, value, limit):
             found.setdefault((violation.joint, kind), violation)
     between_s = 0.5 * (at_s[1:] + at_s[:-1])
-    of_arm = whole_arm(arm, q, at_s, limits.of_whole_arm)
+    of_arm = whole_arm(arm, q, at_s, limits.whole_arm_limited)
     columns = zip(WHOLE_ARM, of_arm.T[:, :, None], limits.whole_arm[:, None], strict=True)
     return [
         *found.values(),

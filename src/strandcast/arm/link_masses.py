@@ -3,16 +3,12 @@
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.arm.urdf import owners
-
-LEAST_KG = 1e-3  # chosen: lighter links are placeholders
+from strandcast.arm.urdf import massless
 
 
 def massless_joints(arm: Arm) -> list[str]:
     """Return the moving joints whose links have no mass in the URDF, for which torques are unknown."""
-    model = arm.model()
-    owner = owners(model, arm.joints)
-    return [name for j, name in enumerate(arm.joints) if model.body_mass[owner == j].sum() < LEAST_KG]
+    return massless(arm.model(), arm.joints)
 
 
 def torque_gap(arm: Arm) -> str | None:

@@ -18,6 +18,7 @@ from pydantic_core import ErrorDetails
 from strandcast.arm.checks import (
     Problem,
     geometry_problems,
+    mass_problems,
     name_problems,
     number_problems,
     problems_in_space,
@@ -162,7 +163,7 @@ class Arm(ABC):
         return np.full(len(self.joints), clearance_m)
 
     def limited_places(self, q: np.ndarray) -> np.ndarray:
-        """Return flange, clamp and elbow, the places with limits of speed.
+        """Return flange, clamp and elbow, which controllers limit.
 
         The elbow is where the further one of the two longest links begins.
 
@@ -435,7 +436,11 @@ def _read_urdf(
     urdf_limits = read_joint_limits(urdf_path)
     model = _model(urdf_path, sha256_file(urdf_path))
     problems = name_problems(keys, urdf_limits, model)
-    problems = problems or number_problems(keys, urdf_limits) + geometry(model)
+    problems = problems or [
+        *number_problems(keys, urdf_limits),
+        *mass_problems(keys, model),
+        *geometry(model),
+    ]
     if problems:
         raise StrandcastErrors(
             [
@@ -547,7 +552,10 @@ def _stop(keys: AnyArmKeys, limits: Limits) -> Stop:
     if keys.stop.acceleration_rad_s2 is not None:
         acceleration = np.minimum(acceleration, keys.stop.acceleration_rad_s2)
     jerk = np.minimum(limits.jerk_rad_s3, keys.stop.jerk_rad_s3 or acceleration / STOP_RISE_S)
-    return Stop(acceleration, jerk, np.array(keys.stop.distance_rad or [0.0] * len(acceleration)))
+    distance = np.array(keys.stop.distance_rad or [0.0] * len(acceleration))
+    # Of a deceleration that does not change, if the file does not say.
+    time = np.array(keys.stop.time_s or 2.0 * distance / limits.velocity_rad_s)
+    return Stop(acceleration, jerk, distance, time)
 
 
 def clamp_frame(

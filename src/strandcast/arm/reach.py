@@ -41,9 +41,8 @@ def reach_of(arm: Arm, motion: JointTrajectory, hanging_m: float) -> Reach:
     """Return the region that a densely sampled motion sweeps.
 
     The string may be anywhere within `hanging_m` from the hand. A joint may come to rest anywhere between its
-    angle and the further of two stops: the player's soft stop, and the controller's own, whose angle at full
-    speed the arm's file gives (it grows with the square of the speed; assuming proportionality is
-    conservative). The joints need not stop together.
+    angle and the further of two stops: the player's soft stop, and the controller's own (see
+    `turned_in_stop`). The joints need not stop together.
     """
     time_s = motion.time_s
     every = max(1, round(EVERY_S / float(np.median(np.diff(time_s)))))

@@ -142,6 +142,7 @@ class StopKeys(Keys):
     acceleration_rad_s2: list[Positive] | None = None
     jerk_rad_s3: list[Positive] | None = None
     distance_rad: list[NotNegative] | None = None
+    time_s: list[NotNegative] | None = None
 
 
 class GuardKeys(Keys):

@@ -54,7 +54,8 @@ def turned_in_stop(
     """Return how far each joint turns until it rests [rad], and how long that takes [s]; (..., J) each.
 
     The further and the longer of two stops: the soft stop, and the controller's own, if the arm's file gives
-    its angle at full speed (it grows with the square of the speed; assuming proportionality is conservative).
+    its angle at full speed (it grows with the square of the speed; assuming proportionality is conservative;
+    its time grows with the speed).
 
     Parameters
     ----------
@@ -65,11 +66,12 @@ def turned_in_stop(
     """
     brake, jerk = stop.acceleration_rad_s2, stop.jerk_rad_s3
     # First the acceleration of a joint is removed, then the joint brakes.
-    pushed = np.minimum(np.maximum(qdd * np.sign(qd), 0.0), brake)
+    way = np.sign(np.where(qd == 0.0, qdd, qd))
+    pushed = np.minimum(np.maximum(qdd * way, 0.0), brake)
     speed = np.abs(qd) + pushed**2 / (2.0 * jerk)
     soft = np.abs(qd) * pushed / jerk + pushed**3 / (3.0 * jerk**2)
     soft += speed**2 / (2.0 * brake) + speed * brake / (2.0 * jerk)
     soft_s = np.where(speed > brake**2 / jerk, speed / brake + brake / jerk, 2.0 * np.sqrt(speed / jerk))
     share = np.abs(qd) / full_rad_s
-    hard, hard_s = stop.distance_rad * share, 2.0 * stop.distance_rad / full_rad_s * share
-    return np.sign(qd) * np.maximum(soft, hard), np.maximum(pushed / jerk + soft_s, hard_s)
+    further = np.maximum(soft, stop.distance_rad * share)
+    return way * further, np.maximum(pushed / jerk + soft_s, stop.time_s * share)

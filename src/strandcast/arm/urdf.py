@@ -17,6 +17,7 @@ MOST_LEVELS = 32  # chosen; URDF has five, and MuJoCo reads each level by recurs
 # For links without <inertial>: MuJoCo needs some, and it does not affect torques.
 LEAST_MASS_KG = 1e-6
 LEAST_INERTIA_KG_M2 = 1e-9
+PLACEHOLDER_KG = 1e-3  # chosen: lighter links are placeholders
 
 
 @dataclass(frozen=True)
@@ -131,3 +132,9 @@ def owners(model: mujoco.MjModel, joints: tuple[str, ...]) -> np.ndarray:
     for body in range(1, model.nbody):  # parents come before their children
         owner[body] = bodies.index(body) if body in bodies else owner[model.body_parentid[body]]
     return owner
+
+
+def massless(model: mujoco.MjModel, joints: tuple[str, ...]) -> list[str]:
+    """Return those of `joints` that turn links without mass, for which torques are unknown."""
+    owner = owners(model, joints)
+    return [name for j, name in enumerate(joints) if model.body_mass[owner == j].sum() < PLACEHOLDER_KG]

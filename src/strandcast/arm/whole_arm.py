@@ -8,6 +8,8 @@ from strandcast.records.motion import WHOLE_ARM
 
 SPEEDS, POWER, MOMENTUM, STOP = slice(0, 3), 3, 4, slice(5, 8)  # of `WHOLE_ARM`
 ALL = np.ones(len(WHOLE_ARM), dtype=bool)
+PARTS = (0.0, 0.2, 0.4, 0.7, 1.0)  # of a stop, between which tool and elbow go straight; chosen
+TINY = 1e-12
 
 
 def whole_arm(arm: Arm, q: np.ndarray, time_s: np.ndarray, wanted: np.ndarray = ALL) -> np.ndarray:
@@ -21,7 +23,7 @@ def whole_arm(arm: Arm, q: np.ndarray, time_s: np.ndarray, wanted: np.ndarray = 
     q, time_s
         (..., T, J) angles [rad] at times (T,) [s].
     wanted
-        (8,) of which quantities; without masses, power and momentum are those of the payload alone.
+        (8,) which quantities are wanted. Dry friction is taken as `Dynamics.torques` does.
 
     Returns
     -------
@@ -41,7 +43,10 @@ def whole_arm(arm: Arm, q: np.ndarray, time_s: np.ndarray, wanted: np.ndarray = 
         found[..., MOMENTUM] = arm.dynamics.momentum(*rows[:2]).reshape(qd.shape[:-1])
     if wanted[STOP].any():
         turned_rad, stop_s = turned_in_stop(arm.stop, arm.limits.velocity_rad_s, qd, qdd)
-        way_m = [arm.limited_places(middle + share * turned_rad) for share in (0.0, 0.5, 1.0)]
+        longest_s = stop_s.max(axis=-1)
+        # Each joint brakes evenly, and rests at its own time.
+        since = [np.minimum(part * longest_s[..., None] / np.maximum(stop_s, TINY), 1.0) for part in PARTS]
+        way_m = [arm.limited_places(middle + (1.0 - (1.0 - x) ** 2) * turned_rad) for x in since]
         gone_m = np.linalg.norm(np.diff(way_m, axis=0), axis=-1).sum(axis=0)
-        found[..., STOP] = np.stack([stop_s.max(axis=-1), gone_m[..., :2].max(axis=-1), gone_m[..., 2]], -1)
+        found[..., STOP] = np.stack([longest_s, gone_m[..., :2].max(axis=-1), gone_m[..., 2]], axis=-1)
     return found

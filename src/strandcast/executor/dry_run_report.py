@@ -4,7 +4,6 @@ import numpy as np
 
 from strandcast.arm.link_masses import massless_joints, torque_gap
 from strandcast.arm.load import Arm
-from strandcast.arm.whole_arm import MOMENTUM, POWER
 from strandcast.executor.checks import box_words
 from strandcast.executor.preflight import Preflight
 from strandcast.executor.streaming.safety_monitor import GAP_TICKS
@@ -42,7 +41,7 @@ def dry_run_report(preflight: Preflight) -> list[str]:
         )
     of_arm = zip(WHOLE_ARM.items(), preflight.peaks["whole_arm"], limits.whole_arm, strict=True)
     lines += [
-        f"  {name} [{unit}] (share of the limit): {_share(peak, limit)}"
+        f"  peak {name} [{unit}] (share of the limit): {_share(peak, limit)}"
         for (name, unit), peak, limit in of_arm
     ]
     string = f"with {options.hanging_m:.2f} m of string" if options.hanging_m else "without a string"
@@ -94,8 +93,6 @@ def unchecked_limits(arm: Arm) -> list[str]:
     gap = torque_gap(arm)
     if gap is not None:
         lines.append(f"warning: {gap}")
-    if arm.limits.of_whole_arm[[POWER, MOMENTUM]].any() and massless_joints(arm):
-        lines.append(f"warning: power and momentum are not checked: {arm.urdf_path.name} has no masses")
     if not arm.stop.distance_rad.any():
         lines.append(
             f"warning: the stopping distance of the controller is not known: {arm.path} has no "

@@ -59,7 +59,7 @@ class Preflight:
     command
         Its set points at the driver's rate: what was checked is what is sent.
     peaks
-        (J,) each: peak speed, acceleration, jerk and torque.
+        (J,) each: peak speed, acceleration, jerk and torque; (8,) of the whole arm.
     reach
         The region that the arm and the string sweep.
     jitter

@@ -175,9 +175,9 @@ def _at_rest(
 
 
 def _slowed(curves: Curves, bounds: JointBounds) -> Curves:
-    """Slow down motions that ask for too much torque or speed of the tool; drop those that still do."""
+    """Slow down motions that ask for too much torque, or of the whole arm; drop those that still do."""
     arm = bounds.arm
-    if (bounds.dynamics is NO_DYNAMICS and not arm.limits.of_whole_arm.any()) or not len(curves):
+    if (bounds.dynamics is NO_DYNAMICS and not arm.limits.whole_arm_limited.any()) or not len(curves):
         return curves
     heights = curves.heights_rad_s.copy()
     for _ in range(SLOWING):
@@ -187,7 +187,7 @@ def _slowed(curves: Curves, bounds: JointBounds) -> Curves:
         if not over.any():
             return curves
         share = np.full(len(curves), SLOWED)
-        if arm.limits.of_whole_arm.any():
+        if arm.limits.whole_arm_limited.any():
             share = np.minimum(share, SLOWED / paths.whole_arm_shares(arm).max(axis=1))
         heights = np.where(over[:, None, None], share[:, None, None] * heights, heights)
     return curves.take(np.flatnonzero(~over))

@@ -22,6 +22,8 @@ WITHIN = 0.995
 # From rest into a curve that begins with an acceleration, the quintic through the first two points overshoots
 # it by this factor, at 0.355 of the step.
 ONSET = 1.374
+# Between the points where the whole arm is checked, its values may be this much higher (power; measured).
+BETWEEN = 1.04
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +97,7 @@ class JointPaths:
         limits = arm.limits
         span = limits.upper_rad - limits.lower_rad
         room = np.where(np.isfinite(span), span, np.pi)
-        of_arm = [self.whole_arm_shares(arm) - WITHIN] if limits.of_whole_arm.any() else []
+        of_arm = [self.whole_arm_shares(arm) - WITHIN] if limits.whole_arm_limited.any() else []
         return [
             (self.high - limits.upper_rad) / room,
             (limits.lower_rad - self.low) / room,
@@ -110,8 +112,8 @@ class JointPaths:
         """Return (P, 8) the greatest values of `WHOLE_ARM`, relative to their limits."""
         every = max(1, round(ROUGHLY_EVERY_S / self.step_s))
         q = self.q[:, ::every]
-        values = whole_arm(arm, q, every * self.step_s * np.arange(q.shape[1]), arm.limits.of_whole_arm)
-        return np.asarray(values.max(axis=1) / arm.limits.whole_arm)
+        values = whole_arm(arm, q, every * self.step_s * np.arange(q.shape[1]), arm.limits.whole_arm_limited)
+        return np.asarray(BETWEEN * values.max(axis=1) / arm.limits.whole_arm)
 
 
 def paths_of(

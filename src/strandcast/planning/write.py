@@ -100,9 +100,9 @@ def _prediction(plan: PlannedMotion, hit_radius_m: float, limits: Limits) -> Pre
         limits={
             column.name: _known(getattr(limits, column.name))
             for column in fields(limits)
-            if column.name != "whole_arm" or limits.of_whole_arm.any()
+            if column.name != "whole_arm" or limits.whole_arm_limited.any()
         },
-        **({"peak_whole_arm": _known(plan.peaks["whole_arm"])} if limits.of_whole_arm.any() else {}),
+        **({"peak_whole_arm": _known(plan.peaks["whole_arm"])} if limits.whole_arm_limited.any() else {}),
         workspace_room_m=plan.room_m,
         peak_tip_speed_m_s=float(np.hypot.reduce(np.gradient(plan.tip_m, plan.time_s, axis=0), axis=1).max()),
         time_s=plan.time_s.tolist(),

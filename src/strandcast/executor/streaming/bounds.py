@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from strandcast.arm.load import Arm
-from strandcast.arm.whole_arm import POWER, whole_arm
+from strandcast.arm.whole_arm import SPEEDS, whole_arm
 from strandcast.records.motion import WHOLE_ARM
 
 SOON_S = 1e-4  # over which a place's speed is taken; chosen
-OVERSHOOT = 1.1  # chosen: what is measured over the limit (less margins)
+OVERSHOOT = 1.1  # chosen: measured speed over the limit (less margins)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +29,9 @@ class SafetyBounds:
         (J,) of the soft stop.
     outside
         Returns whether the arm is outside the workspace at (J,) measured angles; None: not monitored.
-    beyond
-        Returns which limit of the whole arm is exceeded, and by what value, at (J,) measured angles and
-        speeds, or None; None: not monitored. A measured state has no acceleration: no power is monitored.
+    too_fast
+        Returns which of flange, clamp and elbow is too fast at (J,) measured angles and speeds, or None;
+        None: not monitored.
     """
 
     lag_s: np.ndarray
@@ -40,7 +40,7 @@ class SafetyBounds:
     stop_acceleration_rad_s2: np.ndarray
     stop_jerk_rad_s3: np.ndarray
     outside: Callable[[np.ndarray], bool] | None = None
-    beyond: Callable[[np.ndarray, np.ndarray], str | None] | None = None
+    too_fast: Callable[[np.ndarray, np.ndarray], str | None] | None = None
 
 
 def safety_bounds(arm: Arm) -> SafetyBounds:
@@ -51,14 +51,18 @@ def safety_bounds(arm: Arm) -> SafetyBounds:
         hand_m = arm.hand_m(q)
         return not ((low <= hand_m) & (hand_m <= high)).all()
 
-    limit, monitored = OVERSHOOT * arm.limits.whole_arm, arm.limits.of_whole_arm
-    monitored[POWER] = False
+    limit = OVERSHOOT * arm.limits.whole_arm[SPEEDS]
+    # Power, momentum and stop are those of the checked command: to compute them takes a cycle's time.
+    monitored = np.zeros(len(WHOLE_ARM), dtype=bool)
+    monitored[SPEEDS] = True
 
-    def beyond(q: np.ndarray, qd: np.ndarray) -> str | None:
-        values = whole_arm(arm, np.stack([q, q + SOON_S * qd]), np.array([0.0, SOON_S]), monitored)[0]
+    def too_fast(q: np.ndarray, qd: np.ndarray) -> str | None:
+        values = whole_arm(arm, np.stack([q, q + SOON_S * qd]), np.array([0.0, SOON_S]), monitored)[0, SPEEDS]
         k = int(np.argmax(values / limit))
+        if values[k] <= limit[k]:
+            return None
         name, unit = [*WHOLE_ARM.items()][k]
-        return f"{name} {values[k]:.3g} {unit}, limit {limit[k]:.3g}" if values[k] > limit[k] else None
+        return f"{name} {values[k]:.3g} {unit}, allowed {limit[k]:.3g} {unit}"
 
     return SafetyBounds(
         lag_s=arm.servo.lag_s,
@@ -67,5 +71,5 @@ def safety_bounds(arm: Arm) -> SafetyBounds:
         stop_acceleration_rad_s2=arm.stop.acceleration_rad_s2,
         stop_jerk_rad_s3=arm.stop.jerk_rad_s3,
         outside=outside,
-        beyond=beyond if monitored.any() else None,
+        too_fast=too_fast if np.isfinite(limit).any() else None,
     )

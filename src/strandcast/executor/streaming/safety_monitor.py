@@ -56,8 +56,8 @@ class SafetyMonitor:
         j = int(np.argmax(fast))
         if not fast[j] <= 0.0:
             return f"{self._names[j]} moves at {state.qd_rad_s[j]:.2f} rad/s"
-        if bounds.beyond is not None and (exceeded := bounds.beyond(state.q_rad, state.qd_rad_s)):
-            return exceeded
+        if bounds.too_fast is not None and (fastest := bounds.too_fast(state.q_rad, state.qd_rad_s)):
+            return fastest
         if bounds.outside is not None and bounds.outside(state.q_rad):
             return "the hand is outside the workspace"
         return None
