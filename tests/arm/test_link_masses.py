@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from strandcast.arm.link_masses import massless_joints, torque_gap
+from strandcast.arm.link_masses import torque_gap
 from strandcast.arm.load import PlanarArm, load_arm
+from strandcast.arm.urdf import massless
 
 ARMS = Path(__file__).parents[2] / "config" / "arms"
 
@@ -28,14 +29,14 @@ def test_an_arm_with_masses_and_a_margin_has_its_torques_checked() -> None:
 @pytest.mark.parametrize("name", ["ur5e-example", "fr3-example"])
 def test_a_margin_of_torque_without_masses_is_reported(name: str, tmp_path: Path) -> None:
     arm = edited(name, tmp_path, toml=("[margins]", "[margins]\ntorque = 0.8"))
-    assert massless_joints(arm) == list(arm.joints)
+    assert massless(arm.model(), arm.joints) == list(arm.joints)
     assert f"{name}.urdf gives no mass to what {', '.join(arm.joints)} turn" in str(torque_gap(arm))
 
 
 def test_one_link_without_mass_is_named(tmp_path: Path) -> None:
     mass = '<mass value="0.6"/>'
     arm = edited("planar3", tmp_path, urdf=(mass, '<mass value="0.0"/>'))
-    assert massless_joints(arm) == ["joint_2"]
+    assert massless(arm.model(), arm.joints) == ["joint_2"]
     assert "what joint_2 turns" in str(torque_gap(arm))
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from strandcast.arm.link_masses import massless_joints
 from strandcast.arm.load import Arm
+from strandcast.arm.urdf import massless
 from strandcast.arm.whole_arm import MOMENTUM, POWER, whole_arm
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.records.motion import WHOLE_ARM
@@ -113,7 +113,7 @@ def peaks(arm: Arm, motion: JointTrajectory) -> dict[str, np.ndarray]:
     q, qd, qdd = motion.q_rad, motion.qd_rad_s, motion.qdd_rad_s2
     jerk = np.diff(qdd, axis=0) / np.diff(motion.time_s)[:, None]
     of_arm = whole_arm(arm, q, motion.time_s).max(axis=0)
-    if massless_joints(arm):
+    if massless(arm.model(), arm.joints):
         of_arm[[POWER, MOMENTUM]] = np.nan
     return {
         "velocity_rad_s": np.abs(qd).max(axis=0),

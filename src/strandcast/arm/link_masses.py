@@ -6,14 +6,9 @@ from strandcast.arm.load import Arm
 from strandcast.arm.urdf import massless
 
 
-def massless_joints(arm: Arm) -> list[str]:
-    """Return the moving joints whose links have no mass in the URDF, for which torques are unknown."""
-    return massless(arm.model(), arm.joints)
-
-
 def torque_gap(arm: Arm) -> str | None:
     """Return why torques are not checked, or None if they are."""
-    names = massless_joints(arm)
+    names = massless(arm.model(), arm.joints)
     if names:
         turn = "turns" if len(names) == 1 else "turn"
         return (

@@ -1,4 +1,4 @@
-"""How an arm comes to rest: the soft stop (ruckig, velocity mode), and an upper bound of it for searches."""
+"""How an arm comes to rest: the soft stop (ruckig, velocity mode), and a bound of it, fast."""
 
 import numpy as np
 import ruckig
@@ -66,12 +66,12 @@ def turned_in_stop(
     """
     brake, jerk = stop.acceleration_rad_s2, stop.jerk_rad_s3
     # First the acceleration of a joint is removed, then the joint brakes.
-    way = np.sign(np.where(qd == 0.0, qdd, qd))
-    pushed = np.minimum(np.maximum(qdd * way, 0.0), brake)
+    direction = np.sign(np.where(qd == 0.0, qdd, qd))
+    pushed = np.minimum(np.maximum(qdd * direction, 0.0), brake)
     speed = np.abs(qd) + pushed**2 / (2.0 * jerk)
     soft = np.abs(qd) * pushed / jerk + pushed**3 / (3.0 * jerk**2)
     soft += speed**2 / (2.0 * brake) + speed * brake / (2.0 * jerk)
     soft_s = np.where(speed > brake**2 / jerk, speed / brake + brake / jerk, 2.0 * np.sqrt(speed / jerk))
     share = np.abs(qd) / full_rad_s
     further = np.maximum(soft, stop.distance_rad * share)
-    return way * further, np.maximum(pushed / jerk + soft_s, stop.time_s * share)
+    return direction * further, np.maximum(pushed / jerk + soft_s, stop.time_s * share)

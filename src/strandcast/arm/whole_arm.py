@@ -9,14 +9,14 @@ from strandcast.records.motion import WHOLE_ARM
 SPEEDS, POWER, MOMENTUM, STOP = slice(0, 3), 3, 4, slice(5, 8)  # of `WHOLE_ARM`
 ALL = np.ones(len(WHOLE_ARM), dtype=bool)
 PARTS = (0.0, 0.2, 0.4, 0.7, 1.0)  # of a stop, between which tool and elbow go straight; chosen
-TINY = 1e-12
+TINY_S = 1e-12  # of joints that rest already
 
 
 def whole_arm(arm: Arm, q: np.ndarray, time_s: np.ndarray, wanted: np.ndarray = ALL) -> np.ndarray:
     """Return the values of `WHOLE_ARM` between the samples of joint paths, zero where not wanted.
 
-    The power is that of all joints together, the payload being a part of the arm. It stops as
-    `turned_in_stop` says.
+    The power is that of all joints together, the payload being a part of the arm. The arm
+    stops as `turned_in_stop` says.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def whole_arm(arm: Arm, q: np.ndarray, time_s: np.ndarray, wanted: np.ndarray = 
         turned_rad, stop_s = turned_in_stop(arm.stop, arm.limits.velocity_rad_s, qd, qdd)
         longest_s = stop_s.max(axis=-1)
         # Each joint brakes evenly, and rests at its own time.
-        since = [np.minimum(part * longest_s[..., None] / np.maximum(stop_s, TINY), 1.0) for part in PARTS]
+        since = [np.minimum(part * longest_s[..., None] / np.maximum(stop_s, TINY_S), 1.0) for part in PARTS]
         way_m = [arm.limited_places(middle + (1.0 - (1.0 - x) ** 2) * turned_rad) for x in since]
         gone_m = np.linalg.norm(np.diff(way_m, axis=0), axis=-1).sum(axis=0)
         found[..., STOP] = np.stack([longest_s, gone_m[..., :2].max(axis=-1), gone_m[..., 2]], axis=-1)

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from strandcast.arm.link_masses import massless_joints, torque_gap
+from strandcast.arm.link_masses import torque_gap
 from strandcast.arm.load import Arm
+from strandcast.arm.urdf import massless
 from strandcast.executor.checks import box_words
 from strandcast.executor.preflight import Preflight
 from strandcast.executor.streaming.safety_monitor import GAP_TICKS
@@ -35,7 +36,7 @@ def dry_run_report(preflight: Preflight) -> list[str]:
     for key, word, unit in PEAKS:
         most = getattr(limits, key)
         of = [_share(peak, limit) for peak, limit in zip(preflight.peaks[key], most, strict=True)]
-        known = key != "torque_n_m" or not massless_joints(arm)
+        known = key != "torque_n_m" or not massless(arm.model(), arm.joints)
         lines.append(
             f"  peak {word} [{unit}] (share of the limit): {', '.join(of) if known else 'not known'}"
         )

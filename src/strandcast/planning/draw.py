@@ -175,7 +175,7 @@ def _at_rest(
 
 
 def _slowed(curves: Curves, bounds: JointBounds) -> Curves:
-    """Slow down motions that ask for too much torque, or of the whole arm; drop those that still do."""
+    """Slow down motions beyond a limit of torque or of the whole arm; drop those that still are."""
     arm = bounds.arm
     if (bounds.dynamics is NO_DYNAMICS and not arm.limits.whole_arm_limited.any()) or not len(curves):
         return curves

@@ -6,8 +6,8 @@ from typing import cast
 
 import numpy as np
 
-from strandcast.arm.link_masses import massless_joints
 from strandcast.arm.servo import identify
+from strandcast.arm.urdf import massless
 from strandcast.arm.yielding_joints import JointResponse, identify_yielding
 from strandcast.config.plan import PlanSettings
 from strandcast.core.disturbances import TYPICAL_SIZES
@@ -262,7 +262,7 @@ def fitted_servo(task: PlanningTask, past_trials: list[PastTrial]) -> JointRespo
     time_s = np.arange(len(same[0].q_rad)) * task.step_s
     commands, q = np.array([trial.q_command_rad for trial in same]), np.array([trial.q_rad for trial in same])
     servo, left_rad = identify(time_s, commands, q, task.arm.servo)
-    if left_rad.max() < YIELDS_RAD or massless_joints(task.arm):
+    if left_rad.max() < YIELDS_RAD or massless(task.arm.model(), task.arm.joints):
         return servo
     yielding, still_left_rad = identify_yielding(time_s, commands, q, task.arm.spatial_dynamics)
     return yielding if still_left_rad.max() < 0.5 * left_rad.max() else servo
