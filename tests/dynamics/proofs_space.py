@@ -14,7 +14,6 @@ from scipy.integrate import quad, solve_bvp
 from scipy.spatial.transform import Rotation
 
 from strandcast.dynamics.model import StringModel
-from strandcast.dynamics.spatial.clamps import poses_in_plane
 
 STRING = parameters(
     k_s=2e4, c_s=5.0, k_h=0.5, c_h=0.1, k_sh=0.2, c_sh=0.02, C_c1=0.1, C_c2=0.3, k_ph=2.0, c_ph=0.02
@@ -27,6 +26,13 @@ FACTOR = (1.5, 1.0, 2.5, 1.0, 0.5)
 SWITCH = {"rate": 0.5, "strain": 20.0}
 STICKING = {"bend_friction": 0.15, "friction_stick_rad_m": 2.0}
 TILTED = np.array([[0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+
+
+def poses_in_plane(pose: np.ndarray, origin_m: np.ndarray, right: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return the poses (T, 9) in space of poses (T, 3) in the plane of the unit vectors `right` and `up`."""
+    plane = np.stack([right, up])
+    turned = np.column_stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])])
+    return np.hstack([origin_m + pose[:, :2] @ plane, turned @ plane, turned[:, ::-1] * [-1.0, 1.0] @ plane])
 
 
 @proof("mm", lfcn=1e-6, lfcn_f32=0.05)

@@ -5,14 +5,13 @@ from itertools import product
 import numpy as np
 import pytest
 from arrays import simulate_batch, start_shape, strings_of
-from proofs_space import first_clamp, pose_of, swung
+from proofs_space import first_clamp, pose_of, poses_in_plane, swung
 from reference_space import ClampState, SpatialEquations
 
 from strandcast.dynamics import simulate as simulation
 from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import NO_REST_SHAPE, OK
-from strandcast.dynamics.spatial.clamps import poses_in_plane
 from strandcast.errors import StrandcastError
 
 LENGTH_M, GRAVITY_M_S2 = 0.5, 9.81

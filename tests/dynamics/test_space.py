@@ -15,6 +15,7 @@ from proofs_space import (
     TIME_S,
     first_clamp,
     pose_of,
+    poses_in_plane,
     second_clamp,
     start_of,
     string_of,
@@ -25,7 +26,7 @@ from strandcast.dynamics.batch import HandPath
 from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.simulate import BLEW_UP, OK
 from strandcast.dynamics.simulate import simulate_batch as simulate
-from strandcast.dynamics.spatial.clamps import clamp_poses, hanging_clamp_poses, poses_in_plane
+from strandcast.dynamics.spatial.clamps import clamp_poses, hanging_clamp_poses
 
 MODEL = StringModel(0.2, 5)
 POSE = np.array([pose_of(first_clamp(t)) for t in TIME_S])

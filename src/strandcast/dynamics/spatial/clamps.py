@@ -79,13 +79,6 @@ def hanging_clamp_poses(place_m: Array, direction: Array) -> Array:
     return np.hstack([place_m, along, normal])
 
 
-def poses_in_plane(pose: Array, origin_m: Array, right: Array, up: Array) -> Array:
-    """Return the poses (T, 9) in space of poses (T, 3) in the plane of the unit vectors `right` and `up`."""
-    plane = np.stack([right, up])
-    turned = np.column_stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])])
-    return np.hstack([origin_m + pose[:, :2] @ plane, turned @ plane, turned[:, ::-1] * [-1.0, 1.0] @ plane])
-
-
 @njit(**CACHED)
 def orthonormal(pose: Array, frame: Array) -> None:
     """Write direction, normal and their vector product (3, 3) of a pose (9,)."""
