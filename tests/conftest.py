@@ -1,6 +1,5 @@
 """Fixtures that all tests share, and what a run of the tests says at its end."""
 
-import gc
 import os
 import shutil
 from collections import Counter
@@ -21,8 +20,6 @@ from strandcast.video.reader import open_video
 # Small matrices: more threads only spin, and take the other core's time (the workflow's jobs have one too).
 # What is loaded later, and in other processes, reads the variable; numpy was loaded by the imports above.
 threadpool_limits(int(os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")))
-# Compiling keeps millions of objects: at Python's threshold, a tenth of its time is a search for cycles.
-gc.set_threshold(50_000, 20, 50)
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from strandcast.kernel_cache import use_own_cache
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
 
     from strandcast.api import Project
     from strandcast.records.record import Record
 
-__all__ = ["__version__", "load", "open"]
+__all__ = ["__version__", "load", "open", "simulate"]
 __version__ = "0.2.0"
 
 use_own_cache()
@@ -34,3 +35,13 @@ def open(root: str | Path = ".") -> Project:
     from strandcast.api import Project  # heavy too
 
     return Project(root)
+
+
+def simulate(time_s: np.ndarray, place_m: np.ndarray, **string: Any) -> np.ndarray:
+    """Return the path of a string whose end is moved, or both ends; see docs/how-to/simulate-a-string.md.
+
+    The arguments are those of `strandcast.dynamics.physical.simulate`.
+    """
+    from strandcast.api import simulate as simulate_string  # heavy too
+
+    return simulate_string(time_s, place_m, **string)

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from strandcast.arm.load import Arm, load_arm
 from strandcast.arm.yielding_joints import follow
 from strandcast.config.experiment import Experiment
+from strandcast.dynamics.physical import simulate
 from strandcast.errors import StrandcastError
 from strandcast.planning.rollouts import RolloutConditions, commands, simulate_rollouts
 from strandcast.records.alignment import Alignment
@@ -37,6 +38,7 @@ from strandcast.stages.plan_inputs import next_inputs, servo_of
 if TYPE_CHECKING:
     import pandas as pd
 
+__all__ = ["ExperimentView", "FittedString", "Project", "TrialView", "simulate"]
 SIMULATED_UNITS = {"member": "1", "time_s": "s", "point": "1"} | dict.fromkeys(AXES, "m")
 
 

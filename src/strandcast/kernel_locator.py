@@ -1,5 +1,6 @@
 """Where numba keeps the machine code of this package's kernels: by content, wherever the package lies."""
 
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,9 @@ class _Compiling(event.Listener):
         self.count, self.progress = 0, Progress("compiling kernels, once")
 
     def on_start(self, event: Any) -> None:
+        if not self.count:
+            # Compiling keeps millions of objects: by default, a tenth of its time is a search for cycles.
+            gc.set_threshold(50_000, 20, 50)
         self.count += 1
         self.progress(self.count)
 

@@ -50,6 +50,10 @@ def test_a_string_is_fitted_to_motion_capture(project, tmp_path, monkeypatch):
     assert (tmp_path / "mylab/results/mocap/trial-01/estimate.json").is_file()
 
 
+def test_strings_are_simulated(project, tmp_path, monkeypatch):
+    assert run("simulate-a-string.ipynb", project, tmp_path, monkeypatch)["figures"] == "3"
+
+
 def test_planners_are_compared(project, tmp_path, monkeypatch):
     shown = run("compare-planners.ipynb", project, tmp_path, monkeypatch)
     assert shown["figures"] == "1"

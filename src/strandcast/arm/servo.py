@@ -52,12 +52,13 @@ def respond(servo: Servo, time_s: np.ndarray, q_command: np.ndarray) -> np.ndarr
     -------
     Array of the shape of `q_command` [rad].
     """
-    commands = np.asarray(q_command, float)
+    commands = np.ascontiguousarray(q_command, float)
     batch = commands.reshape(-1, *commands.shape[-2:])
     step_s = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
     joints = servo.matrix()
     decays, forces = zip(*(_transition(w, z, float(step_s)) for _, w, z, _ in joints.tolist()), strict=True)
-    answer = _respond(joints[:, 0] / step_s, joints[:, 3], np.array(decays), np.array(forces), batch)
+    delays, gains = joints[:, 0] / step_s, joints[:, 3].copy()
+    answer = _respond(delays, gains, np.array(decays), np.array(forces), batch)
     return answer.reshape(commands.shape)
 
 

@@ -71,7 +71,7 @@ class SpatialDynamics(Dynamics):
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return (J, J) [kg m²] of the links at angles (J,), without motors."""
         links = self.axes, self.mass_kg, self.centre_m, self.inertia_kg_m2
-        return np.asarray(mass_matrix(np.asarray(q, float), *links))
+        return np.asarray(mass_matrix(np.ascontiguousarray(q, float), *links))
 
 
 def spatial_dynamics(model: mujoco.MjModel, at_zero: np.ndarray, joints: Sequence[str]) -> SpatialDynamics:

@@ -63,7 +63,7 @@ def follow(joints: JointResponse, time_s: np.ndarray, q_command: np.ndarray) -> 
     """Return the angles of joints that follow a command from rest; see `arm.servo.respond`."""
     if isinstance(joints, Servo):
         return respond(joints, time_s, q_command)
-    commands = np.ascontiguousarray(q_command, float).reshape(-1, *np.shape(q_command)[-2:])
+    commands = np.asarray(q_command, float).reshape(-1, *np.shape(q_command)[-2:])
     given = joints.dynamics, joints.loops[None], np.array([joints.carried])
     return _simulated(*given, time_s, commands).reshape(np.shape(q_command))
 
@@ -157,6 +157,7 @@ def _simulated(
     """Return angles (P, T, J) for loops (P or 1, 5, J), carried shares (P or 1,) and commands (P, T, J)."""
     every_s = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
     stride = max(1, int(STEP_S / every_s))
+    commands = np.ascontiguousarray(commands)  # another layout would compile another kernel
     answer = np.empty(commands.shape)
     links = dynamics.mass_kg, dynamics.centre_m, dynamics.inertia_kg_m2, dynamics.gravity_m_s2
     own = np.array([dynamics.viscous, dynamics.armature])

@@ -27,6 +27,7 @@ from strandcast.cli.play import EXIT_CODES, play
 from strandcast.cli.predict import predict
 from strandcast.cli.rig import rig
 from strandcast.cli.run import RESUMING, run
+from strandcast.cli.simulate import simulate
 from strandcast.cli.stages import stage_commands, summary
 from strandcast.cli.status import status
 from strandcast.errors import StrandcastError
@@ -112,12 +113,13 @@ for name, export in EXPORTS.items():
 
 # The help lists groups and commands in this order; commands that have commands of their own come last.
 DAILY, SET_UP, CARE = "Every day", "Setting up", "Looking after files"
-STAGES, EXCHANGE = "Single stages", "Data exchange"
+STAGES, EXCHANGE, ALONE = "Single stages", "Data exchange", "Without an experiment"
 
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     DAILY: (new, check, status, run, play, exclude, include, predict),
     SET_UP: (doctor, docs, explain, boards, preview),
     CARE: (compare, rig, verify),
+    ALONE: (simulate,),
 }
 EPILOGS = {play: EXIT_CODES, run: RESUMING}
 
