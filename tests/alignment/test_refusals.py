@@ -264,6 +264,7 @@ def test_a_weak_motion_is_warned_of_with_its_cost(throw, fit, motion):
     assert "sync wiggle" in warning
 
 
+@pytest.mark.thorough
 def test_a_worse_one_is_refused(throw, refusal, motion):
     def slower(time_s):
         s = np.clip(time_s / 0.9, 0, 1)

@@ -47,6 +47,7 @@ def test_a_trial_of_another_clock_is_named():
     assert 6 in shared_drift(trials).odd
 
 
+@pytest.mark.thorough
 def test_lab_throws_that_share_a_drift(throw, fit):
     """Four throws with a drift of 300 ppm, which a single one hardly determines."""
     trials = [throw(seed, drift=0.0) for seed in (0, 5, 9, 14)]

@@ -285,13 +285,15 @@ def test_sharp_and_different_frames_are_chosen(frames):
     ("views", "words"),
     [
         ([STATIONS[0], STATIONS[2], STATIONS[5]], "only 3 photos of the board"),
-        (
+        pytest.param(
             [(0.02 * k, 0.0, 0.2 * k, (0.04 * k, 0.03 * k), 0.42 + 0.02 * k) for k in range(7)],
             "tilts differ by",
+            marks=pytest.mark.thorough,
         ),
-        (
+        pytest.param(
             [(*view[:3], (view[3][0] * 2 - 0.14, view[3][1] * 2 - 0.1), 1.5) for view in STATIONS],
             "of the picture's width",
+            marks=pytest.mark.thorough,
         ),
     ],
 )

@@ -330,9 +330,9 @@ def test_unfitted_coefficients_have_nonzero_variance(corner_views):
 @pytest.mark.parametrize(
     ("distortion", "models"),
     [
-        ((0.0, 0.0, 0.0, 0.0, 0.0), {"none"}),
-        ((-0.15, 0.0, 0.0, 0.0, 0.0), {"k1"}),
-        ((-0.3, 0.15, 0.0, 0.0, 0.0), {"k1k2"}),
+        pytest.param((0.0, 0.0, 0.0, 0.0, 0.0), {"none"}, marks=pytest.mark.thorough),
+        pytest.param((-0.15, 0.0, 0.0, 0.0, 0.0), {"k1"}, marks=pytest.mark.thorough),
+        pytest.param((-0.3, 0.15, 0.0, 0.0, 0.0), {"k1k2"}, marks=pytest.mark.thorough),
         ((-0.15, 0.08, 0.004, -0.004, 0.0), {"k1k2p1p2"}),
         ((0.3, 0.05, 0.0, 0.0, 0.0, 0.7, 0.1, 0.0), {"rational"}),
     ],

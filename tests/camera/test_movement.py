@@ -64,6 +64,7 @@ def film(path: Path, frames: list[np.ndarray]) -> list[np.ndarray]:
         return [frame.to_ndarray(format="gray") for frame in container.decode(video=0)]
 
 
+@pytest.mark.thorough
 def test_a_still_camera_gives_no_warning(camera, take):
     seen = [find_movement(camera, take(seed=seed)) for seed in range(3)]
     assert max(moved.displacement_px for moved in seen) < 0.06

@@ -4,7 +4,7 @@ import pytest
 from proofs import PROOFS, VARIANTS
 
 # Against integrators of small steps, or as another one of them.
-LONG = ("dop853_in_space", "order_in_space", "strong_damping_in_space", "mujoco_balls_limit")
+LONG = ("dop853", "dop853_in_space", "order_in_space", "strong_damping_in_space", "mujoco_balls_limit")
 CASES = [
     pytest.param(*(name, variant), marks=pytest.mark.thorough if variant != "lfcn" or name in LONG else ())
     for name, proof in PROOFS.items()

@@ -103,6 +103,7 @@ def test_few_markers_off_the_mass_points_are_enough_from_rest(places):
     assert missed_m(fit, eased(series(False, 2.9, places))) < 6e-3
 
 
+@pytest.mark.thorough
 def test_taper_and_the_place_of_the_only_marker_are_found():
     model, space = space_of_cable(LENGTH_M, False, forces={"taper", "rest_curl", "marker_shift"})
     truth = TRUTH | {"taper": 1.2, "marker_shift": -0.05}

@@ -89,6 +89,7 @@ def test_friction_that_sticks_is_friction():
     assert FRICTION_STICK not in without.names
 
 
+@pytest.mark.thorough
 def test_dry_friction_is_found_where_damping_cannot_replace_it():
     pose = hand_path(1.0)
     points = simulated(known_string().with_values(bend_friction=np.array([30.0])), pose)

@@ -88,6 +88,7 @@ def test_the_player_runs_with_the_locked_packages_alone(tmp_path, project_root, 
     assert says in done.stdout
 
 
+@pytest.mark.thorough
 def test_what_the_player_cannot_do_is_one_message(tmp_path, project_root):
     make_project(tmp_path / "lab")
     line = [sys.executable, "-c", WITH_THESE_ALONE, ",".join(locked(project_root)), "run", "demo"]

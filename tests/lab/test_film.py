@@ -60,7 +60,7 @@ def test_hand_markers_are_detected_where_they_are(thrown: Thrown) -> None:
     seen, errors, count = 0, [], 0
     with open_video(thrown.trial / "video.mp4") as video:
         for index, _, grey in video:
-            if index % 4:
+            if index % 12:
                 continue
             ids, corners = detect_markers(grey, detector)
             count += 1
@@ -69,7 +69,7 @@ def test_hand_markers_are_detected_where_they_are(thrown: Thrown) -> None:
                 if marker in (40, 41):
                     where = scene.view.pixels(np.array(truth[str(marker)][index]), 0.020)
                     errors.append(np.linalg.norm(found.mean(axis=0) - where))
-    assert count > 50
+    assert count > 15
     assert seen / count > 0.95
     assert np.median(errors) < 0.15
 

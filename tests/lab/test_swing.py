@@ -101,6 +101,7 @@ def test_stiff_string_sags_like_a_cantilever(arm: PlanarArm) -> None:
     assert sag == pytest.approx(density * 9.81 * length**4 / (8 * stiffness), rel=0.02)
 
 
+@pytest.mark.thorough
 def test_each_servo_has_its_own_lag(arm: PlanarArm, plain: LabSwing) -> None:
     lags = {}
     stiff, soft = (

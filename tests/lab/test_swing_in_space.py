@@ -56,6 +56,7 @@ def test_sway_has_two_directions(project_root: Path) -> None:
         assert np.abs(away[1 - axis]) < 0.1 * np.abs(away[axis])
 
 
+@pytest.mark.thorough
 def test_a_throw_in_a_plane_is_that_of_the_planar_lab(
     project_root: Path, planar_arm_in_space: SpatialArm, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -80,7 +80,7 @@ def test_the_excess_of_a_joint_is_a_share_of_its_range(arm: PlanarArm) -> None:
     np.testing.assert_allclose(over, (3.0 - 2.78) / (2.78 + 0.33))
 
 
-@pytest.mark.parametrize("step_s", [0.002, 0.008])
+@pytest.mark.parametrize("step_s", [pytest.param(0.002, marks=pytest.mark.thorough), 0.008])
 def test_a_motion_that_leaves_rest_at_once_keeps_the_limits_in_between(arm: PlanarArm, step_s: float) -> None:
     weak = replace(arm, limits=replace(arm.limits, acceleration_rad_s2=np.full(3, 20.0)))
     rng = np.random.default_rng(3)

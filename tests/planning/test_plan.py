@@ -435,6 +435,7 @@ def test_a_target_in_reach_that_nothing_found_comes_near_is_flagged_with_the_dis
     assert plan.simulated_hit_probability(slow.hit_radius_m) == 0.0
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("fitted_joints")
 def test_the_prediction_is_over_strings_and_disturbances(
     task: PlanningTask,
@@ -559,6 +560,7 @@ def test_the_record_holds_the_motion_and_comes_back(
     assert back.provenance.objective == "point"
 
 
+@pytest.mark.thorough
 def test_three_parallel_joints_of_six_throw(project_root: Path, strings: StringBatch) -> None:
     arm = load_arm(project_root / "config/arms/ur5e-example.toml").planar()
     task = PlanningTask(arm, StringModel(0.30, 10), np.array([0.95, 0.45]), 0.02, arm.workspace)

@@ -158,6 +158,7 @@ def again(task: PlanningTask, strings: StringBatch, plan: PlannedMotion) -> tupl
     return rollouts.points_m[0], round(plan.hit_time_s / task.step_s)
 
 
+@pytest.mark.thorough
 def test_a_plan_hits_a_point_from_above_and_fast(task: PlanningTask, strings: StringBatch) -> None:
     wanted = aimed((0.62, 0.05), -np.pi / 2, tolerance_rad=0.5, least_speed_m_s=3.0)
     plan = planned(task, strings, wanted)

@@ -177,6 +177,7 @@ def followed(task: PlanningTask, plan: PlannedMotion, gain: float) -> PastTrial:
     return PastTrial(0, plan.curve, command[0], answer, *nothing, 0.0, None)
 
 
+@pytest.mark.thorough
 def test_a_target_off_the_plane_is_planned_within_the_limits(
     ur5e: PlanningTask, first_strings: StringBatch, first: PlannedMotion
 ) -> None:

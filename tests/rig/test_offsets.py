@@ -174,6 +174,7 @@ def test_zeros_that_scatter_noise_that_lasts_and_a_poor_plane_widen_the_errors(a
     assert (sd(5e-3)[:2] > 1.2 * usual[:2]).all()
 
 
+@pytest.mark.thorough
 def test_errors_that_last_are_not_the_arms_fault(arm: PlanarArm) -> None:
     lasting = TrackerNoise(white_m=1e-4, slow_m=4e-4, slow_s=0.3)
     fits = [fitted(arm, off_by(), 300 + seed, 2, noise=lasting) for seed in range(12)]

@@ -75,7 +75,7 @@ def open_files() -> int:
         ("ffv1", "bgr0", "mkv"),
     ],
 )
-@pytest.mark.parametrize("threads", [1, 0])
+@pytest.mark.parametrize("threads", [1, pytest.param(0, marks=pytest.mark.thorough)])
 def test_the_frames_are_those_of_this_process(tmp_path, codec, pixels, suffix, threads):
     path = write(tmp_path / f"v.{suffix}", codec, pixels)
     with open_video(path, isolated=False) as here:

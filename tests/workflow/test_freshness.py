@@ -61,7 +61,10 @@ def copy(finished: Path, tmp_path: Path) -> Path:
 
 def test_a_copy_of_any_time_is_as_fresh_as_the_original(copy: Path) -> None:
     assert (stale(copy), would_run(copy)) == ({}, set())
-    # A result is made again from files of the future, and then all is fresh.
+
+
+@pytest.mark.thorough
+def test_a_result_is_made_again_from_files_of_the_future(copy: Path) -> None:
     (copy / f"results/{NAME}/trial-01/verdict.json").unlink()
     run = run_module(copy, "strandcast", "run", NAME)
     assert run.returncode == 0, run.stderr[-2000:]

@@ -90,6 +90,7 @@ def test_a_killed_owner_on_this_host_is_recognised_at_once(tmp_path, capsys):
     assert not list((tmp_path / "results/demo").iterdir())
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
 def test_a_killed_owner_whose_parent_does_not_know_is_recognised(tmp_path):
     first = holder(tmp_path)
@@ -100,8 +101,8 @@ def test_a_killed_owner_whose_parent_does_not_know_is_recognised(tmp_path):
     end(first)
 
 
-@pytest.mark.parametrize("content", ["", "filelock"])
-@pytest.mark.parametrize("owner_known", [True, False])
+@pytest.mark.parametrize("content", ["", pytest.param("filelock", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("owner_known", [pytest.param(True, marks=pytest.mark.thorough), False])
 def test_a_lease_whose_owner_was_killed_while_it_wrote_its_name_is_taken_over(tmp_path, content, owner_known):
     end(holder(tmp_path))
     (tmp_path / "results/demo/.lease").write_text(content)

@@ -135,6 +135,7 @@ def test_a_project_may_lie_in_a_folder_of_any_name(thrown, tmp_path):
     assert list(tmp_path.rglob("run")) == []
 
 
+@pytest.mark.thorough
 def test_a_folder_whose_name_is_not_utf_8_leaves_no_traceback(thrown, tmp_path):
     root = Path(shutil.copytree(thrown, tmp_path / os.fsdecode(b"lab\xff")))
     (root / "results/small/report.html").unlink()
@@ -491,12 +492,28 @@ def lengthened(name: str):
                 ("plan", 2): "config/arms/planar3.toml changed",
             },
         ),
-        (lengthened("data/rig/trial-01/joints.csv"), {("ingest", 1): "data/rig/trial-01/joints.csv changed"}),
+        pytest.param(
+            lengthened("data/rig/trial-01/joints.csv"),
+            {("ingest", 1): "data/rig/trial-01/joints.csv changed"},
+            marks=pytest.mark.thorough,
+        ),
         (lambda root: (root / "config/arms/planar3.toml").touch(), {}),
         (removed("report.html"), {("summary", 0): "results/rig/report.html is missing"}),
-        (removed("trial-01/estimate.json"), {("estimate", 1): f"{RIG_TRIAL}/estimate.json is missing"}),
-        (removed("trial-01/strobe.webp"), {("track", 1): f"{RIG_TRIAL}/strobe.webp is missing"}),
-        (removed("trial-02/motion.json"), {("plan", 2): "results/rig/trial-02/motion.json is missing"}),
+        pytest.param(
+            removed("trial-01/estimate.json"),
+            {("estimate", 1): f"{RIG_TRIAL}/estimate.json is missing"},
+            marks=pytest.mark.thorough,
+        ),
+        pytest.param(
+            removed("trial-01/strobe.webp"),
+            {("track", 1): f"{RIG_TRIAL}/strobe.webp is missing"},
+            marks=pytest.mark.thorough,
+        ),
+        pytest.param(
+            removed("trial-02/motion.json"),
+            {("plan", 2): "results/rig/trial-02/motion.json is missing"},
+            marks=pytest.mark.thorough,
+        ),
         (
             lambda root: shutil.rmtree(root / RIG_TRIAL),
             {("report", 1): f"{RIG_TRIAL}/report.html is missing", ("summary", 0): "after report of trial 1"},
@@ -582,6 +599,7 @@ def test_the_pages_are_rendered_again_without_any_stage(rig, tmp_path, monkeypat
     assert "pages are rendered on one core: /dev/shm: Permission denied" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_run_makes_all_missing_results_again(rig, tmp_path):
     root = Path(shutil.copytree(rig, tmp_path / "project"))
     before = result_hashes(root)
@@ -639,6 +657,7 @@ def test_status_names_the_stage_that_failed_and_why(rig, tmp_path):
     assert stages["register_motion"].state == "done"
 
 
+@pytest.mark.thorough
 def test_after_the_last_trial_was_excluded_the_next_motion_is_planned(rig, tmp_path):
     root = Path(shutil.copytree(rig, tmp_path / "project"))
     before = Motion.read(root / "results/rig/trial-02/motion.json")

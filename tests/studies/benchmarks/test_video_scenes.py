@@ -134,6 +134,7 @@ def test_strings_may_be_dark():
     assert (pictures[1] - empty)[np.abs(pictures[0] - pictures[1]) > 100.0].max() < -20.0
 
 
+@pytest.mark.thorough
 def test_an_existing_video_is_not_filmed_again(folder, work, monkeypatch):
     monkeypatch.setattr(video_scenes, "shoot", None)
     assert film_case(video_cases.quick()[0], load_arm(ARM_FILE).planar(), work) == folder

@@ -32,6 +32,7 @@ def test_limp_beads_have_the_pipes_mass_at_the_points_it_touches() -> None:
     np.testing.assert_allclose(beads.weights, [(0.17, 0.010), (0.39, 0.00075), (0.42, 0.00075)])
 
 
+@pytest.mark.thorough
 def test_tracked_points_are_in_their_places(thrown: Specimen) -> None:
     throw = thrown.throws[0]
     # The last segment absorbs the variation of the length that hangs out of the clamp.

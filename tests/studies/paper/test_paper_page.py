@@ -81,6 +81,7 @@ def test_unfinished_runs_do_not_count_and_failed_ones_do(paper):
     assert thrown["default", "own", "nearest", 3].unknown == 1  # the failed run never threw
 
 
+@pytest.mark.thorough
 def test_an_excluded_trial_is_no_miss(paper):
     line = paper[0].experiments[1].trials[0]
     out = line.model_copy(update={"excluded": "slipped"})
