@@ -17,7 +17,10 @@ from strandcast.errors import StrandcastError
 
 PAGE = "docs/how-to/simulate-a-string.md"
 TIME_S = np.linspace(0.0, 1.0, 101)
-STILL = np.zeros((101, 2))
+STILL, LATE = np.zeros((101, 2)), TIME_S[:, None] > 0.5
+# A stiff string does not stay in the plane of such clamps.
+ARCHED = {"length_m": 1.0, "far_place_m": STILL + np.array([0.5, 0.0])}
+ARCHED |= {"direction": [0.0, 1.0], "far_direction": [0.0, 1.0], "material": "cable"}
 # From rest, so that an acceleration begins gently.
 SHAKEN = np.column_stack([0.1 * np.clip(TIME_S / 0.3, 0, 1) ** 2 * np.sin(9.0 * TIME_S), 0.0 * TIME_S])
 
@@ -62,9 +65,26 @@ def test_the_same_string_in_the_plane_and_in_space():
     assert spatial[..., ::2] == pytest.approx(flat, abs=1e-6)
     curled = {"length_m": 0.4, "rest_curl_rad_m": 2.0, "material": "cable"}
     flat = strandcast.simulate(TIME_S, STILL, **curled, direction=[0.0, -1.0])
-    spatial = strandcast.simulate(TIME_S, 0.0 * upright, **curled, direction=[0.0, 0.0, -1.0])
     assert flat[0, -1, 0] > 0.02
-    assert pytest.approx(flat[0] * [-1.0, 1.0], abs=1e-6) == spatial[0, :, [1, 2]].T
+    for towards in ([1.0, 0.0, 0.0], [0.6, 0.8, 0.0]):  # a curl to the left of what hangs is along x
+        spatial = strandcast.simulate(
+            TIME_S, 0.0 * upright, **curled, direction=[0.0, 0.0, -1.0], curl_towards=towards
+        )
+        turned = np.column_stack([flat[0, :, :1] * towards[:2], flat[0, :, 1]])
+        assert spatial[0] == pytest.approx(turned, abs=1e-6)
+
+
+def test_a_curled_string_without_weight_is_an_arc():
+    curl, length = 3.0, 0.4
+    how = {"length_m": length, "material": "cable", "rest_curl_rad_m": curl, "gravity_m_s2": 1e-6}
+    end = np.array([np.sin(curl * length), 1.0 - np.cos(curl * length)]) / curl
+    loose = strandcast.simulate(TIME_S, STILL, **how, points=10, direction=[1.0, 0.0])
+    assert loose[0, -1] == pytest.approx(end, abs=3e-4)
+    back = -np.array([np.cos(curl * length), np.sin(curl * length)])
+    held = strandcast.simulate(
+        TIME_S, STILL, **how, direction=[1.0, 0.0], far_place_m=STILL + end, far_direction=back
+    )
+    assert held[0, 20] == pytest.approx(np.array([np.sin(0.6), 1.0 - np.cos(0.6)]) / curl, abs=3e-4)
 
 
 def test_a_curled_string_between_two_ends_stays_in_its_plane():
@@ -86,6 +106,11 @@ def test_many_strings_are_each_what_one_is():
         assert moved[k] == pytest.approx(strandcast.simulate(TIME_S, paths[k], length_m=0.4), abs=1e-9)
 
 
+def test_a_string_that_fails_is_missing_among_others():
+    both = strandcast.simulate(TIME_S, STILL, **ARCHED, bending_n_m2=[1e-6, 1.3e-3])
+    assert np.isnan(both).all(axis=(1, 2, 3)).tolist() == [False, True]
+
+
 def test_results_at_other_times():
     every = strandcast.simulate(TIME_S, SHAKEN, length_m=0.4)
     assert strandcast.simulate(TIME_S, SHAKEN, length_m=0.4, out_time_s=TIME_S[[20, 70]]) == pytest.approx(
@@ -97,8 +122,13 @@ def test_results_at_other_times():
     ("changed", "message"),
     [
         ({"length_m": -1.0}, "length_m: -1.0 cannot be"),
+        ({"length_m": [0.4, 0.5]}, "length_m: (.*\n)*.*one number for all"),
+        ({"length_m": 60.0}, "length_m: 60 m is too long"),
+        ({"gravity_m_s2": 0.0}, "gravity_m_s2: 0.0 cannot be"),
+        ({"mass_kg_m": "light"}, "mass_kg_m: 'light' cannot be"),
+        ({"weights": (0.4, 0.01)}, "weights: (.*\n)*.*pairs of place and mass"),
         ({"material": "silk"}, "material: 'silk' is not known"),
-        ({"points": 2}, "points: 2 is not between"),
+        ({"points": 2}, "points: 2 cannot be"),
         ({"weights": [(0.7, 0.1)]}, "weights: a weight is beside"),
         ({"mass_kg_m": [0.1, np.nan]}, "mass_kg_m: .* cannot be"),
         ({"mass_kg_m": [0.1, 0.2], "diameter_m": [0.1] * 3}, "arrays for 2 and 3 strings"),
@@ -109,7 +139,12 @@ def test_results_at_other_times():
         ({"out_time_s": [-1.0, 0.5]}, "out_time_s: times decrease, or precede"),
         ({"time_s": TIME_S[::-1]}, "time_s: times do not increase"),
         ({"place_m": STILL[:5]}, "place_m: its shape is"),
-        ({"place_m": np.where(TIME_S[:, None] > 0.5, [30.0, 0.0], 0.0)}, r"SC-E003.*3e\+03 m/s after 0.5 s"),
+        ({"place_m": [[0.0, 0.0], [1.0]]}, "place_m: it is no array of numbers"),
+        ({"place_m": np.zeros((101, 3)), "rest_curl_rad_m": 1.0}, "curl_towards: it is not given"),
+        ({"direction": np.where(LATE, [0.0, 1.0], [0.0, -1.0])}, "direction: it turns by 3.14"),
+        ({"far_direction": [1.0, 0.0]}, "far_place_m: it is not given"),
+        (ARCHED, "leaves the plane"),
+        ({"place_m": np.where(LATE, [1.0, 0.0], 0.0)}, "place_m: it moves at 100 m/s after 0.5 s"),
     ],
 )
 def test_what_cannot_be_is_named(changed, message):
@@ -145,6 +180,31 @@ def test_a_path_in_a_file_gives_a_table(tmp_path: Path):
     expected = strandcast.simulate(TIME_S, SHAKEN, length_m=0.4, weights=[(0.4, 0.01)])
     assert table[["x_m", "y_m"]].to_numpy() == pytest.approx(expected.reshape(-1, 2), abs=1e-5)
     assert table["time_s"].nunique() == 101
-    path.write_text("time_s,x_m,y_m\n0,0,0\n0.1,,0\n")
-    with pytest.raises(StrandcastError, match="SC-I025"):
-        CliRunner().invoke(app, line, catch_exceptions=False, standalone_mode=False)
+    two = CliRunner().invoke(app, [*line, "--rate", "0.1"])
+    assert (two.exit_code, len(pd.read_csv(out))) == (0, 41)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time_s,x_m,y_m\n0,0,0\n0.1,,0\n", "SC-I025.*path.csv:3"),
+        ("time_s,x_m,y_m\n0,0,0\n,0,0\n", "SC-I025.*path.csv:3"),
+        ("time_s,x_m,y_m,far_y_m\n0,0,0,0\n0.1,0,0,0\n", "SC-I004.*far_x_m"),
+        ("time_s,x_m,y_m,far_z_m\n0,0,0,0\n0.1,0,0,0\n", "SC-I004.*z_m"),
+        ("time_s,x_m,y_m,far_x,far_y\n0,0,0,0,0\n0.1,0,0,0,0\n", "not far_x"),
+    ],
+)
+def test_a_path_that_cannot_be_read_is_refused(tmp_path: Path, text: str, message: str):
+    path = tmp_path / "path.csv"
+    path.write_text(text)
+    line = ["simulate", str(path), "--length", "0.4", "--out", str(tmp_path / "out.csv")]
+    run = CliRunner().invoke(app, line)
+    assert re.search(message, f"{run.exception} {run.output}"), f"{run.exception} {run.output}"
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_the_path_is_not_overwritten(tmp_path: Path):
+    path = tmp_path / "path.csv"
+    path.write_text("time_s,x_m,y_m\n0,0,0\n0.1,0,0\n")
+    assert CliRunner().invoke(app, ["simulate", str(path), "--length", "0.4", "--out", str(path)]).exit_code
+    assert path.read_text().startswith("time_s,x_m,y_m")

@@ -25,6 +25,10 @@ def weight(argument: str) -> tuple[float, float]:
     return place_m, mass_kg
 
 
+def _all_columns() -> str:
+    return ", ".join(column for columns in COLUMNS.values() for column in columns)
+
+
 def simulate(
     path: Annotated[
         Path,
@@ -41,7 +45,7 @@ def simulate(
     mass_per_length: Annotated[float | None, typer.Option(help="Mass per length [kg/m].")] = None,
     bending: Annotated[float | None, typer.Option(help="Bending stiffness [N m²].")] = None,
     damping: Annotated[float | None, typer.Option(help="Bending damping over stiffness [s].")] = None,
-    curl: Annotated[float, typer.Option(help="Bend without load [rad/m].")] = 0.0,
+    curl: Annotated[float, typer.Option(help="Bend without load, in the plane [rad/m].")] = 0.0,
     weights: Annotated[
         list[Any] | None,
         typer.Option("--weight", metavar="PLACE:MASS", parser=weight, help="A weight [m:kg]; repeat."),
@@ -49,7 +53,7 @@ def simulate(
     points: Annotated[int, typer.Option(help="Number of mass points.")] = 40,
     rate: Annotated[
         float | None,
-        typer.Option(min=0.1, help="Times per second of the result.  [default: the path's times]"),
+        typer.Option(min=0.1, max=1e5, help="Times per second of the result.  [default: the path's times]"),
     ] = None,
     out: Annotated[Path, typer.Option(help="CSV to write: time_s, point, x_m, y_m, in space z_m.")] = Path(
         "simulated.csv"
@@ -64,14 +68,21 @@ def simulate(
     from strandcast.imports.table import read_numbers
     from strandcast.records.files import write_text
 
+    if out.resolve() == path.resolve():
+        raise typer.BadParameter("it is the path itself: nothing would be left of it", param_hint="--out")
     table = read_numbers(path)
+    table.require_finite(table.columns(["time_s"]), ["time_s"])
     time_s = table.times("time_s", 1.0)
-    axes = 3 if "z_m" in table.names else 2
+    axes = 3 if any(columns[2] in table.names for columns in COLUMNS.values()) else 2
     given: dict[str, Any] = {}
     for name, columns in COLUMNS.items():
-        if name == "place_m" or columns[0] in table.names:
+        if name == "place_m" or any(column in table.names for column in columns):
             given[name] = table.columns(list(columns[:axes]))
             table.require_finite(given[name], list(columns[:axes]))
+    unknown = [each for each in table.names if each.startswith(("far", "direction"))]
+    unknown = [each for each in unknown if not any(each in columns for columns in COLUMNS.values())]
+    if unknown:
+        raise typer.BadParameter(f"{path}: columns are named {_all_columns()}, not {unknown[0]}")
     if rate is not None:
         given["out_time_s"] = np.arange(time_s[0], time_s[-1] + 1e-9, 1.0 / rate)
     points_m = simulate_string(
@@ -93,8 +104,9 @@ def simulate(
     coordinates = dict(zip(COLUMNS["place_m"], points_m.reshape(-1, axes).T, strict=False))
     result = pd.DataFrame({"time_s": at[row], "point": point} | coordinates)
     write_text(out, result.to_csv(index=False, float_format="%.6f"))
-    speed = np.linalg.norm(np.diff(points_m[:, -1], axis=0), axis=1) / np.diff(at)
-    fastest = int(np.argmax(speed))
-    line = f"{out}: {len(at)} times of {points + 1} points; "
-    line += f"the last one is fastest at {at[fastest]:.3f} s, {speed[fastest]:.2f} m/s"
+    line = f"{out}: {len(at)} times of {points + 1} points"
+    if len(at) > 1:
+        speed = np.linalg.norm(np.diff(points_m[:, -1], axis=0), axis=1) / np.diff(at)
+        fastest = int(np.argmax(speed))
+        line += f"; the last one is fastest at {at[fastest]:.3f} s, {speed[fastest]:.2f} m/s"
     show(as_json, {"file": out, "times": len(at), "points": points + 1}, [*table.notes, line])
