@@ -15,12 +15,14 @@ from strandcast.core.disturbances import (
     SWAY_RAD_S,
     TYPICAL_SIZES,
 )
-from strandcast.core.strings import StringBatch
+from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.batch import HandPath, StringStart
+from strandcast.dynamics.masses import MassLayout, mass_layout, point_masses
 from strandcast.dynamics.simulate import simulate_batch
 from strandcast.planning.bezier import Curve, rest_heights, sample
 from strandcast.planning.rollouts import RolloutConditions, commands, simulate_rollouts
 from strandcast.planning.scenarios import crossed, disturbed
+from strandcast.planning.start_strings import clamped_anew
 from strandcast.planning.task import PlanningTask
 
 
@@ -55,6 +57,51 @@ def test_rollouts_are_of_the_strings_given(task: PlanningTask, odd: StringBatch)
         away_m = np.abs(tip_m - thrown[:3, :, -1]).max(axis=(1, 2))
         assert away_m[0] == 0.0
         assert away_m[1:].min() > 1e-4
+
+
+def physical(length_m: float, points: int, weight_m: float) -> tuple[StringBatch, MassLayout]:
+    """Two strings of given mass, stiffness, drag, friction and weight per length, as so many points."""
+    layout, h = mass_layout(length_m, points, [weight_m]), length_m / points
+    mass, stiff, drag = np.array([0.004, 0.01]), np.array([1e-6, 4e-6]), np.array([0.3, 0.5])
+    joint, weight = stiff / (mass * h**2), np.array([0.01, 0.004]) / (mass * h)
+    none = np.zeros(2)
+    columns = [2e4 / h**2 + none, 0.01 / h**2 + none, *[joint, 0.01 * joint] * 2, 0.01 + none, drag]
+    strings = StringBatch(
+        np.column_stack([*columns, 2.0 * joint, 0.02 * joint]),
+        point_masses(layout, weight[:, None]),
+        {
+            "bend_friction": 1e-6 / (mass * h),
+            "drag_along": none + 0.3,
+            "rest_curl_rad_m": np.array([1.0, 2.0]),
+        },
+        free_masses=weight[:, None],
+    )
+    return strings, layout
+
+
+def test_a_string_in_another_clamp_is_the_same_string() -> None:
+    fitted, _ = physical(0.5, 10, 0.4)
+    moved, layout = physical(0.36, 12, 0.26)  # 0.14 m of it were pulled into the clamp
+    clamp = np.array([name.endswith("_ph") for name in PARAMETERS])
+    worn = replace(fitted, parameters=np.where(clamp, 0.1, fitted.parameters))
+    worn = worn.with_values(clamp_offset_rad=np.array([0.1, 0.1]))
+    found = clamped_anew(worn, (0.5, 0.05), 0.36, layout, np.random.default_rng(0))
+    np.testing.assert_allclose(found.parameters, moved.parameters, rtol=1e-12)
+    np.testing.assert_allclose(found.masses, moved.masses, rtol=1e-12)
+    np.testing.assert_allclose(found["bend_friction"], moved["bend_friction"], rtol=1e-12)
+    assert not found["clamp_offset_rad"].any()
+    assert np.abs(found["rest_curl_rad_m"]).tolist() == [1.0, 2.0]  # to either side
+
+
+def test_a_tapered_string_in_another_clamp_ends_as_it_did() -> None:
+    fitted, _ = physical(0.5, 10, 0.4)
+    _, layout = physical(0.25, 10, 0.15)
+    taper = fitted.with_values(taper=np.array([-1.0, 2.0]))
+    found = clamped_anew(taper, (0.5, 0.05), 0.25, layout, np.random.default_rng(0))
+    before, after = taper.applied(), found.applied()
+    end = (each.bend_factor[:, -1] * each.parameters[:, PARAMETERS.index("k_h")] for each in (before, after))
+    first, second = end
+    np.testing.assert_allclose(second, 4.0 * first, rtol=0.1)  # half the spacing; the last joint is elsewhere
 
 
 def test_selected_strings_keep_all_their_columns(odd: StringBatch) -> None:

@@ -125,6 +125,43 @@ def test_a_fault_of_the_throw_before_is_said_instead_of_the_command_that_plays(
     assert seen == [context.folder.trial(1).results]
 
 
+def test_the_first_motion_is_planned_for_the_string_of_another_experiment(root: Path, finished: Path) -> None:
+    shutil.copytree(finished, root, dirs_exist_ok=True)
+    small = context_of(root, "small").folder.trial(1).results
+    write(root, "again", f"target_m: [0.5, 0.5]\nstart_string: {{from: small}}\n{SMALL}")
+    motion = planned(root, "again")
+    assert (motion.provenance.start_string, motion.provenance.kind) == ("from small", "replanned")
+    assert set(motion.provenance.planned_from) == {"trial-01/estimate.json", "trial-01/ensemble.parquet"}
+    fitted = Estimate.read(small / "estimate.json").string.parameters
+    assert motion.provenance.string.parameters == pytest.approx(fitted)
+    by_file = f"{{from: {small.relative_to(root)}/estimate.json}}"
+    write(root, "file", f"target_m: [0.5, 0.5]\nstart_string: {by_file}\n{SMALL}")
+    assert planned(root, "file").provenance.string == motion.provenance.string
+
+
+@pytest.mark.parametrize(
+    ("settings", "string", "words"),
+    [
+        ("start_string: {from: again}\n", None, "again is this experiment"),
+        ("start_string: {from: new}\n", None, "new has no trial that counts"),
+        ("start_string: {from: nobody}\n", None, "SC-F001"),
+        ("start_string: {from: small}\n", "string: {length_m: 0.30}\n", "has other weights"),
+        ("start_string: {from: 3}\n", None, "is no string parameter"),
+    ],
+)
+def test_a_known_string_that_cannot_be_is_named(
+    root: Path, finished: Path, settings: str, string: str | None, words: str
+) -> None:
+    shutil.copytree(finished, root, dirs_exist_ok=True)
+    for name in ("new", "again"):
+        write(root, name, f"target_m: [0.5, 0.5]\n{settings}{SMALL}")
+    file = root / "data/again/experiment.yaml"
+    if string:
+        file.write_text(string + file.read_text().split("\n", 1)[1])
+    with pytest.raises(StrandcastError, match=words):
+        planned(root, "again")
+
+
 @pytest.mark.parametrize("name", ["video.mp4", "cam.avi", "joints.csv", "motion.json"])
 def test_a_trial_that_a_real_arm_has_thrown_is_not_planned(root: Path, name: str) -> None:
     write(root, "thrown", "target_m: [0.5, 0.5]\n" + SMALL)

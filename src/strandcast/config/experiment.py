@@ -39,6 +39,7 @@ class Exclusion(Section):
 
 
 StartString = Literal["ensemble", "minima", "random"]
+KnownString = dict[Literal["from"], str]  # an experiment's name, or the path of an estimate.json
 
 
 class Conflict(ValueError):
@@ -95,11 +96,11 @@ class Experiment(Section):
         1,
         description="Seed of all random numbers. Change it to repeat an experiment with other ones.",
     )
-    start_string: StartString | dict[str, float] = Field(
+    start_string: StartString | KnownString | dict[str, float] = Field(
         "ensemble",
         description="Strings that the first motion is planned for: a random ensemble, the minima of the "
-        "ranges, one random string, or values by parameter. Give those of a "
-        "similar string.",
+        "ranges, one random string, values by parameter, or {from: NAME}, what was fitted in another "
+        "experiment (or an estimate.json). Give it for a string that was thrown before.",
     )
     workspace_m: Box | None = Field(
         None,
@@ -135,11 +136,11 @@ class Experiment(Section):
     @field_validator("start_string")
     @classmethod
     def _start_values_are_known_and_positive(
-        cls, value: StartString | dict[str, float]
-    ) -> StartString | dict[str, float]:
-        if isinstance(value, dict):
+        cls, value: StartString | KnownString | dict[str, float]
+    ) -> StartString | KnownString | dict[str, float]:
+        if isinstance(value, dict) and not isinstance(value.get("from"), str):
             known_parameters(value)
-            bad = [name for name, number in value.items() if number <= 0]
+            bad = [name for name, number in value.items() if float(number) <= 0]
             if bad:
                 raise ValueError(f"{bad[0]} must be above 0")
         return value
@@ -172,7 +173,10 @@ class Experiment(Section):
             "method": ("the paper's method works", self.method is not None),
             "objective": ("this objective is defined", self.objective != PointObjective()),
             "workspace_m": ("this box lies", self.workspace_m is not None),
-            "start_string": (f"start_string {self.start_string!r} is made", self.start_string != "ensemble"),
+            "start_string": (
+                f"start_string {self.start_string!r} is made",
+                self.start_string != "ensemble" and self.known_string is None,
+            ),
         }
         for field, (what, is_given) in given.items():
             if is_given:
@@ -260,6 +264,12 @@ class Experiment(Section):
         asked = self.lab is not None and self.lab.rehearsal
         ours = self.plan.planner != "paper" and self.plan.plans_with_servo
         return asked and self.start_string == "ensemble" and ours
+
+    @property
+    def known_string(self) -> str | None:
+        """Return the experiment, or the estimate.json, whose string is thrown here; None: a new string."""
+        start = self.start_string
+        return str(start["from"]) if isinstance(start, dict) and "from" in start else None
 
     @property
     def camera_name(self) -> str:

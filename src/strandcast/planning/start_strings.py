@@ -1,11 +1,12 @@
 """The plausible strings for a first motion."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from strandcast.config.experiment import Experiment
-from strandcast.core.strings import PARAMETERS, StringBatch
+from strandcast.core.strings import BEND_FRICTION, PARAMETERS, REST_CURL, TAPER, StringBatch
 from strandcast.dynamics.masses import MassLayout, point_masses
 from strandcast.dynamics.parameters import StringDraw, ensemble, log_uniform_array, minima, random_strings
 
@@ -47,8 +48,54 @@ def start_strings_in_space(
     )
 
 
+def clamped_anew(
+    strings: StringBatch,
+    fitted_m: tuple[float, float],
+    length_m: float,
+    layout: MassLayout,
+    random: np.random.Generator,
+) -> StringBatch:
+    """Return fitted strings in another clamp, perhaps with another free length or number of mass points.
+
+    What belongs to the old clamp is left out: they are held as in a clamp, and turned by any angle about
+    themselves.
+
+    Parameters
+    ----------
+    strings
+        The fitted strings, with as many free masses as the layout.
+    fitted_m
+        Free length and rest spacing of the fit [m].
+    length_m, layout
+        Free length now [m], and the weights on n points.
+    """
+    per = fitted_m[1] * layout.shares.shape[1] / length_m
+    # All are per kilogram of a point's mass, which is proportional to the spacing; springs and dampers of a
+    # segment or joint are also inverse to it. Drag acts along all of a segment.
+    scale = np.array([1.0 if name.startswith("C_c") else per**2 for name in PARAMETERS])
+    parameters = strings.parameters * scale
+    kept = {name: value for name, value in strings.values.items() if "offset" not in name}
+    if BEND_FRICTION in kept:
+        kept[BEND_FRICTION] = per * kept[BEND_FRICTION]
+    if TAPER in kept:  # the end stays as it is
+        joints = [PARAMETERS.index(name) for name in ("k_h", "c_h", "k_sh", "c_sh")]
+        parameters[:, joints] *= np.exp(kept[TAPER] * (0.5 - 0.5 * length_m / fitted_m[0]))[:, None]
+        kept[TAPER] = kept[TAPER] * length_m / fitted_m[0]
+    for clamp, joint in (("k_ph", "k_h"), ("c_ph", "c_h")):
+        parameters[:, PARAMETERS.index(clamp)] = 2.0 * parameters[:, PARAMETERS.index(joint)]
+    masses = point_masses(layout, per * strings.free_masses)
+    anew = StringBatch(parameters, masses, kept, stiff_joints=layout.stiff_joints())
+    if REST_CURL in kept:
+        return anew.with_values(rest_curl_rad_m=kept[REST_CURL] * random.choice([-1.0, 1.0], len(strings)))
+    turn, curl = random.uniform(0.0, 2.0 * np.pi, len(strings)), strings.sides(REST_CURL)
+    size = np.linalg.norm(curl, axis=1)
+    return anew.with_values(rest_curl_rad_m=size[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]))
+
+
 def start_string_name(settings: Experiment) -> str:
     """Return the name of the first motion's strings in its record."""
+    if settings.known_string is not None:
+        return f"from {settings.known_string}"
     return settings.start_string if isinstance(settings.start_string, str) else "given"
 
 
@@ -69,8 +116,9 @@ def start_strings(
     if start == "random":
         draw = random_strings(1, layout.count, random)
     elif isinstance(start, dict):
+        values: dict[Any, Any] = dict(start)
         given = [
-            start.get(name, least) for name, least in zip(PARAMETERS, minima().parameters[0], strict=True)
+            values.get(name, least) for name, least in zip(PARAMETERS, minima().parameters[0], strict=True)
         ]
         draw = StringDraw(np.array([given]), minima(layout.count).weight_masses)
     else:

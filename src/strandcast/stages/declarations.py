@@ -224,6 +224,7 @@ _DECLARED = (
             **_throws(past),
             "estimate": results(latest, "estimate.json"),
             "ensemble": results(latest, "ensemble.parquet"),
+            "known_string": files.known_string,
             **{f"rehearsal_{role}": files.rehearsal(name) for role, name in files.REHEARSED_FILES.items()},
             "arm": files.arm,
         },

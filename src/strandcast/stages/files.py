@@ -13,6 +13,7 @@ from typing import Any
 from strandcast.config.bounded import load_toml, read_bounded
 from strandcast.errors import StrandcastError
 from strandcast.records.listing import entries_of, file_exists, files_matching
+from strandcast.stages.context import context_of
 from strandcast.stages.job import Job, Role
 
 Scope = Callable[[Job], list[int]]
@@ -108,6 +109,31 @@ def _rehearsal(job: Job, name: str) -> list[Path]:
     folder = job.context.folder.rehearsal
     there = job.context.settings.lab_rehearses if job.is_lab else file_exists(folder / "run.json")
     return [folder / name] if there and not past(job) else []
+
+
+def known_string(job: Job) -> list[Path]:
+    """Return estimate and ensemble of the string that was thrown elsewhere, for the first motion.
+
+    Raises
+    ------
+    StrandcastError
+        SC-F003 the experiment that `start_string` names has no trial, or is this one; SC-F001 there is none.
+    """
+    context, name = job.context, job.context.settings.known_string
+    if name is None or past(job):
+        return []
+    estimate = context.folder.root / name
+    if estimate.suffix != ".json":
+        other = context_of(context.folder.root, name)
+        trials = other.counted(other.folder.recorded_trials())
+        if name == context.name or not trials:
+            what = "is this experiment" if name == context.name else "has no trial that counts"
+            fix = "name one that has thrown the string, or an estimate.json"
+            raise StrandcastError(
+                "SC-F003", f"{name} {what}", file=context.file, field="start_string", fix=fix
+            )
+        estimate = other.folder.trial(trials[-1]).results / "estimate.json"
+    return [estimate, estimate.with_name("ensemble.parquet")]
 
 
 def video(job: Job) -> list[Path]:

@@ -27,6 +27,7 @@ from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import Trial, hashes_of, read_trial
 from strandcast.stages.plan_inputs import (
     first_inputs,
+    known_inputs,
     next_inputs,
     past_trial_of,
     refuse_without_target,
@@ -103,7 +104,9 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
         job.trial,
         seed_of(*seeded_by),
         hashes_of(
-            path for role in ("track", "estimate", "ensemble", "rehearsal_run") for path in files.inputs(role)
+            path
+            for role in ("track", "estimate", "ensemble", "known_string", "rehearsal_run")
+            for path in files.inputs(role)
         ),
         None if parent is None else parent.content_sha256(),
         None if trials else start_string_name(settings),
@@ -146,12 +149,15 @@ Plan = tuple[PlanningTask, PlannedMotion]
 
 
 def _first(files: Files, arm: Arm, random: np.random.Generator) -> Plan:
-    """Plan for an ensemble of plausible strings.
+    """Plan for an ensemble of plausible strings, or for one that was thrown in another experiment.
 
-    What a rehearsal shows of the joints is used.
+    What a rehearsal shows of the joints is used for the former.
     """
     context = files.job.context
     settings = context.settings.plan
+    if files.inputs("known_string"):
+        task, strings, E_m = known_inputs(files, arm, random)
+        return task, plan_next(task, strings.first(settings.ensemble), [], settings, random, E_m)
     task, strings = first_inputs(context, arm, random)
     rehearsal = rehearsal_of(files, task)
     plan = plan_first(task, strings, settings, random, rehearsal=rehearsal)

@@ -14,11 +14,12 @@ from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial, resampled
-from strandcast.planning.start_strings import start_strings, start_strings_in_space
+from strandcast.planning.start_strings import clamped_anew, start_strings, start_strings_in_space
 from strandcast.planning.task import PlanningTask
-from strandcast.records.estimate import ServoFit
+from strandcast.records.estimate import ENSEMBLE, Estimate, ServoFit
 from strandcast.records.joint_log import read_run
 from strandcast.records.motion import Motion
+from strandcast.records.tables import read_table
 from strandcast.stages.context import Context
 from strandcast.stages.job import Files
 from strandcast.stages.past_trials import Trial, read_members, smooth_joints, string_model
@@ -38,6 +39,42 @@ def first_inputs(context: Context, arm: Arm, random: np.random.Generator) -> tup
     else:
         strings = start_strings(settings, model.length_m, layout, random)
     return _task(settings, arm, model), strings
+
+
+def known_inputs(
+    files: Files, arm: Arm, random: np.random.Generator
+) -> tuple[PlanningTask, StringBatch, float]:
+    """Return the task, the strings fitted in another experiment, and E there [m], for the first motion.
+
+    With the same free length as there, the string is taken to be in its clamp still.
+
+    Raises
+    ------
+    StrandcastError
+        SC-F003 it is a string in the other of plane and space, or has other weights or stiff sections.
+    """
+    context = files.job.context
+    estimate_file, ensemble_file = files.inputs("known_string")
+    estimate, (model, layout) = Estimate.read(estimate_file), string_model(context, arm)
+    weights = sum(name.startswith("weight_") for name in read_table(ensemble_file, ENSEMBLE))
+    fitted_m = estimate.length_m, estimate.length_m / estimate.points
+    same_points = np.allclose(fitted_m, (model.length_m, model.spacing_m))
+    if estimate.reading != model.reading:
+        raise _other_string(
+            context, estimate_file, "is fitted in the other of plane and space, or as the paper"
+        )
+    if weights != layout.count or (layout.stiff and not same_points):
+        raise _other_string(context, estimate_file, "has other weights, or other places of stiff sections")
+    strings = read_members(ensemble_file, layout)
+    if not same_points:
+        strings = clamped_anew(strings, fitted_m, model.length_m, layout, random)
+    return _task(context.settings, arm, model), strings.thrown(), estimate.E_m
+
+
+def _other_string(context: Context, estimate: Path, what: str) -> StrandcastError:
+    fix = "name an estimate of this string, or leave start_string out"
+    what = f"the string of {estimate} {what}"
+    return StrandcastError("SC-F003", what, file=context.file, field="start_string", fix=fix)
 
 
 def task_of(context: Context, arm: Arm) -> PlanningTask:
