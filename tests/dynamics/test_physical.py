@@ -18,6 +18,7 @@ from strandcast.errors import StrandcastError
 PAGE = "docs/how-to/simulate-a-string.md"
 TIME_S = np.linspace(0.0, 1.0, 101)
 STILL, LATE = np.zeros((101, 2)), TIME_S[:, None] > 0.5
+ALONG_IT = {"place_m": np.zeros((101, 3)), "rest_curl_rad_m": 1.0, "curl_towards": [0, 0, 1]}
 # A stiff string does not stay in the plane of such clamps.
 ARCHED = {"length_m": 1.0, "far_place_m": STILL + np.array([0.5, 0.0])}
 ARCHED |= {"direction": [0.0, 1.0], "far_direction": [0.0, 1.0], "material": "cable"}
@@ -140,7 +141,8 @@ def test_results_at_other_times():
         ({"time_s": TIME_S[::-1]}, "time_s: times do not increase"),
         ({"place_m": STILL[:5]}, "place_m: its shape is"),
         ({"place_m": [[0.0, 0.0], [1.0]]}, "place_m: it is no array of numbers"),
-        ({"place_m": np.zeros((101, 3)), "rest_curl_rad_m": 1.0}, "curl_towards: it is not given"),
+        ({"place_m": np.zeros((101, 3)), "rest_curl_rad_m": 1.0}, "curl_towards: None does not say"),
+        (ALONG_IT, r"curl_towards: \[0, 0, 1\] does not say"),
         ({"direction": np.where(LATE, [0.0, 1.0], [0.0, -1.0])}, "direction: it turns by 3.14"),
         ({"far_direction": [1.0, 0.0]}, "far_place_m: it is not given"),
         (ARCHED, "leaves the plane"),

@@ -136,10 +136,9 @@ def simulate(
     curl, (at_m, hung) = _number("rest_curl_rad_m", rest_curl_rad_m, -np.inf), _hung(weights, length)
     at_s, wanted = _times(time_s, time_s if out_time_s is None else out_time_s)
     ends = _ends(at_s, place_m, direction, far_place_m, far_direction)
-    towards = None if curl_towards is None else _array("curl_towards", curl_towards, 1)
-    flat, two_ends = ends[0].shape[-1] == 2, far_place_m is not None
-    if curl.any() and not flat and towards is None:
-        raise _wrong("curl_towards", "it is not given, and the string curls", "give a vector: [0, 1, 0]")
+    flat, two_ends, towards = ends[0].shape[-1] == 2, far_place_m is not None, None
+    if curl.any() and not flat:
+        towards = _beside(curl_towards, ends[1][..., 0, :])
     poses = _poses(at_s, ends, length, towards)
     numbers, several = _for_each((*own, curl, *hung), poses.shape[:-2])
     # All per kilogram of a point's mass; a clamp holds half a segment.
@@ -314,6 +313,15 @@ def _between(first_m: Array, far_m: Array, length_m: float, points: int) -> Arra
     x, z = size * np.arcsinh(arc / size), np.hypot(size, arc)
     x, z = (x[1:] - x[0]) * level / wide + (wide - level) * np.sin(np.pi * share) * 0.5, z[1:] - z[0]
     return np.asarray(first_m + np.column_stack([x[:, None] * along, z]))
+
+
+def _beside(curl_towards: Any, direction: Array) -> Array:
+    """Return the vector (3,) towards which a string curls; it is not along the directions (…, 3)."""
+    towards = np.zeros(3) if curl_towards is None else _array("curl_towards", curl_towards, 1)
+    if towards.shape != (3,) or not np.cross(direction, towards).any(axis=-1).all():
+        what = f"{curl_towards} does not say to which side the string curls"
+        raise _wrong("curl_towards", what, "give a vector beside the direction, as [0, 1, 0]")
+    return towards
 
 
 def _step_s(ends: list[Array], at_s: Array, h_m: float) -> float:
