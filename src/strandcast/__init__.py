@@ -38,7 +38,7 @@ def open(root: str | Path = ".") -> Project:
 
 
 def simulate(time_s: np.ndarray, place_m: np.ndarray, **string: Any) -> np.ndarray:
-    """Return the path of a string whose end is moved, or both ends; see docs/how-to/simulate-a-string.md.
+    """Return the path of a string with one or two moving ends; see docs/how-to/simulate-a-string.md.
 
     The arguments are those of `strandcast.dynamics.physical.simulate`.
     """

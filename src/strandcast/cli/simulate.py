@@ -60,7 +60,7 @@ def simulate(
     ),
     as_json: AsJson = False,
 ) -> None:
-    """Simulate a string whose end is moved, or both ends: a CSV of its points."""
+    """Simulate a string with one or two moving ends: a CSV of its points."""
     import numpy as np
     import pandas as pd
 

@@ -267,7 +267,7 @@ class Experiment(Section):
 
     @property
     def known_string(self) -> str | None:
-        """Return the experiment, or the estimate.json, whose string is thrown here; None: a new string."""
+        """Return the experiment, or the estimate.json, that the string comes from; None: a new string."""
         start = self.start_string
         return str(start["from"]) if isinstance(start, dict) and "from" in start else None
 

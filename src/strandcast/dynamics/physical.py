@@ -82,7 +82,7 @@ def simulate(
     points: int = 40,
     gravity_m_s2: float = 9.81,
 ) -> Array:
-    """Return the path of a string that hangs at rest at first, and whose end is moved.
+    """Return the path of a string with one or two moving ends; it hangs at rest at first.
 
     Diameter, mass, stiffness, damping, curl and masses of weights may be arrays (B,): B strings are simulated
     at once, on all cores.
@@ -120,7 +120,7 @@ def simulate(
     Returns
     -------
     (F, n + 1, 2 or 3) or (B, F, n + 1, 2 or 3) places of the points [m], from the first end on; of several
-    strings, NaN for one whose simulation failed.
+    strings, NaN for one that failed.
 
     Raises
     ------

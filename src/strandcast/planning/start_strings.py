@@ -48,7 +48,7 @@ def start_strings_in_space(
     )
 
 
-def clamped_anew(
+def in_another_clamp(
     strings: StringBatch,
     fitted_m: tuple[float, float],
     length_m: float,
@@ -84,12 +84,12 @@ def clamped_anew(
     for clamp, joint in (("k_ph", "k_h"), ("c_ph", "c_h")):
         parameters[:, PARAMETERS.index(clamp)] = 2.0 * parameters[:, PARAMETERS.index(joint)]
     masses = point_masses(layout, per * strings.free_masses)
-    anew = StringBatch(parameters, masses, kept, stiff_joints=layout.stiff_joints())
+    moved = StringBatch(parameters, masses, kept, stiff_joints=layout.stiff_joints())
     if REST_CURL in kept:
-        return anew.with_values(rest_curl_rad_m=kept[REST_CURL] * random.choice([-1.0, 1.0], len(strings)))
+        return moved.with_values(rest_curl_rad_m=kept[REST_CURL] * random.choice([-1.0, 1.0], len(strings)))
     turn, curl = random.uniform(0.0, 2.0 * np.pi, len(strings)), strings.sides(REST_CURL)
     size = np.linalg.norm(curl, axis=1)
-    return anew.with_values(rest_curl_rad_m=size[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]))
+    return moved.with_values(rest_curl_rad_m=size[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]))
 
 
 def start_string_name(settings: Experiment) -> str:

@@ -14,7 +14,7 @@ from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial, resampled
-from strandcast.planning.start_strings import clamped_anew, start_strings, start_strings_in_space
+from strandcast.planning.start_strings import in_another_clamp, start_strings, start_strings_in_space
 from strandcast.planning.task import PlanningTask
 from strandcast.records.estimate import ENSEMBLE, Estimate, ServoFit
 from strandcast.records.joint_log import read_run
@@ -67,7 +67,7 @@ def known_inputs(
         raise _other_string(context, estimate_file, "has other weights, or other places of stiff sections")
     strings = read_members(ensemble_file, layout)
     if not same_points:
-        strings = clamped_anew(strings, fitted_m, model.length_m, layout, random)
+        strings = in_another_clamp(strings, fitted_m, model.length_m, layout, random)
     return _task(context.settings, arm, model), strings.thrown(), estimate.E_m
 
 
