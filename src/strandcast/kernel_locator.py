@@ -44,16 +44,21 @@ class _Compiling(event.Listener):
 
     def __init__(self) -> None:
         self.count, self.progress = 0, Progress("compiling kernels, once")
+        self.depth, self.threshold = 0, gc.get_threshold()
 
     def on_start(self, event: Any) -> None:
-        if not self.count:
-            # Compiling keeps millions of objects: by default, a tenth of its time is a search for cycles.
-            gc.set_threshold(50_000, 20, 50)
         self.count += 1
         self.progress(self.count)
+        self.depth += 1
+        if self.depth == 1:
+            # Compiling keeps millions of objects: by default, a tenth of its time is a search for cycles.
+            self.threshold = gc.get_threshold()
+            gc.set_threshold(max(self.threshold[0], 50_000) if self.threshold[0] else 0, 20, 50)
 
     def on_end(self, event: Any) -> None:
-        pass
+        self.depth -= 1
+        if self.depth == 0:
+            gc.set_threshold(*self.threshold)
 
 
 event.register("numba:compile", _Compiling())

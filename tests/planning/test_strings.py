@@ -22,7 +22,7 @@ from strandcast.dynamics.simulate import simulate_batch
 from strandcast.planning.bezier import Curve, rest_heights, sample
 from strandcast.planning.rollouts import RolloutConditions, commands, simulate_rollouts
 from strandcast.planning.scenarios import crossed, disturbed
-from strandcast.planning.start_strings import in_another_clamp
+from strandcast.planning.start_strings import in_another_clamp, rescaled
 from strandcast.planning.task import PlanningTask
 
 
@@ -85,7 +85,7 @@ def test_a_string_in_another_clamp_is_the_same_string() -> None:
     clamp = np.array([name.endswith("_ph") for name in PARAMETERS])
     worn = replace(fitted, parameters=np.where(clamp, 0.1, fitted.parameters))
     worn = worn.with_values(clamp_offset_rad=np.array([0.1, 0.1]))
-    found = in_another_clamp(worn, (0.5, 0.05), 0.36, layout, np.random.default_rng(0))
+    found = in_another_clamp(rescaled(worn, (0.5, 0.05), 0.36, layout), np.random.default_rng(0))
     np.testing.assert_allclose(found.parameters, moved.parameters, rtol=1e-12)
     np.testing.assert_allclose(found.masses, moved.masses, rtol=1e-12)
     np.testing.assert_allclose(found["bend_friction"], moved["bend_friction"], rtol=1e-12)
@@ -97,7 +97,7 @@ def test_a_tapered_string_in_another_clamp_ends_as_it_did() -> None:
     fitted, _ = physical(0.5, 10, 0.4)
     _, layout = physical(0.25, 10, 0.15)
     taper = fitted.with_values(taper=np.array([-1.0, 2.0]))
-    found = in_another_clamp(taper, (0.5, 0.05), 0.25, layout, np.random.default_rng(0))
+    found = rescaled(taper, (0.5, 0.05), 0.25, layout)
     before, after = taper.applied(), found.applied()
     end = (each.bend_factor[:, -1] * each.parameters[:, PARAMETERS.index("k_h")] for each in (before, after))
     first, second = end

@@ -130,8 +130,9 @@ def test_the_first_motion_is_planned_for_the_string_of_another_experiment(root: 
     small = context_of(root, "small").folder.trial(1).results
     write(root, "again", f"target_m: [0.5, 0.5]\nstart_string: {{from: small}}\n{SMALL}")
     motion = planned(root, "again")
-    assert (motion.provenance.start_string, motion.provenance.kind) == ("from small", "replanned")
-    assert set(motion.provenance.planned_from) == {"trial-01/estimate.json", "trial-01/ensemble.parquet"}
+    assert (motion.provenance.start_string, motion.provenance.kind) == ("from small", "first")
+    names = ("estimate.json", "ensemble.parquet")
+    assert set(motion.provenance.planned_from) == {f"results/small/trial-01/{name}" for name in names}
     fitted = Estimate.read(small / "estimate.json").string.parameters
     assert motion.provenance.string.parameters == pytest.approx(fitted)
     by_file = f"{{from: {small.relative_to(root)}/estimate.json}}"
@@ -143,8 +144,14 @@ def test_the_first_motion_is_planned_for_the_string_of_another_experiment(root: 
     ("settings", "string", "words"),
     [
         ("start_string: {from: again}\n", None, "again is this experiment"),
-        ("start_string: {from: new}\n", None, "new has no trial that counts"),
+        ("start_string: {from: new}\n", None, "new has no fitted trial that counts"),
         ("start_string: {from: nobody}\n", None, "SC-F001"),
+        ("start_string: {from: ../other/estimate.json}\n", None, "SC-F010"),
+        (
+            "start_string: {from: small}\n",
+            "string: {length_m: 0.3, weights: [{place_m: 0.1}]}\n",
+            "other weights",
+        ),
         ("start_string: {from: small}\n", "string: {length_m: 0.30}\n", "has other weights"),
         ("start_string: {from: 3}\n", None, "is no string parameter"),
     ],

@@ -258,12 +258,12 @@ class Experiment(Section):
     def lab_rehearses(self) -> bool:
         """Whether the lab plays the first motion with an empty clamp before the first throw.
 
-        Only where it is planned for unknown strings on joints that follow as they do: the paper's method
-        knows no rehearsal.
+        Only where it is planned for an ensemble on joints that follow as they do: the paper's method knows
+        no rehearsal.
         """
         asked = self.lab is not None and self.lab.rehearsal
         ours = self.plan.planner != "paper" and self.plan.plans_with_servo
-        return asked and self.start_string == "ensemble" and ours
+        return asked and (self.start_string == "ensemble" or self.known_string is not None) and ours
 
     @property
     def known_string(self) -> str | None:

@@ -103,8 +103,8 @@ class LabSettings(Section):
     )
     rehearsal: bool = Field(
         True,
-        description="Play the first motion with an empty clamp and plan it again; not with a start_string"
-        " or the paper's planner. Set it to false to see what that is worth.",
+        description="Play the first motion with an empty clamp and plan it again; not with another "
+        "start_string or the paper's planner. Set it to false to see what that is worth.",
     )
     led: bool = Field(
         False,

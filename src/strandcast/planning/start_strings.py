@@ -48,22 +48,15 @@ def start_strings_in_space(
     )
 
 
-def in_another_clamp(
-    strings: StringBatch,
-    fitted_m: tuple[float, float],
-    length_m: float,
-    layout: MassLayout,
-    random: np.random.Generator,
+def rescaled(
+    strings: StringBatch, fitted_m: tuple[float, float], length_m: float, layout: MassLayout
 ) -> StringBatch:
-    """Return fitted strings in another clamp, perhaps with another free length or number of mass points.
-
-    What belongs to the old clamp is left out: they are held as in a clamp, and turned by any angle about
-    themselves.
+    """Return fitted strings with another free length or number of mass points, in their clamp.
 
     Parameters
     ----------
     strings
-        The fitted strings, with as many free masses as the layout.
+        The fitted strings, with as many free masses as the layout, and plain points of mass 1.
     fitted_m
         Free length and rest spacing of the fit [m].
     length_m, layout
@@ -73,23 +66,30 @@ def in_another_clamp(
     # All are per kilogram of a point's mass, which is proportional to the spacing; springs and dampers of a
     # segment or joint are also inverse to it. Drag acts along all of a segment.
     scale = np.array([1.0 if name.startswith("C_c") else per**2 for name in PARAMETERS])
-    parameters = strings.parameters * scale
-    kept = {name: value for name, value in strings.values.items() if "offset" not in name}
-    if BEND_FRICTION in kept:
-        kept[BEND_FRICTION] = per * kept[BEND_FRICTION]
-    if TAPER in kept:  # the end stays as it is
+    parameters, values = strings.parameters * scale, dict(strings.values)
+    if BEND_FRICTION in values:
+        values[BEND_FRICTION] = per * values[BEND_FRICTION]
+    if TAPER in values:  # the end stays as it is
         joints = [PARAMETERS.index(name) for name in ("k_h", "c_h", "k_sh", "c_sh")]
-        parameters[:, joints] *= np.exp(kept[TAPER] * (0.5 - 0.5 * length_m / fitted_m[0]))[:, None]
-        kept[TAPER] = kept[TAPER] * length_m / fitted_m[0]
+        parameters[:, joints] *= np.exp(values[TAPER] * (0.5 - 0.5 * length_m / fitted_m[0]))[:, None]
+        values[TAPER] = values[TAPER] * length_m / fitted_m[0]
+    masses = point_masses(layout, per * strings.free_masses)
+    return StringBatch(parameters, masses, values, stiff_joints=layout.stiff_joints())
+
+
+def in_another_clamp(strings: StringBatch, random: np.random.Generator) -> StringBatch:
+    """Return the strings held as in any clamp, and turned by any angle about themselves."""
+    parameters = strings.parameters.copy()
     for clamp, joint in (("k_ph", "k_h"), ("c_ph", "c_h")):
         parameters[:, PARAMETERS.index(clamp)] = 2.0 * parameters[:, PARAMETERS.index(joint)]
-    masses = point_masses(layout, per * strings.free_masses)
-    moved = StringBatch(parameters, masses, kept, stiff_joints=layout.stiff_joints())
-    if REST_CURL in kept:
-        return moved.with_values(rest_curl_rad_m=kept[REST_CURL] * random.choice([-1.0, 1.0], len(strings)))
-    turn, curl = random.uniform(0.0, 2.0 * np.pi, len(strings)), strings.sides(REST_CURL)
-    size = np.linalg.norm(curl, axis=1)
-    return moved.with_values(rest_curl_rad_m=size[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]))
+    kept = {name: value for name, value in strings.values.items() if "offset" not in name}
+    moved = replace(strings, parameters=parameters, values=kept)
+    if not strings.in_space:
+        side_of = random.choice([-1.0, 1.0], len(strings))
+        return moved.with_values(rest_curl_rad_m=strings[REST_CURL] * side_of)
+    turn = random.uniform(0.0, 2.0 * np.pi, len(strings))
+    size = np.linalg.norm(strings.sides(REST_CURL), axis=1, keepdims=True)
+    return moved.with_values(rest_curl_rad_m=size * np.column_stack([np.cos(turn), np.sin(turn)]))
 
 
 def start_string_name(settings: Experiment) -> str:
@@ -102,9 +102,9 @@ def start_string_name(settings: Experiment) -> str:
 def start_strings(
     settings: Experiment, length_m: float, layout: MassLayout, random: np.random.Generator
 ) -> StringBatch:
-    """Return the strings that the first motion is planned with."""
+    """Return the strings that the first motion, or the rehearsal of a known string, is planned with."""
     start, string = settings.start_string, settings.string
-    if start == "ensemble":
+    if start == "ensemble" or settings.known_string is not None:
         count = settings.plan.ensemble
         weights = layout.count - layout.stiff
         draw = ensemble(count, length_m, string.n, weights, random, layout.stiff, settings.string.thickness_m)

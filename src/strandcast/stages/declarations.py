@@ -230,6 +230,7 @@ _DECLARED = (
         },
         outputs={"motion": TRIAL + "motion.json", "predicted": TRIAL + "predicted.parquet"},
         settings=_PLANNED,
+        may_read={"known_experiment": files.known_experiment},
     ),
     Stage(
         "register_motion",

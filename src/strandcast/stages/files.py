@@ -12,6 +12,7 @@ from typing import Any
 
 from strandcast.config.bounded import load_toml, read_bounded
 from strandcast.errors import StrandcastError
+from strandcast.records.folders import trial_folders
 from strandcast.records.listing import entries_of, file_exists, files_matching
 from strandcast.stages.context import context_of
 from strandcast.stages.job import Job, Role
@@ -117,23 +118,37 @@ def known_string(job: Job) -> list[Path]:
     Raises
     ------
     StrandcastError
-        SC-F003 the experiment that `start_string` names has no trial, or is this one; SC-F001 there is none.
+        SC-F010 the file that `start_string` names is outside of the project; SC-F003 the experiment that it
+        names is this one, or nothing that counts was fitted there; SC-F001 there is none.
     """
     context, name = job.context, job.context.settings.known_string
     if name is None or past(job):
         return []
-    estimate = context.folder.root / name
-    if estimate.suffix != ".json":
-        other = context_of(context.folder.root, name)
-        trials = other.counted(other.folder.recorded_trials())
-        if name == context.name or not trials:
-            what = "is this experiment" if name == context.name else "has no trial that counts"
-            fix = "name one that has thrown the string, or an estimate.json"
-            raise StrandcastError(
-                "SC-F003", f"{name} {what}", file=context.file, field="start_string", fix=fix
-            )
-        estimate = other.folder.trial(trials[-1]).results / "estimate.json"
-    return [estimate, estimate.with_name("ensemble.parquet")]
+    root, estimate = context.folder.root, (context.folder.root / name).resolve()
+    if name.endswith(".json"):
+        if estimate.is_relative_to(root.resolve()):
+            estimate = root / estimate.relative_to(root.resolve())
+            return [estimate, estimate.with_name("ensemble.parquet")]
+        code, what, fix = "SC-F010", "lies outside of the project", "copy its folder into the project"
+    else:
+        other = context_of(root, name)
+        trials = other.counted(trial_folders(other.folder.results))
+        fits = [other.folder.trial(number).results / "estimate.json" for number in trials]
+        there = [path for path in fits if path.is_file()]
+        if there and name != context.name:
+            return [there[-1], there[-1].with_name("ensemble.parquet")]
+        code, what, fix = "SC-F003", "has no fitted trial that counts", f"strandcast run {name}"
+        if name == context.name:
+            what, fix = "is this experiment", "name the one that has thrown the string"
+    raise StrandcastError(code, f"{name} {what}", file=context.file, field="start_string", fix=fix)
+
+
+def known_experiment(job: Job) -> list[Path]:
+    """Return the settings of the experiment that the string comes from: they say which trials count."""
+    name = job.context.settings.known_string
+    if name is None or past(job) or name.endswith(".json"):
+        return []
+    return [context_of(job.context.folder.root, name).file]
 
 
 def video(job: Job) -> list[Path]:

@@ -14,6 +14,7 @@ from strandcast.planning.start_strings import start_string_name
 from strandcast.planning.task import PlanningTask
 from strandcast.planning.write import to_record
 from strandcast.progress import print_line
+from strandcast.records.content_hash import result_sha256
 from strandcast.records.estimate import Estimate
 from strandcast.records.kept_motions import keep_motion
 from strandcast.records.motion import Motion
@@ -96,6 +97,7 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
     trials = [read_trial(files, number) for number in past(job)]
     with _about(context):
         task, plan = _next(files, arm, trials, random) if trials else _first(files, arm, random)
+    elsewhere = files.inputs("known_string")
     parent = next((t.motion for t in trials if t.number == plan.parent_trial), None)
     motion = to_record(
         plan,
@@ -104,10 +106,9 @@ def plan_motion(job: Job, files: Files) -> tuple[Motion, PredictedThrows]:
         job.trial,
         seed_of(*seeded_by),
         hashes_of(
-            path
-            for role in ("track", "estimate", "ensemble", "known_string", "rehearsal_run")
-            for path in files.inputs(role)
-        ),
+            path for role in ("track", "estimate", "ensemble", "rehearsal_run") for path in files.inputs(role)
+        )
+        | {path.relative_to(context.folder.root).as_posix(): result_sha256(path) for path in elsewhere},
         None if parent is None else parent.content_sha256(),
         None if trials else start_string_name(settings),
     )
@@ -151,14 +152,12 @@ Plan = tuple[PlanningTask, PlannedMotion]
 def _first(files: Files, arm: Arm, random: np.random.Generator) -> Plan:
     """Plan for an ensemble of plausible strings, or for one that was thrown in another experiment.
 
-    What a rehearsal shows of the joints is used for the former.
+    What a rehearsal shows of the joints is used.
     """
     context = files.job.context
     settings = context.settings.plan
-    if files.inputs("known_string"):
-        task, strings, E_m = known_inputs(files, arm, random)
-        return task, plan_next(task, strings.first(settings.ensemble), [], settings, random, E_m)
-    task, strings = first_inputs(context, arm, random)
+    known = bool(files.inputs("known_string"))
+    task, strings = known_inputs(files, arm, random) if known else first_inputs(context, arm, random)
     rehearsal = rehearsal_of(files, task)
     plan = plan_first(task, strings, settings, random, rehearsal=rehearsal)
     return task, plan

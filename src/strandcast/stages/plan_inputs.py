@@ -9,17 +9,21 @@ from scipy.interpolate import CubicSpline
 from strandcast.arm.load import Arm
 from strandcast.arm.servo import Servo
 from strandcast.config.experiment import Experiment
-from strandcast.core.strings import StringBatch
+from strandcast.core.strings import FAR_OFFSET, PARAMETERS, StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
 from strandcast.planning.past_trials import Measured, PastTrial, past_trial, resampled
-from strandcast.planning.start_strings import in_another_clamp, start_strings, start_strings_in_space
+from strandcast.planning.start_strings import (
+    in_another_clamp,
+    rescaled,
+    start_strings,
+    start_strings_in_space,
+)
 from strandcast.planning.task import PlanningTask
-from strandcast.records.estimate import ENSEMBLE, Estimate, ServoFit
+from strandcast.records.estimate import Estimate, ServoFit
 from strandcast.records.joint_log import read_run
 from strandcast.records.motion import Motion
-from strandcast.records.tables import read_table
 from strandcast.stages.context import Context
 from strandcast.stages.job import Files
 from strandcast.stages.past_trials import Trial, read_members, smooth_joints, string_model
@@ -27,6 +31,7 @@ from strandcast.stages.past_trials import Trial, read_members, smooth_joints, st
 # Of a rehearsal's log during the motion: fewer rows do not show how joints follow; soft joints stay within
 # some tenths of a radian of the motion, those in degrees or of another order do not. Chosen.
 FEWEST_ROWS, MISSING_S, FARTHEST_RAD = 20, 0.02, 0.5
+MOVED_M = 0.01  # between two declarations of a weight, from the end of the same string (chosen)
 FEWEST_PLACES = 4  # of a shape, the hand's included; chosen: through fewer, the model's own is as good
 
 
@@ -41,40 +46,48 @@ def first_inputs(context: Context, arm: Arm, random: np.random.Generator) -> tup
     return _task(settings, arm, model), strings
 
 
-def known_inputs(
-    files: Files, arm: Arm, random: np.random.Generator
-) -> tuple[PlanningTask, StringBatch, float]:
-    """Return the task, the strings fitted in another experiment, and E there [m], for the first motion.
+def known_inputs(files: Files, arm: Arm, random: np.random.Generator) -> tuple[PlanningTask, StringBatch]:
+    """Return the task and the strings fitted in another experiment, for the first motion.
 
     With the same free length as there, the string is taken to be in its clamp still.
 
     Raises
     ------
     StrandcastError
-        SC-F003 it is a string in the other of plane and space, or has other weights or stiff sections.
+        SC-F003 it is a string in the other of plane and space, held at both ends, fitted as the paper does,
+        or with other weights or stiff sections.
     """
     context = files.job.context
     estimate_file, ensemble_file = files.inputs("known_string")
     estimate, (model, layout) = Estimate.read(estimate_file), string_model(context, arm)
-    weights = sum(name.startswith("weight_") for name in read_table(ensemble_file, ENSEMBLE))
-    fitted_m = estimate.length_m, estimate.length_m / estimate.points
-    same_points = np.allclose(fitted_m, (model.length_m, model.spacing_m))
-    if estimate.reading != model.reading:
-        raise _other_string(
-            context, estimate_file, "is fitted in the other of plane and space, or as the paper"
+    strings = read_members(ensemble_file, layout) if len(estimate.weights) == layout.count else None
+    fitted_m, spacing_m = estimate.length_m, estimate.length_m / estimate.points
+    same_length = bool(np.isclose(fitted_m, model.length_m))
+    kinds = ["weight"] * (layout.count - layout.stiff) + ["stiff"] * layout.stiff
+    moved_m = [
+        abs(fitted_m - one.place_m - (model.length_m - place_m)) if one.kind == kind else np.inf
+        for one, kind, place_m in zip(estimate.weights, kinds, layout.places_m, strict=False)
+    ]
+    wrong = {
+        "was fitted as the paper does": estimate.search == "paper",
+        "has other weights or stiff sections, by their places from its end": strings is None
+        or max(moved_m, default=0.0) > MOVED_M
+        or (layout.stiff > 0 and not np.isclose(spacing_m, model.spacing_m)),
+    }
+    if strings is not None:
+        other = estimate.reading != model.reading or strings.in_space != (arm.axes == 3)
+        wrong["is of the other of plane and space, or held at both ends"] = (
+            other or strings.sides(FAR_OFFSET).any()
         )
-    if weights != layout.count or (layout.stiff and not same_points):
-        raise _other_string(context, estimate_file, "has other weights, or other places of stiff sections")
-    strings = read_members(ensemble_file, layout)
-    if not same_points:
-        strings = in_another_clamp(strings, fitted_m, model.length_m, layout, random)
-    return _task(context.settings, arm, model), strings.thrown(), estimate.E_m
-
-
-def _other_string(context: Context, estimate: Path, what: str) -> StrandcastError:
-    fix = "name an estimate of this string, or leave start_string out"
-    what = f"the string of {estimate} {what}"
-    return StrandcastError("SC-F003", what, file=context.file, field="start_string", fix=fix)
+    if strings is None or any(wrong.values()):
+        fix = "name an estimate of this string, or leave start_string out"
+        what = f"the string of {estimate_file} {next(words for words, holds in wrong.items() if holds)}"
+        raise StrandcastError("SC-F003", what, file=context.file, field="start_string", fix=fix)
+    same_clamp = same_length and bool(strings.parameters[:, PARAMETERS.index("k_ph")].all())
+    strings = rescaled(strings, (fitted_m, spacing_m), model.length_m, layout)
+    if not same_clamp:
+        strings = in_another_clamp(strings, random)
+    return _task(context.settings, arm, model), strings.thrown().first(context.settings.plan.ensemble)
 
 
 def task_of(context: Context, arm: Arm) -> PlanningTask:

@@ -57,6 +57,7 @@ def refusal(root: Path, name: str, until: str | None = None, *, raw: bool = True
     try:
         context = context_of(root, name)
         context.arm_file  # noqa: B018  (raises if there is none)
+        files.known_string(Job(context, 1))
         if context.settings.lab is None:
             trials = context.folder.recorded_trials()
             refuse_gap(context)
@@ -138,6 +139,7 @@ def _check_all(root: Path, name: str, found: Checked) -> None:
     context = context_of(root, name)
     found.attempt(_check_arm, context, found)
     found.attempt(_check_string, context)
+    found.attempt(files.known_string, Job(context, 1))
     _compare_radii(context, found)
     if context.settings.lab is None:
         if not context.settings.aims_in_space:

@@ -26,7 +26,7 @@ from strandcast_studies.benchmarks.loop.run import (
     run_parser,
     run_prepared,
 )
-from strandcast_studies.paper.cases import FILE, load_plan, merged
+from strandcast_studies.paper.cases import FILE, load_plan
 
 PULLED, LEAST_PLACE_M = 1 / 3, 0.05  # most of the length, and least place of a weight that is left; chosen
 
@@ -49,7 +49,7 @@ def moved_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
     return here | {
         "string": here["string"] | {"length_m": length_m, "weights": weights},
         "target_m": other["target_m"],
-        "lab": here["lab"] | {"servo": servos[random.integers(len(servos))], "rehearsal": False},
+        "lab": here["lab"] | {"servo": servos[random.integers(len(servos))]},
     }
 
 
@@ -57,7 +57,7 @@ def _job(root: str, seed: int) -> dict[str, Any]:
     common, folder = load_plan(PROJECT / FILE).common, Path(root)
     fitted, known, unknown = (f"{name}-{seed}" for name in ("fitted", "known", "unknown"))
     moved = moved_settings_of(common, seed)
-    prepare(folder, fitted, merged(DRAWS["drawn"](common, seed), {"lab": {"rehearsal": False}}))
+    prepare(folder, fitted, DRAWS["drawn"](common, seed))
     start = {"from": f"results/{fitted}/trial-02/estimate.json"}
     prepare(folder, known, moved | {"start_string": start})
     prepare(folder, unknown, moved)
