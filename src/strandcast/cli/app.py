@@ -113,13 +113,13 @@ for name, export in EXPORTS.items():
 
 # The help lists groups and commands in this order; commands that have commands of their own come last.
 DAILY, SET_UP, CARE = "Every day", "Setting up", "Looking after files"
-STAGES, EXCHANGE, ALONE = "Single stages", "Data exchange", "Without an experiment"
+STAGES, EXCHANGE = "Single stages", "Data exchange"
 
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     DAILY: (new, check, status, run, play, exclude, include, predict),
     SET_UP: (doctor, docs, explain, boards, preview),
     CARE: (compare, rig, verify),
-    ALONE: (simulate,),
+    EXCHANGE: (simulate,),
 }
 EPILOGS = {play: EXIT_CODES, run: RESUMING}
 
