@@ -4,7 +4,8 @@
 
 Each seed draws a string, as `loop.drawn` does, that is thrown twice. Then it is thrown at another target by
 joints that follow otherwise, in every second pair after up to a third of it was pulled into another clamp:
-once from what was fitted, and twice as an unknown string.
+once from what was fitted, and twice as an unknown string. First motions are rehearsed, but not with
+``--unrehearsed``.
 """
 
 import json
@@ -31,7 +32,7 @@ from strandcast_studies.paper.cases import FILE, load_plan
 PULLED, LEAST_PLACE_M = 1 / 3, 0.05  # most of the length, and least place of a weight that is left; chosen
 
 
-def moved_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
+def moved_settings_of(common: dict[str, Any], seed: int, rehearsed: bool) -> dict[str, Any]:
     """Return the settings with the same string, another target and servo, and every second time shorter."""
     random = np.random.default_rng([seed, 8])
     here, other = DRAWS["drawn"](common, seed), DRAWS["drawn"](common, seed + 100_000)
@@ -49,14 +50,14 @@ def moved_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
     return here | {
         "string": here["string"] | {"length_m": length_m, "weights": weights},
         "target_m": other["target_m"],
-        "lab": here["lab"] | {"servo": servos[random.integers(len(servos))]},
+        "lab": here["lab"] | {"servo": servos[random.integers(len(servos))], "rehearsal": rehearsed},
     }
 
 
-def _job(root: str, seed: int) -> dict[str, Any]:
+def _job(root: str, seed: int, rehearsed: bool) -> dict[str, Any]:
     common, folder = load_plan(PROJECT / FILE).common, Path(root)
     fitted, known, unknown = (f"{name}-{seed}" for name in ("fitted", "known", "unknown"))
-    moved = moved_settings_of(common, seed)
+    moved = moved_settings_of(common, seed, rehearsed)
     prepare(folder, fitted, DRAWS["drawn"](common, seed))
     start = {"from": f"results/{fitted}/trial-02/estimate.json"}
     prepare(folder, known, moved | {"start_string": start})
@@ -78,10 +79,17 @@ def _job(root: str, seed: int) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> None:
     """Run the pairs, two at a time; write each as soon as it is known."""
     options = run_parser(__doc__, list(range(9001, 9025)), "results/bench-known.json", strings=False)
+    options.add_argument("--unrehearsed", action="store_true", help="throw without a rehearsal")
     given = options.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="strandcast-known-") as folder:
         root = str(root_with_arms(Path(folder)))
-        print(json.dumps(run_jobs(_job, [(root, seed) for seed in given.seeds], given.jobs, given.out)))
+        print(
+            json.dumps(
+                run_jobs(
+                    _job, [(root, seed, not given.unrehearsed) for seed in given.seeds], given.jobs, given.out
+                )
+            )
+        )
 
 
 if __name__ == "__main__":
