@@ -8,6 +8,7 @@ import pytest
 from strandcast.config.load import load_experiment
 from strandcast.lab.strings import physical_string
 from strandcast_studies.benchmarks.loop import drawn as loop_drawn
+from strandcast_studies.benchmarks.loop import known
 from strandcast_studies.benchmarks.loop import run as loop
 from strandcast_studies.paper.cases import FILE, load_plan
 
@@ -43,3 +44,19 @@ def test_a_failed_run_gives_its_reason_and_does_not_stop_others() -> None:
         raise ValueError("no such string")
 
     assert loop.outcome(broken) == {"error": "ValueError: no such string", "trials": []}
+
+
+def test_a_known_string_is_the_same_one_elsewhere() -> None:
+    common = load_plan(loop.PROJECT / FILE).common
+    for seed in range(9001, 9013):
+        here, moved = loop_drawn.settings_of(common, seed), known.moved_settings_of(common, seed, True)
+        pulled_m = here["string"]["length_m"] - moved["string"]["length_m"]
+        assert -1e-9 < pulled_m <= known.PULLED * here["string"]["length_m"]
+        assert pulled_m == pytest.approx(0.0) or seed % 2
+        pairs = zip(here["string"]["weights"], moved["string"]["weights"], strict=True)
+        for before, after in pairs:
+            assert before["place_m"] - after["place_m"] == pytest.approx(pulled_m, abs=1e-9)
+            assert before["mass_kg"] == after["mass_kg"]
+        assert moved["lab"]["string"] == here["lab"]["string"]
+        assert moved["lab"]["servo"] != here["lab"]["servo"]
+        assert moved["target_m"] != here["target_m"]
