@@ -44,6 +44,7 @@ RUN_BY = {  # the beginning of a command, and the test or script that runs it el
     "strandcast simulate": "tests/dynamics/test_physical.py",
     "strandcast plan": "tests/stages/test_throw_in_space.py",
     "strandcast play": "tests/executor",
+    "strandcast throw": "tests/workflow/test_sitting.py",
     "snakemake": "tests/workflow/test_loop.py",
     "make demo": "tests/regression",
     "make test": ".ci/run",

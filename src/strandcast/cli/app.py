@@ -30,6 +30,7 @@ from strandcast.cli.run import RESUMING, run
 from strandcast.cli.simulate import simulate
 from strandcast.cli.stages import stage_commands, summary
 from strandcast.cli.status import status
+from strandcast.cli.throw import throw
 from strandcast.errors import StrandcastError
 from strandcast.stages import CALLED_BY_NAME
 
@@ -116,7 +117,7 @@ DAILY, SET_UP, CARE = "Every day", "Setting up", "Looking after files"
 STAGES, EXCHANGE = "Single stages", "Data exchange"
 
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    DAILY: (new, check, status, run, play, exclude, include, predict),
+    DAILY: (new, check, status, run, play, throw, exclude, include, predict),
     SET_UP: (doctor, docs, explain, boards, preview),
     CARE: (compare, rig, verify),
     EXCHANGE: (simulate,),

@@ -9,6 +9,14 @@ from strandcast.cli.common import AsJson, show
 
 EXIT_CODES = "Exit codes: docs/how-to/play-on-an-arm.md. All checks: docs/reference/executor.md."
 
+MoveToStart = Annotated[bool, typer.Option(help="Move slowly to the first configuration before playing.")]
+Settle = Annotated[
+    float, typer.Option(min=0.0, max=600.0, help="Seconds to wait at the start until the string hangs still.")
+]
+SoftRealtime = Annotated[
+    bool, typer.Option("--accept-soft-realtime", help="Stream even if the host's timing is poor.")
+]
+
 
 def play(
     motion: Annotated[Path, typer.Argument(metavar="MOTION", help="The motion.json to play.")],
@@ -24,20 +32,13 @@ def play(
     time_scale: Annotated[
         float, typer.Option(min=1.0, help="Play the same path this many times slower: 4, then 2, then 1.")
     ] = 1.0,
-    move_to_start: Annotated[
-        bool, typer.Option(help="Move slowly to the first configuration before playing.")
-    ] = False,
-    settle: Annotated[
-        float,
-        typer.Option(min=0.0, max=600.0, help="Seconds to wait at the start until the string hangs still."),
-    ] = 0.0,
+    move_to_start: MoveToStart = False,
+    settle: Settle = 0.0,
     hanging: Annotated[
         float | None,
         typer.Option(min=0.0, help="Length hanging from the hand [m].  [default: the experiment's string]"),
     ] = None,
-    accept_soft_realtime: Annotated[
-        bool, typer.Option("--accept-soft-realtime", help="Stream even if the host's timing is poor.")
-    ] = False,
+    accept_soft_realtime: SoftRealtime = False,
     as_json: AsJson = False,
 ) -> None:
     """Check a motion against its arm (a dry run); with --live or --confirm, play and log it."""

@@ -19,6 +19,7 @@ from strandcast.config.camera import (
 from strandcast.config.estimate import EstimateSettings, known_parameters
 from strandcast.config.lab import LabSettings
 from strandcast.config.plan import PlanSettings
+from strandcast.config.sitting import SittingSettings
 from strandcast.config.string import String
 from strandcast.config.track import TrackSettings
 from strandcast.core.box import Box
@@ -131,6 +132,9 @@ class Experiment(Section):
         EstimateSettings(), description="Fit of the string parameters to the throws."
     )
     plan: PlanSettings = Field(PlanSettings(), description="Planning of the next motion.")
+    sitting: SittingSettings = Field(
+        SittingSettings(), description="What a sitting at the rig (`strandcast throw`) runs and waits for."
+    )
     lab: LabSettings | None = Field(None, description="The virtual rig. Leave it out for a real robot.")
 
     @field_validator("start_string")

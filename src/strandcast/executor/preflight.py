@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from strandcast.arm.reach import Reach
 from strandcast.core.trajectory import JointTrajectory
 from strandcast.errors import REFUSED, StrandcastError
 from strandcast.executor.checks import check_motion, check_reach, check_set_points
-from strandcast.executor.drivers.protocol import Driver
 from strandcast.executor.locks import NOTHING_SENT, check_clock, check_folder
 from strandcast.executor.streaming.clock import Clock
 from strandcast.executor.streaming.jitter import check_timing
@@ -85,10 +85,22 @@ class Preflight:
         return self.motion.content_sha256()[:HASH_DIGITS]
 
 
+class Paced(Protocol):
+    """What is asked of a driver before it is connected."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate of commands and log rows."""
+
+    @property
+    def streams(self) -> bool:
+        """Whether the host must send set points in time."""
+
+
 def run_preflight(
     motion_path: str | Path,
     arm: Arm,
-    driver: Driver,
+    driver: Paced,
     out_dir: str | Path,
     options: PlayOptions | None = None,
     clock: Clock | None = None,
@@ -104,7 +116,7 @@ def run_preflight(
     arm
         The arm, from its own file: its limits count, not those stored in the motion.
     driver
-        Not connected; only `rate_hz` and `streams` are used.
+        Not connected.
     out_dir
         The trial's raw folder; an existing run is never overwritten.
     """
@@ -156,7 +168,7 @@ def times_ns(motion: Motion) -> np.ndarray:
 
 
 def _timing(
-    driver: Driver, options: PlayOptions, clock: Clock | None
+    driver: Paced, options: PlayOptions, clock: Clock | None
 ) -> tuple[StreamingJitter, StrandcastError | None]:
     """Return the host's timing, and why it is not good enough to stream to an arm, or None."""
     jitter, problem = check_timing(driver.rate_hz, clock)

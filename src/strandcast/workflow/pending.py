@@ -50,8 +50,13 @@ class StepState:
         return bool(self.why) or self.after is not None
 
 
-def tasks_of(context: Context, trials: list[int], forced: Mapping[str, str]) -> dict[Step, StepState]:
-    """Return the steps that lead to the page of an experiment, in the order in which they run.
+def tasks_of(
+    context: Context,
+    trials: list[int],
+    forced: Mapping[str, str],
+    targets: Iterable[str] | None = None,
+) -> dict[Step, StepState]:
+    """Return the steps that lead to some files, by default an experiment's page, in the order of a run.
 
     Parameters
     ----------
@@ -60,7 +65,7 @@ def tasks_of(context: Context, trials: list[int], forced: Mapping[str, str]) -> 
     forced
         Files that are made again in any case, relative to the project, and why.
     """
-    found, makers = _leading_to(context, trials)
+    found, makers = _leading_to(context, trials, targets)
     needs = {step: {makers[name] for name in task.inputs if name in makers} for step, task in found.items()}
     ordered = {step: found[step] for step in TopologicalSorter(needs).static_order()}
     _decide(context.folder.root, ordered, needs, forced)

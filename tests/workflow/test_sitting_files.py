@@ -1,0 +1,170 @@
+"""What a sitting does with files, programs and answers; `test_sitting.py` holds whole sittings."""
+
+from pathlib import Path
+
+import pytest
+from tests.faults.small import NAME, REAL, make_project
+from tests.forked import run_module
+from tests.report.chromium import Browser
+
+from strandcast.cli.throw import Terminal
+from strandcast.errors import StrandcastError
+from strandcast.executor.preflight import PlayOptions
+from strandcast.stages.context import Context, context_of
+from strandcast.workflow import sitting as room
+from strandcast.workflow.sitting import Sitting, Unusable, hold, put_aside
+
+
+class Typing:
+    """A person who types some lines, then nothing."""
+
+    def __init__(self, *lines: str) -> None:
+        self.lines, self.said = list(lines), []
+
+    def typed(self, within_s: float) -> str | None:
+        return self.lines.pop(0) if self.lines else None
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    show = show_pages = say
+
+
+def project(folder: Path, settings: str) -> Context:
+    root = make_project(folder)
+    (root / "config" / "experiments" / f"{NAME}.yaml").write_text(REAL + settings)
+    (root / "films").mkdir()
+    return context_of(root, NAME)
+
+
+def sitting_of(context: Context, *lines: str) -> Sitting:
+    return Sitting(context.folder.root, context.name, PlayOptions(), Typing(*lines))
+
+
+def new_films(context: Context) -> list[str]:
+    return [path.name for path in room._new_files(context, 1, (".mp4", ".avi", room.FOLDER))]
+
+
+def test_new_films_are_those_since_the_throw_that_are_complete(
+    tmp_path: Path, finished: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    context = project(tmp_path / "project", "sitting: {folder: films}\n")
+    films = tmp_path / "project/films"
+    film = (finished / "data" / NAME / "trial-01" / "video.mp4").read_bytes()
+    (films / "old.mp4").write_bytes(film)
+    room._remember(context, 1)
+    assert new_films(context) == []
+    for name, content in {"cut.mp4": film[: len(film) // 2], "notes.txt": b"1", ".x.mp4": film}.items():
+        (films / name).write_bytes(content)
+    (films / "empty").mkdir()
+    assert new_films(context) == []
+    (films / "old.mp4").write_bytes(film + film)  # written again, under its old name
+    (films / "pictures").mkdir()
+    (films / "pictures" / "0001.png").write_bytes(b"a picture")
+    monkeypatch.setattr(room.time, "sleep", lambda _: (films / "grows.mp4").open("ab").write(b"more"))
+    (films / "grows.mp4").write_bytes(film)
+    assert new_films(context) == ["old.mp4", "pictures"]
+    room._copy_film(films / "pictures", tmp_path / "trial")
+    assert (tmp_path / "trial" / "video" / "0001.png").read_bytes() == b"a picture"
+
+
+def test_trials_are_put_aside_without_replacing_one_another(tmp_path: Path) -> None:
+    context = project(tmp_path / "project", "")
+    trial, folders = context.folder.trial(1), []
+    for reason in ("first", "second"):
+        for name in ("data", "results"):
+            getattr(trial, name).mkdir(parents=True, exist_ok=True)
+        (trial.data / "run.json").write_text(reason)
+        (trial.results / "track.json").write_text(reason)
+        (trial.results / "motion.json").write_text("planned")
+        folders.append(put_aside(context, trial, reason))
+        assert context.folder.thrown_trials() == []
+    for folder, reason in zip(folders, ("first", "second"), strict=True):
+        names = ("why.txt", "run.json", "results/track.json")
+        assert {(folder / name).read_text().strip() for name in names} == {reason}
+    assert [path.name for path in trial.results.iterdir()] == ["motion.json"]
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        ("'false'", "ended with exit code 1"),
+        ("no-such-program", "No such file"),
+        ("sleep 20", "took longer than 0.2 s"),
+    ],
+)
+def test_a_program_that_fails_says_so(tmp_path: Path, program: str, words: str) -> None:
+    context = project(tmp_path / "project", f"sitting: {{before: {program}, wait_s: 0.2}}\n")
+    with pytest.raises(Unusable, match=words):
+        room._run_program(sitting_of(context), context, "before", context.folder.trial(1))
+
+
+def test_a_program_is_told_which_throw_it_is(tmp_path: Path) -> None:
+    context = project(tmp_path / "project", 'sitting: {after: "cp {motion} armed-{trial}"}\n')
+    trial = context.folder.trial(3)
+    trial.results.mkdir(parents=True)
+    (trial.results / "motion.json").write_text("planned")
+    room._run_program(sitting_of(context), context, "after", trial)
+    assert (tmp_path / "project/armed-3").read_text() == "planned"
+    file = tmp_path / "project/config/experiments" / f"{NAME}.yaml"
+    file.write_text(REAL + 'sitting: {after: "echo \'open"}\n')
+    with pytest.raises(StrandcastError, match=r"sitting\.after"):
+        context_of(tmp_path / "project", NAME)
+
+
+def test_only_the_hash_of_this_motion_moves_the_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    context = project(tmp_path / "project", "")
+    (context.folder.results / "sitting").mkdir(parents=True)
+    monkeypatch.setattr(room.sys, "executable", "true")  # in place of `strandcast run`
+    for lines, allowed in ((["", "y", "1a2b3c4e", "q"], False), (["yes", "1a2b3c4d"], True)):
+        sitting = sitting_of(context, *lines)
+        assert room._allowed(sitting, context, "1a2b3c4d") is allowed
+        assert sitting.person.lines == []
+
+
+def test_a_throw_that_leaves_no_film_is_put_aside(tmp_path: Path) -> None:
+    context = project(tmp_path / "project", "sitting: {folder: films, wait_s: 0.1}\n")
+    for lines, words in ((["what", "none"], "there is no film"), ([], "no film came within 0.1 s")):
+        with pytest.raises(Unusable, match=words):
+            room._await_film(sitting_of(context, *lines), context, context.folder.trial(1))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("seed: 3", "seed: 3\nlab: {}"), "the lab throws by itself"),
+        (("target_m: [0.50, 0.50]\n", ""), "no target"),
+    ],
+)
+def test_what_no_arm_throws_is_refused(tmp_path: Path, change: tuple[str, str], words: str) -> None:
+    context = project(tmp_path / "project", "")
+    context.file.write_text(context.file.read_text().replace(*change))
+    with pytest.raises(StrandcastError, match=words):
+        hold(sitting_of(context))
+
+
+def test_a_sitting_needs_a_keyboard(tmp_path: Path) -> None:
+    project(tmp_path / "project", "")
+    done = run_module(tmp_path / "project", "strandcast", "throw", NAME)
+    assert done.returncode == 2
+    assert "SC-X012" in done.stderr
+
+
+def test_the_page_follows(tmp_path: Path, browser: Browser) -> None:
+    terminal = Terminal(tmp_path / "results")
+    (tmp_path / "results" / "report.html").write_text("a report")
+    with browser.page(terminal.page) as opened:
+
+        def loaded() -> int:
+            sent = [
+                each["params"]["request"]["url"]
+                for each in opened.events
+                if each.get("method") == "Network.requestWillBeSent"
+            ]
+            return sum(url.endswith("report.html") for url in sent)
+
+        terminal.show("waiting for the <film>")
+        opened.wait("document.querySelector('p').textContent === 'waiting for the <film>'")
+        assert loaded() == 1
+        terminal.show_pages("the pages are up to date")
+        opened.until(lambda: opened.value("pages") and loaded() == 2, "the report is loaded again")
