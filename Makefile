@@ -313,7 +313,7 @@ lock: $(VENV)/build.stamp  ## pin pyproject.toml and requirements/*.in again
 	@for name in build franka-sim audit docs; do $(PIN) requirements/$$name.in -o requirements/$$name.lock; done
 	@$(PIN) pyproject.toml -o requirements/runtime.lock
 	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra gym --extra studies -o requirements/studies.lock
-	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra c3d --extra crate --extra franka --extra mcap --extra rerun --extra ros --extra ur -o requirements/drivers.lock
+	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra c3d --extra crate --extra franka --extra mcap --extra rerun --extra ros --extra ur --extra xarm -o requirements/drivers.lock
 	@$(PIN_LIKE_RUNTIME) pyproject.toml --extra slurm -o requirements/slurm.lock
 	@# Amazon's botocore needs an older python-dateutil than the others have.
 	@grep -E '^[a-z]' requirements/runtime.lock | grep -v '^python-dateutil=' | tr -d '\\' | \

@@ -17,7 +17,7 @@ def planar(arm: PlanarArm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np
     return np.asarray(chain_torques(q, qd, qdd, dynamics.links, dynamics.gravity_m_s2))
 
 
-@pytest.mark.parametrize("name", ["planar3", "ur5e-example", "fr3-example"])
+@pytest.mark.parametrize("name", ["planar3", "ur5e-example", "fr3-example", "xarm6-example"])
 def test_torques_are_mujocos(project_root: Path, name: str) -> None:
     arm = load_arm(project_root / f"config/arms/{name}.toml").planar()
     rng = np.random.default_rng(3)

@@ -50,7 +50,7 @@ def test_a_positive_angle_lifts_the_hand_and_is_counter_clockwise(project_root: 
     np.testing.assert_allclose(pose, [0.0, 0.7, np.pi / 2], atol=1e-15)
 
 
-@pytest.mark.parametrize("name", ["planar3", "ur5e-example", "fr3-example"])
+@pytest.mark.parametrize("name", ["planar3", "ur5e-example", "fr3-example", "xarm6-example"])
 def test_chain_agrees_with_mujoco_in_every_posture(project_root: Path, name: str) -> None:
     arm = load_arm(project_root / "config" / "arms" / f"{name}.toml").planar()
     data = mujoco.MjData(arm.model())
@@ -61,7 +61,7 @@ def test_chain_agrees_with_mujoco_in_every_posture(project_root: Path, name: str
         np.testing.assert_allclose(link_points(arm.chain, q), np.array(bodies) @ arm.plane.T, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["ur5e-example", "fr3-example"])
+@pytest.mark.parametrize("name", ["ur5e-example", "fr3-example", "xarm6-example"])
 def test_the_hands_angle_turns_with_mujocos_frame(project_root: Path, name: str) -> None:
     arm = load_arm(project_root / "config" / "arms" / f"{name}.toml").planar()
     data = mujoco.MjData(arm.model())

@@ -53,7 +53,11 @@ def test_an_arm_without_a_driver_plays_nothing(project_root, motion):
 
 @pytest.mark.parametrize(
     ("name", "file", "package"),
-    [("franka", "fr3-example.toml", "pylibfranka"), ("ur", "ur5e-example.toml", "dashboard_client")],
+    [
+        ("franka", "fr3-example.toml", "pylibfranka"),
+        ("ur", "ur5e-example.toml", "dashboard_client"),
+        ("xarm", "xarm6-example.toml", "xarm.wrapper"),
+    ],
 )
 def test_without_the_vendors_package_the_error_says_what_to_install(
     project_root, motion, monkeypatch, name, file, package

@@ -51,7 +51,7 @@ def lab(tmp_path) -> Path:
 def test_a_project_is_made_in_a_new_or_empty_folder(tmp_path, place):
     (tmp_path / "x").mkdir()
     files = make_project(tmp_path / place)
-    assert len(files) == 16
+    assert len(files) == 18
     assert all(path.is_file() for path in files)
     assert (tmp_path / place / "data").is_dir()
 

@@ -35,7 +35,11 @@ NEED_BYTES = 1 << 30  # memory of the largest stage
 ROOMY_BYTES = 3 << 30  # memory of the largest stage and the others that run beside it
 TIME_ERROR = 5  # of adjtimex: no time server sets this clock
 TIMEX_BYTES = 512  # more than any struct timex
-DRIVERS = {"ur": ("ur_rtde", "rtde_control"), "franka": ("pylibfranka", "pylibfranka")}
+DRIVERS = {
+    "ur": ("ur_rtde", "rtde_control"),
+    "franka": ("pylibfranka", "pylibfranka"),
+    "xarm": ("xarm-python-sdk", "xarm"),
+}
 
 State = Literal["ok", "note", "problem"]
 

@@ -14,7 +14,7 @@ TEMPLATE = Path(__file__).with_name("template")
 DEFAULT_PROFILE = "default"  # one machine
 # As Snakemake names them: profile.yaml, or e.g. config.v8+.yaml for version 8 and later.
 PROFILE_FILE = re.compile(r"(?:profile|config)(?:\.v(\d+)\+)?\.yaml")
-ARMS = ("planar3", "ur5e-example", "fr3-example", "ur5e-space", "fr3-space")
+ARMS = ("planar3", "ur5e-example", "fr3-example", "xarm6-example", "ur5e-space", "fr3-space")
 CONFIG = (
     *(f"arms/{arm}.{end}" for arm in ARMS for end in ("toml", "urdf")),
     "experiments/demo.yaml",

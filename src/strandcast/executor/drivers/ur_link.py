@@ -12,11 +12,11 @@ from strandcast.executor.drivers.ur_sender_handle import UrSender
 from strandcast.executor.drivers.ur_settings import UrSettings
 from strandcast.executor.drivers.ur_state import fault_of, program_runs, wait_until
 from strandcast.executor.joint_mapping import ControllerJoints
+from strandcast.executor.streaming.easing import StartEasing
 from strandcast.executor.streaming.link import ControllerState, ControllerStopped
 from strandcast.records.joint_log import SYNC_HIGH, JointLog, SyncEvent
 
 PACKAGE_S = 0.05  # chosen: several packages even at 125 Hz
-EASE_S = 0.3  # chosen: the time over which the set points go from where the arm stands to the motion's start
 SAME_PACKAGE_TRIES = 5
 
 
@@ -34,8 +34,7 @@ class UrLink:
         self._receive, self._sender, self._settings = receive, sender, settings
         self._all: Callable[[np.ndarray], np.ndarray] = joints.all_angles if joints else np.asarray
         self._moving: Callable[[np.ndarray], np.ndarray] = joints.moving if joints else np.asarray
-        self._offset_rad: np.ndarray | None = None  # from the motion's start to where the arm stands
-        self._written = 0
+        self._easing: StartEasing | None = None
         self._bit = 0 if settings.sync_output is None else 1 << settings.sync_output
 
     def start(self) -> None:
@@ -82,17 +81,13 @@ class UrLink:
         ConnectionError
             The sender is behind, or has ended: the connection is broken.
         """
-        self._sender.send(SERVO, self._eased(self._all(q_rad)))
+        wanted = self._all(q_rad)
+        if self._easing is None:
+            stands_rad = np.array(self._receive.getActualQ())
+            self._easing = StartEasing(stands_rad, wanted, self._settings.rate_hz)
+        self._sender.send(SERVO, self._easing.eased(wanted))
         if not self._sender.accepted():
             raise ControllerStopped(self._fault() or "the controller refused a set point")
-
-    def _eased(self, q_rad: np.ndarray) -> np.ndarray:
-        """Return set points (6,) that begin where the arm stands: servoj would jerk at a step."""
-        if self._offset_rad is None:
-            self._offset_rad = np.array(self._receive.getActualQ()) - q_rad
-        s = min(1.0, self._written / (EASE_S * self._settings.rate_hz))
-        self._written += 1
-        return q_rad + self._offset_rad * (1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
 
     def signal(self, high: bool) -> None:
         """Switch the sync output, if the arm's file names one."""

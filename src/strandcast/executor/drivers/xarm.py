@@ -1,0 +1,176 @@
+"""Driver of a UFACTORY xArm, through xarm-python-sdk: set points at 250 Hz in servo mode.
+
+In servo mode the controller follows each set point at once, and stops the arm, with an error, where the tool
+or a joint would become too fast. Enabling the motors and clearing an error stay the person's part.
+
+Tested against a protocol stand-in (tests/executor/drivers/xarm_standin.py), not against a control box.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from dataclasses import replace
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from strandcast.arm.load import Arm
+from strandcast.core.trajectory import JointTrajectory
+from strandcast.errors import ENVIRONMENT, StrandcastError
+from strandcast.executor.drivers.protocol import ArmState, Recording
+from strandcast.executor.drivers.registry import driver_settings, missing_package, require_address
+from strandcast.executor.drivers.xarm_link import FRESH_S, RATE_HZ, RealtimeReport, XArmLink, fault_of
+from strandcast.executor.drivers.xarm_settings import XArmSettings
+from strandcast.executor.joint_mapping import ControllerJoints
+from strandcast.executor.locks import NOTHING_SENT
+from strandcast.executor.move_to_start import move_to_start
+from strandcast.executor.streaming.bounds import safety_bounds
+from strandcast.executor.streaming.loop import stream
+from strandcast.records.motion import Motion
+
+PACKAGE = "xarm-python-sdk"
+LEAST_FIRMWARE = (2, 1, 0)  # the first that reports joints with the controller's time
+ANSWER_S = 0.1  # chosen: an answer takes about 1 ms; five such failures in a row end the stream
+
+
+def xarm_driver(arm: Arm, motion: Motion) -> XArmDriver:
+    """Return the driver of an xArm (see `strandcast.executor.drivers.registry`)."""
+    return XArmDriver(arm)
+
+
+class XArmDriver:
+    """An xArm of five to seven joints (see `strandcast.executor.drivers.protocol.Driver`).
+
+    Raises
+    ------
+    StrandcastError
+        SC-F003 settings, or another number of joints; SC-X061 no connection.
+    """
+
+    name = "xarm"
+    rate_hz = RATE_HZ
+    streams = True
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        fix = f"see `{XArmSettings.__module__}.{XArmSettings.__name__}`, which explains every key"
+        self._settings = driver_settings(XArmSettings, arm, fix)
+        self._joints = ControllerJoints.of(arm, self._settings.joints)
+        self._count = len(self._settings.joints)
+        self.address = self._settings.host
+        self._api: Any = None
+        self._report: RealtimeReport | None = None
+
+    def connect(self) -> None:
+        """Open both connections; nothing is sent that changes anything."""
+        require_address(self._arm, self.address)
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):  # the client prints what run.json says
+                client = import_module("xarm.wrapper").XArmAPI
+                self._api = client(self.address, is_radian=True, do_not_open=True, report_type="normal")
+                self._api.connect()
+        except ImportError as error:
+            raise missing_package(PACKAGE, "xarm", error) from None
+        except Exception as error:  # the client raises no other class
+            raise self._unconnected(str(error), "check address, cable and control box") from None
+        if self._api.version_number < LEAST_FIRMWARE:
+            least = ".".join(map(str, LEAST_FIRMWARE))
+            raise self._unconnected(
+                f"its firmware {self._firmware()} reports no time", f"update it to {least} or later"
+            )
+        if self._api.axis != self._count:
+            raise StrandcastError(
+                "SC-F003",
+                f"names {self._count} joints; the arm has {self._api.axis}",
+                file=self._arm.path,
+                field="driver.settings.joints",
+                cost=NOTHING_SENT,
+                fix="name the controller's joints from the base on",
+            )
+        self._api.set_timeout(ANSWER_S)
+        self._report = RealtimeReport(self.address)
+
+    def _firmware(self) -> str:
+        return ".".join(map(str, self._api.version_number))
+
+    def _unconnected(self, why: str, fix: str) -> StrandcastError:
+        return StrandcastError(
+            "SC-X061",
+            f"the controller at {self.address} cannot be used: {why}",
+            file=self._arm.path,
+            field="driver.settings.host",
+            cost=NOTHING_SENT,
+            fix=fix,
+            exit_code=ENVIRONMENT,
+        )
+
+    def state(self) -> ArmState:
+        """Return the current state; an error, a motor not enabled or a silent controller is a fault."""
+        report = self._connected()
+        fault = None if report.update(FRESH_S) else f"no report came on port 30000 for {FRESH_S:.0f} s"
+        q, qd = report.joints(self._count)
+        return ArmState(
+            q_rad=self._joints.moving(q),
+            qd_rad_s=self._joints.moving(qd),
+            fault=fault or self._fault(report),
+            q_held_rad=self._joints.held(q),
+            payload_kg=self._api.tcp_load[0],
+            time_s=report.time_s,
+        )
+
+    def _connected(self) -> RealtimeReport:
+        assert self._report is not None
+        return self._report
+
+    def _fault(self, report: RealtimeReport) -> str | None:
+        fix = "check the arm, then clear it and enable the arm in UFACTORY Studio"
+        if error := fault_of(self._api):
+            return f"{error}; {fix}"
+        if not all(self._api.motor_enable_states[: self._count]):
+            return "its motors are not enabled (UFACTORY Studio, Enable Robot)"
+        return None if report.moves else "it is stopped or paused (UFACTORY Studio, Enable Robot)"
+
+    def move_to_start(self, q_rad: np.ndarray) -> None:
+        """Move all joints slowly: the moving ones to (J,) angles, the held ones to theirs."""
+        self._refuse_fault()
+        report = self._connected()
+        link = XArmLink(self._api, report, self._count, None)
+        q_from = report.joints(self._count)[0]
+        move_to_start(link, q_from, self._joints.all_angles(q_rad), RATE_HZ, self._settings.joints)
+
+    def _refuse_fault(self) -> None:
+        fault = self.state().fault
+        if fault is not None:
+            raise StrandcastError(
+                "SC-X005",
+                f"the arm cannot be moved: {fault}",
+                file=self._arm.path,
+                cost=NOTHING_SENT,
+                fix="clear this fault first",
+            )
+
+    def play(self, command: JointTrajectory, folder: Path) -> Recording:
+        """Stream the motion in servo mode; the log has a row per set point, with the newest report."""
+        link = XArmLink(self._api, self._connected(), self._count, self._joints)
+        recording = stream(link, command, safety_bounds(self._arm), RATE_HZ, list(self._arm.joints))
+        facts = {
+            "model": f"xArm {self._count}",
+            "firmware": self._firmware(),
+            "serial": str(self._api.sn),
+            "host": self.address,
+            PACKAGE: version(PACKAGE),
+        }
+        return replace(recording, clock="xArm controller", controller=facts)
+
+    def stop(self) -> None:
+        """Close the connections; safe to call at any time."""
+        report, self._report = self._report, None
+        api, self._api = self._api, None
+        if report is not None:
+            report.close()
+        if api is not None:
+            api.disconnect()

@@ -1,0 +1,149 @@
+"""The xArm driver's connection: set points in servo mode, and the state that port 30000 reports at 250 Hz.
+
+UFACTORY's "Data Description of TCP port" gives the fields; from firmware 2.1.0 on, each report has the
+controller's own time.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from strandcast.executor.joint_mapping import ControllerJoints
+from strandcast.executor.streaming.easing import StartEasing
+from strandcast.executor.streaming.link import ControllerState, ControllerStopped
+
+RATE_HZ = 250.0
+REALTIME_PORT = 30000
+FRESH_S = 1.0  # chosen; a report comes every 4 ms
+POLL_S = 0.001
+POSITION_MODE, SERVO_MODE = 0, 1
+READY, PAUSED = 0, 3  # states to set, and the first that is reported of an arm that does not move
+MOVE_SERVOJ = 29  # the command of a set point
+
+
+class RealtimeReport:
+    """The newest report of port 30000, read by the vendor's client."""
+
+    def __init__(self, host: str) -> None:
+        self._port = import_module("xarm.core.comm").SocketPort(host, REALTIME_PORT)
+        self._data = import_module("xarm.x3.report").ReportDataStructure.create(REALTIME_PORT, is_radian=True)
+        self.time_s = 0.0
+
+    def update(self, within_s: float = 0.0) -> bool:
+        """Take the newest report in; wait for one if none has come since. Return whether one has come."""
+        until_s, came = time.monotonic() + within_s, False
+        while not came:
+            while not self._port.rx_que.empty():
+                self._data.update(self._port.rx_que.get_nowait())
+                came = True
+            if time.monotonic() >= until_s:
+                break
+            if not came:
+                time.sleep(POLL_S)
+        self.time_s = 1e-6 * self._data.timestamp
+        return came
+
+    def joints(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the measured angles [rad] and speeds [rad/s] of the arm's joints, (J,) each."""
+        data = self._data
+        return np.array(data.actual_joint_angle[:count]), np.array(data.actual_joint_velocity[:count])
+
+    @property
+    def moves(self) -> bool:
+        """Whether the arm is ready to move, or does."""
+        return bool(self._data.state < PAUSED)
+
+    @property
+    def mode(self) -> int:
+        """The controller's mode."""
+        return int(self._data.mode)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._port.close()
+
+
+class XArmLink:
+    """An xArm's `strandcast.executor.streaming.link.StreamLink`; without `joints`, all of them move."""
+
+    paces = False
+
+    def __init__(self, api: Any, report: RealtimeReport, count: int, joints: ControllerJoints | None) -> None:
+        self._api, self._report, self._count, self._joints = api, report, count, joints
+        self._easing: StartEasing | None = None
+
+    def start(self) -> None:
+        """Enter servo mode: from now on the arm follows each set point at once."""
+        # No set point may wait in the host for those before it to be acknowledged.
+        self._api._arm._stream.com.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._enter(SERVO_MODE)
+
+    def _enter(self, mode: int) -> None:
+        self._api.set_mode(mode)
+        self._api.set_state(READY)
+        until_s = time.monotonic() + FRESH_S
+        while not (
+            self._report.update(FRESH_S)
+            and self._report.moves
+            and mode == self._report.mode == self._api.mode
+        ):
+            if time.monotonic() > until_s:
+                raise ControllerStopped(self._stopped(f"it does not enter its mode {mode}"))
+
+    def read(self) -> ControllerState:
+        """Return the newest report's state."""
+        self._report.update()
+        q, qd = self._report.joints(self._count)
+        fault = None if self._report.moves else self._stopped("it has stopped the arm")
+        if self._joints is not None:
+            q, qd = self._joints.moving(q), self._joints.moving(qd)
+        return ControllerState(self._report.time_s, q, qd, fault)
+
+    def write(self, q_rad: np.ndarray, qd_rad_s: np.ndarray) -> None:
+        """Send one set point; servo mode takes no speeds.
+
+        Raises
+        ------
+        ConnectionError
+            The connection is lost.
+        """
+        wanted = q_rad if self._joints is None else self._joints.all_angles(q_rad)
+        if self._easing is None:
+            self._easing = StartEasing(self._report.joints(self._count)[0], wanted, RATE_HZ)
+        self._send(self._easing.eased(wanted))
+
+    def _send(self, q_rad: np.ndarray) -> None:
+        """Send a set point without waiting for its answer, as the client's own function does.
+
+        A late answer would hold up the next set point; what the controller refuses, its reports show.
+        """
+        values = np.zeros(10, "<f4")  # up to seven joints; speed, acceleration and time have no effect here
+        values[: self._count] = q_rad
+        if self._api._arm.arm_cmd.send_modbus_request(MOVE_SERVOJ, values.tobytes(), values.nbytes) < 0:
+            raise ConnectionError("the connection to the controller is lost")
+
+    def _stopped(self, otherwise: str) -> str:
+        return fault_of(self._api) or f"the controller gives no error: {otherwise}"
+
+    def signal(self, high: bool) -> None:
+        """Do nothing: switching an output would delay set points."""
+
+    def finish(self) -> None:
+        """Leave servo mode, if the controller has not stopped the arm."""
+        self._report.update()
+        if self._report.moves:
+            self._enter(POSITION_MODE)
+
+
+def fault_of(api: Any) -> str | None:
+    """Return the controller's error in words; None if it has none."""
+    code, (error, _) = api.get_err_warn_code()
+    if code or not error:
+        return None
+    words = import_module("xarm.core.config.x_code").ControllerError(error).title["en"]
+    return f"the controller reports error C{error}: {words}"
