@@ -7,18 +7,21 @@ As `loop.run`, but every seed has its own string, target and servo; with ``--wid
 40 g/m, thin and thick, and rigs that repeat better or worse than the typical one, with or without heavy
 tails; with ``--curled`` every string is light, thick and strongly curled. The first motion is played with an
 empty clamp, and planned again, before it is thrown, but not with ``--unrehearsed``; with ``--filmed`` throws
-are filmed and tracked in their videos; with ``--tool-speed`` the arm's tool is slow. The planner knows only a
-string's length and the places of its weights.
+are filmed and tracked in their videos; with ``--arm`` another arm throws, in its workspace; with
+``--tool-speed`` the tool is slow. The planner knows only a string's length and the places of its weights.
 """
 
 import json
 import math
+import re
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from strandcast.arm.load import load_arm
 from strandcast.lab.variation import drawn_scatter
 from strandcast_studies.benchmarks.loop.run import (
     PROJECT,
@@ -50,6 +53,7 @@ CURLED_DENSITY_KG_M, CURLED_MATERIAL_KG_M3, STRONG_CURL_RAD_M = (0.002, 0.006), 
 # A target is out of the arm's reach by up to this share of the string's length.
 ARM_M, OF_LENGTH = 0.70, 0.6
 EDGE_M = 0.10  # from the workspace's edge
+POSTURES = 4000  # from which the reach of another arm is found
 
 
 def wide_settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
@@ -99,7 +103,7 @@ def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
         {
             "seed": seed,
             "string": {"length_m": length_m, "weights": drawn_weights(length_m, random, WEIGHTS, WEIGHT_KG)},
-            "target_m": _target(common["workspace_m"], ARM_M + OF_LENGTH * length_m, random),
+            "target_m": _target(common["workspace_m"], ARM_M, OF_LENGTH * length_m, random),
             "lab": {
                 "string": {
                     "linear_density_kg_m": log_uniform(DENSITY_KG_M, random),
@@ -111,6 +115,21 @@ def settings_of(common: dict[str, Any], seed: int) -> dict[str, Any]:
             },
         },
     )
+
+
+def thrown_by(settings: dict[str, Any], name: str, seed: int) -> dict[str, Any]:
+    """Return the settings with another arm, its workspace, and a target drawn by the same rule."""
+    arm, random = load_arm(PROJECT / "config" / "arms" / f"{name}.toml"), np.random.default_rng([seed, 9])
+    limits = arm.limits
+    q = random.uniform(limits.lower_rad, limits.upper_rad, (POSTURES, len(arm.joints)))
+    turned = np.array(q)
+    turned[:, 0] += np.pi  # about the first joint: halfway between two such places it stands
+    hand_m = arm.hand_m(q)
+    shoulder_m = (hand_m + arm.hand_m(turned)).mean(axis=0) / 2.0
+    far_m = float(np.linalg.norm(hand_m - shoulder_m, axis=1).max())
+    box = dict(zip(("x_m", "y_m"), arm.box_m.tolist(), strict=True))
+    target_m = _target(box, far_m, OF_LENGTH * settings["string"]["length_m"], random, shoulder_m)
+    return merged(settings, {"arm": name, "workspace_m": box, "target_m": target_m})
 
 
 def drawn_weights(
@@ -125,14 +144,20 @@ def drawn_weights(
     ]
 
 
-def _target(workspace_m: dict[str, list[float]], far_m: float, random: np.random.Generator) -> list[float]:
+def _target(
+    workspace_m: dict[str, list[float]],
+    arm_m: float,
+    beyond_m: float,
+    random: np.random.Generator,
+    shoulder_m: Sequence[float] = (0.0, 0.0),
+) -> list[float]:
     """Return a place in the workspace that the string can reach but not the hand."""
     while True:
         x_m, y_m = (
             random.uniform(workspace_m[axis][0] + EDGE_M, workspace_m[axis][1] - EDGE_M)
             for axis in ("x_m", "y_m")
         )
-        if ARM_M < math.hypot(x_m, y_m) < far_m:
+        if arm_m < math.hypot(x_m - shoulder_m[0], y_m - shoulder_m[1]) < arm_m + beyond_m:
             return [round(float(x_m), 3), round(float(y_m), 3)]
 
 
@@ -144,8 +169,12 @@ def log_uniform(between: tuple[float, float], random: np.random.Generator) -> fl
 DRAWS = {"drawn": settings_of, "wide": wide_settings_of, "curled": curled_settings_of}
 
 
-def _job(root: str, seed: int, trials: int, draw: str, rehearsed: bool, filmed: bool) -> dict[str, Any]:
+def _job(
+    root: str, seed: int, trials: int, draw: str, arm: str, rehearsed: bool, filmed: bool
+) -> dict[str, Any]:
     settings = DRAWS[draw](load_plan(PROJECT / FILE).common, seed)
+    if arm != settings["arm"]:
+        settings = thrown_by(settings, arm, seed)
     settings = merged(settings, {"lab": {"rehearsal": rehearsed}})
     name = f"{draw}-{seed}"
     prepare(Path(root), name, settings)
@@ -168,6 +197,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--unrehearsed", action="store_true", help="throw without a rehearsal")
     parser.add_argument("--filmed", action="store_true", help="film and track every throw, a minute of CPU")
     parser.add_argument("--work", type=Path, default=None, help="keep the experiments' folders here")
+    parser.add_argument("--arm", default="planar3", help="a name in config/arms")
     parser.add_argument(
         "--tool-speed", type=float, metavar="M_S", help="limit flange and clamp to this speed"
     )
@@ -176,7 +206,7 @@ def main(arguments: list[str] | None = None) -> None:
         root = str(root_with_arms(options.work or Path(folder)))
         if options.tool_speed is not None:
             _limit_tools(Path(root), options.tool_speed)
-        how = options.trials, options.draw, not options.unrehearsed, options.filmed
+        how = options.trials, options.draw, options.arm, not options.unrehearsed, options.filmed
         jobs = [(root, seed, *how) for seed in options.seeds]
         print(json.dumps(run_jobs(_job, jobs, options.jobs, options.out), indent=1))
 
@@ -184,7 +214,7 @@ def main(arguments: list[str] | None = None) -> None:
 def _limit_tools(root: Path, speed_m_s: float) -> None:
     """Limit the speed of flange and clamp of every arm."""
     for file in (root / "config" / "arms").glob("*.toml"):
-        text = file.read_text(encoding="utf-8")
+        text = re.sub(r"(?m)^tool_speed_m_s.*\n", "", file.read_text(encoding="utf-8"))
         file.write_text(text.replace("[limits]", f"[limits]\ntool_speed_m_s = {speed_m_s}"), encoding="utf-8")
 
 
