@@ -8,6 +8,7 @@ from tests.faults.small import REAL
 
 from strandcast.config.find import experiment_named, find_experiment
 from strandcast.errors import StrandcastError
+from strandcast.workflow import check
 from strandcast.workflow.check import check_experiment, runnable, unlogged_trials
 from strandcast.workflow.status import status_of
 
@@ -194,6 +195,21 @@ def test_a_target_out_of_reach_is_reported_with_the_distance_that_is_lacking(roo
     [error] = [each for each in check_experiment(root, "rig").errors if each.code == "SC-P002"]
     assert error.file == str(root / "data/rig/experiment.yaml")
     assert "no throw comes nearer than" in str(error)
+
+
+@pytest.mark.parametrize(("speed_m_s", "warned"), [(0.05, True), (50.0, False)])
+def test_a_target_that_the_arms_limits_put_out_of_reach_is_reported_with_their_cost(
+    root: Path, monkeypatch: pytest.MonkeyPatch, speed_m_s: float, warned: bool
+) -> None:
+    monkeypatch.setattr(check, "QUICK_SEARCH", {"screening": 32, "evaluations": 64, "ensemble": 1})
+    monkeypatch.setattr(check, "LIKELY", 0.2 if warned else 0.0)
+    arm = root / "config/arms/planar3.toml"
+    arm.write_text(arm.read_text().replace("[limits]", f"[limits]\ntool_speed_m_s = {speed_m_s}"))
+    found = check_experiment(root, "rig")
+    assert any("within the limits of the whole arm" in each for each in found.facts)
+    warnings = [each.what for each in found.warnings if each.code == "SC-P002"]
+    assert len(warnings) == warned
+    assert all("the limits of the whole arm leave no likely hit" in each for each in warnings)
 
 
 def test_an_excluded_trial_only_warns(root: Path) -> None:

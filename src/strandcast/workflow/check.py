@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,9 +24,11 @@ from strandcast.workflow.pending import input_problems
 from strandcast.workflow.targets import targets_of
 
 if TYPE_CHECKING:
-    from strandcast.arm.load import PlanarArm
+    from strandcast.arm.load import Arm, PlanarArm
 
 MOST_NAMED = 5  # missing trials in a message
+# A search of a few seconds, and what it should find; chosen.
+QUICK_SEARCH, LIKELY = {"screening": 240, "evaluations": 480, "ensemble": 8}, 0.5
 LONGEST = 2.0  # times as far as the arm reaches; longer strings are likely in another unit; chosen
 RAW_RECORDS = ("motion.json", "run.json")
 LOG_FILES = (("joints.csv", "run.json"), ("run.json", "joints.csv"))
@@ -184,6 +186,41 @@ def _check_arm(context: Context, found: Checked) -> None:
     except StrandcastError as error:
         error.file = str(context.file)
         raise
+    if arm.limits.whole_arm_limited.any() and not context.folder.thrown_trials():
+        _search_within_limits(context, arm, found)
+
+
+def _search_within_limits(context: Context, arm: "Arm", found: Checked) -> None:
+    """Search for a first motion within the limits of the whole arm, and without if it is unlikely to hit."""
+    import numpy as np
+
+    from strandcast.report.expected import expected_miss
+    from strandcast.stages.plan import first_motion
+
+    plan = context.settings.plan.model_copy(update=QUICK_SEARCH)
+    quick = replace(context, settings=context.settings.model_copy(update={"plan": plan}))
+    within = first_motion(quick, arm)
+    expected = expected_miss(within)
+    assert expected is not None
+    kind, who, share = max(within.limits_used(), key=lambda used: used[2])
+    found.facts.append(
+        f"within the limits of the whole arm, a quick search finds a miss of {expected.middle()}, "
+        f"{expected.likely()}; nearest to a limit of {kind}: {who}, {100 * share:.0f} % used"
+    )
+    if expected.hit_probability < LIKELY:
+        unlimited = replace(arm.limits, whole_arm=np.full_like(arm.limits.whole_arm, np.inf))
+        without = expected_miss(first_motion(quick, replace(arm, limits=unlimited)))
+        assert without is not None
+        found.warnings.append(
+            StrandcastError(
+                "SC-P002",
+                f"the limits of the whole arm leave no likely hit; without them a throw misses by "
+                f"{without.middle()}, {without.likely()}",
+                file=context.file,
+                field="target_m",
+                fix="choose a nearer target or a longer string, or raise these limits as far as is safe",
+            )
+        )
 
 
 def _supplied_track(context: Context) -> Path | None:
