@@ -21,6 +21,9 @@ class Typing:
     def __init__(self, *lines: str) -> None:
         self.lines, self.said = list(lines), []
 
+    def forget(self) -> None:
+        pass
+
     def typed(self, within_s: float) -> str | None:
         return self.lines.pop(0) if self.lines else None
 

@@ -56,6 +56,12 @@ class Terminal:
         template = files("strandcast.report") / "templates" / "sitting.html"
         write_text(self.page, template.read_text(encoding="utf-8"))
 
+    def forget(self) -> None:
+        """Drop what was typed before anything was asked."""
+        import termios  # not on Windows
+
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+
     def typed(self, within_s: float) -> str | None:
         """Return a line that was typed within some time; None: nothing."""
         if not select.select([sys.stdin], [], [], within_s)[0]:

@@ -63,6 +63,9 @@ TRACKER = "tracker"  # finds the scale, from the first throw
 class Person(Protocol):
     """Whom a sitting asks and tells."""
 
+    def forget(self) -> None:
+        """Drop what was typed before anything was asked."""
+
     def typed(self, within_s: float) -> str | None:
         """Return a line that was typed within some time; None: nothing."""
 
@@ -146,8 +149,11 @@ def _finish_last(sitting: Sitting) -> None:
     if not thrown:
         return
     trial = context.folder.trial(thrown[-1])
+    if context.settings.excluded_reason(trial.number) is not None:
+        return
     try:
-        if not (trial.data / "track.parquet").is_file():  # that one was measured elsewhere
+        # A track was measured elsewhere; a film may be gone once its throw has a verdict.
+        if not ((trial.data / "track.parquet").is_file() or (trial.results / "verdict.json").is_file()):
             _await_log(sitting, context, trial)
             _await_film(sitting, context, trial)
         while not _judged(sitting, trial):
@@ -165,9 +171,8 @@ def _judged(sitting: Sitting, trial: TrialFolder) -> bool:
         if error.code in OF_ANOTHER_THROW:
             raise Unusable(error.what) from error
         sitting.person.say(str(error))
-        sitting.person.show(
-            f"trial {trial.number}: correct this and type: again; to put it aside, type: none"
-        )
+        sitting.person.forget()
+        sitting.person.show(f"trial {trial.number}: correct this and type: again; to put it aside: none")
         while (typed := sitting.person.typed(POLL_S)) != "again":
             if typed == "none":
                 raise Unusable(error.what) from error
@@ -249,6 +254,7 @@ def _wait(sitting: Sitting, context: Context, what: str, there: Callable[[], boo
         return
     limit_s = context.settings.sitting.wait_s
     where = context.settings.sitting.folder or context.folder.data
+    sitting.person.forget()
     sitting.person.show(f"waiting for the {what} in {where}; if there is none, type: none")
     end_s = time.monotonic() + limit_s
     while not there():
@@ -260,15 +266,18 @@ def _wait(sitting: Sitting, context: Context, what: str, there: Callable[[], boo
 
 def _new_files(context: Context, trial: int, suffixes: tuple[str, ...]) -> list[Path]:
     """Return the complete files of some kinds that have come into the watched folder since the throw."""
+    found = _watched(context)
+    if found is None:
+        return []
     before = _before(context, trial)
     new = {
         path: facts
-        for path, facts in _watched(context).items()
+        for path, facts in found.items()
         if before.get(path.name) != facts and (FOLDER if path.is_dir() else path.suffix.lower()) in suffixes
     }
     if new:
         time.sleep(STEADY_S)
-        now = _watched(context)
+        now = _watched(context) or {}
         new = {path: facts for path, facts in new.items() if now.get(path) == facts and _opens(path)}
     return sorted(new)
 
@@ -284,17 +293,22 @@ def _opens(path: Path) -> bool:
     return True
 
 
-def _watched(context: Context) -> dict[Path, list[int]]:
-    """Return what lies in the watched folder: of each file, or of all pictures in a folder, size and time."""
+def _watched(context: Context) -> dict[Path, list[int]] | None:
+    """Return what lies in the watched folder: of each file, or of all pictures in a folder, size and time.
+
+    None: it cannot be read, as a network folder that is away for a while.
+    """
     given = context.settings.sitting.folder
     found: dict[Path, list[int]] = {}
-    with suppress(OSError):  # a network folder may be away for a while
+    try:
         for path in [] if given is None else sorted((context.folder.root / given).iterdir()):
             inside = (each for each in path.iterdir() if each.suffix.lower() in PICTURES)
             facts = [each.stat() for each in (inside if path.is_dir() else (path,))]
             if facts and not path.name.startswith("."):
                 size, changed = sum(each.st_size for each in facts), max(each.st_mtime_ns for each in facts)
                 found[path] = [len(facts), size, changed]
+    except OSError:
+        return None
     return found
 
 
@@ -309,7 +323,10 @@ def _before(context: Context, trial: int) -> dict[str, list[int]]:
 
 def _remember(context: Context, trial: int) -> dict[str, list[int]]:
     """Write down what the watched folder holds before a trial is thrown."""
-    folder = {path.name: facts for path, facts in _watched(context).items()}
+    found = _watched(context)
+    if found is None:
+        raise Unusable(f"sitting.folder, {context.settings.sitting.folder}, cannot be read")
+    folder = {path.name: facts for path, facts in found.items()}
     write_text(context.folder.results / FOLDER_BEFORE, json.dumps({"trial": trial, "folder": folder}))
     return folder
 
@@ -345,8 +362,8 @@ def _throw(sitting: Sitting, context: Context, trial: TrialFolder) -> bool:
         raise preflight.refused_live
     if not _allowed(sitting, context, preflight.short_hash):
         return False
-    _remember(context, trial.number)
     try:
+        _remember(context, trial.number)
         _run_program(sitting, context, "before", trial)
     except Unusable as reason:
         person.show(f"nothing was thrown: {reason}")
@@ -368,6 +385,7 @@ def _throw(sitting: Sitting, context: Context, trial: TrialFolder) -> bool:
 def _allowed(sitting: Sitting, context: Context, short_hash: str) -> bool:
     """Ask for a motion's hash while the pages are written; return once they are, and nothing else runs."""
     person, log = sitting.person, context.folder.results / "sitting" / "run.log"
+    person.forget()  # a hash that was typed twice must not move the arm twice
     person.say(f"type {short_hash} to throw it, or q to end")
     answer: str | None = None
     with log.open("wb") as out:
