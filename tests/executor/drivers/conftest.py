@@ -2,9 +2,11 @@
 
 import ctypes
 import multiprocessing
+import sys
 import time
 from collections.abc import Generator, Iterator
 from multiprocessing.sharedctypes import Synchronized
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,6 +14,7 @@ import pytest
 # Well above the lateness of an idle machine (under 2 ms), and what a controller of 500 Hz or 1 kHz notices.
 STALLED_S = 0.010
 STEP_S = 0.001
+sys.path.append(str(Path(__file__).parents[3]))  # processes that tests start find the tests
 
 
 @pytest.fixture(scope="session")

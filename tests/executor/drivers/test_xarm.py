@@ -21,7 +21,7 @@ from strandcast.records.joint_log import JointLog, Run, read_joint_log, read_run
 from strandcast.records.motion import Motion
 
 from ..motions import swing
-from .xarm_standin import ControlBox, control_box
+from .xarm_standin import Handle
 
 pytest.importorskip("xarm", reason="vendor package xarm-python-sdk; make test-drivers")
 
@@ -44,7 +44,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 class Bench:
     """An arm's file, a motion and a control box."""
 
-    def __init__(self, folder: Path, arm: PlanarArm, box: ControlBox) -> None:
+    def __init__(self, folder: Path, arm: PlanarArm, box: Handle) -> None:
         self.folder, self.arm, self.box = folder, arm, box
         swing(arm, START, WAY, DURATION_S).write(folder / "planned.json")
         self.driver = XArmDriver(arm)
@@ -78,11 +78,11 @@ def bench(tmp_path: Path) -> Iterator[Make]:
             text = (ARMS / "xarm6-example.toml").read_text()
             text = text.replace('host = "" ', f'host = "{host}"\n{settings}#')
             (tmp_path / "arm.toml").write_text(text)
-            arm = load_arm(tmp_path / "arm.toml").planar()
-            box = ControlBox(arm, MOVING, firmware)
-            box.q[MOVING] = START + away
-            box.command = box.q.copy()
-            return Bench(tmp_path, arm, stack.enter_context(control_box(box, host)))
+            q_rad = np.zeros(6)
+            q_rad[MOVING] = START + away
+            box = Handle(tmp_path / "arm.toml", MOVING, q_rad.tolist(), firmware, host)
+            stack.callback(box.end)
+            return Bench(tmp_path, load_arm(tmp_path / "arm.toml").planar(), box)
 
         yield make
 
@@ -100,8 +100,9 @@ def test_a_motion_is_played_and_logged_by_the_controllers_clock(bench: Make) -> 
     since_s = log.time_s[moving] - run.motion_start_s
     off = np.abs(log.q_rad[moving] - expected.at(since_s - LAG_S).q_rad)
     assert off.max() < 0.02
-    assert (setup.box.mode, setup.box.state, setup.box.error) == (0, 2, 0)
-    steps = np.diff(setup.box.set_points, axis=0)
+    seen = setup.box.seen()
+    assert (seen.mode, seen.state, seen.error) == (0, 2, 0)
+    steps = np.diff(seen.set_points, axis=0)
     assert np.abs(steps).max() < 0.02  # it begins where the arm stands
 
 
@@ -109,25 +110,25 @@ def test_a_motion_is_played_and_logged_by_the_controllers_clock(bench: Make) -> 
 def test_it_moves_to_the_start_slowly(bench: Make) -> None:
     setup = bench(away=0.1)
     setup.play(to_start=True)
-    speeds = np.diff(setup.box.set_points, axis=0)[:100] / 0.004
+    speeds = np.diff(setup.box.seen().set_points, axis=0)[:100] / 0.004
     assert np.abs(speeds).max() < 0.3
 
 
 @again
 def test_a_set_point_that_is_too_fast_is_the_controllers_error(bench: Make) -> None:
     setup = bench()
-    setup.box.arm = type("Arm", (), {"hand_m": lambda self, q: 10.0 * setup.arm.hand_m(q)})()
+    setup.box.change(longer=10.0)
     error, run, _ = setup.fails()
     assert error.exit_code == STOPPED_BY_CONTROLLER
     assert "C60" in run.reason
     assert "speed" in run.reason.lower()
-    assert setup.box.error == 60  # nothing clears it
+    assert setup.box.seen().error == 60  # nothing clears it
 
 
 @again
 def test_an_obstacle_stops_the_arm_and_the_log_is_kept(bench: Make) -> None:
     setup = bench()
-    setup.box.hit_at_s = 0.8
+    setup.box.change(hit_at_s=0.8)
     error, run, log = setup.fails()
     assert error.exit_code == STOPPED_BY_CONTROLLER
     assert run.status == "fault"
@@ -138,7 +139,7 @@ def test_an_obstacle_stops_the_arm_and_the_log_is_kept(bench: Make) -> None:
 @again
 def test_a_lost_connection_ends_the_run(bench: Make) -> None:
     setup = bench()
-    setup.box.deaf_at_s = 0.8
+    setup.box.change(deaf_at_s=0.8)
     error, run, _ = setup.fails()
     assert error.exit_code == ABORTED
     assert run.reason
@@ -147,7 +148,7 @@ def test_a_lost_connection_ends_the_run(bench: Make) -> None:
 @again
 def test_late_answers_hold_up_no_set_point(bench: Make) -> None:
     setup = bench()
-    setup.box.delay_s = 0.03
+    setup.box.change(delay_s=0.03)
     run, _ = setup.play()
     assert run.complete
     assert run.lateness is not None
@@ -167,12 +168,12 @@ def test_an_arm_that_is_not_ready_is_refused_and_nothing_is_sent(
     bench: Make, change: dict[str, object], words: str
 ) -> None:
     setup = bench()
-    vars(setup.box).update(change)
+    setup.box.change(**change)
     with pytest.raises(StrandcastError, match=words) as caught:
         setup.play()
     assert caught.value.exit_code in (REFUSED, ENVIRONMENT)
-    assert setup.box.set_points == []
-    assert setup.box.mode == 0
+    assert setup.box.seen().set_points == []
+    assert setup.box.seen().mode == 0
     assert not (setup.folder / "trial-01").exists()
 
 

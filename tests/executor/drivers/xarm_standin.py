@@ -7,16 +7,19 @@ takes the newest set point; a joint that would be faster than 180 °/s (C24) or 
 cleared, which a test does, not a driver.
 """
 
+import multiprocessing
 import socket
 import struct
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
-from strandcast.arm.load import PlanarArm
+from strandcast.arm.load import PlanarArm, load_arm
 
 CYCLE_S = 0.004
 FOLLOW = 0.35  # share of the way to the set point that a cycle goes
@@ -28,16 +31,17 @@ VERSION = b"6,6,XI130402B01,AC130402B01,v%s"
 
 
 class ControlBox:
-    """The state of the box; `faults` are what a test has it do."""
+    """The state of the box; a test changes it by `Handle`."""
 
-    def __init__(self, arm: PlanarArm, moving: list[int], firmware: str = "2.5.0") -> None:
+    def __init__(self, arm: PlanarArm, moving: list[int], q_rad: list[float], firmware: str) -> None:
         self.arm, self.moving, self.firmware = arm, moving, firmware
-        self.q = np.zeros(6)
+        self.q = np.array(q_rad)
         self.qd = np.zeros(6)
-        self.command = np.zeros(6)
+        self.command = self.q.copy()
         self.mode, self.state, self.error = 0, STANDING, 0
         self.enabled = True
         self.silent = False  # answers and reports nothing more
+        self.longer = 1.0  # how much faster than by the arm's file the hand is
         self.deaf_at_s: float | None = None  # of the time in servo mode: the connection is lost
         self.hit_at_s: float | None = None  # an obstacle
         self.delay_s = 0.0  # of the answers to set points
@@ -73,7 +77,7 @@ class ControlBox:
         hand = self.arm.hand_m(np.array([self.command[self.moving], wanted[self.moving]]))
         if np.abs(step).max() > FASTEST_RAD_S * CYCLE_S:
             self.stop(SPEED)
-        elif np.linalg.norm(hand[1] - hand[0]) > FASTEST_M_S * CYCLE_S:
+        elif self.longer * np.linalg.norm(hand[1] - hand[0]) > FASTEST_M_S * CYCLE_S:
             self.stop(LINEAR_SPEED)
         else:
             self.command = wanted
@@ -118,26 +122,52 @@ class ControlBox:
         return struct.pack(">I", 4 + len(body)) + body
 
 
-@contextmanager
-def control_box(box: ControlBox, host: str) -> Iterator[ControlBox]:
-    """Serve a control box at an address of this computer."""
+class Handle:
+    """A control box in a process of its own, so that its threads do not hold up those of the driver."""
+
+    def __init__(
+        self, arm_file: Path, moving: list[int], q_rad: list[float], firmware: str, host: str
+    ) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, other = context.Pipe()
+        given = (other, arm_file, moving, q_rad, firmware, host)
+        self._process = context.Process(target=_serve, args=given, daemon=True)
+        self._process.start()
+        self.seen()  # its ports are open
+
+    def change(self, **values: object) -> None:
+        """Set some of its values."""
+        self._pipe.send(values)
+        self._pipe.recv()
+
+    def seen(self) -> SimpleNamespace:
+        """Return its values as they are now."""
+        self._pipe.send({})
+        return SimpleNamespace(**self._pipe.recv())
+
+    def end(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.join()
+
+
+def _serve(
+    pipe: Connection, arm_file: Path, moving: list[int], q_rad: list[float], firmware: str, host: str
+) -> None:
+    box = ControlBox(load_arm(arm_file).planar(), moving, q_rad, firmware)
     servers = [socket.create_server((host, port)) for port in (502, 30000, 30001)]
-    threads = [
-        threading.Thread(target=_physics, args=(box,), daemon=True),
-        threading.Thread(target=_commands, args=(box, servers[0]), daemon=True),
-        threading.Thread(target=_reports, args=(box, servers[1], box.realtime, CYCLE_S), daemon=True),
-        threading.Thread(target=_reports, args=(box, servers[2], box.normal, 0.2), daemon=True),
-    ]
-    for thread in threads:
-        thread.start()
-    try:
-        yield box
-    finally:
-        box.alive = False
-        for server in servers:
-            with suppress(OSError):
-                server.shutdown(socket.SHUT_RDWR)
-            server.close()
+    work = (
+        (_physics, box),
+        (_commands, box, servers[0]),
+        (_reports, box, servers[1], box.realtime, CYCLE_S),
+        (_reports, box, servers[2], box.normal, 0.2),
+    )
+    for function, *given in work:
+        threading.Thread(target=function, args=given, daemon=True).start()
+    while True:
+        vars(box).update(pipe.recv())
+        shown = ("q", "mode", "state", "error", "set_points")
+        pipe.send({name: getattr(box, name) for name in shown})
 
 
 def _physics(box: ControlBox) -> None:

@@ -30,17 +30,18 @@ from strandcast.executor.drivers.ur_sender_handle import UrSender
 from strandcast.executor.drivers.ur_settings import UrSettings
 from strandcast.executor.drivers.ur_state import (
     FIELDS,
+    FRESH_S,
     PAYLOAD_FIELDS,
     fault_of,
     idle_speed_scaling,
     program_runs,
     silence_of,
-    wait_until,
 )
 from strandcast.executor.joint_mapping import ControllerJoints
 from strandcast.executor.locks import NOTHING_SENT
 from strandcast.executor.move_to_start import move_to_start
 from strandcast.executor.streaming.bounds import safety_bounds
+from strandcast.executor.streaming.clock import wait_until
 from strandcast.executor.streaming.loop import stream
 from strandcast.records.motion import Motion
 
@@ -179,7 +180,7 @@ class UrDriver:
             link = UrLink(self._receive, sender, None, self._settings)
             q_from = np.array(self._receive.getActualQ())
             move_to_start(link, q_from, self._joints.all_angles(q_rad), self.rate_hz, names)
-        wait_until(lambda: not program_runs(self._receive))
+        wait_until(lambda: not program_runs(self._receive), FRESH_S)
 
     def _refuse_fault(self) -> None:
         state = self.state()

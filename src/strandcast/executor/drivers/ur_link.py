@@ -10,8 +10,9 @@ import numpy as np
 from strandcast.executor.drivers.ur_sender import OUTPUT, SERVO
 from strandcast.executor.drivers.ur_sender_handle import UrSender
 from strandcast.executor.drivers.ur_settings import UrSettings
-from strandcast.executor.drivers.ur_state import fault_of, program_runs, wait_until
+from strandcast.executor.drivers.ur_state import FRESH_S, fault_of, program_runs
 from strandcast.executor.joint_mapping import ControllerJoints
+from strandcast.executor.streaming.clock import wait_until
 from strandcast.executor.streaming.easing import StartEasing
 from strandcast.executor.streaming.link import ControllerState, ControllerStopped
 from strandcast.records.joint_log import SYNC_HIGH, JointLog, SyncEvent
@@ -41,7 +42,7 @@ class UrLink:
         """Arm the controller's watchdog: from now on it ends the program if set points stop arriving."""
         self.signal(False)  # the first call is slow: it opens a connection of its own
         self._sender.arm_watchdog()
-        if not wait_until(lambda: program_runs(self._receive)):
+        if not wait_until(lambda: program_runs(self._receive), FRESH_S):
             raise ControllerStopped("the program does not run on the controller")
         # Read half a cycle after the packages arrive, so that none is missed that is a little early or late.
         before = self._receive.getTimestamp()

@@ -1,11 +1,10 @@
 """A UR controller's state, read by RTDE."""
 
-import time
-from collections.abc import Callable
 from typing import Any
 
+from strandcast.executor.streaming.clock import wait_until
+
 FRESH_S = 1.0  # chosen; a controller sends a package every 2 or 8 ms
-POLL_S = 5e-5
 
 FIELDS = [
     "timestamp",
@@ -75,19 +74,9 @@ def idle_speed_scaling(receive: Any) -> float:
     return float(limiter * slider)
 
 
-def wait_until(condition: Callable[[], bool], timeout_s: float = FRESH_S) -> bool:
-    """Wait until a condition holds; return False if it does not within `timeout_s`."""
-    until = time.monotonic() + timeout_s
-    while not condition():
-        if time.monotonic() > until:
-            return False
-        time.sleep(POLL_S)
-    return True
-
-
 def silence_of(receive: Any) -> str | None:
     """Return a fault if no new package arrives from the controller; None if one does."""
     before = receive.getTimestamp()
-    if wait_until(lambda: receive.getTimestamp() != before):
+    if wait_until(lambda: receive.getTimestamp() != before, FRESH_S):
         return None
     return f"nothing new came from the controller for {FRESH_S:.0f} s"

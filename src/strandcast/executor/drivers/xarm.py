@@ -29,6 +29,7 @@ from strandcast.executor.joint_mapping import ControllerJoints
 from strandcast.executor.locks import NOTHING_SENT
 from strandcast.executor.move_to_start import move_to_start
 from strandcast.executor.streaming.bounds import safety_bounds
+from strandcast.executor.streaming.clock import wait_until
 from strandcast.executor.streaming.loop import stream
 from strandcast.records.motion import Motion
 
@@ -93,6 +94,8 @@ class XArmDriver:
             )
         self._api.set_timeout(ANSWER_S)
         self._report = RealtimeReport(self.address)
+        # The client knows the motors from its own reports, five a second; until the first, none is enabled.
+        wait_until(lambda: any(self._api.motor_enable_states), FRESH_S)
 
     def _firmware(self) -> str:
         return ".".join(map(str, self._api.version_number))

@@ -7,20 +7,19 @@ controller's own time.
 from __future__ import annotations
 
 import socket
-import time
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from strandcast.executor.joint_mapping import ControllerJoints
+from strandcast.executor.streaming.clock import wait_until
 from strandcast.executor.streaming.easing import StartEasing
 from strandcast.executor.streaming.link import ControllerState, ControllerStopped
 
 RATE_HZ = 250.0
 REALTIME_PORT = 30000
 FRESH_S = 1.0  # chosen; a report comes every 4 ms
-POLL_S = 0.001
 POSITION_MODE, SERVO_MODE = 0, 1
 READY, PAUSED = 0, 3  # states to set, and the first that is reported of an arm that does not move
 MOVE_SERVOJ = 29  # the command of a set point
@@ -36,15 +35,9 @@ class RealtimeReport:
 
     def update(self, within_s: float = 0.0) -> bool:
         """Take the newest report in; wait for one if none has come since. Return whether one has come."""
-        until_s, came = time.monotonic() + within_s, False
-        while not came:
-            while not self._port.rx_que.empty():
-                self._data.update(self._port.rx_que.get_nowait())
-                came = True
-            if time.monotonic() >= until_s:
-                break
-            if not came:
-                time.sleep(POLL_S)
+        came = wait_until(lambda: not self._port.rx_que.empty(), within_s)
+        while not self._port.rx_que.empty():
+            self._data.update(self._port.rx_que.get_nowait())
         self.time_s = 1e-6 * self._data.timestamp
         return came
 
@@ -86,14 +79,12 @@ class XArmLink:
     def _enter(self, mode: int) -> None:
         self._api.set_mode(mode)
         self._api.set_state(READY)
-        until_s = time.monotonic() + FRESH_S
-        while not (
-            self._report.update(FRESH_S)
-            and self._report.moves
-            and mode == self._report.mode == self._api.mode
-        ):
-            if time.monotonic() > until_s:
-                raise ControllerStopped(self._stopped(f"it does not enter its mode {mode}"))
+        if not wait_until(lambda: self._is_in(mode), FRESH_S):
+            raise ControllerStopped(self._stopped(f"it does not enter its mode {mode}"))
+
+    def _is_in(self, mode: int) -> bool:
+        self._report.update(FRESH_S)
+        return self._report.moves and mode == self._report.mode == self._api.mode
 
     def read(self) -> ControllerState:
         """Return the newest report's state."""

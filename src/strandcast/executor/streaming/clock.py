@@ -4,12 +4,13 @@ import ctypes
 import gc
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
 PRIORITY = 80  # chosen
 MCL_CURRENT = 1
+POLL_S = 5e-5  # of what a controller reports; chosen
 
 
 class Clock(Protocol):
@@ -87,3 +88,13 @@ def _take_fifo() -> tuple[int, int] | None:
     except OSError:
         return None
     return before
+
+
+def wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
+    """Wait until a condition holds; return False if it does not within `timeout_s`."""
+    until = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > until:
+            return False
+        time.sleep(POLL_S)
+    return True
