@@ -1,6 +1,8 @@
 """What a sitting does with files, programs and answers; `test_sitting.py` holds whole sittings."""
 
+import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from tests.faults.small import NAME, REAL, make_project
@@ -54,21 +56,51 @@ def test_new_films_are_those_since_the_throw_that_are_complete(
     context = project(tmp_path / "project", "sitting: {folder: films}\n")
     films = tmp_path / "project/films"
     film = (finished / "data" / NAME / "trial-01" / "video.mp4").read_bytes()
-    (films / "old.mp4").write_bytes(film)
+    monkeypatch.setattr(room.time, "sleep", lambda _: None)
+    for name in (b"old.mp4", b"\xe9t\xe9.mp4"):
+        Path(os.fsdecode(bytes(films) + b"/" + name)).write_bytes(film)
+    (films / "lost").symlink_to("nowhere")
     room._remember(context, 1)
-    assert new_films(context) == []
-    for name, content in {"cut.mp4": film[: len(film) // 2], "notes.txt": b"1", ".x.mp4": film}.items():
-        (films / name).write_bytes(content)
+    for name in ("notes.txt", ".x.mp4"):
+        (films / name).write_bytes(film)
     (films / "empty").mkdir()
     assert new_films(context) == []
+    (films / "new.mp4").write_bytes(film)
+    (films / "cut.mp4").write_bytes(film[: len(film) // 2])
+    assert new_films(context) == []  # it may be the one
+    (films / "cut.mp4").unlink()
     (films / "old.mp4").write_bytes(film + film)  # written again, under its old name
     (films / "pictures").mkdir()
     (films / "pictures" / "0001.png").write_bytes(b"a picture")
-    monkeypatch.setattr(room.time, "sleep", lambda _: (films / "grows.mp4").open("ab").write(b"more"))
-    (films / "grows.mp4").write_bytes(film)
-    assert new_films(context) == ["old.mp4", "pictures"]
+    assert new_films(context) == ["new.mp4", "old.mp4", "pictures"]
+    monkeypatch.setattr(room.time, "sleep", lambda _: (films / "new.mp4").open("ab").write(b"more"))
+    assert new_films(context) == []
+    with pytest.raises(Unusable, match=r"new\.mp4 still changes"):
+        room._remember(context, 1)
     room._copy_film(films / "pictures", tmp_path / "trial")
     assert (tmp_path / "trial" / "video" / "0001.png").read_bytes() == b"a picture"
+
+
+def test_a_throw_that_left_nothing_is_known_to_have_been_cut_off(tmp_path: Path) -> None:
+    context = project(tmp_path / "project", "")
+    room._remember(context, 1)
+    room._mark(context, thrown=True)
+    for _ in range(2):
+        room._finish_last(sitting_of(context))
+    why = [path.read_text() for path in sorted((context.folder.data / "aside").glob("*/why.txt"))]
+    assert why == [room.CUT_OFF + "\n"]
+
+
+def test_a_motion_that_was_planned_again_is_not_the_one_that_was_allowed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    context = project(tmp_path / "project", "")
+    of = {name: SimpleNamespace(content_sha256=lambda name=name: name) for name in "ab"}
+    monkeypatch.setattr(room, "read_motion", lambda path: of["b"])
+    shown = SimpleNamespace(motion_path=tmp_path / "motion.json", motion=of["a"])
+    with pytest.raises(Unusable, match="another motion was planned meanwhile"):
+        room._make_ready(sitting_of(context), context, context.folder.trial(1), shown, hand_over=True)
+    assert not context.folder.trial(1).data.exists()
 
 
 def test_trials_are_put_aside_without_replacing_one_another(tmp_path: Path) -> None:
@@ -83,7 +115,7 @@ def test_trials_are_put_aside_without_replacing_one_another(tmp_path: Path) -> N
         folders.append(put_aside(context, trial, reason))
         assert context.folder.thrown_trials() == []
     for folder, reason in zip(folders, ("first", "second"), strict=True):
-        names = ("why.txt", "run.json", "results/track.json")
+        names = ("why.txt", "run.json", f"results-{folder.name}/track.json")
         assert {(folder / name).read_text().strip() for name in names} == {reason}
     assert [path.name for path in trial.results.iterdir()] == ["motion.json"]
 
@@ -99,7 +131,7 @@ def test_trials_are_put_aside_without_replacing_one_another(tmp_path: Path) -> N
 def test_a_program_that_fails_says_so(tmp_path: Path, program: str, words: str) -> None:
     context = project(tmp_path / "project", f"sitting: {{before: {program}, wait_s: 0.2}}\n")
     with pytest.raises(Unusable, match=words):
-        room._run_program(sitting_of(context), context, "before", context.folder.trial(1))
+        room._run_program(sitting_of(context), context, "before", context.folder.trial(1), tmp_path)
 
 
 def test_a_program_is_told_which_throw_it_is(tmp_path: Path) -> None:
@@ -107,7 +139,7 @@ def test_a_program_is_told_which_throw_it_is(tmp_path: Path) -> None:
     trial = context.folder.trial(3)
     trial.results.mkdir(parents=True)
     (trial.results / "motion.json").write_text("planned")
-    room._run_program(sitting_of(context), context, "after", trial)
+    room._run_program(sitting_of(context), context, "after", trial, trial.results / "motion.json")
     assert (tmp_path / "project/armed-3").read_text() == "planned"
     file = tmp_path / "project/config/experiments" / f"{NAME}.yaml"
     file.write_text(REAL + 'sitting: {after: "echo \'open"}\n')
@@ -127,7 +159,7 @@ def test_only_the_hash_of_this_motion_moves_the_arm(tmp_path: Path, monkeypatch:
 
 def test_a_throw_that_leaves_no_film_is_put_aside(tmp_path: Path) -> None:
     context = project(tmp_path / "project", "sitting: {folder: films, wait_s: 0.1}\n")
-    for lines, words in ((["what", "none"], "there is no film"), ([], "no film came within 0.1 s")):
+    for lines, words in ((["what", "none"], "there is no film"), ([], "no complete film came within 0.1 s")):
         with pytest.raises(Unusable, match=words):
             room._await_film(sitting_of(context, *lines), context, context.folder.trial(1))
 

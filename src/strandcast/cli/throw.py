@@ -38,7 +38,10 @@ def throw(
         )
     from strandcast.executor.preflight import PlayOptions
     from strandcast.records.folders import ExperimentFolder
+    from strandcast.stages.context import context_of
     from strandcast.workflow.sitting import Sitting, hold
+
+    context_of(ROOT, experiment)  # refuses one that does not exist before anything is written
 
     options = PlayOptions(move_to_start=move_to_start, settle_s=settle, soft_realtime=accept_soft_realtime)
     person = Terminal(ExperimentFolder(ROOT, experiment).results)

@@ -5,8 +5,10 @@ judged yet lies in the trial's folder, and a record says what the watched folder
 """
 
 import json
+import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -14,14 +16,17 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
+
+from filelock import FileLock, Timeout
 
 from strandcast.arm.load import load_arm
-from strandcast.errors import StrandcastError
+from strandcast.errors import ENVIRONMENT, REFUSED, StrandcastError
+from strandcast.executor.drivers.protocol import Driver
 from strandcast.executor.drivers.registry import driver_of_arm
 from strandcast.executor.dry_run_report import dry_run_report
 from strandcast.executor.play import play
-from strandcast.executor.preflight import PlayOptions, read_motion, run_preflight
+from strandcast.executor.preflight import PlayOptions, Preflight, read_motion, run_preflight
 from strandcast.imports.joints import Reading
 from strandcast.imports.ros_bags import SUFFIXES as BAGS
 from strandcast.progress import print_line, set_context
@@ -43,7 +48,8 @@ from strandcast.stages.context import Context, context_of
 from strandcast.stages.producers import to_correct_first
 from strandcast.stages.run import run_stage
 from strandcast.video.reader import open_video
-from strandcast.workflow.locks import lease
+from strandcast.workflow.display import printable
+from strandcast.workflow.locks import lease, living_owner
 from strandcast.workflow.pending import tasks_of
 
 FOLDER_BEFORE = Path("sitting", "folder.json")  # in the results of the experiment
@@ -57,6 +63,7 @@ UNFINISHED = ("SC-V005", "SC-V022")
 OF_ANOTHER_THROW = ("SC-A007", "SC-A008", "SC-V023")
 MOTION = "motion.json"
 PLANNED = (MOTION, "predicted.parquet")
+CUT_OFF = "the throw was cut off before its log was written"
 TRACKER = "tracker"  # finds the scale, from the first throw
 
 
@@ -114,6 +121,17 @@ def hold(sitting: Sitting) -> None:
     """
     context = sitting.context()
     _refuse_unfit(context)
+    place = context.folder.results / FOLDER_BEFORE.parent
+    place.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(place / "lock", timeout=0):
+            _hold(sitting, context)
+    except Timeout:
+        what = "another sitting of this experiment has not ended"
+        raise StrandcastError("SC-W010", what, file=place, fix="end it first") from None
+
+
+def _hold(sitting: Sitting, context: Context) -> None:
     if context.settings.camera.scale != TRACKER:  # nothing is thrown before it can be judged
         _make(sitting, context.folder.camera(context.settings.camera_name))
     while True:
@@ -145,22 +163,32 @@ def _refuse_unfit(context: Context) -> None:
 def _finish_last(sitting: Sitting) -> None:
     """Bring the last throw to its verdict, or put it aside."""
     context = sitting.context()
+    record = _record(context)
+    cut_off = record.get("trial") if record.get("thrown") else None
+    if cut_off is not None and not context.folder.trial(cut_off).raw_files():
+        context.folder.trial(cut_off).data.mkdir(parents=True, exist_ok=True)
+        _put_aside(sitting, context, context.folder.trial(cut_off), CUT_OFF)
+        _mark(context, thrown=False)
     thrown = context.folder.thrown_trials()
-    if not thrown:
+    if not thrown or context.settings.excluded_reason(thrown[-1]) is not None:
         return
     trial = context.folder.trial(thrown[-1])
-    if context.settings.excluded_reason(trial.number) is not None:
+    judged = (trial.results / "verdict.json").is_file()
+    if judged and not trial.videos():  # a film may be gone once its throw has a verdict
         return
     try:
-        # A track was measured elsewhere; a film may be gone once its throw has a verdict.
-        if not ((trial.data / "track.parquet").is_file() or (trial.results / "verdict.json").is_file()):
-            _await_log(sitting, context, trial)
+        if not (judged or (trial.data / "track.parquet").is_file()):  # a track that was measured elsewhere
+            _await_log(sitting, context, trial, by_us=cut_off == trial.number)
             _await_film(sitting, context, trial)
         while not _judged(sitting, trial):
             pass
     except Unusable as reason:
-        put_aside(context, trial, str(reason))
-        sitting.person.show(f"trial {trial.number} was put aside: {reason}")
+        _put_aside(sitting, context, trial, str(reason))
+
+
+def _put_aside(sitting: Sitting, context: Context, trial: TrialFolder, reason: str) -> None:
+    folder = put_aside(context, trial, reason)
+    sitting.person.show(f"trial {trial.number} was put aside, in {folder}: {reason}")
 
 
 def _judged(sitting: Sitting, trial: TrialFolder) -> bool:
@@ -186,31 +214,39 @@ def put_aside(context: Context, trial: TrialFolder, reason: str) -> Path:
     while folder.exists():
         number += 1
         folder = folder.with_name(f"{trial.data.name}-{number}")
-    write_text(trial.data / "why.txt", reason + "\n")
-    folder.parent.mkdir(exist_ok=True)
-    trial.data.rename(folder)
+    write_text(trial.data / "why.txt", printable(reason) + "\n")
+    made = trial.data / f"results-{folder.name}"
     for path in trial.results.iterdir() if trial.results.is_dir() else ():
         if path.name not in PLANNED:
-            (folder / "results").mkdir(exist_ok=True)
-            path.rename(folder / "results" / path.name)
+            made.mkdir(exist_ok=True)
+            shutil.move(path, made / path.name)
+    folder.parent.mkdir(exist_ok=True)
+    trial.data.rename(folder)  # last: cut off before, the trial is judged and put aside again
     return folder
 
 
-def _await_log(sitting: Sitting, context: Context, trial: TrialFolder) -> None:
-    """Return when the trial has its complete log; import one that arrives in the watched folder."""
-    record = trial.data / "run.json"
+def _await_log(sitting: Sitting, context: Context, trial: TrialFolder, *, by_us: bool) -> None:
+    """Return when the trial has its complete log; import one that arrives in the watched folder.
+
+    `by_us`: it was thrown in this sitting, or the one before.
+    """
+    record, refused = trial.data / "run.json", set[str]()
 
     def imported() -> bool:
         for log in [] if record.is_file() else _new_files(context, trial.number, LOG_SUFFIXES):
             try:
                 import_joints.run(sitting.root, sitting.name, trial.number, log, Reading(), [])
-            except StrandcastError as error:
-                raise Unusable(f"{log.name}: {error.what}") from error
+            except StrandcastError as error:  # it may be another file, or not whole yet
+                if log.name not in refused:
+                    sitting.person.say(str(error))
+                refused.add(log.name)
         return record.is_file()
 
     if not record.is_file() and load_arm(context.arm_file).driver is not None:
-        raise Unusable("the throw was cut off before its log was written")
-    _wait(sitting, context, "joint log", imported)
+        if by_us:
+            raise Unusable(CUT_OFF)
+        return  # it was recorded without a log
+    _wait(sitting, context, "joint log", f"{_watched_name(context)} or {record}", imported)
     run = Run.read(record)
     if not run.complete:
         raise Unusable(run.reason or "its log is not complete")
@@ -220,19 +256,32 @@ def _await_film(sitting: Sitting, context: Context, trial: TrialFolder) -> None:
     """Return when the trial has its film; copy one that arrives in the watched folder."""
 
     def filmed() -> bool:
-        films = trial.videos() or _new_files(context, trial.number, (*video_suffixes(), *PHOTRON, FOLDER))
-        if len({film.stem for film in films}) > 1 or len(trial.videos()) > 1:
-            raise Unusable(f"there are several films: {', '.join(film.name for film in films)}")
-        if films and not trial.videos():
-            _copy_film(films[-1], trial.data)
-        return bool(films)
+        if len(trial.videos()) > 1:
+            raise Unusable(_several(trial.videos()))
+        if trial.videos():
+            facts = _facts(trial.data)
+            time.sleep(STEADY_S)
+            if _facts(trial.data) == facts and _opens(trial.videos()[0]):
+                return True
+        films = _new_files(context, trial.number, (*video_suffixes(), *PHOTRON, FOLDER))
+        if len({film.stem if film.suffix.lower() in PHOTRON else film.name for film in films}) > 1:
+            raise Unusable(_several(films))
+        with suppress(OSError):  # a network folder may go, and come back
+            for film in films[-1:]:
+                _copy_film(film, trial.data)
+                return True
+        return False
 
     if not trial.videos():
         try:
-            _run_program(sitting, context, "after", trial)
+            _run_program(sitting, context, "after", trial, trial.data / MOTION)
         except Unusable as reason:  # the film may come all the same
             sitting.person.say(str(reason))
-    _wait(sitting, context, "film", filmed)
+    _wait(sitting, context, "film", f"{_watched_name(context)} or {trial.data / 'video.*'}", filmed)
+
+
+def _several(films: list[Path]) -> str:
+    return f"there are several films: {', '.join(film.name for film in films)}"
 
 
 def _copy_film(film: Path, folder: Path) -> None:
@@ -243,48 +292,64 @@ def _copy_film(film: Path, folder: Path) -> None:
         shutil.copytree(film, part)
         part.rename(folder / "video")
         return
-    for file in files_of_video(film):
+    # A Photron's header is copied last: without it, its frames are no film.
+    for file in sorted(files_of_video(film), key=lambda file: file.suffix.lower() != PHOTRON[0]):
         shutil.copyfile(file, part)
+        with part.open("rb") as copied:
+            os.fsync(copied)
         part.replace(folder / f"video{file.suffix.lower()}")
 
 
-def _wait(sitting: Sitting, context: Context, what: str, there: Callable[[], bool]) -> None:
+def _watched_name(context: Context) -> str:
+    return context.settings.sitting.folder or "no folder (sitting.folder)"
+
+
+def _wait(sitting: Sitting, context: Context, what: str, where: str, there: Callable[[], bool]) -> None:
     """Wait for what a throw leaves, until it is there, the time is over, or the person gives it up."""
     if there():
         return
-    limit_s = context.settings.sitting.wait_s
-    where = context.settings.sitting.folder or context.folder.data
-    sitting.person.forget()
-    sitting.person.show(f"waiting for the {what} in {where}; if there is none, type: none")
+    person, limit_s = sitting.person, context.settings.sitting.wait_s
+    person.forget()
+    person.show(f"waiting for the {what} in {where}; if there is none, type: none")
     end_s = time.monotonic() + limit_s
     while not there():
-        if sitting.person.typed(POLL_S) == "none":
+        typed = person.typed(POLL_S)
+        if typed == "none":
             raise Unusable(f"there is no {what}")
+        if typed is not None:
+            person.say(f"type none if there is no {what}; Ctrl-C ends, and the same command goes on")
         if time.monotonic() > end_s:
-            raise Unusable(f"no {what} came within {limit_s:g} s")
+            raise Unusable(f"no complete {what} came within {limit_s:g} s")
 
 
 def _new_files(context: Context, trial: int, suffixes: tuple[str, ...]) -> list[Path]:
-    """Return the complete files of some kinds that have come into the watched folder since the throw."""
-    found = _watched(context)
-    if found is None:
+    """Return the files of some kinds that have come into the watched folder since the throw.
+
+    None as long as one of them changes or does not open: it may be the one.
+    """
+    before = _record(context).get("folder") if _record(context).get("trial") == trial else None
+    if before is None:
+        with suppress(Unusable):
+            _remember(context, trial)
         return []
-    before = _before(context, trial)
+    found = _watched(context) or {}
     new = {
         path: facts
         for path, facts in found.items()
-        if before.get(path.name) != facts and (FOLDER if path.is_dir() else path.suffix.lower()) in suffixes
+        if before.get(printable(path.name)) != facts
+        and (FOLDER if path.is_dir() else path.suffix.lower()) in suffixes
     }
-    if new:
-        time.sleep(STEADY_S)
-        now = _watched(context) or {}
-        new = {path: facts for path, facts in new.items() if now.get(path) == facts and _opens(path)}
-    return sorted(new)
+    if not new:
+        return []
+    time.sleep(STEADY_S)
+    now = _watched(context) or {}
+    whole = all(now.get(path) == facts and _opens(path) for path, facts in new.items())
+    return sorted(new) if whole else []
 
 
 def _opens(path: Path) -> bool:
     """Return whether a file is more than the beginning of a film."""
-    if path.suffix.lower() in CONTAINERS:
+    if path.suffix.lower() in (*CONTAINERS, *PHOTRON):
         try:
             with open_video(path):
                 pass
@@ -294,48 +359,61 @@ def _opens(path: Path) -> bool:
 
 
 def _watched(context: Context) -> dict[Path, list[int]] | None:
-    """Return what lies in the watched folder: of each file, or of all pictures in a folder, size and time.
-
-    None: it cannot be read, as a network folder that is away for a while.
-    """
+    """Return what lies in the watched folder; None if it cannot be read, as a network folder that is away."""
     given = context.settings.sitting.folder
+    return {} if given is None else _facts(context.folder.root / given)
+
+
+def _facts(folder: Path) -> dict[Path, list[int]] | None:
+    """Return the size and time of each file in a folder, of a folder of pictures those of all of them."""
     found: dict[Path, list[int]] = {}
     try:
-        for path in [] if given is None else sorted((context.folder.root / given).iterdir()):
-            inside = (each for each in path.iterdir() if each.suffix.lower() in PICTURES)
-            facts = [each.stat() for each in (inside if path.is_dir() else (path,))]
-            if facts and not path.name.startswith("."):
-                size, changed = sum(each.st_size for each in facts), max(each.st_mtime_ns for each in facts)
-                found[path] = [len(facts), size, changed]
+        paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     except OSError:
         return None
+    for path in paths:
+        with suppress(OSError):  # a dangling link, or another's folder
+            inside = (each for each in path.iterdir() if each.suffix.lower() in PICTURES)
+            facts = [each.stat() for each in (inside if path.is_dir() else (path,))]
+            if facts:
+                size, changed = sum(each.st_size for each in facts), max(each.st_mtime_ns for each in facts)
+                found[path] = [len(facts), size, changed]
     return found
 
 
-def _before(context: Context, trial: int) -> dict[str, list[int]]:
-    """Return what the watched folder held before a trial was thrown."""
+def _record(context: Context) -> dict[str, Any]:
+    """Return what was written down before the last throw."""
     with suppress(StrandcastError):
-        record = read_json(context.folder.results / FOLDER_BEFORE)
-        if record.get("trial") == trial:
-            return dict(record["folder"])
-    return _remember(context, trial)
+        return dict(read_json(context.folder.results / FOLDER_BEFORE))
+    return {}
 
 
-def _remember(context: Context, trial: int) -> dict[str, list[int]]:
+def _remember(context: Context, trial: int) -> None:
     """Write down what the watched folder holds before a trial is thrown."""
+    before = _watched(context)
+    if context.settings.sitting.folder is not None:
+        time.sleep(STEADY_S)
     found = _watched(context)
-    if found is None:
+    if found is None or before is None:
         raise Unusable(f"sitting.folder, {context.settings.sitting.folder}, cannot be read")
-    folder = {path.name: facts for path, facts in found.items()}
-    write_text(context.folder.results / FOLDER_BEFORE, json.dumps({"trial": trial, "folder": folder}))
-    return folder
+    changing = sorted({path.name for path, facts in found.items() if before.get(path) != facts})
+    if changing:
+        raise Unusable(f"{', '.join(changing)} still changes in sitting.folder: wait for it")
+    folder = {printable(path.name): facts for path, facts in found.items()}
+    record = {"trial": trial, "folder": folder, "thrown": False}
+    write_text(context.folder.results / FOLDER_BEFORE, json.dumps(record))
+
+
+def _mark(context: Context, *, thrown: bool) -> None:
+    """Write down that the throw begins now, or that it did not."""
+    write_text(context.folder.results / FOLDER_BEFORE, json.dumps(_record(context) | {"thrown": thrown}))
 
 
 def _make(sitting: Sitting, result: Path) -> None:
     """Make a result and what it needs, stage by stage."""
     context = sitting.context()
     targets = [relative_to(context.folder.root, result)]
-    for step, task in tasks_of(context, context.folder.recorded_trials(), {}, targets).items():
+    for step, task in tasks_of(context, context.folder.thrown_trials(), {}, targets).items():
         if task.problem is not None:
             raise task.problem
         if not task.runs:
@@ -348,6 +426,33 @@ def _make(sitting: Sitting, result: Path) -> None:
 
 def _throw(sitting: Sitting, context: Context, trial: TrialFolder) -> bool:
     """Show the next motion and throw it, if the person allows just this one; False: the sitting is over."""
+    person = sitting.person
+    preflight, driver = _proposed(sitting, context, trial)
+    if not _allowed(sitting, context, preflight.short_hash):
+        return False
+    try:
+        _make_ready(sitting, context, trial, preflight, hand_over=driver is None)
+    except Unusable as reason:
+        if {path.name for path in trial.raw_files()} <= {*PLANNED}:
+            shutil.rmtree(trial.data, ignore_errors=True)  # only copies are in it
+        person.show(f"nothing was thrown: {reason}")
+        return True
+    if driver is None:
+        if not (trial.data / "run.json").is_file():  # `before` has not played it
+            person.show(f"play it now: {trial.data / MOTION}")
+        return True
+    _mark(context, thrown=True)
+    person.show(f"trial {trial.number} is thrown")
+    try:
+        play(preflight, driver, preflight.short_hash)
+    except StrandcastError as error:  # what it left behind is put aside
+        person.say(str(error))
+        _mark(context, thrown=error.exit_code not in (REFUSED, ENVIRONMENT))
+    return True
+
+
+def _proposed(sitting: Sitting, context: Context, trial: TrialFolder) -> tuple[Preflight, Driver | None]:
+    """Check the next motion and show what it does, and how likely it hits; return its driver, if any."""
     person, arm, motion = sitting.person, load_arm(context.arm_file), trial.results / MOTION
     driver = None if arm.driver is None else driver_of_arm(arm, read_motion(motion))
     options = replace(sitting.options, hanging_m=context.settings.string.length_m)
@@ -360,26 +465,24 @@ def _throw(sitting: Sitting, context: Context, trial: TrialFolder) -> bool:
     person.show(f"trial {trial.number} is next: {expected or 'nothing was predicted'}")
     if preflight.refused_live is not None:
         raise preflight.refused_live
-    if not _allowed(sitting, context, preflight.short_hash):
-        return False
-    try:
-        _remember(context, trial.number)
-        _run_program(sitting, context, "before", trial)
-    except Unusable as reason:
-        person.show(f"nothing was thrown: {reason}")
-        return True
-    if driver is None:
+    return preflight, driver
+
+
+def _make_ready(
+    sitting: Sitting, context: Context, trial: TrialFolder, preflight: Preflight, *, hand_over: bool
+) -> None:
+    """Do what comes before a throw; raise `Unusable` if it must not be."""
+    motion = preflight.motion_path
+    if read_motion(motion).content_sha256() != preflight.motion.content_sha256():
+        raise Unusable("another motion was planned meanwhile")
+    if (owner := living_owner(sitting.root, sitting.name)) is not None:
+        raise Unusable(f"another run has not ended: {owner}")
+    _remember(context, trial.number)
+    if hand_over:
         trial.data.mkdir(parents=True, exist_ok=True)
         for name in PLANNED:
             shutil.copyfile(trial.results / name, trial.data / name)
-        person.show(f"play it now: {motion}")
-        return True
-    person.show(f"trial {trial.number} is thrown")
-    try:
-        play(preflight, driver, preflight.short_hash)
-    except StrandcastError as error:  # what it left behind is put aside
-        person.say(str(error))
-    return True
+    _run_program(sitting, context, "before", trial, motion)
 
 
 def _allowed(sitting: Sitting, context: Context, short_hash: str) -> bool:
@@ -390,7 +493,9 @@ def _allowed(sitting: Sitting, context: Context, short_hash: str) -> bool:
     answer: str | None = None
     with log.open("wb") as out:
         line = [sys.executable, "-m", "strandcast", "run", sitting.name]
-        pages: subprocess.Popen[bytes] | None = subprocess.Popen(line, stdout=out, stderr=out)
+        pages: subprocess.Popen[bytes] | None = subprocess.Popen(
+            line, stdin=subprocess.DEVNULL, stdout=out, stderr=out
+        )
     while answer not in (short_hash, "q") or pages is not None:
         typed = person.typed(POLL_S)
         if typed is not None:
@@ -405,24 +510,31 @@ def _allowed(sitting: Sitting, context: Context, short_hash: str) -> bool:
     return answer == short_hash
 
 
-def _run_program(sitting: Sitting, context: Context, name: str, trial: TrialFolder) -> None:
-    """Run the lab's own program before or after a throw; its output is shown."""
+def _run_program(sitting: Sitting, context: Context, name: str, trial: TrialFolder, motion: Path) -> None:
+    """Run the lab's own program before or after a throw, with all that it starts; its output is shown."""
     settings = context.settings.sitting
     given = settings.before if name == "before" else settings.after
     if given is None:
         return
     words = shlex.split(given)
-    places = {"{trial}": trial.number, "{motion}": trial.results / MOTION, "{data}": trial.data}
+    places = {"{trial}": trial.number, "{motion}": motion.resolve(), "{data}": trial.data.resolve()}
     for name_of_place, value in places.items():
         words = [word.replace(name_of_place, str(value)) for word in words]
     sitting.person.say(f"sitting.{name}: {shlex.join(words)}")
     try:
-        code = subprocess.run(
-            words, cwd=context.folder.root, stdin=subprocess.DEVNULL, timeout=settings.wait_s, check=False
-        ).returncode
-    except subprocess.TimeoutExpired as error:
-        raise Unusable(f"sitting.{name} took longer than {settings.wait_s:g} s") from error
+        program = subprocess.Popen(
+            words, cwd=context.folder.root, stdin=subprocess.DEVNULL, start_new_session=True
+        )
     except OSError as error:
         raise Unusable(f"sitting.{name} failed: {error}") from error
+    try:
+        code = program.wait(settings.wait_s)
+    except BaseException as error:
+        with suppress(OSError):
+            os.killpg(program.pid, signal.SIGKILL)
+        program.wait()
+        if isinstance(error, subprocess.TimeoutExpired):
+            raise Unusable(f"sitting.{name} took longer than {settings.wait_s:g} s") from error
+        raise
     if code:
         raise Unusable(f"sitting.{name} ended with exit code {code}")
