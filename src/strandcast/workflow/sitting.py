@@ -188,6 +188,7 @@ def _finish_last(sitting: Sitting) -> None:
 
 def _put_aside(sitting: Sitting, context: Context, trial: TrialFolder, reason: str) -> None:
     folder = put_aside(context, trial, reason)
+    _mark(context, thrown=False)
     sitting.person.show(f"trial {trial.number} was put aside, in {folder}: {reason}")
 
 

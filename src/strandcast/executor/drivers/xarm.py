@@ -94,8 +94,9 @@ class XArmDriver:
             )
         self._api.set_timeout(ANSWER_S)
         self._report = RealtimeReport(self.address)
-        # The client knows the motors from its own reports, five a second; until the first, none is enabled.
-        wait_until(lambda: any(self._api.motor_enable_states), FRESH_S)
+        # The client has motors and payload from its own reports, five a second; until then, a motor is -1.
+        if not wait_until(lambda: min(self._api.motor_enable_states) >= 0, FRESH_S):
+            raise self._unconnected("no report came on port 30001", "check the network and its firewall")
 
     def _firmware(self) -> str:
         return ".".join(map(str, self._api.version_number))
@@ -133,7 +134,7 @@ class XArmDriver:
         fix = "check the arm, then clear it and enable the arm in UFACTORY Studio"
         if error := fault_of(self._api):
             return f"{error}; {fix}"
-        if not all(self._api.motor_enable_states[: self._count]):
+        if any(enabled != 1 for enabled in self._api.motor_enable_states[: self._count]):
             return "its motors are not enabled (UFACTORY Studio, Enable Robot)"
         return None if report.moves else "it is stopped or paused (UFACTORY Studio, Enable Robot)"
 

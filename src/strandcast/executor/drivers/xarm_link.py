@@ -133,8 +133,11 @@ class XArmLink:
 
 def fault_of(api: Any) -> str | None:
     """Return the controller's error in words; None if it has none."""
-    code, (error, _) = api.get_err_warn_code()
-    if code or not error:
+    code, found = api.get_err_warn_code()
+    if code:
+        return f"the controller does not answer (code {code})"
+    error = found[0]
+    if not error:
         return None
     words = import_module("xarm.core.config.x_code").ControllerError(error).title["en"]
     return f"the controller reports error C{error}: {words}"
