@@ -1,5 +1,6 @@
 """What a sitting does with files, programs and answers; `test_sitting.py` holds whole sittings."""
 
+import json
 import os
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +15,9 @@ from strandcast.errors import StrandcastError
 from strandcast.executor.preflight import PlayOptions
 from strandcast.stages.context import Context, context_of
 from strandcast.workflow import sitting as room
+from strandcast.workflow import watched_folder
 from strandcast.workflow.sitting import Sitting, Unusable, hold, put_aside
+from strandcast.workflow.watched_folder import PICTURE_FOLDER, Unsettled, copy_film, listing, new_files
 
 
 class Typing:
@@ -46,45 +49,47 @@ def sitting_of(context: Context, *lines: str) -> Sitting:
     return Sitting(context.folder.root, context.name, PlayOptions(), Typing(*lines))
 
 
-def new_films(context: Context) -> list[str]:
-    return [path.name for path in room._new_files(context, 1, (".mp4", ".avi", room.FOLDER))]
-
-
 def test_new_films_are_those_since_the_throw_that_are_complete(
     tmp_path: Path, finished: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    context = project(tmp_path / "project", "sitting: {folder: films}\n")
-    films = tmp_path / "project/films"
+    films = tmp_path / "films"
+    films.mkdir()
     film = (finished / "data" / NAME / "trial-01" / "video.mp4").read_bytes()
-    monkeypatch.setattr(room.time, "sleep", lambda _: None)
+    monkeypatch.setattr(watched_folder.time, "sleep", lambda _: None)
     for name in (b"old.mp4", b"\xe9t\xe9.mp4"):
         Path(os.fsdecode(bytes(films) + b"/" + name)).write_bytes(film)
     (films / "lost").symlink_to("nowhere")
-    room._remember(context, 1)
+    before = json.loads(json.dumps(listing(films)))
+
+    def new() -> list[str]:
+        return [path.name for path in new_files(films, before, (".mp4", ".avi", PICTURE_FOLDER))]
+
     for name in ("notes.txt", ".x.mp4"):
         (films / name).write_bytes(film)
     (films / "empty").mkdir()
-    assert new_films(context) == []
+    assert new() == []
     (films / "new.mp4").write_bytes(film)
     (films / "cut.mp4").write_bytes(film[: len(film) // 2])
-    assert new_films(context) == []  # it may be the one
+    assert new() == []  # it may be the one
     (films / "cut.mp4").unlink()
     (films / "old.mp4").write_bytes(film + film)  # written again, under its old name
     (films / "pictures").mkdir()
     (films / "pictures" / "0001.png").write_bytes(b"a picture")
-    assert new_films(context) == ["new.mp4", "old.mp4", "pictures"]
-    monkeypatch.setattr(room.time, "sleep", lambda _: (films / "new.mp4").open("ab").write(b"more"))
-    assert new_films(context) == []
-    with pytest.raises(Unusable, match=r"new\.mp4 still changes"):
-        room._remember(context, 1)
-    room._copy_film(films / "pictures", tmp_path / "trial")
+    assert new() == ["new.mp4", "old.mp4", "pictures"]
+    before["device"] += 1  # another one is mounted there
+    assert new() == []
+    before["device"] -= 1
+    monkeypatch.setattr(watched_folder.time, "sleep", lambda _: (films / "new.mp4").open("ab").write(b"more"))
+    assert new() == []
+    with pytest.raises(Unsettled, match=r"new\.mp4 in .* still changes"):
+        listing(films)
+    copy_film(films / "pictures", tmp_path / "trial")
     assert (tmp_path / "trial" / "video" / "0001.png").read_bytes() == b"a picture"
 
 
 def test_a_throw_that_left_nothing_is_known_to_have_been_cut_off(tmp_path: Path) -> None:
     context = project(tmp_path / "project", "")
-    room._remember(context, 1)
-    room._mark(context, thrown=True)
+    room._write_record(context, {"trial": 1, "folder": None, "thrown": True})
     for _ in range(2):
         room._finish_last(sitting_of(context))
     why = [path.read_text() for path in sorted((context.folder.data / "aside").glob("*/why.txt"))]
@@ -101,6 +106,23 @@ def test_a_motion_that_was_planned_again_is_not_the_one_that_was_allowed(
     with pytest.raises(Unusable, match="another motion was planned meanwhile"):
         room._make_ready(sitting_of(context), context, context.folder.trial(1), shown, hand_over=True)
     assert not context.folder.trial(1).data.exists()
+
+
+@pytest.mark.parametrize(("took_s", "asked"), [(0.0, 1), (60.0, 2)])
+def test_a_yes_does_not_last_longer_than_a_slow_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, took_s: float, asked: int
+) -> None:
+    context, questions, played, now = project(tmp_path / "project", ""), [], [], [0.0]
+    preflight = SimpleNamespace(short_hash="1a2b3c4d")
+    monkeypatch.setattr(room, "_proposed", lambda *_: (preflight, "driver"))
+    monkeypatch.setattr(room, "_write_pages", lambda *_: None)
+    monkeypatch.setattr(room, "_allowed", lambda *_: questions.append(1) or True)
+    monkeypatch.setattr(room, "_make_ready", lambda *_, **__: now.append(took_s))
+    monkeypatch.setattr(room, "play", lambda *_: played.append(1))
+    monkeypatch.setattr(room.time, "monotonic", lambda: now[-1])
+    (context.folder.results / "sitting").mkdir(parents=True)
+    assert room._throw(sitting_of(context), context, context.folder.trial(1))
+    assert (len(questions), len(played)) == (asked, 1)
 
 
 def test_trials_are_put_aside_without_replacing_one_another(tmp_path: Path) -> None:
@@ -147,21 +169,18 @@ def test_a_program_is_told_which_throw_it_is(tmp_path: Path) -> None:
         context_of(tmp_path / "project", NAME)
 
 
-def test_only_the_hash_of_this_motion_moves_the_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    context = project(tmp_path / "project", "")
-    (context.folder.results / "sitting").mkdir(parents=True)
-    monkeypatch.setattr(room.sys, "executable", "true")  # in place of `strandcast run`
+def test_only_the_hash_of_this_motion_moves_the_arm() -> None:
     for lines, allowed in ((["", "y", "1a2b3c4e", "q"], False), (["yes", "1a2b3c4d"], True)):
-        sitting = sitting_of(context, *lines)
-        assert room._allowed(sitting, context, "1a2b3c4d") is allowed
-        assert sitting.person.lines == []
+        person = Typing(*lines)
+        assert room._allowed(person, "1a2b3c4d") is allowed
+        assert person.lines == []
 
 
 def test_a_throw_that_leaves_no_film_is_put_aside(tmp_path: Path) -> None:
     context = project(tmp_path / "project", "sitting: {folder: films, wait_s: 0.1}\n")
     for lines, words in ((["what", "none"], "there is no film"), ([], "no complete film came within 0.1 s")):
         with pytest.raises(Unusable, match=words):
-            room._await_film(sitting_of(context, *lines), context, context.folder.trial(1))
+            room._await_film(sitting_of(context, *lines), context, context.folder.trial(1), lambda _: [])
 
 
 @pytest.mark.parametrize(

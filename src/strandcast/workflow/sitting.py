@@ -4,6 +4,7 @@ All state is in files, so that the same command goes on after Ctrl-C or a power 
 judged yet lies in the trial's folder, and a record says what the watched folder held before the throw.
 """
 
+import errno
 import json
 import os
 import shlex
@@ -31,14 +32,7 @@ from strandcast.imports.joints import Reading
 from strandcast.imports.ros_bags import SUFFIXES as BAGS
 from strandcast.progress import print_line, set_context
 from strandcast.records.files import write_text
-from strandcast.records.folders import (
-    CONTAINERS,
-    PHOTRON,
-    PICTURES,
-    TrialFolder,
-    files_of_video,
-    video_suffixes,
-)
+from strandcast.records.folders import PHOTRON, TrialFolder, video_suffixes
 from strandcast.records.joint_log import Run
 from strandcast.records.lineage import relative_to
 from strandcast.records.record import read_json
@@ -47,28 +41,35 @@ from strandcast.stages import import_joints
 from strandcast.stages.context import Context, context_of
 from strandcast.stages.producers import to_correct_first
 from strandcast.stages.run import run_stage
-from strandcast.video.reader import open_video
 from strandcast.workflow.display import printable
 from strandcast.workflow.locks import lease, living_owner
 from strandcast.workflow.pending import tasks_of
+from strandcast.workflow.watched_folder import (
+    PICTURE_FOLDER,
+    Unsettled,
+    are_complete,
+    copy_film,
+    facts_of,
+    listing,
+    new_files,
+)
 
-FOLDER_BEFORE = Path("sitting", "folder.json")  # in the results of the experiment
+RECORD = Path("sitting", "last-throw.json")  # in the results of the experiment
 ASIDE = "aside"  # in its raw files: trials that cannot be used
+# Chosen.
 POLL_S = 0.25
-STEADY_S = 1.0  # a file that has not changed for so long, and opens, is complete; chosen
+YES_LASTS_S = 10.0  # after a program that takes longer, a person is asked again before the arm moves
 LOG_SUFFIXES = (".csv", *BAGS)
-FOLDER = "/"  # stands for the suffix of a folder of pictures
-UNFINISHED = ("SC-V005", "SC-V022")
 # Film and log are not of the same throw, or one of them does not show it.
 OF_ANOTHER_THROW = ("SC-A007", "SC-A008", "SC-V023")
 MOTION = "motion.json"
 PLANNED = (MOTION, "predicted.parquet")
-CUT_OFF = "the throw was cut off before its log was written"
+CUT_OFF = "the throw was cut off before its log was written, or refused"
 TRACKER = "tracker"  # finds the scale, from the first throw
 
 
 class Person(Protocol):
-    """Whom a sitting asks and tells."""
+    """The person at the rig: what a sitting asks, and what it shows."""
 
     def forget(self) -> None:
         """Drop what was typed before anything was asked."""
@@ -87,7 +88,7 @@ class Person(Protocol):
 
 
 class Unusable(Exception):
-    """Why a throw cannot be used, in one sentence."""
+    """Why a throw cannot be used, or must not be made, in one sentence."""
 
 
 class Elsewhere(NamedTuple):
@@ -99,7 +100,7 @@ class Elsewhere(NamedTuple):
 
 @dataclass(frozen=True)
 class Sitting:
-    """A sitting: the project, the experiment, how motions are played, and whom to ask."""
+    """A sitting: the project, the experiment, how motions are played, and the person."""
 
     root: Path
     name: str
@@ -121,7 +122,7 @@ def hold(sitting: Sitting) -> None:
     """
     context = sitting.context()
     _refuse_unfit(context)
-    place = context.folder.results / FOLDER_BEFORE.parent
+    place = context.folder.results / RECORD.parent
     place.mkdir(parents=True, exist_ok=True)
     try:
         with FileLock(place / "lock", timeout=0):
@@ -164,22 +165,20 @@ def _finish_last(sitting: Sitting) -> None:
     """Bring the last throw to its verdict, or put it aside."""
     context = sitting.context()
     record = _record(context)
-    cut_off = record.get("trial") if record.get("thrown") else None
-    if cut_off is not None and not context.folder.trial(cut_off).raw_files():
-        context.folder.trial(cut_off).data.mkdir(parents=True, exist_ok=True)
-        _put_aside(sitting, context, context.folder.trial(cut_off), CUT_OFF)
-        _mark(context, thrown=False)
+    if record.get("thrown") and not context.folder.trial(record["trial"]).raw_files():
+        context.folder.trial(record["trial"]).data.mkdir(parents=True, exist_ok=True)
+        _put_aside(sitting, context, context.folder.trial(record["trial"]), CUT_OFF)
     thrown = context.folder.thrown_trials()
     if not thrown or context.settings.excluded_reason(thrown[-1]) is not None:
         return
     trial = context.folder.trial(thrown[-1])
-    judged = (trial.results / "verdict.json").is_file()
-    if judged and not trial.videos():  # a film may be gone once its throw has a verdict
+    if (trial.results / "verdict.json").is_file():  # a run makes it again where something has changed
         return
     try:
-        if not (judged or (trial.data / "track.parquet").is_file()):  # a track that was measured elsewhere
-            _await_log(sitting, context, trial, by_us=cut_off == trial.number)
-            _await_film(sitting, context, trial)
+        if not (trial.data / "track.parquet").is_file():  # that one was measured elsewhere
+            arrived = _arrivals(context, record, trial)
+            _await_log(sitting, context, trial, arrived, by_us=record.get("trial") == trial.number)
+            _await_film(sitting, context, trial, arrived)
         while not _judged(sitting, trial):
             pass
     except Unusable as reason:
@@ -188,7 +187,7 @@ def _finish_last(sitting: Sitting) -> None:
 
 def _put_aside(sitting: Sitting, context: Context, trial: TrialFolder, reason: str) -> None:
     folder = put_aside(context, trial, reason)
-    _mark(context, thrown=False)
+    _write_record(context, _record(context) | {"thrown": False})
     sitting.person.show(f"trial {trial.number} was put aside, in {folder}: {reason}")
 
 
@@ -226,15 +225,30 @@ def put_aside(context: Context, trial: TrialFolder, reason: str) -> Path:
     return folder
 
 
-def _await_log(sitting: Sitting, context: Context, trial: TrialFolder, *, by_us: bool) -> None:
+Arrivals = Callable[[tuple[str, ...]], list[Path]]  # of some suffixes: files that came since the throw
+
+
+def _arrivals(context: Context, record: dict[str, Any], trial: TrialFolder) -> Arrivals:
+    """Return a function that finds what has come into the watched folder since a trial was thrown."""
+    given, before = context.settings.sitting.folder, None
+    folder = context.folder.root / (given or "")
+    with suppress(Unsettled):
+        if given is not None:  # thrown by another command: what comes from now on
+            before = (record["folder"] if record.get("trial") == trial.number else None) or listing(folder)
+    return lambda suffixes: [] if before is None else new_files(folder, before, suffixes)
+
+
+def _await_log(
+    sitting: Sitting, context: Context, trial: TrialFolder, arrived: Arrivals, *, by_us: bool
+) -> None:
     """Return when the trial has its complete log; import one that arrives in the watched folder.
 
-    `by_us`: it was thrown in this sitting, or the one before.
+    `by_us`: it was thrown in a sitting.
     """
     record, refused = trial.data / "run.json", set[str]()
 
     def imported() -> bool:
-        for log in [] if record.is_file() else _new_files(context, trial.number, LOG_SUFFIXES):
+        for log in [] if record.is_file() else arrived(LOG_SUFFIXES):
             try:
                 import_joints.run(sitting.root, sitting.name, trial.number, log, Reading(), [])
             except StrandcastError as error:  # it may be another file, or not whole yet
@@ -247,167 +261,74 @@ def _await_log(sitting: Sitting, context: Context, trial: TrialFolder, *, by_us:
         if by_us:
             raise Unusable(CUT_OFF)
         return  # it was recorded without a log
-    _wait(sitting, context, "joint log", f"{_watched_name(context)} or {record}", imported)
+    # No time limit: a person plays it when everything is ready.
+    _wait(sitting.person, "joint log", _places(context, record), imported, None)
     run = Run.read(record)
     if not run.complete:
         raise Unusable(run.reason or "its log is not complete")
 
 
-def _await_film(sitting: Sitting, context: Context, trial: TrialFolder) -> None:
+def _await_film(sitting: Sitting, context: Context, trial: TrialFolder, arrived: Arrivals) -> None:
     """Return when the trial has its film; copy one that arrives in the watched folder."""
 
     def filmed() -> bool:
-        if len(trial.videos()) > 1:
-            raise Unusable(_several(trial.videos()))
-        if trial.videos():
-            facts = _facts(trial.data)
-            time.sleep(STEADY_S)
-            if _facts(trial.data) == facts and _opens(trial.videos()[0]):
-                return True
-        films = _new_files(context, trial.number, (*video_suffixes(), *PHOTRON, FOLDER))
+        there = [path for path in trial.videos() if path.suffix.lower() != PHOTRON[0]]  # has no header yet
+        films = there or arrived((*video_suffixes(), *PHOTRON, PICTURE_FOLDER))
         if len({film.stem if film.suffix.lower() in PHOTRON else film.name for film in films}) > 1:
-            raise Unusable(_several(films))
-        with suppress(OSError):  # a network folder may go, and come back
-            for film in films[-1:]:
-                _copy_film(film, trial.data)
-                return True
-        return False
-
-    if not trial.videos():
+            raise Unusable(f"there are several films: {', '.join(film.name for film in films)}")
+        if there:
+            facts = facts_of(trial.data) or {}
+            return are_complete(trial.data, {path: facts[path] for path in there if path in facts})
         try:
-            _run_program(sitting, context, "after", trial, trial.data / MOTION)
-        except Unusable as reason:  # the film may come all the same
-            sitting.person.say(str(reason))
-    _wait(sitting, context, "film", f"{_watched_name(context)} or {trial.data / 'video.*'}", filmed)
+            for film in films[-1:]:
+                copy_film(film, trial.data)
+        except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EROFS):
+                raise
+            return False  # a network folder may go, and come back
+        return bool(films)
 
-
-def _several(films: list[Path]) -> str:
-    return f"there are several films: {', '.join(film.name for film in films)}"
-
-
-def _copy_film(film: Path, folder: Path) -> None:
-    """Copy a film, with all files that belong to it, into a trial's folder."""
-    part = folder / ".film.part"
-    if film.is_dir():
-        shutil.rmtree(part, ignore_errors=True)
-        shutil.copytree(film, part)
-        part.rename(folder / "video")
+    if filmed():
         return
-    # A Photron's header is copied last: without it, its frames are no film.
-    for file in sorted(files_of_video(film), key=lambda file: file.suffix.lower() != PHOTRON[0]):
-        shutil.copyfile(file, part)
-        with part.open("rb") as copied:
-            os.fsync(copied)
-        part.replace(folder / f"video{file.suffix.lower()}")
+    try:
+        _run_program(sitting, context, "after", trial, trial.data / MOTION)
+    except Unusable as reason:  # the film may come all the same
+        sitting.person.say(str(reason))
+    limit_s = context.settings.sitting.wait_s
+    _wait(sitting.person, "film", _places(context, trial.data / "video.*"), filmed, limit_s)
 
 
-def _watched_name(context: Context) -> str:
-    return context.settings.sitting.folder or "no folder (sitting.folder)"
+def _places(context: Context, file: Path) -> str:
+    given = context.settings.sitting.folder
+    return str(file) if given is None else f"{given}, or {file}"
 
 
-def _wait(sitting: Sitting, context: Context, what: str, where: str, there: Callable[[], bool]) -> None:
+def _wait(person: Person, what: str, where: str, there: Callable[[], bool], limit_s: float | None) -> None:
     """Wait for what a throw leaves, until it is there, the time is over, or the person gives it up."""
     if there():
         return
-    person, limit_s = sitting.person, context.settings.sitting.wait_s
     person.forget()
     person.show(f"waiting for the {what} in {where}; if there is none, type: none")
-    end_s = time.monotonic() + limit_s
+    end_s = None if limit_s is None else time.monotonic() + limit_s
     while not there():
         typed = person.typed(POLL_S)
         if typed == "none":
             raise Unusable(f"there is no {what}")
         if typed is not None:
             person.say(f"type none if there is no {what}; Ctrl-C ends, and the same command goes on")
-        if time.monotonic() > end_s:
+        if end_s is not None and time.monotonic() > end_s:
             raise Unusable(f"no complete {what} came within {limit_s:g} s")
 
 
-def _new_files(context: Context, trial: int, suffixes: tuple[str, ...]) -> list[Path]:
-    """Return the files of some kinds that have come into the watched folder since the throw.
-
-    None as long as one of them changes or does not open: it may be the one.
-    """
-    before = _record(context).get("folder") if _record(context).get("trial") == trial else None
-    if before is None:
-        with suppress(Unusable):
-            _remember(context, trial)
-        return []
-    found = _watched(context) or {}
-    new = {
-        path: facts
-        for path, facts in found.items()
-        if before.get(printable(path.name)) != facts
-        and (FOLDER if path.is_dir() else path.suffix.lower()) in suffixes
-    }
-    if not new:
-        return []
-    time.sleep(STEADY_S)
-    now = _watched(context) or {}
-    whole = all(now.get(path) == facts and _opens(path) for path, facts in new.items())
-    return sorted(new) if whole else []
-
-
-def _opens(path: Path) -> bool:
-    """Return whether a file is more than the beginning of a film."""
-    if path.suffix.lower() in (*CONTAINERS, *PHOTRON):
-        try:
-            with open_video(path):
-                pass
-        except StrandcastError as error:
-            return error.code not in UNFINISHED
-    return True
-
-
-def _watched(context: Context) -> dict[Path, list[int]] | None:
-    """Return what lies in the watched folder; None if it cannot be read, as a network folder that is away."""
-    given = context.settings.sitting.folder
-    return {} if given is None else _facts(context.folder.root / given)
-
-
-def _facts(folder: Path) -> dict[Path, list[int]] | None:
-    """Return the size and time of each file in a folder, of a folder of pictures those of all of them."""
-    found: dict[Path, list[int]] = {}
-    try:
-        paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
-    except OSError:
-        return None
-    for path in paths:
-        with suppress(OSError):  # a dangling link, or another's folder
-            inside = (each for each in path.iterdir() if each.suffix.lower() in PICTURES)
-            facts = [each.stat() for each in (inside if path.is_dir() else (path,))]
-            if facts:
-                size, changed = sum(each.st_size for each in facts), max(each.st_mtime_ns for each in facts)
-                found[path] = [len(facts), size, changed]
-    return found
-
-
 def _record(context: Context) -> dict[str, Any]:
-    """Return what was written down before the last throw."""
+    """Return the record of the last throw: `trial`, `folder` (a `listing` before it), whether `thrown`."""
     with suppress(StrandcastError):
-        return dict(read_json(context.folder.results / FOLDER_BEFORE))
+        return dict(read_json(context.folder.results / RECORD))
     return {}
 
 
-def _remember(context: Context, trial: int) -> None:
-    """Write down what the watched folder holds before a trial is thrown."""
-    before = _watched(context)
-    if context.settings.sitting.folder is not None:
-        time.sleep(STEADY_S)
-    found = _watched(context)
-    if found is None or before is None:
-        raise Unusable(f"sitting.folder, {context.settings.sitting.folder}, cannot be read")
-    changing = sorted({path.name for path, facts in found.items() if before.get(path) != facts})
-    if changing:
-        raise Unusable(f"{', '.join(changing)} still changes in sitting.folder: wait for it")
-    folder = {printable(path.name): facts for path, facts in found.items()}
-    record = {"trial": trial, "folder": folder, "thrown": False}
-    write_text(context.folder.results / FOLDER_BEFORE, json.dumps(record))
-
-
-def _mark(context: Context, *, thrown: bool) -> None:
-    """Write down that the throw begins now, or that it did not."""
-    write_text(context.folder.results / FOLDER_BEFORE, json.dumps(_record(context) | {"thrown": thrown}))
+def _write_record(context: Context, record: dict[str, Any]) -> None:
+    write_text(context.folder.results / RECORD, json.dumps(record))
 
 
 def _make(sitting: Sitting, result: Path) -> None:
@@ -429,8 +350,10 @@ def _throw(sitting: Sitting, context: Context, trial: TrialFolder) -> bool:
     """Show the next motion and throw it, if the person allows just this one; False: the sitting is over."""
     person = sitting.person
     preflight, driver = _proposed(sitting, context, trial)
-    if not _allowed(sitting, context, preflight.short_hash):
+    _write_pages(sitting, context)
+    if not _allowed(person, preflight.short_hash):
         return False
+    asked_s = time.monotonic()
     try:
         _make_ready(sitting, context, trial, preflight, hand_over=driver is None)
     except Unusable as reason:
@@ -442,13 +365,18 @@ def _throw(sitting: Sitting, context: Context, trial: TrialFolder) -> bool:
         if not (trial.data / "run.json").is_file():  # `before` has not played it
             person.show(f"play it now: {trial.data / MOTION}")
         return True
-    _mark(context, thrown=True)
+    if time.monotonic() - asked_s > YES_LASTS_S:
+        person.say("the arm has not moved since you typed the hash")
+        if not _allowed(person, preflight.short_hash):
+            return False
+    _write_record(context, _record(context) | {"thrown": True})
     person.show(f"trial {trial.number} is thrown")
     try:
         play(preflight, driver, preflight.short_hash)
     except StrandcastError as error:  # what it left behind is put aside
         person.say(str(error))
-        _mark(context, thrown=error.exit_code not in (REFUSED, ENVIRONMENT))
+        refused = error.exit_code in (REFUSED, ENVIRONMENT)
+        _write_record(context, _record(context) | {"thrown": not refused})
     return True
 
 
@@ -469,46 +397,46 @@ def _proposed(sitting: Sitting, context: Context, trial: TrialFolder) -> tuple[P
     return preflight, driver
 
 
+def _write_pages(sitting: Sitting, context: Context) -> None:
+    """Make what is left: the pages, and the clips in them."""
+    log = context.folder.results / RECORD.with_name("run.log")
+    sitting.person.say("the pages are being written")
+    with log.open("wb") as out:
+        line = [sys.executable, "-m", "strandcast", "run", sitting.name]
+        code = subprocess.run(line, stdin=subprocess.DEVNULL, stdout=out, stderr=out, check=False).returncode
+    sitting.person.show_pages("the pages are up to date" if code == 0 else f"a page failed: see {log}")
+
+
+def _allowed(person: Person, short_hash: str) -> bool:
+    """Ask for a motion's hash until it is typed, or q."""
+    person.forget()  # a hash that was typed twice must not move the arm twice
+    answer: str | None = ""
+    while answer not in (short_hash, "q"):
+        if answer is not None:
+            person.say(f"type {short_hash} to throw it, or q to end")
+        answer = person.typed(POLL_S)
+    return answer == short_hash
+
+
 def _make_ready(
     sitting: Sitting, context: Context, trial: TrialFolder, preflight: Preflight, *, hand_over: bool
 ) -> None:
     """Do what comes before a throw; raise `Unusable` if it must not be."""
-    motion = preflight.motion_path
+    motion, given = preflight.motion_path, context.settings.sitting.folder
     if read_motion(motion).content_sha256() != preflight.motion.content_sha256():
         raise Unusable("another motion was planned meanwhile")
     if (owner := living_owner(sitting.root, sitting.name)) is not None:
         raise Unusable(f"another run has not ended: {owner}")
-    _remember(context, trial.number)
+    try:
+        before = None if given is None else listing(context.folder.root / given)
+    except Unsettled as reason:
+        raise Unusable(str(reason)) from reason
+    _write_record(context, {"trial": trial.number, "folder": before, "thrown": False})
     if hand_over:
         trial.data.mkdir(parents=True, exist_ok=True)
         for name in PLANNED:
             shutil.copyfile(trial.results / name, trial.data / name)
     _run_program(sitting, context, "before", trial, motion)
-
-
-def _allowed(sitting: Sitting, context: Context, short_hash: str) -> bool:
-    """Ask for a motion's hash while the pages are written; return once they are, and nothing else runs."""
-    person, log = sitting.person, context.folder.results / "sitting" / "run.log"
-    person.forget()  # a hash that was typed twice must not move the arm twice
-    person.say(f"type {short_hash} to throw it, or q to end")
-    answer: str | None = None
-    with log.open("wb") as out:
-        line = [sys.executable, "-m", "strandcast", "run", sitting.name]
-        pages: subprocess.Popen[bytes] | None = subprocess.Popen(
-            line, stdin=subprocess.DEVNULL, stdout=out, stderr=out
-        )
-    while answer not in (short_hash, "q") or pages is not None:
-        typed = person.typed(POLL_S)
-        if typed is not None:
-            answer = typed
-            if answer not in (short_hash, "q"):
-                person.say(f"type {short_hash} to throw it, or q to end")
-            elif pages is not None:
-                person.say("the pages are being written first")
-        if pages is not None and pages.poll() is not None:
-            person.show_pages("the pages are up to date" if pages.returncode == 0 else f"see {log}")
-            pages = None
-    return answer == short_hash
 
 
 def _run_program(sitting: Sitting, context: Context, name: str, trial: TrialFolder, motion: Path) -> None:

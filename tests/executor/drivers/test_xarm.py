@@ -103,7 +103,8 @@ def test_a_motion_is_played_and_logged_by_the_controllers_clock(bench: Make) -> 
     seen = setup.box.seen()
     assert (seen.mode, seen.state, seen.error) == (0, 2, 0)
     steps = np.diff(seen.set_points, axis=0)
-    assert np.abs(steps).max() < 0.02  # it begins where the arm stands
+    assert np.abs(steps).max() < 0.02
+    assert np.abs(seen.set_points[0][MOVING] - (START + 0.005)).max() < 1e-3  # where the arm stands
 
 
 @again

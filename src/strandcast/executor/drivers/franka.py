@@ -59,8 +59,7 @@ class FrankaDriver:
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
-        fix = "see config/arms/fr3-example.toml, which explains every key"
-        self._settings = driver_settings(FrankaSettings, arm, fix)
+        self._settings = driver_settings(FrankaSettings, arm)
         self.address = self._settings.host
         self._joints = ControllerJoints.of(arm, self._settings.joints)
         self._vendor: Any = None

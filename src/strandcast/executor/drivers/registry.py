@@ -32,7 +32,7 @@ def driver_of_arm(arm: Arm, motion: Motion) -> Driver:
     return DRIVERS.get(arm.driver, arm.path)(arm, motion)
 
 
-def driver_settings(model: type[Model], arm: Arm, fix: str) -> Model:
+def driver_settings(model: type[Model], arm: Arm) -> Model:
     """Return `[driver.settings]` of an arm's file as a driver's settings; report every invalid key."""
     try:
         return model.model_validate(arm.driver_settings)
@@ -45,7 +45,7 @@ def driver_settings(model: type[Model], arm: Arm, fix: str) -> Model:
                     file=arm.path,
                     field=".".join(["driver", "settings", *map(str, problem["loc"])]),
                     cost=NOTHING_SENT,
-                    fix=fix,
+                    fix=f"see `{model.__module__}.{model.__name__}`, which explains every key",
                 )
                 for problem in error.errors()
             ]
@@ -76,4 +76,29 @@ def require_address(arm: Arm, address: str) -> None:
             field="driver.settings.host",
             cost=NOTHING_SENT,
             fix="enter the address, then plan again: a motion is bound to the arm's file",
+        )
+
+
+def no_connection(arm: Arm, what: str, fix: str) -> StrandcastError:
+    """Return the error for a controller that cannot be used over its address."""
+    return StrandcastError(
+        "SC-X061",
+        what,
+        file=arm.path,
+        field="driver.settings.host",
+        cost=NOTHING_SENT,
+        fix=fix,
+        exit_code=ENVIRONMENT,
+    )
+
+
+def refuse_fault(arm: Arm, fault: str | None) -> None:
+    """Refuse to move an arm that has a fault (SC-X005)."""
+    if fault is not None:
+        raise StrandcastError(
+            "SC-X005",
+            f"the arm cannot be moved: {fault}",
+            file=arm.path,
+            cost=NOTHING_SENT,
+            fix="clear this fault first",
         )

@@ -21,9 +21,15 @@ import numpy as np
 
 from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
-from strandcast.errors import ENVIRONMENT, StrandcastError
+from strandcast.errors import StrandcastError
 from strandcast.executor.drivers.protocol import ArmState, Recording
-from strandcast.executor.drivers.registry import driver_settings, missing_package, require_address
+from strandcast.executor.drivers.registry import (
+    driver_settings,
+    missing_package,
+    no_connection,
+    refuse_fault,
+    require_address,
+)
 from strandcast.executor.drivers.ur_link import UrLink, sync_events
 from strandcast.executor.drivers.ur_sender import make_realtime, thread_ids
 from strandcast.executor.drivers.ur_sender_handle import UrSender
@@ -72,8 +78,7 @@ class UrDriver:
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
-        fix = f"see `{UrSettings.__module__}.{UrSettings.__name__}`, which explains every key"
-        self._settings = driver_settings(UrSettings, arm, fix)
+        self._settings = driver_settings(UrSettings, arm)
         self._joints = ControllerJoints.of(arm, self._settings.joints)
         self.rate_hz = float(self._settings.rate_hz)
         self.address = self._settings.host
@@ -99,15 +104,11 @@ class UrDriver:
             for thread in thread_ids() - before:
                 make_realtime(thread)
         except RuntimeError as error:
-            raise StrandcastError(
-                "SC-X061",
+            raise no_connection(
+                self._arm,
                 f"the controller at {self.address} does not answer: {error}",
-                file=self._arm.path,
-                field="driver.settings.host",
-                cost=NOTHING_SENT,
-                fix="check address and network; dashboard, secondary interface and RTDE must be enabled "
+                "check address and network; dashboard, secondary interface and RTDE must be enabled "
                 "under Settings, Security, Services",
-                exit_code=ENVIRONMENT,
             ) from None
         self._check_rate()
 
@@ -187,14 +188,7 @@ class UrDriver:
         fault = state.fault
         if fault is None and state.speed_scaling != 1.0:
             fault = f"its speed is scaled to {state.speed_scaling:.0%} (set the slider to 100 %)"
-        if fault is not None:
-            raise StrandcastError(
-                "SC-X005",
-                f"the arm cannot be moved: {fault}",
-                file=self._arm.path,
-                cost=NOTHING_SENT,
-                fix="clear this fault first",
-            )
+        refuse_fault(self._arm, fault)
 
     def play(self, command: JointTrajectory, folder: Path) -> Recording:
         """Stream the motion by servoJ; the log has one row for each package received."""

@@ -20,9 +20,15 @@ import numpy as np
 
 from strandcast.arm.load import Arm
 from strandcast.core.trajectory import JointTrajectory
-from strandcast.errors import ENVIRONMENT, StrandcastError
+from strandcast.errors import StrandcastError
 from strandcast.executor.drivers.protocol import ArmState, Recording
-from strandcast.executor.drivers.registry import driver_settings, missing_package, require_address
+from strandcast.executor.drivers.registry import (
+    driver_settings,
+    missing_package,
+    no_connection,
+    refuse_fault,
+    require_address,
+)
 from strandcast.executor.drivers.xarm_link import FRESH_S, RATE_HZ, RealtimeReport, XArmLink, fault_of
 from strandcast.executor.drivers.xarm_settings import XArmSettings
 from strandcast.executor.joint_mapping import ControllerJoints
@@ -58,8 +64,7 @@ class XArmDriver:
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
-        fix = f"see `{XArmSettings.__module__}.{XArmSettings.__name__}`, which explains every key"
-        self._settings = driver_settings(XArmSettings, arm, fix)
+        self._settings = driver_settings(XArmSettings, arm)
         self._joints = ControllerJoints.of(arm, self._settings.joints)
         self._count = len(self._settings.joints)
         self.address = self._settings.host
@@ -77,10 +82,10 @@ class XArmDriver:
         except ImportError as error:
             raise missing_package(PACKAGE, "xarm", error) from None
         except Exception as error:  # the client raises no other class
-            raise self._unconnected(str(error), "check address, cable and control box") from None
+            raise self._unusable(str(error), "check address, cable and control box") from None
         if self._api.version_number < LEAST_FIRMWARE:
             least = ".".join(map(str, LEAST_FIRMWARE))
-            raise self._unconnected(
+            raise self._unusable(
                 f"its firmware {self._firmware()} reports no time", f"update it to {least} or later"
             )
         if self._api.axis != self._count:
@@ -96,21 +101,13 @@ class XArmDriver:
         self._report = RealtimeReport(self.address)
         # The client has motors and payload from its own reports, five a second; until then, a motor is -1.
         if not wait_until(lambda: min(self._api.motor_enable_states) >= 0, FRESH_S):
-            raise self._unconnected("no report came on port 30001", "check the network and its firewall")
+            raise self._unusable("no report came on port 30001", "check the network and its firewall")
 
     def _firmware(self) -> str:
         return ".".join(map(str, self._api.version_number))
 
-    def _unconnected(self, why: str, fix: str) -> StrandcastError:
-        return StrandcastError(
-            "SC-X061",
-            f"the controller at {self.address} cannot be used: {why}",
-            file=self._arm.path,
-            field="driver.settings.host",
-            cost=NOTHING_SENT,
-            fix=fix,
-            exit_code=ENVIRONMENT,
-        )
+    def _unusable(self, why: str, fix: str) -> StrandcastError:
+        return no_connection(self._arm, f"the controller at {self.address} cannot be used: {why}", fix)
 
     def state(self) -> ArmState:
         """Return the current state; an error, a motor not enabled or a silent controller is a fault."""
@@ -140,22 +137,11 @@ class XArmDriver:
 
     def move_to_start(self, q_rad: np.ndarray) -> None:
         """Move all joints slowly: the moving ones to (J,) angles, the held ones to theirs."""
-        self._refuse_fault()
+        refuse_fault(self._arm, self.state().fault)
         report = self._connected()
         link = XArmLink(self._api, report, self._count, None)
         q_from = report.joints(self._count)[0]
         move_to_start(link, q_from, self._joints.all_angles(q_rad), RATE_HZ, self._settings.joints)
-
-    def _refuse_fault(self) -> None:
-        fault = self.state().fault
-        if fault is not None:
-            raise StrandcastError(
-                "SC-X005",
-                f"the arm cannot be moved: {fault}",
-                file=self._arm.path,
-                cost=NOTHING_SENT,
-                fix="clear this fault first",
-            )
 
     def play(self, command: JointTrajectory, folder: Path) -> Recording:
         """Stream the motion in servo mode; the log has a row per set point, with the newest report."""

@@ -31,13 +31,16 @@ class RealtimeReport:
     def __init__(self, host: str) -> None:
         self._port = import_module("xarm.core.comm").SocketPort(host, REALTIME_PORT)
         self._data = import_module("xarm.x3.report").ReportDataStructure.create(REALTIME_PORT, is_radian=True)
-        self.time_s = 0.0
+        self.time_s, self._newest = 0.0, b""
 
     def update(self, within_s: float = 0.0) -> bool:
         """Take the newest report in; wait for one if none has come since. Return whether one has come."""
-        came = wait_until(lambda: not self._port.rx_que.empty(), within_s)
-        while not self._port.rx_que.empty():
-            self._data.update(self._port.rx_que.get_nowait())
+        # The client's own thread keeps the queue short; taking reports out could leave it waiting for one.
+        reports = self._port.rx_que.queue
+        came = wait_until(lambda: bool(reports) and reports[-1] is not self._newest, within_s)
+        if came:
+            self._newest = reports[-1]
+            self._data.update(self._newest)
         self.time_s = 1e-6 * self._data.timestamp
         return came
 
