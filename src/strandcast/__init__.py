@@ -11,10 +11,10 @@ if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
 
-    from strandcast.api import Project
+    from strandcast.api import FilmTrack, Project
     from strandcast.records.record import Record
 
-__all__ = ["__version__", "load", "open", "simulate"]
+__all__ = ["__version__", "load", "open", "simulate", "track_film"]
 __version__ = "0.2.0"
 
 use_own_cache()
@@ -45,3 +45,13 @@ def simulate(time_s: np.ndarray, place_m: np.ndarray, **string: Any) -> np.ndarr
     from strandcast.api import simulate as simulate_string  # heavy too
 
     return simulate_string(time_s, place_m, **string)
+
+
+def track_film(video: str | Path, **known: Any) -> FilmTrack:
+    """Return the track of a string in a film, without an experiment; see docs/how-to/track-a-film.md.
+
+    What may be known of it are the fields of `strandcast.film.known.FilmKnown`.
+    """
+    from strandcast.api import track_film as track  # heavy too
+
+    return track(video, **known)

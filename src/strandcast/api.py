@@ -19,6 +19,8 @@ from strandcast.arm.yielding_joints import follow
 from strandcast.config.experiment import Experiment
 from strandcast.dynamics.physical import simulate
 from strandcast.errors import StrandcastError
+from strandcast.film.result import FilmTrack
+from strandcast.film.track import track_film
 from strandcast.planning.rollouts import RolloutConditions, commands, simulate_rollouts
 from strandcast.records.alignment import Alignment
 from strandcast.records.estimate import Estimate
@@ -38,7 +40,7 @@ from strandcast.stages.plan_inputs import next_inputs, servo_of
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ExperimentView", "FittedString", "Project", "TrialView", "simulate"]
+__all__ = ["ExperimentView", "FilmTrack", "FittedString", "Project", "TrialView", "simulate", "track_film"]
 SIMULATED_UNITS = {"member": "1", "time_s": "s", "point": "1"} | dict.fromkeys(AXES, "m")
 
 

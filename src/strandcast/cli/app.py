@@ -20,6 +20,7 @@ from strandcast.cli.doctor import doctor
 from strandcast.cli.exchange import export_motion, import_joints, import_track, import_views
 from strandcast.cli.exclusions import exclude, include
 from strandcast.cli.exports import EXPORTS
+from strandcast.cli.film import film
 from strandcast.cli.integrity import verify
 from strandcast.cli.manual import docs, explain
 from strandcast.cli.new import new
@@ -120,7 +121,7 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     DAILY: (new, check, status, run, play, throw, exclude, include, predict),
     SET_UP: (doctor, docs, explain, boards, preview),
     CARE: (compare, rig, verify),
-    EXCHANGE: (simulate,),
+    EXCHANGE: (film, simulate),
 }
 EPILOGS = {play: EXIT_CODES, run: RESUMING}
 

@@ -29,16 +29,23 @@ WEBP_QUALITY = 60
 
 
 def make_clip(
-    video: Path, facts: VideoFacts, track: Track, camera: Camera, target_m: np.ndarray | None
+    video: Path,
+    facts: VideoFacts,
+    track: Track,
+    camera: Camera,
+    target_m: np.ndarray | None,
+    frames: tuple[int, int] | None = None,
 ) -> dict[str, Any]:
-    """Return the fields of a trial's `Clip`: the throw until its miss no longer counts.
+    """Return the fields of a `Clip`: from the first to the last of the frames.
+
+    By default, the throw until its miss no longer counts.
 
     Raises
     ------
     StrandcastError
         SC-V005 the video changed since it was ingested; others of `open_video`.
     """
-    first, last = throw_frames(track, facts)
+    first, last = frames or throw_frames(track, facts)
     step = -(-(last - first + 1) // MOST_FRAMES)
     chosen = np.arange(first, last + 1, step)
     left, top, width, height = swept_box_px(track, camera, target_m, (first, last))

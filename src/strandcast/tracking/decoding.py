@@ -2,21 +2,32 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
 from strandcast.camera.markers import eight_bit
 from strandcast.errors import StrandcastError
 from strandcast.progress import Progress
+from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
 from strandcast.tracking.background import Samples, learn_background
 from strandcast.tracking.crops import Crops
 from strandcast.tracking.events.led import LedMonitor
-from strandcast.tracking.hand.finder import HandDetection, HandFinder
+from strandcast.tracking.hand.finder import HandDetection
 from strandcast.tracking.preconditions import check_count, check_pixel_aspect, open_ingested
 
 DECODER_THREADS = 2  # chosen: beside this process, which finds the hand meanwhile
 BRIGHTNESS_TOLERANCE = 0.15  # chosen: relative difference in median grey between a given background and video
+
+
+class HeldEndFinder(Protocol):
+    """What finds the held end of the string in one frame after another."""
+
+    camera: Camera
+
+    def find(self, image: np.ndarray) -> HandDetection | None:
+        """Return the held end in the next frame, or None."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +42,7 @@ class Decoded:
 def decode(
     video: str | Path,
     facts: VideoFacts,
-    finder: HandFinder,
+    finder: HeldEndFinder,
     crops: Crops,
     background_frames: int,
     led_monitor: LedMonitor | None = None,

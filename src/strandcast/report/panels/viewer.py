@@ -74,12 +74,35 @@ def viewer(page: TrialPageData) -> PanelContent:
     """Return the viewer; where scripts do not run, the film strip stands alone."""
     results = page.results
     clip, verdict = results.need("clip"), results.need("verdict")
-    film = film_of(results, clip)
-    measured_px, fitted_px = (clip_px(results, clip, each) for each in (film.measured_m, film.fitted_m))
-    closest, worst, runs = film.at(verdict.closest_frame), film.worst(), flagged_runs(film.flagged)
+    film, camera = film_of(results, clip), results.need("camera")
+    closest, miss = film.at(verdict.closest_frame), millimetres(verdict.miss_m)
+    finding = _finding(film, closest, miss, film.worst(), len(flagged_runs(film.flagged)))
+    rim = path_of(clip_px(camera, clip, rim_m(verdict))) if results.aimed() else None
+    return PanelContent(
+        finding,
+        viewer_markup(clip, film, camera, finding, rim=rim, closest=closest),
+        sources=["clip.json"],
+        title=None if results.aimed() else "The capture, frame by frame",
+        caption=None if results.aimed() else CAPTURE_CAPTION,
+    )
+
+
+def viewer_markup(
+    clip: Clip,
+    film: Film,
+    camera: Camera,
+    finding: str,
+    rim: Markup | None = None,
+    closest: int | None = None,
+    since: str = "the motion’s start",
+) -> Markup:
+    """Return the viewer of a film, whose times are counted since an instant.
+
+    `rim` is the target's, `closest` the place of the closest approach in the film.
+    """
+    measured_px, fitted_px = (clip_px(camera, clip, each) for each in (film.measured_m, film.fitted_m))
+    worst, runs = film.worst(), flagged_runs(film.flagged)
     highest_m = max(0.2, *np.nan_to_num([film.to_target_m, film.error_m]).ravel())
-    miss = millimetres(verdict.miss_m)
-    finding = _finding(film, closest, miss, worst, len(runs))
     markup = render(
         "viewer.html.jinja",
         clip=clip,
@@ -92,9 +115,11 @@ def viewer(page: TrialPageData) -> PanelContent:
         fitted=_base64(_stepped(fitted_px)),
         flagged=_base64(film.flagged.astype("u1")),
         numbers=_base64(_numbers(film)),
-        rim=path_of(clip_px(results, clip, rim_m(verdict))) if results.aimed() else None,
+        rim=rim,
+        since=since,
         closest=closest,
         worst=worst,
+        is_fitted=bool(np.isfinite(film.fitted_m).any()),
         runs=runs[:MOST_RUNS],
         plot=PLOT,
         lines={"track": _line(film.to_target_m, highest_m), "model": _line(film.error_m, highest_m)},
@@ -102,13 +127,7 @@ def viewer(page: TrialPageData) -> PanelContent:
         strip=[_tile(clip, film, k, measured_px, fitted_px) for k in range(len(clip.strip))],
         closest_frame=None if closest is None else int(film.frame[closest]),
     )
-    return PanelContent(
-        finding,
-        Markup(markup),
-        sources=["clip.json"],
-        title=None if results.aimed() else "The capture, frame by frame",
-        caption=None if results.aimed() else CAPTURE_CAPTION,
-    )
+    return Markup(markup)
 
 
 def film_of(results: TrialResults, clip: Clip) -> Film:
@@ -151,9 +170,8 @@ def flagged_runs(flagged: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
-def clip_px(results: TrialResults, clip: Clip, places_m: Array) -> Array:
+def clip_px(camera: Camera, clip: Clip, places_m: Array) -> Array:
     """Return the pixels (..., 2) of places (..., 2) in the small video; NaN for unknown places."""
-    camera: Camera = results.need("camera")
     left, top, width, height = clip.box_px
     known = np.isfinite(places_m).all(axis=-1)
     pixels = np.full(places_m.shape, np.nan)

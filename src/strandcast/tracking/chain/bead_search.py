@@ -11,12 +11,12 @@ from strandcast.tracking.chain.search_window import SearchWindow
 from strandcast.tracking.pixel_map import from_pixel, to_pixel
 
 # Chosen on the drawn and lab videos of the tracking benchmark.
-BEAD_PX = 0.5  # standard deviation of a bead's centre, per axis
+BEAD_PX = 0.5  # standard deviation of a bead's centre, or of a given place, per axis
 BEAD_REACH_PX = 14.0  # from the predicted place to the bead's centre
 
 
 class Beads(NamedTuple):
-    """Beads on the string, the tip's last."""
+    """Beads on the string, the tip's last; one without a radius is a place that is given, not searched."""
 
     place_m: np.ndarray  # along the string, (B,)
     radius_m: np.ndarray  # (B,)
@@ -34,7 +34,7 @@ def no_pins() -> Pins:
 def pin_beads(
     window: SearchWindow, nodes: np.ndarray, heading: np.ndarray, beads: Beads, expected_m: np.ndarray
 ) -> Pins:
-    """Return pins at the beads that are found near where they should be.
+    """Return pins at the beads that are found near where they should be, and at given places.
 
     `expected_m` (B, 2) is where each bead is expected; NaN where the chain gives its place.
     """
@@ -43,8 +43,10 @@ def pin_beads(
     count = 0
     for b in range(len(beads.place_m)):
         known = np.isfinite(expected_m[b, 0])
+        if beads.radius_m[b] == 0.0 and not known:
+            continue
         expected = expected_m[b] if known else place_on(nodes, heading, beads.place_m[b])
-        centre = bead_centre(window, expected, beads, b)
+        centre = bead_centre(window, expected, beads, b) if beads.radius_m[b] > 0.0 else expected
         if np.hypot(centre[0] - expected[0], centre[1] - expected[1]) < BEAD_REACH_PX * scale:
             place_m[count] = beads.place_m[b]
             point_m[count, 0], point_m[count, 1] = centre[0], centre[1]
@@ -56,6 +58,19 @@ def pin_beads(
 def has_tip_pin(pins: Pins, beads: Beads) -> bool:
     """Return whether the last pin is that of the last bead."""
     return len(pins.place_m) > 0 and pins.place_m[-1] == beads.place_m[-1]
+
+
+@njit(cache=True)
+def is_tip_given(beads: Beads, length_m: float, expected_m: np.ndarray) -> bool:
+    """Return whether the place of the string's end is given."""
+    given = False
+    for b in range(len(beads.place_m)):
+        given |= (
+            beads.radius_m[b] == 0.0
+            and beads.place_m[b] >= 0.999 * length_m
+            and np.isfinite(expected_m[b, 0])
+        )
+    return given
 
 
 @njit(cache=True)

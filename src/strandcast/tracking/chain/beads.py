@@ -17,16 +17,19 @@ def track_beads(frames: StringFrames, fits: list[FrameFit | None], beads: Beads)
     string, and moves steadily.
     """
     centres = np.full((len(fits), len(beads.place_m), 2), np.nan)
+    if frames.given is not None:
+        centres[:, : len(frames.given.share)] = frames.given.place_m
+    searched = np.flatnonzero(beads.radius_m).tolist()
     for index, fit in enumerate(fits):
         window = frames.window(index) if fit is not None and len(beads.place_m) else None
         if fit is None or window is None:
             continue
-        for b, place_m in enumerate(beads.place_m):
-            expected = place_on(fit.nodes(), fit.heading, place_m)
+        for b in searched:
+            expected = place_on(fit.nodes(), fit.heading, beads.place_m[b])
             found = bead_centre(window, expected, beads, b)
             if np.hypot(*(found - expected)) < FAR_PX * window.plane.metre_per_pixel:
                 centres[index, b] = found
-    for b in range(len(beads.place_m)):
+    for b in searched:
         for order in (range(len(fits)), range(len(fits) - 1, -1, -1)):
             _continue(frames, centres[:, b], beads, b, order)
     return centres

@@ -1,7 +1,7 @@
 """The first pass: track the string both ways from its clearest frame."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -11,7 +11,7 @@ from strandcast.tracking.chain.detection import Detection, detect_string
 from strandcast.tracking.chain.fit import FrameFit
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.motion import ChainState
-from strandcast.tracking.chain.tracker import GOOD, LINK_M, ChainTracker
+from strandcast.tracking.chain.tracker import BETTER, GOOD, LINK_M, ChainTracker
 from strandcast.tracking.tracker import StringHint
 
 # Frames in which the string is detected without its neighbours: the larger number only where the smaller one
@@ -83,6 +83,42 @@ def track_bidirectional(
         ways = pool.map(one_way, (range(anchor + 1, count), range(anchor - 1, -1, -1)))
         tracker.redetections += sum(ways)
     return anchor, fits
+
+
+def take_corrections(
+    frames: StringFrames, fits: list[FrameFit | None], corrected: Sequence[int], tracker: ChainTracker
+) -> None:
+    """Fit the corrected frames through their given places, and those around them from there, in place.
+
+    The latter as long as that makes them better.
+    """
+    for start in corrected:
+        frame = frames.at(start)
+        if frame is None:
+            continue
+        tried = []
+        for around in ([start], [start - 1], [start + 1], []):
+            tracker.restart(states_at(frames, fits, around))
+            tried.append(tracker.through_given(frame))
+        fits[start] = max(tried, key=lambda fit: fit.value)
+        for way in (-1, 1):
+            tracker.restart(states_at(frames, fits, [start]))
+            for index in range(start + way, len(frames) if way > 0 else -1, way):
+                ahead, old = frames.at(index), fits[index]
+                new = None if ahead is None or index in corrected else tracker.step(ahead)
+                if new is None or (old is not None and new.value < old.value + BETTER):
+                    break
+                fits[index] = new
+
+
+def states_at(frames: StringFrames, fits: list[FrameFit | None], indices: list[int]) -> list[ChainState]:
+    """Return the chain at the given frames, without those in which it was not found."""
+    states = []
+    for index in indices:
+        fit = fits[index] if 0 <= index < len(fits) else None
+        if fit is not None:
+            states.append(ChainState(float(frames.time_s[index]), fit.root, fit.heading))
+    return states
 
 
 def best_anchor(

@@ -168,3 +168,14 @@ def visible_length(detections: list[Detection], appearance: Appearance, given_m:
     likely = 1.0 / np.hypot(1.0, (lengths_m - given_m) / (LENGTH_SHARE * given_m))
     best = int(np.argmax(alike.sum(axis=1) * likely))
     return float(np.average(lengths_m, weights=alike[best])) if alike[best].sum() > ALONE else given_m
+
+
+def length_between(detections: list[Detection], far_m: np.ndarray) -> float:
+    """Return the string's length up to its other held end, which is at `far_m` (F, 2) in each frame."""
+    lengths_m = []
+    for one in detections:
+        away_m = np.linalg.norm(one.fit.nodes() - far_m[one.frame], axis=1)
+        nearest = int(np.argmin(away_m))
+        beyond_m = away_m[-1] if nearest == len(away_m) - 1 else 0.0
+        lengths_m.append(nearest * one.fit.link_m + beyond_m)
+    return float(np.median(lengths_m))

@@ -6,7 +6,14 @@ import numpy as np
 from numba import njit
 
 from strandcast.tracking.chain.appearance import Appearance
-from strandcast.tracking.chain.bead_search import Beads, behind_bead, has_tip_pin, no_pins, pin_beads
+from strandcast.tracking.chain.bead_search import (
+    Beads,
+    behind_bead,
+    has_tip_pin,
+    is_tip_given,
+    no_pins,
+    pin_beads,
+)
 from strandcast.tracking.chain.constraints import NO_TIP, Anchors, Constraints, Stiffness
 from strandcast.tracking.chain.line_scores import blank_hand, rewards_near, score_across
 from strandcast.tracking.chain.links import link_directions, nodes_along, normals_to, place_nodes, place_on
@@ -96,9 +103,16 @@ def fit_frame(
     if bead_found:
         off = pins.point_m[-1] - place_on(nodes, chain.heading, pins.place_m[-1])
         slide_m = np.cos(chain.heading[-1]) * off[0] + np.sin(chain.heading[-1]) * off[1]
+    tip_given = is_tip_given(string.beads, string.link_m * len(chain.heading), expected.bead_m)
+    if tip_given:
+        off = pins.point_m[np.argmax(pins.place_m)] - nodes[-1]
+        slide_m = np.cos(chain.heading[-1]) * off[0] + np.sin(chain.heading[-1]) * off[1]
     slid = not abs(slide_m) < END_PX * scale
     end_is_off = (
-        hold_tip and not hidden[-1] and (slid or not ends_at_tip(window, nodes, chain.heading, appearance))
+        hold_tip
+        and not hidden[-1]
+        and not tip_given
+        and (slid or not ends_at_tip(window, nodes, chain.heading, appearance))
     )
     for k in range(len(hidden)):
         hidden[k] |= behind_bead(k * string.link_m, string.beads)
@@ -144,7 +158,8 @@ def fit_in_rounds(
         turn, reach_px = turn + 1, NARROW_PX
         if hold_tip:
             tip, pins = anchors.tip, pin_beads(window, nodes, heading, string.beads, expected.bead_m)
-            if not np.isfinite(string.appearance.bead_level):
+            tip_given = is_tip_given(string.beads, link_m * len(heading), expected.bead_m)
+            if not np.isfinite(string.appearance.bead_level) and not tip_given:
                 tip = locate_tip(window, nodes, heading, string.appearance)
             anchors = Anchors(tip, pins)
         if turn > 1 and moved < MOVED_PX * scale:

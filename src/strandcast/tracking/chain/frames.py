@@ -1,6 +1,8 @@
 """The frames of a video as the string tracker reads them: search window, time, hand, clamp and beads."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,6 +29,20 @@ class FrameInput:
 
 
 @dataclass(frozen=True, eq=False)
+class GivenPlaces:
+    """Places of P points of the string that need no search: of a second held end, and corrections by hand."""
+
+    share: np.ndarray  # where on the string, as a share of its length, (P,)
+    place_m: np.ndarray  # (F, P, 2); NaN where one is not given
+    corrected: tuple[int, ...] = ()  # frames, ascending
+
+    def far_m(self) -> np.ndarray | None:
+        """Return the places (F, 2) of the string's other end; None if they are not given in every frame."""
+        always = (self.share == 1.0) & np.isfinite(self.place_m).all(axis=(0, 2))
+        return self.place_m[:, int(np.argmax(always))] if always.any() else None
+
+
+@dataclass(frozen=True, eq=False)
 class StringFrames:
     """A video's frames. Several threads may read them at a time."""
 
@@ -36,11 +52,27 @@ class StringFrames:
     time_s: np.ndarray  # (F,)
     hand_extent_m: np.ndarray  # low x, low y, high x, high y of the hand in its own frame, (4,)
     lateral_offset_m: float = 0.0  # where the string leaves the clamp, to the left of its middle
-    beads_m: np.ndarray | None = None  # where the string's beads are, (F, B, 2); None before they are known
+    given: GivenPlaces | None = None
+    beads_m: np.ndarray | None = (
+        None  # where given places and beads are, (F, B, 2); None before they are known
+    )
 
     def __len__(self) -> int:
         """Return the number of frames."""
         return len(self.hand.pose)
+
+    def with_given(self, beads: int, *, corrected: bool) -> StringFrames:
+        """Return the frames with the given places as the first of so many beads.
+
+        Those that are given in some frames only, the corrections, are among them if `corrected`.
+        """
+        if self.given is None:
+            return self
+        place_m, count = self.given.place_m, len(self.given.share)
+        beads_m = np.full((len(self), beads, 2), np.nan)
+        wanted = np.full(count, corrected) | np.isfinite(place_m).all(axis=(0, 2))
+        beads_m[:, :count] = np.where(wanted[:, None], place_m, np.nan)
+        return replace(self, beads_m=beads_m)
 
     def clamp_m(self, index: int) -> np.ndarray:
         """Return where the string leaves the clamp in a frame, (2,)."""

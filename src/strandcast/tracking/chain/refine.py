@@ -1,11 +1,13 @@
 """The refined pass: fit every frame again with what all frames show, then track weak stretches again."""
 
+from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
 from strandcast.tracking.chain.beads import track_beads
+from strandcast.tracking.chain.bidirectional import states_at
 from strandcast.tracking.chain.fit import NARROW_PX, ChainModel, FrameFit, PredictedChain, fit_frame
 from strandcast.tracking.chain.frames import StringFrames
 from strandcast.tracking.chain.motion import ChainState, moving_half_px, still_half_px
@@ -17,11 +19,17 @@ SEARCHES = 2  # chosen: of these, with searches of the string, one each way
 
 
 def refine(
-    frames: StringFrames, fits: list[FrameFit | None], anchor: int, string: ChainModel, exposure_s: float
+    frames: StringFrames,
+    fits: list[FrameFit | None],
+    anchor: int,
+    string: ChainModel,
+    exposure_s: float,
+    kept: Collection[int] = (),
 ) -> list[FrameFit | None]:
     """Return a second fit of each frame that starts at the first; None where the string is lost.
 
-    The first pass tracked the string both ways from the frame `anchor`.
+    The first pass tracked the string both ways from the frame `anchor`. Frames that are `kept` are not
+    tracked again.
     """
     frames = replace(frames, beads_m=track_beads(frames, fits, string.beads))
 
@@ -42,11 +50,17 @@ def refine(
     with ThreadPoolExecutor(2) as pool:
         refined = list(pool.map(again, range(len(fits))))
     links = next(len(fit.heading) for fit in fits if fit is not None)
-    retrack(frames, refined, anchor, ChainTracker(links, string, exposure_s, SHORT))
+    retrack(frames, refined, anchor, ChainTracker(links, string, exposure_s, SHORT), kept)
     return refined
 
 
-def retrack(frames: StringFrames, fits: list[FrameFit | None], anchor: int, tracker: ChainTracker) -> None:
+def retrack(
+    frames: StringFrames,
+    fits: list[FrameFit | None],
+    anchor: int,
+    tracker: ChainTracker,
+    kept: Collection[int] = (),
+) -> None:
     """Track weak stretches by turns towards the anchor and away from it, in place, until no fit gets better.
 
     Each frame is fitted from the best fits known of the two frames before it, so that a good stretch amid
@@ -60,7 +74,7 @@ def retrack(frames: StringFrames, fits: list[FrameFit | None], anchor: int, trac
         got_better = False
         for index in sorted(weak.tolist(), key=lambda index: abs(index - anchor), reverse=not away):
             frame = frames.at(index)
-            if frame is None:
+            if frame is None or index in kept:
                 continue
             way = 1 if (index > anchor) == away else -1
             tracker.restart(states_at(frames, fits, [index - 2 * way, index - way]))
@@ -69,13 +83,3 @@ def retrack(frames: StringFrames, fits: list[FrameFit | None], anchor: int, trac
                 fits[index], got_better = fit, True
         if away and not got_better:
             break
-
-
-def states_at(frames: StringFrames, fits: list[FrameFit | None], indices: list[int]) -> list[ChainState]:
-    """Return the chain at the given frames, without those in which it was not found."""
-    states = []
-    for index in indices:
-        fit = fits[index] if 0 <= index < len(fits) else None
-        if fit is not None:
-            states.append(ChainState(float(frames.time_s[index]), fit.root, fit.heading))
-    return states

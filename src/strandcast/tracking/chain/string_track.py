@@ -10,11 +10,17 @@ from strandcast.errors import StrandcastError
 from strandcast.tracking.attachments.detect import Attachments, detect_attachments
 from strandcast.tracking.chain.appearance import Appearance
 from strandcast.tracking.chain.bead_search import Beads
-from strandcast.tracking.chain.bidirectional import chain_of, clamp_paths, survey, track_bidirectional
+from strandcast.tracking.chain.bidirectional import (
+    chain_of,
+    clamp_paths,
+    survey,
+    take_corrections,
+    track_bidirectional,
+)
 from strandcast.tracking.chain.clamp_fit import ClampFit, fit_clamp
-from strandcast.tracking.chain.detection import learn_appearance, visible_length
+from strandcast.tracking.chain.detection import learn_appearance, length_between, visible_length
 from strandcast.tracking.chain.fit import ChainModel, FrameFit
-from strandcast.tracking.chain.frames import StringFrames
+from strandcast.tracking.chain.frames import GivenPlaces, StringFrames
 from strandcast.tracking.chain.links import place_on
 from strandcast.tracking.chain.measure import level_at
 from strandcast.tracking.chain.point_uncertainty import FramePoints, frame_points
@@ -67,7 +73,10 @@ def track_string(
     learned = learn_from_all_frames(frames, first)
     string = ChainModel(learned.clamp_fit.length_m / first.links, first.appearance, learned.beads)
     aligned = replace(frames, lateral_offset_m=learned.clamp_fit.lateral_offset_m)
-    fits = refine(aligned, first.fits, first.anchor, string, exposure_s)
+    fits, corrected = list(first.fits), () if frames.given is None else frames.given.corrected
+    given = aligned.with_given(len(learned.beads.place_m), corrected=True)
+    take_corrections(given, fits, corrected, ChainTracker(first.links, string, exposure_s))
+    fits = refine(aligned, fits, first.anchor, string, exposure_s, corrected)
     return StringTrack(first, learned, mass_points(aligned, fits, first.links_per_point, learned.clamp_fit))
 
 
@@ -102,10 +111,16 @@ def first_pass(
     if settings.contrast_grey is not None:
         appearance = appearance._replace(contrast=settings.contrast_grey)
     links, links_per_point = chain_of(hint)
-    length_m = visible_length(detections, appearance, hint.length_m)
-    string = ChainModel(length_m / links, appearance, beads_of(tip_bead(appearance, length_m)))
+    far_m = None if frames.given is None else frames.given.far_m()
+    if far_m is None:
+        length_m = visible_length(detections, appearance, hint.length_m)
+    else:
+        appearance = appearance._replace(bead_level=np.nan, tip_excess_m=0.0)  # what holds it is no bead
+        length_m = length_between(detections, far_m)
+    rows = [*given_rows(frames.given, length_m), *tip_bead(appearance, length_m)]
+    string = ChainModel(length_m / links, appearance, beads_of(rows))
     tracker = ChainTracker(links, string, exposure_s)
-    anchor, fits = track_bidirectional(frames, detections, tracker)
+    anchor, fits = track_bidirectional(frames.with_given(len(rows), corrected=False), detections, tracker)
     return FirstPass(appearance, length_m, links, links_per_point, anchor, fits, tracker.redetections)
 
 
@@ -126,6 +141,11 @@ def attachments_of(frames: StringFrames, first: FirstPass) -> Attachments:
     return detect_attachments(
         frames.window, nodes, quality, first.appearance.level, first.appearance.contrast
     )
+
+
+def given_rows(given: GivenPlaces | None, length_m: float) -> list[tuple[float, float, float, float]]:
+    """Return the given places as rows of `beads_of`."""
+    return [] if given is None else [(share * length_m, 0.0, 0.0, 0.0) for share in given.share.tolist()]
 
 
 def tip_bead(appearance: Appearance, length_m: float) -> list[tuple[float, float, float, float]]:
@@ -154,7 +174,7 @@ def all_beads(frames: StringFrames, first: FirstPass, attachments: Attachments, 
         for w, level in zip(weights, levels, strict=True)
         if np.isfinite(level)
     ]
-    return beads_of([*known, *tip_bead(first.appearance, length_m)])
+    return beads_of([*given_rows(frames.given, length_m), *known, *tip_bead(first.appearance, length_m)])
 
 
 def bead_level(frames: StringFrames, fits: list[FrameFit | None], place_m: float) -> float:

@@ -69,6 +69,24 @@ class ChainTracker:
         half_px = still_half_px(self.string.appearance, self.links, frame.window)
         return self._fit(frame, heading, heading, half_px, WIDE_PX)
 
+    def through_given(self, frame: FrameInput) -> FrameFit:
+        """Fit the chain to a frame in which places along it are given.
+
+        It starts with the shape of the last state, or a straight line, each piece turned to its given place.
+        """
+        beads, bead_m = self.string.beads, frame.bead_m
+        assert bead_m is not None
+        known = np.flatnonzero((beads.radius_m == 0.0) & np.isfinite(bead_m[:, 0]))
+        heading = self._states[-1].heading.copy() if self._states else np.zeros(self.links)
+        nodes = place_nodes(frame.clamp_m, heading, self.string.link_m)
+        before, first = frame.clamp_m, 0
+        for b in known[np.argsort(beads.place_m[known])].tolist():
+            last = round(float(beads.place_m[b]) / self.string.link_m)
+            off, was = bead_m[b] - before, nodes[last] - nodes[first]
+            heading[first:last] += np.arctan2(off[1], off[0]) - np.arctan2(was[1], was[0])
+            before, first = bead_m[b], last
+        return self.fit(frame, np.unwrap(heading))
+
     def _next(self, frame: FrameInput, search: bool) -> FrameFit | None:
         """Fit from the prediction; if that is poor, from other starts, and keep the best."""
         if not self._states:
