@@ -9,7 +9,6 @@ import struct
 import subprocess
 import sys
 import tempfile
-import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, lru_cache, partial
@@ -29,7 +28,6 @@ from strandcast.arm.load import load_arm
 from strandcast.config.load import load_experiment
 from strandcast.errors import StrandcastError
 from strandcast.executor.checks import check_motion
-from strandcast.exports.crate import METADATA, _with_own_hash
 from strandcast.imports.capture import CapturedTrial, import_capture
 from strandcast.imports.capture_mapping import CaptureMapping
 from strandcast.imports.joints import Played, Reading, import_joints
@@ -62,7 +60,6 @@ from strandcast.video.ingest import inspect_video
 from strandcast.video.photo import decode_photo
 from strandcast.video.reader import open_video
 from strandcast.workflow import locks
-from strandcast.workflow.verify_crate import verify_crate
 
 from ..report.conftest import LENGTH_M, TARGET_M, build_trial
 from ..video.test_native import photron
@@ -756,41 +753,8 @@ def cache_file(folder: Path) -> Path:
     return path
 
 
-def crate(folder: Path) -> Path:
-    """Write a crate of one file, and return its metadata."""
-    content = b"seq,q_rad\n0,0.1\n"
-    about = {"contentSize": str(len(content)), "sha256": hashlib.sha256(content).hexdigest()}
-    entity = {"@id": "data/swing/joints.csv", "@type": "File", **about}
-    path = folder / "swing" / METADATA
-    (path.parent / "data" / "swing").mkdir(parents=True)
-    (path.parent / "data" / "swing" / "joints.csv").write_bytes(content)
-    path.write_bytes(
-        _with_own_hash({"@context": "https://w3id.org/ro/crate/1.1/context", "@graph": [entity]})
-    )
-    return path
-
-
-def zipped_crate(folder: Path) -> Path:
-    top = crate(folder).parent
-    path = folder / "swing.zip"
-    with zipfile.ZipFile(path, "w") as archive:
-        for file in sorted(top.rglob("*.*")):
-            archive.writestr(zipfile.ZipInfo(file.relative_to(top).as_posix()), file.read_bytes())
-    return path
-
-
-def checked_crate(path: Path) -> Any:
-    """Check a crate; returns its entities but for the one with the hash, if nothing is wrong."""
-    found = verify_crate(path if path.suffix == ".zip" else path.parent)
-    if found:
-        raise StrandcastError("SC-R002", found[0].what, file=path)
-    if path.suffix == ".zip":
-        return None
-    return [entity for entity in json.loads(path.read_bytes())["@graph"] if "value" not in entity]
-
-
 def other_readers() -> list[Reader]:
-    """Return the readers of settings, arms, pages, leases, caches and crates."""
+    """Return the readers of settings, arms, pages, leases and caches."""
     settings = lambda path: load_experiment(path).model_dump_json()  # noqa: E731
     return [
         Reader("experiment", written("experiment.yaml", SETTINGS), settings, text=True),
@@ -803,8 +767,6 @@ def other_readers() -> list[Reader]:
         ),
         Reader("lease", lease, held, text=True),
         Reader("cache of source code", cache_file, cached_code, text=True),
-        Reader("crate", crate, checked_crate, sealed=True, text=True),
-        Reader("crate, zip", zipped_crate, checked_crate, sealed=True),
     ]
 
 

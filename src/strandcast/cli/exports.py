@@ -99,7 +99,7 @@ def export_crate(
 ) -> None:
     """Write an experiment as an RO-Crate for an archive: raw files, results and their provenance.
 
-    Refused if a file is not as it was recorded or made. `strandcast verify --crate` checks a crate.
+    Refused if a file is not as it was recorded or made. In the unpacked crate `strandcast verify` works.
     """
     import strandcast
     from strandcast.exports.crate import export_crate as export
@@ -110,8 +110,7 @@ def export_crate(
     refuse_changed_files(ROOT, experiment)
     published = None if date is None else date.date()
     count = export(view, target, without_video=without_video, published=published, licence=licence)
-    line = f"{target}: {count} files; check it with `strandcast verify --crate {target}`"
-    show(as_json, {"crate": target, "files": count}, [line])
+    show(as_json, {"crate": target, "files": count}, [f"{target}: {count} files"])
 
 
 def _trial(experiment: str, trial: int) -> "TrialView":

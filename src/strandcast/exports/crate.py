@@ -22,7 +22,7 @@ from strandcast.core.trial_names import in_trial_order, trial_digits
 from strandcast.errors import StrandcastError
 from strandcast.exports.throw import missing_package
 from strandcast.records.estimate import Estimate, ParameterFit, WeightFit
-from strandcast.records.files import atomic_write, check_room, content_sha256, sha256_file, write_bytes
+from strandcast.records.files import atomic_write, check_room, sha256_file, write_bytes
 from strandcast.records.folders import files_of_video
 from strandcast.records.lineage import relative_to
 from strandcast.records.provenance import group_by_versions
@@ -129,7 +129,8 @@ def export_crate(
     )
     root["mentions"] = [*actions, *(entities[name] for name in left_out)]
     root["variableMeasured"] = [*_add_verdicts(crate, experiment), *_add_parameters(crate, experiment)]
-    (_write_zip if zipped else _write_folder)(out, files, _with_own_hash(crate.metadata.generate()))
+    metadata = json.dumps(crate.metadata.generate(), indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+    (_write_zip if zipped else _write_folder)(out, files, metadata.encode())
     return len(files)
 
 
@@ -343,18 +344,6 @@ def _licence(crate: Any, identifier: str | None) -> Any:
     if identifier is None:
         return NO_LICENCE
     return _add(crate, f"https://spdx.org/licenses/{quote(identifier)}", "CreativeWork", name=identifier)
-
-
-def _with_own_hash(metadata: dict[str, Any]) -> bytes:
-    """Return the metadata as JSON, with the hash of its content as an entity of its own."""
-    own = {
-        "@id": "#metadata-sha256",
-        "@type": "PropertyValue",
-        "name": "SHA-256 of this file's JSON without this entity: keys sorted, no spaces, UTF-8",
-        "value": content_sha256(metadata),
-    }
-    metadata["@graph"].append(own)
-    return (json.dumps(metadata, indent=1, sort_keys=True, ensure_ascii=False) + "\n").encode()
 
 
 def _write_folder(out: Path, files: dict[str, Path], metadata: bytes) -> None:

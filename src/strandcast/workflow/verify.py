@@ -15,8 +15,8 @@ from strandcast.records.predicted import read_predicted
 from strandcast.records.provenance import current_versions
 from strandcast.records.verified import READERS, Verified
 
-State = Literal["damaged", "misplaced", "missing", "extra", "outdated", "versions"]
-ORDER: tuple[State, ...] = ("damaged", "misplaced", "missing", "extra", "outdated", "versions")
+State = Literal["damaged", "misplaced", "missing", "outdated", "versions"]
+ORDER: tuple[State, ...] = ("damaged", "misplaced", "missing", "outdated", "versions")
 STATES: dict[str, State] = {MISPLACED: "misplaced", OUTDATED: "outdated"}
 
 
