@@ -31,6 +31,7 @@ from strandcast.cli.run import RESUMING, run
 from strandcast.cli.simulate import simulate
 from strandcast.cli.stages import stage_commands, summary
 from strandcast.cli.status import status
+from strandcast.cli.strings import strings
 from strandcast.cli.throw import throw
 from strandcast.errors import StrandcastError
 from strandcast.stages import CALLED_BY_NAME
@@ -120,7 +121,7 @@ STAGES, EXCHANGE = "Single stages", "Data exchange"
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     DAILY: (new, check, status, run, play, throw, exclude, include, predict),
     SET_UP: (doctor, docs, explain, boards, preview),
-    CARE: (compare, rig, verify),
+    CARE: (strings, compare, rig, verify),
     EXCHANGE: (film, simulate),
 }
 EPILOGS = {play: EXIT_CODES, run: RESUMING}
