@@ -1,5 +1,7 @@
 """ArUco and ChArUco patterns by name, and detection of markers with subpixel corners."""
 
+from collections.abc import Collection, Sequence
+
 import cv2
 import numpy as np
 
@@ -124,3 +126,15 @@ def eight_bit(grey: np.ndarray) -> np.ndarray:
 def corners_of(size_m: float) -> np.ndarray:
     """Return a marker's corners (4, 2) [m] relative to its centre, y up, in detection order."""
     return np.asarray(0.5 * size_m * np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]]))
+
+
+def marker_side_px(
+    pictures: Sequence[np.ndarray], dictionary: str, ids: Collection[int] = ()
+) -> float | None:
+    """Return the median side of the markers in pictures, of those with the ids if any are given."""
+    detector = marker_detector(dictionary)
+    found = [detect_markers(np.ascontiguousarray(eight_bit(one)), detector) for one in pictures]
+    wanted = [four for one in found for marker, four in zip(*one, strict=True) if not ids or marker in ids]
+    squares = np.array(wanted).reshape(-1, 4, 2)
+    sides = np.linalg.norm(np.roll(squares, -1, axis=1) - squares, axis=2)
+    return float(np.median(sides)) if len(sides) else None

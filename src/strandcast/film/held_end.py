@@ -8,11 +8,17 @@ import cv2
 import numpy as np
 
 from strandcast.camera.mapping import pixel_to_metre
-from strandcast.camera.markers import corners_of, detect_markers, eight_bit, marker_detector
+from strandcast.camera.markers import (
+    corners_of,
+    detect_markers,
+    eight_bit,
+    marker_detector,
+    marker_side_px,
+)
 from strandcast.core.hand_marker import HandMarker
 from strandcast.core.pose import Pose, rotated
 from strandcast.errors import StrandcastError
-from strandcast.film.known import HeldEnd, marker_side_px
+from strandcast.film.known import HeldEnd
 from strandcast.film.seen import SPREAD_SHARE, SeenString, agreed_ends
 from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from strandcast.camera.markers import detect_markers, eight_bit, marker_detector
+from strandcast.camera.markers import marker_side_px
 from strandcast.errors import StrandcastError
 from strandcast.imports.table import read_numbers
 from strandcast.records.camera import Camera
@@ -120,18 +120,6 @@ def scale_of(
 
 def _mm(m_per_px: float) -> str:
     return f"{1e3 * m_per_px:.4g} mm per pixel"
-
-
-def marker_side_px(
-    pictures: Sequence[np.ndarray], dictionary: str, ids: Collection[int] = ()
-) -> float | None:
-    """Return the median side of the markers in pictures, of those with the ids if any are given."""
-    detector = marker_detector(dictionary)
-    found = [detect_markers(np.ascontiguousarray(eight_bit(one)), detector) for one in pictures]
-    wanted = [four for one in found for marker, four in zip(*one, strict=True) if not ids or marker in ids]
-    squares = np.array(wanted).reshape(-1, 4, 2)
-    sides = np.linalg.norm(np.roll(squares, -1, axis=1) - squares, axis=2)
-    return float(np.median(sides)) if len(sides) else None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,14 @@ import numpy as np
 
 from strandcast.camera.flat import flat_camera
 from strandcast.camera.mapping import metre_to_pixel
-from strandcast.camera.markers import FAMILIES, detect_markers, eight_bit, marker_detector, same_family
+from strandcast.camera.markers import (
+    FAMILIES,
+    detect_markers,
+    eight_bit,
+    marker_detector,
+    marker_side_px,
+    same_family,
+)
 from strandcast.core.hand_marker import HandMarker
 from strandcast.records.camera import Camera
 from strandcast.records.track import DetectedTarget
@@ -138,15 +145,9 @@ def unchanged_noise(pictures: list[np.ndarray]) -> float:
 
 def rough_camera(pictures: list[np.ndarray], expected: Expected) -> Camera | None:
     """Return a flat camera whose scale is that of the hand's markers; None if none is found."""
-    detector = marker_detector(expected.dictionary)
-    sizes = {marker.id: marker.size_m for marker in expected.markers}
-    scales = []
-    for picture in pictures[:: max(1, len(pictures) // SEARCHED_FOR_IDS)]:
-        ids, corners = detect_markers(picture, detector)
-        for marker, four in zip(ids.tolist(), corners, strict=True):
-            if marker in sizes:
-                side_px = np.linalg.norm(four - np.roll(four, 1, axis=0), axis=1).mean()
-                scales.append(sizes[marker] / side_px)
+    few = pictures[:: max(1, len(pictures) // SEARCHED_FOR_IDS)]
+    sides_px = [marker_side_px(few, expected.dictionary, [marker.id]) for marker in expected.markers]
+    scales = [m.size_m / side for m, side in zip(expected.markers, sides_px, strict=True) if side is not None]
     if not scales:
         return None
     height, width = pictures[0].shape
