@@ -62,7 +62,13 @@ def held_ends(scene: FilmScene, held: Sequence[HeldEnd], dictionary: str) -> tup
         what = f"{len(held)} held ends are given, and a string has two"
         raise StrandcastError("SC-W021", what, field="held", fix="give one or two")
     ends: list[HeldEndFinder] = []
+    size_px = (scene.facts.width_px, scene.facts.height_px)
     for one in held:
+        if one.place_px is not None and not all(
+            0 <= x < s for x, s in zip(one.place_px, size_px, strict=True)
+        ):
+            what = f"{one.place_px} is outside of the picture of {size_px[0]} x {size_px[1]} px"
+            raise StrandcastError("SC-W021", what, file=scene.video, field="held", fix="give a pixel in it")
         if one.marker is not None:
             ends.append(_end_at_marker(scene, one, one.marker, dictionary, spread_px))
         else:

@@ -46,7 +46,7 @@ class FilmKnown:
 
     length_m: float | None = None
     scale: str | None = None
-    held: tuple[str, ...] = ()
+    held: str | Sequence[str] = ()
     points: int = 20
     polarity: Literal["auto", "dark", "bright"] = "auto"
     colour: str | None = None

@@ -27,7 +27,7 @@ from strandcast.tracking.hand.finder import HandFinder
 from strandcast.tracking.hand.path import bridge_hand
 from strandcast.tracking.hand.rigid import box_around
 from strandcast.tracking.pixel_map import tabulate
-from strandcast.tracking.preconditions import open_ingested
+from strandcast.tracking.preconditions import check_size, open_ingested
 from strandcast.tracking.scene_checks import movement_warnings
 from strandcast.tracking.track_video import CROP_LENGTHS, EXPOSURE_SHARE, assemble_points
 from strandcast.tracking.tracker import StringHint
@@ -51,12 +51,14 @@ def track_film(video: str | Path, **what: Any) -> FilmTrack:
         `scale_of`, `held_of`, `corrections_of`, `inspect_video` and `open_video`.
     """
     video, known = Path(video), FilmKnown(**what)
-    held = [held_of(text) for text in known.held]
+    held = [held_of(text) for text in ([known.held] if isinstance(known.held, str) else known.held)]
     with film_of_colour(video, known.colour) as file:
         facts = inspect_video(file, known.frame_rate_hz)
         pictures, seen = _look(video, file, facts, known.dictionary)
         ids = [one.marker for one in held if one.marker is not None]
         scale = scale_of(known.scale, pictures, known.dictionary, ids)
+        if scale.camera is not None:
+            check_size(facts, scale.camera, video)
         camera = _nominal_camera(facts, known.length_m, scale, seen)
         scene = FilmScene(video, file, facts, pictures, seen, camera)
         ends, words = held_ends(scene, held, known.dictionary)
@@ -138,7 +140,12 @@ def _tracked(
         hand = bridge_hand(time_s, decoded.hands)
         given = _given_places(scene, finder.far_m, rows, known.points)
         frames = StringFrames(crops, np.ascontiguousarray(background), hand, time_s, extent, given=given)
-        string = track_string(frames, StringHint(NOMINAL_M, known.points), settings, exposure_s, scene.video)
+        try:
+            string = track_string(
+                frames, StringHint(NOMINAL_M, known.points), settings, exposure_s, scene.video
+            )
+        except StrandcastError as problem:
+            raise not_held(scene, problem.what) from None
         points, sigma, flags = assemble_points(time_s, hand, string.points, known.points)
     if finder.far_m:
         points[:, -1], flags[:, -1] = finder.far_m, hand.flags
