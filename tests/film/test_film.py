@@ -73,6 +73,14 @@ def test_speed_and_curvature_are_those_of_the_cord(tracked, still):
     assert bent.curvature()[0, 1:-1] == pytest.approx(5.0, rel=1e-3)  # to the left, as seen along the string
 
 
+def test_confidence_ranks_the_flags():
+    flags = np.array([[0, 0, 1, 2, 4, 8, 0]])
+    places = np.where(np.arange(7)[:, None] == 6, np.nan, 1.0)[None].repeat(2, axis=2)
+    track = FilmTrack(*[None] * 3, places, None, np.ones((1, 7)), flags, np.ones(1), None)
+    assert track.confidence().tolist() == [[1.0, 1.0, 0.5, 0.2, 0.2, 1.0, 0.0]]
+    assert track.doubtful().tolist() == [True]
+
+
 def test_both_ends_may_move(tmp_path):
     cord_px = cord(True, FRAMES, far=True)
     film(tmp_path / "v.mkv", cord_px, blobs=True)
