@@ -185,11 +185,14 @@ def test_the_command_says_what_it_assumed(still, tmp_path, monkeypatch):
     content = json.loads(result.stdout)
     assert (content["frames"], content["m_per_px"]) == (FRAMES, None)
     assert content["assumed"]["scale"] == "none: pixels"
-    assert Path(content["files"][0]) == Path("swing/film.html")
-    assert (tmp_path / "swing" / "film.html").is_file()
-    write_text(tmp_path / "swing" / "corrections.csv", "frame,point,u_px,v_px\n99,1,5,5\n")
+    assert Path(content["files"][0]) == Path("swing-track/film.html")
+    assert (tmp_path / "swing-track" / "film.html").is_file()
+    write_text(tmp_path / "swing-track" / "corrections.csv", "frame,point,u_px,v_px\n99,1,5,5\n")
     refused = CliRunner().invoke(app, ["film", str(still[0]), "--points", "5"])
     assert "line 2 has frame 99, the film has 0 to 49" in str(refused.exception)
+    write_text(tmp_path / "swing-track" / "corrections.csv", "frame,point,u_px,v_px\n9,0,5,5\n")
+    refused = CliRunner().invoke(app, ["film", str(still[0]), "--points", "5"])
+    assert "line 2 has point 0, the film has 1 to 5" in str(refused.exception)
 
 
 def test_a_film_without_a_string_is_refused(still, tmp_path):

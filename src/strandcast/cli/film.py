@@ -49,7 +49,7 @@ def film(
     ] = None,
     dictionary: Annotated[str, typer.Option(help="OpenCV's name of the markers.")] = "DICT_4X4_50",
     out: Annotated[
-        Path | None, typer.Option(help="Folder to write to.  [default: the film's name without its ending]")
+        Path | None, typer.Option(help="Folder to write to.  [default: the film's name, as swing-track]")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -57,7 +57,7 @@ def film(
     from strandcast.film.files import CORRECTIONS, write_files
     from strandcast.film.track import track_film
 
-    folder = out or Path(video.stem)
+    folder = out or Path(f"{video.stem}-track")
     if folder.is_file() or folder.resolve() == video.resolve():
         raise typer.BadParameter(f"{folder} is the film itself, or a file", param_hint="--out")
     corrections = folder / CORRECTIONS

@@ -10,19 +10,21 @@ from skimage.graph import MCP
 from skimage.measure import label
 from skimage.morphology import skeletonize
 
-from strandcast.camera.markers import detect_markers, eight_bit, marker_detector
+from strandcast.camera.markers import detect_markers, marker_detector
 
 # All chosen on drawn films (docs/how-to/track-a-film.md).
 THIN_SHARE = 0.02  # of the picture's height: wider things are no string
 FLOOR, LEAST_LINE = 3.0, 6.0  # grey levels: of what compression leaves, and of a line that is a string
 FAINT_SHARE = 0.5  # of the level that separates string and background, down to which a line goes on
 LEAST_PATH_PX = 30
+SPUR_PX = 8  # at each end of a path, where thinning may bend it towards a corner
 STAIRS_PX = 4  # a path of pixels has stairs, which make it longer than the line
-LONGEST_ADDED = 0.1  # of the path, by which it is followed to each end
+LONGEST_ADDED = 0.25  # of the path, by which it is followed to each end
 TURNS = (-0.3, -0.15, 0.0, 0.15, 0.3)  # rad, from one pixel to the next
 LONG_SHARE = 95  # percentile of the frames' lengths: where a string crosses itself, its path is cut short
 SPREAD_SHARE = 0.012  # of the picture's diagonal, within which ends of the string are at one place
 AGREED_SHARE = 0.7  # of the frames, that must show an end of the string at one place
+RESTING_SHARE = 0.4  # of the frames: less than half, since a median keeps what half of them show
 RIM = 1.5  # a marker with its white rim, over the marker
 
 
@@ -34,6 +36,7 @@ class SeenString:
     ends_px: np.ndarray  # (K, 2, 2) both ends of its path there
     length_px: float
     middle_px: np.ndarray  # (2,) of all its pixels
+    resting: np.ndarray  # (H, W) where it is in most of them, as beside an end that is held still
 
 
 def seen_string(pictures: Sequence[np.ndarray], background: np.ndarray) -> SeenString | None:
@@ -48,20 +51,36 @@ def seen_string(pictures: Sequence[np.ndarray], background: np.ndarray) -> SeenS
     lengths = [float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) for path in found.values()]
     ends = np.array([(path[0], path[-1]) for path in found.values()])
     middle = np.concatenate(list(found.values())).mean(axis=0)
-    return SeenString(np.array(list(found)), ends, float(np.percentile(lengths, LONG_SHARE)), middle)
+    there = np.zeros(background.shape, np.float32)
+    for path in found.values():
+        drawn = np.zeros(background.shape, np.uint8)
+        cv2.polylines(drawn, [np.rint(path).astype(np.int32)], False, 1, thin_px(len(background)))
+        there += drawn
+    resting = there > RESTING_SHARE * len(found)
+    length_px = float(np.percentile(lengths, LONG_SHARE))
+    return SeenString(np.array(list(found)), ends, length_px, middle, resting)
+
+
+def eight_bit_of(image: np.ndarray, max_level: int) -> np.ndarray:
+    """Return an image of levels up to `max_level` in 8 bits, with the same factor for every frame."""
+    return image if max_level < 256 else (image * (255.0 / max_level)).astype(np.uint8)
+
+
+def thin_px(height_px: int) -> int:
+    """Return the width of the widest string, an odd number of pixels."""
+    return 2 * max(3, round(0.5 * THIN_SHARE * height_px)) + 1
 
 
 def thin_lines(levels: np.ndarray) -> np.ndarray:
     """Return how much thin lines (H, W) are above what is around them."""
-    side = 2 * max(3, round(0.5 * THIN_SHARE * len(levels))) + 1
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (thin_px(len(levels)),) * 2)
     smooth = cv2.GaussianBlur(levels, (0, 0), 1.0)
     return np.asarray(cv2.morphologyEx(smooth, cv2.MORPH_TOPHAT, kernel))
 
 
 def line_mask(picture: np.ndarray, background: np.ndarray) -> np.ndarray:
     """Return where (H, W) a picture shows a thin line, dark or bright, that the empty scene does not."""
-    change = eight_bit(picture).astype(np.float32) - eight_bit(background)
+    change = picture.astype(np.float32) - background
     line = np.maximum(thin_lines(change), thin_lines(-change))
     clear = line[line > FLOOR]
     high = max(LEAST_LINE, float(threshold_otsu(clear))) if len(clear) else LEAST_LINE
@@ -95,14 +114,14 @@ def to_the_ends(path: np.ndarray, picture: np.ndarray) -> np.ndarray:
     A string hardly moves near a held end, where it differs from the empty scene by nothing: there the line is
     followed in the picture itself, until it is half as clear as usual.
     """
-    levels = eight_bit(picture).astype(np.float32)
+    levels = picture.astype(np.float32)
     line = max((thin_lines(levels), thin_lines(-levels)), key=lambda one: one[path[:, 1], path[:, 0]].mean())
     least = 0.5 * float(np.median(line[path[:, 1], path[:, 0]]))
-    coarse = np.vstack([path[::STAIRS_PX], path[-1:]]).astype(float)
+    coarse = path[SPUR_PX:-SPUR_PX:STAIRS_PX].astype(float)
     ends = []
     for place, inside in ((coarse[0], coarse[2]), (coarse[-1], coarse[-3])):
         angle, added = np.arctan2(*(place - inside)[::-1]), [place]
-        for _ in range(round(LONGEST_ADDED * len(path))):
+        for _ in range(SPUR_PX + round(LONGEST_ADDED * len(path))):
             turned = angle + np.array(TURNS)
             steps = added[-1] + np.stack([np.cos(turned), np.sin(turned)], axis=1)
             level = cv2.remap(line, steps[None].astype(np.float32), None, cv2.INTER_LINEAR)[0]
@@ -129,9 +148,17 @@ def agreed_ends(ends_px: np.ndarray, spread_px: float) -> list[np.ndarray]:
 
 def without_markers(picture: np.ndarray, background: np.ndarray, dictionary: str) -> np.ndarray:
     """Return a picture with the empty scene in place of its markers, which are full of lines."""
-    _, corners = detect_markers(np.ascontiguousarray(eight_bit(picture)), marker_detector(dictionary))
+    _, corners = detect_markers(np.ascontiguousarray(picture), marker_detector(dictionary))
     covered = np.zeros(picture.shape, np.uint8)
     for four in corners:
         middle = four.mean(axis=0)
         cv2.fillConvexPoly(covered, np.rint(middle + RIM * (four - middle)).astype(np.int32), 1)
     return np.where(covered > 0, background, picture)
+
+
+def without_resting_string(background: np.ndarray, seen: SeenString) -> np.ndarray:
+    """Return the empty scene without the string where it rests, filled from beside it."""
+    if not seen.resting.any():
+        return background
+    filled = cv2.inpaint(background.astype(np.float32), seen.resting.astype(np.uint8), 3.0, cv2.INPAINT_NS)
+    return np.where(seen.resting, np.rint(filled), background).astype(background.dtype)

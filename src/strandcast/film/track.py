@@ -13,7 +13,13 @@ from strandcast.film.colour import film_of_colour
 from strandcast.film.held_end import SIGMA_PX, BothEnds, FilmScene, held_ends, not_held
 from strandcast.film.known import FilmKnown, Scale, corrections_of, held_of, scale_of
 from strandcast.film.result import FilmTrack
-from strandcast.film.seen import SeenString, seen_string, without_markers
+from strandcast.film.seen import (
+    SeenString,
+    eight_bit_of,
+    seen_string,
+    without_markers,
+    without_resting_string,
+)
 from strandcast.records.camera import Camera
 from strandcast.records.manifest import VideoFacts
 from strandcast.records.track import SUPPLIED
@@ -70,7 +76,7 @@ def _look(video: Path, file: Path, facts: VideoFacts, dictionary: str) -> tuple[
     with open_ingested(file, facts) as opened:
         samples = Samples(facts.packets, BACKGROUND_FRAMES, opened.info.width * opened.info.height)
         for index, _, image in opened:
-            samples.offer(index, image)
+            samples.offer(index, eight_bit_of(image, opened.info.max_level))
     background, _ = learn_background(samples.pictures, BACKGROUND_FRAMES)
     some = np.unique(np.linspace(0, len(samples.pictures) - 1, PICTURES).astype(int))
     pictures = [samples.pictures[k] for k in some]
@@ -137,6 +143,7 @@ def _tracked(
         if not any(decoded.hands):
             raise not_held(scene, "what holds it is found in no frame")
         background = scene_background(decoded.samples, BACKGROUND_FRAMES, None).picture
+        background = without_resting_string(background, scene.seen)
         hand = bridge_hand(time_s, decoded.hands)
         given = _given_places(scene, finder.far_m, rows, known.points)
         frames = StringFrames(crops, np.ascontiguousarray(background), hand, time_s, extent, given=given)
