@@ -23,7 +23,7 @@ LONGEST_ADDED = 0.25  # of the path, by which it is followed to each end
 TURNS = (-0.3, -0.15, 0.0, 0.15, 0.3)  # rad, from one pixel to the next
 LONG_SHARE = 95  # percentile of the frames' lengths: where a string crosses itself, its path is cut short
 SPREAD_SHARE = 0.012  # of the picture's diagonal, within which ends of the string are at one place
-AGREED_SHARE = 0.6  # of the frames, that must show an end of the string at one place
+AGREED_SHARE = 0.7  # of the frames, that must show an end of the string at one place
 RESTING_SHARE = 0.4  # of the frames: less than half, since a median keeps what half of them show
 RIM = 1.5  # a marker with its white rim, over the marker
 
