@@ -1,4 +1,4 @@
-"""`strandcast film`: a string tracked without an experiment, against films whose string is known."""
+"""`strandcast film`: a string tracked without an experiment, against films with a known string."""
 
 import json
 from pathlib import Path

@@ -163,7 +163,8 @@ def corrections_of(path: Path, frames: int, points: int) -> np.ndarray:
     Raises
     ------
     StrandcastError
-        SC-I011 the table lacks a column or a number; SC-I013 a frame or point is not in the film.
+        SC-I004 a column is missing; SC-I025 a cell is no number; SC-I013 a frame or point is not in the film;
+        others of `read_numbers`.
     """
     table = read_numbers(path)
     rows = table.columns(CORRECTION)

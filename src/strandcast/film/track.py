@@ -93,7 +93,7 @@ def _look(video: Path, file: Path, facts: VideoFacts, dictionary: str) -> tuple[
 
 
 def _nominal_camera(facts: VideoFacts, length_m: float | None, scale: Scale, seen: SeenString) -> Camera:
-    """Return the camera in nominal metres, of which the string has `NOMINAL_M`."""
+    """Return the camera in nominal metres: the string is `NOMINAL_M` long."""
     if scale.camera is not None:
         per_m = NOMINAL_M / (length_m or seen.length_px * scale.camera.scale_m_per_px)
         larger = {

@@ -96,7 +96,7 @@ def viewer_markup(
     closest: int | None = None,
     since: str = "the motion’s start",
 ) -> Markup:
-    """Return the viewer of a film, whose times are counted since an instant.
+    """Return the viewer of a film; its times are counted since an instant.
 
     `rim` is the target's, `closest` the place of the closest approach in the film.
     """
