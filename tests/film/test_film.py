@@ -117,6 +117,8 @@ def test_a_string_is_found_by_its_colour(still, tmp_path):
         made.mux(stream.encode(None))
     tracked = strandcast.track_film(tmp_path / "v.mp4", colour="#be3c32")
     assert np.median(off_px(tracked.points_px, still[1])) < 2.0
+    write_files(tracked, tmp_path / "files")
+    assert (tmp_path / "files" / "film.html").is_file()
 
 
 def test_corrections_are_taken_as_given_and_change_only_what_is_near(tracked, still, tmp_path):
@@ -207,7 +209,15 @@ def test_a_held_end_that_moves_is_asked_for(tmp_path):
         strandcast.track_film(tmp_path / "v.mkv")
 
 
-@pytest.mark.parametrize("text", ["mm", "0", "-1", "1,2:1,2=0.3", "marker=x"])
+@pytest.mark.parametrize(
+    "known", [{"length_m": -1.0}, {"points": 0}, {"polarity": "red"}, {"frame_rate_hz": 0.0}]
+)
+def test_what_nothing_can_have_is_refused(still, known):
+    with pytest.raises(StrandcastError, match="SC-W021"):
+        strandcast.track_film(still[0], **known)
+
+
+@pytest.mark.parametrize("text", ["mm", "0", "-1", "inf", "1,2:1,2=0.3", "marker=x", "marker=0", "marker=-1"])
 def test_a_scale_of_another_form_is_refused(text):
     with pytest.raises(StrandcastError, match="metres per pixel"):
         scale_of(text, [], "DICT_4X4_50")
@@ -220,4 +230,4 @@ def test_a_held_end_of_another_form_is_refused(text):
 
 
 def test_two_pixels_give_the_scale():
-    assert scale_of("100,200:400,600=0.25", [], "DICT_4X4_50").m_per_px == pytest.approx(0.0005)
+    assert scale_of("100,200:400,600=.25", [], "DICT_4X4_50").m_per_px == pytest.approx(0.0005)

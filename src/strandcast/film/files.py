@@ -1,5 +1,6 @@
 """The files of a tracked film: tables, netCDF, a film with the string drawn over it, and a page."""
 
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,8 @@ def write_files(track: FilmTrack, folder: Path) -> list[Path]:
     points = track.table()
     with atomic_write(folder / "points.parquet") as path:
         points.to_parquet(path, index=False)
-    write_text(folder / "points.csv", points.to_csv(index=False, float_format="%.6g"))
-    write_text(folder / "frames.csv", frame_table(track).to_csv(index=False, float_format="%.6g"))
+    write_text(folder / "points.csv", points.to_csv(index=False, float_format="%.9g"))
+    write_text(folder / "frames.csv", frame_table(track).to_csv(index=False, float_format="%.9g"))
     with atomic_write(folder / "points.nc") as path:
         write_netcdf(track, path)
     with atomic_write(folder / "overlay.mp4") as path:
@@ -39,14 +40,15 @@ def write_files(track: FilmTrack, folder: Path) -> list[Path]:
 
 def frame_table(track: FilmTrack) -> pd.DataFrame:
     """Return a row for each frame: length, speed of the end, largest curvature, whether it is doubtful."""
-    unit, curved = track.unit, np.nan_to_num(np.abs(track.curvature()))
+    unit, curved = track.unit, np.abs(track.curvature())
+    largest = np.where(np.isfinite(curved).any(axis=1), np.nan_to_num(curved).max(axis=1), np.nan)
     return pd.DataFrame(
         {
             "frame": np.arange(len(track.time_s)),
             "time_s": track.time_s,
             f"length_{unit}": track.length,
             f"end_speed_{unit}_s": track.end_speed(),
-            f"largest_curvature_1_{unit}": curved.max(axis=1),
+            f"largest_curvature_1_{unit}": largest,
             "doubtful": track.doubtful().astype(int),
         }
     )
@@ -83,7 +85,9 @@ def write_overlay(track: FilmTrack, path: Path) -> None:
     facts, shown_px = track.facts, np.rint(16 * track.points_px)
     doubt = track.confidence() < 1.0
     with open_ingested(track.video, facts) as opened, av.open(path, "w") as made:
-        stream = made.add_stream("libx264", rate=max(1, round(facts.frame_rate_hz)), options={"crf": "20"})
+        stream = made.add_stream(
+            "libx264", rate=Fraction(facts.frame_rate_hz).limit_denominator(1001), options={"crf": "20"}
+        )
         stream.width, stream.height = facts.width_px // 2 * 2, facts.height_px // 2 * 2
         stream.pix_fmt = "yuv420p"
         for index, _, image in opened:

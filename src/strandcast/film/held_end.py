@@ -29,6 +29,7 @@ from strandcast.tracking.hand.rigid import fit_rigid
 # Chosen on drawn films.
 HOLDER_SHARE = 0.042  # of the picture's height: half the side of the pattern by which a held end is followed
 REACH_SHARE = 0.035  # of it, by which the held end may be off its expected place from frame to frame
+LEAST_ALIKE = 0.65  # correlation with the first frame's pattern, below which a held end is not found
 SIGMA_PX = 1.0  # of a held end
 
 
@@ -109,7 +110,11 @@ def _end_at_marker(
     if not poses:
         raise not_held(scene, f"marker {marker} of {dictionary} is in none of the pictures")
     if held.place_px is not None:
-        places_m = [_in_frame_of(poses[min(poses)], scene.metres(np.array(held.place_px)))]
+        if 0 not in poses:
+            raise not_held(
+                scene, f"marker {marker} is not seen in the first frame, of which a pixel is given"
+            )
+        places_m = [_in_frame_of(poses[0], scene.metres(np.array(held.place_px)))]
     else:
         both = zip(scene.seen.shown.tolist(), scene.seen.ends_px, strict=True)
         ends_m = [_in_frame_of(poses[k], scene.metres(ends)) for k, ends in both if k in poses]
@@ -150,7 +155,7 @@ class FixedEnd:
         across, down = np.subtract(toward_px, place_px)
         self.angle_rad = float(np.arctan2(-down, across))
 
-    def find(self, image: np.ndarray) -> HandDetection:
+    def find(self, image: np.ndarray) -> HandDetection | None:
         """Return the held end in the next frame."""
         place_m = pixel_to_metre(self.camera, self.place_px[None], self.camera.string_offset_m)[0]
         sigma_m = SIGMA_PX * self.camera.scale_m_per_px
@@ -170,8 +175,8 @@ class FollowedEnd(FixedEnd):
         self._pattern: np.ndarray | None = None
         self._step_px = np.zeros(2)
 
-    def find(self, image: np.ndarray) -> HandDetection:
-        """Return the held end in the next frame."""
+    def find(self, image: np.ndarray) -> HandDetection | None:
+        """Return the held end in the next frame; None where nothing is like the pattern."""
         pad, side = self._half + self._reach + 1, 2 * self._half + 1
         padded = cv2.copyMakeBorder(eight_bit(image), pad, pad, pad, pad, cv2.BORDER_REPLICATE)
         if self._pattern is None:
@@ -183,7 +188,10 @@ class FollowedEnd(FixedEnd):
         alike = cv2.matchTemplate(
             padded[v - reach : v + reach + 1, u - reach : u + reach + 1], self._pattern, cv2.TM_CCOEFF_NORMED
         )
-        best = np.array(cv2.minMaxLoc(alike)[3])
+        _, likeness, _, place = cv2.minMaxLoc(alike)
+        if likeness < LEAST_ALIKE:
+            return None
+        best = np.array(place)
         place_px = np.array([u, v]) - pad + best - self._reach + peak_shift(alike, best)
         self._step_px = 0.5 * (self._step_px + place_px - self.place_px)
         self.place_px = place_px

@@ -12,8 +12,9 @@ from strandcast.camera.markers import marker_side_px
 from strandcast.errors import StrandcastError
 from strandcast.imports.table import read_numbers
 from strandcast.records.camera import Camera
+from strandcast.records.manifest import VideoFacts
 
-NUMBER = r"\s*(-?\d+(?:\.\d*)?)\s*"
+NUMBER = r"\s*((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
 PIXEL = rf"{NUMBER},{NUMBER}"
 CORRECTION = ["frame", "point", "u_px", "v_px"]
 
@@ -45,7 +46,7 @@ class FilmKnown:
     """
 
     length_m: float | None = None
-    scale: str | None = None
+    scale: str | float | None = None
     held: str | Sequence[str] = ()
     points: int = 20
     polarity: Literal["auto", "dark", "bright"] = "auto"
@@ -54,6 +55,19 @@ class FilmKnown:
     exposure_s: float | None = None
     dictionary: str = "DICT_4X4_50"
     corrections: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that nothing can have (SC-W021)."""
+        for name in ("length_m", "frame_rate_hz", "exposure_s"):
+            if (value := getattr(self, name)) is not None and not 0 < value < np.inf:
+                raise StrandcastError("SC-W021", f"{value} is not positive", field=name, fix="correct it")
+        if self.points != int(self.points) or not 2 <= self.points <= 100:
+            raise StrandcastError(
+                "SC-W021", f"{self.points} is none of 2 to 100", field="points", fix="correct it"
+            )
+        if self.polarity not in ("auto", "dark", "bright"):
+            fix = "give auto, dark or bright"
+            raise StrandcastError("SC-W021", f"{self.polarity!r} is no polarity", field="polarity", fix=fix)
 
 
 def _wrong(field: str, text: str, forms: str) -> StrandcastError:
@@ -70,7 +84,7 @@ class Scale:
 
 
 def scale_of(
-    text: str | None, pictures: Sequence[np.ndarray], dictionary: str, ids: Collection[int] = ()
+    text: str | float | None, pictures: Sequence[np.ndarray], dictionary: str, ids: Collection[int] = ()
 ) -> Scale:
     """Return the scale that a text gives.
 
@@ -85,6 +99,7 @@ def scale_of(
     """
     if text is None:
         return Scale(None, None, "none: pixels")
+    text = str(text)
     if text.endswith(".json"):
         return Scale(None, Camera.read(Path(text)), f"the camera of {text}")
     if points := re.fullmatch(rf"{PIXEL}:{PIXEL}={NUMBER}", text):
@@ -95,7 +110,8 @@ def scale_of(
             return Scale(
                 m_per_px, None, f"{1e3 * m_per_px:.4g} mm per pixel, by two pixels {distance_m} m apart"
             )
-    if marker := re.fullmatch(rf"marker={NUMBER}", text):
+    marker = re.fullmatch(rf"marker={NUMBER}", text)
+    if marker and float(marker[1]) > 0:
         if (side_px := marker_side_px(pictures, dictionary, ids)) is None:
             what, fix = (
                 f"no marker of {dictionary} is in the picture",
@@ -108,7 +124,7 @@ def scale_of(
         m_per_px = float(text)
     except ValueError:
         m_per_px = np.nan
-    if m_per_px > 0:
+    if 0 < m_per_px < np.inf:
         return Scale(m_per_px, None, f"{_mm(m_per_px)}, as given")
     raise _wrong(
         "scale",
@@ -157,7 +173,7 @@ def held_of(text: str) -> HeldEnd:
     raise _wrong("held", text, "a pixel (640,120; if it moves moving:640,120), marker:7 or marker:7@640,120")
 
 
-def corrections_of(path: Path, frames: int, points: int) -> np.ndarray:
+def corrections_of(path: Path, facts: VideoFacts, points: int) -> np.ndarray:
     """Return the rows (K, 4) of a table of corrections: frame, point, u and v.
 
     Raises
@@ -166,11 +182,17 @@ def corrections_of(path: Path, frames: int, points: int) -> np.ndarray:
         SC-I004 a column is missing; SC-I025 a cell is no number; SC-I013 a frame or point is not in the film;
         others of `read_numbers`.
     """
+    if (
+        len(path.read_text(encoding="utf-8", errors="replace").strip().splitlines()) < 2
+    ):  # none yet, or none left
+        return np.zeros((0, 4))
     table = read_numbers(path)
     rows = table.columns(CORRECTION)
     table.require_finite(rows, CORRECTION)
-    for name, column, last in (("frame", rows[:, 0], frames - 1), ("point", rows[:, 1], points)):
-        wrong = (column % 1 != 0) | (column < (name == "point")) | (column > last)
+    lasts = (facts.packets - 1, points, facts.width_px - 1, facts.height_px - 1)
+    for name, column, last in zip(CORRECTION, rows.T, lasts, strict=True):
+        whole = name in ("frame", "point")
+        wrong = (whole & (column % 1 != 0)) | (column < (name == "point")) | (column > last)
         if wrong.any():
             line, first = table.lines[int(np.argmax(wrong))], int(name == "point")
             raise StrandcastError(

@@ -22,7 +22,7 @@ STAIRS_PX = 4  # a path of pixels has stairs, which make it longer than the line
 LONGEST_ADDED = 0.25  # of the path, by which it is followed to each end
 TURNS = (-0.3, -0.15, 0.0, 0.15, 0.3)  # rad, from one pixel to the next
 LONG_SHARE = 95  # percentile of the frames' lengths: where a string crosses itself, its path is cut short
-SPREAD_SHARE = 0.012  # of the picture's diagonal, within which ends of the string are at one place
+SPREAD_SHARE = 0.005  # of the picture's diagonal, within which ends of the string are at one place
 AGREED_SHARE = 0.7  # of the frames, that must show an end of the string at one place
 RESTING_SHARE = 0.4  # of the frames: less than half, since a median keeps what half of them show
 RIM = 1.5  # a marker with its white rim, over the marker
@@ -39,11 +39,19 @@ class SeenString:
     resting: np.ndarray  # (H, W) where it is in most of them, as beside an end that is held still
 
 
-def seen_string(pictures: Sequence[np.ndarray], background: np.ndarray) -> SeenString | None:
-    """Return the longest thin path that differs from the empty scene in each picture; None without any."""
+def seen_string(
+    pictures: Sequence[np.ndarray],
+    background: np.ndarray,
+    polarity: float | None = None,
+    near_px: tuple[float, float] | None = None,
+) -> SeenString | None:
+    """Return the longest thin path that differs from the empty scene in each picture; None without any.
+
+    With a polarity (1 bright, -1 dark) only such lines; with a place, the path that comes nearest to it.
+    """
     found = {}
     for k, picture in enumerate(pictures):
-        path = longest_path(line_mask(picture, background))
+        path = longest_path(line_mask(picture, background, polarity), near_px)
         if path is not None:
             found[k] = to_the_ends(path, picture)
     if not found:
@@ -78,21 +86,33 @@ def thin_lines(levels: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.morphologyEx(smooth, cv2.MORPH_TOPHAT, kernel))
 
 
-def line_mask(picture: np.ndarray, background: np.ndarray) -> np.ndarray:
+def line_mask(picture: np.ndarray, background: np.ndarray, polarity: float | None) -> np.ndarray:
     """Return where (H, W) a picture shows a thin line, dark or bright, that the empty scene does not."""
     change = picture.astype(np.float32) - background
-    line = np.maximum(thin_lines(change), thin_lines(-change))
+    line = (
+        np.maximum(thin_lines(change), thin_lines(-change))
+        if polarity is None
+        else thin_lines(polarity * change)
+    )
     clear = line[line > FLOOR]
     high = max(LEAST_LINE, float(threshold_otsu(clear))) if len(clear) else LEAST_LINE
     return np.asarray(apply_hysteresis_threshold(line, FAINT_SHARE * high, high))
 
 
-def longest_path(mask: np.ndarray) -> np.ndarray | None:
-    """Return the longest path (K, 2) px of a mask's skeleton from end to end; None if all are short."""
+def longest_path(mask: np.ndarray, near_px: tuple[float, float] | None = None) -> np.ndarray | None:
+    """Return the longest path (K, 2) px of a mask's skeleton from end to end; None if all are short.
+
+    With a place, the path of the part that comes nearest to it.
+    """
     parts = label(skeletonize(mask), connectivity=2)
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     largest = int(np.argmax(sizes))
+    if near_px is not None:
+        v, u = np.nonzero(sizes[parts] >= LEAST_PATH_PX)
+        if len(u):
+            nearest = int(np.argmin((u - near_px[0]) ** 2 + (v - near_px[1]) ** 2))
+            largest = int(parts[v[nearest], u[nearest]])
     if sizes[largest] < LEAST_PATH_PX:
         return None
     low, high = (edge(np.argwhere(parts == largest), axis=0) for edge in (np.min, np.max))

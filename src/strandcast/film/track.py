@@ -1,5 +1,6 @@
 """Track a string in a film without a robot."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from strandcast.records.manifest import VideoFacts
 from strandcast.records.track import SUPPLIED
 from strandcast.tracking.background import Samples, learn_background
 from strandcast.tracking.chain.frames import GivenPlaces, StringFrames
-from strandcast.tracking.chain.string_track import track_string
+from strandcast.tracking.chain.string_track import POLARITIES, track_string
 from strandcast.tracking.crops import Crops
 from strandcast.tracking.decoding import HeldEndFinder, decode, scene_background
 from strandcast.tracking.events.frame_rate import changing_rate_warnings
@@ -37,6 +38,7 @@ from strandcast.tracking.preconditions import check_size, open_ingested
 from strandcast.tracking.scene_checks import movement_warnings
 from strandcast.tracking.track_video import CROP_LENGTHS, EXPOSURE_SHARE, assemble_points
 from strandcast.tracking.tracker import StringHint
+from strandcast.video.checks import file_warnings
 from strandcast.video.ingest import camera_times, inspect_video
 
 # The tracker's lengths were chosen for strings of about half a metre. A film is tracked in units in which its
@@ -45,6 +47,7 @@ NOMINAL_M = 0.5
 BACKGROUND_FRAMES = TrackSettings().background_frames
 PICTURES = 20  # chosen: frames in which the string is searched before it is known where it is held
 LEAST_SHOWN = 5  # chosen: of them must show it
+OTHER_LENGTH = 0.05  # chosen: relative difference from which a length contradicts the film
 
 
 def track_film(video: str | Path, **what: Any) -> FilmTrack:
@@ -59,8 +62,9 @@ def track_film(video: str | Path, **what: Any) -> FilmTrack:
     video, known = Path(video), FilmKnown(**what)
     held = [held_of(text) for text in ([known.held] if isinstance(known.held, str) else known.held)]
     with film_of_colour(video, known.colour) as file:
-        facts = inspect_video(file, known.frame_rate_hz)
-        pictures, seen = _look(video, file, facts, known.dictionary)
+        facts = _inspected(file, known)
+        still = [one.place_px for one in held if not one.moves]
+        pictures, seen = _look(video, file, facts, known, still[0] if still else None)
         ids = [one.marker for one in held if one.marker is not None]
         scale = scale_of(known.scale, pictures, known.dictionary, ids)
         if scale.camera is not None:
@@ -68,10 +72,28 @@ def track_film(video: str | Path, **what: Any) -> FilmTrack:
         camera = _nominal_camera(facts, known.length_m, scale, seen)
         scene = FilmScene(video, file, facts, pictures, seen, camera)
         ends, words = held_ends(scene, held, known.dictionary)
-        return _tracked(scene, ends, known, scale, {"held": words, "scale": scale.words})
+        track = _tracked(scene, ends, known, scale, {"held": words, "scale": scale.words})
+    own = facts if file == video else _inspected(video, known)
+    return replace(track, facts=own, warnings=(*file_warnings(own), *track.warnings))
 
 
-def _look(video: Path, file: Path, facts: VideoFacts, dictionary: str) -> tuple[list[np.ndarray], SeenString]:
+def _inspected(file: Path, known: FilmKnown) -> VideoFacts:
+    """Return the facts of a film (SC-V017 if it has no frame rate, or several)."""
+    try:
+        return inspect_video(file, known.frame_rate_hz)
+    except StrandcastError as problem:
+        if problem.code != "SC-V017":
+            raise
+        what, fix = (
+            problem.what.replace("camera.frame_rate_hz", "--frame-rate"),
+            "give the camera's --frame-rate",
+        )
+        raise StrandcastError("SC-V017", what, file=file, field="frame_rate_hz", fix=fix) from None
+
+
+def _look(
+    video: Path, file: Path, facts: VideoFacts, known: FilmKnown, near_px: tuple[float, float] | None
+) -> tuple[list[np.ndarray], SeenString]:
     """Return pictures spread over the film, and the string that they show (SC-T004 if there is none)."""
     with open_ingested(file, facts) as opened:
         samples = Samples(facts.packets, BACKGROUND_FRAMES, opened.info.width * opened.info.height)
@@ -80,8 +102,9 @@ def _look(video: Path, file: Path, facts: VideoFacts, dictionary: str) -> tuple[
     background, _ = learn_background(samples.pictures, BACKGROUND_FRAMES)
     some = np.unique(np.linspace(0, len(samples.pictures) - 1, PICTURES).astype(int))
     pictures = [samples.pictures[k] for k in some]
-    seen = seen_string([without_markers(one, background, dictionary) for one in pictures], background)
-    if seen is None or len(seen.shown) < min(LEAST_SHOWN, len(pictures)):
+    bare = [without_markers(one, background, known.dictionary) for one in pictures]
+    seen = seen_string(bare, background, POLARITIES[known.polarity], near_px)
+    if seen is None or len(seen.shown) < LEAST_SHOWN:
         raise StrandcastError(
             "SC-T004",
             "nothing long and thin moves in this film",
@@ -90,6 +113,15 @@ def _look(video: Path, file: Path, facts: VideoFacts, dictionary: str) -> tuple[
             "what is behind it; --colour finds one by its colour",
         )
     return pictures, seen
+
+
+def _other_length(found: float, known: FilmKnown) -> list[str]:
+    """Return the warning of a length that the film contradicts."""
+    if known.length_m is None or known.scale is None or abs(found / known.length_m - 1.0) < OTHER_LENGTH:
+        return []
+    return [
+        f"the length is given as {known.length_m:.4g} m, but by the scale it is {found:.4g} m: one is wrong"
+    ]
 
 
 def _nominal_camera(facts: VideoFacts, length_m: float | None, scale: Scale, seen: SeenString) -> Camera:
@@ -134,7 +166,7 @@ def _tracked(
     camera, facts, time_s = scene.camera, scene.facts, camera_times(scene.facts)
     rows = np.zeros((0, 4))
     if known.corrections is not None:
-        rows = corrections_of(known.corrections, facts.packets, known.points)
+        rows = corrections_of(known.corrections, facts, known.points)
     settings, finder = TrackSettings(polarity=known.polarity), BothEnds(ends)
     extent = box_around(list(ends[0].markers.values())) if isinstance(ends[0], HandFinder) else np.zeros(4)
     exposure_s = known.exposure_s or EXPOSURE_SHARE / facts.frame_rate_hz
@@ -165,6 +197,8 @@ def _tracked(
     if m_per_px is None and known.length_m is not None:
         m_per_px = known.length_m / length * camera.scale_m_per_px
         assumed = assumed | {"scale": f"{1e3 * m_per_px:.4g} mm per pixel: the string has its length"}
+    if len(rows):
+        assumed = assumed | {"corrections": f"{len(rows)} places of {known.corrections}"}
     per_unit = camera.scale_m_per_px / (m_per_px or 1.0)  # nominal metres in a metre, or in a pixel
     first = points[np.isfinite(points[:, 0]).all(axis=1), 0][0]
     reach = np.array([np.nan if fit is None else fit.tip_slide_m for fit in string.first.fits])
@@ -181,6 +215,7 @@ def _tracked(
         m_per_px=m_per_px,
         assumed=assumed | {"length": f"{length / per_unit:.4g} {'px' if m_per_px is None else 'm'}"},
         warnings=(
+            *_other_length(length / per_unit, known),
             *changing_rate_warnings(time_s, points, sigma, flags),
             *movement_warnings(camera, decoded.samples, None, scene.video),
             *decoded.warnings,

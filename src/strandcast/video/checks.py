@@ -103,8 +103,8 @@ def check_cover(path: str | Path, facts: VideoFacts, run: Run | None) -> None:
         )
 
 
-def warnings_of(facts: VideoFacts, log: LogFacts | None) -> list[str]:
-    """Return warnings about a video that is accepted."""
+def file_warnings(facts: VideoFacts) -> list[str]:
+    """Return what is noted of a video file, and its missing and doubled frames."""
     found = [f"{facts.file}: {note}" for note in facts.notes]
     if facts.gaps:
         worst = max(gap.duration_s for gap in facts.gaps)
@@ -112,7 +112,13 @@ def warnings_of(facts: VideoFacts, log: LogFacts | None) -> list[str]:
         found.append(f"{facts.file}: {missing} frames missing in {len(facts.gaps)} gaps, up to {worst:.4f} s")
     if facts.duplicates:
         found.append(f"{facts.file}: {facts.duplicates} frames with the previous frame's time stamp")
-    return found + ((_against_log(facts, log) if log is not None else []) or slow_rate_warning(facts))
+    return found
+
+
+def warnings_of(facts: VideoFacts, log: LogFacts | None) -> list[str]:
+    """Return warnings about a video that is accepted."""
+    of_rate = (_against_log(facts, log) if log is not None else []) or slow_rate_warning(facts)
+    return file_warnings(facts) + of_rate
 
 
 def slow_rate_warning(facts: VideoFacts) -> list[str]:
