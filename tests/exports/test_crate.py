@@ -103,18 +103,6 @@ def test_no_stage_works_on_what_was_made_from_its_results(library, project, tmp_
     assert order.index("#track-01") < order.index("#estimate-01")
 
 
-def test_parameters_have_units_and_intervals_and_the_verdict_is_there(library, made, trial) -> None:
-    values = {each["name"]: each for each in library.ROCrate(made).root_dataset["variableMeasured"]}
-    for fit in trial.estimate.record.parameters:
-        found = values[f"{fit.name}, fitted after trial 1"]
-        assert (found["value"], found["unitText"]) == (fit.value, fit.unit)
-        assert (found["minValue"], found["maxValue"]) == (fit.ensemble_low, fit.ensemble_high)
-        assert found["subjectOf"].id == "results/small/trial-01/estimate.json"
-    assert values["hit, trial 1"]["value"] is trial.verdict.hit
-    assert values["miss, trial 1"]["value"] == trial.verdict.miss_m
-    assert values["miss, trial 1"]["unitText"] == "m"
-
-
 @pytest.mark.thorough
 def test_the_same_results_give_the_same_bytes(made, project, tmp_path) -> None:
     code = (

@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -21,7 +21,6 @@ from strandcast.api import ExperimentView
 from strandcast.core.trial_names import in_trial_order, trial_digits
 from strandcast.errors import StrandcastError
 from strandcast.exports.throw import missing_package
-from strandcast.records.estimate import Estimate, ParameterFit, WeightFit
 from strandcast.records.files import atomic_write, check_room, sha256_file, write_bytes
 from strandcast.records.folders import files_of_video
 from strandcast.records.lineage import relative_to
@@ -128,7 +127,6 @@ def export_crate(
         crate, PROFILE, "CreativeWork", name="Process Run Crate", version=PROFILE.rpartition("/")[2]
     )
     root["mentions"] = [*actions, *(entities[name] for name in left_out)]
-    root["variableMeasured"] = [*_add_verdicts(crate, experiment), *_add_parameters(crate, experiment)]
     metadata = json.dumps(crate.metadata.generate(), indent=1, sort_keys=True, ensure_ascii=False) + "\n"
     (_write_zip if zipped else _write_folder)(out, files, metadata.encode())
     return len(files)
@@ -257,63 +255,6 @@ def _add_software(
         softwareVersion=own,
         softwareRequirements=libraries or None,
     )
-
-
-def _add_verdicts(crate: Any, experiment: ExperimentView) -> Iterator[Any]:
-    for number, trial in experiment.trials.items():
-        file = trial.folder.results / "verdict.json"
-        if not file.is_file():
-            continue
-        verdict = Verdict.read(file)
-        if verdict.hit is None:  # a throw without a target
-            continue
-        source = {"subjectOf": crate.get(_name_of(experiment, file))}
-        label = f"#verdict-{trial_digits(number)}"
-        yield _add(
-            crate, f"{label}-hit", "PropertyValue", name=f"hit, trial {number}", value=verdict.hit, **source
-        )
-        if verdict.miss_m is not None:
-            sigma = verdict.miss_sigma_m
-            yield _add(
-                crate,
-                f"{label}-miss",
-                "PropertyValue",
-                name=f"miss, trial {number}",
-                value=verdict.miss_m,
-                unitText="m",
-                description=None if sigma is None else f"standard error {sigma:.2g} m",
-                **source,
-            )
-
-
-def _add_parameters(crate: Any, experiment: ExperimentView) -> Iterator[Any]:
-    """Add the fitted string after each trial, with the interval of every number over the ensemble."""
-    for number, trial in experiment.trials.items():
-        file = trial.folder.results / "estimate.json"
-        if not file.is_file():
-            continue
-        estimate = Estimate.read(file)
-        fits: list[tuple[str, str, ParameterFit | WeightFit]] = [
-            *((fit.name, fit.unit, fit) for fit in estimate.parameters),
-            *(
-                (f"relative mass of the {fit.kind} at {fit.place_m:g} m", "1", fit)
-                for fit in estimate.weights
-            ),
-        ]
-        for place, (name, unit, fit) in enumerate(fits, start=1):
-            bound = "; the value is at a bound of its search range" if fit.at_bound else ""
-            yield _add(
-                crate,
-                f"#estimate-{trial_digits(number)}-{place}",
-                "PropertyValue",
-                name=f"{name}, fitted after trial {number}",
-                value=fit.value,
-                unitText=unit,
-                minValue=fit.ensemble_low,
-                maxValue=fit.ensemble_high,
-                description=f"minValue and maxValue: range over the ensemble of near-best fits{bound}",
-                subjectOf=crate.get(_name_of(experiment, file)),
-            )
 
 
 def _description(experiment: ExperimentView, left_out: dict[str, Path]) -> str:

@@ -111,9 +111,7 @@ def _end_at_marker(
         raise not_held(scene, f"marker {marker} of {dictionary} is in none of the pictures")
     if held.place_px is not None:
         if 0 not in poses:
-            raise not_held(
-                scene, f"marker {marker} is not seen in the first frame, of which a pixel is given"
-            )
+            raise not_held(scene, f"marker {marker} is not seen in the first frame, where its pixel is")
         places_m = [_in_frame_of(poses[0], scene.metres(np.array(held.place_px)))]
     else:
         both = zip(scene.seen.shown.tolist(), scene.seen.ends_px, strict=True)

@@ -118,14 +118,12 @@ def longest_path(mask: np.ndarray, near_px: tuple[float, float] | None = None) -
     low, high = (edge(np.argwhere(parts == largest), axis=0) for edge in (np.min, np.max))
     part = parts[low[0] : high[0] + 1, low[1] : high[1] + 1] == largest
     end = tuple(np.argwhere(part)[0])
-    for _ in range(
-        2
-    ):  # the farthest pixel from any pixel is an end, and the farthest from that the other end
+    for _ in range(2):  # the pixel farthest from any pixel is an end; the farthest from that is the other
         routes = MCP(np.where(part, 1.0, -1.0))
         cost, _ = routes.find_costs([end])
         end = np.unravel_index(np.argmax(np.where(part & np.isfinite(cost), cost, -1.0)), part.shape)
     path: np.ndarray = np.asarray(routes.traceback(end))[:, ::-1] + low[::-1]
-    return path
+    return path if len(path) >= LEAST_PATH_PX else None
 
 
 def to_the_ends(path: np.ndarray, picture: np.ndarray) -> np.ndarray:
