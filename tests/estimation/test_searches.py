@@ -106,9 +106,9 @@ def test_independent_searches_that_end_in_different_strings_are_a_warning():
     best = log.best()[1]
     for ends, warned in (
         ([], None),
-        ([1.0, 1.01, 3.0, 4.0], None),
-        ([1.0, 1.05, 3.0, 4.0], "the 4 independent searches disagree: 1 of them"),
-        ([1.03, 1.05, 3.0, 4.0], "the 4 independent searches disagree: none of them"),
+        ([1.0, 1.09, 3.0, 4.0], None),
+        ([1.0, 1.12, 3.0, 4.0], "the 4 independent searches disagree: 1 of them"),
+        ([1.12, 1.15, 3.0, 4.0], "the 4 independent searches disagree: none of them"),
     ):
         log.ends = [best * end for end in ends]
         found = disagreement(log)

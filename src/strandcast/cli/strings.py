@@ -37,8 +37,9 @@ def fitted_string(experiment: Any) -> dict[str, Any] | None:
         "name": experiment.name,
         "length_m": estimate.length_m,
         "thickness_m": thickness_m,
-        "mass_per_length_kg_m": getattr(lab, "linear_density_kg_m", None),
-        "weights": [weight.model_dump() for weight in estimate.weights],
+        "mass_per_length_kg_m": settings.string.mass_per_length_kg_m
+        or getattr(lab, "linear_density_kg_m", None),
+        "weights": [weight.model_dump() | {"words": weight.words} for weight in estimate.weights],
         "parameters": [each.model_dump() for each in estimate.parameters],
         "arm": experiment.arm.name,
         "camera": settings.camera_name,
@@ -56,8 +57,7 @@ def lines_of(row: dict[str, Any]) -> list[str]:
     if row["mass_per_length_kg_m"]:
         known.append(f"{1e3 * row['mass_per_length_kg_m']:.1f} g/m")
     known += [
-        f"{weight['kind']} at {1e3 * weight['place_m']:.0f} mm of {weight['value']:.3g} plain points "
-        f"[{weight['ensemble_low']:.3g}, {weight['ensemble_high']:.3g}]"
+        f"{weight['kind']} at {1e3 * weight['place_m']:.0f} mm of {weight['words']}"
         for weight in row["weights"]
     ]
     trials = ", ".join(map(str, row["trials_used"]))

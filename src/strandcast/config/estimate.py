@@ -25,9 +25,8 @@ IN_SPACE: dict[str, Any] = {
     "clamp_offset": True,
     "clamp_offset_sd_rad": None,
     "horizon_s": None,
-    "profiles": False,
 }
-THROWN_IN_SPACE = IN_SPACE | {"evaluations": 500}
+THROWN_IN_SPACE = IN_SPACE | {"evaluations": 500, "profiles": False}
 
 
 def known_parameters(names: Iterable[str], known: Collection[str] = PARAMETERS) -> None:
@@ -119,8 +118,8 @@ class EstimateSettings(PaperFit):
     )
     profiles: bool = Field(
         True,
-        description="Find how far each parameter may move while E rises by 10 % (in space only if asked "
-        "for). Set it to false to save time.",
+        description="Find how far each parameter may move while E rises by 10 % (of throws in space only if "
+        "asked for). Set it to false to save time.",
     )
 
     def in_space(self, *, thrown: bool) -> Self:

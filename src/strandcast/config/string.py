@@ -46,6 +46,10 @@ class String(Section):
         [],
         description="Sections that do not bend, e.g. pipes, if longer than a few centimetres.",
     )
+    mass_per_length_kg_m: Annotated[float, Field(gt=0, le=10)] | None = Field(
+        None,
+        description="Mass per length of the bare string. Give it to have fitted weights in kilograms.",
+    )
     thickness_m: Annotated[float, Field(gt=0, le=0.05)] | None = Field(
         None,
         description="Thickness in the picture; by default estimated. Set it if the preview shows another "

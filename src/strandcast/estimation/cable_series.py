@@ -18,12 +18,15 @@ from strandcast.dynamics.model import StringModel
 from strandcast.dynamics.parameters import GRAVITY_M_S2, Array
 from strandcast.dynamics.spatial.clamps import POSE, clamp_poses, hanging_clamp_poses
 from strandcast.estimation.fit_objective import simulate_throw
-from strandcast.estimation.measured import value_and_slope
+from strandcast.estimation.measured import Throw, value_and_slope
 from strandcast.estimation.throws import PreparedThrow
 
 # All chosen.
 SMOOTHING_S = 0.07  # of the driven ends: their markers' noise would shake the string
-START_S = 0.08  # around a start, from which its shape and velocity are taken
+START_S, LONGEST_START_S = 0.08, 0.5  # around a start, from which its shape and velocity are taken
+LONGER = 1.5  # of the time before: the next longer one
+LIKE_NOISE = 1.3  # of the markers' noise, at most, beside parabolas through all that time
+LEAST_NOISE_M = 1e-4
 FEWEST_FRAMES = 3  # of a start, also of slow cameras
 MOTION_S = 0.25  # over which markers move, so that their noise hardly counts
 STILL_M_S = 0.01  # velocities of a start are not known better
@@ -31,6 +34,10 @@ SLOW = 0.05  # of the speed of a fall over its length: there, a string nearly ha
 FEWEST = 4  # known places of a shape, the driven ends included; through fewer, the ends' directions help
 UPWARDS = 0.995  # cosine of the angle to straight up: near there, a hanging roll spins
 TOO_LONG = 1.1  # of the way along the string to a marker: the marker's distance is never as long
+# Weight of a marker's squared distance beside the squared change of the curvature, integrated along a string
+# of length 1: waves shorter than a quarter of the string are smoothed. From 1e6 to 1e8, drawn captures are
+# fitted as well; ten times more, and markers side by side make a kink that whips.
+ROUGHNESS, KEPT = 3e7, 1e4
 CLEAR_OF_ENDS = 1e-6  # of the length: a marker nearer to a driven end is that end
 
 Roll = Callable[[Array, Array], Array]
@@ -204,8 +211,7 @@ class CableSeries:
         direction of the ends, and only its directions count; if the string hardly moves, each candidate's own
         rest shape is sought.
         """
-        frames = max(round(START_S / float(np.median(np.diff(self.time_s)))) + 1, FEWEST_FRAMES)
-        near = np.sort(np.argsort(np.abs(self.time_s - self.time_s[frame]), kind="stable")[:frames])
+        near = self._around(frame)
         markers = self._between_the_ends() & self.reliable()[near].any(axis=0)
         known = [value_and_slope(self.time_s[near] - self.time_s[frame], self.pose[near, :3])]
         for k in np.flatnonzero(markers):
@@ -219,18 +225,54 @@ class CableSeries:
             return HANGING_AT_REST
         values, rates = np.array(known).transpose(1, 0, 2)
         few = len(places) < FEWEST
-        free: Any = "natural" if few or not self.two_ends() else "not-a-knot"  # a free end is straight
-        smooth: Any = ("natural" if few else "not-a-knot", free)
-        ends: Any = self._directions(frame, places, values) if few else smooth
         along = np.linspace(0.0, 1.0, points + 1)[1:]
-        shape, velocity = (
-            _extended(CubicSpline(places, path, bc_type=bc), along)
-            for path, bc in ((values, ends), (rates, smooth))
-        )
+        if few:
+            ends: Any = self._directions(frame, places, values)
+            natural: Any = "natural"
+            shape, velocity = (
+                _extended(CubicSpline(places, path, bc_type=bc), along)
+                for path, bc in ((values, ends), (rates, natural))
+            )
+        else:
+            smoother = smoothest(places, points, self.two_ends())[1:]
+            shape, velocity = smoother @ values, smoother @ rates
         reach_m = np.linalg.norm(np.diff(values, axis=0), axis=1).sum()
         fastest = np.linalg.norm(rates, axis=1).max()
         settle = bool(few and fastest <= SLOW * np.sqrt(GRAVITY_M_S2 * reach_m))
         return StringStart(shape, velocity * (fastest > STILL_M_S), respace=few, settle=settle)
+
+    def _around(self, frame: int) -> np.ndarray:
+        """Return the frames from which a start is taken: as many as parabolas in time explain.
+
+        A velocity from few noisy frames swings a heavy end by centimetres.
+        """
+        order = np.argsort(np.abs(self.time_s - self.time_s[frame]), kind="stable")
+        step_s, span_s = float(np.median(np.diff(self.time_s))), START_S
+        near = np.sort(order[: max(round(span_s / step_s) + 1, FEWEST_FRAMES)])
+        while (span_s := LONGER * span_s) <= LONGEST_START_S:
+            longer = np.sort(order[: max(round(span_s / step_s) + 1, FEWEST_FRAMES)])
+            if not self._beside_parabolas_m(longer) < LIKE_NOISE * self._noise_m:
+                break
+            near = longer
+        return near
+
+    def _beside_parabolas_m(self, rows: np.ndarray) -> float:
+        """Return the standard deviation of a marker's coordinate beside parabolas in time in some frames."""
+        squares, free = 0.0, 0
+        for k in np.flatnonzero(self._between_the_ends()):
+            seen = rows[self.reliable()[rows, k]]
+            if len(seen) > FEWEST_FRAMES:
+                powers = np.vander(self.time_s[seen] - self.time_s[seen].mean(), 3)
+                _, beside, *_ = np.linalg.lstsq(powers, self.vertices_m[seen, k], rcond=None)
+                squares, free = squares + float(beside.sum()), free + beside.size * (len(seen) - 3)
+        return float(np.sqrt(squares / free)) if free else np.inf
+
+    @cached_property
+    def _noise_m(self) -> float:
+        """Standard deviation of a marker's coordinate, by fourth differences, which hardly see the motion."""
+        fourth = np.diff(np.where(self.reliable()[..., None], self.vertices_m, np.nan), 4, axis=0)
+        usual = np.nanmedian(np.abs(fourth)) if np.isfinite(fourth).any() else 0.0
+        return max(float(usual) / (0.6745 * np.sqrt(70.0)), LEAST_NOISE_M)
 
     def _between_the_ends(self) -> np.ndarray:
         """(m,) which markers are not at a driven end."""
@@ -300,6 +342,51 @@ def smoothed(time_s: Array, path: Array) -> Array:
     flat = path.reshape(len(path), -1)
     clean = np.column_stack([medfilt(np.pad(column, 2, mode="edge"), 5)[2:-2] for column in flat.T])
     return np.asarray(savgol_filter(clean, frames, 2, axis=0).reshape(path.shape))
+
+
+def captured_start(throw: Throw, places_m: Array, start_s: float) -> StringStart:
+    """Return shape and velocity at a time of a capture in the plane, as `CableSeries.start` finds them.
+
+    For `strandcast.estimation.throws.prepare`.
+    """
+    seen = np.flatnonzero(np.isfinite(throw.points_m[:, 1:, 0]).any(axis=0)) + 1
+    if not len(seen):
+        return HANGING_AT_REST
+    hand = throw.hand_at(throw.time_s)
+    directions = np.column_stack([np.cos(hand[:, 2]), np.sin(hand[:, 2])])
+    across = np.broadcast_to([0.0, 1.0, 0.0], (len(hand), 3))
+    pose = np.hstack([_upright(hand[:, :2]), _upright(directions), across])
+    places = places_m[seen] / places_m[-1]
+    series = CableSeries(throw.time_s, pose, _upright(throw.points_m[:, seen]), places)
+    frame = int(np.argmin(np.abs(throw.time_s - start_s)))
+    start = series.start(frame, len(places_m) - 1)
+    if start.settle or start.points_m is None or start.velocity_m_s is None:
+        return HANGING_AT_REST
+    shape_m, velocity_m_s = start.points_m[:, ::2], start.velocity_m_s[:, ::2]
+    return StringStart(shape_m + (start_s - throw.time_s[frame]) * velocity_m_s, velocity_m_s)
+
+
+def _upright(points: Array) -> Array:
+    """Return points (..., 2) of the plane of motion in space (..., 3)."""
+    return np.insert(points, 1, 0.0, axis=-1)
+
+
+def smoothest(places: Array, points: int, two_ends: bool) -> Array:
+    """Return what a smooth string has of values at places in each of its points (n + 1, m).
+
+    Its curvature changes little, and is none at a free end; the driven ends are the first place and, of two
+    ends, the last, and are kept. Markers sit beside the string: a curve through two near ones has a kink.
+    """
+    shares = CubicSpline(np.linspace(0.0, 1.0, points + 1), np.eye(points + 1))(places)
+    weight = np.full(len(places), ROUGHNESS)
+    weight[[0, *([-1] * two_ends)]] = KEPT * ROUGHNESS
+    third = np.diff(np.eye(points + 1), 3, axis=0) * points**2.5
+    rough = third.T @ third
+    if not two_ends:
+        last = np.diff(np.eye(points + 1), 2, axis=0)[-1] * points**2
+        rough += KEPT * np.outer(last, last)
+    fitted = shares.T * weight
+    return np.asarray(np.linalg.solve(fitted @ shares + rough, fitted))
 
 
 def _extended(spline: CubicSpline, along: Array) -> Array:

@@ -19,6 +19,7 @@ from strandcast.estimation.cross_validation import HeldOutEvaluation
 from strandcast.estimation.descent import GaussNewtonModel
 from strandcast.estimation.ensemble import near_samples
 from strandcast.estimation.evaluation import Array, distances, evaluation_of_points, tip_error
+from strandcast.estimation.excitation import untold
 from strandcast.estimation.fit import StringFit, fit_of
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.forces import kept_forces, with_forces_that_pay
@@ -28,6 +29,7 @@ from strandcast.estimation.search import (
     CROSS_VALIDATION_SHARE,
     NEAR_SAMPLES,
     search,
+    search_budget,
     search_in_wide_enough_ranges,
 )
 from strandcast.estimation.space import Space
@@ -94,6 +96,7 @@ def estimate(
     previous_roll: str = "",
     older: int = 0,
     references: bool = False,
+    searches: int = 1,
 ) -> StringFit:
     """Fit the string to its trials.
 
@@ -116,6 +119,8 @@ def estimate(
     references
         Whether `held_out` has E of the newest trial without a model too, see `without_model`, and the
         prediction is kept. A throw with a target has its plan to be compared with.
+    searches
+        Independent ones for the string. Where they disagree, its numbers are not known.
 
     Raises
     ------
@@ -127,7 +132,7 @@ def estimate(
     random: Random = lambda: rng  # noqa: E731
     if not space.in_plane:
         random = partial(np.random.default_rng, int(rng.integers(2**31)))
-    found = find_string(trials, model, space, settings, random, start, tried)
+    found = find_string(trials, model, space, settings, random, start, tried, searches)
     objective, log, parts = found.objective, found.log, trials[found.roll]
     _refuse_invalid(log)
     whole = replace(objective, throws=(parts.newest.fitted(),), shares=np.ones(1))
@@ -163,7 +168,14 @@ def estimate(
     if parts.newest.places is not None:
         predictions |= _paths("fitted", model, parts.newest, fit.best)
     doubts = [*fit.warnings, *doubts, *_worse_than_before(fit)]
-    return replace(fit, roll=found.roll, forces=found.forces, paths_m=predictions, warnings=tuple(doubts))
+    return replace(
+        fit,
+        roll=found.roll,
+        forces=found.forces,
+        untold=untold(objective, log, uncertainty) if searches > 1 else {},
+        paths_m=predictions,
+        warnings=tuple(doubts),
+    )
 
 
 def find_string(
@@ -174,9 +186,10 @@ def find_string(
     random: Random,
     start: SearchStart,
     tried: Sequence[ForceName] = (),
+    searches: int = 1,
 ) -> FoundString:
     """Search the string that explains the trials best; see `estimate`. Each roll's search has a `random`."""
-    kept, searches = kept_forces(tried, space, start.previous), []
+    kept, found = kept_forces(tried, space, start.previous), []
     for force in kept:
         space = space.with_force(force)
     for roll, parts in trials.items():
@@ -190,8 +203,11 @@ def find_string(
             overstretched_allowed=settings.ranges == "paper" or not space.in_plane,
         )
         rng = random()
-        searches.append((roll, rng, *search_in_wide_enough_ranges(objective, settings, rng, start)))
-    roll, rng, objective, log = min(searches, key=lambda each: each[-1].best()[1])
+        found.append((roll, rng, *search_in_wide_enough_ranges(objective, settings, rng, start)))
+    roll, rng, objective, log = min(found, key=lambda each: each[-1].best()[1])
+    for own_rng in rng.spawn(searches - 1):
+        budget = search_budget(objective, settings)
+        log.join(search(objective, settings, own_rng, replace(start, previous=None), budget))
     left = [force for force in tried if force not in kept]
     problem = objective, log, trials[roll], settings, rng, start
     objective, log, forces = with_forces_that_pay(left, *problem)

@@ -16,13 +16,11 @@ from strandcast.estimation.evaluation import Array, distances, evaluation_of_poi
 from strandcast.estimation.fit_objective import EvaluationLog, FitObjective, simulate_throw
 from strandcast.estimation.space import AT_BOUND, Space
 from strandcast.estimation.throws import PreparedThrow
-from strandcast.estimation.uncertainty import Uncertainty
+from strandcast.estimation.uncertainty import RISE, Uncertainty
 from strandcast.estimation.unknowns import BENDING, bounds_of
 from strandcast.records.estimate import ForceTried
 
-# Independent searches agree if at least two end this near to the best cost. In an exact world they did where
-# the true string was found, and not where it was missed (docs/explanation/claims.md).
-AGREE, FEWEST_ENDS = 1.02, 2
+FEWEST_ENDS = 2  # of independent searches that explain the throws as well as the best: then they agree
 PAYS = 0.98  # wider ranges, and one more unknown, are kept if the cost falls below this share
 BEYOND_ROUNDS = 12  # of the descents that tell whether a wider range pays; chosen
 
@@ -62,6 +60,8 @@ class StringFit:
         Strings simulated, and how many of the candidates were invalid.
     converged
         Whether the search ended because nothing improved any more, before its evaluations were spent.
+    searches_agree
+        Whether at least two of its independent searches, or its only one, came near the best cost.
     planned_m, fitted_m
         (G, n+1, 2 or 3) simulated points; `planned_m` None without a planned string.
     trial_weights
@@ -70,6 +70,8 @@ class StringFit:
         Reasons to doubt the estimate.
     forces
         Optional forces that were tried.
+    untold
+        See `strandcast.estimation.excitation.untold`.
     roll
         Of the driven ends, see `strandcast.estimation.cable_series.ROLLS`; none in the plane.
     paths_m
@@ -102,12 +104,14 @@ class StringFit:
     evaluations: int
     rejected: int
     converged: bool
+    searches_agree: bool
     planned_m: Array | None
     fitted_m: Array
     trial_weights: Array
     warnings: tuple[str, ...]
     roll: str = ""
     forces: tuple[ForceTried, ...] = ()
+    untold: Mapping[str, str] = field(default_factory=dict)
     paths_m: Mapping[str, Array] = field(default_factory=dict)
 
 
@@ -180,6 +184,7 @@ def fit_of(
         evaluations=log.count,
         rejected=log.rejected(),
         converged=log.converged,
+        searches_agree=not disagreement(log),
         planned_m=planned_m,
         fitted_m=fitted[0],
         trial_weights=trial_weights,
@@ -199,12 +204,12 @@ def _step_change(model: StringModel, throw: PreparedThrow, best: StringBatch, fi
 
 def disagreement(log: EvaluationLog) -> list[str]:
     """Return a warning if independent searches ended in strings that do not explain the throws as well."""
-    near = sum(end <= AGREE * log.best()[1] for end in log.ends)
+    near = sum(end <= (1.0 + RISE) * log.best()[1] for end in log.ends)
     if len(log.ends) < FEWEST_ENDS or near >= FEWEST_ENDS:
         return []
     return [
         f"the {len(log.ends)} independent searches disagree: {near or 'none'} of them came within "
-        f"{100 * (AGREE - 1):.0f} % of the best cost, so that a better string may exist; do not read its "
+        f"{100 * RISE:.0f} % of the best cost, so that a better string may exist; do not read its "
         "parameters: raise estimate.evaluations, or throw another motion"
     ]
 

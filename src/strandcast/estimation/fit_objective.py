@@ -201,6 +201,17 @@ class EvaluationLog:
         """Return all candidates (N, d) and their E (N,)."""
         return np.concatenate(self.chi), np.concatenate(self.values)
 
+    def join(self, other: EvaluationLog) -> None:
+        """Add another search's candidates after those of this one, which has converged if the better has."""
+        if not self.ends:
+            self.ends.append(self.best()[1])
+        self.ends.append(other.best()[1])
+        if other.best()[1] < self.best()[1]:
+            self.found, self.converged = other.found, other.converged
+        self.chi, self.values = self.chi + other.chi, self.values + other.values
+        self.at += [self.count + at for at in other.at]
+        self.count += other.count
+
     def best(self) -> tuple[Array, float]:
         """Return the best candidate (d,) and its E; a NaN never wins."""
         if self.found is None:

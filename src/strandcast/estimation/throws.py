@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -120,11 +120,21 @@ class TrialParts(NamedTuple):
         return np.asarray(weights / weights.sum())
 
 
-def parts_of_throws(throws: Sequence[Throw], places_m: Array, settings: EstimateSettings) -> TrialParts:
+StartOf = Callable[[Throw, Array, float], StringStart]
+
+
+def parts_of_throws(
+    throws: Sequence[Throw],
+    places_m: Array,
+    settings: EstimateSettings,
+    start_of: StartOf = observed_start,
+) -> TrialParts:
     """Return throws in the plane, the newest last, as the fit takes them; see `prepare`."""
     shifted = settings.camera_offset_sd_m is not None
     kept = throws[-1:] if settings.trials == "latest" else throws
-    prepared = [prepare(throw, places_m, settings.start_shape, from_measured_hand=shifted) for throw in kept]
+    prepared = [
+        prepare(throw, places_m, settings.start_shape, start_of, from_measured_hand=shifted) for throw in kept
+    ]
     if "marker_shift" in settings.forces:
         places = places_m[1:] / places_m[-1]
         prepared = [replace(throw, places=places) for throw in prepared]
@@ -133,7 +143,12 @@ def parts_of_throws(throws: Sequence[Throw], places_m: Array, settings: Estimate
 
 
 def prepare(
-    throw: Throw, places_m: Array, start_shape: str = "observed", *, from_measured_hand: bool = False
+    throw: Throw,
+    places_m: Array,
+    start_shape: str = "observed",
+    start_of: StartOf = observed_start,
+    *,
+    from_measured_hand: bool = False,
 ) -> PreparedThrow:
     """Cut a throw to its motion and find how the string started.
 
@@ -146,6 +161,8 @@ def prepare(
     start_shape
         ``observed``: the directions of the string in the frames before the motion, and its sway; ``hanging``:
         at rest under gravity.
+    start_of
+        Finds the observed shape and velocity; `cable_series.captured_start` of captures.
     from_measured_hand
         The observed shape begins at the hand as the camera measures it, not as the robot reports it: for an
         unknown offset between them.
@@ -169,7 +186,7 @@ def prepare(
     start = HANGING_AT_REST
     if start_shape == "observed":
         placed = moved_to_hand(throw) if from_measured_hand else throw
-        start = observed_start(placed, places_m, float(start_s))
+        start = start_of(placed, places_m, float(start_s))
     hand = HandPath(throw.hand_time_s[first:], throw.hand_pose[first:])
     return PreparedThrow(frames, throw.time_s[frames], throw.points_m[frames], weight, hand, start)
 

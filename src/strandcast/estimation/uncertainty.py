@@ -93,18 +93,23 @@ def fisher(objective: FitObjective, chi: Array, log: EvaluationLog) -> tuple[Arr
     per_datum
         Number of measurements that count as one.
     """
-    d = len(chi)
-    step = np.where(chi > 0.5, -STEP, STEP)
-    difference, weight = objective.residuals(np.vstack([chi, chi + np.diag(step)]))
-    log.count += d + 1
-    slope = (difference[1:] - difference[0]) / step[:, None, None]
-    share = weight / weight.mean()
-    noise = float((share[:, None] * difference[0] ** 2).sum() / max(difference.shape[-1] * len(share) - d, 1))
-    per_datum = correlated_count(objective, difference[0])
-    information = np.einsum("r,irc,jrc->ij", share, slope, slope) / (max(noise, 1e-12) * per_datum)
-    space = objective.space
+    d, space = len(chi), objective.space
+    squares, share, residual_m = sensitivity(objective, chi, log)
+    noise = float((share[:, None] * residual_m**2).sum() / max(residual_m.shape[-1] * len(share) - d, 1))
+    per_datum = correlated_count(objective, residual_m)
+    information = squares / (max(noise, 1e-12) * per_datum)
     width = (space.bounds[:, 1] - space.bounds[:, 0]) / space.prior_sd
     return information + np.diag(width**2), float(np.sqrt(noise)), per_datum
+
+
+def sensitivity(objective: FitObjective, chi: Array, log: EvaluationLog) -> tuple[Array, Array, Array]:
+    """Return squares (d, d) [m2] of the residuals' slopes at `chi` (d,), their shares (R,), the residuals."""
+    step = np.where(chi > 0.5, -STEP, STEP)
+    difference, weight = objective.residuals(np.vstack([chi, chi + np.diag(step)]))
+    log.count += len(chi) + 1
+    slope = (difference[1:] - difference[0]) / step[:, None, None]
+    share = weight / weight.mean()
+    return np.einsum("r,irc,jrc->ij", share, slope, slope), share, difference[0]
 
 
 def correlated_count(objective: FitObjective, residual_m: Array) -> float:
@@ -199,10 +204,15 @@ def near_range(log: EvaluationLog) -> tuple[Array, Array]:
 
 def _tried(best: Array, value: float, curvature: Array) -> Array:
     """(d, G) exponents to try for each unknown: where a parabola predicts the ends of the interval."""
-    d = len(best)
-    spread = np.diag(np.linalg.inv(curvature + np.eye(d) * 2.0 * RISE * value / FLAT**2))
-    reach = np.sqrt(2.0 * RISE * value * spread)
-    return np.asarray(np.clip(best[:, None] + np.minimum(reach, FLAT)[:, None] * REACHES, 0.0, 1.0))
+    reach = np.minimum(reach_of(curvature, value), FLAT)
+    return np.asarray(np.clip(best[:, None] + reach[:, None] * REACHES, 0.0, 1.0))
+
+
+def reach_of(curvature: Array, value: float) -> Array:
+    """Return how far each exponent moves (d,) while E rises from `value` by `RISE`: `curvature` is (d, d)."""
+    allowed = 2.0 * RISE * value
+    spread = np.diag(np.linalg.inv(curvature + np.eye(len(curvature)) * allowed / FLAT**2))
+    return np.asarray(np.sqrt(allowed * spread))
 
 
 def _along(best: Array, curvature: Array, tried: Array) -> Array:

@@ -16,7 +16,7 @@ from strandcast.exports.mjcf import STRING_KG, arm_with_string, in_mujoco
 from strandcast.exports.mjcf_error import error_in_mujoco
 from strandcast.records.files import write_bytes
 from strandcast.stages.declarations import STAGES
-from strandcast.stages.estimate import throw_of
+from strandcast.stages.estimate import start_of, throw_of
 from strandcast.stages.job import Files, Job
 from strandcast.stages.past_trials import read_members, read_trial, string_model
 
@@ -45,7 +45,11 @@ def export_mjcf(trial: TrialView, out: Path, total_kg: float = STRING_KG) -> Exp
     string = read_members(trial.folder.results / "ensemble.parquet", layout).first(1)
     shifted = settings.camera_offset_sd_m is not None
     throw = prepare(
-        throw_of(measured, settings), model.places_m(), settings.start_shape, from_measured_hand=shifted
+        throw_of(measured, settings),
+        model.places_m(),
+        settings.start_shape,
+        start_of(context),
+        from_measured_hand=shifted,
     )
     start_m = simulate_batch(model, string, throw.hand, throw.hand.time_s[:1], throw.start)[0][0, 0]
     E_m = error_in_mujoco(

@@ -44,7 +44,11 @@ class ParameterFit(Part):
 
 
 class WeightFit(Part):
-    """The estimated relative mass of a weight or a stiff section at a known place."""
+    """The estimated relative mass of a weight or a stiff section at a known place.
+
+    `interval` is that of the uncertainty; null without profiles, its ends null where it is open. `known`: it
+    has both ends, and the independent searches agree.
+    """
 
     place_m: float
     kind: str  # "weight" or "stiff"
@@ -54,6 +58,23 @@ class WeightFit(Part):
     at_bound: bool
     ensemble_low: float
     ensemble_high: float
+    interval: list[float | None] | None = None
+    known: bool | None = None
+    plain_kg: float | None = None  # mass of a plain point; null without `string.mass_per_length_kg_m`
+
+    @property
+    def words(self) -> str:
+        """The mass and its interval, or that it is not known."""
+        if self.known is None or self.interval is None:
+            return self._mass(self.value)
+        low, high = (None if end is None else self._mass(end) for end in self.interval)
+        if self.known:
+            return f"{self._mass(self.value)} [{low}, {high}]"
+        return f"not known from these data: {low or 'nothing'} to {high or 'any mass'} may be true"
+
+    def _mass(self, value: float) -> str:
+        """Return a mass in kilograms, or in those of a plain point."""
+        return f"{value:.3g} plain points" if self.plain_kg is None else f"{value * self.plain_kg:.3g} kg"
 
 
 class ParameterUncertainty(Part):
@@ -216,6 +237,7 @@ class Estimate(Record):
     weights: list[WeightFit]
     options: dict[str, float] = {}  # other fitted numbers, e.g. rest curl, clamp angle
     forces: list[ForceTried] = []
+    untold: dict[str, str] = {}  # of captures: unknowns that they leave open -> the motion that tells each
     frames_used: int
     window_s: list[float] | None = None  # robot time of the first and the last of them
     # In space, what was fitted of each trial; `frames_used`, `window_s` and E are of the whole newest one.
@@ -242,6 +264,16 @@ class Estimate(Record):
     def held_out_m(self, what: str) -> float | None:
         """Return E on the data that `what` names; None where it is not known."""
         return next((held.E_m for held in self.held_out if held.what == what), None)
+
+    def untold_in_words(self) -> str | None:
+        """Return which unknowns the recordings do not tell, and which motions would tell them."""
+        if not self.untold:
+            return None
+        told: dict[str, list[str]] = {}
+        for name, motion in self.untold.items():
+            told.setdefault(motion, []).append(name)
+        words = [f"{motion} would tell {', '.join(names)}" for motion, names in told.items() if motion]
+        return "; ".join([f"these recordings do not tell {', '.join(self.untold)}", *words])
 
     def fitted_in_words(self) -> str | None:
         """Return how much of the trials the fit has read; None where it has read all that E is of."""

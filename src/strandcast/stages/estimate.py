@@ -11,17 +11,18 @@ from strandcast.core.strings import StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.errors import StrandcastError
+from strandcast.estimation.cable_series import captured_start
 from strandcast.estimation.estimate import estimate
-from strandcast.estimation.measured import Throw
+from strandcast.estimation.measured import Throw, observed_start
 from strandcast.estimation.space import Space
-from strandcast.estimation.throws import TrialParts, parts_of_throws
+from strandcast.estimation.throws import StartOf, TrialParts, parts_of_throws
 from strandcast.estimation.unknowns import forces_of, space_of
 from strandcast.records.estimate import ENSEMBLE, SIMULATED, Estimate
 from strandcast.records.motion import Motion
 from strandcast.records.tables import read_arrow, read_facts, write_table
 from strandcast.records.track import TRACK, UNSURE, TrackSummary, is_in_space
 from strandcast.seeds import rng
-from strandcast.stages.context import refuse_settings_of_others
+from strandcast.stages.context import Context, refuse_settings_of_others
 from strandcast.stages.estimate_record import ensemble_table, estimate_record, points_table, servo_record
 from strandcast.stages.files import past, recent
 from strandcast.stages.job import Files, Job
@@ -48,6 +49,7 @@ from strandcast.stages.trials_in_space import (
 # All chosen.
 DOUBT_M = 0.003  # standard deviation of a point at which its weight in E halves
 UNSURE_WEIGHT = 0.25  # of points that the tracker flags as unsure
+CAPTURE_SEARCHES = 3  # independent ones of a capture, whose parameters are read; a throw is thrown again
 SOURCES = ("planned", "fitted", "predicted", "string", "predicted_string")  # of simulated points
 
 
@@ -104,8 +106,10 @@ def _in_space(files: Files, trials: list[TrialInSpace]) -> _Fitted:
     parts = parts_in_space(files, trials, model.points)
     context = files.job.context
     settings = spatial_settings(context)
-    _, tried = forces_of(settings.forces, in_plane=False, thrown=context.settings.aims_in_space)
-    return parts, model, space, settings, {"references": True, "tried": tried}
+    thrown = context.settings.aims_in_space
+    _, tried = forces_of(settings.forces, in_plane=False, thrown=thrown)
+    known = {"references": True, "tried": tried, "searches": 1 if thrown else CAPTURE_SEARCHES}
+    return parts, model, space, settings, known
 
 
 def _in_plane(files: Files, trials: list[Trial]) -> _Fitted:
@@ -119,11 +123,13 @@ def _in_plane(files: Files, trials: list[Trial]) -> _Fitted:
             file=files.input("track", newest.number),
             fix=f"check the track's report; exclude trial {newest.number} with a reason",
         )
-    parts = parts_of_throws([throw_of(trial, settings) for trial in trials], model.places_m(), settings)
     thrown = context.settings.target_m is not None
+    throws = [throw_of(trial, settings) for trial in trials]
+    parts = parts_of_throws(throws, model.places_m(), settings, start_of(context))
     known = {
         "planned": _planned(newest.motion, layout),
         "references": not thrown,
+        "searches": 1 if thrown or settings.search == "paper" else CAPTURE_SEARCHES,
         "tried": forces_of(settings.forces, thrown=thrown)[1],
     }
     return {"": parts}, model, space_of(settings, layout, thrown=thrown), settings, known
@@ -152,6 +158,11 @@ def throw_of(trial: Trial, settings: EstimateSettings) -> Throw:
     confidence = np.where((track.flags & UNSURE) > 0, UNSURE_WEIGHT * confidence, confidence)
     used = trial.frame_time_s <= until_s(trial, settings)
     return Throw(trial.frame_time_s, track.detected_m(), trial.hand_time_s, trial.hand_pose, used, confidence)
+
+
+def start_of(context: Context) -> StartOf:
+    """Return how the start of a trial in the plane is found: of an arm's throw, or of a capture."""
+    return captured_start if context.settings.target_m is None else observed_start
 
 
 def _planned(motion: Motion | None, layout: MassLayout) -> StringBatch | None:

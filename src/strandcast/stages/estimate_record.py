@@ -61,13 +61,14 @@ def estimate_record(
             ParameterFit(name=name, unit=unit, **_fitted_range(fit, k))
             for k, (name, unit) in enumerate(fit.space.parameter_units.items())
         ],
-        weights=_weight_fits(context, fit, layout),
+        weights=_weight_fits(context, model, fit, layout),
         options={
             name: float(fit.space.values(fit.chi)[k])
             for k, name in enumerate(fit.space.names)
             if k >= len(fit.space.parameter_units) + layout.count
         },
         forces=list(fit.forces),
+        untold=dict(fit.untold),
         frames_used=fit.frames_used,
         window_s=list(fit.window_s),
         E_planned_m=_finite(fit.E_planned_m),
@@ -105,14 +106,25 @@ def _fitted_range(fit: StringFit, k: int) -> dict[str, float]:
     }
 
 
-def _weight_fits(context: Context, fit: StringFit, layout: MassLayout) -> list[WeightFit]:
-    found = []
-    weights = len(context.settings.string.weights)
+def _weight_fits(context: Context, model: StringModel, fit: StringFit, layout: MassLayout) -> list[WeightFit]:
+    found, string, uncertainty = [], context.settings.string, fit.uncertainty
+    per_length, spacing_m = string.mass_per_length_kg_m, model.spacing_m
     for k in range(layout.count):
-        numbers = _fitted_range(fit, len(fit.space.parameter_units) + k)
+        row = fit.space.names.index(f"weight_{k + 1}")
+        numbers = _fitted_range(fit, row)
         numbers.pop("exponent")
-        kind = "weight" if k < weights else "stiff"
-        found.append(WeightFit(place_m=float(layout.places_m[k]), kind=kind, **numbers))
+        weight = WeightFit(
+            place_m=float(layout.places_m[k]),
+            kind="weight" if k < len(string.weights) else "stiff",
+            plain_kg=None if per_length is None else per_length * spacing_m,
+            **numbers,
+        )
+        if np.isfinite(uncertainty.low[row]):
+            ends = (fit.space.values(end)[row] for end in (uncertainty.low, uncertainty.high))
+            is_open = uncertainty.open_low[row], uncertainty.open_high[row]
+            weight.interval = [None if out else float(end) for end, out in zip(ends, is_open, strict=True)]
+            weight.known = fit.searches_agree and not any(is_open)
+        found.append(weight)
     return found
 
 

@@ -254,4 +254,6 @@ def _fitted(folder: Path, trial: TrialSummary) -> list[str]:
     before = "" if predicted_m is None else f"; {1000 * predicted_m:.1f} mm predicted from the trials before"
     parts = "" if read is None else f"; the fit read {read}"
     line = f"  trial {trial.trial}: fitted to E = {1000 * trial.E_m:.1f} mm{before}{parts}"
-    return [line, *(f"    warning: {warning}" for warning in estimate.warnings)]
+    weights = [f"    {w.kind} at {1000 * w.place_m:.0f} mm: {w.words}" for w in estimate.weights]
+    weights += [] if (untold := estimate.untold_in_words()) is None else [f"    {untold}"]
+    return [line, *weights, *(f"    warning: {warning}" for warning in estimate.warnings)]

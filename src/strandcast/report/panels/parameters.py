@@ -50,6 +50,8 @@ def _finding(estimate: Estimate) -> str:
     bound = [fit.name for fit in estimate.parameters if fit.at_bound]
     wide = [fit.name for fit in estimate.parameters if _decades(fit) > 1.0]
     finding = f"At a bound: {', '.join(bound)}." if bound else "No parameter lies at a bound."
+    if (untold := estimate.untold_in_words()) is not None:
+        return f"{finding} {untold[0].upper()}{untold[1:]}."
     if not wide:
         return f"{finding} The strings of the ensemble agree on every parameter within a factor of ten."
     names = ", ".join(wide)
@@ -149,12 +151,13 @@ def masses(page: TrialPageData) -> PanelContent:
     figure = new_figure(8.4, 3.2, top=0.9, bottom=0.17)
     _draw_masses(figure.add_subplot(), estimate, facts)
     finding = with_caveat(page.caveat, _masses_finding(estimate, facts.weight_places_m))
-    heads = ["kind", "place [mm]", "added mass", "range", "bound", "ensemble"]
+    heads = ["kind", "place [mm]", "mass [plain points]", "interval", "range", "bound", "ensemble"]
     rows = [
         [
             weight.kind,
             f"{weight.place_m * 1e3:.0f}",
             significant(weight.value),
+            weight.words,
             f"{significant(weight.minimum)} … {significant(weight.maximum)}",
             *_bound_and_ensemble(weight, page),
         ]
