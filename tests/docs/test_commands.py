@@ -35,6 +35,7 @@ RUN_BY = {  # the beginning of a command, and the test or script that runs it el
     "strandcast check": "tests/workflow/test_check.py",
     "strandcast estimate": "tests/cli/test_cli.py",
     "strandcast preview": "tests/tracking/test_preview.py",
+    "strandcast together": "tests/stages/test_together.py",
     "strandcast strings": "tests/exports/test_strings.py",
     "strandcast compare": "tests/workflow/test_comparison.py",
     "strandcast rig": "tests/stages/test_plan_stage.py",

@@ -33,6 +33,7 @@ from strandcast.cli.stages import stage_commands, summary
 from strandcast.cli.status import status
 from strandcast.cli.strings import strings
 from strandcast.cli.throw import throw
+from strandcast.cli.together import together
 from strandcast.errors import StrandcastError
 from strandcast.stages import CALLED_BY_NAME
 
@@ -119,7 +120,7 @@ DAILY, SET_UP, CARE = "Every day", "Setting up", "Looking after files"
 STAGES, EXCHANGE = "Single stages", "Data exchange"
 
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    DAILY: (new, check, status, run, play, throw, exclude, include, predict),
+    DAILY: (new, check, status, run, play, throw, exclude, include, predict, together),
     SET_UP: (doctor, docs, explain, boards, preview),
     CARE: (strings, compare, rig, verify),
     EXCHANGE: (film, simulate),

@@ -27,6 +27,7 @@ START_S, LONGEST_START_S = 0.08, 0.5  # around a start, from which its shape and
 LONGER = 1.5  # of the time before: the next longer one
 LIKE_NOISE = 1.3  # of the markers' noise, at most, beside parabolas through all that time
 LEAST_NOISE_M = 1e-4
+FOURTH = 0.6745 * 70.0**0.5  # median size of a fourth difference of noise, over its standard deviation
 FEWEST_FRAMES = 3  # of a start, also of slow cameras
 MOTION_S = 0.25  # over which markers move, so that their noise hardly counts
 STILL_M_S = 0.01  # velocities of a start are not known better
@@ -271,8 +272,8 @@ class CableSeries:
     def _noise_m(self) -> float:
         """Standard deviation of a marker's coordinate, by fourth differences, which hardly see the motion."""
         fourth = np.diff(np.where(self.reliable()[..., None], self.vertices_m, np.nan), 4, axis=0)
-        usual = np.nanmedian(np.abs(fourth)) if np.isfinite(fourth).any() else 0.0
-        return max(float(usual) / (0.6745 * np.sqrt(70.0)), LEAST_NOISE_M)
+        usual_m = float(np.nanmedian(np.abs(fourth))) if np.isfinite(fourth).any() else 0.0
+        return max(usual_m / FOURTH, LEAST_NOISE_M)
 
     def _between_the_ends(self) -> np.ndarray:
         """(m,) which markers are not at a driven end."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -44,11 +44,16 @@ class FitObjective:
 
     def evaluate(self, chi: Array) -> Array:
         """E of candidates (B, d): (B,) [m], infinite where the simulation is invalid."""
-        strings = self.space.strings(chi)
-        total = np.zeros(len(strings))
-        for throw, share in zip(self.throws, self.shares, strict=True):
+        total = np.zeros(len(np.atleast_2d(chi)))
+        for throw, share, strings in self.strings_by_throw(chi):
             total += share * self.value(throw, strings)
         return np.where(np.isfinite(total), total, np.inf)
+
+    def strings_by_throw(self, chi: Array) -> Iterator[tuple[PreparedThrow, float, StringBatch]]:
+        """Yield each throw with its share in E and the candidate strings."""
+        strings = self.space.strings(chi)
+        for throw, share in zip(self.throws, self.shares, strict=True):
+            yield throw, share, strings
 
     def value(self, throw: PreparedThrow, strings: StringBatch, w: float | None = None) -> Array:
         """E of strings on one throw: (B,) [m], infinite where invalid."""
@@ -115,9 +120,8 @@ class FitObjective:
         weights
             (R,).
         """
-        strings = self.space.strings(chi)
         parts, weights = [], []
-        for throw, share in zip(self.throws, self.shares, strict=True):
+        for throw, share, strings in self.strings_by_throw(chi):
             used = throw.weight > 0
             simulated, _ = simulate_throw(self.model, throw, strings)
             difference = throw.points_m - simulated

@@ -54,7 +54,7 @@ SOURCES = ("planned", "fitted", "predicted", "string", "predicted_string")  # of
 
 
 # The first arguments of `estimate`, and those that have names.
-_Fitted = tuple[Mapping[str, TrialParts], StringModel, Space, EstimateSettings, dict[str, Any]]
+Fitted = tuple[Mapping[str, TrialParts], StringModel, Space, EstimateSettings, dict[str, Any]]
 
 
 def run(job: Job, files: Files) -> None:
@@ -68,11 +68,9 @@ def run(job: Job, files: Files) -> None:
             field="held_out",
             fix=f"predict it: strandcast predict {context.name} {job.trial} --from ESTIMATE.json",
         )
-    in_space = is_in_space(read_arrow(files.input("track", job.trial), TRACK).column_names)
-    refuse_settings_of_others(context, in_space=in_space)
     numbers, before = recent(job), past(job)
-    trials: Any = [(read_trial_in_space if in_space else read_trial)(files, number) for number in numbers]
-    parts, model, space, settings, known = (_in_space if in_space else _in_plane)(files, trials)
+    trials, (parts, model, space, settings, known) = what_is_fitted(files)
+    in_space = not space.in_plane
     layout, previous = space.layout, files.input("previous") if before else None
     random = rng(context.name, context.settings.seed, job.trial, "estimate")
     fit = estimate(
@@ -101,7 +99,16 @@ def run(job: Job, files: Files) -> None:
     record.write(files.output("estimate"))
 
 
-def _in_space(files: Files, trials: list[TrialInSpace]) -> _Fitted:
+def what_is_fitted(files: Files) -> tuple[list[Any], Fitted]:
+    """Return the trials that the fit after a job's trial reads, and what `estimate` takes of them."""
+    job = files.job
+    in_space = is_in_space(read_arrow(files.input("track", job.trial), TRACK).column_names)
+    refuse_settings_of_others(job.context, in_space=in_space)
+    trials: Any = [(read_trial_in_space if in_space else read_trial)(files, number) for number in recent(job)]
+    return trials, (_in_space if in_space else _in_plane)(files, trials)
+
+
+def _in_space(files: Files, trials: list[TrialInSpace]) -> Fitted:
     model, space = cable_of_trials(files, trials)
     parts = parts_in_space(files, trials, model.points)
     context = files.job.context
@@ -112,7 +119,7 @@ def _in_space(files: Files, trials: list[TrialInSpace]) -> _Fitted:
     return parts, model, space, settings, known
 
 
-def _in_plane(files: Files, trials: list[Trial]) -> _Fitted:
+def _in_plane(files: Files, trials: list[Trial]) -> Fitted:
     context, newest = files.job.context, trials[-1]
     settings = context.settings.estimate
     model, layout = string_model(context, load_arm(files.input("arm")).planar())

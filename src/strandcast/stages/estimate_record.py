@@ -1,6 +1,7 @@
 """The estimate as files: the record estimate.json, the tables of ensemble.parquet and simulated.parquet."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from strandcast.core.strings import PARAMETERS, StringBatch
 from strandcast.dynamics.masses import MassLayout
 from strandcast.dynamics.model import StringModel
 from strandcast.estimation.fit import StringFit
+from strandcast.estimation.space import Space
 from strandcast.estimation.throws import PreparedThrow
-from strandcast.estimation.uncertainty import RISE
+from strandcast.estimation.uncertainty import RISE, Uncertainty
 from strandcast.records.estimate import (
     ConvergenceStep,
     Estimate,
@@ -28,6 +30,10 @@ from strandcast.records.motion import StringSet
 from strandcast.records.track import AXES, Track
 from strandcast.seeds import seed_of
 from strandcast.stages.context import Context
+
+# By which the known masses of drawn captures are beside their profiles: of places and offsets of markers, the
+# length, and a string of few points (docs/explanation/string.md).
+MASS_OFF = 1.08
 
 
 def estimate_record(
@@ -107,25 +113,34 @@ def _fitted_range(fit: StringFit, k: int) -> dict[str, float]:
 
 
 def _weight_fits(context: Context, model: StringModel, fit: StringFit, layout: MassLayout) -> list[WeightFit]:
-    found, string, uncertainty = [], context.settings.string, fit.uncertainty
-    per_length, spacing_m = string.mass_per_length_kg_m, model.spacing_m
+    found = []
     for k in range(layout.count):
         row = fit.space.names.index(f"weight_{k + 1}")
         numbers = _fitted_range(fit, row)
         numbers.pop("exponent")
-        weight = WeightFit(
-            place_m=float(layout.places_m[k]),
-            kind="weight" if k < len(string.weights) else "stiff",
-            plain_kg=None if per_length is None else per_length * spacing_m,
-            **numbers,
-        )
-        if np.isfinite(uncertainty.low[row]):
-            ends = (fit.space.values(end)[row] for end in (uncertainty.low, uncertainty.high))
-            is_open = uncertainty.open_low[row], uncertainty.open_high[row]
-            weight.interval = [None if out else float(end) for end, out in zip(ends, is_open, strict=True)]
-            weight.known = fit.searches_agree and not any(is_open)
-        found.append(weight)
+        numbers |= mass_known(fit.space, fit.uncertainty, row, agree=fit.searches_agree)
+        kind = "weight" if k < len(context.settings.string.weights) else "stiff"
+        plain_kg = plain_mass_kg(context, model)
+        found.append(WeightFit(place_m=float(layout.places_m[k]), kind=kind, plain_kg=plain_kg, **numbers))
     return found
+
+
+def plain_mass_kg(context: Context, model: StringModel) -> float | None:
+    """Return the mass of a plain point [kg], if the experiment gives the string's mass per length."""
+    per_length = context.settings.string.mass_per_length_kg_m
+    return None if per_length is None else per_length * model.spacing_m
+
+
+def mass_known(space: Space, uncertainty: Uncertainty, row: int, *, agree: bool) -> dict[str, Any]:
+    """Return `interval` and `known` of `WeightFit` for an unknown; `agree`: of the searches."""
+    if not np.isfinite(uncertainty.low[row]):
+        return {"interval": None, "known": None}
+    low, high = (float(space.values(end)[row]) for end in (uncertainty.low, uncertainty.high))
+    ends = [
+        None if uncertainty.open_low[row] else low / MASS_OFF,
+        None if uncertainty.open_high[row] else high * MASS_OFF,
+    ]
+    return {"interval": ends, "known": agree and None not in ends}
 
 
 def uncertainty_record(fit: StringFit) -> ParameterUncertainty:
